@@ -1,0 +1,25 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What can be wrong with a question.
+
+A malformed question raises one of these; a question without an answer is a result, not an error.
+The text of every error is written for the person who asked: it names the thing, the value found
+and what is wanted.
+"""
+
+
+class ObcError(ValueError):
+    """Base of all errors raised by obc_ros.core."""
+
+
+class StatementError(ObcError):
+    """A problem, an expression, a file or a request is malformed."""
+
+
+class DynamicsError(ObcError):
+    """A system is unknown or malformed, or has no equilibrium at the set point."""
+
+
+class RefusedDesignError(ObcError):
+    """A feedback design was asked for that cannot be proved to stabilise."""

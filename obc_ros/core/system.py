@@ -1,0 +1,165 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+A controlled system dx/dt = f(x, u; p) as named CasADi expressions.
+
+Every plant is one of these: the registered ones, a user's own and the one in a request.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+import math
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from obc_ros.core.errors import DynamicsError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A state or an input: its name, unit, limits, and whether it is an angle that wraps."""
+
+    name: str
+    unit: str = ''
+    lower: float = -math.inf
+    upper: float = math.inf
+    angle: bool = False
+    description: str = ''
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A constant of a system: its name, value, unit and admissible range."""
+
+    name: str
+    value: float
+    unit: str = ''
+    lower: float = -math.inf
+    upper: float = math.inf
+    description: str = ''
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """
+    A system dx/dt = f(x, u; p).
+
+    Attributes
+    ----------
+    name : str
+    states, inputs : tuple of Signal
+        In the order of x (n,) and u (m,). Limits of inputs are the actuators'.
+    parameters : tuple of Parameter
+        In the order of p; their values are the ones in use.
+    x, u, p : casadi.SX
+        Symbols, columns of length n, m and number of parameters.
+    xdot : casadi.SX
+        f(x, u; p), shape (n, 1).
+    setpoint, setpoint_input : tuple of float
+        Default state to hold and guess of the input there.
+
+    """
+
+    name: str
+    states: tuple[Signal, ...]
+    inputs: tuple[Signal, ...]
+    parameters: tuple[Parameter, ...]
+    x: ca.SX = field(repr=False)
+    u: ca.SX = field(repr=False)
+    p: ca.SX = field(repr=False)
+    xdot: ca.SX = field(repr=False)
+    setpoint: tuple[float, ...]
+    setpoint_input: tuple[float, ...]
+    description: str = ''
+
+    @property
+    def n(self) -> int:
+        """Return the number of states."""
+        return len(self.states)
+
+    @property
+    def m(self) -> int:
+        """Return the number of inputs."""
+        return len(self.inputs)
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Return the names of the states, in order."""
+        return tuple(signal.name for signal in self.states)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Return the names of the inputs, in order."""
+        return tuple(signal.name for signal in self.inputs)
+
+    @property
+    def angles(self) -> tuple[bool, ...]:
+        """Return for each state whether it is an angle that wraps."""
+        return tuple(signal.angle for signal in self.states)
+
+    @property
+    def u_min(self) -> Array:
+        """Return the lower limits of the inputs, shape (m,)."""
+        return np.array([signal.lower for signal in self.inputs])
+
+    @property
+    def u_max(self) -> Array:
+        """Return the upper limits of the inputs, shape (m,)."""
+        return np.array([signal.upper for signal in self.inputs])
+
+    @property
+    def p_value(self) -> Array:
+        """Return the values of the parameters, in order."""
+        return np.array([parameter.value for parameter in self.parameters], dtype=float)
+
+    @cached_property
+    def _f(self) -> ca.Function:
+        return ca.Function('f', [self.x, self.u, self.p], [self.xdot])
+
+    @cached_property
+    def _jacobians(self) -> ca.Function:
+        fx, fu = ca.jacobian(self.xdot, self.x), ca.jacobian(self.xdot, self.u)
+        return ca.Function('jacobians', [self.x, self.u, self.p], [ca.densify(fx), ca.densify(fu)])
+
+    def f(self, x: Array, u: Array) -> Array:
+        """Return dx/dt, shape (n,), at state x (n,) and input u (m,)."""
+        return self._f(x, u, self.p_value).full().ravel()
+
+    def jacobians(self, x: Array, u: Array) -> tuple[Array, Array]:
+        """Return (df/dx, df/du), shapes (n, n) and (n, m), at state x and input u."""
+        fx, fu = self._jacobians(x, u, self.p_value)
+        return fx.full(), fu.full()
+
+    def with_parameters(self, values: Mapping[str, float]) -> 'System':
+        """
+        Return this system with other parameter values.
+
+        Raises
+        ------
+        DynamicsError
+            If a name is unknown or a value is not finite or out of its range.
+
+        """
+        known = {parameter.name for parameter in self.parameters}
+        for name, value in values.items():
+            if name not in known:
+                raise DynamicsError(
+                    f"{self.name} has no parameter '{name}'; it has {', '.join(sorted(known))}")
+        parameters = tuple(
+            replace(parameter, value=_in_range(self.name, parameter, values[parameter.name]))
+            if parameter.name in values else parameter
+            for parameter in self.parameters)
+        return replace(self, parameters=parameters)
+
+
+def _in_range(system: str, parameter: Parameter, value: float) -> float:
+    if not (math.isfinite(value) and parameter.lower <= value <= parameter.upper):
+        raise DynamicsError(
+            f'{system}.{parameter.name} = {value:g}: wanted a number in '
+            f'[{parameter.lower:g}, {parameter.upper:g}] {parameter.unit}'.rstrip())
+    return float(value)
