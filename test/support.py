@@ -1,0 +1,318 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Processes, domains and a probe for tests that run real nodes over real DDS."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+import os
+from pathlib import Path
+import signal
+import socket
+import subprocess
+import sys
+import time
+from typing import Any
+
+from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
+from rclpy.action import ActionClient
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+import yaml
+
+DEADLINE = 20.0  # [s] generous: it is only ever reached by a test that fails
+ISOLATED = {
+    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    'OMP_NUM_THREADS': '1',
+    'OPENBLAS_NUM_THREADS': '1',
+    'PYTHONUNBUFFERED': '1',
+}
+# What a developer's shell may set and a test must not depend on.
+FOREIGN = (
+    'ROS_NAMESPACE',
+    'ROS_STATIC_PEERS',
+    'ROS_LOCALHOST_ONLY',
+    'ROS_SECURITY_ENABLE',
+    'FASTRTPS_DEFAULT_PROFILES_FILE',
+    'FASTDDS_DEFAULT_PROFILES_FILE',
+)
+
+
+@contextmanager
+def claimed_domain() -> Iterator[int]:
+    """
+    Claim a domain id that no other test and no participant on this machine uses.
+
+    The claim is an abstract socket, which the kernel gives back when the process ends however it
+    ends. A participant that made no claim is known by the discovery port it holds.
+    """
+    for domain in range(1 + os.getpid() % 20, 101):
+        with socket.socket(socket.AF_UNIX) as claim, socket.socket(type=socket.SOCK_DGRAM) as port:
+            try:
+                claim.bind(f'\0obc_ros_test_domain_{domain}')
+                port.bind(('', 7400 + 250 * domain))
+            except OSError:
+                continue
+            port.close()
+            yield domain
+            return
+    raise RuntimeError('every domain id from 1 to 100 is in use on this machine')
+
+
+def environment(domain: int) -> dict[str, str]:
+    """Return the environment of a process that keeps to `domain` on this machine."""
+    inherited = {key: value for key, value in os.environ.items() if key not in FOREIGN}
+    return {**inherited, **ISOLATED, 'ROS_DOMAIN_ID': str(domain)}
+
+
+class Process:
+    """An executable of this environment that runs in a process group of its own."""
+
+    def __init__(self, command: Sequence[str], log: Path, domain: int) -> None:
+        """Start `command` with its output going to the file `log`."""
+        self.command = list(command)
+        self.log = log
+        self.watched = True
+        with log.open('wb') as output:
+            self.popen = subprocess.Popen(
+                self.command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
+                env=environment(domain), start_new_session=True)
+
+    @property
+    def pid(self) -> int:
+        """Return the process id."""
+        return self.popen.pid
+
+    def output(self) -> str:
+        """Return what it has written so far, both streams."""
+        return self.log.read_text(encoding='utf-8', errors='replace')
+
+    def running(self) -> bool:
+        """Return whether it still runs."""
+        return self.popen.poll() is None
+
+    def wait(self, timeout: float = DEADLINE) -> int:
+        """Return its exit status once it has ended by itself."""
+        self.watched = False
+        try:
+            return self.popen.wait(timeout)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(
+                f'{self.command[0]} still runs after {timeout} s:\n{self.output()}') from None
+
+    def wait_for_output(self, text: str, timeout: float = DEADLINE) -> str:
+        """Return its output once `text` is in it."""
+        deadline = time.monotonic() + timeout
+        while text not in self.output():
+            assert self.running(), f'{self.command[0]} ended before {text!r}:\n{self.output()}'
+            assert time.monotonic() < deadline, f'no {text!r} in {timeout} s:\n{self.output()}'
+            time.sleep(0.02)
+        return self.output()
+
+    def interrupt(self, timeout: float = DEADLINE) -> int:
+        """Send SIGINT, as Ctrl-C does, and return the exit status."""
+        self.popen.send_signal(signal.SIGINT)
+        return self.wait(timeout)
+
+    def kill(self) -> None:
+        """Kill the whole group at once, as a crash would."""
+        self.watched = False
+        self._kill_group()
+
+    def end(self) -> str | None:
+        """End it and whatever it started; return what was wrong, if anything was."""
+        wrong = None
+        if self.running():
+            self.popen.send_signal(signal.SIGINT)
+            try:
+                self.popen.wait(5.0)
+            except subprocess.TimeoutExpired:
+                wrong = 'did not end within 5 s of SIGINT'
+        elif self.watched:
+            wrong = f'ended by itself with status {self.popen.returncode}'
+        self._kill_group()
+        return wrong and f'{" ".join(self.command)}: {wrong}'
+
+    def _kill_group(self) -> None:
+        with suppress(ProcessLookupError):  # nothing of the group is left
+            os.killpg(self.pid, signal.SIGKILL)
+        self.popen.wait()
+
+
+class Spawner:
+    """Starts executables of this environment and ends them all; called as the fixture `spawn`."""
+
+    def __init__(self, folder: Path, domain: int) -> None:
+        """Keep logs and parameter files in `folder`."""
+        self.folder = folder
+        self.domain = domain
+        self.processes: list[Process] = []
+
+    def __call__(
+        self,
+        executable: str,
+        parameters: Mapping[str, Any] | None = None,
+        *,
+        arguments: Sequence[str] = (),
+        name: str | None = None,
+        namespace: str | None = None,
+        remappings: Mapping[str, str] | None = None,
+        domain: int | None = None,
+    ) -> Process:
+        """
+        Start `executable`.
+
+        Parameters
+        ----------
+        executable : str
+            A name in the environment's ``bin``: ``lqr_node``, ``obc``, ...
+        parameters : mapping, optional
+            Parameter names (dots included) and values, passed in a file, types kept.
+        arguments : sequence of str
+            What comes before ``--ros-args``.
+        name, namespace : str, optional
+            Of the node.
+        remappings : mapping, optional
+            From each name to its replacement.
+        domain : int, optional
+            Another domain than that of the test.
+
+        """
+        count = len(self.processes)
+        command = [str(Path(sys.executable).parent / executable), *arguments]
+        ros = []
+        for old, new in {'__node': name, '__ns': namespace, **(remappings or {})}.items():
+            ros += ['--remap', f'{old}:={new}'] if new is not None else []
+        if parameters is not None:
+            file = self.folder / f'{count}_{executable}.yaml'
+            file.write_text(yaml.safe_dump({'/**': {'ros__parameters': dict(parameters)}}))
+            ros += ['--params-file', str(file)]
+        process = Process([*command, '--ros-args', *ros] if ros else command,
+                          self.folder / f'{count}_{executable}.log',
+                          self.domain if domain is None else domain)
+        self.processes.append(process)
+        return process
+
+    def end(self) -> list[str]:
+        """End all processes; return a sentence for each that did not live or end as it should."""
+        return [wrong for process in reversed(self.processes) if (wrong := process.end())]
+
+
+class Probe:
+    """A node beside the nodes under test: it listens, publishes, calls, and spins on demand."""
+
+    def __init__(self, domain: int, name: str = 'probe', namespace: str = '') -> None:
+        """Create the node in a context of its own; nothing spins until something is waited for."""
+        self.context = Context()
+        self.context.init(args=[], domain_id=domain)
+        self.node = Node(name, namespace=namespace, context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.actions: list[ActionClient] = []
+
+    def close(self) -> None:
+        """Destroy the node and its context."""
+        for client in self.actions:
+            client.destroy()
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def add(self, node: Node) -> None:
+        """Spin `node`, created with ``context=probe.context``, in the same executor."""
+        self.executor.add_node(node)
+
+    def wait_for(
+        self, condition: Callable[[], Any], timeout: float = DEADLINE, what: str = ''
+    ) -> Any:
+        """Spin until `condition` is true and return its value; fail at the deadline."""
+        deadline = time.monotonic() + timeout
+        while not (value := condition()):
+            assert time.monotonic() < deadline, f'not within {timeout} s: {what or condition}'
+            self.executor.spin_once(timeout_sec=0.02)
+        return value
+
+    def spin_for(self, duration: float) -> None:
+        """Spin for `duration` seconds: only to show that something does *not* happen."""
+        deadline = time.monotonic() + duration
+        while (left := deadline - time.monotonic()) > 0:
+            self.executor.spin_once(timeout_sec=left)
+
+    def listen(self, message_type: type, topic: str, qos: Any = 10) -> list[Any]:
+        """Subscribe and return the list that messages are appended to."""
+        received: list[Any] = []
+        self.node.create_subscription(message_type, topic, received.append, qos)
+        return received
+
+    def publisher(self, message_type: type, topic: str, qos: Any = 10, matched: int = 1) -> Any:
+        """Return a publisher that has found `matched` subscriptions."""
+        publisher = self.node.create_publisher(message_type, topic, qos)
+        self.wait_for(lambda: publisher.get_subscription_count() >= matched,
+                      what=f'{matched} subscription(s) of {topic}')
+        return publisher
+
+    def wait_for_node(self, name: str, timeout: float = DEADLINE) -> None:
+        """Wait until a node of that name (without its namespace) is seen."""
+        self.wait_for(lambda: name in self.node.get_node_names(), timeout, f'node {name}')
+
+    def call(
+        self, service_type: Any, service: str, request: Any = None, timeout: float = DEADLINE
+    ) -> Any:
+        """Call `service` and return its response."""
+        client = self.node.create_client(service_type, service)
+        try:
+            self.wait_for(client.service_is_ready, timeout, f'service {service}')
+            future = client.call_async(request or service_type.Request())
+            self.wait_for(future.done, timeout, f'response of {service}')
+            return future.result()
+        finally:
+            self.node.destroy_client(client)
+
+    def get_parameters(self, node: str, *names: str) -> dict[str, Any]:
+        """Return the values of parameters of `node` (a name such as ``/lqr_node``)."""
+        request = GetParameters.Request(names=names)
+        values = self.call(GetParameters, f'{node}/get_parameters', request).values
+        return dict(zip(names, map(parameter_value_to_python, values), strict=True))
+
+    def set_parameters(self, node: str, **values: Any) -> list[Any]:
+        """Set parameters one by one; return a SetParametersResult for each."""
+        request = SetParameters.Request(parameters=_messages(values))
+        return list(self.call(SetParameters, f'{node}/set_parameters', request).results)
+
+    def set_parameters_atomically(self, node: str, **values: Any) -> Any:
+        """Set all parameters or none; return the SetParametersResult."""
+        request = SetParametersAtomically.Request(parameters=_messages(values))
+        service = f'{node}/set_parameters_atomically'
+        return self.call(SetParametersAtomically, service, request).result
+
+    def send_goal(
+        self,
+        action_type: Any,
+        action: str,
+        goal: Any,
+        feedback: Callable[[Any], None] | None = None,
+    ) -> Any:
+        """Send a goal and return the goal handle, accepted or not."""
+        client = ActionClient(self.node, action_type, action)
+        self.actions.append(client)
+        self.wait_for(client.server_is_ready, what=f'action {action}')
+        future = client.send_goal_async(goal, feedback)
+        self.wait_for(future.done, what=f'answer to the goal of {action}')
+        return future.result()
+
+    def result(self, goal_handle: Any, timeout: float = DEADLINE) -> Any:
+        """Return status and result of an accepted goal, once it has them."""
+        future = goal_handle.get_result_async()
+        self.wait_for(future.done, timeout, 'result of the goal')
+        return future.result()
+
+    def cancel(self, goal_handle: Any) -> Any:
+        """Ask for a goal to be cancelled and return the answer."""
+        future = goal_handle.cancel_goal_async()
+        self.wait_for(future.done, what='answer to the cancel request')
+        return future.result()
+
+
+def _messages(values: Mapping[str, Any]) -> list[Any]:
+    return [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
