@@ -1,0 +1,164 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The client side of a loop: listens to it, records it, and asks its nodes for changes."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+import struct
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+import numpy as np
+from numpy.typing import NDArray
+from rcl_interfaces.msg import Log, Parameter, ParameterEvent
+from rcl_interfaces.srv import SetParametersAtomically
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+import rclpy.parameter
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
+
+from obc_ros.cli.processes import Children
+from obc_ros.cli.recording import LATCHED, Recorder
+from obc_ros.core.errors import ObcError
+from obc_ros.msg import Command, LqrDesign, State, Trajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class Samples:
+    """Messages of one stamped topic: as they came, with the steady time [ns] of their arrival."""
+
+    data: list[bytes] = field(default_factory=list)
+    stamp: list[int] = field(default_factory=list)
+    arrival: list[int] = field(default_factory=list)
+
+    def append(self, data: bytes) -> None:
+        """Keep one serialised message."""
+        seconds, nanoseconds = struct.unpack_from('<iI', data, 4)  # after CDR's own header
+        self.data.append(data)
+        self.stamp.append(seconds * 10**9 + nanoseconds)
+        self.arrival.append(time.monotonic_ns())
+
+
+class Pilot:
+    """
+    A ROS node that watches and commands a running loop, for one recording.
+
+    Raises what `Children.check` raises while it waits, so that a dead node ends every wait.
+    """
+
+    def __init__(self, children: Children, recorder: Recorder) -> None:
+        self._children = children
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context)
+        self.node = rclpy.create_node('obc_demo', context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self.states, self.commands = Samples(), Samples()
+        self.designs: list[LqrDesign] = []
+        self._record(recorder)
+
+    def _record(self, recorder: Recorder) -> None:
+        node = self.node
+        recorder.subscribe(node, 'state', State, self.states.append)
+        recorder.subscribe(node, 'command', Command, self.commands.append)
+        recorder.subscribe(node, 'lqr_node/design', LqrDesign, self._on_design, latched=True)
+        recorder.subscribe(node, 'reference', Trajectory, latched=True)
+        recorder.subscribe(node, 'odom', Odometry)
+        recorder.subscribe(node, '/clock', Clock)
+        recorder.subscribe(node, '/diagnostics', DiagnosticArray)
+        recorder.subscribe(node, '/parameter_events', ParameterEvent)
+        recorder.subscribe(node, '/rosout', Log, latched=True)
+        recorder.now = lambda: self.states.stamp[-1] if self.states.stamp else 0
+        self.publisher = node.create_publisher(Trajectory, 'reference', LATCHED)
+
+    def _on_design(self, data: bytes) -> None:
+        self.designs.append(deserialize_message(data, LqrDesign))
+
+    def close(self) -> None:
+        """End the node."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    @property
+    def now(self) -> float:
+        """Return the time [s] of the last state since the first one."""
+        stamp = self.states.stamp
+        return (stamp[-1] - stamp[0]) * 1e-9 if stamp else 0.0
+
+    @property
+    def x(self) -> Array:
+        """Return the last state."""
+        return np.asarray(deserialize_message(self.states.data[-1], State).x)
+
+    def wait(self, condition: Callable[[], bool], what: str, timeout: float = 20.0,
+             progress: Callable[[], None] = lambda: None) -> None:
+        """Listen until a condition holds; `timeout` [s] without it is an error that says `what`."""
+        deadline = time.monotonic() + timeout
+        checked = 0.0
+        while not condition():
+            self._executor.spin_once(timeout_sec=0.05)
+            if (now := time.monotonic()) - checked > 0.05:
+                checked = now
+                self._children.check()
+                progress()
+                if now > deadline:
+                    raise ObcError(f'waited {timeout:g} s in vain for {what}')
+
+    def call(self, kind: Any, name: str, request: Any, timeout: float = 30.0) -> Any:
+        """Call a service and return its answer."""
+        client = self.node.create_client(kind, name)
+        try:
+            self.wait(client.service_is_ready, f'the service {name}', timeout)
+            answer = client.call_async(request)
+            self.wait(answer.done, f'the answer of {name}', timeout)
+            return answer.result()
+        finally:
+            self.node.destroy_client(client)
+
+    def set_parameters(self, node: str, values: Mapping[str, Any]) -> tuple[bool, str]:
+        """Set parameters of a node in one transaction; return whether, and if not why."""
+        request = SetParametersAtomically.Request(parameters=[
+            Parameter(name=name, value=_value(value)) for name, value in values.items()])
+        result = self.call(
+            SetParametersAtomically, f'{node}/set_parameters_atomically', request).result
+        return result.successful, result.reason
+
+    def history(self) -> tuple[Array, Array, Array, Array]:
+        """Return t [s], x of all states and t [s], u of all commands, from the first state on."""
+        start = self.states.stamp[0]
+        return (*_arrays(self.states, State, 'x', start),
+                *_arrays(self.commands, Command, 'u', start))
+
+    def latencies(self) -> Array:
+        """Return the time [s] from the arrival of each state to that of its command."""
+        arrival = dict(zip(self.states.stamp, self.states.arrival, strict=True))
+        return np.array([
+            (came - arrival[stamp]) * 1e-9
+            for stamp, came in zip(self.commands.stamp, self.commands.arrival, strict=True)
+            if stamp in arrival])
+
+    def missed(self) -> int:
+        """Return how many states, from the first answered to the last, have no command."""
+        answered = set(self.commands.stamp)
+        if not answered:
+            return len(self.states.stamp)
+        first, last = min(answered), max(answered)
+        return sum(first <= stamp <= last and stamp not in answered
+                   for stamp in self.states.stamp)
+
+
+def _arrays(samples: Samples, kind: Any, name: str, start: int) -> tuple[Array, Array]:
+    rows = [getattr(deserialize_message(data, kind), name) for data in samples.data]
+    return (np.array(samples.stamp) - start) * 1e-9, np.array(rows)
+
+
+def _value(value: Any) -> Any:
+    if isinstance(value, (list, tuple, np.ndarray)):
+        value = [float(number) for number in value]
+    return rclpy.parameter.Parameter('value', value=value).to_parameter_msg().value

@@ -1,0 +1,171 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Child processes on a DDS domain of their own.
+
+A command that runs nodes neither disturbs nor hears a robot next door: discovery stays on this
+machine and the domain is one that nobody uses. Children die with the command, however it ends.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+import ctypes
+import fcntl
+import os
+from pathlib import Path
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from types import FrameType, TracebackType
+
+from obc_ros.core.errors import ObcError
+
+PR_SET_PDEATHSIG = 1
+DOMAINS = range(1, 102)  # the ports of higher domains reach into Linux's ephemeral range
+# In a node one thread is faster than two: its matrices are small.
+ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
+_LIBC = ctypes.CDLL(None, use_errno=True)
+
+
+class ProcessDied(ObcError):
+    """A child ended by itself; the message says which, how, and its last words."""
+
+
+class Interrupted(ObcError):
+    """The user or the system asked the command to end."""
+
+
+@contextmanager
+def free_domain() -> Iterator[int]:
+    """Yield a DDS domain id that nobody on this machine uses, and keep it ours meanwhile."""
+    for domain in DOMAINS:
+        path = Path(tempfile.gettempdir()) / f'ros_domain_{domain}.lock'
+        try:
+            lock = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        except PermissionError:  # another user's
+            continue
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(lock)
+            continue
+        try:
+            if _is_silent(domain):
+                yield domain
+                return
+        finally:
+            os.close(lock)
+    raise ObcError('every DDS domain from 1 to 101 is in use on this machine')
+
+
+def _is_silent(domain: int) -> bool:
+    """Return whether the unicast ports of the first participants of a domain are free."""
+    for participant in range(4):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(('', 7410 + 250 * domain + 2 * participant))
+            except OSError:
+                return False
+    return True
+
+
+def isolate(domain: int) -> None:
+    """Keep this process and its children on one domain of this machine."""
+    os.environ.update(ONE_THREAD)
+    os.environ['ROS_DOMAIN_ID'] = str(domain)
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    for name in ('ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY', 'ROS_DISCOVERY_SERVER'):
+        os.environ.pop(name, None)
+
+
+def _die_with_parent() -> None:
+    # Between fork and exec: a child whose parent is killed, even by SIGKILL, ends too.
+    _LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+class Children:
+    """
+    Node processes that end together.
+
+    Used as a context manager; on leaving, every child gets SIGINT, and SIGKILL if it has not
+    ended two seconds later. What they print goes to one log file each.
+    """
+
+    def __init__(self, log_dir: Path) -> None:
+        self._log_dir = log_dir
+        self._children: dict[str, subprocess.Popen[bytes]] = {}
+        self._stop_signal = 0
+
+    def __enter__(self) -> 'Children':  # noqa: PYI034 - Self needs Python 3.11
+        self._previous = {
+            number: signal.signal(number, self._on_signal)
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+        self._log_dir.mkdir(parents=True, exist_ok=True)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        for child in self._children.values():
+            if child.poll() is None:
+                child.send_signal(signal.SIGINT)
+        deadline = time.monotonic() + 2.0
+        for child in self._children.values():
+            try:
+                child.wait(max(0.0, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                child.kill()
+                child.wait()
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        self._stop_signal = number  # seen by check(): nothing is torn down inside a handler
+
+    def start(self, node: str, *arguments: str) -> None:
+        """Start one of this package's nodes with its ROS arguments."""
+        log = self.log(node)
+        with log.open('wb') as output:
+            self._children[node] = subprocess.Popen(
+                [sys.executable, '-m', f'obc_ros.nodes.{node}', '--ros-args', *arguments],
+                stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
+                # a session of its own: Ctrl-C reaches this command, which ends the children
+                start_new_session=True,
+                preexec_fn=_die_with_parent)  # noqa: PLW1509 - no thread holds a lock it needs
+
+    def log(self, node: str) -> Path:
+        """Return where a child's output is written."""
+        return self._log_dir / f'{node}.log'
+
+    def check(self) -> None:
+        """
+        Raise if a child has ended or if this command was asked to end.
+
+        Raises
+        ------
+        ProcessDied, Interrupted
+
+        """
+        if self._stop_signal:
+            raise Interrupted(f'ended by {signal.Signals(self._stop_signal).name}')
+        for node, child in self._children.items():
+            code = child.poll()
+            if code is not None:
+                raise ProcessDied(f'{node} {_how(code)}{_last_words(self.log(node))}')
+
+    def pids(self) -> dict[str, int]:
+        """Return the process id of each child."""
+        return {node: child.pid for node, child in self._children.items()}
+
+
+def _how(code: int) -> str:
+    if code < 0:
+        return f'was ended by {signal.Signals(-code).name}'
+    return f'ended with exit status {code}'
+
+
+def _last_words(log: Path, lines: int = 5) -> str:
+    words: Sequence[str] = log.read_text(errors='replace').splitlines()[-lines:]
+    return ': ' + ' | '.join(words) if words else ''

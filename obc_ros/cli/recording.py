@@ -1,0 +1,179 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Record topics as a rosbag2 folder with one MCAP file.
+
+Messages are written as they came over DDS, byte for byte, with their definitions, so that
+Foxglove, PlotJuggler, `ros2 bag` and rosbags open the recording without this package.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+import re
+import sys
+import time
+from typing import Any
+
+from mcap.writer import Writer
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+import yaml
+
+from obc_ros.cli.share import share_directory
+
+LIBRARY = 'obc_ros'
+# A recorder must keep up with bursts of a simulation that runs faster than real time.
+DEPTH = 5000
+LIVE = QoSProfile(
+    depth=DEPTH, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE)
+LATCHED = QoSProfile(
+    depth=DEPTH, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_FIELD = re.compile(r'^([A-Za-z]\w*(?:/\w+)*)')
+_PRIMITIVES = {
+    'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring',
+    *(f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64))}
+
+
+@dataclass
+class Channel:
+    """One recorded topic."""
+
+    identifier: int
+    message_type: str
+    qos: QoSProfile
+    count: int = 0
+
+
+class Recorder:
+    """
+    Writes what arrives on topics to `folder`/NAME_0.mcap and `folder`/metadata.yaml.
+
+    Used as a context manager; the recording is complete and indexed when it is left.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self.folder = folder
+        self.path = folder / f'{folder.name}_0.mcap'
+        self._channels: dict[str, Channel] = {}
+        self._first, self._last = sys.maxsize, 0
+        self.now: Callable[[], int] = time.time_ns
+
+    def __enter__(self) -> 'Recorder':  # noqa: PYI034 - Self needs Python 3.11
+        self._file = self.path.open('wb')
+        self._writer = Writer(self._file)
+        self._writer.start(profile='ros2', library=LIBRARY)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._writer.finish()
+        self._file.close()
+        (self.folder / 'metadata.yaml').write_text(yaml.safe_dump(self._metadata()))
+
+    def subscribe(self, node: Node, topic: str, message_class: Any,
+                  listener: Callable[[bytes], None] | None = None, *,
+                  latched: bool = False) -> None:
+        """
+        Record everything that is published on a topic from now on; `latched` also before.
+
+        `listener` gets every serialised message before it is written. The time written with it
+        is `now()` [ns]: wall time, unless somebody who knows better replaces it.
+        """
+        qos = LATCHED if latched else LIVE
+        name = node.resolve_topic_name(topic)
+        message_type = type_name(message_class)
+        schema = self._writer.register_schema(
+            name=message_type, encoding='ros2msg', data=definition(message_type).encode())
+        identifier = self._writer.register_channel(
+            topic=name, message_encoding='cdr', schema_id=schema,
+            metadata={'offered_qos_profiles': yaml.safe_dump([_qos_for_rosbag2(qos)])})
+        self._channels[name] = channel = Channel(identifier, message_type, qos)
+
+        def on_message(data: bytes) -> None:
+            if listener:
+                listener(data)
+            self._write(channel, data)
+
+        node.create_subscription(message_class, topic, on_message, qos, raw=True)
+
+    def _write(self, channel: Channel, data: bytes) -> None:
+        now = self.now()
+        self._writer.add_message(
+            channel.identifier, log_time=now, publish_time=now, data=data,
+            sequence=channel.count)
+        channel.count += 1
+        self._first, self._last = min(self._first, now), max(self._last, now)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Return how many messages of each topic are recorded."""
+        return {topic: channel.count for topic, channel in self._channels.items()}
+
+    def _metadata(self) -> dict[str, Any]:
+        duration = {'nanoseconds': max(0, self._last - self._first)}
+        start = {'nanoseconds_since_epoch': self._first}
+        total = sum(self.counts.values())
+        return {'rosbag2_bagfile_information': {
+            'version': 5, 'storage_identifier': 'mcap', 'compression_format': '',
+            'compression_mode': '', 'relative_file_paths': [self.path.name],
+            'starting_time': start, 'duration': duration, 'message_count': total,
+            'topics_with_message_count': [
+                {'message_count': channel.count, 'topic_metadata': {
+                    'name': topic, 'type': channel.message_type, 'serialization_format': 'cdr',
+                    'offered_qos_profiles': yaml.safe_dump([_qos_for_rosbag2(channel.qos)])}}
+                for topic, channel in self._channels.items()],
+            'files': [{'path': self.path.name, 'starting_time': start, 'duration': duration,
+                       'message_count': total}]}}
+
+
+def type_name(message_class: Any) -> str:
+    """Return the ROS name of a message class, e.g. 'obc_ros/msg/State'."""
+    package, kind, *_ = message_class.__module__.split('.')
+    return f'{package}/{kind}/{message_class.__name__}'
+
+
+def definition(message_type: str) -> str:
+    """Return the text of a message definition followed by those of all types it uses."""
+    texts: dict[str, str] = {}
+    waiting = [message_type]
+    while waiting:
+        name = waiting.pop(0)
+        if name not in texts:
+            texts[name] = _text(name)
+            waiting += _used(texts[name], name.split('/')[0])
+    first, *others = texts
+    return texts[first] + ''.join(
+        f'\n{"=" * 80}\nMSG: {_short(name)}\n{texts[name]}' for name in others)
+
+
+def _text(name: str) -> str:
+    package, kind, message = name.split('/')
+    return (share_directory(package) / kind / f'{message}.msg').read_text()
+
+
+def _short(name: str) -> str:
+    package, _, message = name.split('/')
+    return f'{package}/{message}'
+
+
+def _used(text: str, package: str) -> list[str]:
+    """Return the message types that the fields of a definition have."""
+    used = []
+    for line in text.splitlines():
+        field = _FIELD.match(line.strip())
+        if field and field[1] not in _PRIMITIVES:
+            *of, message = field[1].split('/')
+            used.append(f'{of[0] if of else package}/msg/{message}')
+    return used
+
+
+def _qos_for_rosbag2(qos: QoSProfile) -> dict[str, Any]:
+    unlimited = {'sec': 9223372036, 'nsec': 854775807}
+    return {
+        'history': int(qos.history), 'depth': qos.depth, 'reliability': int(qos.reliability),
+        'durability': int(qos.durability), 'deadline': unlimited, 'lifespan': unlimited,
+        'liveliness': 1, 'liveliness_lease_duration': unlimited,
+        'avoid_ros_namespace_conventions': False}

@@ -1,0 +1,27 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Where packages keep their data files, in a sourced workspace and in a virtual environment."""
+
+import os
+from pathlib import Path
+import sys
+
+from obc_ros.core.errors import ObcError
+
+
+def share_directory(package: str) -> Path:
+    """
+    Return the share folder of an installed package.
+
+    Raises
+    ------
+    ObcError
+        If no prefix in AMENT_PREFIX_PATH, nor the interpreter's own, has the package.
+
+    """
+    prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
+    for prefix in filter(None, prefixes):
+        if (folder := Path(prefix) / 'share' / package).is_dir():
+            return folder
+    raise ObcError(f"package '{package}' is not installed in {sys.prefix} nor in a sourced "
+                   'workspace; source its setup file, or install it into this environment')
