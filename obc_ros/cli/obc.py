@@ -1,0 +1,80 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The command `obc`: one subcommand for each job, loaded only when it is used.
+
+A subcommand NAME is a module `obc_ros.cli.NAME` with `add_arguments(parser)` and
+`run(args) -> int`, the exit status: 0 when everything asked was done, 1 for a truthful failure,
+2 for a malformed question.
+"""
+
+import argparse
+from collections.abc import Sequence
+from importlib import import_module, metadata, util
+import os
+import sys
+
+SUBCOMMANDS = {
+    'demo': 'fly the aircraft or drive the vehicle over DDS: table, figures, recording',
+    'solve': 'solve optimal control problems and certify the answers',
+    'lqr': 'design linear quadratic regulators',
+    'gallery': 'work every example and exercise of the chapter beside its closed form',
+    'bench': 'run the benchmarks',
+}
+
+
+class Version(argparse.Action):
+    """Print the version, looked up only when asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        """Print the version of the distribution and exit."""
+        print(f'obc_ros {metadata.version("obc_ros")}')
+        parser.exit()
+
+
+def available() -> dict[str, str]:
+    """Return the subcommands whose module is installed, with one line of help each."""
+    return {name: text for name, text in SUBCOMMANDS.items()
+            if util.find_spec(f'obc_ros.cli.{name}')}
+
+
+def parse(arguments: Sequence[str]) -> argparse.Namespace:
+    """
+    Parse a command line; `run` of the result is the subcommand's own.
+
+    Only the module of the subcommand that is used is imported.
+    """
+    parser = argparse.ArgumentParser(
+        prog='obc', description='Optimal control by request: LQR and certified trajectories.',
+        epilog='exit status: 0 everything asked was done, 1 it could not be, '
+               '2 the question is malformed')
+    parser.add_argument(
+        '--version', action=Version, nargs=0, help='print the version and exit')
+    commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
+    used = next((word for word in arguments if not word.startswith('-')), None)
+    for name, text in available().items():
+        command = commands.add_parser(name, help=text, description=f'{text.capitalize()}.')
+        if name == used:
+            module = import_module(f'obc_ros.cli.{name}')
+            module.add_arguments(command)
+            command.set_defaults(run=module.run)
+    return parser.parse_args(arguments)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run `obc` and return its exit status."""
+    args = parse(sys.argv[1:] if arguments is None else arguments)
+    try:
+        status: int = args.run(args)
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        # The reader of a pipe has left; the interpreter must not fail again when it flushes.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    return status
+
+
+if __name__ == '__main__':
+    sys.exit(main())
