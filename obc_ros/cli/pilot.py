@@ -98,7 +98,7 @@ class Pilot:
 
     def wait(self, condition: Callable[[], bool], what: str, timeout: float = 20.0,
              progress: Callable[[], None] = lambda: None) -> None:
-        """Listen until a condition holds; `timeout` [s] without it is an error that says `what`."""
+        """Listen until a condition holds; no later than `timeout` [s], or fail saying `what`."""
         deadline = time.monotonic() + timeout
         checked = 0.0
         while not condition():

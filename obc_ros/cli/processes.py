@@ -30,11 +30,11 @@ ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
 
-class ProcessDied(ObcError):
+class ProcessDiedError(ObcError):
     """A child ended by itself; the message says which, how, and its last words."""
 
 
-class Interrupted(ObcError):
+class InterruptedByUserError(ObcError):
     """The user or the system asked the command to end."""
 
 
@@ -145,15 +145,15 @@ class Children:
 
         Raises
         ------
-        ProcessDied, Interrupted
+        ProcessDiedError, InterruptedByUserError
 
         """
         if self._stop_signal:
-            raise Interrupted(f'ended by {signal.Signals(self._stop_signal).name}')
+            raise InterruptedByUserError(f'ended by {signal.Signals(self._stop_signal).name}')
         for node, child in self._children.items():
             code = child.poll()
             if code is not None:
-                raise ProcessDied(f'{node} {_how(code)}{_last_words(self.log(node))}')
+                raise ProcessDiedError(f'{node} {_how(code)}{_last_words(self.log(node))}')
 
     def pids(self) -> dict[str, int]:
         """Return the process id of each child."""

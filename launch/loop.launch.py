@@ -1,0 +1,48 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+One loop: plant_simulator, lqr_node and trajectory_server.
+
+ros2 launch obc_ros loop.launch.py scenario:=aircraft namespace:=robot1 use_sim_time:=true
+"""
+
+from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+from launch import LaunchDescription
+
+ARGUMENTS = (
+    ('scenario', 'aircraft', 'which file of config/: aircraft, vehicle or vehicle_lateral'),
+    ('namespace', '', 'namespace of the whole loop'),
+    ('use_sim_time', 'false', 'take time from /clock'),
+    ('speed', '1.0', 'simulated seconds a second; 0: as fast as it can'),
+    ('lockstep', 'false', 'each step of the plant waits for its command'),
+    ('plant', 'true', 'start the simulated plant; false on a robot'),
+)
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the three nodes with the parameters of a scenario."""
+    scenario = PythonExpression(["'", LaunchConfiguration('scenario'), ".yaml'"])
+    config = PathJoinSubstitution([FindPackageShare('obc_ros'), 'config', scenario])
+    sim_time = {'use_sim_time': ParameterValue(LaunchConfiguration('use_sim_time'), bool)}
+    plant = {
+        'speed': ParameterValue(LaunchConfiguration('speed'), float),
+        'lockstep': ParameterValue(LaunchConfiguration('lockstep'), bool),
+        'publish_clock': sim_time['use_sim_time']}
+
+    def node(name: str, *parameters: object, **options: object) -> Node:
+        return Node(package='obc_ros', executable=name, name=name, output='screen',
+                    namespace=LaunchConfiguration('namespace'),
+                    parameters=[config, sim_time, *parameters], **options)
+
+    return LaunchDescription([
+        *(DeclareLaunchArgument(name, default_value=default, description=text)
+          for name, default, text in ARGUMENTS),
+        node('plant_simulator', plant, condition=IfCondition(LaunchConfiguration('plant'))),
+        node('lqr_node'),
+        node('trajectory_server')])

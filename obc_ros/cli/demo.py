@@ -1,0 +1,134 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+`obc demo`: the whole loop over DDS, three nodes in three processes, recorded and drawn.
+
+aircraft: hover, a step with Qx = I, the weights of Example 2.5 set while it flies, a second
+step, a gust, and a change that must be refused.
+vehicle: a lane change that trajectory_server plans and lqr_node follows, then the slalom of
+Exercise 2.10.
+"""
+
+import argparse
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+import sys
+import time
+
+from obc_ros.cli.pilot import Pilot
+from obc_ros.cli.processes import Children, free_domain, isolate
+from obc_ros.cli.recording import Recorder
+from obc_ros.cli.share import share_directory
+from obc_ros.core.errors import ObcError
+
+NODES = ('plant_simulator', 'lqr_node', 'trajectory_server')
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something to do when the simulated time [s] has come."""
+
+    at: float
+    what: str
+    act: Callable[[Pilot], str]
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One run of the loop: its configuration file, its length [s] and what happens in it."""
+
+    name: str
+    config: str
+    duration: float
+    events: Sequence[Event]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `obc demo`."""
+    parser.add_argument('scenario', choices=('aircraft', 'vehicle'), help='what to run')
+    parser.add_argument('--out', type=Path, default=Path('out'), metavar='DIR',
+                        help='where figures and recordings go (default: out)')
+    parser.add_argument('--real-time', action='store_true',
+                        help='fly at the speed of the clock on the wall, not in lockstep')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run a demonstration; return the exit status."""
+    from obc_ros.cli import demo_aircraft, demo_vehicle  # noqa: PLC0415 - they import the figures
+    scenario = {'aircraft': demo_aircraft, 'vehicle': demo_vehicle}[args.scenario]
+    try:
+        with free_domain() as domain:
+            isolate(domain)
+            print(f'{args.scenario}: three nodes over DDS, domain {domain}, this machine only')
+            return scenario.run(args.out, args.real_time)
+    except ObcError as error:
+        print(f'obc demo: {error}', file=sys.stderr)
+        return 1
+
+
+def fly(flight: Flight, out: Path, real_time: bool,
+        conclude: Callable[[Pilot, float], int]) -> int:
+    """Run one flight with its nodes and recording; `conclude(pilot, wall)` makes the report."""
+    config = share_directory('obc_ros') / 'config' / flight.config
+    pace = ['-p', 'speed:=1.0', '-p', 'lockstep:=false'] if real_time else []
+    with Children(out / 'log') as children, Recorder(out / flight.name) as recorder:
+        for node in NODES:
+            children.start(node, '--params-file', str(config),
+                           *(pace if node == 'plant_simulator' else []))
+        with closing(Pilot(children, recorder)) as pilot:
+            wall = time.monotonic()
+            progress = Progress(pilot, flight)
+            pilot.wait(lambda: bool(pilot.commands.stamp), 'the first command')
+            for event in flight.events:
+                progress.until(event.at)
+                progress.say(event.what, event.act(pilot))
+            progress.until(flight.duration)
+            progress.done()
+            return conclude(pilot, time.monotonic() - wall)
+
+
+class Progress:
+    """One line that shows where the flight is, and one for each event."""
+
+    def __init__(self, pilot: Pilot, flight: Flight) -> None:
+        self._pilot = pilot
+        self._duration = flight.duration
+        self._live = sys.stdout.isatty()
+
+    def until(self, moment: float) -> None:
+        """Wait until the simulated time [s] has come, showing it."""
+        # A step of the simulation takes well under a second even on a busy machine.
+        timeout = 30.0 + 5.0 * self._duration
+        self._pilot.wait(lambda: self._pilot.now >= moment, f't = {moment:g} s', timeout,
+                         self._show if self._live else lambda: None)
+
+    def _show(self) -> None:
+        pilot = self._pilot
+        if pilot.states.stamp:
+            position = ', '.join(f'{value:6.2f}' for value in pilot.x[:2])
+            revision = pilot.designs[-1].revision if pilot.designs else 0
+            print(f'\r  t = {pilot.now:5.1f} of {self._duration:g} s   position ({position}) m'
+                  f'   K revision {revision}', end='', flush=True)
+
+    def say(self, what: str, outcome: str) -> None:
+        """Tell one event and what came of it."""
+        clear = '\r\033[K' if self._live else ''
+        print(f'{clear}  t = {self._pilot.now:5.1f} s  {what}{": " if outcome else ""}{outcome}')
+
+    def done(self) -> None:
+        """End the line."""
+        if self._live:
+            print('\r\033[K', end='')
+
+
+def set_parameters(node: str, values: dict[str, object], *, refused: bool = False
+                   ) -> Callable[[Pilot], str]:
+    """Return an act that sets parameters and fails unless the answer is the expected one."""
+    def act(pilot: Pilot) -> str:
+        done, reason = pilot.set_parameters(node, values)
+        if done == refused:
+            raise ObcError(f'{node} {"accepted" if done else "refused"} {values}: {reason}')
+        return f'refused: {reason}' if refused else ''
+    return act
