@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 import support
 
+from obc_ros.cli.processes import free_domain
+
 os.environ.update(support.ISOLATED)
 for _name in support.FOREIGN:
     os.environ.pop(_name, None)
@@ -41,7 +43,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
 @pytest.fixture
 def domain() -> Iterator[int]:
     """Return a domain id that nothing else on this machine uses."""
-    with support.claimed_domain() as domain:
+    with free_domain() as domain:
         yield domain
 
 

@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Processes, domains and a probe for tests that run real nodes over real DDS."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 import os
 from pathlib import Path
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -37,27 +36,6 @@ FOREIGN = (
     'FASTRTPS_DEFAULT_PROFILES_FILE',
     'FASTDDS_DEFAULT_PROFILES_FILE',
 )
-
-
-@contextmanager
-def claimed_domain() -> Iterator[int]:
-    """
-    Claim a domain id that no other test and no participant on this machine uses.
-
-    The claim is an abstract socket, which the kernel gives back when the process ends however it
-    ends. A participant that made no claim is known by the discovery port it holds.
-    """
-    for domain in range(1 + os.getpid() % 20, 101):
-        with socket.socket(socket.AF_UNIX) as claim, socket.socket(type=socket.SOCK_DGRAM) as port:
-            try:
-                claim.bind(f'\0obc_ros_test_domain_{domain}')
-                port.bind(('', 7400 + 250 * domain))
-            except OSError:
-                continue
-            port.close()
-            yield domain
-            return
-    raise RuntimeError('every domain id from 1 to 100 is in use on this machine')
 
 
 def environment(domain: int) -> dict[str, str]:

@@ -1,0 +1,66 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+
+DISTRO ?= jazzy
+PYTHON ?= python3
+VENV ?= $(if $(filter jazzy,$(DISTRO)),.venv,.venv-$(DISTRO))
+BIN := $(VENV)/bin
+SYSTEM ?= aircraft
+
+PIP := $(BIN)/python -m pip --disable-pip-version-check -qq
+REQUIRED := requirements/$(DISTRO).txt requirements/run.txt requirements/test.txt
+# Python files are no prerequisite: the installation is editable, a change is seen at once.
+SOURCES := setup.py pyproject.toml package.xml CMakeLists.txt cmake resource \
+	$(wildcard cmake/* resource/*) $(foreach folder,msg srv action config launch,\
+	$(wildcard $(folder) $(folder)/*))
+
+# A sourced ROS 2 or another environment must not leak into this one.
+unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH
+unexport ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION _ROS_WHEELS_BOOTSTRAP_COMPLETE VIRTUAL_ENV
+
+.PHONY: help setup develop demo test lint bench clean
+.DELETE_ON_ERROR:
+
+help: ## say what there is to make
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 14
+	@echo 'DISTRO=jazzy|kilted VENV=$(VENV) PYTHON=$(PYTHON); ARGS=... goes to demo, test and bench'
+
+setup: $(VENV)/.obc_ros ## everything into the environment, from pinned packages
+
+develop: setup $(VENV)/.develop ## the set-up, colcon and the commit hooks
+
+demo: setup ## the set-up, then the loop in flight (SYSTEM=aircraft|vehicle)
+	$(BIN)/obc demo $(SYSTEM) $(ARGS)
+
+test: setup ## the set-up and every test
+	$(BIN)/pytest $(ARGS)
+
+lint: setup ## ruff, and mypy on the numerical core
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+bench: setup ## the benchmarks
+	$(BIN)/obc bench $(ARGS)
+
+clean: ## remove what was built and installed
+	rm -rf .venv .venv-kilted build install log *.egg-info .hypothesis .mypy_cache \
+		.pytest_cache .ruff_cache
+
+$(BIN)/python:
+	@echo 'obc_ros: virtual environment $(VENV)'
+	@$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.requirements: $(REQUIRED) | $(BIN)/python
+	@echo 'obc_ros: ROS 2 $(DISTRO) and pinned packages into $(VENV) (half a minute)'
+	@$(PIP) install $(addprefix -r ,$(REQUIRED))
+	@touch $@
+
+$(VENV)/.obc_ros: $(VENV)/.requirements $(SOURCES)
+	@echo 'obc_ros: messages, services, action (half a minute at first)'
+	@$(PIP) install --no-deps --no-build-isolation --editable .
+	@touch $@
+
+$(VENV)/.develop: $(VENV)/.obc_ros requirements/develop.txt
+	@$(PIP) install -r requirements/develop.txt -r requirements/run.txt
+	@$(BIN)/pre-commit install
+	@touch $@
