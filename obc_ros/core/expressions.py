@@ -95,6 +95,20 @@ def parse(text: object, symbols: Mapping[str, ca.SX], where: str) -> ca.SX:
     return ca.SX(_value(text, _Symbolic(symbols), where))
 
 
+def parse_lifted(text: object, symbols: Mapping[str, ca.SX],
+                 where: str) -> tuple[ca.SX, list[tuple[ca.SX, float]]]:
+    """
+    Return an expression whose numbers are symbols, and these symbols with their values.
+
+    As `parse`; exponents, and the numbers in them, stay numbers. Two texts that differ in such
+    numbers only give the same expression.
+    """
+    algebra = _Lifting(symbols, where)
+    if not isinstance(text, str):
+        return algebra.constant(_plain_number(text, where)), algebra.literals
+    return ca.SX(_value(text, algebra, where)), algebra.literals
+
+
 def number(text: object, values: Mapping[str, float], where: str) -> float:
     """
     Return the finite number that a text or number stands for.
@@ -244,6 +258,20 @@ class _Symbolic:
         return not value.is_constant() or math.isfinite(float(value))
 
 
+class _Lifting(_Symbolic):
+    """The algebra of casadi.SX with a symbol for every number."""
+
+    def __init__(self, names: Mapping[str, ca.SX], where: str) -> None:
+        super().__init__(names)
+        self.where = where
+        self.literals: list[tuple[ca.SX, float]] = []
+
+    def constant(self, value: float) -> ca.SX:
+        symbol = ca.SX.sym(f'{self.where}#{len(self.literals) + 1}')
+        self.literals.append((symbol, value))
+        return symbol
+
+
 class _Numeric:
     """The algebra of doubles."""
 
@@ -267,7 +295,9 @@ def _value(text: str, algebra: _Symbolic | _Numeric, where: str) -> Any:
     The walk keeps its own stack: a sum of a thousand terms is a tree a thousand nodes deep.
     """
     text = _bounded(text, where)
-    waiting: list[tuple[ast.expr, bool]] = [(_tree(text, where), False)]
+    tree = _tree(text, where)
+    exponents = _numbers_in_exponents(tree) if isinstance(algebra, _Lifting) else set()
+    waiting: list[tuple[ast.expr, bool]] = [(tree, False)]
     values: list[Any] = []
     while waiting:
         node, ready = waiting.pop()
@@ -280,7 +310,8 @@ def _value(text: str, algebra: _Symbolic | _Numeric, where: str) -> Any:
         arguments = values[len(values) - len(operands):]
         del values[len(values) - len(operands):]
         try:
-            value = _apply(node, arguments, algebra, where)
+            value = (ca.SX(float(piece)) if node in exponents
+                     else _apply(node, arguments, algebra, where))
             fault = '' if algebra.finite(value) else 'is not a finite number'
         except ZeroDivisionError:
             fault = 'divides by zero'
@@ -294,6 +325,19 @@ def _value(text: str, algebra: _Symbolic | _Numeric, where: str) -> Any:
             raise StatementError(f"{where}: '{piece}' {fault}")
         values.append(value)
     return values[0]
+
+
+def _numbers_in_exponents(tree: ast.expr) -> set[ast.AST]:
+    found: set[ast.AST] = set()
+    waiting: list[ast.AST] = [tree]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
+            found.update(part for part in ast.walk(node.right) if isinstance(part, ast.Constant))
+            waiting.append(node.left)
+        else:
+            waiting.extend(ast.iter_child_nodes(node))
+    return found
 
 
 def _operands(node: ast.expr, piece: str, where: str) -> list[ast.expr]:
