@@ -1,0 +1,148 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where a search for an optimal path may start: physically sensible paths, from a statement alone.
+"""
+
+from collections.abc import Iterator
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from obc_ros.core.extremal import Integrator
+from obc_ros.core.problem import Problem
+from obc_ros.core.transcription import Path, Scales
+
+Array = NDArray[np.float64]
+
+_POINTS = 21
+
+
+def final_time(problem: Problem) -> float:
+    """Return T, or where the search for it starts."""
+    final = problem.final_time
+    if not final.free:
+        return final.value
+    for wanted in (problem.guess.final_time, final.guess):
+        if wanted is not None and np.isfinite(wanted):
+            return float(np.clip(wanted, final.lower, final.upper))
+    lower, upper = max(final.lower, 1e-3), min(final.upper, 1e6)
+    return float(np.sqrt(lower * max(upper, lower)))
+
+
+def _inside(value: Array, lower: Array, upper: Array) -> Array:
+    return np.minimum(np.maximum(value, lower), upper)
+
+
+class Guesser:
+    """Starting paths for all problems of one structure."""
+
+    def __init__(self, problem: Problem) -> None:
+        x, u, p = problem.x, problem.u, problem.p
+        self._psi = ca.Function('psi', [x, p], [
+            problem.psi, ca.densify(ca.jacobian(problem.psi, x))])
+        self._rest = ca.Function('rest', [x, u, p], [
+            problem.f, ca.densify(ca.jacobian(problem.f, u))])
+
+    def final_state(self, problem: Problem) -> tuple[Array, NDArray[np.bool_]]:
+        """Return a state near x0 with psi = 0, and which of its components psi fixes."""
+        x = problem.x0.copy()
+        fixed = np.zeros(problem.n, dtype=bool)
+        if not problem.q:
+            return _inside(x, problem.x_lower, problem.x_upper), fixed
+        for _ in range(30):
+            psi, jacobian = (out.full() for out in self._psi(x, problem.p_value))
+            if not (np.all(np.isfinite(psi)) and np.all(np.isfinite(jacobian))):
+                return problem.x0.copy(), fixed
+            move = -np.linalg.pinv(jacobian, rcond=1e-8) @ psi.ravel()
+            x = _inside(x + move, problem.x_lower, problem.x_upper)
+            if np.max(np.abs(move)) <= 1e-9 * (1 + np.max(np.abs(x))):
+                break
+        projection = np.linalg.pinv(jacobian, rcond=1e-8) @ jacobian
+        return x, np.diag(projection) > 1 - 1e-6
+
+    def steady_input(self, problem: Problem, x: Array) -> Array:
+        """Return the input within bounds at which f(x, u) is least, nearest to rest."""
+        lower, upper = problem.u_lower, problem.u_upper
+        u = _inside(np.zeros(problem.m), lower, upper)
+        both = np.isfinite(lower) & np.isfinite(upper)
+        nudge = np.where(both & (u == lower) | both & (u == upper),
+                         1e-2 * (np.where(both, lower, 0) + np.where(both, upper, 0) - 2 * u), 0)
+        u = u + nudge
+        for _ in range(10):
+            f, fu = (out.full() for out in self._rest(x, u, problem.p_value))
+            if not (np.all(np.isfinite(f)) and np.all(np.isfinite(fu))):
+                return u
+            move = -np.linalg.pinv(fu, rcond=1e-6) @ f.ravel()
+            new = _inside(u + move, lower, upper)
+            if np.max(np.abs(new - u), initial=0.0) <= 1e-9 * (1 + np.max(np.abs(u), initial=0)):
+                break
+            u = new
+        return u
+
+    def line(self, problem: Problem, T: float) -> Path:
+        """Return the straight line from x0 to psi = 0, with the user's own guesses where given."""
+        end, _ = self.final_state(problem)
+        s = np.linspace(0.0, 1.0, _POINTS)
+        x = problem.x0 + s[:, None] * (end - problem.x0)
+        u = np.tile(self.steady_input(problem, (problem.x0 + end) / 2), (_POINTS, 1))
+        for names, given, values in ((problem.states, problem.guess.x, x),
+                                     (problem.inputs, problem.guess.u, u)):
+            for name, column in given.items():
+                column = np.atleast_1d(np.asarray(column, dtype=float))
+                values[:, names.index(name)] = np.interp(
+                    s, np.linspace(0.0, 1.0, len(column)), column)
+        return _path(T * s, x, _inside(u, problem.u_lower, problem.u_upper))
+
+    def driven(self, problem: Problem, integrator: Integrator, u: Array, T: float) -> Path:
+        """Return the path under inputs u (21, m), cut where it leaves all sense."""
+        t = np.linspace(0.0, T, _POINTS)
+        u = _inside(u, problem.u_lower, problem.u_upper)
+        fine = np.linspace(0.0, T, 10 * (_POINTS - 1) + 1)
+        inputs = np.column_stack([np.interp(fine, t, column) for column in u.T])
+        x, _ = integrator.forward(problem, fine, inputs[:-1], inputs[1:])
+        x = x[::10]
+        size = 1e3 * (1 + np.max(np.abs(problem.x0)))
+        good = np.all(np.isfinite(x), axis=1) & (np.max(np.abs(x), axis=1) < size)
+        last = int(np.argmin(good)) - 1 if not np.all(good) else len(x) - 1
+        x = x[np.minimum(np.arange(_POINTS), last)]
+        return _path(t, _inside(x, problem.x_lower, problem.x_upper), u)
+
+    def starts(self, problem: Problem, integrator: Integrator) -> Iterator[tuple[str, Path]]:
+        """Yield named starts, the most promising first; the last ones are drawn at random."""
+        T = final_time(problem)
+        line = self.line(problem, T)
+        yield 'line', line
+        u = np.vstack([line.ua, line.ub[-1:]])
+        yield 'steady', self.driven(problem, integrator, u, T)
+        chance = np.random.default_rng(1)
+        size = np.where(np.isfinite(problem.u_upper - problem.u_lower),
+                        problem.u_upper - problem.u_lower, 1 + np.abs(u[0]))
+        while True:
+            knots = chance.uniform(-0.5, 0.5, (4, problem.m)) * size
+            s, k = np.linspace(0, 1, _POINTS), np.linspace(0, 1, 4)
+            noise = np.column_stack([np.interp(s, k, column) for column in knots.T])
+            stretch = 2.0 ** chance.uniform(-1, 1) if problem.final_time.free else 1.0
+            length = T * stretch
+            if problem.final_time.free:
+                length = float(np.clip(
+                    length, problem.final_time.lower, problem.final_time.upper))
+            yield 'random', self.driven(problem, integrator, u + noise, length)
+
+
+def _path(t: Array, x: Array, u: Array) -> Path:
+    return Path(t, x, np.zeros((len(t) - 1, 0, x.shape[1])), u[:-1], u[1:], t[-1:])
+
+
+def scales(problem: Problem, path: Path) -> Scales:
+    """Return typical sizes of states and inputs, from a path and the bounds."""
+    def size(values: Array, lower: Array, upper: Array) -> Array:
+        seen = np.max(np.abs(values), axis=0, initial=0.0)
+        span = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+        largest = np.where(seen > 0, seen, np.where(span > 0, span, 1.0))
+        return np.asarray(np.exp2(np.round(np.log2(np.clip(largest, 1e-8, 1e12)))))
+
+    return Scales(size(path.x, problem.x_lower, problem.x_upper),
+                  size(np.vstack([path.ua, path.ub]), problem.u_lower, problem.u_upper),
+                  float(np.exp2(np.round(np.log2(path.t[-1])))), 1.0)
