@@ -85,7 +85,7 @@ class _Sum:
 
 
 def _entries(mapped: ca.MX) -> ca.MX:
-    return mapped.nz[:]
+    return ca.vec(mapped.nz[:])
 
 
 def _triplet(sparsity: ca.Sparsity) -> tuple[Index, Index]:
