@@ -6,10 +6,12 @@ A controlled system dx/dt = f(x, u; p) as named CasADi expressions.
 Every plant is one of these: the registered ones, a user's own and the one in a request.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 import math
+from numbers import Real
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -62,6 +64,12 @@ class System:
         f(x, u; p), shape (n, 1).
     setpoint, setpoint_input : tuple of float
         Default state to hold and guess of the input there.
+    plane : str
+        Where px, py and theta lie: 'horizontal' (seen from above, py to the left of px),
+        'vertical' (py up); theta counter-clockwise from px to py. Empty: no rigid body.
+    rebuild : callable, optional
+        Makes this system again with other values for the given parameters, where more than
+        `p_value` depends on them (limits, set point); None: nothing else does.
 
     """
 
@@ -76,6 +84,8 @@ class System:
     setpoint: tuple[float, ...]
     setpoint_input: tuple[float, ...]
     description: str = ''
+    plane: str = ''
+    rebuild: 'Callable[[Mapping[str, float]], System] | None' = field(default=None, repr=False)
 
     @property
     def n(self) -> int:
@@ -145,21 +155,64 @@ class System:
             If a name is unknown or a value is not finite or out of its range.
 
         """
-        known = {parameter.name for parameter in self.parameters}
-        for name, value in values.items():
+        known = {parameter.name: parameter for parameter in self.parameters}
+        for name in values:
             if name not in known:
-                raise DynamicsError(
-                    f"{self.name} has no parameter '{name}'; it has {', '.join(sorted(known))}")
-        parameters = tuple(
-            replace(parameter, value=_in_range(self.name, parameter, values[parameter.name]))
-            if parameter.name in values else parameter
-            for parameter in self.parameters)
-        return replace(self, parameters=parameters)
+                has = f'it has {", ".join(known)}' if known else 'it has none'
+                raise DynamicsError(f"{self.name} has no parameter '{name}'; {has}")
+        checked = {name: _in_range(self.name, known[name], value)
+                   for name, value in values.items()}
+        if self.rebuild is not None:
+            return self.rebuild(checked) if checked else self
+        return replace(self, parameters=tuple(
+            replace(parameter, value=checked.get(parameter.name, parameter.value))
+            for parameter in self.parameters))
+
+
+def define(
+    name: str,
+    states: Sequence[Signal],
+    inputs: Sequence[Signal],
+    parameters: Sequence[Parameter],
+    dynamics: Callable[[list[ca.SX], list[ca.SX], list[ca.SX]], Sequence[Any]],
+    *,
+    setpoint: Sequence[float] | None = None,
+    setpoint_input: Sequence[float] | None = None,
+    description: str = '',
+    plane: str = '',
+    rebuild: Callable[[Mapping[str, float]], System] | None = None,
+) -> System:
+    """
+    Return the system whose f is `dynamics`.
+
+    Parameters
+    ----------
+    dynamics : callable
+        Called with the symbols of states, inputs and parameters; returns dx/dt, n expressions.
+    setpoint, setpoint_input : sequence of float, optional
+        Zeros if left out.
+
+    """
+    x, u, p = (ca.vertcat(*(ca.SX.sym(each.name) for each in signals)) if signals else ca.SX(0, 1)
+               for signals in (states, inputs, parameters))
+    xdot = dynamics(*(ca.vertsplit(symbols) if symbols.numel() else []
+                      for symbols in (x, u, p)))
+    if len(xdot) != len(states):
+        raise DynamicsError(
+            f'{name}: {len(states)} states, but {len(xdot)} derivatives')
+    for parameter in parameters:
+        _in_range(name, parameter, parameter.value)
+    return System(
+        name, tuple(states), tuple(inputs), tuple(parameters), x, u, p,
+        ca.densify(ca.vertcat(*xdot)),
+        tuple(setpoint or [0.0] * len(states)), tuple(setpoint_input or [0.0] * len(inputs)),
+        description, plane, rebuild)
 
 
 def _in_range(system: str, parameter: Parameter, value: float) -> float:
+    wanted = f'wanted a number in [{parameter.lower:g}, {parameter.upper:g}] {parameter.unit}'
+    if not isinstance(value, Real) or isinstance(value, bool):
+        raise DynamicsError(f'{system}.{parameter.name} is a {type(value).__name__}: {wanted}')
     if not (math.isfinite(value) and parameter.lower <= value <= parameter.upper):
-        raise DynamicsError(
-            f'{system}.{parameter.name} = {value:g}: wanted a number in '
-            f'[{parameter.lower:g}, {parameter.upper:g}] {parameter.unit}'.rstrip())
+        raise DynamicsError(f'{system}.{parameter.name} = {value:g}: {wanted}'.rstrip())
     return float(value)

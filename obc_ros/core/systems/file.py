@@ -1,0 +1,200 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Systems in YAML files.
+
+The keys are those of a problem file; what states the task (costs, initial state, constraints,
+final time) is left aside, so that a problem file is a plant too. Keys of a plant alone: `units`
+(of states, inputs, parameters), `angles` (states that wrap), `setpoint`, `setpoint_input`,
+`parameter_bounds`, `plane` and `description`.
+"""
+
+from collections.abc import Mapping, Sequence
+import math
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+
+from obc_ros.core import expressions
+from obc_ros.core.errors import ObcError, StatementError
+from obc_ros.core.expressions import check_name, describe, near, number
+from obc_ros.core.files import read_yaml
+from obc_ros.core.system import define, Parameter, Signal, System
+
+PLANT = (
+    'name', 'description', 'states', 'inputs', 'parameters', 'dynamics', 'input_bounds',
+    'state_bounds', 'parameter_bounds', 'units', 'angles', 'setpoint', 'setpoint_input', 'plane')
+TASK = (
+    'running_cost', 'terminal_cost', 'initial_state', 'terminal_constraints', 'path_constraints',
+    'final_time', 'initial_guess')
+FOR_PEOPLE = ('title', 'source', 'tags', 'notes', 'difficulty', 'kind', 'expected')
+PLANES = ('horizontal', 'vertical')
+MAX_COUNT = 1000
+
+Given = Mapping[Any, Any]
+Values = Mapping[str, float]
+
+
+def load(path: str | Path) -> System:
+    """
+    Return the system that a YAML file describes.
+
+    Limits, set point and parameters may be expressions of the parameters (of earlier ones); they
+    follow when a parameter is given another value.
+
+    Raises
+    ------
+    StatementError
+        If the file cannot be read, a key is unknown, or a value is malformed; with the file and
+        the key.
+
+    """
+    given = read_yaml(path)
+    if isinstance(given, list) and len(given) == 1:
+        given = given[0]
+    try:
+        if not isinstance(given, Mapping):
+            raise StatementError(f'wanted one mapping of keys, found {describe(given)}')
+        return _system(given, Path(path).stem, {})
+    except ObcError as error:
+        raise StatementError(f'{path}: {error}') from None
+
+
+def _system(given: Given, stem: str, chosen: Values) -> System:
+    _check_keys(given)
+    states, inputs = _names(given, 'states'), _names(given, 'inputs')
+    values = _parameters(given, (*states, *inputs), chosen)
+    equations = _by_name(given, 'dynamics', states)
+    for missing in (name for name in states if name not in equations):
+        raise StatementError(f"dynamics: no equation for the state '{missing}'")
+    units = _texts(given, 'units', (*states, *inputs, *values))
+    angles = _chosen(given, 'angles', states)
+    ranges = _bounds(given, 'parameter_bounds', tuple(values), values)
+    x_limits = _bounds(given, 'state_bounds', states, values)
+    u_limits = _bounds(given, 'input_bounds', inputs, values)
+
+    def dynamics(x: list[ca.SX], u: list[ca.SX], p: list[ca.SX]) -> list[ca.SX]:
+        symbols = dict(zip((*states, *inputs, *values), (*x, *u, *p), strict=True))
+        return [expressions.parse(equations[name], symbols, f'dynamics.{name}')
+                for name in states]
+
+    return define(
+        _text(given, 'name', stem),
+        [Signal(name, units.get(name, ''), *x_limits[name], angle=name in angles)
+         for name in states],
+        [Signal(name, units.get(name, ''), *u_limits[name]) for name in inputs],
+        [Parameter(name, value, units.get(name, ''), *ranges[name])
+         for name, value in values.items()],
+        dynamics,
+        setpoint=_numbers(given, 'setpoint', states, values),
+        setpoint_input=_numbers(given, 'setpoint_input', inputs, values),
+        description=_text(given, 'description', _text(given, 'title', '')),
+        plane=_plane(given),
+        rebuild=lambda new: _system(given, stem, {**chosen, **new}))
+
+
+def _check_keys(given: Given) -> None:
+    for key in given:
+        if key not in PLANT and key not in TASK and key not in FOR_PEOPLE:
+            raise StatementError(f"unknown key '{str(key)[:60]}'{near(str(key), PLANT)}; "
+                                 f'a plant has {", ".join(PLANT)}')
+
+
+def _names(given: Given, key: str) -> tuple[str, ...]:
+    entries = given.get(key)
+    if not isinstance(entries, Sequence) or isinstance(entries, str) or not entries:
+        raise StatementError(f'{key}: wanted a list of names, found {describe(entries)}')
+    if len(entries) > MAX_COUNT:
+        raise StatementError(f'{key}: {len(entries)} entries; at most {MAX_COUNT} are read')
+    names = tuple(check_name(name, key) for name in entries)
+    _check_unique(names, key)
+    return names
+
+
+def _check_unique(names: tuple[str, ...], where: str) -> None:
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            raise StatementError(f"{where}: '{name}' stands twice")
+
+
+def _by_name(given: Given, key: str, known: Sequence[str]) -> dict[str, Any]:
+    """Return a section whose keys are known names; it may be left out or empty."""
+    section = given.get(key)
+    if section is None:
+        return {}
+    if not isinstance(section, Mapping):
+        raise StatementError(f'{key}: wanted names with values, found {describe(section)}')
+    for name in section:
+        if name not in known:
+            raise StatementError(f"{key}: '{str(name)[:60]}' is none of {', '.join(known)}"
+                                 f'{near(str(name), known)}')
+    return dict(section)
+
+
+def _parameters(given: Given, taken: tuple[str, ...], chosen: Values) -> dict[str, float]:
+    section = given.get('parameters') or {}
+    if not isinstance(section, Mapping) or len(section) > MAX_COUNT:
+        raise StatementError(f'parameters: wanted names with values, found {describe(section)}')
+    _check_unique((*taken, *(check_name(name, 'parameters') for name in section)),
+                  'states, inputs and parameters')
+    values: dict[str, float] = {}
+    for name, text in section.items():
+        values[name] = chosen[name] if name in chosen else number(
+            text, values, f'parameters.{name}')
+    return values
+
+
+def _numbers(given: Given, key: str, names: Sequence[str], values: Values) -> list[float]:
+    section = _by_name(given, key, names)
+    return [number(section.get(name, 0.0), values, f'{key}.{name}') for name in names]
+
+
+def _bounds(given: Given, key: str, names: Sequence[str],
+            values: Values) -> dict[str, tuple[float, float]]:
+    section = _by_name(given, key, names)
+    return {name: _pair(section.get(name), values, f'{key}.{name}') for name in names}
+
+
+def _pair(pair: object, values: Values, where: str) -> tuple[float, float]:
+    if pair is None:
+        return -math.inf, math.inf
+    if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
+        raise StatementError(f'{where}: wanted [lower, upper], found {describe(pair)}')
+    lower = -math.inf if pair[0] is None else number(pair[0], values, f'{where} (lower)')
+    upper = math.inf if pair[1] is None else number(pair[1], values, f'{where} (upper)')
+    if lower > upper:
+        raise StatementError(f'{where}: the bounds cross: {lower:g} > {upper:g}')
+    return lower, upper
+
+
+def _texts(given: Given, key: str, names: Sequence[str]) -> dict[str, str]:
+    section = _by_name(given, key, names)
+    for name, text in section.items():
+        if not isinstance(text, str) or len(text) > 40:
+            raise StatementError(f'{key}.{name}: wanted a short text, found {describe(text)}')
+    return section
+
+
+def _chosen(given: Given, key: str, names: Sequence[str]) -> tuple[str, ...]:
+    chosen = given.get(key) or ()
+    if not isinstance(chosen, Sequence) or isinstance(chosen, str):
+        raise StatementError(f'{key}: wanted a list of states, found {describe(chosen)}')
+    for name in chosen:
+        if name not in names:
+            raise StatementError(f"{key}: '{str(name)[:60]}' is none of {', '.join(names)}")
+    return tuple(chosen)
+
+
+def _text(given: Given, key: str, default: str) -> str:
+    text = given.get(key, default)
+    if not isinstance(text, str) or len(text) > 2000 or not text.isprintable():
+        raise StatementError(f'{key}: wanted a text of one line, found {describe(text)}')
+    return text
+
+
+def _plane(given: Given) -> str:
+    plane = given.get('plane', '')
+    if plane and plane not in PLANES:
+        raise StatementError(f"plane: wanted 'horizontal' or 'vertical', found {describe(plane)}")
+    return str(plane)

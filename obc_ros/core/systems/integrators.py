@@ -1,0 +1,83 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Chains of integrators: double, nonholonomic and Brockett's."""
+
+from itertools import combinations
+from typing import Any
+
+import casadi as ca
+
+from obc_ros.core.errors import DynamicsError
+from obc_ros.core.system import define, Signal, System
+
+MAX_M = 50
+
+
+def double_integrator() -> System:
+    """
+    Return the double integrator x1' = x2, x2' = u.
+
+    References
+    ----------
+    Book, Examples 2.3 and 2.4.
+
+    """
+    return define(
+        'double_integrator',
+        states=(Signal('x1', 'm', description='position'),
+                Signal('x2', 'm/s', description='velocity')),
+        inputs=(Signal('u', 'm/s^2', description='acceleration'),),
+        parameters=(),
+        dynamics=lambda x, u, _: (x[1], u[0]),
+        description='double integrator (Examples 2.3 and 2.4)')
+
+
+def nonholonomic_integrator() -> System:
+    """
+    Return the nonholonomic integrator x1' = u1, x2' = u2, x3' = x2 u1 with |ui| <= 1.
+
+    References
+    ----------
+    Book, Example 2.6.
+
+    """
+    return define(
+        'nonholonomic_integrator',
+        states=(Signal('x1'), Signal('x2'), Signal('x3')),
+        inputs=(Signal('u1', '1/s', -1.0, 1.0), Signal('u2', '1/s', -1.0, 1.0)),
+        parameters=(),
+        dynamics=lambda x, u, _: (u[0], u[1], x[1] * u[0]),
+        description='nonholonomic integrator (Example 2.6)')
+
+
+def brockett(m: int = 3) -> System:
+    """
+    Return Brockett's system q' = u, Y' = q u' - u q', q and u in R^m, Y skew-symmetric.
+
+    The states are q1 .. qm and the entries of Y above its diagonal, row by row: y1_2, y1_3 ..
+
+    Parameters
+    ----------
+    m : int
+        2 to 50.
+
+    References
+    ----------
+    Book, Exercise 2.2, with Y' = -Y.
+
+    """
+    if isinstance(m, bool) or not isinstance(m, int) or not 2 <= m <= MAX_M:
+        raise DynamicsError(f'brockett.m = {m}: wanted a whole number from 2 to {MAX_M}')
+    pairs = list(combinations(range(m), 2))
+
+    def dynamics(x: list[ca.SX], u: list[ca.SX], _: list[ca.SX]) -> tuple[Any, ...]:
+        return (*u, *(x[i] * u[j] - u[i] * x[j] for i, j in pairs))
+
+    return define(
+        'brockett',
+        states=(*(Signal(f'q{i + 1}') for i in range(m)),
+                *(Signal(f'y{i + 1}_{j + 1}') for i, j in pairs)),
+        inputs=tuple(Signal(f'u{i + 1}', '1/s') for i in range(m)),
+        parameters=(),
+        dynamics=dynamics,
+        description="Brockett's system (Exercise 2.2)")

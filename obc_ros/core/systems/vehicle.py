@@ -1,0 +1,74 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The steered vehicle of Example 1.1 and its motion across the road, Exercise 2.10."""
+
+from math import inf
+from typing import Any
+
+import casadi as ca
+
+from obc_ros.core.system import define, Parameter, Signal, System
+
+STEERING_LIMIT = 0.6  # [rad]
+
+_PY = Signal('py', 'm', description='position of the rear axle, to the left')
+_THETA = Signal('theta', 'rad', angle=True, description='heading, counter-clockwise')
+_PHI = Signal('phi', 'rad', -STEERING_LIMIT, STEERING_LIMIT,
+              description='angle of the front wheels, positive to the left')
+_LENGTH = Parameter('l', 2.0, 'm', 1e-3, description='wheelbase')
+
+
+def system() -> System:
+    """
+    Return the vehicle.
+
+    px' = v cos(theta), py' = v sin(theta), theta' = (v / l) tan(phi)
+
+    (px, py) is the middle of the rear axle. The default set point moves on along px at 10 m/s.
+
+    References
+    ----------
+    Book, Example 1.1 and Exercise 2.10.
+
+    """
+    return define(
+        'vehicle',
+        states=(Signal('px', 'm', description='position of the rear axle'), _PY, _THETA),
+        inputs=(Signal('v', 'm/s', 0.0, inf, description='speed of the rear axle'), _PHI),
+        parameters=(_LENGTH,),
+        dynamics=_dynamics,
+        setpoint_input=(10.0, 0.0),
+        description='vehicle with front wheel steering (Example 1.1)',
+        plane='horizontal')
+
+
+def lateral() -> System:
+    """
+    Return the vehicle at a given speed, without its position along the road.
+
+    py' = v sin(theta), theta' = (v / l) tan(phi)
+
+    References
+    ----------
+    Book, Exercise 2.10.
+
+    """
+    return define(
+        'vehicle_lateral',
+        states=(_PY, _THETA),
+        inputs=(_PHI,),
+        parameters=(
+            Parameter('v', 10.0, 'm/s', 1e-3, description='speed of the rear axle'), _LENGTH),
+        dynamics=_lateral_dynamics,
+        description='motion of the vehicle across the road (Exercise 2.10)',
+        plane='horizontal')
+
+
+def _dynamics(x: list[ca.SX], u: list[ca.SX], p: list[ca.SX]) -> tuple[Any, ...]:
+    theta, (v, phi), l = x[2], u, p[0]  # noqa: E741 - the letter of the book
+    return v * ca.cos(theta), v * ca.sin(theta), v / l * ca.tan(phi)
+
+
+def _lateral_dynamics(x: list[ca.SX], u: list[ca.SX], p: list[ca.SX]) -> tuple[Any, ...]:
+    theta, phi, (v, l) = x[1], u[0], p  # noqa: E741 - the letter of the book
+    return v * ca.sin(theta), v / l * ca.tan(phi)
