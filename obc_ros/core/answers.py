@@ -1,0 +1,64 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a worker answers, by the kind of the request.
+
+Nothing is trusted here: a fault of the question comes back as the status ``malformed``, anything
+worse ends the worker and nothing else.
+"""
+
+from collections.abc import Callable
+
+from obc_ros.core.errors import ObcError
+from obc_ros.core.problem import Problem
+from obc_ros.core.solution import Report, Solution
+from obc_ros.core.solve import Cache, solve
+from obc_ros.core.statement import problem_from_mapping
+from obc_ros.core.wire import Packet
+
+_caches: dict[int, Cache] = {}
+
+
+def answer(kind: str, request: Packet, time_limit: float, report: Report) -> Packet:
+    """Return the answer to a request; its status is ``malformed`` when the question is."""
+    try:
+        return KINDS[kind](request, time_limit, report)
+    except ObcError as error:
+        return Packet({'status': 'malformed', 'message': str(error)})
+
+
+def solution_packet(problem: Problem, solution: Solution, system: str) -> Packet:
+    """Return an answer as plain data, with the names that its arrays go by."""
+    certificate = solution.certificate
+    return Packet(
+        {'status': solution.status.value, 'message': solution.message,
+         'objective': float(solution.objective), 'interpolation': solution.interpolation,
+         'method': solution.method, 'iterations': int(solution.iterations),
+         'build_time': float(solution.build_time), 'solve_time': float(solution.solve_time),
+         'system': system, 'states': problem.states, 'inputs': problem.inputs,
+         'certificate': certificate and {
+             name: {key: float(value) for key, value in getattr(certificate, name).items()}
+             for name in ('residuals', 'tolerances')}},
+        {name: getattr(solution, name)
+         for name in ('t', 'x', 'u', 'lam', 'hamiltonian', 'nu', 'switching_times')})
+
+
+def _solve(request: Packet, time_limit: float, report: Report) -> Packet:
+    plain = request.plain
+    problem = problem_from_mapping(plain['statement'])
+    solution = solve(problem, method=plain['method'] or 'auto', time_limit=time_limit,
+                     report=report, cache=_cache(plain['cache_size']))
+    return solution_packet(problem, solution, plain['statement'].get('system', ''))
+
+
+def _cache(size: int) -> Cache:
+    """Return what is kept from request to request; it starts anew when its size is changed."""
+    if size not in _caches:
+        _caches.clear()
+        _caches[size] = Cache(size)
+    return _caches[size]
+
+
+KINDS: dict[str, Callable[[Packet, float, Report], Packet]] = {
+    'solve': _solve,
+}

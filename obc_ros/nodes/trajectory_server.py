@@ -1,0 +1,227 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Answers optimal control problems by request, with a certificate.
+
+Services: ``~/solve`` (SolveOptimalControl), ``~/design_lqr`` (DesignLqr), ``~/minimize``
+(Minimize), ``~/plan`` (PlanMotion). Action: ``~/solve_optimal_control``, the same request as
+``~/solve`` with feedback and cancel. Publishes ``reference`` (Trajectory, transient local) when a
+plan is to be executed, and ``/diagnostics``. Parameters: see `Settings`.
+
+The work is done in other processes, so that the node always answers.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.task import Future
+
+from obc_ros.action import SolveOptimalControl as SolveAction
+from obc_ros.core.errors import StatementError
+from obc_ros.core.wire import Packet
+from obc_ros.core.workers import Answer, Job, Outcome, Pool
+from obc_ros.msg import Trajectory
+from obc_ros.nodes import messages
+from obc_ros.nodes.parameters import parameter, Parameters
+from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
+
+ANSWERS = 'obc_ros.core.answers'
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+RESULT_TIMEOUT = 30  # [s] that the result of an action is kept for
+QUICK = 2_500        # numbers in A up to which a design does not wait behind solves
+STATUS = {Outcome.REFUSED: 'cancelled', Outcome.TIMED_OUT: 'timed_out',
+          Outcome.CANCELLED: 'cancelled', Outcome.DIED: 'not_converged'}
+
+Progress = Callable[[str, int, float, float], None]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The parameters of the node."""
+
+    workers: int = parameter(2, 'processes that solve, side by side', lower=1, upper=64)
+    time_limit: float = parameter(
+        60.0, 'longest time from a request to its answer', 's', lower=0.01, upper=86_400.0)
+    max_intervals: int = parameter(
+        2_000, 'mesh intervals that a solve may use', lower=10, upper=100_000)
+    cache_size: int = parameter(
+        32, 'structures of problems whose solvers each worker keeps', lower=1, upper=10_000)
+    queue_length: int = parameter(
+        128, 'requests that may wait for a worker; one more is refused', lower=0, upper=10_000)
+
+
+class TrajectoryServer(Node):
+    """The node; see the module's text."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('trajectory_server', allow_undeclared_parameters=True, **options)
+        self._parameters = Parameters(self, Settings, lambda settings: settings, self._adopt)
+        self._solvers = Pool(ANSWERS, 0)
+        self._designers = Pool(ANSWERS, 1)
+        self._adopt(self._parameters.settings)
+        self._jobs: dict[bytes, Job] = {}
+        self._statuses: Counter[str] = Counter()
+        self._reference = self.create_publisher(Trajectory, 'reference', LATCHED)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self.create_timer(1.0, self._diagnose)
+        group = ReentrantCallbackGroup()  # a request that waits must not keep others out
+        for service, name, callback in (
+                (SolveOptimalControl, '~/solve', self._solve),
+                (DesignLqr, '~/design_lqr', self._design_lqr),
+                (Minimize, '~/minimize', self._minimize),
+                (PlanMotion, '~/plan', self._plan)):
+            self.create_service(service, name, callback, callback_group=group)
+        self._action = ActionServer(
+            self, SolveAction, '~/solve_optimal_control', self._execute, callback_group=group,
+            cancel_callback=self._cancel, result_timeout=RESULT_TIMEOUT)
+
+    def destroy_node(self) -> None:
+        """End the workers, then the node."""
+        self._solvers.close()
+        self._designers.close()
+        self._action.destroy()
+        super().destroy_node()
+
+    async def _solve(self, request: Any, response: Any) -> Any:
+        messages.fill_answer(response, await self._ask('solve', request, request.time_limit))
+        return response
+
+    async def _minimize(self, request: Any, response: Any) -> Any:
+        messages.fill_minimum(response, await self._ask('minimize', request, request.time_limit))
+        return response
+
+    async def _design_lqr(self, request: Any, response: Any) -> Any:
+        messages.fill_design(response, await self._ask('design_lqr', request))
+        return response
+
+    async def _plan(self, request: Any, response: Any) -> Any:
+        messages.fill_answer(response, await self._ask('plan', request, request.time_limit))
+        if response.success and request.execute:
+            response.trajectory.header.stamp = self.get_clock().now().to_msg()
+            self._reference.publish(response.trajectory)
+        return response
+
+    async def _execute(self, goal: Any) -> Any:
+        """Work on a goal of the action; only a certified answer makes it succeed."""
+        begun = self.get_clock().now()
+
+        def progress(phase: str, iteration: int, cost: float, infeasibility: float) -> None:
+            goal.publish_feedback(SolveAction.Feedback(
+                phase=phase, iteration=iteration, cost=cost, infeasibility=infeasibility,
+                elapsed=(self.get_clock().now() - begun).nanoseconds * 1e-9))
+
+        progress('queued', 0, math.nan, math.nan)
+        result = SolveAction.Result()
+        messages.fill_answer(result, await self._ask(
+            'solve', goal.request, goal.request.time_limit, progress, goal))
+        if result.success:
+            goal.succeed()
+        elif goal.is_cancel_requested:
+            goal.canceled()
+        else:
+            goal.abort()
+        return result
+
+    def _cancel(self, goal: Any) -> CancelResponse:
+        if job := self._jobs.get(bytes(goal.goal_id.uuid)):
+            self._solvers.cancel(job)
+        return CancelResponse.ACCEPT
+
+    async def _ask(self, kind: str, request: Any, time_limit: float = 0.0,
+                   progress: Progress = lambda *_: None, goal: Any = None) -> Packet:
+        """Return a worker's answer to a request, or why there is none."""
+        try:
+            packet = messages.plain_request(kind, request)
+            limit = self._limit(time_limit)
+        except StatementError as error:
+            return self._count(Packet({'status': 'malformed', 'message': str(error)}))
+        settings = self._parameters.settings
+        packet.plain.update(
+            cache_size=settings.cache_size, max_intervals=settings.max_intervals)
+        future: Future = Future()
+        job = Job(kind, packet, limit, lambda answer: self._deliver(future, answer), progress,
+                  messages.affinity(packet))
+        quick = kind == 'design_lqr' and len(request.a) <= QUICK
+        (self._designers if quick else self._solvers).submit(job)
+        if goal:
+            key = bytes(goal.goal_id.uuid)
+            self._jobs[key] = job
+            if goal.is_cancel_requested:  # before there was anything to cancel
+                self._solvers.cancel(job)
+        answer: Answer = await future
+        if goal:
+            del self._jobs[key]
+        if answer.outcome is Outcome.ANSWERED:
+            return self._count(answer.packet)
+        if answer.outcome is Outcome.DIED:
+            self.get_logger().error(answer.message)
+        return self._count(Packet({'status': STATUS[answer.outcome], 'message': answer.message}))
+
+    def _limit(self, time_limit: float) -> float:
+        """Return the time limit of a request: its own, but at most the server's."""
+        if not time_limit >= 0.0:
+            raise StatementError(f'time_limit = {time_limit:g}: wanted seconds, or 0 for the '
+                                 "server's own limit")
+        return min(time_limit or math.inf, self._parameters.settings.time_limit)
+
+    def _deliver(self, future: Future, answer: Answer) -> None:
+        """Hand an answer from a thread of a pool to the one that spins."""
+        if self.executor:
+            self.executor.create_task(future.set_result, answer)
+
+    def _count(self, packet: Packet) -> Packet:
+        self._statuses[packet.plain['status']] += 1
+        return packet
+
+    def _adopt(self, settings: Settings) -> None:
+        self._solvers.queue_length = settings.queue_length
+        self._solvers.affinities = settings.cache_size
+        self._solvers.resize(settings.workers)
+
+    def _diagnose(self) -> None:
+        """Publish what the workers are doing, and what has become of the requests so far."""
+        pool = self._solvers
+        replaced = pool.replaced + self._designers.replaced
+        status = DiagnosticStatus(
+            name='trajectory_server: workers', level=DiagnosticStatus.OK,
+            message=f'{pool.busy} of {pool.size} workers solve, {pool.waiting} requests wait')
+        if len(pool.pids) < pool.size:
+            status.level = DiagnosticStatus.WARN
+            status.message += f'; {pool.size - len(pool.pids)} workers are being started'
+        if pool.waiting >= pool.queue_length:
+            status.level = DiagnosticStatus.WARN
+            status.message += '; the queue is full'
+        values = {
+            'queue': pool.waiting, 'queue length': pool.queue_length, 'busy': pool.busy,
+            'workers': pool.size, 'workers replaced': replaced,
+            'requests': sum(self._statuses.values()),
+            **{f'requests {name}': self._statuses[name] for name in sorted(self._statuses)}}
+        status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+
+def main() -> None:
+    import rclpy
+    rclpy.init()
+    node = TrajectoryServer()
+    try:
+        rclpy.spin(node)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+if __name__ == '__main__':
+    main()
