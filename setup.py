@@ -47,7 +47,7 @@ def build_and_stage(build: Path, stage: Path) -> None:
     settings = {
         'CMAKE_BUILD_TYPE': 'Release',
         'CMAKE_INSTALL_MESSAGE': 'NEVER',
-        'CMAKE_INSTALL_PREFIX': stage,
+        'CMAKE_INSTALL_PREFIX': sys.prefix,
         'CMAKE_PREFIX_PATH': underlay(),
         'Python3_EXECUTABLE': sys.executable,
         'PYTHON_INSTALL_DIR': SITE_PACKAGES,
@@ -57,7 +57,7 @@ def build_and_stage(build: Path, stage: Path) -> None:
           *(f'-D{name}={value}' for name, value in settings.items()))
     cmake('--build', build)
     shutil.rmtree(stage, ignore_errors=True)
-    cmake('--install', build, '--strip')
+    cmake('--install', build, '--strip', '--prefix', stage)
 
 
 class BuildInterfaces(build_py):

@@ -11,14 +11,18 @@ from collections.abc import Iterator
 import os
 from pathlib import Path
 
+from hypothesis import settings
+from obc_ros.cli.processes import free_domain
 import pytest
 import support
-
-from obc_ros.cli.processes import free_domain
 
 os.environ.update(support.ISOLATED)
 for _name in support.FOREIGN:
     os.environ.pop(_name, None)
+
+# The clock of a busy machine decides no test.
+settings.register_profile('obc_ros', deadline=None)
+settings.load_profile('obc_ros')
 
 _SPAWNER = pytest.StashKey[support.Spawner]()
 
@@ -52,7 +56,7 @@ def spawn(
     domain: int, tmp_path: Path, request: pytest.FixtureRequest
 ) -> Iterator[support.Spawner]:
     """
-    Start executables with ``spawn('lqr_node', {'system': 'aircraft'})``.
+    Start executables: ``process = spawn('lqr_node', {'system': 'aircraft'})``.
 
     They are ended after the test, which fails if one had died unnoticed or does not heed SIGINT.
     """

@@ -44,6 +44,16 @@ def environment(domain: int) -> dict[str, str]:
     return {**inherited, **ISOLATED, 'ROS_DOMAIN_ID': str(domain)}
 
 
+def find(executable: str) -> str:
+    """Return the path of an executable, in this environment's ``bin`` or in the workspace."""
+    prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
+    folders = [Path(prefix) / 'lib' / 'obc_ros' for prefix in prefixes]
+    for folder in (*folders, Path(sys.executable).parent):
+        if (folder / executable).is_file():
+            return str(folder / executable)
+    raise FileNotFoundError(f'{executable} is in none of {folders} nor beside {sys.executable}')
+
+
 class Process:
     """An executable of this environment that runs in a process group of its own."""
 
@@ -144,7 +154,7 @@ class Spawner:
         Parameters
         ----------
         executable : str
-            A name in the environment's ``bin``: ``lqr_node``, ``obc``, ...
+            Its name: ``lqr_node``, ``obc``, ...
         parameters : mapping, optional
             Parameter names (dots included) and values, passed in a file, types kept.
         arguments : sequence of str
@@ -158,7 +168,7 @@ class Spawner:
 
         """
         count = len(self.processes)
-        command = [str(Path(sys.executable).parent / executable), *arguments]
+        command = [find(executable), *arguments]
         ros = []
         for old, new in {'__node': name, '__ns': namespace, **(remappings or {})}.items():
             ros += ['--remap', f'{old}:={new}'] if new is not None else []

@@ -1,0 +1,210 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""What holds for the package as a whole: versions, interfaces, boundaries, headers."""
+
+import ast
+from collections.abc import Iterator
+import importlib
+from importlib import metadata
+import os
+from pathlib import Path
+import re
+import sys
+from xml.etree import ElementTree
+
+import pytest
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / 'pyproject.toml').read_text(encoding='utf-8'))
+PACKAGE = ElementTree.parse(ROOT / 'package.xml').getroot()
+FOLDERS = ('.ci', '.github', 'benchmarks', 'cmake', 'config', 'docs', 'launch', 'obc_ros',
+           'requirements', 'test')
+HEADER = ('# Copyright 2026 The obc_ros developers\n', '# SPDX-License-Identifier: Apache-2.0\n')
+INTERFACES = [file for kind in ('msg', 'srv', 'action') for file in sorted(ROOT.glob(f'{kind}/*'))]
+# What a module that is imported is called in package.xml, if it is called otherwise there.
+ROSDEP_KEYS = {
+    'ament_index_python': 'ament_index_python',
+    'casadi': 'casadi-pip',
+    'control': 'python-control-pip',
+    'matplotlib': 'python3-matplotlib',
+    'mcap': 'mcap-ros2-support',
+    'numpy': 'python3-numpy',
+    'rich': 'python3-rich',
+    'scipy': 'python3-scipy',
+    'yaml': 'python3-yaml',
+}
+CORE_MAY_IMPORT = {*sys.stdlib_module_names, 'casadi', 'control', 'numpy', 'scipy', 'yaml'}
+UNSAFE_NAMES = {'__import__', 'eval', 'exec'}
+UNSAFE_ATTRIBUTES = {
+    ('os', 'popen'), ('os', 'system'), ('subprocess', 'getoutput'), ('tempfile', 'mktemp'),
+    ('subprocess', 'getstatusoutput'), ('yaml', 'full_load'), ('yaml', 'load'),
+    ('yaml', 'unsafe_load'),
+}
+UNSAFE_MODULES = {'dill', 'marshal', 'pickle', 'shelve'}
+
+
+def files(*suffixes: str) -> list[Path]:
+    """Return the project's own files that end in one of `suffixes`."""
+    found = [path for path in ROOT.iterdir() if path.is_file()]
+    for folder in FOLDERS:
+        found += [path for path in (ROOT / folder).rglob('*') if path.is_file()]
+    return sorted(path for path in found if path.name.endswith(suffixes))
+
+
+def name(path: Path) -> str:
+    """Return the path as messages show it."""
+    return str(path.relative_to(ROOT))
+
+
+def tree(path: Path) -> ast.Module:
+    """Return the syntax tree of a Python file."""
+    return ast.parse(path.read_text(encoding='utf-8'), filename=name(path))
+
+
+def imports(path: Path) -> Iterator[str]:
+    """Yield the full name of every module that a file imports, wherever it does."""
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level, f'{name(path)}:{node.lineno}: imports are absolute'
+            yield str(node.module)
+            if node.module == 'obc_ros':
+                yield from (f'obc_ros.{alias.name}' for alias in node.names)
+
+
+def unsafe(path: Path) -> Iterator[str]:
+    """Yield a sentence for everything that runs text as a program."""
+    for module in imports(path):
+        if module.split('.')[0] in UNSAFE_MODULES:
+            yield f'{name(path)}: import {module}'
+    for node in ast.walk(tree(path)):
+        where = f'{name(path)}:{getattr(node, "lineno", 0)}'
+        match node:
+            case ast.Name(id=identifier) if identifier in UNSAFE_NAMES:
+                yield f'{where}: {identifier}'
+            case ast.Attribute(value=ast.Name(id=owner), attr=attribute) if (
+                    owner, attribute) in UNSAFE_ATTRIBUTES:
+                yield f'{where}: {owner}.{attribute}'
+            case ast.keyword(arg='shell' | 'allow_pickle', value=value) if not (
+                    isinstance(value, ast.Constant) and value.value is False):
+                yield f'{where}: {node.arg}='
+
+
+PYTHON = files('.py')
+CORE = sorted((ROOT / 'obc_ros' / 'core').rglob('*.py'))
+
+
+def test_the_version_is_the_same_everywhere():
+    """The changelog opens with what is forthcoming, or with this version."""
+    version = PACKAGE.findtext('version')
+    headings = re.findall(r'^(.+)\n-+$', (ROOT / 'CHANGELOG.rst').read_text(), re.MULTILINE)
+    released = [heading.split(' ')[0] for heading in headings if heading != 'Forthcoming']
+    assert 'Forthcoming' not in headings[1:]
+    assert headings
+    assert released[:1] in ([], [version])
+    if os.environ.get('AMENT_PREFIX_PATH') is None:  # a workspace installs no such metadata
+        assert metadata.version('obc-ros') == version
+
+
+@pytest.mark.parametrize('file', INTERFACES, ids=name)
+def test_interface_is_installed(file):
+    module = importlib.import_module(f'obc_ros.{file.parent.name}')
+    assert hasattr(module, file.stem)
+    prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
+    installed = [Path(prefix) / 'share' / 'obc_ros' / name(file) for prefix in prefixes if prefix]
+    assert any(path.is_file() and path.read_bytes() == file.read_bytes() for path in installed)
+
+
+@pytest.mark.parametrize('file', INTERFACES, ids=name)
+def test_every_field_has_a_comment(file):
+    previous = ''
+    for number, line in enumerate(file.read_text(encoding='utf-8').splitlines(), start=1):
+        statement, _, comment = line.partition('#')
+        if statement.strip() not in ('', '---'):
+            said = comment.strip() or previous.startswith('#')
+            assert said, f'{name(file)}:{number}: {statement.strip()} has no comment'
+        previous = line.strip()
+
+
+@pytest.mark.parametrize('script', PROJECT['project']['scripts'].items(), ids=lambda s: s[0])
+def test_executable_is_there_for_pip_and_for_colcon(script):
+    executable, (module, _, function) = script[0], script[1].partition(':')
+    assert callable(getattr(importlib.import_module(module), function))
+    assert f'{executable}:{module}' in (ROOT / 'CMakeLists.txt').read_text()
+    assert function == 'main'
+
+
+def test_core_knows_no_ros():
+    for path in CORE:
+        for module in imports(path):
+            allowed = module.split('.')[0] in CORE_MAY_IMPORT or module == 'obc_ros.core' or (
+                module.startswith('obc_ros.core.'))
+            assert allowed, f'{name(path)} imports {module}'
+
+
+def test_nodes_do_not_know_the_command_line():
+    for path in sorted((ROOT / 'obc_ros' / 'nodes').rglob('*.py')):
+        assert not [module for module in imports(path) if module.startswith('obc_ros.cli')]
+
+
+def test_all_that_is_imported_is_a_dependency():
+    declared = {element.text for element in PACKAGE if element.tag.endswith('depend')}
+    required = {re.split(r'[\[<>=~; ]', line)[0] for line in PROJECT['project']['dependencies']}
+    for path in [path for path in PYTHON if path.is_relative_to(ROOT / 'obc_ros')]:
+        for module in {module.split('.')[0] for module in imports(path)}:
+            if module in sys.stdlib_module_names or module == 'obc_ros':
+                continue
+            assert ROSDEP_KEYS.get(module, module) in declared, f'{name(path)}: {module}'
+            wheels = {module, f'ros-{module.replace("_", "-")}', {'yaml': 'PyYAML'}.get(module)}
+            brought = {'rcl_interfaces', 'rosgraph_msgs', 'action_msgs'}  # by rclpy
+            assert wheels & required or module in brought, f'{name(path)}: {module}'
+
+
+@pytest.mark.parametrize('distribution', ['jazzy', 'kilted'])
+def test_every_wheel_is_pinned(distribution):
+    for part in (distribution, 'run', 'test', 'develop'):
+        for line in (ROOT / 'requirements' / f'{part}.txt').read_text().splitlines():
+            assert not line or line.startswith('#') or re.match(r'[\w.\[\]-]+==[\w.]+', line), line
+
+
+def test_pip_builds_with_the_wheels_of_make_setup():
+    pins = set((ROOT / 'requirements' / 'jazzy.txt').read_text().splitlines())
+    built = [line for line in PROJECT['build-system']['requires'] if line.startswith('ros-')]
+    assert set(built) <= pins
+    run = [line for line in PROJECT['project']['dependencies'] if line.startswith('ros-')]
+    for line in run:
+        assert line.endswith('.*'), line
+        assert any(pin.startswith(line[:-1]) for pin in pins), line
+
+
+def test_every_source_file_has_the_license_header():
+    for path in files('.py', '.cmake', '.in', '.txt', '.yaml', '.yml', 'Makefile', 'run'):
+        lines = path.read_text(encoding='utf-8').splitlines(keepends=True)
+        start = 1 if lines and lines[0].startswith('#!') else 0
+        is_text = name(path).startswith('docs') and path.suffix == '.txt'
+        assert tuple(lines[start:start + 2]) == HEADER or is_text, name(path)
+
+
+def test_nothing_runs_text_as_a_program():
+    assert [found for path in PYTHON for found in unsafe(path)] == []
+
+
+@pytest.mark.parametrize('text', [
+    'eval("1")', 'exec("a = 1")', 'import pickle', 'from pickle import loads', 'os.system("ls")',
+    'yaml.load(file)', 'subprocess.run("ls", shell=True)', 'numpy.load(file, allow_pickle=True)',
+    'run = exec', 'import marshal'])
+def test_what_is_unsafe_is_found(text, tmp_path, monkeypatch):
+    monkeypatch.setitem(globals(), 'ROOT', tmp_path)
+    (tmp_path / 'file.py').write_text(text)
+    assert list(unsafe(tmp_path / 'file.py'))
+
+
+def test_no_file_is_longer_than_500_lines():
+    lengths = {name(path): len(path.read_text(encoding='utf-8').splitlines()) for path in PYTHON}
+    assert {path: length for path, length in lengths.items() if length > 500} == {}
