@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 import math
-from numbers import Real
 from typing import Any
 
 import casadi as ca
@@ -138,7 +137,8 @@ class System:
 
     def f(self, x: Array, u: Array) -> Array:
         """Return dx/dt, shape (n,), at state x (n,) and input u (m,)."""
-        return self._f(x, u, self.p_value).full().ravel()
+        xdot: Array = self._f(x, u, self.p_value).full().ravel()
+        return xdot
 
     def jacobians(self, x: Array, u: Array) -> tuple[Array, Array]:
         """Return (df/dx, df/du), shapes (n, n) and (n, m), at state x and input u."""
@@ -209,9 +209,9 @@ def define(
         description, plane, rebuild)
 
 
-def _in_range(system: str, parameter: Parameter, value: float) -> float:
+def _in_range(system: str, parameter: Parameter, value: Any) -> float:
     wanted = f'wanted a number in [{parameter.lower:g}, {parameter.upper:g}] {parameter.unit}'
-    if not isinstance(value, Real) or isinstance(value, bool):
+    if not isinstance(value, (int, float, np.integer)) or isinstance(value, bool):
         raise DynamicsError(f'{system}.{parameter.name} is a {type(value).__name__}: {wanted}')
     if not (math.isfinite(value) and parameter.lower <= value <= parameter.upper):
         raise DynamicsError(f'{system}.{parameter.name} = {value:g}: {wanted}'.rstrip())

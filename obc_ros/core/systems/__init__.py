@@ -92,8 +92,8 @@ def registered(name: str, parameters: Mapping[str, Any] | None = None, **options
     except _FAULTS as error:
         raise DynamicsError(f"system '{name}' cannot be made: {_words(error)}") from error
     if not isinstance(system, System):
-        raise DynamicsError(f"system '{name}' cannot be made: its entry point returned a "
-                            f'{type(system).__name__}, not a System')
+        raise DynamicsError(f"system '{name}' cannot be made: its entry point returned an "
+                            f'object of type {type(system).__name__}, not a System')
     return system.with_parameters(given)
 
 
@@ -132,7 +132,7 @@ def _factory(name: str) -> Callable[..., System]:
         raise DynamicsError(f"system '{name}' cannot be loaded from {entry.value}"
                             f'{_origin(entry)}: {_words(error)}') from error
     if not callable(factory):
-        raise DynamicsError(f"system '{name}': {entry.value}{_origin(entry)} is a "
+        raise DynamicsError(f"system '{name}': {entry.value}{_origin(entry)} is of type "
                             f'{type(factory).__name__}, not a function that returns a System')
     made: Callable[..., System] = factory
     return made
