@@ -56,9 +56,10 @@ def spawn(
     domain: int, tmp_path: Path, request: pytest.FixtureRequest
 ) -> Iterator[support.Spawner]:
     """
-    Start executables: ``process = spawn('lqr_node', {'system': 'aircraft'})``.
+    Start executables and end them after the test.
 
-    They are ended after the test, which fails if one had died unnoticed or does not heed SIGINT.
+    ``process = spawn('lqr_node', {'system': 'aircraft'})``. The test fails if a process had died
+    unnoticed or does not heed SIGINT.
     """
     spawner = request.node.stash[_SPAWNER] = support.Spawner(tmp_path, domain)
     yield spawner
