@@ -63,10 +63,10 @@ class TrajectoryServer(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('trajectory_server', allow_undeclared_parameters=True, **options)
-        self._parameters = Parameters(self, Settings, lambda settings: settings, self._adopt)
+        self._settings = Parameters(self, Settings, lambda settings: settings, self._adopt)
         self._solvers = Pool(ANSWERS, 0)
         self._designers = Pool(ANSWERS, 1)
-        self._adopt(self._parameters.settings)
+        self._adopt(self._settings.settings)
         self._jobs: dict[bytes, Job] = {}
         self._statuses: Counter[str] = Counter()
         self._reference = self.create_publisher(Trajectory, 'reference', LATCHED)
@@ -143,7 +143,7 @@ class TrajectoryServer(Node):
             limit = self._limit(time_limit)
         except StatementError as error:
             return self._count(Packet({'status': 'malformed', 'message': str(error)}))
-        settings = self._parameters.settings
+        settings = self._settings.settings
         packet.plain.update(
             cache_size=settings.cache_size, max_intervals=settings.max_intervals)
         future: Future = Future()
@@ -170,7 +170,7 @@ class TrajectoryServer(Node):
         if not time_limit >= 0.0:
             raise StatementError(f'time_limit = {time_limit:g}: wanted seconds, or 0 for the '
                                  "server's own limit")
-        return min(time_limit or math.inf, self._parameters.settings.time_limit)
+        return min(time_limit or math.inf, self._settings.settings.time_limit)
 
     def _deliver(self, future: Future, answer: Answer) -> None:
         """Hand an answer from a thread of a pool to the one that spins."""

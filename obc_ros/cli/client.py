@@ -1,0 +1,155 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+A client of the trajectory server: of one that runs already, or of one of its own.
+
+Its own server runs on a domain that nobody uses and ends with the command.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, ExitStack
+from pathlib import Path
+import tempfile
+import time
+from typing import Any
+
+from rcl_interfaces.srv import GetParameters
+import rclpy
+from rclpy.action import ActionClient, get_action_names_and_types
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import parameter_value_to_python
+
+from obc_ros.action import SolveOptimalControl
+from obc_ros.cli.processes import Children, free_domain, isolate
+from obc_ros.core.errors import ObcError
+
+ACTION = 'obc_ros/action/SolveOptimalControl'
+LOOK = 1.0       # [s] in which a running server is found
+START = 20.0     # [s] in which one of our own has started
+SILENCE = 5.0    # [s] after which a server that has disappeared is given up
+
+
+class ServerLostError(ObcError):
+    """The server has disappeared."""
+
+
+class Client:
+    """
+    Requests to one trajectory server.
+
+    `check` raises when the user or the system wants the command to end.
+    """
+
+    def __init__(self, context: rclpy.Context, check: Callable[[], None]) -> None:
+        self.node = rclpy.create_node('obc', context=context, use_global_arguments=False)
+        self._executor = SingleThreadedExecutor(context=context)
+        self._executor.add_node(self.node)
+        self._check = check
+        self.server = ''
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+
+    def find(self, timeout: float) -> bool:
+        """Look for a server for `timeout` seconds; return whether there is one."""
+        deadline = time.monotonic() + timeout
+        while not self.server and time.monotonic() < deadline:
+            self.spin()
+            found = sorted(name for name, types in get_action_names_and_types(self.node)
+                           if ACTION in types)
+            self.server = found[0].rpartition('/')[0] if found else ''
+        return bool(self.server)
+
+    def spin(self, check: bool = True) -> None:
+        """Handle what has come in, waiting for it a little."""
+        if check:
+            self._check()
+        self._executor.spin_once(timeout_sec=0.02)
+
+    def wait(self, ready: Callable[[], bool], available: Callable[[], bool]) -> None:
+        """
+        Spin until `ready`.
+
+        Raises
+        ------
+        ServerLostError
+            If the server's end has not been `available` for a while.
+
+        """
+        seen = time.monotonic()
+        while not ready():
+            self.spin()
+            now = time.monotonic()
+            if available():
+                seen = now
+            elif now > seen + SILENCE:
+                raise ServerLostError(f'the server {self.server} does not answer any more')
+
+    def call(self, service_type: Any, name: str, request: Any) -> Any:
+        """Return the response of the server's service `name`."""
+        client = self.node.create_client(service_type, f'{self.server}/{name}')
+        try:
+            self.wait(client.service_is_ready, client.service_is_ready)
+            future = client.call_async(request)
+            self.wait(future.done, client.service_is_ready)
+            return future.result()
+        finally:
+            self.node.destroy_client(client)
+
+    def parameter(self, name: str) -> Any:
+        """Return the value of a parameter of the server."""
+        values = self.call(GetParameters, 'get_parameters', GetParameters.Request(names=[name]))
+        return parameter_value_to_python(values.values[0])
+
+    def action(self) -> ActionClient:
+        """Return a client of the server's action, when it is ready."""
+        client = ActionClient(
+            self.node, SolveOptimalControl, f'{self.server}/solve_optimal_control')
+        self.wait(client.server_is_ready, client.server_is_ready)
+        return client
+
+
+@contextmanager
+def connected(*parameters: str) -> Iterator[Client]:
+    """
+    Yield a client of a running server, or of one of its own started with `parameters`.
+
+    Parameters
+    ----------
+    parameters : str
+        ``name:=value`` of the server of its own.
+
+    Raises
+    ------
+    ProcessDiedError, InterruptedByUserError, ServerLostError
+        Also from the client's methods.
+
+    """
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='obc_')))
+        children = stack.enter_context(Children(folder))
+        with _client(children.check) as client:
+            if client.find(LOOK):
+                yield client
+                return
+        isolate(stack.enter_context(free_domain()))
+        children.start('trajectory_server', *(
+            word for each in parameters for word in ('-p', each)))
+        with _client(children.check) as client:
+            if not client.find(START):
+                raise ServerLostError(f'no trajectory_server appears within {START:g} s')
+            yield client
+
+
+@contextmanager
+def _client(check: Callable[[], None]) -> Iterator[Client]:
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context)
+    client = Client(context, check)
+    try:
+        yield client
+    finally:
+        client.close()
+        context.try_shutdown()

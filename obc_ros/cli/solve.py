@@ -1,0 +1,87 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``obc solve``: problem files in, certified answers out."""
+
+import argparse
+import math
+from pathlib import Path
+
+from obc_ros.cli import questions, results, terminal
+from obc_ros.cli.questions import Question
+from obc_ros.core.errors import ObcError
+
+HEADER = ('problem', 'status', 'cost', 'certificate', 'method', 'time')
+COLOURS = dict.fromkeys(('solved', 'holds'), 'green') | dict.fromkeys(
+    ('infeasible', 'not_converged', 'timed_out', 'cancelled', 'malformed'), 'red')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command line."""
+    parser.add_argument('files', nargs='+', metavar='FILE', type=Path,
+                        help='problems in YAML, one or a list of them in a file')
+    parser.add_argument('--json', metavar='DIR', type=Path, help='write DIR/NAME.json for each')
+    parser.add_argument('--plot', metavar='DIR', type=Path, help='draw DIR/NAME.png for each')
+    parser.add_argument('--time-limit', metavar='S', type=_seconds, default=0.0,
+                        help="seconds for each problem (the server's own limit if left out)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Solve all problems of all files; return the exit status."""
+    asked = questions.read(args.files)
+    answerable = [question for question in asked if question.problem]
+    if answerable:
+        _solve(answerable, args.time_limit)
+    for question in asked:
+        if args.json:
+            results.write(args.json, question.file_name, question.as_json())
+        if args.plot and question.result and question.result.trajectory.t:
+            from obc_ros.cli import figures  # matplotlib takes a second
+            figures.draw(args.plot / f'{question.file_name}.png', question)
+    _show(asked)
+    return results.exit_status(
+        'solved' if question.result and question.result.success else
+        'malformed' if question.status == 'malformed' else 'unanswered' for question in asked)
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not 0.0 < seconds < math.inf:
+        raise ValueError(text)
+    return seconds
+
+
+def _solve(asked: list[Question], time_limit: float) -> None:
+    """Have a server answer the questions; each has a status afterwards."""
+    from obc_ros.cli.batch import Batch  # ROS only when there is a question
+    from obc_ros.cli.client import connected
+    from obc_ros.cli.processes import InterruptedByUserError
+    parameters = [f'time_limit:={time_limit}'] if time_limit else []
+    try:
+        with connected(*parameters) as client, terminal.progress() as lines:
+            Batch(client, asked, time_limit, lines).work()
+    except ObcError as error:
+        status = 'cancelled' if isinstance(error, InterruptedByUserError) else 'not_converged'
+        for question in asked:
+            if not question.status:
+                question.end(status, str(error))
+
+
+def _show(asked: list[Question]) -> None:
+    terminal.table(HEADER, [_row(question) for question in asked], COLOURS)
+    for question in asked:
+        if question.status != 'solved' and question.message:
+            print(f'{question.name}: {question.message}')
+
+
+def _row(question: Question) -> tuple[str, ...]:
+    result = question.result
+    if not result or not result.trajectory.t:
+        return question.name, question.status, '', '', '', _time(question.took)
+    certificate = result.certificate
+    verdict = 'holds' if certificate.holds else certificate.sentence
+    return (question.name, question.status, f'{result.objective:.10g}', verdict, result.method,
+            _time(question.took))
+
+
+def _time(seconds: float) -> str:
+    return '' if math.isnan(seconds) else f'{seconds:.3f} s'

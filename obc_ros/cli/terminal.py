@@ -1,0 +1,73 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Tables and progress: in colour on a terminal, plain text anywhere else."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+import sys
+from typing import Protocol
+
+
+class Lines(Protocol):
+    """Tells how things go: one line for each that is being worked on."""
+
+    def update(self, name: str, text: str) -> None:
+        """Say what is being done about `name`."""
+
+    def end(self, name: str, text: str) -> None:
+        """Say what came of `name`."""
+
+
+class PlainLines:
+    """One line for each thing that has come to an end, on the standard error."""
+
+    def update(self, name: str, text: str) -> None:
+        """Say nothing yet."""
+
+    def end(self, name: str, text: str) -> None:
+        """Say what came of `name`."""
+        print(f'{name}: {text}', file=sys.stderr, flush=True)
+
+
+@contextmanager
+def progress() -> Iterator[Lines]:
+    """Yield lines of progress that are alive on a terminal."""
+    if not sys.stderr.isatty():
+        yield PlainLines()
+        return
+    from rich.console import Console  # not needed without a terminal
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    columns = (SpinnerColumn(finished_text='-'), TextColumn('{task.description}', markup=False),
+               TimeElapsedColumn(), TextColumn('{task.fields[text]}', markup=False))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+        tasks: dict[str, object] = {}
+
+        class LiveLines:
+            def update(self, name: str, text: str) -> None:
+                if name not in tasks:
+                    tasks[name] = bars.add_task(name, total=1, text=text)
+                bars.update(tasks[name], text=text)
+
+            def end(self, name: str, text: str) -> None:
+                self.update(name, text)
+                bars.update(tasks[name], completed=1, visible=False)
+
+        yield LiveLines()
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]],
+          colours: Mapping[str, str] | None = None) -> None:
+    """Print a table; `colours` by the text of a cell."""
+    if not sys.stdout.isatty():
+        widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
+        for row in (header, ['-' * width for width in widths], *rows):
+            cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+            print('  '.join(cells).rstrip())
+        return
+    from rich.console import Console  # not needed without a terminal
+    from rich.table import Table
+    from rich.text import Text
+    shown = Table(*header)
+    for row in rows:
+        shown.add_row(*(Text(cell, style=(colours or {}).get(cell, '')) for cell in row))
+    Console().print(shown)
