@@ -1,0 +1,121 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The `main` of every node: start, spin, end without a traceback.
+
+A node that cannot start says why in one sentence on stderr and its exit status is 1. SIGINT and
+SIGTERM end it with status 0. They are taken here rather than by rclpy, which shuts DDS down at
+once: `destroy_node` can still publish, so that a controller can leave its plant a safe command.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import re
+import signal
+import sys
+import threading
+
+from obc_ros.core.errors import ObcError
+import rclpy
+from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+# What rclpy raises for arguments, files, names and QoS overrides: RCLError is a RuntimeError.
+_UNFIT = (ObcError, RuntimeError, NameValidationException, ParameterException)
+
+
+def run(build: Callable[[], Node], args: list[str] | None = None) -> int:
+    """
+    Build a node, spin it until SIGINT or SIGTERM, and return the exit status.
+
+    Parameters
+    ----------
+    build : callable
+        Returns the node; usually its class.
+    args : list of str, optional
+        Command line with the ROS arguments; that of the process by default.
+
+    """
+    with _stopped_by_signals() as stop:
+        try:
+            rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+            node = build()
+        except _UNFIT as error:
+            print(f'{Path(sys.argv[0]).stem}: {_sentence(error)}', file=sys.stderr)
+            rclpy.try_shutdown()
+            return 1
+        try:
+            _spin(node, stop)
+        finally:
+            node.destroy_node()
+            rclpy.try_shutdown()
+    return 0
+
+
+class _Stop:
+    """Asked for by a signal, at any time; wakes whoever waits."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        self.wake: Callable[[], object] = lambda: None
+
+    def ask(self) -> None:
+        self.asked = True
+        self.wake()
+
+
+@contextmanager
+def _stopped_by_signals() -> Iterator[_Stop]:
+    """
+    Turn SIGINT and SIGTERM into a request to stop.
+
+    A Python handler does not run while the executor waits in C. The byte that the interpreter
+    writes on arrival of a signal reaches a thread, and that wakes the executor.
+    """
+    stop = _Stop()
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    former = signal.set_wakeup_fd(writer)
+    handlers = {number: signal.signal(number, lambda *_: None)
+                for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def watch() -> None:
+        while os.read(reader, 1) not in (b'', b'\0'):  # 0: told to end
+            stop.ask()
+
+    thread = threading.Thread(target=watch, name='signals', daemon=True)
+    thread.start()
+    try:
+        yield stop
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        signal.set_wakeup_fd(former)
+        os.write(writer, b'\0')
+        thread.join()
+        os.close(reader)
+        os.close(writer)
+
+
+def _spin(node: Node, stop: _Stop) -> None:
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    # a task, since the executor goes on waiting when it is only woken
+    stop.wake = lambda: executor.create_task(lambda: None)
+    try:
+        while not stop.asked:
+            executor.spin_once()
+    except ExternalShutdownException:
+        pass  # the context was shut down by someone else in this process
+    finally:
+        stop.wake = lambda: None
+        executor.shutdown()
+
+
+def _sentence(error: Exception) -> str:
+    """Return what an error says without the places in rcl's sources and on one line."""
+    return ' '.join(re.sub(r', at /\S+:\d+', '', str(error)).split())

@@ -1,0 +1,420 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Parameters of a node: declared from one table, judged together, adopted at once.
+
+The table is a frozen dataclass whose fields are made by `parameter` and `group`::
+
+    @dataclass(frozen=True)
+    class Settings:
+        system: str = parameter('aircraft', 'registered system', read_only=True)
+        system_parameters: Mapping[str, Value] = group(of_system)
+        rate: float = parameter(0.0, 'commands a second; 0: answer every state', 'Hz', lower=0.0)
+        Qx: tuple[float, ...] = parameter((), 'state weight; empty: identity')
+
+A change has two moments. *Judge* builds the candidate from all proposed values together with the
+present ones, or raises ObcError; nothing has changed then. *Adopt* receives the candidate that
+was judged, once every parameter is set. The same judge looks at the values a node starts with.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, fields, MISSING
+import difflib
+import math
+import re
+from typing import Any, Generic, TypeVar
+
+from obc_ros.core.errors import ObcError, StatementError
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
+Settings = TypeVar('Settings')
+Candidate = TypeVar('Candidate')
+
+_WANTED = {
+    Parameter.Type.BOOL: 'true or false',
+    Parameter.Type.INTEGER: 'a whole number',
+    Parameter.Type.DOUBLE: 'a number',
+    Parameter.Type.DOUBLE_ARRAY: 'numbers',
+    Parameter.Type.STRING: 'a string',
+    Parameter.Type.STRING_ARRAY: 'strings',
+}
+_GOT = {
+    **_WANTED,
+    Parameter.Type.NOT_SET: 'nothing',
+    Parameter.Type.BYTE_ARRAY: 'bytes',
+    Parameter.Type.BOOL_ARRAY: 'a list of true and false',
+    Parameter.Type.INTEGER_ARRAY: 'whole numbers',
+}
+_SCALARS = (Parameter.Type.INTEGER, Parameter.Type.DOUBLE)
+_LISTS = (Parameter.Type.INTEGER_ARRAY, Parameter.Type.DOUBLE_ARRAY)
+# A list that mixes 1 and 0.5, or a list of rows, reaches a node as a string.
+_ROWS = re.compile(r'\[(\[[^\[\]]*\],?)+\]|\[[^\[\]]*\]')
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One row of the table: a parameter, what it means and what it may be."""
+
+    name: str
+    default: Value
+    description: str
+    unit: str = ''
+    lower: float = -math.inf
+    upper: float = math.inf
+    choices: tuple[str, ...] = ()
+    read_only: bool = False
+    finite: bool = True
+
+    @property
+    def type(self) -> Parameter.Type:
+        """Return the ROS type that values are kept as."""
+        if isinstance(self.default, tuple):
+            texts = self.default and isinstance(self.default[0], str)
+            return Parameter.Type.STRING_ARRAY if texts else Parameter.Type.DOUBLE_ARRAY
+        return Parameter.Type.from_parameter_value(self.default)
+
+    def descriptor(self) -> ParameterDescriptor:
+        """Return what tools show of this parameter."""
+        descriptor = ParameterDescriptor(
+            description=f'{self.description} [{self.unit}]' if self.unit else self.description,
+            additional_constraints=self._constraint(), read_only=self.read_only,
+            dynamic_typing=True)  # so that integers pass; the type is checked here, in words
+        if self.type is Parameter.Type.DOUBLE and math.isfinite(self.lower + self.upper):
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=self.lower, to_value=self.upper)]
+        return descriptor
+
+    def value(self, given: Parameter) -> Value:
+        """
+        Return the value of a ROS parameter.
+
+        Raises
+        ------
+        StatementError
+            If its type, its range or one of its numbers is not what is wanted.
+
+        """
+        value = self._converted(given)
+        if isinstance(value, str):
+            self._check_choice(value)
+        elif self.type is Parameter.Type.DOUBLE_ARRAY:
+            for index, number in enumerate(value):
+                self._check_number(f'{self.name}[{index}]', number)
+        elif not isinstance(value, (bool, tuple)):
+            self._check_number(self.name, value)
+        return value
+
+    def ros(self, value: Value) -> Parameter:
+        """Return a value as a ROS parameter of this entry's type."""
+        return Parameter(
+            self.name, self.type, list(value) if isinstance(value, tuple) else value)
+
+    def _converted(self, given: Parameter) -> Value:
+        wanted, got, value = self.type, given.type_, given.value
+        empty = not isinstance(value, str) and hasattr(value, '__len__') and len(value) == 0
+        if isinstance(self.default, tuple) and (empty or got is Parameter.Type.NOT_SET):
+            return ()  # an empty list carries no type
+        if wanted is Parameter.Type.DOUBLE_ARRAY:
+            if got in _LISTS:
+                return tuple(map(float, value))
+            if got in _SCALARS:
+                return (float(value),)
+            if got is Parameter.Type.STRING and (rows := _numbers(value)) is not None:
+                return rows
+        elif wanted is Parameter.Type.DOUBLE and got in _SCALARS:
+            return float(value)
+        elif wanted is got:
+            return tuple(value) if wanted is Parameter.Type.STRING_ARRAY else value
+        raise StatementError(f'{self.name}: wanted {_WANTED[wanted]}, got {_GOT[got]}')
+
+    def _constraint(self) -> str:
+        if self.choices:
+            return _listed(self.choices)
+        if self.lower == -math.inf and self.upper == math.inf:
+            return ''
+        if self.upper == math.inf:
+            return f'at least {self.lower:g}'
+        if self.lower == -math.inf:
+            return f'at most {self.upper:g}'
+        return f'between {self.lower:g} and {self.upper:g}'
+
+    def _check_choice(self, value: str) -> None:
+        if self.choices and value not in self.choices:
+            raise StatementError(
+                f"{self.name} = '{value}': wanted {_listed(self.choices)}"
+                f'{_hint(value, self.choices)}')
+
+    def _check_number(self, name: str, value: float) -> None:
+        if math.isnan(value) or (self.finite and math.isinf(value)):
+            raise StatementError(f'{name} = {value}: wanted a finite number')
+        if not self.lower <= value <= self.upper:
+            raise StatementError(f'{name} = {value:g}: wanted {self._constraint()} {self.unit}'
+                                 .rstrip())
+
+
+def parameter(
+    default: Value,
+    description: str,
+    unit: str = '',
+    *,
+    name: str = '',
+    lower: float = -math.inf,
+    upper: float = math.inf,
+    choices: tuple[str, ...] = (),
+    read_only: bool = False,
+    finite: bool = True,
+) -> Any:
+    """
+    Return a field of a table that is one ROS parameter.
+
+    Parameters
+    ----------
+    default : bool, int, float, str or tuple
+        Its type is the parameter's; an empty tuple stands for numbers. Integers, a single number
+        for a list, and a list of rows are accepted where numbers are wanted.
+    description, unit : str
+        What it means, and the unit that is appended to it.
+    name : str
+        The parameter's name where it is not the field's, such as ``noise.position``.
+    lower, upper : float
+        Bounds of the number, or of each number of a list.
+    choices : tuple of str
+        The only strings that are accepted.
+    read_only : bool
+        Whether it is fixed once the node has started.
+    finite : bool
+        Whether infinity is refused; NaN always is.
+
+    """
+    entry = Entry(name, default, description, unit, lower, upper, choices, read_only, finite)
+    return field(default=default, metadata={'entry': entry})
+
+
+def group(members: Callable[[Mapping[str, Value]], Iterable[Entry]]) -> Any:
+    """
+    Return a field of a table that holds all parameters ``FIELD.*`` by their last name.
+
+    `members` gets the values declared so far by parameter name, and yields an entry for each
+    member, named without the prefix; what it has yielded is declared before it goes on.
+    """
+    return field(default_factory=dict, metadata={'group': members})
+
+
+def of_system(values: Mapping[str, Value]) -> Iterable[Entry]:
+    """
+    Yield the members of a group ``system_parameters`` below a parameter ``system``.
+
+    They are the options that the system is built of, then its parameters with their ranges.
+
+    Raises
+    ------
+    ObcError
+        If the system is unknown or cannot be made.
+
+    """
+    from obc_ros.core import systems  # brings CasADi, which not every node needs
+    name, options = str(values['system']), {}
+    for option, default in systems.options(name).items():
+        yield Entry(option, default, f'option that {name} is built of', read_only=True)
+        options[option] = values[f'system_parameters.{option}']
+    for each in systems.get(name, options).parameters:
+        yield Entry(each.name, float(each.value), each.description or f'parameter of {name}',
+                    each.unit, each.lower, each.upper)
+
+
+class Parameters(Generic[Settings, Candidate]):
+    """
+    The parameters of one node.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Created with ``allow_undeclared_parameters=True``, so that a wrong name is answered here.
+    table : type
+        The frozen dataclass made of `parameter` and `group`.
+    judge : callable
+        Returns the candidate for given settings or raises ObcError; has no side effects.
+    adopt : callable
+        Takes over a candidate. It runs inside the service call: keep it short. It is not called
+        for the values at the start: use `candidate`.
+    refused : callable, optional
+        Told the sentence of each refusal.
+
+    Attributes
+    ----------
+    settings : instance of table
+        The values in use.
+    candidate
+        What `judge` returned for the values at the start.
+
+    Raises
+    ------
+    ObcError
+        If a value at the start is refused.
+
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        table: type[Settings],
+        judge: Callable[[Settings], Candidate],
+        adopt: Callable[[Candidate], None],
+        refused: Callable[[str], None] | None = None,
+    ) -> None:
+        self._node, self._table = node, table
+        self._judge, self._adopt, self._refused = judge, adopt, refused
+        self._entries: dict[str, Entry] = {}
+        self._values: dict[str, Value] = {}
+        self._pending: tuple[dict[str, Value], Settings, Candidate] | None = None
+        # rclpy has no public list of the values given by files and arguments
+        self._overrides: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
+        for entry in self._rows():
+            self._declare(entry)
+        self._report_unknown()
+        self.settings = self._assembled(self._values)
+        self.candidate = judge(self.settings)
+        node.add_pre_set_parameters_callback(self._normalise)
+        node.add_on_set_parameters_callback(self._on_set)
+        node.add_post_set_parameters_callback(self._post_set)
+        for service in node.services:
+            if service.srv_type in (SetParameters, SetParametersAtomically):
+                service.callback = _guarded(service.callback)
+
+    def _rows(self) -> Iterable[Entry]:
+        for each in fields(self._table):  # type: ignore[arg-type] # a dataclass type
+            if 'group' in each.metadata:
+                for member in each.metadata['group'](self._values):
+                    yield _renamed(member, f'{each.name}.{member.name}')
+            else:
+                entry = each.metadata['entry']
+                yield entry if entry.name else _renamed(entry, each.name)
+
+    def _declare(self, entry: Entry) -> None:
+        name, value = entry.name, entry.default
+        if name in self._overrides:
+            value = entry.value(self._overrides[name])
+        self._entries[name], self._values[name] = entry, value
+        self._node.declare_parameter(name, value, entry.descriptor(), ignore_override=True)
+        if value == () and not entry.read_only:
+            self._node.set_parameters([entry.ros(value)])  # an empty list was declared as bytes
+
+    def _report_unknown(self) -> None:
+        """Name what was given at the start and is nobody's parameter; files are often shared."""
+        others = [name for name in self._overrides
+                  if not (self._node.has_parameter(name) or name.startswith('qos_overrides.'))]
+        for name in others:
+            if hint := _hint(name, self._entries):
+                self._node.get_logger().warning(f"no parameter '{name}': it has no effect{hint}")
+        if others:
+            self._node.get_logger().info(
+                f'given but not parameters of this node: {", ".join(sorted(others))}')
+
+    def _assembled(self, values: Mapping[str, Value]) -> Settings:
+        arguments: dict[str, Any] = {}
+        for each in fields(self._table):  # type: ignore[arg-type] # a dataclass type
+            if each.default is MISSING:
+                prefix = f'{each.name}.'
+                arguments[each.name] = {name[len(prefix):]: value for name, value in values.items()
+                                        if name.startswith(prefix)}
+            else:
+                arguments[each.name] = values[each.metadata['entry'].name or each.name]
+        return self._table(**arguments)
+
+    def _normalise(self, changes: list[Parameter]) -> list[Parameter]:
+        """Keep numbers as doubles, whatever type they came as; leave the rest to the judge."""
+        return [self._normal(change) for change in changes]
+
+    def _normal(self, change: Parameter) -> Parameter:
+        entry = self._entries.get(change.name)
+        if entry is None or change.type_ in (entry.type, Parameter.Type.NOT_SET):
+            return change
+        try:
+            return entry.ros(entry.value(change))
+        except StatementError:
+            return change
+
+    def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
+        self._pending = None
+        try:
+            if ours := self._read(changes):
+                values = {**self._values, **ours}
+                settings = self._assembled(values)
+                self._pending = values, settings, self._judge(settings)
+        except (ObcError, ArithmeticError) as error:
+            if self._refused is not None:
+                self._refused(str(error))
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _post_set(self, changes: list[Parameter]) -> None:
+        if self._pending is not None:
+            (self._values, self.settings, candidate), self._pending = self._pending, None
+            self._adopt(candidate)
+
+    def _read(self, changes: list[Parameter]) -> dict[str, Value]:
+        values: dict[str, Value] = {}
+        for change in changes:
+            entry = self._entries.get(change.name)
+            if entry is None:
+                if not self._node.has_parameter(change.name):
+                    raise StatementError(
+                        f"no parameter '{change.name}'{_hint(change.name, self._entries)}")
+            elif change.type_ is Parameter.Type.NOT_SET:
+                raise StatementError(f'{change.name} cannot be deleted, only set')
+            else:
+                values[change.name] = entry.value(change)
+        return values
+
+
+def _guarded(callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """Return a parameter service that answers a value type that does not exist; rclpy raises."""
+    types = {each.value for each in Parameter.Type}
+
+    def answer(request: Any, response: Any) -> Any:
+        for each in request.parameters:
+            if each.value.type not in types:
+                refusal = SetParametersResult(
+                    reason=f'{each.name}: there is no parameter type {each.value.type}')
+                if isinstance(response, SetParameters.Response):
+                    response.results = [refusal] * len(request.parameters)
+                else:
+                    response.result = refusal
+                return response
+        return callback(request, response)
+
+    return answer
+
+
+def _renamed(entry: Entry, name: str) -> Entry:
+    return Entry(**{**vars(entry), 'name': name})
+
+
+def _listed(choices: tuple[str, ...]) -> str:
+    return ' or '.join(f"'{choice}'" for choice in choices)
+
+
+def _hint(name: str, known: Iterable[str]) -> str:
+    close = difflib.get_close_matches(name[:100], known, n=1, cutoff=0.5)
+    if not close:
+        folded = {each.lower(): each for each in known}
+        close = [folded[name.lower()]] if name.lower() in folded else []
+    return f"; did you mean '{close[0]}'?" if close else ''
+
+
+def _numbers(text: str) -> tuple[float, ...] | None:
+    """Return the numbers of '[1, 0.5]' or '[[1, 0], [0, 1]]', or None."""
+    text = ''.join(text.split())
+    if not _ROWS.fullmatch(text):
+        return None
+    rows = [row.split(',') for row in re.findall(r'\[([^\[\]]*)\]', text)]
+    if len({len(row) for row in rows}) != 1:
+        return None
+    try:
+        return tuple(float(number) for row in rows for number in row)
+    except ValueError:
+        return None
