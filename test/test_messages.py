@@ -7,9 +7,6 @@ import subprocess
 import sys
 
 import numpy as np
-import pytest
-from rclpy.serialization import deserialize_message, serialize_message
-
 from obc_ros.core import answers
 from obc_ros.core.errors import StatementError
 from obc_ros.core.solution import Certificate, Solution, Status
@@ -18,6 +15,8 @@ from obc_ros.core.wire import pack, Packet, unpack
 from obc_ros.msg import NamedBounds, NamedExpression, NamedValues, OptimalControlProblem
 from obc_ros.nodes import messages
 from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
 
 FILES = sorted((Path(__file__).parent / 'problems').glob('*.yaml'))
 EVERYTHING = {

@@ -7,9 +7,8 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
-import pytest
-
 from obc_ros.cli import obc
+import pytest
 
 
 @pytest.fixture

@@ -14,10 +14,9 @@ import time
 
 from hypothesis import given, settings, strategies
 import numpy as np
-import pytest
-
 from obc_ros.core.wire import pack, Packet, unpack
 from obc_ros.core.workers import Job, Outcome, Pool
+import pytest
 
 DEADLINE = 20.0  # [s] only ever reached by a test that fails
 SLACK = 0.2      # [s] the promise for time limits and cancelling

@@ -10,7 +10,6 @@ import time
 from typing import Any
 
 from action_msgs.msg import GoalStatus
-
 from obc_ros.action import SolveOptimalControl
 from obc_ros.cli.client import Client
 from obc_ros.cli.processes import InterruptedByUserError

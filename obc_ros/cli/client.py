@@ -13,15 +13,14 @@ import tempfile
 import time
 from typing import Any
 
+from obc_ros.action import SolveOptimalControl
+from obc_ros.cli.processes import Children, free_domain, isolate
+from obc_ros.core.errors import ObcError
 from rcl_interfaces.srv import GetParameters
 import rclpy
 from rclpy.action import ActionClient, get_action_names_and_types
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import parameter_value_to_python
-
-from obc_ros.action import SolveOptimalControl
-from obc_ros.cli.processes import Children, free_domain, isolate
-from obc_ros.core.errors import ObcError
 
 ACTION = 'obc_ros/action/SolveOptimalControl'
 LOOK = 1.0       # [s] in which a running server is found

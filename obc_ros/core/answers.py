@@ -8,10 +8,13 @@ worse ends the worker and nothing else.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
+import time
 
 from obc_ros.core.errors import ObcError
+from obc_ros.core.planning import Motion, statement
 from obc_ros.core.problem import Problem
-from obc_ros.core.solution import Report, Solution
+from obc_ros.core.solution import Report, Solution, Status
 from obc_ros.core.solve import Cache, solve
 from obc_ros.core.statement import problem_from_mapping
 from obc_ros.core.wire import Packet
@@ -51,6 +54,31 @@ def _solve(request: Packet, time_limit: float, report: Report) -> Packet:
     return solution_packet(problem, solution, plain['statement'].get('system', ''))
 
 
+def _plan(request: Packet, time_limit: float, report: Report) -> Packet:
+    plain, arrays = request.plain, request.arrays
+    motion = Motion(plain['system'], arrays['start'], arrays['goal'], plain['objective'],
+                    plain['parameters'], arrays['qx'], arrays['qu'], plain['final_time'],
+                    plain['input_bounds'])
+    cache = _cache(plain['cache_size'])
+    begun = time.monotonic()
+    if motion.objective != 'time' and not motion.final_time:
+        motion = replace(motion, final_time=_ample_time(motion, time_limit / 2, report, cache))
+    problem = problem_from_mapping(statement(motion))
+    left = time_limit - (time.monotonic() - begun)
+    solution = solve(problem, time_limit=left, report=report, cache=cache)
+    return solution_packet(problem, solution, motion.system)
+
+
+def _ample_time(motion: Motion, time_limit: float, report: Report, cache: Cache) -> float:
+    """Return twice the least time of a motion; 0 where there is none or it is not found."""
+    try:
+        problem = problem_from_mapping(statement(replace(motion, objective='time')))
+    except ObcError:
+        return 0.0  # inputs without bounds; what else is wrong with the motion is seen again
+    solution = solve(problem, time_limit=time_limit, report=report, cache=cache)
+    return 2.0 * solution.objective if solution.status is Status.SOLVED else 0.0
+
+
 def _cache(size: int) -> Cache:
     """Return what is kept from request to request; it starts anew when its size is changed."""
     if size not in _caches:
@@ -61,4 +89,5 @@ def _cache(size: int) -> Cache:
 
 KINDS: dict[str, Callable[[Packet, float, Report], Packet]] = {
     'solve': _solve,
+    'plan': _plan,
 }

@@ -14,7 +14,6 @@ import re
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
-
 from obc_ros.core import solution
 from obc_ros.core.errors import StatementError
 from obc_ros.core.wire import Packet

@@ -11,27 +11,28 @@ plan is to be executed, and ``/diagnostics``. Parameters: see `Settings`.
 The work is done in other processes, so that the node always answers.
 """
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
+import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.action import ActionServer, CancelResponse
-from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.task import Future
-
 from obc_ros.action import SolveOptimalControl as SolveAction
 from obc_ros.core.errors import StatementError
 from obc_ros.core.wire import Packet
 from obc_ros.core.workers import Answer, Job, Outcome, Pool
 from obc_ros.msg import Trajectory
 from obc_ros.nodes import messages
+from obc_ros.nodes.main import run
 from obc_ros.nodes.parameters import parameter, Parameters
 from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.task import Future
 
 ANSWERS = 'obc_ros.core.answers'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -68,11 +69,13 @@ class TrajectoryServer(Node):
         self._designers = Pool(ANSWERS, 1)
         self._adopt(self._settings.settings)
         self._jobs: dict[bytes, Job] = {}
+        self._arrived: deque[tuple[Future, Answer]] = deque()
         self._statuses: Counter[str] = Counter()
         self._reference = self.create_publisher(Trajectory, 'reference', LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_timer(1.0, self._diagnose)
         group = ReentrantCallbackGroup()  # a request that waits must not keep others out
+        self._arrival = self.create_guard_condition(self._take_arrived, callback_group=group)
         for service, name, callback in (
                 (SolveOptimalControl, '~/solve', self._solve),
                 (DesignLqr, '~/design_lqr', self._design_lqr),
@@ -174,8 +177,13 @@ class TrajectoryServer(Node):
 
     def _deliver(self, future: Future, answer: Answer) -> None:
         """Hand an answer from a thread of a pool to the one that spins."""
-        if self.executor:
-            self.executor.create_task(future.set_result, answer)
+        self._arrived.append((future, answer))
+        self._arrival.trigger()
+
+    def _take_arrived(self) -> None:
+        while self._arrived:
+            future, answer = self._arrived.popleft()
+            future.set_result(answer)
 
     def _count(self, packet: Packet) -> Packet:
         self._statuses[packet.plain['status']] += 1
@@ -210,18 +218,10 @@ class TrajectoryServer(Node):
         self._diagnostics.publish(array)
 
 
-def main() -> None:
-    import rclpy
-    rclpy.init()
-    node = TrajectoryServer()
-    try:
-        rclpy.spin(node)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
+def main() -> int:
+    """Run the node until SIGINT or SIGTERM."""
+    return run(TrajectoryServer)
 
 
 if __name__ == '__main__':
-    main()
+    sys.exit(main())
