@@ -4,7 +4,9 @@
 States and costates along a given input, with the Hamiltonian.
 
 dx/dt = f(x, u) forward from x(0); dlam/dt = -dH/dx backward from lam(T) = dV/dx + nu' dpsi/dx,
-both by Butcher's Runge-Kutta method of order 6 in equal parts of each interval of the input.
+both by Runge-Kutta steps of order 6 in equal parts of each interval of the input. Where the
+system is so unstable that the errors of a single sweep are seen, the sweeps start anew at every
+mesh point from what the transcription found there.
 """
 
 from dataclasses import dataclass
@@ -13,36 +15,47 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from obc_ros.core.batch import Batch
 from obc_ros.core.problem import Problem
+from obc_ros.core.runge_kutta import step
+from obc_ros.core.transcription import Outcome
 
 Array = NDArray[np.float64]
-
-# J. C. Butcher, On Runge-Kutta processes of high order, J. Austral. Math. Soc. 4 (1964).
-_C = (0.0, 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2, 1.0)
-_A = ((), (1 / 3,), (0.0, 2 / 3), (1 / 12, 1 / 3, -1 / 12),
-      (-1 / 16, 9 / 8, -3 / 16, -3 / 8), (0.0, 9 / 8, -3 / 8, -3 / 4, 1 / 2),
-      (9 / 44, -9 / 11, 63 / 44, 18 / 11, 0.0, -16 / 11))
-_B = (11 / 120, 0.0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120)
 
 
 @dataclass(frozen=True, eq=False)
 class Extremal:
     """
-    States, inputs and costates on a fine grid.
+    States, inputs and costates on a fine grid of K parts, `parts` in each interval.
 
-    `t` (K + 1,), `x` (K + 1, n), `lam` (K + 1, n) after any jump, `lam_before` (K + 1, n);
-    `ua`, `ub` (K, m) inputs at the start and end of each part; `cost` J, with `running` (K + 1,)
-    the cost up to each time.
+    Attributes
+    ----------
+    t : ndarray, shape (K + 1,)
+    x, x_end : ndarray, shape (K, n)
+        State at the start and at the end of each part.
+    ua, ub : ndarray, shape (K, m)
+        Input at the start and at the end of each part.
+    lam, lam_end : ndarray, shape (K, n)
+        Costate at the start and at the end of each part; it jumps in between by the masses of
+        multipliers.
+    cost : float
+        J.
+    defect : float
+        Largest difference between the states of a single sweep and those of the transcription,
+        relative to the size of each state.
+
     """
 
+    parts: int
     t: Array
     x: Array
+    x_end: Array
     ua: Array
     ub: Array
     lam: Array
-    lam_before: Array
+    lam_end: Array
     cost: float
-    running: Array
+    defect: float
 
 
 class Integrator:
@@ -53,87 +66,103 @@ class Integrator:
         ua, ub = ca.SX.sym('ua', problem.m), ca.SX.sym('ub', problem.m)
         h, total = ca.SX.sym('h'), ca.SX.sym('total')
         rate = ca.Function('rate', [x, u, p], [problem.f, problem.L])
-        f, L = [], []
-        for c, row in zip(_C, _A, strict=True):
-            inner = sum((h * a * slope for a, slope in zip(row, f, strict=True) if a), x)
-            slope, running = rate(inner, (1 - c) * ua + c * ub, p)
-            f.append(slope)
-            L.append(running)
-        end = sum((h * b * slope for b, slope in zip(_B, f, strict=True) if b), x)
-        cost = sum((h * b * running for b, running in zip(_B, L, strict=True) if b), ca.SX(0))
+        end, cost = step(lambda x, u: rate(x, u, p), x, (ua, ub), h)
         back = ca.gradient(ca.dot(lam, end) + cost, x)
         jump = ca.SX.sym('jump', problem.n)
         H = problem.L + ca.dot(lam, problem.f)
+        Hu = ca.gradient(H, u)
+        nu = ca.SX.sym('nu', problem.q)
         self._forward = ca.Function(
             'forward', [ca.vertcat(x, total), ua, ub, h, p], [ca.vertcat(end, total + cost)])
-        self._backward = ca.Function(
-            'backward', [lam, x, ua, ub, h, p, jump], [back + jump])
-        nu = ca.SX.sym('nu', problem.q)
-        self._end = ca.Function('end', [x, nu, p], [
-            problem.V, ca.gradient(problem.V + ca.dot(nu, problem.psi), x), problem.psi])
-        self._hamiltonian = ca.Function(
-            'hamiltonian', [x, u, lam, p], [H, ca.gradient(H, u)])
-        self._maps: dict[tuple[str, int], ca.Function] = {}
+        self._backward = ca.Function('backward', [lam, x, ua, ub, h, p, jump], [back + jump])
+        self._step = Batch(ca.Function('step', [x, ua, ub, h, p], [
+            ca.densify(end), ca.densify(cost)]))
+        self._back = Batch(ca.Function('back', [lam, x, ua, ub, h, p], [ca.densify(back)]))
+        self._end = Batch(ca.Function('end', [x, nu, p], [
+            ca.densify(problem.V), ca.densify(problem.psi),
+            ca.densify(ca.gradient(problem.V + ca.dot(nu, problem.psi), x))]))
+        self._hamiltonian = Batch(ca.Function('hamiltonian', [x, u, lam, p], [
+            ca.densify(H), ca.densify(Hu), ca.densify(ca.jacobian(Hu, u))]))
+        self._sweeps: dict[tuple[str, int], ca.Function] = {}
 
-    def _map(self, name: str, count: int) -> ca.Function:
-        if (name, count) not in self._maps:
-            function: ca.Function = getattr(self, '_' + name)
-            self._maps[name, count] = (
-                function.map(count) if name == 'hamiltonian' else function.mapaccum(count))
-        return self._maps[name, count]
+    def _sweep(self, name: str, function: ca.Function, count: int) -> ca.Function:
+        if (name, count) not in self._sweeps:
+            if len(self._sweeps) > 16:
+                self._sweeps.clear()
+            self._sweeps[name, count] = function.mapaccum(count)
+        return self._sweeps[name, count]
 
     def forward(self, problem: Problem, t: Array, ua: Array, ub: Array) -> tuple[Array, Array]:
         """Return x (K + 1, n) and the running cost (K + 1,) from x0 under linear inputs."""
         K = len(ua)
         first = np.append(problem.x0, 0.0)
-        path = self._map('forward', K)(
+        path = self._sweep('forward', self._forward, K)(
             first, ua.T, ub.T, np.diff(t)[None, :], ca.repmat(problem.p_value, 1, K)).full().T
         path = np.vstack([first, path])
         return path[:, :-1], path[:, -1]
 
-    def backward(self, problem: Problem, t: Array, x: Array, ua: Array, ub: Array, last: Array,
-                 jumps: Array) -> Array:
-        """Return lam (K + 1, n), before the jump at each time, from lam(T) back to 0."""
-        K = len(ua)
-        lam = self._map('backward', K)(
-            last, x[-2::-1].T, ua[::-1].T, ub[::-1].T, np.diff(t)[None, ::-1],
-            ca.repmat(problem.p_value, 1, K), jumps[-2::-1].T).full().T
-        return np.vstack([lam[::-1], last])
-
-    def end(self, problem: Problem, x: Array, nu: Array) -> tuple[float, Array, Array]:
-        """Return V, lam(T) and psi at x."""
-        V, lam, psi = self._end(x, nu, problem.p_value)
-        return float(V), lam.full().ravel(), psi.full().ravel()
-
     def hamiltonian(self, problem: Problem, x: Array, u: Array, lam: Array
-                    ) -> tuple[Array, Array]:
-        """Return H (K,) and dH/du (K, m) at K points."""
-        K = len(x)
-        H, Hu = self._map('hamiltonian', K)(
-            x.T, u.T, lam.T, ca.repmat(problem.p_value, 1, K))
-        return H.full().ravel(), Hu.full().T
+                    ) -> tuple[Array, Array, Array]:
+        """Return H (K,), dH/du (K, m) and d2H/du2 (K, m, m) at K points."""
+        H, Hu, Huu = self._hamiltonian(x, u, lam, problem.p_value)
+        return H[:, 0], Hu, Huu.reshape(-1, problem.m, problem.m)
 
-    def extremal(self, problem: Problem, t: Array, ua: Array, ub: Array, nu: Array, *,
-                 parts: int = 1, jumps: Array | None = None) -> Extremal:
-        """
-        Return states and costates under an input linear between t_k and t_(k+1).
-
-        Parameters
-        ----------
-        t, ua, ub : ndarray, shape (N + 1,), (N, m), (N, m)
-        nu : ndarray, shape (q,)
-        parts : int
-            Steps in each interval.
-        jumps : ndarray, shape (N * parts + 1, n), optional
-            lam before minus lam after each time: masses of the multipliers of state bounds.
-
-        """
+    def extremal(self, problem: Problem, outcome: Outcome, parts: int) -> Extremal:
+        """Return states and costates under the input of an outcome, in parts of its intervals."""
+        path = outcome.path
         c = np.arange(parts)[:, None] / parts
-        fine = np.append((t[:-1, None] + np.diff(t)[:, None] * c[:, 0]).ravel(), t[-1])
-        a, b = ua[:, None, :], ub[:, None, :]
+        t = np.append((path.t[:-1, None] + np.diff(path.t)[:, None] * c[:, 0]).ravel(),
+                      path.t[-1])
+        a, b = path.ua[:, None, :], path.ub[:, None, :]
         ua, ub = ((a + (b - a) * part).reshape(-1, problem.m) for part in (c, c + 1 / parts))
-        x, running = self.forward(problem, fine, ua, ub)
-        V, last, _ = self.end(problem, x[-1], nu)
-        drop = np.zeros_like(x) if jumps is None else jumps
-        lam = self.backward(problem, fine, x, ua, ub, last + drop[-1], drop)
-        return Extremal(fine, x, ua, ub, lam - drop, lam, running[-1] + V, running)
+        x, running = self.forward(problem, t, ua, ub)
+        size = np.maximum(np.abs(path.x).max(axis=0), 1e-3 * np.abs(path.x).max() + 1e-12)
+        with np.errstate(invalid='ignore'):
+            defect = float(np.max(np.abs(x[::parts] - path.x) / size))
+        single = defect < 1e-5
+        if single:
+            x, x_end = x[:-1], x[1:]
+            J = running[-1]
+        else:
+            x, x_end, J = self._restarted(problem, path.x, t, ua, ub, parts)
+        V, _, last = self._end(x_end[-1:], outcome.nu[None, :], problem.p_value)
+        lam, lam_end = self._costates(
+            problem, outcome, (t, x, ua, ub), last[0], parts, single)
+        return Extremal(parts, t, x, x_end, ua, ub, lam, lam_end, float(J + V[0, 0]),
+                        defect if np.isfinite(defect) else np.inf)
+
+    def _restarted(self, problem: Problem, nodes: Array, t: Array, ua: Array, ub: Array,
+                   parts: int) -> tuple[Array, Array, float]:
+        h, K = np.diff(t)[:, None], len(ua)
+        x, x_end, J = np.empty((K, problem.n)), np.empty((K, problem.n)), 0.0
+        now = nodes[:-1]
+        for part in range(parts):
+            here = slice(part, None, parts)
+            x[here] = now
+            now, cost = self._step(now, ua[here], ub[here], h[here], problem.p_value)
+            x_end[here] = now
+            J += float(cost.sum())
+        return x, x_end, J
+
+    def _costates(self, problem: Problem, outcome: Outcome,
+                  course: tuple[Array, Array, Array, Array], last: Array, parts: int,
+                  single: bool) -> tuple[Array, Array]:
+        """Return costates at the starts and at the ends of all parts."""
+        t, x, ua, ub = course
+        K, h = len(x), np.diff(t)
+        mass = outcome.masses(parts)
+        if single:
+            lam = self._sweep('backward', self._backward, K)(
+                last, x[::-1].T, ua[::-1].T, ub[::-1].T, h[None, ::-1],
+                ca.repmat(problem.p_value, 1, K), mass[-2::-1].T).full().T[::-1]
+            # The sweep goes from before one jump to before the next.
+            return lam - mass[:-1], np.vstack([lam[1:], last])
+        lam, lam_end = np.empty_like(x), np.empty_like(x)
+        now = np.vstack([outcome.costates[1:-1], last])
+        for part in range(parts - 1, -1, -1):
+            here = slice(part, None, parts)
+            lam_end[here] = now
+            lam[here], = self._back(now, x[here], ua[here], ub[here], h[here, None],
+                                    problem.p_value)
+            now = lam[here] + mass[:-1][here]
+        return lam, lam_end

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from obc_ros.core.extremal import Integrator
 from obc_ros.core.problem import Problem
-from obc_ros.core.transcription import Path, Scales
+from obc_ros.core.mesh import Path
+from obc_ros.core.transcription import Scales
 
 Array = NDArray[np.float64]
 

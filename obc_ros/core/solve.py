@@ -6,37 +6,14 @@ Answer an optimal control problem by the method its structure asks for, and cert
 
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 import time
 
-import numpy as np
-from numpy.typing import NDArray
-
 from obc_ros.core.errors import StatementError
-from obc_ros.core.extremal import Integrator
-from obc_ros.core.guesses import Guesser, scales
+from obc_ros.core.monitor import Monitor
 from obc_ros.core.problem import Problem
-from obc_ros.core.solution import Report, Solution, Status
-from obc_ros.core.transcription import (
-    Layout, Mesh, Monitor, Outcome, Path, Scales, Transcription, uniform)
-
-Array = NDArray[np.float64]
-
-
-@dataclass
-class Kit:
-    """What was built for one structure, kept for the next problem that has it."""
-
-    integrator: Integrator
-    guesser: Guesser
-    transcriptions: dict[Layout, Transcription] = field(default_factory=dict)
-    last: Outcome | None = None
-
-    def transcription(self, problem: Problem, layout: Layout) -> Transcription:
-        """Return the program of a layout, built at most once."""
-        if layout not in self.transcriptions:
-            self.transcriptions[layout] = Transcription(problem, layout)
-        return self.transcriptions[layout]
+from obc_ros.core.search import Kit, Search
+from obc_ros.core.solution import Report, Solution
 
 
 class Cache:
@@ -51,7 +28,7 @@ class Cache:
         key = problem.structure
         kit = self._kits.pop(key, None) if key else None
         if kit is None:
-            kit = Kit(Integrator(problem), Guesser(problem))
+            kit = Kit.of(problem)
         if key:
             self._kits[key] = kit
             if len(self._kits) > self._size:
@@ -60,51 +37,7 @@ class Cache:
 
 
 def _transcription(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
-    best: Outcome | None = None
-    outcome: Outcome | None = None
-    for _, (_, start) in zip(range(3), kit.guesser.starts(problem, kit.integrator)):
-        outcome = _collocate(problem, kit, uniform(problem, 16), start, monitor)
-        if outcome.converged and (best is None or outcome.objective < best.objective):
-            best = outcome
-        if monitor.stopped:
-            break
-    best = best or outcome
-    assert best is not None
-    for intervals in (32, 64):
-        if monitor.stopped or not best.converged:
-            break
-        best = _collocate(problem, kit, uniform(problem, intervals), best.path, monitor)
-    return _solution(problem, kit, best, monitor)
-
-
-def _collocate(problem: Problem, kit: Kit, mesh: Mesh, start: Path, monitor: Monitor) -> Outcome:
-    program = kit.transcription(problem, mesh.layout)
-    sizes: Scales = scales(problem, start)
-    w = program.start(mesh, start, start.durations, sizes)
-    return program.solve(problem, mesh, w, sizes, monitor)
-
-
-def _solution(problem: Problem, kit: Kit, outcome: Outcome, monitor: Monitor) -> Solution:
-    path = outcome.path
-    parts = 4
-    jumps = np.zeros((len(path.ua) * parts + 1, problem.n))
-    jumps[::parts] = outcome.node_bounds
-    jumps[parts // 2::parts] += outcome.inner_bounds.sum(axis=1)
-    e = kit.integrator.extremal(problem, path.t, path.ua, path.ub, outcome.nu, parts=parts,
-                                jumps=jumps)
-    t = np.repeat(e.t, 2)[1:-1]
-    x = np.repeat(e.x, 2, axis=0)[1:-1]
-    u = np.stack([e.ua, e.ub], axis=1).reshape(-1, problem.m)
-    lam = np.stack([e.lam[:-1], e.lam_before[1:]], axis=1).reshape(-1, problem.n)
-    same = np.append(False, (np.diff(t) == 0) & np.all(np.diff(u, axis=0) == 0, axis=1)
-                     & np.all(np.diff(lam, axis=0) == 0, axis=1))
-    t, x, u, lam = t[~same], x[~same], u[~same], lam[~same]
-    H, _ = kit.integrator.hamiltonian(problem, x, u, lam)
-    status = Status.SOLVED if outcome.converged else Status.NOT_CONVERGED
-    if monitor.stopped:
-        status = Status(monitor.stopped)
-    return Solution(status, outcome.status, e.cost, t, x, u, lam, H, outcome.nu,
-                    iterations=monitor.iterations)
+    return Search(problem, kit, monitor).run()
 
 
 METHODS: dict[str, Callable[[Problem, Kit, Monitor], Solution]] = {

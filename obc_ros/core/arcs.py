@@ -1,0 +1,209 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Arcs of an optimal path: where each input that enters H linearly is at a bound, and where not.
+
+Between switching times such an input is held at a bound (bang) or left free (singular, or on a
+bound of the state). The switching times become the unknown lengths of phases, so that a jump is
+a jump and not a slope over an interval; which arcs there are is read off a path found before,
+and read again off the path that follows, until they stay the same.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from obc_ros.core.mesh import HELD, Layout, LINEAR, Mesh, Path, Phase
+from obc_ros.core.problem import Problem
+
+Array = NDArray[np.float64]
+
+_LOWER, _INSIDE, _UPPER = -1, 0, 1
+
+
+@dataclass(frozen=True)
+class Arc:
+    """A span of time and the value of each input in it; nan where the input is free."""
+
+    start: float
+    end: float
+    levels: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class _Span:
+    start: float
+    end: float
+    level: float
+
+
+def switching_inputs(problem: Problem) -> tuple[bool, ...]:
+    """Return for each input whether H is linear in it while the others stay."""
+    lam = ca.SX.sym('lam', problem.n)
+    H = problem.L + ca.dot(lam, problem.f)
+    return tuple(
+        bool(ca.sparsify(ca.jacobian(ca.gradient(H, u), u)).nnz() == 0)
+        for u in ca.vertsplit(problem.u))
+
+
+def find_arcs(problem: Problem, path: Path, switching: Sequence[bool]) -> list[Arc]:
+    """Return the arcs that a path shows, in order of time."""
+    spans = []
+    for i, switches in enumerate(switching):
+        bounded = math.isfinite(problem.u_lower[i]) or math.isfinite(problem.u_upper[i])
+        if switches and bounded:
+            t = np.column_stack([path.t[:-1], path.t[1:]]).ravel()
+            u = np.column_stack([path.ua[:, i], path.ub[:, i]]).ravel()
+            spans.append(_spans(t, u, problem.u_lower[i], problem.u_upper[i]))
+        else:
+            spans.append([_Span(0.0, path.t[-1], math.nan)])
+    return join(spans)
+
+
+def join(spans: Sequence[Sequence[_Span]]) -> list[Arc]:
+    """Return arcs that end where the span of any input ends."""
+    ends = sorted({span.end for row in spans for span in row})
+    arcs, start = [], 0.0
+    for end in ends:
+        middle = (start + end) / 2
+        levels = tuple(next((s.level for s in row if s.end > middle), row[-1].level)
+                       for row in spans)
+        if end > start:
+            arcs.append(Arc(start, end, levels))
+            start = end
+    return arcs
+
+
+def _spans(t: Array, u: Array, lower: float, upper: float) -> list[_Span]:
+    """Return where an input is at its bounds and where free, jumps cleared of their slopes."""
+    size = upper - lower if math.isfinite(upper - lower) else max(1e-9, np.ptp(u))
+    status = np.where(u <= lower + 1e-3 * size, _LOWER,
+                      np.where(u >= upper - 1e-3 * size, _UPPER, _INSIDE))
+    edges = np.flatnonzero(np.diff(status)) + 1
+    runs = [(int(part[0]), int(part[-1]))
+            for part in np.split(np.arange(len(t)), edges)]
+    level = {_LOWER: lower, _UPPER: upper, _INSIDE: math.nan}
+    found: list[_Span] = []
+    for first, last in runs:
+        here = level[int(status[first])]
+        if status[first] != _INSIDE:
+            found.append(_Span(t[first], t[last], here))
+            continue
+        a = t[first - 1] if first else t[0]
+        b = t[last + 1] if last + 1 < len(t) else t[-1]
+        if len(np.unique(t[first:last + 1])) > 2 or not math.isfinite(upper - lower):
+            found.append(_Span((a + t[first]) / 2, (b + t[last]) / 2, here))
+            continue
+        window = slice(max(first - 1, 0), last + 2)
+        found.extend(_jump(t[window], u[window], lower, upper, status[max(first - 1, 0)],
+                           status[min(last + 1, len(t) - 1)]))
+    return _tidy(found, t[-1])
+
+
+def _jump(t: Array, u: Array, lower: float, upper: float, before: int, after: int
+          ) -> list[_Span]:
+    """Return the spans at the bounds that hold the same area as a short slope between them."""
+    a, b = t[0], t[-1]
+    part = (np.trapezoid(u, t) / max(b - a, 1e-300) - lower) / (upper - lower)
+    if before == _INSIDE:
+        before = -after
+    if after == _INSIDE:
+        after = -before
+    if before == _LOWER and after == _UPPER:
+        return [_Span(a, b - part * (b - a), lower), _Span(b - part * (b - a), b, upper)]
+    if before == _UPPER and after == _LOWER:
+        return [_Span(a, a + part * (b - a), upper), _Span(a + part * (b - a), b, lower)]
+    base, pulse = (lower, upper) if before == _LOWER else (upper, lower)
+    width = (part if before == _LOWER else 1 - part) * (b - a)
+    if width < 0.1 * (b - a):
+        return [_Span(a, b, base)]
+    middle = (a + b) / 2
+    return [_Span(a, middle - width / 2, base),
+            _Span(middle - width / 2, middle + width / 2, pulse),
+            _Span(middle + width / 2, b, base)]
+
+
+def _tidy(spans: list[_Span], T: float) -> list[_Span]:
+    """Return spans without gaps, equal neighbours as one and none shorter than 1e-7 T."""
+    kept: list[_Span] = []
+    for span in spans:
+        start = kept[-1].end if kept else 0.0
+        if span.end - start <= 1e-7 * T:
+            continue
+        same = kept and (kept[-1].level == span.level
+                         or math.isnan(kept[-1].level) and math.isnan(span.level))
+        if same:
+            kept[-1] = _Span(kept[-1].start, span.end, span.level)
+        else:
+            kept.append(_Span(start, span.end, span.level))
+    kept[-1] = _Span(kept[-1].start, T, kept[-1].level)
+    return kept
+
+
+def arc_mesh(problem: Problem, arcs: Sequence[Arc], stages: int, density: float,
+             least: tuple[int, int] = (3, 8)) -> tuple[Mesh, Array]:
+    """
+    Return a mesh with one phase for each arc, and the lengths of the arcs.
+
+    Parameters
+    ----------
+    density : float
+        Intervals in each second.
+    least : pair of int
+        Intervals in an arc without and with a free input, at least.
+
+    """
+    phases = []
+    for arc in arcs:
+        free = [math.isnan(level) for level in arc.levels]
+        count = max(least[any(free)], math.ceil(density * (arc.end - arc.start)))
+        phases.append(Phase(count, tuple(LINEAR if f else HELD for f in free),
+                            (False,) * problem.m))
+    layout = Layout(tuple(phases), stages, problem.final_time.free)
+    fractions = np.concatenate([np.full(p.intervals, 1.0 / p.intervals) for p in phases])
+    held = np.array([[0.0 if math.isnan(v) else v for v in arc.levels] for arc in arcs])
+    return Mesh(layout, fractions, held), np.array([arc.end - arc.start for arc in arcs])
+
+
+def signature(arcs: Sequence[Arc]) -> tuple[tuple[float | None, ...], ...]:
+    """Return the levels of all arcs, comparable."""
+    return tuple(tuple(None if math.isnan(v) else v for v in arc.levels) for arc in arcs)
+
+
+def opened(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem) -> list[Arc]:
+    """
+    Return arcs with inputs set free where dH/du says that their bound is the wrong one.
+
+    Parameters
+    ----------
+    t : ndarray, shape (K + 1,)
+    Hu : ndarray, shape (K, m)
+        dH/du in each part of time.
+
+    """
+    spans: list[list[_Span]] = []
+    middle = (t[:-1] + t[1:]) / 2
+    for i in range(problem.m):
+        largest = float(np.max(np.abs(Hu[:, i]), initial=0.0))
+        row: list[_Span] = []
+        for arc in arcs:
+            level = arc.levels[i]
+            inside = np.flatnonzero((middle > arc.start) & (middle < arc.end))
+            if math.isnan(level) or not len(inside):
+                row.append(_Span(arc.start, arc.end, level))
+                continue
+            sign = 1.0 if level == problem.u_lower[i] else -1.0
+            bad = sign * Hu[inside, i] < -1e-5 * largest
+            edges = np.flatnonzero(np.diff(bad)) + 1
+            start = arc.start
+            for part in np.split(inside, edges):
+                wrong = bool(bad[part[0] - inside[0]])
+                end = arc.end if part[-1] == inside[-1] else float(t[part[-1] + 1])
+                row.append(_Span(start, end, math.nan if wrong else level))
+                start = end
+        spans.append(_tidy(row, arcs[-1].end))
+    return join(spans)

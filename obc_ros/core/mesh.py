@@ -1,0 +1,145 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+How time is cut for a transcription, and a path on such a mesh.
+
+[0, T] is cut into phases and these into intervals; phases may have unknown lengths.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from obc_ros.core.problem import Problem
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+LINEAR, HELD = 'linear', 'held'
+
+
+@dataclass(frozen=True)
+class Phase:
+    """
+    Intervals in a row, and for each input how it is found in them.
+
+    `modes`: LINEAR (continuous, linear in each interval) or HELD (at a given value).
+    `joined`: whether an input starts at the value with which the phase before ended.
+    """
+
+    intervals: int
+    modes: tuple[str, ...]
+    joined: tuple[bool, ...]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What fixes the form of the program: its phases, Gauss points, and what is unknown."""
+
+    phases: tuple[Phase, ...]
+    stages: int   # Gauss points in an interval; 0 for Runge-Kutta steps
+    free_time: bool
+
+    @property
+    def intervals(self) -> int:
+        """Return the number of intervals of all phases."""
+        return sum(phase.intervals for phase in self.phases)
+
+    @property
+    def free_durations(self) -> bool:
+        """Return whether the lengths of the phases are unknown."""
+        return self.free_time or len(self.phases) > 1
+
+    @cached_property
+    def phase_of(self) -> Index:
+        """Return the phase of each interval."""
+        return np.repeat(np.arange(len(self.phases)), [p.intervals for p in self.phases])
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """
+    A layout with its numbers.
+
+    Attributes
+    ----------
+    layout : Layout
+    fractions : ndarray, shape (N,)
+        Length of each interval as a part of its phase.
+    held : ndarray, shape (number of phases, m)
+        Values of the inputs that are HELD.
+
+    """
+
+    layout: Layout
+    fractions: Array
+    held: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """
+    States and inputs over time: where a search starts or what it found.
+
+    Attributes
+    ----------
+    t : ndarray, shape (N + 1,)
+        Mesh points.
+    x : ndarray, shape (N + 1, n)
+    inner : ndarray, shape (N, s, n)
+        States at the Gauss points.
+    ua, ub : ndarray, shape (N, m)
+        Inputs at the start and at the end of each interval.
+    durations : ndarray
+        Lengths of the phases.
+
+    """
+
+    t: Array
+    x: Array
+    inner: Array
+    ua: Array
+    ub: Array
+    durations: Array
+
+    def states_at(self, times: Array) -> Array:
+        """Return states at any times, linear between all known ones."""
+        c = gauss_points(self.inner.shape[1])
+        t = np.append(self.t[:-1, None] + np.diff(self.t)[:, None] * np.append(0.0, c),
+                      self.t[-1])
+        x = np.vstack([np.concatenate([self.x[:-1, None], self.inner], axis=1).reshape(
+            -1, self.x.shape[1]), self.x[-1:]])
+        return np.column_stack([np.interp(times, t, column) for column in x.T])
+
+    def inputs_at(self, times: Array, after: bool) -> Array:
+        """Return inputs at any times; `after` a jump or before it."""
+        side = 'right' if after else 'left'
+        k = np.clip(np.searchsorted(self.t, times, side) - 1, 0, len(self.ua) - 1)
+        length = np.maximum(self.t[k + 1] - self.t[k], 1e-300)
+        part = np.clip((times - self.t[k]) / length, 0.0, 1.0)[:, None]
+        return (1 - part) * self.ua[k] + part * self.ub[k]
+
+
+def gauss_points(stages: int) -> Array:
+    """Return the Gauss points in (0, 1)."""
+    if not stages:
+        return np.zeros(0)
+    return np.asarray((np.polynomial.legendre.leggauss(stages)[0] + 1) / 2)
+
+
+def uniform(problem: Problem, intervals: int, stages: int) -> Mesh:
+    """Return a mesh of one phase, equal intervals and inputs linear in each."""
+    phase = Phase(intervals, (LINEAR,) * problem.m, (False,) * problem.m)
+    layout = Layout((phase,), stages, problem.final_time.free)
+    return Mesh(layout, np.full(intervals, 1.0 / intervals), np.zeros((1, problem.m)))
+
+
+def split(mesh: Mesh, counts: Index) -> Mesh:
+    """Return the mesh with its intervals cut into equal parts, as many as `counts` says."""
+    number = np.bincount(mesh.layout.phase_of, weights=counts).astype(int)
+    phases = tuple(replace(p, intervals=int(k))
+                   for p, k in zip(mesh.layout.phases, number, strict=True))
+    return Mesh(replace(mesh.layout, phases=phases),
+                np.repeat(mesh.fractions / counts, counts), mesh.held)

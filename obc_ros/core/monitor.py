@@ -1,0 +1,70 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Watching a solver at work: progress goes out, a wish to stop comes in.
+"""
+
+import math
+import time
+
+import casadi as ca
+import numpy as np
+
+from obc_ros.core.solution import Report
+
+
+class Monitor:
+    """
+    Passes progress on and says when to stop.
+
+    `stopped` is '' while nothing asked to stop, then 'cancelled' or 'timed_out'.
+    """
+
+    def __init__(self, time_limit: float = math.inf, report: Report | None = None) -> None:
+        self.deadline = time.monotonic() + time_limit
+        self.stopped = ''
+        self.phase = 'transcription'
+        self.iterations = 0
+        self._report = report
+
+    def remaining(self) -> float:
+        """Return the time left [s]."""
+        return self.deadline - time.monotonic()
+
+    def step(self, cost: float, infeasibility: float) -> bool:
+        """Count an iteration; return whether to stop."""
+        self.iterations += 1
+        if self._report is not None and self._report(
+                self.phase, self.iterations, cost, infeasibility):
+            self.stopped = 'cancelled'
+        elif not self.stopped and time.monotonic() > self.deadline:
+            self.stopped = 'timed_out'
+        return bool(self.stopped)
+
+
+class Watch(ca.Callback):
+    """IPOPT's iteration callback; the monitor and the scale of the cost change between solves."""
+
+    def __init__(self, unknowns: int, rows: int, constants: int) -> None:
+        ca.Callback.__init__(self)
+        self._sizes = {'x': unknowns, 'f': 1, 'g': rows, 'lam_x': unknowns, 'lam_g': rows,
+                       'lam_p': constants}
+        self.monitor = Monitor()
+        self.lower = self.upper = np.zeros(rows)
+        self.cost_scale = 1.0
+        self.construct('watch', {})
+
+    def get_n_in(self) -> int:
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        return 1
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
+
+    def eval(self, arg: list[ca.DM]) -> list[ca.DM]:
+        g = arg[2].full().ravel()
+        violation = np.maximum(self.lower - g, g - self.upper)
+        return [ca.DM(int(self.monitor.step(
+            float(arg[1]) * self.cost_scale, float(np.max(violation, initial=0.0)))))]

@@ -1,0 +1,48 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+One explicit Runge-Kutta step of order 6, under an input linear over the step.
+"""
+
+from collections.abc import Callable
+
+import casadi as ca
+
+# Returns f and L at x and u.
+Rate = Callable[[ca.SX, ca.SX], tuple[ca.SX, ca.SX]]
+
+# J. C. Butcher, On Runge-Kutta processes of high order, J. Austral. Math. Soc. 4 (1964).
+_C = (0.0, 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2, 1.0)
+_A: tuple[tuple[float, ...], ...] = (
+    (), (1 / 3,), (0.0, 2 / 3), (1 / 12, 1 / 3, -1 / 12),
+    (-1 / 16, 9 / 8, -3 / 16, -3 / 8), (0.0, 9 / 8, -3 / 8, -3 / 4, 1 / 2),
+    (9 / 44, -9 / 11, 63 / 44, 18 / 11, 0.0, -16 / 11))
+_B = (11 / 120, 0.0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120)
+
+
+def step(rate: Rate, x: ca.SX, inputs: tuple[ca.SX, ca.SX], h: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """
+    Return x after a step of length h and the integral of L over it.
+
+    Parameters
+    ----------
+    rate : callable
+    x : casadi.SX
+        State at the start.
+    inputs : pair of casadi.SX
+        Input at the start and at the end.
+    h : casadi.SX
+
+    """
+    slopes: list[ca.SX] = []
+    end, cost = x, ca.SX(0)
+    for c, row, weight in zip(_C, _A, _B, strict=True):
+        inner = x
+        for a, slope in zip(row, slopes, strict=True):
+            if a:
+                inner = inner + h * a * slope
+        f, L = rate(inner, (1 - c) * inputs[0] + c * inputs[1])
+        slopes.append(f)
+        if weight:
+            end, cost = end + h * weight * f, cost + h * weight * L
+    return end, cost

@@ -1,0 +1,191 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+From a statement to an extremal: coarse starts, arcs, a finer mesh, until a certificate holds.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from obc_ros.core.arcs import Arc, arc_mesh, find_arcs, opened, signature, switching_inputs
+from obc_ros.core.certificate import certify
+from obc_ros.core.extremal import Extremal, Integrator
+from obc_ros.core.guesses import final_time, Guesser, scales
+from obc_ros.core.mesh import Layout, Mesh, Path, split, uniform
+from obc_ros.core.monitor import Monitor
+from obc_ros.core.problem import Problem
+from obc_ros.core.refine import aligned, cuts, judge
+from obc_ros.core.solution import Solution, Status
+from obc_ros.core.transcription import Limits, Outcome, Scales, Transcription
+
+Array = NDArray[np.float64]
+
+COARSE = 16
+_STARTS = 4
+_ROUNDS = 8
+_MOST_INTERVALS = 800
+
+
+@dataclass
+class Kit:
+    """What was built for one structure, kept for the next problem that has it."""
+
+    integrator: Integrator
+    guesser: Guesser
+    switching: tuple[bool, ...]
+    transcriptions: dict[Layout, Transcription] = field(default_factory=dict)
+    last: Outcome | None = None
+
+    @classmethod
+    def of(cls, problem: Problem) -> 'Kit':
+        """Return the kit for a problem's structure."""
+        return cls(Integrator(problem), Guesser(problem), switching_inputs(problem))
+
+    def transcription(self, problem: Problem, layout: Layout) -> Transcription:
+        """Return the program of a layout, built at most once."""
+        if layout not in self.transcriptions:
+            self.transcriptions[layout] = Transcription(problem, layout)
+        return self.transcriptions[layout]
+
+
+class Search:
+    """One problem, its kit and what was found so far."""
+
+    def __init__(self, problem: Problem, kit: Kit, monitor: Monitor) -> None:
+        self.problem, self.kit, self.monitor = problem, kit, monitor
+        bounded = np.any(np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper))
+        self.stages = 3 if bounded or problem.path.numel() else 0
+        _, self.pinned = kit.guesser.final_state(problem)
+
+    def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
+                  near: bool = False, sizes: Scales | None = None) -> Outcome:
+        """Solve the transcription on a mesh from a path."""
+        problem, final = self.problem, self.problem.final_time
+        program = self.kit.transcription(problem, mesh.layout)
+        if sizes is None:
+            sizes = scales(problem, start)
+        count = len(mesh.layout.phases)
+        if durations is None:
+            durations = start.durations
+        single = count == 1 and final.free
+        limits = Limits(
+            np.full(count, final.lower) if single else np.zeros(count),
+            np.full(count, final.upper) if single else np.full(count, np.inf),
+            np.zeros(problem.n), self.pinned)
+        w = program.start(mesh, start, durations, sizes)
+        return program.solve(problem, mesh, w, sizes, limits, self.monitor, near=near)
+
+    def coarse(self) -> list[Outcome]:
+        """Return what a coarse mesh gives from several starts, the least cost first."""
+        found: list[Outcome] = []
+        for number, (_, start) in enumerate(
+                self.kit.guesser.starts(self.problem, self.kit.integrator)):
+            outcome = self.collocate(uniform(self.problem, COARSE, self.stages), start)
+            if outcome.converged or number == 0:
+                found.append(outcome)
+            if self.monitor.stopped or number + 1 >= _STARTS:
+                break
+        return sorted(found, key=lambda o: (not o.converged, o.objective))
+
+    def course(self, outcome: Outcome) -> Extremal:
+        """Return states and costates under the input of an outcome."""
+        return self.kit.integrator.extremal(self.problem, outcome, 4 if self.stages else 2)
+
+    def sizes(self, outcome: Outcome) -> Scales:
+        """Return the scales of a path that was found, its cost among them."""
+        cost = abs(outcome.objective)
+        return replace(scales(self.problem, outcome.path), cost=cost if cost > 0 else 1.0)
+
+    def improve(self, outcome: Outcome) -> Iterator[tuple[Outcome, Extremal]]:
+        """Yield better and better outcomes."""
+        arcs = [Arc(0.0, outcome.path.t[-1], (np.nan,) * self.problem.m)]
+        mesh = outcome.mesh
+        tried: set[tuple[object, ...]] = set()
+        for number in range(_ROUNDS):
+            course = self.course(outcome)
+            yield outcome, course
+            new_arcs = self.arcs(outcome, course, arcs)
+            if signature(new_arcs) != signature(arcs) and signature(new_arcs) not in tried:
+                tried.add(signature(new_arcs))
+                mesh, durations = arc_mesh(
+                    self.problem, new_arcs, self.stages, 32 / outcome.path.t[-1])
+                new = self.collocate(mesh, outcome.path, durations, near=True,
+                                     sizes=self.sizes(outcome))
+                if new.converged and new.objective < outcome.objective + 1e-4 * abs(
+                        outcome.objective):
+                    outcome, arcs = new, new_arcs
+                    continue
+            mesh = self.finer(outcome, course)
+            if mesh.layout.intervals > _MOST_INTERVALS or self.monitor.stopped:
+                return
+            new = self.collocate(mesh, outcome.path, near=True, sizes=self.sizes(outcome))
+            if not new.converged:
+                return
+            outcome = new
+
+    def arcs(self, outcome: Outcome, course: Extremal, arcs: list[Arc]) -> list[Arc]:
+        """Return the arcs that an outcome shows."""
+        if not any(self.kit.switching):
+            return arcs
+        ends = np.cumsum(outcome.path.durations)
+        found = find_arcs(self.problem, outcome.path, self.kit.switching)
+        x, u = (course.x + course.x_end) / 2, (course.ua + course.ub) / 2
+        _, Hu, _ = self.kit.integrator.hamiltonian(
+            self.problem, x, u, (course.lam + course.lam_end) / 2)
+        return opened(found, course.t, Hu, self.problem)
+
+    def finer(self, outcome: Outcome, course: Extremal) -> Mesh:
+        """Return a mesh that is finer where the path gives cost away."""
+        verdict = judge(self.problem, self.kit.integrator, course)
+        scale = abs(outcome.objective)
+        number = cuts(verdict, 1e-7 * scale)
+        if course.defect > 1e-9:
+            number = np.maximum(number, 2)
+        if np.all(number == 1):
+            number[:] = 2
+        mesh = aligned(outcome.mesh, outcome.path.t, verdict.kinks)
+        if len(mesh.fractions) != len(number):
+            points = np.append(0.0, np.cumsum(
+                mesh.fractions * outcome.path.durations[mesh.layout.phase_of]))
+            middle = (points[:-1] + points[1:]) / 2
+            k = np.clip(np.searchsorted(outcome.path.t, middle) - 1, 0, len(number) - 1)
+            number = number[k]
+        return split(mesh, number)
+
+    def solution(self, outcome: Outcome, course: Extremal) -> Solution:
+        """Return an outcome as samples, with its certificate."""
+        problem = self.problem
+        t = np.column_stack([course.t[:-1], course.t[1:]]).ravel()
+        x, u, lam = (np.stack(pair, axis=1).reshape(len(t), -1) for pair in (
+            (course.x, course.x_end), (course.ua, course.ub), (course.lam, course.lam_end)))
+        u = np.clip(u, problem.u_lower, problem.u_upper)
+        new = np.append(True, (np.diff(t) > 0) | np.any(np.diff(u, axis=0) != 0, axis=1)
+                        | np.any(np.abs(np.diff(lam, axis=0)) > 1e-12 * np.abs(lam).max(),
+                                 axis=1))
+        t, x, u, lam = t[new], x[new], u[new], lam[new]
+        H, _, _ = self.kit.integrator.hamiltonian(problem, x, u, lam)
+        found = Solution(
+            Status.NOT_CONVERGED, '', course.cost, t, x, u, lam, H, outcome.nu,
+            switching_times=np.cumsum(outcome.path.durations)[:-1],
+            iterations=self.monitor.iterations)
+        return replace(found, certificate=certify(problem, found))
+
+    def run(self) -> Solution:
+        """Return the best answer found."""
+        best: Solution | None = None
+        for start in self.coarse()[:1]:
+            for outcome, course in self.improve(start):
+                answer = self.solution(outcome, course)
+                assert answer.certificate is not None
+                if outcome.converged and answer.certificate.holds:
+                    return replace(answer, status=Status.SOLVED, message='the certificate holds')
+                best = answer
+        assert best is not None and best.certificate is not None
+        status = Status(self.monitor.stopped) if self.monitor.stopped else Status.NOT_CONVERGED
+        worst = best.certificate.worst
+        return replace(best, status=status, message=(
+            f'{worst}: {best.certificate.residuals[worst]:.1e}, '
+            f'allowed {best.certificate.tolerances[worst]:.0e}'))
