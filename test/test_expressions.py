@@ -8,10 +8,9 @@ import time
 import casadi as ca
 from hypothesis import given
 from hypothesis import strategies as st
-import pytest
-
 from obc_ros.core.errors import StatementError
 from obc_ros.core.expressions import check_name, MAX_DEPTH, number, parse
+import pytest
 
 VALUES = {'x': 0.7, 'v': -1.3, 'theta_1': 0.4}
 SYMBOLS = {name: ca.SX.sym(name) for name in VALUES}

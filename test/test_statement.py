@@ -11,10 +11,9 @@ import casadi as ca
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-import pytest
-
 from obc_ros.core.errors import StatementError
 from obc_ros.core.statement import load_file, problem_from_mapping
+import pytest
 
 PROBLEMS = Path(__file__).parent / 'problems'
 

@@ -18,7 +18,6 @@ import re
 from typing import Any, NamedTuple
 
 import casadi as ca
-
 from obc_ros.core.errors import StatementError
 
 MAX_LENGTH = 20_000   # characters

@@ -6,9 +6,8 @@ from collections.abc import Hashable
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from obc_ros.core.errors import StatementError
+import yaml
 
 MAX_BYTES = 250_000
 

@@ -17,7 +17,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-
 from obc_ros.core import expressions, systems
 from obc_ros.core.errors import DynamicsError, StatementError
 from obc_ros.core.expressions import check_name, describe, near, number

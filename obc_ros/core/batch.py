@@ -1,0 +1,71 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""A CasADi function over many points at once, from numpy arrays to numpy arrays."""
+
+from collections.abc import Sequence
+from itertools import accumulate, pairwise
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_FEW, _MANY = 32, 1024   # rows evaluated at once
+
+
+class Batch:
+    """
+    Expressions of columns, evaluated for the rows of arrays.
+
+    Rows are evaluated in parcels of two sizes, so that another number of rows builds nothing
+    new, and pass by address: through `casadi.DM` a thousand of them would cost more to convert
+    than to evaluate. Not for use from two threads at once.
+
+    Parameters
+    ----------
+    inputs : sequence of casadi.SX
+        Columns of symbols.
+    outputs : sequence of casadi.SX
+        Their expressions, taken column by column.
+
+    """
+
+    def __init__(self, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]) -> None:
+        # One input and one output: handing over each costs more than an evaluation.
+        self._function = ca.Function('batch', [ca.vertcat(*inputs)], [
+            ca.vertcat(ca.SX(0, 1), *(ca.densify(ca.vec(output)) for output in outputs))])
+        self._inputs = list(accumulate((symbol.numel() for symbol in inputs), initial=0))
+        self._outputs = list(accumulate((output.numel() for output in outputs), initial=0))
+        self._parcels: dict[int, tuple[Any, Any]] = {}
+
+    def __call__(self, *arguments: Array) -> tuple[Array, ...]:
+        """
+        Return the outputs, each of shape (K, its length).
+
+        Parameters
+        ----------
+        *arguments : ndarray, shape (K, length) or (length,)
+            One for each input; a single row stands for K equal ones.
+
+        """
+        count = max((len(a) for a in arguments if np.ndim(a) == 2), default=1)
+        size = _FEW if count < 4 * _FEW else _MANY if count >= _MANY else _FEW
+        rows = -(-count // size) * size
+        w, result = np.zeros((rows, self._inputs[-1])), np.empty((rows, self._outputs[-1]))
+        for (start, end), argument in zip(pairwise(self._inputs), arguments, strict=True):
+            w[:count, start:end] = argument
+        if w.size and result.size:
+            buffer, trigger = self._parcel(size)
+            for first in range(0, rows, size):
+                buffer.set_arg(0, w[first:first + size].data)
+                buffer.set_res(0, result[first:first + size].data)
+                trigger()
+        return tuple(result[:count, start:end] for start, end in pairwise(self._outputs))
+
+    def _parcel(self, size: int) -> tuple[Any, Any]:
+        """Return the buffer of the function for `size` rows and the call that evaluates it."""
+        if size not in self._parcels:
+            self._parcels[size] = self._function.map(size).buffer()
+        return self._parcels[size]

@@ -1,0 +1,316 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+How far an input is from the least H = L + lam' f over the whole input set.
+
+H is a sum of terms in separate groups of inputs, found from which inputs dH/du_j depends on. In
+a group where H is affine or quadratic the least value over the box is computed. In any other one
+it is searched for: over a grid of the inputs that enter nonlinearly, the others being chosen best
+at each grid point, over the box or over a window where the box is unbounded. Inputs that share a
+path constraint c(x, u) are one group, searched where the constraint is met.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+import itertools
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.batch import Batch
+from obc_ros.core.problem import Problem
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+_KINKED = (ca.OP_FABS, ca.OP_SIGN)
+_GRID = {1: 41, 2: 15, 3: 7, 4: 5}   # points along each axis, two beyond four axes
+_MOST_AXES = 8
+_WINDOW = 5.0                        # of the input's scale, beyond the path, where unbounded
+_SWEEPS = 60
+
+
+@dataclass(frozen=True)
+class _Group:
+    """
+    Inputs, by number, whose terms of H belong together.
+
+    `searched` are those of a grid; given them, H is a sum of quadratics in each of the others,
+    or a quadratic if there are none. `constrained`: they share a path constraint.
+    """
+
+    inputs: tuple[int, ...]
+    searched: tuple[int, ...]
+    constrained: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """
+    H and what belongs to it at K points.
+
+    `x`, `lam`, `f` (K, n), `u` (K, m), `mu`, `c` (K, l), `L`, `H`, `size` (K,) with
+    size = |L| + |lam|'|f|, and of H + mu' c with respect to u `slope` (K, m) and `curvature`
+    (K, m, m).
+    """
+
+    x: Array
+    u: Array
+    lam: Array
+    mu: Array
+    f: Array
+    c: Array
+    L: Array
+    H: Array
+    size: Array
+    slope: Array
+    curvature: Array
+
+    def some(self, rows: Index) -> 'Points':
+        """Return the points of these numbers."""
+        return Points(**{name: values[rows] for name, values in vars(self).items()})
+
+
+@dataclass(frozen=True, eq=False)
+class Scales:
+    """What counts as one: `u` (m,) in each input and `H` in the Hamiltonian."""
+
+    u: Array
+    H: float
+
+
+class InputMinimum:
+    """H of a problem and its least value over the input set, for any numbers."""
+
+    def __init__(self, problem: Problem) -> None:
+        x, u, p, lam = problem.x, problem.u, problem.p, ca.SX.sym('lam', problem.n)
+        mu = ca.SX.sym('mu', problem.path.numel())
+        H = problem.L + ca.dot(lam, problem.f)
+        augmented = ca.gradient(H + ca.dot(mu, problem.path), u)
+        curvature = ca.jacobian(augmented, u)
+        size = ca.fabs(problem.L) + ca.dot(ca.fabs(lam), ca.fabs(problem.f))
+        self._points = Batch([x, u, lam, mu, p], [
+            problem.f, problem.path, problem.L, H, size, augmented, curvature])
+        self._problem = problem
+
+    @cached_property
+    def _groups(self) -> list[_Group]:
+        return _groups(self._problem)
+
+    def points(self, problem: Problem, x: Array, u: Array, lam: Array, mu: Array) -> Points:
+        """Return H and what belongs to it; arrays of K rows, numbers those of `problem`."""
+        f, c, L, H, size, slope, curvature = self._points(x, u, lam, mu, problem.p_value)
+        return Points(x, u, lam, mu, f, c, L[:, 0], H[:, 0], size[:, 0], slope,
+                      curvature.reshape(-1, problem.m, problem.m))
+
+    def gap(self, problem: Problem, at: Points, searched: Index, scales: Scales) -> Array:
+        """
+        Return H less its least value over the input set, shape (K,), >= 0.
+
+        Parameters
+        ----------
+        problem : Problem
+            Of the structure this was built for; its numbers are used.
+        at : Points
+            Where path constraints hold inputs, the gap of H + mu' c in its quadratic model
+            counts too, if it is larger.
+        searched : ndarray of int
+            The points at which groups without closed form are searched over the whole input
+            set; at the others they are compared with a better input nearby.
+        scales : Scales
+            Where an unbounded input has no curvature, moving it by its scale is what is gained.
+
+        """
+        total = np.zeros(len(at.x))
+        for group in self._groups:
+            index = list(group.inputs)
+            box = _Box(problem.u_lower[index], problem.u_upper[index], scales.u[index], scales.H)
+            Q = at.curvature[:, index][:, :, index]
+            if group.constrained:
+                Q = Q * (np.eye(len(index)) * (Q > 0))
+            step, value = _descend(at.slope[:, index], Q, at.u[:, index], box)
+            gap = -value
+            if group.searched and not group.constrained:
+                moved = at.u.copy()
+                moved[:, index] += np.clip(step, -1e6*box.scale, 1e6*box.scale)
+                gap = at.H - self._value(problem, at.x, moved, at.lam, np.inf)
+            if group.searched:
+                gap[searched] = np.maximum(gap[searched], self._search(
+                    problem, group, at.some(searched), scales))
+            total += np.maximum(gap, 0.0)
+        return total
+
+    def _value(self, problem: Problem, x: Array, u: Array, lam: Array, slack: float) -> Array:
+        """Return H, infinite where it is undefined or a path constraint is not met."""
+        return self._where_met(
+            problem, self.points(problem, x, u, lam, np.zeros(problem.path.numel())), slack)
+
+    def _where_met(self, problem: Problem, at: Points, slack: float) -> Array:
+        outside = np.maximum(problem.path_lower - at.c, at.c - problem.path_upper)
+        met = np.all(outside <= slack * np.maximum(1.0, np.abs(at.c)), axis=1)
+        return np.where(np.isfinite(at.H) & met, at.H, np.inf)
+
+    def _search(self, problem: Problem, group: _Group, at: Points, scales: Scales) -> Array:
+        """Return H less the least value found from a grid, shape (K,)."""
+        index = list(group.searched)
+        box = _Box(problem.u_lower[index], problem.u_upper[index], scales.u[index], scales.H)
+        grid = _grid(at.u[:, index], box)
+        K, G = len(at.x), len(grid)
+        u = np.repeat(at.u, G, axis=0)
+        u[:, index] = np.tile(grid, (K, 1))
+        there = self.points(problem, np.repeat(at.x, G, axis=0), u, np.repeat(at.lam, G, axis=0),
+                            np.zeros(problem.path.numel()))
+        value = self._where_met(problem, there, 1e-6 if group.constrained else np.inf)
+        for j in set(group.inputs) - set(index):
+            slope, curvature = there.slope[:, j], there.curvature[:, j, j]
+            step = _line(slope, curvature, problem.u_lower[j] - u[:, j],
+                         problem.u_upper[j] - u[:, j], float(scales.u[j]), scales.H)
+            u[:, j] += step
+            value += slope*step + 0.5*curvature*step**2
+        value = np.where(np.isnan(value), np.inf, value).reshape(K, G)
+        best = np.argmin(value, axis=1)
+        least = value[np.arange(K), best]
+        if group.constrained:
+            return np.asarray(at.H - least)
+        # Far from u, and nearly as good on the grid: perhaps better off it.
+        start = u.reshape(K, G, -1)[np.arange(K), best]
+        spacing = (grid.max(axis=0) - grid.min(axis=0)) / (_GRID.get(len(index), 2) - 1)
+        far = np.any(np.abs(start - at.u)[:, index] > 1.5*spacing, axis=1)
+        rows = np.flatnonzero(far & (least < at.H + 0.05*scales.H))
+        if rows.size:
+            least[rows] = np.minimum(least[rows], self._polish(
+                problem, group, at.some(rows), start[rows], scales))
+        return np.asarray(at.H - least)
+
+    def _polish(self, problem: Problem, group: _Group, at: Points, u: Array,
+                scales: Scales) -> Array:
+        """Return the value of H after a few damped Newton steps from `u` within the box."""
+        index = list(group.inputs)
+        box = _Box(problem.u_lower[index], problem.u_upper[index], scales.u[index], scales.H)
+        none = np.zeros(problem.path.numel())
+        best = np.full(len(u), np.inf)
+        for _ in range(4):
+            there = self.points(problem, at.x, u, at.lam, none)
+            best = np.fmin(best, there.H)
+            step, _ = _descend(np.nan_to_num(there.slope[:, index]),
+                               np.nan_to_num(there.curvature[:, index][:, :, index]),
+                               u[:, index], box)
+            for part in (1.0, 0.2):
+                trial = u.copy()
+                trial[:, index] += part * np.clip(step, -1e6*box.scale, 1e6*box.scale)
+                value = self._value(problem, at.x, trial, at.lam, np.inf)
+                better = value < best
+                best, u = np.where(better, value, best), np.where(better[:, None], trial, u)
+        return best
+
+
+@dataclass(frozen=True, eq=False)
+class _Box:
+    lower: Array
+    upper: Array
+    scale: Array
+    H: float
+
+
+def _groups(problem: Problem) -> list[_Group]:
+    m, u, lam = problem.m, problem.u, ca.SX.sym('lam', problem.n)
+    Hu = ca.gradient(problem.L + ca.dot(lam, problem.f), u)
+    Huu = ca.jacobian(Hu, u)
+    # The pattern has an entry wherever dH/du_i depends on u_j, of |u| too.
+    linked = np.eye(m, dtype=bool)
+    linked[Huu.sparsity().get_triplet()] = True
+    rows = np.zeros((problem.path.numel(), m), dtype=bool)
+    rows[ca.jacobian_sparsity(problem.path, u).get_triplet()] = True
+    groups = linked | ((rows.T.astype(int) @ rows.astype(int)) > 0)
+    groups |= groups.T
+    for k in range(m):
+        groups |= np.outer(groups[:, k], groups[k])
+    entries = list(zip(*Huu.sparsity().get_triplet(), strict=True))
+    varies = ca.jacobian_sparsity(Huu.nz[:], u)
+    bent = np.zeros((m, m, m), dtype=bool)
+    for entry, j in zip(*varies.get_triplet(), strict=True):
+        bent[(*entries[entry], j)] = True
+    kinked = _kinked(problem)
+    result = []
+    for members in sorted({tuple(int(j) for j in np.flatnonzero(row)) for row in groups}):
+        constrained = bool(rows[:, members].any())
+        if constrained or kinked:
+            searched = members
+        elif not bent[np.ix_(members, members, members)].any():
+            searched = ()
+        else:
+            easy: list[int] = []
+            for j in members:
+                if not bent[j, j, j] and not linked[j, easy].any() and not linked[easy, j].any():
+                    easy.append(j)
+            searched = tuple(j for j in members if j not in easy)
+        result.append(_Group(members, searched, constrained))
+    return result
+
+
+def _kinked(problem: Problem) -> bool:
+    function = ca.Function('H', [problem.x, problem.u, problem.p], [problem.L, problem.f])
+    return any(function.instruction_id(k) in _KINKED for k in range(function.n_instructions()))
+
+
+def _line(slope: Array, curvature: Array, lower: Array, upper: Array, scale: float,
+          H: float) -> Array:
+    """Return the step that minimises slope d + curvature d^2 / 2 for lower <= d <= upper."""
+    flat = np.abs(curvature) * scale**2 <= 1e-9 * H
+    # Without curvature or bound no step is least: the loss of one scale is what is reported.
+    edge = np.where(flat, scale, 1e150)
+    low = np.where(np.isfinite(lower), lower, -edge)
+    high = np.where(np.isfinite(upper), upper, edge)
+    with np.errstate(all='ignore'):
+        inner = np.clip(-slope / curvature, low, high)
+        bent = np.where(flat, 0.0, 0.5*curvature)
+        end = np.where((slope + bent*low)*low <= (slope + bent*high)*high, low, high)
+    return np.where(flat & (slope == 0), 0.0, np.where(~flat & (curvature > 0), inner, end))
+
+
+def _descend(slope: Array, Q: Array, u: Array, box: _Box) -> tuple[Array, Array]:
+    """
+    Return the step d, shape (K, r), least for slope'd + d'Q d / 2 in the box, and that value.
+
+    Exact for one input and, in the limit of its sweeps over one input at a time, for Q >= 0;
+    for any other Q also started from the vertices.
+    """
+    K, r = slope.shape
+    low, high = box.lower - u, box.upper - u
+    if r == 1:
+        step = _line(slope[:, 0], Q[:, 0, 0], low[:, 0], high[:, 0], float(box.scale[0]), box.H)
+        with np.errstate(over='ignore'):
+            return step[:, None], slope[:, 0]*step + 0.5*Q[:, 0, 0]*step**2
+    starts = [np.zeros((K, r))]
+    if (r <= _MOST_AXES and np.all(np.isfinite([box.lower, box.upper]))
+            and np.any(np.linalg.eigvalsh(np.nan_to_num(Q))[:, 0] < 0)):
+        starts += [np.array(vertex) - u
+                   for vertex in itertools.product(*zip(box.lower, box.upper, strict=True))]
+    best, least = starts[0], np.zeros(K)
+    for d in starts:
+        for _ in range(_SWEEPS):
+            before = d.copy()
+            for j in range(r):
+                g = slope[:, j] + np.einsum('ki,ki->k', Q[:, j], d) - Q[:, j, j]*d[:, j]
+                d[:, j] = _line(g, Q[:, j, j], low[:, j], high[:, j], float(box.scale[j]), box.H)
+            if np.all(np.abs(d - before) <= 1e-12 * box.scale):
+                break
+        value = np.einsum('kj,kj->k', slope, d) + 0.5*np.einsum('ki,kij,kj->k', d, Q, d)
+        better = value < least
+        best = np.where(better[:, None], d, best)
+        least = np.where(better, value, least)
+    return best, least
+
+
+def _grid(u: Array, box: _Box) -> Array:
+    """Return points over the box, or over a window around the path where it is unbounded."""
+    r = u.shape[1]
+    low = np.where(np.isfinite(box.lower), box.lower, u.min(axis=0) - _WINDOW*box.scale)
+    high = np.where(np.isfinite(box.upper), box.upper, u.max(axis=0) + _WINDOW*box.scale)
+    axes = [np.linspace(a, b, _GRID.get(r, 2)) for a, b in zip(low, high, strict=True)]
+    # Zero is where |u| has its kink.
+    axes = [np.union1d(axis, 0.0) if r <= 2 and axis[0] < 0 < axis[-1] else axis
+            for axis in axes[:_MOST_AXES]]
+    points = np.array(list(itertools.product(*axes)))
+    rest = np.broadcast_to(0.5*(low + high)[_MOST_AXES:], (len(points), r - points.shape[1]))
+    return np.hstack([points, rest])

@@ -1,0 +1,171 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What the input of an answer does between the answer's own samples.
+
+Over each interval [t_k, t_k + h] the equations
+
+    dx/dt = f(x, u),   dlam/dt = -dH/dx - s - c_x' m,   dJ/dt = L(x, u)
+
+are integrated from the returned x_k and lam_k under the returned input, with s and m the
+densities of the multipliers of state bounds and path constraints. The method is the explicit
+Runge-Kutta pair of Dormand and Prince, order 5, in equal steps that are halved until the
+embedded error estimate is small: nothing of how the answer was found enters.
+"""
+
+from dataclasses import dataclass
+import math
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.batch import Batch
+from obc_ros.core.problem import Problem
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+# J. R. Dormand, P. J. Prince, A family of embedded Runge-Kutta formulae,
+# J. Comput. Appl. Math. 6 (1980), RK5(4)7M.
+_C = (0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0)
+_A = (
+    (),
+    (1 / 5,),
+    (3 / 40, 9 / 40),
+    (44 / 45, -56 / 15, 32 / 9),
+    (19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729),
+    (9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656),
+    (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84),
+)
+_ERROR = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
+# E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, II.6: the course
+# within a step, of order 4.
+_DENSE = (-12715105075 / 11282082432, 0.0, 87487479700 / 32700410799,
+          -10690763975 / 1880347072, 701980252875 / 199316789632, -1453857185 / 822651844,
+          69997945 / 29380423)
+
+PARTS = 4           # an interval is seen at its quarters
+FEWEST_STEPS = 2    # in one interval
+MOST_STEPS = 2048
+
+
+@dataclass(frozen=True, eq=False)
+class Intervals:
+    """
+    The intervals of an answer: where each starts, and its input and multiplier densities.
+
+    `h` (K,); `x`, `lam` (K, n) at the start; `ua`, `ub` (K, m), `sa`, `sb` (K, n) and `ma`, `mb`
+    (K, l) at the start and at the end, linear in between.
+    """
+
+    h: Array
+    x: Array
+    lam: Array
+    ua: Array
+    ub: Array
+    sa: Array
+    sb: Array
+    ma: Array
+    mb: Array
+
+    def some(self, rows: Index) -> 'Intervals':
+        """Return the intervals of these numbers."""
+        return Intervals(**{name: values[rows] for name, values in vars(self).items()})
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """
+    The course of each interval at its quarters 0, 1/4, 1/2, 3/4, 1.
+
+    `x`, `lam` (K, 5, n), `u` (K, 5, m), `cost` (K,) the integral of L over each interval,
+    `converged` whether the error estimates came below the limit.
+    """
+
+    x: Array
+    lam: Array
+    u: Array
+    cost: Array
+    converged: bool
+
+
+class Integrator:
+    """The right-hand sides for a problem's states, costates and cost, for any numbers."""
+
+    def __init__(self, problem: Problem) -> None:
+        lam, s = ca.SX.sym('lam', problem.n), ca.SX.sym('s', problem.n)
+        mu = ca.SX.sym('mu', problem.path.numel())
+        H = problem.L + ca.dot(lam, problem.f) + ca.dot(mu, problem.path)
+        self._rate = Batch([problem.x, lam, problem.u, s, mu, problem.p],
+                           [problem.f, -ca.gradient(H, problem.x) - s, problem.L])
+
+    def replay(self, intervals: Intervals, p: Array, scale: Array, tolerance: float) -> Replay:
+        """
+        Return the course of every interval.
+
+        Parameters
+        ----------
+        intervals : Intervals
+            Starts, inputs and multiplier densities.
+        p : ndarray
+            Values of the parameters.
+        scale : ndarray, shape (2 n,)
+            What counts as one in x and lam; in the cost it is the cost found.
+        tolerance : float
+            Largest scaled error of an interval.
+
+        """
+        K, n = intervals.x.shape
+        z = np.empty((K, PARTS + 1, 2*n + 1))
+        rows, steps = np.arange(K), FEWEST_STEPS
+        while rows.size and steps <= MOST_STEPS:
+            with np.errstate(all='ignore'):
+                z[rows], error = self._course(intervals.some(rows), p, steps)
+            cost = max(float(np.abs(z[:, -1, -1]).sum()), 1e-300)
+            error = np.max(error / np.append(scale, cost), axis=1)
+            # A course that is not finite is tried again with smaller steps.
+            bad = ~(error <= tolerance)
+            rows, error = rows[bad], error[bad]
+            worst = float(error.max(initial=0.0)) if np.all(np.isfinite(error)) else np.inf
+            # The estimate goes down with the fourth power of the number of steps.
+            wanted = 1.3 * steps * min((worst / tolerance)**0.25, 50.0)
+            steps = PARTS * max(-(-2*steps // PARTS), math.ceil(wanted / PARTS))
+        parts = np.linspace(0.0, 1.0, PARTS + 1)[None, :, None]
+        u = (1 - parts)*intervals.ua[:, None] + parts*intervals.ub[:, None]
+        return Replay(x=z[:, :, :n], lam=z[:, :, n:2*n], u=u, cost=z[:, -1, -1],
+                      converged=not rows.size)
+
+    def _course(self, intervals: Intervals, p: Array, steps: int) -> tuple[Array, Array]:
+        """Return z = (x, lam, J) at the quarters, and the sum of the steps' error estimates."""
+        K, n = intervals.x.shape
+        z = np.column_stack([intervals.x, intervals.lam, np.zeros(K)])
+        h = intervals.h[:, None] / steps
+
+        def rate(tau: float, z: Array) -> Array:
+            held = [(1 - tau)*a + tau*b for a, b in (
+                (intervals.ua, intervals.ub), (intervals.sa, intervals.sb),
+                (intervals.ma, intervals.mb))]
+            f, lam_rate, L = self._rate(z[:, :n], z[:, n:2*n], *held, p)
+            return np.hstack([f, lam_rate, L])
+
+        seen, total, first = [z], np.zeros_like(z), rate(0.0, z)
+        for step in range(steps):
+            slopes = [first]
+            for c, row in zip(_C[1:], _A[1:], strict=True):
+                end = z + h*_sum(row, slopes)
+                slopes.append(rate((step + c)/steps, end))
+            total += np.abs(h*_sum(_ERROR, slopes))
+            if steps < PARTS:
+                half = end - z
+                bend = h*first - half
+                seen.append(z + (half + (bend + (half - h*slopes[-1] - bend
+                                                 + h*_sum(_DENSE, slopes)/2)/2)/2)/2)
+            # The last row of the pair is its step, and its slope the next one's first.
+            z, first = end, slopes[-1]
+            if (step + 1) % max(steps // PARTS, 1) == 0:
+                seen.append(z)
+        return np.stack(seen, axis=1), total
+
+
+def _sum(weights: tuple[float, ...], slopes: list[Array]) -> Array:
+    return np.asarray(sum(b*k for b, k in zip(weights, slopes, strict=True) if b))
