@@ -56,6 +56,13 @@ def files(*suffixes: str) -> list[Path]:
     return sorted(path for path in found if path.name.endswith(suffixes))
 
 
+def installed(path: str) -> Path:
+    """Return where a file of the installed package is."""
+    prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
+    candidates = [Path(prefix) / path for prefix in (*prefixes, sys.prefix)]
+    return next((file for file in candidates if file.is_file()), candidates[0])
+
+
 def name(path: Path) -> str:
     """Return the path as messages show it."""
     return str(path.relative_to(ROOT))
@@ -116,9 +123,17 @@ def test_the_version_is_the_same_everywhere():
 def test_interface_is_installed(file):
     module = importlib.import_module(f'obc_ros.{file.parent.name}')
     assert hasattr(module, file.stem)
-    prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
-    installed = [Path(prefix) / 'share' / 'obc_ros' / name(file) for prefix in prefixes if prefix]
-    assert any(path.is_file() and path.read_bytes() == file.read_bytes() for path in installed)
+    assert installed(f'share/obc_ros/{name(file)}').read_bytes() == file.read_bytes()
+    snake = re.sub('(?<=[a-z])(?=[A-Z])', '_', file.stem).lower()
+    assert installed(f'include/obc_ros/obc_ros/{file.parent.name}/{snake}.hpp').is_file()
+
+
+def test_data_files_are_installed():
+    data = [*(ROOT / 'config').iterdir(), *(ROOT / 'launch').glob('*.py'), ROOT / 'package.xml']
+    for file in data:
+        assert installed(f'share/obc_ros/{name(file)}').read_bytes() == file.read_bytes()
+    assert installed('share/obc_ros/cmake/obc_rosConfig.cmake').is_file()
+    assert installed('share/ament_index/resource_index/packages/obc_ros').is_file()
 
 
 @pytest.mark.parametrize('file', INTERFACES, ids=name)
@@ -132,12 +147,13 @@ def test_every_field_has_a_comment(file):
         previous = line.strip()
 
 
-@pytest.mark.parametrize('script', PROJECT['project']['scripts'].items(), ids=lambda s: s[0])
-def test_executable_is_there_for_pip_and_for_colcon(script):
-    executable, (module, _, function) = script[0], script[1].partition(':')
+@pytest.mark.parametrize(('executable', 'entry'), PROJECT['project']['scripts'].items())
+def test_executable_is_there_for_pip_and_for_colcon(executable, entry):
+    module, function = entry.split(':')
     assert callable(getattr(importlib.import_module(module), function))
     assert f'{executable}:{module}' in (ROOT / 'CMakeLists.txt').read_text()
     assert function == 'main'
+    assert os.access(installed(f'lib/obc_ros/{executable}'), os.X_OK)
 
 
 def test_core_knows_no_ros():
