@@ -235,6 +235,12 @@ def test_queue_has_a_length_and_what_waits_can_be_cancelled_or_run_out_of_time()
         assert (pool.waiting, pool.busy) == (0, 0)
 
 
+def test_time_does_not_run_before_the_first_worker_has_started():
+    pool = Pool('stand_in_worker', 1)
+    assert Asked(pool, 'echo', time_limit=1e-3).answer().outcome is Outcome.ANSWERED
+    pool.close()
+
+
 def test_pool_grows_and_shrinks():
     with running() as pool:
         busy = Asked(pool, 'iterate', time_limit=1.0).begun()

@@ -9,15 +9,25 @@ worse ends the worker and nothing else.
 
 from collections.abc import Callable
 from dataclasses import replace
+import math
 import time
 
-from obc_ros.core.errors import ObcError
-from obc_ros.core.planning import Motion, statement
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core import systems
+from obc_ros.core.equilibrium import Equilibrium, equilibrium, linearize
+from obc_ros.core.errors import ObcError, RefusedDesignError, StatementError
+from obc_ros.core.lqr import lqr, LqrDesign
+from obc_ros.core.planning import Motion, registered, statement
 from obc_ros.core.problem import Problem
 from obc_ros.core.solution import Report, Solution, Status
 from obc_ros.core.solve import Cache, solve
 from obc_ros.core.statement import problem_from_mapping
+from obc_ros.core.system import System
+from obc_ros.core.weights import choose
 from obc_ros.core.wire import Packet
+
+Array = NDArray[np.float64]
 
 _caches: dict[int, Cache] = {}
 
@@ -48,10 +58,14 @@ def solution_packet(problem: Problem, solution: Solution, system: str) -> Packet
 
 def _solve(request: Packet, time_limit: float, report: Report) -> Packet:
     plain = request.plain
+    name = plain['statement'].get('system', '')
+    if systems.is_file(name):
+        raise StatementError('system: a request names a registered system; files of the server '
+                             'are not read')
     problem = problem_from_mapping(plain['statement'])
     solution = solve(problem, method=plain['method'] or 'auto', time_limit=time_limit,
                      report=report, cache=_cache(plain['cache_size']))
-    return solution_packet(problem, solution, plain['statement'].get('system', ''))
+    return solution_packet(problem, solution, name)
 
 
 def _plan(request: Packet, time_limit: float, report: Report) -> Packet:
@@ -67,6 +81,62 @@ def _plan(request: Packet, time_limit: float, report: Report) -> Packet:
     left = time_limit - (time.monotonic() - begun)
     solution = solve(problem, time_limit=left, report=report, cache=cache)
     return solution_packet(problem, solution, motion.system)
+
+
+def _design_lqr(request: Packet, time_limit: float, report: Report) -> Packet:
+    plain, arrays = request.plain, request.arrays
+    system = registered(plain['system'], plain['parameters']) if plain['system'] else None
+    if system:
+        at = equilibrium(system, _or_default(arrays['setpoint']),
+                         _or_default(arrays['setpoint_input']))
+        A, B = linearize(system, at.x, at.u)
+    else:
+        A, B = _plant(arrays['a'], arrays['b'])
+        at = Equilibrium(np.zeros(len(A)), np.zeros(B.shape[1]), np.zeros(len(A)))
+    n, m = B.shape
+    cost = choose(
+        n, m, weights=plain['weights'] or 'matrices', rho=plain['rho'] or 1.0,
+        Qx=arrays['qx'] if arrays['qx'].size else np.ones(n),
+        Qu=arrays['qu'] if arrays['qu'].size else np.ones(m), cross=arrays['cross'],
+        x_max=arrays['x_max'], u_max=arrays['u_max'], H=arrays['h'], stability=plain['stability'])
+    try:
+        design = lqr(A, B, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability)
+    except RefusedDesignError as error:
+        return Packet({'status': 'refused', 'message': str(error)})
+    return design_packet(design, at, system)
+
+
+def design_packet(design: LqrDesign, at: Equilibrium, system: System | None) -> Packet:
+    """Return a design as the fields of its message, with the names that its arrays go by."""
+    n, m = design.B.shape
+    damping = -design.E.real / np.abs(design.E)
+    slowest = design.E[np.argmax(design.E.real)]
+    sentence = (f'the closed loop is stable: its slowest mode decays in {-1 / slowest.real:.3g} s,'
+                f' its least damping ratio is {damping.min():.3g}')
+    fields = {
+        'system': system.name if system else '', 'residual': float(design.residual),
+        'state_names': system.state_names if system else [f'x{i + 1}' for i in range(n)],
+        'input_names': system.input_names if system else [f'u{j + 1}' for j in range(m)],
+        'design': 'continuous', 'sentence': sentence}
+    return Packet(
+        {'status': 'solved', 'message': sentence, 'design': fields},
+        {'xe': at.x, 'ue': at.u, 'a': design.A, 'b': design.B, 'qx': design.Qx, 'qu': design.Qu,
+         'k': design.K, 'p': design.P, 'poles_real': design.E.real, 'poles_imag': design.E.imag,
+         'damping': damping})
+
+
+def _or_default(values: Array) -> Array | None:
+    return values if values.size else None
+
+
+def _plant(a: Array, b: Array) -> tuple[Array, Array]:
+    """Return A (n, n) and B (n, m) of their numbers row by row."""
+    n = math.isqrt(a.size)
+    if not n or n * n != a.size:
+        raise StatementError(f'a has {a.size} numbers: wanted n*n, row by row')
+    if not b.size or b.size % n:
+        raise StatementError(f'b has {b.size} numbers: wanted {n}*m, row by row')
+    return a.reshape(n, n), b.reshape(n, -1)
 
 
 def _ample_time(motion: Motion, time_limit: float, report: Report, cache: Cache) -> float:
@@ -90,4 +160,5 @@ def _cache(size: int) -> Cache:
 KINDS: dict[str, Callable[[Packet, float, Report], Packet]] = {
     'solve': _solve,
     'plan': _plan,
+    'design_lqr': _design_lqr,
 }

@@ -12,6 +12,7 @@ from collections import Counter, deque, OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
+import math
 import os
 import signal
 import socket
@@ -64,7 +65,8 @@ class Job:
     kind, request
         What the worker's module is called with.
     time_limit : float
-        Time [s] from submission to answer, waiting included.
+        Time [s] from submission to answer, waiting included; it does not run before the pool's
+        first worker has started.
     done
         Called once, with the answer.
     progress
@@ -113,7 +115,7 @@ class Pool:
         self.affinities = affinities
         self.outcomes: Counter[Outcome] = Counter()
         self.replaced = 0
-        self._closed = False
+        self._closed = self._started = False
         self._changed = Condition()
         self._queue: deque[Job] = deque()
         self._workers: list[_Worker] = []
@@ -151,8 +153,8 @@ class Pool:
 
     def submit(self, job: Job) -> None:
         """Take a request: its time runs from now on."""
-        job.deadline = time.monotonic() + job.time_limit
         with self._changed:
+            job.deadline = time.monotonic() + job.time_limit if self._started else math.inf
             refusal = self._refusal()
             if not refusal:
                 worker = self._idle(job.affinity)
@@ -209,6 +211,15 @@ class Pool:
         for job in late:
             self.finish(job, Answer(
                 Outcome.TIMED_OUT, f'no worker was free within {job.time_limit:g} s'))
+
+    def admit(self, worker: '_Worker') -> None:
+        """Note that `worker` is ready; if it is the first, the time of what waits begins."""
+        with self._changed:
+            worker.ready = True
+            if not self._started:
+                self._started = True
+                for job in self._queue:
+                    job.deadline = time.monotonic() + job.time_limit
 
     def next_job(self, worker: '_Worker') -> Job | None:
         """Return what `worker` is to do next; None when nothing came within `IDLE_CHECK`."""
@@ -312,7 +323,7 @@ class _Worker(Thread):
                 return self._cause()
             self._pool.expire()
             if packet and 'ready' in packet.plain:
-                self.ready = True
+                self._pool.admit(self)
                 return ''
             if packet:
                 return str(packet.plain['died'])

@@ -254,6 +254,7 @@ def fill_answer(response: Any, packet: Packet) -> None:
     Parameters
     ----------
     response : SolveOptimalControl.Response, SolveOptimalControl.Result or PlanMotion.Response
+        Filled in place.
     packet : Packet
         As `answers.solution_packet` made it, or with a status and a message only.
 
@@ -286,9 +287,11 @@ def fill_minimum(response: Any, packet: Packet) -> None:
 
 def fill_design(response: Any, packet: Packet) -> None:
     """Put the answer of `answers` to ``~/design_lqr`` into its response."""
-    response.success = packet.plain['status'] == 'solved'
-    response.message = packet.plain['message']
-    if response.success:
+    status, response.message = packet.plain['status'], packet.plain['message']
+    response.success = status == 'solved'
+    if not response.success:
+        response.message = f'{status}: {response.message}'
+    else:
         response.design = design_message(Packet(packet.plain['design'], packet.arrays))
 
 

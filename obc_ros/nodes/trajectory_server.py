@@ -36,6 +36,8 @@ from rclpy.task import Future
 
 ANSWERS = 'obc_ros.core.answers'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# requests and answers that come in a burst must not push each other out
+BURST = QoSProfile(depth=1000)
 RESULT_TIMEOUT = 30  # [s] that the result of an action is kept for
 QUICK = 2_500        # numbers in A up to which a design does not wait behind solves
 STATUS = {Outcome.REFUSED: 'cancelled', Outcome.TIMED_OUT: 'timed_out',
@@ -81,10 +83,13 @@ class TrajectoryServer(Node):
                 (DesignLqr, '~/design_lqr', self._design_lqr),
                 (Minimize, '~/minimize', self._minimize),
                 (PlanMotion, '~/plan', self._plan)):
-            self.create_service(service, name, callback, callback_group=group)
+            self.create_service(
+                service, name, callback, qos_profile=BURST, callback_group=group)
         self._action = ActionServer(
             self, SolveAction, '~/solve_optimal_control', self._execute, callback_group=group,
-            cancel_callback=self._cancel, result_timeout=RESULT_TIMEOUT)
+            cancel_callback=self._cancel, result_timeout=RESULT_TIMEOUT,
+            goal_service_qos_profile=BURST, result_service_qos_profile=BURST,
+            cancel_service_qos_profile=BURST, feedback_pub_qos_profile=BURST)
 
     def destroy_node(self) -> None:
         """End the workers, then the node."""
