@@ -246,6 +246,56 @@ def test_a_fault_is_named_with_its_key(path, value, said):
     assert len(str(error.value)) < 500
 
 
+VEHICLE = {
+    'system': 'vehicle', 'parameters': {'l': 3, 'reach': '2*l'},
+    'running_cost': 'reach*phi**2', 'initial_state': {'px': 0, 'py': -2, 'theta': 0},
+    'final_time': {'free': False, 'value': 1}}
+
+
+def test_a_registered_system_stands_in_place_of_states_inputs_and_dynamics():
+    problem = problem_from_mapping(VEHICLE)
+    assert problem.states == ('px', 'py', 'theta')
+    assert problem.angles == (False, False, True)
+    assert dict(zip(problem.parameters, problem.p_value, strict=True)) == {'l': 3, 'reach': 6}
+    f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f, problem.L])
+    rate, L = f([0, 0, math.pi/2], [6, 0.1], problem.p_value)
+    assert rate.full().ravel() == pytest.approx([0, 6, 2*math.tan(0.1)], abs=1e-12)
+    assert float(L) == pytest.approx(0.06)
+
+
+def test_the_inputs_of_a_registered_system_have_its_limits_unless_others_are_given():
+    problem = problem_from_mapping(VEHICLE)
+    assert (problem.u_lower.tolist(), problem.u_upper.tolist()) == ([0, -0.6], [math.inf, 0.6])
+    problem = problem_from_mapping(VEHICLE | {'input_bounds': {'phi': [None, 0.1]}})
+    assert (problem.u_lower.tolist(), problem.u_upper.tolist()) == ([0, -math.inf],
+                                                                    [math.inf, 0.1])
+
+
+def test_a_system_may_have_options_among_its_parameters():
+    problem = problem_from_mapping(VEHICLE | {
+        'system': 'linear', 'parameters': {'A': [[0, 1], [0, 0]], 'B': [[0], [1]], 'w': 2},
+        'running_cost': 'w*u1**2', 'initial_state': {'x1': 0, 'x2': 0}})
+    assert (problem.states, problem.inputs, problem.parameters) == (
+        ('x1', 'x2'), ('u1',), ('w',))
+
+
+@pytest.mark.parametrize(('change', 'said'), [
+    ({'system': 'vehicel'}, r"^system: unknown system 'vehicel' \(did you mean 'vehicle'"),
+    ({'system': '/etc/system.yaml'}, "^system: unknown system '/etc/system.yaml'"),
+    ({'system': 3}, '^system: wanted a name'),
+    ({'system': 'linear', 'parameters': {'A': [['x']]}}, '^system: linear.A: '),
+    ({'parameters': {'l': -1}}, '^parameters: vehicle.l = -1'),
+    ({'parameters': {'l': '2*w', 'w': 1}}, r"^parameters\.l: unknown name 'w'"),
+    ({'parameters': {'w': '2*l', 'l': 1}}, r"^parameters\.w: unknown name 'l'"),
+    ({'parameters': {'px': 1}}, "^parameters: 'px' is both a parameter and a state"),
+    ({'states': ['px']}, '^states: the system says this already'),
+    ({'dynamics': {'px': 'v'}}, '^dynamics: the system says this already'),
+], ids=str)
+def test_a_fault_beside_a_system_is_named(change, said):
+    with pytest.raises(StatementError, match=said):
+        problem_from_mapping(VEHICLE | change)
+
+
 @pytest.mark.parametrize('value', [None, 3, 'text', [GOOD], True], ids=str)
 def test_a_problem_is_a_mapping(value):
     with pytest.raises(StatementError, match='^problem: wanted a mapping'):

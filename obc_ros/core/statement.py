@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core import expressions, systems
-from obc_ros.core.errors import DynamicsError, StatementError
+from obc_ros.core.errors import ObcError, StatementError
 from obc_ros.core.expressions import check_name, describe, near, number
 from obc_ros.core.files import read_yaml
 from obc_ros.core.problem import FinalTime, Guess, Problem
@@ -245,22 +245,25 @@ def _registered_plant(given: Mapping[Any, Any]) -> _Plant:
     name = given['system']
     if not isinstance(name, str):
         raise StatementError(f'system: wanted a name, found {describe(name)}')
+    section = _section(given, 'parameters')
     try:
-        system = systems.get(name)
-    except DynamicsError as error:
+        options = {key: _option(section[key], f'parameters.{key}')
+                   for key in systems.options(name) if key in section}
+        system = systems.registered(name, options)
+    except ObcError as error:
         raise StatementError(f'system: {error}') from None
     values = {parameter.name: parameter.value for parameter in system.parameters}
     own = tuple(values)
-    section = _section(given, 'parameters')
     waiting = set(section)
     for key, value in section.items():
-        key = _parameter(key, system.state_names, system.input_names)
-        known = {name: values[name] for name in values if name not in waiting}
-        values[key] = number(value, known, f'parameters.{key}')
-        waiting.discard(key)
+        if key not in options:
+            key = _parameter(key, system.state_names, system.input_names)
+            known = {name: values[name] for name in values if name not in waiting}
+            values[key] = number(value, known, f'parameters.{key}')
+            waiting.discard(key)
     try:
-        system = system.with_parameters({key: values[key] for key in own})
-    except DynamicsError as error:
+        system = system.with_parameters({key: values[key] for key in own if key in section})
+    except ObcError as error:
         raise StatementError(f'parameters: {error}') from None
     p = dict(zip(own, ca.vertsplit(system.p), strict=True))
     p |= {key: ca.SX.sym(key) for key in values if key not in p}
@@ -269,6 +272,14 @@ def _registered_plant(given: Mapping[Any, Any]) -> _Plant:
         dict(zip(system.state_names, ca.vertsplit(system.x), strict=True)),
         dict(zip(system.input_names, ca.vertsplit(system.u), strict=True)),
         p, values, system.xdot, system.u_min, system.u_max)
+
+
+def _option(value: object, where: str) -> object:
+    """Return what a system is built of: rows of numbers, or a number, whole if it is."""
+    if isinstance(value, (list, tuple)):
+        return value
+    plain = number(value, {}, where)
+    return int(plain) if plain.is_integer() else plain
 
 
 def _states_only(expression: ca.SX, plant: _Plant, where: str) -> None:
