@@ -6,11 +6,10 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 import numpy as np
 from numpy.testing import assert_allclose
-import pytest
-
 from obc_ros.core import systems
 from obc_ros.core.equilibrium import equilibrium, linearize
 from obc_ros.core.errors import DynamicsError
+import pytest
 
 value = st.floats(-5.0, 5.0)
 A, B = [[0.0, 1.0], [-2.0, 3.0]], [[0.0], [1.0]]

@@ -6,15 +6,14 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
-import pytest
-from scipy.integrate import quad, solve_ivp
-from scipy.linalg import expm, solve_continuous_are
-
 from obc_ros.core import systems
 from obc_ros.core.conditions import Conditions, Gust
 from obc_ros.core.equilibrium import equilibrium, linearize
 from obc_ros.core.errors import DynamicsError, StatementError
 from obc_ros.core.simulate import resting_input, Simulator
+import pytest
+from scipy.integrate import quad, solve_ivp
+from scipy.linalg import expm, solve_continuous_are
 
 PERIOD = 5  # steps from one command to the next
 

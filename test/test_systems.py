@@ -8,11 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 from numpy.testing import assert_allclose
-import pytest
-
 from obc_ros.core import systems
 from obc_ros.core.errors import DynamicsError, ObcError, StatementError
 from obc_ros.core.system import System
+import pytest
 
 A = [[0.0, 1.0, 0.5], [-2.0, 0.3, 0.0], [0.0, 0.0, -1.0]]
 B = [[0.0, 1.0], [2.0, 0.0], [0.0, -3.0]]

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-
 from obc_ros.core.errors import DynamicsError
 from obc_ros.core.system import Signal, System
 
@@ -59,6 +58,7 @@ def equilibrium(
     Parameters
     ----------
     system : System
+        With the parameter values that count.
     x : array, shape (n,), optional
         Set point; the system's own if left out.
     u : array, shape (m,), optional

@@ -17,7 +17,6 @@ import math
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-
 from obc_ros.core.conditions import Conditions
 from obc_ros.core.errors import DynamicsError
 from obc_ros.core.one_step import dormand_prince, rk4, Slope

@@ -13,7 +13,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-
 from obc_ros.core.conditions import Conditions
 from obc_ros.core.equilibrium import equilibrium
 from obc_ros.core.errors import DynamicsError, StatementError
@@ -74,6 +73,11 @@ class Simulator:
     def u(self) -> Array:
         """Return what the actuators deliver now, shape (m,)."""
         return np.array(self._flow.delivered(self.steps))
+
+    @property
+    def rest(self) -> tuple[float, ...]:
+        """Return the input (m,) that acts until the first command."""
+        return self._u0
 
     def slope(self, x: Array) -> Array:
         """Return dx/dt, shape (n,), of a state x (n,) under the present input and disturbance."""

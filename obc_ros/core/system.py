@@ -15,7 +15,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-
 from obc_ros.core.errors import DynamicsError
 
 Array = NDArray[np.float64]
@@ -187,6 +186,12 @@ def define(
 
     Parameters
     ----------
+    name, description, plane, rebuild
+        As in `System`.
+    states, inputs : sequence of Signal
+        In the order of x (n,) and u (m,).
+    parameters : sequence of Parameter
+        In the order of p.
     dynamics : callable
         Called with the symbols of states, inputs and parameters; returns dx/dt, n expressions.
     setpoint, setpoint_input : sequence of float, optional

@@ -5,7 +5,6 @@
 from typing import Any
 
 import casadi as ca
-
 from obc_ros.core.system import define, Parameter, Signal, System
 
 

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import casadi as ca
-
 from obc_ros.core import expressions
 from obc_ros.core.errors import ObcError, StatementError
 from obc_ros.core.expressions import check_name, describe, near, number

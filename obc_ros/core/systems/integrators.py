@@ -6,7 +6,6 @@ from itertools import combinations
 from typing import Any
 
 import casadi as ca
-
 from obc_ros.core.errors import DynamicsError
 from obc_ros.core.system import define, Signal, System
 

@@ -9,7 +9,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-
 from obc_ros.core.errors import DynamicsError
 from obc_ros.core.system import define, Signal, System
 

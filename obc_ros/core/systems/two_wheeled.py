@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
-
 from obc_ros.core.system import define, Parameter, Signal, System
 
 

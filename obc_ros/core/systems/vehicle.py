@@ -6,7 +6,6 @@ from math import inf
 from typing import Any
 
 import casadi as ca
-
 from obc_ros.core.system import define, Parameter, Signal, System
 
 STEERING_LIMIT = 0.6  # [rad]

@@ -1,0 +1,346 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+A plant that is not there: integrates a system under the commands it hears.
+
+Publishes ``state`` (State); ``odom`` (nav_msgs/Odometry) of a body in a plane, see
+`obc_ros.nodes.conversions`; ``/clock`` when asked or when speed is 0; ``/diagnostics``. Subscribes
+to ``command`` (Command). Services: ``~/reset`` (Trigger) to x0, time and noise begin anew;
+``~/pause`` (SetBool); ``~/step`` (Trigger), to the next state of a paused plant. Parameters: see
+`Settings`.
+
+Stamps are simulated time from 0 with ``publish_clock``, ``lockstep`` or another speed than 1, else
+the node's clock. A node with ``use_sim_time`` that publishes no clock follows the one it hears.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+import sys
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from nav_msgs.msg import Odometry
+from obc_ros.core.conditions import Conditions, Gust, INTEGRATORS, SMALLEST_TOLERANCE
+from obc_ros.core.errors import StatementError
+from obc_ros.core.plant import grid, Pacing, Plant
+from obc_ros.core.simulate import Simulator
+from obc_ros.core.system import System
+from obc_ros.msg import Command, State
+from obc_ros.nodes import conversions
+from obc_ros.nodes.main import run
+from obc_ros.nodes.parameters import Entry, group, parameter, Parameters
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_srvs.srv import SetBool, Trigger
+
+CLOCK_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+LONGEST_WAIT = 3600.0  # [s]
+
+
+def _of_states(values: Mapping[str, Any]) -> Iterator[Entry]:
+    for signal in _system(values).states:
+        yield Entry(signal.name, 0.0, 'standard deviation of what is published', signal.unit, 0.0)
+
+
+def _of_disturbances(values: Mapping[str, Any]) -> Iterator[Entry]:
+    for signal in _system(values).states:
+        unit = f'{signal.unit or "1"}/s'
+        yield Entry(f'constant.{signal.name}', 0.0, 'added to the derivative', unit)
+        yield Entry(f'gust.{signal.name}', 0.0, 'height of a gust, 1 - cos in time', unit)
+    yield Entry('gust_start', 0.0, 'simulated time at which the gust begins', 's')
+    yield Entry('gust_duration', 1.0, 'how long the gust is', 's', lower=1e-6)
+
+
+def _system(values: Mapping[str, Any]) -> System:
+    prefix = 'system_parameters.'
+    return conversions.chosen_system(values['system'], {
+        name.removeprefix(prefix): value for name, value in values.items()
+        if name.startswith(prefix)})
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The parameters of the node."""
+
+    system: str = parameter(
+        'aircraft', 'registered system or path of a YAML file', read_only=True)
+    system_parameters: Mapping[str, Any] = group(conversions.system_parameters)
+    x0: tuple[float, ...] = parameter((), 'initial state; empty: set point of the system')
+    dt: float = parameter(
+        0.001, 'longest step of the integration; the period of publishing is divided evenly', 's',
+        lower=1e-6, upper=1e3, read_only=True)
+    publish_rate: float = parameter(
+        200.0, 'states in a simulated second', 'Hz', lower=1e-3, upper=1e5, read_only=True)
+    speed: float = parameter(
+        1.0, 'simulated seconds a second; 0: as fast as it can', lower=0.0, upper=1e6)
+    lockstep: bool = parameter(
+        False, 'wait after each state for the command that answers it', read_only=True)
+    publish_clock: bool = parameter(False, 'publish simulated time as /clock', read_only=True)
+    integrator: str = parameter('rk4', 'fixed steps of dt, or adaptive ones', choices=INTEGRATORS)
+    tolerance: float = parameter(
+        1e-9, 'of the adaptive integrator: error in a simulated second', '1/s',
+        lower=SMALLEST_TOLERANCE, upper=1.0)
+    actuator_lag: tuple[float, ...] = parameter(
+        (), 'time constant of each input, or one for all; 0: none', 's', lower=0.0)
+    input_delay: float = parameter(
+        0.0, 'from a command to its effect', 's', lower=0.0, upper=1e3)
+    command_timeout: float = parameter(
+        0.0, 'simulated time without a command until the equilibrium input; 0: never', 's',
+        lower=0.0)
+    seed: int = parameter(0, 'of the noise', lower=0)
+    noise: Mapping[str, float] = group(_of_states)
+    disturbance: Mapping[str, float] = group(_of_disturbances)
+
+    @property
+    def simulated_stamps(self) -> bool:
+        """Return whether stamps are simulated time."""
+        return self.lockstep or self.publish_clock or self.speed != 1.0
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """What the settings stand for, found to be possible."""
+
+    system: System
+    x0: tuple[float, ...]
+    conditions: Conditions
+    pacing: Pacing
+
+
+def judge(settings: Settings) -> Candidate:
+    """
+    Return what the settings stand for.
+
+    Raises
+    ------
+    ObcError
+        If they are impossible.
+
+    """
+    system = conversions.chosen_system(settings.system, settings.system_parameters)
+    dt, steps = grid(settings.dt, settings.publish_rate)
+    disturbance = settings.disturbance
+    conditions = Conditions(
+        dt, settings.integrator, settings.tolerance, settings.actuator_lag, settings.input_delay,
+        tuple(settings.noise[name] for name in system.state_names),
+        tuple(disturbance[f'constant.{name}'] for name in system.state_names),
+        Gust(tuple(disturbance[f'gust.{name}'] for name in system.state_names),
+             disturbance['gust_start'], disturbance['gust_duration']),
+        settings.seed)
+    x0 = settings.x0 or system.setpoint
+    Simulator(system, x0, conditions)
+    return Candidate(system, x0, conditions, Pacing(
+        steps, settings.speed, settings.lockstep, settings.simulated_stamps,
+        settings.command_timeout))
+
+
+class PlantSimulator(Node):
+    """The node; see the module's text."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('plant_simulator', allow_undeclared_parameters=True, **options)
+        self._settings = Parameters(self, Settings, self._judge, self._adopt)
+        settings, candidate = self._settings.settings, self._settings.candidate
+        self._follows = self.get_parameter('use_sim_time').value and not settings.simulated_stamps
+        self._x0 = candidate.x0
+        self._measure_offset()
+        self._plant = Plant(
+            Simulator(candidate.system, candidate.x0, candidate.conditions), candidate.pacing,
+            *self._now())
+        self._map = conversions.OdometryMap(candidate.system)
+        self._message = State()
+        self._message.header.frame_id = conversions.ODOM
+        self._odometry = self._map.message(candidate.conditions.noise)
+        self._said: set[str] = set()
+        self._looked = time.monotonic(), 0.0
+        self._offer(settings)
+        self._say_what_holds()
+        self._publish()
+        self._arm()
+
+    def _offer(self, settings: Settings) -> None:
+        """Create what others see of this node."""
+        self._states = self.create_publisher(State, 'state', 10)
+        self._odom = self.create_publisher(Odometry, 'odom', 10) if self._map.complete else None
+        self._clock_out = None
+        if settings.publish_clock or settings.speed == 0.0:
+            self._clock_out = self.create_publisher(ClockMessage, '/clock', CLOCK_QOS)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self.create_subscription(Command, 'command', self._on_command, 10)
+        self.create_service(Trigger, '~/reset', self._on_reset)
+        self.create_service(SetBool, '~/pause', self._on_pause)
+        self.create_service(Trigger, '~/step', self._on_step)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = self.create_timer(
+            LONGEST_WAIT, self._go_on, clock=self.get_clock() if self._follows else steady)
+        self.create_timer(1.0, self._diagnose, clock=steady)
+
+    def _now(self) -> tuple[float, int]:
+        """Return the time [s] that the plant goes by, and the node's [ns]."""
+        if self._follows:
+            wall = self.get_clock().now().nanoseconds
+            return wall * 1e-9, wall
+        now = time.monotonic()
+        return now, round(now * 1e9) + self._offset
+
+    def _measure_offset(self) -> None:
+        """
+        Find what the node's clock is ahead of the steady one [ns].
+
+        Stamps made with it keep to the grid, whatever interrupts the process between two looks.
+        """
+        clock = self.get_clock()
+        self._offset = max(clock.now().nanoseconds - time.monotonic_ns() for _ in range(5))
+
+    def _go_on(self) -> None:
+        if self._plant.poll(*self._now()):
+            self._publish()
+        elif self._plant.fault:
+            self._say_once('fault', self._plant.fault)
+        self._arm()
+
+    def _arm(self) -> None:
+        """Have the timer call when there is something to do."""
+        wait = min(self._plant.wait(self._now()[0]), LONGEST_WAIT)
+        self._timer.timer_period_ns = max(1, int(wait * 1e9))
+        self._timer.reset()
+
+    def _publish(self) -> None:
+        plant, message = self._plant, self._message
+        conversions.set_stamp(message.header.stamp, plant.stamp)
+        if self._clock_out:
+            self._clock_out.publish(ClockMessage(clock=message.header.stamp))
+        message.x = conversions.doubles(plant.sample)
+        self._states.publish(message)
+        if self._odom and self._odom.get_subscription_count():
+            self._odometry.header.stamp = message.header.stamp
+            self._map.fill(
+                self._odometry, plant.sample, plant.simulator.slope(plant.sample))
+            self._odom.publish(self._odometry)
+
+    def _on_command(self, message: Command) -> None:
+        stamp = conversions.nanoseconds(message.header.stamp)
+        reason = self._plant.command(stamp, message.u, self._now()[0])
+        if reason:
+            self._say_once(reason.split(':')[0], f'command dropped, {reason}')
+        elif self._plant.pacing.lockstep:
+            self._go_on()
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._plant.reset(*self._now(), self._x0)
+        self._said.clear()
+        self._publish()
+        self._arm()
+        response.success, response.message = True, f'at {_listed(self._x0)}'
+        return response
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._plant.pause(request.data, self._now()[0])
+        self._arm()
+        response.success = True
+        response.message = (f'{"paused" if request.data else "running"} at '
+                            f't = {self._plant.simulator.time:.9g} s')
+        return response
+
+    def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        reason = self._plant.step(*self._now())
+        if not reason:
+            self._publish()
+        response.success = not reason
+        response.message = reason or f'at t = {self._plant.simulator.time:.9g} s'
+        return response
+
+    def _judge(self, settings: Settings) -> Candidate:
+        candidate = judge(settings)
+        if hasattr(self, '_plant'):
+            before = self._plant.pacing
+            if candidate.pacing.simulated_stamps != before.simulated_stamps:
+                candidate = replace(candidate, pacing=replace(
+                    candidate.pacing, simulated_stamps=before.simulated_stamps))
+                if candidate.pacing.speed != 1.0:
+                    raise StatementError('speed: states are stamped by the clock on the wall; '
+                                         'start with publish_clock for another speed than 1')
+            if candidate.pacing.speed == 0.0 and not self._clock_out:
+                raise StatementError('speed = 0 goes with a clock: start with publish_clock')
+        return candidate
+
+    def _adopt(self, candidate: Candidate) -> None:
+        self._plant.adopt(candidate.pacing, self._now()[0])
+        self._plant.simulator.configure(candidate.system, candidate.conditions)
+        self._odometry = self._map.message(candidate.conditions.noise)
+        self._x0 = candidate.x0
+        self._arm()
+
+    def _say_what_holds(self) -> None:
+        simulator = self._plant.simulator
+        held = ', '.join(f'{signal.name} = {value:.6g} {signal.unit}'.rstrip()
+                         for signal, value in zip(
+                             simulator.system.inputs, simulator.rest, strict=True))
+        self.get_logger().info(
+            f'{simulator.system.name} at {_listed(self._x0)}; until the first command '
+            + ('it waits (lockstep)' if self._plant.pacing.lockstep else f'it is held by {held}'))
+
+    def _say_once(self, what: str, sentence: str) -> None:
+        """Warn of something the first time; diagnostics count the rest."""
+        if what not in self._said:
+            self._said.add(what)
+            self.get_logger().warning(f'{sentence}; more of it is counted in diagnostics')
+
+    def _diagnose(self) -> None:
+        self._measure_offset()
+        plant = self._plant
+        now, simulated = time.monotonic(), plant.simulator.time
+        factor = (simulated - self._looked[1]) / (now - self._looked[0])
+        self._looked = now, simulated
+        array = DiagnosticArray()
+        array.header.stamp = self.get_clock().now().to_msg()
+        level, text = self._health()
+        array.status = [DiagnosticStatus(
+            name=f'{self.get_fully_qualified_name()[1:]}: plant', level=level, message=text,
+            hardware_id=plant.simulator.system.name, values=[
+                KeyValue(key=key, value=str(value)) for key, value in (
+                    ('simulated time [s]', f'{simulated:.9g}'),
+                    ('simulated seconds a second', f'{max(factor, 0.0):.3f}'),
+                    ('states published', plant.published), ('states skipped', plant.skipped),
+                    ('states sent again', plant.resent), ('commands taken', plant.accepted),
+                    ('times without commands', plant.rests), ('times held up', plant.held_up),
+                    ('commands dropped', plant.dropped.total()),
+                    *((f'commands dropped, {reason}', count)
+                      for reason, count in sorted(plant.dropped.items())))])]
+        self._diagnostics.publish(array)
+
+    def _health(self) -> tuple[bytes, str]:
+        plant = self._plant
+        if plant.fault:
+            return DiagnosticStatus.ERROR, plant.fault
+        publishers = self.count_publishers('command')
+        if publishers > 1:
+            sentence = f'{publishers} nodes publish commands; the latest one is followed'
+            self._say_once('publishers', sentence)
+            return DiagnosticStatus.WARN, sentence
+        if self._clock_out and self.count_publishers('/clock') > 1:
+            sentence = 'another node publishes /clock too'
+            self._say_once('clock', sentence)
+            return DiagnosticStatus.WARN, sentence
+        if plant.paused:
+            return DiagnosticStatus.OK, 'paused'
+        if not plant.accepted:
+            return DiagnosticStatus.OK, 'no command yet'
+        return DiagnosticStatus.OK, 'running'
+
+
+def _listed(values: tuple[float, ...]) -> str:
+    return f'({", ".join(f"{value:g}" for value in values)})'
+
+
+def main() -> int:
+    """Run the node until SIGINT or SIGTERM."""
+    return run(PlantSimulator)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
