@@ -7,7 +7,7 @@ from pathlib import Path
 
 from nav_msgs.msg import Odometry
 import numpy as np
-from obc_ros.cli.recording import definition, LIVE, Recorder
+from obc_ros.cli.recording import definition, LATCHED, LIVE, Recorder
 from obc_ros.core.errors import ObcError
 from obc_ros.msg import State, Trajectory
 import pytest
@@ -22,7 +22,7 @@ def test_what_is_published_is_read_back(probe: support.Probe, tmp_path: Path) ->
     with Recorder(tmp_path / 'flight') as recorder:
         recorder.now = iter(range(1000, 2000)).__next__
         recorder.subscribe(probe.node, 'state', State)
-        recorder.subscribe(probe.node, 'reference', Trajectory, latched=True)
+        recorder.subscribe(probe.node, 'reference', Trajectory, qos=LATCHED)
         recorder.subscribe(probe.node, 'odom', Odometry)
         states = probe.publisher(State, 'state', LIVE)
         odometry = probe.publisher(Odometry, 'odom', LIVE)

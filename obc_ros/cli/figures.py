@@ -26,9 +26,8 @@ STYLE = {'font.size': 9, 'axes.grid': True, 'grid.alpha': 0.3, 'axes.spines.top'
          'axes.spines.right': False, 'lines.linewidth': 1.5, 'legend.frameon': False,
          'axes.axisbelow': True}
 THIN = {'color': 'grey', 'linewidth': 0.8, 'linestyle': (0, (4, 3)), 'zorder': 1.5}
-GREEK = frozenset(
-    'alpha beta gamma delta epsilon zeta eta theta kappa lambda mu nu xi rho sigma tau phi chi '
-    'psi omega'.split())
+GREEK = ('alpha', 'beta', 'gamma', 'delta', 'epsilon', 'zeta', 'eta', 'theta', 'kappa', 'lambda',
+         'mu', 'nu', 'xi', 'rho', 'sigma', 'tau', 'phi', 'chi', 'psi', 'omega')
 FEW = 12  # names that a legend can hold
 
 
@@ -47,11 +46,24 @@ def draw(path: Path, question: Question) -> None:
     with matplotlib.rc_context(STYLE):
         figure = _figure(problem, result)
         figure.suptitle(_title(question))
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            figure.savefig(path, dpi=150)
-        except OSError as error:
-            raise ObcError(f'{path} cannot be written: {error.strerror}') from error
+        save(figure, path)
+
+
+def save(figure: Figure, path: Path) -> None:
+    """
+    Write a figure into a file.
+
+    Raises
+    ------
+    ObcError
+        If the file cannot be written.
+
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=150)
+    except OSError as error:
+        raise ObcError(f'{path} cannot be written: {error.strerror}') from error
 
 
 def switching_function(problem: Problem, x: Array, u: Array, lam: Array) -> Array:
@@ -109,7 +121,7 @@ def _title(question: Question) -> str:
 def _lines(axes: Axes, label: str, t: Array, values: Array, template: str,
            names: Sequence[str], **style: Any) -> None:
     for index, (name, column) in enumerate(zip(names, values.T, strict=True)):
-        axes.plot(t, column, label=f'${template.format(_symbol(name))}$',
+        axes.plot(t, column, label=f'${template.format(symbol(name))}$',
                   color=COLOURS[index % len(COLOURS)],
                   linestyle=DASHES[index // len(COLOURS) % len(DASHES)], **style)
     axes.set_ylabel(label)
@@ -117,7 +129,7 @@ def _lines(axes: Axes, label: str, t: Array, values: Array, template: str,
         axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), ncols=1 + (len(names) > 6))
 
 
-def _symbol(name: str) -> str:
+def symbol(name: str) -> str:
     """Return a name as mathematics: theta as the letter, x1 with an index."""
     word, index = re.fullmatch(r'(.*?)_?(\d*)', name).groups()
     letter = (f'\\{word}' if word in GREEK else word if len(word) == 1 else

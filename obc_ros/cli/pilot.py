@@ -21,7 +21,7 @@ from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 
 from obc_ros.cli.processes import Children
-from obc_ros.cli.recording import LATCHED, Recorder
+from obc_ros.cli.recording import CLOCK, LATCHED, Recorder
 from obc_ros.core.errors import ObcError
 from obc_ros.msg import Command, LqrDesign, State, Trajectory
 
@@ -66,13 +66,13 @@ class Pilot:
         node = self.node
         recorder.subscribe(node, 'state', State, self.states.append)
         recorder.subscribe(node, 'command', Command, self.commands.append)
-        recorder.subscribe(node, 'lqr_node/design', LqrDesign, self._on_design, latched=True)
-        recorder.subscribe(node, 'reference', Trajectory, latched=True)
+        recorder.subscribe(node, 'lqr_node/design', LqrDesign, self._on_design, qos=LATCHED)
+        recorder.subscribe(node, 'reference', Trajectory, qos=LATCHED)
         recorder.subscribe(node, 'odom', Odometry)
-        recorder.subscribe(node, '/clock', Clock)
+        recorder.subscribe(node, '/clock', Clock, qos=CLOCK)
         recorder.subscribe(node, '/diagnostics', DiagnosticArray)
         recorder.subscribe(node, '/parameter_events', ParameterEvent)
-        recorder.subscribe(node, '/rosout', Log, latched=True)
+        recorder.subscribe(node, '/rosout', Log, qos=LATCHED)
         recorder.now = lambda: self.states.stamp[-1] if self.states.stamp else 0
         self.publisher = node.create_publisher(Trajectory, 'reference', LATCHED)
 

@@ -28,6 +28,9 @@ DEPTH = 5000
 LIVE = QoSProfile(
     depth=DEPTH, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE)
+CLOCK = QoSProfile(  # published best effort
+    depth=DEPTH, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE)
 LATCHED = QoSProfile(
     depth=DEPTH, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -75,14 +78,13 @@ class Recorder:
 
     def subscribe(self, node: Node, topic: str, message_class: Any,
                   listener: Callable[[bytes], None] | None = None, *,
-                  latched: bool = False) -> None:
+                  qos: QoSProfile = LIVE) -> None:
         """
-        Record everything that is published on a topic from now on; `latched` also before.
+        Record everything that is published on a topic from now on; with `LATCHED` also before.
 
         `listener` gets every serialised message before it is written. The time written with it
         is `now()` [ns]: wall time, unless somebody who knows better replaces it.
         """
-        qos = LATCHED if latched else LIVE
         name = node.resolve_topic_name(topic)
         message_type = type_name(message_class)
         schema = self._writer.register_schema(
