@@ -1,0 +1,193 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Cases of linear quadratic regulators, as they stand in files.
+
+Either ``A`` and ``B`` (lists of rows), or ``system`` with ``parameters``, ``setpoint`` and
+``setpoint_input``. Weights: ``Qx`` and ``Qu`` (lists of rows, or a diagonal), or ``weights:
+bryson`` with ``x_max`` and ``u_max``, or ``weights: output`` with ``H`` and ``rho``; besides
+``cross`` and ``stability``. Every number may be an expression.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.cli.results import file_name
+from obc_ros.core import systems
+from obc_ros.core.errors import DynamicsError, StatementError
+from obc_ros.core.expressions import describe, near, number
+from obc_ros.core.statement import FOR_PEOPLE, load_file
+from obc_ros.core.weights import KINDS
+
+Array = NDArray[np.float64]
+
+PLANT = ('A', 'B')
+SYSTEM = ('parameters', 'setpoint', 'setpoint_input')
+LISTS = ('cross', 'x_max', 'u_max', 'H')
+NUMBERS = ('rho', 'stability', 'sample_time', 'delay')
+KEYS = ('name', 'system', *PLANT, *SYSTEM, 'weights', 'Qx', 'Qu', *LISTS, *NUMBERS)
+
+
+@dataclass(eq=False)
+class Case:
+    """
+    A regulator that is asked for, what came of it, and the name of its files.
+
+    `given` holds what is asked, by the keys of the file: arrays, numbers and names; it is None
+    when the case is malformed. `design` is the server's LqrDesign, None when there is none.
+    """
+
+    name: str
+    file_name: str
+    given: dict[str, Any] | None = None
+    status: str = ''
+    message: str = ''
+    design: Any = field(default=None, repr=False)
+
+    def end(self, status: str, message: str) -> None:
+        """Note what came of it."""
+        self.status, self.message = status, message
+
+    @property
+    def matrices(self) -> tuple[Array, ...]:
+        """Return A, B, Qx, Qu, K, P and the poles of the design."""
+        design = self.design
+        n, m = len(design.xe), len(design.ue)
+        shapes = ((n, n), (n, m), (n, n), (m, m), (m, n), (n, n))
+        flat = (design.a, design.b, design.qx, design.qu, design.k, design.p)
+        poles = np.array(design.poles_real) + 1j * np.array(design.poles_imag)
+        return *(np.array(values).reshape(shape)
+                 for values, shape in zip(flat, shapes, strict=True)), poles
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what ``NAME.json`` holds; matrices are empty without a design."""
+        found: dict[str, Any] = {'name': self.name, 'status': self.status,
+                                 'message': self.message, 'K': [], 'P': [], 'poles': []}
+        if self.design:
+            *_, K, P, poles = self.matrices
+            found |= {'K': K.tolist(), 'P': P.tolist(),
+                      'poles': [[pole.real, pole.imag] for pole in poles.tolist()]}
+        return found
+
+
+def read(files: Iterable[Path]) -> list[Case]:
+    """Return the cases of all files, in order; those that are malformed have ended."""
+    cases: list[Case] = []
+    for file in files:
+        try:
+            mappings = load_file(file)
+        except StatementError as error:
+            cases.append(_named(file.stem, file.stem, cases))
+            cases[-1].end('malformed', str(error))
+            continue
+        for mapping in mappings:
+            name = str(mapping.get('name'))
+            cases.append(_named(name, file.stem if len(mappings) == 1 else name, cases))
+            try:
+                cases[-1].given = checked(mapping)
+            except (StatementError, DynamicsError) as error:
+                cases[-1].end('malformed', str(error))
+    return cases
+
+
+def _named(name: str, wanted: str, cases: Iterable[Case]) -> Case:
+    return Case(name, file_name(wanted, (case.file_name for case in cases)))
+
+
+def checked(mapping: Mapping[Any, Any]) -> dict[str, Any]:
+    """
+    Return what a case asks for, by key: flat arrays, numbers and names.
+
+    Raises
+    ------
+    StatementError, DynamicsError
+        If a key is unknown, a number or a matrix is not as wanted, or the system is unknown.
+
+    """
+    for key in mapping:
+        if key not in KEYS + FOR_PEOPLE:
+            raise StatementError(f'{str(key)[:60]}: unknown key{near(str(key), KEYS)}')
+    given = {key: value for key, value in mapping.items() if key in KEYS and value is not None}
+    n, m = _system(given) if 'system' in given else _plant(given)
+    found = {key: given[key] for key in ('system', 'parameters') if key in given}
+    found |= {key: _matrix(key, given[key]).ravel() for key in PLANT if key in given}
+    found |= {key: _weight(key, given[key], size)
+              for key, size in (('Qx', n), ('Qu', m)) if key in given}
+    found |= {key: _matrix(key, given[key]).ravel()
+              for key in (*LISTS, 'setpoint', 'setpoint_input') if key in given}
+    found |= {key: number(given[key], {}, key) for key in NUMBERS if key in given}
+    found['weights'] = given.get('weights', 'matrices')
+    if found['weights'] not in KINDS:
+        raise StatementError(f'weights: wanted one of {", ".join(KINDS)}, '
+                             f'found {describe(found["weights"])}')
+    for key in ('Qx', 'Qu') if found['weights'] == 'matrices' else ():
+        if key not in found:
+            raise StatementError(f'{key}: missing; wanted a list of rows or a diagonal')
+    return found
+
+
+def _system(given: Mapping[str, Any]) -> tuple[int, int]:
+    """Return the numbers of states and inputs of the system that is named."""
+    for key in PLANT:
+        if key in given:
+            raise StatementError(f"{key}: the system says this already; give either 'system' or "
+                                 "'A' and 'B'")
+    parameters = given.get('parameters', {})
+    if not isinstance(given['system'], str):
+        raise StatementError(f'system: wanted a name, found {describe(given["system"])}')
+    if not isinstance(parameters, Mapping):
+        raise StatementError(f'parameters: wanted a mapping, found {describe(parameters)}')
+    system = systems.registered(given['system'], {
+        str(name): number(value, {}, f'parameters.{name}') for name, value in parameters.items()})
+    return system.n, system.m
+
+
+def _plant(given: Mapping[str, Any]) -> tuple[int, int]:
+    """Return the numbers of states and inputs of A and B."""
+    for key in PLANT:
+        if key not in given:
+            raise StatementError(f"{key}: missing; wanted a list of rows (or 'system')")
+    for key in SYSTEM:
+        if key in given:
+            raise StatementError(f"{key}: goes with 'system', not with 'A' and 'B'")
+    A, B = (_matrix(key, given[key]) for key in PLANT)
+    if A.shape[0] != A.shape[1]:
+        raise StatementError(f'A: wanted as many columns as rows, found {A.shape[0]} rows of '
+                             f'{A.shape[1]}')
+    if len(B) != len(A):
+        raise StatementError(f'B: wanted {len(A)} rows as A has, found {len(B)}')
+    return B.shape
+
+
+def _weight(key: str, value: Any, n: int) -> Array:
+    """Return n*n numbers, or n of a diagonal."""
+    M = _matrix(key, value)
+    is_diagonal = M.size == n and not _has_rows(value)
+    if M.shape != (n, n) and not is_diagonal:
+        raise StatementError(f'{key}: wanted {n} rows of {n}, or a diagonal of {n} numbers, '
+                             f'found {M.shape[0]} of {M.shape[1]}')
+    return M.ravel()
+
+
+def _matrix(key: str, value: Any) -> Array:
+    """Return the matrix of a list of rows, of one row, or of a number."""
+    rows = value if isinstance(value, (list, tuple)) else [value]
+    if not _has_rows(rows):
+        rows = [rows]
+    for index, row in enumerate(rows):
+        if not isinstance(row, (list, tuple)):
+            raise StatementError(f'{key}[{index}]: wanted a row of numbers, found {describe(row)}')
+        if len(row) != len(rows[0]) or not row:
+            raise StatementError(f'{key}[{index}]: wanted a row of {len(rows[0]) or "numbers"}, '
+                                 f'found {len(row)} numbers')
+    return np.array([[number(entry, {}, f'{key}[{i}][{j}]') for j, entry in enumerate(row)]
+                     for i, row in enumerate(rows)])
+
+
+def _has_rows(value: Any) -> bool:
+    return isinstance(value, (list, tuple)) and any(
+        isinstance(row, (list, tuple)) for row in value)

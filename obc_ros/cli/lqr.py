@@ -1,0 +1,95 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``obc lqr``: plants and weights in, proved gains out."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from obc_ros.cli import cases, results, terminal
+from obc_ros.cli.cases import Case
+from obc_ros.core.errors import ObcError
+
+HEADER = ('case', 'status', 'gain K', 'poles')
+COLOURS = {'solved': 'green', 'refused': 'red', 'malformed': 'red'}
+WIDEST = 60  # characters of a cell
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command line."""
+    parser.add_argument('files', nargs='+', metavar='FILE', type=Path,
+                        help='cases in YAML, one or a list of them in a file')
+    parser.add_argument('--json', metavar='DIR', type=Path, help='write DIR/NAME.json for each')
+    parser.add_argument('--plot', metavar='DIR', type=Path, help='draw DIR/NAME.png for each')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Design all regulators of all files; return the exit status."""
+    asked = cases.read(args.files)
+    answerable = [case for case in asked if case.given]
+    if answerable:
+        _design(answerable)
+    for case in asked:
+        if args.json:
+            results.write(args.json, case.file_name, case.as_json())
+        if args.plot and case.design:
+            from obc_ros.cli import lqr_figures  # matplotlib and control take a second
+            lqr_figures.draw(args.plot / f'{case.file_name}.png', case)
+    terminal.table(HEADER, [_row(case) for case in asked], COLOURS)
+    for case in asked:
+        if case.message:
+            print(f'{case.name}: {case.message}')
+    return results.exit_status(case.status for case in asked)
+
+
+def _design(asked: list[Case]) -> None:
+    """Have a server answer the cases; each has a status afterwards."""
+    from obc_ros.cli.client import connected  # ROS only when there is a question
+    from obc_ros.srv import DesignLqr
+    try:
+        with connected() as client:
+            for case in asked:
+                response = client.call(DesignLqr, 'design_lqr', _request(DesignLqr, case.given))
+                status, _, words = response.message.partition(': ')
+                if response.success:
+                    case.design, status, words = response.design, 'solved', response.message
+                elif status != 'malformed':
+                    status, words = 'refused', words or response.message
+                case.end(status, words)
+    except ObcError as error:
+        for case in asked:
+            if not case.status:
+                case.end('refused', str(error))
+
+
+def _request(service: Any, given: Any) -> Any:
+    from obc_ros.msg import LqrWeights
+    from obc_ros.nodes.messages import doubles, named_expressions
+
+    def numbers(*keys: str) -> dict[str, Any]:
+        return {key.lower(): doubles(given[key]) for key in keys if key in given}
+
+    plain = {key: given[key] for key in ('system', 'sample_time', 'delay') if key in given}
+    return service.Request(
+        system_parameters=named_expressions(given.get('parameters', {})),
+        weights=LqrWeights(
+            weights=given['weights'],
+            **numbers('Qx', 'Qu', 'cross', 'x_max', 'u_max', 'H'),
+            **{key: given[key] for key in ('rho', 'stability') if key in given}),
+        **plain, **numbers('A', 'B', 'setpoint', 'setpoint_input'))
+
+
+def _row(case: Case) -> tuple[str, ...]:
+    if not case.design:
+        return case.name, case.status, '', ''
+    *_, K, _, poles = case.matrices
+    gain = '; '.join(' '.join(f'{entry:.5g}' for entry in row) for row in K)
+    return case.name, case.status, _short(gain), _short(', '.join(map(_pole, poles)))
+
+
+def _pole(pole: complex) -> str:
+    return f'{pole.real:.4g}' + (f'{pole.imag:+.4g}j' if pole.imag else '')
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= WIDEST else text[:WIDEST - 3] + '...'
