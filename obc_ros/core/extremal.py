@@ -43,6 +43,9 @@ class Extremal:
     defect : float
         Largest difference between the states of a single sweep and those of the transcription,
         relative to the size of each state.
+    nu : ndarray, shape (q,)
+    density_x, density_path : ndarray, shape (K + 1, n), (K + 1, l), or None
+        Densities of the multipliers of the bounds of x and of the path constraints.
 
     """
 
@@ -56,6 +59,9 @@ class Extremal:
     lam_end: Array
     cost: float
     defect: float
+    nu: Array
+    density_x: Array | None = None
+    density_path: Array | None = None
 
 
 class Integrator:
@@ -75,14 +81,11 @@ class Integrator:
         self._forward = ca.Function(
             'forward', [ca.vertcat(x, total), ua, ub, h, p], [ca.vertcat(end, total + cost)])
         self._backward = ca.Function('backward', [lam, x, ua, ub, h, p, jump], [back + jump])
-        self._step = Batch(ca.Function('step', [x, ua, ub, h, p], [
-            ca.densify(end), ca.densify(cost)]))
-        self._back = Batch(ca.Function('back', [lam, x, ua, ub, h, p], [ca.densify(back)]))
-        self._end = Batch(ca.Function('end', [x, nu, p], [
-            ca.densify(problem.V), ca.densify(problem.psi),
-            ca.densify(ca.gradient(problem.V + ca.dot(nu, problem.psi), x))]))
-        self._hamiltonian = Batch(ca.Function('hamiltonian', [x, u, lam, p], [
-            ca.densify(H), ca.densify(Hu), ca.densify(ca.jacobian(Hu, u))]))
+        self._step = Batch([x, ua, ub, h, p], [end, cost])
+        self._back = Batch([lam, x, ua, ub, h, p], [back])
+        self._end = Batch([x, nu, p], [
+            problem.V, problem.psi, ca.gradient(problem.V + ca.dot(nu, problem.psi), x)])
+        self._hamiltonian = Batch([x, u, lam, p], [H, Hu, ca.jacobian(Hu, u)])
         self._sweeps: dict[tuple[str, int], ca.Function] = {}
 
     def _sweep(self, name: str, function: ca.Function, count: int) -> ca.Function:
@@ -129,7 +132,7 @@ class Integrator:
         lam, lam_end = self._costates(
             problem, outcome, (t, x, ua, ub), last[0], parts, single)
         return Extremal(parts, t, x, x_end, ua, ub, lam, lam_end, float(J + V[0, 0]),
-                        defect if np.isfinite(defect) else np.inf)
+                        defect if np.isfinite(defect) else np.inf, outcome.nu)
 
     def _restarted(self, problem: Problem, nodes: Array, t: Array, ua: Array, ub: Array,
                    parts: int) -> tuple[Array, Array, float]:

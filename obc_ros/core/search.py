@@ -16,6 +16,7 @@ from obc_ros.core.extremal import Extremal, Integrator
 from obc_ros.core.guesses import final_time, Guesser, scales
 from obc_ros.core.mesh import Layout, Mesh, Path, split, uniform
 from obc_ros.core.monitor import Monitor
+from obc_ros.core.multipliers import Fitter
 from obc_ros.core.problem import Problem
 from obc_ros.core.refine import aligned, cuts, judge
 from obc_ros.core.solution import Solution, Status
@@ -37,6 +38,7 @@ class Kit:
     guesser: Guesser
     switching: tuple[bool, ...]
     transcriptions: dict[Layout, Transcription] = field(default_factory=dict)
+    fitter: Fitter | None = None
     last: Outcome | None = None
 
     @classmethod
@@ -62,21 +64,26 @@ class Search:
 
     def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
                   near: bool = False, sizes: Scales | None = None) -> Outcome:
-        """Solve the transcription on a mesh from a path."""
+        """
+        Solve the transcription on a mesh from a path.
+
+        `near`: the path is nearly an answer; phases are then kept from vanishing.
+        """
         problem, final = self.problem, self.problem.final_time
         program = self.kit.transcription(problem, mesh.layout)
         if sizes is None:
             sizes = scales(problem, start)
-        count = len(mesh.layout.phases)
         if durations is None:
             durations = start.durations
-        single = count == 1 and final.free
-        limits = Limits(
-            np.full(count, final.lower) if single else np.zeros(count),
-            np.full(count, final.upper) if single else np.full(count, np.inf),
-            np.zeros(problem.n), self.pinned)
+        shortest, longest = 0.25 * durations, 4.0 * durations
+        if len(durations) == 1:
+            shortest, longest = np.array([final.lower]), np.array([final.upper])
+        limits = Limits(shortest, longest, np.zeros(problem.n), self.pinned)
         w = program.start(mesh, start, durations, sizes)
-        return program.solve(problem, mesh, w, sizes, limits, self.monitor, near=near)
+        outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor, near=near)
+        if near and not outcome.converged and not self.monitor.stopped:
+            outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor)
+        return outcome
 
     def coarse(self) -> list[Outcome]:
         """Return what a coarse mesh gives from several starts, the least cost first."""
@@ -92,7 +99,12 @@ class Search:
 
     def course(self, outcome: Outcome) -> Extremal:
         """Return states and costates under the input of an outcome."""
-        return self.kit.integrator.extremal(self.problem, outcome, 4 if self.stages else 2)
+        course = self.kit.integrator.extremal(self.problem, outcome, 4 if self.stages else 2)
+        if self.kit.fitter is None and self.stages:
+            self.kit.fitter = Fitter(self.problem)
+        if self.kit.fitter is not None:
+            course = self.kit.fitter.fit(self.problem, outcome, course)
+        return course
 
     def sizes(self, outcome: Outcome) -> Scales:
         """Return the scales of a path that was found, its cost among them."""
@@ -165,27 +177,41 @@ class Search:
         new = np.append(True, (np.diff(t) > 0) | np.any(np.diff(u, axis=0) != 0, axis=1)
                         | np.any(np.abs(np.diff(lam, axis=0)) > 1e-12 * np.abs(lam).max(),
                                  axis=1))
+        densities = [None if d is None else np.repeat(d, 2, axis=0)[1:-1][new]
+                     for d in (course.density_x, course.density_path)]
         t, x, u, lam = t[new], x[new], u[new], lam[new]
         H, _, _ = self.kit.integrator.hamiltonian(problem, x, u, lam)
         found = Solution(
-            Status.NOT_CONVERGED, '', course.cost, t, x, u, lam, H, outcome.nu,
+            Status.NOT_CONVERGED, '', course.cost, t, x, u, lam, H, course.nu,
+            state_multipliers=densities[0], path_multipliers=densities[1],
             switching_times=np.cumsum(outcome.path.durations)[:-1],
             iterations=self.monitor.iterations)
         return replace(found, certificate=certify(problem, found))
 
+    def plausible(self, outcome: Outcome, course: Extremal) -> bool:
+        """Return whether a certificate may hold, by a look that costs little."""
+        lost = judge(self.problem, self.kit.integrator, course).lost.sum()
+        return outcome.converged and course.defect < 1e-3 and bool(
+            lost < 1e-3 * max(abs(outcome.objective), 1e-3))
+
     def run(self) -> Solution:
         """Return the best answer found."""
-        best: Solution | None = None
+        best: tuple[Outcome, Extremal] | None = None
         for start in self.coarse()[:1]:
             for outcome, course in self.improve(start):
-                answer = self.solution(outcome, course)
-                assert answer.certificate is not None
-                if outcome.converged and answer.certificate.holds:
-                    return replace(answer, status=Status.SOLVED, message='the certificate holds')
-                best = answer
-        assert best is not None and best.certificate is not None
+                best = outcome, course
+                if self.plausible(outcome, course):
+                    answer = self.solution(outcome, course)
+                    assert answer.certificate is not None
+                    if answer.certificate.holds:
+                        return replace(answer, status=Status.SOLVED,
+                                       message='the certificate holds')
+        assert best is not None
+        answer = self.solution(*best)
         status = Status(self.monitor.stopped) if self.monitor.stopped else Status.NOT_CONVERGED
-        worst = best.certificate.worst
-        return replace(best, status=status, message=(
-            f'{worst}: {best.certificate.residuals[worst]:.1e}, '
-            f'allowed {best.certificate.tolerances[worst]:.0e}'))
+        certificate = answer.certificate
+        assert certificate is not None
+        worst = certificate.worst
+        return replace(answer, status=status, message=(
+            f'{worst}: {certificate.residuals[worst]:.1e}, '
+            f'allowed {certificate.tolerances[worst]:.0e}; {best[0].status}'))

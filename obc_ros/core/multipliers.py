@@ -1,0 +1,245 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Costates and multipliers of the bounds of the state and of path constraints, along a given path.
+
+The multipliers of a transcription sit on its mesh points; those of Pontryagin's principle are a
+density on each arc where a constraint is active, with masses at its ends. Along a given path lam
+is linear in nu, in these densities (piecewise linear here) and masses, and so are dH/du and H:
+the values of the right signs are sought for which dH/du = 0 where inputs are free and H is
+constant, in the sense of least squares.
+"""
+
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from obc_ros.core.batch import Batch
+from obc_ros.core.extremal import Extremal
+from obc_ros.core.problem import Problem
+from obc_ros.core.runge_kutta import step
+from obc_ros.core.transcription import Outcome
+
+Array = NDArray[np.float64]
+
+_GAP = 2            # intervals without multiplier that do not end a contact
+_NEAR = 5e-6        # of its size: how near its bound a constraint is met
+_PERHAPS = 1e-3     # likewise where the transcription has a large multiplier
+_MOST_HATS = 60     # in a contact
+_CONSTANT = 0.1     # weight of dH/dt = 0 beside dH/du = 0
+_RIDGE = 1e-8
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A constraint active from one fine time to another; +1 at its upper bound, else -1."""
+
+    row: int
+    sign: int
+    first: int
+    last: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Unknowns:
+    """
+    What lam is linear in: nu, then the density hats and the masses of all contacts.
+
+    `density` (K + 1, rows, count) and `mass` (K + 1, rows, count): values at fine times.
+    """
+
+    density: Array
+    mass: Array
+    signs: Array
+
+
+class Fitter:
+    """Costates and multipliers for all problems of one structure."""
+
+    def __init__(self, problem: Problem) -> None:
+        n, m, x, u, p = problem.n, problem.m, problem.x, problem.u, problem.p
+        rows = ca.vertcat(x, problem.path)
+        count = int(rows.numel())
+        ua, ub, h = ca.SX.sym('ua', m), ca.SX.sym('ub', m), ca.SX.sym('h')
+        ma, mb = ca.SX.sym('ma', count), ca.SX.sym('mb', count)
+        rate = ca.Function('rate', [x, u, p], [problem.f, problem.L, rows])
+
+        def with_rows(x: ca.SX, inputs: ca.SX) -> tuple[ca.SX, ca.SX]:
+            f, L, c = rate(x, inputs[:m], p)
+            return f, L + ca.dot(inputs[m:], c)
+
+        end, cost = step(with_rows, x, (ca.vertcat(ua, ma), ca.vertcat(ub, mb)), h)
+        back = ca.gradient(cost, x)
+        none = [ca.SX.zeros(count), ca.SX.zeros(count)]
+        self._part = Batch([x, ua, ub, h, p], ca.substitute(
+            [ca.jacobian(end, x).T, back, ca.jacobian(back, ma).T, ca.jacobian(back, mb).T],
+            [ma, mb], none))
+        self._point = Batch([x, u, p], [
+            problem.L, problem.f, ca.gradient(problem.L, u), ca.jacobian(problem.f, u).T,
+            ca.jacobian(rows, u).T, ca.jacobian(rows, x).T])
+        self._value = Batch([x, u, p], [rows])
+        self._last = Batch([x, p], [
+            ca.gradient(problem.V, x), ca.jacobian(problem.psi, x).T])
+        self.n, self.m, self.q, self.rows = n, m, problem.q, count
+        self._pure = np.array([not ca.depends_on(row, u) for row in ca.vertsplit(rows)])
+
+    def fit(self, problem: Problem, outcome: Outcome, course: Extremal) -> Extremal:
+        """Return the course with the costates and multipliers that fit best."""
+        found = self._contacts(problem, outcome, course)
+        if not found:
+            return course
+        unknowns = self._unknowns(found, course)
+        without, each = self._costates(problem, course, unknowns)
+        A, b = self._equations(problem, course, unknowns, (without, each))
+        values = _least_squares(A, b, unknowns.signs, self.q)[:each.shape[3]]
+        lam = without + each @ values
+        density = unknowns.density @ values[self.q:]
+        return replace(course, lam=lam[:, 0], lam_end=lam[:, 1], nu=values[:self.q],
+                       density_x=density[:, :self.n], density_path=density[:, self.n:])
+
+    def _contacts(self, problem: Problem, outcome: Outcome, course: Extremal) -> list[Contact]:
+        """Return where bounds of x and path constraints are met."""
+        x, u = np.vstack([course.x, course.x_end[-1:]]), np.vstack([course.ua, course.ub[-1:]])
+        value = self._value(x, u, problem.p_value)[0]
+        mass = np.hstack([outcome.node_bounds, outcome.node_path])
+        found = []
+        for sign, bound in ((1, np.append(problem.x_upper, problem.path_upper)),
+                            (-1, np.append(problem.x_lower, problem.path_lower))):
+            size = np.maximum(np.abs(value).max(axis=0),
+                              np.where(np.isfinite(bound), np.abs(bound), 0.0))
+            distance = np.abs(value - bound) / np.where(size > 0, size, 1.0)
+            for row in np.flatnonzero(np.isfinite(bound)):
+                near = distance[:, row] <= _NEAR
+                heavy = np.maximum(sign * mass[:, row], 0.0)
+                near[::course.parts] |= ((heavy > 1e-2 * heavy.max()) & (heavy > 0)
+                                         & (distance[::course.parts, row] < _PERHAPS))
+                near[0] = near[-1] = False
+                found += [Contact(int(row), sign, first, last)
+                          for first, last in _groups(near, _GAP * course.parts)]
+        return found
+
+    def _unknowns(self, found: list[Contact], course: Extremal) -> _Unknowns:
+        K, parts = len(course.x), course.parts
+        densities, masses, signs = [], [], []
+        places = np.arange(K + 1)
+
+        def add(row: int, density: Array, mass: Array, sign: int) -> None:
+            for kept, values in ((densities, density), (masses, mass)):
+                column = np.zeros((K + 1, self.rows))
+                column[:, row] = values
+                kept.append(column)
+            signs.append(sign)
+
+        nothing = np.zeros(K + 1)
+        for contact in found:
+            count = min((contact.last - contact.first) // parts, _MOST_HATS) + 1
+            knots = np.unique(np.linspace(
+                contact.first, contact.last, count + 1).round().astype(int))
+            if len(knots) > 1:
+                for j in range(len(knots)):
+                    hat = np.interp(places, knots, np.eye(len(knots))[j])
+                    hat[(places < knots[0]) | (places > knots[-1])] = 0.0
+                    add(contact.row, hat, nothing, contact.sign)
+            if self._pure[contact.row]:
+                for place in sorted({contact.first, contact.last}):
+                    add(contact.row, nothing, (places == place).astype(float), contact.sign)
+        return _Unknowns(np.stack(densities, axis=2), np.stack(masses, axis=2),
+                         np.array(signs, dtype=float))
+
+    def _costates(self, problem: Problem, course: Extremal, unknowns: _Unknowns
+                  ) -> tuple[Array, Array]:
+        """
+        Return what lam is without and with one of each unknown, shapes (K, 2, n), (K, 2, n, .).
+
+        The second axis: at the start and at the end of each part.
+        """
+        n, q, K = self.n, self.q, len(course.x)
+        step_x, source, from_a, from_b = self._part(
+            course.x, course.ua, course.ub, np.diff(course.t)[:, None], problem.p_value)
+        step_x = step_x.reshape(K, n, n)
+        response = sum(np.einsum('knr,kru->knu', part.reshape(K, n, self.rows), density)
+                       for part, density in ((from_a, unknowns.density[:-1]),
+                                             (from_b, unknowns.density[1:])))
+        V_x, psi_x = self._last(course.x_end[-1:], problem.p_value)
+        drops = np.einsum('krn,kru->knu', self._points(problem, course)[5], unknowns.mass)
+        without, each = np.empty((K, 2, n)), np.empty((K, 2, n, q + drops.shape[2]))
+        now = V_x[0]
+        slope = np.hstack([psi_x.reshape(q, n).T, drops[-1]])
+        for k in range(K - 1, -1, -1):
+            without[k, 1], each[k, 1] = now, slope
+            now = step_x[k].T @ now + source[k]
+            slope = step_x[k].T @ slope
+            slope[:, q:] += response[k]
+            without[k, 0], each[k, 0] = now, slope
+            slope = slope.copy()
+            slope[:, q:] += drops[k]
+        return without, each
+
+    def _points(self, problem: Problem, course: Extremal) -> tuple[Array, ...]:
+        """Return L, f, L_u, f_u, c_u, c_x at the starts of all parts and at T."""
+        x, u = np.vstack([course.x, course.x_end[-1:]]), np.vstack([course.ua, course.ub[-1:]])
+        return self._shaped(self._point(x, u, problem.p_value))
+
+    def _shaped(self, values: tuple[Array, ...]) -> tuple[Array, ...]:
+        n, m, r = self.n, self.m, self.rows
+        return tuple(value.reshape(-1, *shape) for value, shape in zip(
+            values, ((), (n,), (m,), (n, m), (r, m), (r, n)), strict=True))
+
+    def _equations(self, problem: Problem, course: Extremal, unknowns: _Unknowns,
+                   lam: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Return A, b of A @ unknowns = b: dH/du = 0 where free, H constant."""
+        without, each = lam
+        K, q = len(course.x), self.q
+        span = problem.u_upper - problem.u_lower
+        size = np.where(np.isfinite(span), span, np.maximum(
+            np.abs(course.ua).max(axis=0), 1e-6))
+        rows, rights = [], []
+        for side, x, u in ((0, course.x, course.ua), (1, course.x_end, course.ub)):
+            L, f, L_u, f_u, c_u, _ = self._shaped(self._point(x, u, problem.p_value))
+            density = unknowns.density[:-1] if side == 0 else unknowns.density[1:]
+            slope = np.einsum('knm,knu->kmu', f_u, each[:, side])
+            slope[:, :, q:] += np.einsum('krm,kru->kmu', c_u, density)
+            rest = L_u + np.einsum('knm,kn->km', f_u, without[:, side])
+            inside = ((u > problem.u_lower + 1e-6 * size) & (u < problem.u_upper - 1e-6 * size))
+            weight = inside * size
+            rows.append((slope * weight[:, :, None]).reshape(K * self.m, -1))
+            rights.append((-rest * weight).ravel())
+            rows.append(_CONSTANT * np.einsum('kn,knu->ku', f, each[:, side]))
+            rights.append(-_CONSTANT * (L + np.einsum('kn,kn->k', f, without[:, side])))
+        A, b = np.vstack(rows), np.concatenate(rights)
+        final = problem.final_time
+        if not final.free or course.t[-1] > final.upper * (1 - 1e-9):
+            # H is constant but not zero: one more unknown.
+            constant = np.concatenate([np.zeros(K * self.m), np.full(K, -_CONSTANT)] * 2)
+            A = np.hstack([A, constant[:, None]])
+        return A, b
+
+
+def _groups(near: NDArray[np.bool_], gap: int) -> list[tuple[int, int]]:
+    """Return first and last places of the groups of true entries, at most `gap` apart."""
+    merged: list[list[int]] = []
+    for place in np.flatnonzero(near):
+        if merged and place <= merged[-1][1] + gap:
+            merged[-1][1] = int(place)
+        else:
+            merged.append([int(place), int(place)])
+    return [(first, last) for first, last in merged]
+
+
+def _least_squares(A: Array, b: Array, signs: Array, free: int) -> Array:
+    """Return the least squares solution whose entries after the first `free` have given signs."""
+    from scipy.optimize import lsq_linear  # 0.2 s to import, needed by few problems
+
+    size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    size = np.where(size > 1e-12 * size.max(), size, 1.0)
+    extra = A.shape[1] - free - len(signs)
+    lower = np.concatenate([np.full(free, -np.inf), np.where(signs > 0, 0.0, -np.inf),
+                            np.full(extra, -np.inf)])
+    upper = np.concatenate([np.full(free, np.inf), np.where(signs > 0, np.inf, 0.0),
+                            np.full(extra, np.inf)])
+    ridge = _RIDGE * np.eye(A.shape[1])
+    result = lsq_linear(np.vstack([A / size, ridge]),
+                        np.concatenate([b, np.zeros(A.shape[1])]), (lower, upper), method='bvls')
+    return np.asarray(result.x / size)
