@@ -1,0 +1,280 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The algebraic Riccati equations, solved with a proof.
+
+Continuous: A'P + P A - P G P + Q = 0, G = B Qu^-1 B'        (2.9)
+Discrete:   P = A'P (I + G P)^-1 A + Q
+
+The stabilising solution comes from the stable invariant subspace of the Hamiltonian matrix
+(Laub 1979), in scaled coordinates, and is corrected by Newton's method (Kleinman 1968). The
+discrete one is doubled. The proof is a Lyapunov matrix X of the closed loop: it bounds the
+distance to instability and the error of P.
+"""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+Array = NDArray[np.float64]
+
+EPS = float(np.finfo(float).eps)
+TINY = 1e-300
+
+
+@dataclass(frozen=True, eq=False)
+class RiccatiSolution:
+    """
+    The stabilising solution of a Riccati equation and what is known of it.
+
+    Attributes
+    ----------
+    P : ndarray, shape (n, n)
+        The solution, symmetric.
+    residual : float
+        Of the equation, relative to the size of its terms.
+    error : float
+        Estimated bound of the error of P by rounding, relative to P, in scaled coordinates.
+    X : ndarray, shape (n, n)
+        Lyapunov matrix of the closed loop M in scaled coordinates: M'X + X M = -I
+        (discrete: M'X M - X = -I).
+    scale : ndarray, shape (n,)
+        Powers of 2; x = scale * z are the scaled coordinates.
+
+    """
+
+    P: Array
+    residual: float
+    error: float
+    X: Array
+    scale: Array
+
+
+def solve_continuous(A: Array, F: Array, Q: Array) -> RiccatiSolution | None:
+    """
+    Return the stabilising solution of A'P + P A - P F F'P + Q = 0.
+
+    Parameters
+    ----------
+    A, Q : ndarray, shape (n, n)
+        Q symmetric.
+    F : ndarray, shape (n, m)
+        Any factor of G = F F', such as B L'^-1 with Qu = L L'.
+
+    Returns
+    -------
+    RiccatiSolution or None
+        None when the Hamiltonian matrix has no stable subspace of dimension n within rounding: an
+        unstable mode is out of reach, or a mode on the imaginary axis does not appear in Q.
+        Otherwise it is as good as its `error` says; whether a gain made of it stabilises is for
+        `robustness` to say.
+
+    References
+    ----------
+    A. J. Laub, A Schur method for solving algebraic Riccati equations, IEEE TAC 24, 1979.
+    D. L. Kleinman, On an iterative technique for Riccati equation computations, IEEE TAC 13,
+    1968.
+
+    """
+    n = len(A)
+    H = np.empty((2 * n, 2 * n), order='F')
+    scale = balancing(A, F, Q, H)
+    A = A * (scale / scale[:, None])
+    F = F / scale[:, None]
+    Q = Q * (scale * scale[:, None])
+    H[:n, :n] = A
+    G = F @ F.T
+    np.negative(G, out=H[:n, n:])
+    np.negative(Q, out=H[n:, :n])
+    np.negative(A.T, out=H[n:, n:])
+    if not np.isfinite(H).all():
+        return None
+    work = 6 * n if n < 30 else 64 * n
+    T, stable, _, _, U, _, info = lapack.dgees(
+        _is_stable, H, sort_t=1, lwork=work, overwrite_a=1)
+    if stable != n or 0 < info <= 2 * n:
+        return None
+    V = U[:n, :n]
+    W = _inverse(V)
+    if W is None:
+        return None
+    P = U[n:, :n] @ W
+    solution = _newton(A, G, Q, 0.5 * (P + P.T), T[:n, :n], V, W)
+    if _WANTED_ERROR < solution.error < math.inf:
+        solution = _refine(A, F, Q, solution)
+    if not math.isfinite(solution.error):
+        return None
+    P = solution.P / (scale * scale[:, None])
+    return RiccatiSolution(P, solution.residual, solution.error, solution.X, scale)
+
+
+def balancing(A: Array, F: Array, Q: Array, H: Array | None = None) -> Array:
+    """
+    Return the powers of 2 d (n,) for which x = diag(d) z balances the Hamiltonian matrix.
+
+    `H` is room (2 n, 2 n) to work in.
+    """
+    n = len(A)
+    if H is None:
+        H = np.empty((2 * n, 2 * n), order='F')
+    H[:n, :n] = A
+    H[:n, n:] = F @ F.T
+    H[n:, :n] = Q
+    H[n:, n:] = A.T
+    if not np.isfinite(H).all():
+        return np.ones(n)
+    scale = lapack.dgebal(H, scale=1, permute=0)[3]
+    d: Array = np.exp2(np.rint(0.5 * np.log2(scale[:n] / scale[n:])))
+    return d
+
+
+_REFINEMENTS = 12
+_WANTED_ERROR = 1e-10  # of a bound that is some hundred times the error
+
+
+def _is_stable(re: float, im: float) -> bool:
+    return re < 0.0
+
+
+def _norm(M: Array) -> float:
+    """Return the Frobenius norm."""
+    return math.sqrt(float(np.vdot(M, M)))
+
+
+def _inverse(M: Array) -> Array | None:
+    lu, pivots, info = lapack.dgetrf(M)
+    if info:
+        return None
+    inverse: Array = lapack.dgetri(lu, pivots)[0]
+    return inverse
+
+
+def _newton(A: Array, G: Array, Q: Array, P: Array, T: Array, V: Array, W: Array
+            ) -> RiccatiSolution:
+    """Correct P once; A - G P = V T W, T quasi-triangular and W = V^-1."""
+    R, terms = _residual(A, G, Q, P)
+    before = _norm(R) / terms
+    corrected = P + _lyapunov(R, T, V, W)
+    R, terms = _residual(A, G, Q, corrected)
+    after = _norm(R) / terms
+    if not after <= before:
+        corrected, after = P, before
+    X = _lyapunov(np.eye(len(A)), T, V, W)
+    error = (after + len(A) * EPS) * terms * _norm(X) / (_norm(corrected) + TINY)
+    return RiccatiSolution(corrected, after, error, X, W[0])
+
+
+def _residual(A: Array, G: Array, Q: Array, P: Array) -> tuple[Array, float]:
+    """Return A'P + P A - P G P + Q and the size of its terms."""
+    PA = P @ A
+    PGP = P @ G @ P
+    R: Array = PA + PA.T - PGP + Q
+    return R, 2.0 * _norm(PA) + _norm(PGP) + _norm(Q) + TINY
+
+
+def _lyapunov(C: Array, T: Array, V: Array, W: Array) -> Array:
+    """Return X with M'X + X M = -C for M = V T W, T quasi-triangular and W = V^-1."""
+    Y: Array
+    Y, size, _ = lapack.dtrsyl(T, T, V.T @ C @ V, trana='T')
+    X = W.T @ Y @ W
+    half: Array = X * (-0.5 / size)
+    return half + half.T
+
+
+def _refine(A: Array, F: Array, Q: Array, start: RiccatiSolution) -> RiccatiSolution:
+    """
+    Continue with Newton's method, the residual in extended precision.
+
+    The error is then the size of the last correction, and what rounding of the residual can do.
+    """
+    wide = np.longdouble
+    P, F_wide, A_wide, Q_wide = (M.astype(wide) for M in (start.P, F, A, Q))
+    G_wide = F_wide @ F_wide.T
+    X, step = start.X, math.inf
+    for _ in range(_REFINEMENTS):
+        M = (A_wide - G_wide @ P).astype(float)
+        T, _, wr, _, V, _, info = lapack.dgees(_is_stable, M, lwork=64 * len(A))
+        if info or not wr.max() < 0.0:
+            return start
+        PA = P @ A_wide
+        R = (PA + PA.T - P @ G_wide @ P + Q_wide).astype(float)
+        correction = _lyapunov(0.5 * (R + R.T), T, V, V.T)
+        size = _norm(correction) / (_norm(P.astype(float)) + TINY)
+        if not size < step:
+            break
+        P, step, X = P + correction, size, _lyapunov(np.eye(len(A)), T, V, V.T)
+        if step <= EPS:
+            break
+    narrow = P.astype(float)
+    terms = np.abs(narrow) @ np.abs(A)
+    terms = terms + terms.T + np.abs(narrow) @ np.abs(F @ F.T) @ np.abs(narrow) + np.abs(Q)
+    lost = len(A) * float(np.finfo(wide).eps) * min(
+        _norm(_sensitivity(M, terms)), _norm(terms) * _norm(X))
+    R, size = _residual(A, F @ F.T, Q, narrow)
+    error = step + EPS + lost / (_norm(narrow) + TINY)
+    return RiccatiSolution(narrow, _norm(R) / size, error, X, start.scale)
+
+
+def _sensitivity(M: Array, C: Array) -> Array:
+    """Return a bound of |X| for M'X + X M = E and all |E| <= C, entry by entry."""
+    modes, V = np.linalg.eig(M)
+    if not modes.real.max() < 0.0:
+        return np.full_like(M, math.inf)
+    size, inverse = np.abs(V), np.abs(np.linalg.inv(V))
+    inner = (size.T @ C @ size) / np.abs(modes.real + modes.real[:, None])
+    bound: Array = inverse.T @ inner @ inverse
+    return bound
+
+
+def robustness(M: Array, X: Array, rounding: Array) -> float:
+    """
+    Return how many times the perturbations |E| <= rounding the matrix M can bear and stay stable.
+
+    A lower bound; 0: nothing is proved.
+
+    Parameters
+    ----------
+    M, X : ndarray, shape (n, n)
+        X should solve M'X + X M = -I; how well it does is checked.
+    rounding : ndarray, shape (n, n)
+        Bound of the absolute error of each entry of M.
+
+    """
+    bound = _by_lyapunov(M, X, rounding)
+    return bound if bound > _COMFORTABLE else max(bound, _by_modes(M, rounding))
+
+
+_COMFORTABLE = 1e3
+
+
+def _by_lyapunov(M: Array, X: Array, rounding: Array) -> float:
+    """Bound the robustness by (M + E)'X + X (M + E) < 0."""
+    if lapack.dpotrf(X)[1]:
+        return 0.0
+    S = X @ M
+    S += S.T
+    S.flat[::len(M) + 1] += 1.0
+    left = 1.0 - _norm(S) - 4.0 * len(M) * EPS * _norm(X) * _norm(M)
+    return max(0.0, left / (2.0 * _norm(X) * max(_norm(rounding), TINY)))
+
+
+def _by_modes(M: Array, rounding: Array) -> float:
+    """
+    Bound the robustness by |(s I - M)^-1| <= |V| diag(1 / |Re mode|) |V^-1| on the imaginary axis.
+
+    M + E has no mode there while the spectral radius of that bound times |E| is below 1; the
+    bound does not depend on the units of the states.
+    """
+    modes, V = np.linalg.eig(M)
+    if not modes.real.max() < 0.0:
+        return 0.0
+    try:
+        inverse = np.linalg.inv(V)
+    except np.linalg.LinAlgError:
+        return 0.0
+    resolvent = (np.abs(V) / -modes.real) @ np.abs(inverse)
+    radius = float(np.abs(np.linalg.eigvals(resolvent @ rounding)).max())
+    return 1.0 / max(radius, TINY)

@@ -1,0 +1,161 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The Riccati solver on the collection of Benner, Laub and Mehrmann.
+
+P. Benner, A. J. Laub, V. Mehrmann, A collection of benchmark examples for the numerical solution
+of algebraic Riccati equations I: continuous-time case, Technical Report SPC 95-22, TU Chemnitz,
+1995. Numbers and exact solutions are the report's.
+"""
+
+import math
+
+import numpy as np
+from obc_ros.core.errors import RefusedDesignError
+from obc_ros.core.lqr import lqr
+import pytest
+
+ROOT2 = math.sqrt(2.0)
+
+
+def example_7(d):
+    s = math.sqrt(1 + d * d)
+    P = [[(1 + s) / d**2, 1 / (2 + s)], [1 / (2 + s), (1 - (d / (2 + s))**2) / 4]]
+    return np.diag([1.0, -2.0]), [[d], [0]], np.ones((2, 2)), [[1]], P
+
+
+def example_9(d):
+    s = math.sqrt(1 + 2 * d)
+    return [[0, d], [0, 0]], [[0], [1]], np.eye(2), [[1]], [[s / d, 1], [1, s]]
+
+
+def example_10(d):
+    p = ((d + 1) * 2 + math.sqrt(2 * (d + 1)**2 + 2) + ROOT2 * d) / 2
+    q = p / (p - (d + 1))
+    return [[d + 1, 1], [1, d + 1]], np.eye(2), d * d * np.eye(2), np.eye(2), [[p, q], [q, p]]
+
+
+def example_12(d):
+    V = np.eye(3) - 2 / 3 * np.ones((3, 3))
+    Q = V @ np.diag([1 / d, 1, d]) @ V
+    P = np.diag([d * d + math.sqrt(1 + d**4), 2 * d * d + math.sqrt(d + 4 * d**4),
+                 3 * d * d + d * math.sqrt(1 + 9 * d * d)])
+    return d * V @ np.diag([1, 2, 3]) @ V, np.eye(3), (Q + Q.T) / 2, d * np.eye(3), V @ P @ V
+
+
+def example_13(d):
+    A = [[0, 0.4, 0, 0], [0, 0, 0.345, 0], [0, -0.524 / d, -0.465 / d, 0.262 / d],
+         [0, 0, 0, -1 / d]]
+    return A, [[0], [0], [0], [1 / d]], np.diag([1, 0, 1, 0]), [[1]]
+
+
+def example_14(d):
+    A = [[-d, 1, 0, 0], [-1, -d, 0, 0], [0, 0, d, 1], [0, 0, -1, d]]
+    return A, np.ones((4, 1)), np.ones((4, 4)), [[1]]
+
+
+def example_15(vehicles):
+    """Return a string of vehicles at speed, whose distances are held (Athans, Levine)."""
+    n = 2 * vehicles - 1
+    A, B, C = np.zeros((n, n)), np.zeros((n, vehicles)), np.zeros((vehicles - 1, n))
+    for i in range(vehicles):
+        A[2 * i, 2 * i], B[2 * i, i] = -1, 1
+        if i < vehicles - 1:
+            A[2 * i + 1, 2 * i], A[2 * i + 1, 2 * i + 2], C[i, 2 * i + 1] = 1, -1, 1
+    return A, B, 10 * C.T @ C, np.eye(vehicles)
+
+
+def example_16(n):
+    shift = np.roll(np.eye(n), 1, axis=0)
+    c = np.cos(2 * np.pi * np.arange(n) / n)
+    column = np.fft.fft(-2 + 2 * c + np.sqrt(5 - 8 * c + 4 * c**2)).real / n
+    P = np.array([np.roll(column, i) for i in range(n)])
+    return shift + shift.T - 2 * np.eye(n), np.eye(n), np.eye(n), np.eye(n), P
+
+
+def example_17(n):
+    """Return a chain of n integrators; the corner of P is 1."""
+    return np.eye(n, k=1), np.eye(n)[:, -1:], np.diag(np.eye(n)[0]), [[1]]
+
+
+def example_19(masses):
+    spring = 2 * np.eye(masses) - np.eye(masses, k=1) - np.eye(masses, k=-1)
+    spring[0, 0] = spring[-1, -1] = 1
+    Z = np.zeros((masses, masses))
+    B = np.zeros((2 * masses, 2))
+    B[masses, 0], B[-1, 1] = 0.25, -0.25
+    return (np.block([[Z, np.eye(masses)], [-spring / 4, -np.eye(masses)]]), B,
+            np.eye(2 * masses), np.eye(2))
+
+
+EXACT = {
+    '1': ([[0, 1], [0, 0]], [[0], [1]], np.diag([1, 2]), [[1]], [[2, 1], [1, 2]]),
+    '2': ([[4, 3], [-4.5, -3.5]], [[1], [-1]], [[9, 6], [6, 4]], [[1]],
+          (1 + ROOT2) * np.array([[9, 6], [6, 4]])),
+    **{f'7, {d:g}': example_7(d) for d in (1.0, 1e-2, 1e-4, 1e-6)},
+    **{f'9, {d:g}': example_9(d) for d in (1.0, 1e3, 1e6, 1e-6)},
+    **{f'10, {d:g}': example_10(d) for d in (1.0, 1e-3, 1e-5, 1e-7)},
+    **{f'12, {d:g}': example_12(d) for d in (1.0, 1e2, 1e6)},
+    '16, 64': example_16(64),
+}
+OTHERS = {
+    '8, 1': (np.diag([-0.1, -0.02]), [[0.1, 0], [0.001, 0.01]], [[100, 1000], [1000, 1e4]],
+             [[2, 1], [1, 1]]),
+    '8, 1e-8': (np.diag([-0.1, -0.02]), [[0.1, 0], [0.001, 0.01]], [[100, 1000], [1000, 1e4]],
+                [[1 + 1e-8, 1], [1, 1]]),
+    **{f'13, {d:g}': example_13(d) for d in (1.0, 1e-3, 1e-6)},
+    **{f'14, {d:g}': example_14(d) for d in (1.0, 1e-3, 1e-6)},
+    **{f'15, {k}': example_15(k) for k in (3, 20)},
+    **{f'17, {k}': example_17(k) for k in (5, 10, 15, 21)},
+    **{f'19, {k}': example_19(k) for k in (5, 30)},
+}
+
+
+@pytest.mark.parametrize('name', EXACT)
+def test_exact_solutions(name):
+    *data, P = EXACT[name]
+    design = lqr(*data)
+    gap = np.linalg.norm(design.P - P) / np.linalg.norm(P)
+    # The bound is made in scaled coordinates; in the problem's own it holds within their ratio.
+    assert gap <= max(10 * design.error, 1e-13)
+    if not name.startswith('10'):  # whose condition number is 1 / d^2
+        assert gap <= 1e-12
+
+
+@pytest.mark.parametrize('name', OTHERS)
+def test_residuals_and_poles(name):
+    A, B, Q, R = (np.array(M, dtype=float) for M in OTHERS[name])
+    design = lqr(A, B, Q, R)
+    assert np.linalg.eigvals(A - B @ design.K).real.max() < 0
+    P = design.P.astype(np.longdouble)
+    terms = [A.T @ P, P @ A, -(P @ B) @ np.linalg.solve(R, B.T @ design.P), Q]
+    size = max(float(np.linalg.norm(term)) for term in terms)
+    assert float(np.linalg.norm(sum(terms))) <= 1e-8 * size
+    if name.startswith('17'):
+        assert design.P[0, -1] == pytest.approx(1.0, rel=100 * design.error)
+
+
+# Rounded to three digits as it is printed, its Qx has the eigenvalue -0.0012.
+EXAMPLE_3 = (
+    [[0, 1, 0, 0], [0, -1.89, 0.39, -5.53], [0, -0.034, -2.98, 2.43],
+     [0.034, -0.0011, -0.99, -0.21]],
+    [[0, 0], [0.36, -1.6], [-0.95, -0.032], [0.03, 0]],
+    [[2.313, 2.727, 0.688, 0.023], [2.727, 4.271, 1.148, 0.323],
+     [0.688, 1.148, 0.313, 0.102], [0.023, 0.323, 0.102, 0.083]], np.eye(2))
+
+
+@pytest.mark.parametrize('name, words', [
+    ('3', 'Qx must be positive semidefinite: scaled to a unit diagonal it has the eigenvalue'),
+    ('11', r'Qx\[0\] = -11: Qx must be positive semidefinite'),
+    ('14, 1e-8', 'rounding alone may put a mode of the closed loop on the border of stability'),
+    ('17, 40', 'the Riccati equation is too ill-conditioned|border of stability'),
+])
+def test_what_cannot_be_proved_is_refused(name, words):
+    data = {
+        '3': EXAMPLE_3,
+        '11': ([[3, 1], [4, 2]], [[1], [1]], [[-11, -5], [-5, -2]], [[1]]),
+        '14, 1e-8': example_14(1e-8),
+        '17, 40': example_17(40),
+    }[name]
+    with pytest.raises(RefusedDesignError, match=words):
+        lqr(*data)
