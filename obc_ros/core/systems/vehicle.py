@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The steered vehicle of Example 1.1 and its motion across the road, Exercise 2.10."""
 
+from dataclasses import replace
 from math import inf
 from typing import Any
 
@@ -9,6 +10,8 @@ import casadi as ca
 from obc_ros.core.system import define, Parameter, Signal, System
 
 STEERING_LIMIT = 0.6  # [rad]
+# Exercise 2.10 sets no limit, and its slalom of 1 m and 1 Hz needs 0.67 rad at 10 m/s.
+LATERAL_STEERING_LIMIT = 1.2  # [rad]
 
 _PY = Signal('py', 'm', description='position of the rear axle, to the left')
 _THETA = Signal('theta', 'rad', angle=True, description='heading, counter-clockwise')
@@ -55,7 +58,7 @@ def lateral() -> System:
     return define(
         'vehicle_lateral',
         states=(_PY, _THETA),
-        inputs=(_PHI,),
+        inputs=(replace(_PHI, lower=-LATERAL_STEERING_LIMIT, upper=LATERAL_STEERING_LIMIT),),
         parameters=(
             Parameter('v', 10.0, 'm/s', 1e-3, description='speed of the rear axle'), _LENGTH),
         dynamics=_lateral_dynamics,
