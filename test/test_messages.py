@@ -32,6 +32,11 @@ EVERYTHING = {
     'final_time': {'free': True, 'lower': 0.5, 'upper': 10, 'guess': 'a*30'},
     'initial_guess': {'states': {'x': [0, 'a', 1]}, 'inputs': {'u': 0.5}, 'final_time': 2},
 }
+LINEAR = {
+    'name': 'linear', 'system': 'linear',
+    'parameters': {'A': [[0, 1], [0, 0]], 'B': [0, 1], 'goal': '1/3'},
+    'running_cost': 'u1**2', 'initial_state': {'x1': 0, 'x2': 0},
+    'terminal_constraints': ['x1 - goal', 'x2'], 'final_time': {'free': False, 'value': 1}}
 NUMBERS = ('p_value', 'x0', 'x_lower', 'x_upper', 'u_lower', 'u_upper', 'path_lower', 'path_upper')
 
 
@@ -40,7 +45,7 @@ def over_the_wire(message):
     return deserialize_message(serialize_message(message), type(message))
 
 
-@pytest.mark.parametrize('mapping', [EVERYTHING, *(load_file(file)[0] for file in FILES)],
+@pytest.mark.parametrize('mapping', [EVERYTHING, LINEAR, *(load_file(file)[0] for file in FILES)],
                          ids=lambda mapping: mapping['name'])
 def test_a_statement_survives_the_message(mapping):
     problem = problem_from_mapping(mapping)
@@ -69,6 +74,13 @@ def test_a_statement_survives_the_message(mapping):
 def test_a_name_that_stands_twice_is_refused(field, entries):
     message = OptimalControlProblem(**{field: entries})
     with pytest.raises(StatementError, match=f'^{field}: .* stands twice'):
+        messages.statement(message)
+
+
+@pytest.mark.parametrize('text', ['[', '[1, 2', '[[1], x]', '[' * 10_000])
+def test_a_parameter_that_begins_as_a_list_and_is_none_is_refused(text):
+    message = OptimalControlProblem(parameters=[NamedExpression(name='A', expression=text)])
+    with pytest.raises(StatementError, match=r'^parameters\.A: .* is no list of numbers'):
         messages.statement(message)
 
 

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.cli.results import file_name
-from obc_ros.core import systems
 from obc_ros.core.errors import DynamicsError, StatementError
 from obc_ros.core.expressions import describe, near, number
+from obc_ros.core.planning import registered
 from obc_ros.core.statement import FOR_PEOPLE, load_file
 from obc_ros.core.weights import KINDS
 
@@ -139,10 +139,10 @@ def _system(given: Mapping[str, Any]) -> tuple[int, int]:
     parameters = given.get('parameters', {})
     if not isinstance(given['system'], str):
         raise StatementError(f'system: wanted a name, found {describe(given["system"])}')
-    if not isinstance(parameters, Mapping):
-        raise StatementError(f'parameters: wanted a mapping, found {describe(parameters)}')
-    system = systems.registered(given['system'], {
-        str(name): number(value, {}, f'parameters.{name}') for name, value in parameters.items()})
+    if not isinstance(parameters, Mapping) or not all(isinstance(key, str) for key in parameters):
+        raise StatementError('parameters: wanted a mapping of names to numbers, found '
+                             f'{describe(parameters)}')
+    system = registered(given['system'], parameters)
     return system.n, system.m
 
 

@@ -14,7 +14,6 @@ import time
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core import systems
 from obc_ros.core.equilibrium import Equilibrium, equilibrium, linearize
 from obc_ros.core.errors import ObcError, RefusedDesignError, StatementError
 from obc_ros.core.lqr import lqr, LqrDesign
@@ -58,14 +57,10 @@ def solution_packet(problem: Problem, solution: Solution, system: str) -> Packet
 
 def _solve(request: Packet, time_limit: float, report: Report) -> Packet:
     plain = request.plain
-    name = plain['statement'].get('system', '')
-    if systems.is_file(name):
-        raise StatementError('system: a request names a registered system; files of the server '
-                             'are not read')
     problem = problem_from_mapping(plain['statement'])
     solution = solve(problem, method=plain['method'] or 'auto', time_limit=time_limit,
                      report=report, cache=_cache(plain['cache_size']))
-    return solution_packet(problem, solution, name)
+    return solution_packet(problem, solution, plain['statement'].get('system', ''))
 
 
 def _plan(request: Packet, time_limit: float, report: Report) -> Packet:

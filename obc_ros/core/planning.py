@@ -98,10 +98,23 @@ def statement(motion: Motion) -> dict[str, Any]:
 
 
 def registered(name: str, parameters: Mapping[str, Any]) -> System:
-    """Return a registered system whose parameters are numbers or expressions without names."""
-    values = {key: number(value, {}, f'system_parameters.{key[:60]}')
-              for key, value in parameters.items()}
-    return systems.registered(name, values)
+    """
+    Return a registered system.
+
+    Parameters
+    ----------
+    name : str
+        Registered name; never a file's.
+    parameters : mapping
+        By name: a number or an expression without names; for what the system is built of (its
+        options) also a list of rows.
+
+    """
+    values = {key: value if isinstance(value, list) else
+              number(value, {}, f'parameters.{key[:60]}') for key, value in parameters.items()}
+    return systems.registered(name, {
+        key: int(value) if isinstance(value, float) and value.is_integer() else value
+        for key, value in values.items()})
 
 
 def _numbers(what: str, given: Sequence[float] | Array, names: Sequence[str]) -> Array:

@@ -83,7 +83,7 @@ def statement(problem: OptimalControlProblem) -> dict[str, Any]:
         'system': problem.system,
         'states': list(problem.states),
         'inputs': list(problem.inputs),
-        'parameters': expressions('parameters', problem.parameters),
+        'parameters': parameters('parameters', problem.parameters),
         'dynamics': expressions('dynamics', problem.dynamics),
         'running_cost': problem.running_cost,
         'terminal_cost': problem.terminal_cost,
@@ -155,6 +155,20 @@ def expressions(where: str, entries: Iterable[NamedExpression]) -> dict[str, str
     return _unique(where, ((each.name, each.expression) for each in entries))
 
 
+def parameters(where: str, entries: Iterable[NamedExpression]) -> dict[str, Any]:
+    """
+    Return name to expression, or to the list that an option of a system is, written as JSON.
+
+    Raises
+    ------
+    StatementError
+        If a name stands twice, or what begins with a bracket is no list.
+
+    """
+    return {name: _list(f'{where}.{name[:60]}', text) if text.startswith('[') else text
+            for name, text in expressions(where, entries).items()}
+
+
 def bounds(where: str, entries: Iterable[NamedBounds]) -> dict[str, list[str | None]]:
     """
     Return name to [lower, upper], None for none.
@@ -213,7 +227,7 @@ def _minimize_request(request: Any) -> Packet:
 def _plan_request(request: Any) -> Packet:
     return Packet(
         {'system': request.system, 'objective': request.objective,
-         'parameters': expressions('system_parameters', request.system_parameters),
+         'parameters': parameters('system_parameters', request.system_parameters),
          'input_bounds': bounds('input_bounds', request.input_bounds),
          'final_time': request.final_time},
         _arrays(request, 'start', 'goal', 'qx', 'qu'))
@@ -223,7 +237,7 @@ def _design_request(request: Any) -> Packet:
     weights = request.weights
     return Packet(
         {'system': request.system,
-         'parameters': expressions('system_parameters', request.system_parameters),
+         'parameters': parameters('system_parameters', request.system_parameters),
          'sample_time': request.sample_time, 'delay': request.delay,
          'weights': weights.weights, 'rho': weights.rho, 'stability': weights.stability},
         _arrays(request, 'setpoint', 'setpoint_input', 'a', 'b')
@@ -340,4 +354,13 @@ def _without_empty(mapping: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _text(value: Any) -> str:
+    if isinstance(value, (list, tuple)):
+        return json.dumps(value)
     return '' if value is None else str(value)
+
+
+def _list(where: str, text: str) -> Any:
+    try:
+        return json.loads(text)
+    except (json.JSONDecodeError, RecursionError) as error:
+        raise StatementError(f'{where}: {text[:60]} is no list of numbers: {error}') from None

@@ -1,0 +1,296 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The commands ``obc solve`` and ``obc lqr``: exit status, JSON, figures, and no process left."""
+
+import json
+import math
+import os
+from pathlib import Path
+import signal
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+import numpy as np
+from obc_ros.cli import client, questions, results
+import pytest
+import yaml
+
+pytestmark = pytest.mark.nodes
+
+PROBLEMS = Path(__file__).parent / 'problems'
+KEYS = ['name', 'status', 'message', 'objective', 't', 'x', 'u', 'lam', 'interpolation',
+        'switching_times', 'certificate', 'solve_time', 'build_time', 'iterations']
+SCALAR = {
+    'name': 'scalar', 'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'},
+    'running_cost': 'u**2', 'terminal_cost': 'x**2', 'initial_state': {'x': 1},
+    'final_time': {'free': False, 'value': 1}}
+N = 60
+ENDLESS = {
+    'name': 'endless', 'states': [f'x{i}' for i in range(N)], 'inputs': ['u'],
+    'dynamics': {f'x{i}': f'20*sin(x{(i + 1) % N})*cos(x{(i - 1) % N}) - x{i}*x{(i + 2) % N}'
+                          ' + exp(sin(u))' for i in range(N)},
+    'running_cost': 'u**2 + ' + ' + '.join(
+        f'(x{i} - 1)**2*x{(i + 3) % N}**2' for i in range(N)),
+    'initial_state': {f'x{i}': i % 5 - 2 for i in range(N)},
+    'final_time': {'free': False, 'value': 20}}
+
+
+@pytest.fixture
+def obc(spawn, tmp_path):
+    """Run ``obc`` with files of given contents; return exit status, JSON by name, and output."""
+    def run(command, files, *options, server=False, end=lambda process: process.wait(60.0)):
+        if server:
+            spawn('trajectory_server', {'workers': 2}).wait_for_output('')
+        folder = tmp_path / 'in'
+        folder.mkdir(exist_ok=True)
+        for name, content in files.items():
+            if content is not None:
+                text = content if isinstance(content, str) else yaml.safe_dump(content)
+                (folder / name).write_text(text)
+        paths = [str(folder / name) for name in files]
+        process = spawn('obc', arguments=[command, *paths, '--json', str(tmp_path), *options])
+        status = end(process)
+        found = {path.stem: read(path) for path in tmp_path.glob('*.json')}
+        return status, found, process.output()
+    return run
+
+
+def read(path):
+    """Return what a JSON file holds; NaN and infinity are not JSON."""
+    def refuse(constant):
+        raise AssertionError(f'{constant} in {path.name}')
+    return json.loads(path.read_text(), parse_constant=refuse)
+
+
+def children(pid):
+    """Return the process ids of the children of a process."""
+    tasks = Path(f'/proc/{pid}/task').glob('*/children')
+    return [int(pid) for task in tasks for pid in task.read_text().split()]
+
+
+def wait_for(condition):
+    """Return the value of a condition once it is true."""
+    deadline = time.monotonic() + 20.0
+    while not (value := condition()):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    return value
+
+
+def test_solved_and_certified_is_0(obc, tmp_path):
+    names = ['lq_scalar_unit', 'di_mintime_rest']
+    status, found, output = obc('solve', {
+        f'{name}.yaml': (PROBLEMS / f'{name}.yaml').read_text() for name in names},
+        '--plot', str(tmp_path))
+    assert status == 0, output
+    assert sorted(found) == sorted(names)
+    for name in names:
+        problem = yaml.safe_load((PROBLEMS / f'{name}.yaml').read_text())
+        answer = found[name]
+        assert list(answer) == KEYS
+        assert (answer['name'], answer['status']) == (name, 'solved')
+        assert answer['objective'] == pytest.approx(
+            problem['expected']['objective'], abs=problem['expected']['tolerance'])
+        for key, names_ in (('x', 'states'), ('u', 'inputs'), ('lam', 'states')):
+            assert list(answer[key]) == problem[names_]
+            assert {len(column) for column in answer[key].values()} == {len(answer['t'])}
+        certificate = answer['certificate']
+        assert certificate['holds'] is True
+        assert certificate['residuals'].keys() == certificate['tolerances'].keys()
+        assert all(certificate['residuals'][each] <= bound
+                   for each, bound in certificate['tolerances'].items())
+        assert (tmp_path / f'{name}.png').read_bytes().startswith(b'\x89PNG')
+        assert name in output
+    assert found['di_mintime_rest']['switching_times'] == pytest.approx([1.0], abs=1e-3)
+
+
+def test_a_server_of_its_own_ends_with_the_command(obc):
+    started = []
+
+    def watch(process):
+        [server] = wait_for(lambda: children(process.pid))
+        started.extend([server, *wait_for(lambda: children(server))])
+        return process.wait(60.0)
+
+    assert obc('solve', {'scalar.yaml': SCALAR}, end=watch)[0] == 0
+    wait_for(lambda: not any(Path(f'/proc/{pid}').exists() for pid in started))
+    started.clear()
+
+    def kill(process):
+        [server] = wait_for(lambda: children(process.pid))
+        started.extend([server, *wait_for(lambda: children(server))])
+        process.kill()
+        return 0
+
+    obc('solve', {'endless.yaml': ENDLESS}, end=kill)
+    wait_for(lambda: not any(Path(f'/proc/{pid}').exists() for pid in started))
+
+
+def test_a_running_server_is_used(obc, probe):
+    diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
+    status, found, output = obc('solve', {'list.yaml': [
+        {**SCALAR, 'name': 'one'}, {**SCALAR, 'name': 'two', 'initial_state': {'x': 2}}]},
+        server=True)
+    assert status == 0, output
+    assert sorted(found) == ['one', 'two']
+    assert found['one']['objective'] == pytest.approx(0.5)
+    assert found['two']['objective'] == pytest.approx(2.0)
+    probe.wait_for(lambda: diagnostics and {
+        each.key: each.value for each in diagnostics[-1].status[0].values}['requests'] == '2')
+
+
+@pytest.mark.parametrize('content, words', [
+    ('states: [x\n  nonsense: {', ''), ('', 'mapping'), ('- 1\n- 2', 'mapping'), ('[]', 'empty'),
+    ({**SCALAR, 'gravity': 9.81}, 'gravity'), ({**SCALAR, 'running_cost': '().__class__'}, 'cost'),
+    ({**SCALAR, 'initial_state': {'x': math.nan}}, 'initial_state'),
+    ({**SCALAR, 'states': 7}, 'states'), ('a: 1\na: 2', 'twice'), ('\0\x01', ''),
+    ('!!python/object/apply:os.system [ls]', ''),
+], ids=str)
+def test_malformed_is_2_and_has_its_json(obc, content, words):
+    status, found, output = obc('solve', {'bad.yaml': content})
+    assert status == 2
+    [answer] = found.values()
+    assert list(answer) == KEYS
+    assert answer['status'] == 'malformed'
+    assert words in answer['message']
+    assert answer['message'] in output
+    assert answer['objective'] is None
+    assert answer['certificate'] == {'holds': False, 'residuals': {}, 'tolerances': {}}
+    assert 'Traceback' not in output
+
+
+def test_a_missing_file_and_a_good_one(obc):
+    status, found, _ = obc('solve', {'good.yaml': SCALAR, 'missing.yaml': None}, server=True)
+    assert status == 2
+    assert {name: answer['status'] for name, answer in found.items()} == {
+        'good': 'solved', 'missing': 'malformed'}
+
+
+def test_no_answer_in_time_is_1(obc):
+    status, found, output = obc('solve', {'endless.yaml': ENDLESS, 'scalar.yaml': SCALAR},
+                                '--time-limit', '0.8', server=True)
+    assert status == 1, output
+    assert found['endless']['status'] == 'timed_out'
+    assert found['scalar']['status'] == 'solved'
+    assert found['endless']['message'] in output
+
+
+@pytest.mark.parametrize('line', [['--time-limit', '-1'], ['--time-limit', 'nan'], ['--speed']])
+def test_a_malformed_line_is_2(obc, line):
+    status, found, _ = obc('solve', {'scalar.yaml': SCALAR}, *line)
+    assert (status, found) == (2, {})
+
+
+@pytest.mark.parametrize('server', [True, False])
+def test_ctrl_c_cancels(obc, probe, server):
+    diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
+
+    def busy():
+        return diagnostics and {
+            each.key: each.value for each in diagnostics[-1].status[0].values}['busy']
+
+    def interrupt(process):
+        if server:
+            probe.wait_for(lambda: busy() == '1', what='the server solves')
+        else:
+            [server_] = wait_for(lambda: children(process.pid))
+            wait_for(lambda: children(server_))
+        begun = time.monotonic()
+        status = process.interrupt()
+        assert time.monotonic() - begun < 2.5
+        return status
+
+    status, found, output = obc('solve', {'endless.yaml': ENDLESS, 'scalar.yaml': '{'},
+                                server=server, end=interrupt)
+    assert status == 2 and found['scalar']['status'] == 'malformed'
+    assert found['endless']['status'] == 'cancelled', output
+    assert 'Traceback' not in output
+    if server:
+        probe.wait_for(lambda: busy() == '0', what='the server is idle again')
+
+
+def test_a_server_of_its_own_that_is_killed_is_said(obc):
+    def kill(process):
+        [server] = wait_for(lambda: children(process.pid))
+        wait_for(lambda: len(children(server)) == 3)
+        os.kill(server, signal.SIGKILL)
+        return process.wait()
+
+    status, found, output = obc('solve', {'endless.yaml': ENDLESS}, end=kill)
+    assert status == 1
+    assert found['endless']['status'] == 'not_converged'
+    assert 'trajectory_server was ended by SIGKILL' in found['endless']['message'], output
+
+
+def test_a_server_that_has_disappeared_is_given_up(probe, monkeypatch):
+    monkeypatch.setattr(client, 'SILENCE', 0.2)
+    lonely = client.Client(probe.context, lambda: None)
+    begun = time.monotonic()
+    with pytest.raises(client.ServerLostError, match='does not answer any more'):
+        lonely.wait(lambda: False, lambda: time.monotonic() < begun + 0.3)
+    assert 0.45 <= time.monotonic() - begun < 5.0
+    lonely.close()
+
+
+def test_names_of_files_are_safe_and_unique(tmp_path):
+    for folder in ('a', 'b'):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / 'p.yaml').write_text(yaml.safe_dump(SCALAR))
+    several = tmp_path / 'several.yaml'
+    several.write_text(yaml.safe_dump([{**SCALAR, 'name': name} for name in (
+        'p', '../../etc/x', 'p', '.')]))
+    asked = questions.read([tmp_path / 'a' / 'p.yaml', tmp_path / 'b' / 'p.yaml', several])
+    assert [each.file_name for each in asked] == ['p', 'p_2', 'p_3', '_.._etc_x', 'p_4', 'problem']
+    assert [each.name for each in asked] == ['scalar', 'scalar', 'p', '../../etc/x', 'p', '.']
+
+
+def test_json_has_no_nan(tmp_path):
+    results.write(tmp_path, 'x', {'a': [1.0, math.nan, {'b': -math.inf}], 'c': (True, None, 'd')})
+    assert read(tmp_path / 'x.json') == {'a': [1.0, None, {'b': None}], 'c': [True, None, 'd']}
+
+
+def test_regulators(obc, tmp_path):
+    q = 2.0
+    cases = [
+        {'name': 'example_2_4', 'A': [[0, 1], [0, 0]], 'B': [[0], [1]],
+         'Qx': [['2**2', 0], [0, 0]], 'Qu': [[1]]},
+        {'name': 'aircraft', 'system': 'aircraft', 'parameters': {'m': '2*2'},
+         'Qx': [100, 1, '2*pi/9', 0, 0, 0], 'Qu': [0.1, 0.1]},
+        {'name': 'bryson', 'system': 'vehicle', 'setpoint_input': [5, 0], 'weights': 'bryson',
+         'x_max': [1, 1, 1], 'u_max': [1, 1]},
+        {'name': 'out_of_reach', 'A': [[1]], 'B': [[0]], 'Qx': [[1]], 'Qu': [[1]]},
+        {'name': 'indefinite', 'A': [[0]], 'B': [[1]], 'Qx': [[1]], 'Qu': [[-1]]}]
+    status, found, output = obc('lqr', {'cases.yaml': cases}, '--plot', str(tmp_path))
+    assert status == 1, output
+    assert {name: each['status'] for name, each in found.items()} == {
+        'example_2_4': 'solved', 'aircraft': 'solved', 'bryson': 'solved',
+        'out_of_reach': 'refused', 'indefinite': 'refused'}
+    assert all(list(each) == ['name', 'status', 'message', 'K', 'P', 'poles']
+               for each in found.values())
+    example = found['example_2_4']
+    assert np.allclose(example['K'], [[q, math.sqrt(2 * q)]], rtol=0, atol=1e-12)
+    assert np.allclose(example['P'], [[math.sqrt(2 * q**3), q], [q, math.sqrt(2 * q)]])
+    poles = [
+        complex(*pole) for pole in example['poles']]
+    assert np.allclose(np.poly(poles), [1, math.sqrt(2 * q), q])
+    assert 'out of reach' in found['out_of_reach']['message']
+    assert 'Qu[0] = -1' in found['indefinite']['message']
+    assert len(found['aircraft']['K']) == 2
+    assert {path.stem for path in tmp_path.glob('*.png')} == {'example_2_4', 'aircraft', 'bryson'}
+
+
+@pytest.mark.parametrize('changes, words', [
+    ({'A': [[1, 2]]}, 'A: wanted as many columns as rows'), ({'B': [[1]]}, 'B: wanted 2 rows'),
+    ({'A': [[0, 1], [0]]}, 'A[1]'), ({'A': [[0, 'x'], [0, 0]]}, 'A[0][1]'),
+    ({'Qx': [1, 2, 3]}, 'Qx: wanted 2 rows of 2'), ({'Qx': [[1, 5], [2, 1]]}, 'symmetric'),
+    ({'Qu': [[math.nan]]}, 'Qu[0][0]'), ({'Qu': None}, 'Qu: missing'), ({'Q': 1}, 'Q: unknown'),
+    ({'system': 'aircraft'}, 'A: the system says this already'), ({'A': {}}, 'A'),
+    ({'weights': 'magic'}, 'weights'),
+], ids=str)
+def test_malformed_cases(obc, changes, words):
+    case = {'name': 'bad', 'A': [[0, 1], [0, 0]], 'B': [[0], [1]], 'Qx': [1, 1], 'Qu': [1]}
+    status, found, output = obc('lqr', {'bad.yaml': {**case, **changes}})
+    assert status == 2, output
+    assert found['bad']['status'] == 'malformed'
+    assert words in found['bad']['message']
+    assert (found['bad']['K'], found['bad']['P'], found['bad']['poles']) == ([], [], [])
