@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from obc_ros.core import systems
 from obc_ros.core.conditions import Conditions, Gust
 from obc_ros.core.equilibrium import equilibrium, linearize
-from obc_ros.core.errors import DynamicsError, StatementError
+from obc_ros.core.errors import DynamicsError, ObcError, StatementError
 from obc_ros.core.simulate import resting_input, Simulator
 import pytest
 from scipy.integrate import quad, solve_ivp
@@ -248,6 +248,12 @@ def test_a_state_that_leaves_the_range_of_numbers_stays_and_says_so():
         assert np.isfinite(growing.x).all()
 
 
+def test_a_stiff_plant_ends_with_a_sentence_not_in_waiting():
+    stiff = systems.get('linear', A=[[-1e9]], B=[[1e9]])
+    with pytest.raises(DynamicsError, match='100000 steps are not enough'):
+        Simulator(stiff, [1.0], Conditions(dt=1.0, integrator='adaptive'), [0.0]).advance()
+
+
 def test_parameters_change_in_flight_without_a_jump(aircraft):
     simulator = Simulator(aircraft, conditions=Conditions(actuator_lag=(0.1,)))
     simulator.command([1.0, 39.2])
@@ -314,6 +320,28 @@ def test_the_slope_is_that_of_the_disturbed_plant(aircraft):
 def test_impossible_conditions_are_answered_in_words(aircraft, conditions, words):
     with pytest.raises(StatementError, match=words):
         Simulator(aircraft, conditions=Conditions(**conditions))
+
+
+extreme = st.floats(allow_nan=True) | st.sampled_from([0.0, 5e-324, 1e-9, 1.0, 1e308, -1e308])
+
+
+@given(st.sampled_from(['rk4', 'adaptive']), st.lists(extreme, min_size=9, max_size=9))
+@example('rk4', [1.0, 1e-3, 5e-324, 1e308, 1e308, 1e308, 1e308, 1e308, 1e-3])
+@example('adaptive', [1.0, 1e-3, 0.0, 0.0, 0.0, 0.0, 1.0, 1e-300, 1e-3])
+def test_whatever_the_conditions_there_is_a_state_or_a_sentence(integrator, numbers):
+    u, dt, lag, delay, noise, disturbance, amplitude, start, duration = numbers
+    try:
+        simulator = Simulator(systems.get('double_integrator'), conditions=Conditions(
+            dt=dt, integrator=integrator, actuator_lag=(lag,), input_delay=delay, noise=(noise,),
+            disturbance=(disturbance,), gust=Gust((amplitude,), start, duration)))
+        simulator.command([u])
+        for _ in range(7):
+            simulator.advance()
+    except ObcError as error:
+        assert str(error)
+    else:
+        assert np.isfinite(simulator.x).all()
+        simulator.measure()
 
 
 @pytest.mark.parametrize('x0', [[0.0], [np.nan] * 6, 'x', [[0.0] * 6], [None] * 6])

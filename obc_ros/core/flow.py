@@ -26,12 +26,16 @@ Array = NDArray[np.float64]
 Kernel = tuple[Callable[[], None], Callable[[], None]]
 
 _SNAP = 1e-9            # of a step: an event so near to the grid is on it
+_LAST_WHOLE = 2.0**53   # beyond it every double is whole
 _ROUNDING = 1e-15       # relative error of a step that a smaller one does not improve
 _SMALLEST_STEP = 1e-13  # [s]
+_MOST_STEPS = 100_000   # between two jumps; more would keep the caller waiting
 
 
 def snapped(time: float) -> float:
     """Return a time [steps], on the grid if it is as good as there."""
+    if not abs(time) < _LAST_WHOLE:
+        return time
     whole = round(time)
     return float(whole) if abs(time - whole) <= _SNAP else time
 
@@ -160,7 +164,9 @@ class Flow:
     def _adapt(self, kernel: Kernel, now: float, stop: float) -> None:
         """Keep the estimated error of each step below the tolerance times its length [s]."""
         dt, tolerance = self._conditions.dt, self._conditions.tolerance
-        while now < stop:
+        for _ in range(_MOST_STEPS):
+            if now >= stop:
+                return
             wanted = self._proposed
             length = wanted if now + wanted / dt < stop else (stop - now) * dt
             self._step(kernel, now, length / dt)
@@ -175,8 +181,8 @@ class Flow:
             shrinkage = 0.9 * (bound / error)**0.25 if math.isfinite(error) else 0.0
             self._proposed = max(0.2, shrinkage) * length
             if self._proposed < _SMALLEST_STEP:
-                raise DynamicsError(f'{self._system.name}: no step above {_SMALLEST_STEP:g} s '
-                                    f'keeps to the tolerance {tolerance:g}')
+                raise DynamicsError(f'no step above {_SMALLEST_STEP:g} s keeps to the tolerance')
+        raise DynamicsError(f'{_MOST_STEPS} steps are not enough to keep to the tolerance')
 
     def _compiled(self, gusty: bool) -> Kernel:
         """Return the step from the first buffer to the second, and the one back."""

@@ -21,6 +21,7 @@ from obc_ros.core.simulate import Simulator
 Array = NDArray[np.float64]
 
 HELD_UP = 0.25  # [s] so late, the plant was held up: time is not caught up
+MOST_STEPS = 100_000
 RESEND = 0.25   # [s] after which an unanswered state is published again
 
 
@@ -52,8 +53,19 @@ class Pacing:
 
 
 def grid(dt: float, publish_rate: float) -> tuple[float, int]:
-    """Return the step [s], at most dt, and how many make the period of publishing."""
+    """
+    Return the step [s], at most dt, and how many make the period of publishing.
+
+    Raises
+    ------
+    StatementError
+        If they are more than `MOST_STEPS`.
+
+    """
     steps = max(1, math.ceil(1.0 / (publish_rate * dt) - 1e-9))
+    if steps > MOST_STEPS:
+        raise StatementError(f'dt = {dt:g} s makes {steps} steps from one state to the next at '
+                             f'{publish_rate:g} Hz; at most {MOST_STEPS} are taken')
     return 1.0 / publish_rate / steps, steps
 
 

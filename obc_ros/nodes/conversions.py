@@ -116,7 +116,7 @@ class OdometryMap:
         """Return a message with frames and the variances of the noise (n,) of each state."""
         message = Odometry(child_frame_id=BASE)
         message.header.frame_id = ODOM
-        of = dict(zip(self._system.state_names, (value**2 for value in noise), strict=True))
+        of = dict(zip(self._system.state_names, (value * value for value in noise), strict=True))
         up, about = (_ZZ, _PITCH) if self._vertical else (_YY, _YAW)
         pose, twist = message.pose.covariance, message.twist.covariance
         pose[_XX], pose[up], pose[about] = (of.get(name, 0.0) for name in _POSE)

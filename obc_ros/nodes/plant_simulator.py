@@ -43,7 +43,8 @@ LONGEST_WAIT = 3600.0  # [s]
 
 def _of_states(values: Mapping[str, Any]) -> Iterator[Entry]:
     for signal in _system(values).states:
-        yield Entry(signal.name, 0.0, 'standard deviation of what is published', signal.unit, 0.0)
+        yield Entry(signal.name, 0.0, 'standard deviation of what is published', signal.unit,
+                    lower=0.0, upper=1e9)
 
 
 def _of_disturbances(values: Mapping[str, Any]) -> Iterator[Entry]:
