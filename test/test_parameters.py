@@ -9,7 +9,8 @@ from typing import Any
 
 from hypothesis import given, settings, strategies
 from obc_ros.core.errors import ObcError, StatementError
-from obc_ros.nodes.parameters import Entry, group, of_system, parameter, Parameters, Value
+from obc_ros.nodes.conversions import system_parameters
+from obc_ros.nodes.parameters import Entry, group, parameter, Parameters, Value
 import pytest
 from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.msg import ParameterValue
@@ -23,7 +24,7 @@ class Settings:
     """A table with every kind of parameter."""
 
     system: str = parameter('aircraft', 'registered system', read_only=True)
-    system_parameters: Mapping[str, Value] = group(of_system)
+    system_parameters: Mapping[str, Value] = group(system_parameters)
     Qx: tuple[float, ...] = parameter((1.0, 1.0), 'state weight')
     Qu: tuple[float, ...] = parameter((1.0,), 'input weight', lower=0.0)
     x_max: tuple[float, ...] = parameter((), 'scales')
@@ -236,7 +237,7 @@ VALUES = strategies.one_of(
 ENTRIES = [
     Entry('a', (1.0,), '', lower=0.0), Entry('b', (), '', finite=False), Entry('c', 1.0, ''),
     Entry('d', 1, '', lower=-5, upper=5), Entry('e', False, ''),
-    Entry('f', 'x', '', choices=('x', 'y')), Entry('g', ('a',), '')]
+    Entry('f', 'x', '', choices=('x', 'y')), Entry('g', (), '', texts=True)]
 
 
 @settings(max_examples=300, deadline=None)

@@ -8,7 +8,7 @@ The table is a frozen dataclass whose fields are made by `parameter` and `group`
     @dataclass(frozen=True)
     class Settings:
         system: str = parameter('aircraft', 'registered system', read_only=True)
-        system_parameters: Mapping[str, Value] = group(of_system)
+        system_parameters: Mapping[str, Value] = group(system_parameters)
         rate: float = parameter(0.0, 'commands a second; 0: answer every state', 'Hz', lower=0.0)
         Qx: tuple[float, ...] = parameter((), 'state weight; empty: identity')
 
@@ -68,13 +68,13 @@ class Entry:
     choices: tuple[str, ...] = ()
     read_only: bool = False
     finite: bool = True
+    texts: bool = False
 
     @property
     def type(self) -> Parameter.Type:
         """Return the ROS type that values are kept as."""
         if isinstance(self.default, tuple):
-            texts = self.default and isinstance(self.default[0], str)
-            return Parameter.Type.STRING_ARRAY if texts else Parameter.Type.DOUBLE_ARRAY
+            return Parameter.Type.STRING_ARRAY if self.texts else Parameter.Type.DOUBLE_ARRAY
         return Parameter.Type.from_parameter_value(self.default)
 
     def descriptor(self) -> ParameterDescriptor:
@@ -167,6 +167,7 @@ def parameter(
     choices: tuple[str, ...] = (),
     read_only: bool = False,
     finite: bool = True,
+    texts: bool = False,
 ) -> Any:
     """
     Return a field of a table that is one ROS parameter.
@@ -174,8 +175,8 @@ def parameter(
     Parameters
     ----------
     default : bool, int, float, str or tuple
-        Its type is the parameter's; an empty tuple stands for numbers. Integers, a single number
-        for a list, and a list of rows are accepted where numbers are wanted.
+        Its type is the parameter's; a tuple is one of numbers. Integers, a single number for a
+        list, and a list of rows are accepted where numbers are wanted.
     description, unit : str
         What it means, and the unit that is appended to it.
     name : str
@@ -188,9 +189,12 @@ def parameter(
         Whether it is fixed once the node has started.
     finite : bool
         Whether infinity is refused; NaN always is.
+    texts : bool
+        Whether a tuple is one of strings.
 
     """
-    entry = Entry(name, default, description, unit, lower, upper, choices, read_only, finite)
+    entry = Entry(name, default, description, unit, lower, upper, choices, read_only, finite,
+                  texts)
     return field(default=default, metadata={'entry': entry})
 
 
@@ -202,28 +206,6 @@ def group(members: Callable[[Mapping[str, Value]], Iterable[Entry]]) -> Any:
     member, named without the prefix; what it has yielded is declared before it goes on.
     """
     return field(default_factory=dict, metadata={'group': members})
-
-
-def of_system(values: Mapping[str, Value]) -> Iterable[Entry]:
-    """
-    Yield the members of a group ``system_parameters`` below a parameter ``system``.
-
-    They are the options that the system is built of, then its parameters with their ranges.
-
-    Raises
-    ------
-    ObcError
-        If the system is unknown or cannot be made.
-
-    """
-    from obc_ros.core import systems  # brings CasADi, which not every node needs
-    name, options = str(values['system']), {}
-    for option, default in systems.options(name).items():
-        yield Entry(option, default, f'option that {name} is built of', read_only=True)
-        options[option] = values[f'system_parameters.{option}']
-    for each in systems.get(name, options).parameters:
-        yield Entry(each.name, float(each.value), each.description or f'parameter of {name}',
-                    each.unit, each.lower, each.upper)
 
 
 class Parameters(Generic[Settings, Candidate]):
@@ -271,6 +253,7 @@ class Parameters(Generic[Settings, Candidate]):
         self._entries: dict[str, Entry] = {}
         self._values: dict[str, Value] = {}
         self._pending: tuple[dict[str, Value], Settings, Candidate] | None = None
+        self._is_declared = True  # what comes to `_on_set` without `_normalise` is
         # rclpy has no public list of the values given by files and arguments
         self._overrides: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
         for entry in self._rows():
@@ -327,6 +310,7 @@ class Parameters(Generic[Settings, Candidate]):
 
     def _normalise(self, changes: list[Parameter]) -> list[Parameter]:
         """Keep numbers as doubles, whatever type they came as; leave the rest to the judge."""
+        self._is_declared = False
         return [self._normal(change) for change in changes]
 
     def _normal(self, change: Parameter) -> Parameter:
@@ -340,6 +324,9 @@ class Parameters(Generic[Settings, Candidate]):
 
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
         self._pending = None
+        if self._is_declared:
+            return SetParametersResult(successful=True)  # by rclpy: a QoS override, say
+        self._is_declared = True
         try:
             if ours := self._read(changes):
                 values = {**self._values, **ours}

@@ -1,0 +1,121 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a control loop is told: the law, the limits, and the rules around them."""
+
+from dataclasses import dataclass
+
+from obc_ros.core.regulator import Law, Limits, Regulator, Rows, Vector
+
+STALE = ('equilibrium', 'hold', 'silent')
+ENVELOPE = ('stop', *STALE)
+
+
+@dataclass(eq=False)
+class Reference:
+    """When a reference begins: stamp [ns] of its t = 0, or None until the first state after it."""
+
+    begin: int | None
+    duration: float
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """A reference with the law along it, and the regulator that goes on from its end."""
+
+    reference: Reference
+    along: Law
+    after: Regulator
+
+
+@dataclass(frozen=True)
+class Integral:
+    """Integral action -Ki z, dz/dt = C (x - xr): C (p, n), Ki (m, p)."""
+
+    C: Rows
+    Ki: Rows
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """
+    What the state will be when the command takes effect, a known delay later.
+
+    x(t + delay) - xr = Phi (x - xr) + sum over i of Gamma_i (u_i - ur), where u_1 is the last
+    command, u_2 the one before it, each held for `period`.
+
+    Attributes
+    ----------
+    Phi : tuple of tuple of float
+        (n, n).
+    Gammas : tuple of tuple of tuple of float
+        An (n, m) matrix for each command that is still to take effect, the last one first.
+    period : int
+        Of the commands [ns].
+
+    """
+
+    Phi: Rows
+    Gammas: tuple[Rows, ...]
+    period: int
+
+
+@dataclass(frozen=True)
+class Rules:
+    """
+    When to answer and what to do when something is wrong.
+
+    Attributes
+    ----------
+    period : int
+        Shortest time between two answers [ns] of stamps; 0: answer every state.
+    state_timeout : float
+        Age of the last good state [s] at which `on_stale` acts; 0: never.
+    on_stale : str
+        'equilibrium' (the input at rest), 'hold' (the last command) or 'silent'.
+    x_limits : tuple of (float, float)
+        (n,) lower and upper bound of the error x - xr, inside which the law is used; empty: any.
+    on_envelope : str
+        'stop' (latched) or as `on_stale`.
+    transition_time : float
+        Time [s] in which the jump of a change decays; 0: it is not smoothed.
+
+    """
+
+    period: int = 0
+    state_timeout: float = 0.5
+    on_stale: str = 'equilibrium'
+    x_limits: tuple[tuple[float, float], ...] = ()
+    on_envelope: str = 'stop'
+    transition_time: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Control:
+    """
+    All that decides about a command; adopted as one.
+
+    Attributes
+    ----------
+    regulator : Regulator
+        About the set point.
+    limits : Limits
+    rest : tuple of float
+        (m,) input that keeps the plant at rest, or stops it where the set point moves on.
+    names : tuple of str
+        (n,) names of the states.
+    rules : Rules
+    legs : tuple of Leg
+        References in the order of their beginnings; the last that has begun is followed.
+    integral : Integral, optional
+    prediction : Prediction, optional
+
+    """
+
+    regulator: Regulator
+    limits: Limits
+    rest: Vector
+    names: tuple[str, ...]
+    rules: Rules = Rules()
+    legs: tuple[Leg, ...] = ()
+    integral: Integral | None = None
+    prediction: Prediction | None = None

@@ -1,0 +1,160 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+From a system, a set point and a cost to the regulator that is proved to hold it.
+
+Linearise at the equilibrium, choose the weights (section 2.5), solve for the gain (section 2.4).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.equilibrium import Equilibrium, equilibrium, linearize
+from obc_ros.core.errors import DynamicsError, StatementError
+from obc_ros.core.lqr import lqr, LqrDesign
+from obc_ros.core.regulator import Regulator, rows, Vector, vector
+from obc_ros.core.system import System
+from obc_ros.core.weights import choose, Weights, with_integrals
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """
+    A system linearised at an equilibrium.
+
+    Attributes
+    ----------
+    system : System
+    equilibrium : Equilibrium
+    A, B : ndarray, shape (n, n) and (n, m)
+    rest : tuple of float
+        Input (m,) that keeps the system where it is: ue where the set point stays, and where it
+        moves on the input of the equilibrium at rest there, if there is one.
+
+    """
+
+    system: System
+    equilibrium: Equilibrium
+    A: Array
+    B: Array
+    rest: Vector
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """
+    A feedback that is proved to stabilise a plant at its set point.
+
+    Attributes
+    ----------
+    plant : Plant
+    weights : Weights
+        As chosen, without those of the integrals.
+    lqr : LqrDesign
+        Of the plant, with the integrals of the outputs `C` as further states.
+    C : ndarray, shape (p, n)
+        Outputs with integral action.
+
+    """
+
+    plant: Plant
+    weights: Weights
+    lqr: LqrDesign
+    C: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def K(self) -> Array:
+        """Return the gain of the state, shape (m, n)."""
+        return self.lqr.K[:, :self.plant.system.n]
+
+    @property
+    def Ki(self) -> Array:
+        """Return the gain of the integrals, shape (m, p)."""
+        return self.lqr.K[:, self.plant.system.n:]
+
+    @property
+    def regulator(self) -> Regulator:
+        """Return the law about the set point."""
+        at = self.plant.equilibrium
+        return Regulator(vector(at.x), vector(at.u), rows(self.K), vector(at.drift))
+
+
+def plant(system: System, setpoint: Sequence[float] = (), setpoint_input: Sequence[float] = ()
+          ) -> Plant:
+    """
+    Linearise a system at a set point.
+
+    Parameters
+    ----------
+    system : System
+        What is linearised.
+    setpoint, setpoint_input : sequence of float
+        As `equilibrium` takes them; empty: the system's own.
+
+    Raises
+    ------
+    DynamicsError
+        If no input within the limits holds the system there.
+
+    """
+    at = equilibrium(system, setpoint or None, setpoint_input or None)
+    A, B = linearize(system, at.x, at.u)
+    return Plant(system, at, A, B, _rest(system, at))
+
+
+def design(plant: Plant, weights: dict[str, Any], integral: Sequence[str] = (),
+           Qi: Sequence[float] = ()) -> Design:
+    """
+    Return the regulator of a plant for a cost.
+
+    Parameters
+    ----------
+    plant : Plant
+        What is held.
+    weights : dict
+        Arguments of `weights.choose`; empty Qx, Qu: identity.
+    integral : sequence of str
+        Names of the states whose integrals are fed back.
+    Qi : sequence of float
+        Weights of these integrals; empty: 1 each.
+
+    Raises
+    ------
+    StatementError
+        If a list has a wrong length or a number is out of range.
+    RefusedDesignError
+        If no gain can be proved to stabilise.
+
+    """
+    n, m = plant.B.shape
+    given = {**weights, 'Qx': weights.get('Qx') or (1.0,) * n,
+             'Qu': weights.get('Qu') or (1.0,) * m}
+    chosen = choose(n, m, **given)
+    A, B, cost, C = plant.A, plant.B, chosen, np.zeros((0, n))
+    if integral:
+        C = np.eye(n)[[_index(plant.system, name) for name in integral]]
+        A, B, cost = with_integrals(A, B, chosen, C, Qi or (1.0,) * len(C))
+    found = lqr(A, B, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability)
+    return Design(plant, chosen, found, C)
+
+
+def _rest(system: System, at: Equilibrium) -> Vector:
+    if not at.drift.any():
+        return vector(at.u)
+    try:
+        still = equilibrium(system, at.x, np.zeros(system.m))
+    except DynamicsError:
+        return vector(at.u)
+    return vector(at.u if still.drift.any() else still.u)
+
+
+def _index(system: System, name: str) -> int:
+    if name not in system.state_names:
+        raise StatementError(f"integral: there is no state '{name[:60]}' in "
+                             f'{", ".join(system.state_names)}')
+    return system.state_names.index(name)

@@ -1,0 +1,103 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a design is, and what a change from one to another does: numbers and a sentence."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.design import Design
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Change:
+    """
+    The step from one design to the next.
+
+    Attributes
+    ----------
+    largest : float
+        Largest change of an entry of K; 0: the first design.
+    jump : tuple of float
+        (m,) change of each input at the present error; empty: no state yet.
+    sentence : str
+        Both in words; empty for the first design.
+
+    """
+
+    largest: float = 0.0
+    jump: tuple[float, ...] = ()
+    sentence: str = ''
+
+
+def change(before: Design, after: Design, jump: Sequence[float] | None) -> Change:
+    """
+    Return what replacing a design does.
+
+    Parameters
+    ----------
+    before, after : Design
+        Of the same system.
+    jump : sequence of float, optional
+        (m,) change of each input at the present error.
+
+    """
+    system = after.plant.system
+    step = after.K - before.K
+    i, j = divmod(int(np.abs(step).argmax()), step.shape[1])
+    largest = float(abs(step[i, j]))
+    words = 'K stays' if not largest else (
+        f'largest change of K: {before.K[i, j]:.4g} to {after.K[i, j]:.4g} '
+        f'({system.states[j].name} to {system.inputs[i].name})')
+    if jump:
+        i, most = max(enumerate(jump), key=lambda each: abs(each[1]))
+        words += (f'; at the present error {system.inputs[i].name} jumps by {most:.4g} '
+                  f'{system.inputs[i].unit}').rstrip()
+    return Change(largest, tuple(jump or ()), words)
+
+
+def fields(design: Design, made: Change, error: Sequence[float] | None) -> dict[str, Any]:
+    """
+    Return the fields of the message LqrDesign that say what a design is.
+
+    Parameters
+    ----------
+    design : Design
+        The design.
+    made : Change
+        How it came about.
+    error : sequence of float, optional
+        The present x - xe (n,).
+
+    """
+    plant, found = design.plant, design.lqr
+    n = plant.system.n
+    P = found.P[:n, :n]
+    size = np.abs(found.E)
+    return {
+        'system': plant.system.name,
+        'state_names': list(plant.system.state_names),
+        'input_names': list(plant.system.input_names),
+        'xe': plant.equilibrium.x, 'ue': plant.equilibrium.u,
+        'a': plant.A, 'b': plant.B, 'qx': design.weights.Qx, 'qu': design.weights.Qu,
+        'k': design.K, 'p': P,
+        'poles_real': found.E.real, 'poles_imag': found.E.imag,
+        'damping': -found.E.real / np.where(size > 0.0, size, 1.0),
+        'residual': float(found.residual), 'design': 'continuous',
+        'cost_to_go': 0.0 if error is None else float(np.array(error) @ P @ np.array(error)),
+        'max_gain_change': made.largest,
+        'input_jump': max(map(abs, made.jump), default=0.0),
+        'sentence': '; '.join(filter(None, (_sentence(design), made.sentence))),
+    }
+
+
+def _sentence(design: Design) -> str:
+    E = design.lqr.E
+    slowest = E[E.real.argmax()]
+    damping = float((-E.real / np.abs(E)).min())
+    return (f'{design.plant.system.name}: {len(E)} poles left of {slowest.real:.4g} 1/s, least '
+            f'damping {damping:.3g}')

@@ -1,0 +1,123 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The control law u = ur - K (x - xr) about a reference, held within the limits.
+
+Plain floats: for the few states of a plant they are several times faster than arrays, and the
+law runs at every state.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+from operator import mul, sub
+from typing import Any, NamedTuple, Protocol
+
+Vector = tuple[float, ...]
+Rows = tuple[Vector, ...]
+
+
+class Point(NamedTuple):
+    """Where the plant should be: state xr (n,), input ur (m,), and the gain K (m, n) there."""
+
+    x: Vector
+    u: Vector
+    K: Rows
+
+
+class Law(Protocol):
+    """A reference over time, with the gain along it."""
+
+    def at(self, t: float) -> Point:
+        """Return the reference at time t [s]."""
+
+
+@dataclass(frozen=True)
+class Regulator:
+    """
+    State feedback about a set point that stays or moves on at a constant rate.
+
+    Attributes
+    ----------
+    x, u : tuple of float
+        Set point xe (n,) at t = 0, and the input ue (m,) that holds it.
+    K : tuple of tuple of float
+        Gain (m, n).
+    drift : tuple of float
+        dxe/dt (n,).
+
+    """
+
+    x: Vector
+    u: Vector
+    K: Rows
+    drift: Vector
+
+    def at(self, t: float) -> Point:
+        """Return the set point at time t [s]."""
+        if any(self.drift):
+            return Point(tuple([a + v * t for a, v in zip(self.x, self.drift, strict=True)]),
+                         self.u, self.K)
+        return Point(self.x, self.u, self.K)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """
+    What an input may be, and which states are angles.
+
+    Attributes
+    ----------
+    lower, upper : tuple of float
+        (m,) limits of the inputs.
+    angles : tuple of int
+        Indices of the states whose error wraps.
+
+    """
+
+    lower: Vector
+    upper: Vector
+    angles: tuple[int, ...] = ()
+
+    def error(self, x: Sequence[float], xr: Sequence[float]) -> list[float]:
+        """Return x - xr, shape (n,); angles in [-pi, pi]."""
+        e = list(map(sub, x, xr))
+        for i in self.angles:
+            if not -math.pi <= e[i] <= math.pi:
+                e[i] = math.remainder(e[i], math.tau)
+        return e
+
+    def clip(self, u: list[float]) -> int:
+        """
+        Hold u (m,) within the limits, in place.
+
+        Returns
+        -------
+        int
+            The number of inputs that were at or beyond a limit.
+
+        """
+        clipped = 0
+        for j, value in enumerate(u):
+            if value < self.lower[j]:
+                u[j] = self.lower[j]
+                clipped += 1
+            elif value > self.upper[j]:
+                u[j] = self.upper[j]
+                clipped += 1
+        return clipped
+
+
+def feedback(point: Point, e: Sequence[float]) -> list[float]:
+    """Return ur - K e, shape (m,), not yet within the limits."""
+    return [u - sum(map(mul, row, e)) for u, row in zip(point.u, point.K, strict=True)]
+
+
+def rows(matrix: Sequence[Sequence[float]] | Any) -> Rows:
+    """Return a matrix, of an array too, as a tuple of rows of plain floats."""
+    return tuple(vector(row) for row in matrix)
+
+
+def vector(values: Sequence[float] | Any) -> Vector:
+    """Return numbers, of an array too, as a tuple of plain floats."""
+    return tuple(map(float, values))

@@ -1,0 +1,236 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+State feedback u = ue - K (x - xe), designed from the weights in its parameters.
+
+Subscribes to ``state`` (State) or ``odom`` (nav_msgs/Odometry) and ``reference`` (Trajectory).
+Publishes ``command`` (Command, or see `lqr_topics`), ``~/design`` (LqrDesign, transient local) and
+``/diagnostics``. Services: ``~/stop``, ``~/start`` (std_srvs/Trigger), ``~/try_design``
+(TryDesign), ``~/suggest_weights`` (SuggestWeights), and those of a lifecycle node. Parameters: see
+`lqr_settings.Settings`.
+
+States are answered by a thread of their own; everything else belongs to the executor. A change
+reaches that thread as one assignment.
+"""
+
+from time import monotonic
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import ChangeState
+from obc_ros.core.design_report import Change, change
+from obc_ros.core.errors import StatementError
+from obc_ros.core.loop import Loop
+from obc_ros.msg import LqrDesign
+from obc_ros.nodes import lqr_topics
+from obc_ros.nodes.conversions import nanoseconds
+from obc_ros.nodes.design_message import design_message
+from obc_ros.nodes.lqr_diagnostics import Monitor
+from obc_ros.nodes.lqr_settings import Candidate, judge, Settings
+from obc_ros.nodes.main import run
+from obc_ros.nodes.own_thread import Apart, OwnThread
+from obc_ros.nodes.parameters import Parameters
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
+from std_srvs.srv import Trigger
+
+LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+RELIABLE = QoSProfile(depth=1)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+OVERRIDES = (QoSPolicyKind.DEADLINE, QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY,
+             QoSPolicyKind.HISTORY, QoSPolicyKind.RELIABILITY)
+LONGEST_WAIT = 0.5  # [s] until the thread of the states looks around
+
+
+class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untyped
+    """The node; see the module's text."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('lqr_node', allow_undeclared_parameters=True, **options)
+        self._monitor = Monitor()
+        self._adopted: Candidate | None = None
+        self._table = Parameters(
+            self, Settings, self._judge, self._adopt, self._monitor.refused)
+        self._adopted, self._revision, self._change = self._table.candidate, 1, Change()
+        self._is_active = False
+        self._loop = Loop(self._adopted.control)
+        self._create_topics(self._table.settings)
+        self._create_services()
+        self._publish_design()
+        if self._table.settings.autostart:
+            self.trigger_configure()
+            self.trigger_activate()
+
+    def _create_topics(self, settings: Settings) -> None:
+        system = self._adopted.design.plant.system
+        overrides = QoSOverridingOptions(OVERRIDES)
+        self._read = lqr_topics.source(settings.state_source, system)
+        self._sink = lqr_topics.Sink(settings.command_sink, system)
+        self._frame = settings.frame_id
+        self._states = self.create_subscription(
+            lqr_topics.SOURCES[settings.state_source], settings.state_source,
+            lambda message: None, LATEST, callback_group=Apart(), qos_overriding_options=overrides)
+        self._commands = self.create_lifecycle_publisher(
+            lqr_topics.SINKS[settings.command_sink], settings.command_sink, RELIABLE,
+            qos_overriding_options=overrides)
+        self._designs = self.create_publisher(LqrDesign, '~/design', LATCHED)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._thread = OwnThread(self, self._states, self._answer, self._watch)
+        self._news = self.create_guard_condition(self._tell_news)
+        self._designed = self.create_guard_condition(self._publish_design)
+        self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _create_services(self) -> None:
+        self.create_service(Trigger, '~/stop', self._on_stop)
+        self.create_service(Trigger, '~/start', self._on_start)
+        for service in self.services:
+            if service.srv_type is ChangeState:
+                self._change_state, service.callback = service.callback, self._on_change_state
+
+    # States and commands, in the thread of the states
+
+    def _answer(self, message: Any) -> None:
+        begun = monotonic()
+        header, loop = message.header, self._loop
+        if header.frame_id != self._frame and not self._is_frame(header.frame_id, begun):
+            return
+        try:
+            x = self._read(message)
+        except StatementError as error:
+            loop.drop('finite', f'a state was dropped: {error}', begun)
+        else:
+            u = loop.answer(nanoseconds(header.stamp), x, begun)
+            if u is not None:
+                self._commands.publish(self._sink.message(u, header.stamp))
+                self._monitor.latencies.append(monotonic() - begun)
+        if loop.news:
+            self._news.trigger()
+
+    def _watch(self) -> float:
+        """Command what a missing state asks for; return how long to wait for the next one."""
+        now, loop = monotonic(), self._loop
+        if (u := loop.overdue(now)) is not None:
+            self._commands.publish(self._sink.message(u, self._time()))
+        if loop.news:
+            self._news.trigger()
+        return min(LONGEST_WAIT, loop.wake() - now)
+
+    def _is_frame(self, frame: str, now: float) -> bool:
+        """Return whether a state's frame is the wanted one, or else that of the first state."""
+        wanted = self._table.settings.frame_id
+        if frame == wanted or not (wanted or self._frame):
+            self._frame = frame
+            return True
+        self._loop.drop('frame', f"a state in the frame '{frame}' was dropped: wanted "
+                                 f"'{wanted or self._frame}'", now)
+        return False
+
+    # Changes
+
+    def _judge(self, settings: Settings) -> Candidate:
+        candidate = judge(settings)
+        if self._adopted and candidate.control.names != self._adopted.control.names:
+            raise StatementError('a plant with other states needs another node')
+        return candidate
+
+    def _adopt(self, candidate: Candidate) -> None:
+        before, self._adopted = self._adopted, candidate
+        if candidate.design is not before.design:
+            self._revision += 1
+            self._change = change(
+                before.design, candidate.design, self._loop.preview(candidate.control))
+            self._designed.trigger()
+        self._loop.adopt(candidate.control)
+
+    def _publish_design(self) -> None:
+        message = design_message(self._adopted.design, self._change, self._loop.error)
+        message.header.stamp, message.revision = self._time(), self._revision
+        self._designs.publish(message)
+        self.get_logger().info(f'revision {self._revision}: {message.sentence}')
+
+    def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._loop.stop('by ~/stop')
+        control = self._adopted.control
+        response.success = True
+        response.message = f'stopped at {list(control.rest)}; the law goes on after ~/start'
+        return response
+
+    def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = True
+        response.message = (f'started again; it was stopped {self._loop.stopped}'
+                            if self._loop.stopped else 'it was not stopped')
+        self._loop.start()
+        return response
+
+    # Lifecycle: rclpy manages publishers only
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to answer states."""
+        stopped = self._loop.stopped
+        self._loop = Loop(self._adopted.control)
+        self._loop.stop(stopped)
+        self._is_active = True
+        done = super().on_activate(state)
+        self._thread.start()
+        return done
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Leave the plant a command that is safe, and be silent."""
+        self._rest()
+        return super().on_deactivate(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Do as `on_deactivate`."""
+        self._rest()
+        return super().on_shutdown(state)
+
+    def _rest(self) -> None:
+        if self._is_active:
+            self._is_active = False
+            self._thread.stop()
+            if self._loop.command is not None:
+                rest = self._adopted.control.rest
+                self._commands.publish(self._sink.message(rest, self._time()))
+
+    def _on_change_state(self, request: Any, response: Any) -> Any:
+        try:
+            return self._change_state(request, response)
+        except RuntimeError as error:  # RCLError: no such transition from here
+            self.get_logger().warning(f'refused to change state: {error}')
+            response.success = False
+            return response
+
+    def destroy_node(self) -> None:
+        """Leave the plant a command that is safe, and end."""
+        self._rest()
+        super().destroy_node()
+
+    # Reports
+
+    def _time(self) -> Time:
+        return self.get_clock().now().to_msg()
+
+    def _tell_news(self) -> None:
+        while self._loop.news:
+            self.get_logger().warning(self._loop.news.popleft())
+
+    def _diagnose(self) -> None:
+        self._tell_news()
+        array = DiagnosticArray()
+        array.header.stamp = self._time()
+        array.status = self._monitor.statuses(
+            self.get_fully_qualified_name()[1:], self._loop, self._revision, '', self._is_active)
+        self._diagnostics.publish(array)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM; return the exit status."""
+    return run(LqrNode, args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

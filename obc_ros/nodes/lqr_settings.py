@@ -1,0 +1,187 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of lqr_node, and the control that they ask for."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import functools
+from typing import Any
+
+from obc_ros.core.control import Control, ENVELOPE, Integral, Leg, Rules, STALE
+from obc_ros.core.design import Design, design, Plant, plant
+from obc_ros.core.errors import StatementError
+from obc_ros.core.regulator import Limits, rows, Vector, vector
+from obc_ros.core.weights import KINDS
+from obc_ros.nodes.conversions import chosen_system, system_parameters
+from obc_ros.nodes.parameters import group, parameter, Value
+
+DESIGNS = ('continuous', 'sampled')
+# topic: type of its messages
+SOURCES = {'state': 'State', 'odom': 'Odometry'}
+SINKS = {'command': 'Command', 'cmd_vel': 'TwistStamped', 'wrench': 'WrenchStamped'}
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The parameters of lqr_node."""
+
+    system: str = parameter(
+        'aircraft', 'registered system, or path of a YAML file', read_only=True)
+    system_parameters: Mapping[str, Value] = group(system_parameters)
+    setpoint: Vector = parameter(
+        (), 'state to hold (n numbers, SI units, radians); empty: that of the system')
+    setpoint_input: Vector = parameter(
+        (), 'input there, where the state leaves it open (m numbers); empty: that of the system')
+    weights: str = parameter('matrices', 'how the cost is chosen', choices=KINDS)
+    Qx: Vector = parameter(
+        (), 'state weight: n numbers (a diagonal) or n*n row by row; empty: identity')
+    Qu: Vector = parameter(
+        (), 'input weight: m numbers (a diagonal) or m*m row by row; empty: identity')
+    cross: Vector = parameter((), "cross weight N of 2 x'N u: n*m numbers row by row; empty: none")
+    x_max: Vector = parameter(
+        (), 'bryson: largest acceptable error of each state, in its unit', finite=False)
+    u_max: Vector = parameter(
+        (), 'upper limit of each input, in its unit; empty: those of the system. With weights '
+        'bryson: its largest acceptable deviation, the limits being those of the system',
+        finite=False)
+    u_min: Vector = parameter(
+        (), 'lower limit of each input, in its unit; empty: those of the system', finite=False)
+    H: Vector = parameter((), 'output: p*n numbers row by row of z = H x, kept small')
+    rho: float = parameter(1.0, "output: weight of u'u against z'z", lower=0.0)
+    stability: float = parameter(
+        0.0, 'prescribed degree of stability: poles left of its negative', '1/s', lower=0.0)
+    integral: tuple[str, ...] = parameter(
+        (), 'names of the states with integral action', texts=True)
+    Qi: Vector = parameter((), 'weights of the integrals; empty: 1 each')
+    design: str = parameter('continuous', 'plant that the gain is designed for', choices=DESIGNS)
+    rate: float = parameter(
+        0.0, 'largest rate of commands, by the stamps of the states; 0: answer every state',
+        'Hz', lower=0.0, upper=1e6)
+    sample_time: float = parameter(
+        0.0, 'period of a sampled design; 0: that of rate', 's', lower=0.0, upper=3600.0)
+    delay: float = parameter(
+        0.0, 'known time until a command takes effect', 's', lower=0.0, upper=3600.0)
+    state_timeout: float = parameter(
+        0.5, 'age of the last good state at which on_stale acts; 0: never', 's', lower=0.0,
+        upper=3600.0)
+    on_stale: str = parameter(
+        'equilibrium', 'what is commanded while no state comes: the equilibrium input (at rest), '
+        'the last command again, or nothing', choices=STALE)
+    x_limits: Vector = parameter(
+        (), 'largest error of each state (n numbers), or lower and upper of each (2 n), beyond '
+        'which on_envelope acts; empty: none', finite=False)
+    on_envelope: str = parameter(
+        'stop', 'what is done outside x_limits: stop until ~/start, or as on_stale',
+        choices=ENVELOPE)
+    transition_time: float = parameter(
+        0.0, 'time in which the jump of the command at a change decays; 0: it jumps', 's',
+        lower=0.0, upper=3600.0)
+    state_source: str = parameter(
+        'state', 'topic that states come from, with its type: state (State) or odom (Odometry)',
+        choices=tuple(SOURCES), read_only=True)
+    command_sink: str = parameter(
+        'command', 'topic that commands go to, with its type: command (Command), cmd_vel '
+        '(TwistStamped, the vehicle) or wrench (WrenchStamped, the aircraft)',
+        choices=tuple(SINKS), read_only=True)
+    frame_id: str = parameter(
+        '', "frame of the states; empty: that of the first one's header")
+    autostart: bool = parameter(
+        True, 'whether the node configures and activates itself', read_only=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """What a set of parameters means: judged, and ready to be adopted."""
+
+    settings: Settings
+    design: Design
+    control: Control
+
+
+def judge(settings: Settings, legs: tuple[Leg, ...] = ()) -> Candidate:
+    """
+    Return what the parameters ask for.
+
+    Raises
+    ------
+    ObcError
+        If it cannot be given; the message names the parameter.
+
+    """
+    found = _design(*(_key(getattr(settings, name)) for name in _DESIGN))
+    return Candidate(settings, found, Control(
+        regulator=found.regulator,
+        limits=_limits(settings, found),
+        rest=found.plant.rest,
+        names=found.plant.system.state_names,
+        rules=_rules(settings, found.plant.system.state_names),
+        legs=legs,
+        integral=Integral(rows(found.C), rows(found.Ki)) if len(found.C) else None))
+
+
+def weights_of(settings: Settings) -> dict[str, Any]:
+    """Return the arguments of `weights.choose`."""
+    return {name: getattr(settings, name) for name in _WEIGHTS}
+
+
+_PLANT = ('system', 'system_parameters', 'setpoint', 'setpoint_input')
+_WEIGHTS = ('weights', 'Qx', 'Qu', 'cross', 'x_max', 'u_max', 'H', 'rho', 'stability')
+_DESIGN = (*_PLANT, *_WEIGHTS, 'integral', 'Qi', 'design', 'rate', 'sample_time', 'delay')
+
+
+def _key(value: Any) -> Any:
+    return tuple(sorted(value.items())) if isinstance(value, Mapping) else value
+
+
+@functools.lru_cache(maxsize=4)
+def _plant(system: str, parameters: tuple[tuple[str, Value], ...], setpoint: Vector,
+           setpoint_input: Vector) -> Plant:
+    return plant(chosen_system(system, dict(parameters)), setpoint, setpoint_input)
+
+
+@functools.lru_cache(maxsize=4)  # what is still in use need not be designed again
+def _design(*values: Any) -> Design:
+    given = dict(zip(_DESIGN, values, strict=True))
+    return design(_plant(*(given[name] for name in _PLANT)),
+                  {name: given[name] for name in _WEIGHTS}, given['integral'], given['Qi'])
+
+
+def _limits(settings: Settings, found: Design) -> Limits:
+    system, ue = found.plant.system, found.plant.equilibrium.u
+    lower = _sized('u_min', settings.u_min, system.input_names) or vector(system.u_min)
+    upper = vector(system.u_max)
+    if settings.weights != 'bryson':
+        upper = _sized('u_max', settings.u_max, system.input_names) or upper
+    for name, low, value, high in zip(system.input_names, lower, ue, upper, strict=True):
+        if not low < high:
+            raise StatementError(f'{name}: u_min = {low:g} is not below u_max = {high:g}')
+        if not low <= value <= high:
+            raise StatementError(f'{name} = {value:.6g} holds the set point, outside u_min = '
+                                 f'{low:g} and u_max = {high:g}')
+    angles = tuple(i for i, is_angle in enumerate(system.angles) if is_angle)
+    return Limits(lower, upper, angles)
+
+
+def _rules(settings: Settings, names: tuple[str, ...]) -> Rules:
+    given, n = settings.x_limits, len(names)
+    if len(given) not in (0, n, 2 * n):
+        raise StatementError(f'x_limits has {len(given)} numbers; wanted {n} or {2 * n}, for '
+                             f'{", ".join(names)}')
+    bounds = tuple((-each, each) for each in given)
+    if len(given) == 2 * n:
+        bounds = tuple(zip(given[::2], given[1::2], strict=True))
+    for name, (low, high) in zip(names, bounds, strict=False):
+        if not low < 0.0 < high:
+            raise StatementError(f'x_limits of {name}: [{low:g}, {high:g}] does not hold 0, and '
+                                 'no error is 0')
+    return Rules(
+        period=round(1e9 / settings.rate) if settings.rate else 0,
+        state_timeout=settings.state_timeout, on_stale=settings.on_stale, x_limits=bounds,
+        on_envelope=settings.on_envelope, transition_time=settings.transition_time)
+
+
+def _sized(name: str, given: Vector, names: tuple[str, ...]) -> Vector:
+    if len(given) not in (0, len(names)):
+        raise StatementError(
+            f'{name} has {len(given)} numbers; wanted {len(names)} ({", ".join(names)})')
+    return given

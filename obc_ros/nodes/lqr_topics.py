@@ -1,0 +1,115 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where lqr_node takes states from and gives commands to: its own messages, or those of robots.
+
+A `source` turns a message into the state, a `sink` turns the input into a message.
+
+==========  ================  ==========================================================
+topic       type              meaning
+==========  ================  ==========================================================
+state       State             x
+odom        Odometry          pose, and twist in the child frame; see `conversions`
+command     Command           u
+cmd_vel     TwistStamped      vehicle: linear.x = v, angular.z = (v / l) tan(phi); two_wheeled:
+                              linear.x = v, angular.z = omega
+wrench      WrenchStamped     aircraft, at its centre of mass in base_link (x forward, z up):
+                              force.x = f1, force.z = f2, torque.y = -r f1 (nose up positive
+                              is a rotation about -y)
+==========  ================  ==========================================================
+"""
+
+from array import array
+from collections.abc import Callable, Sequence
+import math
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import TwistStamped, WrenchStamped
+from nav_msgs.msg import Odometry
+from obc_ros.core.errors import StatementError
+from obc_ros.core.system import System
+from obc_ros.msg import Command, State
+from obc_ros.nodes.conversions import BASE, OdometryMap
+
+SOURCES = {'state': State, 'odom': Odometry}
+SINKS = {'command': Command, 'cmd_vel': TwistStamped, 'wrench': WrenchStamped}
+
+Read = Callable[[Any], Sequence[float]]
+Fill = Callable[[Sequence[float]], None]
+
+
+def source(topic: str, system: System) -> Read:
+    """
+    Return what makes a state (n,) of a message.
+
+    It raises StatementError for a message that tells none.
+    """
+    if topic == 'state':
+        return lambda message: message.x  # type: ignore[no-any-return] # array of double
+    odometry = OdometryMap(system)
+    if not odometry.readable:
+        raise StatementError(f'state_source = odom: a pose and a twist do not tell the state of '
+                             f'{system.name} ({", ".join(system.state_names)})')
+
+    def state(message: Odometry) -> Sequence[float]:
+        if message.child_frame_id == message.header.frame_id:
+            raise StatementError(
+                f'odometry with child_frame_id = header.frame_id = '
+                f"'{message.child_frame_id}': its twist belongs in the frame of the body")
+        return odometry.state(message).tolist()
+
+    return state
+
+
+class Sink:
+    """
+    Makes messages of inputs.
+
+    Parameters
+    ----------
+    topic : str
+        A key of `SINKS`.
+    system : System
+        Whose inputs they are.
+
+    """
+
+    def __init__(self, topic: str, system: System) -> None:
+        self._message = SINKS[topic]()
+        self._fill = self._command if topic == 'command' else _filler(topic, self._message, system)
+        if topic != 'command':
+            self._message.header.frame_id = BASE
+
+    def message(self, u: Sequence[float], stamp: Time) -> Any:
+        """Return the message for an input (m,); the next call changes it."""
+        self._message.header.stamp = stamp
+        self._fill(u)
+        return self._message
+
+    def _command(self, u: Sequence[float]) -> None:
+        self._message.u = array('d', u)
+
+
+def _filler(topic: str, message: Any, system: System) -> Fill:
+    p = {each.name: each.value for each in system.parameters}
+
+    def vehicle(u: Sequence[float]) -> None:
+        message.twist.linear.x = u[0]
+        message.twist.angular.z = u[0] / p['l'] * math.tan(u[1])
+
+    def two_wheeled(u: Sequence[float]) -> None:
+        message.twist.linear.x, message.twist.angular.z = u
+
+    def aircraft(u: Sequence[float]) -> None:
+        message.wrench.force.x, message.wrench.force.z = u
+        message.wrench.torque.y = -p['r'] * u[0]
+
+    known: dict[tuple[str, str], Fill] = {
+        ('cmd_vel', 'vehicle'): vehicle,
+        ('cmd_vel', 'two_wheeled'): two_wheeled,
+        ('wrench', 'aircraft'): aircraft}
+    if (topic, system.name) not in known:
+        raise StatementError(f'command_sink = {topic}: the inputs of {system.name} '
+                             f'({", ".join(system.input_names)}) are not those of such a message')
+    return known[topic, system.name]

@@ -1,0 +1,109 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+A subscription that is waited for by a thread of its own.
+
+rclpy's executor gathers all entities of a node anew for each message; with the services of a
+node that takes longer than the control law. Here one wait set holds one subscription, and
+neither a service nor a timer keeps a state waiting.
+"""
+
+from collections.abc import Callable
+import sys
+import threading
+from typing import Any
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.guard_condition import GuardCondition
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+
+# A thread that has work waits this long [s] for another's Python code; 5 ms by default.
+SWITCH_INTERVAL = 2e-4
+
+
+class Apart(CallbackGroup):  # type: ignore[misc] # rclpy's classes are untyped
+    """The group of what the executor leaves alone: a subscription and its QoS events."""
+
+    def can_execute(self, entity: Any) -> bool:
+        """Return that the executor must not wait for an entity."""
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        """Return that the executor must not execute an entity."""
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        """Take note of nothing."""
+
+
+class OwnThread:
+    """
+    Takes the messages of one subscription, whose group must be an `Apart`.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    subscription : rclpy.subscription.Subscription
+    on_message : callable
+        Called in the thread with each message.
+    on_time : callable
+        Called in the thread after each wait; returns how long [s] to wait at most.
+
+    """
+
+    def __init__(self, node: Node, subscription: Subscription,
+                 on_message: Callable[[Any], None], on_time: Callable[[], float]) -> None:
+        sys.setswitchinterval(SWITCH_INTERVAL)
+        self._node, self._subscription = node, subscription
+        self._on_message, self._on_time = on_message, on_time
+        self._wake = GuardCondition(None, None, context=node.context)
+        self._died = node.create_guard_condition(self._end)
+        self._thread: threading.Thread | None = None
+        self._running = False
+
+    def start(self) -> None:
+        """Begin to take messages."""
+        self._running = True
+        self._thread = threading.Thread(target=self._run, name='states', daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Take no more messages; returns when the last has been dealt with."""
+        self._running = False
+        if self._thread is not None:
+            self._wake.trigger()
+            self._thread.join()
+            self._thread = None
+
+    def _end(self) -> None:
+        raise RuntimeError('the thread that takes the states has ended')
+
+    def _run(self) -> None:
+        try:
+            self._take()
+        finally:
+            if self._running:  # an error in it must not leave a node that looks alive
+                self._died.trigger()
+
+    def _take(self) -> None:
+        handle, message_type = self._subscription.handle, self._subscription.msg_type
+        # An event waited for elsewhere would wake that thread at each message.
+        events = self._subscription.event_handlers
+        context = self._node.context.handle
+        with handle, self._wake.handle, context:
+            wait_set = _rclpy.WaitSet(1, 1, 0, 0, 0, len(events), context)
+            while self._running:
+                wait_set.clear_entities()
+                wait_set.add_subscription(handle)
+                wait_set.add_guard_condition(self._wake.handle)
+                for event in events:
+                    event.add_to_wait_set(wait_set)
+                wait_set.wait(int(max(self._on_time(), 0.0) * 1e9))
+                taken = handle.take_message(message_type, False)
+                if taken is not None:
+                    self._on_message(taken[0])
+                for event in events:
+                    if event.is_ready(wait_set):
+                        event.callback(event.take_data())
