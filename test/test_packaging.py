@@ -178,7 +178,8 @@ def test_all_that_is_imported_is_a_dependency():
                 continue
             assert ROSDEP_KEYS.get(module, module) in declared, f'{name(path)}: {module}'
             wheels = {module, f'ros-{module.replace("_", "-")}', {'yaml': 'PyYAML'}.get(module)}
-            brought = {'action_msgs', 'builtin_interfaces', 'rcl_interfaces', 'rosgraph_msgs'}
+            brought = {'action_msgs', 'builtin_interfaces', 'lifecycle_msgs', 'rcl_interfaces',
+                       'rosgraph_msgs'}
             assert wheels & required or module in brought, f'{name(path)}: {module}'
 
 
