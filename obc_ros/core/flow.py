@@ -50,8 +50,6 @@ class Flow:
         With the parameter values that count.
     conditions : Conditions
         Fitted to the system.
-    x : array, shape (n,)
-        State to begin with.
 
     Attributes
     ----------
@@ -60,10 +58,10 @@ class Flow:
 
     """
 
-    def __init__(self, system: System, conditions: Conditions, x: Sequence[float] | Array) -> None:
+    def __init__(self, system: System, conditions: Conditions) -> None:
         n, m = system.n, system.m
         self._system, self._conditions = system, conditions
-        self._buffers = array('d', x), array('d', bytes(8 * n))
+        self._buffers = array('d', bytes(8 * n)), array('d', bytes(8 * n))
         self._here = 0  # which buffer holds the state
         self._span = array('d', [0.0, conditions.dt])  # time since the drive began, step [s]
         self._error = array('d', [0.0])
@@ -86,6 +84,11 @@ class Flow:
     @x.setter
     def x(self, x: Sequence[float] | Array) -> None:
         self._buffers[self._here][:] = array('d', x)
+
+    def restart(self, x: Sequence[float] | Array) -> None:
+        """Begin with a state (n,), without memory of what was before."""
+        self.x = x
+        self._proposed = self._conditions.dt
 
     def drive(self, now: float, target: Sequence[float]) -> None:
         """Let the actuators follow a target (m,) from now on."""

@@ -56,6 +56,7 @@ class Simulator:
                  conditions: Conditions | None = None, u0: Numbers | None = None) -> None:
         self.system = system
         self.conditions = (conditions or Conditions()).fitted(system)
+        self._flow = Flow(system, self.conditions)
         self._limits = any(math.isfinite(limit) for limit in (*system.u_min, *system.u_max))
         self.reset(system.setpoint if x0 is None else x0, u0)
 
@@ -102,7 +103,7 @@ class Simulator:
         self.target = self._u0
         self._waiting: deque[tuple[float, tuple[float, ...]]] = deque()
         self._random = np.random.default_rng(self.conditions.seed)
-        self._flow = Flow(self.system, self.conditions, self._x0)
+        self._flow.restart(self._x0)
         self._flow.drive(0, self.target)
         self._flow.deliver(self.target)
 
@@ -120,7 +121,8 @@ class Simulator:
                 self.system.state_names, self.system.input_names, self.conditions.dt):
             raise StatementError('another plant or another dt needs another simulator')
         conditions = conditions.fitted(system)
-        flow = Flow(system, conditions, self.x)
+        flow = Flow(system, conditions)
+        flow.restart(self.x)
         flow.drive(self.steps, self.target)
         flow.deliver(self.u)
         if conditions.seed != self.conditions.seed:

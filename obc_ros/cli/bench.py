@@ -1,0 +1,81 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+`obc bench`: run the benchmarks, each in a process of its own.
+
+A benchmark is a script that prints a table; its exit status is 0 if what it must show holds.
+"""
+
+import argparse
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+from obc_ros.cli.share import share_directory
+from obc_ros.core.errors import ObcError
+
+HELPERS = ('timing',)  # not a benchmark: what they have in common
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `obc bench`."""
+    parser.add_argument('names', nargs='*', metavar='NAME', help='which ones (default: all)')
+    parser.add_argument('--peers', action='store_true',
+                        help='measure optional peers too; those that are missing are named')
+    parser.add_argument('--list', action='store_true', help='only say which ones there are')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run benchmarks; 0 if all of them held what they must, 1 if not, 2 for an unknown name."""
+    try:
+        scripts = benchmarks()
+    except ObcError as error:
+        print(f'obc bench: {error}', file=sys.stderr)
+        return 2
+    unknown = [name for name in args.names if name not in scripts]
+    if unknown:
+        print(f"obc bench: no benchmark '{unknown[0]}'; there are {', '.join(scripts)}",
+              file=sys.stderr)
+        return 2
+    if args.list:
+        print('\n'.join(scripts))
+        return 0
+    failed = [name for name in args.names or scripts if not passes(scripts[name], args.peers)]
+    if failed:
+        print(f'obc bench: not as required: {", ".join(failed)}', file=sys.stderr)
+    return 1 if failed else 0
+
+
+def benchmarks() -> dict[str, Path]:
+    """
+    Return the scripts by name.
+
+    Raises
+    ------
+    ObcError
+        If there are none.
+
+    """
+    folder = share_directory('obc_ros') / 'benchmarks'
+    scripts = {path.stem: path for path in sorted(folder.glob('*.py'))
+               if path.stem not in HELPERS and not path.stem.startswith('_')}
+    if not scripts:
+        raise ObcError(f'no benchmarks in {folder}')
+    return scripts
+
+
+def passes(script: Path, peers: bool) -> bool:
+    """Run one benchmark and return whether it held what it must."""
+    print(f'== {script.stem} ==', flush=True)
+    options = ['--peers'] if peers else []
+    child = subprocess.Popen([sys.executable, str(script), *options], env={
+        **os.environ, 'PYTHONUNBUFFERED': '1'})
+    try:
+        status = child.wait()
+    finally:
+        if child.poll() is None:  # interrupted: the child got the same signal, or gets one now
+            child.terminate()
+            child.wait()
+    print(flush=True)
+    return status == 0

@@ -1,0 +1,120 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""`obc bench`: finds the scripts, runs them as processes, and its status is theirs; the timing."""
+
+import importlib.util
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+from obc_ros.cli import bench, obc
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture
+def scripts(tmp_path, monkeypatch):
+    """Put benchmarks into place that pass, fail, and tell their arguments."""
+    folder = tmp_path / 'benchmarks'
+    folder.mkdir()
+    (folder / 'good.py').write_text('import sys\nprint("measured", sys.argv[1:])\n')
+    (folder / 'bad.py').write_text('import sys\nsys.exit(1)\n')
+    (folder / 'timing.py').write_text('raise SystemExit(9)\n')
+    monkeypatch.setattr(bench, 'share_directory', lambda package: tmp_path)
+    return folder
+
+
+def test_status_is_0_only_if_all_pass(scripts, capfd):
+    assert obc.main(['bench', 'good']) == 0
+    assert obc.main(['bench', 'good', '--peers']) == 0
+    assert obc.main(['bench', 'bad', 'good']) == 1
+    out, err = capfd.readouterr()
+    assert "measured ['--peers']" in out
+    assert out.count('== good ==') == 3, 'it goes on after a failure'
+    assert 'not as required: bad' in err
+    assert obc.main(['bench']) == 1
+
+
+def test_an_unknown_name_is_answered_in_words(scripts, capsys):
+    assert obc.main(['bench', 'speed']) == 2
+    assert "no benchmark 'speed'; there are bad, good" in capsys.readouterr().err
+
+
+def test_without_benchmarks_it_says_where_it_looked(scripts, capsys):
+    for script in scripts.iterdir():
+        script.unlink()
+    assert obc.main(['bench']) == 2
+    assert str(scripts) in capsys.readouterr().err
+
+
+def test_interrupted_it_leaves_no_process(tmp_path):
+    (tmp_path / 'benchmarks').mkdir()
+    beacon = tmp_path / 'pid'
+    (tmp_path / 'benchmarks' / 'long.py').write_text(
+        'import os, pathlib, time\n'
+        f'pathlib.Path({str(beacon)!r}).write_text(str(os.getpid()))\ntime.sleep(60)\n')
+    command = subprocess.Popen([sys.executable, '-c', (
+        'import pathlib, sys\nfrom obc_ros.cli import bench, obc\n'
+        f'bench.share_directory = lambda package: pathlib.Path({str(tmp_path)!r})\n'
+        'sys.exit(obc.main(["bench"]))')], start_new_session=True)
+    deadline = time.monotonic() + 20
+    while not (beacon.exists() and beacon.read_text()):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    command.send_signal(signal.SIGINT)
+    assert command.wait(20) == 130
+    assert not Path(f'/proc/{beacon.read_text()}').exists()
+
+
+def test_the_benchmarks_of_the_project_are_found():
+    assert {'simulate'} <= set(bench.benchmarks())
+    assert 'timing' not in bench.benchmarks()
+
+
+@pytest.fixture(scope='module')
+def timing():
+    spec = importlib.util.spec_from_file_location('timing', ROOT / 'benchmarks' / 'timing.py')
+    module = importlib.util.module_from_spec(spec)
+    sys.modules['timing'] = module  # where dataclasses look
+    spec.loader.exec_module(module)
+    yield module
+    del sys.modules['timing']
+
+
+def test_rivals_are_timed_in_turn_by_the_clock_that_is_given(timing):
+    now, order = [0.0], []
+
+    def rival(name, seconds):
+        def call():
+            order.append(name)
+            now[0] += seconds
+        return call
+
+    times = timing.measure({'slow': rival('slow', 0.3), 'fast': rival('fast', 0.1)},
+                           least=0.05, per=10, clock=lambda: now[0])
+    assert times['slow'].median == pytest.approx(0.03)
+    assert times['slow'].ratio(times['fast']) == pytest.approx(3.0)
+    assert order[-18:] == ['slow', 'fast'] * 9
+    with pytest.raises(ValueError, match='at least 7'):
+        timing.measure({}, rounds=3)
+
+
+def test_what_is_required_decides_the_status(timing, capsys):
+    timing.require('ratio', 1.05, 1.1)
+    assert timing.finish() == 0
+    timing.require('latency', 2.0, 1.1)
+    timing.require('nan', float('nan'), 1.1)
+    assert timing.finish() == 1
+    out, err = capsys.readouterr()
+    assert 'holds: ratio: 1.05 (limit 1.1)' in out
+    assert 'FAILS: latency' in out
+    assert 'not as required: latency; nan' in err
+
+
+def test_a_missing_peer_is_named_and_skipped(timing, capsys):
+    assert timing.peer('nothing_of_that_name') is None
+    assert 'skipped: nothing_of_that_name' in capsys.readouterr().out
+    assert timing.peer('math').pi > 3
