@@ -9,21 +9,24 @@ worse ends the worker and nothing else.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache
+import json
 import math
 import time
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.equilibrium import Equilibrium, equilibrium, linearize
+from obc_ros.core.design import design, Plant, plant
+from obc_ros.core.design_report import Change, fields
+from obc_ros.core.equilibrium import Equilibrium
 from obc_ros.core.errors import ObcError, RefusedDesignError, StatementError
-from obc_ros.core.lqr import lqr, LqrDesign
 from obc_ros.core.planning import Motion, registered, statement
 from obc_ros.core.problem import Problem
 from obc_ros.core.solution import Report, Solution, Status
 from obc_ros.core.solve import Cache, solve
 from obc_ros.core.statement import problem_from_mapping
-from obc_ros.core.system import System
-from obc_ros.core.weights import choose
+from obc_ros.core.system import Signal, System
 from obc_ros.core.wire import Packet
 
 Array = NDArray[np.float64]
@@ -80,58 +83,46 @@ def _plan(request: Packet, time_limit: float, report: Report) -> Packet:
 
 def _design_lqr(request: Packet, time_limit: float, report: Report) -> Packet:
     plain, arrays = request.plain, request.arrays
-    system = registered(plain['system'], plain['parameters']) if plain['system'] else None
-    if system:
-        at = equilibrium(system, _or_default(arrays['setpoint']),
-                         _or_default(arrays['setpoint_input']))
-        A, B = linearize(system, at.x, at.u)
+    if plain['system']:
+        of = plant(_system(plain['system'], json.dumps(plain['parameters'])),
+                   arrays['setpoint'].tolist(), arrays['setpoint_input'].tolist())
     else:
-        A, B = _plant(arrays['a'], arrays['b'])
-        at = Equilibrium(np.zeros(len(A)), np.zeros(B.shape[1]), np.zeros(len(A)))
-    n, m = B.shape
-    cost = choose(
-        n, m, weights=plain['weights'] or 'matrices', rho=plain['rho'] or 1.0,
-        Qx=arrays['qx'] if arrays['qx'].size else np.ones(n),
-        Qu=arrays['qu'] if arrays['qu'].size else np.ones(m), cross=arrays['cross'],
-        x_max=arrays['x_max'], u_max=arrays['u_max'], H=arrays['h'], stability=plain['stability'])
+        of = _given_plant(arrays['a'], arrays['b'])
+    weights = {name: arrays[name.lower()].tolist()
+               for name in ('Qx', 'Qu', 'cross', 'x_max', 'u_max', 'H')}
     try:
-        design = lqr(A, B, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability)
+        found = design(of, {
+            **weights, 'weights': plain['weights'] or 'matrices', 'rho': plain['rho'] or 1.0,
+            'stability': plain['stability']})
     except RefusedDesignError as error:
         return Packet({'status': 'refused', 'message': str(error)})
-    return design_packet(design, at, system)
+    entries = fields(found, Change(), None)
+    arrays = {name: value for name, value in entries.items() if isinstance(value, np.ndarray)}
+    message = {name: value for name, value in entries.items() if name not in arrays}
+    message['sentence'] = message['sentence'].removeprefix(': ')  # matrices have no name
+    return Packet({'status': 'solved', 'message': message['sentence'], 'design': message}, arrays)
 
 
-def design_packet(design: LqrDesign, at: Equilibrium, system: System | None) -> Packet:
-    """Return a design as the fields of its message, with the names that its arrays go by."""
-    n, m = design.B.shape
-    damping = -design.E.real / np.abs(design.E)
-    slowest = design.E[np.argmax(design.E.real)]
-    sentence = (f'the closed loop is stable: its slowest mode decays in {-1 / slowest.real:.3g} s,'
-                f' its least damping ratio is {damping.min():.3g}')
-    fields = {
-        'system': system.name if system else '', 'residual': float(design.residual),
-        'state_names': system.state_names if system else [f'x{i + 1}' for i in range(n)],
-        'input_names': system.input_names if system else [f'u{j + 1}' for j in range(m)],
-        'design': 'continuous', 'sentence': sentence}
-    return Packet(
-        {'status': 'solved', 'message': sentence, 'design': fields},
-        {'xe': at.x, 'ue': at.u, 'a': design.A, 'b': design.B, 'qx': design.Qx, 'qu': design.Qu,
-         'k': design.K, 'p': design.P, 'poles_real': design.E.real, 'poles_imag': design.E.imag,
-         'damping': damping})
+@lru_cache(32)
+def _system(name: str, parameters: str) -> System:
+    """Return a registered system, kept because it takes longer to make than a gain."""
+    return registered(name, json.loads(parameters))
 
 
-def _or_default(values: Array) -> Array | None:
-    return values if values.size else None
-
-
-def _plant(a: Array, b: Array) -> tuple[Array, Array]:
-    """Return A (n, n) and B (n, m) of their numbers row by row."""
+def _given_plant(a: Array, b: Array) -> Plant:
+    """Return the plant of A (n, n) and B (n, m), given by their numbers row by row."""
     n = math.isqrt(a.size)
     if not n or n * n != a.size:
         raise StatementError(f'a has {a.size} numbers: wanted n*n, row by row')
     if not b.size or b.size % n:
         raise StatementError(f'b has {b.size} numbers: wanted {n}*m, row by row')
-    return a.reshape(n, n), b.reshape(n, -1)
+    m = b.size // n
+    system = System(
+        '', tuple(Signal(f'x{i + 1}') for i in range(n)),
+        tuple(Signal(f'u{j + 1}') for j in range(m)), (), ca.SX.sym('x', n), ca.SX.sym('u', m),
+        ca.SX(0, 1), ca.SX(n, 1), (0.0,) * n, (0.0,) * m)
+    rest = Equilibrium(np.zeros(n), np.zeros(m), np.zeros(n))
+    return Plant(system, rest, a.reshape(n, n), b.reshape(n, m), (0.0,) * m)
 
 
 def _ample_time(motion: Motion, time_limit: float, report: Report, cache: Cache) -> float:
