@@ -1,28 +1,30 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The algebraic Riccati equations, solved with a proof.
+The algebraic Riccati equation (2.9), solved with a proof.
 
-Continuous: A'P + P A - P G P + Q = 0, G = B Qu^-1 B'        (2.9)
-Discrete:   P = A'P (I + G P)^-1 A + Q
+A'P + P A - P G P + Q = 0, G = B Qu^-1 B'
 
 The stabilising solution comes from the stable invariant subspace of the Hamiltonian matrix
-(Laub 1979), in scaled coordinates, and is corrected by Newton's method (Kleinman 1968). The
-discrete one is doubled. The proof is a Lyapunov matrix X of the closed loop: it bounds the
-distance to instability and the error of P.
+(Laub 1979), in scaled coordinates, and is corrected by Newton's method (Kleinman 1968). The proof
+is a Lyapunov matrix X of the closed loop: it bounds the distance to instability and the error
+of P.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from obc_ros.core import dare
+from obc_ros.core.dare import EPS, TINY
+from obc_ros.core.dare import norm as _norm
 from scipy.linalg import lapack
 
 Array = NDArray[np.float64]
 
-EPS = float(np.finfo(float).eps)
-TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,36 +81,21 @@ def solve_continuous(A: Array, F: Array, Q: Array) -> RiccatiSolution | None:
     1968.
 
     """
-    n = len(A)
-    H = np.empty((2 * n, 2 * n), order='F')
+    H = np.empty((2 * len(A), 2 * len(A)), order='F')
     scale = balancing(A, F, Q, H)
     A = A * (scale / scale[:, None])
     F = F / scale[:, None]
     Q = Q * (scale * scale[:, None])
-    H[:n, :n] = A
     G = F @ F.T
-    np.negative(G, out=H[:n, n:])
-    np.negative(Q, out=H[n:, :n])
-    np.negative(A.T, out=H[n:, n:])
-    if not np.isfinite(H).all():
+    found = _by_doubling(A, G, Q) if len(A) >= _LARGE else None
+    if found is None or not found.error <= _WANTED_ERROR:
+        found = _by_schur(A, G, Q, H)
+    if found is not None and _WANTED_ERROR < found.error < math.inf:
+        found = _refine(A, F, Q, found)
+    if found is None or not math.isfinite(found.error):
         return None
-    work = 6 * n if n < 30 else 64 * n
-    T, stable, _, _, U, _, info = lapack.dgees(
-        _is_stable, H, sort_t=1, lwork=work, overwrite_a=1)
-    if stable != n or 0 < info <= 2 * n:
-        return None
-    V = U[:n, :n]
-    W = _inverse(V)
-    if W is None:
-        return None
-    P = U[n:, :n] @ W
-    solution = _newton(A, G, Q, 0.5 * (P + P.T), T[:n, :n], V, W)
-    if _WANTED_ERROR < solution.error < math.inf:
-        solution = _refine(A, F, Q, solution)
-    if not math.isfinite(solution.error):
-        return None
-    P = solution.P / (scale * scale[:, None])
-    return RiccatiSolution(P, solution.residual, solution.error, solution.X, scale)
+    P = found.P / (scale * scale[:, None])
+    return RiccatiSolution(P, found.residual, found.error, found.X, scale)
 
 
 def balancing(A: Array, F: Array, Q: Array, H: Array | None = None) -> Array:
@@ -131,17 +118,13 @@ def balancing(A: Array, F: Array, Q: Array, H: Array | None = None) -> Array:
     return d
 
 
+_LARGE = 40  # states from which on doubling, all products of matrices, is faster than Schur
 _REFINEMENTS = 12
 _WANTED_ERROR = 1e-10  # of a bound that is some hundred times the error
 
 
 def _is_stable(re: float, im: float) -> bool:
     return re < 0.0
-
-
-def _norm(M: Array) -> float:
-    """Return the Frobenius norm."""
-    return math.sqrt(float(np.vdot(M, M)))
 
 
 def _inverse(M: Array) -> Array | None:
@@ -152,19 +135,81 @@ def _inverse(M: Array) -> Array | None:
     return inverse
 
 
-def _newton(A: Array, G: Array, Q: Array, P: Array, T: Array, V: Array, W: Array
-            ) -> RiccatiSolution:
-    """Correct P once; A - G P = V T W, T quasi-triangular and W = V^-1."""
+class _Iterate(NamedTuple):
+    """What RiccatiSolution says, in scaled coordinates."""
+
+    P: Array
+    residual: float
+    error: float
+    X: Array
+
+
+def _by_schur(A: Array, G: Array, Q: Array, H: Array) -> _Iterate | None:
+    """Return the solution spanned by the stable subspace; `H` is room to work in."""
+    n = len(A)
+    H[:n, :n] = A
+    np.negative(G, out=H[:n, n:])
+    np.negative(Q, out=H[n:, :n])
+    np.negative(A.T, out=H[n:, n:])
+    if not np.isfinite(H).all():
+        return None
+    T, stable, _, _, U, _, info = lapack.dgees(
+        _is_stable, H, sort_t=1, lwork=6 * n if n < 30 else 64 * n, overwrite_a=1)
+    if stable != n or 0 < info <= 2 * n:
+        return None
+    T, V = T[:n, :n], U[:n, :n]
+    W = _inverse(V)
+    if W is None:
+        return None
+    P = U[n:, :n] @ W
+    return _newton(A, G, Q, 0.5 * (P + P.T), lambda C: _lyapunov(C, T, V, W))
+
+
+def _by_doubling(A: Array, G: Array, Q: Array) -> _Iterate | None:
+    """
+    Return the solution of the discrete equation that the Cayley transform makes of this one.
+
+    E. K.-W. Chu, H.-Y. Fan, W.-W. Lin, A structure-preserving doubling algorithm for
+    continuous-time algebraic Riccati equations, Linear Algebra and its Applications 396, 2005.
+    """
+    n = len(A)
+    identity = np.eye(n)
+    speed = math.sqrt((_norm(A)**2 + _norm(G) * _norm(Q)) / n)
+    if not 0.0 < speed < math.inf:
+        return None
+    try:
+        left = np.linalg.inv(A - speed * identity)
+        right = np.linalg.inv((A - speed * identity).T + Q @ left @ G)
+        P = dare.doubled(identity + 2.0 * speed * right.T, 2.0 * speed * left @ G @ right,
+                         2.0 * speed * right @ Q @ left)
+        if P is None:
+            return None
+        M = A - G @ P
+        back = np.linalg.inv(M - speed * identity)
+    except np.linalg.LinAlgError:
+        return None
+    step = identity + 2.0 * speed * back
+
+    def lyapunov(C: Array) -> Array:
+        X = dare.stein(step, 2.0 * speed * back.T @ C @ back)
+        return np.full_like(C, math.nan) if X is None else X
+
+    return _newton(A, G, Q, P, lyapunov)
+
+
+def _newton(A: Array, G: Array, Q: Array, P: Array, lyapunov: Callable[[Array], Array]
+            ) -> _Iterate:
+    """Correct P once; lyapunov(C) solves M'X + X M = -C for M = A - G P."""
     R, terms = _residual(A, G, Q, P)
     before = _norm(R) / terms
-    corrected = P + _lyapunov(R, T, V, W)
+    corrected = P + lyapunov(R)
     R, terms = _residual(A, G, Q, corrected)
     after = _norm(R) / terms
     if not after <= before:
         corrected, after = P, before
-    X = _lyapunov(np.eye(len(A)), T, V, W)
+    X = lyapunov(np.eye(len(A)))
     error = (after + len(A) * EPS) * terms * _norm(X) / (_norm(corrected) + TINY)
-    return RiccatiSolution(corrected, after, error, X, W[0])
+    return _Iterate(corrected, after, error, X)
 
 
 def _residual(A: Array, G: Array, Q: Array, P: Array) -> tuple[Array, float]:
@@ -184,7 +229,7 @@ def _lyapunov(C: Array, T: Array, V: Array, W: Array) -> Array:
     return half + half.T
 
 
-def _refine(A: Array, F: Array, Q: Array, start: RiccatiSolution) -> RiccatiSolution:
+def _refine(A: Array, F: Array, Q: Array, start: _Iterate) -> _Iterate:
     """
     Continue with Newton's method, the residual in extended precision.
 
@@ -215,7 +260,7 @@ def _refine(A: Array, F: Array, Q: Array, start: RiccatiSolution) -> RiccatiSolu
         _norm(_sensitivity(M, terms)), _norm(terms) * _norm(X))
     R, size = _residual(A, F @ F.T, Q, narrow)
     error = step + EPS + lost / (_norm(narrow) + TINY)
-    return RiccatiSolution(narrow, _norm(R) / size, error, X, start.scale)
+    return _Iterate(narrow, _norm(R) / size, error, X)
 
 
 def _sensitivity(M: Array, C: Array) -> Array:

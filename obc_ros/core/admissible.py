@@ -1,0 +1,141 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The matrices of a linear quadratic problem: taken when they fit, refused in words otherwise."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.dare import EPS
+from obc_ros.core.errors import RefusedDesignError, StatementError
+from scipy.linalg import lapack
+
+Array = NDArray[np.float64]
+
+LARGEST = 400  # states; far beyond it one request would block its server for minutes
+LARGEST_NUMBER = 1e100  # products of four stay finite
+
+
+def checked(A: Any, B: Any, Qx: Any, Qu: Any, cross: Any
+            ) -> tuple[Array, Array, Array, Array, Array | None]:
+    """Return float copies of matrices that fit, or say which does not."""
+    A, B = _matrix('A', A), _matrix('B', B)
+    n, m = len(A), B.shape[1]
+    _check_size('A', A, (n, n))
+    _check_size('B', B, (n, m))
+    if not n or not m:
+        raise StatementError('A and B: wanted at least one state and one input')
+    if n > LARGEST or m > LARGEST:
+        raise StatementError(f'{max(n, m)} states or inputs: at most {LARGEST} are taken')
+    Qx, Qu = _symmetric('Qx', Qx, n), _symmetric('Qu', Qu, m)
+    if cross is not None:
+        cross = _matrix('cross', cross)
+        _check_size('cross', cross, (n, m))
+    return A, B, Qx, Qu, cross
+
+
+def _matrix(name: str, M: Any) -> Array:
+    try:
+        given = np.array(M)
+    except ValueError as error:
+        raise StatementError(f'{name}: wanted rows of equal length') from error
+    if given.dtype.kind not in 'fiu':
+        raise StatementError(f'{name}: wanted a matrix of real numbers')
+    if given.ndim != 2:
+        raise StatementError(f'{name}: expected a matrix (rows, columns) but found {given.shape}')
+    matrix: Array = given.astype(float, copy=False)
+    usable = np.abs(matrix) <= LARGEST_NUMBER
+    if not usable.all():
+        i, j = np.argwhere(~usable)[0]
+        raise StatementError(f'{name}[{i}, {j}] = {matrix[i, j]:g}: wanted a finite number of at '
+                             f'most {LARGEST_NUMBER:g}')
+    return matrix
+
+
+def _check_size(name: str, M: Array, shape: tuple[int, int]) -> None:
+    if M.shape != shape:
+        raise StatementError(f'{name}: expected {shape} but found {M.shape}')
+
+
+def _symmetric(name: str, M: Any, n: int) -> Array:
+    matrix = _matrix(name, M)
+    _check_size(name, matrix, (n, n))
+    gap = np.abs(matrix - matrix.T)
+    if gap.any():
+        size = np.sqrt(np.abs(matrix.diagonal()))
+        wrong = gap > 1e-10 * (size * size[:, None] + np.abs(matrix))
+        if wrong.any():
+            i, j = np.argwhere(wrong)[0]
+            raise StatementError(f'{name}[{i}, {j}] = {matrix[i, j]:g} but {name}[{j}, {i}] = '
+                                 f'{matrix[j, i]:g}: {name} must be symmetric')
+        matrix = 0.5 * (matrix + matrix.T)
+    return matrix
+
+
+def reduced(A: Array, B: Array, Qx: Array, Qu: Array, cross: Array | None
+            ) -> tuple[Array, Array, Array, bool]:
+    """
+    Check the weights and remove the cross term.
+
+    Returns
+    -------
+    L : ndarray, shape (m, m)
+        Qu = L L'.
+    A, Q : ndarray, shape (n, n)
+        A - B Qu^-1 N' and Qx - N Qu^-1 N'.
+    sees_all : bool
+        Whether Q is positive definite, so that every mode is seen.
+
+    """
+    L = _definite('Qu', Qu)
+    Q = Qx
+    if cross is not None:
+        right = lapack.dpotrs(L, cross.T, lower=1)[0]
+        A = A - B @ right
+        Q = Qx - cross @ right
+        Q = 0.5 * (Q + Q.T)
+    root, info = lapack.dpotrf(Q, lower=1)
+    diagonal = Q.diagonal()
+    sees_all = info == 0 and bool((root.diagonal()**2 > 1e-10 * diagonal).all())
+    if not sees_all:
+        _check_semidefinite(Qx, Q, cross is not None)
+    return L, A, Q, sees_all
+
+
+def _definite(name: str, M: Array) -> Array:
+    """Return the lower Cholesky factor, or say why there is none."""
+    L: Array
+    L, info = lapack.dpotrf(M, lower=1)
+    diagonal = M.diagonal()
+    if info or (L.diagonal()**2 <= 4 * len(M) * EPS * diagonal).any():
+        for i, value in enumerate(diagonal):
+            if value <= 0.0:
+                raise RefusedDesignError(
+                    f'{name}[{i}] = {value:g}: {name} must be positive definite')
+        least = _least_eigenvalue(M)
+        raise RefusedDesignError(f'{name} is no positive definite matrix: scaled to a unit '
+                                 f'diagonal it has the eigenvalue {least:.3g}')
+    return L
+
+
+def _check_semidefinite(Qx: Array, Q: Array, is_reduced: bool) -> None:
+    """Refuse Qx that is not positive semidefinite; Q is Qx - N Qu^-1 N'."""
+    for i, value in enumerate(Qx.diagonal()):
+        if value < 0.0:
+            raise RefusedDesignError(f'Qx[{i}] = {value:g}: Qx must be positive semidefinite')
+    for i, j in np.argwhere(np.abs(Qx) > 0.0):
+        if Qx[i, i] == 0.0 and i != j:
+            raise RefusedDesignError(f'Qx[{i}, {j}] = {Qx[i, j]:g} but Qx[{i}, {i}] = 0: '
+                                     f'Qx must be positive semidefinite')
+    # The reduced Q has the rounding of Qx: both are seen in the units of Qx.
+    size = np.sqrt(np.where(Qx.diagonal() > 0.0, Qx.diagonal(), 1.0))
+    least = float(np.linalg.eigvalsh(Q / size / size[:, None])[0])
+    if least < -1e-12 * len(Q):
+        what = 'the matrix of Qx, cross and Qu' if is_reduced else 'Qx'
+        raise RefusedDesignError(f'{what} must be positive semidefinite: scaled to a unit '
+                                 f'diagonal it has the eigenvalue {least:.3g}')
+
+
+def _least_eigenvalue(M: Array) -> float:
+    size = np.sqrt(M.diagonal())
+    return float(np.linalg.eigvalsh(M / size / size[:, None])[0])
