@@ -33,7 +33,12 @@ def test_what_is_published_is_read_back(probe: support.Probe, tmp_path: Path) ->
         message = Odometry(child_frame_id='base_link')
         message.pose.pose.orientation.w = 0.5
         odometry.publish(message)
-        probe.wait_for(lambda: recorder.counts == {'/state': 50, '/reference': 0, '/odom': 1})
+
+        def complete() -> bool:
+            recorder.drain()
+            return recorder.counts == {'/state': 50, '/reference': 0, '/odom': 1}
+
+        probe.wait_for(complete)
     with AnyReader([tmp_path / 'flight']) as reader:
         read = [(connection.topic, time, reader.deserialize(data, connection.msgtype))
                 for connection, time, data in reader.messages()]

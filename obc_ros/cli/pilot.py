@@ -30,18 +30,18 @@ Array = NDArray[np.float64]
 
 @dataclass
 class Samples:
-    """Messages of one stamped topic: as they came, with the steady time [ns] of their arrival."""
+    """Messages of one stamped topic: as they came, and when they were published [ns]."""
 
     data: list[bytes] = field(default_factory=list)
     stamp: list[int] = field(default_factory=list)
-    arrival: list[int] = field(default_factory=list)
+    published: list[int] = field(default_factory=list)
 
-    def append(self, data: bytes) -> None:
+    def append(self, data: bytes, published: int) -> None:
         """Keep one serialised message."""
         seconds, nanoseconds = struct.unpack_from('<iI', data, 4)  # after CDR's own header
         self.data.append(data)
         self.stamp.append(seconds * 10**9 + nanoseconds)
-        self.arrival.append(time.monotonic_ns())
+        self.published.append(published)
 
 
 class Pilot:
@@ -53,6 +53,7 @@ class Pilot:
 
     def __init__(self, children: Children, recorder: Recorder) -> None:
         self._children = children
+        self._recorder = recorder
         self._context = rclpy.Context()
         rclpy.init(context=self._context)
         self.node = rclpy.create_node('obc_demo', context=self._context)
@@ -60,10 +61,10 @@ class Pilot:
         self._executor.add_node(self.node)
         self.states, self.commands = Samples(), Samples()
         self.designs: list[LqrDesign] = []
-        self._record(recorder)
+        self._record()
 
-    def _record(self, recorder: Recorder) -> None:
-        node = self.node
+    def _record(self) -> None:
+        node, recorder = self.node, self._recorder
         recorder.subscribe(node, 'state', State, self.states.append)
         recorder.subscribe(node, 'command', Command, self.commands.append)
         recorder.subscribe(node, 'lqr_node/design', LqrDesign, self._on_design, qos=LATCHED)
@@ -76,7 +77,7 @@ class Pilot:
         recorder.now = lambda: self.states.stamp[-1] if self.states.stamp else 0
         self.publisher = node.create_publisher(Trajectory, 'reference', LATCHED)
 
-    def _on_design(self, data: bytes) -> None:
+    def _on_design(self, data: bytes, published: int) -> None:
         self.designs.append(deserialize_message(data, LqrDesign))
 
     def close(self) -> None:
@@ -102,7 +103,8 @@ class Pilot:
         deadline = time.monotonic() + timeout
         checked = 0.0
         while not condition():
-            self._executor.spin_once(timeout_sec=0.05)
+            self._executor.spin_once(timeout_sec=0.001)
+            self._recorder.drain()
             if (now := time.monotonic()) - checked > 0.05:
                 checked = now
                 self._children.check()
@@ -136,12 +138,12 @@ class Pilot:
                 *_arrays(self.commands, Command, 'u', start))
 
     def latencies(self) -> Array:
-        """Return the time [s] from the arrival of each state to that of its command."""
-        arrival = dict(zip(self.states.stamp, self.states.arrival, strict=True))
-        return np.array([
-            (came - arrival[stamp]) * 1e-9
-            for stamp, came in zip(self.commands.stamp, self.commands.arrival, strict=True)
-            if stamp in arrival])
+        """Return the time [s] from each state to its first command, both when published."""
+        states = dict(zip(self.states.stamp, self.states.published, strict=True))
+        commands = dict(zip(reversed(self.commands.stamp), reversed(self.commands.published),
+                            strict=True))
+        return np.array([(commands[stamp] - published) * 1e-9
+                         for stamp, published in states.items() if stamp in commands])
 
     def missed(self) -> int:
         """Return how many states, from the first answered to the last, have no command."""

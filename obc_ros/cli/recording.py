@@ -21,8 +21,10 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 import yaml
 
 from obc_ros.cli.share import share_directory
+from obc_ros.nodes.own_thread import Apart
 
 LIBRARY = 'obc_ros'
+Listener = Callable[[bytes, int], None]
 # A recorder must keep up with bursts of a simulation that runs faster than real time.
 DEPTH = 5000
 LIVE = QoSProfile(
@@ -62,6 +64,7 @@ class Recorder:
         self.folder = folder
         self.path = folder / f'{folder.name}_0.mcap'
         self._channels: dict[str, Channel] = {}
+        self._sources: list[tuple[Any, Channel, Listener | None]] = []
         self._first, self._last = sys.maxsize, 0
         self.now: Callable[[], int] = time.time_ns
 
@@ -77,13 +80,13 @@ class Recorder:
         (self.folder / 'metadata.yaml').write_text(yaml.safe_dump(self._metadata()))
 
     def subscribe(self, node: Node, topic: str, message_class: Any,
-                  listener: Callable[[bytes], None] | None = None, *,
-                  qos: QoSProfile = LIVE) -> None:
+                  listener: Listener | None = None, *, qos: QoSProfile = LIVE) -> None:
         """
         Record everything that is published on a topic from now on; with `LATCHED` also before.
 
-        `listener` gets every serialised message before it is written. The time written with it
-        is `now()` [ns]: wall time, unless somebody who knows better replaces it.
+        `listener` gets every serialised message, with the time [ns] at which it was published,
+        before it is written. The time written with it is `now()` [ns]: wall time, unless somebody
+        who knows better replaces it.
         """
         name = node.resolve_topic_name(topic)
         message_type = type_name(message_class)
@@ -93,13 +96,20 @@ class Recorder:
             topic=name, message_encoding='cdr', schema_id=schema,
             metadata={'offered_qos_profiles': yaml.safe_dump([_qos_for_rosbag2(qos)])})
         self._channels[name] = channel = Channel(identifier, message_type, qos)
+        # Taken by drain(): an executor needs ten times longer for a message, and would lag behind.
+        subscription = node.create_subscription(
+            message_class, topic, lambda _: None, qos, raw=True, callback_group=Apart())
+        self._sources.append((subscription, channel, listener))
 
-        def on_message(data: bytes) -> None:
-            if listener:
-                listener(data)
-            self._write(channel, data)
-
-        node.create_subscription(message_class, topic, on_message, qos, raw=True)
+    def drain(self) -> None:
+        """Write all that has come since the last call."""
+        for subscription, channel, listener in self._sources:
+            with (handle := subscription.handle):
+                while taken := handle.take_message(subscription.msg_type, True):
+                    data, info = taken
+                    if listener:
+                        listener(data, info['source_timestamp'])
+                    self._write(channel, data)
 
     def _write(self, channel: Channel, data: bytes) -> None:
         now = self.now()
