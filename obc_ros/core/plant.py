@@ -93,8 +93,9 @@ class Plant:
     paused : bool
     fault : str
         Why the plant stands still; empty if it does not.
-    published, skipped, resent : int
-        States published, left out because their time was over, and published again.
+    published, skipped, resent, unanswered : int
+        States published, left out because their time was over, published again, and replaced by
+        the next before a command for them had come, from the first command on.
     accepted, rests, held_up : int
         Commands taken; times that they stayed away too long; times that the plant was held up.
     dropped : Counter
@@ -106,9 +107,10 @@ class Plant:
         self.simulator = simulator
         self.pacing = pacing
         self.paused = False
-        self.published = self.skipped = self.resent = 0
+        self.published = self.skipped = self.resent = self.unanswered = 0
         self.accepted = self.rests = self.held_up = 0
         self.dropped: Counter[str] = Counter()
+        self.answered = False
         self._anchored = now, 0
         self.reset(now, wall)
 
@@ -206,7 +208,7 @@ class Plant:
             self.dropped['malformed'] += 1
             return f'malformed: {error}'
         self.accepted += 1
-        self.answered = True
+        self.answered = self.answered or stamp >= self.stamp or stamp == 0
         self._last_stamp = min(stamp, self.stamp)
         self._last_command, self._resting = self.simulator.time, False
         return ''
@@ -266,6 +268,7 @@ class Plant:
         return not self.fault
 
     def _publish(self, now: float, wall: int) -> None:
+        self.unanswered += bool(self.accepted and not self.answered)
         self.sample: Array = self.simulator.measure()
         self.stamp = (round(self.simulator.time * 1e9) if self.pacing.simulated_stamps else wall)
         self.answered = False

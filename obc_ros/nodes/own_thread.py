@@ -69,6 +69,10 @@ class OwnThread:
         self._thread = threading.Thread(target=self._run, name='states', daemon=True)
         self._thread.start()
 
+    def wake(self) -> None:
+        """Let `on_time` be called now."""
+        self._wake.trigger()
+
     def stop(self) -> None:
         """Take no more messages; returns when the last has been dealt with."""
         self._running = False

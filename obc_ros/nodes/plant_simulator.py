@@ -9,6 +9,8 @@ to ``command`` (Command). Services: ``~/reset`` (Trigger) to x0, time and noise 
 ``~/pause`` (SetBool); ``~/step`` (Trigger), to the next state of a paused plant. Parameters: see
 `Settings`.
 
+Commands and the pace have a thread of their own; whatever touches the plant holds its lock.
+
 Stamps are simulated time from 0 with ``publish_clock``, ``lockstep`` or another speed than 1, else
 the node's clock. A node with ``use_sim_time`` that publishes no clock follows the one it hears.
 """
@@ -16,6 +18,7 @@ the node's clock. A node with ``use_sim_time`` that publishes no clock follows t
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 import sys
+from threading import Lock
 import time
 from typing import Any
 
@@ -29,6 +32,7 @@ from obc_ros.core.system import System
 from obc_ros.msg import Command, State
 from obc_ros.nodes import conversions
 from obc_ros.nodes.main import run
+from obc_ros.nodes.own_thread import Apart, OwnThread
 from obc_ros.nodes.parameters import Entry, group, parameter, Parameters
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -38,7 +42,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool, Trigger
 
 CLOCK_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-LONGEST_WAIT = 3600.0  # [s]
+LONGEST_WAIT = 0.5  # [s] until the thread looks around
 
 
 def _of_states(values: Mapping[str, Any]) -> Iterator[Entry]:
@@ -158,10 +162,12 @@ class PlantSimulator(Node):
         self._odometry = self._map.message(candidate.conditions.noise)
         self._said: set[str] = set()
         self._looked = time.monotonic(), 0.0
+        self._lock = Lock()
         self._offer(settings)
         self._say_what_holds()
         self._publish()
-        self._arm()
+        self._thread = OwnThread(self, self._commands, self._on_command, self._go_on)
+        self._thread.start()
 
     def _offer(self, settings: Settings) -> None:
         """Create what others see of this node."""
@@ -171,14 +177,14 @@ class PlantSimulator(Node):
         if settings.publish_clock or settings.speed == 0.0:
             self._clock_out = self.create_publisher(ClockMessage, '/clock', CLOCK_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self.create_subscription(Command, 'command', self._on_command, 10)
+        self._commands = self.create_subscription(
+            Command, 'command', lambda message: None, 10, callback_group=Apart())
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.create_service(Trigger, '~/step', self._on_step)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = self.create_timer(
-            LONGEST_WAIT, self._go_on, clock=self.get_clock() if self._follows else steady)
-        self.create_timer(1.0, self._diagnose, clock=steady)
+        self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        if self._follows:  # the clock that is followed moves in the executor's thread
+            self.create_timer(0.5 / settings.publish_rate, lambda: self._thread.wake())
 
     def _now(self) -> tuple[float, int]:
         """Return the time [s] that the plant goes by, and the node's [ns]."""
@@ -197,18 +203,14 @@ class PlantSimulator(Node):
         clock = self.get_clock()
         self._offset = max(clock.now().nanoseconds - time.monotonic_ns() for _ in range(5))
 
-    def _go_on(self) -> None:
-        if self._plant.poll(*self._now()):
-            self._publish()
-        elif self._plant.fault:
-            self._say_once('fault', self._plant.fault)
-        self._arm()
-
-    def _arm(self) -> None:
-        """Have the timer call when there is something to do."""
-        wait = min(self._plant.wait(self._now()[0]), LONGEST_WAIT)
-        self._timer.timer_period_ns = max(1, int(wait * 1e9))
-        self._timer.reset()
+    def _go_on(self) -> float:
+        """Publish the state that is due, if any; return how long to wait for the next one."""
+        with self._lock:
+            if self._plant.poll(*self._now()):
+                self._publish()
+            elif self._plant.fault:
+                self._say_once('fault', self._plant.fault)
+            return min(self._plant.wait(self._now()[0]), LONGEST_WAIT)
 
     def _publish(self) -> None:
         plant, message = self._plant, self._message
@@ -225,35 +227,42 @@ class PlantSimulator(Node):
 
     def _on_command(self, message: Command) -> None:
         stamp = conversions.nanoseconds(message.header.stamp)
-        reason = self._plant.command(stamp, message.u, self._now()[0])
+        with self._lock:
+            reason = self._plant.command(stamp, message.u, self._now()[0])
         if reason:
             self._say_once(reason.split(':')[0], f'command dropped, {reason}')
-        elif self._plant.pacing.lockstep:
-            self._go_on()
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._plant.reset(*self._now(), self._x0)
-        self._said.clear()
-        self._publish()
-        self._arm()
+        with self._lock:
+            self._plant.reset(*self._now(), self._x0)
+            self._said.clear()
+            self._publish()
+        self._thread.wake()
         response.success, response.message = True, f'at {_listed(self._x0)}'
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._plant.pause(request.data, self._now()[0])
-        self._arm()
+        with self._lock:
+            self._plant.pause(request.data, self._now()[0])
+        self._thread.wake()
         response.success = True
         response.message = (f'{"paused" if request.data else "running"} at '
                             f't = {self._plant.simulator.time:.9g} s')
         return response
 
     def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        reason = self._plant.step(*self._now())
-        if not reason:
-            self._publish()
+        with self._lock:
+            reason = self._plant.step(*self._now())
+            if not reason:
+                self._publish()
         response.success = not reason
         response.message = reason or f'at t = {self._plant.simulator.time:.9g} s'
         return response
+
+    def destroy_node(self) -> None:
+        """End the thread, then the node."""
+        self._thread.stop()
+        super().destroy_node()
 
     def _judge(self, settings: Settings) -> Candidate:
         candidate = judge(settings)
@@ -270,11 +279,12 @@ class PlantSimulator(Node):
         return candidate
 
     def _adopt(self, candidate: Candidate) -> None:
-        self._plant.adopt(candidate.pacing, self._now()[0])
-        self._plant.simulator.configure(candidate.system, candidate.conditions)
-        self._odometry = self._map.message(candidate.conditions.noise)
-        self._x0 = candidate.x0
-        self._arm()
+        with self._lock:
+            self._plant.adopt(candidate.pacing, self._now()[0])
+            self._plant.simulator.configure(candidate.system, candidate.conditions)
+            self._odometry = self._map.message(candidate.conditions.noise)
+            self._x0 = candidate.x0
+        self._thread.wake()
 
     def _say_what_holds(self) -> None:
         simulator = self._plant.simulator
@@ -307,7 +317,8 @@ class PlantSimulator(Node):
                     ('simulated time [s]', f'{simulated:.9g}'),
                     ('simulated seconds a second', f'{max(factor, 0.0):.3f}'),
                     ('states published', plant.published), ('states skipped', plant.skipped),
-                    ('states sent again', plant.resent), ('commands taken', plant.accepted),
+                    ('states sent again', plant.resent), ('states unanswered', plant.unanswered),
+                    ('commands taken', plant.accepted),
                     ('times without commands', plant.rests), ('times held up', plant.held_up),
                     ('commands dropped', plant.dropped.total()),
                     *((f'commands dropped, {reason}', count)
