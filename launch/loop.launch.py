@@ -6,14 +6,13 @@ One loop: plant_simulator, lqr_node and trajectory_server.
 ros2 launch obc_ros loop.launch.py scenario:=aircraft namespace:=robot1 use_sim_time:=true
 """
 
+from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
+from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from launch_ros.substitutions import FindPackageShare
-
-from launch import LaunchDescription
 
 ARGUMENTS = (
     ('scenario', 'aircraft', 'which file of config/: aircraft, vehicle or vehicle_lateral'),
@@ -27,13 +26,17 @@ ARGUMENTS = (
 
 def generate_launch_description() -> LaunchDescription:
     """Return the three nodes with the parameters of a scenario."""
-    scenario = PythonExpression(["'", LaunchConfiguration('scenario'), ".yaml'"])
-    config = PathJoinSubstitution([FindPackageShare('obc_ros'), 'config', scenario])
-    sim_time = {'use_sim_time': ParameterValue(LaunchConfiguration('use_sim_time'), bool)}
+    config = ParameterFile([
+        FindPackageShare('obc_ros'), '/config/', LaunchConfiguration('scenario'), '.yaml'])
+
+    def argument(name: str, value_type: type) -> ParameterValue:
+        return ParameterValue(LaunchConfiguration(name), value_type=value_type)
+
+    sim_time = {'use_sim_time': argument('use_sim_time', bool)}
     plant = {
-        'speed': ParameterValue(LaunchConfiguration('speed'), float),
-        'lockstep': ParameterValue(LaunchConfiguration('lockstep'), bool),
-        'publish_clock': sim_time['use_sim_time']}
+        'speed': argument('speed', float),
+        'lockstep': argument('lockstep', bool),
+        'publish_clock': argument('use_sim_time', bool)}
 
     def node(name: str, *parameters: object, **options: object) -> Node:
         return Node(package='obc_ros', executable=name, name=name, output='screen',
