@@ -201,11 +201,11 @@ def test_pip_builds_with_the_wheels_of_make_setup():
 
 
 def test_every_source_file_has_the_license_header():
-    for path in files('.py', '.cmake', '.in', '.txt', '.yaml', '.yml', 'Makefile', 'run'):
+    sources = files('.py', '.cmake', '.in', 'CMakeLists.txt', '.yml', 'Makefile', 'run')
+    for path in [*sources, *(ROOT / 'config').iterdir(), *(ROOT / 'requirements').iterdir()]:
         lines = path.read_text(encoding='utf-8').splitlines(keepends=True)
         start = 1 if lines and lines[0].startswith('#!') else 0
-        is_text = name(path).startswith('docs') and path.suffix == '.txt'
-        assert tuple(lines[start:start + 2]) == HEADER or is_text, name(path)
+        assert tuple(lines[start:start + 2]) == HEADER, name(path)
 
 
 def test_nothing_runs_text_as_a_program():
