@@ -166,8 +166,8 @@ def dlqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
     Returns
     -------
     LqrDesign
-        ``K`` (m, n); ``P`` (n, n) solving A'P A - P + Qx = (A'P B + N) (Qu + B'P B)^-1 (B'P A + N'),
-        with exp(stability period) times A and B; ``E`` (n,) in the z plane.
+        ``K`` (m, n); ``P`` (n, n) solving A'P A - P + Qx = (A'P B + N) (Qu + B'P B)^-1 (..)', with
+        exp(stability period) times A and B; ``E`` (n,) in the z plane.
 
     Raises
     ------

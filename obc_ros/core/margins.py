@@ -1,0 +1,285 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a state feedback u = -K x does: poles, margins of each input's loop, figures of a step.
+
+With T(s) = K (s I - A + B K)^-1 B the sensitivity at the plant's input is S = I - T. The loop of
+input i, broken there with the others closed, is L = 1 / S_ii - 1, so that one sweep of the closed
+loop gives every margin.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_POINTS = 400  # of the sweep, besides those around each mode
+_SAMPLES = 1024  # of a step
+
+
+@dataclass(frozen=True, eq=False)
+class Figures:
+    """
+    What a closed loop does.
+
+    Attributes
+    ----------
+    poles : ndarray, shape (n,), complex
+        [rad/s]; of a sampled loop the equivalent log(z) / period.
+    damping, frequency : ndarray, shape (n,)
+        Damping ratio and natural frequency [rad/s] of each pole.
+    gain_margin, gain_reduction_margin : ndarray, shape (m,)
+        Factors up to and down to which each input's loop gain may change; inf and 0: any.
+    phase_margin : ndarray, shape (m,)
+        [rad]; inf when the loop gain crosses 1 nowhere.
+    disk_margin : ndarray, shape (m,)
+        Largest alpha such that the loop bears any factor in the disk with the diameter
+        (2 - alpha) / (2 + alpha) to (2 + alpha) / (2 - alpha).
+    bandwidth : ndarray, shape (m,)
+        [rad/s] highest frequency at which the loop gain crosses 1; 0: nowhere.
+    sensitivity_peak : float
+        Largest singular value of S over frequency.
+    rise_time, overshoot, settling_time : ndarray, shape (n,)
+        Of a unit step of the set point of each state that can be held anywhere: 10 % to 90 % [s],
+        a fraction, to within 2 % [s]. nan: the state cannot be held, or does not come to rest.
+    peak_input : ndarray, shape (m,)
+        Largest |u| over these steps; nan without one.
+
+    """
+
+    poles: Complex
+    damping: Array
+    frequency: Array
+    gain_margin: Array
+    gain_reduction_margin: Array
+    phase_margin: Array
+    disk_margin: Array
+    bandwidth: Array
+    sensitivity_peak: float
+    rise_time: Array
+    overshoot: Array
+    settling_time: Array
+    peak_input: Array
+
+
+def figures(A: Array, B: Array, K: Array, period: float = 0.0, states: int | None = None
+            ) -> Figures:
+    """
+    Return what the feedback u = -K x does to dx/dt = A x + B u, or x+ = A x + B u.
+
+    Parameters
+    ----------
+    A, B, K : ndarray, shape (n, n), (n, m), (m, n)
+        A stable closed loop.
+    period : float
+        Sampling period [s]; 0: continuous time.
+    states : int, optional
+        Look at steps of the first so many states only (the others are the controller's own).
+
+    """
+    M = A - B @ K
+    modes, V = (np.asarray(part, dtype=complex) for part in np.linalg.eig(M))
+    poles = np.sort_complex(_continuous(modes, period))
+    frequency = np.abs(poles)
+    damping = -poles.real / np.maximum(frequency, 1e-300)
+    plant = _continuous(np.asarray(np.linalg.eigvals(A), dtype=complex), period)
+    loop = _margins(_transfer(M, B, K, modes, V, period), poles, plant, period)
+    steps = _steps(A, B, K, poles, period, len(A) if states is None else states)
+    return Figures(poles, damping, frequency, *loop, *steps)
+
+
+def _continuous(modes: Complex, period: float) -> Complex:
+    """Return modes in the s plane; one at z = 0, a delay, becomes a very fast one."""
+    if not period:
+        return modes
+    z = np.where(np.abs(modes) > 1e-12, modes, 1e-12)
+    s: Complex = np.log(z) / period
+    return s
+
+
+def _transfer(M: Array, B: Array, K: Array, modes: Complex, V: Complex, period: float
+              ) -> Callable[[Array], Complex]:
+    """Return T as a function of frequencies (N,) [rad/s] with values (N, m, m)."""
+    def point(w: Array) -> Complex:
+        s: Complex = 1j * w
+        return np.exp(s * period) if period else s
+
+    if np.linalg.cond(V) < 1e7:
+        left = K @ V
+        right = np.linalg.solve(V, B.astype(complex))
+
+        def by_modes(w: Array) -> Complex:
+            values: Complex = (left / (point(w)[:, None, None] - modes)) @ right
+            return values
+        return by_modes
+
+    identity = np.eye(len(M))
+
+    def by_solving(w: Array) -> Complex:
+        pencil = point(w)[:, None, None] * identity - M
+        values: Complex = K @ np.linalg.solve(pencil, np.broadcast_to(B + 0j, (len(w), *B.shape)))
+        return values
+    return by_solving
+
+
+def _grid(poles: Complex, plant: Complex, period: float) -> Array:
+    """Return frequencies [rad/s] from far below the slowest mode to far above the fastest."""
+    sizes = np.abs(np.concatenate([poles, plant]))
+    sizes = sizes[sizes > 1e-9 * sizes.max()]
+    top = math.pi / period if period else 1e3 * sizes.max()
+    sweep = np.geomspace(min(1e-3 * sizes.min(), 0.1 * top), top, _POINTS)
+    around = np.abs(poles.imag)[:, None] + poles.real[:, None] * np.linspace(-4, 4, 17)
+    near = around[(around > 0.0) & (around < top)]
+    return np.unique(np.concatenate([sweep, near]))
+
+
+def _margins(transfer: Callable[[Array], Complex], poles: Complex, plant: Complex, period: float
+             ) -> tuple[Array, Array, Array, Array, Array, float]:
+    w = _grid(poles, plant, period)
+    T = transfer(w)
+    m = T.shape[1]
+    up, down, phase, disk, band = np.empty((5, m))
+    for i in range(m):
+        def loop(w: Array, i: int = i) -> Complex:
+            values: Complex = transfer(w)[:, i, i]
+            return values
+
+        up[i], down[i] = _gain_margins(loop, w, T[:, i, i], period)
+        phase[i], band[i] = _phase_margin(loop, w, T[:, i, i])
+        peak = _peak(lambda t: np.abs(1.0 - 2.0 * t), loop, w, T[:, i, i])
+        disk[i] = min(2.0, 2.0 / max(peak, 1e-300))
+
+    def largest(T: Complex) -> Array:
+        singular: Array = np.linalg.svd(np.eye(m) - T, compute_uv=False)[:, 0]
+        return singular
+
+    return up, down, phase, disk, band, _peak(largest, transfer, w, T)
+
+
+def _gain_margins(loop: Callable[[Array], Complex], w: Array, T: Complex, period: float
+                  ) -> tuple[float, float]:
+    """1 + g L = 0 for g = -S / T, real and positive."""
+    ends = np.array([0.0, math.pi / period]) if period else np.array([0.0])
+    crossings = np.append(_roots(lambda t: (t * (1.0 - t.conj())).imag, loop, w, T), ends)
+    t = loop(crossings)
+    t = t[np.abs(t) > 1e-12]
+    g = -((1.0 - t) / t).real
+    g = np.maximum(g[g > -1e-9], 0.0)
+    above, below = g[g > 1.0], g[g < 1.0]
+    return (float(above.min(initial=math.inf)), float(below.max(initial=0.0)))
+
+
+def _phase_margin(loop: Callable[[Array], Complex], w: Array, T: Complex) -> tuple[float, float]:
+    """|L| = 1 where |T| = |S|."""
+    crossovers = _roots(lambda t: np.abs(t) - np.abs(1.0 - t), loop, w, T)
+    if not crossovers.size:
+        return math.inf, 0.0
+    t = loop(crossovers)
+    return float(np.abs(np.angle(-t / (1.0 - t))).min()), float(crossovers.max())
+
+
+def _roots(what: Callable[[Complex], Array], loop: Callable[[Array], Complex], w: Array,
+           T: Complex) -> Array:
+    """Return the frequencies at which a figure of the loop changes its sign."""
+    values = what(T)
+    at = np.flatnonzero(np.signbit(values[:-1]) != np.signbit(values[1:]))
+    low, high, sign = w[at], w[at + 1], np.signbit(values[at])
+    for _ in range(7):
+        inside = low + (high - low) * _PARTS[:, None]
+        changed = np.signbit(what(loop(inside.ravel())).reshape(inside.shape)) != sign
+        first = np.argmax(changed, axis=0)
+        low, high = (np.take_along_axis(inside, np.maximum(first - 1, 0)[None], 0)[0],
+                     np.take_along_axis(inside, first[None], 0)[0])
+        if np.all(high - low <= 1e-12 * high):
+            break
+    return 0.5 * (low + high)
+
+
+_PARTS = np.linspace(0.0, 1.0, 65)
+
+
+def _peak(what: Callable[[Complex], Array], transfer: Callable[[Array], Complex], w: Array,
+          T: Complex) -> float:
+    """Return the largest value of a figure of the loop over frequency."""
+    values = what(T)
+    best = float(values.max())
+    at = int(values.argmax())
+    low, high = w[max(at - 1, 0)], w[min(at + 1, len(w) - 1)]
+    for _ in range(3):
+        inside = low + (high - low) * _PARTS
+        values = what(transfer(inside))
+        at = int(values.argmax())
+        best = max(best, float(values[at]))
+        low, high = inside[max(at - 1, 0)], inside[min(at + 1, 64)]
+    return best
+
+
+def _steps(A: Array, B: Array, K: Array, poles: Complex, period: float, states: int
+           ) -> tuple[Array, Array, Array, Array]:
+    """Return the figures of unit steps of the states that can be held anywhere."""
+    n, m = B.shape
+    rise, over, settled = np.full((3, states), math.nan)
+    peak = np.full(m, math.nan)
+    M = A - B @ K
+    rest = A - np.eye(n) if period else A
+    slowest = -poles.real.max()
+    if not slowest > 0.0:
+        return rise, over, settled, peak
+    for i in range(states):
+        held = np.linalg.lstsq(B, -rest[:, i], rcond=None)[0]
+        if np.abs(B @ held + rest[:, i]).max() > 1e-9 * max(np.abs(rest).max(), 1e-300):
+            continue
+        length = 10.0 / slowest
+        for _ in range(3):
+            t, x = _fall(M, i, length, period)
+            last = _settling_time(t, x[:, i])
+            if last > 0.1 * t[-1] or len(t) < _SAMPLES:
+                break
+            length = 4.0 * last if last > 0.0 else 0.1 * length
+        rise[i], settled[i] = _rise_time(t, 1.0 - x[:, i]), last
+        over[i] = max(0.0, float(-x[:, i].min()))
+        peak = np.fmax(peak, np.abs(x @ K.T + held).max(axis=0))
+    return rise, over, settled, peak
+
+
+def _fall(M: Array, i: int, length: float, period: float) -> tuple[Array, Array]:
+    """Return times and the distance to the set point from a unit error of state i."""
+    if period:
+        step, dt = M, period
+        count = max(2, min(_SAMPLES * 16, math.ceil(length / period)))
+    else:
+        dt = length / _SAMPLES
+        step, count = expm(M * dt), _SAMPLES
+    x = np.eye(len(M))[i:i + 1]
+    while len(x) <= count:
+        x = np.concatenate([x, x @ step.T])
+        step = step @ step
+    t: Array = dt * np.arange(count + 1, dtype=float)
+    return t, x[:count + 1]
+
+
+def _rise_time(t: Array, y: Array) -> float:
+    """Return the time from the first crossing of 0.1 to the first of 0.9, or nan."""
+    times = []
+    for level in (0.1, 0.9):
+        k = int(np.argmax(y >= level))
+        if y[k] < level or k == 0:
+            return math.nan
+        times.append(t[k - 1] + (t[k] - t[k - 1]) * (level - y[k - 1]) / (y[k] - y[k - 1]))
+    return float(times[1] - times[0])
+
+
+def _settling_time(t: Array, error: Array) -> float:
+    """Return the time after which |error| stays below 0.02."""
+    late = np.flatnonzero(np.abs(error) > 0.02)
+    k = int(late[-1]) if late.size else 0
+    if k + 1 >= len(t):
+        return float(t[-1])
+    share = (abs(error[k]) - 0.02) / (abs(error[k]) - abs(error[k + 1]))
+    return float(t[k] + (t[k + 1] - t[k]) * share)
