@@ -84,8 +84,7 @@ def _spans(t: Array, u: Array, lower: float, upper: float) -> list[_Span]:
     status = np.where(u <= lower + 1e-3 * size, _LOWER,
                       np.where(u >= upper - 1e-3 * size, _UPPER, _INSIDE))
     edges = np.flatnonzero(np.diff(status)) + 1
-    runs = [(int(part[0]), int(part[-1]))
-            for part in np.split(np.arange(len(t)), edges)]
+    runs = [(int(part[0]), int(part[-1])) for part in np.split(np.arange(len(t)), edges)]
     level = {_LOWER: lower, _UPPER: upper, _INSIDE: math.nan}
     found: list[_Span] = []
     for first, last in runs:
@@ -93,15 +92,31 @@ def _spans(t: Array, u: Array, lower: float, upper: float) -> list[_Span]:
         if status[first] != _INSIDE:
             found.append(_Span(t[first], t[last], here))
             continue
-        a = t[first - 1] if first else t[0]
-        b = t[last + 1] if last + 1 < len(t) else t[-1]
+        before, after = max(first - 1, 0), min(last + 1, len(t) - 1)
         if len(np.unique(t[first:last + 1])) > 2 or not math.isfinite(upper - lower):
-            found.append(_Span((a + t[first]) / 2, (b + t[last]) / 2, here))
+            start, end = t[first], t[last]
+            if before < first and t[before] < start:
+                start = _leaves(t[before:last + 1], u[before:last + 1])
+                found[-1] = _Span(found[-1].start, start, found[-1].level)
+            if after > last and t[after] > end:
+                end = -_leaves(-t[first:after + 1][::-1], u[first:after + 1][::-1])
+            found.append(_Span(start, end, here))
             continue
-        window = slice(max(first - 1, 0), last + 2)
-        found.extend(_jump(t[window], u[window], lower, upper, status[max(first - 1, 0)],
-                           status[min(last + 1, len(t) - 1)]))
+        window = slice(before, after + 1)
+        found.extend(_jump(t[window], u[window], lower, upper, status[before], status[after]))
     return _tidy(found, t[-1])
+
+
+def _leaves(t: Array, u: Array) -> float:
+    """Return when an input that starts at a bound jumps to the values that follow."""
+    times = np.unique(t)
+    end = times[min(2, len(times) - 1)]
+    inside = t <= end
+    later = u[np.flatnonzero(inside)[-1]]
+    if u[0] == later:
+        return float(end)
+    area = np.trapezoid(u[inside], t[inside]) - later * (end - t[0])
+    return float(np.clip(t[0] + area / (u[0] - later), t[0], end))
 
 
 def _jump(t: Array, u: Array, lower: float, upper: float, before: int, after: int
@@ -176,7 +191,7 @@ def signature(arcs: Sequence[Arc]) -> tuple[tuple[float | None, ...], ...]:
 
 def opened(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem) -> list[Arc]:
     """
-    Return arcs with inputs set free where dH/du says that their bound is the wrong one.
+    Return arcs with inputs moved or set free where dH/du says that their bound is wrong.
 
     Parameters
     ----------
@@ -197,13 +212,17 @@ def opened(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem) -> list[A
                 row.append(_Span(arc.start, arc.end, level))
                 continue
             sign = 1.0 if level == problem.u_lower[i] else -1.0
-            bad = sign * Hu[inside, i] < -1e-5 * largest
+            slope = sign * Hu[inside, i]
+            bad = slope < -1e-6 * largest
             edges = np.flatnonzero(np.diff(bad)) + 1
             start = arc.start
-            for part in np.split(inside, edges):
-                wrong = bool(bad[part[0] - inside[0]])
-                end = arc.end if part[-1] == inside[-1] else float(t[part[-1] + 1])
-                row.append(_Span(start, end, math.nan if wrong else level))
+            other = problem.u_upper[i] if sign > 0 else problem.u_lower[i]
+            for part in np.split(np.arange(len(inside)), edges):
+                end = arc.end if part[-1] == len(inside) - 1 else float(t[inside[part[-1]] + 1])
+                if bad[part[0]]:
+                    level = other if (math.isfinite(other) and np.min(slope[part])
+                                      < -1e-3 * largest) else math.nan
+                row.append(_Span(start, end, level if bad[part[0]] else arc.levels[i]))
                 start = end
         spans.append(_tidy(row, arcs[-1].end))
     return join(spans)

@@ -44,8 +44,9 @@ class Extremal:
         Largest difference between the states of a single sweep and those of the transcription,
         relative to the size of each state.
     nu : ndarray, shape (q,)
-    density_x, density_path : ndarray, shape (K + 1, n), (K + 1, l), or None
-        Densities of the multipliers of the bounds of x and of the path constraints.
+    density_x, density_path : ndarray, shape (K, 2, n), (K, 2, l), or None
+        Densities of the multipliers of the bounds of x and of the path constraints, at the start
+        and at the end of each part.
 
     """
 
@@ -75,8 +76,9 @@ class Integrator:
         end, cost = step(lambda x, u: rate(x, u, p), x, (ua, ub), h)
         back = ca.gradient(ca.dot(lam, end) + cost, x)
         jump = ca.SX.sym('jump', problem.n)
+        mu = ca.SX.sym('mu', int(problem.path.numel()))
         H = problem.L + ca.dot(lam, problem.f)
-        Hu = ca.gradient(H, u)
+        Hu = ca.gradient(H + ca.dot(mu, problem.path), u)
         nu = ca.SX.sym('nu', problem.q)
         self._forward = ca.Function(
             'forward', [ca.vertcat(x, total), ua, ub, h, p], [ca.vertcat(end, total + cost)])
@@ -85,7 +87,7 @@ class Integrator:
         self._back = Batch([lam, x, ua, ub, h, p], [back])
         self._end = Batch([x, nu, p], [
             problem.V, problem.psi, ca.gradient(problem.V + ca.dot(nu, problem.psi), x)])
-        self._hamiltonian = Batch([x, u, lam, p], [H, Hu, ca.jacobian(Hu, u)])
+        self._hamiltonian = Batch([x, u, lam, mu, p], [H, Hu, ca.jacobian(Hu, u)])
         self._sweeps: dict[tuple[str, int], ca.Function] = {}
 
     def _sweep(self, name: str, function: ca.Function, count: int) -> ca.Function:
@@ -104,10 +106,16 @@ class Integrator:
         path = np.vstack([first, path])
         return path[:, :-1], path[:, -1]
 
-    def hamiltonian(self, problem: Problem, x: Array, u: Array, lam: Array
-                    ) -> tuple[Array, Array, Array]:
-        """Return H (K,), dH/du (K, m) and d2H/du2 (K, m, m) at K points."""
-        H, Hu, Huu = self._hamiltonian(x, u, lam, problem.p_value)
+    def hamiltonian(self, problem: Problem, x: Array, u: Array, lam: Array,
+                    mu: Array | None = None) -> tuple[Array, Array, Array]:
+        """
+        Return H (K,), and dH/du (K, m) and d2H/du2 (K, m, m) with mu' c added, at K points.
+
+        mu (K, l): multipliers of the path constraints; none are taken as 0.
+        """
+        if mu is None:
+            mu = np.zeros(int(problem.path.numel()))
+        H, Hu, Huu = self._hamiltonian(x, u, lam, mu, problem.p_value)
         return H[:, 0], Hu, Huu.reshape(-1, problem.m, problem.m)
 
     def extremal(self, problem: Problem, outcome: Outcome, parts: int) -> Extremal:

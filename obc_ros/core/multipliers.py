@@ -47,7 +47,8 @@ class _Unknowns:
     """
     What lam is linear in: nu, then the density hats and the masses of all contacts.
 
-    `density` (K + 1, rows, count) and `mass` (K + 1, rows, count): values at fine times.
+    `density` (K, 2, rows, count): values at the start and the end of each part; `mass`
+    (K + 1, rows, count): values at the times between them.
     """
 
     density: Array
@@ -97,7 +98,7 @@ class Fitter:
         lam = without + each @ values
         density = unknowns.density @ values[self.q:]
         return replace(course, lam=lam[:, 0], lam_end=lam[:, 1], nu=values[:self.q],
-                       density_x=density[:, :self.n], density_path=density[:, self.n:])
+                       density_x=density[:, :, :self.n], density_path=density[:, :, self.n:])
 
     def _contacts(self, problem: Problem, outcome: Outcome, course: Extremal) -> list[Contact]:
         """Return where bounds of x and path constraints are met."""
@@ -115,37 +116,49 @@ class Fitter:
                 heavy = np.maximum(sign * mass[:, row], 0.0)
                 near[::course.parts] |= ((heavy > 1e-2 * heavy.max()) & (heavy > 0)
                                          & (distance[::course.parts, row] < _PERHAPS))
-                near[0] = near[-1] = False
+                if not self._pure[row]:
+                    near |= self._touched(sign, row, outcome, course)
                 found += [Contact(int(row), sign, first, last)
                           for first, last in _groups(near, _GAP * course.parts)]
         return found
+
+    def _touched(self, sign: int, row: int, outcome: Outcome, course: Extremal
+                 ) -> NDArray[np.bool_]:
+        """Return the fine times within intervals in which a constraint on inputs holds them."""
+        node = np.hstack([outcome.node_bounds, outcome.node_path])[:, row]
+        inner = np.concatenate([outcome.inner_bounds, outcome.inner_path], axis=2)[:, :, row]
+        heavy = np.maximum(np.max(sign * inner, axis=1), np.maximum(
+            sign * node[:-1], sign * node[1:]))
+        touched = (heavy > 1e-4 * heavy.max()) & (heavy > 0)
+        near = np.append(np.repeat(touched, course.parts), touched[-1])
+        near[::course.parts][1:] |= touched
+        return near
 
     def _unknowns(self, found: list[Contact], course: Extremal) -> _Unknowns:
         K, parts = len(course.x), course.parts
         densities, masses, signs = [], [], []
         places = np.arange(K + 1)
+        ends = np.column_stack([places[:-1], places[1:]])
 
-        def add(row: int, density: Array, mass: Array, sign: int) -> None:
-            for kept, values in ((densities, density), (masses, mass)):
-                column = np.zeros((K + 1, self.rows))
-                column[:, row] = values
+        def add(row: int, density: Array | float, mass: Array | float, sign: int) -> None:
+            for kept, shape, values in ((densities, (K, 2), density), (masses, (K + 1,), mass)):
+                column = np.zeros((*shape, self.rows))
+                column[..., row] = values
                 kept.append(column)
             signs.append(sign)
 
-        nothing = np.zeros(K + 1)
         for contact in found:
-            count = min((contact.last - contact.first) // parts, _MOST_HATS) + 1
+            count = min((contact.last - contact.first) // parts, _MOST_HATS) + 2
             knots = np.unique(np.linspace(
-                contact.first, contact.last, count + 1).round().astype(int))
+                contact.first, contact.last, count).round().astype(int))
+            inside = ((ends >= contact.first) & (ends <= contact.last)).all(axis=1)[:, None]
             if len(knots) > 1:
-                for j in range(len(knots)):
-                    hat = np.interp(places, knots, np.eye(len(knots))[j])
-                    hat[(places < knots[0]) | (places > knots[-1])] = 0.0
-                    add(contact.row, hat, nothing, contact.sign)
+                for unit in np.eye(len(knots)):
+                    add(contact.row, inside * np.interp(ends, knots, unit), 0.0, contact.sign)
             if self._pure[contact.row]:
                 for place in sorted({contact.first, contact.last}):
-                    add(contact.row, nothing, (places == place).astype(float), contact.sign)
-        return _Unknowns(np.stack(densities, axis=2), np.stack(masses, axis=2),
+                    add(contact.row, 0.0, (places == place).astype(float), contact.sign)
+        return _Unknowns(np.stack(densities, axis=3), np.stack(masses, axis=2),
                          np.array(signs, dtype=float))
 
     def _costates(self, problem: Problem, course: Extremal, unknowns: _Unknowns
@@ -160,8 +173,8 @@ class Fitter:
             course.x, course.ua, course.ub, np.diff(course.t)[:, None], problem.p_value)
         step_x = step_x.reshape(K, n, n)
         response = sum(np.einsum('knr,kru->knu', part.reshape(K, n, self.rows), density)
-                       for part, density in ((from_a, unknowns.density[:-1]),
-                                             (from_b, unknowns.density[1:])))
+                       for part, density in ((from_a, unknowns.density[:, 0]),
+                                             (from_b, unknowns.density[:, 1])))
         V_x, psi_x = self._last(course.x_end[-1:], problem.p_value)
         drops = np.einsum('krn,kru->knu', self._points(problem, course)[5], unknowns.mass)
         without, each = np.empty((K, 2, n)), np.empty((K, 2, n, q + drops.shape[2]))
@@ -198,7 +211,7 @@ class Fitter:
         rows, rights = [], []
         for side, x, u in ((0, course.x, course.ua), (1, course.x_end, course.ub)):
             L, f, L_u, f_u, c_u, _ = self._shaped(self._point(x, u, problem.p_value))
-            density = unknowns.density[:-1] if side == 0 else unknowns.density[1:]
+            density = unknowns.density[:, side]
             slope = np.einsum('knm,knu->kmu', f_u, each[:, side])
             slope[:, :, q:] += np.einsum('krm,kru->kmu', c_u, density)
             rest = L_u + np.einsum('knm,kn->km', f_u, without[:, side])

@@ -40,8 +40,9 @@ def judge(problem: Problem, integrator: Integrator, course: Extremal) -> Judgeme
     """Return what the input of a path gives away."""
     gaps, targets = [], []
     sides = ((course.x, course.ua, course.lam), (course.x_end, course.ub, course.lam_end))
-    for x, u, lam in sides:
-        _, Hu, Huu = integrator.hamiltonian(problem, x, u, lam)
+    for side, (x, u, lam) in enumerate(sides):
+        mu = None if course.density_path is None else course.density_path[:, side]
+        _, Hu, Huu = integrator.hamiltonian(problem, x, u, lam, mu)
         gap, target = _best(problem, u, Hu, Huu)
         gaps.append(gap)
         targets.append(target)
@@ -85,7 +86,7 @@ def _crossings(problem: Problem, t: Array, targets: list[Array]) -> Array:
 
 def cuts(judgement: Judgement, wanted: float, rate: float = 5.0) -> Index:
     """Return into how many parts to cut each interval so that not more than `wanted` is lost."""
-    share = wanted / len(judgement.lost)
+    share = max(wanted, 1e-300) / len(judgement.lost)
     number = np.ceil((judgement.lost / share) ** (1 / rate))
     return np.clip(np.nan_to_num(number, nan=1.0), 1, _MOST_CUTS).astype(np.int64)
 

@@ -75,7 +75,9 @@ class Search:
             sizes = scales(problem, start)
         if durations is None:
             durations = start.durations
-        shortest, longest = 0.25 * durations, 4.0 * durations
+        usual = durations.sum() / mesh.layout.intervals
+        shortest = np.where(durations < 2 * usual, 0.0, 0.25 * durations)
+        longest = np.maximum(4.0 * durations, 4.0 * usual)
         if len(durations) == 1:
             shortest, longest = np.array([final.lower]), np.array([final.upper])
         limits = Limits(shortest, longest, np.zeros(problem.n), self.pinned)
@@ -111,38 +113,53 @@ class Search:
         cost = abs(outcome.objective)
         return replace(scales(self.problem, outcome.path), cost=cost if cost > 0 else 1.0)
 
+    def settled(self, outcome: Outcome) -> Outcome:
+        """Return an outcome whose arcs are those that it shows."""
+        free = ((None,) * self.problem.m,)
+        now, seen, density = free, {free}, 2.0 * COARSE
+        for _ in range(_ROUNDS):
+            arcs = self.arcs(outcome, self.course(outcome))
+            shown = signature(arcs)
+            if shown == now or self.monitor.stopped:
+                break
+            if shown in seen:
+                density *= 1.5
+                if density > _MOST_INTERVALS / 4:
+                    break
+            seen.add(shown)
+            T = outcome.path.t[-1]
+            mesh, durations = arc_mesh(self.problem, arcs, self.stages, density / T)
+            new = self.collocate(mesh, outcome.path, durations, near=True,
+                                 sizes=self.sizes(outcome))
+            if new.converged and new.objective < outcome.objective + 1e-5 * abs(
+                    outcome.objective):
+                outcome, now = new, shown
+                continue
+            density *= 2
+            mesh = uniform(self.problem, int(density), self.stages)
+            new = self.collocate(mesh, outcome.path, np.array([T]), near=True,
+                                 sizes=self.sizes(outcome))
+            if not new.converged:
+                break
+            outcome, now = new, free
+        return outcome
+
     def improve(self, outcome: Outcome) -> Iterator[tuple[Outcome, Extremal]]:
         """Yield better and better outcomes."""
-        arcs = [Arc(0.0, outcome.path.t[-1], (np.nan,) * self.problem.m)]
-        mesh = outcome.mesh
-        tried: set[tuple[object, ...]] = set()
-        for number in range(_ROUNDS):
+        if any(self.kit.switching):
+            outcome = self.settled(outcome)
+        for _ in range(_ROUNDS):
             course = self.course(outcome)
             yield outcome, course
-            new_arcs = self.arcs(outcome, course, arcs)
-            if signature(new_arcs) != signature(arcs) and signature(new_arcs) not in tried:
-                tried.add(signature(new_arcs))
-                mesh, durations = arc_mesh(
-                    self.problem, new_arcs, self.stages, 32 / outcome.path.t[-1])
-                new = self.collocate(mesh, outcome.path, durations, near=True,
-                                     sizes=self.sizes(outcome))
-                if new.converged and new.objective < outcome.objective + 1e-4 * abs(
-                        outcome.objective):
-                    outcome, arcs = new, new_arcs
-                    continue
             mesh = self.finer(outcome, course)
             if mesh.layout.intervals > _MOST_INTERVALS or self.monitor.stopped:
                 return
-            new = self.collocate(mesh, outcome.path, near=True, sizes=self.sizes(outcome))
-            if not new.converged:
+            outcome = self.collocate(mesh, outcome.path, near=True, sizes=self.sizes(outcome))
+            if not outcome.converged:
                 return
-            outcome = new
 
-    def arcs(self, outcome: Outcome, course: Extremal, arcs: list[Arc]) -> list[Arc]:
+    def arcs(self, outcome: Outcome, course: Extremal) -> list[Arc]:
         """Return the arcs that an outcome shows."""
-        if not any(self.kit.switching):
-            return arcs
-        ends = np.cumsum(outcome.path.durations)
         found = find_arcs(self.problem, outcome.path, self.kit.switching)
         x, u = (course.x + course.x_end) / 2, (course.ua + course.ub) / 2
         _, Hu, _ = self.kit.integrator.hamiltonian(
@@ -174,11 +191,17 @@ class Search:
         x, u, lam = (np.stack(pair, axis=1).reshape(len(t), -1) for pair in (
             (course.x, course.x_end), (course.ua, course.ub), (course.lam, course.lam_end)))
         u = np.clip(u, problem.u_lower, problem.u_upper)
-        new = np.append(True, (np.diff(t) > 0) | np.any(np.diff(u, axis=0) != 0, axis=1)
-                        | np.any(np.abs(np.diff(lam, axis=0)) > 1e-12 * np.abs(lam).max(),
-                                 axis=1))
-        densities = [None if d is None else np.repeat(d, 2, axis=0)[1:-1][new]
+        densities = [None if d is None else d.reshape(len(t), -1)
                      for d in (course.density_x, course.density_path)]
+        new = np.append(True, np.diff(t) > 0)
+        for values in (u, lam, *densities):
+            if values is not None and values.size:
+                change = np.abs(np.diff(values, axis=0)).max(axis=1)
+                new[1:] |= change > 1e-12 * np.abs(values).max()
+        if problem.path.numel():
+            # A linear input meets a constraint c(x, u) once or twice in an interval.
+            new &= (np.isin(np.arange(len(t)) % (2 * course.parts), (0, 2 * course.parts - 1)))
+        densities = [d if d is None else d[new] for d in densities]
         t, x, u, lam = t[new], x[new], u[new], lam[new]
         H, _, _ = self.kit.integrator.hamiltonian(problem, x, u, lam)
         found = Solution(

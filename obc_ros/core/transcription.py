@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 
 _COMMON: dict[str, object] = {
     'print_level': 0, 'sb': 'yes', 'linear_solver': 'mumps', 'tol': 1e-9,
+    # With its own permutation MUMPS takes some of these matrices for singular, for minutes.
+    'mumps_permuting_scaling': 0, 'mumps_pivot_order': 0,
     'constr_viol_tol': 1e-9, 'compl_inf_tol': 1e-9, 'dual_inf_tol': 1e-6,
     'bound_relax_factor': 0.0, 'honor_original_bounds': 'yes', 'max_iter': 1000,
     'acceptable_tol': 1e-7, 'acceptable_iter': 15}
