@@ -23,8 +23,6 @@ from obc_ros.cli.recording import Recorder
 from obc_ros.cli.share import share_directory
 from obc_ros.core.errors import ObcError
 
-NODES = ('plant_simulator', 'lqr_node', 'trajectory_server')
-
 
 @dataclass(frozen=True)
 class Event:
@@ -56,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run a demonstration; return the exit status."""
-    from obc_ros.cli import demo_aircraft, demo_vehicle  # noqa: PLC0415 - they import the figures
+    from obc_ros.cli import demo_aircraft, demo_vehicle
     scenario = {'aircraft': demo_aircraft, 'vehicle': demo_vehicle}[args.scenario]
     try:
         with free_domain() as domain:
@@ -74,13 +72,16 @@ def fly(flight: Flight, out: Path, real_time: bool,
     config = share_directory('obc_ros') / 'config' / flight.config
     pace = ['-p', 'speed:=1.0', '-p', 'lockstep:=false'] if real_time else []
     with Children(out / 'log') as children, Recorder(out / flight.name) as recorder:
-        for node in NODES:
-            children.start(node, '--params-file', str(config),
-                           *(pace if node == 'plant_simulator' else []))
+        parameters = ['--params-file', str(config)]
+        children.start('plant_simulator', *parameters, *pace)
+        children.start('trajectory_server', *parameters)
         with closing(Pilot(children, recorder)) as pilot:
+            # The controller comes last, so that its first command finds everybody listening.
+            pilot.wait(lambda: bool(pilot.states.stamp), 'the first state')
+            children.start('lqr_node', *parameters)
             wall = time.monotonic()
             progress = Progress(pilot, flight)
-            pilot.wait(lambda: bool(pilot.commands.stamp), 'the first command')
+            pilot.wait(lambda: bool(pilot.commands.stamp and pilot.designs), 'the first command')
             for event in flight.events:
                 progress.until(event.at)
                 progress.say(event.what, event.act(pilot))

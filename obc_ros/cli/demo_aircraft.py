@@ -2,81 +2,115 @@
 # SPDX-License-Identifier: Apache-2.0
 """The thrust vectored aircraft of Example 2.5: steps, live weights, a gust, a refused change."""
 
+from dataclasses import dataclass, replace
 from math import pi
 from pathlib import Path
 
 import matplotlib as mpl
 
 mpl.use('Agg')
-from matplotlib.axes import Axes  # noqa: E402 - after the choice of a backend without a screen
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-from numpy.typing import NDArray  # noqa: E402
-
-from obc_ros.cli.demo import Event, Flight, fly, set_parameters  # noqa: E402
-from obc_ros.cli.pilot import Pilot  # noqa: E402
-from obc_ros.cli.report import loop_rows, show, step_figures  # noqa: E402
+from matplotlib.axes import Axes
+import matplotlib.pyplot as plt
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.cli.demo import Event, Flight, fly, set_parameters
+from obc_ros.cli.pilot import Pilot
+from obc_ros.cli.report import loop_rows, show, step_figures
+from obc_ros.msg import LqrDesign
+from scipy.linalg import expm
 
 Array = NDArray[np.float64]
 
-FIRST_STEP, CHANGE, SECOND_STEP, GUST, REFUSAL, END = 1.0, 12.0, 13.0, 29.0, 36.0, 40.0
+FIRST_STEP, CHANGE, SECOND_STEP, GUST, REFUSAL, END = 1.0, 12.0, 13.0, 31.0, 37.0, 41.0
 # The weights that Example 2.5 prints; 2 pi / 9 is its own (5 degrees would be 1.3131).
 EXAMPLE_2_5 = {'Qx': [100.0, 1.0, 2 * pi / 9, 0.0, 0.0, 0.0], 'Qu': [0.1, 0.1]}
 
 
+@dataclass(frozen=True)
+class Step:
+    """A unit step in x and y: when it began [s], from where [m], and under which design."""
+
+    begin: float
+    start: float
+    span: float
+    weights: str
+    figure: str
+    design: LqrDesign
+
+
 def run(out: Path, real_time: bool) -> int:
     """Fly, report, draw; return the exit status."""
+    steps: list[Step] = []
     flight = Flight('aircraft', 'aircraft.yaml', END, (
-        Event(FIRST_STEP, 'step to (1, 1) with Qx = I', _go_to(1.0, 1.0)),
+        Event(FIRST_STEP, 'step to (1, 1) with Qx = I',
+              lambda pilot: _step(pilot, steps, 0.0, 10.0, 'Qx = I', '2.4a')),
         Event(CHANGE, 'weights of Example 2.5, while it flies', _take_weights),
-        Event(SECOND_STEP, 'step to (2, 2) with the weights of Example 2.5', _go_to(2.0, 2.0)),
+        Event(SECOND_STEP, 'step to (2, 2) with the weights of Example 2.5',
+              lambda pilot: _step(pilot, steps, 1.0, 15.0, 'Example 2.5', '2.5')),
         Event(GUST, 'a gust from the side, 4 N for 1 s', lambda pilot: ''),
         Event(REFUSAL, 'Qu = [-0.1, 0.1]', _refused_weights)))
-    return fly(flight, out, real_time, lambda pilot, wall: _conclude(pilot, wall, out))
+    return fly(flight, out, real_time, lambda pilot, wall: _conclude(pilot, wall, steps, out))
 
 
-def _go_to(px: float, py: float):
-    return set_parameters('lqr_node', {'setpoint': [px, py, 0.0, 0.0, 0.0, 0.0]})
+def _step(pilot: Pilot, steps: list[Step], start: float, span: float, weights: str,
+          figure: str) -> str:
+    goal, asked = start + 1.0, pilot.now
+    design = _change(pilot, {'setpoint': [goal, goal, 0.0, 0.0, 0.0, 0.0]})
+    steps.append(Step(asked, start, span, weights, figure, design))
+    return ''
 
 
 def _take_weights(pilot: Pilot) -> str:
+    return str(_change(pilot, EXAMPLE_2_5).sentence)
+
+
+def _change(pilot: Pilot, values: dict[str, list[float]]) -> LqrDesign:
+    """Set parameters of lqr_node and return the design that follows."""
     before = pilot.designs[-1].revision
-    set_parameters('lqr_node', EXAMPLE_2_5)(pilot)
+    set_parameters('lqr_node', values)(pilot)
     pilot.wait(lambda: pilot.designs[-1].revision > before, 'the new design')
-    return pilot.designs[-1].sentence
+    return pilot.designs[-1]
 
 
 def _refused_weights(pilot: Pilot) -> str:
     return set_parameters('lqr_node', {'Qu': [-0.1, 0.1]}, refused=True)(pilot)
 
 
-def _conclude(pilot: Pilot, wall: float, out: Path) -> int:
+def _conclude(pilot: Pilot, wall: float, steps: list[Step], out: Path) -> int:
     t, x, tu, u = pilot.history()
+    steps = [replace(step, begin=_jump(step.begin, tu, u)) for step in steps]
     rows = []
-    for name, begin, end, start in (('Qx = I', FIRST_STEP, CHANGE, 0.0),
-                                    ('Example 2.5', SECOND_STEP, GUST, 1.0)):
-        during, commanded = (t >= begin) & (t < end), (tu >= begin) & (tu < end)
-        peaks = np.abs(u[commanded] - u[0]).max(axis=0)
+    for step in steps:
+        during = (t >= step.begin) & (t < step.begin + step.span)
+        commanded = (tu >= step.begin) & (tu < step.begin + step.span)
+        peaks = np.abs(u[commanded] - step.design.ue).max(axis=0)
         for index, axis in enumerate(('px', 'py')):
-            step = step_figures(t[during], x[during, index], start, start + 1.0)
-            rows.append((name, axis, f'{step.rise_time:.2f} s', f'{100 * step.overshoot:.1f} %',
-                         f'{step.settling_time:.2f} s', f'{peaks[index]:.2f} N'))
+            figures = step_figures(
+                t[during], x[during, index], step.start, step.start + 1.0)
+            settling = f'{figures.settling_time:.2f} s' if np.isfinite(
+                figures.settling_time) else f'> {step.span:g} s'
+            rows.append((step.weights, axis, f'{figures.rise_time:.2f} s',
+                         f'{100 * figures.overshoot:.1f} %', settling, f'{peaks[index]:.2f} N'))
     show('Unit steps', ('weights', 'axis', 'rise time', 'overshoot', 'settling', 'peak |f - fe|'),
          rows)
     show('The loop', ('', ''), loop_rows(pilot, wall))
     figure = out / 'aircraft.png'
-    _draw(t, x, tu, u, figure)
+    _draw(t, x, tu, u, steps, figure)
     print(f'figure {figure}   recording {out / "aircraft"}')
     return 0
 
 
-def _draw(t: Array, x: Array, tu: Array, u: Array, path: Path) -> None:
+def _jump(asked: float, t: Array, u: Array) -> float:
+    """Return when [s] a command first jumped after a step was asked for."""
+    after = np.flatnonzero((t[1:] > asked) & (np.abs(np.diff(u, axis=0)).max(axis=1) > 0.5))
+    return float(t[1 + after[0]])
+
+
+def _draw(t: Array, x: Array, tu: Array, u: Array, steps: list[Step], path: Path) -> None:
     figure, axes = plt.subplots(2, 3, figsize=(13, 7), layout='constrained')
-    for row, (begin, start, span, label) in enumerate((
-            (FIRST_STEP, 0.0, 10.0, 'Qx = I, Qu = I (Figure 2.4a)'),
-            (SECOND_STEP, 1.0, 15.0, 'weights of Example 2.5 (Figure 2.5)'))):
-        _positions(axes[row, 0], t - begin, x[:, :2] - start, span, label)
-        _inputs(axes[row, 1], tu - begin, u, span, label)
+    for row, step in enumerate(steps):
+        _positions(axes[row, 0], t - step.begin, x[:, :2] - step.start, step)
+        _inputs(axes[row, 1], tu - step.begin, u - step.design.ue, step)
     _flight(axes[0, 2], t, x)
     _tilt(axes[1, 2], t, x)
     figure.suptitle('Vectored thrust aircraft, three nodes over DDS')
@@ -84,22 +118,39 @@ def _draw(t: Array, x: Array, tu: Array, u: Array, path: Path) -> None:
     plt.close(figure)
 
 
-def _positions(axes: Axes, t: Array, positions: Array, span: float, label: str) -> None:
-    axes.plot(t, positions[:, 0], label='x')
-    axes.plot(t, positions[:, 1], '--', label='y')
+def _linear(step: Step) -> tuple[Array, Array, Array]:
+    """Return t, x and u - ue of the same step on the linearization, which the book draws."""
+    design, n = step.design, len(step.design.xe)
+    K = np.reshape(design.k, (-1, n))
+    A = np.reshape(design.a, (n, n)) - np.reshape(design.b, (n, -1)) @ K
+    times = np.linspace(0.0, step.span, 1001)
+    one = expm(A * times[1])
+    errors = [-np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0])]
+    for _ in times[1:]:
+        errors.append(one @ errors[-1])
+    return times, np.array(errors) + [1.0, 1.0, 0.0, 0.0, 0.0, 0.0], -np.array(errors) @ K.T
+
+
+def _positions(axes: Axes, t: Array, positions: Array, step: Step) -> None:
+    for index, (name, style) in enumerate((('x', '-'), ('y', '--'))):
+        axes.plot(t, positions[:, index], style, label=name)
+    times, linear, _ = _linear(step)
+    axes.plot(times, linear[:, :2], ':', color='0.4', linewidth=1, label=['linear model', None])
     axes.axhline(1.0, color='0.7', linewidth=0.8, zorder=0)
-    axes.set(xlim=(0, span), ylim=(0, 1.5), xlabel='time since the step [s]',
-             ylabel='position x, y [m]', title=f'Step, {label}')
+    lowest = min(0.0, positions[(t >= 0) & (t <= step.span)].min() - 0.05)
+    axes.set(xlim=(0, step.span), ylim=(lowest, 1.5), xlabel='time since the step [s]',
+             ylabel='position x, y [m]', title=f'Step, {step.weights} (Figure {step.figure})')
     axes.legend(loc='lower right')
 
 
-def _inputs(axes: Axes, t: Array, u: Array, span: float, label: str) -> None:
-    during = (t >= -0.5) & (t <= span)
-    equilibrium = u[0]
-    axes.step(t[during], u[during, 0] - equilibrium[0], where='post', label='u1 = f1')
-    axes.step(t[during], u[during, 1] - equilibrium[1], '--', where='post', label='u2 = f2 - m g')
-    axes.set(xlim=(-0.5, span), xlabel='time since the step [s]', ylabel='input [N]',
-             title=f'Inputs, {label}')
+def _inputs(axes: Axes, t: Array, u: Array, step: Step) -> None:
+    during = (t >= -0.5) & (t <= step.span)
+    axes.step(t[during], u[during, 0], where='post', label='u1 = f1')
+    axes.step(t[during], u[during, 1], '--', where='post', label='u2 = f2 - m g')
+    times, _, linear = _linear(step)
+    axes.plot(times, linear, ':', color='0.4', linewidth=1, label=['linear model', None])
+    axes.set(xlim=(-0.5, step.span), xlabel='time since the step [s]', ylabel='input [N]',
+             title=f'Inputs, {step.weights} (Figure {step.figure})')
     axes.legend()
 
 

@@ -8,16 +8,15 @@ from pathlib import Path
 import matplotlib as mpl
 
 mpl.use('Agg')
-import matplotlib.pyplot as plt  # noqa: E402 - after the choice of a backend without a screen
-import numpy as np  # noqa: E402
-from numpy.typing import NDArray  # noqa: E402
-
-from obc_ros.cli.demo import Event, Flight, fly  # noqa: E402
-from obc_ros.cli.pilot import Pilot  # noqa: E402
-from obc_ros.cli.report import loop_rows, show  # noqa: E402
-from obc_ros.core.errors import ObcError  # noqa: E402
-from obc_ros.msg import NamedBounds, Trajectory  # noqa: E402
-from obc_ros.srv import PlanMotion  # noqa: E402
+import matplotlib.pyplot as plt
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.cli.demo import Event, Flight, fly
+from obc_ros.cli.pilot import Pilot
+from obc_ros.cli.report import loop_rows, show
+from obc_ros.core.errors import ObcError
+from obc_ros.msg import NamedBounds, Trajectory
+from obc_ros.srv import PlanMotion
 
 Array = NDArray[np.float64]
 
@@ -43,6 +42,9 @@ def run(out: Path, real_time: bool) -> int:
 
 
 def _plan(pilot: Pilot, planned: list[Trajectory]) -> str:
+    """Ask for a plan from where the vehicle will be, and publish it as the reference."""
+    # Seconds of a simulation in a hurry pass while the server works: it has to wait.
+    pilot.pause(True)
     begin = pilot.states.stamp[-1] + int(AHEAD * 1e9)
     px = float(pilot.x[0]) + SPEED * AHEAD
     answer = pilot.call(PlanMotion, 'trajectory_server/plan', PlanMotion.Request(
@@ -53,6 +55,7 @@ def _plan(pilot: Pilot, planned: list[Trajectory]) -> str:
     if not answer.success:
         raise ObcError(f'no plan: {answer.message}')
     planned.append(_publish(pilot, answer.trajectory, begin))
+    pilot.pause(False)
     return answer.message
 
 
@@ -60,11 +63,13 @@ def _slalom(pilot: Pilot, course: list[Trajectory]) -> str:
     """Publish y = r(t) with the angle and steering that follow it exactly (flatness)."""
     t = np.linspace(0.0, COURSE, int(COURSE * 500) + 1)
     y, theta, phi = slalom(t)
+    pilot.pause(True)
     trajectory = Trajectory(
         system='vehicle_lateral', state_names=['py', 'theta'], input_names=['phi'],
         t=array('d', t), x=array('d', np.stack([y, theta], axis=1).ravel()), u=array('d', phi),
         interpolation='linear')
     course.append(_publish(pilot, trajectory, pilot.states.stamp[-1] + int(0.2e9)))
+    pilot.pause(False)
     return f'steering up to {np.abs(phi).max():.2f} rad'
 
 

@@ -12,6 +12,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
+from obc_ros.cli.processes import Children
+from obc_ros.cli.recording import CLOCK, LATCHED, Recorder
+from obc_ros.core.errors import ObcError
+from obc_ros.msg import Command, LqrDesign, State, Trajectory
 from rcl_interfaces.msg import Log, Parameter, ParameterEvent
 from rcl_interfaces.srv import SetParametersAtomically
 import rclpy
@@ -19,11 +23,7 @@ from rclpy.executors import SingleThreadedExecutor
 import rclpy.parameter
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
-
-from obc_ros.cli.processes import Children
-from obc_ros.cli.recording import CLOCK, LATCHED, Recorder
-from obc_ros.core.errors import ObcError
-from obc_ros.msg import Command, LqrDesign, State, Trajectory
+from std_srvs.srv import SetBool
 
 Array = NDArray[np.float64]
 
@@ -130,6 +130,10 @@ class Pilot:
         result = self.call(
             SetParametersAtomically, f'{node}/set_parameters_atomically', request).result
         return result.successful, result.reason
+
+    def pause(self, wanted: bool) -> None:
+        """Stop the simulated time, or let it go on."""
+        self.call(SetBool, 'plant_simulator/pause', SetBool.Request(data=wanted))
 
     def history(self) -> tuple[Array, Array, Array, Array]:
         """Return t [s], x of all states and t [s], u of all commands, from the first state on."""

@@ -99,7 +99,7 @@ class Children:
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self._stop_signal = 0
 
-    def __enter__(self) -> 'Children':  # noqa: PYI034 - Self needs Python 3.11
+    def __enter__(self) -> 'Children':
         self._previous = {
             number: signal.signal(number, self._on_signal)
             for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
@@ -133,7 +133,7 @@ class Children:
                 stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
                 # a session of its own: Ctrl-C reaches this command, which ends the children
                 start_new_session=True,
-                preexec_fn=_die_with_parent)  # noqa: PLW1509 - no thread holds a lock it needs
+                preexec_fn=_die_with_parent)
 
     def log(self, node: str) -> Path:
         """Return where a child's output is written."""

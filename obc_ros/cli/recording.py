@@ -16,12 +16,11 @@ import time
 from typing import Any
 
 from mcap.writer import Writer
+from obc_ros.cli.share import share_directory
+from obc_ros.nodes.own_thread import Apart
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 import yaml
-
-from obc_ros.cli.share import share_directory
-from obc_ros.nodes.own_thread import Apart
 
 LIBRARY = 'obc_ros'
 Listener = Callable[[bytes, int], None]
@@ -68,7 +67,7 @@ class Recorder:
         self._first, self._last = sys.maxsize, 0
         self.now: Callable[[], int] = time.time_ns
 
-    def __enter__(self) -> 'Recorder':  # noqa: PYI034 - Self needs Python 3.11
+    def __enter__(self) -> 'Recorder':
         self._file = self.path.open('wb')
         self._writer = Writer(self._file)
         self._writer.start(profile='ros2', library=LIBRARY)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
 from obc_ros.cli.pilot import Pilot
 
 Array = NDArray[np.float64]
@@ -51,7 +50,7 @@ def loop_rows(pilot: Pilot, wall: float) -> list[tuple[str, str]]:
         ('missed states', f'{pilot.missed()}'),
         ('state to command, p50 / p99',
          f'{np.percentile(late, 50):.2f} / {np.percentile(late, 99):.2f} ms'),
-        ('revisions of K', f'{pilot.designs[-1].revision if pilot.designs else 0}'),
+        ('designs adopted', f'{pilot.designs[-1].revision if pilot.designs else 0}'),
         ('simulated in', f'{simulated:.1f} s in {wall:.1f} s of wall time '
                          f'({simulated / wall:.1f} x real time)'),
     ]
@@ -59,8 +58,8 @@ def loop_rows(pilot: Pilot, wall: float) -> list[tuple[str, str]]:
 
 def show(title: str, header: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
     """Print a table."""
-    from rich.console import Console  # noqa: PLC0415 - not needed to fly
-    from rich.table import Table  # noqa: PLC0415
+    from rich.console import Console
+    from rich.table import Table
     table = Table(*header, title=title, title_justify='left')
     for row in rows:
         table.add_row(*row)
