@@ -13,7 +13,6 @@ import math
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from obc_ros.core import dare
 from obc_ros.core.errors import RefusedDesignError, StatementError
 from obc_ros.core.lqr import dlqr
 import pytest
@@ -143,15 +142,3 @@ def test_accepted_gains_stabilise(n, m, seed, decades):
         return
     assert abs(np.linalg.eigvals(A - B @ design.K)).max() < 1
     assert residual(design) < 1e-8
-
-
-def test_stretches_join_in_any_order():
-    """(a b) c = a (b c): the horizon does not remember how it was put together."""
-    rng = np.random.default_rng(5)
-    a, b, c = ((rng.standard_normal((3, 3)), *(
-        F @ F.T for F in rng.standard_normal((2, 3, 2)))) for _ in range(3))
-    identity = np.eye(3)
-    left = dare.joined(dare.joined(a, b, identity), c, identity)
-    right = dare.joined(a, dare.joined(b, c, identity), identity)
-    for one, other in zip(left, right, strict=True):
-        assert one == pytest.approx(other, rel=1e-12)

@@ -31,7 +31,7 @@ def random_plant(seed, n, m):
 
 
 def test_double_integrator_closed_form():
-    """K = [1, sqrt 2]: L = (1 + sqrt(2) s) / s^2, 1 / (s^2 + sqrt(2) s + 1) overshoots by e^-pi."""
+    """K = [1, sqrt 2]: L = (1 + sqrt(2) s) / s^2, its closed loop overshoots by e^-pi."""
     design = lqr(CHAIN, FORCE, np.diag([1, 0]), [[1]])
     found = figures(CHAIN, FORCE, design.K)
     w = math.sqrt(1 + math.sqrt(2))  # w^4 = 1 + 2 w^2

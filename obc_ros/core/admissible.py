@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.dare import EPS
 from obc_ros.core.errors import RefusedDesignError, StatementError
+from obc_ros.core.norms import EPS
 from scipy.linalg import lapack
 
 Array = NDArray[np.float64]

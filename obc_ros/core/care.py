@@ -18,9 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core import dare
-from obc_ros.core.dare import EPS, TINY
-from obc_ros.core.dare import norm as _norm
+from obc_ros.core import dare, stretches
+from obc_ros.core.norms import EPS, norm, TINY
 from scipy.linalg import lapack
 
 Array = NDArray[np.float64]
@@ -174,13 +173,13 @@ def _by_doubling(A: Array, G: Array, Q: Array) -> _Iterate | None:
     """
     n = len(A)
     identity = np.eye(n)
-    speed = math.sqrt((_norm(A)**2 + _norm(G) * _norm(Q)) / n)
+    speed = math.sqrt((norm(A)**2 + norm(G) * norm(Q)) / n)
     if not 0.0 < speed < math.inf:
         return None
     try:
         left = np.linalg.inv(A - speed * identity)
         right = np.linalg.inv((A - speed * identity).T + Q @ left @ G)
-        P = dare.doubled(identity + 2.0 * speed * right.T, 2.0 * speed * left @ G @ right,
+        P = stretches.doubled(identity + 2.0 * speed * right.T, 2.0 * speed * left @ G @ right,
                          2.0 * speed * right @ Q @ left)
         if P is None:
             return None
@@ -201,14 +200,14 @@ def _newton(A: Array, G: Array, Q: Array, P: Array, lyapunov: Callable[[Array], 
             ) -> _Iterate:
     """Correct P once; lyapunov(C) solves M'X + X M = -C for M = A - G P."""
     R, terms = _residual(A, G, Q, P)
-    before = _norm(R) / terms
+    before = norm(R) / terms
     corrected = P + lyapunov(R)
     R, terms = _residual(A, G, Q, corrected)
-    after = _norm(R) / terms
+    after = norm(R) / terms
     if not after <= before:
         corrected, after = P, before
     X = lyapunov(np.eye(len(A)))
-    error = (after + len(A) * EPS) * terms * _norm(X) / (_norm(corrected) + TINY)
+    error = (after + len(A) * EPS) * terms * norm(X) / (norm(corrected) + TINY)
     return _Iterate(corrected, after, error, X)
 
 
@@ -217,7 +216,7 @@ def _residual(A: Array, G: Array, Q: Array, P: Array) -> tuple[Array, float]:
     PA = P @ A
     PGP = P @ G @ P
     R: Array = PA + PA.T - PGP + Q
-    return R, 2.0 * _norm(PA) + _norm(PGP) + _norm(Q) + TINY
+    return R, 2.0 * norm(PA) + norm(PGP) + norm(Q) + TINY
 
 
 def _lyapunov(C: Array, T: Array, V: Array, W: Array) -> Array:
@@ -247,7 +246,7 @@ def _refine(A: Array, F: Array, Q: Array, start: _Iterate) -> _Iterate:
         PA = P @ A_wide
         R = (PA + PA.T - P @ G_wide @ P + Q_wide).astype(float)
         correction = _lyapunov(0.5 * (R + R.T), T, V, V.T)
-        size = _norm(correction) / (_norm(P.astype(float)) + TINY)
+        size = norm(correction) / (norm(P.astype(float)) + TINY)
         if not size < step:
             break
         P, step, X = P + correction, size, _lyapunov(np.eye(len(A)), T, V, V.T)
@@ -257,10 +256,10 @@ def _refine(A: Array, F: Array, Q: Array, start: _Iterate) -> _Iterate:
     terms = np.abs(narrow) @ np.abs(A)
     terms = terms + terms.T + np.abs(narrow) @ np.abs(F @ F.T) @ np.abs(narrow) + np.abs(Q)
     lost = len(A) * float(np.finfo(wide).eps) * min(
-        _norm(_sensitivity(M, terms)), _norm(terms) * _norm(X))
+        norm(_sensitivity(M, terms)), norm(terms) * norm(X))
     R, size = _residual(A, F @ F.T, Q, narrow)
-    error = step + EPS + lost / (_norm(narrow) + TINY)
-    return _Iterate(narrow, _norm(R) / size, error, X)
+    error = step + EPS + lost / (norm(narrow) + TINY)
+    return _Iterate(narrow, norm(R) / size, error, X)
 
 
 def _sensitivity(M: Array, C: Array) -> Array:
@@ -302,8 +301,8 @@ def _by_lyapunov(M: Array, X: Array, rounding: Array) -> float:
     S = X @ M
     S += S.T
     S.flat[::len(M) + 1] += 1.0
-    left = 1.0 - _norm(S) - 4.0 * len(M) * EPS * _norm(X) * _norm(M)
-    return max(0.0, left / (2.0 * _norm(X) * max(_norm(rounding), TINY)))
+    left = 1.0 - norm(S) - 4.0 * len(M) * EPS * norm(X) * norm(M)
+    return max(0.0, left / (2.0 * norm(X) * max(norm(rounding), TINY)))
 
 
 def _by_modes(M: Array, rounding: Array) -> float:

@@ -1,13 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The discrete algebraic Riccati equation, solved by doubling with a proof.
+The discrete algebraic Riccati equation, solved by doubling the horizon, with a proof.
 
 P = A'P (I + G P)^-1 A + Q, G = B Qu^-1 B', for x+ = A x + B u and the sum of x'Qx x + u'Qu u
-
-Three matrices (A, G, H) say all of a stretch of time: the least cost over it, started at x and
-with the terminal weight P, is x'(H + A'P (I + G P)^-1 A) x. Two stretches after each other are
-again such three matrices, so that each step doubles the horizon; nothing in it grows.
 """
 
 import math
@@ -15,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from obc_ros.core.norms import EPS, norm, TINY
+from obc_ros.core.stretches import doubled
 from scipy.linalg import lapack
 
 Array = NDArray[np.float64]
 
-EPS = float(np.finfo(float).eps)
-TINY = 1e-300
 _LONGEST = 60  # doublings: 1e18 steps
 
 
@@ -104,39 +100,6 @@ def _residual(M: Array, K: Array, Q: Array, P: Array) -> tuple[Array, float]:
     return 0.5 * (R + R.T), norm(moved) + norm(spent) + norm(Q) + norm(P) + TINY
 
 
-def doubled(A: Array, G: Array, H: Array) -> Array | None:
-    """
-    Return the least cost matrix over ever longer horizons of the stretch (A, G, H).
-
-    None when it grows without bound.
-    """
-    identity = np.eye(len(A))
-    for _ in range(_LONGEST):
-        A_next, G, H_next = joined((A, G, H), (A, G, H), identity)
-        step = norm(H_next - H)
-        if not step < math.inf:
-            return None
-        H = H_next
-        if step <= EPS * norm(H):
-            return 0.5 * (H + H.T)
-        A = A_next
-    return None
-
-
-Stretch = tuple[Array, Array, Array]
-
-
-def joined(first: Stretch, second: Stretch, identity: Array) -> Stretch:
-    """Return the stretch that is `first` and then `second`; any leading axes are batches."""
-    A1, G1, H1 = first
-    A2, G2, H2 = second
-    W = np.linalg.solve(identity + G1 @ H2, np.concatenate([A1, G1], axis=-1))
-    n = identity.shape[0]
-    moved, spread = W[..., :n], W[..., n:]
-    turn = np.swapaxes
-    return A2 @ moved, G2 + A2 @ spread @ turn(A2, -1, -2), H1 + turn(A1, -1, -2) @ H2 @ moved
-
-
 def stein(M: Array, C: Array) -> Array | None:
     """Return X with X - M'X M = C, the sum of M'^k C M^k; None when it does not converge."""
     X = C
@@ -150,11 +113,6 @@ def stein(M: Array, C: Array) -> Array | None:
             return None
         M = M @ M
     return None
-
-
-def norm(M: Array) -> float:
-    """Return the Frobenius norm."""
-    return math.sqrt(float(np.vdot(M, M)))
 
 
 def robustness(M: Array, X: Array, rounding: Array) -> float:

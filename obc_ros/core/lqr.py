@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from obc_ros.core import admissible, care, dare, modes
 from obc_ros.core.errors import RefusedDesignError, StatementError
+from obc_ros.core.norms import EPS
 from scipy.linalg import lapack
 
 Array = NDArray[np.float64]
@@ -219,7 +220,7 @@ def _check_stability(stability: float) -> None:
 
 def _rounding(A: Array, B: Array, K: Array) -> Array:
     """Return a bound of what rounding of A, B, K and their product does to A - B K."""
-    bound: Array = dare.EPS * (np.abs(A) + (B.shape[1] + 2) * (np.abs(B) @ np.abs(K)))
+    bound: Array = EPS * (np.abs(A) + (B.shape[1] + 2) * (np.abs(B) @ np.abs(K)))
     return bound
 
 

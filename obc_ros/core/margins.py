@@ -98,16 +98,15 @@ def _continuous(modes: Complex, period: float) -> Complex:
     """Return modes in the s plane; one at z = 0, a delay, becomes a very fast one."""
     if not period:
         return modes
-    z = np.where(np.abs(modes) > 1e-12, modes, 1e-12)
-    s: Complex = np.log(z) / period
-    return s
+    small = np.abs(modes) < 1e-12
+    return np.asarray(np.log(modes + 1e-12 * small) / period, dtype=complex)
 
 
 def _transfer(M: Array, B: Array, K: Array, modes: Complex, V: Complex, period: float
               ) -> Callable[[Array], Complex]:
     """Return T as a function of frequencies (N,) [rad/s] with values (N, m, m)."""
     def point(w: Array) -> Complex:
-        s: Complex = 1j * w
+        s = np.asarray(1j * w, dtype=complex)
         return np.exp(s * period) if period else s
 
     if np.linalg.cond(V) < 1e7:
@@ -156,8 +155,8 @@ def _margins(transfer: Callable[[Array], Complex], poles: Complex, plant: Comple
         disk[i] = min(2.0, 2.0 / max(peak, 1e-300))
 
     def largest(T: Complex) -> Array:
-        singular: Array = np.linalg.svd(np.eye(m) - T, compute_uv=False)[:, 0]
-        return singular
+        singular = np.linalg.svd(np.eye(m) - T, compute_uv=False)
+        return np.asarray(singular[:, 0], dtype=float)
 
     return up, down, phase, disk, band, _peak(largest, transfer, w, T)
 
@@ -225,7 +224,7 @@ def _steps(A: Array, B: Array, K: Array, poles: Complex, period: float, states: 
     """Return the figures of unit steps of the states that can be held anywhere."""
     n, m = B.shape
     rise, over, settled = np.full((3, states), math.nan)
-    peak = np.full(m, math.nan)
+    peak: Array = np.full(m, math.nan)
     M = A - B @ K
     rest = A - np.eye(n) if period else A
     slowest = -poles.real.max()

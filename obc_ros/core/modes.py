@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.care import balancing
-from obc_ros.core.dare import EPS
+from obc_ros.core.norms import EPS
 from scipy.linalg import lapack
 
 Array = NDArray[np.float64]

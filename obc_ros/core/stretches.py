@@ -1,0 +1,117 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Stretches of time of a linear quadratic problem, and how they join.
+
+Three matrices (A, G, H) say all of a stretch: started at x with the costate y at its end it ends at
+A x - G y, and its costate at the start is H x + A'y. With the terminal weight P, y = P x(end), its
+least cost is half of x'(H + A'P (I + G P)^-1 A) x. Two stretches after each other are such three
+matrices again, so that each joining doubles the horizon; with H and P positive semidefinite
+nothing in it grows, however long the horizon and however unstable the plant.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.norms import EPS, norm
+from scipy.linalg import expm
+
+Array = NDArray[np.float64]
+Stretch = tuple[Array, Array, Array]
+
+_LONGEST = 60  # doublings: 1e18 steps
+_SHORT = 0.5  # norm of the Hamiltonian matrix times the length of which the exponential is taken
+
+
+def of_plant(A: Array, G: Array, Q: Array, length: float) -> Stretch:
+    """
+    Return the stretch of dx/dt = A x - G y, dy/dt = -Q x - A'y over `length` seconds.
+
+    The exponential of this Hamiltonian matrix is taken over a time so short that neither x nor y
+    grows much; joining does the rest.
+    """
+    n = len(A)
+    H = np.empty((2 * n, 2 * n))
+    H[:n, :n], H[:n, n:], H[n:, :n], H[n:, n:] = A, -G, -Q, -A.T
+    doublings = max(0, int(np.ceil(np.log2(max(norm(H) * length, 1e-300) / _SHORT))))
+    flow = expm(H * (length * 0.5**doublings))
+    back = np.linalg.inv(flow[n:, n:])
+    stretch = (back.T, _symmetric(-flow[:n, n:] @ back), _symmetric(-back @ flow[n:, :n]))
+    identity = np.eye(n)
+    for _ in range(doublings):
+        stretch = joined(stretch, stretch, identity)
+    return stretch
+
+
+def joined(first: Stretch, second: Stretch, identity: Array) -> Stretch:
+    """Return the stretch that is `first` and then `second`; leading axes are batches."""
+    A1, G1, H1 = first
+    A2, G2, H2 = second
+    n = len(identity)
+    W = np.linalg.solve(identity + G1 @ H2, np.concatenate([A1, G1], axis=-1))
+    moved, spread = W[..., :n], W[..., n:]
+    G = G2 + A2 @ spread @ np.swapaxes(A2, -1, -2)
+    H = H1 + np.swapaxes(A1, -1, -2) @ H2 @ moved
+    return A2 @ moved, _symmetric(G), _symmetric(H)
+
+
+def before(stretch: Stretch, P: Array) -> Array:
+    """
+    Return the cost matrices at the start of a stretch for those at its end.
+
+    Parameters
+    ----------
+    stretch : tuple of ndarray, shape (n, n)
+        (A, G, H).
+    P : ndarray, shape (N, n, n)
+        Symmetric.
+
+    """
+    A, G, H = stretch
+    count, n, _ = P.shape
+    rows = P.reshape(-1, n)  # one product of matrices for the whole batch, not one for each
+    inner = (rows @ G).reshape(count, n, n)
+    inner.reshape(count, -1)[:, ::n + 1] += 1.0
+    Y = np.linalg.solve(inner, (rows @ A).reshape(count, n, n))
+    moved = (np.swapaxes(Y, 1, 2).reshape(-1, n) @ A).reshape(count, n, n)
+    return _symmetric(moved + H)
+
+
+def backward(stretch: Stretch, P: Array, steps: int) -> Array:
+    """
+    Return the cost matrices 0, 1, ..., `steps` stretches before the end, shape (steps+1, n, n).
+
+    Each doubling of the stretch moves all matrices found so far at once.
+    """
+    found = np.empty((steps + 1, *P.shape))
+    found[0] = P
+    count, identity = 1, np.eye(len(P))
+    while count <= steps:
+        more = min(count, steps + 1 - count)
+        found[count:count + more] = before(stretch, found[:more])
+        count += more
+        if count <= steps:
+            stretch = joined(stretch, stretch, identity)
+    return found
+
+
+def doubled(A: Array, G: Array, H: Array) -> Array | None:
+    """
+    Return the least cost matrix over ever longer horizons made of the stretch (A, G, H).
+
+    None when it grows without bound.
+    """
+    identity = np.eye(len(A))
+    for _ in range(_LONGEST):
+        A, G, H_next = joined((A, G, H), (A, G, H), identity)
+        step = norm(H_next - H)
+        if not step < np.inf:
+            return None
+        H = H_next
+        if step <= EPS * norm(H):
+            return H
+    return None
+
+
+def _symmetric(M: Array) -> Array:
+    half: Array = 0.5 * M
+    return half + np.swapaxes(half, -1, -2)
