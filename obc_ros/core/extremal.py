@@ -43,6 +43,8 @@ class Extremal:
     defect : float
         Largest difference between the states of a single sweep and those of the transcription,
         relative to the size of each state.
+    local : float
+        Likewise for sweeps that start anew at each mesh point.
     nu : ndarray, shape (q,)
     density_x, density_path : ndarray, shape (K, 2, n), (K, 2, l), or None
         Densities of the multipliers of the bounds of x and of the path constraints, at the start
@@ -60,6 +62,7 @@ class Extremal:
     lam_end: Array
     cost: float
     defect: float
+    local: float
     nu: Array
     density_x: Array | None = None
     density_path: Array | None = None
@@ -127,20 +130,19 @@ class Integrator:
         a, b = path.ua[:, None, :], path.ub[:, None, :]
         ua, ub = ((a + (b - a) * part).reshape(-1, problem.m) for part in (c, c + 1 / parts))
         x, running = self.forward(problem, t, ua, ub)
+        anew, anew_end, J = self._restarted(problem, path.x, t, ua, ub, parts)
         size = np.maximum(np.abs(path.x).max(axis=0), 1e-3 * np.abs(path.x).max() + 1e-12)
         with np.errstate(invalid='ignore'):
-            defect = float(np.max(np.abs(x[::parts] - path.x) / size))
+            defect, local = (float(np.nan_to_num(np.max(np.abs(ends - path.x[1:]) / size),
+                                                 nan=np.inf))
+                             for ends in (x[parts::parts], anew_end[parts - 1::parts]))
         single = defect < 1e-5
-        if single:
-            x, x_end = x[:-1], x[1:]
-            J = running[-1]
-        else:
-            x, x_end, J = self._restarted(problem, path.x, t, ua, ub, parts)
+        x, x_end, J = (x[:-1], x[1:], running[-1]) if single else (anew, anew_end, J)
         V, _, last = self._end(x_end[-1:], outcome.nu[None, :], problem.p_value)
         lam, lam_end = self._costates(
             problem, outcome, (t, x, ua, ub), last[0], parts, single)
         return Extremal(parts, t, x, x_end, ua, ub, lam, lam_end, float(J + V[0, 0]),
-                        defect if np.isfinite(defect) else np.inf, outcome.nu)
+                        defect, local, outcome.nu)
 
     def _restarted(self, problem: Problem, nodes: Array, t: Array, ua: Array, ub: Array,
                    parts: int) -> tuple[Array, Array, float]:

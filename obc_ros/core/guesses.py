@@ -5,6 +5,7 @@ Where a search for an optimal path may start: physically sensible paths, from a 
 """
 
 from collections.abc import Iterator
+from itertools import count
 
 import casadi as ca
 import numpy as np
@@ -110,26 +111,51 @@ class Guesser:
         x = x[np.minimum(np.arange(_POINTS), last)]
         return _path(t, _inside(x, problem.x_lower, problem.x_upper), u)
 
-    def starts(self, problem: Problem, integrator: Integrator) -> Iterator[tuple[str, Path]]:
-        """Yield named starts, the most promising first; the last ones are drawn at random."""
+    def starts(self, problem: Problem, integrator: Integrator) -> Iterator[Path]:
+        """
+        Yield starts without end, the most promising first.
+
+        The line, paths bent away from it, and paths driven by the inputs of the line or by ones
+        drawn around them; where T is free its guess is stretched, too.
+        """
         T = final_time(problem)
         line = self.line(problem, T)
-        yield 'line', line
         u = np.vstack([line.ua, line.ub[-1:]])
-        yield 'steady', self.driven(problem, integrator, u, T)
         chance = np.random.default_rng(1)
-        size = np.where(np.isfinite(problem.u_upper - problem.u_lower),
-                        problem.u_upper - problem.u_lower, 1 + np.abs(u[0]))
-        while True:
-            knots = chance.uniform(-0.5, 0.5, (4, problem.m)) * size
-            s, k = np.linspace(0, 1, _POINTS), np.linspace(0, 1, 4)
-            noise = np.column_stack([np.interp(s, k, column) for column in knots.T])
-            stretch = 2.0 ** chance.uniform(-1, 1) if problem.final_time.free else 1.0
-            length = T * stretch
-            if problem.final_time.free:
-                length = float(np.clip(
-                    length, problem.final_time.lower, problem.final_time.upper))
-            yield 'random', self.driven(problem, integrator, u + noise, length)
+        span = problem.u_upper - problem.u_lower
+        size = np.where(np.isfinite(span), span, 1 + np.abs(u[0]))
+        yield line
+        for number in count():
+            length = T
+            if number and problem.final_time.free:
+                length = float(np.clip(T * 2.0 ** chance.uniform(-1, 1),
+                                       problem.final_time.lower, problem.final_time.upper))
+            bend, noise = _VARIETY[number % len(_VARIETY)]
+            inputs = u + noise * size * _wave(chance, problem.m, knots=True)
+            if bend:
+                seen = np.maximum(np.ptp(line.x, axis=0), 0.1 * np.abs(line.x).max(axis=0))
+                seen = np.maximum(seen, 0.3 * seen.max())
+                x = line.x + bend * seen * _wave(chance, problem.n, knots=False)
+                yield _path(line.t * (length / T), _inside(x, problem.x_lower, problem.x_upper),
+                            _inside(inputs, problem.u_lower, problem.u_upper))
+            else:
+                yield self.driven(problem, integrator, inputs, length)
+
+
+# How far states are bent away and inputs drawn away from the line, as parts of their sizes;
+# without a bend the states follow from the inputs.
+_VARIETY = ((0.5, 0.0), (0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (0.0, 0.3), (0.5, 0.3))
+
+
+def _wave(chance: np.random.Generator, columns: int, *, knots: bool) -> Array:
+    """Return smooth random columns over 21 points, 0 at both ends unless by `knots`."""
+    s = np.linspace(0.0, 1.0, _POINTS)
+    if knots:
+        at = np.linspace(0.0, 1.0, 4)
+        return np.column_stack([np.interp(s, at, chance.uniform(-0.5, 0.5, 4))
+                                for _ in range(columns)])
+    modes = np.sin(np.pi * s[:, None] * np.arange(1, 4))
+    return np.asarray(modes @ chance.normal(size=(3, columns)))
 
 
 def _path(t: Array, x: Array, u: Array) -> Path:

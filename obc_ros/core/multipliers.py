@@ -30,6 +30,7 @@ _PERHAPS = 1e-3     # likewise where the transcription has a large multiplier
 _MOST_HATS = 60     # in a contact
 _CONSTANT = 0.1     # weight of dH/dt = 0 beside dH/du = 0
 _RIDGE = 1e-8
+_ROUNDS = 4         # for dH/du of the wrong sign at bounds of inputs
 
 
 @dataclass(frozen=True)
@@ -93,8 +94,12 @@ class Fitter:
             return course
         unknowns = self._unknowns(found, course)
         without, each = self._costates(problem, course, unknowns)
-        A, b = self._equations(problem, course, unknowns, (without, each))
-        values = _least_squares(A, b, unknowns.signs, self.q)[:each.shape[3]]
+        values = np.zeros(each.shape[3])
+        for _ in range(_ROUNDS):
+            A, b, wrong = self._equations(problem, course, unknowns, (without, each), values)
+            values = _least_squares(A, b, unknowns.signs, self.q)[:each.shape[3]]
+            if not wrong:
+                break
         lam = without + each @ values
         density = unknowns.density @ values[self.q:]
         return replace(course, lam=lam[:, 0], lam_end=lam[:, 1], nu=values[:self.q],
@@ -201,22 +206,31 @@ class Fitter:
             values, ((), (n,), (m,), (n, m), (r, m), (r, n)), strict=True))
 
     def _equations(self, problem: Problem, course: Extremal, unknowns: _Unknowns,
-                   lam: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Return A, b of A @ unknowns = b: dH/du = 0 where free, H constant."""
+                   lam: tuple[Array, Array], last: Array) -> tuple[Array, Array, bool]:
+        """
+        Return A, b of A @ unknowns = b, and whether rows for wrong signs are among them.
+
+        dH/du = 0 where inputs are free or where it has the wrong sign with the `last` values;
+        H is constant.
+        """
         without, each = lam
         K, q = len(course.x), self.q
         span = problem.u_upper - problem.u_lower
         size = np.where(np.isfinite(span), span, np.maximum(
             np.abs(course.ua).max(axis=0), 1e-6))
-        rows, rights = [], []
+        rows, rights, wrong = [], [], not np.any(last)
         for side, x, u in ((0, course.x, course.ua), (1, course.x_end, course.ub)):
             L, f, L_u, f_u, c_u, _ = self._shaped(self._point(x, u, problem.p_value))
             density = unknowns.density[:, side]
             slope = np.einsum('knm,knu->kmu', f_u, each[:, side])
             slope[:, :, q:] += np.einsum('krm,kru->kmu', c_u, density)
             rest = L_u + np.einsum('knm,kn->km', f_u, without[:, side])
-            inside = ((u > problem.u_lower + 1e-6 * size) & (u < problem.u_upper - 1e-6 * size))
-            weight = inside * size
+            low, high = u <= problem.u_lower + 1e-6 * size, u >= problem.u_upper - 1e-6 * size
+            now = rest + slope @ last
+            off = 1e-9 * np.abs(now).max(axis=0)
+            bad = (low & (now < -off) | high & (now > off)) & bool(np.any(last))
+            wrong |= bool(bad.any())
+            weight = (~(low | high) | bad) * size
             rows.append((slope * weight[:, :, None]).reshape(K * self.m, -1))
             rights.append((-rest * weight).ravel())
             rows.append(_CONSTANT * np.einsum('kn,knu->ku', f, each[:, side]))
@@ -227,7 +241,7 @@ class Fitter:
             # H is constant but not zero: one more unknown.
             constant = np.concatenate([np.zeros(K * self.m), np.full(K, -_CONSTANT)] * 2)
             A = np.hstack([A, constant[:, None]])
-        return A, b
+        return A, b, wrong
 
 
 def _groups(near: NDArray[np.bool_], gap: int) -> list[tuple[int, int]]:

@@ -6,6 +6,7 @@ From a statement to an extremal: coarse starts, arcs, a finer mesh, until a cert
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+import time
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,9 @@ from obc_ros.core.transcription import Limits, Outcome, Scales, Transcription
 Array = NDArray[np.float64]
 
 COARSE = 16
-_STARTS = 4
+_STARTS, _STARTS_MOST = 3, 8
+_ENOUGH, _PATIENCE = 0.05, 2.0   # [s] for starts, once one and while none converged
+_BELIEVED = 1e-2                # relative error of a coarse step
 _ROUNDS = 8
 _MOST_INTERVALS = 800
 
@@ -88,16 +91,33 @@ class Search:
         return outcome
 
     def coarse(self) -> list[Outcome]:
-        """Return what a coarse mesh gives from several starts, the least cost first."""
-        found: list[Outcome] = []
-        for number, (_, start) in enumerate(
-                self.kit.guesser.starts(self.problem, self.kit.integrator)):
-            outcome = self.collocate(uniform(self.problem, COARSE, self.stages), start)
-            if outcome.converged or number == 0:
-                found.append(outcome)
-            if self.monitor.stopped or number + 1 >= _STARTS:
+        """
+        Return what a coarse mesh gives from several starts, the least cost first.
+
+        Costs found with too large an error of the steps are not to be believed; where no start
+        does without, the mesh is made finer and stiffly accurate.
+        """
+        for intervals, stages in ((COARSE, self.stages), (2 * COARSE, 3), (4 * COARSE, 3)):
+            self.stages = stages
+            found = self._from_starts(intervals)
+            good = [o for o in found if o.converged and self.course(o).local < _BELIEVED]
+            if good or self.monitor.stopped:
                 break
-        return sorted(found, key=lambda o: (not o.converged, o.objective))
+        return sorted(good or found, key=lambda o: (not o.converged, o.objective))
+
+    def _from_starts(self, intervals: int) -> list[Outcome]:
+        found: list[Outcome] = []
+        begun, good = time.monotonic(), 0
+        for number, start in enumerate(
+                self.kit.guesser.starts(self.problem, self.kit.integrator)):
+            outcome = self.collocate(uniform(self.problem, intervals, self.stages), start)
+            found.append(outcome)
+            good += outcome.converged
+            spent = time.monotonic() - begun
+            if self.monitor.stopped or number + 1 >= _STARTS_MOST or number + 1 >= _STARTS and (
+                    spent > _ENOUGH and good or spent > _PATIENCE):
+                break
+        return found
 
     def course(self, outcome: Outcome) -> Extremal:
         """Return states and costates under the input of an outcome."""
