@@ -1,0 +1,127 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Contradictions in a statement: each is found and said in words, and no sound one is accused."""
+
+import math
+from pathlib import Path
+
+from obc_ros.core.contradictions import contradiction
+from obc_ros.core.statement import load_file, problem_from_mapping
+import pytest
+
+PROBLEMS = sorted((Path(__file__).parent / 'problems').glob('*.yaml'))
+
+BLOCK = {
+    'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
+    'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 0},
+    'terminal_constraints': ['x - 1', 'v'], 'input_bounds': {'u': [-1, 1]},
+    'final_time': {'free': False, 'value': 2}}
+TIMED = BLOCK | {'final_time': {'free': True, 'lower': 0.1, 'upper': 5}}
+# z is a mode at +1 that u does not reach, w one at -2.
+SPLIT = BLOCK | {
+    'states': ['x', 'z'], 'dynamics': {'x': 'u', 'z': 'z'}, 'initial_state': {'x': 0, 'z': 1}}
+
+
+def said(base=BLOCK, **changes):
+    """Return the sentence about a problem with some keys replaced."""
+    return contradiction(problem_from_mapping(base | changes))
+
+
+@pytest.mark.parametrize('path', PROBLEMS, ids=lambda path: path.stem)
+def test_no_problem_with_an_answer_is_accused(path):
+    for mapping in load_file(path):
+        assert contradiction(problem_from_mapping(mapping)) == ''
+
+
+@pytest.mark.parametrize(('changes', 'sentence'), [
+    ({'initial_state': {'x': 12, 'v': 0}, 'state_bounds': {'x': [None, 10]}},
+     'initial state x = 12 and state bound x <= 10 exclude each other'),
+    ({'state_bounds': {'v': [0.5, None]}},
+     'initial state v = 0 and state bound v >= 0.5 exclude each other'),
+    ({'path_constraints': [{'expr': 'x**2 + v', 'lower': 0.25, 'upper': None}]},
+     'path_constraints[0] is 0 at the initial state and has to be >= 0.25'),
+    ({'path_constraints': [{'expr': '2*u + x', 'lower': None, 'upper': 9},
+                           {'expr': '2*u + x', 'lower': 3, 'upper': None}]},
+     'path_constraints[1] is at most 2 at the initial state and has to be >= 3'),
+    ({'path_constraints': [{'expr': '2*u + x', 'lower': None, 'upper': -3}]},
+     'path_constraints[0] is at least -2 at the initial state and has to be <= -3'),
+])
+def test_the_start(changes, sentence):
+    assert said(**changes) == sentence
+
+
+@pytest.mark.parametrize(('changes', 'sentence'), [
+    ({'terminal_constraints': ['x - 1', 'v - 2'], 'state_bounds': {'v': [None, 1]}},
+     'state bound v <= 1 and terminal constraint v = 2 exclude each other'),
+    ({'terminal_constraints': ['2*v + 3'], 'state_bounds': {'v': [-1, 1]}},
+     'state bound v >= -1 and terminal constraint v = -1.5 exclude each other'),
+    ({'terminal_constraints': ['x + 2*v - 9'], 'state_bounds': {'x': [0, 2], 'v': [0, 3]}},
+     'state bounds x <= 2, v <= 3 and terminal constraint x + 2*v = 9 exclude each other'),
+    ({'terminal_constraints': ['x - 1', 'x - 2']},
+     'terminal constraints x = 1 and x = 2 exclude each other'),
+    ({'terminal_constraints': ['x - 1', 'v', 'x + v - 3']},
+     'terminal constraints x = 1, v = 0 and x + v = 3 exclude each other'),
+    ({'terminal_constraints': ['x - v', 'x + v - 4'], 'state_bounds': {'v': [None, 1]}},
+     'state bounds v <= 1 and terminal constraints x - v = 0, x + v = 4 exclude each other'),
+    ({'path_constraints': [{'expr': 'x**2 + v**2', 'lower': None, 'upper': 0.5}]},
+     'path_constraints[0] is 1 at the state that the terminal constraints demand and has to be '
+     '<= 0.5'),
+])
+def test_the_end(changes, sentence):
+    assert said(**changes) == sentence
+
+
+def test_the_end_repeated_is_no_contradiction():
+    assert said(terminal_constraints=['x - 1', 'v', 'x + v - 1', '2*x - 2']) == ''
+
+
+def test_a_state_that_no_input_enters():
+    e = f'{math.exp(2):.6g}'
+    assert said(SPLIT, terminal_constraints=['z']) == (
+        f'no input enters z: at T = 2 it is {e}, and the terminal constraint z = 0 cannot be met')
+    assert said(SPLIT, terminal_constraints=['x - 1', f'z - {math.exp(2)!r}']) == ''
+    assert said(SPLIT, terminal_constraints=['z**2 - 1']) == (
+        f'no input enters z: at T = 2 it is {e}, and the terminal constraint '
+        'terminal_constraints[0] cannot be met')
+    assert said(SPLIT, terminal_constraints=['x'], state_bounds={'z': [None, 2]}).startswith(
+        'no input enters z: it leaves state bound z <= 2 by t = ')
+
+
+def test_a_state_that_no_input_enters_with_a_free_final_time():
+    free = {'final_time': TIMED['final_time']}
+    assert said(SPLIT, terminal_constraints=['z - 0.5'], **free) == (
+        'no input enters z: z = 0.5 holds at no T from 0.1 to 5')
+    assert said(SPLIT, terminal_constraints=['z - 7'], **free) == ''
+    assert said(SPLIT, terminal_constraints=['x'], state_bounds={'z': [None, 2]}, **free) == ''
+
+
+def test_nonlinear_states_that_no_input_enters():
+    # tan(t) where x' = 1 + x^2.
+    pendulum = BLOCK | {'dynamics': {'x': '1 + x**2', 'v': 'u*x'},
+                        'final_time': {'free': False, 'value': 1}}
+    assert said(pendulum, terminal_constraints=['x - 2']) == (
+        f'no input enters x: at T = 1 it is {math.tan(1):.6g}, and the terminal constraint '
+        'x = 2 cannot be met')
+
+
+def test_a_mode_out_of_reach():
+    # x - y grows as e^t whatever u is; u moves x + y.
+    twins = BLOCK | {'states': ['x', 'y'], 'dynamics': {'x': 'x + u', 'y': 'y + u'},
+                     'initial_state': {'x': 1, 'y': 0}}
+    assert said(twins, terminal_constraints=['x', 'y']) == (
+        'the inputs do not reach the mode at +1 of A: at T = 2 the terminal constraint '
+        f'x = 0 with y = 0 is missed by {math.exp(2)/math.sqrt(2):.6g}')
+    assert said(twins, terminal_constraints=['x']) == ''
+    assert said(twins, terminal_constraints=['x', 'y'],
+                initial_state={'x': 1, 'y': 1}) == ''
+    assert said(twins, terminal_constraints=['x', 'y'], final_time=TIMED['final_time']) == (
+        'the inputs do not reach the mode at +1 of A: x = 0 with y = 0 holds at no T from 0.1 '
+        'to 5')
+
+
+def test_time_as_a_state_is_no_fault():
+    clock = BLOCK | {'states': ['x', 't'], 'dynamics': {'x': 'u', 't': '1'},
+                     'initial_state': {'x': 0, 't': 0}, 'terminal_constraints': ['x - 1']}
+    assert said(clock) == ''
+    assert said(clock, terminal_constraints=['t - 2']) == ''
+    assert said(clock, terminal_constraints=['t - 3']).startswith('no input enters t: at T = 2')
