@@ -23,6 +23,7 @@ from setuptools.command.build_py import build_py
 
 ROOT = Path(__file__).resolve().parent
 SITE_PACKAGES = f'lib/python{sys.version_info.major}.{sys.version_info.minor}/site-packages'
+OPTIMIZATION = '-O1 -DNDEBUG'
 # `ros2 run` starts these; unlike those of colcon they must find their own interpreter.
 ENTRY = '#!/bin/sh\nexec "$(dirname "$0")/../../bin/{name}" "$@"\n'
 
@@ -46,6 +47,8 @@ def build_and_stage(build: Path, stage: Path) -> None:
     """Configure and build below `build`, install into a fresh `stage`."""
     settings = {
         'CMAKE_BUILD_TYPE': 'Release',
+        'CMAKE_C_FLAGS_RELEASE': OPTIMIZATION,
+        'CMAKE_CXX_FLAGS_RELEASE': OPTIMIZATION,
         'CMAKE_INSTALL_MESSAGE': 'NEVER',
         'CMAKE_INSTALL_PREFIX': sys.prefix,
         'CMAKE_PREFIX_PATH': underlay(),
