@@ -1,0 +1,276 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Why a problem has no answer, in the words of who asked, with numbers.
+
+What `contradictions` proves comes first. Then other problems are solved in its place:
+
+elastic      the terminal constraints become the cost sum of psi_j^2: what is left says how much
+             of which constraint is missing; then also with one state bound, path constraint or
+             input bound left out at a time: the one without which nothing is missing is to blame;
+soft         state bounds and path constraints become a cost as well: which one cannot be held,
+             when, and by how much;
+least time   L = 1, T free: whether the time is too short;
+boxed        |u| <= 10, 100, 1000: whether the cost falls without end.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.contradictions import contradiction, number, state_bound, terminal
+from obc_ros.core.problem import FinalTime, Problem
+from obc_ros.core.solution import Solution, Status
+
+Array = NDArray[np.float64]
+Solver = Callable[[Problem], Solution]
+
+# What a certificate may leave of these conditions for a path to count as one.
+_FEASIBLE = {'dynamics': 1e-4, 'start': 1e-5, 'bounds': 1e-4}
+_MISSED = 1e-4      # of a constraint's size: beyond the accuracy of an elastic answer
+_EFFORT = 1e-8      # weight of the inputs in problems that would not determine them otherwise
+_LATER = 50.0       # times T up to which a least time is looked for
+_BOXES = (10.0, 100.0, 1000.0)
+
+
+@dataclass(frozen=True)
+class Reason:
+    """A sentence, and whether it says that nothing satisfies the problem's constraints."""
+
+    infeasible: bool
+    sentence: str
+
+
+def explain(problem: Problem, solve: Solver | None = None) -> Reason | None:
+    """
+    Return why a problem has no answer, or None if no reason was found.
+
+    Parameters
+    ----------
+    problem : Problem
+        The one that was not answered.
+    solve : callable, optional
+        Returns a Solution with its certificate for a problem, whether or not the certificate
+        holds; it keeps the time limit. Without it only contradictions are found.
+
+    """
+    found = contradiction(problem)
+    if found:
+        return Reason(True, found)
+    if solve is None:
+        return None
+    if problem.q == 0 and not _bounded(problem):
+        sentence = _unbounded(problem, solve)
+        return Reason(False, sentence) if sentence else None
+    nearest = solve(_elastic(problem))
+    if not _is_path(nearest):
+        sentence = _not_held(problem, solve)
+        return Reason(True, sentence) if sentence else None
+    missed = _missed(problem, nearest)
+    if not missed:
+        sentence = _unbounded(problem, solve)
+        return Reason(False, sentence) if sentence else None
+    sentence = _too_short(problem, solve) or _to_blame(problem, solve, missed)
+    return Reason(True, sentence or f'{_time(problem)} no path was found that meets the terminal '
+                                    f'constraints: the nearest ends with {missed}')
+
+
+def _bounded(problem: Problem) -> bool:
+    return bool(np.isfinite([problem.x_lower, problem.x_upper]).any() or problem.path.numel())
+
+
+def _is_path(solution: Solution) -> bool:
+    """Return whether an answer, optimal or not, is a path that keeps to the problem."""
+    certificate = solution.certificate
+    return certificate is not None and all(
+        certificate.residuals.get(key, np.inf) <= limit for key, limit in _FEASIBLE.items())
+
+
+def _time(problem: Problem) -> str:
+    final = problem.final_time
+    return f'by T = {number(final.upper if final.free else final.value)}'
+
+
+def _effort(problem: Problem) -> ca.SX:
+    """Return a small cost of inputs away from the middle of their box."""
+    boxed = np.isfinite(problem.u_lower) & np.isfinite(problem.u_upper)
+    half = np.where(boxed, 0.5*(problem.u_upper - problem.u_lower), 1.0)
+    middle = np.where(boxed, problem.u_lower + half, np.clip(
+        0.0, problem.u_lower, problem.u_upper))
+    return _EFFORT * ca.sumsqr((problem.u - middle) / np.where(half > 0, half, 1.0))
+
+
+def _sizes(problem: Problem) -> Array:
+    """Return what counts as one in each terminal constraint."""
+    slope = ca.Function('slope', [problem.x, problem.p],
+                        [ca.densify(ca.jacobian(problem.psi, problem.x)), problem.psi])
+    psi_x, psi = (value.full() for value in slope(problem.x0, problem.p_value))
+    size = np.maximum(np.abs(psi[:, 0]), np.abs(psi_x) @ np.maximum(np.abs(problem.x0), 1e-2))
+    return np.where(np.isfinite(size) & (size > 0), size, 1.0)
+
+
+def _elastic(problem: Problem) -> Problem:
+    """Return the problem of coming as near as possible to the terminal constraints."""
+    return replace(problem, L=_effort(problem), psi=ca.SX(0, 1), structure='',
+                   V=ca.sumsqr(problem.psi / _sizes(problem)))
+
+
+def _soft(problem: Problem) -> Problem:
+    """Return the problem of breaking state bounds and path constraints as little as possible."""
+    cost = _effort(problem)
+    rows = [*zip(ca.vertsplit(problem.x), problem.x_lower, problem.x_upper, strict=True)]
+    if problem.path.numel():
+        rows += zip(ca.vertsplit(problem.path), problem.path_lower, problem.path_upper,
+                    strict=True)
+    for value, lower, upper in rows:
+        size = max((abs(bound) for bound in (lower, upper) if np.isfinite(bound)), default=1.0)
+        for excess in ((lower - value) if np.isfinite(lower) else None,
+                       (value - upper) if np.isfinite(upper) else None):
+            if excess is not None:
+                cost += ca.fmax(excess / (size or 1.0), 0)**2
+    unlimited = np.full(problem.n, np.inf)
+    return replace(problem, L=cost, V=ca.SX(0), psi=ca.SX(0, 1), path=ca.SX(0, 1), structure='',
+                   path_lower=np.zeros(0), path_upper=np.zeros(0), x_lower=-unlimited,
+                   x_upper=unlimited)
+
+
+def _missed(problem: Problem, nearest: Solution) -> str:
+    """Say by how much each terminal constraint is missed at the end of a path; '' if by none."""
+    psi = ca.Function('psi', [problem.x, problem.p], [problem.psi])
+    values = psi(nearest.x[-1], problem.p_value).full()[:, 0]
+    far = np.flatnonzero(np.abs(values) > _MISSED * _sizes(problem))
+    parts = []
+    for row in map(int, far):
+        wanted = terminal(problem, row)
+        name, _, value = wanted.partition(' = ')
+        if name in problem.states:
+            there = nearest.x[-1, problem.states.index(name)]
+            parts.append(f'{name} = {number(float(there))} instead of {value}')
+        else:
+            parts.append(f'{wanted} missed by {number(abs(float(values[row])))}')
+    return ', '.join(parts)
+
+
+def _too_short(problem: Problem, solve: Solver) -> str:
+    """Return a sentence if the terminal constraints can be met, but only later."""
+    final = problem.final_time
+    last = final.upper if final.free else final.value
+    guess = FinalTime(free=True, lower=1e-3 * last, upper=_LATER * last, guess=2 * last)
+    answer = solve(replace(problem, L=ca.SX(1), V=ca.SX(0), final_time=guess, structure=''))
+    if answer.status is Status.INFEASIBLE:
+        return answer.message
+    if not _is_path(answer) or _missed(problem, answer):
+        return ''
+    least = float(answer.t[-1])
+    if least <= last * (1 + 1e-6):
+        return ''
+    surely = answer.certificate is not None and answer.certificate.holds
+    return (f'the terminal constraints cannot be met by T = {number(last)}: the least time is '
+            f'{"" if surely else "about "}{number(least) if surely else f"{least:.3g}"}')
+
+
+def _to_blame(problem: Problem, solve: Solver, missed: str) -> str:
+    """Return which bound keeps the terminal constraints from being met, '' if none alone does."""
+    for name, freed, seen in _without(problem):
+        answer = solve(_elastic(freed))
+        if _is_path(answer) and not _missed(freed, answer):
+            return (f'{name} and the terminal constraints exclude each other {_time(problem)}: '
+                    f'with it the path ends at best with {missed}; without it {seen(answer)}')
+    return ''
+
+
+Seen = Callable[[Solution], str]
+
+
+def _without(problem: Problem) -> Iterator[tuple[str, Problem, Seen]]:
+    """Yield the bounds by name, the problem without each, and what a path then does."""
+    for index in range(problem.n):
+        for upper in (True, False):
+            bounds = problem.x_upper if upper else problem.x_lower
+            if np.isfinite(bounds[index]):
+                key = 'x_upper' if upper else 'x_lower'
+                yield (f'state bound {state_bound(problem, index, upper)}',
+                       _changed(problem, key, index),
+                       _extreme(problem.states[index], index, upper, 'x'))
+    for row in range(problem.path.numel()):
+        yield (f'path_constraints[{row}]',
+               _changed(_changed(problem, 'path_lower', row), 'path_upper', row),
+               lambda _: 'they can be met')
+    for index in range(problem.m):
+        for upper in (True, False):
+            bound = (problem.u_upper if upper else problem.u_lower)[index]
+            if np.isfinite(bound):
+                name = problem.inputs[index]
+                yield (f'input bound {name} {"<=" if upper else ">="} {number(bound)}',
+                       _changed(problem, 'u_upper' if upper else 'u_lower', index),
+                       _extreme(name, index, upper, 'u'))
+
+
+def _changed(problem: Problem, key: str, index: int) -> Problem:
+    """Return a problem without one bound."""
+    values = getattr(problem, key).copy()
+    values[index] = np.inf if key.endswith('upper') else -np.inf
+    changed: dict[str, Array] = {key: values}
+    # Where a path constraint has no bound left its row remains and says nothing.
+    return replace(problem, structure='', **changed)  # type: ignore[arg-type]  # one of the bounds
+
+
+def _extreme(name: str, index: int, upper: bool, kind: str) -> Seen:
+    def seen(answer: Solution) -> str:
+        values = (answer.x if kind == 'x' else answer.u)[:, index]
+        k = int(np.argmax(values) if upper else np.argmin(values))
+        return f'{name} goes to {values[k]:.4g} at t = {answer.t[k]:.4g}'
+    return seen
+
+
+def _not_held(problem: Problem, solve: Solver) -> str:
+    """Return which state bound or path constraint cannot be held, when and by how much."""
+    answer = solve(_soft(problem))
+    if not _is_path(answer):
+        return ''
+    path = ca.Function('path', [problem.x, problem.u, problem.p], [problem.path])
+    values = [path(x, u, problem.p_value).full()[:, 0]
+              for x, u in zip(answer.x, answer.u, strict=True)]
+    rows = np.hstack([answer.x, np.array(values).reshape(len(answer.t), -1)])
+    lower = np.concatenate([problem.x_lower, problem.path_lower])
+    upper = np.concatenate([problem.x_upper, problem.path_upper])
+    size = 1e-2 + np.abs(rows).max(axis=0)
+    excess = np.maximum(rows - upper, lower - rows) / size
+    k, row = np.unravel_index(int(np.argmax(excess)), excess.shape)
+    if excess[k, row] <= _MISSED:
+        return ''
+    over = rows[k, row] > upper[row]
+    if row < problem.n:
+        name = f'state bound {state_bound(problem, int(row), bool(over))}'
+    else:
+        bound = upper[row] if over else lower[row]
+        name = f'path_constraints[{row - problem.n}] {"<=" if over else ">="} {number(bound)}'
+    first = int(np.argmax(excess[:, row] > _MISSED))
+    return (f'{name} cannot be held: the path that comes nearest to it leaves it at '
+            f't = {answer.t[first]:.3g} and has {rows[k, row]:.4g} at t = {answer.t[k]:.4g}')
+
+
+def _unbounded(problem: Problem, solve: Solver) -> str:
+    """Return a sentence if the cost falls without end as the inputs are given more room."""
+    free = ~(np.isfinite(problem.u_lower) & np.isfinite(problem.u_upper))
+    if not free.any():
+        return ''
+    size = np.maximum(1.0, np.abs(np.where(np.isfinite(problem.u_lower), problem.u_lower, 0.0)))
+    costs = []
+    for room in _BOXES:
+        answer = solve(replace(
+            problem, structure='', u_lower=np.maximum(problem.u_lower, -room*size),
+            u_upper=np.minimum(problem.u_upper, room*size)))
+        if not _is_path(answer) or (problem.q and _missed(problem, answer)):
+            return ''
+        costs.append(float(answer.objective))
+    first, second = costs[0] - costs[1], costs[1] - costs[2]
+    if costs[2] < 0 and first > 0 and second > 3*first:
+        names = ', '.join(f'|{name}|' for name, yes in zip(
+            problem.inputs, free, strict=True) if yes)
+        return ('the cost has no lower bound: '
+                + ', '.join(f'{cost:.4g} with {names} <= {room:g}'
+                            for cost, room in zip(costs, _BOXES, strict=True)))
+    return ''

@@ -1,0 +1,131 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Why not: problems without an answer, the reason known beforehand, in words and numbers."""
+
+import math
+import re
+
+from obc_ros.core.explain import explain
+from obc_ros.core.solution import Solution, Status
+from obc_ros.core.solve import solve
+from obc_ros.core.statement import problem_from_mapping
+import pytest
+
+BLOCK = {
+    'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
+    'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 0},
+    'terminal_constraints': ['x - 1', 'v'], 'input_bounds': {'u': [-1, 1]},
+    'final_time': {'free': False, 'value': 1.5}}
+LAG = {
+    'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': '-x + u'}, 'running_cost': 'u**2',
+    'initial_state': {'x': 0}, 'terminal_constraints': ['x - 2'], 'input_bounds': {'u': [-1, 1]},
+    'final_time': {'free': False, 'value': 5}}
+
+
+def quickly(problem):
+    """Answer a problem within the time that an explanation may take for one question."""
+    return solve(problem, time_limit=3.0)
+
+
+def reason(mapping, **changes):
+    """Return why a problem has no answer."""
+    found = explain(problem_from_mapping(mapping | changes), quickly)
+    assert found is not None
+    return found
+
+
+def numbers(text):
+    """Return the numbers in a sentence."""
+    return [float(part) for part in re.findall(r'-?\d+\.?\d*(?:e[+-]?\d+)?', text)]
+
+
+def test_a_contradiction_needs_no_solver():
+    problem = problem_from_mapping(BLOCK | {'terminal_constraints': ['v - 2'],
+                                            'state_bounds': {'v': [None, 1]}})
+    found = explain(problem)
+    assert found is not None
+    assert found.infeasible
+    assert found.sentence == 'state bound v <= 1 and terminal constraint v = 2 exclude each other'
+    assert explain(problem_from_mapping(BLOCK)) is None
+
+
+@pytest.mark.parametrize('changes', [
+    {}, {'running_cost': '1', 'final_time': {'free': True, 'lower': 0.1, 'upper': 1.5}}])
+def test_too_short_a_time(changes):
+    found = reason(BLOCK, **changes)
+    assert found.infeasible
+    assert found.sentence == (
+        'the terminal constraints cannot be met by T = 1.5: the least time is 2')
+
+
+def test_too_short_a_time_for_a_nonlinear_system():
+    # A unit of speed takes 5 to go from (0, 0) to (3, 4).
+    found = reason({
+        'states': ['x', 'y'], 'inputs': ['heading'],
+        'dynamics': {'x': 'cos(heading)', 'y': 'sin(heading)'}, 'running_cost': 'heading**2',
+        'initial_state': {'x': 0, 'y': 0}, 'terminal_constraints': ['x - 3', 'y - 4'],
+        'final_time': {'free': False, 'value': 4}})
+    assert found.infeasible
+    assert 'cannot be met by T = 4: the least time is' in found.sentence
+    assert numbers(found.sentence)[-1] == pytest.approx(5, rel=1e-3)
+
+
+def test_inputs_too_weak_at_any_time():
+    # x' = -x + u stays below 1 for u <= 1 and reaches 1 - exp(-5) by T = 5.
+    sentence = reason(LAG).sentence
+    assert 'x' in sentence
+    assert any(value == pytest.approx(limit, rel=1e-3) for value in numbers(sentence)
+               for limit in (1.0, 1 - math.exp(-5)))
+
+
+def test_a_bound_that_cannot_be_held():
+    # From x = 1 with v = -3 and |u| <= 1: x = 1 - 3 t + t^2/2 crosses 0 at 3 - sqrt(7).
+    found = reason(BLOCK, initial_state={'x': 1, 'v': -3}, terminal_constraints=[],
+                   state_bounds={'x': [0, None]}, final_time={'free': False, 'value': 2})
+    assert found.infeasible
+    assert found.sentence.startswith('state bound x >= 0 cannot be held')
+    bound, left, depth, at = numbers(found.sentence)
+    assert (bound, depth, at) == (0, pytest.approx(-3, abs=0.05), pytest.approx(2, abs=0.01))
+    assert left == pytest.approx(3 - math.sqrt(7), abs=0.1)
+
+
+def test_a_constraint_that_holds_nowhere():
+    found = reason(LAG, terminal_constraints=['x**2 + 1'], input_bounds={})
+    assert found.infeasible
+    assert found.sentence == ('by T = 5 no path was found that meets the terminal constraints: '
+                              'the nearest ends with terminal_constraints[0] missed by 1')
+
+
+def test_a_wall_between_start_and_goal():
+    wall = {
+        'states': ['x', 'y'], 'inputs': ['a', 'b'], 'dynamics': {'x': 'a', 'y': 'b'},
+        'running_cost': 'a**2 + b**2', 'initial_state': {'x': -2, 'y': 0},
+        'terminal_constraints': ['x - 2', 'y'],
+        'path_constraints': [{'expr': 'x', 'lower': None, 'upper': 3},
+                             {'expr': 'x', 'lower': None, 'upper': -1}],
+        'final_time': {'free': False, 'value': 4}}
+    found = reason(wall)
+    assert found.infeasible
+    assert 'path_constraints[1]' in found.sentence
+    assert '-1' in found.sentence
+
+
+def test_a_cost_without_lower_bound():
+    found = reason(LAG, running_cost='x', terminal_constraints=[], input_bounds={})
+    assert not found.infeasible
+    # The integral of x over [0, 5] under u = -r is -r (4 + exp(-5)).
+    assert found.sentence.startswith('the cost has no lower bound: ')
+    assert numbers(found.sentence)[::2] == pytest.approx(
+        [-r*(4 + math.exp(-5)) for r in (10, 100, 1000)], rel=1e-3)
+
+
+def test_a_problem_with_an_answer_is_not_explained_away():
+    feasible = problem_from_mapping(BLOCK | {'final_time': {'free': False, 'value': 3}})
+    assert explain(feasible, quickly) is None
+    assert explain(problem_from_mapping(LAG | {'terminal_constraints': []}), quickly) is None
+
+
+def test_a_solver_that_fails_gives_no_reason():
+    def failing(_):
+        return Solution(Status.TIMED_OUT, 'no time')
+    assert explain(problem_from_mapping(BLOCK), failing) is None
