@@ -51,7 +51,7 @@ def read_yaml(path: str | Path) -> Any:
     if len(text) > MAX_BYTES:
         raise StatementError(f'{path}: longer than {MAX_BYTES} bytes')
     try:
-        return yaml.load(text, Loader=_Loader)
+        return _Loader(text).get_single_data()
     except RecursionError:
         raise StatementError(f'{path}: nested too deeply') from None
     # ValueError: a scalar that looks like a date or a number but is none.
