@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.design import Design
+from obc_ros.core.margins import Figures, figures
 
 Array = NDArray[np.float64]
 
@@ -77,7 +78,7 @@ def fields(design: Design, made: Change, error: Sequence[float] | None) -> dict[
     plant, found = design.plant, design.lqr
     n = plant.system.n
     P = found.P[:n, :n]
-    size = np.abs(found.E)
+    seen = figures(found.A, found.B, found.K, found.period, n)
     return {
         'system': plant.system.name,
         'state_names': list(plant.system.state_names),
@@ -85,19 +86,23 @@ def fields(design: Design, made: Change, error: Sequence[float] | None) -> dict[
         'xe': plant.equilibrium.x, 'ue': plant.equilibrium.u,
         'a': plant.A, 'b': plant.B, 'qx': design.weights.Qx, 'qu': design.weights.Qu,
         'k': design.K, 'p': P,
-        'poles_real': found.E.real, 'poles_imag': found.E.imag,
-        'damping': -found.E.real / np.where(size > 0.0, size, 1.0),
-        'residual': float(found.residual), 'design': 'continuous',
+        'poles_real': seen.poles.real, 'poles_imag': seen.poles.imag, 'damping': seen.damping,
+        'residual': float(found.residual), 'design': 'sampled' if found.period else 'continuous',
+        'sample_time': float(found.period),
+        **{name: getattr(seen, name) for name in (
+            'gain_margin', 'gain_reduction_margin', 'phase_margin', 'disk_margin', 'bandwidth',
+            'rise_time', 'overshoot', 'settling_time', 'peak_input')},
+        'sensitivity_peak': float(seen.sensitivity_peak),
         'cost_to_go': 0.0 if error is None else float(np.array(error) @ P @ np.array(error)),
         'max_gain_change': made.largest,
         'input_jump': max(map(abs, made.jump), default=0.0),
-        'sentence': '; '.join(filter(None, (_sentence(design), made.sentence))),
+        'sentence': '; '.join(filter(None, (_sentence(design, seen), made.sentence))),
     }
 
 
-def _sentence(design: Design) -> str:
-    E = design.lqr.E
-    slowest = E[E.real.argmax()]
-    damping = float((-E.real / np.abs(E)).min())
-    return (f'{design.plant.system.name}: {len(E)} poles left of {slowest.real:.4g} 1/s, least '
-            f'damping {damping:.3g}')
+def _sentence(design: Design, seen: Figures) -> str:
+    slowest, phase = seen.poles.real.max(), float(np.degrees(seen.phase_margin.min()))
+    words = (f'{design.plant.system.name}: {len(seen.poles)} poles left of {slowest:.4g} 1/s, '
+             f'least damping {seen.damping.min():.3g}, least disk margin '
+             f'{seen.disk_margin.min():.3g}')
+    return f'{words}, least phase margin {phase:.3g} deg' if np.isfinite(phase) else words

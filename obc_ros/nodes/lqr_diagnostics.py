@@ -14,6 +14,7 @@ from obc_ros.core.loop import Loop
 
 DROPPED = {'size': 'of wrong size', 'finite': 'not finite', 'frame': 'in another frame',
            'late': 'out of order', 'command': 'without a finite command'}
+COUNTED = ('answered', 'skipped', 'repeated', 'restarted', 'stale', 'deadline')
 
 
 @dataclass
@@ -23,6 +24,7 @@ class Monitor:
     latencies: deque[float] = field(default_factory=lambda: deque(maxlen=5_000))
     refusals: int = 0
     last_refusal: str = ''
+    design: str = ''
     faults: dict[str, str] = field(default_factory=dict)
     _before: Counter[str] = field(default_factory=Counter)
     _looked: float = field(default_factory=monotonic)
@@ -31,7 +33,13 @@ class Monitor:
         """Take note of a change that was refused."""
         self.refusals, self.last_refusal = self.refusals + 1, sentence
 
-    def statuses(self, name: str, loop: Loop, revision: int, design: str, is_active: bool
+    def found(self, faults: dict[str, str]) -> list[str]:
+        """Take note of what is wrong now; return the sentences that are new."""
+        new = [words for what, words in faults.items() if self.faults.get(what) != words]
+        self.faults = faults
+        return new
+
+    def statuses(self, name: str, loop: Loop, revision: int, is_active: bool
                  ) -> list[DiagnosticStatus]:
         """
         Return the parts states, commands and design.
@@ -42,8 +50,8 @@ class Monitor:
             The node's.
         loop : Loop
             The loop; it may be running meanwhile.
-        revision, design : int and str
-            The design in use and its sentence.
+        revision : int
+            Of the design in use.
         is_active : bool
             Whether the lifecycle lets the loop run.
 
@@ -53,7 +61,7 @@ class Monitor:
         new, self._before = counts - self._before, counts
         return [self._states(name, loop, new, elapsed, now, is_active),
                 self._commands(name, loop, new),
-                _status(f'{name}: design', DiagnosticStatus.OK, design, {
+                _status(f'{name}: design', DiagnosticStatus.OK, self.design, {
                     'revision': revision, 'changes refused': self.refusals,
                     'last refusal': self.last_refusal})]
 
@@ -72,6 +80,8 @@ class Monitor:
         elif dropped:
             level, words = DiagnosticStatus.WARN, 'states dropped: ' + ', '.join(
                 f'{count} {what}' for what, count in dropped.items())
+        elif new['deadline']:
+            level, words = DiagnosticStatus.WARN, f'{new["deadline"]} deadlines missed'
         elif new['answered'] > 1 and new['repeated'] >= new['answered']:
             level, words = DiagnosticStatus.WARN, 'the stamps of the states do not advance'
         if self.faults:
@@ -80,8 +90,7 @@ class Monitor:
         return _status(f'{name}: states', level, words, {
             'rate [Hz]': f'{new["answered"] / elapsed:.1f}',
             'age [s]': '' if age is None else f'{age:.4f}',
-            **{kind: loop.counts[kind] for kind in (
-                'answered', 'skipped', 'repeated', 'restarted', 'stale')},
+            **{kind: loop.counts[kind] for kind in COUNTED},
             **{f'dropped {words}': loop.counts[kind] for kind, words in DROPPED.items()}})
 
     def _commands(self, name: str, loop: Loop, new: Counter[str]) -> DiagnosticStatus:

@@ -13,6 +13,7 @@ States are answered by a thread of their own; everything else belongs to the exe
 reaches that thread as one assignment.
 """
 
+from dataclasses import replace
 from time import monotonic
 from typing import Any
 
@@ -20,19 +21,21 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState
 from obc_ros.core.design_report import Change, change
-from obc_ros.core.errors import StatementError
+from obc_ros.core.errors import ObcError, StatementError
 from obc_ros.core.loop import Loop
 from obc_ros.msg import LqrDesign
-from obc_ros.nodes import lqr_topics
+from obc_ros.nodes import graph, lqr_topics
 from obc_ros.nodes.conversions import nanoseconds
 from obc_ros.nodes.design_message import design_message
 from obc_ros.nodes.lqr_diagnostics import Monitor
-from obc_ros.nodes.lqr_settings import Candidate, judge, Settings
+from obc_ros.nodes.lqr_settings import Candidate, judge, Settings, tried
 from obc_ros.nodes.main import run
 from obc_ros.nodes.own_thread import Apart, OwnThread
 from obc_ros.nodes.parameters import Parameters
+from obc_ros.srv import TryDesign
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.event_handler import EventHandler, SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
@@ -43,6 +46,7 @@ RELIABLE = QoSProfile(depth=1000)  # kept for readers that fall behind, such as 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 OVERRIDES = (QoSPolicyKind.DEADLINE, QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY,
              QoSPolicyKind.HISTORY, QoSPolicyKind.RELIABILITY)
+INFINITE = 2**63 - 1  # [ns] as a QoS duration
 LONGEST_WAIT = 0.5  # [s] until the thread of the states looks around
 
 
@@ -73,20 +77,33 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         self._frame = settings.frame_id
         self._states = self.create_subscription(
             lqr_topics.SOURCES[settings.state_source], settings.state_source,
-            lambda message: None, LATEST, callback_group=Apart(), qos_overriding_options=overrides)
+            lambda message: None, QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT),
+            callback_group=Apart(), qos_overriding_options=overrides)
         self._commands = self.create_lifecycle_publisher(
-            lqr_topics.SINKS[settings.command_sink], settings.command_sink, RELIABLE,
+            lqr_topics.SINKS[settings.command_sink], settings.command_sink, QoSProfile(depth=1),
             qos_overriding_options=overrides)
         self._designs = self.create_publisher(LqrDesign, '~/design', LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self._thread = OwnThread(self, self._states, self._answer, self._watch)
+        self._thread = OwnThread(
+            self, self._states, self._answer, self._watch, self._deadline_events())
         self._news = self.create_guard_condition(self._tell_news)
         self._designed = self.create_guard_condition(self._publish_design)
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
+    def _deadline_events(self) -> list[EventHandler]:
+        """Return what tells that states come later than a QoS override asks."""
+        deadline = self._states.qos_profile.deadline.nanoseconds
+        if not 0 < deadline < INFINITE:
+            return []
+        return SubscriptionEventCallbacks(
+            deadline=self._on_deadline, incompatible_qos=lambda _: None,  # `graph` names it
+            use_default_callbacks=False).create_event_handlers(
+                self._states.callback_group, self._states.handle, self._states.topic_name)
+
     def _create_services(self) -> None:
         self.create_service(Trigger, '~/stop', self._on_stop)
         self.create_service(Trigger, '~/start', self._on_start)
+        self.create_service(TryDesign, '~/try_design', self._on_try_design)
         for service in self.services:
             if service.srv_type is ChangeState:
                 self._change_state, service.callback = service.callback, self._on_change_state
@@ -129,6 +146,10 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
                                  f"'{wanted or self._frame}'", now)
         return False
 
+    def _on_deadline(self, _: Any) -> None:
+        self._loop.drop('deadline', f'a state on {self._states.topic_name} missed its deadline of '
+                        f'{self._states.qos_profile.deadline.nanoseconds * 1e-9:g} s', monotonic())
+
     # Changes
 
     def _judge(self, settings: Settings) -> Candidate:
@@ -150,7 +171,21 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         message = design_message(self._adopted.design, self._change, self._loop.error)
         message.header.stamp, message.revision = self._time(), self._revision
         self._designs.publish(message)
-        self.get_logger().info(f'revision {self._revision}: {message.sentence}')
+        self._monitor.design = f'revision {self._revision}: {message.sentence}'
+        self.get_logger().info(self._monitor.design)
+
+    def _on_try_design(self, request: TryDesign.Request, response: TryDesign.Response
+                       ) -> TryDesign.Response:
+        try:
+            candidate = self._judge(replace(self._table.settings, **tried(request.weights)))
+        except ObcError as error:
+            response.message = str(error)
+            return response
+        made = change(self._adopted.design, candidate.design,
+                      self._loop.preview(candidate.control))
+        response.design = design_message(candidate.design, made, self._loop.error)
+        response.success, response.message = True, response.design.sentence
+        return response
 
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._loop.stop('by ~/stop')
@@ -220,10 +255,13 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
 
     def _diagnose(self) -> None:
         self._tell_news()
+        for sentence in self._monitor.found(graph.faults(
+                self, single=[self._states], others=[], publishers=[self._commands])):
+            self.get_logger().warning(sentence)
         array = DiagnosticArray()
         array.header.stamp = self._time()
         array.status = self._monitor.statuses(
-            self.get_fully_qualified_name()[1:], self._loop, self._revision, '', self._is_active)
+            self.get_fully_qualified_name()[1:], self._loop, self._revision, self._is_active)
         self._diagnostics.publish(array)
 
 

@@ -12,6 +12,7 @@ from obc_ros.core.design import Design, design, Plant, plant
 from obc_ros.core.errors import StatementError
 from obc_ros.core.regulator import Limits, rows, Vector, vector
 from obc_ros.core.weights import KINDS
+from obc_ros.msg import LqrWeights
 from obc_ros.nodes.conversions import chosen_system, system_parameters
 from obc_ros.nodes.parameters import group, parameter, Value
 
@@ -121,6 +122,17 @@ def judge(settings: Settings, legs: tuple[Leg, ...] = ()) -> Candidate:
 def weights_of(settings: Settings) -> dict[str, Any]:
     """Return the arguments of `weights.choose`."""
     return {name: getattr(settings, name) for name in _WEIGHTS}
+
+
+def tried(weights: LqrWeights) -> dict[str, Any]:
+    """Return the settings that a message asks for; its empty fields leave them as they are."""
+    given: dict[str, Any] = {
+        'weights': weights.weights, 'rho': weights.rho, 'stability': weights.stability,
+        **{name: tuple(getattr(weights, name.lower())) for name in (
+            'Qx', 'Qu', 'cross', 'x_max', 'H')}}
+    if weights.weights == 'bryson':  # elsewhere the setting u_max is a limit
+        given['u_max'] = tuple(weights.u_max)
+    return {name: value for name, value in given.items() if value not in ('', 0.0, ())}
 
 
 _PLANT = ('system', 'system_parameters', 'setpoint', 'setpoint_input')

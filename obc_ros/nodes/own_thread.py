@@ -8,12 +8,13 @@ node that takes longer than the control law. Here one wait set holds one subscri
 neither a service nor a timer keeps a state waiting.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 import sys
 import threading
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
+from rclpy.event_handler import EventHandler
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
@@ -24,7 +25,7 @@ SWITCH_INTERVAL = 2e-4
 
 
 class Apart(CallbackGroup):  # type: ignore[misc] # rclpy's classes are untyped
-    """The group of what the executor leaves alone: a subscription and its QoS events."""
+    """The group of what the executor leaves alone."""
 
     def can_execute(self, entity: Any) -> bool:
         """Return that the executor must not wait for an entity."""
@@ -45,18 +46,23 @@ class OwnThread:
     Parameters
     ----------
     node : rclpy.node.Node
+        Whose subscription it is.
     subscription : rclpy.subscription.Subscription
+        What is waited for.
     on_message : callable
         Called in the thread with each message.
     on_time : callable
         Called in the thread after each wait; returns how long [s] to wait at most.
+    events : iterable of EventHandler
+        QoS events of the subscription. Waited for by an executor they would wake it at each
+        message.
 
     """
 
-    def __init__(self, node: Node, subscription: Subscription,
-                 on_message: Callable[[Any], None], on_time: Callable[[], float]) -> None:
+    def __init__(self, node: Node, subscription: Subscription, on_message: Callable[[Any], None],
+                 on_time: Callable[[], float], events: Iterable[EventHandler] = ()) -> None:
         sys.setswitchinterval(SWITCH_INTERVAL)
-        self._node, self._subscription = node, subscription
+        self._node, self._subscription, self._events = node, subscription, tuple(events)
         self._on_message, self._on_time = on_message, on_time
         self._wake = GuardCondition(None, None, context=node.context)
         self._died = node.create_guard_condition(self._end)
@@ -93,9 +99,7 @@ class OwnThread:
 
     def _take(self) -> None:
         handle, message_type = self._subscription.handle, self._subscription.msg_type
-        # An event waited for elsewhere would wake that thread at each message.
-        events = self._subscription.event_handlers
-        context = self._node.context.handle
+        events, context = self._events, self._node.context.handle
         with handle, self._wake.handle, context:
             wait_set = _rclpy.WaitSet(1, 1, 0, 0, 0, len(events), context)
             while self._running:
