@@ -117,8 +117,8 @@ class Integrator:
         """
         K, n = intervals.x.shape
         z = np.empty((K, PARTS + 1, 2*n + 1))
-        rows, steps = np.arange(K), FEWEST_STEPS
-        while rows.size and steps <= MOST_STEPS:
+        rows, steps, before = np.arange(K), FEWEST_STEPS, 0
+        while rows.size and steps > before:
             with np.errstate(all='ignore'):
                 z[rows], error = self._course(intervals.some(rows), p, steps)
             cost = max(float(np.abs(z[:, -1, -1]).sum()), 1e-300)
@@ -129,7 +129,8 @@ class Integrator:
             worst = float(error.max(initial=0.0)) if np.all(np.isfinite(error)) else np.inf
             # The estimate goes down with the fourth power of the number of steps.
             wanted = 1.3 * steps * min((worst / tolerance)**0.25, 50.0)
-            steps = PARTS * max(-(-2*steps // PARTS), math.ceil(wanted / PARTS))
+            more = PARTS * max(-(-2*steps // PARTS), math.ceil(wanted / PARTS))
+            before, steps = steps, min(more, MOST_STEPS)
         parts = np.linspace(0.0, 1.0, PARTS + 1)[None, :, None]
         u = (1 - parts)*intervals.ua[:, None] + parts*intervals.ub[:, None]
         return Replay(x=z[:, :, :n], lam=z[:, :, n:2*n], u=u, cost=z[:, -1, -1],
