@@ -357,12 +357,18 @@ def test_a_plant_follows_a_clock_that_it_hears(spawn, probe):
 def test_two_controllers_are_noticed(spawn, probe):
     plant = spawn('plant_simulator', SLOW)
     diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
-    for _ in range(2):
-        probe.publisher(Command, 'command')
-    probe.wait_for(lambda: diagnostics and diagnostics[-1].status[0].level == b'\1')
+    states = probe.listen(State, 'state')
+    one = Loop(probe, hover)
+    probe.publisher(Command, 'command')  # as of a controller that was killed
+    probe.wait_for(lambda: len(diagnostics) > 1)
+    assert diagnostics[-1].status[0].level == b'\0'
+    count = len(states)
+    Loop(probe, hover)
+    probe.wait_for(lambda: diagnostics[-1].status[0].level == b'\1')
     assert diagnostics[-1].status[0].message == (
-        '2 nodes publish commands; the latest one is followed')
-    assert '2 nodes publish commands' in plant.output()
+        '3 nodes publish commands; the latest one is followed')
+    assert plant.output().count('3 nodes publish commands') == 1
+    assert len(one.states) > count
 
 
 def test_a_diverging_plant_stops_says_so_and_can_be_reset(spawn, probe):

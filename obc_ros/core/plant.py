@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 HELD_UP = 0.25  # [s] so late, the plant was held up: time is not caught up
 MOST_STEPS = 100_000
+ANSWERED = 'stale: the last state is answered already'
+OLDER = 'stale: older than the command before'
 RESEND = 0.25   # [s] after which an unanswered state is published again
 
 
@@ -96,8 +98,9 @@ class Plant:
     published, skipped, resent, unanswered : int
         States published, left out because their time was over, published again, and replaced by
         the next before a command for them had come, from the first command on.
-    accepted, rests, held_up : int
-        Commands taken; times that they stayed away too long; times that the plant was held up.
+    accepted, repeated, rests, held_up : int
+        Commands taken, and those of them that answer a state once more; times that commands
+        stayed away too long; times that the plant was held up.
     dropped : Counter
         Commands that were not taken, by reason.
 
@@ -108,7 +111,7 @@ class Plant:
         self.pacing = pacing
         self.paused = False
         self.published = self.skipped = self.resent = self.unanswered = 0
-        self.accepted = self.rests = self.held_up = 0
+        self.accepted = self.repeated = self.rests = self.held_up = 0
         self.dropped: Counter[str] = Counter()
         self.answered = False
         self._anchored = now, 0
@@ -183,6 +186,11 @@ class Plant:
             return max(0.0, self._sent + RESEND - now)
         return max(0.0, self._due_time() - now)
 
+    @property
+    def contested(self) -> int:
+        """Return how many commands answer a state that another has answered, or an older one."""
+        return self.repeated + self.dropped[ANSWERED] + self.dropped[OLDER]
+
     def command(self, stamp: int, u: Sequence[float] | Array, now: float) -> str:
         """
         Let a command arrive; return why it is dropped, empty if it is taken.
@@ -208,6 +216,7 @@ class Plant:
             self.dropped['malformed'] += 1
             return f'malformed: {error}'
         self.accepted += 1
+        self.repeated += 0 < stamp == self._last_stamp
         self.answered = self.answered or stamp >= self.stamp or stamp == 0
         self._last_stamp = min(stamp, self.stamp)
         self._last_command, self._resting = self.simulator.time, False
@@ -217,14 +226,14 @@ class Plant:
         if self.pacing.lockstep:
             if stamp != self.stamp:
                 return 'stale: does not answer the last state'
-            return 'stale: the last state is answered already' if self.answered else ''
+            return ANSWERED if self.answered else ''
         if self.pacing.simulated_stamps:
             if stamp > self.stamp:
                 return 'stale: stamped later than the last state'
         elif stamp == 0:  # typed by hand
             return ''
         if stamp < self._last_stamp:
-            return 'stale: older than the command before'
+            return OLDER
         timeout = self.pacing.command_timeout
         if timeout and self.stamp - stamp > timeout * 1e9:
             return 'stale: older than command_timeout'

@@ -41,6 +41,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool, Trigger
 
+BACKLOG = 1000  # messages kept for readers that fall behind, such as a recorder
 CLOCK_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LONGEST_WAIT = 0.5  # [s] until the thread looks around
 
@@ -161,7 +162,7 @@ class PlantSimulator(Node):
         self._message.header.frame_id = conversions.ODOM
         self._odometry = self._map.message(candidate.conditions.noise)
         self._said: set[str] = set()
-        self._looked = time.monotonic(), 0.0
+        self._looked, self._contested = (time.monotonic(), 0.0), 0
         self._lock = Lock()
         self._offer(settings)
         self._say_what_holds()
@@ -171,9 +172,10 @@ class PlantSimulator(Node):
 
     def _offer(self, settings: Settings) -> None:
         """Create what others see of this node."""
-        self._states = self.create_publisher(State, 'state', 10)
-        self._odom = self.create_publisher(Odometry, 'odom', 10) if self._map.complete else None
-        self._clock_out = None
+        self._states = self.create_publisher(State, 'state', BACKLOG)
+        self._odom = self._clock_out = None
+        if self._map.complete:
+            self._odom = self.create_publisher(Odometry, 'odom', BACKLOG)
         if settings.publish_clock or settings.speed == 0.0:
             self._clock_out = self.create_publisher(ClockMessage, '/clock', CLOCK_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
@@ -329,8 +331,9 @@ class PlantSimulator(Node):
         plant = self._plant
         if plant.fault:
             return DiagnosticStatus.ERROR, plant.fault
-        publishers = self.count_publishers('command')
-        if publishers > 1:
+        contested, self._contested = self._contested, plant.contested
+        publishers = self.count_publishers('command')  # the killed ones too, for a while
+        if publishers > 1 and plant.contested > contested:
             sentence = f'{publishers} nodes publish commands; the latest one is followed'
             self._say_once('publishers', sentence)
             return DiagnosticStatus.WARN, sentence
