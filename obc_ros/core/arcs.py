@@ -184,6 +184,13 @@ def arc_mesh(problem: Problem, arcs: Sequence[Arc], stages: int, density: float,
     return Mesh(layout, fractions, held), np.array([arc.end - arc.start for arc in arcs])
 
 
+def closed(arcs: Sequence[Arc], T: float) -> list[Arc]:
+    """Return arcs over [0, T] without gaps, equal neighbours as one."""
+    rows = [_tidy([_Span(arc.start, arc.end, arc.levels[i]) for arc in arcs], T)
+            for i in range(len(arcs[0].levels))]
+    return join(rows)
+
+
 def signature(arcs: Sequence[Arc]) -> tuple[tuple[float | None, ...], ...]:
     """Return the levels of all arcs, comparable."""
     return tuple(tuple(None if math.isnan(v) else v for v in arc.levels) for arc in arcs)
@@ -213,7 +220,7 @@ def opened(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem) -> list[A
                 continue
             sign = 1.0 if level == problem.u_lower[i] else -1.0
             slope = sign * Hu[inside, i]
-            bad = slope < -1e-6 * largest
+            bad = slope < -1e-4 * largest
             edges = np.flatnonzero(np.diff(bad)) + 1
             start = arc.start
             other = problem.u_upper[i] if sign > 0 else problem.u_lower[i]

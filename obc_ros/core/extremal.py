@@ -16,11 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from obc_ros.core.batch import Batch
+from obc_ros.core.mesh import Path
 from obc_ros.core.problem import Problem
 from obc_ros.core.runge_kutta import step
 from obc_ros.core.transcription import Outcome
 
 Array = NDArray[np.float64]
+
+_STIFF = 1e-4   # relative error of an interval
+_MANY = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +47,8 @@ class Extremal:
     defect : float
         Largest difference between the states of a single sweep and those of the transcription,
         relative to the size of each state.
-    local : float
-        Likewise for sweeps that start anew at each mesh point.
+    local : ndarray, shape (N,)
+        Likewise for sweeps that start anew at each mesh point, in each interval.
     nu : ndarray, shape (q,)
     density_x, density_path : ndarray, shape (K, 2, n), (K, 2, l), or None
         Densities of the multipliers of the bounds of x and of the path constraints, at the start
@@ -62,10 +66,25 @@ class Extremal:
     lam_end: Array
     cost: float
     defect: float
-    local: float
+    local: Array
     nu: Array
     density_x: Array | None = None
     density_path: Array | None = None
+
+
+def _largest(error: Array) -> Array:
+    """Return the largest entry of each row, infinite if one is not a number."""
+    with np.errstate(invalid='ignore'):
+        return np.nan_to_num(np.abs(error).max(axis=1), nan=np.inf, posinf=np.inf)
+
+
+def _cut(path: Path, parts: int) -> tuple[Array, Array, Array]:
+    """Return times and inputs of a path with each interval in equal parts."""
+    c = np.arange(parts)[:, None] / parts
+    t = np.append((path.t[:-1, None] + np.diff(path.t)[:, None] * c[:, 0]).ravel(), path.t[-1])
+    a, b = path.ua[:, None, :], path.ub[:, None, :]
+    ua, ub = ((a + (b - a) * part).reshape(-1, path.ua.shape[1]) for part in (c, c + 1 / parts))
+    return t, ua, ub
 
 
 class Integrator:
@@ -124,25 +143,34 @@ class Integrator:
     def extremal(self, problem: Problem, outcome: Outcome, parts: int) -> Extremal:
         """Return states and costates under the input of an outcome, in parts of its intervals."""
         path = outcome.path
-        c = np.arange(parts)[:, None] / parts
-        t = np.append((path.t[:-1, None] + np.diff(path.t)[:, None] * c[:, 0]).ravel(),
-                      path.t[-1])
-        a, b = path.ua[:, None, :], path.ub[:, None, :]
-        ua, ub = ((a + (b - a) * part).reshape(-1, problem.m) for part in (c, c + 1 / parts))
+        t, ua, ub = _cut(path, parts)
         x, running = self.forward(problem, t, ua, ub)
         anew, anew_end, J = self._restarted(problem, path.x, t, ua, ub, parts)
         size = np.maximum(np.abs(path.x).max(axis=0), 1e-3 * np.abs(path.x).max() + 1e-12)
-        with np.errstate(invalid='ignore'):
-            defect, local = (float(np.nan_to_num(np.max(np.abs(ends - path.x[1:]) / size),
-                                                 nan=np.inf))
-                             for ends in (x[parts::parts], anew_end[parts - 1::parts]))
-        single = defect < 1e-5
+        defect, local = (_largest((ends - path.x[1:]) / size)
+                         for ends in (x[parts::parts], anew_end[parts - 1::parts]))
+        if local.max() > _STIFF and path.inner.shape[1]:
+            # Explicit steps may say more of themselves than of x: many small ones decide.
+            t, ua, ub = _cut(path, _MANY)
+            _, ends, _ = self._restarted(problem, path.x, t, ua, ub, _MANY)
+            local = _largest((ends[_MANY - 1::_MANY] - path.x[1:]) / size)
+            return self._at_nodes(problem, outcome, float(defect.max()), local)
+        single = bool(defect.max() < 1e-5)
         x, x_end, J = (x[:-1], x[1:], running[-1]) if single else (anew, anew_end, J)
         V, _, last = self._end(x_end[-1:], outcome.nu[None, :], problem.p_value)
         lam, lam_end = self._costates(
             problem, outcome, (t, x, ua, ub), last[0], parts, single)
         return Extremal(parts, t, x, x_end, ua, ub, lam, lam_end, float(J + V[0, 0]),
-                        defect, local, outcome.nu)
+                        float(defect.max()), local, outcome.nu)
+
+    def _at_nodes(self, problem: Problem, outcome: Outcome, defect: float, local: Array
+                  ) -> Extremal:
+        """Return what the collocation found, where explicit steps are too unstable to check it."""
+        path = outcome.path
+        costates, mass = outcome.costates, outcome.masses(1)
+        return Extremal(1, path.t, path.x[:-1], path.x[1:], path.ua, path.ub,
+                        (costates - mass)[:-1], costates[1:], outcome.objective, defect, local,
+                        outcome.nu)
 
     def _restarted(self, problem: Problem, nodes: Array, t: Array, ua: Array, ub: Array,
                    parts: int) -> tuple[Array, Array, float]:

@@ -17,7 +17,8 @@ class Monitor:
     """
     Passes progress on and says when to stop.
 
-    `stopped` is '' while nothing asked to stop, then 'cancelled' or 'timed_out'.
+    `stopped` is '' while nothing asked to stop, then 'cancelled' or 'timed_out'. A solver that
+    passes `most` iterations is ended without that.
     """
 
     def __init__(self, time_limit: float = math.inf, report: Report | None = None) -> None:
@@ -25,7 +26,12 @@ class Monitor:
         self.stopped = ''
         self.phase = 'transcription'
         self.iterations = 0
+        self.most = 1_000_000
         self._report = report
+
+    def limit(self, iterations: int) -> None:
+        """Let the solver that follows end after this many iterations."""
+        self.most = self.iterations + iterations
 
     def remaining(self) -> float:
         """Return the time left [s]."""
@@ -39,7 +45,7 @@ class Monitor:
             self.stopped = 'cancelled'
         elif not self.stopped and time.monotonic() > self.deadline:
             self.stopped = 'timed_out'
-        return bool(self.stopped)
+        return bool(self.stopped) or self.iterations >= self.most
 
 
 class Watch(ca.Callback):

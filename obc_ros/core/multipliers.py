@@ -94,12 +94,13 @@ class Fitter:
             return course
         unknowns = self._unknowns(found, course)
         without, each = self._costates(problem, course, unknowns)
-        values = np.zeros(each.shape[3])
+        values, wanted = np.zeros(0), np.full((2, len(course.x), self.m), np.nan)
         for _ in range(_ROUNDS):
-            A, b, wrong = self._equations(problem, course, unknowns, (without, each), values)
-            values = _least_squares(A, b, unknowns.signs, self.q)[:each.shape[3]]
-            if not wrong:
+            A, b, wrong = self._equations(problem, course, unknowns, (without, each),
+                                          values, wanted)
+            if values.size and not wrong:
                 break
+            values = _least_squares(A, b, unknowns.signs, self.q)[:each.shape[3]]
         lam = without + each @ values
         density = unknowns.density @ values[self.q:]
         return replace(course, lam=lam[:, 0], lam_end=lam[:, 1], nu=values[:self.q],
@@ -206,19 +207,20 @@ class Fitter:
             values, ((), (n,), (m,), (n, m), (r, m), (r, n)), strict=True))
 
     def _equations(self, problem: Problem, course: Extremal, unknowns: _Unknowns,
-                   lam: tuple[Array, Array], last: Array) -> tuple[Array, Array, bool]:
+                   lam: tuple[Array, Array], last: Array, wanted: Array
+                   ) -> tuple[Array, Array, bool]:
         """
-        Return A, b of A @ unknowns = b, and whether rows for wrong signs are among them.
+        Return A, b of A @ unknowns = b, and whether the `last` values have wrong signs.
 
-        dH/du = 0 where inputs are free or where it has the wrong sign with the `last` values;
-        H is constant.
+        dH/du = 0 where inputs are free, and is to be on the right side where it was on the wrong
+        one at a bound: `wanted` (2, K, m) keeps what was asked for there. H is constant.
         """
         without, each = lam
         K, q = len(course.x), self.q
         span = problem.u_upper - problem.u_lower
         size = np.where(np.isfinite(span), span, np.maximum(
             np.abs(course.ua).max(axis=0), 1e-6))
-        rows, rights, wrong = [], [], not np.any(last)
+        rows, rights, wrong = [], [], False
         for side, x, u in ((0, course.x, course.ua), (1, course.x_end, course.ub)):
             L, f, L_u, f_u, c_u, _ = self._shaped(self._point(x, u, problem.p_value))
             density = unknowns.density[:, side]
@@ -226,13 +228,16 @@ class Fitter:
             slope[:, :, q:] += np.einsum('krm,kru->kmu', c_u, density)
             rest = L_u + np.einsum('knm,kn->km', f_u, without[:, side])
             low, high = u <= problem.u_lower + 1e-6 * size, u >= problem.u_upper - 1e-6 * size
-            now = rest + slope @ last
-            off = 1e-9 * np.abs(now).max(axis=0)
-            bad = (low & (now < -off) | high & (now > off)) & bool(np.any(last))
-            wrong |= bool(bad.any())
-            weight = (~(low | high) | bad) * size
+            if last.size:
+                now = rest + slope @ last
+                off = 1e-7 * np.abs(now).max(axis=0)
+                bad = low & ~high & (now < -off) | high & ~low & (now > off)
+                wrong |= bool(bad.any())
+                wanted[side][bad] = -np.clip(now, -1e3 * off, 1e3 * off)[bad]
+            target = np.where(low | high, wanted[side], 0.0)
+            weight = np.isfinite(target) * size
             rows.append((slope * weight[:, :, None]).reshape(K * self.m, -1))
-            rights.append((-rest * weight).ravel())
+            rights.append(((np.nan_to_num(target) - rest) * weight).ravel())
             rows.append(_CONSTANT * np.einsum('kn,knu->ku', f, each[:, side]))
             rights.append(-_CONSTANT * (L + np.einsum('kn,kn->k', f, without[:, side])))
         A, b = np.vstack(rows), np.concatenate(rights)

@@ -84,11 +84,15 @@ def _crossings(problem: Problem, t: Array, targets: list[Array]) -> Array:
     return np.sort(np.array(found))
 
 
-def cuts(judgement: Judgement, wanted: float, rate: float = 5.0) -> Index:
-    """Return into how many parts to cut each interval so that not more than `wanted` is lost."""
-    share = max(wanted, 1e-300) / len(judgement.lost)
-    number = np.ceil((judgement.lost / share) ** (1 / rate))
-    return np.clip(np.nan_to_num(number, nan=1.0), 1, _MOST_CUTS).astype(np.int64)
+def cuts(errors: Array, wanted: float, rate: float = 5.0) -> Index:
+    """
+    Return into how many parts to cut each interval so that errors sum up to `wanted` at most.
+
+    An interval's error falls with the power `rate` of its length.
+    """
+    share = max(wanted, 1e-300) / len(errors)
+    number = np.ceil(np.minimum(errors / share, 1e30) ** (1 / rate))
+    return np.clip(number, 1, _MOST_CUTS).astype(np.int64)
 
 
 def aligned(mesh: Mesh, t: Array, kinks: Array) -> Mesh:

@@ -11,7 +11,8 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from obc_ros.core.arcs import Arc, arc_mesh, find_arcs, opened, signature, switching_inputs
+from obc_ros.core.arcs import (
+    Arc, arc_mesh, closed, find_arcs, opened, signature, switching_inputs)
 from obc_ros.core.certificate import certify
 from obc_ros.core.extremal import Extremal, Integrator
 from obc_ros.core.guesses import final_time, Guesser, scales
@@ -30,6 +31,9 @@ _STARTS, _STARTS_MOST = 3, 8
 _ENOUGH, _PATIENCE = 0.05, 2.0   # [s] for starts, once one and while none converged
 _BELIEVED = 1e-2                # relative error of a coarse step
 _ROUNDS = 8
+_COARSE_ITERATIONS = 150
+_STEP_ERROR = 3e-8     # relative, of all intervals together
+_VANISHING = 1e-3     # of T: an arc that may not be there
 _MOST_INTERVALS = 800
 
 
@@ -66,9 +70,9 @@ class Search:
         _, self.pinned = kit.guesser.final_state(problem)
 
     def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
-                  near: bool = False, sizes: Scales | None = None) -> Outcome:
+                  near: bool = False, sizes: Scales | None = None, most: int = 500) -> Outcome:
         """
-        Solve the transcription on a mesh from a path.
+        Solve the transcription on a mesh from a path, in at most `most` iterations.
 
         `near`: the path is nearly an answer; phases are then kept from vanishing.
         """
@@ -85,8 +89,10 @@ class Search:
             shortest, longest = np.array([final.lower]), np.array([final.upper])
         limits = Limits(shortest, longest, np.zeros(problem.n), self.pinned)
         w = program.start(mesh, start, durations, sizes)
+        self.monitor.limit(most)
         outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor, near=near)
         if near and not outcome.converged and not self.monitor.stopped:
+            self.monitor.limit(most)
             outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor)
         return outcome
 
@@ -100,7 +106,7 @@ class Search:
         for intervals, stages in ((COARSE, self.stages), (2 * COARSE, 3), (4 * COARSE, 3)):
             self.stages = stages
             found = self._from_starts(intervals)
-            good = [o for o in found if o.converged and self.course(o).local < _BELIEVED]
+            good = [o for o in found if o.converged and self.course(o).local.max() < _BELIEVED]
             if good or self.monitor.stopped:
                 break
         return sorted(good or found, key=lambda o: (not o.converged, o.objective))
@@ -110,7 +116,8 @@ class Search:
         begun, good = time.monotonic(), 0
         for number, start in enumerate(
                 self.kit.guesser.starts(self.problem, self.kit.integrator)):
-            outcome = self.collocate(uniform(self.problem, intervals, self.stages), start)
+            outcome = self.collocate(uniform(self.problem, intervals, self.stages), start,
+                                     most=_COARSE_ITERATIONS)
             found.append(outcome)
             good += outcome.converged
             spent = time.monotonic() - begun
@@ -138,7 +145,9 @@ class Search:
         free = ((None,) * self.problem.m,)
         now, seen, density = free, {free}, 2.0 * COARSE
         for _ in range(_ROUNDS):
-            arcs = self.arcs(outcome, self.course(outcome))
+            arcs = find_arcs(self.problem, outcome.path, self.kit.switching)
+            if signature(arcs) == now:
+                arcs = self.checked(arcs, outcome)
             shown = signature(arcs)
             if shown == now or self.monitor.stopped:
                 break
@@ -147,22 +156,38 @@ class Search:
                 if density > _MOST_INTERVALS / 4:
                     break
             seen.add(shown)
-            T = outcome.path.t[-1]
-            mesh, durations = arc_mesh(self.problem, arcs, self.stages, density / T)
-            new = self.collocate(mesh, outcome.path, durations, near=True,
-                                 sizes=self.sizes(outcome))
-            if new.converged and new.objective < outcome.objective + 1e-5 * abs(
-                    outcome.objective):
+            new = self.with_arcs(arcs, outcome, density)
+            if new is not None:
                 outcome, now = new, shown
                 continue
             density *= 2
             mesh = uniform(self.problem, int(density), self.stages)
-            new = self.collocate(mesh, outcome.path, np.array([T]), near=True,
+            new = self.collocate(mesh, outcome.path, outcome.path.t[-1:], near=True,
                                  sizes=self.sizes(outcome))
             if not new.converged:
                 break
             outcome, now = new, free
-        return outcome
+        return self.without_vanishing(outcome)
+
+    def with_arcs(self, arcs: list[Arc], outcome: Outcome, density: float) -> Outcome | None:
+        """Return an outcome with the given arcs, if there is one and it costs no more."""
+        mesh, durations = arc_mesh(self.problem, arcs, self.stages, density / outcome.path.t[-1])
+        if not self.kit.transcription(self.problem, mesh.layout).solvable:
+            return None
+        new = self.collocate(mesh, outcome.path, durations, near=True, sizes=self.sizes(outcome))
+        allowed = outcome.objective + 1e-5 * abs(outcome.objective)
+        return new if new.converged and new.objective <= allowed else None
+
+    def without_vanishing(self, outcome: Outcome) -> Outcome:
+        """Return the outcome without its shortest arcs, if it costs no more without them."""
+        durations, T = outcome.path.durations, outcome.path.t[-1]
+        if np.all(durations > _VANISHING * T):
+            return outcome
+        arcs = [arc for arc in find_arcs(self.problem, outcome.path, self.kit.switching)
+                if arc.end - arc.start > _VANISHING * T]
+        new = self.with_arcs(closed(arcs, T), outcome, 2.0 * COARSE)
+        return new if new is not None and new.objective <= outcome.objective * (
+            1 + 1e-9 * np.sign(outcome.objective)) else outcome
 
     def improve(self, outcome: Outcome) -> Iterator[tuple[Outcome, Extremal]]:
         """Yield better and better outcomes."""
@@ -178,21 +203,20 @@ class Search:
             if not outcome.converged:
                 return
 
-    def arcs(self, outcome: Outcome, course: Extremal) -> list[Arc]:
-        """Return the arcs that an outcome shows."""
-        found = find_arcs(self.problem, outcome.path, self.kit.switching)
+    def checked(self, arcs: list[Arc], outcome: Outcome) -> list[Arc]:
+        """Return arcs that differ where dH/du says that an input is at the wrong bound."""
+        course = self.course(outcome)
         x, u = (course.x + course.x_end) / 2, (course.ua + course.ub) / 2
         _, Hu, _ = self.kit.integrator.hamiltonian(
             self.problem, x, u, (course.lam + course.lam_end) / 2)
-        return opened(found, course.t, Hu, self.problem)
+        return opened(arcs, course.t, Hu, self.problem)
 
     def finer(self, outcome: Outcome, course: Extremal) -> Mesh:
         """Return a mesh that is finer where the path gives cost away."""
         verdict = judge(self.problem, self.kit.integrator, course)
         scale = abs(outcome.objective)
-        number = cuts(verdict, 1e-7 * scale)
-        if course.defect > 1e-9:
-            number = np.maximum(number, 2)
+        number = cuts(verdict.lost, 1e-7 * scale)
+        number = np.maximum(number, cuts(course.local, _STEP_ERROR, 7.0))
         if np.all(number == 1):
             number[:] = 2
         mesh = aligned(outcome.mesh, outcome.path.t, verdict.kinks)

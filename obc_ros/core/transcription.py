@@ -53,7 +53,7 @@ class Outcome:
     nu : ndarray, shape (q,)
         Multipliers of psi.
     costates : ndarray, shape (N + 1, n)
-        At mesh points, before any jump there; the first row is not known.
+        At mesh points, before any jump there; the first row is known by collocation only.
     node_bounds, inner_bounds : ndarray, shape (N + 1, n), (N, s, n)
         Multipliers of the bounds of x, > 0 at an upper bound.
     node_path, inner_path : ndarray, shape (N + 1, l), (N, s, l)
@@ -171,6 +171,9 @@ class Transcription:
         self.c = gauss_points(layout.stages)
         self._number(problem)
         self._program = self._assemble(problem)
+        equal = sum(self._program.rows[:2]) - self.l * layout.intervals * (layout.stages + 1)
+        # Without as many unknowns as equations there is nothing to choose.
+        self.solvable = self.unknowns - self.n >= equal
         self._solvers: dict[str, tuple[ca.Function, Watch]] = {}
 
     def _number(self, problem: Problem) -> None:
@@ -363,6 +366,15 @@ class Transcription:
         result = solver(**arguments)
         return self._outcome(problem, mesh, scales, result, solver.stats(), rows)
 
+    def _first_costate(self, lam: Array) -> Array:
+        """Return lam(0), scaled: what the rows of the first interval say of x_0."""
+        s = self.layout.stages
+        if not s:
+            return np.full(self.n, np.nan)
+        _, _, derivative, end = _collocation(s)
+        rows = lam[:self.n * (s + 1)].reshape(s + 1, self.n)
+        return np.asarray(derivative[:, 0] @ rows[:s] - end[0] * rows[s])
+
     def _outcome(self, problem: Problem, mesh: Mesh, scales: Scales, result: dict[str, ca.DM],
                  stats: dict[str, object], row_bounds: tuple[Array, Array]) -> Outcome:
         w, lam_w, g, lam_g = (
@@ -387,7 +399,7 @@ class Transcription:
         node_bounds = bounds[self.at_x] / scales.x
         node_bounds[0] = 0.0
         rows = lam[:first].reshape(N, -1)[:, self.n * s:self.n * (s + 1)]
-        costates = np.vstack([np.full(self.n, np.nan), -rows / scales.x])
+        costates = np.vstack([self._first_costate(lam) / scales.x, -rows / scales.x])
         return Outcome(
             mesh, path, bool(stats['success']), str(stats['return_status']),
             float(result['f']) * scales.cost, float(np.max(violation, initial=0.0)),
