@@ -16,6 +16,7 @@ from typing import Any
 from obc_ros.action import SolveOptimalControl
 from obc_ros.cli.processes import Children, free_domain, isolate
 from obc_ros.core.errors import ObcError
+from obc_ros.nodes.crowds import BURST
 from rcl_interfaces.srv import GetParameters
 import rclpy
 from rclpy.action import ActionClient, get_action_names_and_types
@@ -88,7 +89,8 @@ class Client:
 
     def call(self, service_type: Any, name: str, request: Any) -> Any:
         """Return the response of the server's service `name`."""
-        client = self.node.create_client(service_type, f'{self.server}/{name}')
+        client = self.node.create_client(
+            service_type, f'{self.server}/{name}', qos_profile=BURST)
         try:
             self.wait(client.service_is_ready, client.service_is_ready)
             future = client.call_async(request)

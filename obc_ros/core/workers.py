@@ -24,7 +24,7 @@ import time
 from obc_ros.core.wire import Channel, Packet
 
 TICK = 0.02        # [s] how soon a busy worker's thread sees a cancelled request
-GRACE = 0.12       # [s] in which a solver that was asked to stop may still answer
+GRACE = 0.08       # [s] in which a solver that was asked to stop may still answer
 IDLE_CHECK = 0.5   # [s] how soon the death of an idle worker is seen
 START_TIME = 60.0  # [s] in which a worker must have started
 START_PAUSE = 1.0  # [s] before a worker that did not start is tried again

@@ -25,6 +25,7 @@ from obc_ros.core.wire import Packet
 from obc_ros.core.workers import Answer, Job, Outcome, Pool
 from obc_ros.msg import Trajectory
 from obc_ros.nodes import messages
+from obc_ros.nodes.crowds import be_patient, BURST
 from obc_ros.nodes.main import run
 from obc_ros.nodes.parameters import parameter, Parameters
 from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
@@ -36,8 +37,6 @@ from rclpy.task import Future
 
 ANSWERS = 'obc_ros.core.answers'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# requests and answers that come in a burst must not push each other out
-BURST = QoSProfile(depth=1000)
 RESULT_TIMEOUT = 30  # [s] that the result of an action is kept for
 QUICK = 2_500        # numbers in A up to which a design does not wait behind solves
 STATUS = {Outcome.REFUSED: 'cancelled', Outcome.TIMED_OUT: 'timed_out',
@@ -83,8 +82,8 @@ class TrajectoryServer(Node):
                 (DesignLqr, '~/design_lqr', self._design_lqr),
                 (Minimize, '~/minimize', self._minimize),
                 (PlanMotion, '~/plan', self._plan)):
-            self.create_service(
-                service, name, callback, qos_profile=BURST, callback_group=group)
+            be_patient(self, self.create_service(
+                service, name, callback, qos_profile=BURST, callback_group=group))
         self._action = ActionServer(
             self, SolveAction, '~/solve_optimal_control', self._execute, callback_group=group,
             cancel_callback=self._cancel, result_timeout=RESULT_TIMEOUT,
