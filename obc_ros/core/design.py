@@ -7,7 +7,7 @@ Linearise at the equilibrium, choose the weights (section 2.5), solve for the ga
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -59,13 +59,16 @@ class Design:
         Of the plant, with the integrals of the outputs `C` as further states.
     C : ndarray, shape (p, n)
         Outputs with integral action.
+    cost : Weights
+        With those of the integrals.
 
     """
 
     plant: Plant
     weights: Weights
     lqr: LqrDesign
-    C: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    C: Array
+    cost: Weights
 
     @property
     def K(self) -> Array:
@@ -76,6 +79,11 @@ class Design:
     def Ki(self) -> Array:
         """Return the gain of the integrals, shape (m, p)."""
         return self.lqr.K[:, self.plant.system.n:]
+
+    def augmented(self, A: Array, B: Array) -> tuple[Array, Array]:
+        """Return another linearization with the integrals of this design as further states."""
+        return with_integrals(A, B, self.weights, self.C, np.ones(len(self.C)))[:2] if len(
+            self.C) else (A, B)
 
     @property
     def regulator(self) -> Regulator:
@@ -139,8 +147,16 @@ def design(plant: Plant, weights: dict[str, Any], integral: Sequence[str] = (),
     if integral:
         C = np.eye(n)[[_index(plant.system, name) for name in integral]]
         A, B, cost = with_integrals(A, B, chosen, C, Qi or (1.0,) * len(C))
-    found = lqr(A, B, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability)
-    return Design(plant, chosen, found, C)
+    return Design(plant, chosen, _gain(A, B, cost), C, cost)
+
+
+def design_again(found: Design, plant: Plant) -> Design:
+    """Return the design of another plant of the same system for the same cost."""
+    return replace(found, plant=plant, lqr=_gain(*found.augmented(plant.A, plant.B), found.cost))
+
+
+def _gain(A: Array, B: Array, cost: Weights) -> LqrDesign:
+    return lqr(A, B, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability)
 
 
 def _rest(system: System, at: Equilibrium) -> Vector:

@@ -26,6 +26,7 @@ class Monitor:
     last_refusal: str = ''
     design: str = ''
     faults: dict[str, str] = field(default_factory=dict)
+    _suspected: set[str] = field(default_factory=set)
     _before: Counter[str] = field(default_factory=Counter)
     _looked: float = field(default_factory=monotonic)
 
@@ -34,9 +35,12 @@ class Monitor:
         self.refusals, self.last_refusal = self.refusals + 1, sentence
 
     def found(self, faults: dict[str, str]) -> list[str]:
-        """Take note of what is wrong now; return the sentences that are new."""
-        new = [words for what, words in faults.items() if self.faults.get(what) != words]
-        self.faults = faults
+        """Take note of what is wrong; return the sentences that are new."""
+        # An end that is just being discovered may show QoS that it does not have.
+        lasting = {what: words for what, words in faults.items() if what in self._suspected}
+        self._suspected = set(faults)
+        new = [words for what, words in lasting.items() if self.faults.get(what) != words]
+        self.faults = lasting
         return new
 
     def statuses(self, name: str, loop: Loop, revision: int, is_active: bool

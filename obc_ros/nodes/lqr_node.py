@@ -22,13 +22,14 @@ from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState
 from obc_ros.core.design_report import Change, change
 from obc_ros.core.errors import ObcError, StatementError
+from obc_ros.core.following import Course
 from obc_ros.core.loop import Loop
-from obc_ros.msg import LqrDesign
+from obc_ros.msg import LqrDesign, Trajectory
 from obc_ros.nodes import graph, lqr_topics
 from obc_ros.nodes.conversions import nanoseconds
 from obc_ros.nodes.design_message import design_message
 from obc_ros.nodes.lqr_diagnostics import Monitor
-from obc_ros.nodes.lqr_settings import Candidate, judge, Settings, tried
+from obc_ros.nodes.lqr_settings import Candidate, ending, judge, Settings, tried
 from obc_ros.nodes.main import run
 from obc_ros.nodes.own_thread import Apart, OwnThread
 from obc_ros.nodes.parameters import Parameters
@@ -57,6 +58,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         super().__init__('lqr_node', allow_undeclared_parameters=True, **options)
         self._monitor = Monitor()
         self._adopted: Candidate | None = None
+        self._courses: tuple[Course, ...] = ()
         self._table = Parameters(
             self, Settings, self._judge, self._adopt, self._monitor.refused)
         self._adopted, self._revision, self._change = self._table.candidate, 1, Change()
@@ -81,6 +83,9 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
             callback_group=Apart(), qos_overriding_options=overrides)
         self._commands = self.create_lifecycle_publisher(
             lqr_topics.SINKS[settings.command_sink], settings.command_sink, QoSProfile(depth=1),
+            qos_overriding_options=overrides)
+        self._references = self.create_subscription(
+            Trajectory, 'reference', self._on_reference, LATCHED,
             qos_overriding_options=overrides)
         self._designs = self.create_publisher(LqrDesign, '~/design', LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
@@ -153,19 +158,46 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     # Changes
 
     def _judge(self, settings: Settings) -> Candidate:
-        candidate = judge(settings)
+        candidate = judge(settings, self._courses_of(settings))
         if self._adopted and candidate.control.names != self._adopted.control.names:
             raise StatementError('a plant with other states needs another node')
         return candidate
 
+    def _courses_of(self, settings: Settings) -> tuple[Course, ...]:
+        """Return the references to follow: none when another set point is asked for."""
+        now = self._adopted and self._adopted.settings
+        if now and (now.setpoint, now.setpoint_input) != (
+                settings.setpoint, settings.setpoint_input):
+            return ()
+        return self._courses
+
     def _adopt(self, candidate: Candidate) -> None:
-        before, self._adopted = self._adopted, candidate
+        before, self._courses = self._adopted, self._courses_of(candidate.settings)
+        self._adopted = candidate
         if candidate.design is not before.design:
             self._revision += 1
             self._change = change(
                 before.design, candidate.design, self._loop.preview(candidate.control))
             self._designed.trigger()
         self._loop.adopt(candidate.control)
+
+    def _on_reference(self, message: Trajectory) -> None:
+        """Follow a reference from its beginning on; one without samples ends what is followed."""
+        try:
+            courses = lqr_topics.courses(
+                message, self._adopted.design.plant.system, self._frame, self._courses,
+                self._loop.stamp)
+            candidate = judge(self._table.settings, courses)
+        except ObcError as error:
+            self._monitor.refused(f'reference: {error}')
+            self.get_logger().warning(f'a reference was refused: {error}')
+            return
+        self._courses, self._adopted = courses, candidate
+        self._loop.adopt(candidate.control)
+        self.get_logger().info(
+            f'a reference of {courses[-1].reference.duration:g} s, '
+            f'{ending(courses[-1], candidate.design)}' if courses else
+            'no reference is followed')
 
     def _publish_design(self) -> None:
         message = design_message(self._adopted.design, self._change, self._loop.error)
@@ -189,9 +221,13 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
 
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._loop.stop('by ~/stop')
-        control = self._adopted.control
+        if self._courses:
+            self._courses = ()
+            self._adopted = judge(self._table.settings)
+            self._loop.adopt(self._adopted.control)
         response.success = True
-        response.message = f'stopped at {list(control.rest)}; the law goes on after ~/start'
+        response.message = (f'stopped at {list(self._adopted.control.rest)}; the set point is '
+                            'held again after ~/start')
         return response
 
     def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -256,7 +292,8 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     def _diagnose(self) -> None:
         self._tell_news()
         for sentence in self._monitor.found(graph.faults(
-                self, single=[self._states], others=[], publishers=[self._commands])):
+                self, single=[self._states], others=[self._references],
+                publishers=[self._commands])):
             self.get_logger().warning(sentence)
         array = DiagnosticArray()
         array.header.stamp = self._time()

@@ -10,6 +10,7 @@ from typing import Any
 from obc_ros.core.control import Control, ENVELOPE, Integral, Leg, Rules, STALE
 from obc_ros.core.design import Design, design, Plant, plant
 from obc_ros.core.errors import StatementError
+from obc_ros.core.following import Course, leg
 from obc_ros.core.regulator import Limits, rows, Vector, vector
 from obc_ros.core.weights import KINDS
 from obc_ros.msg import LqrWeights
@@ -98,9 +99,16 @@ class Candidate:
     control: Control
 
 
-def judge(settings: Settings, legs: tuple[Leg, ...] = ()) -> Candidate:
+def judge(settings: Settings, courses: tuple[Course, ...] = ()) -> Candidate:
     """
     Return what the parameters ask for.
+
+    Parameters
+    ----------
+    settings : Settings
+        The parameters.
+    courses : tuple of Course
+        The references to follow, in the order of their beginnings.
 
     Raises
     ------
@@ -115,13 +123,13 @@ def judge(settings: Settings, legs: tuple[Leg, ...] = ()) -> Candidate:
         rest=found.plant.rest,
         names=found.plant.system.state_names,
         rules=_rules(settings, found.plant.system.state_names),
-        legs=legs,
+        legs=tuple(_leg(each, found)[0] for each in courses),
         integral=Integral(rows(found.C), rows(found.Ki)) if len(found.C) else None))
 
 
-def weights_of(settings: Settings) -> dict[str, Any]:
-    """Return the arguments of `weights.choose`."""
-    return {name: getattr(settings, name) for name in _WEIGHTS}
+def ending(course: Course, found: Design) -> str:
+    """Return what happens at the end of a reference."""
+    return _leg(course, found)[1]
 
 
 def tried(weights: LqrWeights) -> dict[str, Any]:
@@ -155,6 +163,11 @@ def _design(*values: Any) -> Design:
     given = dict(zip(_DESIGN, values, strict=True))
     return design(_plant(*(given[name] for name in _PLANT)),
                   {name: given[name] for name in _WEIGHTS}, given['integral'], given['Qi'])
+
+
+@functools.lru_cache(maxsize=4)
+def _leg(course: Course, found: Design) -> tuple[Leg, str]:
+    return leg(course, found)
 
 
 def _limits(settings: Settings, found: Design) -> Limits:

@@ -28,9 +28,10 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TwistStamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from obc_ros.core.errors import StatementError
+from obc_ros.core.following import Course, course
 from obc_ros.core.system import System
-from obc_ros.msg import Command, State
-from obc_ros.nodes.conversions import BASE, OdometryMap
+from obc_ros.msg import Command, State, Trajectory
+from obc_ros.nodes.conversions import BASE, nanoseconds, OdometryMap
 
 SOURCES = {'state': State, 'odom': Odometry}
 SINKS = {'command': Command, 'cmd_vel': TwistStamped, 'wrench': WrenchStamped}
@@ -89,6 +90,49 @@ class Sink:
 
     def _command(self, u: Sequence[float]) -> None:
         self._message.u = array('d', u)
+
+
+def courses(message: Trajectory, system: System, frame: str, present: tuple[Course, ...],
+            now: int | None) -> tuple[Course, ...]:
+    """
+    Return the references to follow once a message has come, in the order of their beginnings.
+
+    Parameters
+    ----------
+    message : Trajectory
+        Without samples: no reference any more.
+    system : System
+        That follows.
+    frame : str
+        Of its states; empty: not known.
+    present : tuple of Course
+        The references so far; the one that is followed goes on until the new one begins.
+    now : int, optional
+        Stamp of the last state [ns].
+
+    Raises
+    ------
+    StatementError
+        If the message is no reference for the system.
+
+    """
+    if not message.t and not message.x and not message.u:
+        return ()
+    if message.system not in ('', system.name):
+        raise StatementError(f"it is for '{message.system[:60]}', not for {system.name}")
+    given = message.header.frame_id
+    if given and frame and given != frame:
+        raise StatementError(f"it is in the frame '{given[:60]}', the states are in '{frame}'")
+    stamp = nanoseconds(message.header.stamp)
+    new = course(system, (message.state_names, message.input_names), message.t, message.x,
+                 message.u, message.interpolation, stamp or now)
+    begin = new.reference.begin
+    begun = [each for each in present
+             if now is not None and each.reference.begin is not None
+             and each.reference.begin <= now]
+    if begin is None or now is None or begin <= now:
+        return (new,)
+    return (*begun[-1:], new)
 
 
 def _filler(topic: str, message: Any, system: System) -> Fill:
