@@ -33,6 +33,12 @@ class Monitor:
         """Let the solver that follows end after this many iterations."""
         self.most = self.iterations + iterations
 
+    def within(self, deadline: float) -> 'Monitor':
+        """Return a monitor for a part of the work, with a deadline of its own."""
+        part = _Part(self)
+        part.deadline = min(deadline, self.deadline)
+        return part
+
     def remaining(self) -> float:
         """Return the time left [s]."""
         return self.deadline - time.monotonic()
@@ -46,6 +52,21 @@ class Monitor:
         elif not self.stopped and time.monotonic() > self.deadline:
             self.stopped = 'timed_out'
         return bool(self.stopped) or self.iterations >= self.most
+
+
+class _Part(Monitor):
+    """A monitor that passes cancelling on to the whole, but keeps its own deadline."""
+
+    def __init__(self, whole: Monitor) -> None:
+        super().__init__()
+        self._whole = whole
+        self.phase = whole.phase
+
+    def step(self, cost: float, infeasibility: float) -> bool:
+        self._whole.step(cost, infeasibility)
+        if self._whole.stopped:
+            self.stopped = self._whole.stopped
+        return super().step(cost, infeasibility) or bool(self.stopped)
 
 
 class Watch(ca.Callback):

@@ -4,8 +4,9 @@
 From a statement to an extremal: coarse starts, arcs, a finer mesh, until a certificate holds.
 """
 
+from collections import OrderedDict
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 import time
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from obc_ros.core.arcs import (
     Arc, arc_mesh, closed, find_arcs, opened, signature, switching_inputs)
 from obc_ros.core.certificate import certify
+from obc_ros.core.contradictions import contradiction
 from obc_ros.core.extremal import Extremal, Integrator
 from obc_ros.core.guesses import final_time, Guesser, scales
 from obc_ros.core.mesh import Layout, Mesh, Path, split, uniform
@@ -35,38 +37,56 @@ _COARSE_ITERATIONS = 150
 _STEP_ERROR = 3e-8     # relative, of all intervals together
 _VANISHING = 1e-3     # of T: an arc that may not be there
 _MOST_INTERVALS = 800
+_LAYOUTS_KEPT = 24
 
 
-@dataclass
 class Kit:
     """What was built for one structure, kept for the next problem that has it."""
 
-    integrator: Integrator
-    guesser: Guesser
-    switching: tuple[bool, ...]
-    transcriptions: dict[Layout, Transcription] = field(default_factory=dict)
-    fitter: Fitter | None = None
-    last: Outcome | None = None
-
-    @classmethod
-    def of(cls, problem: Problem) -> 'Kit':
-        """Return the kit for a problem's structure."""
-        return cls(Integrator(problem), Guesser(problem), switching_inputs(problem))
+    def __init__(self, problem: Problem) -> None:
+        begun = time.monotonic()
+        self.integrator = Integrator(problem)
+        self.guesser = Guesser(problem)
+        self.switching = switching_inputs(problem)
+        self._fitter: Fitter | None = None
+        self._transcriptions: OrderedDict[Layout, Transcription] = OrderedDict()
+        self.build_time = time.monotonic() - begun
 
     def transcription(self, problem: Problem, layout: Layout) -> Transcription:
         """Return the program of a layout, built at most once."""
-        if layout not in self.transcriptions:
-            self.transcriptions[layout] = Transcription(problem, layout)
-        return self.transcriptions[layout]
+        found = self._transcriptions.pop(layout, None)
+        if found is None:
+            begun = time.monotonic()
+            found = Transcription(problem, layout)
+            self.build_time += time.monotonic() - begun
+        self._transcriptions[layout] = found
+        if len(self._transcriptions) > _LAYOUTS_KEPT:
+            self._transcriptions.popitem(last=False)
+        return found
+
+    def fitter(self, problem: Problem) -> Fitter:
+        """Return what fits multipliers, built at most once."""
+        if self._fitter is None:
+            self._fitter = Fitter(problem)
+        return self._fitter
 
 
 class Search:
-    """One problem, its kit and what was found so far."""
+    """
+    One problem, its kit and what was found so far.
 
-    def __init__(self, problem: Problem, kit: Kit, monitor: Monitor) -> None:
-        self.problem, self.kit, self.monitor = problem, kit, monitor
-        bounded = np.any(np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper))
-        self.stages = 3 if bounded or problem.path.numel() else 0
+    `with_arcs`: whether inputs are held at bounds between switching times. `quick`: one start
+    and one mesh more may do, for paths that need not be optimal.
+    """
+
+    def __init__(self, problem: Problem, kit: Kit, monitor: Monitor, *, with_arcs: bool = True,
+                 quick: bool = False) -> None:
+        self.problem, self.kit, self.monitor, self.quick = problem, kit, monitor, quick
+        self.switching = with_arcs and any(kit.switching)
+        self.reason = ''
+        self.bounded = bool(problem.path.numel() or np.any(
+            np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)))
+        self.stages = 3 if self.bounded else 0
         _, self.pinned = kit.guesser.final_state(problem)
 
     def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
@@ -103,11 +123,14 @@ class Search:
         Costs found with too large an error of the steps are not to be believed; where no start
         does without, the mesh is made finer and stiffly accurate.
         """
-        for intervals, stages in ((COARSE, self.stages), (2 * COARSE, 3), (4 * COARSE, 3)):
+        levels = ((COARSE, self.stages), (2 * COARSE, 3), (4 * COARSE, 3))
+        for intervals, stages in levels[:2] if self.quick else levels:
             self.stages = stages
             found = self._from_starts(intervals)
             good = [o for o in found if o.converged and self.course(o).local.max() < _BELIEVED]
-            if good or self.monitor.stopped:
+            if not good and intervals == COARSE and not self.quick:
+                self.reason = contradiction(self.problem)
+            if good or self.reason or self.monitor.stopped:
                 break
         return sorted(good or found, key=lambda o: (not o.converged, o.objective))
 
@@ -121,7 +144,7 @@ class Search:
             found.append(outcome)
             good += outcome.converged
             spent = time.monotonic() - begun
-            if self.monitor.stopped or number + 1 >= _STARTS_MOST or number + 1 >= _STARTS and (
+            if self.quick and good or self.monitor.stopped or number + 1 >= _STARTS_MOST or number + 1 >= _STARTS and (
                     spent > _ENOUGH and good or spent > _PATIENCE):
                 break
         return found
@@ -129,11 +152,9 @@ class Search:
     def course(self, outcome: Outcome) -> Extremal:
         """Return states and costates under the input of an outcome."""
         course = self.kit.integrator.extremal(self.problem, outcome, 4 if self.stages else 2)
-        if self.kit.fitter is None and self.stages:
-            self.kit.fitter = Fitter(self.problem)
-        if self.kit.fitter is not None:
-            course = self.kit.fitter.fit(self.problem, outcome, course)
-        return course
+        if not self.bounded:
+            return course
+        return self.kit.fitter(self.problem).fit(self.problem, outcome, course)
 
     def sizes(self, outcome: Outcome) -> Scales:
         """Return the scales of a path that was found, its cost among them."""
@@ -191,7 +212,7 @@ class Search:
 
     def improve(self, outcome: Outcome) -> Iterator[tuple[Outcome, Extremal]]:
         """Yield better and better outcomes."""
-        if any(self.kit.switching):
+        if self.switching:
             outcome = self.settled(outcome)
         for _ in range(_ROUNDS):
             course = self.course(outcome)
@@ -262,23 +283,21 @@ class Search:
             lost < 1e-3 * max(abs(outcome.objective), 1e-3))
 
     def run(self) -> Solution:
-        """Return the best answer found."""
-        best: tuple[Outcome, Extremal] | None = None
-        for start in self.coarse()[:1]:
-            for outcome, course in self.improve(start):
-                best = outcome, course
-                if self.plausible(outcome, course):
-                    answer = self.solution(outcome, course)
-                    assert answer.certificate is not None
-                    if answer.certificate.holds:
-                        return replace(answer, status=Status.SOLVED,
-                                       message='the certificate holds')
-        assert best is not None
-        answer = self.solution(*best)
-        status = Status(self.monitor.stopped) if self.monitor.stopped else Status.NOT_CONVERGED
-        certificate = answer.certificate
-        assert certificate is not None
-        worst = certificate.worst
-        return replace(answer, status=status, message=(
-            f'{worst}: {certificate.residuals[worst]:.1e}, '
-            f'allowed {certificate.tolerances[worst]:.0e}; {best[0].status}'))
+        """Return the best answer found, with its certificate; without a path if there is none."""
+        starts = self.coarse()
+        if self.reason:
+            return Solution(Status.INFEASIBLE, self.reason)
+        if not starts or not np.all(np.isfinite(starts[0].path.x)):
+            return Solution(Status.NOT_CONVERGED, 'no path was found from any start')
+        best: Solution | None = None
+        for number, (outcome, course) in enumerate(self.improve(starts[0])):
+            if number == 0 or self.plausible(outcome, course):
+                answer = self.solution(outcome, course)
+                assert answer.certificate is not None
+                if answer.certificate.holds and outcome.converged:
+                    return answer
+                best = answer
+            last = outcome, course
+            if self.quick and number:
+                break
+        return best if best is not None and not outcome.converged else self.solution(*last)

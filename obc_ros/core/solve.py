@@ -9,15 +9,33 @@ from collections.abc import Callable
 from dataclasses import replace
 import time
 
+from obc_ros.core.certificate import certify
 from obc_ros.core.errors import StatementError
+from obc_ros.core.explain import explain
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.problem import Problem
+from obc_ros.core.riccati import solve_lq
 from obc_ros.core.search import Kit, Search
-from obc_ros.core.solution import Report, Solution
+from obc_ros.core.solution import Report, Solution, Status
+from obc_ros.core.time_optimal import solve_time_optimal
+
+_FAULTS = {
+    'dynamics': 'the states do not follow from the inputs',
+    'start': 'the path does not start at x(0)',
+    'end': 'the terminal constraints are not met',
+    'bounds': 'a bound is exceeded',
+    'costate': 'the costates do not obey their equation',
+    'minimum': 'the input does not minimise the Hamiltonian',
+    'transversality': 'the costates at T are not those of the terminal cost and constraints',
+    'hamiltonian': 'the Hamiltonian is not constant',
+    'final_time': 'the Hamiltonian is not zero, as it is for the best final time',
+    'cost': 'the cost is not that of the path',
+}
+_EXPLAINING = 20.0   # [s] at most, for a search for the reason
 
 
 class Cache:
-    """The kits of the structures met last, at most `size` of them."""
+    """What was built for the structures met last, at most `size` of them."""
 
     def __init__(self, size: int = 32) -> None:
         self._size = size
@@ -28,7 +46,7 @@ class Cache:
         key = problem.structure
         kit = self._kits.pop(key, None) if key else None
         if kit is None:
-            kit = Kit.of(problem)
+            kit = Kit(problem)
         if key:
             self._kits[key] = kit
             if len(self._kits) > self._size:
@@ -36,12 +54,46 @@ class Cache:
         return kit
 
 
+def _riccati(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
+    found = solve_lq(problem)
+    return found or Solution(Status.NOT_CONVERGED, (
+        'riccati answers linear quadratic problems with a fixed final time and no active bound; '
+        'this is none'))
+
+
+def _time_optimal(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
+    found = solve_time_optimal(problem)
+    return found or Solution(Status.NOT_CONVERGED, (
+        'time_optimal answers linear problems of least time with bounded inputs; this is none'))
+
+
 def _transcription(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
+    return Search(problem, kit, monitor, with_arcs=False).run()
+
+
+def _arcs(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
     return Search(problem, kit, monitor).run()
 
 
+def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
+    for name, special in (('riccati', solve_lq), ('time_optimal', solve_time_optimal)):
+        found = special(problem)
+        if found is None:
+            continue
+        if found.status is Status.INFEASIBLE:
+            return replace(found, method=name)
+        judged = _judged(problem, found)
+        if judged.status is Status.SOLVED:
+            return replace(judged, method=name)
+    return replace(Search(problem, kit, monitor).run(), method='arcs')
+
+
 METHODS: dict[str, Callable[[Problem, Kit, Monitor], Solution]] = {
+    'auto': _auto,
+    'riccati': _riccati,
+    'time_optimal': _time_optimal,
     'transcription': _transcription,
+    'arcs': _arcs,
 }
 
 
@@ -54,7 +106,7 @@ def solve(problem: Problem, *, method: str = 'auto', time_limit: float = 60.0,
     ----------
     problem : Problem
     method : str
-        'auto' or one of METHODS.
+        One of METHODS.
     time_limit : float
         [s]
     report : callable, optional
@@ -68,14 +120,60 @@ def solve(problem: Problem, *, method: str = 'auto', time_limit: float = 60.0,
         If the method is unknown.
 
     """
-    if method != 'auto' and method not in METHODS:
-        raise StatementError(
-            f"method '{method}' is unknown; there are auto, {', '.join(METHODS)}")
+    if method not in METHODS:
+        raise StatementError(f"method '{method}' is unknown; there are {', '.join(METHODS)}")
     begun = time.monotonic()
     monitor = Monitor(time_limit, report)
     kit = (cache or Cache(1)).kit(problem)
-    built = time.monotonic()
-    name = 'transcription' if method == 'auto' else method
-    solution = METHODS[name](problem, kit, monitor)
-    ended = time.monotonic()
-    return replace(solution, method=name, build_time=built - begun, solve_time=ended - built)
+    found = METHODS[method](problem, kit, monitor)
+    if found.status is not Status.INFEASIBLE:
+        found = _judged(problem, found)
+    found = _ended(problem, found, monitor, time_limit, method)
+    built, kit.build_time = kit.build_time, 0.0
+    return replace(found, method=found.method or method, iterations=monitor.iterations,
+                   build_time=built, solve_time=time.monotonic() - begun - built)
+
+
+def _judged(problem: Problem, found: Solution) -> Solution:
+    """Return a solution with its certificate; the status says whether it holds."""
+    if not found.t.size:
+        return found
+    certificate = found.certificate or certify(problem, found)
+    if certificate.holds:
+        message = found.message or 'the certificate holds'
+        return replace(found, status=Status.SOLVED, message=message, certificate=certificate)
+    worst = certificate.worst
+    message = (f'{_FAULTS[worst]}: residual {certificate.residuals[worst]:.1e}, '
+               f'allowed {certificate.tolerances[worst]:.0e}')
+    return replace(found, status=Status.NOT_CONVERGED, message=message, certificate=certificate)
+
+
+def _ended(problem: Problem, found: Solution, monitor: Monitor, time_limit: float,
+           method: str) -> Solution:
+    """Return a solution whose status says how the work ended, and why without an answer."""
+    if found.status in (Status.SOLVED, Status.INFEASIBLE):
+        return found
+    if monitor.stopped == 'cancelled':
+        return replace(found, status=Status.CANCELLED, message='cancelled on request')
+    if monitor.stopped == 'timed_out':
+        return replace(found, status=Status.TIMED_OUT, message=(
+            f'no certified answer within {time_limit:g} s; of the best so far, {found.message}'))
+    if method in ('riccati', 'time_optimal'):
+        return found
+    return _explained(problem, found, monitor)
+
+
+def _explained(problem: Problem, found: Solution, monitor: Monitor) -> Solution:
+    """Return a solution with the reason for which there is no answer, if one is found."""
+    deadline = time.monotonic() + min(_EXPLAINING, max(monitor.remaining(), 0.0))
+    monitor.phase = 'explanation'
+
+    def attempt(other: Problem) -> Solution:
+        return Search(other, Kit(other), monitor.within(deadline), quick=True).run()
+
+    reason = explain(problem, attempt)
+    if reason is None or monitor.stopped == 'cancelled':
+        return found
+    if not reason.infeasible:
+        return replace(found, message=reason.sentence)
+    return Solution(Status.INFEASIBLE, reason.sentence)
