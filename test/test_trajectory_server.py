@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The trajectory server over DDS: it answers everyone, in words and in time, and stays up."""
 
+from array import array
 import math
 import os
 from pathlib import Path
@@ -156,11 +157,17 @@ def test_an_answer_has_all_that_the_message_promises(server, probe, name):
 
 def test_solvers_are_kept_by_structure(server, probe):
     server(workers=1)
-    for a in (1.0, 0.5, -2.0):
-        problem, cost = scalar(a)
-        response = solve(probe, problem)
-        assert response.objective == pytest.approx(cost, rel=1e-6)
-        assert response.build_time < 1e-3  # looked up, not built
+
+    def build_time(a):
+        response = solve(probe, message({
+            'states': ['x'], 'inputs': ['u'], 'parameters': {'a': a},
+            'dynamics': {'x': 'u - a*x**3'}, 'running_cost': 'x**2 + u**2',
+            'initial_state': {'x': a}, 'final_time': {'free': False, 'value': 1 + a}}))
+        assert response.status == 'solved'
+        return response.build_time
+
+    assert build_time(1.0) > 0.0
+    assert build_time(1.001) == 0.0  # kept, as the numbers are not part of the structure
 
 
 def test_others_are_answered_while_all_workers_solve(server, probe):
@@ -303,6 +310,11 @@ def test_a_regulator_is_designed(server, probe):
     assert np.allclose(np.sort_complex(poles), np.sort_complex(np.linalg.eigvals(A - B @ K)))
     assert np.allclose(design.damping, -poles.real / np.abs(poles))
     assert np.allclose(design.ue, [0.0, 4 * 9.8])
+    # the loop of an input, the others closed, keeps 60 degrees and half the gain at least
+    for margin, least in ((design.phase_margin, np.pi / 3), (design.gain_margin, np.inf)):
+        assert len(margin) == m
+        assert min(margin) >= least - 1e-9
+    assert max(design.gain_reduction_margin) <= 0.5 + 1e-9
     weights = LqrWeights(qx=[1.0], qu=[1.0])
     for request, words in (
             (DesignLqr.Request(), 'malformed: a has 0 numbers'),
@@ -314,6 +326,9 @@ def test_a_regulator_is_designed(server, probe):
              'refused: Qu[0] = 0'),
             (DesignLqr.Request(a=[1.0], b=[1.0], weights=LqrWeights(weights='magic')),
              'malformed: weights'),
+            (DesignLqr.Request(a=[0.0] * 4, b=[1.0] * 2, weights=LqrWeights(
+                qx=[1.0, 5.0, 2.0, 1.0], qu=[1.0])), 'malformed: Qx[0, 1] = 5'),
+            (DesignLqr.Request(a=[1.0], b=[1.0], sample_time=0.1), 'malformed: sample_time = 0.1'),
             (DesignLqr.Request(system='zeppelin'), "malformed: unknown system 'zeppelin'"),
             (DesignLqr.Request(system='aircraft', setpoint=[1.0]), 'malformed: set point'),
             (DesignLqr.Request(system='aircraft', system_parameters=named(m='-1')),
@@ -360,9 +375,8 @@ def test_a_request_of_50_megabytes_is_answered_in_words(server, probe):
     response = solve(probe, problem)
     assert response.status == 'malformed'
     assert 'has 50000' in response.message
-    values = np.zeros(6_250_000).tolist()
     problem = scalar()[0]
-    problem.initial_guess.states = [NamedValues(name='x', values=values)]
+    problem.initial_guess.states = [NamedValues(name='x', values=array('d', bytes(50_000_000)))]
     assert solve(probe, problem).status == 'malformed'
     assert solve(probe, scalar()[0]).status == 'solved'
 

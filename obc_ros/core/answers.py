@@ -37,6 +37,8 @@ _caches: dict[int, Cache] = {}
 def answer(kind: str, request: Packet, time_limit: float, report: Report) -> Packet:
     """Return the answer to a request; its status is ``malformed`` when the question is."""
     try:
+        if kind not in KINDS:
+            raise StatementError(f'{kind}: this server does not answer such requests')
         return KINDS[kind](request, time_limit, report)
     except ObcError as error:
         return Packet({'status': 'malformed', 'message': str(error)})
@@ -83,6 +85,10 @@ def _plan(request: Packet, time_limit: float, report: Report) -> Packet:
 
 def _design_lqr(request: Packet, time_limit: float, report: Report) -> Packet:
     plain, arrays = request.plain, request.arrays
+    for name in ('sample_time', 'delay'):
+        if plain[name]:
+            raise StatementError(f'{name} = {plain[name]:g}: this server designs for continuous '
+                                 'time only; wanted 0')
     if plain['system']:
         of = plant(_system(plain['system'], json.dumps(plain['parameters'])),
                    arrays['setpoint'].tolist(), arrays['setpoint_input'].tolist())
