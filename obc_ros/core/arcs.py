@@ -22,6 +22,9 @@ from obc_ros.core.problem import Problem
 
 Array = NDArray[np.float64]
 
+# For each arc the level of each input, None where it is free.
+Signature = tuple[tuple[float | None, ...], ...]
+
 _LOWER, _INSIDE, _UPPER = -1, 0, 1
 
 
@@ -191,7 +194,7 @@ def closed(arcs: Sequence[Arc], T: float) -> list[Arc]:
     return join(rows)
 
 
-def signature(arcs: Sequence[Arc]) -> tuple[tuple[float | None, ...], ...]:
+def signature(arcs: Sequence[Arc]) -> Signature:
     """Return the levels of all arcs, comparable."""
     return tuple(tuple(None if math.isnan(v) else v for v in arc.levels) for arc in arcs)
 

@@ -106,10 +106,14 @@ class Fitter:
         return replace(course, lam=lam[:, 0], lam_end=lam[:, 1], nu=values[:self.q],
                        density_x=density[:, :, :self.n], density_path=density[:, :, self.n:])
 
+    def values(self, problem: Problem, course: Extremal) -> Array:
+        """Return x and c along a course, shape (K + 1, n + l)."""
+        x, u = np.vstack([course.x, course.x_end[-1:]]), np.vstack([course.ua, course.ub[-1:]])
+        return self._value(x, u, problem.p_value)[0]
+
     def _contacts(self, problem: Problem, outcome: Outcome, course: Extremal) -> list[Contact]:
         """Return where bounds of x and path constraints are met."""
-        x, u = np.vstack([course.x, course.x_end[-1:]]), np.vstack([course.ua, course.ub[-1:]])
-        value = self._value(x, u, problem.p_value)[0]
+        value = self.values(problem, course)
         mass = np.hstack([outcome.node_bounds, outcome.node_path])
         found = []
         for sign, bound in ((1, np.append(problem.x_upper, problem.path_upper)),

@@ -121,8 +121,8 @@ class Limits:
     """
     Bounds besides those of the problem.
 
-    `shortest`, `longest` lengths of the phases; `margin` (n,) by which the bounds of x are drawn
-    in; `pinned` (n,) where psi fixes a component of x(T), so that its bounds say nothing.
+    `shortest`, `longest` lengths of the phases; `margin` (n + l,) by which the bounds of x and
+    of the path constraints are drawn in; `pinned` (n,) where psi fixes a component of x(T), so that its bounds say nothing.
     """
 
     shortest: Array
@@ -303,8 +303,8 @@ class Transcription:
     def _bounds(self, problem: Problem, scales: Scales, limits: 'Limits'
                 ) -> tuple[Array, Array]:
         lower, upper = np.full(self.unknowns, -np.inf), np.full(self.unknowns, np.inf)
-        x_lower = (problem.x_lower + limits.margin) / scales.x
-        x_upper = (problem.x_upper - limits.margin) / scales.x
+        x_lower = (problem.x_lower + limits.margin[:self.n]) / scales.x
+        x_upper = (problem.x_upper - limits.margin[:self.n]) / scales.x
         for places in (self.at_x, self.at_inner):
             lower[places], upper[places] = x_lower, x_upper
         lower[self.at_x[-1, limits.pinned]] = -np.inf
@@ -319,17 +319,17 @@ class Transcription:
             upper[self.at_duration] = limits.longest / scales.time
         return lower, upper
 
-    def _row_bounds(self, problem: Problem, scales: Scales) -> tuple[Array, Array]:
+    def _row_bounds(self, problem: Problem, scales: Scales, limits: Limits
+                    ) -> tuple[Array, Array]:
         N, s = self.layout.intervals, self.layout.stages
-        collocation, path = np.zeros(self.n * (s + 1)), (s + 1) * self.l
-        lower = [np.tile(np.append(collocation, np.tile(problem.path_lower, s + 1)), N),
-                 np.zeros(self.q)]
-        upper = [np.tile(np.append(collocation, np.tile(problem.path_upper, s + 1)), N),
-                 np.zeros(self.q)]
-        if path:
-            ends = self._program.rows[2] // self.l
-            lower.append(np.tile(problem.path_lower, ends))
-            upper.append(np.tile(problem.path_upper, ends))
+        collocation, margin = np.zeros(self.n * (s + 1)), limits.margin[self.n:]
+        lower, upper = [], []
+        for rows, path in ((lower, problem.path_lower + margin),
+                           (upper, problem.path_upper - margin)):
+            rows.append(np.tile(np.append(collocation, np.tile(path, s + 1)), N))
+            rows.append(np.zeros(self.q))
+            if self.l:
+                rows.append(np.tile(path, self._program.rows[2] // self.l))
         if len(self.layout.phases) > 1:
             time_ = problem.final_time
             span = (time_.lower, time_.upper) if time_.free else (time_.value, time_.value)
@@ -355,7 +355,7 @@ class Transcription:
         """
         solver, watch = self._solver('warm' if multipliers else 'near' if near else 'far')
         lower, upper = self._bounds(problem, scales, limits)
-        rows = self._row_bounds(problem, scales)
+        rows = self._row_bounds(problem, scales, limits)
         watch.monitor, watch.cost_scale = monitor, scales.cost
         watch.lower, watch.upper = rows
         arguments = {
