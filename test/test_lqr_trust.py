@@ -8,10 +8,10 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped, WrenchStamped
 from lifecycle_msgs.srv import ChangeState, GetState
-from lqr_bench import Bench, BEST_EFFORT, HOVER, matrix, nanoseconds
+from lqr_bench import Bench, BEST_EFFORT, HOVER, LATCHED, matrix, nanoseconds
 from nav_msgs.msg import Odometry
 import numpy as np
-from obc_ros.msg import Command, LqrWeights, State
+from obc_ros.msg import Command, LqrWeights, State, Trajectory
 from obc_ros.srv import TryDesign
 import pytest
 from rclpy.duration import Duration
@@ -125,6 +125,67 @@ def test_integral_action(spawn: Any, probe: Any) -> None:
     assert bench.answer([0.0, 0.0], 1.2)[0] == pytest.approx(0.0, abs=1e-15)
 
 
+# References
+
+
+def reference(t: Any, x: Any, u: Any, stamp: float = 0.0, **fields: Any) -> Trajectory:
+    """Return the message of a reference."""
+    message = Trajectory(t=list(t), x=np.ravel(x).tolist(), u=np.ravel(u).tolist(), **fields)
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(round(stamp * 1e9), 10**9)
+    return message
+
+
+def test_a_reference_is_followed(spawn: Any, probe: Any) -> None:
+    """Joined in the middle, replaced while it runs, held at its end, ended by a set point."""
+    bench = Bench(spawn, probe, system='double_integrator', Qx=[4, 0], Qu=[1])
+    publisher = probe.publisher(Trajectory, 'reference', LATCHED)
+    K = matrix(bench.design(1).k, 1)
+    t, dt = np.linspace(0.0, 10.0, 101), 1e-9
+
+    def follow(message: Trajectory, words: str) -> None:
+        publisher.publish(message)
+        probe.wait_for(lambda: words in bench.process.output(), what=words)
+
+    assert bench.answer([0.0, 0.0], 99.0) == pytest.approx(0.0)
+    follow(reference(t, np.stack([t, np.ones(101)], axis=1), 0 * t, 97.0), 'of 10 s')
+    # px = t, vx = 1; the gain is that of the steady state long before the end
+    assert bench.answer([2.5, 1.0], 99.5) == pytest.approx(0.0, abs=1e-9)
+    assert bench.answer([2.9, 1.2], 99.9) == pytest.approx(-K @ [0.0, 0.2], rel=1e-4)
+    follow(reference(t[:51], np.stack([t[:51] * 0 + 3.0, t[:51] * 0], axis=1), 0 * t[:51], 100.5,
+                     state_names=['x1', 'x2'], input_names=['u'], interpolation='zoh',
+                     system='double_integrator'), 'of 5 s')
+    assert bench.answer([3.4, 1.0], 100.4) == pytest.approx(0.0, abs=1e-9)  # still the first
+    assert bench.answer([3.1, 0.0], 100.5) == pytest.approx(-K @ [0.1, 0.0], rel=1e-3)
+    assert bench.set(Qx=[9, 0]).successful  # along the reference too
+    K = matrix(bench.design(2).k, 1)
+    for stamp in (105.5 - dt, 105.5, 105.5 + dt, 200.0):
+        assert bench.answer([3.1, 0.0], stamp) == pytest.approx(-K @ [0.1, 0.0], rel=1e-6)
+    for message, words in (
+            (reference(t, t, 0 * t), 'a reference was refused: x has 101 numbers; wanted 101 x 2'),
+            (reference(t, np.zeros((101, 2)), t, system='aircraft'), "it is for 'aircraft'"),
+            (reference(t[::-1], np.zeros((101, 2)), t), 't: wanted finite times'),
+            (reference(t, np.zeros((101, 2)), t * math.nan), 'u: wanted finite numbers')):
+        follow(message, words)
+        assert bench.answer([3.1, 0.0]) == pytest.approx(-K @ [0.1, 0.0], rel=1e-6)
+    assert bench.set(setpoint=[1.0, 0.0]).successful
+    assert bench.answer([1.1, 0.0]) == pytest.approx(-K @ [0.1, 0.0], rel=1e-9)
+
+
+def test_a_reference_from_now_on_and_a_stop(spawn: Any, probe: Any) -> None:
+    """Stamp zero begins at once; ~/stop forgets it."""
+    bench = Bench(spawn, probe, system='double_integrator')
+    publisher = probe.publisher(Trajectory, 'reference', LATCHED)
+    bench.answer([0.0, 0.0], 50.0)
+    publisher.publish(reference([0.0, 10.0], [[0.0, 1.0], [10.0, 1.0]], [0.0, 0.0]))
+    bench.process.wait_for_output('a reference of 10 s')
+    assert bench.answer([2.0, 1.0], 52.0) == pytest.approx(0.0, abs=1e-9)
+    assert 'stopped at [0.0]' in probe.call(Trigger, '/lqr_node/stop').message
+    assert bench.answer([3.0, 1.0], 53.0) == 0.0
+    assert probe.call(Trigger, '/lqr_node/start').success
+    K = matrix(bench.design(1).k, 1)
+    assert bench.answer([4.0, 1.0], 54.0) == pytest.approx(-K @ [4.0, 1.0])
+
+
 # Lifecycle
 
 
@@ -194,7 +255,8 @@ def test_qos_overrides_and_what_does_not_fit(spawn: Any, probe: Any) -> None:
     def reported(words: str) -> bool:
         return any(words in status.message for array in reports for status in array.status)
 
-    probe.wait_for(lambda: reported('nothing is heard from /probe on /state: incompatible QoS'))
+    probe.wait_for(lambda: reported(
+        '/careful hears nothing of /probe on /state: incompatible QoS (best effort'))
     probe.node.destroy_publisher(deaf)
     good = probe.publisher(State, 'state', QoSProfile(
         depth=1, deadline=Duration(seconds=0.2)))

@@ -292,8 +292,8 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     def _diagnose(self) -> None:
         self._tell_news()
         for sentence in self._monitor.found(graph.faults(
-                self, single=[self._states], others=[self._references],
-                publishers=[self._commands])):
+                self, [self._states.topic_name, self._commands.topic_name],
+                [self._references.topic_name])):
             self.get_logger().warning(sentence)
         array = DiagnosticArray()
         array.header.stamp = self._time()

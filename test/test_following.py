@@ -1,0 +1,204 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""References: well formed or refused in words, followed with the gains of equation (2.7)."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core import systems
+from obc_ros.core.control import Control, Rules
+from obc_ros.core.design import Design, design, plant
+from obc_ros.core.errors import StatementError
+from obc_ros.core.following import Course, course, leg
+from obc_ros.core.loop import Loop
+from obc_ros.core.regulator import Limits
+from obc_ros.core.riccati import finite_horizon
+from obc_ros.core.simulate import Simulator
+import pytest
+
+Array = NDArray[np.float64]
+S = 10**9
+SPEED, LENGTH = 10.0, 2.0
+
+
+def given(system: Any, t: Any, x: Any, u: Any, interpolation: str = 'linear',
+          begin: int | None = 0, names: Any = ((), ())) -> Course:
+    """Return the course of arrays."""
+    return course(system, names, np.ravel(t).tolist(), np.ravel(x).tolist(),
+                  np.ravel(u).tolist(), interpolation, begin)
+
+
+def double_integrator() -> Design:
+    """Return a design of Example 2.4."""
+    return design(plant(systems.get('double_integrator')), {'Qx': (4.0, 0.5), 'Qu': (0.5,)})
+
+
+def test_gains_are_those_of_the_riccati_equation() -> None:
+    """For a plant that does not change, they are the finite horizon's."""
+    found, T = double_integrator(), 6.0
+    t = np.linspace(0.0, T, 601)
+    along = given(found.plant.system, t, np.stack([t, np.ones_like(t)], axis=1), 0 * t)
+    law = leg(along, found)[0].along
+    grid = np.array(law.grid)  # type: ignore[attr-defined]
+    _, K = finite_horizon(found.plant.A, found.plant.B, found.weights.Qx, found.weights.Qu,
+                          found.lqr.P, grid, T)
+    np.testing.assert_allclose([law.at(s).K for s in grid], K, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(law.at(0.0).K, found.K, rtol=1e-6)
+
+
+def test_samples_are_interpolated() -> None:
+    """Linear or held, with jumps where a time stands twice, and names in any order."""
+    found = double_integrator()
+    t, x, u = [0.0, 1.0, 1.0, 2.0], [[0, 0], [1, 1], [1, 1], [2, 2]], [0.0, 2.0, -2.0, 4.0]
+    linear = leg(given(found.plant.system, t, x, u), found)[0].along
+    assert [linear.at(s).u[0] for s in (-1.0, 0.5, 1.0, 1.5, 2.0, 9.0)] == [0, 1, -2, 1, 4, 4]
+    assert linear.at(0.25).x == (0.25, 0.25)
+    held = leg(given(found.plant.system, t, x, u, 'zoh'), found)[0].along
+    assert [held.at(s).u[0] for s in (0.5, 1.0, 1.5)] == [0.0, -2.0, -2.0]
+    swapped = given(found.plant.system, [0.0, 1.0], [[0.0, 5.0], [1.0, 6.0]], [0.0, 0.0],
+                    names=(('x2', 'x1'), ()))
+    assert swapped.x.tolist() == [[5.0, 0.0], [6.0, 1.0]]
+    last = leg(given(found.plant.system, [0.0, 1.0, 1.0], [[0, 0], [1, 0], [2, 0]],
+                     [0, 1, 2]), found)[0].along
+    assert last.at(1.0).x == (1.0, 0.0)
+
+
+def test_angles_go_the_short_way() -> None:
+    """A heading that wraps is interpolated across the wrap."""
+    system = systems.get('vehicle')
+    x = [[0.0, 0.0, math.pi - 0.1], [1.0, 0.0, -math.pi + 0.1]]
+    along = given(system, [0.0, 1.0], x, [[10.0, 0.0]] * 2)
+    assert np.diff(along.x[:, 2]) == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(('t', 'x', 'u', 'interpolation', 'names', 'sentence'), [
+    ([0.0], [[0, 0]], [0], '', ((), ()), 'a reference has 1 samples; wanted 2 to'),
+    ([0.0, 1.0], [[0, 0]], [0, 0], '', ((), ()), 'x has 2 numbers; wanted 2 x 2'),
+    ([0.0, 1.0], [[0, 0]] * 2, [0], '', ((), ()), 'u has 1 numbers; wanted 2 x 1'),
+    ([1.0, 0.0], [[0, 0]] * 2, [0, 0], '', ((), ()), 't: wanted finite times'),
+    ([-1.0, 0.0], [[0, 0]] * 2, [0, 0], '', ((), ()), 't: wanted finite times'),
+    ([1.0, 1.0], [[0, 0]] * 2, [0, 0], '', ((), ()), 't: the last time is not after the first'),
+    ([0.0, math.nan], [[0, 0]] * 2, [0, 0], '', ((), ()), 't: wanted finite times'),
+    ([0.0, 1.0], [[0, math.inf]] * 2, [0, 0], '', ((), ()), 'x: wanted finite numbers'),
+    ([0.0, 1.0], [[0, 0]] * 2, [0, 0], 'cubic', ((), ()), "interpolation = 'cubic'"),
+    ([0.0, 1.0], [[0, 0]] * 2, [0, 0], '', (('a', 'b'), ()), 'x: the reference has a, b; wanted'),
+])
+def test_what_is_refused(t: Any, x: Any, u: Any, interpolation: str, names: Any, sentence: str
+                         ) -> None:
+    """Each fault has its sentence."""
+    with pytest.raises(StatementError) as error:
+        given(systems.get('double_integrator'), t, x, u, interpolation, 0, names)
+    assert str(error.value).startswith(sentence)
+
+
+def slalom(t: Array, amplitude: float = 0.5, frequency: float = 0.5) -> tuple[Array, Array]:
+    """Return y, theta and phi of a slalom at constant speed (flat: y gives them all)."""
+    w = math.tau * frequency
+    y, dy, ddy = (amplitude * f for f in (
+        1 - np.cos(w * t), w * np.sin(w * t), w**2 * np.cos(w * t)))
+    theta = np.arcsin(dy / SPEED)
+    dtheta = ddy / np.sqrt(SPEED**2 - dy**2)
+    return np.stack([y, theta], axis=1), np.arctan(LENGTH * dtheta / SPEED)
+
+
+def drive(found: Design, courses: tuple[Course, ...], start: list[float], begin: float,
+          end: float, dt: float = 0.005) -> tuple[Array, Array, Array]:
+    """Return times, states and inputs of the vehicle in closed loop."""
+    system = found.plant.system
+    control = Control(
+        found.regulator, Limits(tuple(system.u_min), tuple(system.u_max), (1,)), (0.0,),
+        system.state_names, Rules(), tuple(leg(each, found)[0] for each in courses))
+    loop, car = Loop(control), Simulator(system, start)
+    t, x, u = [], [], []
+    for k in range(round((end - begin) / dt)):
+        now = begin + k * dt
+        command = loop.answer(round(now * S), car.x.tolist(), now)
+        assert command is not None
+        t.append(now)
+        x.append(car.x)
+        u.append(command)
+        car.command(np.array(command))
+        car.advance(round(dt / 1e-3))
+    return np.array(t), np.array(x), np.array(u)
+
+
+def lateral() -> Design:
+    """Return the design of the vehicle across the road."""
+    return design(plant(systems.get('vehicle_lateral')), {
+        'weights': 'bryson', 'x_max': (0.1, 0.1), 'u_max': (0.2,)})
+
+
+def test_slalom_is_followed_from_its_beginning() -> None:
+    """A reference that the plant can follow is followed to the sampling of its input."""
+    found, t = lateral(), np.linspace(0.0, 4.0, 2_001)
+    x, u = slalom(t)
+    times, driven, inputs = drive(
+        found, (given(found.plant.system, t, x, u),), x[0].tolist(), 0.0, 4.0)
+    wanted = slalom(times)[0]
+    assert np.abs(driven[:, 0] - wanted[:, 0]).max() < 5e-3
+    assert np.abs(inputs).max() < 0.5
+
+
+@pytest.mark.parametrize('begin', [0.0, 0.7, 1.9])
+def test_it_is_joined_anywhere(begin: float) -> None:
+    """Starting in the middle, off the path, the error decays."""
+    found, t = lateral(), np.linspace(0.0, 4.0, 2_001)
+    x, u = slalom(t)
+    start = slalom(np.array([begin]))[0][0] + [0.3, 0.0]
+    times, driven, _ = drive(
+        found, (given(found.plant.system, t, x, u),), start.tolist(), begin, 4.0)
+    error = np.abs(driven[:, 0] - slalom(times)[0][:, 0])
+    assert error[0] == pytest.approx(0.3) and error[times > begin + 1.5].max() < 6e-3
+    assert error.max() < 0.31
+
+
+def test_its_end_is_held() -> None:
+    """After two periods the slalom is at rest in its lane, and stays; no input jumps there."""
+    found, t = lateral(), np.linspace(0.0, 4.0, 2_001)
+    x, u = slalom(t)
+    u[-1] = 0.0  # as the road goes on straight
+    law, words = leg(given(found.plant.system, t, x, u), found)
+    assert words == 'then its end is held'
+    times, driven, inputs = drive(
+        found, (given(found.plant.system, t, x, u),), x[0].tolist(), 0.0, 7.0)
+    assert np.abs(driven[times > 6.0]).max() < 1e-3
+    np.testing.assert_allclose(law.along.at(4.0).K, law.after.K, rtol=1e-12)
+
+
+def test_one_reference_gives_way_to_the_next() -> None:
+    """The second takes over at its own beginning; the first is followed until then."""
+    found, t = lateral(), np.linspace(0.0, 4.0, 2_001)
+    system = found.plant.system
+    first = given(system, t, *slalom(t), begin=0)
+    second = given(system, t, np.zeros((len(t), 2)), 0 * t, begin=2 * S)  # back in the lane
+    times, driven, _ = drive(found, (first, second), [0.0, 0.0], 0.0, 4.0)
+    wanted = np.where(times < 2.0, slalom(times)[0][:, 0], 0.0)
+    error = np.abs(driven[:, 0] - wanted)
+    assert error.max() < 6e-3
+
+
+def test_an_end_that_cannot_be_held_is_told() -> None:
+    """A vehicle that stands cannot be steered; an aircraft that moves cannot stay."""
+    found = design(plant(systems.get('vehicle')), {})
+    still = given(found.plant.system, [0.0, 1.0], np.zeros((2, 3)), [[1.0, 0.0], [0.0, 0.0]])
+    law, words = leg(still, found)
+    assert 'left alone' in words and law.after.u == (0.0, 0.0)
+    assert law.after.K == ((0.0,) * 3,) * 2
+    flying = design(plant(systems.get('aircraft')), {})
+    moving = given(flying.plant.system, [0.0, 1.0], [[0.0] * 6, [1, 0, 0, 5, 0, 0]],
+                   [[0.0, 39.2]] * 2)
+    law, words = leg(moving, flying)
+    assert 'then the set point is held' in words and law.after.x == (0.0,) * 6
+
+
+def test_with_integral_action_and_cross_terms() -> None:
+    """The gains along it end in those of the design at its end, whatever the cost."""
+    found = design(plant(systems.get('vehicle_lateral')), {
+        'Qx': (1.0, 2.0), 'Qu': (0.5,), 'cross': (0.1, 0.2), 'stability': 0.5},
+        ('py',), (2.0,))
+    t = np.linspace(0.0, 3.0, 301)
+    law = leg(given(found.plant.system, t, np.zeros((301, 2)), 0 * t), found)[0]
+    np.testing.assert_allclose(law.along.at(3.0).K, found.K, rtol=1e-9)
+    np.testing.assert_allclose(law.along.at(0.0).K, found.K, rtol=1e-6)  # it stays there
