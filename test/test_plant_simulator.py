@@ -371,6 +371,16 @@ def test_two_controllers_are_noticed(spawn, probe):
     assert len(one.states) > count
 
 
+def test_commands_with_an_unfit_qos_are_noticed(spawn, probe):
+    plant = spawn('plant_simulator', SLOW)
+    states = probe.listen(State, 'state')
+    probe.wait_for(lambda: len(states) > 5)
+    probe.node.create_publisher(Command, 'command', qos_profile_sensor_data)
+    probe.wait_for(lambda: 'incompatible QoS' in plant.output(), what='a warning')
+    count = len(states)
+    probe.wait_for(lambda: len(states) > count + 5)
+
+
 def test_a_diverging_plant_stops_says_so_and_can_be_reset(spawn, probe):
     plant = spawn('plant_simulator', {
         'system': 'cubic', 'system_parameters.a': -1.0, 'x0': [2.0], **SLOW})

@@ -167,7 +167,8 @@ class PlantSimulator(Node):
         self._offer(settings)
         self._say_what_holds()
         self._publish()
-        self._thread = OwnThread(self, self._commands, self._on_command, self._go_on)
+        self._thread = OwnThread(self, self._commands, self._on_command, self._go_on,
+                                 self._commands.event_handlers)
         self._thread.start()
 
     def _offer(self, settings: Settings) -> None:
