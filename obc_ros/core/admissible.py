@@ -44,9 +44,10 @@ def _matrix(name: str, M: Any) -> Array:
     if given.ndim != 2:
         raise StatementError(f'{name}: expected a matrix (rows, columns) but found {given.shape}')
     matrix: Array = given.astype(float, copy=False)
-    usable = np.abs(matrix) <= LARGEST_NUMBER
-    if not usable.all():
-        i, j = np.argwhere(~usable)[0]
+    # The sum of squares is quickest; it is nan when one of them is.
+    if not np.vdot(matrix, matrix) <= LARGEST_NUMBER**2 and not (
+            np.abs(matrix) <= LARGEST_NUMBER).all():
+        i, j = np.argwhere(~(np.abs(matrix) <= LARGEST_NUMBER))[0]
         raise StatementError(f'{name}[{i}, {j}] = {matrix[i, j]:g}: wanted a finite number of at '
                              f'most {LARGEST_NUMBER:g}')
     return matrix
@@ -60,10 +61,9 @@ def _check_size(name: str, M: Array, shape: tuple[int, int]) -> None:
 def _symmetric(name: str, M: Any, n: int) -> Array:
     matrix = _matrix(name, M)
     _check_size(name, matrix, (n, n))
-    gap = np.abs(matrix - matrix.T)
-    if gap.any():
+    if (matrix != matrix.T).any():
         size = np.sqrt(np.abs(matrix.diagonal()))
-        wrong = gap > 1e-10 * (size * size[:, None] + np.abs(matrix))
+        wrong = np.abs(matrix - matrix.T) > 1e-10 * (size * size[:, None] + np.abs(matrix))
         if wrong.any():
             i, j = np.argwhere(wrong)[0]
             raise StatementError(f'{name}[{i}, {j}] = {matrix[i, j]:g} but {name}[{j}, {i}] = '
@@ -98,7 +98,8 @@ def reduced(A: Array, B: Array, Qx: Array, Qu: Array, cross: Array | None
     diagonal = Q.diagonal()
     sees_all = info == 0 and bool((root.diagonal()**2 > 1e-10 * diagonal).all())
     if not sees_all:
-        _check_semidefinite(Qx, Q, cross is not None)
+        what = 'Qx' if cross is None else 'the matrix of Qx, cross and Qu'
+        _check_semidefinite('Qx', Qx, Q, what)
     return L, A, Q, sees_all
 
 
@@ -118,20 +119,20 @@ def _definite(name: str, M: Array) -> Array:
     return L
 
 
-def _check_semidefinite(Qx: Array, Q: Array, is_reduced: bool) -> None:
-    """Refuse Qx that is not positive semidefinite; Q is Qx - N Qu^-1 N'."""
-    for i, value in enumerate(Qx.diagonal()):
+def _check_semidefinite(name: str, M: Array, reduced: Array, what: str) -> None:
+    """Refuse M if `reduced`, M less what the cross term takes, is not positive semidefinite."""
+    for i, value in enumerate(M.diagonal()):
         if value < 0.0:
-            raise RefusedDesignError(f'Qx[{i}] = {value:g}: Qx must be positive semidefinite')
-    for i, j in np.argwhere(np.abs(Qx) > 0.0):
-        if Qx[i, i] == 0.0 and i != j:
-            raise RefusedDesignError(f'Qx[{i}, {j}] = {Qx[i, j]:g} but Qx[{i}, {i}] = 0: '
-                                     f'Qx must be positive semidefinite')
-    # The reduced Q has the rounding of Qx: both are seen in the units of Qx.
-    size = np.sqrt(np.where(Qx.diagonal() > 0.0, Qx.diagonal(), 1.0))
-    least = float(np.linalg.eigvalsh(Q / size / size[:, None])[0])
-    if least < -1e-12 * len(Q):
-        what = 'the matrix of Qx, cross and Qu' if is_reduced else 'Qx'
+            raise RefusedDesignError(
+                f'{name}[{i}] = {value:g}: {name} must be positive semidefinite')
+    for i, j in np.argwhere(np.abs(M) > 0.0):
+        if M[i, i] == 0.0 and i != j:
+            raise RefusedDesignError(f'{name}[{i}, {j}] = {M[i, j]:g} but {name}[{i}, {i}] = 0: '
+                                     f'{name} must be positive semidefinite')
+    # What is left of M has the rounding of M: it is seen in the units of M.
+    size = np.sqrt(np.where(M.diagonal() > 0.0, M.diagonal(), 1.0))
+    least = float(np.linalg.eigvalsh(reduced / size / size[:, None])[0])
+    if least < -1e-12 * len(M):
         raise RefusedDesignError(f'{what} must be positive semidefinite: scaled to a unit '
                                  f'diagonal it has the eigenvalue {least:.3g}')
 
@@ -139,3 +140,11 @@ def _check_semidefinite(Qx: Array, Q: Array, is_reduced: bool) -> None:
 def _least_eigenvalue(M: Array) -> float:
     size = np.sqrt(M.diagonal())
     return float(np.linalg.eigvalsh(M / size / size[:, None])[0])
+
+
+def terminal_weight(P1: Any, n: int) -> Array:
+    """Return P1 (n, n), symmetric and positive semidefinite, or say why not."""
+    matrix = _symmetric('P1', P1, n)
+    if lapack.dpotrf(matrix)[1]:
+        _check_semidefinite('P1', matrix, matrix, 'P1')
+    return matrix

@@ -160,7 +160,7 @@ def _by_schur(A: Array, G: Array, Q: Array, H: Array) -> _Iterate | None:
     W = _inverse(V)
     if W is None:
         return None
-    P = U[n:, :n] @ W
+    P = U[n:, :n].dot(W)
     return _newton(A, G, Q, 0.5 * (P + P.T), lambda C: _lyapunov(C, T, V, W))
 
 
@@ -213,8 +213,8 @@ def _newton(A: Array, G: Array, Q: Array, P: Array, lyapunov: Callable[[Array], 
 
 def _residual(A: Array, G: Array, Q: Array, P: Array) -> tuple[Array, float]:
     """Return A'P + P A - P G P + Q and the size of its terms."""
-    PA = P @ A
-    PGP = P @ G @ P
+    PA = P.dot(A)  # of small matrices `dot` takes half the time of `@`
+    PGP = P.dot(G).dot(P)
     R: Array = PA + PA.T - PGP + Q
     return R, 2.0 * norm(PA) + norm(PGP) + norm(Q) + TINY
 
@@ -222,8 +222,8 @@ def _residual(A: Array, G: Array, Q: Array, P: Array) -> tuple[Array, float]:
 def _lyapunov(C: Array, T: Array, V: Array, W: Array) -> Array:
     """Return X with M'X + X M = -C for M = V T W, T quasi-triangular and W = V^-1."""
     Y: Array
-    Y, size, _ = lapack.dtrsyl(T, T, V.T @ C @ V, trana='T')
-    X = W.T @ Y @ W
+    Y, size, _ = lapack.dtrsyl(T, T, V.T.dot(C).dot(V), trana='T')
+    X = W.T.dot(Y).dot(W)
     half: Array = X * (-0.5 / size)
     return half + half.T
 

@@ -3,11 +3,12 @@
 """
 Stretches of time of a linear quadratic problem, and how they join.
 
-Three matrices (A, G, H) say all of a stretch: started at x with the costate y at its end it ends at
-A x - G y, and its costate at the start is H x + A'y. With the terminal weight P, y = P x(end), its
-least cost is half of x'(H + A'P (I + G P)^-1 A) x. Two stretches after each other are such three
-matrices again, so that each joining doubles the horizon; with H and P positive semidefinite
-nothing in it grows, however long the horizon and however unstable the plant.
+Three matrices (A, G, H) say all of a stretch: from the state x at its start and the costate y at
+its end follow the state A x - G y at its end and the costate H x + A'y at its start. With the
+terminal weight P, y = P x(end), its least cost is half of x'(H + A'P (I + G P)^-1 A) x. Two
+stretches after each other are such three matrices again, so that each joining doubles the horizon;
+with H and P positive semidefinite nothing in it grows, however long the horizon and however
+unstable the plant.
 """
 
 import numpy as np
@@ -19,6 +20,7 @@ Array = NDArray[np.float64]
 Stretch = tuple[Array, Array, Array]
 
 _LONGEST = 60  # doublings: 1e18 steps
+_MOST_GROWTH = 30.0  # of the state over a joined stretch: its square is lost of the digits
 _SHORT = 0.5  # norm of the Hamiltonian matrix times the length of which the exponential is taken
 
 
@@ -80,17 +82,25 @@ def backward(stretch: Stretch, P: Array, steps: int) -> Array:
     """
     Return the cost matrices 0, 1, ..., `steps` stretches before the end, shape (steps+1, n, n).
 
-    Each doubling of the stretch moves all matrices found so far at once.
+    Each doubling of the stretch moves all matrices found so far at once. A stretch is not doubled
+    where digits would be lost: over unstable modes that the cost does not see, and near a
+    conjugate point when H is indefinite.
     """
     found = np.empty((steps + 1, *P.shape))
     found[0] = P
-    count, identity = 1, np.eye(len(P))
+    count, reach, identity, joining = 1, 1, np.eye(len(P)), True
+    convex = np.linalg.eigvalsh(stretch[2])[0] >= 0.0
     while count <= steps:
-        more = min(count, steps + 1 - count)
-        found[count:count + more] = before(stretch, found[:more])
+        more = min(reach, steps + 1 - count)
+        found[count:count + more] = before(stretch, found[count - reach:count - reach + more])
         count += more
-        if count <= steps:
-            stretch = joined(stretch, stretch, identity)
+        if joining and not convex and count <= steps:
+            joining = np.linalg.eigvals(identity + stretch[1] @ stretch[2]).real.min() > 0.5
+        if joining and count <= steps:
+            longer = joined(stretch, stretch, identity)
+            joining = norm(longer[0]) < _MOST_GROWTH * len(P)
+            if joining:
+                stretch, reach = longer, count
     return found
 
 
@@ -115,3 +125,37 @@ def doubled(A: Array, G: Array, H: Array) -> Array | None:
 def _symmetric(M: Array) -> Array:
     half: Array = 0.5 * M
     return half + np.swapaxes(half, -1, -2)
+
+
+def at(A: Array, G: Array, Q: Array, P1: Array, to_go: Array) -> Array:
+    """
+    Return the solutions of the Riccati differential equation at given times before the end.
+
+    Parameters
+    ----------
+    A, G, Q, P1 : ndarray, shape (n, n)
+        -dP/dt = P A + A'P - P G P + Q, P = P1 at the end.
+    to_go : ndarray, shape (N,)
+        [s], decreasing, not negative.
+
+    Returns
+    -------
+    ndarray, shape (N, n, n)
+
+    """
+    P = P1 if to_go[-1] == 0.0 else before(of_plant(A, G, Q, to_go[-1]), P1[None])[0]
+    steps = len(to_go) - 1
+    if not steps:
+        return P[None].copy()
+    lengths = -np.diff(to_go)[::-1]
+    length = (to_go[0] - to_go[-1]) / steps
+    if np.abs(lengths - length).max() <= 1e-12 * to_go[0]:
+        return backward(of_plant(A, G, Q, length), P, steps)[::-1]
+    found = np.empty((steps + 1, *P.shape))
+    found[steps] = P
+    known: dict[float, Stretch] = {}
+    for k, length in enumerate(lengths.tolist()):
+        if length not in known:
+            known[length] = of_plant(A, G, Q, length)
+        found[steps - 1 - k] = before(known[length], found[steps - k][None])[0]
+    return found

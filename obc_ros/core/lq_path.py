@@ -1,0 +1,342 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The optimal path of a linear quadratic problem with terminal constraints, without shooting.
+
+The state is extended to z = (x, 1, nu): what is affine in the problem and C x(T) = d, whose
+multipliers nu are constants, are then quadratic in z, and one matrix P(t) holds the value function
+z'P z / 2, which is least in u and stationary in nu:
+
+    -dP/dt = P A + A'P - P G P + Q, P(T) = [[P1, p1, C'], [p1', 0, -d'], [C, -d, 0]]
+    P_nunu nu = -(P_nux x0 + P_nu1)
+
+The terminal weight c_i (C x(T) - d)_i^2 is added: it changes nothing where C x(T) = d, but keeps
+the feedback stable on the way, so that no digit is lost over a long horizon.
+"""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core import stretches
+from obc_ros.core.care import balancing
+from obc_ros.core.lq_form import LqForm
+from obc_ros.core.norms import norm, TINY
+from obc_ros.core.solution import Solution, Status
+from scipy.linalg import expm, lapack
+
+Array = NDArray[np.float64]
+Places = NDArray[np.intp]
+
+_UNREACHED = 1e-12  # relative size of what the input reaches at which it counts as nothing
+_MISSED = 1e-8      # relative miss of a terminal constraint at which it counts as met
+_DEFECT = 3e-7      # of the dynamics under linear interpolation of u, all intervals together
+_MOST_GROWTH = 30.0  # of a defect until T that is allowed for; more needs feedback, not samples
+_FEWEST, _MOST = 64, 32768  # samples of a block, of all
+_MOST_HALVINGS = 8
+_LARGEST_TABLE = 8e6        # numbers kept of P(t)
+_MOST_STEPS = 20000         # of the search for a conjugate point
+
+
+@dataclass(frozen=True, eq=False)
+class _Extended:
+    """
+    The problem in z, with the units `scale` (n,) of x, `one` of the constant, `row` (q,) of psi.
+
+    A, G, Q, P1 are (n+1+q, n+1+q), C (q, n+1+q) holds psi = C z.
+    """
+
+    A: Array
+    G: Array
+    Q: Array
+    P1: Array
+    C: Array
+    n: int
+    scale: Array
+    one: float
+    row: Array
+
+    @property
+    def x_block(self) -> tuple[Array, Array, Array, Array]:
+        """Return the parts of A, G, Q, P1 that belong to x."""
+        n = self.n
+        return self.A[:n, :n], self.G[:n, :n], self.Q[:n, :n], self.P1[:n, :n]
+
+
+class _NoAnswerError(Exception):
+    """Why there is no optimal path; the solution to return."""
+
+    def __init__(self, status: Status, message: str) -> None:
+        super().__init__(message)
+        self.solution = Solution(status, message, method='riccati')
+
+
+def solve_form(form: LqForm, x0: Array, T: float, names: tuple[str, ...]) -> Solution:
+    """
+    Return the optimal path from x0 over T seconds, or say why there is none.
+
+    Parameters
+    ----------
+    form : LqForm
+        The problem.
+    x0 : ndarray, shape (n,)
+        Initial state.
+    T : float
+        Final time [s].
+    names : tuple of str
+        Of the states, for the words.
+
+    """
+    extended = _extended(form)
+    try:
+        P1, unit = _terminal_weight(extended, T)
+        x, u, lam, t, nu, value = _path(form, extended, P1, unit, x0, T, names)
+    except _NoAnswerError as no_answer:
+        return no_answer.solution
+    rest = form.cost - 0.5 * form.r @ np.linalg.solve(form.R, form.r)
+    return Solution(
+        Status.SOLVED, 'the closed form by the Riccati differential equation',
+        objective=float(value + rest * T + form.terminal_cost), t=t, x=x, u=u, lam=lam,
+        hamiltonian=_hamiltonian(form, x, u, lam), nu=nu, method='riccati')
+
+
+def _extended(form: LqForm) -> _Extended:
+    n, q = len(form.A), len(form.C)
+    right = np.linalg.solve(form.R, np.column_stack([form.N.T, form.r]))
+    A = form.A - form.B @ right[:, :n]
+    a = form.a - form.B @ right[:, n]
+    Q = form.Q - form.N @ right[:, :n]
+    linear = form.q - form.N @ right[:, n]
+    L = lapack.dpotrf(form.R, lower=1)[0]
+    F = lapack.dtrtrs(L, form.B.T, lower=1)[0].T
+    d = balancing(A, F, Q)
+    A, F, Q, C = A * (d / d[:, None]), F / d[:, None], Q * (d * d[:, None]), form.C * d
+    G = F @ F.T
+    row = np.linalg.norm(C, axis=1)
+    row[row == 0.0] = 1.0
+    speed = norm(A) + math.sqrt(norm(G) * norm(Q)) + TINY
+    one = max(norm(a / d), norm(linear * d)) / speed or 1.0
+    size = n + 1 + q
+    big = {name: np.zeros((size, size)) for name in ('A', 'G', 'Q', 'P1')}
+    big['A'][:n, :n], big['A'][:n, n] = A, a / d / one
+    big['G'][:n, :n] = G
+    big['Q'][:n, :n] = 0.5 * (Q + Q.T)
+    big['Q'][:n, n] = big['Q'][n, :n] = linear * d / one
+    rows = np.zeros((q, size))
+    rows[:, :n], rows[:, n] = C / row[:, None], -form.d / row / one
+    P1 = big['P1']
+    P1[:n, :n] = form.P1 * (d * d[:, None])
+    P1[:n, n] = P1[n, :n] = form.p1 * d / one
+    P1[n + 1:], P1[:, n + 1:] = rows, rows.T
+    return _Extended(**big, C=rows, n=n, scale=d, one=one, row=row)
+
+
+def _terminal_weight(extended: _Extended, T: float) -> tuple[Array, Array]:
+    """
+    Return P(T) with the weights c of the terminal constraints, and the roots of c.
+
+    A weight is the inverse of what the input reaches in a short time. If the problem is not convex
+    as it stands, it may be on C x(T) = d: then larger weights make it so.
+    """
+    A, G, Q, P1 = extended.x_block
+    C = extended.C[:, :extended.n]
+    short = min(T, 3.0 / (norm(A) + math.sqrt(norm(G) * norm(Q)) + TINY))
+    reached = np.zeros(len(C))
+    while len(C):
+        spread = stretches.of_plant(A, G, np.zeros_like(Q), short)[1]
+        share = np.einsum('ij,jk,ik->i', C, spread, C) / max(norm(spread), TINY)
+        reached = np.where(share > _UNREACHED, share * norm(spread), 0.0)
+        if share.min() > 1e-6 or short >= T:
+            break
+        short = min(T, 2.0 * short)
+    c = np.divide(1.0, reached, out=np.zeros(len(C)), where=reached > 0.0)
+    convex = _is_semidefinite(Q) and _is_semidefinite(P1)
+    for _ in range(6):
+        if convex or _has_minimum(A, G, Q, P1 + C.T @ (c[:, None] * C), T):
+            full = extended.C
+            return extended.P1 + full.T @ (c[:, None] * full), np.sqrt(c)
+        if not c.any():
+            break
+        c = 100.0 * c
+    raise _NoAnswerError(Status.NOT_CONVERGED, (
+        'the cost has no minimum: within the horizon lies a conjugate point, beyond which the '
+        'input lowers the cost without bound'))
+
+
+def _is_semidefinite(M: Array) -> bool:
+    return bool(np.linalg.eigvalsh(M)[0] >= -1e-12 * norm(M))
+
+
+def _has_minimum(A: Array, G: Array, Q: Array, P: Array, T: float) -> bool:
+    """Return whether P stays finite back to 0: I + G P keeps its positive eigenvalues."""
+    speed = norm(A) + norm(G) + norm(Q)
+    steps = max(1, min(_MOST_STEPS, math.ceil(4.0 * T * speed)))
+    stretch = stretches.of_plant(A, G, Q, T / steps)
+    sizes, vectors = np.linalg.eigh(stretch[1])
+    root = vectors * np.sqrt(np.maximum(sizes, 0.0))
+    for _ in range(steps):
+        if np.linalg.eigvalsh(np.eye(len(A)) + root.T @ P @ root)[0] <= 1e-12:
+            return False
+        P = stretches.before(stretch, P[None])[0]
+    return True
+
+
+def _path(form: LqForm, extended: _Extended, P1: Array, unit: Array, x0: Array, T: float,
+          names: tuple[str, ...]) -> tuple[Array, Array, Array, Array, Array, float]:
+    """Return x, u, lam, t, nu and the cost, on as many samples as linear u needs."""
+    blocks = _blocks(extended, T)
+    most = min(_MOST, _LARGEST_TABLE / len(P1)**2) / len(blocks)
+    count = _FEWEST
+    while True:
+        P = _costs(extended, P1, blocks, count)
+        start = np.append(x0 / extended.scale, extended.one)
+        nu = _multipliers(extended, P[0][0], unit, start, T, names)
+        z = _forward(extended, P, np.append(start, nu), blocks)
+        t = np.array([np.linspace(*block, count + 1) for block in blocks])
+        x = z[..., :extended.n] * extended.scale
+        lam = np.einsum('bkij,bkj->bki', P, z)[..., :extended.n] / extended.scale
+        right = lam @ form.B + x @ form.N + form.r
+        u = -np.linalg.solve(form.R, right.reshape(-1, form.B.shape[1]).T).T.reshape(right.shape)
+        kept, error = _thinned(form, t, x, u)
+        finer = 2 ** max(1, math.ceil(0.5 * math.log2(max(error / _DEFECT, 1.0))))
+        if error <= _DEFECT or 2 * count > most:
+            value = 0.5 * float(z[0, 0] @ P[0][0] @ z[0, 0])
+            return x[kept], u[kept], lam[kept], t[kept], nu / extended.row, value
+        count = min(count * finer, 2 ** int(math.log2(most)))
+
+
+def _blocks(extended: _Extended, T: float) -> list[tuple[float, float]]:
+    """Halve the horizon towards both ends, where the path has layers as thin as 1 / speed."""
+    A, G, Q, _ = extended.x_block
+    speed = norm(A) + math.sqrt(norm(G) * norm(Q))
+    halvings = min(_MOST_HALVINGS, max(0, math.ceil(math.log2(max(T * speed / 4.0, 1.0)))))
+    ends = [T * 0.5**k for k in range(halvings, 0, -1)]
+    times = [0.0, *ends, *(T - end for end in reversed(ends[:-1])), T]
+    return list(zip(times[:-1], times[1:], strict=True))
+
+
+def _costs(extended: _Extended, P1: Array, blocks: list[tuple[float, float]], count: int
+           ) -> Array:
+    """Return P at `count`+1 equally spaced times of each block."""
+    P = np.empty((len(blocks), count + 1, *P1.shape))
+    for k in range(len(blocks) - 1, -1, -1):
+        low, high = blocks[k]
+        stretch = stretches.of_plant(extended.A, extended.G, extended.Q, (high - low) / count)
+        P[k] = stretches.backward(stretch, P1, count)[::-1]
+        P1 = P[k][0]
+    return P
+
+
+def _multipliers(extended: _Extended, P0: Array, unit: Array, start: Array, T: float,
+                 names: tuple[str, ...]) -> Array:
+    """Solve P_nunu nu = -(P_nux x0 + P_nu1), or say which constraint the input does not reach."""
+    n1 = extended.n + 1
+    if len(P0) == n1:
+        return np.zeros(0)
+    miss = P0[n1:, :n1] @ start
+    size = np.abs(P0[n1:, :n1]) @ np.abs(start)
+    unit = np.where(unit > 0.0, unit, 1.0 / np.maximum(size, TINY))
+    reach = -P0[n1:, n1:] * (unit * unit[:, None])
+    reach[unit == 0.0] = 0.0
+    shares, ways = np.linalg.eigh(reach)
+    for share, way in zip(shares, ways.T, strict=True):
+        if share > _UNREACHED:
+            continue
+        if abs(way @ (unit * miss)) > _MISSED * (np.abs(way) @ (unit * size)):
+            raise _NoAnswerError(Status.INFEASIBLE, _out_of_reach(
+                extended, way * unit, float(way @ (unit * miss)), T, names))
+    open_ways = ways[:, shares > _UNREACHED]
+    inner = open_ways.T @ (unit * miss) / shares[shares > _UNREACHED]
+    nu: Array = unit * (open_ways @ inner)
+    return nu
+
+
+def _out_of_reach(extended: _Extended, way: Array, miss: float, T: float, names: tuple[str, ...]
+                  ) -> str:
+    """Name the combination of states at T that the input does not change."""
+    n = extended.n
+    along = way @ extended.C
+    coefficients = along[:n] / extended.scale
+    largest = int(np.abs(coefficients).argmax())
+    unit = coefficients[largest] or 1.0
+    wanted = 0.0 - along[n] * extended.one / unit
+    terms = []
+    for value, name in zip(coefficients / unit, names, strict=True):
+        if abs(value) > 1e-9:
+            size = '' if abs(abs(value) - 1.0) < 1e-12 else f'{abs(value):.4g} '
+            terms.append(f'{"-" if value < 0.0 else "+"} {size}{name}')
+    text = ' '.join(terms).removeprefix('+ ') or '0'
+    return (f'the terminal constraints cannot be met: the input does not reach {text}, which at '
+            f'T = {T:g} is {wanted + miss / unit:.6g} whatever the input; wanted is {wanted:.6g}')
+
+
+def _forward(extended: _Extended, P: Array, z: Array, blocks: list[tuple[float, float]]) -> Array:
+    """Return z at each time: over a stretch z+ = (I + G P+)^-1 A z."""
+    path = np.empty(P.shape[:-1])
+    for k, (low, high) in enumerate(blocks):
+        step = (high - low) / (P.shape[1] - 1)
+        A, G, _ = stretches.of_plant(extended.A, extended.G, extended.Q, step)
+        moves = np.linalg.solve(np.eye(len(z)) + G @ P[k, 1:], np.broadcast_to(A, P[k, 1:].shape))
+        path[k, 0] = z
+        for i, move in enumerate(moves):
+            path[k, i + 1] = z = move @ z
+    return path
+
+
+def _thinned(form: LqForm, t: Array, x: Array, u: Array) -> tuple[tuple[Places, ...], float]:
+    """
+    Return the samples (block, place) that linear u needs, and the error with all of them.
+
+    The error is the defect of the dynamics relative to the largest states, grown until T, of all
+    intervals together. A sample is left out when the line between its neighbours passes by it.
+    """
+    blocks, count = len(t), t.shape[1] - 1
+    size = np.abs(x).max(axis=(0, 1))
+    size[size == 0.0] = max(float(size.max()), TINY)
+    growth = _growth(form.A * (size / size[:, None]), t)
+    levels = []  # middles of intervals of 2 reach samples, and the error of leaving them out
+    reach = 1
+    while reach < count:
+        middle = np.arange(reach, count, 2 * reach)
+        bend = u[:, middle] - 0.5 * (u[:, middle - reach] + u[:, middle + reach])
+        length = 2.0 / 3.0 * (t[:, middle + reach] - t[:, middle - reach])
+        defect = np.abs(bend @ form.B.T / size).max(axis=2) * length * growth[:, middle]
+        levels.append((reach, middle, defect))
+        reach *= 2
+    finest = 0.25 * float(levels[0][2].sum())  # halving the length quarters the bend
+    ends = max(1, count * blocks // _FEWEST)
+    for share in (1e-2, 1e-3, 1e-4, 1e-5, 0.0):
+        keep = np.zeros((blocks, count + 1), dtype=bool)
+        keep[:, ::ends] = keep[:, [0, -1]] = True
+        left_out = finest
+        for reach, middle, defect in levels:
+            half = reach // 2
+            children = keep[:, middle - half] | keep[:, middle + half] if half else False
+            keep[:, middle] |= (defect > share * _DEFECT) | children
+            left_out += float(defect[~keep[:, middle]].sum())
+        if left_out <= max(_DEFECT, 2.0 * finest):
+            break
+    keep[1:, 0] = False  # it is the last of the block before
+    return np.nonzero(keep), finest
+
+
+def _growth(A: Array, t: Array) -> Array:
+    """Return by how much dx/dt = A x grows from each time until T, at least 1."""
+    T = t[-1, -1]
+    step, power, sizes = expm(A * (T / 64)), np.eye(len(A)), [1.0]
+    for _ in range(64):
+        power = step @ power if sizes[-1] < _MOST_GROWTH else power
+        sizes.append(max(1.0, float(np.abs(power).sum(axis=1).max())))
+    grown = np.minimum(np.maximum.accumulate(sizes), _MOST_GROWTH)
+    growth: Array = np.interp(T - t, np.linspace(0.0, T, 65), grown)
+    return growth
+
+
+def _hamiltonian(form: LqForm, x: Array, u: Array, lam: Array) -> Array:
+    """Return H = L + lam'f at each sample."""
+    L = (0.5 * np.einsum('ki,ij,kj->k', x, form.Q, x) + np.einsum('ki,ij,kj->k', x, form.N, u)
+         + 0.5 * np.einsum('ki,ij,kj->k', u, form.R, u) + x @ form.q + u @ form.r + form.cost)
+    f = x @ form.A.T + u @ form.B.T + form.a
+    H: Array = L + np.einsum('ki,ki->k', lam, f)
+    return H
