@@ -19,6 +19,7 @@ from obc_ros.core.guesses import Guesser, scales
 from obc_ros.core.mesh import Layout, Mesh, Path, split, uniform
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.multipliers import Fitter
+from obc_ros.core.nonsmooth import twin
 from obc_ros.core.problem import Problem
 from obc_ros.core.refine import aligned, cuts, judge
 from obc_ros.core.solution import Solution, Status
@@ -47,10 +48,13 @@ class Kit:
 
     def __init__(self, problem: Problem) -> None:
         begun = time.monotonic()
-        self.integrator = Integrator(problem)
-        self.guesser = Guesser(problem)
-        self.switching = switching_inputs(problem)
-        self._fitter: Fitter | None = None
+        self.twin = twin(problem)
+        self.judge = Integrator(problem)
+        smooth = self.twin.problem(problem, 0) if self.twin else problem
+        self.integrator = Integrator(smooth) if self.twin else self.judge
+        self.guesser = Guesser(smooth)
+        self.switching = switching_inputs(smooth)
+        self._fitters: dict[bool, Fitter] = {}
         self._transcriptions: OrderedDict[Layout, Transcription] = OrderedDict()
         self.build_time = time.monotonic() - begun
 
@@ -66,11 +70,11 @@ class Kit:
             self._transcriptions.popitem(last=False)
         return found
 
-    def fitter(self, problem: Problem) -> Fitter:
+    def fitter(self, problem: Problem, stated: bool = False) -> Fitter:
         """Return what fits multipliers, built at most once."""
-        if self._fitter is None:
-            self._fitter = Fitter(problem)
-        return self._fitter
+        if stated not in self._fitters:
+            self._fitters[stated] = Fitter(problem)
+        return self._fitters[stated]
 
 
 class Search:
@@ -83,7 +87,8 @@ class Search:
 
     def __init__(self, problem: Problem, kit: Kit, monitor: Monitor, *, with_arcs: bool = True,
                  quick: bool = False) -> None:
-        self.problem, self.kit, self.monitor, self.quick = problem, kit, monitor, quick
+        self.stated, self.kit, self.monitor, self.quick = problem, kit, monitor, quick
+        self.problem = problem if kit.twin is None else kit.twin.problem(problem, 0)
         self.switching = with_arcs and any(kit.switching)
         self.reason = ''
         self.bounded = bool(problem.path.numel() or np.any(
@@ -132,7 +137,7 @@ class Search:
             found = self._from_starts(intervals)
             good = [o for o in found if o.converged and self.course(o).local.max() < _BELIEVED]
             if not good and intervals == COARSE and not self.quick:
-                self.reason = contradiction(self.problem)
+                self.reason = contradiction(self.stated)
             if good or self.reason or self.monitor.stopped:
                 break
         return sorted(good or found, key=lambda o: (not o.converged, o.objective))
@@ -153,12 +158,14 @@ class Search:
                 break
         return found
 
-    def course(self, outcome: Outcome) -> Extremal:
+    def course(self, outcome: Outcome, *, stated: bool = False) -> Extremal:
         """Return states and costates under the input of an outcome."""
-        course = self.kit.integrator.extremal(self.problem, outcome, 4 if self.stages else 2)
+        problem = self.stated if stated else self.problem
+        integrator = self.kit.judge if stated else self.kit.integrator
+        course = integrator.extremal(problem, outcome, 4 if self.stages else 2)
         if not self.bounded:
             return course
-        return self.kit.fitter(self.problem).fit(self.problem, outcome, course)
+        return self.kit.fitter(problem, stated).fit(problem, outcome, course)
 
     def sizes(self, outcome: Outcome) -> Scales:
         """Return the scales of a path that was found, its cost among them."""
@@ -218,9 +225,11 @@ class Search:
         """Yield better and better outcomes."""
         if self.switching:
             outcome = self.settled(outcome)
-        for _ in range(_ROUNDS):
+        for turn in range(_ROUNDS):
             course = self.course(outcome)
             yield outcome, course
+            if self.kit.twin:
+                self.problem = self.kit.twin.problem(self.stated, turn + 1)
             self.widen_margin(course)
             mesh = self.finer(outcome, course)
             if mesh.layout.intervals > _MOST_INTERVALS or self.monitor.stopped:
@@ -270,7 +279,10 @@ class Search:
 
     def solution(self, outcome: Outcome, course: Extremal) -> Solution:
         """Return an outcome as samples, with its certificate."""
-        problem = self.problem
+        problem = self.stated
+        if self.kit.twin:
+            outcome = self.kit.twin.back(outcome, problem.m)
+            course = self.course(outcome, stated=True)
         t = np.column_stack([course.t[:-1], course.t[1:]]).ravel()
         x, u, lam = (np.stack(pair, axis=1).reshape(len(t), -1) for pair in (
             (course.x, course.x_end), (course.ua, course.ub), (course.lam, course.lam_end)))
@@ -287,7 +299,7 @@ class Search:
             new &= (np.isin(np.arange(len(t)) % (2 * course.parts), (0, 2 * course.parts - 1)))
         densities = [d if d is None else d[new] for d in densities]
         t, x, u, lam = t[new], x[new], u[new], lam[new]
-        H, _, _ = self.kit.integrator.hamiltonian(problem, x, u, lam)
+        H, _, _ = self.kit.judge.hamiltonian(problem, x, u, lam)
         found = Solution(
             Status.NOT_CONVERGED, '', course.cost, t, x, u, lam, H, course.nu,
             state_multipliers=densities[0], path_multipliers=densities[1],
