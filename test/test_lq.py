@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Linear quadratic problems by request: recognised exactly, solved to the last digits, explained."""
+"""Linear quadratic problems: recognised exactly, solved to the last digits, explained."""
 
 import math
 
@@ -286,11 +286,15 @@ def test_neighbours_cost_more():
     problem = chain(running_cost='x**2 + 0.5*u**2', terminal_cost='y**2', final_time=horizon(2))
     best = solve_lq(problem)
     rng = np.random.default_rng(3)
+
+    def cost(u):
+        def rate(s, z):
+            now = np.interp(s, best.t, u)
+            return [z[1], now, z[0]**2 + 0.5 * now**2]
+
+        x, y, spent = solve_ivp(rate, (0, 2), [1, 0, 0], rtol=1e-8, max_step=0.05).y[:, -1]
+        return spent + y**2
+
     for _ in range(20):
-        worse = best.u + 0.1 * np.cumsum(rng.standard_normal(best.u.shape), axis=0) / math.sqrt(
-            len(best.t))
-        t = best.t
-        f = solve_ivp(lambda s, z: [z[1], np.interp(s, t, worse[:, 0]),
-                                    z[0]**2 + 0.5 * np.interp(s, t, worse[:, 0])**2],
-                      (0, 2), [1.0, 0.0, 0.0], rtol=1e-8, max_step=0.05).y[:, -1]
-        assert f[2] + f[1]**2 > best.objective
+        walk = np.cumsum(rng.standard_normal(len(best.t))) / math.sqrt(len(best.t))
+        assert cost(best.u[:, 0] + 0.1 * walk) > best.objective

@@ -150,7 +150,7 @@ def test_refusals():
                         ([0], math.inf, 'finite final time')]:
         with pytest.raises(StatementError, match=words):
             finite_horizon(*good, t, T)
-    with pytest.raises(RefusedDesignError, match=r'P1\[1\] = -1: P1 must be positive semidefinite'):
+    with pytest.raises(RefusedDesignError, match=r'P1\[1\] = -1: P1 must be positive'):
         finite_horizon(CHAIN, FORCE, np.eye(2), [[1]], np.diag([1, -1]), [0], 1.0)
     with pytest.raises(StatementError, match=r'P1: expected \(2, 2\) but found \(3, 3\)'):
         finite_horizon(CHAIN, FORCE, np.eye(2), [[1]], np.eye(3), [0], 1.0)
