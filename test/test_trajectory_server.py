@@ -219,7 +219,7 @@ def test_time_limit_is_kept(server, probe, n):
     took = time.monotonic() - begun
     assert response.status == 'timed_out'
     assert not response.success
-    assert 0.95 < took < 1.0 + PROMISE + SLACK
+    assert 1.0 - PROMISE < took < 1.0 + PROMISE + SLACK
     assert solve(probe, scalar()[0]).status == 'solved'
 
 

@@ -24,6 +24,7 @@ import time
 from obc_ros.core.wire import Channel, Packet
 
 TICK = 0.02        # [s] how soon a busy worker's thread sees a cancelled request
+HEAD_START = 0.1   # [s] that a solver is told to stop before its time is over
 GRACE = 0.08       # [s] in which a solver that was asked to stop may still answer
 IDLE_CHECK = 0.5   # [s] how soon the death of an idle worker is seen
 START_TIME = 60.0  # [s] in which a worker must have started
@@ -347,7 +348,8 @@ class _Worker(Thread):
         left = max(job.deadline - time.monotonic(), 0.001)
         try:
             self._channel.send(
-                {'kind': job.kind, 'request': job.request.plain, 'time_limit': left},
+                {'kind': job.kind, 'request': job.request.plain,
+                 'time_limit': left - min(HEAD_START, 0.2 * left)},
                 job.request.arrays, timeout=left + GRACE)
             return self._attend(job)
         except (EOFError, OSError):
