@@ -16,7 +16,6 @@ import math
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-
 from obc_ros.core.mesh import HELD, Layout, LINEAR, Mesh, Path, Phase
 from obc_ros.core.problem import Problem
 
@@ -169,6 +168,12 @@ def arc_mesh(problem: Problem, arcs: Sequence[Arc], stages: int, density: float,
 
     Parameters
     ----------
+    problem : Problem
+        Whose inputs they are.
+    arcs : sequence of Arc
+        Without gaps.
+    stages : int
+        Gauss points in each interval.
     density : float
         Intervals in each second.
     least : pair of int
@@ -205,9 +210,14 @@ def opened(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem) -> list[A
 
     Parameters
     ----------
+    arcs : sequence of Arc
+        As found.
     t : ndarray, shape (K + 1,)
+        Fine times.
     Hu : ndarray, shape (K, m)
         dH/du in each part of time.
+    problem : Problem
+        Whose bounds are meant.
 
     """
     spans: list[list[_Span]] = []

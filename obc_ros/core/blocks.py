@@ -100,6 +100,7 @@ def assemble(blocks: Sequence[Block], unknowns: int, shared: int, constants: int
     Parameters
     ----------
     blocks : sequence of Block
+        In the order of their rows.
     unknowns : int
         Length of w.
     shared, constants : int
@@ -111,7 +112,8 @@ def assemble(blocks: Sequence[Block], unknowns: int, shared: int, constants: int
     multiplier = ca.MX.sym('lam_f')
     lengths = tuple(block.g.numel() * len(block.index) for block in blocks)
     lam = ca.MX.sym('lam_g', sum(lengths))
-    cost, rows = ca.MX(0), []
+    cost = ca.MX(0)
+    rows: list[ca.MX] = []
     gradient = _Sum((unknowns, 1))
     jacobian = _Sum((sum(lengths), unknowns))
     hessian = _Sum((unknowns, unknowns))

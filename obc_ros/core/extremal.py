@@ -14,11 +14,10 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-
 from obc_ros.core.batch import Batch
 from obc_ros.core.mesh import Path
 from obc_ros.core.problem import Problem
-from obc_ros.core.runge_kutta import step
+from obc_ros.core.runge_kutta import rate_of, step
 from obc_ros.core.transcription import Outcome
 
 Array = NDArray[np.float64]
@@ -75,7 +74,7 @@ class Extremal:
 def _largest(error: Array) -> Array:
     """Return the largest entry of each row, infinite if one is not a number."""
     with np.errstate(invalid='ignore'):
-        return np.nan_to_num(np.abs(error).max(axis=1), nan=np.inf, posinf=np.inf)
+        return np.asarray(np.nan_to_num(np.abs(error).max(axis=1), nan=np.inf, posinf=np.inf))
 
 
 def _cut(path: Path, parts: int) -> tuple[Array, Array, Array]:
@@ -94,8 +93,7 @@ class Integrator:
         x, u, p, lam = problem.x, problem.u, problem.p, ca.SX.sym('lam', problem.n)
         ua, ub = ca.SX.sym('ua', problem.m), ca.SX.sym('ub', problem.m)
         h, total = ca.SX.sym('h'), ca.SX.sym('total')
-        rate = ca.Function('rate', [x, u, p], [problem.f, problem.L])
-        end, cost = step(lambda x, u: rate(x, u, p), x, (ua, ub), h)
+        end, cost = step(rate_of(problem), x, (ua, ub), h)
         back = ca.gradient(ca.dot(lam, end) + cost, x)
         jump = ca.SX.sym('jump', problem.n)
         mu = ca.SX.sym('mu', int(problem.path.numel()))

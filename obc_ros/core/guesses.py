@@ -1,8 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""
-Where a search for an optimal path may start: physically sensible paths, from a statement alone.
-"""
+"""Where a search for an optimal path may start: sensible paths, from a statement alone."""
 
 from collections.abc import Iterator
 from itertools import count
@@ -10,10 +8,9 @@ from itertools import count
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-
 from obc_ros.core.extremal import Integrator
-from obc_ros.core.problem import Problem
 from obc_ros.core.mesh import Path
+from obc_ros.core.problem import Problem
 from obc_ros.core.transcription import Scales
 
 Array = NDArray[np.float64]

@@ -11,7 +11,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-
 from obc_ros.core.problem import Problem
 
 Array = NDArray[np.float64]
@@ -115,11 +114,12 @@ class Path:
 
     def inputs_at(self, times: Array, after: bool) -> Array:
         """Return inputs at any times; `after` a jump or before it."""
-        side = 'right' if after else 'left'
-        k = np.clip(np.searchsorted(self.t, times, side) - 1, 0, len(self.ua) - 1)
+        found = (np.searchsorted(self.t, times, 'right') if after
+                 else np.searchsorted(self.t, times, 'left'))
+        k = np.clip(found - 1, 0, len(self.ua) - 1)
         length = np.maximum(self.t[k + 1] - self.t[k], 1e-300)
         part = np.clip((times - self.t[k]) / length, 0.0, 1.0)[:, None]
-        return (1 - part) * self.ua[k] + part * self.ub[k]
+        return np.asarray((1 - part) * self.ua[k] + part * self.ub[k])
 
 
 def gauss_points(stages: int) -> Array:

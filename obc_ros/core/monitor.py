@@ -1,15 +1,13 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""
-Watching a solver at work: progress goes out, a wish to stop comes in.
-"""
+"""Watching a solver at work: progress goes out, a wish to stop comes in."""
 
+from collections.abc import Sequence
 import math
 import time
 
 import casadi as ca
 import numpy as np
-
 from obc_ros.core.solution import Report
 
 
@@ -82,15 +80,19 @@ class Watch(ca.Callback):
         self.construct('watch', {})
 
     def get_n_in(self) -> int:
+        """Return the number of inputs: what the solver shows after an iteration."""
         return int(ca.nlpsol_n_out())
 
     def get_n_out(self) -> int:
+        """Return the number of outputs."""
         return 1
 
     def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        """Return the shape of an input."""
         return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
 
-    def eval(self, arg: list[ca.DM]) -> list[ca.DM]:
+    def eval(self, arg: Sequence[ca.DM]) -> Sequence[ca.DM]:
+        """Return whether the solver is to stop."""
         g = arg[2].full().ravel()
         violation = np.maximum(self.lower - g, g - self.upper)
         return [ca.DM(int(self.monitor.step(

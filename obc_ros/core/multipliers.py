@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-
 from obc_ros.core.batch import Batch
 from obc_ros.core.extremal import Extremal
 from obc_ros.core.problem import Problem
@@ -127,7 +126,7 @@ class Fitter:
                 near[::course.parts] |= ((heavy > 1e-2 * heavy.max()) & (heavy > 0)
                                          & (distance[::course.parts, row] < _PERHAPS))
                 if not self._pure[row]:
-                    near |= self._touched(sign, row, outcome, course)
+                    near |= self._touched(sign, int(row), outcome, course)
                 found += [Contact(int(row), sign, first, last)
                           for first, last in _groups(near, _GAP * course.parts)]
         return found
@@ -146,7 +145,9 @@ class Fitter:
 
     def _unknowns(self, found: list[Contact], course: Extremal) -> _Unknowns:
         K, parts = len(course.x), course.parts
-        densities, masses, signs = [], [], []
+        densities: list[Array] = []
+        masses: list[Array] = []
+        signs: list[int] = []
         places = np.arange(K + 1)
         ends = np.column_stack([places[:-1], places[1:]])
 
@@ -161,7 +162,7 @@ class Fitter:
             count = min((contact.last - contact.first) // parts, _MOST_HATS) + 2
             knots = np.unique(np.linspace(
                 contact.first, contact.last, count).round().astype(int))
-            inside = ((ends >= contact.first) & (ends <= contact.last)).all(axis=1)[:, None]
+            inside = (ends[:, :1] >= contact.first) & (ends[:, 1:] <= contact.last)
             if len(knots) > 1:
                 for unit in np.eye(len(knots)):
                     add(contact.row, inside * np.interp(ends, knots, unit), 0.0, contact.sign)

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-
 from obc_ros.core.extremal import Extremal, Integrator
 from obc_ros.core.mesh import Mesh
 from obc_ros.core.problem import Problem

@@ -1,12 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""
-One explicit Runge-Kutta step of order 6, under an input linear over the step.
-"""
+"""One explicit Runge-Kutta step of order 6, under an input linear over the step."""
 
 from collections.abc import Callable
 
 import casadi as ca
+from obc_ros.core.problem import Problem
 
 # Returns f and L at x and u.
 Rate = Callable[[ca.SX, ca.SX], tuple[ca.SX, ca.SX]]
@@ -20,6 +19,17 @@ _A: tuple[tuple[float, ...], ...] = (
 _B = (11 / 120, 0.0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120)
 
 
+def rate_of(problem: Problem) -> Rate:
+    """Return f and L of a problem as a function of x and u."""
+    function = ca.Function('rate', [problem.x, problem.u, problem.p], [problem.f, problem.L])
+
+    def rate(x: ca.SX, u: ca.SX) -> tuple[ca.SX, ca.SX]:
+        f, L = function.call([x, u, problem.p])
+        return f, L
+
+    return rate
+
+
 def step(rate: Rate, x: ca.SX, inputs: tuple[ca.SX, ca.SX], h: ca.SX) -> tuple[ca.SX, ca.SX]:
     """
     Return x after a step of length h and the integral of L over it.
@@ -27,11 +37,13 @@ def step(rate: Rate, x: ca.SX, inputs: tuple[ca.SX, ca.SX], h: ca.SX) -> tuple[c
     Parameters
     ----------
     rate : callable
+        Returns f and L.
     x : casadi.SX
         State at the start.
     inputs : pair of casadi.SX
         Input at the start and at the end.
     h : casadi.SX
+        Length of the step.
 
     """
     slopes: list[ca.SX] = []

@@ -9,9 +9,16 @@ import time
 
 import numpy as np
 from numpy.typing import NDArray
-
 from obc_ros.core.arcs import (
-    Arc, arc_mesh, closed, find_arcs, opened, Signature, signature, switching_inputs)
+    Arc,
+    arc_mesh,
+    closed,
+    find_arcs,
+    opened,
+    Signature,
+    signature,
+    switching_inputs,
+)
 from obc_ros.core.certificate import certify
 from obc_ros.core.contradictions import contradiction
 from obc_ros.core.extremal import Extremal, Integrator

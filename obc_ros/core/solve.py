@@ -1,8 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""
-Answer an optimal control problem by the method its structure asks for, and certify the answer.
-"""
+"""Answer an optimal control problem by the method its structure asks for, and certify it."""
 
 from collections import OrderedDict
 from collections.abc import Callable
@@ -105,6 +103,7 @@ def solve(problem: Problem, *, method: str = 'auto', time_limit: float = 60.0,
     Parameters
     ----------
     problem : Problem
+        A checked statement.
     method : str
         One of METHODS.
     time_limit : float

@@ -13,16 +13,16 @@ at given values: arcs.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-
 from obc_ros.core.blocks import assemble, Block, Index, Program
 from obc_ros.core.mesh import gauss_points, HELD, Layout, Mesh, Path
 from obc_ros.core.monitor import Monitor, Watch
 from obc_ros.core.problem import Problem
-from obc_ros.core.runge_kutta import Rate, step
+from obc_ros.core.runge_kutta import Rate, rate_of, step
 
 Array = NDArray[np.float64]
 
@@ -122,7 +122,8 @@ class Limits:
     Bounds besides those of the problem.
 
     `shortest`, `longest` lengths of the phases; `margin` (n + l,) by which the bounds of x and
-    of the path constraints are drawn in; `pinned` (n,) where psi fixes a component of x(T), so that its bounds say nothing.
+    of the path constraints are drawn in; `pinned` (n,) where psi fixes a component of x(T), so
+    that its bounds say nothing.
     """
 
     shortest: Array
@@ -209,8 +210,8 @@ class Transcription:
         self.constants = self.shared + N + len(held) + (0 if layout.free_durations else phases)
         base = self.unknowns + self.shared
         self.at_fraction = base + np.arange(N)
-        for places in (self.at_ua, self.at_ub):
-            places[places < 0] = base + N - 1 - places[places < 0]
+        for inputs in (self.at_ua, self.at_ub):
+            inputs[inputs < 0] = base + N - 1 - inputs[inputs < 0]
         if not layout.free_durations:
             self.at_duration = base + N + len(held) + np.arange(phases)
 
@@ -219,7 +220,6 @@ class Transcription:
         sx, su = ca.SX.sym('sx', n), ca.SX.sym('su', m)
         st, sj = ca.SX.sym('st'), ca.SX.sym('sj')
         shared = ca.vertcat(problem.p, sx, su, st, sj)
-        rate = ca.Function('rate', [problem.x, problem.u, problem.p], [problem.f, problem.L])
         limits = ca.Function('limits', [problem.x, problem.u, problem.p], [problem.path])
         xa, xb = ca.SX.sym('xa', n), ca.SX.sym('xb', n)
         inner = ca.SX.sym('inner', n, layout.stages)
@@ -227,8 +227,8 @@ class Transcription:
         duration, fraction = ca.SX.sym('duration'), ca.SX.sym('fraction')
         scheme = _gauss if layout.stages else _explicit
         rows, cost = scheme(
-            lambda x, u: rate(x, u, problem.p), (sx * xa, ca.repmat(sx, 1, layout.stages) * inner, sx * xb), (su * ua, su * ub),
-            st * duration * fraction)
+            rate_of(problem), (sx * xa, ca.repmat(sx, 1, layout.stages) * inner, sx * xb),
+            (su * ua, su * ub), st * duration * fraction)
         points = [(xa, ua)] + [(inner[:, j], (1 - c) * ua + c * ub)
                                for j, c in enumerate(self.c)]
         N = layout.intervals
@@ -264,12 +264,13 @@ class Transcription:
         if start not in self._solvers:
             rows = int(self._program.nlp['g'].numel())
             watch = Watch(self.unknowns, rows, self.constants)
-            options = {'print_time': False, 'error_on_fail': False, 'no_nlp_grad': True,
-                       'calc_lam_p': False, 'calc_lam_x': False, 'calc_f': False,
-                       'calc_g': False, 'show_eval_warnings': False,
-                       'ipopt': _COMMON | _STARTS[start],
-                       'iteration_callback': watch, **self._program.derivatives}
-            self._solvers[start] = ca.nlpsol('nlp', 'ipopt', self._program.nlp, options), watch
+            options: dict[str, Any] = {
+                'print_time': False, 'error_on_fail': False, 'show_eval_warnings': False,
+                'no_nlp_grad': True, 'calc_lam_p': False, 'calc_lam_x': False, 'calc_f': False,
+                'calc_g': False, 'ipopt': _COMMON | _STARTS[start], 'iteration_callback': watch,
+                **self._program.derivatives}
+            nlp: dict[str, Any] = dict(self._program.nlp)
+            self._solvers[start] = ca.nlpsol('nlp', 'ipopt', nlp, options), watch
         return self._solvers[start]
 
     def times(self, mesh: Mesh, durations: Array) -> Array:
@@ -323,7 +324,8 @@ class Transcription:
                     ) -> tuple[Array, Array]:
         N, s = self.layout.intervals, self.layout.stages
         collocation, margin = np.zeros(self.n * (s + 1)), limits.margin[self.n:]
-        lower, upper = [], []
+        lower: list[Array] = []
+        upper: list[Array] = []
         for rows, path in ((lower, problem.path_lower + margin),
                            (upper, problem.path_upper - margin)):
             rows.append(np.tile(np.append(collocation, np.tile(path, s + 1)), N))
@@ -345,8 +347,18 @@ class Transcription:
 
         Parameters
         ----------
+        problem : Problem
+            Of the structure this was built for; its numbers are used.
+        mesh : Mesh
+            Of the layout this was built for.
         start : ndarray
             Unknowns, from `start` or of an earlier Outcome.
+        scales : Scales
+            Of the unknowns and the cost.
+        limits : Limits
+            Bounds besides those of the problem.
+        monitor : Monitor
+            Is told of every iteration and may end the work.
         near : bool
             Whether the start is near the optimum.
         multipliers : pair of ndarray, optional
