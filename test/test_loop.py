@@ -397,7 +397,7 @@ def test_nothing_is_integrated_over_a_gap() -> None:
 def test_prediction_is_the_simulation() -> None:
     """What the law sees is the state in two periods, given the commands on their way."""
     a, b, dt = 0.9, 0.5, 0.1  # x+ = a x + b u, u acts two periods later
-    prediction = Prediction(((a * a,),), (((b,),), ((a * b,),)), round(dt * S))
+    prediction = Prediction(((a * a,),), (((b,),), ((a * b,),)), round(dt * S), 2 * round(dt * S))
     regulator = Regulator((0.2,), (0.02 / 0.5,), ((1.0,),), (0.0,))  # 0.2 = a 0.2 + b ue
     loop = Loop(Control(regulator, Limits((-9.0,), (9.0,)), (0.0,), ('x',),
                         prediction=prediction))

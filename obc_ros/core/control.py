@@ -49,7 +49,7 @@ class Prediction:
         (n, n).
     Gammas : tuple of tuple of tuple of float
         An (n, m) matrix for each command that is still to take effect, the last one first.
-    period : int
+    period, delay : int
         Of the commands [ns].
 
     """
@@ -57,6 +57,7 @@ class Prediction:
     Phi: Rows
     Gammas: tuple[Rows, ...]
     period: int
+    delay: int
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.equilibrium import Equilibrium, equilibrium, linearize
 from obc_ros.core.errors import DynamicsError, StatementError
-from obc_ros.core.lqr import lqr, LqrDesign
+from obc_ros.core.lqr import dlqr, lqr, LqrDesign
 from obc_ros.core.regulator import Regulator, rows, Vector, vector
+from obc_ros.core.sampling import sampled, Sampling
 from obc_ros.core.system import System
 from obc_ros.core.weights import choose, Weights, with_integrals
 
 Array = NDArray[np.float64]
+
+ALWAYS = Sampling()
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +64,8 @@ class Design:
         Outputs with integral action.
     cost : Weights
         With those of the integrals.
+    sampling : Sampling
+        When the controller acts.
 
     """
 
@@ -69,6 +74,7 @@ class Design:
     lqr: LqrDesign
     C: Array
     cost: Weights
+    sampling: Sampling
 
     @property
     def K(self) -> Array:
@@ -116,7 +122,7 @@ def plant(system: System, setpoint: Sequence[float] = (), setpoint_input: Sequen
 
 
 def design(plant: Plant, weights: dict[str, Any], integral: Sequence[str] = (),
-           Qi: Sequence[float] = ()) -> Design:
+           Qi: Sequence[float] = (), sampling: Sampling = ALWAYS) -> Design:
     """
     Return the regulator of a plant for a cost.
 
@@ -130,6 +136,8 @@ def design(plant: Plant, weights: dict[str, Any], integral: Sequence[str] = (),
         Names of the states whose integrals are fed back.
     Qi : sequence of float
         Weights of these integrals; empty: 1 each.
+    sampling : Sampling
+        When the controller acts, and whether the gain is designed for it.
 
     Raises
     ------
@@ -147,15 +155,20 @@ def design(plant: Plant, weights: dict[str, Any], integral: Sequence[str] = (),
     if integral:
         C = np.eye(n)[[_index(plant.system, name) for name in integral]]
         A, B, cost = with_integrals(A, B, chosen, C, Qi or (1.0,) * len(C))
-    return Design(plant, chosen, _gain(A, B, cost), C, cost)
+    return Design(plant, chosen, _gain(A, B, cost, sampling), C, cost, sampling)
 
 
 def design_again(found: Design, plant: Plant) -> Design:
     """Return the design of another plant of the same system for the same cost."""
-    return replace(found, plant=plant, lqr=_gain(*found.augmented(plant.A, plant.B), found.cost))
+    return replace(found, plant=plant, lqr=_gain(
+        *found.augmented(plant.A, plant.B), found.cost, found.sampling))
 
 
-def _gain(A: Array, B: Array, cost: Weights) -> LqrDesign:
+def _gain(A: Array, B: Array, cost: Weights, sampling: Sampling) -> LqrDesign:
+    if sampling.exact:
+        A, B, cost = sampled(A, B, cost, sampling.period)
+        return dlqr(A, B, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability,
+                    period=sampling.period)
     return lqr(A, B, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability)
 
 

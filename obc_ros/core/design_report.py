@@ -88,7 +88,7 @@ def fields(design: Design, made: Change, error: Sequence[float] | None) -> dict[
         'k': design.K, 'p': P,
         'poles_real': seen.poles.real, 'poles_imag': seen.poles.imag, 'damping': seen.damping,
         'residual': float(found.residual), 'design': 'sampled' if found.period else 'continuous',
-        'sample_time': float(found.period),
+        'sample_time': float(found.period), 'delay': design.sampling.delay,
         **{name: getattr(seen, name) for name in (
             'gain_margin', 'gain_reduction_margin', 'phase_margin', 'disk_margin', 'bandwidth',
             'rise_time', 'overshoot', 'settling_time', 'peak_input')},

@@ -19,6 +19,7 @@ from obc_ros.core.design import Design, design_again, plant
 from obc_ros.core.equilibrium import linearize
 from obc_ros.core.errors import DynamicsError, RefusedDesignError, StatementError
 from obc_ros.core.regulator import Point, Regulator, Rows, rows, Vector, vector
+from obc_ros.core.sampling import sampled
 from obc_ros.core.system import System
 
 Array = NDArray[np.float64]
@@ -104,7 +105,11 @@ def leg(along: Course, found: Design) -> tuple[Leg, str]:
 
     """
     after, P1, ending = _end(along, found)
-    grid = np.linspace(along.t[0], along.t[-1], min(_INTERVALS, len(along.t) - 1) + 1)
+    length, period = along.t[-1] - along.t[0], found.lqr.period
+    cells = min(_INTERVALS, len(along.t) - 1)
+    if period:
+        cells = max(1, min(cells, int(length / period)))
+    grid = np.linspace(along.t[0], along.t[-1], cells + 1)
     return Leg(along.reference, Path(
         vector(along.t), rows(along.x), rows(along.u), along.holds, vector(grid),
         tuple(rows(K) for K in _gains(along, found, grid, P1))), after), ending
@@ -170,26 +175,49 @@ def _end(along: Course, found: Design) -> tuple[Regulator, Array, str]:
 
 def _gains(along: Course, found: Design, grid: Array, P1: Array) -> list[Array]:
     """Return the gains (m, n) at the times of a grid, backwards from P1 at the last."""
-    weights, system = found.cost, found.plant.system
-    n, N = system.n, weights.cross
-    Qu_inverse = np.linalg.inv(weights.Qu)
-    P, gains = P1, []
+    n, P, gains = found.plant.system.n, P1, []
+    step = _sampled_step if found.lqr.period else _step
     for k in range(len(grid) - 1, -1, -1):
         # of an interval its middle, of the end the end
-        time = grid[k] if k == len(grid) - 1 else 0.5 * (grid[k] + grid[k + 1])
-        A, B = found.augmented(*linearize(system, *_sample(along, float(time))))
-        Q, right = weights.Qx, Qu_inverse @ B.T
-        if N is not None:
-            A, Q = A - B @ Qu_inverse @ N.T, Q - N @ Qu_inverse @ N.T
-        if k < len(grid) - 1:
-            A = A + weights.stability * np.eye(len(A))
-            P = stretches.before(stretches.of_plant(
-                A, B @ right, Q, float(grid[k + 1] - grid[k])), P[None])[0]
-        K = right @ P
-        gains.append((K if N is None else K + Qu_inverse @ N.T)[:, :n])
+        is_end = k == len(grid) - 1
+        time = grid[k] if is_end else 0.5 * (grid[k] + grid[k + 1])
+        A, B = found.augmented(*linearize(found.plant.system, *_sample(along, float(time))))
+        P, K = step(A, B, found, P, 0.0 if is_end else float(grid[k + 1] - grid[k]))
+        gains.append(K[:, :n])
     if not all(np.isfinite(K).all() for K in gains):
         raise DynamicsError('the gain along the reference is not finite')
     return gains[::-1]
+
+
+def _step(A: Array, B: Array, found: Design, P: Array, time: float) -> tuple[Array, Array]:
+    """Return P a time [s] earlier, and the gain there."""
+    weights = found.cost
+    N = np.zeros_like(B) if weights.cross is None else weights.cross
+    right = np.linalg.solve(weights.Qu, np.hstack([B.T, N.T]))
+    B_right, N_right = right[:, :len(A)], right[:, len(A):]
+    if time:
+        M = A - B @ N_right + weights.stability * np.eye(len(A))
+        P = stretches.before(stretches.of_plant(
+            M, B @ B_right, weights.Qx - N @ N_right, time), P[None])[0]
+    return P, B_right @ P + N_right
+
+
+def _sampled_step(A: Array, B: Array, found: Design, P: Array, time: float
+                  ) -> tuple[Array, Array]:
+    """Return P a time [s] earlier, in whole periods, and the gain there."""
+    period = found.lqr.period
+    A, B, cost = sampled(A, B, found.cost, period)
+    N = np.zeros_like(B) if cost.cross is None else cost.cross
+    growth = np.exp(2.0 * cost.stability * period)
+    for _ in range(round(time / period)):
+        before, BP = P, growth * B.T @ P
+        right = BP @ A + N.T
+        P = growth * A.T @ P @ A + cost.Qx - right.T @ np.linalg.solve(cost.Qu + BP @ B, right)
+        P = 0.5 * (P + P.T)
+        if np.abs(P - before).max() <= 1e-13 * np.abs(P).max():
+            break
+    BP = growth * B.T @ P
+    return P, np.linalg.solve(cost.Qu + BP @ B, BP @ A + N.T)
 
 
 def _sample(along: Course, t: float) -> tuple[Array, Array]:

@@ -148,7 +148,7 @@ class Loop:
         """Return by how much (m,) a control would change the last command, or None: none yet."""
         if self.x is None or self.stamp is None or self.command is None:
             return None
-        u = self._law(control, self._reference(control, self.stamp), self.x)[0]
+        u = self._law(control, self._reference(control, self.stamp), self.stamp, self.x)
         control.limits.clip(u)
         return list(map(sub, u, self.command))
 
@@ -200,7 +200,7 @@ class Loop:
         if control.integral is not None:
             self._integrate(control.integral, error, stamp)
         self.error, self._since = error, stamp
-        raw = self._law(control, point, x)[0]
+        raw = self._law(control, point, stamp, x)
         if self._jump is not None:
             self._fade(raw, stamp)
         u = raw.copy()
@@ -211,17 +211,19 @@ class Loop:
             self._remember(control.prediction, u, stamp)
         return u
 
-    def _law(self, control: Control, point: Point, x: Sequence[float]
-             ) -> tuple[list[float], list[float]]:
-        """Return the law's input without limits, and the error that it was computed from."""
+    def _law(self, control: Control, point: Point, stamp: int, x: Sequence[float]
+             ) -> list[float]:
+        """Return the law's input without limits."""
         e = control.limits.error(x, point.x)
         if control.prediction is not None:
             e = self._predict(control.prediction, e, point.u)
+            if control.legs:
+                point = self._reference(control, stamp + control.prediction.delay)
         u = feedback(point, e)
         if control.integral is not None:
             for j, row in enumerate(control.integral.Ki):
                 u[j] -= sum(map(mul, row, self._z))
-        return u, e
+        return u
 
     def _reference(self, control: Control, stamp: int) -> Point:
         """Return where the plant should be at a stamp."""
@@ -288,7 +290,7 @@ class Loop:
         """Make `new` the control in use."""
         before = None
         if not (self._resting or self.stopped or self.command is None):
-            before = self._law(self._control, self._reference(self._control, stamp), x)[0]
+            before = self._law(self._control, self._reference(self._control, stamp), stamp, x)
             if self._jump is not None:
                 self._fade(before, stamp)
             self._control.limits.clip(before)
@@ -320,7 +322,7 @@ class Loop:
         """Begin a transition from the command `before`."""
         self._jump = None
         if new.rules.transition_time:
-            after = self._law(new, self._reference(new, stamp), x)[0]
+            after = self._law(new, self._reference(new, stamp), stamp, x)
             self._jump, self._jumped = list(map(sub, before, after)), stamp
 
     def _fade(self, u: list[float], stamp: int) -> None:

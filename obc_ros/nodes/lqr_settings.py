@@ -12,6 +12,7 @@ from obc_ros.core.design import Design, design, Plant, plant
 from obc_ros.core.errors import StatementError
 from obc_ros.core.following import Course, leg
 from obc_ros.core.regulator import Limits, rows, Vector, vector
+from obc_ros.core.sampling import prediction, Sampling
 from obc_ros.core.weights import KINDS
 from obc_ros.msg import LqrWeights
 from obc_ros.nodes.conversions import chosen_system, system_parameters
@@ -124,7 +125,8 @@ def judge(settings: Settings, courses: tuple[Course, ...] = ()) -> Candidate:
         names=found.plant.system.state_names,
         rules=_rules(settings, found.plant.system.state_names),
         legs=tuple(_leg(each, found)[0] for each in courses),
-        integral=Integral(rows(found.C), rows(found.Ki)) if len(found.C) else None))
+        integral=Integral(rows(found.C), rows(found.Ki)) if len(found.C) else None,
+        prediction=prediction(found.plant.A, found.plant.B, found.sampling)))
 
 
 def ending(course: Course, found: Design) -> str:
@@ -161,8 +163,10 @@ def _plant(system: str, parameters: tuple[tuple[str, Value], ...], setpoint: Vec
 @functools.lru_cache(maxsize=4)  # what is still in use need not be designed again
 def _design(*values: Any) -> Design:
     given = dict(zip(_DESIGN, values, strict=True))
+    period = given['sample_time'] or (1.0 / given['rate'] if given['rate'] else 0.0)
     return design(_plant(*(given[name] for name in _PLANT)),
-                  {name: given[name] for name in _WEIGHTS}, given['integral'], given['Qi'])
+                  {name: given[name] for name in _WEIGHTS}, given['integral'], given['Qi'],
+                  Sampling(period, given['delay'], given['design'] == 'sampled'))
 
 
 @functools.lru_cache(maxsize=4)
