@@ -7,15 +7,17 @@ Minimise rate T + V subject to C x(T) = d, u in a bounded box, with rate > 0 and
 free, and no constraints along the path.
 """
 
+from collections import OrderedDict
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-
 from obc_ros.core.problem import Problem
 
 Array = NDArray[np.float64]
+
+_KEPT = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +51,15 @@ class Affine:
     c: Array
 
 
+@dataclass(frozen=True, eq=False)
+class _Form:
+    """The values L, V, psi, f at x = 0, u = 0 and their Jacobian, and which are of the form."""
+
+    at_zero: ca.Function
+    has_target: bool
+    is_affine: bool
+
+
 def target(problem: Problem) -> Target | None:
     """Return the target of a problem of least time, None for another problem."""
     bounded = (np.isfinite(problem.x_lower).any() or np.isfinite(problem.x_upper).any()
@@ -56,29 +67,52 @@ def target(problem: Problem) -> Target | None:
     boxed = np.isfinite(problem.u_lower).all() and np.isfinite(problem.u_upper).all()
     if not problem.final_time.free or bounded or not boxed or problem.q == 0:
         return None
-    z = ca.vertcat(problem.x, problem.u)
-    slope = ca.jacobian(problem.psi, problem.x)
-    if ca.depends_on(ca.vertcat(problem.L, problem.V, ca.vec(slope)), z):
+    form = _form(problem)
+    if not form.has_target:
         return None
-    at_zero = ca.Function('target', [problem.x, problem.p],
-                          [ca.vertcat(problem.L, problem.V), slope, problem.psi])
-    values, C, d = (out.full() for out in at_zero(np.zeros(problem.n), problem.p_value))
-    rate, V = values.ravel()
-    if not (rate > 0 and np.isfinite(values).all() and np.isfinite(C).all()
-            and np.isfinite(d).all()):
+    values, J = _numbers(problem, form)
+    end = 2 + problem.q
+    rate, V, d, C = float(values[0]), float(values[1]), -values[2:end], J[2:end, :problem.n]
+    if not (rate > 0 and np.isfinite(values[:end]).all() and np.isfinite(C).all()):
         return None
-    return Target(float(rate), float(V), C, -d.ravel())
+    return Target(rate, V, C, d)
 
 
 def affine(problem: Problem) -> Affine | None:
     """Return the dynamics if they are affine in x and u together, else None."""
-    z = ca.vertcat(problem.x, problem.u)
-    slope = ca.jacobian(problem.f, z)
-    if ca.depends_on(slope, z):
+    form = _form(problem)
+    if not form.is_affine:
         return None
-    at_zero = ca.Function('affine', [problem.x, problem.u, problem.p], [slope, problem.f])
-    J, c = (out.full() for out in at_zero(
-        np.zeros(problem.n), np.zeros(problem.m), problem.p_value))
+    values, J = _numbers(problem, form)
+    c, J = values[-problem.n:], J[-problem.n:]
     if not (np.isfinite(J).all() and np.isfinite(c).all()):
         return None
-    return Affine(J[:, :problem.n], J[:, problem.n:], c.ravel())
+    return Affine(J[:, :problem.n], J[:, problem.n:], c)
+
+
+def _numbers(problem: Problem, form: _Form) -> tuple[Array, Array]:
+    values, J = form.at_zero(np.zeros(problem.n + problem.m), problem.p_value)
+    return values.full().ravel(), J.full()
+
+
+_forms: OrderedDict[str, _Form] = OrderedDict()
+
+
+def _form(problem: Problem) -> _Form:
+    """Return the form of a problem's structure, from memory where it can be."""
+    form = _forms.pop(problem.structure, None) or _new_form(problem)
+    if problem.structure:
+        _forms[problem.structure] = form
+        if len(_forms) > _KEPT:
+            _forms.popitem(last=False)
+    return form
+
+
+def _new_form(problem: Problem) -> _Form:
+    z = ca.vertcat(problem.x, problem.u)
+    values = ca.vertcat(problem.L, problem.V, problem.psi, problem.f)
+    J = ca.jacobian(values, z)
+    end = 2 + problem.q
+    constant = ca.vertcat(values[:2], ca.vec(J[2:end, :]))
+    return _Form(ca.Function('form', [z, problem.p], [values, J]),
+                 not ca.depends_on(constant, z), not ca.depends_on(J[end:, :], z))

@@ -33,7 +33,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
 from obc_ros.core.errors import StatementError
 
 Array = NDArray[np.float64]

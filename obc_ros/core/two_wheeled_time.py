@@ -23,7 +23,6 @@ from math import ceil, isfinite, pi
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-
 from obc_ros.core.errors import StatementError
 from obc_ros.core.least_time_form import Target, target
 from obc_ros.core.problem import Problem
