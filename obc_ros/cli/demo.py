@@ -76,12 +76,15 @@ def fly(flight: Flight, out: Path, real_time: bool,
         children.start('plant_simulator', *parameters, *pace)
         children.start('trajectory_server', *parameters)
         with closing(Pilot(children, recorder)) as pilot:
-            # The controller comes last, so that its first command finds everybody listening.
             pilot.wait(lambda: bool(pilot.states.stamp), 'the first state')
+            # Time stands still until everybody has found everybody.
+            pilot.pause(True)
             children.start('lqr_node', *parameters)
+            pilot.wait(lambda: bool(pilot.designs) and pilot.hears('command'), 'lqr_node')
+            pilot.pause(False)
             wall = time.monotonic()
             progress = Progress(pilot, flight)
-            pilot.wait(lambda: bool(pilot.commands.stamp and pilot.designs), 'the first command')
+            pilot.wait(lambda: bool(pilot.commands.stamp), 'the first command')
             for event in flight.events:
                 progress.until(event.at)
                 progress.say(event.what, event.act(pilot))

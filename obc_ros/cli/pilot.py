@@ -131,6 +131,10 @@ class Pilot:
             SetParametersAtomically, f'{node}/set_parameters_atomically', request).result
         return result.successful, result.reason
 
+    def hears(self, topic: str) -> bool:
+        """Return whether somebody publishes a topic."""
+        return bool(self.node.count_publishers(topic))
+
     def pause(self, wanted: bool) -> None:
         """Stop the simulated time, or let it go on."""
         self.call(SetBool, 'plant_simulator/pause', SetBool.Request(data=wanted))
