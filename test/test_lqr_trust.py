@@ -26,7 +26,7 @@ ACTIVE, INACTIVE, UNCONFIGURED = 'active', 'inactive', 'unconfigured'
 
 def test_stamps(spawn: Any, probe: Any) -> None:
     """Late, repeated and reset stamps, and a rate, each over DDS."""
-    bench = Bench(spawn, probe)
+    bench = Bench(spawn, probe, **{'qos_overrides./state.subscription.depth': 10})
     first = bench.answer(X, 10.0)
     assert (bench.answer(X, 10.0) == first).all()  # asked again
     bench.answer(X, 10.1)
@@ -123,6 +123,20 @@ def test_integral_action(spawn: Any, probe: Any) -> None:
     bench.answer(x, 1.1)
     assert bench.probe.call(Trigger, '/lqr_node/start').success
     assert bench.answer([0.0, 0.0], 1.2)[0] == pytest.approx(0.0, abs=1e-15)
+
+
+def test_sampled_and_delayed(spawn: Any, probe: Any) -> None:
+    """A design for the rate and the delay is another gain; without a rate it is refused."""
+    bench = Bench(spawn, probe)
+    assert 'needs the period' in bench.set(design='sampled').reason
+    assert 'needs the period' in bench.set(delay=0.05).reason
+    assert bench.set(design='sampled', rate=20.0, delay=0.05).successful
+    design = bench.design(2)
+    assert (design.design, design.sample_time, design.delay) == ('sampled', 0.05, 0.05)
+    assert design.max_gain_change > 0.01 and max(design.poles_real) < 0.0
+    u = [bench.answer(X, 1.0 + 0.05 * k) for k in range(3)]
+    # the same state, but each time another command is on its way
+    assert np.abs(u[1] - u[0]).max() > 1e-3 and np.abs(u[2] - u[1]).max() > 1e-3
 
 
 # References
@@ -320,7 +334,7 @@ def test_odometry_in_and_twist_out(spawn: Any, probe: Any) -> None:
 def test_wrench_out(spawn: Any, probe: Any) -> None:
     """The aircraft's forces as a wrench in the frame of its body."""
     bench = Bench(spawn, probe, sink=WrenchStamped, commands='wrench', command_sink='wrench',
-                  frame_id='map')
+                  frame_id='map', **{'qos_overrides./state.subscription.depth': 10})
     K = matrix(bench.design(1).k, 2)
     bench.send(X, frame='odom')
     bench.send(X, 2.0, frame='map')
