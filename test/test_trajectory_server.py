@@ -328,7 +328,8 @@ def test_a_regulator_is_designed(server, probe):
              'malformed: weights'),
             (DesignLqr.Request(a=[0.0] * 4, b=[1.0] * 2, weights=LqrWeights(
                 qx=[1.0, 5.0, 2.0, 1.0], qu=[1.0])), 'malformed: Qx[0, 1] = 5'),
-            (DesignLqr.Request(a=[1.0], b=[1.0], sample_time=0.1), 'malformed: sample_time = 0.1'),
+            (DesignLqr.Request(a=[1.0], b=[1.0], sample_time=-1.0), 'malformed: sample_time = -1'),
+            (DesignLqr.Request(a=[1.0], b=[1.0], delay=0.1), 'malformed: delay = 0.1 needs'),
             (DesignLqr.Request(system='zeppelin'), "malformed: unknown system 'zeppelin'"),
             (DesignLqr.Request(system='aircraft', setpoint=[1.0]), 'malformed: set point'),
             (DesignLqr.Request(system='aircraft', system_parameters=named(m='-1')),
@@ -336,6 +337,23 @@ def test_a_regulator_is_designed(server, probe):
         response = probe.call(DesignLqr, f'{SERVER}/design_lqr', request)
         assert not response.success
         assert response.message.startswith(words), response.message
+
+
+def test_a_regulator_is_designed_for_a_sampled_loop(server, probe):
+    server(workers=1)
+    h = 0.5  # double integrator under a zero-order hold: Ad, Bd in closed form
+    Ad, Bd = np.array([[1.0, h], [0.0, 1.0]]), np.array([[h * h / 2], [h]])
+    gains = []
+    for sample_time in (0.0, h):
+        response = probe.call(DesignLqr, f'{SERVER}/design_lqr', DesignLqr.Request(
+            a=[0.0, 1.0, 0.0, 0.0], b=[0.0, 1.0], sample_time=sample_time,
+            weights=LqrWeights(qx=[100.0, 0.0], qu=[0.01])))
+        assert response.success, response.message
+        assert response.design.sample_time == sample_time
+        gains.append(np.array(response.design.k))
+    assert response.design.design == 'sampled'
+    assert np.abs(np.linalg.eigvals(Ad - Bd @ gains[0][None])).max() > 1.0  # not for this period
+    assert np.abs(np.linalg.eigvals(Ad - Bd @ gains[1][None])).max() < 1.0
 
 
 def test_twenty_clients_at_once(server, probe):

@@ -23,6 +23,7 @@ from obc_ros.core.equilibrium import Equilibrium
 from obc_ros.core.errors import ObcError, RefusedDesignError, StatementError
 from obc_ros.core.planning import Motion, registered, statement
 from obc_ros.core.problem import Problem
+from obc_ros.core.sampling import Sampling
 from obc_ros.core.solution import Report, Solution, Status
 from obc_ros.core.solve import Cache, solve
 from obc_ros.core.statement import problem_from_mapping
@@ -86,9 +87,9 @@ def _plan(request: Packet, time_limit: float, report: Report) -> Packet:
 def _design_lqr(request: Packet, time_limit: float, report: Report) -> Packet:
     plain, arrays = request.plain, request.arrays
     for name in ('sample_time', 'delay'):
-        if plain[name]:
-            raise StatementError(f'{name} = {plain[name]:g}: this server designs for continuous '
-                                 'time only; wanted 0')
+        if not 0.0 <= plain[name] < math.inf:
+            raise StatementError(f'{name} = {plain[name]:g}: wanted 0 or a positive number')
+    sampling = Sampling(plain['sample_time'], plain['delay'], exact=plain['sample_time'] > 0.0)
     if plain['system']:
         of = plant(_system(plain['system'], json.dumps(plain['parameters'])),
                    arrays['setpoint'].tolist(), arrays['setpoint_input'].tolist())
@@ -99,7 +100,7 @@ def _design_lqr(request: Packet, time_limit: float, report: Report) -> Packet:
     try:
         found = design(of, {
             **weights, 'weights': plain['weights'] or 'matrices', 'rho': plain['rho'] or 1.0,
-            'stability': plain['stability']})
+            'stability': plain['stability']}, sampling=sampling)
     except RefusedDesignError as error:
         return Packet({'status': 'refused', 'message': str(error)})
     entries = fields(found, Change(), None)
