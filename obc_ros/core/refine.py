@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _MOST_CUTS = 4
+_FOLLOWING = 12   # Newton steps at a point
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +49,33 @@ def judge(problem: Problem, integrator: Integrator, course: Extremal) -> Judgeme
     h = np.diff(course.t)
     lost = (0.5 * h * (gaps[0] + gaps[1])).reshape(-1, course.parts).sum(axis=1)
     return Judgement(lost, _crossings(problem, course.t, targets))
+
+
+def followed(problem: Problem, integrator: Integrator, course: Extremal) -> Array:
+    """
+    Return inputs at the interval ends, (N + 1, m), that follow one least point of H in time.
+
+    A direction that winds around between coarse points is taken back to the shortest way.
+    """
+    places = np.arange(0, len(course.x), course.parts)
+    x = np.vstack([course.x[places], course.x_end[-1:]])
+    lam = np.vstack([course.lam[places], course.lam_end[-1:]])
+    u, rows = course.ua[0].copy(), []
+    for point, costate in zip(x, lam, strict=True):
+        for _ in range(_FOLLOWING):
+            H, Hu, Huu = integrator.hamiltonian(
+                problem, point[None], u[None], costate[None])
+            values, vectors = np.linalg.eigh(Huu[0])
+            # Also where H is concave the step goes down, at most by a third of a turn.
+            size = np.maximum(np.abs(values), 1e-9 * np.abs(values).max() + 1e-300)
+            step = -vectors @ ((vectors.T @ Hu[0]) / size)
+            step *= min(1.0, 1.0 / max(np.abs(step).max(), 1e-300))
+            new = np.clip(u + step, problem.u_lower, problem.u_upper)
+            if np.max(np.abs(new - u)) < 1e-6 or not np.all(np.isfinite(new)):
+                break
+            u = new
+        rows.append(u)
+    return np.array(rows)
 
 
 def _best(problem: Problem, u: Array, Hu: Array, Huu: Array) -> tuple[Array, Array]:

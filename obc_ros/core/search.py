@@ -28,7 +28,7 @@ from obc_ros.core.monitor import Monitor
 from obc_ros.core.multipliers import Fitter
 from obc_ros.core.nonsmooth import twin
 from obc_ros.core.problem import Problem
-from obc_ros.core.refine import aligned, cuts, judge
+from obc_ros.core.refine import aligned, cuts, followed, judge
 from obc_ros.core.solution import Solution, Status
 from obc_ros.core.transcription import Limits, Outcome, Scales, Transcription
 
@@ -42,6 +42,7 @@ _ROUNDS = 8
 _COARSE_ITERATIONS = 150
 _STEP_ERROR = 3e-8     # relative, of all intervals together
 _WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
+_DETOUR = 1e-5        # likewise, at which inputs may wind around between points
 _CLOSE = 1e-6         # likewise, at which no finer mesh is tried
 _FOR_DIGITS = 0.5     # [s] for finer meshes once a certificate holds
 _EXCEEDED = 2e-7       # of its size: by how much a constraint may be exceeded
@@ -179,6 +180,15 @@ class Search:
         cost = abs(outcome.objective)
         return replace(scales(self.problem, outcome.path), cost=cost if cost > 0 else 1.0)
 
+    def unwound(self, outcome: Outcome, course: Extremal, above: float) -> Outcome:
+        """Return the outcome, or one without the detours that its inputs make between points."""
+        u = followed(self.problem, self.kit.integrator, course)
+        mesh = split(uniform(self.problem, COARSE, self.stages), np.full(COARSE, 4))
+        start = replace(outcome.path, ua=u[:-1], ub=u[1:])
+        new = self.collocate(mesh, start, sizes=self.sizes(outcome))
+        better = new.converged and self.given_away(new, self.course(new)) < above
+        return new if better else outcome
+
     def settled(self, outcome: Outcome) -> Outcome:
         """Return an outcome whose arcs are those that it shows."""
         free: Signature = ((None,) * self.problem.m,)
@@ -232,8 +242,13 @@ class Search:
         """Yield better and better outcomes."""
         if self.switching:
             outcome = self.settled(outcome)
+        above = _DETOUR
         for turn in range(_ROUNDS):
             course = self.course(outcome)
+            above, before = self.given_away(outcome, course), above
+            if above > _DETOUR and above > 0.3 * before and not self.switching:
+                outcome = self.unwound(outcome, course, above)
+                course = self.course(outcome)
             yield outcome, course
             if self.kit.twin:
                 self.problem = self.kit.twin.problem(self.stated, turn + 1)
