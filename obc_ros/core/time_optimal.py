@@ -94,7 +94,7 @@ def _double_integrator(problem: Problem, aim: Target, plant: Affine) -> Solution
         return None
     if bounds.upper < arcs.T:
         return _too_short(bounds.upper, arcs.T)
-    inputs = {w: limit for w, limit in zip(accelerations, limits, strict=True)}
+    inputs = dict(zip(accelerations, limits, strict=True))
     return _arcs_solution(aim, arcs, (i, j), (a, b, ci, cj), (x0, final), inputs)
 
 

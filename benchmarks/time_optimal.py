@@ -1,0 +1,132 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Least time for linear systems: distance from the exact answer, and time to it.
+
+Rival: the double integrator by multiple shooting with CasADi and IPOPT, 50 intervals, T free, the
+solver built for the one question and solved once.
+"""
+
+import sys
+
+import timing  # isort: skip - before numpy
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import acos, factorial, sqrt
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.certificate import certify
+from obc_ros.core.problem import Problem
+from obc_ros.core.solution import Solution
+from obc_ros.core.statement import problem_from_mapping
+from obc_ros.core.time_optimal import solve_time_optimal
+
+Array = NDArray[np.float64]
+
+INTERVALS = 50
+FIRST, AGAIN, SHOOTING = 'first answer', 'again', 'CasADi + IPOPT, shooting'
+
+
+def main() -> int:
+    """Measure and print; return the exit status."""
+    timing.arguments('least time for linear systems with |u| <= 1')
+    accuracy()
+    speed()
+    return timing.finish()
+
+
+def question(dynamics: dict[str, str], start: tuple[float, ...]) -> Problem:
+    """Return: from start to the origin in least time."""
+    return problem_from_mapping({
+        'states': list(dynamics), 'inputs': ['u'], 'dynamics': dynamics, 'running_cost': 1,
+        'initial_state': dict(zip(dynamics, start, strict=True)),
+        'terminal_constraints': list(dynamics), 'input_bounds': {'u': [-1, 1]},
+        'final_time': {'free': True, 'lower': 0.01, 'upper': 50}})
+
+
+def double_integrator(start: tuple[float, ...]) -> Problem:
+    """Return the double integrator."""
+    return question({'x': 'v', 'v': 'u'}, start)
+
+
+def chain(n: int) -> Problem:
+    """Return n integrators, from rest 1 away."""
+    names = [f'x{i}' for i in range(n)]
+    return question(dict(zip(names, [*names[1:], 'u'], strict=True)), (1.0, *[0.0] * (n - 1)))
+
+
+def chain_times(n: int) -> Array:
+    """Return switching times and T: zeros of a Chebyshev polynomial of the second kind."""
+    T = (4**(n - 1) * factorial(n - 1))**(1 / n)
+    return np.array(T * (1 - np.cos(np.arange(1, n + 1) * np.pi / n)) / 2)
+
+
+def accuracy() -> None:
+    """Compare with exact switching times and T."""
+    swing = acos(7 / 8)
+    cases: list[tuple[str, Problem, Array, float]] = [
+        ('double integrator, (1, 0)', double_integrator((1, 0)), np.array([1, 2.0]), 1e-9),
+        ('double integrator, (1, 0.5)', double_integrator((1, 0.5)),
+         np.array([0.5 + sqrt(1.125), 0.5 + 2 * sqrt(1.125)]), 1e-9),
+        ('harmonic oscillator, (1, 0)', question({'x': 'v', 'v': '-x + u'}, (1, 0)),
+         np.array([swing, swing + acos(1 / 4)]), 1e-7),
+        *((f'{n} integrators', chain(n), chain_times(n), 1e-7) for n in (3, 4, 5))]
+    rows = []
+    for name, problem, exact, limit in cases:
+        found = solved(problem)
+        error = float(np.abs(np.append(found.switching_times, found.objective) - exact).max())
+        rows.append((name, f'{found.objective:.12g}', f'{error:.1e}', f'{limit:.0e}',
+                     certify(problem, found).holds))
+        timing.require(f'{name}: largest error of switching times and T', error, limit)
+        timing.require(f'{name}: certificates that do not hold', float(not rows[-1][-1]), 0)
+    timing.table('Least time', ('', 'T', 'error', 'limit', 'certified'), rows)
+
+
+def solved(problem: Problem) -> Solution:
+    """Return the answer."""
+    found = solve_time_optimal(problem)
+    if found is None:
+        raise RuntimeError(f'{problem.states}: no answer')
+    return found
+
+
+def speed() -> None:
+    """Time answers to a problem that is parsed."""
+    problem = double_integrator((1, 0.5))
+    # What is known of a structure is kept; without a name of its own nothing is.
+    unknown = replace(problem, structure='')
+    rivals: dict[str, Callable[[], object]] = {
+        FIRST: lambda: solved(unknown), AGAIN: lambda: solved(problem), SHOOTING: shooting}
+    times = timing.measure(rivals)
+    timing.times_table('Double integrator, (1, 0.5)', times, SHOOTING)
+    timing.require('double integrator, first answer [ms]', times[FIRST].median * 1e3, 0.6)
+    others = {name: (lambda problem=problem: solved(problem)) for name, problem in (
+        ('oscillator, 1 switch', question({'x': 'v', 'v': '-x + u'}, (1, 0))),
+        ('oscillator, 16 switches', question({'x': 'v', 'v': '-x + u'}, (30.3, 7))),
+        ('3 integrators', chain(3)), ('5 integrators', chain(5)))}
+    times = timing.measure(others)
+    timing.times_table('Other systems', times, '3 integrators')
+
+
+def shooting() -> float:
+    """Return T of the double integrator by multiple shooting, built and solved."""
+    opti = ca.Opti()
+    x, u, T = opti.variable(2, INTERVALS + 1), opti.variable(1, INTERVALS), opti.variable()
+    h = T / INTERVALS
+    opti.minimize(T)
+    opti.subject_to(x[:, 0] == [1, 0.5])
+    opti.subject_to(x[:, -1] == [0, 0])
+    opti.subject_to(x[0, 1:] == x[0, :-1] + h * x[1, :-1] + h**2 / 2 * u)
+    opti.subject_to(x[1, 1:] == x[1, :-1] + h * u)
+    opti.subject_to(opti.bounded(-1, u, 1))
+    opti.subject_to(T >= 0.01)
+    opti.set_initial(T, 4)
+    opti.solver('ipopt', {'print_time': False}, {'print_level': 0, 'sb': 'yes'})
+    return float(opti.solve().value(T))
+
+
+if __name__ == '__main__':
+    sys.exit(main())
