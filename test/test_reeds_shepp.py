@@ -8,10 +8,9 @@ from math import acos, asin, cos, hypot, pi, remainder, sin, sqrt
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-import pytest
-
 from obc_ros.core.errors import StatementError
 from obc_ros.core.reeds_shepp import lengths, shortest_path
+import pytest
 
 ORIGIN = (0.0, 0.0, 0.0)
 coordinate = st.floats(-6, 6)

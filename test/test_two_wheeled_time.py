@@ -8,12 +8,11 @@ import casadi as ca
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-import pytest
-
 from obc_ros.core.errors import StatementError
 from obc_ros.core.problem import FinalTime, Problem
 from obc_ros.core.solution import Status
 from obc_ros.core.two_wheeled_time import least_time, solve_two_wheeled
+import pytest
 
 poses = st.tuples(st.floats(-5, 5), st.floats(-5, 5), st.floats(-4, 4))
 limits = st.floats(0.2, 4)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Called as report(phase, iteration, cost, infeasibility) while a solver works; True asks it to stop.
+# Called as report(phase, iteration, cost, infeasibility) while a solver works; True asks to stop.
 Report = Callable[[str, int, float, float], bool]
 
 
