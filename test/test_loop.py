@@ -173,7 +173,7 @@ def test_stale(action: str, commanded: list[float] | None) -> None:
 
 
 def test_bad_states_do_not_count_as_states() -> None:
-    """NaN at full rate is as good as no state."""
+    """A NaN at full rate is as good as no state."""
     loop = Loop(control(rules=Rules(state_timeout=0.2)))
     loop.answer(0, [0.0, 0.0], 0.0)
     for k in range(1, 100):

@@ -257,7 +257,7 @@ def test_a_second_publisher_is_told(spawn: Any, probe: Any) -> None:
 
 
 def test_qos_overrides_and_what_does_not_fit(spawn: Any, probe: Any) -> None:
-    """QoS is set by parameters; who cannot be heard for it is named with the topic."""
+    """The QoS is set by parameters; who cannot be heard for it is named with the topic."""
     parameters = {'qos_overrides./state.subscription.reliability': 'reliable',
                   'qos_overrides./state.subscription.deadline': 200_000_000}
     spawn('lqr_node', parameters, name='careful')
