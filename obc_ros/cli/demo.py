@@ -59,9 +59,10 @@ def run(args: argparse.Namespace) -> int:
     try:
         with free_domain() as domain:
             isolate(domain)
-            print(f'{args.scenario}: three nodes over DDS, domain {domain}, this machine only')
+            print(f'{args.scenario}: three nodes over DDS, domain {domain}, this machine only',
+                  flush=True)
             return scenario.run(args.out, args.real_time)
-    except ObcError as error:
+    except (ObcError, OSError) as error:  # a folder that cannot be written, a full disk
         print(f'obc demo: {error}', file=sys.stderr)
         return 1
 
@@ -119,7 +120,8 @@ class Progress:
     def say(self, what: str, outcome: str) -> None:
         """Tell one event and what came of it."""
         clear = '\r\033[K' if self._live else ''
-        print(f'{clear}  t = {self._pilot.now:5.1f} s  {what}{": " if outcome else ""}{outcome}')
+        print(f'{clear}  t = {self._pilot.now:5.1f} s  {what}{": " if outcome else ""}{outcome}',
+              flush=True)
 
     def done(self) -> None:
         """End the line."""

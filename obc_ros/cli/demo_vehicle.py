@@ -75,16 +75,17 @@ def _slalom(pilot: Pilot, course: list[Trajectory]) -> str:
 
 def slalom(t: Array, length: float = 2.0) -> tuple[Array, Array, Array]:
     """
-    Return y [m], theta [rad] and phi [rad] of the slalom, faded in over its first second.
+    Return y [m], theta [rad] and phi [rad] of the slalom, faded in and out within a second.
 
     From py' = v sin(theta), theta' = (v / l) tan(phi): theta = asin(y' / v) and
     phi = atan(l theta' / v).
     """
     w = 2 * np.pi * FREQUENCY
-    s = np.clip(t, 0.0, 1.0)
+    rising = t < COURSE / 2
+    s = np.clip(np.where(rising, t, COURSE - t), 0.0, 1.0)
     # Smooth to the third derivative, so that phi has no jump.
     a = s**4 * (35 - 84 * s + 70 * s**2 - 20 * s**3)
-    da = 140 * s**3 * (1 - s)**3
+    da = np.where(rising, 140.0, -140.0) * s**3 * (1 - s)**3
     dda = 420 * s**2 * (1 - s)**2 * (1 - 2 * s)
     sine, cosine = np.sin(w * t), np.cos(w * t)
     y = AMPLITUDE * a * sine
