@@ -38,17 +38,17 @@ class Integral:
 @dataclass(frozen=True)
 class Prediction:
     """
-    What the state will be when the command takes effect, a known delay later.
+    What the error will be when the command takes effect, a known delay later.
 
-    x(t + delay) - xr = Phi (x - xr) + sum over i of Gamma_i (u_i - ur), where u_1 is the last
-    command, u_2 the one before it, each held for `period`.
+    e(t + delay) = Phi e + sum over i of Gamma_i (u_i - ur), where e is x - xr with the integrals
+    z below it, u_1 is the last command, u_2 the one before it, each held for `period`.
 
     Attributes
     ----------
     Phi : tuple of tuple of float
-        (n, n).
+        (n + p, n + p).
     Gammas : tuple of tuple of tuple of float
-        An (n, m) matrix for each command that is still to take effect, the last one first.
+        An (n + p, m) matrix for each command that is still to take effect, the last one first.
     period, delay : int
         Of the commands [ns].
 

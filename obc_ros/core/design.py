@@ -12,15 +12,44 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from obc_ros.core.control import Prediction
 from obc_ros.core.equilibrium import Equilibrium, equilibrium, linearize
-from obc_ros.core.errors import DynamicsError, StatementError
-from obc_ros.core.lqr import dlqr, lqr, LqrDesign
+from obc_ros.core.errors import DynamicsError, RefusedDesignError, StatementError
+from obc_ros.core.lqr import lqr, LqrDesign
 from obc_ros.core.regulator import Regulator, rows, Vector, vector
-from obc_ros.core.sampling import sampled, Sampling
+from obc_ros.core.sampled import closed_loop, prediction, sampled_lqr, spectral_radius
 from obc_ros.core.system import System
 from obc_ros.core.weights import choose, Weights, with_integrals
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """
+    When a controller acts.
+
+    Attributes
+    ----------
+    period : float
+        Of the commands [s]; 0: not known.
+    delay : float
+        Known time until a command takes effect [s].
+    exact : bool
+        Whether the design is for the sampled plant, not the continuous one.
+
+    """
+
+    period: float = 0.0
+    delay: float = 0.0
+    exact: bool = False
+
+    def __post_init__(self) -> None:
+        if (self.exact or self.delay) and not self.period:
+            what = 'design = sampled' if self.exact else f'delay = {self.delay:g}'
+            raise StatementError(f'{what} needs the period of the commands: set sample_time or '
+                                 'rate')
+
 
 ALWAYS = Sampling()
 
@@ -90,6 +119,16 @@ class Design:
         """Return another linearization with the integrals of this design as further states."""
         return with_integrals(A, B, self.weights, self.C, np.ones(len(self.C)))[:2] if len(
             self.C) else (A, B)
+
+    @property
+    def prediction(self) -> Prediction | None:
+        """Return how error and integrals are carried over the delay; None without a delay."""
+        period, delay = self.sampling.period, self.sampling.delay
+        if not delay:
+            return None
+        Phi, Gammas = prediction(*self.augmented(self.plant.A, self.plant.B), period, delay)
+        return Prediction(
+            rows(Phi), tuple(map(rows, Gammas)), round(period * 1e9), round(delay * 1e9))
 
     @property
     def regulator(self) -> Regulator:
@@ -165,11 +204,20 @@ def design_again(found: Design, plant: Plant) -> Design:
 
 
 def _gain(A: Array, B: Array, cost: Weights, sampling: Sampling) -> LqrDesign:
+    """Return the gain, proved for the period and the delay as far as they are known."""
+    period, delay = sampling.period, sampling.delay
     if sampling.exact:
-        A, B, cost = sampled(A, B, cost, sampling.period)
-        return dlqr(A, B, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability,
-                    period=sampling.period)
-    return lqr(A, B, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability)
+        return sampled_lqr(A, B, cost, period, delay).design
+    found = lqr(A, B, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability)
+    if period:
+        radius = spectral_radius(closed_loop(
+            A, B, found.K, period, delay, *prediction(A, B, period, delay)))
+        if not radius < 1.0:
+            late = f' and {delay:g} s late' if delay else ''
+            raise RefusedDesignError(
+                f'the continuous gain is unstable when its input is held for {period:g} s{late} '
+                f'(spectral radius {radius:.3g}); set design = sampled')
+    return found
 
 
 def _rest(system: System, at: Equilibrium) -> Vector:

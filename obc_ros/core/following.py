@@ -19,7 +19,7 @@ from obc_ros.core.design import Design, design_again, plant
 from obc_ros.core.equilibrium import linearize
 from obc_ros.core.errors import DynamicsError, RefusedDesignError, StatementError
 from obc_ros.core.regulator import Point, Regulator, Rows, rows, Vector, vector
-from obc_ros.core.sampling import sampled
+from obc_ros.core.sampled import discretised
 from obc_ros.core.system import System
 
 Array = NDArray[np.float64]
@@ -206,7 +206,7 @@ def _sampled_step(A: Array, B: Array, found: Design, P: Array, time: float
                   ) -> tuple[Array, Array]:
     """Return P a time [s] earlier, in whole periods, and the gain there."""
     period = found.lqr.period
-    A, B, cost = sampled(A, B, found.cost, period)
+    A, B, cost = discretised(A, B, found.cost, period)
     N = np.zeros_like(B) if cost.cross is None else cost.cross
     growth = np.exp(2.0 * cost.stability * period)
     for _ in range(round(time / period)):

@@ -214,15 +214,16 @@ class Loop:
     def _law(self, control: Control, point: Point, stamp: int, x: Sequence[float]
              ) -> list[float]:
         """Return the law's input without limits."""
-        e = control.limits.error(x, point.x)
+        e, z = control.limits.error(x, point.x), self._z
         if control.prediction is not None:
-            e = self._predict(control.prediction, e, point.u)
+            ahead = self._predict(control.prediction, [*e, *z], point.u)
+            e, z = ahead[:len(e)], ahead[len(e):]
             if control.legs:
                 point = self._reference(control, stamp + control.prediction.delay)
         u = feedback(point, e)
         if control.integral is not None:
             for j, row in enumerate(control.integral.Ki):
-                u[j] -= sum(map(mul, row, self._z))
+                u[j] -= sum(map(mul, row, z))
         return u
 
     def _reference(self, control: Control, stamp: int) -> Point:

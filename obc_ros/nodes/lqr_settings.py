@@ -8,11 +8,10 @@ import functools
 from typing import Any
 
 from obc_ros.core.control import Control, ENVELOPE, Integral, Leg, Rules, STALE
-from obc_ros.core.design import Design, design, Plant, plant
+from obc_ros.core.design import Design, design, Plant, plant, Sampling
 from obc_ros.core.errors import StatementError
 from obc_ros.core.following import Course, leg
 from obc_ros.core.regulator import Limits, rows, Vector, vector
-from obc_ros.core.sampling import prediction, Sampling
 from obc_ros.core.weights import KINDS
 from obc_ros.msg import LqrWeights
 from obc_ros.nodes.conversions import chosen_system, system_parameters
@@ -126,7 +125,7 @@ def judge(settings: Settings, courses: tuple[Course, ...] = ()) -> Candidate:
         rules=_rules(settings, found.plant.system.state_names),
         legs=tuple(_leg(each, found)[0] for each in courses),
         integral=Integral(rows(found.C), rows(found.Ki)) if len(found.C) else None,
-        prediction=prediction(found.plant.A, found.plant.B, found.sampling)))
+        prediction=found.prediction))
 
 
 def ending(course: Course, found: Design) -> str:
