@@ -1,0 +1,143 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The vehicle of Exercise 2.10: feedforward put back into its equations, scheduled gains."""
+
+import math
+
+import numpy as np
+from obc_ros.core import tracking
+from obc_ros.core.errors import RefusedDesignError, StatementError
+from obc_ros.core.lqr import lqr
+from obc_ros.core.margins import figures
+from obc_ros.core.weights import Weights
+import pytest
+from scipy.integrate import solve_ivp
+
+LENGTH, SPEED = 2.0, 10.0
+COST = Weights(np.diag([1.0, 0.0]), np.eye(1))
+
+
+def lateral(x, phi, v=SPEED):
+    return [v * math.sin(x[1]), v / LENGTH * math.tan(phi)]
+
+
+def test_slalom_of_1_m_and_1_hz_is_driven_exactly():
+    """Integrating the nonlinear vehicle under the feedforward alone comes back to the course."""
+    def reference(t):
+        return tracking.lateral_reference(*tracking.slalom(np.atleast_1d(t)), SPEED, LENGTH)
+
+    def rate(t, x):
+        return lateral(x, reference(t)[1][0, 0])
+
+    t = np.linspace(0, 4, 81)
+    x, u = reference(t)
+    driven = solve_ivp(rate, (0, 4), x[0], t_eval=t, rtol=1e-10, atol=1e-12, max_step=0.05).y.T
+    assert driven == pytest.approx(x, abs=1e-7)
+    assert abs(x[:, 0]).max() == pytest.approx(1.0, abs=1e-2)
+    # at the turning points theta = 0 and y'' = (2 pi)^2: phi = atan(l (2 pi)^2 / v^2)
+    assert abs(u[t > 1]).max() == pytest.approx(math.atan(2 * (2 * math.pi)**2 / 100), rel=1e-3)
+
+
+def test_derivatives_of_the_slalom():
+    t, h = np.linspace(0.0, 3.0, 301), 1e-4
+    y, dy, ddy = tracking.slalom(t, 0.7, 1.3, 0.8)
+    later, earlier = tracking.slalom(t + h, 0.7, 1.3, 0.8), tracking.slalom(t - h, 0.7, 1.3, 0.8)
+    assert (later[0] - earlier[0]) / (2 * h) == pytest.approx(dy, abs=1e-5)
+    assert (later[1] - earlier[1]) / (2 * h) == pytest.approx(ddy, abs=1e-4)
+    assert y[0] == dy[0] == ddy[0] == 0.0
+
+
+def test_vehicle_drives_a_circle_and_a_slalom():
+    w, radius = 0.7, 9.0
+    t = np.linspace(0, 12, 500)
+    position = radius * np.column_stack([np.cos(w * t), np.sin(w * t)])
+    velocity = radius * w * np.column_stack([-np.sin(w * t), np.cos(w * t)])
+    x, u = tracking.vehicle_reference(velocity, -w * w * position, position, LENGTH)
+    assert u[:, 0] == pytest.approx(radius * w)
+    assert u[:, 1] == pytest.approx(math.atan(LENGTH / radius))
+    assert x[-1, 2] - x[0, 2] == pytest.approx(w * 12)  # more than one turn, without a jump
+
+    y, dy, ddy = tracking.slalom(t)
+    x, u = tracking.vehicle_reference(
+        np.column_stack([SPEED + 0 * t, dy]), np.column_stack([0 * t, ddy]),
+        np.column_stack([SPEED * t, y]), LENGTH)
+
+    def rate(s, z):
+        y, dy, ddy = tracking.slalom(np.atleast_1d(s))
+        _, now = tracking.vehicle_reference(
+            np.column_stack([SPEED + 0 * dy, dy]), np.column_stack([0 * dy, ddy]),
+            np.column_stack([0 * dy, y]), LENGTH)
+        v, phi = now[0]
+        return [v * math.cos(z[2]), v * math.sin(z[2]), v / LENGTH * math.tan(phi)]
+
+    driven = solve_ivp(rate, (0, 3), x[0], rtol=1e-10, atol=1e-12, max_step=0.05).y[:, -1]
+    y, dy, _ = tracking.slalom(np.array([3.0]))
+    assert driven == pytest.approx([30.0, y[0], math.atan2(dy[0], SPEED)], abs=1e-6)
+
+
+def test_feedback_brings_an_offset_vehicle_onto_the_slalom():
+    K = lqr(*tracking.vehicle_at(SPEED, LENGTH), COST.Qx, COST.Qu).K
+
+    def rate(t, x):
+        xd, ud = tracking.lateral_reference(*tracking.slalom(np.atleast_1d(t)), SPEED, LENGTH)
+        return lateral(x, ud[0, 0] - float((K @ (x - xd[0]))[0]))
+
+    end = solve_ivp(rate, (0, 6), [0.3, 0.1], rtol=1e-8, max_step=0.05).y[:, -1]
+    xd, _ = tracking.lateral_reference(*tracking.slalom(np.array([6.0])), SPEED, LENGTH)
+    assert end == pytest.approx(xd[0], abs=1e-4)
+
+
+@pytest.mark.parametrize('q', [0.01, 1.0])
+def test_exercise_2_10_numbers(q):
+    """Py'' = (v^2 / l) phi: omega0^2 = (v^2 / l) sqrt(q), zeta = 1 / sqrt(2), as Example 2.4."""
+    A, B = tracking.vehicle_at(SPEED, LENGTH)
+    K = lqr(A, B, np.diag([q, 0.0]), [[1.0]]).K
+    w0 = math.sqrt(SPEED**2 / LENGTH * math.sqrt(q))
+    assert pytest.approx(np.array([[math.sqrt(q), math.sqrt(2) * w0 * LENGTH / SPEED]])) == K
+    found = figures(A, B, K)
+    unit = math.sqrt(1 + math.sqrt(2))
+    assert found.overshoot[0] == pytest.approx(math.exp(-math.pi), rel=1e-3)
+    assert found.bandwidth[0] == pytest.approx(unit * w0, rel=1e-9)
+    assert found.phase_margin[0] == pytest.approx(math.atan(math.sqrt(2) * unit), rel=1e-9)
+    assert found.rise_time[0] == pytest.approx(2.1457 / w0, rel=2e-3)  # of the normal form
+
+
+@pytest.mark.parametrize('Qx', [np.diag([1.0, 0.0]), np.diag([1.0, 2.0]), np.diag([100.0, 0.1])])
+def test_gains_from_1_to_30_metres_per_second(Qx):
+    cost = Weights(Qx, np.eye(1))
+    found = tracking.schedule(lambda v: tracking.vehicle_at(v, LENGTH), cost, 1.0, 30.0)
+    assert found.values[[0, -1]].tolist() == [1.0, 30.0]
+    for v in np.linspace(1, 30, 400):
+        A, B = tracking.vehicle_at(v, LENGTH)
+        exact = lqr(A, B, Qx, [[1.0]]).K
+        assert abs(found.at(v) - exact).max() <= 0.02 * abs(exact).max()
+        assert np.linalg.eigvals(A - B @ found.at(v)).real.max() < 0
+    assert (found.at(0.1) == found.at(1.0)).all()
+    assert (found.at(99.0) == found.at(30.0)).all()
+    assert np.isfinite(found.at(math.nan)).all()
+
+
+def test_scheduled_vehicle_accelerates_on_course():
+    """From 1 to 30 m/s in 8 s with an offset of 1 m: it comes to the line and stays."""
+    found = tracking.schedule(lambda v: tracking.vehicle_at(v, LENGTH), COST, 1.0, 30.0)
+
+    def rate(t, x):
+        v = min(1.0 + t * 29 / 8, 30.0)
+        return lateral(x, -float((found.at(v) @ x)[0]), v)
+
+    driven = solve_ivp(rate, (0, 12), [1.0, 0.0], rtol=1e-8, max_step=0.05)
+    assert abs(driven.y[:, -1]).max() < 1e-4
+    assert driven.y[0].min() > -0.2
+
+
+def test_refusals():
+    still = np.zeros((3, 2))
+    with pytest.raises(StatementError, match='stands still'):
+        tracking.vehicle_reference(still, still, still, LENGTH)
+    with pytest.raises(StatementError, match='across the road at up to 12'):
+        tracking.lateral_reference(np.zeros(2), np.array([0, 12.0]), np.zeros(2), 10.0, LENGTH)
+    for lower, upper in ((2.0, 1.0), (math.nan, 1.0), (0.0, math.inf)):
+        with pytest.raises(StatementError, match='wanted a range'):
+            tracking.schedule(lambda v: tracking.vehicle_at(v, LENGTH), COST, lower, upper)
+    with pytest.raises(RefusedDesignError, match='out of reach'):
+        tracking.schedule(lambda v: tracking.vehicle_at(v, LENGTH), COST, 0.0, 1.0)
