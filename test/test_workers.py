@@ -235,10 +235,12 @@ def test_queue_has_a_length_and_what_waits_can_be_cancelled_or_run_out_of_time()
         assert (pool.waiting, pool.busy) == (0, 0)
 
 
-def test_time_does_not_run_before_the_first_worker_has_started():
-    pool = Pool('stand_in_worker', 1)
-    assert Asked(pool, 'echo', time_limit=1e-3).answer().outcome is Outcome.ANSWERED
-    pool.close()
+def test_the_first_worker_can_be_waited_for():
+    for module, ready in (('stand_in_worker', 1), ('no_such_module', 0)):
+        pool = Pool(module, 1)
+        pool.wait_until_started(DEADLINE)
+        assert len(pool.pids) == ready
+        pool.close()
 
 
 def test_pool_grows_and_shrinks():

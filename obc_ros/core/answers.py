@@ -17,13 +17,12 @@ import time
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.design import design, Plant, plant
+from obc_ros.core.design import design, Plant, plant, Sampling
 from obc_ros.core.design_report import Change, fields
 from obc_ros.core.equilibrium import Equilibrium
 from obc_ros.core.errors import ObcError, RefusedDesignError, StatementError
 from obc_ros.core.planning import Motion, registered, statement
 from obc_ros.core.problem import Problem
-from obc_ros.core.sampling import Sampling
 from obc_ros.core.solution import Report, Solution, Status
 from obc_ros.core.solve import Cache, solve
 from obc_ros.core.statement import problem_from_mapping

@@ -12,7 +12,6 @@ from collections import Counter, deque, OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
-import math
 import os
 import signal
 import socket
@@ -66,8 +65,7 @@ class Job:
     kind, request
         What the worker's module is called with.
     time_limit : float
-        Time [s] from submission to answer, waiting included; it does not run before the pool's
-        first worker has started.
+        Time [s] from submission to answer, waiting included.
     done
         Called once, with the answer.
     progress
@@ -155,7 +153,7 @@ class Pool:
     def submit(self, job: Job) -> None:
         """Take a request: its time runs from now on."""
         with self._changed:
-            job.deadline = time.monotonic() + job.time_limit if self._started else math.inf
+            job.deadline = time.monotonic() + job.time_limit
             refusal = self._refusal()
             if not refusal:
                 worker = self._idle(job.affinity)
@@ -213,14 +211,16 @@ class Pool:
             self.finish(job, Answer(
                 Outcome.TIMED_OUT, f'no worker was free within {job.time_limit:g} s'))
 
-    def admit(self, worker: '_Worker') -> None:
-        """Note that `worker` is ready; if it is the first, the time of what waits begins."""
+    def wait_until_started(self, timeout: float) -> None:
+        """Wait until a worker is ready, or has failed to start, or `timeout` seconds are over."""
         with self._changed:
-            worker.ready = True
-            if not self._started:
-                self._started = True
-                for job in self._queue:
-                    job.deadline = time.monotonic() + job.time_limit
+            self._changed.wait_for(lambda: self._started, timeout)
+
+    def note_start(self, worker: '_Worker', ready: bool) -> None:
+        """Note that `worker` has started, or that it could not."""
+        with self._changed:
+            worker.ready, self._started = ready, True
+            self._changed.notify_all()
 
     def next_job(self, worker: '_Worker') -> Job | None:
         """Return what `worker` is to do next; None when nothing came within `IDLE_CHECK`."""
@@ -298,6 +298,7 @@ class _Worker(Thread):
                 self._pool.replaced += self.wanted
             elif self.wanted:
                 self._end()
+                self._pool.note_start(self, ready=False)
                 if not self._pool.pids:
                     self._pool.empty_queue(Answer(Outcome.DIED, f'no worker starts: {why}'))
                 self._pool.pause(self, START_PAUSE)
@@ -324,7 +325,7 @@ class _Worker(Thread):
                 return self._cause()
             self._pool.expire()
             if packet and 'ready' in packet.plain:
-                self._pool.admit(self)
+                self._pool.note_start(self, ready=True)
                 return ''
             if packet:
                 return str(packet.plain['died'])

@@ -37,6 +37,7 @@ from rclpy.task import Future
 
 ANSWERS = 'obc_ros.core.answers'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+START = 10.0         # [s] that the services wait for the workers at most
 RESULT_TIMEOUT = 30  # [s] that the result of an action is kept for
 QUICK = 2_500        # numbers in A up to which a design does not wait behind solves
 STATUS = {Outcome.REFUSED: 'cancelled', Outcome.TIMED_OUT: 'timed_out',
@@ -75,6 +76,8 @@ class TrajectoryServer(Node):
         self._reference = self.create_publisher(Trajectory, 'reference', LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_timer(1.0, self._diagnose)
+        for pool in (self._solvers, self._designers):
+            pool.wait_until_started(START)  # who finds the services gets an answer in time
         group = ReentrantCallbackGroup()  # a request that waits must not keep others out
         self._arrival = self.create_guard_condition(self._take_arrived, callback_group=group)
         for service, name, callback in (
