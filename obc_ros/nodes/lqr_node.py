@@ -6,8 +6,7 @@ State feedback u = ue - K (x - xe), designed from the weights in its parameters.
 Subscribes to ``state`` (State) or ``odom`` (nav_msgs/Odometry) and ``reference`` (Trajectory).
 Publishes ``command`` (Command, or see `lqr_topics`), ``~/design`` (LqrDesign, transient local) and
 ``/diagnostics``. Services: ``~/stop``, ``~/start`` (std_srvs/Trigger), ``~/try_design``
-(TryDesign), ``~/suggest_weights`` (SuggestWeights), and those of a lifecycle node. Parameters: see
-`lqr_settings.Settings`.
+(TryDesign), and those of a lifecycle node. Parameters: see `lqr_settings.Settings`.
 
 States are answered by a thread of their own; everything else belongs to the executor. A change
 reaches that thread as one assignment.

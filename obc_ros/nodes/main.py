@@ -118,4 +118,7 @@ def _spin(node: Node, stop: _Stop) -> None:
 
 def _sentence(error: Exception) -> str:
     """Return what an error says without the places in rcl's sources and on one line."""
-    return ' '.join(re.sub(r', at /\S+:\d+', '', str(error)).split())
+    words = ' '.join(re.sub(r', at /\S+:\d+', '', str(error)).split())
+    if 'Sequence should be of same type' in words:
+        words += ': write the numbers of a list all with a point, or none'
+    return words
