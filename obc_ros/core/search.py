@@ -4,7 +4,7 @@
 
 from collections import OrderedDict
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import time
 
 import numpy as np
@@ -39,7 +39,10 @@ _STARTS, _STARTS_MOST = 3, 8
 _ENOUGH, _PATIENCE = 0.05, 2.0   # [s] for starts, once one and while none converged
 _BELIEVED = 1e-2                # relative error of a coarse step
 _ROUNDS = 8
-_COARSE_ITERATIONS = 150
+_COARSE_ITERATIONS, _WARM_ITERATIONS = 150, 30
+_NEIGHBOUR = 0.2      # relative change of its numbers up to which a problem is a neighbour
+_NUMBERS = ('x0', 'p_value', 'x_lower', 'x_upper', 'u_lower', 'u_upper', 'path_lower',
+            'path_upper')
 _STEP_ERROR = 3e-8     # relative, of all intervals together
 _WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
 _DETOUR = 1e-5        # likewise, at which inputs may wind around between points
@@ -62,6 +65,7 @@ class Kit:
         self.integrator = Integrator(smooth) if self.twin else self.judge
         self.guesser = Guesser(smooth)
         self.switching = switching_inputs(smooth)
+        self.last: Answered | None = None
         self._fitters: dict[bool, Fitter] = {}
         self._transcriptions: OrderedDict[Layout, Transcription] = OrderedDict()
         self.build_time = time.monotonic() - begun
@@ -83,6 +87,16 @@ class Kit:
         if stated not in self._fitters:
             self._fitters[stated] = Fitter(problem)
         return self._fitters[stated]
+
+
+@dataclass(frozen=True, eq=False)
+class Answered:
+    """A problem that was answered, and with what: where its neighbours start."""
+
+    problem: Problem
+    outcome: Outcome
+    sizes: Scales
+    margin: Array
 
 
 class Search:
@@ -242,11 +256,11 @@ class Search:
         """Yield better and better outcomes."""
         if self.switching:
             outcome = self.settled(outcome)
-        above = _DETOUR
+        above = np.inf
         for turn in range(_ROUNDS):
             course = self.course(outcome)
             above, before = self.given_away(outcome, course), above
-            if above > _DETOUR and above > 0.3 * before and not self.switching:
+            if above > _DETOUR and above > 0.3 * before and turn and not self.switching:
                 outcome = self.unwound(outcome, course, above)
                 course = self.course(outcome)
             yield outcome, course
@@ -329,6 +343,33 @@ class Search:
             iterations=self.monitor.iterations)
         return replace(found, certificate=certify(problem, found))
 
+    def warm(self) -> Solution | None:
+        """Return the answer on the mesh of a neighbour answered before, if it is certified."""
+        last = self.kit.last
+        if last is None or self.quick or not _neighbours(self.stated, last):
+            return None
+        mesh, multipliers = last.outcome.mesh, (last.outcome.lam_w, last.outcome.lam_g)
+        program = self.kit.transcription(self.problem, mesh.layout)
+        durations, final = last.outcome.path.durations, self.problem.final_time
+        if self.kit.twin:
+            self.problem = self.kit.twin.problem(self.stated, _ROUNDS)
+        shortest, longest = 0.25 * durations, 4.0 * durations
+        if len(durations) == 1:
+            shortest, longest = np.array([final.lower]), np.array([final.upper])
+        self.monitor.limit(_WARM_ITERATIONS)
+        outcome = program.solve(
+            self.problem, mesh, last.outcome.w, last.sizes,
+            Limits(shortest, longest, last.margin, self.pinned), self.monitor,
+            multipliers=multipliers)
+        if not outcome.converged:
+            return None
+        self.stages = mesh.layout.stages
+        answer = self.solution(outcome, self.course(outcome))
+        if not _holds(answer):
+            return None
+        self.kit.last = replace(last, problem=self.stated, outcome=outcome)
+        return answer
+
     def given_away(self, outcome: Outcome, course: Extremal) -> float:
         """Return an estimate of the cost above the least one, relative; infinite if it is bad."""
         if not outcome.converged or course.defect > 1e-3 and course.local.max() > 1e-4:
@@ -338,6 +379,9 @@ class Search:
 
     def run(self) -> Solution:
         """Return the best answer found, with its certificate; without a path if there is none."""
+        warm = self.warm()
+        if warm is not None:
+            return warm
         starts = self.coarse()
         if self.reason:
             return Solution(Status.INFEASIBLE, self.reason)
@@ -350,6 +394,9 @@ class Search:
                 answer = self.solution(outcome, course)
                 if best is None or _holds(answer) or not _holds(best):
                     best = answer
+                if _holds(answer) and not self.quick:
+                    self.kit.last = Answered(self.stated, outcome, self.sizes(outcome),
+                                             self.margin)
             # A certificate allows more than what one more mesh often takes away at once.
             if _holds(best) and (above < _CLOSE or time.monotonic() - begun > _FOR_DIGITS):
                 break
@@ -357,6 +404,22 @@ class Search:
                 break
         assert best is not None
         return best
+
+
+def _neighbours(problem: Problem, last: Answered) -> bool:
+    """Return whether the numbers of a problem are near those of one answered before."""
+    for name in _NUMBERS:
+        a, b = np.asarray(getattr(problem, name)), np.asarray(getattr(last.problem, name))
+        with np.errstate(invalid='ignore'):
+            apart = np.where(a == b, 0.0, np.abs(a - b))
+        size = np.maximum(np.where(np.isfinite(b), np.abs(b), 0.0), 1e-3)
+        if name == 'x0':
+            size = np.maximum(np.abs(last.outcome.path.x).max(axis=0), size)
+        if np.any(apart > _NEIGHBOUR * size):
+            return False
+    a, b = (np.nan_to_num([p.final_time.value, p.final_time.lower, p.final_time.upper])
+            for p in (problem, last.problem))
+    return bool(np.all(np.abs(a - b) <= _NEIGHBOUR * np.abs(b)))
 
 
 def _holds(answer: Solution) -> bool:
