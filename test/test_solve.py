@@ -1,0 +1,264 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Answers to problems with known ones, certified; refusals and failures in words."""
+
+import math
+from pathlib import Path
+import time
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+from obc_ros.core.certificate import certify
+from obc_ros.core.errors import StatementError
+from obc_ros.core.solution import Status
+from obc_ros.core.solve import Cache, METHODS, solve
+from obc_ros.core.statement import load_file, problem_from_mapping
+import pytest
+
+PROBLEMS = Path(__file__).parent / 'problems'
+# What their published value leaves open is said in the files; slow ones are in the benchmarks.
+NAMES = (
+    'aircraft_5', 'batch_reactor', 'brachistochrone', 'brachistochrone_wall', 'bryson_denham',
+    'bryson_denham_touch', 'breakwell', 'catalyst_mixing', 'catenary', 'clamped_beam',
+    'container_crane', 'cstr_luus', 'di_energy_speed_limit', 'di_fuel_abs', 'di_min_fuel',
+    'di_mintime_speed_limit', 'dido', 'goddard', 'hypersensitive', 'jacobson_state_bound',
+    'lane_change', 'linear_tangent', 'moon_lander', 'orbit_raising', 'rayleigh_mixed',
+    'rayleigh_mintime', 'robot_arm', 'singular_aly', 'singular_scalar', 'soap_film',
+    'vanderpol_bounded', 'vanderpol_mintime', 'zermelo_constant', 'zermelo_shear')
+
+
+def stated(name, **changes):
+    """Return the problem of a file, some keys replaced, and its mapping."""
+    mapping = load_file(PROBLEMS / f'{name}.yaml')[0] | changes
+    return problem_from_mapping(mapping), mapping
+
+
+def simple(states, dynamics, running_cost, start, final_time, **more):
+    """Return a problem with one input u from its essentials."""
+    return problem_from_mapping({
+        'states': states, 'inputs': ['u'], 'dynamics': dynamics, 'running_cost': running_cost,
+        'initial_state': start, 'final_time': final_time} | more)
+
+
+def replayed(problem, solution):
+    """Return cost and final state of the returned input, integrated from x(0) by SciPy."""
+    import casadi as ca
+    from scipy.integrate import solve_ivp
+    rate = ca.Function('rate', [problem.x, problem.u, problem.p], [problem.f, problem.L])
+    z = np.append(problem.x0, 0.0)
+    for k in np.flatnonzero(np.diff(solution.t) > 0):
+        a, b, ua, ub = *solution.t[k:k + 2], *solution.u[k:k + 2]
+        slope = 0.0 if solution.interpolation == 'zoh' else (ub - ua) / (b - a)
+        z = solve_ivp(lambda t, z, a=a, ua=ua, slope=slope: np.concatenate(
+            [value.full().ravel() for value in rate(
+                z[:-1], ua + slope * (t - a), problem.p_value)]),
+            (a, b), z, 'DOP853', rtol=1e-10, atol=1e-11).y[:, -1]
+    V = ca.Function('V', [problem.x, problem.p], [problem.V, problem.psi])
+    end, psi = (value.full().ravel() for value in V(z[:-1], problem.p_value))
+    return z[-1] + end[0], psi
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_published_problem(name):
+    problem, mapping = stated(name)
+    solution = solve(problem, time_limit=60)
+    assert solution.status is Status.SOLVED, solution.message
+    assert certify(problem, solution).holds
+    expected = mapping['expected']
+    assert solution.objective == pytest.approx(
+        float(expected['objective']), abs=expected['tolerance'])
+
+
+@pytest.mark.parametrize(
+    'name', ['goddard', 'jacobson_state_bound', 'robot_arm', 'catalyst_mixing'])
+def test_a_stranger_gets_the_stated_cost_from_the_input(name):
+    problem, _ = stated(name)
+    solution = solve(problem)
+    cost, psi = replayed(problem, solution)
+    assert cost == pytest.approx(solution.objective, rel=1e-6)
+    np.testing.assert_allclose(psi, 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize('start, least', [
+    ((1, 0), 2.0), ((1, 0.5), 0.5 + 2 * math.sqrt(1.125))])
+@pytest.mark.parametrize('method', ['auto', 'arcs'])
+def test_double_integrator_in_least_time(start, least, method):
+    problem, _ = stated('di_mintime_rest', initial_state={'x': start[0], 'v': start[1]})
+    solution = solve(problem, method=method)
+    assert solution.status is Status.SOLVED
+    assert solution.objective == pytest.approx(least, abs=1e-9)
+
+
+def test_arcs_of_a_triple_integrator():
+    """From (1, 0, 0) to rest: 32^(1/3), switches at 1/4 and 3/4 of it."""
+    problem, _ = stated('triple_integrator_mintime')
+    solution = solve(problem, method='arcs')
+    T = 32 ** (1 / 3)
+    assert solution.objective == pytest.approx(T, abs=1e-8)
+    np.testing.assert_allclose(solution.switching_times, [T / 4, 3 * T / 4], atol=1e-7)
+
+
+def test_arcs_of_a_moon_landing():
+    problem, mapping = stated('moon_lander')
+    solution = solve(problem)
+    structure = mapping['expected']['structure']
+    np.testing.assert_allclose(
+        solution.switching_times, structure['switching_times'], atol=1e-7)
+    assert solution.t[-1] == pytest.approx(structure['final_time'], abs=1e-8)
+    assert set(np.round(solution.u.ravel(), 12)) == {0.0, 3.0}
+
+
+def test_arcs_of_catalyst_mixing():
+    """Bang, singular, bang: the singular input of the literature is 0.227142."""
+    solution = solve(stated('catalyst_mixing')[0])
+    np.testing.assert_allclose(solution.switching_times, [0.13630, 0.72524], atol=1e-4)
+    middle = (solution.t > 0.3) & (solution.t < 0.6)
+    np.testing.assert_allclose(solution.u[middle, 0], 0.227142, atol=1e-4)
+
+
+def test_costates_of_bryson_denham_jump_where_the_bound_is_met():
+    """lam_x is 18, 0 and -18 on the three arcs for l = 1/9, lam_v(0) = 6."""
+    solution = solve(stated('bryson_denham')[0])
+    lam, t = solution.lam, solution.t
+    np.testing.assert_allclose(lam[t < 0.31, 0], 18.0, atol=1e-2)
+    np.testing.assert_allclose(lam[(t > 0.36) & (t < 0.64), 0], 0.0, atol=1e-2)
+    np.testing.assert_allclose(lam[t > 0.69, 0], -18.0, atol=1e-2)
+    assert lam[0, 1] == pytest.approx(6.0, abs=1e-2)
+
+
+def test_multiplier_of_a_speed_limit_is_a_density():
+    """On v = 1 the multiplier is -lam_x = 1, from 1 s to 4 s."""
+    solution = solve(stated('di_mintime_speed_limit')[0])
+    inside = (solution.t > 1.2) & (solution.t < 3.8)
+    np.testing.assert_allclose(solution.state_multipliers[inside, 1], 1.0, atol=1e-6)
+    np.testing.assert_allclose(solution.switching_times, [1, 4], atol=1e-6)
+
+
+def test_the_better_of_two_minima_is_found_without_a_guess():
+    """The aircraft's transfer in 5 s has the minima 1.0832 and 1.2271."""
+    solution = solve(stated('aircraft_5')[0])
+    assert solution.objective == pytest.approx(1.0831515, abs=1e-6)
+
+
+def test_the_tail_of_a_path_is_the_path_from_its_middle():
+    """Bellman: solved again from the middle, the Van der Pol path goes the same way."""
+    problem, mapping = stated('vanderpol_bounded')
+    whole = solve(problem)
+    k = int(np.searchsorted(whole.t, 2.5))
+    tail = solve(stated('vanderpol_bounded', initial_state=dict(
+        zip(mapping['states'], map(float, whole.x[k]), strict=True)),
+        final_time={'free': False, 'value': float(5 - whole.t[k])})[0])
+    assert tail.status is Status.SOLVED
+    np.testing.assert_allclose(tail.x[-1], whole.x[-1], atol=1e-3)
+    np.testing.assert_allclose(tail.lam[0], whole.lam[k], atol=1e-2)
+
+
+def test_no_feasible_neighbour_is_cheaper():
+    """The Van der Pol answer against 100 inputs near it, clipped to the bounds."""
+    from dataclasses import replace
+    problem, _ = stated('vanderpol_bounded')
+    solution = solve(problem)
+    chance = np.random.default_rng(0)
+    for _ in range(20):
+        wave = sum(chance.normal() * np.sin(k * solution.t) for k in range(1, 6))
+        u = np.clip(solution.u + 0.05 * wave[:, None], -0.3, 1)
+        cost, _ = replayed(problem, replace(solution, u=u))
+        assert cost > solution.objective
+
+
+@settings(max_examples=10)
+@given(scale=st.floats(1e-3, 1e3), speed=st.floats(1e-2, 1e2))
+def test_scaled_cost_and_time_scale_the_answer(scale, speed):
+    """With c L and a clock that runs k times as fast the cost is c J / k."""
+    def problem(c, k):
+        return simple(
+            ['x1', 'x2'], {'x1': f'{k!r}*((1 - x2**2)*x1 - x2 + u)', 'x2': f'{k!r}*x1'},
+            f'{c!r}*(x1**2 + x2**2 + u**2)', {'x1': 0, 'x2': 1},
+            {'free': False, 'value': 5 / k}, input_bounds={'u': [-0.3, 1]})
+
+    plain, scaled = solve(problem(1.0, 1.0)), solve(problem(scale, speed))
+    assert scaled.status is Status.SOLVED
+    assert scaled.objective == pytest.approx(plain.objective * scale / speed, rel=1e-5)
+
+
+@settings(max_examples=8)
+@given(a=st.floats(-2, 2), b=st.floats(0.3, 2), c=st.floats(0.1, 5), T=st.floats(0.3, 3))
+def test_transcription_agrees_with_the_closed_form(a, b, c, T):
+    """Example 2.2: J = P(0) x0^2 / 2 with dP/dt = -2 a P + b^2 P^2, P(T) = c."""
+    problem, _ = stated('lq_scalar_unit', parameters={'a': a, 'b': b, 'c': c},
+                        final_time={'free': False, 'value': T})
+    solution = solve(problem, method='transcription')
+    # With W = 1/P: dW/dt = 2 a W - b^2, stable to integrate in series for small a.
+    gain = T if abs(a) < 1e-9 else -math.expm1(-2 * a * T) / (2 * a)
+    least = 0.5 / (math.exp(-2 * a * T) / c + b**2 * gain)
+    assert solution.status is Status.SOLVED
+    assert solution.objective == pytest.approx(least, rel=1e-5)
+
+
+def test_methods_alone():
+    lq, _ = stated('lq_scalar_unit')
+    least_time, _ = stated('di_mintime_rest')
+    assert solve(lq, method='riccati').objective == pytest.approx(0.8807970779778824, abs=1e-10)
+    assert solve(lq).method == 'riccati'
+    assert solve(least_time).method == 'time_optimal'
+    refused = solve(least_time, method='riccati')
+    assert refused.status is Status.NOT_CONVERGED and 'linear quadratic' in refused.message
+    refused = solve(lq, method='time_optimal')
+    assert refused.status is Status.NOT_CONVERGED and 'least time' in refused.message
+
+
+def test_an_unknown_method_is_named_with_those_that_exist():
+    with pytest.raises(StatementError, match="'shooting' is unknown.*transcription") as caught:
+        solve(stated('lq_scalar_unit')[0], method='shooting')
+    assert all(name in str(caught.value) for name in METHODS)
+
+
+@pytest.mark.parametrize('problem, words', [
+    (lambda: simple(['x', 'v'], {'x': 'v', 'v': 'u'}, 'u**2', {'x': 1, 'v': 0},
+                    {'free': False, 'value': 1.5}, terminal_constraints=['x', 'v'],
+                    input_bounds={'u': [-1, 1]}), 'least time is 2'),
+    (lambda: simple(['x', 'v'], {'x': 'v', 'v': 'u'}, 'u**2', {'x': 0, 'v': 0},
+                    {'free': False, 'value': 3}, terminal_constraints=['v - 2'],
+                    state_bounds={'v': [None, 1]}), 'v <= 1'),
+    (lambda: simple(['x', 'v'], {'x': 'v', 'v': 'u'}, 'u**2', {'x': 0, 'v': 0},
+                    {'free': False, 'value': 3}, terminal_constraints=['x - 1', 'v'],
+                    input_bounds={'u': [-1, 1]}, state_bounds={'v': [-0.2, 0.2]}),
+     'least time is 5.2'),
+])
+def test_infeasible_problems_come_back_with_the_reason(problem, words):
+    solution = solve(problem(), time_limit=30)
+    assert solution.status is Status.INFEASIBLE
+    assert words in solution.message
+
+
+def test_cancelling_ends_the_work():
+    calls = []
+
+    def report(phase, iteration, cost, infeasibility):
+        calls.append((phase, iteration))
+        return len(calls) >= 12
+
+    begun = time.monotonic()
+    solution = solve(stated('goddard')[0], report=report)
+    assert solution.status is Status.CANCELLED and solution.message
+    assert len(calls) <= 14 and time.monotonic() - begun < 5
+
+
+def test_the_time_limit_is_kept():
+    begun = time.monotonic()
+    solution = solve(stated('alp_rider')[0], time_limit=1.0)
+    assert solution.status is Status.TIMED_OUT and '1 s' in solution.message
+    assert time.monotonic() - begun < 3.0
+
+
+def test_neighbours_share_what_was_built():
+    """The same problem with other numbers builds nothing and takes few iterations."""
+    cache = Cache()
+    first = solve(stated('lane_change')[0], cache=cache)
+    nearby, _ = stated('lane_change', initial_state={'x': 0.1, 'y': -1.9, 'theta': 0.01})
+    again, alone = solve(nearby, cache=cache), solve(nearby)
+    assert again.status is Status.SOLVED
+    assert again.build_time == 0.0 < first.build_time
+    assert again.iterations < first.iterations
+    assert again.objective == pytest.approx(alone.objective, rel=1e-5)

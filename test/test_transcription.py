@@ -1,0 +1,161 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Programs of many blocks, Gauss collocation and Runge-Kutta steps, against closed forms."""
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.blocks import assemble, Block
+from obc_ros.core.extremal import Integrator
+from obc_ros.core.guesses import Guesser, scales
+from obc_ros.core.mesh import HELD, Layout, LINEAR, Mesh, Phase, split, uniform
+from obc_ros.core.monitor import Monitor
+from obc_ros.core.statement import problem_from_mapping
+from obc_ros.core.transcription import Limits, Transcription
+import pytest
+
+LQ = {
+    'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'x + u'}, 'running_cost': '0.5*u**2',
+    'terminal_cost': '0.5*x**2', 'initial_state': {'x': 1},
+    'final_time': {'free': False, 'value': 1}}
+# J = P(0)/2 with dP/dt = -2 P + P^2, P(1) = 1: P(0) = 2 / (1 + e^-2).
+LQ_COST, LQ_COSTATE = 1 / (1 + np.exp(-2)), 2 / (1 + np.exp(-2))
+
+LANE_CHANGE = {
+    'states': ['px', 'py', 'theta'], 'inputs': ['v', 'phi'],
+    'dynamics': {'px': 'v*cos(theta)', 'py': 'v*sin(theta)', 'theta': 'v/3*tan(phi)'},
+    'running_cost': '(v - 10)**2 + phi**2', 'initial_state': {'px': 0, 'py': -2, 'theta': 0},
+    'terminal_constraints': ['px - 100', 'py - 2', 'theta'],
+    'input_bounds': {'v': [8, 12], 'phi': [-0.1, 0.1]},
+    'final_time': {'free': False, 'value': 10}}
+
+
+def solved(mapping, mesh, **limits):
+    """Return the problem and the outcome of one program from the straight line."""
+    problem = problem_from_mapping(mapping)
+    mesh = mesh(problem)
+    guess = Guesser(problem).line(problem, 1.0 if np.isnan(problem.final_time.value)
+                                  else problem.final_time.value)
+    program = Transcription(problem, mesh.layout)
+    sizes = scales(problem, guess)
+    count = len(mesh.layout.phases)
+    durations = np.full(count, guess.t[-1] / count)
+    bounds = Limits(limits.get('shortest', np.zeros(count)),
+                    limits.get('longest', np.full(count, 1e3)), np.zeros(problem.n),
+                    np.zeros(problem.n, dtype=bool))
+    start = program.start(mesh, guess, durations, sizes)
+    return problem, program.solve(problem, mesh, start, sizes, bounds, Monitor())
+
+
+def test_derivatives_of_a_program_are_those_of_its_expressions():
+    """Shared, repeated and constant entries of the index, against CasADi's own derivatives."""
+    v, own, shared = ca.SX.sym('v', 3), ca.SX.sym('own'), ca.SX.sym('shared', 2)
+    block = Block(v, own, shared, ca.vertcat(v[0] * v[1] ** 2 + own, ca.sin(v[2]) * shared[0]),
+                  shared[1] * v[0] ** 2 * v[2] + own * ca.exp(v[1]),
+                  np.array([[0, 1, 2], [2, 3, 3], [3, 4, 6]]), np.array([[2], [3], [2]]))
+    program = assemble([block], 5, 2, 4)
+    w, c = ca.MX.sym('w', 5), ca.MX.sym('c', 4)
+    both, f, g = ca.vertcat(w, c), ca.MX(0), []
+    part = ca.Function('part', [v, own, shared], [block.g, block.cost])
+    for index, where in zip(block.index, block.own_index, strict=True):
+        row, cost = part(both[index.tolist()], c[where.tolist()], c[:2])
+        f, g = f + cost, [*g, row]
+    g = ca.vertcat(*g)
+    lam_f, lam = ca.MX.sym('lam_f'), ca.MX.sym('lam', 6)
+    hessian = ca.triu(ca.hessian(lam_f * f + ca.dot(lam, g), w)[0])
+    point = np.random.default_rng(0).normal(size=16)
+    values = point[:5], point[5:9], point[9], point[10:]
+    for found, wanted, count in (
+            (program.derivatives['grad_f'], [f, ca.gradient(f, w)], 2),
+            (program.derivatives['jac_g'], [g, ca.jacobian(g, w)], 2),
+            (program.derivatives['hess_lag'], [hessian], 4)):
+        expected = ca.Function('expected', [w, c, lam_f, lam][:count], wanted)
+        for a, b in zip(found.call(list(values[:count])), expected.call(list(values[:count])),
+                        strict=True):
+            np.testing.assert_allclose(ca.densify(a).full(), ca.densify(b).full(), atol=1e-13)
+
+
+@pytest.mark.parametrize('stages', [0, 3])
+def test_cost_above_the_least_falls_with_the_fourth_power(stages):
+    above = []
+    for intervals in (4, 8, 16):
+        _, outcome = solved(LQ, lambda p, n=intervals: uniform(p, n, stages))
+        assert outcome.converged
+        above.append(outcome.objective - LQ_COST)
+    assert all(value > 0 for value in above)
+    assert all(3.5 < np.log2(a / b) < 4.5 for a, b in zip(above, above[1:], strict=False))
+
+
+@pytest.mark.parametrize('stages', [0, 3])
+def test_costates_have_the_sign_of_the_hamiltonian(stages):
+    """lam(0) = dJ/dx0 = P(0) x0, from the sweep and from the multipliers."""
+    problem, outcome = solved(LQ, lambda p: uniform(p, 32, stages))
+    course = Integrator(problem).extremal(problem, outcome, 2)
+    assert course.lam[0, 0] == pytest.approx(LQ_COSTATE, abs=1e-6)
+    np.testing.assert_allclose(course.lam_end[1::2], outcome.costates[1:], atol=1e-7)
+    if stages:
+        assert outcome.costates[0, 0] == pytest.approx(LQ_COSTATE, abs=1e-6)
+
+
+@pytest.mark.parametrize('stages', [0, 3])
+def test_input_integrated_by_others_meets_the_terminal_constraints(stages):
+    """The path is that of the input returned: solve_ivp under it ends where it should."""
+    from scipy.integrate import solve_ivp
+    problem, outcome = solved(LANE_CHANGE, lambda p: uniform(p, 40, stages))
+    path = outcome.path
+    f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f, problem.L])
+
+    def rate(t, z):
+        u = path.inputs_at(np.array([t]), after=True)[0]
+        return np.concatenate([value.full().ravel() for value in f(z[:3], u, problem.p_value)])
+
+    z = np.append(problem.x0, 0.0)
+    for a, b in zip(path.t[:-1], path.t[1:], strict=True):
+        z = solve_ivp(rate, (a, b), z, 'DOP853', rtol=1e-11, atol=1e-12).y[:, -1]
+    np.testing.assert_allclose(z[:3], [100, 2, 0], atol=1e-6)
+    assert z[3] == pytest.approx(outcome.objective, rel=1e-6)
+    assert np.all(path.ua[:, 1] >= -0.1) and np.all(path.ua[:, 1] <= 0.1)
+
+
+def test_phases_of_unknown_length_find_a_switch_off_the_grid():
+    """Double integrator from (1, 0.5) in least time: 0.5 + 2 sqrt(1.125)."""
+    mapping = {
+        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
+        'running_cost': '1', 'initial_state': {'x': 1, 'v': 0.5},
+        'terminal_constraints': ['x', 'v'], 'input_bounds': {'u': [-1, 1]},
+        'final_time': {'free': True, 'lower': 0.1, 'upper': 10}}
+
+    def mesh(problem):
+        phases = (Phase(2, (HELD,), (False,)),) * 2
+        return Mesh(Layout(phases, 0, True), np.full(4, 0.5), np.array([[-1.0], [1.0]]))
+
+    _, outcome = solved(mapping, mesh)
+    assert outcome.objective == pytest.approx(0.5 + 2 * np.sqrt(1.125), abs=1e-9)
+    assert outcome.path.durations[0] == pytest.approx(0.5 + np.sqrt(1.125), abs=1e-9)
+
+
+def test_a_mesh_is_cut_without_moving_its_points():
+    problem = problem_from_mapping(LQ)
+    mesh = uniform(problem, 3, 0)
+    finer = split(mesh, np.array([1, 3, 2]))
+    assert finer.layout.intervals == 6
+    np.testing.assert_allclose(np.cumsum(finer.fractions)[[0, 3, 5]], np.cumsum(mesh.fractions))
+    assert finer.layout.phases[0].modes == (LINEAR,)
+
+
+def test_a_monitor_ends_a_solver_within_an_iteration():
+    seen = []
+
+    def report(phase, iteration, cost, infeasibility):
+        seen.append(iteration)
+        return iteration >= 3
+
+    problem = problem_from_mapping(LANE_CHANGE)
+    mesh = uniform(problem, 10, 3)
+    guess = Guesser(problem).line(problem, 10.0)
+    sizes = scales(problem, guess)
+    program = Transcription(problem, mesh.layout)
+    monitor = Monitor(10.0, report)
+    outcome = program.solve(
+        problem, mesh, program.start(mesh, guess, guess.durations, sizes), sizes,
+        Limits(np.zeros(1), np.ones(1), np.zeros(3), np.zeros(3, dtype=bool)), monitor)
+    assert not outcome.converged and monitor.stopped == 'cancelled' and seen == [1, 2, 3]
