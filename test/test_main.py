@@ -1,0 +1,29 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""How every node ends: without a traceback, and with a status that says how."""
+
+import signal
+from typing import Any
+
+import pytest
+
+NODES = ('lqr_node', 'plant_simulator', 'trajectory_server')
+
+
+@pytest.mark.parametrize('node', NODES)
+def test_sigterm_ends_a_node(spawn: Any, probe: Any, node: str) -> None:
+    """Status 0, nothing but its own words on its output."""
+    process = spawn(node)
+    probe.wait_for_node(node)
+    process.popen.send_signal(signal.SIGTERM)
+    assert process.wait(10.0) == 0, process.output()
+    assert 'Traceback' not in process.output() and 'Error' not in process.output()
+
+
+def test_a_file_that_cannot_be_read(spawn: Any, tmp_path: Any) -> None:
+    """The sentence names what is wrong, and how lists of numbers are written."""
+    missing = spawn('lqr_node', remappings={'1bad': '2bad'})
+    assert missing.wait() == 1 and 'Traceback' not in missing.output()
+    mixed = spawn('lqr_node', {'Qu': [1, 0.5]})
+    assert mixed.wait() == 1
+    assert 'write the numbers of a list all with a point, or none' in mixed.output()
