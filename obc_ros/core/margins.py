@@ -90,7 +90,7 @@ def figures(A: Array, B: Array, K: Array, period: float = 0.0, states: int | Non
     damping = -poles.real / np.maximum(frequency, 1e-300)
     plant = _continuous(np.asarray(np.linalg.eigvals(A), dtype=complex), period)
     loop = _margins(_transfer(M, B, K, modes, V, period), poles, plant, period)
-    steps = _steps(A, B, K, poles, period, len(A) if states is None else states)
+    steps = step_figures(A, B, K, poles, period, states)
     return Figures(poles, damping, frequency, *loop, *steps)
 
 
@@ -219,9 +219,14 @@ def _peak(what: Callable[[Complex], Array], transfer: Callable[[Array], Complex]
     return best
 
 
-def _steps(A: Array, B: Array, K: Array, poles: Complex, period: float, states: int
-           ) -> tuple[Array, Array, Array, Array]:
-    """Return the figures of unit steps of the states that can be held anywhere."""
+def step_figures(A: Array, B: Array, K: Array, poles: Complex, period: float = 0.0,
+                 states: int | None = None) -> tuple[Array, Array, Array, Array]:
+    """
+    Return rise time, overshoot, settling time and peak input, as in `Figures`.
+
+    The parameters are those of `figures`, and the closed loop's poles in the s plane.
+    """
+    states = len(A) if states is None else states
     n, m = B.shape
     rise, over, settled = np.full((3, states), math.nan)
     peak: Array = np.full(m, math.nan)
