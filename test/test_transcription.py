@@ -4,7 +4,7 @@
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.blocks import assemble, Block
+from obc_ros.core.blocks import assemble, Block, Piece
 from obc_ros.core.extremal import Integrator
 from obc_ros.core.guesses import Guesser, scales
 from obc_ros.core.mesh import HELD, Layout, LINEAR, Mesh, Phase, split, uniform
@@ -49,17 +49,18 @@ def solved(mapping, mesh, **limits):
 def test_derivatives_of_a_program_are_those_of_its_expressions():
     """Shared, repeated and constant entries of the index, against CasADi's own derivatives."""
     v, own, shared = ca.SX.sym('v', 3), ca.SX.sym('own'), ca.SX.sym('shared', 2)
-    block = Block(v, own, shared, ca.vertcat(v[0] * v[1] ** 2 + own, ca.sin(v[2]) * shared[0]),
-                  shared[1] * v[0] ** 2 * v[2] + own * ca.exp(v[1]),
-                  np.array([[0, 1, 2], [2, 3, 3], [3, 4, 6]]), np.array([[2], [3], [2]]))
+    g = ca.vertcat(v[0] * v[1] ** 2 + own, ca.sin(v[2]) * shared[0])
+    cost = shared[1] * v[0] ** 2 * v[2] + own * ca.exp(v[1])
+    block = Block(Piece(v, own, shared, g, cost), np.array([[0, 1, 2], [2, 3, 3], [3, 4, 6]]),
+                  np.array([[2], [3], [2]]))
     program = assemble([block], 5, 2, 4)
     w, c = ca.MX.sym('w', 5), ca.MX.sym('c', 4)
-    both, f, g = ca.vertcat(w, c), ca.MX(0), []
-    part = ca.Function('part', [v, own, shared], [block.g, block.cost])
+    both, f, g_all = ca.vertcat(w, c), ca.MX(0), []
+    part = ca.Function('part', [v, own, shared], [g, cost])
     for index, where in zip(block.index, block.own_index, strict=True):
-        row, cost = part(both[index.tolist()], c[where.tolist()], c[:2])
-        f, g = f + cost, [*g, row]
-    g = ca.vertcat(*g)
+        row, more = part(both[index.tolist()], c[where.tolist()], c[:2])
+        f, g_all = f + more, [*g_all, row]
+    g = ca.vertcat(*g_all)
     lam_f, lam = ca.MX.sym('lam_f'), ca.MX.sym('lam', 6)
     hessian = ca.triu(ca.hessian(lam_f * f + ca.dot(lam, g), w)[0])
     point = np.random.default_rng(0).normal(size=16)

@@ -18,17 +18,47 @@ from numpy.typing import NDArray
 Index = NDArray[np.int64]
 
 
-@dataclass(frozen=True, eq=False)
-class Block:
+class Piece:
     """
-    K copies of rows g and a cost, functions of local variables v and constants.
+    Rows g and a cost, functions of local variables v and constants, with their derivatives.
 
-    Attributes
+    Parameters
     ----------
     v, own, shared : casadi.SX
         Local variables (nv,), constants of one copy, constants of all copies.
     g, cost : casadi.SX
         Rows (r,) and cost (1,).
+
+    """
+
+    def __init__(self, v: ca.SX, own: ca.SX, shared: ca.SX, g: ca.SX, cost: ca.SX) -> None:
+        arguments = [v, own, shared]
+        self.r = int(g.numel())
+        self.values = ca.Function('rows', arguments, [g, cost])
+        self.slope = self._sparse('slope', arguments, ca.gradient(cost, v))
+        self.jacobian = self._sparse('jacobian_g', arguments, ca.jacobian(g, v))
+        factor, lam = ca.SX.sym('factor'), ca.SX.sym('lam', self.r)
+        self.curvature = self._sparse('curvature', [*arguments, factor, lam],
+                                      ca.hessian(factor * cost + ca.dot(lam, g), v)[0])
+
+    @staticmethod
+    def _sparse(name: str, arguments: list[ca.SX], value: ca.SX
+                ) -> tuple[ca.Function, Index, Index]:
+        """Return a function, and the rows and columns of the entries of its result."""
+        value = ca.sparsify(value)
+        rows, columns = value.sparsity().get_triplet()
+        return (ca.Function(name, arguments, [value]), np.array(rows, dtype=np.int64),
+                np.array(columns, dtype=np.int64))
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """
+    K copies of a piece.
+
+    Attributes
+    ----------
+    piece : Piece
     index : ndarray, shape (K, nv)
         Where each local variable stands in [w; c]: the unknowns first, then the constants.
     own_index : ndarray, shape (K, number of own)
@@ -36,11 +66,7 @@ class Block:
 
     """
 
-    v: ca.SX
-    own: ca.SX
-    shared: ca.SX
-    g: ca.SX
-    cost: ca.SX
+    piece: Piece
     index: Index
     own_index: Index
 
@@ -88,11 +114,6 @@ def _entries(mapped: ca.MX) -> ca.MX:
     return ca.vec(mapped.nz[:])
 
 
-def _triplet(sparsity: ca.Sparsity) -> tuple[Index, Index]:
-    rows, columns = sparsity.get_triplet()
-    return np.array(rows, dtype=np.int64), np.array(columns, dtype=np.int64)
-
-
 def assemble(blocks: Sequence[Block], unknowns: int, shared: int, constants: int) -> Program:
     """
     Return the program of all blocks.
@@ -110,7 +131,7 @@ def assemble(blocks: Sequence[Block], unknowns: int, shared: int, constants: int
     w, c = ca.MX.sym('w', unknowns), ca.MX.sym('c', constants)
     both = ca.vertcat(w, c)
     multiplier = ca.MX.sym('lam_f')
-    lengths = tuple(block.g.numel() * len(block.index) for block in blocks)
+    lengths = tuple(block.piece.r * len(block.index) for block in blocks)
     lam = ca.MX.sym('lam_g', sum(lengths))
     cost = ca.MX(0)
     rows: list[ca.MX] = []
@@ -119,36 +140,25 @@ def assemble(blocks: Sequence[Block], unknowns: int, shared: int, constants: int
     hessian = _Sum((unknowns, unknowns))
     first = 0
     for block, length in zip(blocks, lengths, strict=True):
-        copies, r = len(block.index), block.g.numel()
+        copies, r = len(block.index), block.piece.r
         where = np.where(block.index < unknowns, block.index, -1)
         v = ca.reshape(both[block.index.ravel().tolist()], -1, copies)
         own = ca.reshape(c[block.own_index.ravel().tolist()], -1, copies)
         args = [v, own, ca.repmat(c[:shared], 1, copies)]
-        sx = [block.v, block.own, block.shared]
-        g, part = ca.Function('rows', sx, [block.g, block.cost]).map(copies)(*args)
+        g, part = block.piece.values.map(copies)(*args)
         cost, rows = cost + ca.sum2(part), [*rows, ca.vec(g)]
-
-        slope = ca.sparsify(ca.gradient(block.cost, block.v))
-        i, _ = _triplet(slope.sparsity())
-        gradient.add(where[:, i], np.zeros((copies, len(i)), dtype=np.int64), _entries(
-            ca.Function('slope', sx, [slope]).map(copies)(*args)))
-
-        jac = ca.sparsify(ca.jacobian(block.g, block.v))
-        i, j = _triplet(jac.sparsity())
+        function, i, j = block.piece.slope
+        gradient.add(where[:, i], np.zeros((copies, len(i)), dtype=np.int64),
+                     _entries(function.map(copies)(*args)))
+        function, i, j = block.piece.jacobian
         at = first + r * np.arange(copies, dtype=np.int64)[:, None] + i
-        jacobian.add(at, where[:, j], _entries(
-            ca.Function('jacobian_g', sx, [jac]).map(copies)(*args)))
-
-        factor, lam_g = ca.SX.sym('factor'), ca.SX.sym('lam', r)
-        curvature, _ = ca.hessian(factor * block.cost + ca.dot(lam_g, block.g), block.v)
-        i, j = _triplet(curvature.sparsity())
+        jacobian.add(at, where[:, j], _entries(function.map(copies)(*args)))
+        function, i, j = block.piece.curvature
         if len(i):
             upper = where[:, i] <= where[:, j]
-            hessian.add(
-                np.where(upper, where[:, i], -1), where[:, j], _entries(
-                    ca.Function('curvature', [*sx, factor, lam_g], [curvature]).map(copies)(
-                        *args, ca.repmat(multiplier, 1, copies),
-                        ca.reshape(lam[first:first + length], r, copies))))
+            hessian.add(np.where(upper, where[:, i], -1), where[:, j], _entries(
+                function.map(copies)(*args, ca.repmat(multiplier, 1, copies),
+                                     ca.reshape(lam[first:first + length], r, copies))))
         first += length
     g = ca.vertcat(*rows)
     return Program(

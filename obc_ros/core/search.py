@@ -30,7 +30,7 @@ from obc_ros.core.nonsmooth import twin
 from obc_ros.core.problem import Problem
 from obc_ros.core.refine import aligned, cuts, followed, judge
 from obc_ros.core.solution import Solution, Status
-from obc_ros.core.transcription import Limits, Outcome, Scales, Transcription
+from obc_ros.core.transcription import Limits, Outcome, Pieces, Scales, Transcription
 
 Array = NDArray[np.float64]
 
@@ -66,6 +66,7 @@ class Kit:
         self.guesser = Guesser(smooth)
         self.switching = switching_inputs(smooth)
         self.last: Answered | None = None
+        self._pieces: dict[int, Pieces] = {}
         self._fitters: dict[bool, Fitter] = {}
         self._transcriptions: OrderedDict[Layout, Transcription] = OrderedDict()
         self.build_time = time.monotonic() - begun
@@ -75,7 +76,9 @@ class Kit:
         found = self._transcriptions.pop(layout, None)
         if found is None:
             begun = time.monotonic()
-            found = Transcription(problem, layout)
+            if layout.stages not in self._pieces:
+                self._pieces[layout.stages] = Pieces(problem, layout.stages)
+            found = Transcription(problem, layout, self._pieces[layout.stages])
             self.build_time += time.monotonic() - begun
         self._transcriptions[layout] = found
         if len(self._transcriptions) > _LAYOUTS_KEPT:

@@ -18,7 +18,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.blocks import assemble, Block, Index, Program
+from obc_ros.core.blocks import assemble, Block, Index, Piece, Program
 from obc_ros.core.mesh import gauss_points, HELD, Layout, Mesh, Path
 from obc_ros.core.monitor import Monitor, Watch
 from obc_ros.core.problem import Problem
@@ -153,6 +153,35 @@ def _explicit(rate: Rate, states: tuple[ca.SX, ca.SX, ca.SX], inputs: tuple[ca.S
     return [states[2] - end], cost
 
 
+class Pieces:
+    """An interval, the end and the limits of a problem, scaled, with their derivatives."""
+
+    def __init__(self, problem: Problem, stages: int) -> None:
+        n, m = problem.n, problem.m
+        sx, su = ca.SX.sym('sx', n), ca.SX.sym('su', m)
+        st, sj = ca.SX.sym('st'), ca.SX.sym('sj')
+        self.shared = ca.vertcat(problem.p, sx, su, st, sj)
+        xa, xb, inner = ca.SX.sym('xa', n), ca.SX.sym('xb', n), ca.SX.sym('inner', n, stages)
+        ua, ub = ca.SX.sym('ua', m), ca.SX.sym('ub', m)
+        duration, fraction = ca.SX.sym('duration'), ca.SX.sym('fraction')
+        limits = ca.Function('limits', [problem.x, problem.u, problem.p], [problem.path])
+        rows, cost = (_gauss if stages else _explicit)(
+            rate_of(problem), (sx * xa, ca.repmat(sx, 1, stages) * inner, sx * xb),
+            (su * ua, su * ub), st * duration * fraction)
+        points = [(xa, ua)] + [(inner[:, j], (1 - c) * ua + c * ub)
+                               for j, c in enumerate(gauss_points(stages))]
+        none = ca.SX(0, 1)
+        self.interval = Piece(
+            ca.vertcat(xa, ca.vec(inner), xb, ua, ub, duration), fraction, self.shared,
+            ca.vertcat(*(row / sx for row in rows),
+                       *(limits(sx * x, su * u, problem.p) for x, u in points)), cost / sj)
+        terminal = ca.Function('terminal', [problem.x, problem.p], [problem.psi, problem.V])
+        psi, V = terminal.call([sx * xb, problem.p])
+        self.end = Piece(xb, none, self.shared, psi, V / sj)
+        self.limits = Piece(ca.vertcat(xb, ub), none, self.shared,
+                            limits(sx * xb, su * ub, problem.p), ca.SX(0))
+
+
 class Transcription:
     """
     The nonlinear program of a problem on a layout, for any numbers.
@@ -162,11 +191,15 @@ class Transcription:
     problem : Problem
         Its symbols and expressions are used, not its numbers.
     layout : Layout
+        Phases, intervals and scheme.
+    pieces : Pieces, optional
+        Of the same problem and scheme, for any other layout.
 
     """
 
-    def __init__(self, problem: Problem, layout: Layout) -> None:
+    def __init__(self, problem: Problem, layout: Layout, pieces: Pieces | None = None) -> None:
         self.layout = layout
+        self._pieces = pieces or Pieces(problem, layout.stages)
         self.n, self.m, self.q = problem.n, problem.m, problem.q
         self.l = int(problem.path.numel())
         self.c = gauss_points(layout.stages)
@@ -216,43 +249,25 @@ class Transcription:
             self.at_duration = base + N + len(held) + np.arange(phases)
 
     def _assemble(self, problem: Problem) -> Program:
-        n, m, layout = self.n, self.m, self.layout
-        sx, su = ca.SX.sym('sx', n), ca.SX.sym('su', m)
-        st, sj = ca.SX.sym('st'), ca.SX.sym('sj')
-        shared = ca.vertcat(problem.p, sx, su, st, sj)
-        limits = ca.Function('limits', [problem.x, problem.u, problem.p], [problem.path])
-        xa, xb = ca.SX.sym('xa', n), ca.SX.sym('xb', n)
-        inner = ca.SX.sym('inner', n, layout.stages)
-        ua, ub = ca.SX.sym('ua', m), ca.SX.sym('ub', m)
-        duration, fraction = ca.SX.sym('duration'), ca.SX.sym('fraction')
-        scheme = _gauss if layout.stages else _explicit
-        rows, cost = scheme(
-            rate_of(problem), (sx * xa, ca.repmat(sx, 1, layout.stages) * inner, sx * xb),
-            (su * ua, su * ub), st * duration * fraction)
-        points = [(xa, ua)] + [(inner[:, j], (1 - c) * ua + c * ub)
-                               for j, c in enumerate(self.c)]
+        layout, pieces = self.layout, self._pieces
         N = layout.intervals
         none = np.zeros((1, 0), dtype=np.int64)
-        blocks = [Block(
-            ca.vertcat(xa, ca.vec(inner), xb, ua, ub, duration), fraction, shared,
-            ca.vertcat(*(row / sx for row in rows),
-                       *(limits(sx * x, su * u, problem.p) for x, u in points)), cost / sj,
-            np.hstack([self.at_x[:-1], self.at_inner.reshape(N, -1), self.at_x[1:], self.at_ua,
-                       self.at_ub, self.at_duration[layout.phase_of][:, None]]),
-            self.at_fraction[:, None] - self.unknowns)]
-        terminal = ca.Function('terminal', [problem.x, problem.p], [problem.psi, problem.V])
-        psi, V = terminal(sx * xb, problem.p)
-        blocks.append(Block(xb, ca.SX(0, 1), shared, psi, V / sj, self.at_x[-1:], none))
+        blocks = [
+            Block(pieces.interval,
+                  np.hstack([self.at_x[:-1], self.at_inner.reshape(N, -1), self.at_x[1:],
+                             self.at_ua, self.at_ub,
+                             self.at_duration[layout.phase_of][:, None]]),
+                  self.at_fraction[:, None] - self.unknowns),
+            Block(pieces.end, self.at_x[-1:], none)]
         if self.l:
             last = self._ends(problem)
-            blocks.append(Block(
-                ca.vertcat(xb, ub), ca.SX(0, 1), shared, limits(sx * xb, su * ub, problem.p),
-                ca.SX(0), np.hstack([self.at_x[last + 1], self.at_ub[last]]),
-                np.zeros((len(last), 0), dtype=np.int64)))
+            blocks.append(Block(pieces.limits, np.hstack([self.at_x[last + 1], self.at_ub[last]]),
+                                np.zeros((len(last), 0), dtype=np.int64)))
         if len(layout.phases) > 1:
             durations = ca.SX.sym('durations', len(layout.phases))
-            blocks.append(Block(durations, ca.SX(0, 1), shared, ca.sum1(durations),
-                                ca.SX(0), self.at_duration[None, :], none))
+            blocks.append(Block(
+                Piece(durations, ca.SX(0, 1), pieces.shared, ca.sum1(durations), ca.SX(0)),
+                self.at_duration[None, :], none))
         return assemble(blocks, self.unknowns, self.shared, self.constants)
 
     def _ends(self, problem: Problem) -> Index:
