@@ -12,7 +12,7 @@ from lqr_bench import Bench, BEST_EFFORT, HOVER, LATCHED, matrix, nanoseconds
 from nav_msgs.msg import Odometry
 import numpy as np
 from obc_ros.msg import Command, LqrWeights, State, Trajectory
-from obc_ros.srv import TryDesign
+from obc_ros.srv import SuggestWeights, TryDesign
 import pytest
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
@@ -123,6 +123,29 @@ def test_integral_action(spawn: Any, probe: Any) -> None:
     bench.answer(x, 1.1)
     assert bench.probe.call(Trigger, '/lqr_node/start').success
     assert bench.answer([0.0, 0.0], 1.2)[0] == pytest.approx(0.0, abs=1e-15)
+
+
+def test_suggested_weights(spawn: Any, probe: Any) -> None:
+    """Wishes in, weights out that fulfil them, with the trade-off; the loop runs meanwhile."""
+    bench = Bench(spawn, probe, system='double_integrator')
+    before = bench.answer([0.1, 0.0])
+
+    def wish(**fields: Any) -> Any:
+        return probe.call(SuggestWeights, '/lqr_node/suggest_weights',
+                          SuggestWeights.Request(**fields))
+
+    answer = wish(rise_time=0.5, overshoot=0.1)
+    assert answer.success, answer.message
+    assert answer.design.rise_time[0] <= 0.5 and answer.design.overshoot[0] <= 0.1
+    rise, peak = answer.table_rise_time, answer.table_peak_input  # from small inputs to large
+    assert rise[0] > 10 * rise[-1] and peak[0] < 0.1 * peak[-1]
+    assert len(answer.table_peak_input) == len(answer.table_scale) > 3
+    assert not wish(rise_time=1e-3, peak_input=[1e-3]).success
+    assert 'rise_time' in wish(rise_time=-1.0).message
+    assert wish(x_max=[1.0]).message
+    assert (bench.answer([0.1, 0.0]) == before).all() and len(bench.designs) == 1
+    assert bench.set(Qx=list(answer.qx), Qu=list(answer.qu)).successful
+    assert bench.design(2).rise_time[0] == pytest.approx(answer.design.rise_time[0])
 
 
 def test_sampled_and_delayed(spawn: Any, probe: Any) -> None:

@@ -1,14 +1,19 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A design as the message LqrDesign."""
+"""A design as the message LqrDesign, and the request for weights that make one."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from obc_ros.core.design import Design
+from obc_ros.core.design import Design, Plant
 from obc_ros.core.design_report import Change, fields
 from obc_ros.msg import LqrDesign
 from obc_ros.nodes.messages import doubles
+from obc_ros.srv import SuggestWeights
+
+if TYPE_CHECKING:
+    from obc_ros.core.suggest import Suggestion
 
 
 def design_message(design: Design, made: Change, error: Sequence[float] | None) -> LqrDesign:
@@ -16,3 +21,31 @@ def design_message(design: Design, made: Change, error: Sequence[float] | None) 
     return LqrDesign(**{
         name: doubles(value) if isinstance(value, np.ndarray) else value
         for name, value in fields(design, made, error).items()})
+
+
+def suggestion(request: SuggestWeights.Request, plant: Plant) -> 'Suggestion':
+    """
+    Return the weights nearest to the wishes of a request.
+
+    Raises
+    ------
+    ObcError
+        If a wish cannot be used, or no weights stabilise the plant.
+
+    """
+    from obc_ros.core.suggest import suggest, Wishes  # a search: only where it is asked for
+    return suggest(
+        plant.A, plant.B,
+        Wishes(request.rise_time, request.overshoot, tuple(request.peak_input)),
+        x_max=tuple(request.x_max), u_max=tuple(request.u_max), inputs=plant.system.input_names)
+
+
+def fill_suggestion(response: SuggestWeights.Response, found: 'Suggestion') -> None:
+    """Put weights, words and the trade-off table into a response; not the design."""
+    response.success, response.message = found.success, found.message
+    response.qx = doubles(found.best.weights.Qx)
+    response.qu = doubles(found.best.weights.Qu)
+    response.table_scale = doubles([each.scale for each in found.table])
+    response.table_rise_time = doubles([each.rise_time for each in found.table])
+    response.table_overshoot = doubles([each.overshoot for each in found.table])
+    response.table_peak_input = doubles([each.peak_input for each in found.table])

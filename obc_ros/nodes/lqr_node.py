@@ -6,7 +6,8 @@ State feedback u = ue - K (x - xe), designed from the weights in its parameters.
 Subscribes to ``state`` (State) or ``odom`` (nav_msgs/Odometry) and ``reference`` (Trajectory).
 Publishes ``command`` (Command, or see `lqr_topics`), ``~/design`` (LqrDesign, transient local) and
 ``/diagnostics``. Services: ``~/stop``, ``~/start`` (std_srvs/Trigger), ``~/try_design``
-(TryDesign), and those of a lifecycle node. Parameters: see `lqr_settings.Settings`.
+(TryDesign), ``~/suggest_weights`` (SuggestWeights), and those of a lifecycle node. Parameters: see
+`lqr_settings.Settings`.
 
 States are answered by a thread of their own; everything else belongs to the executor. A change
 reaches that thread as one assignment.
@@ -26,13 +27,13 @@ from obc_ros.core.loop import Loop
 from obc_ros.msg import LqrDesign, Trajectory
 from obc_ros.nodes import graph, lqr_topics
 from obc_ros.nodes.conversions import nanoseconds
-from obc_ros.nodes.design_message import design_message
+from obc_ros.nodes.design_message import design_message, fill_suggestion, suggestion
 from obc_ros.nodes.lqr_diagnostics import Monitor
 from obc_ros.nodes.lqr_settings import Candidate, ending, judge, Settings, tried
 from obc_ros.nodes.main import run
 from obc_ros.nodes.own_thread import Apart, OwnThread
 from obc_ros.nodes.parameters import Parameters
-from obc_ros.srv import TryDesign
+from obc_ros.srv import SuggestWeights, TryDesign
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.event_handler import EventHandler, SubscriptionEventCallbacks
@@ -108,6 +109,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         self.create_service(Trigger, '~/stop', self._on_stop)
         self.create_service(Trigger, '~/start', self._on_start)
         self.create_service(TryDesign, '~/try_design', self._on_try_design)
+        self.create_service(SuggestWeights, '~/suggest_weights', self._on_suggest_weights)
         for service in self.services:
             if service.srv_type is ChangeState:
                 self._change_state, service.callback = service.callback, self._on_change_state
@@ -208,15 +210,31 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     def _on_try_design(self, request: TryDesign.Request, response: TryDesign.Response
                        ) -> TryDesign.Response:
         try:
-            candidate = self._judge(replace(self._table.settings, **tried(request.weights)))
+            response.design = self._tried(tried(request.weights))
         except ObcError as error:
             response.message = str(error)
-            return response
+        else:
+            response.success, response.message = True, response.design.sentence
+        return response
+
+    def _on_suggest_weights(self, request: SuggestWeights.Request,
+                            response: SuggestWeights.Response) -> SuggestWeights.Response:
+        try:
+            found = suggestion(request, self._adopted.design.plant)
+            fill_suggestion(response, found)
+            response.design = self._tried({
+                'weights': 'matrices', 'cross': (), 'stability': 0.0,
+                'Qx': tuple(response.qx), 'Qu': tuple(response.qu)})
+        except ObcError as error:
+            response.success, response.message = False, str(error)
+        return response
+
+    def _tried(self, values: dict[str, Any]) -> LqrDesign:
+        """Return what the present settings with other values would do."""
+        candidate = self._judge(replace(self._table.settings, **values))
         made = change(self._adopted.design, candidate.design,
                       self._loop.preview(candidate.control))
-        response.design = design_message(candidate.design, made, self._loop.error)
-        response.success, response.message = True, response.design.sentence
-        return response
+        return design_message(candidate.design, made, self._loop.error)
 
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._loop.stop('by ~/stop')
