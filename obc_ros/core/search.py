@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a statement to an extremal: starts, arcs, a finer mesh, until a certificate holds."""
 
-from collections import OrderedDict
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import time
 
 import numpy as np
@@ -17,89 +16,37 @@ from obc_ros.core.arcs import (
     opened,
     Signature,
     signature,
-    switching_inputs,
 )
 from obc_ros.core.certificate import certify
 from obc_ros.core.contradictions import contradiction
-from obc_ros.core.extremal import Extremal, Integrator
-from obc_ros.core.guesses import Guesser, scales
-from obc_ros.core.mesh import Layout, Mesh, Path, split, uniform
+from obc_ros.core.extremal import Extremal
+from obc_ros.core.guesses import scales
+from obc_ros.core.kit import Answered, Kit, neighbours
+from obc_ros.core.mesh import Mesh, Path, split, uniform
 from obc_ros.core.monitor import Monitor
-from obc_ros.core.multipliers import Fitter
-from obc_ros.core.nonsmooth import twin
 from obc_ros.core.problem import Problem
 from obc_ros.core.refine import aligned, cuts, followed, judge
 from obc_ros.core.solution import Solution, Status
-from obc_ros.core.transcription import Limits, Outcome, Pieces, Scales, Transcription
+from obc_ros.core.transcription import Limits, Outcome, Scales
 
 Array = NDArray[np.float64]
 
 COARSE = 16
-_STARTS, _STARTS_MOST = 3, 8
-_ENOUGH, _PATIENCE = 0.05, 2.0   # [s] for starts, once one and while none converged
-_BELIEVED = 1e-2                # relative error of a coarse step
+_STARTS, _STARTS_MOST = 2, 6
+_ENOUGH, _PATIENCE = 0.02, 1.5   # [s] for starts, once one and while none converged
+_EXPLORING, _EXPLORED_MOST = 0.25, 30   # part of the time, and number, of further starts
+_LOWER = 1e-3         # relative: what is another minimum on a coarse mesh
+_BELIEVED = 1e-2      # relative error of a coarse step
 _ROUNDS = 8
 _COARSE_ITERATIONS, _WARM_ITERATIONS = 150, 30
-_NEIGHBOUR = 0.2      # relative change of its numbers up to which a problem is a neighbour
-_NUMBERS = ('x0', 'p_value', 'x_lower', 'x_upper', 'u_lower', 'u_upper', 'path_lower',
-            'path_upper')
-_STEP_ERROR = 3e-8     # relative, of all intervals together
+_MOST_INTERVALS = 800
 _WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
 _DETOUR = 1e-5        # likewise, at which inputs may wind around between points
 _CLOSE = 1e-6         # likewise, at which no finer mesh is tried
 _FOR_DIGITS = 0.5     # [s] for finer meshes once a certificate holds
-_EXCEEDED = 2e-7       # of its size: by how much a constraint may be exceeded
+_EXCEEDED = 2e-7      # of its size: by how much a constraint may be exceeded
+_STEP_ERROR = 3e-8    # relative, of all intervals together
 _VANISHING = 1e-3     # of T: an arc that may not be there
-_MOST_INTERVALS = 800
-_LAYOUTS_KEPT = 24
-
-
-class Kit:
-    """What was built for one structure, kept for the next problem that has it."""
-
-    def __init__(self, problem: Problem) -> None:
-        begun = time.monotonic()
-        self.twin = twin(problem)
-        self.judge = Integrator(problem)
-        smooth = self.twin.problem(problem, 0) if self.twin else problem
-        self.integrator = Integrator(smooth) if self.twin else self.judge
-        self.guesser = Guesser(smooth)
-        self.switching = switching_inputs(smooth)
-        self.last: Answered | None = None
-        self._pieces: dict[int, Pieces] = {}
-        self._fitters: dict[bool, Fitter] = {}
-        self._transcriptions: OrderedDict[Layout, Transcription] = OrderedDict()
-        self.build_time = time.monotonic() - begun
-
-    def transcription(self, problem: Problem, layout: Layout) -> Transcription:
-        """Return the program of a layout, built at most once."""
-        found = self._transcriptions.pop(layout, None)
-        if found is None:
-            begun = time.monotonic()
-            if layout.stages not in self._pieces:
-                self._pieces[layout.stages] = Pieces(problem, layout.stages)
-            found = Transcription(problem, layout, self._pieces[layout.stages])
-            self.build_time += time.monotonic() - begun
-        self._transcriptions[layout] = found
-        if len(self._transcriptions) > _LAYOUTS_KEPT:
-            self._transcriptions.popitem(last=False)
-        return found
-
-    def fitter(self, problem: Problem, stated: bool = False) -> Fitter:
-        """Return what fits multipliers, built at most once."""
-        if stated not in self._fitters:
-            self._fitters[stated] = Fitter(problem)
-        return self._fitters[stated]
-
-
-@dataclass(frozen=True, eq=False)
-class Answered:
-    """A problem that was answered, and with what: where its neighbours start."""
-
-    problem: Problem
-    outcome: Outcome
-    sizes: Scales
-    margin: Array
 
 
 class Search:
@@ -116,6 +63,10 @@ class Search:
         self.problem = problem if kit.twin is None else kit.twin.problem(problem, 0)
         self.switching = with_arcs and any(kit.switching)
         self.reason = ''
+        self.begun = time.monotonic()
+        self.intervals = COARSE
+        self.starts: Iterator[Path] = iter(())
+        self.last: Answered | None = None
         self.bounded = bool(problem.path.numel() or np.any(
             np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)))
         self.stages = 3 if self.bounded else 0
@@ -157,31 +108,42 @@ class Search:
         does without, the mesh is made finer and stiffly accurate.
         """
         levels = ((COARSE, self.stages), (2 * COARSE, 3), (4 * COARSE, 3))
+        found: list[Outcome] = []
         for intervals, stages in levels[:2] if self.quick else levels:
-            self.stages = stages
-            found = self._from_starts(intervals)
-            good = [o for o in found if o.converged and self.course(o).local.max() < _BELIEVED]
-            if not good and intervals == COARSE and not self.quick:
+            self.intervals, self.stages = intervals, stages
+            self.starts = self.kit.guesser.starts(self.problem, self.kit.integrator)
+            found = self._from_starts()
+            good = [outcome for outcome in found if self.believed(outcome)]
+            if good:
+                return sorted(good, key=lambda outcome: outcome.objective)
+            if self.intervals == COARSE and not self.quick:
                 self.reason = contradiction(self.stated)
-            if good or self.reason or self.monitor.stopped:
+            if self.reason or self.monitor.stopped:
                 break
-        return sorted(good or found, key=lambda o: (not o.converged, o.objective))
+        return sorted(found, key=lambda outcome: (not outcome.converged, outcome.infeasibility))
 
-    def _from_starts(self, intervals: int) -> list[Outcome]:
+    def believed(self, outcome: Outcome) -> bool:
+        """Return whether the cost of a coarse outcome says something."""
+        return outcome.converged and bool(self.course(outcome).local.max() < _BELIEVED)
+
+    def _from_starts(self) -> list[Outcome]:
         found: list[Outcome] = []
         begun, good = time.monotonic(), 0
-        for number, start in enumerate(
-                self.kit.guesser.starts(self.problem, self.kit.integrator)):
-            outcome = self.collocate(uniform(self.problem, intervals, self.stages), start,
-                                     most=_COARSE_ITERATIONS)
+        most = _STARTS_MOST if self.intervals == COARSE and not self.quick else _STARTS
+        for number in range(1, most + 1):
+            outcome = self.from_next_start()
             found.append(outcome)
             good += outcome.converged
             spent = time.monotonic() - begun
-            most = _STARTS_MOST if intervals == COARSE and not self.quick else _STARTS
-            if (self.monitor.stopped or number + 1 >= most or self.quick and good
-                    or number + 1 >= _STARTS and spent > (_ENOUGH if good else _PATIENCE)):
+            if (self.monitor.stopped or self.quick and good
+                    or number >= _STARTS and spent > (_ENOUGH if good else _PATIENCE)):
                 break
         return found
+
+    def from_next_start(self) -> Outcome:
+        """Return what the coarse mesh gives from the next start."""
+        return self.collocate(uniform(self.problem, self.intervals, self.stages),
+                              next(self.starts), most=_COARSE_ITERATIONS)
 
     def course(self, outcome: Outcome, *, stated: bool = False) -> Extremal:
         """Return states and costates under the input of an outcome."""
@@ -349,7 +311,7 @@ class Search:
     def warm(self) -> Solution | None:
         """Return the answer on the mesh of a neighbour answered before, if it is certified."""
         last = self.kit.last
-        if last is None or self.quick or not _neighbours(self.stated, last):
+        if last is None or self.quick or not neighbours(self.stated, last):
             return None
         mesh, multipliers = last.outcome.mesh, (last.outcome.lam_w, last.outcome.lam_g)
         program = self.kit.transcription(self.problem, mesh.layout)
@@ -390,16 +352,20 @@ class Search:
             return Solution(Status.INFEASIBLE, self.reason)
         if not starts or not np.all(np.isfinite(starts[0].path.x)):
             return Solution(Status.NOT_CONVERGED, 'no path was found from any start')
+        best = self.followed_up(starts[0])
+        return best if self.quick else self.explored(best, starts[0].objective)
+
+    def followed_up(self, start: Outcome) -> Solution:
+        """Return the best answer that improving a coarse outcome gives."""
         best, begun = None, time.monotonic()
-        for number, (outcome, course) in enumerate(self.improve(starts[0])):
+        for number, (outcome, course) in enumerate(self.improve(start)):
             above = self.given_away(outcome, course)
             if above < _WORTH_A_LOOK or best is None:
                 answer = self.solution(outcome, course)
                 if best is None or _holds(answer) or not _holds(best):
                     best = answer
                 if _holds(answer) and not self.quick:
-                    self.kit.last = Answered(self.stated, outcome, self.sizes(outcome),
-                                             self.margin)
+                    self.last = Answered(self.stated, outcome, self.sizes(outcome), self.margin)
             # A certificate allows more than what one more mesh often takes away at once.
             if _holds(best) and (above < _CLOSE or time.monotonic() - begun > _FOR_DIGITS):
                 break
@@ -408,21 +374,36 @@ class Search:
         assert best is not None
         return best
 
+    def explored(self, best: Solution, floor: float) -> Solution:
+        """
+        Return the best answer after some more starts.
 
-def _neighbours(problem: Problem, last: Answered) -> bool:
-    """Return whether the numbers of a problem are near those of one answered before."""
-    for name in _NUMBERS:
-        a, b = np.asarray(getattr(problem, name)), np.asarray(getattr(last.problem, name))
-        with np.errstate(invalid='ignore'):
-            apart = np.where(a == b, 0.0, np.abs(a - b))
-        size = np.maximum(np.where(np.isfinite(b), np.abs(b), 0.0), 1e-3)
-        if name == 'x0':
-            size = np.maximum(np.abs(last.outcome.path.x).max(axis=0), size)
-        if np.any(apart > _NEIGHBOUR * size):
-            return False
-    a, b = (np.nan_to_num([p.final_time.value, p.final_time.lower, p.final_time.upper])
-            for p in (problem, last.problem))
-    return bool(np.all(np.abs(a - b) <= _NEIGHBOUR * np.abs(b)))
+        Their number grows with the work that the problem has made so far: what is solved at once
+        is not held up, and what is hard is looked at from many sides.
+        """
+        kept, spent = self.last, 0.0
+        for _ in range(_EXPLORED_MOST):
+            if self.monitor.stopped or spent > _EXPLORING * (time.monotonic() - self.begun):
+                break
+            started = time.monotonic()
+            self.reset()
+            outcome = self.from_next_start()
+            if self.believed(outcome) and (
+                    outcome.objective < floor - _LOWER * abs(floor)
+                    or not _holds(best) and abs(outcome.objective - floor) > _LOWER * abs(floor)):
+                floor = outcome.objective
+                other = self.followed_up(outcome)
+                if _holds(other) and (not _holds(best) or other.objective < best.objective):
+                    best, kept = other, self.last
+            spent += time.monotonic() - started
+        self.kit.last = kept or self.kit.last
+        return best
+
+    def reset(self) -> None:
+        """Go back to what holds for a coarse mesh."""
+        self.margin = np.zeros_like(self.margin)
+        if self.kit.twin:
+            self.problem = self.kit.twin.problem(self.stated, 0)
 
 
 def _holds(answer: Solution) -> bool:

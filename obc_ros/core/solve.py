@@ -10,10 +10,11 @@ import time
 from obc_ros.core.certificate import certify
 from obc_ros.core.errors import StatementError
 from obc_ros.core.explain import explain
+from obc_ros.core.kit import Kit
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.problem import Problem
 from obc_ros.core.riccati import solve_lq
-from obc_ros.core.search import Kit, Search
+from obc_ros.core.search import Search
 from obc_ros.core.solution import Report, Solution, Status
 from obc_ros.core.time_optimal import solve_time_optimal
 
