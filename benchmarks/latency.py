@@ -106,7 +106,8 @@ class Rival:
             if left <= 0:
                 sent[due + offset] = time.monotonic_ns()
                 self.send(due + offset)
-                due += PERIOD
+                # what this process was too late to send in its time is not sent
+                due += PERIOD * (1 + -left // PERIOD)
             elif (stamp := self.receive(left)) in sent:
                 latencies.append((time.monotonic_ns() - sent[stamp]) * 1e-9)
         return len(sent), latencies
