@@ -56,13 +56,13 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
 
     def __init__(self, **options: Any) -> None:
         super().__init__('lqr_node', allow_undeclared_parameters=True, **options)
+        self._is_active = False  # first: rclpy 9 ends a node whose parameters are refused, too
         self._monitor = Monitor()
         self._adopted: Candidate | None = None
         self._courses: tuple[Course, ...] = ()
         self._table = Parameters(
             self, Settings, self._judge, self._adopt, self._monitor.refused)
         self._adopted, self._revision, self._change = self._table.candidate, 1, Change()
-        self._is_active = False
         self._loop = Loop(self._adopted.control)
         self._create_topics(self._table.settings)
         self._create_services()

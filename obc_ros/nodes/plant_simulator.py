@@ -149,6 +149,8 @@ class PlantSimulator(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('plant_simulator', allow_undeclared_parameters=True, **options)
+        # first: rclpy 9 ends a node whose parameters are refused, too
+        self._thread: OwnThread | None = None
         self._settings = Parameters(self, Settings, self._judge, self._adopt)
         settings, candidate = self._settings.settings, self._settings.candidate
         self._follows = self.get_parameter('use_sim_time').value and not settings.simulated_stamps
@@ -264,7 +266,8 @@ class PlantSimulator(Node):
 
     def destroy_node(self) -> None:
         """End the thread, then the node."""
-        self._thread.stop()
+        if self._thread is not None:
+            self._thread.stop()
         super().destroy_node()
 
     def _judge(self, settings: Settings) -> Candidate:
