@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from obc_ros.cli import client, questions, results
 from obc_ros.cli.obc import main
+from obc_ros.srv import SolveOptimalControl
 import pytest
 import yaml
 
@@ -37,11 +38,12 @@ ENDLESS = {
 
 
 @pytest.fixture
-def obc(spawn, tmp_path):
+def obc(spawn, probe, tmp_path):
     """Run ``obc`` with files of given contents; return exit status, JSON by name, and output."""
     def run(command, files, *options, server=False, end=lambda process: process.wait(60.0)):
         if server:
-            spawn('trajectory_server', {'workers': 2}).wait_for_output('')
+            spawn('trajectory_server', {'workers': 2})
+            ready(probe)
         folder = tmp_path / 'in'
         folder.mkdir(exist_ok=True)
         for name, content in files.items():
@@ -54,6 +56,12 @@ def obc(spawn, tmp_path):
         found = {path.stem: read(path) for path in tmp_path.glob('*.json')}
         return status, found, process.output()
     return run
+
+
+def ready(probe):
+    """Wait until the server has offered its services."""
+    asked = probe.node.create_client(SolveOptimalControl, '/trajectory_server/solve')
+    probe.wait_for(asked.service_is_ready, what='the server')
 
 
 def read(path):
