@@ -38,12 +38,12 @@ ENDLESS = {
 
 
 @pytest.fixture
-def obc(spawn, probe, tmp_path):
+def obc(spawn, request, tmp_path):
     """Run ``obc`` with files of given contents; return exit status, JSON by name, and output."""
     def run(command, files, *options, server=False, end=lambda process: process.wait(60.0)):
         if server:
             spawn('trajectory_server', {'workers': 2})
-            ready(probe)
+            ready(request.getfixturevalue('probe'))
         folder = tmp_path / 'in'
         folder.mkdir(exist_ok=True)
         for name, content in files.items():

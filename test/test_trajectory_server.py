@@ -3,7 +3,6 @@
 """The trajectory server over DDS: it answers everyone, in words and in time, and stays up."""
 
 from array import array
-import math
 import os
 from pathlib import Path
 import resource
@@ -22,10 +21,9 @@ from obc_ros.msg import (
     NamedExpression,
     NamedValues,
     OptimalControlProblem,
-    Trajectory,
 )
 from obc_ros.nodes.messages import problem_message
-from obc_ros.srv import DesignLqr, PlanMotion, SolveOptimalControl
+from obc_ros.srv import DesignLqr, SolveOptimalControl
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -264,96 +262,6 @@ def test_the_queue_has_a_length(server, probe):
     assert '2 requests are waiting' in response.message
     answers, _ = goals.cancel()
     assert {answer.result.status for answer in answers} == {'cancelled'}
-
-
-def test_a_plan_is_published_when_it_is_to_be_executed(server, probe):
-    server(workers=1)
-    request = PlanMotion.Request(
-        system='two_wheeled', start=[0.0, 0.0, 0.0], goal=[1.0, 0.0, 0.0], objective='time')
-    heard = probe.listen(Trajectory, 'reference', LATCHED)
-    shown = probe.call(PlanMotion, f'{SERVER}/plan', request)
-    assert shown.success, shown.message
-    assert shown.objective == pytest.approx(1.0, abs=1e-6)
-    assert shown.trajectory.state_names == ['px', 'py', 'theta']
-    request.execute = True
-    request.goal = [2.0, 0.0, 0.0]
-    executed = probe.call(PlanMotion, f'{SERVER}/plan', request)
-    probe.wait_for(lambda: heard, what='the reference')
-    assert heard == [executed.trajectory]
-    assert heard[0].header.stamp.sec > 0
-    assert heard[0].system == 'two_wheeled'
-    late = probe.listen(Trajectory, 'reference', LATCHED)
-    probe.wait_for(lambda: late, what='the reference, by one who came later')
-    request.goal = [math.nan, 0.0, 0.0]
-    refused = probe.call(PlanMotion, f'{SERVER}/plan', request)
-    assert (refused.status, refused.success) == ('malformed', False)
-    assert 'goal' in refused.message
-    probe.spin_for(0.2)
-    assert len(heard) == 1  # nothing more to follow
-
-
-def test_a_regulator_is_designed(server, probe):
-    server(workers=1)
-    aircraft = probe.call(DesignLqr, f'{SERVER}/design_lqr', DesignLqr.Request(
-        system='aircraft', system_parameters=named(m='2*2')))
-    assert aircraft.success, aircraft.message
-    design = aircraft.design
-    n, m = len(design.state_names), len(design.input_names)
-    assert (n, m, design.system) == (6, 2, 'aircraft')
-    A, B, Qx, Qu, K, P = (
-        np.reshape(values, shape) for values, shape in (
-            (design.a, (n, n)), (design.b, (n, m)), (design.qx, (n, n)), (design.qu, (m, m)),
-            (design.k, (m, n)), (design.p, (n, n))))
-    assert np.allclose(A.T @ P + P @ A - P @ B @ np.linalg.solve(Qu, B.T @ P) + Qx, 0, atol=1e-9)
-    assert np.allclose(K, np.linalg.solve(Qu, B.T @ P))
-    poles = np.array(design.poles_real) + 1j * np.array(design.poles_imag)
-    assert np.allclose(np.sort_complex(poles), np.sort_complex(np.linalg.eigvals(A - B @ K)))
-    assert np.allclose(design.damping, -poles.real / np.abs(poles))
-    assert np.allclose(design.ue, [0.0, 4 * 9.8])
-    # the loop of an input, the others closed, keeps 60 degrees and half the gain at least
-    for margin, least in ((design.phase_margin, np.pi / 3), (design.gain_margin, np.inf)):
-        assert len(margin) == m
-        assert min(margin) >= least - 1e-9
-    assert max(design.gain_reduction_margin) <= 0.5 + 1e-9
-    weights = LqrWeights(qx=[1.0], qu=[1.0])
-    for request, words in (
-            (DesignLqr.Request(), 'malformed: a has 0 numbers'),
-            (DesignLqr.Request(a=[1.0, 2.0, 3.0], b=[1.0]), 'malformed: a has 3 numbers'),
-            (DesignLqr.Request(a=[1.0], weights=weights), 'malformed: b has 0 numbers'),
-            (DesignLqr.Request(a=[math.nan], b=[1.0], weights=weights), 'malformed: A'),
-            (DesignLqr.Request(a=[1.0], b=[0.0], weights=weights), 'refused: the mode at +1'),
-            (DesignLqr.Request(a=[1.0], b=[1.0], weights=LqrWeights(qx=[1.0], qu=[0.0])),
-             'refused: Qu[0] = 0'),
-            (DesignLqr.Request(a=[1.0], b=[1.0], weights=LqrWeights(weights='magic')),
-             'malformed: weights'),
-            (DesignLqr.Request(a=[0.0] * 4, b=[1.0] * 2, weights=LqrWeights(
-                qx=[1.0, 5.0, 2.0, 1.0], qu=[1.0])), 'malformed: Qx[0, 1] = 5'),
-            (DesignLqr.Request(a=[1.0], b=[1.0], sample_time=-1.0), 'malformed: sample_time = -1'),
-            (DesignLqr.Request(a=[1.0], b=[1.0], delay=0.1), 'malformed: delay = 0.1 needs'),
-            (DesignLqr.Request(system='zeppelin'), "malformed: unknown system 'zeppelin'"),
-            (DesignLqr.Request(system='aircraft', setpoint=[1.0]), 'malformed: set point'),
-            (DesignLqr.Request(system='aircraft', system_parameters=named(m='-1')),
-             'malformed: aircraft.m = -1')):
-        response = probe.call(DesignLqr, f'{SERVER}/design_lqr', request)
-        assert not response.success
-        assert response.message.startswith(words), response.message
-
-
-def test_a_regulator_is_designed_for_a_sampled_loop(server, probe):
-    server(workers=1)
-    h = 0.5  # double integrator under a zero-order hold: Ad, Bd in closed form
-    Ad, Bd = np.array([[1.0, h], [0.0, 1.0]]), np.array([[h * h / 2], [h]])
-    gains = []
-    for sample_time in (0.0, h):
-        response = probe.call(DesignLqr, f'{SERVER}/design_lqr', DesignLqr.Request(
-            a=[0.0, 1.0, 0.0, 0.0], b=[0.0, 1.0], sample_time=sample_time,
-            weights=LqrWeights(qx=[100.0, 0.0], qu=[0.01])))
-        assert response.success, response.message
-        assert response.design.sample_time == sample_time
-        gains.append(np.array(response.design.k))
-    assert response.design.design == 'sampled'
-    assert np.abs(np.linalg.eigvals(Ad - Bd @ gains[0][None])).max() > 1.0  # not for this period
-    assert np.abs(np.linalg.eigvals(Ad - Bd @ gains[1][None])).max() < 1.0
 
 
 def test_twenty_clients_at_once(server, probe):

@@ -21,9 +21,10 @@ from obc_ros.core.design import design, Plant, plant, Sampling
 from obc_ros.core.design_report import Change, fields
 from obc_ros.core.equilibrium import Equilibrium
 from obc_ros.core.errors import ObcError, RefusedDesignError, StatementError
+from obc_ros.core.minimize import minimize
 from obc_ros.core.planning import Motion, registered, statement
 from obc_ros.core.problem import Problem
-from obc_ros.core.solution import Report, Solution, Status
+from obc_ros.core.solution import Certificate, Report, Solution, Status
 from obc_ros.core.solve import Cache, solve
 from obc_ros.core.statement import problem_from_mapping
 from obc_ros.core.system import Signal, System
@@ -46,18 +47,22 @@ def answer(kind: str, request: Packet, time_limit: float, report: Report) -> Pac
 
 def solution_packet(problem: Problem, solution: Solution, system: str) -> Packet:
     """Return an answer as plain data, with the names that its arrays go by."""
-    certificate = solution.certificate
     return Packet(
         {'status': solution.status.value, 'message': solution.message,
          'objective': float(solution.objective), 'interpolation': solution.interpolation,
          'method': solution.method, 'iterations': int(solution.iterations),
          'build_time': float(solution.build_time), 'solve_time': float(solution.solve_time),
          'system': system, 'states': problem.states, 'inputs': problem.inputs,
-         'certificate': certificate and {
-             name: {key: float(value) for key, value in getattr(certificate, name).items()}
-             for name in ('residuals', 'tolerances')}},
+         'certificate': _conditions(solution.certificate)},
         {name: getattr(solution, name)
          for name in ('t', 'x', 'u', 'lam', 'hamiltonian', 'nu', 'switching_times')})
+
+
+def _conditions(certificate: Certificate | None) -> dict[str, dict[str, float]] | None:
+    if certificate is None:
+        return None
+    return {name: {key: float(value) for key, value in getattr(certificate, name).items()}
+            for name in ('residuals', 'tolerances')}
 
 
 def _solve(request: Packet, time_limit: float, report: Report) -> Packet:
@@ -66,6 +71,14 @@ def _solve(request: Packet, time_limit: float, report: Report) -> Packet:
     solution = solve(problem, method=plain['method'] or 'auto', time_limit=time_limit,
                      report=report, cache=_cache(plain['cache_size']))
     return solution_packet(problem, solution, plain['statement'].get('system', ''))
+
+
+def _minimize(request: Packet, time_limit: float, report: Report) -> Packet:
+    found = minimize(request.plain['statement'], time_limit=time_limit, report=report)
+    return Packet(
+        {'status': found.status.value, 'message': found.message,
+         'objective': float(found.objective), 'certificate': _conditions(found.certificate)},
+        {'x': found.x, 'lam': found.lam, 'mu': found.mu})
 
 
 def _plan(request: Packet, time_limit: float, report: Report) -> Packet:
@@ -151,6 +164,7 @@ def _cache(size: int) -> Cache:
 
 KINDS: dict[str, Callable[[Packet, float, Report], Packet]] = {
     'solve': _solve,
+    'minimize': _minimize,
     'plan': _plan,
     'design_lqr': _design_lqr,
 }
