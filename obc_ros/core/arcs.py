@@ -52,6 +52,23 @@ def switching_inputs(problem: Problem) -> tuple[bool, ...]:
         for u in ca.vertsplit(problem.u))
 
 
+def jumping_inputs(problem: Problem, path: Path) -> tuple[bool, ...]:
+    """Return for each input whether it goes from bound to bound within an interval or two."""
+    jumps = []
+    for i in range(problem.m):
+        lower, upper = problem.u_lower[i], problem.u_upper[i]
+        if not math.isfinite(upper - lower):
+            jumps.append(False)
+            continue
+        u = np.append(path.ua[:, i], path.ub[-1, i])
+        low, high = (u <= lower + 1e-3 * (upper - lower)), (u >= upper - 1e-3 * (upper - lower))
+        near = np.zeros(len(u), dtype=bool)
+        for shift in (1, 2):
+            near[:-shift] |= low[:-shift] & high[shift:] | high[:-shift] & low[shift:]
+        jumps.append(bool(near.any()))
+    return tuple(jumps)
+
+
 def find_arcs(problem: Problem, path: Path, switching: Sequence[bool]) -> list[Arc]:
     """Return the arcs that a path shows, in order of time."""
     spans = []

@@ -13,6 +13,7 @@ from obc_ros.core.arcs import (
     arc_mesh,
     closed,
     find_arcs,
+    jumping_inputs,
     opened,
     Signature,
     signature,
@@ -34,7 +35,8 @@ Array = NDArray[np.float64]
 COARSE = 16
 _STARTS, _STARTS_MOST = 2, 6
 _ENOUGH, _PATIENCE = 0.02, 1.5   # [s] for starts, once one and while none converged
-_EXPLORING, _EXPLORED_MOST = 0.25, 30   # part of the time, and number, of further starts
+_EXPLORING = (0.15, 0.5)   # part of the time for further starts, of easy and of hard problems
+_HARD, _EXPLORED_MOST = 0.3, 30         # [s] of work; number of further starts
 _LOWER = 1e-3         # relative: what is another minimum on a coarse mesh
 _BELIEVED = 1e-2      # relative error of a coarse step
 _ROUNDS = 8
@@ -61,7 +63,8 @@ class Search:
                  quick: bool = False) -> None:
         self.stated, self.kit, self.monitor, self.quick = problem, kit, monitor, quick
         self.problem = problem if kit.twin is None else kit.twin.problem(problem, 0)
-        self.switching = with_arcs and any(kit.switching)
+        self.may_hold = with_arcs
+        self.switching = tuple(with_arcs and each for each in kit.switching)
         self.reason = ''
         self.begun = time.monotonic()
         self.intervals = COARSE
@@ -133,7 +136,7 @@ class Search:
         for number in range(1, most + 1):
             outcome = self.from_next_start()
             found.append(outcome)
-            good += outcome.converged
+            good += self.believed(outcome)
             spent = time.monotonic() - begun
             if (self.monitor.stopped or self.quick and good
                     or number >= _STARTS and spent > (_ENOUGH if good else _PATIENCE)):
@@ -159,6 +162,17 @@ class Search:
         cost = abs(outcome.objective)
         return replace(scales(self.problem, outcome.path), cost=cost if cost > 0 else 1.0)
 
+    def rethought(self, outcome: Outcome, course: Extremal, above: float, before: float
+                  ) -> Outcome:
+        """Return the outcome, or a better one: with arcs if inputs jump, else without detours."""
+        jumping = jumping_inputs(self.problem, outcome.path)
+        if self.may_hold and any(jumping):
+            self.switching = jumping
+            return self.settled(outcome)
+        if self.bounded or above < _DETOUR or above < 0.3 * before:
+            return outcome
+        return self.unwound(outcome, course, above)
+
     def unwound(self, outcome: Outcome, course: Extremal, above: float) -> Outcome:
         """Return the outcome, or one without the detours that its inputs make between points."""
         u = followed(self.problem, self.kit.integrator, course)
@@ -173,7 +187,7 @@ class Search:
         free: Signature = ((None,) * self.problem.m,)
         now, seen, density = free, {free}, 2.0 * COARSE
         for _ in range(_ROUNDS):
-            arcs = find_arcs(self.problem, outcome.path, self.kit.switching)
+            arcs = find_arcs(self.problem, outcome.path, self.switching)
             if signature(arcs) == now:
                 arcs = self.checked(arcs, outcome)
             shown = signature(arcs)
@@ -211,7 +225,7 @@ class Search:
         durations, T = outcome.path.durations, outcome.path.t[-1]
         if np.all(durations > _VANISHING * T):
             return outcome
-        arcs = [arc for arc in find_arcs(self.problem, outcome.path, self.kit.switching)
+        arcs = [arc for arc in find_arcs(self.problem, outcome.path, self.switching)
                 if arc.end - arc.start > _VANISHING * T]
         new = self.with_arcs(closed(arcs, T), outcome, 2.0 * COARSE)
         return new if new is not None and new.objective <= outcome.objective * (
@@ -219,14 +233,14 @@ class Search:
 
     def improve(self, outcome: Outcome) -> Iterator[tuple[Outcome, Extremal]]:
         """Yield better and better outcomes."""
-        if self.switching:
+        if any(self.switching):
             outcome = self.settled(outcome)
         above = np.inf
         for turn in range(_ROUNDS):
             course = self.course(outcome)
             above, before = self.given_away(outcome, course), above
-            if above > _DETOUR and above > 0.3 * before and turn and not self.switching:
-                outcome = self.unwound(outcome, course, above)
+            if turn and above > _CLOSE and not any(self.switching):
+                outcome = self.rethought(outcome, course, above, before)
                 course = self.course(outcome)
             yield outcome, course
             if self.kit.twin:
@@ -383,7 +397,8 @@ class Search:
         """
         kept, spent = self.last, 0.0
         for _ in range(_EXPLORED_MOST):
-            if self.monitor.stopped or spent > _EXPLORING * (time.monotonic() - self.begun):
+            elapsed = time.monotonic() - self.begun
+            if self.monitor.stopped or spent > _EXPLORING[elapsed > _HARD] * elapsed:
                 break
             started = time.monotonic()
             self.reset()
@@ -402,6 +417,7 @@ class Search:
     def reset(self) -> None:
         """Go back to what holds for a coarse mesh."""
         self.margin = np.zeros_like(self.margin)
+        self.switching = tuple(self.may_hold and each for each in self.kit.switching)
         if self.kit.twin:
             self.problem = self.kit.twin.problem(self.stated, 0)
 
