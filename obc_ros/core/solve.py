@@ -12,6 +12,7 @@ from obc_ros.core.errors import StatementError
 from obc_ros.core.explain import explain
 from obc_ros.core.kit import Kit
 from obc_ros.core.monitor import Monitor
+from obc_ros.core.polish import polished
 from obc_ros.core.problem import Problem
 from obc_ros.core.riccati import solve_lq
 from obc_ros.core.search import Search
@@ -74,6 +75,12 @@ def _arcs(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
     return Search(problem, kit, monitor).run()
 
 
+def _indirect(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
+    search = Search(problem, kit, monitor)
+    answer = search.run()
+    return answer if monitor.stopped else polished(search, answer)
+
+
 def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
     for name, special in (('riccati', solve_lq), ('time_optimal', solve_time_optimal)):
         found = special(problem)
@@ -93,6 +100,7 @@ METHODS: dict[str, Callable[[Problem, Kit, Monitor], Solution]] = {
     'time_optimal': _time_optimal,
     'transcription': _transcription,
     'arcs': _arcs,
+    'indirect': _indirect,
 }
 
 

@@ -104,7 +104,7 @@ class Scales:
     cost: float
 
 
-def _collocation(stages: int) -> tuple[Array, Array, Array, Array]:
+def collocation(stages: int) -> tuple[Array, Array, Array, Array]:
     """Return points c, weights b, derivatives D (s, s + 1) and end values e (s + 1,)."""
     nodes, weights = np.polynomial.legendre.leggauss(stages)
     points = np.append(0.0, (nodes + 1) / 2)
@@ -136,7 +136,7 @@ def _gauss(rate: Rate, states: tuple[ca.SX, ca.SX, ca.SX], inputs: tuple[ca.SX, 
            h: ca.SX) -> tuple[list[ca.SX], ca.SX]:
     """Return the rows and the cost of an interval by collocation at the Gauss points."""
     xa, inner, xb = states
-    c, b, derivative, last = _collocation(inner.shape[1])
+    c, b, derivative, last = collocation(inner.shape[1])
     rows, cost, end = [], ca.SX(0), last[0] * xa
     for j, point in enumerate(c):
         f, L = rate(inner[:, j], (1 - point) * inputs[0] + point * inputs[1])
@@ -398,7 +398,7 @@ class Transcription:
         s = self.layout.stages
         if not s:
             return np.full(self.n, np.nan)
-        _, _, derivative, end = _collocation(s)
+        _, _, derivative, end = collocation(s)
         rows = lam[:self.n * (s + 1)].reshape(s + 1, self.n)
         return np.asarray(derivative[:, 0] @ rows[:s] - end[0] * rows[s])
 

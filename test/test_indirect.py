@@ -1,0 +1,81 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Pontryagin's boundary value problem: costates against closed forms and by shooting with them."""
+
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.solution import Status
+from obc_ros.core.solve import solve
+from obc_ros.core.statement import load_file, problem_from_mapping
+import pytest
+from scipy.integrate import solve_ivp
+
+PROBLEMS = Path(__file__).parent / 'problems'
+
+
+def answered(name, **changes):
+    """Return a problem of a file and its answer by the indirect method."""
+    problem = problem_from_mapping(load_file(PROBLEMS / f'{name}.yaml')[0] | changes)
+    solution = solve(problem, method='indirect')
+    assert solution.status is Status.SOLVED, solution.message
+    return problem, solution
+
+
+def shot(problem, lam, T, inputs):
+    """Return (x, lam) at T from x0 and lam, with u = inputs(x, lam)."""
+    costate = ca.SX.sym('lam', problem.n)
+    H = problem.L + ca.dot(costate, problem.f)
+    rate = ca.Function('rate', [problem.x, problem.u, costate, problem.p], [
+        ca.vertcat(problem.f, -ca.gradient(H, problem.x))])
+    n = problem.n
+    return solve_ivp(
+        lambda t, z: rate(z[:n], inputs(z[:n], z[n:]), z[n:], problem.p_value).full().ravel(),
+        (0, T), np.append(problem.x0, lam), 'DOP853', rtol=1e-11, atol=1e-12, max_step=T / 500
+    ).y[:, -1]
+
+
+def test_costate_of_example_2_2():
+    """lam(0) = P(0) x0 = 2 / (1 + e^-2)."""
+    _, solution = answered('lq_scalar_unit')
+    assert solution.lam[0, 0] == pytest.approx(2 / (1 + np.exp(-2)), abs=1e-10)
+
+
+def test_shooting_with_the_costates_of_van_der_pol_ends_at_zero():
+    """With u = clip(-lam1/2) the free end asks for lam(T) = 0, through four arcs."""
+    problem, solution = answered('vanderpol_bounded')
+    end = shot(problem, solution.lam[0], 5.0, lambda x, lam: np.clip(-lam[:1] / 2, -0.3, 1))
+    np.testing.assert_allclose(end[2:], 0.0, atol=1e-6)
+    assert len(solution.switching_times) == 3
+
+
+def test_shooting_with_the_costates_of_the_reactor_ends_at_zero():
+    """With u from dH/du = 0, which is linear in u, the free end asks for lam(T) = 0."""
+    problem, solution = answered('cstr_luus')
+    costate = ca.SX.sym('lam', 2)
+    Hu = ca.gradient(problem.L + ca.dot(costate, problem.f), problem.u)
+    curvature = ca.jacobian(Hu, problem.u)
+    step = ca.Function('step', [problem.x, problem.u, costate, problem.p], [Hu, curvature])
+
+    def inputs(x, lam):
+        slope, bend = (float(v) for v in step(x, 0, lam, problem.p_value))
+        return np.array([-slope / bend])   # H is quadratic in u
+
+    end = shot(problem, solution.lam[0], 0.78, inputs)
+    np.testing.assert_allclose(end[2:], 0.0, atol=1e-6)
+
+
+def test_switching_times_of_bang_bang_arcs():
+    T = 32 ** (1 / 3)
+    _, solution = answered('triple_integrator_mintime')
+    np.testing.assert_allclose(solution.switching_times, [T / 4, 3 * T / 4], atol=1e-10)
+    # lam(0) from S = lam_a = 0 at both switches, S(0) = -1 and H = 0.
+    np.testing.assert_allclose(solution.lam[0], [-T / 3, -T**2 / 6, -1.0], atol=1e-8)
+
+
+def test_what_it_does_without_is_said():
+    _, solution = answered('bryson_denham')
+    assert 'state bounds' in solution.message
+    _, solution = answered('catalyst_mixing')
+    assert 'no extremal' in solution.message
