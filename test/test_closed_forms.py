@@ -91,6 +91,29 @@ def test_exercise_2_9_is_the_limit_of_long_horizons():
     assert errors[-1] < 1e-6
 
 
+@settings(max_examples=60, deadline=None)
+@given(st.floats(-3, 3), positive, st.floats(-3, 3), st.floats(-3, 3), positive)
+def test_between_two_states(a, b, x0, xf, T):
+    t = np.linspace(0.5, 0.5 + T, 21)
+    found = closed_forms.scalar_between(a, b, x0, xf, t, t0=0.5, tf=0.5 + T)
+    scale = 1 + abs(found.x).max() + abs(found.u).max()
+    assert found.x[0] == pytest.approx(x0, abs=1e-12)
+    assert found.x[-1] == pytest.approx(xf, abs=1e-12)
+    np.testing.assert_allclose(found.lam, found.lam[0] * np.exp(-a * (t - 0.5)), atol=1e-9 * scale)
+    end = solve_ivp(lambda s, x: a * x - b * b * found.lam[0] * np.exp(-a * (s - 0.5)),
+                    (t[0], t[-1]), [x0], rtol=1e-10, atol=1e-12, t_eval=t).y[0]
+    np.testing.assert_allclose(found.x, end, atol=1e-6 * scale)
+    cost = quad(lambda s: (b * found.lam[0] * np.exp(-a * (s - 0.5)))**2 / 2, t[0], t[-1])[0]
+    assert pytest.approx(cost, rel=1e-7, abs=1e-12) == found.J
+
+
+def test_between_two_states_far_apart_in_time():
+    for a in (-20.0, 20.0):
+        found = closed_forms.scalar_between(a, 1, 2, 3, np.linspace(0, 100, 5), tf=100)
+        assert np.isfinite(found.u).all()
+        np.testing.assert_allclose(found.x[[0, -1]], [2, 3])
+
+
 @pytest.mark.parametrize('q', [0.1, 1, 2, 30])
 def test_example_2_4_as_corrected(q):
     A, B = np.array([[0, 1], [0, 0]]), np.array([[0], [1]])

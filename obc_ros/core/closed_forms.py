@@ -8,7 +8,7 @@ misprinted or lose digits, the corrected ones are evaluated, in a form that does
 """
 
 from dataclasses import dataclass
-from math import exp, inf, isfinite, isinf, pi, sqrt
+from math import exp, inf, isfinite, isinf, nan, pi, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -141,6 +141,61 @@ def scalar_infinite_horizon(a: float, b: float, x0: float, t: ArrayLike, *,
     P = max(2 * a / b**2, 0.0)
     x = x0 * np.exp(-abs(a) * (times - t0))
     return ScalarPath(times, x, -b * P * x, P * x, P * x0 * x0 / 2, P)
+
+
+def scalar_between(a: float, b: float, x0: float, xf: float, t: ArrayLike, *, t0: float = 0.0,
+                   tf: float) -> ScalarPath:
+    """
+    Return the minimum of the integral of u^2 / 2 over [t0, tf] with x(tf) = xf, x' = a x + b u.
+
+    What Exercise 2.4(d) compares flat trajectories with: part (a) leads from x(t0) = 0 nowhere.
+    x'' = a^2 x, so that
+
+        x(t) = (x0 sinh(a (tf - t)) + xf sinh(a (t - t0))) / sinh(a (tf - t0)),
+
+    evaluated without overflow. P is nan, since J is no multiple of x0^2.
+
+    Parameters
+    ----------
+    a, b, x0, xf : float
+        System, b not 0, and x at both ends.
+    t : array_like, shape (N,)
+        Times within [t0, tf] [s].
+    t0, tf : float
+        [s], t0 < tf.
+
+    Returns
+    -------
+    ScalarPath
+
+    Raises
+    ------
+    StatementError
+        If a number is not finite or out of its range.
+
+    """
+    _finite(a=a, b=b, x0=x0, xf=xf, t0=t0, tf=tf)
+    _nonzero(b=b)
+    if not t0 < tf:
+        raise StatementError(f't0 = {t0:g} is not before tf = {tf:g}')
+    times = np.asarray(t, dtype=float).ravel()
+    if not ((times >= t0) & (times <= tf)).all():
+        raise StatementError(f'times must lie within [t0, tf] = [{t0:g}, {tf:g}]')
+    S, s, k = tf - t0, times - t0, abs(a)
+
+    def w(r: Array) -> Array:
+        return np.asarray(-np.expm1(-2 * k * r) / (2 * k) if k else r)
+
+    whole = float(w(np.array(S)))
+    x = (x0 * np.exp(-k * s) * w(S - s) + xf * np.exp(-k * (S - s)) * w(s)) / whole
+    # What is missing at tf, seen from the end at which it is not small beside its growth.
+    if a > 0:
+        missing = xf * exp(-a * S) - x0
+        u, J = missing * np.exp(-a * s) / (b * whole), missing**2 / (2 * b * b * whole)
+    else:
+        missing = xf - exp(a * S) * x0
+        u, J = missing * np.exp(a * (S - s)) / (b * whole), missing**2 / (2 * b * b * whole)
+    return ScalarPath(times, x, u, -u / b, J, nan)
 
 
 @dataclass(frozen=True, eq=False)
