@@ -159,8 +159,8 @@ def _too_short(problem: Problem, solve: Solver) -> str:
     last = final.upper if final.free else final.value
     guess = FinalTime(free=True, lower=1e-3 * last, upper=_LATER * last, guess=2 * last)
     answer = solve(replace(problem, L=ca.SX(1), V=ca.SX(0), final_time=guess, structure=''))
-    if answer.status is Status.INFEASIBLE:
-        return answer.message
+    if answer.status is Status.INFEASIBLE and answer.method == 'time_optimal':
+        return answer.message  # there is no such time, and that is proved
     if not _is_path(answer) or _missed(problem, answer):
         return ''
     least = float(answer.t[-1])

@@ -36,6 +36,7 @@ from obc_ros.nodes.parameters import Parameters
 from obc_ros.srv import SuggestWeights, TryDesign
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.duration import Duration
 from rclpy.event_handler import EventHandler, SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -48,6 +49,7 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 OVERRIDES = (QoSPolicyKind.DEADLINE, QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY,
              QoSPolicyKind.HISTORY, QoSPolicyKind.RELIABILITY)
 INFINITE = 2**63 - 1  # [ns] as a QoS duration
+FAREWELL = Duration(seconds=0.5)
 LONGEST_WAIT = 0.5  # [s] until the thread of the states looks around
 
 
@@ -283,6 +285,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
             if self._loop.command is not None:
                 rest = self._adopted.control.rest
                 self._commands.publish(self._sink.message(rest, self._time()))
+                self._commands.wait_for_all_acked(FAREWELL)  # or the node's end overtakes it
 
     def _on_change_state(self, request: Any, response: Any) -> Any:
         try:
