@@ -69,18 +69,39 @@ def jumping_inputs(problem: Problem, path: Path) -> tuple[bool, ...]:
     return tuple(jumps)
 
 
-def find_arcs(problem: Problem, path: Path, switching: Sequence[bool]) -> list[Arc]:
-    """Return the arcs that a path shows, in order of time."""
+def find_arcs(problem: Problem, path: Path, switching: Sequence[bool],
+              curved: Sequence[bool] | None = None) -> list[Arc]:
+    """
+    Return the arcs that a path shows, in order of time.
+
+    Inputs that are not `switching` are free. One that is `curved`, in which H is not linear, may
+    come to a bound without a jump: next to where it is free it is not held.
+    """
     spans = []
     for i, switches in enumerate(switching):
         bounded = math.isfinite(problem.u_lower[i]) or math.isfinite(problem.u_upper[i])
         if switches and bounded:
             t = np.column_stack([path.t[:-1], path.t[1:]]).ravel()
             u = np.column_stack([path.ua[:, i], path.ub[:, i]]).ravel()
-            spans.append(_spans(t, u, problem.u_lower[i], problem.u_upper[i]))
+            row = _spans(t, u, problem.u_lower[i], problem.u_upper[i])
+            spans.append(_unheld(row) if curved is not None and curved[i] else row)
         else:
             spans.append([_Span(0.0, path.t[-1], math.nan)])
     return join(spans)
+
+
+def _unheld(spans: list[_Span]) -> list[_Span]:
+    """Return spans with those next to a free one free, too; where they meet stays."""
+    free = [math.isnan(span.level) for span in spans]
+    kept: list[_Span] = []
+    for k, span in enumerate(spans):
+        beside = any(free[max(k - 1, 0):k + 2])
+        level = math.nan if beside else span.level
+        joins = kept and math.isnan(level) and math.isnan(kept[-1].level) and (
+            free[k] or free[k - 1])
+        start = kept.pop().start if joins else span.start
+        kept.append(_Span(start, span.end, level))
+    return kept
 
 
 def join(spans: Sequence[Sequence[_Span]]) -> list[Arc]:
@@ -221,7 +242,8 @@ def signature(arcs: Sequence[Arc]) -> Signature:
     return tuple(tuple(None if math.isnan(v) else v for v in arc.levels) for arc in arcs)
 
 
-def opened(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem) -> list[Arc]:
+def opened(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem,
+           judged: Sequence[bool]) -> list[Arc]:
     """
     Return arcs with inputs moved or set free where dH/du says that their bound is wrong.
 
@@ -235,6 +257,8 @@ def opened(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem) -> list[A
         dH/du in each part of time.
     problem : Problem
         Whose bounds are meant.
+    judged : sequence of bool
+        For each input whether its bounds are to be judged.
 
     """
     spans: list[list[_Span]] = []
@@ -245,7 +269,7 @@ def opened(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem) -> list[A
         for arc in arcs:
             level = arc.levels[i]
             inside = np.flatnonzero((middle > arc.start) & (middle < arc.end))
-            if math.isnan(level) or not len(inside):
+            if math.isnan(level) or not len(inside) or not judged[i]:
                 row.append(_Span(arc.start, arc.end, level))
                 continue
             sign = 1.0 if level == problem.u_lower[i] else -1.0

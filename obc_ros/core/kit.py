@@ -6,6 +6,7 @@ from collections import OrderedDict
 from dataclasses import dataclass
 import time
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.arcs import switching_inputs
@@ -21,6 +22,7 @@ Array = NDArray[np.float64]
 
 _LAYOUTS_KEPT = 24
 _NEIGHBOUR = 0.2   # relative change of its numbers up to which a problem is a neighbour
+_ELSEWHERE = 2.0   # likewise of x0, of the largest values of x on the path
 _NUMBERS = ('x0', 'p_value', 'x_lower', 'x_upper', 'u_lower', 'u_upper', 'path_lower',
             'path_upper')
 
@@ -36,6 +38,9 @@ class Kit:
         self.integrator = Integrator(smooth) if self.twin else self.judge
         self.guesser = Guesser(smooth)
         self.switching = switching_inputs(smooth)
+        self.affine = not ca.depends_on(
+            ca.jacobian(problem.f, ca.vertcat(problem.x, problem.u)),
+            ca.vertcat(problem.x, problem.u))
         self.last: Answered | None = None
         self._pieces: dict[int, Pieces] = {}
         self._fitters: dict[bool, Fitter] = {}
@@ -79,10 +84,10 @@ def neighbours(problem: Problem, last: Answered) -> bool:
         a, b = np.asarray(getattr(problem, name)), np.asarray(getattr(last.problem, name))
         with np.errstate(invalid='ignore'):
             apart = np.where(a == b, 0.0, np.abs(a - b))
-        size = np.maximum(np.where(np.isfinite(b), np.abs(b), 0.0), 1e-3)
+        size = _NEIGHBOUR * np.maximum(np.where(np.isfinite(b), np.abs(b), 0.0), 1e-3)
         if name == 'x0':
-            size = np.maximum(np.abs(last.outcome.path.x).max(axis=0), size)
-        if np.any(apart > _NEIGHBOUR * size):
+            size = np.maximum(_ELSEWHERE * np.abs(last.outcome.path.x).max(axis=0), size)
+        if np.any(apart > size):
             return False
     a, b = (np.nan_to_num([p.final_time.value, p.final_time.lower, p.final_time.upper])
             for p in (problem, last.problem))

@@ -40,7 +40,7 @@ _HARD, _EXPLORED_MOST = 0.3, 30         # [s] of work; number of further starts
 _LOWER = 1e-3         # relative: what is another minimum on a coarse mesh
 _BELIEVED = 1e-2      # relative error of a coarse step
 _ROUNDS = 8
-_COARSE_ITERATIONS, _WARM_ITERATIONS = 150, 30
+_COARSE_ITERATIONS, _EASY_ITERATIONS, _WARM_ITERATIONS = 150, 25, 30
 _MOST_INTERVALS = 800
 _WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
 _DETOUR = 1e-5        # likewise, at which inputs may wind around between points
@@ -143,10 +143,10 @@ class Search:
                 break
         return found
 
-    def from_next_start(self) -> Outcome:
-        """Return what the coarse mesh gives from the next start."""
+    def from_next_start(self, most: int = _COARSE_ITERATIONS) -> Outcome:
+        """Return what the coarse mesh gives from the next start in so many iterations."""
         return self.collocate(uniform(self.problem, self.intervals, self.stages),
-                              next(self.starts), most=_COARSE_ITERATIONS)
+                              next(self.starts), most=most)
 
     def course(self, outcome: Outcome, *, stated: bool = False) -> Extremal:
         """Return states and costates under the input of an outcome."""
@@ -187,7 +187,7 @@ class Search:
         free: Signature = ((None,) * self.problem.m,)
         now, seen, density = free, {free}, 2.0 * COARSE
         for _ in range(_ROUNDS):
-            arcs = find_arcs(self.problem, outcome.path, self.switching)
+            arcs = self.shown(outcome)
             if signature(arcs) == now:
                 arcs = self.checked(arcs, outcome)
             shown = signature(arcs)
@@ -211,6 +211,11 @@ class Search:
             outcome, now = new, free
         return self.without_vanishing(outcome)
 
+    def shown(self, outcome: Outcome) -> list[Arc]:
+        """Return the arcs that an outcome shows."""
+        return find_arcs(self.problem, outcome.path, self.switching,
+                         [not each for each in self.kit.switching])
+
     def with_arcs(self, arcs: list[Arc], outcome: Outcome, density: float) -> Outcome | None:
         """Return an outcome with the given arcs, if there is one and it costs no more."""
         mesh, durations = arc_mesh(self.problem, arcs, self.stages, density / outcome.path.t[-1])
@@ -225,7 +230,7 @@ class Search:
         durations, T = outcome.path.durations, outcome.path.t[-1]
         if np.all(durations > _VANISHING * T):
             return outcome
-        arcs = [arc for arc in find_arcs(self.problem, outcome.path, self.switching)
+        arcs = [arc for arc in self.shown(outcome)
                 if arc.end - arc.start > _VANISHING * T]
         new = self.with_arcs(closed(arcs, T), outcome, 2.0 * COARSE)
         return new if new is not None and new.objective <= outcome.objective * (
@@ -259,7 +264,7 @@ class Search:
         x, u = (course.x + course.x_end) / 2, (course.ua + course.ub) / 2
         _, Hu, _ = self.kit.integrator.hamiltonian(
             self.problem, x, u, (course.lam + course.lam_end) / 2)
-        return opened(arcs, course.t, Hu, self.problem)
+        return opened(arcs, course.t, Hu, self.problem, self.kit.switching)
 
     def widen_margin(self, course: Extremal) -> None:
         """Draw bounds of x and of the path in by what the path exceeds them between nodes."""
@@ -371,22 +376,23 @@ class Search:
 
     def followed_up(self, start: Outcome) -> Solution:
         """Return the best answer that improving a coarse outcome gives."""
-        best, begun = None, time.monotonic()
+        best: Solution | None = None
+        begun = time.monotonic()
         for number, (outcome, course) in enumerate(self.improve(start)):
             above = self.given_away(outcome, course)
-            if above < _WORTH_A_LOOK or best is None:
+            # A certificate allows more than what one more mesh often takes away at once.
+            if above < _CLOSE or number and above < _WORTH_A_LOOK or self.monitor.stopped:
                 answer = self.solution(outcome, course)
                 if best is None or _holds(answer) or not _holds(best):
                     best = answer
                 if _holds(answer) and not self.quick:
                     self.last = Answered(self.stated, outcome, self.sizes(outcome), self.margin)
-            # A certificate allows more than what one more mesh often takes away at once.
-            if _holds(best) and (above < _CLOSE or time.monotonic() - begun > _FOR_DIGITS):
+            late = time.monotonic() - begun > _FOR_DIGITS
+            if best is not None and _holds(best) and (above < _CLOSE or late):
                 break
             if self.quick and number >= 2:
                 break
-        assert best is not None
-        return best
+        return best if best is not None else self.solution(outcome, course)
 
     def explored(self, best: Solution, floor: float) -> Solution:
         """
@@ -402,7 +408,8 @@ class Search:
                 break
             started = time.monotonic()
             self.reset()
-            outcome = self.from_next_start()
+            outcome = self.from_next_start(
+                _COARSE_ITERATIONS if elapsed > _HARD else _EASY_ITERATIONS)
             if self.believed(outcome) and (
                     outcome.objective < floor - _LOWER * abs(floor)
                     or not _holds(best) and abs(outcome.objective - floor) > _LOWER * abs(floor)):

@@ -82,7 +82,8 @@ def _indirect(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
 
 
 def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
-    for name, special in (('riccati', solve_lq), ('time_optimal', solve_time_optimal)):
+    specials = {'riccati': solve_lq, 'time_optimal': solve_time_optimal} if kit.affine else {}
+    for name, special in specials.items():
         found = special(problem)
         if found is None:
             continue
