@@ -64,11 +64,14 @@ class Settings:
 class TrajectoryServer(Node):
     """The node; see the module's text."""
 
+    _pools: tuple[Pool, ...] = ()  # as long as the parameters are not accepted
+
     def __init__(self, **options: Any) -> None:
         super().__init__('trajectory_server', allow_undeclared_parameters=True, **options)
         self._settings = Parameters(self, Settings, lambda settings: settings, self._adopt)
         self._solvers = Pool(ANSWERS, 0)
         self._designers = Pool(ANSWERS, 1)
+        self._pools = self._solvers, self._designers
         self._adopt(self._settings.settings)
         self._jobs: dict[bytes, Job] = {}
         self._arrived: deque[tuple[Future, Answer]] = deque()
@@ -76,7 +79,7 @@ class TrajectoryServer(Node):
         self._reference = self.create_publisher(Trajectory, 'reference', LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_timer(1.0, self._diagnose)
-        for pool in (self._solvers, self._designers):
+        for pool in self._pools:
             pool.wait_until_started(START)  # who finds the services gets an answer in time
         group = ReentrantCallbackGroup()  # a request that waits must not keep others out
         self._arrival = self.create_guard_condition(self._take_arrived, callback_group=group)
@@ -95,9 +98,10 @@ class TrajectoryServer(Node):
 
     def destroy_node(self) -> None:
         """End the workers, then the node."""
-        self._solvers.close()
-        self._designers.close()
-        self._action.destroy()
+        for pool in self._pools:
+            pool.close()
+        if self._pools:
+            self._action.destroy()
         super().destroy_node()
 
     async def _solve(self, request: Any, response: Any) -> Any:
