@@ -39,7 +39,7 @@ _EXPLORING = (0.15, 0.5)   # part of the time for further starts, of easy and of
 _HARD, _EXPLORED_MOST = 0.3, 30         # [s] of work; number of further starts
 _LOWER = 1e-3         # relative: what is another minimum on a coarse mesh
 _BELIEVED = 1e-2      # relative error of a coarse step
-_ROUNDS = 8
+_ROUNDS, _PLAIN_ROUNDS = 10, 5   # of finer meshes; of those before curved inputs are held
 _COARSE_ITERATIONS, _EASY_ITERATIONS, _WARM_ITERATIONS = 150, 25, 30
 _MOST_INTERVALS = 800
 _WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
@@ -162,14 +162,13 @@ class Search:
         cost = abs(outcome.objective)
         return replace(scales(self.problem, outcome.path), cost=cost if cost > 0 else 1.0)
 
-    def rethought(self, outcome: Outcome, course: Extremal, above: float, before: float
-                  ) -> Outcome:
+    def rethought(self, outcome: Outcome, course: Extremal, above: float) -> Outcome:
         """Return the outcome, or a better one: with arcs if inputs jump, else without detours."""
         jumping = jumping_inputs(self.problem, outcome.path)
         if self.may_hold and any(jumping):
             self.switching = jumping
             return self.settled(outcome)
-        if self.bounded or above < _DETOUR or above < 0.3 * before:
+        if self.bounded or above < _DETOUR:
             return outcome
         return self.unwound(outcome, course, above)
 
@@ -244,8 +243,9 @@ class Search:
         for turn in range(_ROUNDS):
             course = self.course(outcome)
             above, before = self.given_away(outcome, course), above
-            if turn and above > _CLOSE and not any(self.switching):
-                outcome = self.rethought(outcome, course, above, before)
+            stalled = turn and above > 0.3 * before or turn >= _PLAIN_ROUNDS
+            if stalled and above > _CLOSE and not any(self.switching):
+                outcome = self.rethought(outcome, course, above)
                 course = self.course(outcome)
             yield outcome, course
             if self.kit.twin:
