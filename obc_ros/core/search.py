@@ -243,8 +243,8 @@ class Search:
         for turn in range(_ROUNDS):
             course = self.course(outcome)
             above, before = self.given_away(outcome, course), above
-            stalled = turn and above > 0.3 * before or turn >= _PLAIN_ROUNDS
-            if stalled and above > _CLOSE and not any(self.switching):
+            stalled = turn and above > _CLOSE and above > 0.3 * before
+            if (stalled or turn == _PLAIN_ROUNDS) and not any(self.switching):
                 outcome = self.rethought(outcome, course, above)
                 course = self.course(outcome)
             yield outcome, course
@@ -415,7 +415,10 @@ class Search:
                     or not _holds(best) and abs(outcome.objective - floor) > _LOWER * abs(floor)):
                 floor = outcome.objective
                 other = self.followed_up(outcome)
-                if _holds(other) and (not _holds(best) or other.objective < best.objective):
+                # What is cheaper and feasible shows that the other is not the best, proved or not.
+                cheaper = other.objective < best.objective - _LOWER * abs(best.objective)
+                if (_holds(other) and (cheaper or not _holds(best))
+                        or cheaper and _feasible(other)):
                     best, kept = other, self.last
             spent += time.monotonic() - started
         self.kit.last = kept or self.kit.last
@@ -427,6 +430,14 @@ class Search:
         self.switching = tuple(self.may_hold and each for each in self.kit.switching)
         if self.kit.twin:
             self.problem = self.kit.twin.problem(self.stated, 0)
+
+
+def _feasible(answer: Solution) -> bool:
+    """Return whether an answer is a path of the problem, extremal or not."""
+    certificate = answer.certificate
+    return certificate is not None and all(
+        certificate.residuals[key] <= certificate.tolerances[key]
+        for key in ('dynamics', 'start', 'end', 'bounds', 'cost'))
 
 
 def _holds(answer: Solution) -> bool:
