@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Index = NDArray[np.int64]
+# A function, and the rows and columns of the entries of its result.
+Derivative = tuple[ca.Function, Index, Index]
 
 
 class Piece:
@@ -42,9 +44,7 @@ class Piece:
                                       ca.hessian(factor * cost + ca.dot(lam, g), v)[0])
 
     @staticmethod
-    def _sparse(name: str, arguments: list[ca.SX], value: ca.SX
-                ) -> tuple[ca.Function, Index, Index]:
-        """Return a function, and the rows and columns of the entries of its result."""
+    def _sparse(name: str, arguments: list[ca.SX], value: ca.SX) -> Derivative:
         value = ca.sparsify(value)
         rows, columns = value.sparsity().get_triplet()
         return (ca.Function(name, arguments, [value]), np.array(rows, dtype=np.int64),
@@ -110,8 +110,10 @@ class _Sum:
         return ca.MX(sparsity, ca.densify(ca.mtimes(ca.DM.ones(gather), entries)))
 
 
-def _entries(mapped: ca.MX) -> ca.MX:
-    return ca.vec(mapped.nz[:])
+def _mapped(derivative: Derivative, arguments: Sequence[ca.MX]) -> ca.MX:
+    """Return the entries of the results of a function for all columns of its arguments."""
+    function, _, _ = derivative
+    return ca.vec(function.map(arguments[0].size2())(*arguments).nz[:])
 
 
 def assemble(blocks: Sequence[Block], unknowns: int, shared: int, constants: int) -> Program:
@@ -142,23 +144,24 @@ def assemble(blocks: Sequence[Block], unknowns: int, shared: int, constants: int
     for block, length in zip(blocks, lengths, strict=True):
         copies, r = len(block.index), block.piece.r
         where = np.where(block.index < unknowns, block.index, -1)
-        v = ca.reshape(both[block.index.ravel().tolist()], -1, copies)
-        own = ca.reshape(c[block.own_index.ravel().tolist()], -1, copies)
-        args = [v, own, ca.repmat(c[:shared], 1, copies)]
+        args = [ca.reshape(both[block.index.ravel().tolist()], -1, copies),
+                ca.reshape(c[block.own_index.ravel().tolist()], -1, copies),
+                ca.repmat(c[:shared], 1, copies)]
         g, part = block.piece.values.map(copies)(*args)
         cost, rows = cost + ca.sum2(part), [*rows, ca.vec(g)]
-        function, i, j = block.piece.slope
+        _, i, _ = block.piece.slope
         gradient.add(where[:, i], np.zeros((copies, len(i)), dtype=np.int64),
-                     _entries(function.map(copies)(*args)))
-        function, i, j = block.piece.jacobian
+                     _mapped(block.piece.slope, args))
+        _, i, j = block.piece.jacobian
         at = first + r * np.arange(copies, dtype=np.int64)[:, None] + i
-        jacobian.add(at, where[:, j], _entries(function.map(copies)(*args)))
-        function, i, j = block.piece.curvature
+        jacobian.add(at, where[:, j], _mapped(block.piece.jacobian, args))
+        _, i, j = block.piece.curvature
         if len(i):
+            args += [ca.repmat(multiplier, 1, copies),
+                     ca.reshape(lam[first:first + length], r, copies)]
             upper = where[:, i] <= where[:, j]
-            hessian.add(np.where(upper, where[:, i], -1), where[:, j], _entries(
-                function.map(copies)(*args, ca.repmat(multiplier, 1, copies),
-                                     ca.reshape(lam[first:first + length], r, copies))))
+            hessian.add(np.where(upper, where[:, i], -1), where[:, j],
+                        _mapped(block.piece.curvature, args))
         first += length
     g = ca.vertcat(*rows)
     return Program(

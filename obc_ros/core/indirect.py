@@ -13,7 +13,7 @@ unknown, too: where an input jumps H does not, where it meets a bound dH/du = 0 
 Arcs on which dH/du vanishes without determining u, or on a bound of the state, are not treated.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import math
 
@@ -29,6 +29,9 @@ from obc_ros.core.transcription import collocation, Scales
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+# f, dH/dx, dH/du and H at x, u, lam; the equation of an input that is free or held.
+Parts = Callable[[ca.SX, ca.SX, ca.SX], list[ca.SX]]
+Inputs = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], ca.SX]
 
 _STAGES = 3
 _FEWEST = 6        # intervals in an arc
@@ -73,7 +76,7 @@ class Indirect:
     """The boundary value problem of a problem's structure, for any arcs and numbers."""
 
     def __init__(self, problem: Problem) -> None:
-        n, m, q, s = problem.n, problem.m, problem.q, _STAGES
+        n, m, q = problem.n, problem.m, problem.q
         self.n, self.m, self.q = n, m, q
         names = {'sx': n, 'su': m, 'st': 1, 'sj': 1}
         sx, su, st, sj = (ca.SX.sym(name, size) for name, size in names.items())
@@ -90,33 +93,17 @@ class Indirect:
         def inputs(Hu: ca.SX, u: ca.SX, free: ca.SX, level: ca.SX) -> ca.SX:
             return free * Hu * su / sh + (1 - free) * (u - level / su)
 
-        none = ca.SX(0, 1)
         xa, la, xb, lb = (ca.SX.sym(name, n) for name in ('xa', 'la', 'xb', 'lb'))
-        X, Z, U = ca.SX.sym('X', n, s), ca.SX.sym('Z', n, s), ca.SX.sym('U', m, s)
-        length, fraction = ca.SX.sym('length'), ca.SX.sym('fraction')
-        h = st * length * fraction
-        _, _, derivative, last = collocation(s)
-        rows, ends = [], [last[0] * xa, last[0] * la]
-        for j in range(s):
-            f, Hx, Hu, _ = at(X[:, j], U[:, j], Z[:, j])
-            slopes = ca.DM(derivative[j, 1:])
-            rows.append(derivative[j, 0] * xa + ca.mtimes(X, slopes) - h * f / sx)
-            rows.append(derivative[j, 0] * la + ca.mtimes(Z, slopes) + h * Hx / sl)
-            rows.append(inputs(Hu, U[:, j], free, level))
-            ends = [ends[0] + last[j + 1] * X[:, j], ends[1] + last[j + 1] * Z[:, j]]
+        ua, ub = ca.SX.sym('ua', m), ca.SX.sym('ub', m)
         first = ca.SX.sym('first', n)
         self.start = Piece(xa, first, self.shared, xa - first, ca.SX(0))
-        self.interval = Piece(
-            ca.vertcat(xa, la, ca.vec(X), ca.vec(Z), ca.vec(U), xb, lb, length),
-            ca.vertcat(fraction, free, level), self.shared,
-            ca.vertcat(*rows, xb - ends[0], lb - ends[1]), ca.SX(0))
+        self.interval = self._interval(at, inputs, (xa, la, xb, lb), (free, level), (sx, sl, st))
         nu = ca.SX.sym('nu', q)
         terminal = ca.Function('terminal', [problem.x, nu, problem.p], [
             problem.psi, ca.gradient(problem.V + ca.dot(nu, problem.psi), problem.x)])
         psi, wanted = terminal.call([sx * xb, nu, problem.p])
-        self.end = Piece(ca.vertcat(xb, lb, nu), none, self.shared,
+        self.end = Piece(ca.vertcat(xb, lb, nu), ca.SX(0, 1), self.shared,
                          ca.vertcat(psi, lb - wanted / sl), ca.SX(0))
-        ua, ub = ca.SX.sym('ua', m), ca.SX.sym('ub', m)
         free_b, level_b = ca.SX.sym('free_b', m), ca.SX.sym('level_b', m)
         jump, meets, before = ca.SX.sym('jump'), ca.SX.sym('meets', m), ca.SX.sym('before')
         _, _, Hu_a, H_a = at(xa, ua, la)
@@ -129,6 +116,30 @@ class Indirect:
                        jump * (H_a - H_b) / sh + ca.dot(meets, Hu_held * su) / sh), ca.SX(0))
         self.last_time = Piece(ca.vertcat(xa, la, ua), ca.vertcat(free, level), self.shared,
                                ca.vertcat(inputs(Hu_a, ua, free, level), H_a / sh), ca.SX(0))
+
+    def _interval(self, at: Parts, inputs: Inputs, ends: tuple[ca.SX, ...],
+                  modes: tuple[ca.SX, ca.SX], sizes: tuple[ca.SX, ca.SX, ca.SX]) -> Piece:
+        """Return the collocation of x, lam and the inputs in an interval."""
+        n, m, s = self.n, self.m, _STAGES
+        xa, la, xb, lb = ends
+        sx, sl, st = sizes
+        X, Z, U = ca.SX.sym('X', n, s), ca.SX.sym('Z', n, s), ca.SX.sym('U', m, s)
+        length, fraction = ca.SX.sym('length'), ca.SX.sym('fraction')
+        h = st * length * fraction
+        _, _, derivative, last = collocation(s)
+        rows, x_end, lam_end = [], last[0] * xa, last[0] * la
+        for j in range(s):
+            f, Hx, Hu, _ = at(X[:, j], U[:, j], Z[:, j])
+            slopes = ca.DM(derivative[j, 1:])
+            rows.append(derivative[j, 0] * xa + ca.mtimes(X, slopes) - h * f / sx)
+            rows.append(derivative[j, 0] * la + ca.mtimes(Z, slopes) + h * Hx / sl)
+            rows.append(inputs(Hu, U[:, j], *modes))
+            x_end += last[j + 1] * X[:, j]
+            lam_end += last[j + 1] * Z[:, j]
+        return Piece(
+            ca.vertcat(xa, la, ca.vec(X), ca.vec(Z), ca.vec(U), xb, lb, length),
+            ca.vertcat(fraction, *modes), self.shared,
+            ca.vertcat(*rows, xb - x_end, lb - lam_end), ca.SX(0))
 
     def solve(self, problem: Problem, arcs: Sequence[Arc], course: Extremal, points: Array,
               scales: Scales) -> BoundaryValues | None:
