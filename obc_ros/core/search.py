@@ -40,7 +40,7 @@ _HARD, _EXPLORED_MOST = 0.3, 30         # [s] of work; number of further starts
 _LOWER = 1e-3         # relative: what is another minimum on a coarse mesh
 _BELIEVED = 1e-2      # relative error of a coarse step
 _ROUNDS, _PLAIN_ROUNDS = 10, 5   # of finer meshes; of those before curved inputs are held
-_COARSE_ITERATIONS, _EASY_ITERATIONS, _WARM_ITERATIONS = 150, 25, 30
+_COARSE_ITERATIONS, _EASY_ITERATIONS, _WARM_ITERATIONS = 150, 25, 100
 _MOST_INTERVALS = 800
 _WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
 _DETOUR = 1e-5        # likewise, at which inputs may wind around between points
@@ -77,11 +77,13 @@ class Search:
         _, self.pinned = kit.guesser.final_state(problem)
 
     def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
-                  near: bool = False, sizes: Scales | None = None, most: int = 500) -> Outcome:
+                  near: bool = False, sizes: Scales | None = None, most: int = 500,
+                  warm: Outcome | None = None) -> Outcome:
         """
         Solve the transcription on a mesh from a path, in at most `most` iterations.
 
-        `near`: the path is nearly an answer; phases are then kept from vanishing.
+        `near`: the path is nearly an answer; phases are then kept from vanishing. `warm`: the
+        outcome of a neighbour on this mesh.
         """
         problem, final = self.problem, self.problem.final_time
         program = self.kit.transcription(problem, mesh.layout)
@@ -95,9 +97,10 @@ class Search:
         if len(durations) == 1:
             shortest, longest = np.array([final.lower]), np.array([final.upper])
         limits = Limits(shortest, longest, self.margin, self.pinned)
-        w = program.start(mesh, start, durations, sizes)
+        w = program.start(mesh, start, durations, sizes) if warm is None else warm.w
         self.monitor.limit(most)
-        outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor, near=near)
+        outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor, near=near,
+                                multipliers=(warm.lam_w, warm.lam_g) if warm else None)
         if near and not outcome.converged and not self.monitor.stopped:
             self.monitor.limit(most)
             outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor)
@@ -328,31 +331,28 @@ class Search:
         return replace(found, certificate=certify(problem, found))
 
     def warm(self) -> Solution | None:
-        """Return the answer on the mesh of a neighbour answered before, if it is certified."""
+        """Return an answer found from that of a neighbour, if it is certified."""
         last = self.kit.last
         if last is None or self.quick or not neighbours(self.stated, last):
             return None
-        mesh, multipliers = last.outcome.mesh, (last.outcome.lam_w, last.outcome.lam_g)
-        program = self.kit.transcription(self.problem, mesh.layout)
-        durations, final = last.outcome.path.durations, self.problem.final_time
         if self.kit.twin:
             self.problem = self.kit.twin.problem(self.stated, _ROUNDS)
-        shortest, longest = 0.25 * durations, 4.0 * durations
-        if len(durations) == 1:
-            shortest, longest = np.array([final.lower]), np.array([final.upper])
-        self.monitor.limit(_WARM_ITERATIONS)
-        outcome = program.solve(
-            self.problem, mesh, last.outcome.w, last.sizes,
-            Limits(shortest, longest, last.margin, self.pinned), self.monitor,
-            multipliers=multipliers)
-        if not outcome.converged:
-            return None
+        mesh, self.margin = last.outcome.mesh, last.margin
         self.stages = mesh.layout.stages
-        answer = self.solution(outcome, self.course(outcome))
-        if not _holds(answer):
-            return None
-        self.kit.last = replace(last, problem=self.stated, outcome=outcome)
-        return answer
+        outcome = self.collocate(mesh, last.outcome.path, near=True, sizes=last.sizes,
+                                 most=_WARM_ITERATIONS, warm=last.outcome)
+        answer = self.solution(outcome, self.course(outcome)) if outcome.converged else None
+        if answer is not None and _holds(answer):
+            self.kit.last = replace(last, problem=self.stated, outcome=outcome)
+            return answer
+        if answer is not None and not self.monitor.stopped:
+            # Kinks have left their mesh points.
+            answer = self.followed_up(outcome)
+            if _holds(answer):
+                return answer
+        self.stages = 3 if self.bounded else 0
+        self.reset()
+        return None
 
     def given_away(self, outcome: Outcome, course: Extremal) -> float:
         """Return an estimate of the cost above the least one, relative; infinite if it is bad."""
