@@ -141,6 +141,15 @@ def test_the_better_of_two_minima_is_found_without_a_guess():
     assert solution.objective == pytest.approx(1.0831515, abs=1e-6)
 
 
+@pytest.mark.parametrize('name', ['cart_pole', 'f8_aircraft'])
+def test_a_published_local_minimum_is_not_exceeded(name):
+    """The cart-pole has one at 58.81, the F-8 at 5.73; both have better ones."""
+    problem, mapping = stated(name)
+    solution = solve(problem)
+    assert solution.status is Status.SOLVED, solution.message
+    assert solution.objective <= float(mapping['expected']['objective']) * (1 + 1e-5)
+
+
 def test_the_tail_of_a_path_is_the_path_from_its_middle():
     """Bellman: solved again from the middle, the Van der Pol path goes the same way."""
     problem, mapping = stated('vanderpol_bounded')

@@ -99,6 +99,8 @@ class Fitter:
                                           values, wanted)
             if values.size and not wrong:
                 break
+            if not (np.all(np.isfinite(A)) and np.all(np.isfinite(b))):
+                return course
             values = _least_squares(A, b, unknowns.signs, self.q)[:each.shape[3]]
         lam = without + each @ values
         density = unknowns.density @ values[self.q:]

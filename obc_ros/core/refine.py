@@ -65,6 +65,8 @@ def followed(problem: Problem, integrator: Integrator, course: Extremal) -> Arra
         for _ in range(_FOLLOWING):
             H, Hu, Huu = integrator.hamiltonian(
                 problem, point[None], u[None], costate[None])
+            if not (np.all(np.isfinite(Hu)) and np.all(np.isfinite(Huu))):
+                break
             values, vectors = np.linalg.eigh(Huu[0])
             # Also where H is concave the step goes down, at most by a third of a turn.
             size = np.maximum(np.abs(values), 1e-9 * np.abs(values).max() + 1e-300)

@@ -36,11 +36,12 @@ COARSE = 16
 _STARTS, _STARTS_MOST = 2, 6
 _ENOUGH, _PATIENCE = 0.02, 1.5   # [s] for starts, once one and while none converged
 _EXPLORING = (0.15, 0.5)   # part of the time for further starts, of easy and of hard problems
-_HARD, _EXPLORED_MOST = 0.3, 30         # [s] of work; number of further starts
+_HARD = 0.3           # [s] of work
+_EXPLORED_LEAST, _EXPLORED_MOST = 2, 30   # number of further starts
 _LOWER = 1e-3         # relative: what is another minimum on a coarse mesh
 _BELIEVED = 1e-2      # relative error of a coarse step
 _ROUNDS, _PLAIN_ROUNDS = 10, 5   # of finer meshes; of those before curved inputs are held
-_COARSE_ITERATIONS, _EASY_ITERATIONS, _WARM_ITERATIONS = 150, 25, 100
+_COARSE_ITERATIONS, _EASY_ITERATIONS, _WARM_ITERATIONS = 150, 60, 100
 _MOST_INTERVALS = 800
 _WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
 _DETOUR = 1e-5        # likewise, at which inputs may wind around between points
@@ -135,7 +136,7 @@ class Search:
     def _from_starts(self) -> list[Outcome]:
         found: list[Outcome] = []
         begun, good = time.monotonic(), 0
-        most = _STARTS_MOST if self.intervals == COARSE and not self.quick else _STARTS
+        most = _STARTS if self.quick else _STARTS_MOST
         for number in range(1, most + 1):
             outcome = self.from_next_start()
             found.append(outcome)
@@ -328,7 +329,9 @@ class Search:
             state_multipliers=densities[0], path_multipliers=densities[1],
             switching_times=np.cumsum(outcome.path.durations)[:-1],
             iterations=self.monitor.iterations)
-        return replace(found, certificate=certify(problem, found))
+        # Judging a path that is no answer may take long: not when the time is up.
+        return found if self.monitor.stopped else replace(
+            found, certificate=certify(problem, found))
 
     def warm(self) -> Solution | None:
         """Return an answer found from that of a neighbour, if it is certified."""
@@ -402,9 +405,10 @@ class Search:
         is not held up, and what is hard is looked at from many sides.
         """
         kept, spent = self.last, 0.0
-        for _ in range(_EXPLORED_MOST):
+        for number in range(_EXPLORED_MOST):
             elapsed = time.monotonic() - self.begun
-            if self.monitor.stopped or spent > _EXPLORING[elapsed > _HARD] * elapsed:
+            if self.monitor.stopped or (number >= _EXPLORED_LEAST and spent
+                                        > _EXPLORING[elapsed > _HARD] * elapsed):
                 break
             started = time.monotonic()
             self.reset()

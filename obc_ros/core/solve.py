@@ -135,7 +135,7 @@ def solve(problem: Problem, *, method: str = 'auto', time_limit: float = 60.0,
     monitor = Monitor(time_limit, report)
     kit = (cache or Cache(1)).kit(problem)
     found = METHODS[method](problem, kit, monitor)
-    if found.status is not Status.INFEASIBLE:
+    if found.status is not Status.INFEASIBLE and (found.certificate or not monitor.stopped):
         found = _judged(problem, found)
     found = _ended(problem, found, monitor, time_limit, method)
     built, kit.build_time = kit.build_time, 0.0
@@ -160,13 +160,14 @@ def _judged(problem: Problem, found: Solution) -> Solution:
 def _ended(problem: Problem, found: Solution, monitor: Monitor, time_limit: float,
            method: str) -> Solution:
     """Return a solution whose status says how the work ended, and why without an answer."""
-    if found.status in (Status.SOLVED, Status.INFEASIBLE):
-        return found
     if monitor.stopped == 'cancelled':
         return replace(found, status=Status.CANCELLED, message='cancelled on request')
+    if found.status in (Status.SOLVED, Status.INFEASIBLE):
+        return found
     if monitor.stopped == 'timed_out':
-        return replace(found, status=Status.TIMED_OUT, message=(
-            f'no certified answer within {time_limit:g} s; of the best so far, {found.message}'))
+        best = f'; the best path so far costs {found.objective:.6g}' if found.t.size else ''
+        return replace(found, status=Status.TIMED_OUT,
+                       message=f'no certified answer within {time_limit:g} s{best}')
     if method in ('riccati', 'time_optimal'):
         return found
     return _explained(problem, found, monitor)
