@@ -9,6 +9,7 @@ neither a service nor a timer keeps a state waiting.
 """
 
 from collections.abc import Callable, Iterable
+import gc
 import sys
 import threading
 from typing import Any
@@ -71,6 +72,8 @@ class OwnThread:
 
     def start(self) -> None:
         """Begin to take messages."""
+        gc.collect()
+        gc.freeze()  # what start-up left is not looked through again while states wait
         self._running = True
         self._thread = threading.Thread(target=self._run, name='states', daemon=True)
         self._thread.start()
