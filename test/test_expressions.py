@@ -63,7 +63,12 @@ HOSTILE = {
     '+'.join(['x'] * 1_000_000): '1999999 characters',
     '+'.join(['x'] * 5_000): 'complex',
     '+'.join(['1e308'] * 1_900): 'finite|large',
+    '-' * (MAX_DEPTH + 1) + 'x': 'complex',
+    '- +' * 26 + 'x': 'complex',
     '-' * 3_900 + 'x': 'complex',
+    'x' + '**x' * (MAX_DEPTH + 1): 'complex',
+    '(-' * 26 + 'x' + ')' * 26: 'complex',
+    'x**(-' * 17 + 'x' + ')' * 17: 'complex',
     '1' * 500: 'finite|large',
     '1' * 10_000: 'finite|large|not an expression',
     '10**400': 'finite|large',
@@ -166,8 +171,13 @@ def test_any_text_gives_a_value_or_a_statement_error(text):
             assert read is parse or math.isfinite(result)
 
 
-def test_a_sum_of_a_thousand_terms_is_an_expression():
-    assert number('+'.join(['x'] * 1000), VALUES, 'key') == pytest.approx(700.0)
+@pytest.mark.parametrize(('text', 'expected'), [
+    ('+'.join(['x'] * 1999), 1999 * X), ('-x' * 1999, -1999 * X), ('x*-1/-1' + '*1' * 900, X),
+    ('-' * MAX_DEPTH + 'x', X), ('(' * MAX_DEPTH + 'x' + ')' * MAX_DEPTH, X),
+    ('1' + '**x' * MAX_DEPTH, 1.0), ('+'.join(['(-x)**2'] * 200), 200 * X**2)])
+def test_what_is_long_or_deep_within_the_limits_has_its_value(text, expected):
+    assert number(text, VALUES, 'key') == pytest.approx(expected)
+    assert value(text) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize('name', [

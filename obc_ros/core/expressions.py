@@ -22,7 +22,7 @@ from obc_ros.core.errors import StatementError
 
 MAX_LENGTH = 20_000   # characters
 MAX_SYMBOLS = 4_000   # numbers, names, operators and brackets
-MAX_DEPTH = 50        # brackets within brackets, signs or powers in a row
+MAX_DEPTH = 50        # brackets open, and signs and powers waiting for their operand, together
 
 
 class _Function(NamedTuple):
@@ -63,6 +63,7 @@ _UNARY: dict[type[ast.unaryop], Callable[[Any], Any]] = {
 _TOKEN = re.compile(
     r'(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?(?P<tail>\w*))'
     r'|(?P<name>[A-Za-z_]\w*)|(?P<operator>\*\*|[-+*/])|(?P<bracket>[(),])', re.ASCII)
+_BEFORE_SIGN = ('(', ',', '+', '-', '*', '/', '**')
 _OTHER_SIGNS = {'^': '**', '·': '*', '×': '*', '÷': '/', '−': '-', '–': '-', '²': '**2',
                 '³': '**3', '[': '(', '{': '('}
 _OTHER_NAMES = {'ln': 'log', 'arcsin': 'asin', 'arccos': 'acos', 'arctan': 'atan',
@@ -205,8 +206,14 @@ def _tree(text: str, where: str) -> ast.expr:
 
 
 def _scan(text: str, where: str) -> None:
-    """Check symbols, their number and the depth of brackets before any parsing."""
-    position = count = depth = 0
+    """
+    Check symbols, their number and the depth of nesting before any parsing.
+
+    Interpreters differ in how deep a text they parse, all of them deeper than ``MAX_DEPTH``.
+    """
+    position = count = 0
+    waiting = [0]  # signs and powers without their operand as yet, for each open bracket
+    last = '('
     while position < len(text):
         if text[position] == ' ':
             position += 1
@@ -218,12 +225,21 @@ def _scan(text: str, where: str) -> None:
             raise StatementError(
                 f"{where}: '{_short(token.group())}' is not a number; write decimal digits, "
                 'and * for a product')
-        position, count = token.end(), count + 1
-        depth += (token.group() == '(') - (token.group() == ')')
+        symbol, position, count = token.group(), token.end(), count + 1
+        if symbol == '(':
+            waiting.append(0)
+        elif symbol == ')':
+            waiting = waiting[:-1] or [0]
+        elif symbol == '**' or (token['operator'] and last in _BEFORE_SIGN):
+            waiting[-1] += 1
+        elif token['operator'] or symbol == ',':
+            waiting[-1] = 0
+        last = symbol
+        depth = len(waiting) - 1 + sum(waiting)
         if depth > MAX_DEPTH or count > MAX_SYMBOLS:
             raise StatementError(
                 f"{where}: '{_short(text)}' is too complex; at most {MAX_SYMBOLS} symbols and "
-                f'{MAX_DEPTH} brackets within brackets are read')
+                f'{MAX_DEPTH} brackets, signs or powers within each other are read')
 
 
 def _foreign(text: str, position: int) -> str:
