@@ -10,7 +10,7 @@ import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 from obc_ros.core import systems
 from obc_ros.core.conditions import Conditions, Gust
-from obc_ros.core.plant import grid, HELD_UP, Pacing, Plant, RESEND
+from obc_ros.core.plant import grid, HELD_UP, LATE, Pacing, Plant, REGAIN, RESEND
 from obc_ros.core.simulate import Simulator
 import pytest
 
@@ -63,14 +63,15 @@ def test_the_grid_is_never_coarser_than_asked(dt, rate):
     assert step * steps == pytest.approx(1 / rate, rel=1e-12)
 
 
-@given(st.floats(0.0, 0.9 * PERIOD))
-def test_states_are_stamped_when_they_were_true_however_late_the_poll_is(late):
+@given(st.lists(st.floats(0.0, 0.45 * PERIOD), min_size=1, max_size=50))
+def test_states_are_stamped_when_they_were_true_however_late_the_poll_is(lates):
     bench = Bench()
-    bench.run(1.0, late)
-    expected = round(START * 1e9) + AHEAD + 5_000_000 * np.arange(len(bench.stamps))
-    assert len(bench.stamps) >= 200
+    for late in lates:
+        bench.now += bench.plant.wait(bench.now) + late
+        assert bench.poll()
+    expected = round(START * 1e9) + AHEAD + 5_000_000 * np.arange(len(lates) + 1)
     assert_allclose(np.array(bench.stamps) - expected, 0, atol=2)
-    assert bench.plant.skipped == 0
+    assert bench.plant.held_up == 0
 
 
 def test_time_does_not_drift_in_an_hour():
@@ -98,14 +99,34 @@ def test_at_speed_zero_every_poll_is_a_state():
     assert bench.plant.held_up == 0
 
 
-def test_states_whose_time_is_over_are_left_out_and_counted():
+@given(st.floats(1.01 * LATE * PERIOD, HELD_UP - PERIOD))
+def test_a_plant_that_was_held_up_leaves_no_state_out_and_regains_the_time(late):
     bench = Bench()
-    bench.now += 0.0275
+    bench.run(0.1 - PERIOD / 2)
+    bench.now += PERIOD / 2 + late
     assert bench.poll()
-    assert not bench.poll()
-    assert bench.plant.skipped == 4
-    assert bench.stamps[-1] - bench.stamps[0] == 25_000_000
-    assert bench.plant.simulator.time == pytest.approx(0.025)
+    assert bench.plant.held_up == 1
+    assert bench.plant.behind == pytest.approx(late - REGAIN * PERIOD, abs=1e-9)
+    last = bench.now
+    while bench.plant.behind:
+        assert bench.plant.wait(bench.now) >= (1 - LATE) * PERIOD, 'time for the controller'
+        bench.now += bench.plant.wait(bench.now)
+        assert bench.poll()
+    assert bench.now - last <= (late / PERIOD / REGAIN + 1) * PERIOD
+    bench.run(0.1)
+    assert_allclose(np.diff(bench.stamps), 5_000_000, atol=2)
+    assert bench.plant.simulator.time == pytest.approx(bench.now - START, abs=PERIOD + 1e-9)
+
+
+def test_a_command_that_waited_with_the_plant_takes_effect_at_the_state_that_is_due():
+    bench = Bench()
+    bench.now += PERIOD + 0.1
+    assert bench.plant.command(bench.stamps[-1], [3.0], bench.now) == ''
+    assert bench.poll()
+    assert bench.plant.unanswered == 0
+    bench.now += bench.plant.wait(bench.now)
+    assert bench.poll()
+    assert_allclose(bench.plant.sample, [3 * PERIOD**2 / 2, 3 * PERIOD], rtol=1e-9)
 
 
 def test_a_plant_that_was_held_up_resumes_where_it_was():

@@ -4,8 +4,10 @@
 A simulated plant in time: when it is advanced, when its state is published, what it listens to.
 
 Time is told by the caller: `now` is a steady time [s], `wall` what the node's clock says at that
-moment [ns]. States are published at the instants of a grid, which are absolute; a plant that was
-held up resumes where it was. In lockstep each state waits for the command that answers it.
+moment [ns]. States are published at the instants of a grid, which are absolute. A plant that was
+held up leaves no state out and gives the controller its time for each: it goes on where it was,
+and regains what it is behind little by little. In lockstep each state waits for the command that
+answers it.
 """
 
 from collections import Counter
@@ -20,7 +22,9 @@ from obc_ros.core.simulate import Simulator
 
 Array = NDArray[np.float64]
 
-HELD_UP = 0.25  # [s] so late, the plant was held up: time is not caught up
+LATE = 0.5      # of a period: a state so late leaves its controller too little time for the next
+REGAIN = 0.1    # of a period: regained with each state by a plant that is behind
+HELD_UP = 0.25  # [s] so far behind, time is not regained
 MOST_STEPS = 100_000
 ANSWERED = 'stale: the last state is answered already'
 OLDER = 'stale: older than the command before'
@@ -95,9 +99,11 @@ class Plant:
     paused : bool
     fault : str
         Why the plant stands still; empty if it does not.
-    published, skipped, resent, unanswered : int
-        States published, left out because their time was over, published again, and replaced by
-        the next before a command for them had come, from the first command on.
+    behind : float
+        How much later [s] than their stamps say the states are published.
+    published, resent, unanswered : int
+        States published, published again, and replaced by the next before a command for them had
+        come, from the first command on.
     accepted, repeated, rests, held_up : int
         Commands taken, and those of them that answer a state once more; times that commands
         stayed away too long; times that the plant was held up.
@@ -110,7 +116,7 @@ class Plant:
         self.simulator = simulator
         self.pacing = pacing
         self.paused = False
-        self.published = self.skipped = self.resent = self.unanswered = 0
+        self.published = self.resent = self.unanswered = 0
         self.accepted = self.repeated = self.rests = self.held_up = 0
         self.dropped: Counter[str] = Counter()
         self.answered = False
@@ -161,21 +167,14 @@ class Plant:
             return again
         if now < self._anchored[0]:  # the clock was set back
             self._anchor(now)
-        late = now - self._due_time()
-        if late < 0.0:
+        if now < self._due_time():
             return False
-        if late > HELD_UP or self.pacing.lockstep or not self.pacing.speed:
-            self.held_up += late > HELD_UP and not self.pacing.lockstep
-            self._anchored = now, self._due
-            late = 0.0
-        else:
-            missed = (self._steps_at(now) - self._due) // self.pacing.steps
-            self.skipped += missed
-            self._due += missed * self.pacing.steps
-            late = now - self._due_time()
+        self._look(now)
+        late = self.behind + now - self._due_time()
         if not self._advance(self._due):
             return False
         self._publish(now, wall - round(late * 1e9))
+        self._regain()
         return True
 
     def wait(self, now: float) -> float:
@@ -245,6 +244,32 @@ class Plant:
     def _anchor(self, now: float) -> None:
         """Let the present state be that of now."""
         self._anchored = now, self.simulator.steps
+        self.behind = 0.0
+
+    def _look(self, now: float) -> None:
+        """Let the state that is due be that of now, if the plant was held up."""
+        late = now - self._due_time()
+        if self.pacing.lockstep or not self.pacing.speed:
+            held_up = late > 0.0
+        else:
+            held_up = late > LATE * self._period()
+            self.held_up += held_up
+            self.behind += late if held_up else 0.0
+            if self.behind > HELD_UP:
+                self.behind = 0.0
+        if held_up:
+            self._anchored = now, self._due
+
+    def _regain(self) -> None:
+        """Let the next state come a little sooner, if the plant is behind."""
+        if self.behind:
+            gain = min(self.behind, REGAIN * self._period())
+            self.behind -= gain
+            self._anchored = self._anchored[0] - gain, self._anchored[1]
+
+    def _period(self) -> float:
+        """Return the time [s] from one state to the next."""
+        return self.pacing.steps * self.simulator.conditions.dt / self.pacing.speed
 
     def _due_time(self) -> float:
         """Return the steady time [s] of the next state to be published."""
@@ -262,6 +287,7 @@ class Plant:
     def _catch_up(self, now: float) -> None:
         """Advance to now, but not beyond a state that is to be published."""
         if not (self.pacing.lockstep or self.paused or self.fault):
+            self._look(now)
             self._advance(max(self.simulator.steps, min(self._steps_at(now), self._due)))
 
     def _advance(self, until: int) -> bool:

@@ -322,7 +322,7 @@ class PlantSimulator(Node):
                 KeyValue(key=key, value=str(value)) for key, value in (
                     ('simulated time [s]', f'{simulated:.9g}'),
                     ('simulated seconds a second', f'{max(factor, 0.0):.3f}'),
-                    ('states published', plant.published), ('states skipped', plant.skipped),
+                    ('behind [s]', f'{plant.behind:.6f}'), ('states published', plant.published),
                     ('states sent again', plant.resent), ('states unanswered', plant.unanswered),
                     ('commands taken', plant.accepted),
                     ('times without commands', plant.rests), ('times held up', plant.held_up),
