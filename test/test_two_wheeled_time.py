@@ -11,6 +11,7 @@ import numpy as np
 from obc_ros.core.errors import StatementError
 from obc_ros.core.problem import FinalTime, Problem
 from obc_ros.core.solution import Status
+from obc_ros.core.solve import solve
 from obc_ros.core.two_wheeled_time import least_time, solve_two_wheeled
 import pytest
 
@@ -121,3 +122,12 @@ def test_bad_limits(limit):
         least_time((0, 0, 0), (1, 0, 0), limit, 1.0)
     with pytest.raises(StatementError, match='max_turn_rate'):
         least_time((0, 0, 0), (1, 0, 0), 1.0, limit)
+
+
+def test_solve_answers_by_the_shortest_path():
+    problem = robot((0, 0, 0), (1, 2, 0.5), 1.3, 0.8)
+    found = solve(problem)
+    assert (found.method, found.status) == ('reeds_shepp', Status.SOLVED)
+    assert found.certificate.holds
+    assert found.objective == pytest.approx(
+        solve(problem, method='arcs').objective, rel=1e-6)

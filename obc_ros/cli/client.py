@@ -141,12 +141,26 @@ def connected(*parameters: str) -> Iterator[Client]:
                 yield client
                 return
         isolate(stack.enter_context(free_domain()))
-        children.start('trajectory_server', *(
-            word for each in parameters for word in ('-p', each)))
-        with _client(children.check) as client:
-            if not client.find(START):
-                raise ServerLostError(f'no trajectory_server appears within {START:g} s')
-            yield client
+        yield stack.enter_context(served(children, *parameters))
+
+
+@contextmanager
+def served(children: Children, *parameters: str) -> Iterator[Client]:
+    """
+    Yield a client of a server that is started among `children`, on this process's domain.
+
+    Raises
+    ------
+    ServerLostError
+        If it does not appear, or disappears.
+
+    """
+    children.start('trajectory_server', *(
+        word for each in parameters for word in ('-p', each)))
+    with _client(children.check) as client:
+        if not client.find(START):
+            raise ServerLostError(f'no trajectory_server appears within {START:g} s')
+        yield client
 
 
 def _somebody_here() -> bool:

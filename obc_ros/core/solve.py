@@ -18,6 +18,7 @@ from obc_ros.core.riccati import solve_lq
 from obc_ros.core.search import Search
 from obc_ros.core.solution import Report, Solution, Status
 from obc_ros.core.time_optimal import solve_time_optimal
+from obc_ros.core.two_wheeled_time import solve_two_wheeled
 
 _FAULTS = {
     'dynamics': 'the states do not follow from the inputs',
@@ -67,6 +68,13 @@ def _time_optimal(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
         'time_optimal answers linear problems of least time with bounded inputs; this is none'))
 
 
+def _reeds_shepp(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
+    found = solve_two_wheeled(problem)
+    return found or Solution(Status.NOT_CONVERGED, (
+        'reeds_shepp answers motions of least time of a two wheeled robot whose shortest path '
+        'ends at the angle that is asked for; this is none'))
+
+
 def _transcription(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
     return Search(problem, kit, monitor, with_arcs=False).run()
 
@@ -82,7 +90,8 @@ def _indirect(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
 
 
 def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
-    specials = {'riccati': solve_lq, 'time_optimal': solve_time_optimal} if kit.affine else {}
+    specials = ({'riccati': solve_lq, 'time_optimal': solve_time_optimal} if kit.affine else
+                {'reeds_shepp': solve_two_wheeled})
     for name, special in specials.items():
         found = special(problem)
         if found is None:
@@ -99,6 +108,7 @@ METHODS: dict[str, Callable[[Problem, Kit, Monitor], Solution]] = {
     'auto': _auto,
     'riccati': _riccati,
     'time_optimal': _time_optimal,
+    'reeds_shepp': _reeds_shepp,
     'transcription': _transcription,
     'arcs': _arcs,
     'indirect': _indirect,
