@@ -4,12 +4,14 @@
 One loop: plant_simulator, lqr_node and trajectory_server.
 
 ros2 launch obc_ros loop.launch.py scenario:=aircraft namespace:=robot1 use_sim_time:=true
+
+The nodes keep to this machine unless the environment, or discovery_range:=SUBNET, says otherwise.
 """
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch.actions import DeclareLaunchArgument, SetEnvironmentVariable
 from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration
+from launch.substitutions import EnvironmentVariable, LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from launch_ros.substitutions import FindPackageShare
@@ -21,6 +23,9 @@ ARGUMENTS = (
     ('speed', '1.0', 'simulated seconds a second; 0: as fast as it can'),
     ('lockstep', 'false', 'each step of the plant waits for its command'),
     ('plant', 'true', 'start the simulated plant; false on a robot'),
+    ('discovery_range',
+     EnvironmentVariable('ROS_AUTOMATIC_DISCOVERY_RANGE', default_value='LOCALHOST'),
+     'who may find the nodes: LOCALHOST, or SUBNET for other machines'),
 )
 
 
@@ -46,6 +51,8 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription([
         *(DeclareLaunchArgument(name, default_value=default, description=text)
           for name, default, text in ARGUMENTS),
+        SetEnvironmentVariable(
+            'ROS_AUTOMATIC_DISCOVERY_RANGE', LaunchConfiguration('discovery_range')),
         node('plant_simulator', plant, condition=IfCondition(LaunchConfiguration('plant'))),
         node('lqr_node'),
         node('trajectory_server')])
