@@ -3,6 +3,7 @@
 """The pool answers every request within its time, whatever happens to the workers."""
 
 from contextlib import contextmanager
+import errno
 import math
 import os
 from pathlib import Path
@@ -14,6 +15,7 @@ import time
 
 from hypothesis import given, settings, strategies
 import numpy as np
+from obc_ros.core import workers
 from obc_ros.core.wire import pack, Packet, unpack
 from obc_ros.core.workers import Job, Outcome, Pool
 import pytest
@@ -258,6 +260,57 @@ def test_a_module_that_does_not_load_is_said():
     asked = Asked(pool, 'echo')
     assert asked.answer().outcome is Outcome.DIED
     assert "No module named 'no_such_module'" in asked.answer().message
+    pool.close()
+
+
+def test_a_worker_that_never_starts_is_tried_ever_less_often(monkeypatch):
+    pauses = []
+    monkeypatch.setattr(Pool, 'pause', lambda pool, worker, duration: pauses.append(duration))
+    pool = Pool('no_such_module', 1)
+    wait_for(lambda: len(pauses) >= 8)
+    pool.close()
+    assert pauses[:8] == [1, 2, 4, 8, 16, 32, 60, 60]
+
+
+def test_requests_do_not_wait_for_workers_that_do_not_start(monkeypatch, tmp_path):
+    """After three tries each is answered at once; once the module loads, all is well again."""
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path))
+    monkeypatch.setattr(workers, 'START_PAUSE', 0.1)
+    pool = Pool('mended_module', 1)
+    wait_for(lambda: pool._workers[0].failures >= workers.TRIES)
+    asked = Asked(pool, 'echo')
+    assert asked.took < SLACK
+    assert asked.answer().outcome is Outcome.DIED
+    assert asked.answer().message == (
+        "no worker starts: ModuleNotFoundError: No module named 'mended_module'")
+    assert pool.fault in asked.answer().message
+    (tmp_path / 'mended_module.py').write_text(
+        Path(__file__).with_name('stand_in_worker.py').read_text())
+    wait_for(lambda: pool.pids)
+    assert ask(pool, 'echo').outcome is Outcome.ANSWERED
+    assert not pool.fault
+    pool.close()
+
+
+def test_time_limits_hold_while_no_worker_starts(monkeypatch):
+    monkeypatch.setattr(workers, 'START_PAUSE', 5.0)
+    pool = Pool('no_such_module', 1)
+    wait_for(lambda: pool.fault)
+    asked = Asked(pool, 'echo', time_limit=0.3)
+    assert asked.answer().outcome is Outcome.TIMED_OUT
+    assert asked.took < 0.3 + SLACK
+    pool.close()
+
+
+def test_a_process_that_cannot_be_made_is_said(monkeypatch):
+    def refuse(*args, **options):
+        raise OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+    monkeypatch.setattr(workers.subprocess, 'Popen', refuse)
+    pool = Pool('stand_in_worker', 1)
+    assert 'temporarily unavailable' in ask(pool, 'echo').message
+    monkeypatch.undo()
+    monkeypatch.setenv('PYTHONPATH', str(Path(__file__).parent))
+    wait_for(lambda: pool.pids)
     pool.close()
 
 

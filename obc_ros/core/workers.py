@@ -10,6 +10,7 @@ process. No worker outlives the process of the pool.
 
 from collections import Counter, deque, OrderedDict
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from enum import Enum
 import os
@@ -27,7 +28,9 @@ HEAD_START = 0.1   # [s] that a solver is told to stop before its time is over
 GRACE = 0.08       # [s] in which a solver that was asked to stop may still answer
 IDLE_CHECK = 0.5   # [s] how soon the death of an idle worker is seen
 START_TIME = 60.0  # [s] in which a worker must have started
-START_PAUSE = 1.0  # [s] before a worker that did not start is tried again
+START_PAUSE = 1.0  # [s] before a worker that did not start is tried again, doubled each time
+LONGEST_PAUSE = 60.0  # [s]
+TRIES = 3          # starts that fail before requests are answered without another
 ENVIRONMENT = {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1',
                'PYTHONSAFEPATH': '1'}
 
@@ -104,6 +107,11 @@ class Pool:
     affinities : int
         How many affinities a worker is expected to remember.
 
+    Attributes
+    ----------
+    fault : str
+        Why the workers do not start; empty when the last one to start did.
+
     """
 
     def __init__(self, module: str, size: int, *, queue_length: int = 128,
@@ -114,6 +122,7 @@ class Pool:
         self.affinities = affinities
         self.outcomes: Counter[Outcome] = Counter()
         self.replaced = 0
+        self.fault = ''
         self._closed = self._started = False
         self._changed = Condition()
         self._queue: deque[Job] = deque()
@@ -163,7 +172,7 @@ class Pool:
                     self._queue.append(job)
                 self._changed.notify_all()
         if refusal:
-            self.finish(job, Answer(Outcome.REFUSED, refusal))
+            self.finish(job, refusal)
 
     def cancel(self, job: Job) -> None:
         """Stop a request: at once when it is waiting, else within `TICK` + `GRACE` seconds."""
@@ -216,11 +225,15 @@ class Pool:
         with self._changed:
             self._changed.wait_for(lambda: self._started, timeout)
 
-    def note_start(self, worker: '_Worker', ready: bool) -> None:
-        """Note that `worker` has started, or that it could not."""
+    def note_start(self, worker: '_Worker', why: str = '') -> None:
+        """Note that `worker` has started, or why it could not."""
         with self._changed:
-            worker.ready, self._started = ready, True
+            worker.ready, self._started = not why, True
+            worker.failures = worker.failures + 1 if why else 0
+            self.fault = why
             self._changed.notify_all()
+        if why and not self.pids:
+            self.empty_queue(self._no_worker())
 
     def next_job(self, worker: '_Worker') -> Job | None:
         """Return what `worker` is to do next; None when nothing came within `IDLE_CHECK`."""
@@ -247,17 +260,26 @@ class Pool:
 
     def pause(self, worker: '_Worker', duration: float) -> None:
         """Wait for `duration` seconds, or less when `worker` is not wanted any more."""
-        with self._changed:
-            self._changed.wait_for(lambda: not worker.wanted, duration)
+        end = time.monotonic() + duration
+        while worker.wanted and (left := end - time.monotonic()) > 0:
+            self.expire()
+            with self._changed:
+                self._changed.wait_for(lambda: not worker.wanted, min(left, TICK))
 
-    def _refusal(self) -> str:
-        """Return why no request is taken at present; empty when one is."""
+    def _refusal(self) -> Answer | None:
+        """Return the answer to a request that is not taken at present; None when it is."""
         if self._closed:
-            return 'the server is shutting down'
+            return Answer(Outcome.REFUSED, 'the server is shutting down')
+        if self._workers and all(worker.failures >= TRIES for worker in self._workers):
+            return self._no_worker()
         if self.waiting >= self.queue_length and not self._idle(''):
-            return (f'refused: {self.waiting} requests are waiting already, as many as may wait; '
-                    'please ask again later')
-        return ''
+            return Answer(Outcome.REFUSED, (
+                f'refused: {self.waiting} requests are waiting already, as many as may wait; '
+                'please ask again later'))
+        return None
+
+    def _no_worker(self) -> Answer:
+        return Answer(Outcome.DIED, f'no worker starts: {self.fault}')
 
     def _idle(self, affinity: str) -> '_Worker | None':
         """Return an idle worker, rather one that has seen `affinity`; None if all are busy."""
@@ -278,6 +300,7 @@ class _Worker(Thread):
         self._pool = pool
         self.wanted = True
         self.ready = False
+        self.failures = 0  # to start, one after another
         self.job: Job | None = None
         self.seen: OrderedDict[str, None] = OrderedDict()
         self.start()
@@ -290,28 +313,35 @@ class _Worker(Thread):
     def run(self) -> None:
         """Keep a process at work until it is not wanted any more."""
         while self.wanted:
-            self._start_process()
+            try:
+                self._start_process()
+            except OSError as error:  # no more processes, memory or files
+                self._failed(f'{error.strerror}')
+                continue
             why = self._wait_until_ready()
             if self.ready:
                 self._serve()
-                self._end()
+            self._end()
+            if not why:
                 self._pool.replaced += self.wanted
             elif self.wanted:
-                self._end()
-                self._pool.note_start(self, ready=False)
-                if not self._pool.pids:
-                    self._pool.empty_queue(Answer(Outcome.DIED, f'no worker starts: {why}'))
-                self._pool.pause(self, START_PAUSE)
-        self._end()
+                self._failed(why)
+
+    def _failed(self, why: str) -> None:
+        """Say why no process starts, and wait before the next one: ever longer."""
+        self._pool.note_start(self, why)
+        self._pool.pause(self, min(START_PAUSE * 2.0**(self.failures - 1), LONGEST_PAUSE))
 
     def _start_process(self) -> None:
         ours, theirs = socket.socketpair()
-        with theirs:
+        with theirs, ExitStack() as undo:
+            undo.callback(ours.close)
             self._process = subprocess.Popen(
                 [sys.executable, '-m', 'obc_ros.core.worker_process', str(theirs.fileno()),
                  self._pool.module, str(self._pool.memory), str(os.getpid())],
                 pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
                 env={**os.environ, **ENVIRONMENT}, start_new_session=True)
+            undo.pop_all()
         self._channel = Channel(ours)
         self.seen.clear()
 
@@ -325,7 +355,7 @@ class _Worker(Thread):
                 return self._cause()
             self._pool.expire()
             if packet and 'ready' in packet.plain:
-                self._pool.note_start(self, ready=True)
+                self._pool.note_start(self)
                 return ''
             if packet:
                 return str(packet.plain['died'])

@@ -212,11 +212,14 @@ class TrajectoryServer(Node):
         status = DiagnosticStatus(
             name='trajectory_server: workers', level=DiagnosticStatus.OK,
             message=f'{pool.busy} of {pool.size} workers solve, {pool.waiting} requests wait')
-        if len(pool.pids) < pool.size:
+        if fault := pool.fault or self._designers.fault:
+            status.level = DiagnosticStatus.ERROR
+            status.message += f'; no worker starts: {fault}'
+        elif len(pool.pids) < pool.size:
             status.level = DiagnosticStatus.WARN
             status.message += f'; {pool.size - len(pool.pids)} workers are being started'
         if pool.waiting >= pool.queue_length:
-            status.level = DiagnosticStatus.WARN
+            status.level = max(status.level, DiagnosticStatus.WARN)
             status.message += '; the queue is full'
         values = {
             'queue': pool.waiting, 'queue length': pool.queue_length, 'busy': pool.busy,
