@@ -97,8 +97,12 @@ def slalom(t: Array, length: float = 2.0) -> tuple[Array, Array, Array]:
 
 
 def _publish(pilot: Pilot, trajectory: Trajectory, begin: int) -> Trajectory:
+    """Publish a reference; time must stand still until lqr_node has its gains along it."""
     trajectory.header.stamp.sec, trajectory.header.stamp.nanosec = divmod(begin, 10**9)
+    said = len(pilot.said)
     pilot.publisher.publish(trajectory)
+    pilot.wait(lambda: any(each.name.endswith('lqr_node') and 'reference' in each.msg
+                           for each in pilot.said[said:]), 'lqr_node to take the reference')
     return trajectory
 
 

@@ -61,6 +61,7 @@ class Pilot:
         self._executor.add_node(self.node)
         self.states, self.commands = Samples(), Samples()
         self.designs: list[LqrDesign] = []
+        self.said: list[Log] = []
         self._record()
 
     def _record(self) -> None:
@@ -73,12 +74,15 @@ class Pilot:
         recorder.subscribe(node, '/clock', Clock, qos=CLOCK)
         recorder.subscribe(node, '/diagnostics', DiagnosticArray)
         recorder.subscribe(node, '/parameter_events', ParameterEvent)
-        recorder.subscribe(node, '/rosout', Log, qos=LATCHED)
+        recorder.subscribe(node, '/rosout', Log, self._on_log, qos=LATCHED)
         recorder.now = lambda: self.states.stamp[-1] if self.states.stamp else 0
         self.publisher = node.create_publisher(Trajectory, 'reference', LATCHED)
 
     def _on_design(self, data: bytes, published: int) -> None:
         self.designs.append(deserialize_message(data, LqrDesign))
+
+    def _on_log(self, data: bytes, published: int) -> None:
+        self.said.append(deserialize_message(data, Log))
 
     def close(self) -> None:
         """End the node."""
