@@ -149,7 +149,7 @@ def test_a_running_server_is_used(obc, probe):
 
 
 @pytest.mark.parametrize('content, words', [
-    ('states: [x\n  nonsense: {', ''), ('', 'mapping'), ('- 1\n- 2', 'mapping'), ('[]', 'empty'),
+    ('states: [x\n  nonsense: {', ''), ('', 'mapping'), ('- 1', 'mapping'), ('[]', 'empty'),
     ({**SCALAR, 'gravity': 9.81}, 'gravity'), ({**SCALAR, 'running_cost': '().__class__'}, 'cost'),
     ({**SCALAR, 'initial_state': {'x': math.nan}}, 'initial_state'),
     ({**SCALAR, 'states': 7}, 'states'), ('a: 1\na: 2', 'twice'), ('\0\x01', ''),
@@ -253,6 +253,30 @@ def test_names_of_files_are_safe_and_unique(tmp_path):
     asked = questions.read([tmp_path / 'a' / 'p.yaml', tmp_path / 'b' / 'p.yaml', several])
     assert [each.file_name for each in asked] == ['p', 'p_2', 'p_3', '_.._etc_x', 'p_4', 'problem']
     assert [each.name for each in asked] == ['scalar', 'scalar', 'p', '../../etc/x', 'p', '.']
+    assert [each.renamed for each in asked] == [False, True, True, False, True, False]
+
+
+def test_problems_of_one_name_are_told_apart(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for folder in ('a', 'b'):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / 'p.yaml').write_text(yaml.safe_dump({**SCALAR, 'inputs': []}))
+    Path('two.yaml').write_text(yaml.safe_dump([{**SCALAR, 'states': 7}, 3]))
+    assert main(['solve', 'a/p.yaml', 'b/p.yaml', 'two.yaml', '--json', 'out']) == 2
+    output = capsys.readouterr().out
+    for where in ('a/p.yaml', 'b/p.yaml', 'two.yaml, entry 1'):
+        assert f'scalar ({where}): ' in output
+    assert 'scalar (b/p.yaml): written as p_2' in output
+    assert 'two_2: two.yaml, entry 2: wanted a mapping' in output
+    assert {path.stem for path in Path('out').iterdir()} == {'p', 'p_2', 'scalar', 'two_2'}
+
+
+def test_a_bad_problem_in_a_list_does_not_keep_the_others_from_their_answers(obc):
+    status, found, _ = obc('solve', {'list.yaml': [
+        {**SCALAR, 'name': 'good'}, 'nonsense', {**SCALAR, 'name': 'bad', 'dynamics': {}}]})
+    assert status == 2
+    assert {name: answer['status'] for name, answer in found.items()} == {
+        'good': 'solved', 'list_2': 'malformed', 'bad': 'malformed'}
 
 
 def test_json_has_no_nan(tmp_path):

@@ -359,7 +359,7 @@ def test_a_file_holds_one_mapping_or_a_list(tmp_path):
     ('', 'wanted a mapping'),
     ('3', 'wanted a mapping'),
     ('[]', 'the list is empty'),
-    ('- a: 1\n- 2', r'case\.yaml\[1\]: wanted a mapping'),
+    ('- a: 1\n- 2', 'case.yaml, entry 2: wanted a mapping'),
     ('a: [1', 'case.yaml: '),
     ('a: !!python/object/apply:os.getpid []', 'could not determine a constructor'),
     ('a: &a {x: 1}\nb: {<<: *a}', 'merge keys'),

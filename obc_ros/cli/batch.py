@@ -81,13 +81,13 @@ class Batch:
         goal = SolveOptimalControl.Goal(
             problem=problem_message(question.mapping, question.problem.guess),
             time_limit=self._time_limit)
-        self._lines.update(question.name, 'sent')
+        self._lines.update(question.label, 'sent')
         self._flights.append(Flight(question, time.monotonic(), self._action.send_goal_async(
             goal, lambda message: self._report(question, message.feedback))))
 
     def _report(self, question: Question, feedback: Any) -> None:
         numbers = (('cost', feedback.cost), ('infeasibility', feedback.infeasibility))
-        self._lines.update(question.name, ', '.join(
+        self._lines.update(question.label, ', '.join(
             [feedback.phase, f'iteration {feedback.iteration}',
              *(f'{name} {value:.4g}' for name, value in numbers if not math.isnan(value))]))
 
@@ -96,7 +96,7 @@ class Batch:
         done = [flight for flight in self._flights if flight.advance()]
         for flight in done:
             self._flights.remove(flight)
-            self._lines.end(flight.question.name,
+            self._lines.end(flight.question.label,
                             f'{flight.question.status}, {flight.question.message}')
         return bool(done)
 

@@ -32,6 +32,9 @@ def run(args: argparse.Namespace) -> int:
     if answerable:
         _solve(answerable, args.time_limit)
     for question in asked:
+        if question.renamed and (args.json or args.plot):
+            print(f'{question.label}: written as {question.file_name}; '
+                  'an earlier problem has its name')
         if args.json:
             results.write(args.json, question.file_name, question.as_json())
         if args.plot and question.result and question.result.trajectory.t:
@@ -70,16 +73,16 @@ def _show(asked: list[Question]) -> None:
     terminal.table(HEADER, [_row(question) for question in asked], COLOURS)
     for question in asked:
         if question.status != 'solved' and question.message:
-            print(f'{question.name}: {question.message}')
+            print(f'{question.label}: {question.message}')
 
 
 def _row(question: Question) -> tuple[str, ...]:
     result = question.result
     if not result or not result.trajectory.t:
-        return question.name, question.status, '', '', '', _time(question.took)
+        return question.label, question.status, '', '', '', _time(question.took)
     certificate = result.certificate
     verdict = 'holds' if certificate.holds else certificate.sentence
-    return (question.name, question.status, f'{result.objective:.10g}', verdict, result.method,
+    return (question.label, question.status, f'{result.objective:.10g}', verdict, result.method,
             _time(question.took))
 
 

@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from obc_ros.core.errors import StatementError
+from obc_ros.core.expressions import describe
 import yaml
 
 MAX_BYTES = 250_000
+MAX_ENTRIES = 1_000  # of a list of mappings
 
 
 class _Loader(yaml.SafeLoader):
@@ -57,3 +59,36 @@ def read_yaml(path: str | Path) -> Any:
     # ValueError: a scalar that looks like a date or a number but is none.
     except (yaml.YAMLError, ValueError) as error:
         raise StatementError(f'{path}: {" ".join(str(error).split())[:300]}') from None
+
+
+def entries(path: str | Path) -> list[tuple[str, dict[str, Any] | StatementError]]:
+    """
+    Return the mappings that a YAML file holds, each with its place in words; or why it is none.
+
+    A file holds one mapping or a list of them. The place is the file, with the number of the entry
+    in a list: ``several.yaml, entry 2``. One without `name` is given that of the file, and its number.
+
+    Raises
+    ------
+    StatementError
+        If the file cannot be read, is too long, is not YAML, or has a key twice.
+
+    """
+    found = read_yaml(path)
+    if not isinstance(found, list):
+        return [_entry(found, str(path), Path(path).stem)]
+    if not found:
+        raise StatementError(f'{path}: the list is empty')
+    if len(found) > MAX_ENTRIES:
+        raise StatementError(f'{path}: {len(found)} problems; at most {MAX_ENTRIES} are read')
+    if len(found) == 1:
+        return [_entry(found[0], str(path), Path(path).stem)]
+    return [_entry(entry, f'{path}, entry {index}', f'{Path(path).stem}_{index}')
+            for index, entry in enumerate(found, start=1)]
+
+
+def _entry(entry: object, where: str, name: str) -> tuple[str, dict[str, Any] | StatementError]:
+    if not isinstance(entry, dict):
+        return where, StatementError(
+            f'{where}: wanted a mapping of keys to values, found {describe(entry)}')
+    return where, entry if entry.get('name') is not None else {**entry, 'name': name}

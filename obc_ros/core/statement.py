@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from obc_ros.core import expressions, systems
 from obc_ros.core.errors import ObcError, StatementError
 from obc_ros.core.expressions import check_name, describe, near, number
-from obc_ros.core.files import read_yaml
+from obc_ros.core.files import entries
 from obc_ros.core.problem import FinalTime, Guess, Problem
 
 Array = NDArray[np.float64]
@@ -108,19 +108,16 @@ def load_file(path: str | Path) -> list[dict[str, Any]]:
     Raises
     ------
     StatementError
-        If the file cannot be read, is too long, is not YAML, or has a key twice.
+        If the file cannot be read, is too long, is not YAML, or has a key twice, or if an entry
+        is no mapping.
 
     """
-    found = read_yaml(path)
-    entries = found if isinstance(found, list) else [found]
-    if not entries:
-        raise StatementError(f'{path}: the list is empty')
-    for index, entry in enumerate(entries):
-        where = f'{path}[{index}]' if isinstance(found, list) else str(path)
-        _mapping(entry, where)
-        number_in_file = f'_{index + 1}' if len(entries) > 1 else ''
-        entry.setdefault('name', Path(path).stem + number_in_file)
-    return entries
+    mappings = []
+    for _, entry in entries(path):
+        if isinstance(entry, StatementError):
+            raise entry
+        mappings.append(entry)
+    return mappings
 
 
 def _short(value: object) -> str:
