@@ -66,7 +66,8 @@ def entries(path: str | Path) -> list[tuple[str, dict[str, Any] | StatementError
     Return the mappings that a YAML file holds, each with its place in words; or why it is none.
 
     A file holds one mapping or a list of them. The place is the file, with the number of the entry
-    in a list: ``several.yaml, entry 2``. One without `name` is given that of the file, and its number.
+    in a list: ``several.yaml, entry 2``. One without `name` is given that of the file, with its
+    number in the list.
 
     Raises
     ------
