@@ -1,0 +1,157 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+`obc gallery`: the chapter's examples, theorems and exercises, answered by running nodes.
+
+``DIR/index.html`` is the page, ``DIR/NAME.png`` the figure of an entry, ``DIR/gallery.json`` its
+numbers; what is there of other entries stays. Loops are recorded in ``DIR/recordings``.
+"""
+
+import argparse
+from collections.abc import Sequence
+import json
+from pathlib import Path
+import sys
+import time
+from typing import Any, TYPE_CHECKING
+
+from obc_ros.cli import terminal
+from obc_ros.core.errors import ObcError
+
+if TYPE_CHECKING:
+    from obc_ros.cli.gallery_entries.desk import Desk
+    from obc_ros.cli.gallery_entries.entry import Entry
+
+HEADER = ('entry', '', 'numbers', 'worst: measured', 'exact', 'error', 'time')
+COLOURS = {'holds': 'green', 'does not hold': 'red'}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `obc gallery`."""
+    parser.add_argument('names', nargs='*', metavar='NAME', help='which ones (default: all)')
+    parser.add_argument('--out', type=Path, default=Path('out/gallery'), metavar='DIR',
+                        help='where page, figures and numbers go (default: out/gallery)')
+    parser.add_argument('--list', action='store_true', help='only say which ones there are')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Work the entries; 0 if every number of theirs holds, 1 if not, 2 for an unknown name."""
+    from obc_ros.cli.gallery_entries.all import ENTRIES  # matplotlib takes a second
+    known = {entry.name: entry for entry in ENTRIES}
+    unknown = [name for name in args.names if name not in known]
+    if unknown:
+        print(f"obc gallery: no entry '{unknown[0]}'; there are {', '.join(known)}",
+              file=sys.stderr)
+        return 2
+    if args.list:
+        width = max(map(len, known))
+        print('\n'.join(f'{name:{width}}  {entry.title}' for name, entry in known.items()))
+        return 0
+    chosen = [entry for name, entry in known.items() if not args.names or name in args.names]
+    begun = time.monotonic()
+    try:
+        records = work_all(chosen, args.out)
+        write(args.out, records, list(known))
+    except (ObcError, OSError) as error:  # a folder that cannot be written, a full disk
+        print(f'obc gallery: {error}', file=sys.stderr)
+        return 1
+    _show(records)
+    print(f'{len(records)} entries in {time.monotonic() - begun:.1f} s: '
+          f'{args.out / "index.html"}')
+    return 0 if all(record['holds'] for record in records) else 1
+
+
+def work_all(entries: Sequence['Entry'], out: Path) -> list[dict[str, Any]]:
+    """Return the records of entries, worked with a server on a domain of their own."""
+    from obc_ros.cli.client import served
+    from obc_ros.cli.gallery_entries.desk import Desk
+    from obc_ros.cli.processes import Children, free_domain, isolate
+    records = []
+    with free_domain() as domain:
+        isolate(domain)
+        with (Children(out / 'log') as children, served(children) as client,
+              terminal.progress() as lines):
+            desk = Desk(client, out / 'recordings')
+            for entry in entries:
+                lines.update(entry.name, entry.title)
+                records.append(work(entry, desk, out))
+                children.check()
+                lines.end(entry.name, f'{_verdict(records[-1])}, {records[-1]["seconds"]:.1f} s')
+    return records
+
+
+def work(entry: 'Entry', desk: 'Desk', out: Path) -> dict[str, Any]:
+    """Return the record of one entry, its figure drawn; what fails is told in it."""
+    import matplotlib
+    from obc_ros.cli import figures
+    from obc_ros.cli.client import ServerLostError
+    from obc_ros.cli.processes import InterruptedByUserError
+    begun = time.monotonic()
+    desk.begin(entry.name)
+    record: dict[str, Any] = {
+        'name': entry.name, 'label': label(entry.name), 'title': entry.title,
+        'source': entry.source, 'statement': list(entry.statement), 'erratum': entry.erratum,
+        'finding': '', 'notes': [], 'rows': [], 'figure': '', 'message': '', 'holds': False}
+    try:
+        with matplotlib.rc_context(figures.STYLE):
+            answer = entry.run(desk)
+            figures.save(answer.figure, out / f'{entry.name}.png')
+    except (InterruptedByUserError, ServerLostError):
+        raise
+    except ObcError as error:
+        record['message'] = str(error)
+    else:
+        record |= {'finding': answer.finding, 'notes': list(answer.notes),
+                   'rows': [row.as_json() for row in answer.rows], 'figure': f'{entry.name}.png'}
+        record['holds'] = bool(record['rows']) and all(row['holds'] for row in record['rows'])
+    return record | {'commands': desk.commands, 'seconds': time.monotonic() - begun}
+
+
+def label(name: str) -> str:
+    """Return the name of an entry as the book has it."""
+    kind, _, number = name.rpartition('-')
+    return f'{(kind or "example").capitalize()} {number}'
+
+
+def write(out: Path, records: Sequence[dict[str, Any]], order: Sequence[str]) -> None:
+    """Write ``gallery.json`` and ``index.html``, with the records that are there of others."""
+    from obc_ros.cli.gallery_entries.page import page
+    from obc_ros.cli.results import plain
+    from obc_ros.cli.results import write as write_json
+    before = out / 'gallery.json'
+    try:
+        known = json.loads(before.read_text(encoding='utf-8'))['entries']
+        found = {record['name']: record for record in known if record['name'] in order}
+        page(known)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):  # none, or of another kind
+        found = {}
+    found |= {record['name']: plain(record) for record in records}
+    entries = [found[name] for name in order if name in found]
+    write_json(out, 'gallery', {'entries': entries})
+    (out / 'index.html').write_text(page(entries), encoding='utf-8')
+
+
+def _verdict(record: dict[str, Any]) -> str:
+    return 'holds' if record['holds'] else 'does not hold'
+
+
+def _show(records: Sequence[dict[str, Any]]) -> None:
+    terminal.table(HEADER, [_row(record) for record in records], COLOURS)
+    from obc_ros.cli.gallery_entries.page import plain_text
+    for record in records:
+        if record['message']:
+            print(f'{record["name"]}: {record["message"]}')
+        for row in record['rows']:
+            if not row['holds']:
+                print(f'{record["name"]}: {plain_text(row["what"])}: {row["measured"]:.10g}, '
+                      f'exact {row["exact"]:.10g}, error {row["error"]:.1e}')
+
+
+def _row(record: dict[str, Any]) -> tuple[str, ...]:
+    rows = record['rows']
+    took = f'{record["seconds"]:.1f} s'
+    if not rows:
+        return record['name'], _verdict(record), '', '', '', '', took
+    worst = max(rows, key=lambda row: row['error'])
+    return (record['name'], _verdict(record), str(sum(row['values'] for row in rows)),
+            f'{worst["measured"]:.10g}', f'{worst["exact"]:.10g}', f'{worst["error"]:.1e}', took)

@@ -1,0 +1,118 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the gallery is made of: entries, and rows of measured beside exact numbers."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TYPE_CHECKING
+
+from matplotlib.figure import Figure
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from obc_ros.core.errors import ObcError
+
+if TYPE_CHECKING:
+    from obc_ros.cli.gallery_entries.desk import Desk
+
+TOLERANCE = 1e-6
+
+
+class UnansweredError(ObcError):
+    """The nodes did not answer what an entry needs an answer to."""
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """
+    A quantity as the nodes answered it, beside what it must be.
+
+    Attributes
+    ----------
+    what : str
+        Its name, with the unit; in the markup of `page`.
+    measured, exact : array_like
+        Of one shape.
+    by : str
+        Where `exact` comes from: a formula, or an independent computation.
+    tolerance : float
+        That the error must not exceed.
+
+    """
+
+    what: str
+    measured: ArrayLike
+    exact: ArrayLike
+    by: str
+    tolerance: float = TOLERANCE
+
+    @property
+    def error(self) -> float:
+        """Return the largest difference over the largest exact value (or 1, if that is less)."""
+        measured, exact = (np.asarray(each, dtype=float) for each in (self.measured, self.exact))
+        if measured.shape != exact.shape or not measured.size:
+            return np.inf
+        error = np.abs(measured - exact).max() / max(1.0, np.abs(exact).max())
+        return float(error) if np.isfinite(error) else np.inf
+
+    @property
+    def holds(self) -> bool:
+        """Return whether the error is within the tolerance."""
+        return self.error <= self.tolerance
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what ``gallery.json`` holds of it; of many values the worst one."""
+        measured, exact = (np.asarray(each, dtype=float).ravel()
+                           for each in (self.measured, self.exact))
+        worst = int(np.argmax(np.abs(measured - exact))) if measured.shape == exact.shape else 0
+        return {'what': self.what, 'measured': float(measured[worst]),
+                'exact': float(exact[worst]), 'values': int(measured.size), 'error': self.error,
+                'tolerance': self.tolerance, 'by': self.by, 'holds': self.holds}
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """
+    What an entry came to.
+
+    `notes` are sentences on what the figure shows; `finding` is what was found where the book is
+    wrong. Both are in the markup of `page`.
+    """
+
+    rows: Sequence[Row]
+    figure: Figure
+    notes: Sequence[str] = ()
+    finding: str = ''
+
+
+@dataclass(frozen=True)
+class Entry:
+    """
+    An example, a theorem or an exercise of the chapter.
+
+    Attributes
+    ----------
+    name : str
+        As on the command line: '2.5', 'theorem-2.1', 'exercise-2.4'.
+    title : str
+    source : str
+        Where it stands in the book.
+    statement : tuple of str
+        Paragraphs, in the markup of `page`.
+    run : callable
+        Takes a `Desk` and returns the `Answer`.
+    erratum : str
+        What the book prints and what is right; empty if it is right.
+
+    """
+
+    name: str
+    title: str
+    source: str
+    statement: tuple[str, ...]
+    run: Callable[['Desk'], Answer]
+    erratum: str = ''
+
+
+def column(values: NDArray[np.float64], width: int) -> NDArray[np.float64]:
+    """Return row-major numbers as an array (N, width)."""
+    return np.asarray(values, dtype=float).reshape(-1, width)

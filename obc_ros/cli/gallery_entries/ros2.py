@@ -1,0 +1,67 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Requests and parameters as the `ros2` command that a person would type."""
+
+from array import array
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import yaml
+
+
+def service_call(name: str, kind: Any, request: Any) -> str:
+    """Return the command that makes a request of the trajectory server."""
+    text = _quoted(_flow(plain(request)))
+    return (f'ros2 service call /trajectory_server/{name} obc_ros/srv/{kind.__name__} {text}')
+
+
+def run_node(node: str, parameters: Mapping[str, Any]) -> str:
+    """Return the command that starts a node."""
+    given = ' '.join(f'-p {_argument(name, value)}' for name, value in parameters.items())
+    return f'ros2 run obc_ros {node} --ros-args {given}'
+
+
+def set_parameter(node: str, name: str, value: Any) -> str:
+    """Return the command that sets a parameter."""
+    return f'ros2 param set /{node} {name} {_quoted(_flow(_value(value)))}'
+
+
+def argument(name: str, value: Any) -> str:
+    """Return ``name:=value`` as a node is given it."""
+    return f'{name}:={_flow(_value(value))}'
+
+
+def plain(message: Any) -> Any:
+    """Return a message as YAML has it; what is at its default is left out."""
+    if hasattr(message, 'get_fields_and_field_types'):
+        fields = {name: plain(getattr(message, name))
+                  for name in message.get_fields_and_field_types()}
+        return {name: value for name, value in fields.items()
+                if value not in ('', [], {}, 0.0, False)}
+    if isinstance(message, (array, list)):
+        return [plain(each) for each in message]
+    return message
+
+
+def _argument(name: str, value: Any) -> str:
+    text = argument(name, value)
+    return _quoted(text) if ' ' in text or '[' in text else text
+
+
+def _value(value: Any) -> Any:
+    if isinstance(value, (bool, int, str)):
+        return value
+    numbers = np.asarray(value, dtype=float)
+    return numbers.ravel().tolist() if numbers.ndim else float(numbers)
+
+
+def _flow(value: Any) -> str:
+    text = yaml.safe_dump(value, default_flow_style=True, width=10**9, sort_keys=False)
+    return text.removesuffix('\n').removesuffix('\n...').strip()
+
+
+def _quoted(text: str) -> str:
+    for character in '\\"$`':
+        text = text.replace(character, f'\\{character}')
+    return f'"{text}"'
