@@ -202,3 +202,19 @@ def test_with_integral_action_and_cross_terms() -> None:
     law = leg(given(found.plant.system, t, np.zeros((301, 2)), 0 * t), found)[0]
     np.testing.assert_allclose(law.along.at(3.0).K, found.K, rtol=1e-9)
     np.testing.assert_allclose(law.along.at(0.0).K, found.K, rtol=1e-6)  # it stays there
+
+
+def test_an_answer_that_ends_at_rest_is_held_there() -> None:
+    """Solvers leave 1e-8 of a speed; the end is rest all the same, with the input that holds."""
+    found = design(plant(systems.get('aircraft')), {})
+    system, T = found.plant.system, np.linspace(0.0, 2.0, 21)
+    x = np.outer(T / 2.0, [1.0, 2.0, 0.0, 0.5, 0.0, 0.0])
+    x[-1] = [1.0, 2.0, 1e-8, -2e-8, 3e-8, 1e-8]
+    u = [[0.3, 45.0]] * 21
+    law, words = leg(given(system, T, x, u), found)
+    assert words == 'then its end is held'
+    np.testing.assert_allclose(law.after.x, [1.0, 2.0, 0, 0, 0, 0], atol=1e-7)
+    np.testing.assert_allclose(system.f(np.array(law.after.x), np.array(law.after.u)), 0.0,
+                               atol=1e-9)
+    x[-1, 3] = 0.5
+    assert 'the set point is held, as no input holds' in leg(given(system, T, x, u), found)[1]

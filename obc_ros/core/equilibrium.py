@@ -91,6 +91,24 @@ def equilibrium(
     return Equilibrium(best.x, best.u, drift)
 
 
+def nearest(system: System, x: Array, u: Array) -> Equilibrium:
+    """
+    Return the equilibrium next to a state that nearly is one, such as the end of an answer.
+
+    The inputs, from `u` (m,), have to hold x (n,) as well as they can; then the states move too.
+
+    Raises
+    ------
+    DynamicsError
+        If there is none to be found.
+
+    """
+    inputs, held = np.arange(system.n + system.m) >= system.n, ~_may_move_on(system)
+    best = _solve(system, np.concatenate([x, u]), inputs, held)
+    best = _newton(system, np.concatenate([best.x, best.u]), inputs | True, held)
+    return equilibrium(system, best.x, best.u)
+
+
 def linearize(system: System, x: Array, u: Array) -> tuple[Array, Array]:
     """
     Return A = df/dx and B = df/du at state x (n,) and input u (m,).

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core import stretches
 from obc_ros.core.control import Leg, Reference
-from obc_ros.core.design import Design, design_again, plant
-from obc_ros.core.equilibrium import linearize
+from obc_ros.core.design import Design, design_again, Plant, plant
+from obc_ros.core.equilibrium import linearize, nearest
 from obc_ros.core.errors import DynamicsError, RefusedDesignError, StatementError
 from obc_ros.core.regulator import Point, Regulator, Rows, rows, Vector, vector
 from obc_ros.core.sampled import discretised
@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 
 MOST = 200_000  # samples
 _INTERVALS = 300  # of the gain; in between it is interpolated
+_AT_REST = 1e-5   # of a state's size: how near to rest an answer ends that is to end at rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,9 +160,9 @@ def _between(a: Vector, b: Vector, part: float) -> Vector:
 
 def _end(along: Course, found: Design) -> tuple[Regulator, Array, str]:
     """Return the regulator that goes on from the end, its P, and what it does in words."""
-    system, x, u = found.plant.system, along.x[-1], along.u[-1]
+    system, x = found.plant.system, along.x[-1]
     try:
-        there = plant(system, x.tolist(), u.tolist())
+        there = _place(system, along)
     except DynamicsError as error:
         return found.regulator, found.lqr.P, f'then the set point is held, as {error}'
     try:
@@ -171,6 +172,18 @@ def _end(along: Course, found: Design) -> tuple[Regulator, Array, str]:
                           (0.0,) * system.n)
         return still, found.lqr.P, f'then its end is not held but left alone: {error}'
     return held.regulator, held.lqr.P, 'then its end is held'
+
+
+def _place(system: System, along: Course) -> Plant:
+    """Return the plant at the end of a reference, or at the rest that it was solved to end in."""
+    x, u, size = along.x[-1], along.u[-1], np.abs(along.x).max(axis=0)
+    try:
+        return plant(system, x.tolist(), u.tolist())
+    except DynamicsError:
+        near = nearest(system, x, u)
+        if (np.abs(near.x - x) > _AT_REST * np.maximum(size, 1e-2 * size.max())).any():
+            raise
+        return plant(system, near.x.tolist(), near.u.tolist())
 
 
 def _gains(along: Course, found: Design, grid: Array, P1: Array) -> list[Array]:
