@@ -41,7 +41,7 @@ def test_gains_are_those_of_the_riccati_equation() -> None:
     t = np.linspace(0.0, T, 601)
     along = given(found.plant.system, t, np.stack([t, np.ones_like(t)], axis=1), 0 * t)
     law = leg(along, found)[0].along
-    grid = np.array(law.grid)  # type: ignore[attr-defined]
+    grid = np.array(law.gains.grid)  # type: ignore[attr-defined]
     _, K = finite_horizon(found.plant.A, found.plant.B, found.weights.Qx, found.weights.Qu,
                           found.lqr.P, grid, T)
     np.testing.assert_allclose([law.at(s).K for s in grid], K, rtol=1e-9, atol=1e-12)
@@ -213,8 +213,8 @@ def test_an_answer_that_ends_at_rest_is_held_there() -> None:
     u = [[0.3, 45.0]] * 21
     law, words = leg(given(system, T, x, u), found)
     assert words == 'then its end is held'
-    np.testing.assert_allclose(law.after.x, [1.0, 2.0, 0, 0, 0, 0], atol=1e-7)
-    np.testing.assert_allclose(system.f(np.array(law.after.x), np.array(law.after.u)), 0.0,
-                               atol=1e-9)
+    end = law.after.at(0.0)
+    np.testing.assert_allclose(end.x, [1.0, 2.0, 0, 0, 0, 0], atol=1e-7)
+    np.testing.assert_allclose(system.f(np.array(end.x), np.array(end.u)), 0.0, atol=1e-7)
     x[-1, 3] = 0.5
     assert 'the set point is held, as no input holds' in leg(given(system, T, x, u), found)[1]
