@@ -7,7 +7,7 @@ import math
 
 from hypothesis import given, settings, strategies
 import numpy as np
-from obc_ros.core.control import Control, Integral, Leg, Prediction, Reference, Rules
+from obc_ros.core.control import Control, Leg, Prediction, Reference, Rules
 from obc_ros.core.loop import Loop
 from obc_ros.core.regulator import feedback, Limits, Point, Regulator, rows, vector
 import pytest
@@ -20,10 +20,10 @@ K = ((1.0, 2.0),)
 
 def control(x: tuple[float, ...] = (0.0, 0.0), u: float = 0.0, drift: tuple[float, ...] = (0, 0),
             gain: tuple[tuple[float, ...], ...] = K, limits: tuple[tuple[float], ...] = FREE,
-            **options: object) -> Control:
+            Ki: tuple[tuple[float, ...], ...] = (), **options: object) -> Control:
     """Return a control of a plant with two states and an input."""
     rules = options.pop('rules', Rules())
-    return Control(Regulator(x, (u,), gain, drift), Limits(*limits), options.pop('rest', (u,)),
+    return Control(Regulator(x, (u,), gain, drift, Ki), Limits(*limits), options.pop('rest', (u,)),
                    ('px', 'vx'), rules, **options)  # type: ignore[arg-type]
 
 
@@ -116,7 +116,7 @@ def test_a_late_state_is_dropped() -> None:
 
 def test_a_repeated_stamp_is_answered_alike() -> None:
     """A plant that asks again gets the same answer; nothing is integrated twice."""
-    loop = Loop(control(integral=Integral(((1.0, 0.0),), ((5.0,),))))
+    loop = Loop(control(C=((1.0, 0.0),), Ki=((5.0,),)))
     first = answers(loop, (0.0, [1.0, 0.0]), (0.1, [1.0, 0.0]))[-1]
     assert answers(loop, (0.1, [1.0, 0.0]), (0.1, [1.0, 0.0])) == [first, first]
     assert loop.counts['repeated'] == 2
@@ -125,7 +125,7 @@ def test_a_repeated_stamp_is_answered_alike() -> None:
 @pytest.mark.parametrize('stamps', [(100.0, 0.0), (0.3, 0.0, 0.005)])
 def test_time_that_goes_back_starts_again(stamps: tuple[float, ...]) -> None:
     """A plant that was reset is answered; two states in a row are not out of order."""
-    loop = Loop(control(integral=Integral(((1.0, 0.0),), ((1.0,),))))
+    loop = Loop(control(C=((1.0, 0.0),), Ki=((1.0,),)))
     assert answers(loop, (stamps[0] - 0.1, [1.0, 0.0]), (stamps[0], [1.0, 0.0]))[-1] == [-1.1]
     given = answers(loop, *((t, [1.0, 0.0]) for t in stamps[1:]))
     assert given[-1] == [-1.0]  # without the integral of before
@@ -349,8 +349,8 @@ def test_preview_is_the_jump() -> None:
 
 def test_integral_removes_a_constant_error() -> None:
     """A pushed double integrator comes to rest at the set point only with integral action."""
-    def final_error(integral: Integral | None) -> float:
-        loop = Loop(control(gain=((6.0, 4.0),), integral=integral))
+    def final_error(**integral: object) -> float:
+        loop = Loop(control(gain=((6.0, 4.0),), **integral))
         x, v, dt = 0.0, 0.0, 0.01
         for k in range(4_000):
             u = loop.answer(round(k * dt * S), [x, v], k * dt)
@@ -359,13 +359,13 @@ def test_integral_removes_a_constant_error() -> None:
             x, v = x + v * dt + acceleration * dt**2 / 2, v + acceleration * dt
         return abs(x)
 
-    assert final_error(None) == pytest.approx(1 / 6, rel=1e-3)
-    assert final_error(Integral(((1.0, 0.0),), ((3.0,),))) < 1e-6
+    assert final_error() == pytest.approx(1 / 6, rel=1e-3)
+    assert final_error(C=((1.0, 0.0),), Ki=((3.0,),)) < 1e-6
 
 
 def test_integral_is_the_trapezoidal_rule() -> None:
     """dz/dt = C (x - xr)."""
-    loop = Loop(control(gain=((0.0, 0.0),), integral=Integral(((2.0, 0.0),), ((1.0,),))))
+    loop = Loop(control(gain=((0.0, 0.0),), C=((2.0, 0.0),), Ki=((1.0,),)))
     t = np.linspace(0.0, 0.4, 41)
     u = [loop.answer(round(s * S), [s, 0.0], s) for s in t]
     np.testing.assert_allclose(np.ravel(u), -t**2, atol=1e-12)  # exact for a straight line
@@ -375,7 +375,7 @@ def test_integral_is_the_trapezoidal_rule() -> None:
 def test_anti_windup(push: float) -> None:
     """While the input is at its limit, the integral does not grow what cannot be given."""
     loop = Loop(control(gain=((1.0, 0.0),), limits=((-2.0,), (2.0,)),
-                        integral=Integral(((1.0, 0.0),), ((1.0,),))))
+                        C=((1.0, 0.0),), Ki=((1.0,),)))
     for k in range(1_000):
         u = loop.answer(k * 10 * MS, [push * 3.0, 0.0], k * 0.01)
     assert u == [-2.0 * push]
@@ -386,7 +386,7 @@ def test_anti_windup(push: float) -> None:
 
 def test_nothing_is_integrated_over_a_gap() -> None:
     """Nobody knows what the plant did while no state came."""
-    loop = Loop(control(gain=((0.0, 0.0),), integral=Integral(((1.0, 0.0),), ((1.0,),))))
+    loop = Loop(control(gain=((0.0, 0.0),), C=((1.0, 0.0),), Ki=((1.0,),)))
     given = answers(loop, (0.0, [1.0, 0.0]), (0.1, [1.0, 0.0]), (9.1, [1.0, 0.0]))
     np.testing.assert_allclose(given, [[0.0], [-0.1], [-0.1]], atol=1e-15)
 
@@ -427,7 +427,7 @@ def test_no_command_is_ever_out_of_the_limits(
     """Whatever comes in whatever order, a command is finite and within the limits."""
     loop = Loop(control(limits=((-2.0,), (2.0,)), rest=(1.0,), drift=(1.0, 0.0),
                         rules=Rules(transition_time=0.5, on_stale='hold'),
-                        integral=Integral(((1.0, 0.0),), ((1.0,),))))
+                        C=((1.0, 0.0),), Ki=((1.0,),)))
     for stamp, x, now, what in events:
         u = None
         if what == 'state':

@@ -4,7 +4,7 @@
 
 from dataclasses import dataclass
 
-from obc_ros.core.regulator import Law, Limits, Regulator, Rows, Vector
+from obc_ros.core.regulator import Gains, Law, Limits, Regulator, Rows, Vector
 
 STALE = ('equilibrium', 'hold', 'silent')
 ENVELOPE = ('stop', *STALE)
@@ -20,19 +20,48 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class Leg:
-    """A reference with the law along it, and the regulator that goes on from its end."""
+    """A reference with the law along it, and the one that goes on from its end."""
 
     reference: Reference
     along: Law
-    after: Regulator
+    after: Law
 
 
-@dataclass(frozen=True)
-class Integral:
-    """Integral action -Ki z, dz/dt = C (x - xr): C (p, n), Ki (m, p)."""
+@dataclass(frozen=True, eq=False)
+class Horizon:
+    """
+    A set point that is to be reached within a time.
 
-    C: Rows
-    Ki: Rows
+    Attributes
+    ----------
+    time : float
+        [s]
+    gains : Gains
+        Against the time since it was given or the law began.
+
+    """
+
+    time: float
+    gains: Gains
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """
+    Gains that follow a variable, such as the speed.
+
+    Attributes
+    ----------
+    gains : Gains
+        Against the variable.
+    input : int
+        Index of the input that is the variable, where it is not measured; -1: it is a parameter
+        of the plant, and the gains hold along references too.
+
+    """
+
+    gains: Gains
+    input: int
 
 
 @dataclass(frozen=True)
@@ -79,6 +108,8 @@ class Rules:
         'stop' (latched) or as `on_stale`.
     transition_time : float
         Time [s] in which the jump of a change decays; 0: it is not smoothed.
+    stamp_timeout : float
+        Difference of a state's stamp to the clock [s] beyond which it is dropped; 0: any.
 
     """
 
@@ -88,6 +119,7 @@ class Rules:
     x_limits: tuple[tuple[float, float], ...] = ()
     on_envelope: str = 'stop'
     transition_time: float = 0.0
+    stamp_timeout: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,8 +139,12 @@ class Control:
     rules : Rules
     legs : tuple of Leg
         References in the order of their beginnings; the last that has begun is followed.
-    integral : Integral, optional
+    C : tuple of tuple of float
+        (p, n) outputs with integral action: the input has the part -w, dw/dt = Ki C (x - xr), so
+        that a gain which changes leaves what was learned of a constant disturbance.
     prediction : Prediction, optional
+    horizon : Horizon, optional
+    schedule : Schedule, optional
 
     """
 
@@ -118,5 +154,7 @@ class Control:
     names: tuple[str, ...]
     rules: Rules = Rules()
     legs: tuple[Leg, ...] = ()
-    integral: Integral | None = None
+    C: Rows = ()
     prediction: Prediction | None = None
+    horizon: Horizon | None = None
+    schedule: Schedule | None = None

@@ -134,7 +134,8 @@ class Design:
     def regulator(self) -> Regulator:
         """Return the law about the set point."""
         at = self.plant.equilibrium
-        return Regulator(vector(at.x), vector(at.u), rows(self.K), vector(at.drift))
+        return Regulator(vector(at.x), vector(at.u), rows(self.K), vector(at.drift),
+                         rows(self.Ki) if len(self.C) else ())
 
 
 def plant(system: System, setpoint: Sequence[float] = (), setpoint_input: Sequence[float] = ()

@@ -4,21 +4,33 @@
 Following a reference xd(t), ud(t): the cost in terms of (x - xd) and (u - ud).
 
 u = ud(t) - K(t) (x - xd(t)), where K = Qu^-1 (B'P + N') and P solves the Riccati differential
-equation (2.7) along the path, backwards from the design that holds its end.
+equation (2.7) along the path, backwards from a terminal weight P1 or from the design that holds
+its end. A set point that is to be reached within a horizon is such a path, too.
 """
 
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core import stretches
-from obc_ros.core.control import Leg, Reference
+from obc_ros.core.control import Horizon, Leg, Reference
 from obc_ros.core.design import Design, design_again, Plant, plant
 from obc_ros.core.equilibrium import linearize, nearest
 from obc_ros.core.errors import DynamicsError, RefusedDesignError, StatementError
-from obc_ros.core.regulator import Point, Regulator, Rows, rows, Vector, vector
+from obc_ros.core.regulator import (
+    between,
+    Gains,
+    Law,
+    Point,
+    Regulator,
+    Rows,
+    rows,
+    Settling,
+    Vector,
+    vector,
+)
 from obc_ros.core.sampled import discretised
 from obc_ros.core.system import System
 
@@ -26,6 +38,7 @@ Array = NDArray[np.float64]
 
 MOST = 200_000  # samples
 _INTERVALS = 300  # of the gain; in between it is interpolated
+_HALVINGS = 20  # of the last interval, where a terminal weight changes the gain fast
 _AT_REST = 1e-5   # of a state's size: how near to rest an answer ends that is to end at rest
 
 
@@ -95,9 +108,18 @@ def course(system: System, names: tuple[Sequence[str], Sequence[str]], t: Sequen
                   interpolation == 'zoh')
 
 
-def leg(along: Course, found: Design) -> tuple[Leg, str]:
+def leg(along: Course, found: Design, P1: Array | None = None) -> tuple[Leg, str]:
     """
     Return the law along a reference, with the weights of a design, and how it ends in words.
+
+    Parameters
+    ----------
+    along : Course
+        The reference.
+    found : Design
+        Of the same system.
+    P1 : ndarray, shape (n, n), optional
+        Terminal weight; without it the cost goes on with the design that holds the end.
 
     Raises
     ------
@@ -105,15 +127,32 @@ def leg(along: Course, found: Design) -> tuple[Leg, str]:
         If the system cannot be linearised along it.
 
     """
-    after, P1, ending = _end(along, found)
-    length, period = along.t[-1] - along.t[0], found.lqr.period
-    cells = min(_INTERVALS, len(along.t) - 1)
-    if period:
-        cells = max(1, min(cells, int(length / period)))
-    grid = np.linspace(along.t[0], along.t[-1], cells + 1)
-    return Leg(along.reference, Path(
-        vector(along.t), rows(along.x), rows(along.u), along.holds, vector(grid),
-        tuple(rows(K) for K in _gains(along, found, grid, P1))), after), ending
+    at_end, after, ending = _end(along, found)
+    grid = _grid(along.t[0], along.t[-1], found, P1)
+    gains = _gains(grid, found, _terminal(at_end, P1), lambda t: linearize(
+        found.plant.system, *_sample(along, t)))
+    path = Path(vector(along.t), rows(along.x), rows(along.u), along.holds, gains)
+    return Leg(along.reference, path, _settling(gains, after, at_end, P1)), ending
+
+
+def horizon(found: Design, time: float, P1: Array | None = None) -> Horizon:
+    """
+    Return the gains that reach a set point within a time, and the one of the design afterwards.
+
+    Parameters
+    ----------
+    found : Design
+        That holds the set point.
+    time : float
+        Horizon T [s].
+    P1 : ndarray, shape (n, n), optional
+        Terminal weight; without it the gain is that of the design from the beginning.
+
+    """
+    plant = found.plant
+    gains = _gains(_grid(0.0, time, found, P1), found, _terminal(found, P1),
+                   lambda _: (plant.A, plant.B))
+    return Horizon(time, _continued(gains, found))
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,10 +164,8 @@ class Path:
     ----------
     t, x, u, holds
         As of a `Course`.
-    grid : tuple of float
-        Equidistant times of the gains.
-    gains : tuple
-        An (m, n) gain for each of them.
+    gains : Gains
+        Against t.
 
     """
 
@@ -136,8 +173,7 @@ class Path:
     x: Rows
     u: Rows
     holds: bool
-    grid: Vector
-    gains: tuple[Rows, ...]
+    gains: Gains
 
     def at(self, t: float) -> Point:
         """Return reference and gain at time t [s]; before the first sample that one."""
@@ -146,32 +182,25 @@ class Path:
         while self.t[k] == self.t[k + 1]:
             k -= 1  # the last sample stands twice
         part = (t - self.t[k]) / (self.t[k + 1] - self.t[k])
-        u = self.u[k] if self.holds else _between(self.u[k], self.u[k + 1], part)
-        place = (t - self.grid[0]) / (self.grid[-1] - self.grid[0]) * (len(self.grid) - 1)
-        j = min(int(place), len(self.grid) - 2)
-        K = tuple([_between(a, b, place - j)
-                   for a, b in zip(self.gains[j], self.gains[j + 1], strict=True)])
-        return Point(_between(self.x[k], self.x[k + 1], part), u, K)
+        u = self.u[k] if self.holds else between(self.u[k], self.u[k + 1], part)
+        return Point(between(self.x[k], self.x[k + 1], part), u, *self.gains.at(t))
 
 
-def _between(a: Vector, b: Vector, part: float) -> Vector:
-    return tuple([p + part * (q - p) for p, q in zip(a, b, strict=True)])
-
-
-def _end(along: Course, found: Design) -> tuple[Regulator, Array, str]:
-    """Return the regulator that goes on from the end, its P, and what it does in words."""
+def _end(along: Course, found: Design) -> tuple[Design, Regulator, str]:
+    """Return the design there, the regulator that goes on from the end, and that in words."""
     system, x = found.plant.system, along.x[-1]
     try:
         there = _place(system, along)
     except DynamicsError as error:
-        return found.regulator, found.lqr.P, f'then the set point is held, as {error}'
+        return found, found.regulator, f'then the set point is held, as {error}'
     try:
         held = design_again(found, there)
     except RefusedDesignError as error:
-        still = Regulator(vector(x), there.rest, ((0.0,) * system.n,) * system.m,
-                          (0.0,) * system.n)
-        return still, found.lqr.P, f'then its end is not held but left alone: {error}'
-    return held.regulator, held.lqr.P, 'then its end is held'
+        still = Regulator(
+            vector(x), there.rest, ((0.0,) * system.n,) * system.m, (0.0,) * system.n,
+            ((0.0,) * len(found.C),) * system.m)
+        return found, still, f'then its end is not held but left alone: {error}'
+    return held, held.regulator, 'then its end is held'
 
 
 def _place(system: System, along: Course) -> Plant:
@@ -186,20 +215,64 @@ def _place(system: System, along: Course) -> Plant:
         return plant(system, near.x.tolist(), near.u.tolist())
 
 
-def _gains(along: Course, found: Design, grid: Array, P1: Array) -> list[Array]:
-    """Return the gains (m, n) at the times of a grid, backwards from P1 at the last."""
+def _terminal(found: Design, P1: Array | None) -> Array:
+    """Return the terminal weight of the plant with the integrals."""
+    P, n = found.lqr.P, found.plant.system.n
+    if P1 is None:
+        return P
+    whole = np.zeros_like(P)
+    whole[:n, :n], whole[n:, n:] = P1, P[n:, n:]
+    return whole
+
+
+def _settling(gains: Gains, after: Regulator, at_end: Design, P1: Array | None) -> Law:
+    """Return the regulator, its gain on the way from the last of the path."""
+    if P1 is None or after.K != at_end.regulator.K:
+        return after
+    end = gains.grid[-1]
+    return Settling(after, _continued(
+        Gains((0.0,), *((each[-1],) for each in (gains.K, gains.Ki))), at_end)
+    ) if end else after
+
+
+def _continued(gains: Gains, found: Design) -> Gains:
+    """Return gains that go over to those of a design, as fast as its fastest pole."""
+    speed, period = np.abs(found.lqr.E), found.lqr.period
+    if period:
+        speed = np.abs(np.log(np.maximum(speed, 1e-12))) / period
+    time = max(period, 1.0 / float(speed.max()))
+    last = found.regulator
+    return Gains((*gains.grid, gains.grid[-1] + time), (*gains.K, last.K), (*gains.Ki, last.Ki))
+
+
+def _grid(begin: float, end: float, found: Design, P1: Array | None) -> Array:
+    """Return the times of the gains: equidistant, and closer before a terminal weight."""
+    length, period = end - begin, found.lqr.period
+    cells = min(_INTERVALS, max(1, int(length / period))) if period else _INTERVALS
+    grid = np.linspace(begin, end, cells + 1)
+    if P1 is None or period:
+        return grid
+    last = (end - grid[-2]) * 0.5**np.arange(1, _HALVINGS + 1)
+    return np.concatenate([grid[:-1], end - last, [end]])
+
+
+def _gains(grid: Array, found: Design, P1: Array,
+           linear: Callable[[float], tuple[Array, Array]]) -> Gains:
+    """Return the gains at the times of a grid, backwards from P1 at the last."""
     n, P, gains = found.plant.system.n, P1, []
     step = _sampled_step if found.lqr.period else _step
     for k in range(len(grid) - 1, -1, -1):
         # of an interval its middle, of the end the end
         is_end = k == len(grid) - 1
         time = grid[k] if is_end else 0.5 * (grid[k] + grid[k + 1])
-        A, B = found.augmented(*linearize(found.plant.system, *_sample(along, float(time))))
+        A, B = found.augmented(*linear(float(time)))
         P, K = step(A, B, found, P, 0.0 if is_end else float(grid[k + 1] - grid[k]))
-        gains.append(K[:, :n])
+        gains.append(K)
     if not all(np.isfinite(K).all() for K in gains):
         raise DynamicsError('the gain along the reference is not finite')
-    return gains[::-1]
+    gains.reverse()
+    return Gains(vector(grid), tuple(rows(K[:, :n]) for K in gains),
+                 tuple(rows(K[:, n:]) if len(found.C) else () for K in gains))
 
 
 def _step(A: Array, B: Array, found: Design, P: Array, time: float) -> tuple[Array, Array]:

@@ -13,12 +13,21 @@ from collections.abc import Sequence
 from dataclasses import replace
 import math
 from operator import mul, sub
+from typing import NamedTuple
 
-from obc_ros.core.control import Control, Integral, Prediction
-from obc_ros.core.regulator import feedback, Point, Regulator
+from obc_ros.core.control import Control, Prediction, Schedule
+from obc_ros.core.regulator import feedback, Law, Point, Regulator, Settling
+from obc_ros.core.stamps import age, NS, Order
 
-NS = 1e-9  # [s]
 _AGAIN = 1.0  # [s] until the same thing is told again
+
+
+class _Running(NamedTuple):
+    """The law in force, the stamp [ns] of its t = 0, and whether it is that of the set point."""
+
+    law: Law
+    origin: int
+    is_setpoint: bool = False
 
 
 class Loop:
@@ -35,7 +44,7 @@ class Loop:
     ----------
     counts : collections.Counter
         Of what has happened: answered, saturated, skipped, repeated, late, restarted, stale,
-        outside, and each reason of dropping a state (size, finite, command).
+        outside, and each reason of dropping a state (size, finite, old, ahead, command).
     news : collections.deque of str
         What should be told, oldest first; the same thing at most once a second.
     stamp : int or None
@@ -48,6 +57,8 @@ class Loop:
         Why the loop is stopped; empty while it is not.
     is_stale, is_outside : bool
         Whether the states fail to come, and whether the last was outside `x_limits`.
+    lag : float or None
+        Age of the last state [s] by its stamp; None: not known.
 
     """
 
@@ -60,14 +71,16 @@ class Loop:
         self.error: list[float] | None = None
         self.stopped = ''
         self.is_stale = self.is_outside = False
+        self.lag: float | None = None
         self._control = self._next = control
-        self._clock = _Clock()
+        self._order = Order()
         self._seen = self._spoken = self._now = -math.inf
         self._told: dict[str, float] = {}
         self._excess: Sequence[float] = ()
         self._since: int | None = None
         self._jump: list[float] | None = None
         self._past: deque[list[float]] = deque()
+        self._measured: float | None = None
         self._begin(control)
 
     @property
@@ -87,7 +100,8 @@ class Loop:
         """End a stop."""
         self.stopped = ''
 
-    def answer(self, stamp: int, x: Sequence[float], now: float) -> list[float] | None:
+    def answer(self, stamp: int, x: Sequence[float], now: float, clock: int | None = None,
+               measured: float | None = None) -> list[float] | None:
         """
         Return the command (m,) that answers a state, or None.
 
@@ -99,13 +113,18 @@ class Loop:
             The state (n,).
         now : float
             Steady clock [s].
+        clock : int, optional
+            The clock that stamps are made by [ns]; None: they do not tell their age.
+        measured : float, optional
+            What a schedule of gains follows, where it is measured.
 
         """
         self._now = now
-        if not (self._is_usable(x, now) and self._is_in_order(stamp)):
+        if not (self._is_usable(x, now) and self._is_timely(stamp, clock, now)
+                and self._is_in_order(stamp)):
             return None
-        self.x, self._seen, self.is_stale = x, now, False
-        if not self._clock.is_due(stamp, self._next.rules.period):
+        self.x, self._seen, self.is_stale, self._measured = x, now, False, measured
+        if not self._order.is_due(stamp, self._next.rules.period):
             self.counts['skipped'] += 1
             return None
         if self._next is not self._control:
@@ -116,7 +135,7 @@ class Loop:
         if not all(map(math.isfinite, u)):
             self.drop('command', f'a command that is not finite ({u}) was dropped', now)
             return None
-        self._clock.answered = stamp
+        self._order.answered = stamp
         self._spoken, self.command = now, u
         self.counts['answered'] += 1
         return u
@@ -148,7 +167,7 @@ class Loop:
         """Return by how much (m,) a control would change the last command, or None: none yet."""
         if self.x is None or self.stamp is None or self.command is None:
             return None
-        u = self._law(control, self._reference(control, self.stamp), self.stamp, self.x)
+        u = self._input(control, self._running(control, self.stamp), self.stamp, self.x)
         control.limits.clip(u)
         return list(map(sub, u, self.command))
 
@@ -172,8 +191,18 @@ class Loop:
             return False
         return True
 
+    def _is_timely(self, stamp: int, clock: int | None, now: float) -> bool:
+        timeout = self._next.rules.stamp_timeout
+        self.lag = None if clock is None else age(stamp, clock)
+        if not timeout or self.lag is None or abs(self.lag) <= timeout:
+            return True
+        kind, words = ('old', 'before') if self.lag > 0.0 else ('ahead', 'after')
+        self.drop(kind, f'a state stamped {abs(self.lag):.3g} s {words} the time here was dropped '
+                        f'(stamp_timeout: {timeout:g} s): it is late, or the clocks differ', now)
+        return False
+
     def _is_in_order(self, stamp: int) -> bool:
-        last, order = self.stamp, self._clock.order(stamp, self._next.rules.state_timeout or 1.0)
+        last, order = self.stamp, self._order.order(stamp, self._next.rules.state_timeout or 1.0)
         if last is not None and order:
             self.counts[order] += 1
             if order == 'late':
@@ -193,14 +222,17 @@ class Loop:
             return self._instead('equilibrium')
         if self._resting:
             self._resume(control, stamp, x)
-        point = self._reference(control, stamp)
-        error = control.limits.error(x, point.x)
+        running = self._running(control, stamp)
+        if running.law is not self._followed.law:
+            self._hand_over(control, running, stamp, x)
+        here = self._point(control, running, stamp)
+        error = control.limits.error(x, here.x)
         if control.rules.x_limits and self._is_beyond(control, error):
             return self._instead('equilibrium' if self.stopped else control.rules.on_envelope)
-        if control.integral is not None:
-            self._integrate(control.integral, error, stamp)
+        if control.C:
+            self._integrate(control, here, error, stamp)
         self.error, self._since = error, stamp
-        raw = self._law(control, point, stamp, x)
+        raw = self._law(control, here, error, stamp)
         if self._jump is not None:
             self._fade(raw, stamp)
         u = raw.copy()
@@ -211,33 +243,58 @@ class Loop:
             self._remember(control.prediction, u, stamp)
         return u
 
-    def _law(self, control: Control, point: Point, stamp: int, x: Sequence[float]
-             ) -> list[float]:
-        """Return the law's input without limits."""
-        e, z = control.limits.error(x, point.x), self._z
+    def _input(self, control: Control, running: _Running, stamp: int, x: Sequence[float]
+               ) -> list[float]:
+        """Return what a law would command for a state, without limits."""
+        here = self._point(control, running, stamp)
+        return self._law(control, here, control.limits.error(x, here.x), stamp)
+
+    def _law(self, control: Control, here: Point, e: list[float], stamp: int) -> list[float]:
+        """Return the law's input at an error from the point `here`, without limits."""
+        point = here
+        z: Sequence[float] = ()
         if control.prediction is not None:
-            ahead = self._predict(control.prediction, [*e, *z], point.u)
-            e, z = ahead[:len(e)], ahead[len(e):]
+            e, z = self._predict(control.prediction, e, here.u, len(control.C))
             if control.legs:
-                point = self._reference(control, stamp + control.prediction.delay)
+                later = stamp + control.prediction.delay
+                point = self._point(control, self._running(control, later), later)
         u = feedback(point, e)
-        if control.integral is not None:
-            for j, row in enumerate(control.integral.Ki):
-                u[j] -= sum(map(mul, row, z))
+        if control.C:
+            for j, row in enumerate(point.Ki):
+                u[j] -= self._w[j] + sum(map(mul, row, z))
         return u
 
-    def _reference(self, control: Control, stamp: int) -> Point:
-        """Return where the plant should be at a stamp."""
+    def _running(self, control: Control, stamp: int) -> _Running:
+        """Return the law in force at a stamp."""
         for leg in reversed(control.legs):
-            begin, duration = leg.reference.begin, leg.reference.duration
-            t = 0.0 if begin is None else (stamp - begin) * NS
-            if t >= duration:
-                return leg.after.at(t - duration)
-            if t >= 0.0:
-                return leg.along.at(t)
-        if control is not self._control:
-            return self._moved(control, stamp).at(0.0)
-        return self._regulator.at((stamp - self._origin) * NS)
+            begin = leg.reference.begin
+            if begin is None:
+                return _Running(leg.along, stamp)
+            end = begin + round(leg.reference.duration / NS)
+            if stamp >= end:
+                return _Running(leg.after, end)
+            if stamp >= begin:
+                return _Running(leg.along, begin)
+        if control is self._control:
+            return self._setpoint
+        return _set_point(control, *self._moved(control, stamp))
+
+    def _point(self, control: Control, running: _Running, stamp: int) -> Point:
+        """Return where the plant should be at a stamp, and the gain there."""
+        point = running.law.at((stamp - running.origin) * NS)
+        schedule = control.schedule
+        if schedule is None or not (running.is_setpoint or schedule.input < 0):
+            return point
+        K, Ki = schedule.gains.at(self._variable(schedule, point))
+        return point._replace(K=K, Ki=Ki)
+
+    def _variable(self, schedule: Schedule, point: Point) -> float:
+        """Return what a schedule follows: what is measured, or else what was commanded."""
+        if self._measured is not None:
+            return self._measured
+        # before the law has answered, the plant does not yet move as it was told
+        is_moving = self._since is not None and self.command is not None
+        return (self.command if is_moving and self.command else point.u)[schedule.input]
 
     def _instead(self, action: str) -> list[float] | None:
         """Return what is commanded in place of the law."""
@@ -266,8 +323,9 @@ class Loop:
 
     def _begin(self, control: Control) -> None:
         """Forget the run."""
-        self._regulator, self._origin = control.regulator, 0
-        self._z = [0.0] * (len(control.integral.C) if control.integral else 0)
+        self._regulator = control.regulator
+        self._setpoint = self._followed = _set_point(control, control.regulator, 0)
+        self._w = [0.0] * len(control.regulator.u)
         self._excess = ()
         self._jump, self._jumped = None, 0
         self._resting = True
@@ -278,52 +336,84 @@ class Loop:
     def _resume(self, control: Control, stamp: int, x: Sequence[float]) -> None:
         """Let the law begin, or go on after something else was commanded."""
         self._resting = False
-        self._z = [0.0] * len(self._z)
+        self._w = [0.0] * len(self._w)
         self._since = None
         self._past.clear()
-        drift, now = self._regulator.drift, self._regulator.at((stamp - self._origin) * NS).x
+        drift, now = self._regulator.drift, self._set_point_at(stamp)
         here = [own if v else xr for own, xr, v in zip(x, now, drift, strict=True)]
-        self._regulator, self._origin = replace(self._regulator, x=tuple(here)), stamp
+        self._hold(control, replace(self._regulator, x=tuple(here)), stamp)
+        self._followed = self._running(control, stamp)
         if self.command is not None:
             self._smooth(control, self.command, stamp, x)
+
+    def _hold(self, control: Control, regulator: Regulator, origin: int) -> None:
+        """Make a regulator that of the set point."""
+        self._regulator, self._setpoint = regulator, _set_point(control, regulator, origin)
+
+    def _set_point_at(self, stamp: int) -> Sequence[float]:
+        return self._regulator.at((stamp - self._setpoint.origin) * NS).x
 
     def _take_over(self, new: Control, stamp: int, x: Sequence[float]) -> None:
         """Make `new` the control in use."""
         before = None
         if not (self._resting or self.stopped or self.command is None):
-            before = self._law(self._control, self._reference(self._control, stamp), stamp, x)
-            if self._jump is not None:
-                self._fade(before, stamp)
-            self._control.limits.clip(before)
-        self._regulator, self._origin = self._moved(new, stamp), stamp
+            before = self._going_on(self._followed, stamp, x)
+        self._hold(new, *self._moved(new, stamp))
         for leg in new.legs:
             if leg.reference.begin is None:
                 leg.reference.begin = stamp
-        if new.integral is None or self._control.integral is None or (
-                new.integral.C != self._control.integral.C):
-            self._z = [0.0] * (len(new.integral.C) if new.integral else 0)
+        if not (new.C and self._control.C):
+            self._w = [0.0] * len(self._w)
         self._control, self._excess = new, ()
+        self._followed = self._running(new, stamp)
         if before is not None:
             self._smooth(new, before, stamp, x)
 
-    def _moved(self, new: Control, stamp: int) -> Regulator:
-        """Return the regulator of `new` with its set point where it is at a stamp."""
+    def _hand_over(self, control: Control, running: _Running, stamp: int, x: Sequence[float]
+                   ) -> None:
+        """Go over to another law of the same control: a reference has begun or ended."""
+        before = self._going_on(self._followed, stamp, x)
+        self._followed = running
+        self._smooth(control, before, stamp, x)
+
+    def _going_on(self, running: _Running, stamp: int, x: Sequence[float]) -> list[float]:
+        """Return what would be commanded if the law stayed as it is."""
+        u = self._input(self._control, running, stamp, x)
+        if self._jump is not None:
+            self._fade(u, stamp)
+        self._control.limits.clip(u)
+        return u
+
+    def _moved(self, new: Control, stamp: int) -> tuple[Regulator, int]:
+        """Return the regulator of `new` with its set point where it is, and the stamp of t = 0."""
         old = self._control
-        moved = self._regulator.at((stamp - self._origin) * NS).x
+        moved = self._set_point_at(stamp)
         if old.legs and not new.legs:  # go on from the end of a reference
-            here = self._reference(old, stamp).x
+            here = self._point(old, self._running(old, stamp), stamp).x
             moves = map(any, zip(old.regulator.drift, new.regulator.drift, strict=True))
             moved = tuple([h if v else m for h, m, v in zip(here, moved, moves, strict=True)])
         x = [is_now if wanted == before else wanted for wanted, before, is_now in zip(
             new.regulator.x, old.regulator.x, moved, strict=True)]
-        return replace(new.regulator, x=tuple(x))
+        regulator = replace(new.regulator, x=tuple(x))
+        if new.horizon is None or self._begins_anew(new):
+            return regulator, stamp
+        origin = self._setpoint.origin
+        return replace(regulator, x=regulator.at((origin - stamp) * NS).x), origin
+
+    def _begins_anew(self, new: Control) -> bool:
+        """Return whether the horizon of `new` begins at its first state."""
+        old = self._control
+        return (old.horizon is None or new.horizon is None
+                or old.horizon.time != new.horizon.time
+                or (old.regulator.x, old.regulator.u) != (new.regulator.x, new.regulator.u)
+                or bool(old.legs) and not new.legs)
 
     def _smooth(self, new: Control, before: Sequence[float], stamp: int, x: Sequence[float]
                 ) -> None:
         """Begin a transition from the command `before`."""
         self._jump = None
         if new.rules.transition_time:
-            after = self._law(new, self._reference(new, stamp), stamp, x)
+            after = self._input(new, self._followed, stamp, x)
             self._jump, self._jumped = list(map(sub, before, after)), stamp
 
     def _fade(self, u: list[float], stamp: int) -> None:
@@ -337,33 +427,38 @@ class Loop:
         for j, jump in enumerate(self._jump):
             u[j] += left * jump
 
-    def _integrate(self, integral: Integral, error: Sequence[float], stamp: int) -> None:
+    def _integrate(self, control: Control, here: Point, error: Sequence[float], stamp: int
+                   ) -> None:
         """
-        Advance z by the trapezoidal rule.
+        Advance w, dw/dt = Ki C e, by the trapezoidal rule.
 
-        A component rests while an input is beyond a limit and the component would drive it
-        further (conditional anti-windup).
+        An output rests while an input is beyond a limit and the output would drive it further
+        (conditional anti-windup).
         """
         if self.error is None or self._since is None:
             return
         dt = (stamp - self._since) * NS
-        timeout = self._control.rules.state_timeout
+        timeout = control.rules.state_timeout
         if timeout and dt > timeout:
             return  # nobody knows what the plant did meanwhile
-        for k, row in enumerate(integral.C):
+        for k, row in enumerate(control.C):
             now = sum(map(mul, row, error))
             if not any(-gains[k] * now * excess > 0.0
-                       for gains, excess in zip(integral.Ki, self._excess, strict=False)):
-                self._z[k] += 0.5 * dt * (now + sum(map(mul, row, self.error)))
+                       for gains, excess in zip(here.Ki, self._excess, strict=False)):
+                dz = 0.5 * dt * (now + sum(map(mul, row, self.error)))
+                for j, gains in enumerate(here.Ki):
+                    self._w[j] += gains[k] * dz
 
-    def _predict(self, prediction: Prediction, e: Sequence[float], ur: Sequence[float]
-                 ) -> list[float]:
-        ahead = [sum(map(mul, row, e)) for row in prediction.Phi]
+    def _predict(self, prediction: Prediction, e: Sequence[float], ur: Sequence[float], p: int
+                 ) -> tuple[list[float], Sequence[float]]:
+        """Return the error after the delay, and by how much p integrals grow until then."""
+        whole = [*e, *[0.0] * p]
+        ahead = [sum(map(mul, row, whole)) for row in prediction.Phi]
         for Gamma, u in zip(prediction.Gammas, tuple(self._past), strict=False):
             du = list(map(sub, u, ur))
             for i, row in enumerate(Gamma):
                 ahead[i] += sum(map(mul, row, du))
-        return ahead
+        return ahead[:len(e)], ahead[len(e):]
 
     def _remember(self, prediction: Prediction, u: list[float], stamp: int) -> None:
         """Keep a command that is still to take effect; a missed period repeats the last one."""
@@ -384,36 +479,8 @@ class Loop:
             self.news.append(sentence)
 
 
-class _Clock:
-    """Which stamp is in order, and which is due."""
-
-    def __init__(self) -> None:
-        self.answered: int | None = None
-        self._last: int | None = None
-        self._late: int | None = None
-        self._due: int | None = None
-
-    def order(self, stamp: int, far: float) -> str:
-        """Return '' (later than the last), 'repeated', 'late' or 'restarted'."""
-        last, late = self._last, self._late
-        if last is not None and stamp < last:
-            # two in a row, or far [s] back: no message that another has overtaken
-            if not (late is not None and stamp >= late) and (last - stamp) * NS <= far:
-                self._late = stamp
-                return 'late'
-            self.answered = self._due = None
-        self._last, self._late = stamp, None
-        if last is None or stamp > last:
-            return ''
-        return 'repeated' if stamp == last else 'restarted'
-
-    def is_due(self, stamp: int, period: int) -> bool:
-        """Return whether an answer is due, at most one in `period` [ns]; 0: always."""
-        if not period or stamp == self.answered:
-            return True
-        # early by the rounding of the plant's own period is in time
-        if self._due is not None and stamp < self._due - period // 1000:
-            return False
-        in_step = self._due is not None and stamp - self._due < period
-        self._due = (self._due if in_step and self._due is not None else stamp) + period
-        return True
+def _set_point(control: Control, regulator: Regulator, origin: int) -> _Running:
+    """Return the law that holds a set point from a stamp on, over the horizon if there is one."""
+    if control.horizon is None:
+        return _Running(regulator, origin, True)
+    return _Running(Settling(regulator, control.horizon.gains), origin, True)

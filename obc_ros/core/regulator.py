@@ -7,6 +7,7 @@ Plain floats: for the few states of a plant they are several times faster than a
 law runs at every state.
 """
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
@@ -18,11 +19,16 @@ Rows = tuple[Vector, ...]
 
 
 class Point(NamedTuple):
-    """Where the plant should be: state xr (n,), input ur (m,), and the gain K (m, n) there."""
+    """
+    Where the plant should be: state xr (n,), input ur (m,), and the gain K (m, n) there.
+
+    Ki (m, p) is the gain of the integrals; empty without integral action.
+    """
 
     x: Vector
     u: Vector
     K: Rows
+    Ki: Rows = ()
 
 
 class Law(Protocol):
@@ -45,6 +51,8 @@ class Regulator:
         Gain (m, n).
     drift : tuple of float
         dxe/dt (n,).
+    Ki : tuple of tuple of float
+        Gain (m, p) of the integrals; empty without integral action.
 
     """
 
@@ -52,13 +60,59 @@ class Regulator:
     u: Vector
     K: Rows
     drift: Vector
+    Ki: Rows = ()
 
     def at(self, t: float) -> Point:
         """Return the set point at time t [s]."""
         if any(self.drift):
             return Point(tuple([a + v * t for a, v in zip(self.x, self.drift, strict=True)]),
-                         self.u, self.K)
-        return Point(self.x, self.u, self.K)
+                         self.u, self.K, self.Ki)
+        return Point(self.x, self.u, self.K, self.Ki)
+
+
+@dataclass(frozen=True, eq=False)
+class Gains:
+    """
+    Gains against time or another variable, straight lines in between.
+
+    Attributes
+    ----------
+    grid : tuple of float
+        Increasing values of the variable.
+    K : tuple
+        An (m, n) gain for each; the first and the last hold outside.
+    Ki : tuple
+        An (m, p) gain of the integrals for each.
+
+    """
+
+    grid: Vector
+    K: tuple[Rows, ...]
+    Ki: tuple[Rows, ...]
+
+    def at(self, value: float) -> tuple[Rows, Rows]:
+        """Return K and Ki at a value of the variable."""
+        k = bisect_right(self.grid, value) - 1
+        if k < 0 or value != value:
+            return self.K[0], self.Ki[0]
+        if k + 1 >= len(self.grid):
+            return self.K[-1], self.Ki[-1]
+        part = (value - self.grid[k]) / (self.grid[k + 1] - self.grid[k])
+        return (tuple(map(between, self.K[k], self.K[k + 1], (part,) * len(self.K[k]))),
+                tuple(map(between, self.Ki[k], self.Ki[k + 1], (part,) * len(self.Ki[k]))))
+
+
+@dataclass(frozen=True, eq=False)
+class Settling:
+    """A regulator whose gain is still on its way to the one that it keeps."""
+
+    regulator: Regulator
+    gains: Gains
+
+    def at(self, t: float) -> Point:
+        """Return the set point at time t [s]."""
+        K, Ki = self.gains.at(t)
+        return self.regulator.at(t)._replace(K=K, Ki=Ki)
 
 
 @dataclass(frozen=True)
@@ -111,6 +165,11 @@ class Limits:
 def feedback(point: Point, e: Sequence[float]) -> list[float]:
     """Return ur - K e, shape (m,), not yet within the limits."""
     return [u - sum(map(mul, row, e)) for u, row in zip(point.u, point.K, strict=True)]
+
+
+def between(a: Vector, b: Vector, part: float) -> Vector:
+    """Return what lies between two vectors, `part` of the way from the first."""
+    return tuple([p + part * (q - p) for p, q in zip(a, b, strict=True)])
 
 
 def rows(matrix: Sequence[Sequence[float]] | Any) -> Rows:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import functools
 from typing import Any
 
-from obc_ros.core.control import Control, ENVELOPE, Integral, Leg, Rules, STALE
+from obc_ros.core.control import Control, ENVELOPE, Leg, Rules, STALE
 from obc_ros.core.design import Design, design, Plant, plant, Sampling
 from obc_ros.core.errors import StatementError
 from obc_ros.core.following import Course, leg
@@ -15,6 +15,7 @@ from obc_ros.core.regulator import Limits, rows, Vector, vector
 from obc_ros.core.weights import KINDS
 from obc_ros.msg import LqrWeights
 from obc_ros.nodes.conversions import chosen_system, system_parameters
+from obc_ros.nodes.own_thread import PRIORITY
 from obc_ros.nodes.parameters import group, parameter, Value
 
 DESIGNS = ('continuous', 'sampled')
@@ -86,6 +87,7 @@ class Settings:
         choices=tuple(SINKS), read_only=True)
     frame_id: str = parameter(
         '', "frame of the states; empty: that of the first one's header")
+    priority: int = parameter(0, PRIORITY, lower=0, upper=99, read_only=True)
     autostart: bool = parameter(
         True, 'whether the node configures and activates itself', read_only=True)
 
@@ -124,7 +126,7 @@ def judge(settings: Settings, courses: tuple[Course, ...] = ()) -> Candidate:
         names=found.plant.system.state_names,
         rules=_rules(settings, found.plant.system.state_names),
         legs=tuple(_leg(each, found)[0] for each in courses),
-        integral=Integral(rows(found.C), rows(found.Ki)) if len(found.C) else None,
+        C=rows(found.C),
         prediction=found.prediction))
 
 

@@ -1,0 +1,47 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Stamps of messages: which are in order, which are due, which tell their age."""
+
+NS = 1e-9  # [s]
+OTHER_CLOCK = 3600.0  # [s] stamps further off than this were not made by the same clock
+
+
+def age(stamp: int, clock: int) -> float | None:
+    """Return how old a stamp [ns] is by a clock [ns] in seconds; None: of another clock."""
+    seconds = (clock - stamp) * NS
+    return seconds if abs(seconds) < OTHER_CLOCK else None
+
+
+class Order:
+    """Which stamp is in order, and which is due."""
+
+    def __init__(self) -> None:
+        self.answered: int | None = None
+        self._last: int | None = None
+        self._late: int | None = None
+        self._due: int | None = None
+
+    def order(self, stamp: int, far: float) -> str:
+        """Return '' (later than the last), 'repeated', 'late' or 'restarted'."""
+        last, late = self._last, self._late
+        if last is not None and stamp < last:
+            # two in a row, or far [s] back: no message that another has overtaken
+            if not (late is not None and stamp >= late) and (last - stamp) * NS <= far:
+                self._late = stamp
+                return 'late'
+            self.answered = self._due = None
+        self._last, self._late = stamp, None
+        if last is None or stamp > last:
+            return ''
+        return 'repeated' if stamp == last else 'restarted'
+
+    def is_due(self, stamp: int, period: int) -> bool:
+        """Return whether an answer is due, at most one in `period` [ns]; 0: always."""
+        if not period or stamp == self.answered:
+            return True
+        # early by the rounding of the plant's own period is in time
+        if self._due is not None and stamp < self._due - period // 1000:
+            return False
+        in_step = self._due is not None and stamp - self._due < period
+        self._due = (self._due if in_step and self._due is not None else stamp) + period
+        return True
