@@ -4,6 +4,7 @@
 
 from array import array
 import math
+import os
 import random
 import signal
 
@@ -74,7 +75,7 @@ def test_it_rests_in_real_time_until_the_first_command_and_says_so_once(spawn, p
     wall = probe.node.get_clock().now().nanoseconds
     assert_allclose([state.x for state in states], [[3, 4, 0, 0, 0, 0]] * len(states), atol=1e-11)
     assert states[0].header.frame_id == 'odom'
-    # On the grid, but for the drift between two clocks; of late states some are left out.
+    # On the grid, but for the drift between two clocks; a plant held up too long begins anew.
     steps = np.diff(stamps(states)) / 20e6
     assert_allclose(steps, np.round(steps), atol=0.05)
     assert abs(wall - stamps(states)[-1]) < 1e9
@@ -431,3 +432,25 @@ def test_hostile_commands_and_parameters_leave_it_running(spawn, probe):
     assert probe.call(Trigger, f'{NODE}/reset').success
     count = len(states)
     probe.wait_for(lambda: len(states) > count + 10)
+
+
+def may_have_priority():
+    """Return whether this process is allowed a real-time priority, by trying."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    except PermissionError:
+        return False
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    return True
+
+
+def test_it_has_the_priority_it_asks_for_or_says_why_not(spawn, probe):
+    plant = spawn('plant_simulator', {'priority': 7, **SLOW})
+    states = probe.listen(State, 'state')
+    probe.wait_for(lambda: states, what='a state')
+    if may_have_priority():
+        for thread in os.listdir(f'/proc/{plant.pid}/task'):
+            assert os.sched_getscheduler(int(thread)) == os.SCHED_FIFO
+            assert os.sched_getparam(int(thread)).sched_priority == 7
+    else:
+        plant.wait_for_output('limits.conf')

@@ -10,6 +10,7 @@ neither a service nor a timer keeps a state waiting.
 
 from collections.abc import Callable, Iterable
 import gc
+import os
 import sys
 import threading
 from typing import Any
@@ -23,6 +24,8 @@ from rclpy.subscription import Subscription
 
 # A thread that has work waits this long [s] for another's Python code; 5 ms by default.
 SWITCH_INTERVAL = 2e-4
+PRIORITY = ('SCHED_FIFO priority of the process, above all ordinary ones; 0: an ordinary one. '
+            'Needs a limit for rtprio, or root')
 
 
 class Apart(CallbackGroup):  # type: ignore[misc] # rclpy's classes are untyped
@@ -57,12 +60,16 @@ class OwnThread:
     events : iterable of EventHandler
         QoS events of the subscription. Waited for by an executor they would wake it at each
         message.
+    priority : int
+        Of the process in real time, see `PRIORITY`.
 
     """
 
     def __init__(self, node: Node, subscription: Subscription, on_message: Callable[[Any], None],
-                 on_time: Callable[[], float], events: Iterable[EventHandler] = ()) -> None:
+                 on_time: Callable[[], float], events: Iterable[EventHandler] = (),
+                 priority: int = 0) -> None:
         sys.setswitchinterval(SWITCH_INTERVAL)
+        self._priority = priority
         self._node, self._subscription, self._events = node, subscription, tuple(events)
         self._on_message, self._on_time = on_message, on_time
         self._wake = GuardCondition(None, None, context=node.context)
@@ -74,6 +81,8 @@ class OwnThread:
         """Begin to take messages."""
         gc.collect()
         gc.freeze()  # what start-up left is not looked through again while states wait
+        if self._priority and (reason := _raise(self._priority)):
+            self._node.get_logger().warning(reason)
         self._running = True
         self._thread = threading.Thread(target=self._run, name='states', daemon=True)
         self._thread.start()
@@ -118,3 +127,14 @@ class OwnThread:
                 for event in events:
                     if event.is_ready(wait_set):
                         event.callback(event.take_data())
+
+
+def _raise(priority: int) -> str:
+    """Give the threads of this process, DDS's too, a real-time priority; return why not."""
+    try:
+        for thread in os.listdir('/proc/self/task'):
+            os.sched_setscheduler(int(thread), os.SCHED_FIFO, os.sched_param(priority))
+    except OSError as error:
+        return (f'priority = {priority}: {error.strerror}; it runs as an ordinary process. Allow '
+                f"it by a line '@realtime - rtprio 99' in /etc/security/limits.conf")
+    return ''

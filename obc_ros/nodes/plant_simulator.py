@@ -32,7 +32,7 @@ from obc_ros.core.system import System
 from obc_ros.msg import Command, State
 from obc_ros.nodes import conversions
 from obc_ros.nodes.main import run
-from obc_ros.nodes.own_thread import Apart, OwnThread
+from obc_ros.nodes.own_thread import Apart, OwnThread, PRIORITY
 from obc_ros.nodes.parameters import Entry, group, parameter, Parameters
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -98,6 +98,7 @@ class Settings:
         0.0, 'simulated time without a command until the equilibrium input; 0: never', 's',
         lower=0.0)
     seed: int = parameter(0, 'of the noise', lower=0)
+    priority: int = parameter(0, PRIORITY, lower=0, upper=99, read_only=True)
     noise: Mapping[str, float] = group(_of_states)
     disturbance: Mapping[str, float] = group(_of_disturbances)
 
@@ -170,7 +171,7 @@ class PlantSimulator(Node):
         self._say_what_holds()
         self._publish()
         self._thread = OwnThread(self, self._commands, self._on_command, self._go_on,
-                                 self._commands.event_handlers)
+                                 self._commands.event_handlers, settings.priority)
         self._thread.start()
 
     def _offer(self, settings: Settings) -> None:
