@@ -82,8 +82,8 @@ def main() -> int:
         runs.append(run(*fast))
     timing.table(f'Aircraft and lqr_node in real time; the machine stood still when bare timers '
                  f'were over {1e3 * IDLE:g} ms late', (
-                     'rate', 'priority', 'published', 'unanswered', 'held up', 'drift', 'plant', 'lqr_node',
-                     'stood still', 'longest'), [each.row() for each in runs])
+                     'rate', 'priority', 'published', 'unanswered', 'held up', 'drift', 'plant',
+                     'lqr_node', 'stood still', 'longest'), [each.row() for each in runs])
     if runs[-2].stalls:
         print(f'  the machine was not idle for {slow[1]:g} s in {TRIES} tries')
     timing.require(f'states without their command at {slow[0]:g} Hz', runs[-2].unanswered, 0)
