@@ -92,7 +92,8 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         self._designs = self.create_publisher(LqrDesign, '~/design', LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._thread = OwnThread(
-            self, self._states, self._answer, self._watch, self._deadline_events())
+            self, self._states, self._answer, self._watch, self._deadline_events(),
+            settings.priority)
         self._news = self.create_guard_condition(self._tell_news)
         self._designed = self.create_guard_condition(self._publish_design)
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
