@@ -136,10 +136,23 @@ def peer(module: str) -> Any:
         return None
 
 
-def arguments(description: str) -> argparse.Namespace:
-    """Return the command line: `peers`, whether optional peers are to be measured too."""
+def arguments(description: str, **numbers: float) -> argparse.Namespace:
+    """
+    Return the command line: `peers`, whether optional peers are to be measured too.
+
+    Parameters
+    ----------
+    description : str
+        What the benchmark does.
+    **numbers
+        Further options ``--NAME``, with their defaults.
+
+    """
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument('--peers', action='store_true', help='measure optional peers too')
+    for name, default in numbers.items():
+        parser.add_argument(f'--{name}', type=type(default), default=default, metavar='N',
+                            help=f'default: {default:g}')
     args = parser.parse_args()
     print(f'{_processor()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, '
           f'Python {platform.python_version()}, one thread')
