@@ -2,6 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The entries in the order of the chapter."""
 
-from obc_ros.cli.gallery_entries import scalar
+from obc_ros.cli.gallery_entries import flat, least_time, optimization, scalar
 
-ENTRIES = (scalar.EXAMPLE_2_2, scalar.EXERCISE_2_9)
+ENTRIES = (
+    optimization.EXAMPLE_2_1, scalar.EXAMPLE_2_2, least_time.EXAMPLE_2_3,
+    least_time.EXAMPLE_2_6, optimization.EXERCISE_2_1,
+    flat.EXERCISE_2_4, flat.EXERCISE_2_5,
+    scalar.EXERCISE_2_9)

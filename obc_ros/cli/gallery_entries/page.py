@@ -4,8 +4,8 @@
 The page of the gallery: static HTML and CSS, nothing from anywhere else.
 
 Markup of the texts: `$...$` is mathematics, in which letters are italic, `_` and `^` make the
-next character or {group} an index or a power, and words of several letters stay upright;
-backquotes enclose code.
+next character or {group} an index or a power, and names of functions stay upright; backquotes
+enclose code.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ Record = Mapping[str, Any]
 
 _PARTS = re.compile(r'(\$[^$]*\$|`[^`]*`)')
 _TOKEN = re.compile(r'([_^])(\{[^}]*\}|.)|(&\w+;)|([A-Za-z]+)|([\u0370-\u03ff])|(.)', re.DOTALL)
-_DIFFERENTIALS = ('dt', 'dx', 'dy')
+_UPRIGHT = ('arg', 'cos', 'exp', 'for', 'if', 'ker', 'max', 'min', 'rank', 'sgn', 'sin', 'tan')
 
 _STYLE = """
 :root { --ink: #1b1f24; --soft: #57606a; --line: #d0d7de; --back: #f6f8fa; --good: #1a7f37;
@@ -33,6 +33,7 @@ header p, .source { color: var(--soft); }
 nav table { font-size: 15px; }
 article { border-top: 2px solid var(--ink); margin-top: 44px; padding-top: 14px; }
 .source { margin: 2px 0 10px; font-style: italic; }
+sub, sup { line-height: 0; font-size: 75%; }
 figure { margin: 18px 0; text-align: center; }
 img { max-width: 100%; height: auto; }
 table { border-collapse: collapse; width: 100%; margin: 12px 0; font-size: 15px; }
@@ -181,8 +182,7 @@ def _mathematics(text: str) -> str:
             tag = 'sub' if shift == '_' else 'sup'
             found.append(f'<{tag}>{_mathematics(group.strip("{}"))}</{tag}>')
         elif word:
-            is_symbol = len(word) == 1 or word in _DIFFERENTIALS
-            found.append(f'<i>{word}</i>' if is_symbol else word)
+            found.append(word if word in _UPRIGHT else f'<i>{word}</i>')
         elif greek:
             found.append(f'<i>{greek}</i>')
         else:

@@ -1,0 +1,242 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Least time: Example 2.3 (bang-bang control) and Example 2.6 (the nonholonomic integrator)."""
+
+from math import pi, sqrt
+from typing import Any
+
+from matplotlib.figure import Figure
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.cli.figures import COLOURS, THIN
+from obc_ros.cli.gallery_entries.desk import Desk, Trajectory
+from obc_ros.cli.gallery_entries.drawing import describe, legend_below, panels
+from obc_ros.cli.gallery_entries.entry import Answer, Entry, Row
+
+Array = NDArray[np.float64]
+
+STARTS = tuple((r * np.cos(angle), r * np.sin(angle))
+               for r in (1.0, 2.5) for angle in np.arange(12) * pi / 6 + 0.2)
+# The oscillator's starts by the first input, the number of switches and the first and last arc.
+ARCS = ((1, 0, 0.0, 2.0), (-1, 1, 1.0, 2.5), (1, 1, 2.0, 0.7), (-1, 2, 0.5, 1.5),
+        (1, 2, 2.8, 2.9), (-1, 3, 1.7, 0.4), (1, 4, 1.2, 2.2), (-1, 5, 2.4, 1.1))
+FREE = {'free': True, 'lower': 0.01, 'upper': 50}
+
+
+def double_integrator(x: float, v: float) -> tuple[float, float]:
+    """Return the least time to the origin, and when the input changes its sign."""
+    side = 1.0 if x + v * abs(v) / 2 > 0 else -1.0
+    root = sqrt(side * x + v * v / 2)
+    return side * v + 2 * root, side * v + root
+
+
+def oscillator(first: int, switches: int, begin: float, end: float) -> tuple[Array, Array]:
+    """
+    Return the state from which these arcs lead to the origin, and the times between them.
+
+    Arcs but the first and the last take half a period; going back in time the state turns about
+    (u, 0), counter-clockwise.
+    """
+    lengths = [end] + [pi] * (switches - 1) + ([begin] if switches else [])
+    x, u = np.zeros(2), first * (-1.0)**switches
+    for length in lengths:
+        c, s = np.cos(length), np.sin(length)
+        x = np.array([u, 0]) + np.array([[c, -s], [s, c]]) @ (x - [u, 0])
+        u = -u
+    return x, np.cumsum(lengths[::-1])
+
+
+def example_2_3(desk: Desk) -> Answer:
+    """Answer Example 2.3 for two systems and many starts."""
+    common = {'running_cost': '1', 'terminal_constraints': ['x1', 'x2'],
+              'input_bounds': {'u': [-1, 1]}, 'final_time': FREE}
+    plain = desk.solve_all([{
+        'system': 'double_integrator', 'initial_state': {'x1': x, 'x2': v}, **common}
+        for x, v in STARTS])
+    known = [oscillator(*arcs) for arcs in ARCS]
+    turning = desk.solve_all([{
+        'states': ['x1', 'x2'], 'inputs': ['u'], 'dynamics': {'x1': 'x2', 'x2': '-x1 + u'},
+        'initial_state': {'x1': float(x), 'x2': float(v)}, **common} for (x, v), _ in known])
+    exact = np.array([double_integrator(x, v) for x, v in STARTS])
+    at = np.array([[np.interp(path.switching_times[0], path.t, path.x[name])
+                    for name in ('x1', 'x2')] for path in plain])
+    rows = [
+        Row(f'double integrator, {len(STARTS)} starts: least time $T$ [s]',
+            [path.T for path in plain], exact[:, 0], '$± v_0 + 2 √(± x_0 + v_0^2/2)$'),
+        Row('double integrator: the switching time [s]',
+            [path.switching_times[0] for path in plain], exact[:, 1],
+            '$± v_0 + √(± x_0 + v_0^2/2)$'),
+        Row('double integrator: $x$ at the switch', at[:, 0], -at[:, 1] * np.abs(at[:, 1]) / 2,
+            'the switching curve $x = -½ v|v|$'),
+        Row(f'oscillator, {len(ARCS)} starts: least time $T$ [s]', [path.T for path in turning],
+            [times[-1] for _, times in known], 'arcs put together backwards from the origin'),
+        Row('oscillator: all switching times [s]',
+            np.concatenate([path.switching_times for path in turning]),
+            np.concatenate([times[:-1] for _, times in known]), 'the same arcs'),
+        Row('$u = -sgn(λ^T B)$ along all paths', *_law([*plain, *turning]), 'Example 2.3'),
+        Row('$H$ along all paths', np.concatenate([
+            path.hamiltonian for path in (*plain, *turning)]),
+            np.zeros(sum(path.t.size for path in (*plain, *turning))), '$H = 0$, as $T$ is free')]
+    return Answer(rows, _draw_2_3(plain, turning), (
+        'Blue: $u = -1$, orange: $u = +1$. Every input is the sign of the switching function '
+        '$λ^T B$, and changes it on the black curve. Without damping the oscillator needs a '
+        'switch every half period.',))
+
+
+def _law(paths: list[Trajectory]) -> tuple[Array, Array]:
+    u = np.concatenate([path.u['u'] for path in paths])
+    lam = np.concatenate([path.lam['x2'] for path in paths])
+    away = np.abs(lam) > 1e-6
+    return u[away], -np.sign(lam[away])
+
+
+def _draw_2_3(plain: list[Trajectory], turning: list[Trajectory]) -> Figure:
+    figure, ((left, middle, right),) = panels(1, 3, 3.8)
+    for axes, paths in ((left, plain), (middle, turning)):
+        for path in paths:
+            for sign, colour in ((-1, COLOURS[0]), (1, COLOURS[1])):
+                part = np.where(path.u['u'] * sign > 0, 1.0, np.nan)
+                axes.plot(path.x['x1'] * part, path.x['x2'] * part, color=colour, linewidth=1)
+            axes.plot(path.x['x1'][0], path.x['x2'][0], '.', color='black', markersize=4)
+        axes.set_aspect('equal', adjustable='datalim')
+    v = np.linspace(-2.6, 2.6, 201)
+    left.plot(-v * np.abs(v) / 2, v, color='black', label='switching curve')
+    angle = np.linspace(0, pi, 100)
+    for k in range(4):
+        for side in (1, -1):
+            middle.plot(side * (2 * k + 1 + np.cos(angle)), -side * np.sin(angle), color='black',
+                        label='switching curve' if k == 0 and side == 1 else None)
+    describe(left, 'double integrator', '$x_1$ [m]', '$x_2$ [m/s]', legend='upper right')
+    describe(middle, 'oscillator $\\ddot x + x = u$', '$x_1$', '$x_2$')
+    path = turning[-1]
+    right.plot(path.t, path.u['u'], color=COLOURS[1], drawstyle='steps-post', label='$u(t)$')
+    right.plot(path.t, path.lam['x2'], color=COLOURS[2],
+               label='switching function $\\lambda^T B$')
+    right.plot(path.t, path.hamiltonian, color=COLOURS[3], label='$H$')
+    for time in path.switching_times:
+        right.axvline(time, **THIN)
+    describe(right, 'oscillator, five switches', 'time $t$ [s]', '', legend='lower left')
+    right.set_ylim(-2.4, 1.5)
+    return figure
+
+
+LINES = (0.5, 2.0, 3.0)
+LOOPS = ((1.0, 1.0), (2.0, 0.5), (0.5, 1.5))  # a and d of `diamond`
+AREAS = (0.5, 2.0)
+
+
+def diamond(a: float, d: float) -> tuple[float, float, list[float]]:
+    """
+    Return x3(T), T and the switching times of the way round a diamond to (a, 0, x3).
+
+    With |u1|, |u2| <= 1 a curve of duration T encloses most between itself and the x1 axis along
+    a diamond with sides in the directions (1, 1) and (1, -1) (the isoperimetric inequality of the
+    norm max(|u1|, |u2|)): back by d, up to the top, down, and back by d.
+    """
+    r = d + a / 2
+    return 2 * r * r - a * a / 4, 2 * (r + d), [d, d + r, d + 2 * r]
+
+
+def example_2_6(desk: Desk) -> Answer:
+    """Answer Example 2.6: the singular line, and paths that switch."""
+    lines = desk.solve_all([_nonholonomic(rho, 0.0) for rho in LINES])
+    exact = [diamond(a, d) for a, d in LOOPS]
+    loops = desk.solve_all([
+        _nonholonomic(a, x3) for (a, _), (x3, _, _) in zip(LOOPS, exact, strict=True)])
+    closed = desk.solve_all([_nonholonomic(0.0, area) for area in AREAS], show=0)
+    rows = []
+    for rho, path in zip(LINES, lines, strict=True):
+        rows += [
+            Row(f'line of $ρ = {rho:g}$: least time $T$ [s]', path.T, rho, '$ρ$'),
+            Row(f'line of $ρ = {rho:g}$: $u_1(t)$', path.u['u1'], np.ones(path.t.size), '1'),
+            Row(f'line of $ρ = {rho:g}$: costates',
+                np.stack([path.lam[name] for name in ('x1', 'x2', 'x3')]),
+                np.outer([-1.0, 0.0, 0.0], np.ones(path.t.size)), '$(-1, 0, 0)$')]
+    for (a, _), (x3, T, times), path in zip(LOOPS, exact, loops, strict=True):
+        rows += [
+            Row(f'to $({a:g}, 0, {x3:g})$: least time $T$ [s]', path.T, T,
+                'isoperimetric inequality'),
+            Row(f'to $({a:g}, 0, {x3:g})$: switching times [s]', path.switching_times, times,
+                'corners of the diamond')]
+    shown = loops[0]
+    lam2 = shown.lam['x2'][0] - shown.lam['x3'] * (shown.x['x1'] - shown.x['x1'][0])
+    rows += [
+        Row('back to $(0, 0, x_3)$: least time $T$ [s]', [path.T for path in closed],
+            [2 * sqrt(2 * area) for area in AREAS], '$2 √(2|x_3|)$'),
+        Row('costate $λ_2(t)$ to (1, 0, 4.25)', shown.lam['x2'], lam2,
+            "$λ_2' = -λ_3 u_1$, integrated: $λ_2(0) - λ_3 x_1$"),
+        Row('$H$ along all paths', np.concatenate([p.hamiltonian for p in (*lines, *loops)]),
+            np.zeros(sum(p.t.size for p in (*lines, *loops))), '$H = 0$, as $T$ is free')]
+    printed = _printed(shown)
+    return Answer(rows, _draw_2_6(lines[1], shown, printed), (
+        'On the line $λ_2 ≡ λ_3 ≡ 0$: $H$ does not depend on $u_2$, the extremal is singular in '
+        '$u_2$. The least time $ρ$ demands $u_1 ≡ 1$ and nothing more: every $x_2(t)$ with zero '
+        'mean that starts and ends at 0, such as the grey one, takes as long as $u_2 = 0$.',
+        'To (1, 0, 4.25) the path goes round a part of a diamond, the curve that encloses most '
+        'in its time; the inputs switch one after the other.'),
+        f'On the path to (1, 0, 4.25), $λ_2$ integrated by the printed equation is off by up to '
+        f'{np.abs(printed - shown.lam["x2"]).max():.2g}; by the corrected one by '
+        f'{np.abs(lam2 - shown.lam["x2"]).max():.1g}.')
+
+
+def _nonholonomic(x1: float, x3: float) -> dict[str, Any]:
+    return {'system': 'nonholonomic_integrator', 'running_cost': '1', 'final_time': FREE,
+            'initial_state': {'x1': 0, 'x2': 0, 'x3': 0},
+            'terminal_constraints': [f'x1 - {x1!r}', 'x2', f'x3 - {x3!r}']}
+
+
+def _printed(path: Trajectory) -> Array:
+    """Return lambda_2 by the printed equation, lambda_2' = lambda_3 x_2."""
+    slope = path.lam['x3'] * path.x['x2']
+    steps = np.diff(path.t) * (slope[1:] + slope[:-1]) / 2
+    return path.lam['x2'][0] + np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _draw_2_6(line: Trajectory, loop: Trajectory, printed: Array) -> Figure:
+    figure, ((plane, inputs, costates),) = panels(1, 3, 3.9)
+    s = np.linspace(0, 2, 201)
+    plane.plot(s, np.interp(s, [0, 0.5, 1.5, 2], [0, 0.5, -0.5, 0]), color='0.7',
+               label='as fast to (2, 0, 0)')
+    plane.plot(line.x['x1'], line.x['x2'], color=COLOURS[1], label='to (2, 0, 0)')
+    plane.plot(loop.x['x1'], loop.x['x2'], color=COLOURS[0], label='to (1, 0, 4.25)')
+    for k in np.searchsorted(loop.t, [0.5, 1.75, 3.25, 4.5]):
+        plane.annotate('', (loop.x['x1'][k], loop.x['x2'][k]),
+                       (loop.x['x1'][k - 1], loop.x['x2'][k - 1]),
+                       arrowprops={'arrowstyle': '-|>', 'color': COLOURS[0]})
+    plane.set(aspect='equal')
+    describe(plane, 'paths', '$x_1$', '$x_2$')
+    legend_below(figure, plane, 3)
+    for name, colour, shift in (('u1', COLOURS[0], 0.0), ('u2', COLOURS[1], 3.0)):
+        inputs.plot(loop.t, loop.u[name] + shift, color=colour, drawstyle='steps-post')
+        inputs.text(0.1, shift + 0.45, f'$u_{name[1]}$', color=colour)
+    inputs.set_yticks([-1, 0, 1, 2, 3, 4], ['-1', '0', '1', '-1', '0', '1'])
+    describe(inputs, 'inputs to (1, 0, 4.25)', 'time $t$ [s]', '$u_1$ (below), $u_2$ (above)')
+    for index, name in enumerate(('x1', 'x2', 'x3')):
+        costates.plot(loop.t, loop.lam[name], color=COLOURS[index],
+                      label=f'$\\lambda_{index + 1}$')
+    costates.plot(loop.t, printed, '--', color='grey', label='$\\lambda_2$ as printed')
+    for axes in (inputs, costates):
+        for time in loop.switching_times:
+            axes.axvline(time, **THIN)
+    describe(costates, 'costates to (1, 0, 4.25)', 'time $t$ [s]', '$\\lambda$', legend=True)
+    return figure
+
+
+EXAMPLE_2_3 = Entry(
+    '2.3', 'Bang-bang control', 'Example 2.3', (
+        "Bring $x' = Ax + Bu$, $|u| ≤ 1$, to the origin in least time. $H = 1 + λ^T(Ax + Bu)$ is "
+        'least for $u = -sgn(λ^T B)$: the input is always at one of its limits. Here for the '
+        'double integrator from 24 starts and for an undamped oscillator from 8.',),
+    example_2_3,
+    'The example uses $H = 0$ along the path, which follows from the free final time; Theorem 2.1 '
+    'does not list this condition.')
+EXAMPLE_2_6 = Entry(
+    '2.6', 'Nonholonomic integrator', 'Example 2.6, equation (2.10)', (
+        "Least time for $x_1' = u_1$, $x_2' = u_2$, $x_3' = x_2 u_1$, $|u_i| ≤ 1$. From the "
+        'origin to $(ρ, 0, 0)$ the way is a straight line on which the maximum principle leaves '
+        'one input open; to other points the inputs switch.',),
+    example_2_6,
+    "From $H = 1 + λ_1 u_1 + λ_2 u_2 + λ_3 x_2 u_1$ follow $λ_2' = -λ_3 u_1$ (printed: "
+    "$λ_2' = λ_3 x_2$) and $u_1 = -sgn(λ_1 + λ_3 x_2)$ (printed with $u_1$ on both sides). The "
+    'extremal on the line is not abnormal: with $λ = (-1, 0, 0)$ the cost has the multiplier 1 '
+    'and $H = 0$. It is singular in $u_2$.')
