@@ -32,8 +32,8 @@ develop: setup $(VENV)/.develop ## the set-up, colcon and the commit hooks
 demo: setup ## the set-up, then the loop in flight (SYSTEM=aircraft|vehicle)
 	$(BIN)/obc demo $(SYSTEM) $(ARGS)
 
-test: setup ## the set-up and every test
-	$(BIN)/pytest $(ARGS)
+test: setup ## the set-up and every test, two at a time
+	$(BIN)/pytest -n 2 --dist worksteal $(ARGS)
 
 lint: setup ## ruff, and mypy on the numerical core
 	$(BIN)/ruff check .

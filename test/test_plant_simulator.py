@@ -444,13 +444,17 @@ def may_have_priority():
     return True
 
 
+def priorities(pid):
+    """Return policy and priority of the threads of a process."""
+    threads = [int(each) for each in os.listdir(f'/proc/{pid}/task')]
+    return {(os.sched_getscheduler(each), os.sched_getparam(each).sched_priority)
+            for each in threads}
+
+
 def test_it_has_the_priority_it_asks_for_or_says_why_not(spawn, probe):
     plant = spawn('plant_simulator', {'priority': 7, **SLOW})
-    states = probe.listen(State, 'state')
-    probe.wait_for(lambda: states, what='a state')
+    probe.wait_for_node('plant_simulator')
     if may_have_priority():
-        for thread in os.listdir(f'/proc/{plant.pid}/task'):
-            assert os.sched_getscheduler(int(thread)) == os.SCHED_FIFO
-            assert os.sched_getparam(int(thread)).sched_priority == 7
+        probe.wait_for(lambda: priorities(plant.pid) == {(os.SCHED_FIFO, 7)}, what='its priority')
     else:
         plant.wait_for_output('limits.conf')
