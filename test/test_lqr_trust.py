@@ -11,7 +11,9 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from lqr_bench import Bench, BEST_EFFORT, HOVER, LATCHED, matrix, nanoseconds
 from nav_msgs.msg import Odometry
 import numpy as np
+from obc_ros.core import systems
 from obc_ros.msg import Command, LqrWeights, State, Trajectory
+from obc_ros.nodes.lqr_topics import FrameError, source
 from obc_ros.srv import SuggestWeights, TryDesign
 import pytest
 from rclpy.duration import Duration
@@ -348,10 +350,20 @@ def test_odometry_in_and_twist_out(spawn: Any, probe: Any) -> None:
     drive(30.0, 0.2, 0.1, child='odom')
     drive(30.0, 0.2, math.nan, frame='odom')
     assert len(bench.commands) == seen
-    output = bench.process.wait_for_output("a state in the frame 'map' was dropped: wanted 'odom'")
-    assert 'its twist belongs in the frame of the body' in output
-    bench.report('states', lambda _, values: values['dropped in another frame'] == '1'
-                 and values['dropped not finite'] == '2')
+    bench.process.wait_for_output("a state in the frame 'map' was dropped: wanted 'odom'")
+    bench.report('states', lambda _, values: values['dropped in another frame'] == '2'
+                 and values['dropped not finite'] == '1')
+
+
+def test_odometry_of_another_body_is_named() -> None:
+    """The twist is one of the body: in no fixed frame, and of the same body each time."""
+    read = source('odom', systems.get('vehicle'))
+    with pytest.raises(FrameError, match="child_frame_id = header.frame_id = 'odom': its twist"):
+        read(odometry(0.0, 0.0, 0.0, child='odom'))
+    assert read(odometry(1.0, 2.0, 0.5)) == pytest.approx([1.0, 2.0, 0.5])
+    with pytest.raises(FrameError, match="odometry of 'robot2', after that of 'base_link'"):
+        read(odometry(1.0, 2.0, 0.5, child='robot2'))
+    assert read(odometry(1.0, 2.0, 0.5)) == pytest.approx([1.0, 2.0, 0.5])
 
 
 def test_wrench_out(spawn: Any, probe: Any) -> None:

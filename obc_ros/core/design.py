@@ -6,8 +6,9 @@ From a system, a set point and a cost to the regulator that is proved to hold it
 Linearise at the equilibrium, choose the weights (section 2.5), solve for the gain (section 2.4).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+import functools
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from obc_ros.core.errors import DynamicsError, RefusedDesignError, StatementErro
 from obc_ros.core.lqr import lqr, LqrDesign
 from obc_ros.core.regulator import Regulator, rows, Vector, vector
 from obc_ros.core.sampled import closed_loop, prediction, sampled_lqr, spectral_radius
+from obc_ros.core.schedule import Table, table
 from obc_ros.core.system import System
 from obc_ros.core.weights import choose, Weights, with_integrals
 
@@ -204,6 +206,58 @@ def design_again(found: Design, plant: Plant) -> Design:
         *found.augmented(plant.A, plant.B), found.cost, found.sampling))
 
 
+def scheduled(found: Design, plant_at: Callable[[float], Plant], lower: float, upper: float
+              ) -> Table:
+    """
+    Return the gains of a design for a range of a variable, those of the integrals as last columns.
+
+    Parameters
+    ----------
+    found : Design
+        The cost, and when the controller acts.
+    plant_at : callable
+        The plant for a value of the variable.
+    lower, upper : float
+        The range.
+
+    Raises
+    ------
+    StatementError
+        If the design is not one in continuous time, or the range is none.
+    ObcError
+        If at a value there is no plant, or no gain that is proved to stabilise.
+
+    """
+    period = found.sampling.period
+    if found.sampling.exact or found.sampling.delay:
+        raise StatementError('schedule: wanted design = continuous and delay = 0')
+
+    @functools.cache
+    def linear(value: float) -> tuple[Array, Array]:
+        at = plant_at(value)
+        return found.augmented(at.A, at.B)
+
+    made = table(linear, found.cost, lower, upper)
+    middles = 0.5 * (made.values[:-1] + made.values[1:])
+    for value in (*made.values, *middles) if period else ():
+        K = np.array([[np.interp(value, made.values, entry) for entry in row]
+                      for row in np.moveaxis(made.K, 0, -1)])
+        _check_held(*linear(float(value)), K, found.sampling)
+    return made
+
+
+def _check_held(A: Array, B: Array, K: Array, sampling: Sampling) -> None:
+    """Raise RefusedDesignError where a continuous gain does not bear its period and delay."""
+    period, delay = sampling.period, sampling.delay
+    radius = spectral_radius(closed_loop(
+        A, B, K, period, delay, *prediction(A, B, period, delay)))
+    if not radius < 1.0:
+        late = f' and {delay:g} s late' if delay else ''
+        raise RefusedDesignError(
+            f'the continuous gain is unstable when its input is held for {period:g} s{late} '
+            f'(spectral radius {radius:.3g}); set design = sampled')
+
+
 def _gain(A: Array, B: Array, cost: Weights, sampling: Sampling) -> LqrDesign:
     """Return the gain, proved for the period and the delay as far as they are known."""
     period, delay = sampling.period, sampling.delay
@@ -211,13 +265,7 @@ def _gain(A: Array, B: Array, cost: Weights, sampling: Sampling) -> LqrDesign:
         return sampled_lqr(A, B, cost, period, delay).design
     found = lqr(A, B, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability)
     if period:
-        radius = spectral_radius(closed_loop(
-            A, B, found.K, period, delay, *prediction(A, B, period, delay)))
-        if not radius < 1.0:
-            late = f' and {delay:g} s late' if delay else ''
-            raise RefusedDesignError(
-                f'the continuous gain is unstable when its input is held for {period:g} s{late} '
-                f'(spectral radius {radius:.3g}); set design = sampled')
+        _check_held(A, B, found.K, sampling)
     return found
 
 

@@ -120,7 +120,7 @@ class Loop:
 
         """
         self._now = now
-        if not (self._is_usable(x, now) and self._is_timely(stamp, clock, now)
+        if not (self._is_usable(x, measured, now) and self._is_timely(stamp, clock, now)
                 and self._is_in_order(stamp)):
             return None
         self.x, self._seen, self.is_stale, self._measured = x, now, False, measured
@@ -179,7 +179,7 @@ class Loop:
 
     # What came
 
-    def _is_usable(self, x: Sequence[float], now: float) -> bool:
+    def _is_usable(self, x: Sequence[float], measured: float | None, now: float) -> bool:
         names = self._next.names
         if len(x) != len(names):
             self.drop('size', f'a state with {len(x)} numbers was dropped: wanted {len(names)} '
@@ -188,6 +188,9 @@ class Loop:
         if not all(map(math.isfinite, x)):
             wrong = next(i for i, value in enumerate(x) if not math.isfinite(value))
             self.drop('finite', f'a state with {names[wrong]} = {x[wrong]} was dropped', now)
+            return False
+        if measured is not None and self._next.schedule and not math.isfinite(measured):
+            self.drop('finite', f'a state with a speed of {measured} was dropped', now)
             return False
         return True
 

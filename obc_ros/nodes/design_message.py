@@ -16,11 +16,15 @@ if TYPE_CHECKING:
     from obc_ros.core.suggest import Suggestion
 
 
-def design_message(design: Design, made: Change, error: Sequence[float] | None) -> LqrDesign:
+def design_message(design: Design, made: Change, error: Sequence[float] | None, note: str = ''
+                   ) -> LqrDesign:
     """Return the message of a design, but for its stamp and revision; see `fields`."""
-    return LqrDesign(**{
+    message = LqrDesign(**{
         name: doubles(value) if isinstance(value, np.ndarray) else value
         for name, value in fields(design, made, error).items()})
+    if note:
+        message.sentence += f'; {note}'
+    return message
 
 
 def suggestion(request: SuggestWeights.Request, plant: Plant) -> 'Suggestion':

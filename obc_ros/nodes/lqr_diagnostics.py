@@ -13,7 +13,8 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from obc_ros.core.loop import Loop
 
 DROPPED = {'size': 'of wrong size', 'finite': 'not finite', 'frame': 'in another frame',
-           'late': 'out of order', 'command': 'without a finite command'}
+           'late': 'out of order', 'old': 'stamped too long ago',
+           'ahead': 'stamped in the future', 'command': 'without a finite command'}
 COUNTED = ('answered', 'skipped', 'repeated', 'restarted', 'stale', 'deadline')
 
 
@@ -94,6 +95,7 @@ class Monitor:
         return _status(f'{name}: states', level, words, {
             'rate [Hz]': f'{new["answered"] / elapsed:.1f}',
             'age [s]': '' if age is None else f'{age:.4f}',
+            'age by its stamp [s]': '' if loop.lag is None else f'{loop.lag:.4f}',
             **{kind: loop.counts[kind] for kind in COUNTED},
             **{f'dropped {words}': loop.counts[kind] for kind, words in DROPPED.items()}})
 

@@ -14,7 +14,7 @@ reaches that thread as one assignment.
 """
 
 from dataclasses import replace
-from time import monotonic
+from time import monotonic, time_ns
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -78,7 +78,8 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         overrides = QoSOverridingOptions(OVERRIDES)
         self._read = lqr_topics.source(settings.state_source, system)
         self._sink = lqr_topics.Sink(settings.command_sink, system)
-        self._frame = settings.frame_id
+        self._frame, self._has_speed = settings.frame_id, settings.state_source == 'odom'
+        self._look_at_clock()
         self._states = self.create_subscription(
             lqr_topics.SOURCES[settings.state_source], settings.state_source,
             lambda message: None, QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT),
@@ -127,9 +128,12 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         try:
             x = self._read(message)
         except StatementError as error:
-            loop.drop('finite', f'a state was dropped: {error}', begun)
+            kind = 'frame' if isinstance(error, lqr_topics.FrameError) else 'finite'
+            loop.drop(kind, f'a state was dropped: {error}', begun)
         else:
-            u = loop.answer(nanoseconds(header.stamp), x, begun)
+            clock = None if self._is_simulated else time_ns()
+            speed = message.twist.twist.linear.x if self._has_speed else None
+            u = loop.answer(nanoseconds(header.stamp), x, begun, clock, speed)
             if u is not None:
                 self._commands.publish(self._sink.message(u, header.stamp))
                 self._monitor.latencies.append(monotonic() - begun)
@@ -178,7 +182,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     def _adopt(self, candidate: Candidate) -> None:
         before, self._courses = self._adopted, self._courses_of(candidate.settings)
         self._adopted = candidate
-        if candidate.design is not before.design:
+        if candidate.gains != before.gains:
             self._revision += 1
             self._change = change(
                 before.design, candidate.design, self._loop.preview(candidate.control))
@@ -200,11 +204,12 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         self._loop.adopt(candidate.control)
         self.get_logger().info(
             f'a reference of {courses[-1].reference.duration:g} s, '
-            f'{ending(courses[-1], candidate.design)}' if courses else
+            f'{ending(courses[-1], candidate)}' if courses else
             'no reference is followed')
 
     def _publish_design(self) -> None:
-        message = design_message(self._adopted.design, self._change, self._loop.error)
+        message = design_message(
+            self._adopted.design, self._change, self._loop.error, self._adopted.note)
         message.header.stamp, message.revision = self._time(), self._revision
         self._designs.publish(message)
         self._monitor.design = f'revision {self._revision}: {message.sentence}'
@@ -237,7 +242,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         candidate = self._judge(replace(self._table.settings, **values))
         made = change(self._adopted.design, candidate.design,
                       self._loop.preview(candidate.control))
-        return design_message(candidate.design, made, self._loop.error)
+        return design_message(candidate.design, made, self._loop.error, candidate.note)
 
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._loop.stop('by ~/stop')
@@ -306,12 +311,16 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     def _time(self) -> Time:
         return self.get_clock().now().to_msg()
 
+    def _look_at_clock(self) -> None:
+        self._is_simulated = bool(self.get_parameter('use_sim_time').value)
+
     def _tell_news(self) -> None:
         while self._loop.news:
             self.get_logger().warning(self._loop.news.popleft())
 
     def _diagnose(self) -> None:
         self._tell_news()
+        self._look_at_clock()
         for sentence in self._monitor.found(graph.faults(
                 self, [self._states.topic_name, self._commands.topic_name],
                 [self._references.topic_name])):

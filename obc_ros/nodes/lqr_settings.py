@@ -2,17 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The parameters of lqr_node, and the control that they ask for."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import functools
+import math
 from typing import Any
 
-from obc_ros.core.control import Control, ENVELOPE, Leg, Rules, STALE
-from obc_ros.core.design import Design, design, Plant, plant, Sampling
+from obc_ros.core.admissible import terminal_weight
+from obc_ros.core.control import Control, ENVELOPE, Horizon, Leg, Rules, Schedule, STALE
+from obc_ros.core.design import Design, design, Plant, plant, Sampling, scheduled
 from obc_ros.core.errors import StatementError
-from obc_ros.core.following import Course, leg
-from obc_ros.core.regulator import Limits, rows, Vector, vector
-from obc_ros.core.weights import KINDS
+from obc_ros.core.following import Course, horizon, leg
+from obc_ros.core.regulator import Gains, Limits, rows, Vector, vector
+from obc_ros.core.weights import KINDS, square
 from obc_ros.msg import LqrWeights
 from obc_ros.nodes.conversions import chosen_system, system_parameters
 from obc_ros.nodes.own_thread import PRIORITY
@@ -45,10 +47,13 @@ class Settings:
         (), 'bryson: largest acceptable error of each state, in its unit', finite=False)
     u_max: Vector = parameter(
         (), 'upper limit of each input, in its unit; empty: those of the system. With weights '
-        'bryson: its largest acceptable deviation, the limits being those of the system',
-        finite=False)
+        'bryson it is the largest acceptable deviation of each input, which larger errors may '
+        'exceed, and no limit: u_limits limits in any case', finite=False)
     u_min: Vector = parameter(
         (), 'lower limit of each input, in its unit; empty: those of the system', finite=False)
+    u_limits: Vector = parameter(
+        (), 'lower and upper limit of each input (2 m numbers), whatever the weights, in place of '
+        'u_min and u_max; empty: those', finite=False)
     H: Vector = parameter((), 'output: p*n numbers row by row of z = H x, kept small')
     rho: float = parameter(1.0, "output: weight of u'u against z'z", lower=0.0)
     stability: float = parameter(
@@ -64,8 +69,25 @@ class Settings:
         0.0, 'period of a sampled design; 0: that of rate', 's', lower=0.0)
     delay: float = parameter(
         0.0, 'known time until a command takes effect', 's', lower=0.0)
+    horizon: float = parameter(
+        0.0, 'time in which the set point is to be reached, with gains that change over it, from '
+        'when it is given or the law begins; afterwards it is held. 0: the steady gain', 's',
+        lower=0.0)
+    P1: Vector = parameter(
+        (), 'weight of the error at the end of the horizon or of a reference: n numbers (a '
+        'diagonal) or n*n row by row; empty: what holding the end from there on costs')
+    schedule: str = parameter(
+        '', 'variable that the gain follows: an input (such as v of the vehicle), measured by '
+        'odom or else as it was commanded, or a parameter of the system that odom measures as the '
+        'speed ahead (v of vehicle_lateral); empty: none')
+    schedule_range: Vector = parameter(
+        (), 'lowest and highest value of the variable; beyond them the nearest gain is used')
     state_timeout: float = parameter(
         0.5, 'age of the last good state at which on_stale acts; 0: never', 's', lower=0.0)
+    stamp_timeout: float = parameter(
+        0.5, "difference of a state's stamp to the node's clock beyond which it is dropped, as "
+        'one that is late or of a clock that differs; 0: any. Simulated time, and stamps of '
+        'another epoch, more than an hour away, tell no age', 's', lower=0.0)
     on_stale: str = parameter(
         'equilibrium', 'what is commanded while no state comes: the equilibrium input (at rest), '
         'the last command again, or nothing', choices=STALE)
@@ -100,6 +122,23 @@ class Candidate:
     design: Design
     control: Control
 
+    @property
+    def gains(self) -> tuple[Any, ...]:
+        """Return what decides about the gain; the same objects as long as nothing changes."""
+        return self.design, self.control.horizon, self.control.schedule
+
+    @property
+    def note(self) -> str:
+        """Return what there is besides the steady gain, in words."""
+        words, settings = [], self.settings
+        if self.control.horizon is not None:
+            words.append(f'the set point is to be reached within {settings.horizon:g} s')
+        if self.control.schedule is not None:
+            low, high = settings.schedule_range
+            words.append(f'the gain follows {settings.schedule} from {low:g} to {high:g}: '
+                         f'{_table(settings, self.design)[1]}')
+        return '; '.join(words)
+
 
 def judge(settings: Settings, courses: tuple[Course, ...] = ()) -> Candidate:
     """
@@ -119,20 +158,26 @@ def judge(settings: Settings, courses: tuple[Course, ...] = ()) -> Candidate:
 
     """
     found = _design(*(_key(getattr(settings, name)) for name in _DESIGN))
+    if settings.P1:
+        terminal_weight(square('P1', settings.P1, found.plant.system.n), found.plant.system.n)
+    if settings.horizon and settings.schedule:
+        raise StatementError('horizon and schedule: wanted one or the other')
     return Candidate(settings, found, Control(
         regulator=found.regulator,
         limits=_limits(settings, found),
         rest=found.plant.rest,
         names=found.plant.system.state_names,
         rules=_rules(settings, found.plant.system.state_names),
-        legs=tuple(_leg(each, found)[0] for each in courses),
+        legs=tuple(_leg(each, found, settings.P1)[0] for each in courses),
         C=rows(found.C),
-        prediction=found.prediction))
+        prediction=found.prediction,
+        horizon=_horizon(found, settings.horizon, settings.P1) if settings.horizon else None,
+        schedule=_table(settings, found)[0] if settings.schedule else None))
 
 
-def ending(course: Course, found: Design) -> str:
+def ending(course: Course, candidate: Candidate) -> str:
     """Return what happens at the end of a reference."""
-    return _leg(course, found)[1]
+    return _leg(course, candidate.design, candidate.settings.P1)[1]
 
 
 def tried(weights: LqrWeights) -> dict[str, Any]:
@@ -171,8 +216,62 @@ def _design(*values: Any) -> Design:
 
 
 @functools.lru_cache(maxsize=4)
-def _leg(course: Course, found: Design) -> tuple[Leg, str]:
-    return leg(course, found)
+def _leg(course: Course, found: Design, P1: Vector) -> tuple[Leg, str]:
+    return leg(course, found, square('P1', P1, found.plant.system.n) if P1 else None)
+
+
+@functools.lru_cache(maxsize=4)
+def _horizon(found: Design, time: float, P1: Vector) -> Horizon:
+    return horizon(found, time, square('P1', P1, found.plant.system.n) if P1 else None)
+
+
+def _table(settings: Settings, found: Design) -> tuple[Schedule, str]:
+    """Return the schedule of a design, and what is proved of it."""
+    if len(settings.schedule_range) != 2:
+        raise StatementError(f'schedule_range has {len(settings.schedule_range)} numbers; wanted '
+                             'the lowest and the highest value')
+    return _scheduled(found, settings.schedule, settings.schedule_range, settings.setpoint,
+                      settings.setpoint_input, settings.state_source == 'odom')
+
+
+@functools.lru_cache(maxsize=4)
+def _scheduled(found: Design, name: str, between: Vector, setpoint: Vector,
+               setpoint_input: Vector, is_measured: bool) -> tuple[Schedule, str]:
+    system = found.plant.system
+    known = {each.name: each for each in (*system.inputs, *system.parameters)}
+    if name not in known:
+        raise StatementError(f"schedule: {system.name} has no input or parameter '{name[:60]}'; "
+                             f'it has {", ".join(known)}')
+    index = system.input_names.index(name) if name in system.input_names else -1
+    if is_measured and known[name].unit != 'm/s':
+        raise StatementError(f'schedule = {name}: odometry tells a speed, not this')
+    if index < 0 and not is_measured:
+        raise StatementError(f'schedule = {name}: a State does not tell it; set state_source = '
+                             'odom')
+    made = scheduled(found, _plant_at(found, name, index, setpoint, setpoint_input), *between)
+    changes = ('however it changes' if made.rate == math.inf else
+               f'while it changes by up to {made.rate:.3g} a second')
+    gains = Gains(vector(made.values), tuple(rows(K[:, :system.n]) for K in made.K),
+                  tuple(rows(K[:, system.n:]) if len(found.C) else () for K in made.K))
+    return (Schedule(gains, index),
+            f'{len(made.values)} gains, proved to stabilise all over it, {changes}')
+
+
+def _plant_at(found: Design, name: str, index: int, setpoint: Vector, setpoint_input: Vector
+              ) -> Callable[[float], Plant]:
+    """Return the plant as a function of the value of an input or, below 0, a parameter."""
+    system, ue = found.plant.system, found.plant.equilibrium.u
+
+    def at(value: float) -> Plant:
+        if index < 0:
+            return plant(system.with_parameters({name: value}), setpoint, setpoint_input)
+        wanted = (*ue[:index], value, *ue[index + 1:])
+        there = plant(system, setpoint, wanted)
+        if there.equilibrium.u[index] != value:
+            raise StatementError(f'schedule = {name}: the set point leaves it no choice')
+        return there
+
+    return at
 
 
 def _limits(settings: Settings, found: Design) -> Limits:
@@ -181,12 +280,21 @@ def _limits(settings: Settings, found: Design) -> Limits:
     upper = vector(system.u_max)
     if settings.weights != 'bryson':
         upper = _sized('u_max', settings.u_max, system.input_names) or upper
+    names = ('u_min', 'u_max')
+    if settings.u_limits:
+        if len(settings.u_limits) != 2 * system.m:
+            raise StatementError(f'u_limits has {len(settings.u_limits)} numbers; wanted '
+                                 f'{2 * system.m}, lower and upper of '
+                                 f'{", ".join(system.input_names)}')
+        lower, upper = settings.u_limits[::2], settings.u_limits[1::2]
+        names = ('the lower of u_limits', 'the upper of u_limits')
     for name, low, value, high in zip(system.input_names, lower, ue, upper, strict=True):
         if not low < high:
-            raise StatementError(f'{name}: u_min = {low:g} is not below u_max = {high:g}')
+            raise StatementError(f'{name}: {names[0]} = {low:g} is not below {names[1]} = '
+                                 f'{high:g}')
         if not low <= value <= high:
-            raise StatementError(f'{name} = {value:.6g} holds the set point, outside u_min = '
-                                 f'{low:g} and u_max = {high:g}')
+            raise StatementError(f'{name} = {value:.6g} holds the set point, outside {names[0]} = '
+                                 f'{low:g} and {names[1]} = {high:g}')
     angles = tuple(i for i, is_angle in enumerate(system.angles) if is_angle)
     return Limits(lower, upper, angles)
 
@@ -206,7 +314,8 @@ def _rules(settings: Settings, names: tuple[str, ...]) -> Rules:
     return Rules(
         period=round(min(1e9 / settings.rate, 1e18)) if settings.rate else 0,
         state_timeout=settings.state_timeout, on_stale=settings.on_stale, x_limits=bounds,
-        on_envelope=settings.on_envelope, transition_time=settings.transition_time)
+        on_envelope=settings.on_envelope, transition_time=settings.transition_time,
+        stamp_timeout=settings.stamp_timeout)
 
 
 def _sized(name: str, given: Vector, names: tuple[str, ...]) -> Vector:

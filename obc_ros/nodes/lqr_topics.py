@@ -36,6 +36,11 @@ from obc_ros.nodes.conversions import BASE, nanoseconds, OdometryMap
 SOURCES = {'state': State, 'odom': Odometry}
 SINKS = {'command': Command, 'cmd_vel': TwistStamped, 'wrench': WrenchStamped}
 
+
+class FrameError(StatementError):
+    """A message is of another frame than the ones before."""
+
+
 Read = Callable[[Any], Sequence[float]]
 Fill = Callable[[Sequence[float]], None]
 
@@ -48,17 +53,23 @@ def source(topic: str, system: System) -> Read:
     """
     if topic == 'state':
         return lambda message: message.x  # type: ignore[no-any-return] # array of double
-    odometry = OdometryMap(system)
+    odometry, body = OdometryMap(system), ''
     if not odometry.readable:
         raise StatementError(f'state_source = odom: a pose and a twist do not tell the state of '
                              f'{system.name} ({", ".join(system.state_names)})')
 
     def state(message: Odometry) -> Sequence[float]:
-        if message.child_frame_id == message.header.frame_id:
-            raise StatementError(
-                f'odometry with child_frame_id = header.frame_id = '
-                f"'{message.child_frame_id}': its twist belongs in the frame of the body")
-        return odometry.state(message).tolist()
+        nonlocal body
+        child = message.child_frame_id
+        if child == message.header.frame_id:
+            raise FrameError(
+                f"odometry with child_frame_id = header.frame_id = '{child[:60]}': its twist "
+                'belongs in the frame of the body')
+        if body and child != body:
+            raise FrameError(f"odometry of '{child[:60]}', after that of '{body[:60]}'")
+        x: list[float] = odometry.state(message).tolist()
+        body = child
+        return x
 
     return state
 
