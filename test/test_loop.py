@@ -7,9 +7,9 @@ import math
 
 from hypothesis import given, settings, strategies
 import numpy as np
-from obc_ros.core.control import Control, Leg, Prediction, Reference, Rules
+from obc_ros.core.control import Control, Horizon, Leg, Prediction, Reference, Rules, Schedule
 from obc_ros.core.loop import Loop
-from obc_ros.core.regulator import feedback, Limits, Point, Regulator, rows, vector
+from obc_ros.core.regulator import feedback, Gains, Limits, Point, Regulator, rows, vector
 import pytest
 
 MS = 1_000_000
@@ -150,6 +150,34 @@ def test_rate() -> None:
     assert loop.answer(933 * MS, [0.0, 0.0], 1.0)
     assert not loop.answer(980 * MS, [0.0, 0.0], 1.0)
     assert loop.answer(983 * MS, [0.0, 0.0], 1.0)
+
+
+@pytest.mark.parametrize(('lag', 'kind'), [
+    (0.0, ''), (0.4, ''), (0.6, 'old'), (3599.0, 'old'), (-0.4, ''), (-0.6, 'ahead'),
+    (3601.0, ''), (-3601.0, ''), (1.7e9, '')])
+def test_stamps_against_the_clock(lag: float, kind: str) -> None:
+    """A state stamped long ago, or in the future, is dropped, unless of another clock."""
+    loop = Loop(control(rules=Rules(stamp_timeout=0.5)))
+    stamp = 2_000_000_000 * S
+    u = loop.answer(stamp, [1.0, 0.0], 0.0, stamp + round(lag * S))
+    assert (u is None) == bool(kind) and loop.counts[kind] == bool(kind)
+    if kind:
+        words = {'old': 'before', 'ahead': 'after'}[kind]
+        assert f's {words} the time here was dropped' in loop.news[0]
+        assert loop.lag == pytest.approx(lag)
+        # it neither is a state that came, nor puts the next one out of order
+        assert loop.overdue(1e9) is None and loop.stamp is None
+    unchecked = Loop(control())
+    assert unchecked.answer(stamp, [1.0, 0.0], 0.0, stamp + round(lag * S)) == [-1.0]
+
+
+def test_late_stamps_are_stale() -> None:
+    """States that all come late are as good as none: on_stale acts."""
+    loop = Loop(control(u=7.0, rules=Rules(stamp_timeout=0.5)))
+    assert loop.answer(10 * S, [1.0, 0.0], 10.0, 10 * S) == [6.0]
+    for k in range(1, 10):
+        assert loop.answer(10 * S + k * 100 * MS, [1.0, 0.0], 10.0 + 0.1 * k, 20 * S) is None
+    assert loop.overdue(10.9) == [7.0] and loop.is_stale
 
 
 # When states stay away
@@ -344,6 +372,102 @@ def test_preview_is_the_jump() -> None:
     assert before and after and jump == [after[0] - before[0]] == [-0.5]
 
 
+class Still:
+    """The reference px = 5, with a gain of its own."""
+
+    def at(self, t: float) -> Point:
+        """Return it."""
+        return Point((5.0, 0.0), (0.0,), ((3.0, 0.0),))
+
+
+@pytest.mark.parametrize('delay', [0, 200 * MS])
+def test_hand_overs_between_references_are_smooth(delay: int) -> None:
+    """Where a reference begins, gives way to another and ends, the command does not jump."""
+    rules = Rules(transition_time=0.5)
+    legs = (Leg(Reference(1 * S, 4.0), Ramp(), Regulator((4.0, 0.0), (0.5,), K, (0.0, 0.0))),
+            Leg(Reference(3 * S, 2.0), Still(), Regulator((5.0, 0.0), (2.0,), K, (0.0, 0.0))))
+    moves = ((1.0, delay / S), (0.0, 1.0))
+    prediction = Prediction(moves, (((0.0,), (0.0,)),) * 2, 100 * MS, delay) if delay else None
+    times, dt = np.arange(0.0, 7.0, 0.01), 0.01
+    u = {}
+    for smooth in (True, False):
+        loop = Loop(control(rules=rules if smooth else Rules(), legs=legs, prediction=prediction))
+        u[smooth] = np.array([loop.answer(round(t * S), [1.0, 0.0], t) for t in times]).ravel()
+    jumps = np.abs(np.diff(u[False]))
+    at = np.array([1.0, 3.0, 5.0]) - delay * 1e-9
+    assert sorted(times[1:][jumps > 0.5]) == pytest.approx(at)
+    assert np.abs(np.diff(u[True])).max() < 1.5 * jumps.max() * dt / 0.5 + 1.1 * dt
+    settled = np.all(np.abs(times[:, None] - (at + 0.25)) > 0.26, axis=1)
+    np.testing.assert_allclose(u[True][settled], u[False][settled], atol=1e-12)
+
+
+# A horizon
+
+
+def within(time: float, K: float = 10.0, **options: object) -> Control:
+    """Return a control that reaches its set point within a time: a gain that grows, and a rest."""
+    gains = Gains((0.0, time, time + 0.1), (((0.0, 0.0),), ((K, 0.0),), ((1.0, 2.0),)), ((),) * 3)
+    return control(horizon=Horizon(time, gains), **options)
+
+
+def test_a_horizon_begins_with_the_law() -> None:
+    """Its gain follows the time since the first state, and ends in the steady one."""
+    loop = Loop(within(2.0))
+    given = answers(loop, *((t, [1.0, 0.0]) for t in (7.0, 8.0, 9.0, 9.05, 9.1, 20.0)))
+    np.testing.assert_allclose(np.ravel(given), [0.0, -5.0, -10.0, -5.5, -1.0, -1.0])
+
+
+def test_a_horizon_goes_on_through_changes_of_the_weights() -> None:
+    """Only another set point or horizon begins it anew; so does a start after a stop."""
+    loop = Loop(within(2.0))
+    answers(loop, (0.0, [1.0, 0.0]))
+    loop.adopt(within(2.0, K=20.0))
+    assert answers(loop, (1.0, [1.0, 0.0])) == [[-10.0]]
+    loop.adopt(within(2.0, K=20.0, x=(1.0, 0.0)))
+    assert answers(loop, (1.5, [2.0, 0.0]), (2.5, [2.0, 0.0])) == [[0.0], [-10.0]]
+    loop.adopt(within(4.0, K=20.0, x=(1.0, 0.0)))
+    assert answers(loop, (3.0, [2.0, 0.0]), (4.0, [2.0, 0.0])) == [[0.0], [-5.0]]
+    assert loop.preview(control(x=(1.0, 0.0))) == [5.0 - 1.0]
+    loop.stop('by test')
+    answers(loop, (5.0, [2.0, 0.0]))
+    loop.start()
+    assert answers(loop, (6.0, [2.0, 0.0]), (7.0, [2.0, 0.0])) == [[0.0], [-5.0]]
+
+
+def test_a_horizon_of_a_set_point_that_moves() -> None:
+    """It moves on from where the plant was when the law began, whatever changes meanwhile."""
+    moving = within(2.0, u=10.0, drift=(10.0, 0.0))
+    loop = Loop(moving)
+    assert answers(loop, (100.0, [500.0, 0.0]), (101.0, [511.0, 0.0])) == [[10.0], [5.0]]
+    loop.adopt(within(2.0, K=20.0, u=10.0, drift=(10.0, 0.0)))
+    assert answers(loop, (101.0, [511.0, 0.0]), (102.0, [521.0, 0.0])) == [[0.0], [-10.0]]
+
+
+# A schedule
+
+
+def test_gains_follow_what_is_measured_or_was_commanded() -> None:
+    """Between the grid straight, beyond it the nearest; before the first answer the set point."""
+    gains = Gains((1.0, 3.0), (((10.0, 0.0),), ((30.0, 0.0),)), ((),) * 2)
+    loop = Loop(control(schedule=Schedule(gains, -1)))
+    speeds = (0.0, 1.0, 2.0, 3.0, 99.0)
+    given = [loop.answer(k, [1.0, 0.0], 0.0, None, v) for k, v in enumerate(speeds)]
+    assert given == [[-10.0], [-10.0], [-20.0], [-30.0], [-30.0]]
+    assert loop.answer(9, [1.0, 0.0], 0.0, None, math.nan) is None
+    assert loop.counts['finite'] == 1
+    loop = Loop(control(u=2.0, schedule=Schedule(gains, 0)))
+    assert answers(loop, (0.0, [-0.01, 0.0]), (0.1, [-0.01, 0.0])) == [
+        [pytest.approx(2.2)], [pytest.approx(2.22)]]
+
+
+def test_a_schedule_and_a_reference() -> None:
+    """What is measured counts along a reference, too; there an input has its gain in time."""
+    gains = Gains((1.0, 3.0), (((10.0, 0.0),), ((30.0, 0.0),)), ((),) * 2)
+    for index, wanted in ((-1, -20.0), (0, -1.0)):
+        loop = Loop(control(schedule=Schedule(gains, index), legs=(leg(0),)))
+        assert loop.answer(1 * S, [2.0, 1.0], 0.0, None, 2.0) == [wanted]
+
+
 # Integral action
 
 
@@ -389,6 +513,22 @@ def test_nothing_is_integrated_over_a_gap() -> None:
     loop = Loop(control(gain=((0.0, 0.0),), C=((1.0, 0.0),), Ki=((1.0,),)))
     given = answers(loop, (0.0, [1.0, 0.0]), (0.1, [1.0, 0.0]), (9.1, [1.0, 0.0]))
     np.testing.assert_allclose(given, [[0.0], [-0.1], [-0.1]], atol=1e-15)
+
+
+def test_a_gain_that_changes_leaves_what_was_learned() -> None:
+    """With a constant push the error stays 0 while the gains, that of the integral too, change."""
+    loop = Loop(control(gain=((6.0, 4.0),), C=((1.0, 0.0),), Ki=((3.0,),)))
+    x, v, dt, worst = 0.0, 0.0, 0.01, 0.0
+    for k in range(8_000):
+        u = loop.answer(round(k * dt * S), [x, v], k * dt)
+        assert u is not None
+        acceleration = u[0] + 1.0
+        x, v = x + v * dt + acceleration * dt**2 / 2, v + acceleration * dt
+        if k >= 4_000:
+            worst = max(worst, abs(x))
+            s = 1.0 + 0.5 * math.sin(k * dt)
+            loop.adopt(control(gain=((6.0 * s, 4.0 * s),), C=((1.0, 0.0),), Ki=((3.0 * s * s,),)))
+    assert worst < 1e-6  # -Ki z in place of -w would leave 0.1
 
 
 # Prediction over a delay

@@ -12,7 +12,7 @@ from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import replace
 import math
-from operator import mul, sub
+from operator import add, mul, sub
 from typing import NamedTuple
 
 from obc_ros.core.control import Control, Prediction, Schedule
@@ -167,7 +167,7 @@ class Loop:
         """Return by how much (m,) a control would change the last command, or None: none yet."""
         if self.x is None or self.stamp is None or self.command is None:
             return None
-        u = self._input(control, self._running(control, self.stamp), self.stamp, self.x)
+        u = self._input(control, self._ahead(control, self.stamp), self.stamp, self.x)
         control.limits.clip(u)
         return list(map(sub, u, self.command))
 
@@ -225,17 +225,19 @@ class Loop:
             return self._instead('equilibrium')
         if self._resting:
             self._resume(control, stamp, x)
-        running = self._running(control, stamp)
-        if running.law is not self._followed.law:
-            self._hand_over(control, running, stamp, x)
-        here = self._point(control, running, stamp)
+        now = self._running(control, stamp)
+        ahead = now if control.prediction is None else self._ahead(control, stamp)
+        if ahead.law is not self._followed.law:  # a reference has begun or ended
+            before, self._followed = self._going_on(stamp, x), ahead
+            self._smooth(control, before, stamp, x)
+        here = self._point(control, now, stamp)
         error = control.limits.error(x, here.x)
         if control.rules.x_limits and self._is_beyond(control, error):
             return self._instead('equilibrium' if self.stopped else control.rules.on_envelope)
         if control.C:
             self._integrate(control, here, error, stamp)
         self.error, self._since = error, stamp
-        raw = self._law(control, here, error, stamp)
+        raw = self._law(control, here, error, now, ahead, stamp)
         if self._jump is not None:
             self._fade(raw, stamp)
         u = raw.copy()
@@ -246,26 +248,40 @@ class Loop:
             self._remember(control.prediction, u, stamp)
         return u
 
-    def _input(self, control: Control, running: _Running, stamp: int, x: Sequence[float]
+    def _input(self, control: Control, ahead: _Running, stamp: int, x: Sequence[float]
                ) -> list[float]:
         """Return what a law would command for a state, without limits."""
-        here = self._point(control, running, stamp)
-        return self._law(control, here, control.limits.error(x, here.x), stamp)
+        now = ahead if control.prediction is None else self._running(control, stamp)
+        here = self._point(control, now, stamp)
+        return self._law(control, here, control.limits.error(x, here.x), now, ahead, stamp)
 
-    def _law(self, control: Control, here: Point, e: list[float], stamp: int) -> list[float]:
-        """Return the law's input at an error from the point `here`, without limits."""
+    def _law(self, control: Control, here: Point, e: list[float], now: _Running, ahead: _Running,
+             stamp: int) -> list[float]:
+        """
+        Return the input, without limits, of the law `ahead` that is in force when it acts.
+
+        The error e is the one from the point `here` of the law `now`.
+        """
         point = here
         z: Sequence[float] = ()
         if control.prediction is not None:
             e, z = self._predict(control.prediction, e, here.u, len(control.C))
             if control.legs:
                 later = stamp + control.prediction.delay
-                point = self._point(control, self._running(control, later), later)
+                point = self._point(control, ahead, later)
+                if ahead.law is not now.law:
+                    on = self._point(control, now, later).x
+                    e = control.limits.error(list(map(add, on, e)), point.x)
         u = feedback(point, e)
         if control.C:
             for j, row in enumerate(point.Ki):
                 u[j] -= self._w[j] + sum(map(mul, row, z))
         return u
+
+    def _ahead(self, control: Control, stamp: int) -> _Running:
+        """Return the law in force when an answer to a stamp acts."""
+        delay = control.prediction.delay if control.prediction is not None else 0
+        return self._running(control, stamp + delay)
 
     def _running(self, control: Control, stamp: int) -> _Running:
         """Return the law in force at a stamp."""
@@ -345,7 +361,7 @@ class Loop:
         drift, now = self._regulator.drift, self._set_point_at(stamp)
         here = [own if v else xr for own, xr, v in zip(x, now, drift, strict=True)]
         self._hold(control, replace(self._regulator, x=tuple(here)), stamp)
-        self._followed = self._running(control, stamp)
+        self._followed = self._ahead(control, stamp)
         if self.command is not None:
             self._smooth(control, self.command, stamp, x)
 
@@ -360,7 +376,7 @@ class Loop:
         """Make `new` the control in use."""
         before = None
         if not (self._resting or self.stopped or self.command is None):
-            before = self._going_on(self._followed, stamp, x)
+            before = self._going_on(stamp, x)
         self._hold(new, *self._moved(new, stamp))
         for leg in new.legs:
             if leg.reference.begin is None:
@@ -368,20 +384,13 @@ class Loop:
         if not (new.C and self._control.C):
             self._w = [0.0] * len(self._w)
         self._control, self._excess = new, ()
-        self._followed = self._running(new, stamp)
+        self._followed = self._ahead(new, stamp)
         if before is not None:
             self._smooth(new, before, stamp, x)
 
-    def _hand_over(self, control: Control, running: _Running, stamp: int, x: Sequence[float]
-                   ) -> None:
-        """Go over to another law of the same control: a reference has begun or ended."""
-        before = self._going_on(self._followed, stamp, x)
-        self._followed = running
-        self._smooth(control, before, stamp, x)
-
-    def _going_on(self, running: _Running, stamp: int, x: Sequence[float]) -> list[float]:
+    def _going_on(self, stamp: int, x: Sequence[float]) -> list[float]:
         """Return what would be commanded if the law stayed as it is."""
-        u = self._input(self._control, running, stamp, x)
+        u = self._input(self._control, self._followed, stamp, x)
         if self._jump is not None:
             self._fade(u, stamp)
         self._control.limits.clip(u)
