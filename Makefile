@@ -18,7 +18,7 @@ SOURCES := setup.py pyproject.toml package.xml CMakeLists.txt cmake resource \
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH
 unexport ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION _ROS_WHEELS_BOOTSTRAP_COMPLETE VIRTUAL_ENV
 
-.PHONY: help setup develop demo test lint bench clean
+.PHONY: help setup develop demo test lint bench docs clean
 .DELETE_ON_ERROR:
 
 help: ## say what there is to make
@@ -42,8 +42,12 @@ lint: setup ## ruff, and mypy on the numerical core
 bench: setup ## the benchmarks
 	$(BIN)/obc bench $(ARGS)
 
+docs: .venv-docs/.requirements ## the documentation, in out/docs
+	@.venv-docs/bin/sphinx-build -W --keep-going -q -d out/doctrees docs out/docs
+	@echo 'obc_ros: out/docs/index.html'
+
 clean: ## remove what was built and installed
-	rm -rf .venv .venv-kilted build install log *.egg-info .hypothesis .mypy_cache \
+	rm -rf .venv .venv-docs .venv-kilted build install log *.egg-info .hypothesis .mypy_cache \
 		.pytest_cache .ruff_cache
 
 $(BIN)/python:
@@ -53,6 +57,12 @@ $(BIN)/python:
 $(VENV)/.requirements: $(REQUIRED) | $(BIN)/python
 	@echo 'obc_ros: ROS 2 $(DISTRO) and pinned packages into $(VENV) (half a minute)'
 	@$(PIP) install $(addprefix -r ,$(REQUIRED))
+	@touch $@
+
+.venv-docs/.requirements: requirements/docs.txt
+	@echo 'obc_ros: Sphinx into .venv-docs'
+	@$(PYTHON) -m venv .venv-docs
+	@.venv-docs/bin/python -m pip --disable-pip-version-check -qq install -r $<
 	@touch $@
 
 $(VENV)/.obc_ros: $(VENV)/.requirements $(SOURCES)

@@ -12,10 +12,11 @@ from xml.etree import ElementTree
 # rosdoc2 runs a copy of this folder, and has the package on the path.
 ROOT = next(folder for folder in map(Path, (os.path.abspath('..'), *sys.path))
             if (folder / 'package.xml').is_file())
-sys.path.insert(0, os.path.abspath('.'))
+sys.path[:0] = [os.path.abspath('.'), str(ROOT)]
 
 import mathml  # noqa: E402 # beside this file
 import reference  # noqa: E402 # beside this file
+import worked  # noqa: E402 # beside this file
 
 project = 'obc_ros'
 author = 'The obc_ros developers'
@@ -25,7 +26,6 @@ release = version = ElementTree.parse(ROOT / 'package.xml').findtext('version') 
 extensions = ['myst_parser', *(
     name for name in ('sphinx_copybutton',) if util.find_spec(name))]
 exclude_patterns = ['_build']
-suppress_warnings = ['toc.empty_glob']  # of pages that are not in every copy
 
 myst_enable_extensions = ['deflist', 'dollarmath']
 myst_heading_anchors = 3
@@ -47,7 +47,18 @@ rosdoc2_settings = {'allow_other_extensions': True, 'enable_autodoc': False,
                     'enable_intersphinx': False}
 
 
+def list_others(app: Any, page: str, source: list[str]) -> None:
+    """Have the contents end with the pages that they do not name."""
+    if page == 'index':
+        named = {line.strip() for line in source[0].splitlines()}
+        others = sorted(app.env.found_docs - named - {page})
+        source[0] = source[0].replace('   (all others)\n', ''.join(
+            f'   {each}\n' for each in others))
+
+
 def setup(app: Any) -> None:
     """Add the directives and the renderer of this folder."""
+    app.connect('source-read', list_others)
     mathml.setup(app)
     reference.setup(app, ROOT)
+    worked.setup(app, ROOT)

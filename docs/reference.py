@@ -131,7 +131,9 @@ class Source:
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 return -self.value(operand)
             case ast.Tuple(elts=elements):
-                return tuple(map(self.value, elements))
+                return tuple(value for element in elements for value in (
+                    self.value(element.value) if isinstance(element, ast.Starred) else
+                    (self.value(element),)))
             case ast.Dict(keys=keys):
                 # what counts of a dictionary of choices
                 return [self.value(key) for key in keys if key is not None]
