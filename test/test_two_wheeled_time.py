@@ -5,7 +5,7 @@
 from math import pi
 
 import casadi as ca
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.errors import StatementError
@@ -37,6 +37,7 @@ def robot(start, goal, L=1.0, M=1.0, order=(0, 1, 2), rate=1.0, upper=50.0, weig
 
 @settings(max_examples=200, deadline=None)
 @given(poses, poses, limits, limits)
+@example((0.0, 0.0, 2.0**-23), (2.0**-23, 0.0, 2.0**-23), 3.0, 1.0)
 def test_pontryagin(start, goal, L, M):
     found = least_time(start, goal, L, M)
     x, u, lam = found.x, found.u, found.lam
@@ -45,11 +46,13 @@ def test_pontryagin(start, goal, L, M):
     if found.objective == 0:
         return
     p = lam[:, 0] * np.cos(x[:, 2]) + lam[:, 1] * np.sin(x[:, 2])
-    assert np.abs(found.hamiltonian).max() < 1e-9
+    # Places are known to 1e-14 m; along a path of 1e-7 m the costate is 1e7 per metre.
+    tolerance = 1e-9 + 1e-14 * np.abs(lam[0, :2]).max()
+    assert np.abs(found.hamiltonian).max() < tolerance
     np.testing.assert_allclose(1 + u[:, 0] * p + u[:, 1] * lam[:, 2], found.hamiltonian,
                                atol=1e-12)
     # The minimum of H over the box is attained.
-    assert np.abs(1 - L * np.abs(p) - M * np.abs(lam[:, 2])).max() < 1e-9
+    assert np.abs(1 - L * np.abs(p) - M * np.abs(lam[:, 2])).max() < tolerance
     # Costate equation: lam1, lam2 constant, lam3' = v (lam1 sin - lam2 cos).
     assert np.ptp(lam[:, :2], axis=0).max() == 0
     turn = lam[:, 0] * (x[:, 1] - x[0, 1]) - lam[:, 1] * (x[:, 0] - x[0, 0])
