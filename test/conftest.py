@@ -20,8 +20,10 @@ os.environ.update(support.ISOLATED)
 for _name in support.FOREIGN:
     os.environ.pop(_name, None)
 
-# The clock of a busy machine decides no test.
-settings.register_profile('obc_ros', deadline=None)
+# Neither chance nor the clock of a busy machine decides a test. `--hypothesis-profile explore`
+# looks at other examples each time.
+settings.register_profile('obc_ros', deadline=None, derandomize=True)
+settings.register_profile('explore', deadline=None)
 settings.load_profile('obc_ros')
 
 _SPAWNER = pytest.StashKey[support.Spawner]()
