@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core import systems
 from obc_ros.core.control import Control, Rules
-from obc_ros.core.design import Design, design, plant
+from obc_ros.core.design import Design, design, plant, Sampling
 from obc_ros.core.errors import StatementError
-from obc_ros.core.following import Course, course, leg
+from obc_ros.core.following import Course, course, horizon, leg
 from obc_ros.core.loop import Loop
-from obc_ros.core.regulator import Limits
+from obc_ros.core.regulator import Limits, rows
 from obc_ros.core.riccati import finite_horizon
+from obc_ros.core.sampled import discretised
 from obc_ros.core.simulate import Simulator
 import pytest
+from scipy.integrate import solve_ivp
 
 Array = NDArray[np.float64]
 S = 10**9
@@ -218,3 +220,112 @@ def test_an_answer_that_ends_at_rest_is_held_there() -> None:
     np.testing.assert_allclose(system.f(np.array(end.x), np.array(end.u)), 0.0, atol=1e-7)
     x[-1, 3] = 0.5
     assert 'the set point is held, as no input holds' in leg(given(system, T, x, u), found)[1]
+
+
+# A terminal weight
+
+
+@pytest.mark.parametrize('P1', [np.zeros((2, 2)), np.diag([100.0, 1.0]), np.diag([1e4, 1e4])])
+def test_a_horizon_has_the_gains_of_the_riccati_equation(P1: Array) -> None:
+    """K(t) of (2.7) backwards from P1, also where it changes fast, then the steady gain."""
+    found, T = double_integrator(), 3.0
+    gains = horizon(found, T, P1).gains
+    grid = np.array(gains.grid[:-1])
+    assert grid[-1] == T
+    A, B, Qx, Qu = found.plant.A, found.plant.B, found.weights.Qx, found.weights.Qu
+    _, K = finite_horizon(A, B, Qx, Qu, P1, grid, T)
+    np.testing.assert_allclose(gains.K[:-1], K, rtol=1e-9, atol=1e-9)
+    assert gains.at(T + 10.0) == (rows(found.K), ())
+    t = np.sort(np.concatenate([np.linspace(0.0, T, 777), T - np.geomspace(1e-5, 0.1, 50)]))
+    _, K = finite_horizon(A, B, Qx, Qu, P1, np.unique(t), T)
+    error = np.abs(K - [gains.at(s)[0] for s in np.unique(t)])
+    assert (error <= 0.05 * np.abs(K) + 1e-3 * np.abs(found.K).max()).all()
+
+
+def test_a_horizon_without_a_weight_is_the_steady_design() -> None:
+    """P1 = P leaves P where it is."""
+    found = double_integrator()
+    for K in horizon(found, 2.0).gains.K:
+        np.testing.assert_allclose(K, found.K, rtol=1e-9)
+
+
+def test_a_horizon_costs_least() -> None:
+    """x0'P(0) x0 is what the run costs, and other gains cost more."""
+    found, T, P1 = double_integrator(), 2.0, np.diag([50.0, 5.0])
+    A, B, Qx, Qu = found.plant.A, found.plant.B, found.weights.Qx, found.weights.Qu
+    gains = horizon(found, T, P1).gains
+
+    def cost(scale: float) -> float:
+        def rate(t: float, z: Array) -> Array:
+            u = -scale * np.array(gains.at(t)[0]) @ z[:2]
+            return np.append(A @ z[:2] + B @ u, z[:2] @ Qx @ z[:2] + u @ Qu @ u)
+
+        *x, J = solve_ivp(rate, (0.0, T), [1.0, -0.5, 0.0], rtol=1e-9, max_step=0.01).y[:, -1]
+        return float(J + np.array(x) @ P1 @ x)
+
+    P, _ = finite_horizon(A, B, Qx, Qu, P1, [0.0], T)
+    x0 = np.array([1.0, -0.5])
+    assert cost(1.0) == pytest.approx(x0 @ P[0] @ x0, rel=1e-3)
+    assert cost(0.9) > cost(1.0) < cost(1.1)
+
+
+def test_a_sampled_horizon() -> None:
+    """The sum of the sampled cost, backwards from P1 in whole periods."""
+    found = design(plant(systems.get('double_integrator')), {'Qx': (4.0, 0.5), 'Qu': (0.5,)},
+                   sampling=Sampling(0.1, exact=True))
+    P1 = np.diag([10.0, 2.0])
+    gains = horizon(found, 1.0, P1).gains
+    Ad, Bd, cost = discretised(found.plant.A, found.plant.B, found.weights, 0.1)
+    assert cost.cross is not None
+    P = P1
+    for k in range(9, -1, -1):
+        right = Bd.T @ P @ Ad + cost.cross.T
+        K = np.linalg.solve(cost.Qu + Bd.T @ P @ Bd, right)
+        P = Ad.T @ P @ Ad + cost.Qx - right.T @ K
+        np.testing.assert_allclose(gains.at(0.1 * k)[0], K, rtol=1e-9)
+    assert gains.at(5.0)[0] == rows(found.K)
+
+
+def test_a_terminal_weight_at_the_end_of_a_reference() -> None:
+    """The gain ends in Qu^-1 B'P1 and goes over to that which holds the end without a jump."""
+    found, T, P1 = double_integrator(), 3.0, np.diag([40.0, 8.0])
+    t = np.linspace(0.0, T, 31)
+    law = leg(given(found.plant.system, t, np.zeros((31, 2)), 0 * t), found, P1)[0]
+    last = np.linalg.solve(found.weights.Qu, found.plant.B.T @ P1)
+    np.testing.assert_allclose(law.along.at(T).K, last)
+    np.testing.assert_allclose(law.after.at(0.0).K, last)
+    np.testing.assert_allclose(law.after.at(9.0).K, found.K)
+    np.testing.assert_allclose(law.along.at(0.0).K, found.K, rtol=0.01)
+    K = np.array([law.after.at(s).K for s in np.linspace(0.0, 1.0, 1001)])
+    assert np.abs(np.diff(K, axis=0)).max() < 0.01 * np.abs(last).max()
+
+
+# What does not change along a reference
+
+
+def test_a_constant_push_is_compensated_along_a_reference_that_changes_speed() -> None:
+    """From 10 to 2 m/s with a crooked wheel: only integral action keeps to the line."""
+    system = systems.get('vehicle')
+    t = np.linspace(0.0, 30.0, 301)
+    v = np.interp(t, [10.0, 20.0], [10.0, 2.0])
+    px = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
+    x, u = np.stack([px, 0 * t, 0 * t], axis=1), np.stack([v, 0 * t], axis=1)
+    worst = {}
+    for integral in ((), ('py',)):
+        found = design(plant(system), {'Qx': (1.0, 4.0, 1.0), 'Qu': (1.0, 1.0)}, integral,
+                       (4.0,) * len(integral))
+        law = leg(given(system, t, x, u), found)[0]
+        if integral:  # it changes along the way
+            Ki = [abs(law.along.at(s).Ki[1][0]) for s in (5.0, 15.0, 29.0)]
+            assert max(Ki) > 1.01 * min(Ki)
+        control = Control(found.regulator, Limits(tuple(system.u_min), tuple(system.u_max), (2,)),
+                          (0.0, 0.0), system.state_names, Rules(), (law,), rows(found.C))
+        loop, car, error = Loop(control), Simulator(system, [0.0, 0.0, 0.0]), []
+        for k in range(3_000):
+            command = loop.answer(k * S // 100, car.x.tolist(), 0.01 * k)
+            assert command is not None
+            error.append(abs(car.x[1]))
+            car.command(np.array(command) + [0.0, 0.05])
+            car.advance(10)
+        worst[bool(integral)] = max(error[900:])
+    assert worst[False] > 0.02 and worst[True] < 1e-3, worst

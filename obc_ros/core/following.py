@@ -38,7 +38,9 @@ Array = NDArray[np.float64]
 
 MOST = 200_000  # samples
 _INTERVALS = 300  # of the gain; in between it is interpolated
-_HALVINGS = 20  # of the last interval, where a terminal weight changes the gain fast
+# A terminal weight changes the gain fast near the end: there each time to go is so many times
+# the next, and each of the last periods has its gain.
+_CLOSER, _CLOSEST, _PERIODS = 2.0**(1.0 / 3.0), 60, 64
 _AT_REST = 1e-5   # of a state's size: how near to rest an answer ends that is to end at rest
 
 
@@ -128,7 +130,7 @@ def leg(along: Course, found: Design, P1: Array | None = None) -> tuple[Leg, str
 
     """
     at_end, after, ending = _end(along, found)
-    grid = _grid(along.t[0], along.t[-1], found, P1)
+    grid = _grid(along.t[0], along.t[-1], found)
     gains = _gains(grid, found, _terminal(at_end, P1), lambda t: linearize(
         found.plant.system, *_sample(along, t)))
     path = Path(vector(along.t), rows(along.x), rows(along.u), along.holds, gains)
@@ -150,7 +152,7 @@ def horizon(found: Design, time: float, P1: Array | None = None) -> Horizon:
 
     """
     plant = found.plant
-    gains = _gains(_grid(0.0, time, found, P1), found, _terminal(found, P1),
+    gains = _gains(_grid(0.0, time, found), found, _terminal(found, P1),
                    lambda _: (plant.A, plant.B))
     return Horizon(time, _continued(gains, found))
 
@@ -245,15 +247,17 @@ def _continued(gains: Gains, found: Design) -> Gains:
     return Gains((*gains.grid, gains.grid[-1] + time), (*gains.K, last.K), (*gains.Ki, last.Ki))
 
 
-def _grid(begin: float, end: float, found: Design, P1: Array | None) -> Array:
-    """Return the times of the gains: equidistant, and closer before a terminal weight."""
+def _grid(begin: float, end: float, found: Design) -> Array:
+    """Return the times of the gains: equidistant, and closer towards the end."""
     length, period = end - begin, found.lqr.period
-    cells = min(_INTERVALS, max(1, int(length / period))) if period else _INTERVALS
-    grid = np.linspace(begin, end, cells + 1)
-    if P1 is None or period:
-        return grid
-    last = (end - grid[-2]) * 0.5**np.arange(1, _HALVINGS + 1)
-    return np.concatenate([grid[:-1], end - last, [end]])
+    if not period:
+        last = 10.0 * length / _INTERVALS / _CLOSER**np.arange(_CLOSEST)
+        return np.union1d(np.linspace(begin, end, _INTERVALS + 1), end - last)
+    count = int(length / period * (1.0 + 1e-9))
+    stride = max(1, -(-(count - _PERIODS) // _INTERVALS))
+    to_go = np.union1d(np.arange(min(count, _PERIODS) + 1), np.arange(count, 0, -stride))
+    grid: Array = end - period * to_go[::-1]
+    return grid if len(grid) > 1 else np.array([begin, end])
 
 
 def _gains(grid: Array, found: Design, P1: Array,
@@ -294,16 +298,17 @@ def _sampled_step(A: Array, B: Array, found: Design, P: Array, time: float
     period = found.lqr.period
     A, B, cost = discretised(A, B, found.cost, period)
     N = np.zeros_like(B) if cost.cross is None else cost.cross
-    growth = np.exp(2.0 * cost.stability * period)
+    growth, K = np.exp(2.0 * cost.stability * period), None
     for _ in range(round(time / period)):
         before, BP = P, growth * B.T @ P
         right = BP @ A + N.T
-        P = growth * A.T @ P @ A + cost.Qx - right.T @ np.linalg.solve(cost.Qu + BP @ B, right)
+        K = np.linalg.solve(cost.Qu + BP @ B, right)
+        P = growth * A.T @ P @ A + cost.Qx - right.T @ K
         P = 0.5 * (P + P.T)
         if np.abs(P - before).max() <= 1e-13 * np.abs(P).max():
             break
     BP = growth * B.T @ P
-    return P, np.linalg.solve(cost.Qu + BP @ B, BP @ A + N.T)
+    return P, np.linalg.solve(cost.Qu + BP @ B, BP @ A + N.T) if K is None else K
 
 
 def _sample(along: Course, t: float) -> tuple[Array, Array]:

@@ -81,6 +81,7 @@ class Loop:
         self._jump: list[float] | None = None
         self._past: deque[list[float]] = deque()
         self._measured: float | None = None
+        self._followed: _Running
         self._begin(control)
 
     @property
@@ -228,7 +229,8 @@ class Loop:
         now = self._running(control, stamp)
         ahead = now if control.prediction is None else self._ahead(control, stamp)
         if ahead.law is not self._followed.law:  # a reference has begun or ended
-            before, self._followed = self._going_on(stamp, x), ahead
+            before = self._going_on(stamp, x)
+            self._followed = ahead
             self._smooth(control, before, stamp, x)
         here = self._point(control, now, stamp)
         error = control.limits.error(x, here.x)
@@ -343,7 +345,8 @@ class Loop:
     def _begin(self, control: Control) -> None:
         """Forget the run."""
         self._regulator = control.regulator
-        self._setpoint = self._followed = _set_point(control, control.regulator, 0)
+        self._setpoint = _set_point(control, control.regulator, 0)
+        self._followed = self._setpoint
         self._w = [0.0] * len(control.regulator.u)
         self._excess = ()
         self._jump, self._jumped = None, 0
