@@ -43,7 +43,7 @@ bench: setup ## the benchmarks
 	$(BIN)/obc bench $(ARGS)
 
 docs: .venv-docs/.requirements ## the documentation, in out/docs
-	@.venv-docs/bin/sphinx-build -W --keep-going -q -d out/doctrees docs out/docs
+	@.venv-docs/bin/sphinx-build -aE -W --keep-going -q -d out/doctrees docs out/docs
 	@echo 'obc_ros: out/docs/index.html'
 
 clean: ## remove what was built and installed

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Formulas as MathML, which browsers show by themselves: no script and no font is loaded."""
 
+import re
 from typing import Any
 
 from docutils import nodes
@@ -30,7 +31,10 @@ def _markup(node: nodes.Element, as_block: bool) -> str:
     if '\\\\' in text and '\\begin' not in text:
         text = f'\\begin{{aligned}}{text}\\end{{aligned}}'
     try:
-        return str(tex2mathml(text, as_block=as_block))
+        markup = str(tex2mathml(text, as_block=as_block))
     except MathError as error:
         logging.getLogger(__name__).warning('formula %r: %s', text, error, location=node)
         return ''
+    # Bars are alike on both sides: a browser cannot tell which opens, and spaces them out.
+    bar = r'<mo stretchy="false" lspace="0" rspace="0">\1</mo>'
+    return re.sub(r'<mo[^>]*>([|∣‖])</mo>', bar, markup)

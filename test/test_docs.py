@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The documentation says what is so: its tutorial is run, its reference is read from the sources."""
+"""The documentation says what is so: its tutorial runs, its reference is that of the sources."""
 
 from contextlib import suppress
 from dataclasses import fields
@@ -15,19 +15,20 @@ import signal
 import subprocess
 import sys
 
+from obc_ros.core import systems
 import pytest
 import support
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / 'docs'
-PAGES = sorted(DOCS.glob('*.md'))
+PAGES = [ROOT / 'README.md', *sorted(DOCS.glob('*.md'))]
 BLOCK = re.compile(r'^```(?:\{code-block\} )?(\w+)\n(?::caption: (\S+)\n\n)?(.*?)^```$',
                    re.MULTILINE | re.DOTALL)
-# Where there is no `ros2`, its two verbs that the tutorial needs.
-ROS2 = f'''#!{sys.executable}
+# What the tutorial needs of `ros2`, where there is none.
+ROS2 = f"""#!{sys.executable}
 import sys
 import rclpy
-from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 import yaml
 
@@ -42,7 +43,7 @@ rclpy.spin_until_future_complete(own, future, timeout_sec=20.0)
 answer = future.result().results[0]
 print('Set parameter successful' if answer.successful else
       f'Setting parameter failed: {{answer.reason}}')
-'''
+"""
 
 
 def blocks(page: str) -> list[tuple[str, str, str]]:
@@ -55,6 +56,64 @@ def steps(text: str) -> list[tuple[str, str]]:
     found = re.findall(r'^\$ (.*)\n((?:(?!\$ ).*\n)*)', text, re.MULTILINE)
     assert ''.join(f'$ {command}\n{said}' for command, said in found) == text
     return found
+
+
+@pytest.fixture(scope='module')
+def sources():
+    """Return the module that reads the sources when the site is built."""
+    spec = util.spec_from_file_location('sources', DOCS / 'sources.py')
+    module = sys.modules[spec.name] = util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize('node', ['lqr_node', 'plant_simulator', 'trajectory_server'])
+def test_the_parameters_are_those_of_the_node(node, sources):
+    module = sources.TABLES[node]
+    rows = {row.name: row for row in sources.parameters(ROOT, module)}
+    table = fields(import_module(module).Settings)
+    groups = [each.name for each in table if 'group' in each.metadata]
+    assert all(any(name.startswith(f'{group}.') for name in rows) for group in groups)
+    for each in table:
+        if entry := each.metadata.get('entry'):
+            row = rows.pop(entry.name or each.name)
+            for key in ('default', 'description', 'unit', 'lower', 'upper', 'choices',
+                        'read_only'):
+                assert getattr(row, key) == getattr(entry, key), f'{row.name}: {key}'
+    assert all(name.partition('.')[0] in groups for name in rows)
+
+
+@pytest.mark.parametrize('kind', ['msg', 'srv', 'action'])
+def test_the_interfaces_are_those_of_the_package(kind, sources):
+    for file in sorted((ROOT / kind).iterdir()):
+        found = sources.interface(file)
+        made = getattr(import_module(f'obc_ros.{kind}'), file.stem)
+        assert found.about
+        for part, named in found.parts:
+            message = getattr(made, part) if part else made
+            assert [each.name for each in named] == list(message.get_fields_and_field_types())
+
+
+def test_the_systems_are_those_that_are_registered():
+    text = (DOCS / 'systems.md').read_text(encoding='utf-8')
+    rows = re.findall(r'^\| `(\w+)` \| ([^|]*) \| ([^|]*) \|.*\| ([^|]*)\|$', text, re.MULTILINE)
+    assert {name for name, *_ in rows} == set(systems.names())
+    for name, states, inputs, parameters in rows:
+        if not systems.options(name):
+            system = systems.get(name)
+            assert (states, inputs) == (', '.join(system.state_names),
+                                        ', '.join(system.input_names))
+            assert parameters.strip() == ', '.join(
+                f'{each.name} = {each.value:g} {each.unit}'.strip() for each in system.parameters)
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
+def test_commands_name_what_there_is(page, sources):
+    text = page.read_text(encoding='utf-8')
+    for node, name in re.findall(r'ros2 param \w+ /(\w+) (\w+)', text):
+        assert name in {row.name for row in sources.parameters(ROOT, sources.TABLES[node])}, name
+    for kind, name in re.findall(r'obc_ros/(msg|srv|action)/(\w+)', text):
+        assert (ROOT / kind / f'{name}.{kind}').is_file(), name
 
 
 def test_the_tutorial_runs_and_prints_what_it_says(domain, tmp_path):
