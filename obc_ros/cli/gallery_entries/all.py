@@ -2,10 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The entries in the order of the chapter."""
 
-from obc_ros.cli.gallery_entries import flat, least_time, optimization, scalar
+from obc_ros.cli.gallery_entries import (
+    flat,
+    least_time,
+    optimization,
+    principle,
+    regulators,
+    scalar,
+    shortest,
+)
 
 ENTRIES = (
-    optimization.EXAMPLE_2_1, scalar.EXAMPLE_2_2, least_time.EXAMPLE_2_3,
+    optimization.EXAMPLE_2_1, principle.THEOREM_2_1, scalar.EXAMPLE_2_2, least_time.EXAMPLE_2_3,
+    regulators.THEOREM_2_2, regulators.EXAMPLE_2_4,
     least_time.EXAMPLE_2_6, optimization.EXERCISE_2_1,
-    flat.EXERCISE_2_4, flat.EXERCISE_2_5,
+    shortest.EXERCISE_2_2, shortest.EXERCISE_2_3, flat.EXERCISE_2_4, flat.EXERCISE_2_5,
     scalar.EXERCISE_2_9)
