@@ -25,7 +25,8 @@ release = version = ElementTree.parse(ROOT / 'package.xml').findtext('version') 
 
 extensions = ['myst_parser', *(
     name for name in ('sphinx_copybutton',) if util.find_spec(name))]
-exclude_patterns = ['_build']
+# What rosdoc2 adds of its own says nothing that is not here.
+exclude_patterns = ['_*', '[A-Z]*', 'action', 'msg', 'srv']
 
 myst_enable_extensions = ['deflist', 'dollarmath']
 myst_heading_anchors = 3
@@ -44,7 +45,8 @@ copybutton_only_copy_prompt_lines = True
 highlight_language = 'text'
 
 rosdoc2_settings = {'allow_other_extensions': True, 'enable_autodoc': False,
-                    'enable_intersphinx': False}
+                    'enable_intersphinx': False,
+                    'automatically_extend_intersphinx_mapping': False}
 
 
 def list_others(app: Any, page: str, source: list[str]) -> None:
