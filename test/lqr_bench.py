@@ -8,7 +8,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.msg import Command, LqrDesign, State
+from obc_ros.msg import Command, LqrDesign, State, Trajectory
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from scipy.linalg import solve_continuous_are
 import support
@@ -110,3 +110,10 @@ def riccati_gain(design: LqrDesign, Qx: Array, Qu: Array) -> Array:
     """Return the gain by another solver, for the plant that a design tells."""
     A, B = matrix(design.a, len(design.xe)), matrix(design.b, len(design.xe))
     return np.linalg.solve(Qu, B.T @ solve_continuous_are(A, B, Qx, Qu))
+
+
+def reference(t: Any, x: Any, u: Any, stamp: float = 0.0, **fields: Any) -> Trajectory:
+    """Return the message of a reference."""
+    message = Trajectory(t=list(t), x=np.ravel(x).tolist(), u=np.ravel(u).tolist(), **fields)
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(round(stamp * 1e9), 10**9)
+    return message

@@ -8,7 +8,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped, WrenchStamped
 from lifecycle_msgs.srv import ChangeState, GetState
-from lqr_bench import Bench, BEST_EFFORT, HOVER, LATCHED, matrix, nanoseconds
+from lqr_bench import Bench, BEST_EFFORT, HOVER, LATCHED, matrix, nanoseconds, reference
 from nav_msgs.msg import Odometry
 import numpy as np
 from obc_ros.core import systems
@@ -165,13 +165,6 @@ def test_sampled_and_delayed(spawn: Any, probe: Any) -> None:
 
 
 # References
-
-
-def reference(t: Any, x: Any, u: Any, stamp: float = 0.0, **fields: Any) -> Trajectory:
-    """Return the message of a reference."""
-    message = Trajectory(t=list(t), x=np.ravel(x).tolist(), u=np.ravel(u).tolist(), **fields)
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(round(stamp * 1e9), 10**9)
-    return message
 
 
 def test_a_reference_is_followed(spawn: Any, probe: Any) -> None:

@@ -256,8 +256,8 @@ def _grid(begin: float, end: float, found: Design) -> Array:
     count = int(length / period * (1.0 + 1e-9))
     stride = max(1, -(-(count - _PERIODS) // _INTERVALS))
     to_go = np.union1d(np.arange(min(count, _PERIODS) + 1), np.arange(count, 0, -stride))
-    grid: Array = end - period * to_go[::-1]
-    return grid if len(grid) > 1 else np.array([begin, end])
+    times = end - period * to_go[::-1] if count else (begin, end)
+    return np.array(times, dtype=float)
 
 
 def _gains(grid: Array, found: Design, P1: Array,

@@ -73,7 +73,7 @@ class Loop:
         self.is_stale = self.is_outside = False
         self.lag: float | None = None
         self._control = self._next = control
-        self._order = Order()
+        self._followed, self._order = _set_point(control, control.regulator, 0), Order()
         self._seen = self._spoken = self._now = -math.inf
         self._told: dict[str, float] = {}
         self._excess: Sequence[float] = ()
@@ -81,7 +81,6 @@ class Loop:
         self._jump: list[float] | None = None
         self._past: deque[list[float]] = deque()
         self._measured: float | None = None
-        self._followed: _Running
         self._begin(control)
 
     @property
