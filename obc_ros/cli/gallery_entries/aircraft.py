@@ -1,0 +1,161 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Example 2.5: the thrust vectored aircraft, Figures 2.4 and 2.5, flown in loops of nodes."""
+
+from math import pi
+from typing import Any
+
+from matplotlib.figure import Figure
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.cli.figures import COLOURS, THIN
+from obc_ros.cli.gallery_entries.desk import Desk
+from obc_ros.cli.gallery_entries.drawing import describe, EXACT, panels
+from obc_ros.cli.gallery_entries.entry import Answer, Entry, Row
+from obc_ros.cli.gallery_entries.exact import sampled_loop, simulated_loop
+from obc_ros.cli.gallery_entries.loop import Loop, Run
+from scipy.linalg import solve_continuous_are
+
+Array = NDArray[np.float64]
+
+MASS, INERTIA, ARM, GRAVITY, DAMPING = 4.0, 0.0475, 0.25, 9.8, 0.05
+STEP = 0.01  # [s] from state to state
+GOAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+CAPTION, LEGEND = (1.0, 1e2, 1e4), (0.1, 1.0, 10.0)  # rho as the caption and the legend say
+IDENTITY = [1.0] * 6
+PRINTED = [100.0, 1.0, 2 * pi / 9, 0.0, 0.0, 0.0]
+MEANT = [100.0, 1.0, (3.6 / pi)**2, 0.0, 0.0, 0.0]
+STEPS, LONG = 10.0, 15.0  # [s] of Figures 2.4 and 2.5
+
+
+def linear_model() -> tuple[Array, Array]:
+    """Return A and B at hover."""
+    A, B = np.zeros((6, 6)), np.zeros((6, 2))
+    A[:3, 3:] = np.eye(3)
+    A[3, 2], A[3, 3], A[4, 4] = -GRAVITY, -DAMPING / MASS, -DAMPING / MASS
+    B[3, 0], B[4, 1], B[5, 0] = 1 / MASS, 1 / MASS, ARM / INERTIA
+    return A, B
+
+
+def gain(Qx: list[float], rho: float) -> Array:
+    """Return K of u = -K x, without the server."""
+    A, B = linear_model()
+    return B.T @ solve_continuous_are(A, B, np.diag(Qx), rho * np.eye(2)) / rho
+
+
+def example_2_5(desk: Desk) -> Answer:
+    """Answer Example 2.5: fly the linear model and the aircraft itself."""
+    A, B = linear_model()
+    model, = desk.design_all([{'system': 'aircraft', 'Qx': PRINTED, 'Qu': [0.1, 0.1]}])
+    cases = {rho: (IDENTITY, rho, STEPS) for rho in (1.0, 0.1, 10.0, 1e2, 1e4)}
+    cases |= {'printed': (PRINTED, 0.1, LONG), 'meant': (MEANT, 0.1, LONG)}
+    plant = {'system': 'linear', 'system_parameters.A': A, 'system_parameters.B': B}
+    with desk.loop('linear', {**plant, 'x0': [0.0] * 6, 'publish_rate': 1 / STEP},
+                   {**plant, 'setpoint': GOAL, 'Qx': IDENTITY, 'Qu': [1.0, 1.0]}) as loop:
+        linear = {name: _fly(loop, *case) for name, case in cases.items()}
+    with desk.loop('aircraft', {'system': 'aircraft', 'publish_rate': 1 / STEP},
+                   {'system': 'aircraft', 'setpoint': GOAL, 'Qx': IDENTITY,
+                    'Qu': [1.0, 1.0]}) as loop:
+        whole = {name: _fly(loop, *cases[name]) for name in (1.0, 'printed')}
+    rows = [
+        Row('linearization: $A$', model.A, A, 'Newton, at hover'),
+        Row('linearization: $B$', model.B, B, 'Newton, at hover'),
+        Row('printed weights: $K$', model.K, gain(PRINTED, 0.1),
+            'SciPy, `solve_continuous_are`')]
+    for name, (Qx, rho, _) in cases.items():
+        run, text = linear[name], _text(name)
+        x, u = sampled_loop(A, B, gain(Qx, rho), -GOAL, STEP, len(run.t) - 1)
+        rows += [Row(f'{text}, linear: $x(t)$', run.x, GOAL + x, 'recursion, SciPy gain'),
+                 Row(f'{text}, linear: $u(t)$', run.u, u[run.heard], 'recursion, SciPy gain')]
+    for name in whole:
+        Qx, rho, _ = cases[name]
+        run = whole[name]
+        x, u = _simulated(gain(Qx, rho), len(run.t) - 1)
+        rows += [Row(f'{_text(name)}, aircraft: $x(t)$', run.x, x, 'Dormand-Prince 8(5,3)'),
+                 Row(f'{_text(name)}, aircraft: inputs [N]', run.u, u[run.heard],
+                     'Dormand-Prince 8(5,3)')]
+    printed = linear['printed']
+    return Answer(rows, _draw(linear, whole), (
+        'The states $x, y$ and inputs $u_1 = f_1$, $u_2 = f_2 - mg$ of two running loops: the '
+        'linear model (as in the book) and, dotted, the aircraft itself. Weights are changed in '
+        'the running `lqr_node`; each step starts from a reset of the plant.',
+        'Figure 2.4(b) is shown in both readings of $ρ$. With the weight $2π/9$ or 1.3131 of '
+        'theta the steps differ by at most '
+        f'{100 * np.abs(printed.x - linear["meant"].x)[:, :2].max():.1f} cm.'),
+        f'Measured in the loop with the printed weights: the first inputs are $u_1 = '
+        f'{printed.u[0, 0]:.1f}$ N and $u_2 = {printed.u[0, 1]:.2f}$ N, where the axis of Figure '
+        '2.5(b) ends at 4.')
+
+
+def _fly(loop: Loop, Qx: list[float], rho: float, duration: float) -> Run:
+    if list(loop.design.qx[::7]) != Qx or loop.design.qu[0] != rho:
+        loop.set(Qx=Qx, Qu=[rho, rho])
+    return loop.run(duration)
+
+
+def _simulated(K: Array, count: int) -> tuple[Array, Array]:
+    """Return the flight of the aircraft itself, without the nodes."""
+    hover = np.array([0.0, MASS * GRAVITY])
+
+    def rate(x: Array, u: Array) -> list[Any]:
+        _, _, theta, vx, vy, omega = x
+        c, s = np.cos(theta), np.sin(theta)
+        return [vx, vy, omega, (u[0] * c - u[1] * s - DAMPING * vx) / MASS,
+                (u[0] * s + u[1] * c - DAMPING * vy) / MASS - GRAVITY, ARM * u[0] / INERTIA]
+
+    return simulated_loop(rate, lambda x: hover - K @ (x - GOAL), np.zeros(6), STEP, count)
+
+
+def _text(name: float | str) -> str:
+    return {'printed': 'printed weights', 'meant': 'weight 1.3131 of theta'}.get(
+        str(name), f'$Q_x = I$, $ρ = {name:g}$' if isinstance(name, float) else '')
+
+
+def _draw(linear: dict[Any, Run], whole: dict[Any, Run]) -> Figure:
+    figure, ((a, legend, caption), (b, inputs, meant)) = panels(2, 3, 3.2)
+    for axes, name in ((a, 1.0), (b, 'printed')):
+        for index, text in enumerate('xy'):
+            axes.plot(linear[name].t, linear[name].x[:, index], color=COLOURS[index],
+                      label=f'${text}$')
+            axes.plot(whole[name].t, whole[name].x[:, index], **EXACT)
+        axes.plot([], [], label='the aircraft itself', **EXACT)
+    for axes, values in ((legend, LEGEND), (caption, CAPTION)):
+        for index, rho in enumerate(values):
+            axes.plot(linear[rho].t, linear[rho].x[:, 0], color=COLOURS[index],
+                      label=f'$\\rho = {rho:g}$')
+    run = linear['printed']
+    for index in range(2):
+        inputs.plot(run.tu, run.u[:, index], color=COLOURS[index], drawstyle='steps-post',
+                    label=f'$u_{index + 1}$')
+    inputs.set_yscale('symlog', linthresh=1.0)
+    inputs.set_yticks([-1, 0, 1, 4, 10, 30], ['-1', '0', '1', '4', '10', '30'])
+    for name, style, text in (('printed', '-', '$2\\pi/9$'), ('meant', '--', '1.3131')):
+        meant.plot(linear[name].t, np.degrees(linear[name].x[:, 2]), style,
+                   color=COLOURS[3], label=f'weight {text}')
+    for axes, title in ((a, 'Figure 2.4(a): $Q_x = I$, $Q_u = I$'),
+                        (legend, 'Figure 2.4(b), $\\rho$ as in its legend'),
+                        (caption, 'Figure 2.4(b), $\\rho$ as in its caption'),
+                        (b, 'Figure 2.5(a): printed weights')):
+        axes.axhline(1.0, **THIN)
+        describe(axes, title, 'time $t$ [s]', 'position $x$, $y$ [m]' if axes in (a, b) else
+                 'position $x$ [m]', legend='lower right')
+        axes.set(xlim=(0, STEPS if axes is not b else LONG), ylim=(-0.05, 1.5))
+    describe(inputs, 'Figure 2.5(b): inputs', 'time $t$ [s]',
+             '$u_1$, $u_2$ [N] (linear below 1)', legend='upper right')
+    describe(meant, 'tilt, two weights of $\\theta$', 'time $t$ [s]', '$\\theta$ [deg]',
+             legend='lower right')
+    inputs.set_xlim(0, LONG)
+    meant.set_xlim(0, LONG)
+    return figure
+
+
+EXAMPLE_2_5 = Entry(
+    '2.5', 'Thrust vectored aircraft', 'Example 2.5, Figures 2.4 and 2.5', (
+        'The aircraft hovers and is asked to move by 1 m in $x$ and in $y$. First with $Q_x = I$, '
+        '$Q_u = ρI$; then with weights that call errors of 1 cm in $x$, 10 cm in $y$ and 5 '
+        'degrees in $θ$ equally bad: $Q_x = diag(100, 1, 2π/9, 0, 0, 0)$, $Q_u = 0.1 I$.',),
+    example_2_5,
+    '5 degrees beside 1 cm and 10 cm, in the ratio of inverse squares with 100 and 1, is the '
+    'weight $(0.1/(π/36))^2 = (3.6/π)^2 = 1.3131$; the printed $2π/9$ is 40 degrees in radians. '
+    'The caption of Figure 2.4(b) says $ρ = 1, 10^2, 10^4$, its legend 0.1, 1, 10. And '
+    '$Q_u = 0.1 I$ does not single out the sideways force, as the text says.')
