@@ -156,7 +156,7 @@ def test_refusals():
     cost = Weights(np.eye(6), np.eye(2))
     for period, delay, words in [(0.0, 0.0, 'period = 0'), (math.nan, 0.0, 'period = nan'),
                                  (0.1, -1.0, 'delay = -1'), (0.1, math.inf, 'delay = inf'),
-                                 (0.001, 2.0, 'more than 1000 periods')]:
+                                 (0.001, 2.0, 'more than 300 periods')]:
         with pytest.raises(StatementError, match=words):
             sampled.sampled_lqr(A, B, cost, period, delay)
     with pytest.raises((StatementError, RefusedDesignError)):

@@ -261,11 +261,15 @@ def _check_held(A: Array, B: Array, K: Array, sampling: Sampling) -> None:
 def _gain(A: Array, B: Array, cost: Weights, sampling: Sampling) -> LqrDesign:
     """Return the gain, proved for the period and the delay as far as they are known."""
     period, delay = sampling.period, sampling.delay
-    if sampling.exact:
-        return sampled_lqr(A, B, cost, period, delay).design
-    found = lqr(A, B, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability)
-    if period:
-        _check_held(A, B, found.K, sampling)
+    try:
+        if sampling.exact:
+            return sampled_lqr(A, B, cost, period, delay).design
+        found = lqr(A, B, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability)
+        if period:
+            _check_held(A, B, found.K, sampling)
+    except (np.linalg.LinAlgError, OverflowError) as error:  # numbers near the ends of a double
+        raise RefusedDesignError(
+            f'no gain can be computed with numbers of such sizes: {error}') from None
     return found
 
 

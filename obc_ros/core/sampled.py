@@ -24,7 +24,7 @@ from scipy.linalg import expm
 
 Array = NDArray[np.float64]
 
-MOST = 1000           # periods that a delay may last
+MOST = 300            # periods that a delay may last; a design for so many takes a second
 _WHOLE = 1e-9         # of a period: nearer to a whole number of periods than this is that number
 _LEAST_ROBUSTNESS = 10.0
 
