@@ -25,6 +25,7 @@ import re
 from typing import Any, Generic, TypeVar
 
 from obc_ros.core.errors import ObcError, StatementError
+from obc_ros.nodes.guards import guard
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
@@ -267,6 +268,7 @@ class Parameters(Generic[Settings, Candidate]):
         for service in node.services:
             if service.srv_type in (SetParameters, SetParametersAtomically):
                 service.callback = _guarded(service.callback)
+        guard(node)
 
     def _rows(self) -> Iterable[Entry]:
         for each in fields(self._table):  # type: ignore[arg-type] # a dataclass type

@@ -1,0 +1,44 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What rclpy itself offers for a node, made to outlive what others send.
+
+rclpy raises out of some of its own callbacks, and an exception in a callback ends the node: for a
+time before 1970 on /clock, and for the type of a parameter that does not exist.
+"""
+
+from typing import Any
+
+from rcl_interfaces.srv import GetParameterTypes
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+
+def guard(node: Node) -> None:
+    """Guard the clock and the parameter services of a node; called before it spins."""
+    for service in node.services:
+        if service.srv_type is GetParameterTypes:
+            service.callback = lambda request, response: _types(node, request, response)
+    _guard_clock(node)
+
+
+def _types(node: Node, request: Any, response: Any) -> Any:
+    response.types = [node.get_parameter_type(name) if node.has_parameter(name)
+                      else Parameter.Type.NOT_SET.value for name in request.names]
+    return response
+
+
+def _guard_clock(node: Node) -> None:
+    source = node._time_source  # rclpy has no public way to it
+    take = source.clock_callback
+
+    def take_or_drop(message: Any) -> None:
+        if message.clock.sec >= 0:
+            take(message)
+        else:
+            node.get_logger().warning(
+                f'/clock: a time of {message.clock.sec} s was dropped', throttle_duration_sec=1.0)
+
+    source.clock_callback = take_or_drop  # for a subscription that use_sim_time makes later
+    if source._clock_sub is not None:
+        source._clock_sub.callback = take_or_drop
