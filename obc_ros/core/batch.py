@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_FEW, _MANY = 32, 1024   # rows evaluated at once
+_FEW, _MANY = 32, 1024   # rows evaluated at once, by default and at most
 
 
 class Batch:
@@ -29,10 +29,14 @@ class Batch:
         Columns of symbols.
     outputs : sequence of casadi.SX
         Their expressions, taken column by column.
+    few : int, optional
+        Rows evaluated at once, unless there are very many.
 
     """
 
-    def __init__(self, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX]) -> None:
+    def __init__(self, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX],
+                 few: int = _FEW) -> None:
+        self._few = few
         # One input and one output: handing over each costs more than an evaluation.
         self._function = ca.Function('batch', [ca.vertcat(*inputs)], [
             ca.vertcat(ca.SX(0, 1), *(ca.densify(ca.vec(output)) for output in outputs))])
@@ -51,7 +55,7 @@ class Batch:
 
         """
         count = max((len(a) for a in arguments if np.ndim(a) == 2), default=1)
-        size = _FEW if count < 4 * _FEW else _MANY if count >= _MANY else _FEW
+        size = _MANY if count >= _MANY else self._few
         rows = -(-count // size) * size
         w, result = np.zeros((rows, self._inputs[-1])), np.empty((rows, self._outputs[-1]))
         for (start, end), argument in zip(pairwise(self._inputs), arguments, strict=True):

@@ -10,10 +10,12 @@ building the program costs the same for 10 copies as for 1000.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from obc_ros.core.batch import Batch
 
 Index = NDArray[np.int64]
 # A function, and the rows and columns of the entries of its result.
@@ -34,21 +36,75 @@ class Piece:
     """
 
     def __init__(self, v: ca.SX, own: ca.SX, shared: ca.SX, g: ca.SX, cost: ca.SX) -> None:
-        arguments = [v, own, shared]
+        self._arguments = [v, own, shared]
+        self._g, self._cost = g, cost
         self.r = int(g.numel())
-        self.values = ca.Function('rows', arguments, [g, cost])
-        self.slope = self._sparse('slope', arguments, ca.gradient(cost, v))
-        self.jacobian = self._sparse('jacobian_g', arguments, ca.jacobian(g, v))
-        factor, lam = ca.SX.sym('factor'), ca.SX.sym('lam', self.r)
-        self.curvature = self._sparse('curvature', [*arguments, factor, lam],
-                                      ca.hessian(factor * cost + ca.dot(lam, g), v)[0])
+
+    @cached_property
+    def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
+        """Return factor, lam, and slope, J, H and slope of factor cost + lam' g."""
+        v, factor, lam = self._arguments[0], ca.SX.sym('factor'), ca.SX.sym('lam', self.r)
+        H, both = ca.hessian(factor * self._cost + ca.dot(lam, self._g), v)
+        return (factor, lam, ca.sparsify(ca.gradient(self._cost, v)),
+                ca.sparsify(ca.jacobian(self._g, v)), ca.sparsify(H), both)
+
+    @cached_property
+    def values(self) -> ca.Function:
+        """Return the function to g and the cost."""
+        return ca.Function('rows', self._arguments, [self._g, self._cost])
+
+    @cached_property
+    def slope(self) -> Derivative:
+        """Return the gradient of the cost."""
+        return self._sparse('slope', self._arguments, self._symbols[2])
+
+    @cached_property
+    def jacobian(self) -> Derivative:
+        """Return the derivative of g."""
+        return self._sparse('jacobian_g', self._arguments, self._symbols[3])
+
+    @cached_property
+    def curvature(self) -> Derivative:
+        """Return the second derivative of factor cost + lam' g."""
+        factor, lam, _, _, H, _ = self._symbols
+        return self._sparse('curvature', [*self._arguments, factor, lam], H)
+
+    @cached_property
+    def whole(self) -> 'Whole':
+        """Return everything at once, for numpy arrays."""
+        factor, lam, slope, J, H, both = self._symbols
+        return Whole(self.r, np.array(slope.row(), dtype=np.int64), _places(J), _places(H),
+                     Batch([*self._arguments, factor, lam],
+                           [self._g, self._cost, slope.nz[:], both, J.nz[:], H.nz[:]], 8),
+                     Batch(self._arguments, [self._g, self._cost], 8))
 
     @staticmethod
     def _sparse(name: str, arguments: list[ca.SX], value: ca.SX) -> Derivative:
-        value = ca.sparsify(value)
-        rows, columns = value.sparsity().get_triplet()
-        return (ca.Function(name, arguments, [value]), np.array(rows, dtype=np.int64),
-                np.array(columns, dtype=np.int64))
+        return (ca.Function(name, arguments, [value]), *_places(value))
+
+
+def _places(value: ca.SX) -> tuple[Index, Index]:
+    rows, columns = value.sparsity().get_triplet()
+    return np.array(rows, dtype=np.int64), np.array(columns, dtype=np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class Whole:
+    """
+    A piece and its derivatives for many rows of local variables at once.
+
+    `r` rows of g; `slope` (.), `jacobian`, `curvature` (., .): where the entries of the
+    derivatives stand. `batch` of v, own, shared, factor and lam returns g, the cost, its slope,
+    the slope of factor cost + lam' g, and the entries of the Jacobian of g and of the Hessian;
+    `values` of v, own and shared returns g and the cost.
+    """
+
+    r: int
+    slope: Index
+    jacobian: tuple[Index, Index]
+    curvature: tuple[Index, Index]
+    batch: Batch
+    values: Batch
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,7 +42,7 @@ class Kit:
             ca.jacobian(problem.f, ca.vertcat(problem.x, problem.u)),
             ca.vertcat(problem.x, problem.u))
         self.last: Answered | None = None
-        self._pieces: dict[int, Pieces] = {}
+        self._pieces: dict[tuple[int, bool], Pieces] = {}
         self._fitters: dict[bool, Fitter] = {}
         self._transcriptions: OrderedDict[Layout, Transcription] = OrderedDict()
         self.build_time = time.monotonic() - begun
@@ -52,9 +52,10 @@ class Kit:
         found = self._transcriptions.pop(layout, None)
         if found is None:
             begun = time.monotonic()
-            if layout.stages not in self._pieces:
-                self._pieces[layout.stages] = Pieces(problem, layout.stages)
-            found = Transcription(problem, layout, self._pieces[layout.stages])
+            kind = layout.stages, layout.free_durations
+            if kind not in self._pieces:
+                self._pieces[kind] = Pieces(problem, *kind)
+            found = Transcription(problem, layout, self._pieces[kind])
             self.build_time += time.monotonic() - begun
         self._transcriptions[layout] = found
         if len(self._transcriptions) > _LAYOUTS_KEPT:

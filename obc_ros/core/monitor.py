@@ -31,6 +31,11 @@ class Monitor:
         """Let the solver that follows end after this many iterations."""
         self.most = self.iterations + iterations
 
+    @property
+    def spent(self) -> bool:
+        """Return whether a solver has used up its iterations."""
+        return self.iterations >= self.most
+
     def within(self, deadline: float) -> 'Monitor':
         """Return a monitor for a part of the work, with a deadline of its own."""
         part = _Part(self)

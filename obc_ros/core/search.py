@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 
 COARSE = 16
 _STARTS, _STARTS_MOST = 2, 6
+_ROUGH = 1e-4         # relative error of the cost on a coarse mesh
 _ENOUGH, _PATIENCE = 0.02, 1.5   # [s] for starts, once one and while none converged
 _EXPLORING = (0.15, 0.5)   # part of the time for further starts, of easy and of hard problems
 _HARD = 0.3           # [s] of work
@@ -41,7 +42,7 @@ _EXPLORED_LEAST, _EXPLORED_MOST = 2, 30   # number of further starts
 _LOWER = 1e-3         # relative: what is another minimum on a coarse mesh
 _BELIEVED = 1e-2      # relative error of a coarse step
 _ROUNDS, _PLAIN_ROUNDS = 10, 5   # of finer meshes; of those before curved inputs are held
-_COARSE_ITERATIONS, _EASY_ITERATIONS, _WARM_ITERATIONS = 150, 60, 100
+_COARSE_ITERATIONS, _EASY_ITERATIONS, _WARM_ITERATIONS = 150, 30, 100
 _MOST_INTERVALS = 800
 _WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
 _DETOUR = 1e-5        # likewise, at which inputs may wind around between points
@@ -67,7 +68,7 @@ class Search:
         self.may_hold = with_arcs
         self.switching = tuple(with_arcs and each for each in kit.switching)
         self.reason = ''
-        self.begun = time.monotonic()
+        self.begun = time.process_time()
         self.intervals = COARSE
         self.starts: Iterator[Path] = iter(())
         self.last: Answered | None = None
@@ -79,12 +80,15 @@ class Search:
 
     def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
                   near: bool = False, sizes: Scales | None = None, most: int = 500,
-                  warm: Outcome | None = None) -> Outcome:
+                  warm: Outcome | None = None, guide: Outcome | None = None,
+                  rough: float = 0.0, once: bool = False) -> Outcome:
         """
         Solve the transcription on a mesh from a path, in at most `most` iterations.
 
+        `rough`: relative error of the cost that will do. `once`: try the faster method only.
+
         `near`: the path is nearly an answer; phases are then kept from vanishing. `warm`: the
-        outcome of a neighbour on this mesh.
+        outcome of a neighbour on this mesh. `guide`: one nearby on another mesh.
         """
         problem, final = self.problem, self.problem.final_time
         program = self.kit.transcription(problem, mesh.layout)
@@ -101,7 +105,8 @@ class Search:
         w = program.start(mesh, start, durations, sizes) if warm is None else warm.w
         self.monitor.limit(most)
         outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor, near=near,
-                                multipliers=(warm.lam_w, warm.lam_g) if warm else None)
+                                multipliers=(warm.lam_w, warm.lam_g) if warm else None,
+                                guide=guide, rough=rough, once=once)
         if near and not outcome.converged and not self.monitor.stopped:
             self.monitor.limit(most)
             outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor)
@@ -135,22 +140,22 @@ class Search:
 
     def _from_starts(self) -> list[Outcome]:
         found: list[Outcome] = []
-        begun, good = time.monotonic(), 0
+        begun, good = time.process_time(), 0
         most = _STARTS if self.quick else _STARTS_MOST
         for number in range(1, most + 1):
-            outcome = self.from_next_start()
+            outcome = self.from_next_start(once=good > 0)
             found.append(outcome)
             good += self.believed(outcome)
-            spent = time.monotonic() - begun
+            spent = time.process_time() - begun
             if (self.monitor.stopped or self.quick and good
                     or number >= _STARTS and spent > (_ENOUGH if good else _PATIENCE)):
                 break
         return found
 
-    def from_next_start(self, most: int = _COARSE_ITERATIONS) -> Outcome:
+    def from_next_start(self, most: int = _COARSE_ITERATIONS, *, once: bool = False) -> Outcome:
         """Return what the coarse mesh gives from the next start in so many iterations."""
         return self.collocate(uniform(self.problem, self.intervals, self.stages),
-                              next(self.starts), most=most)
+                              next(self.starts), most=most, rough=_ROUGH, once=once)
 
     def course(self, outcome: Outcome, *, stated: bool = False) -> Extremal:
         """Return states and costates under the input of an outcome."""
@@ -258,7 +263,8 @@ class Search:
             mesh = self.finer(outcome, course)
             if mesh.layout.intervals > _MOST_INTERVALS or self.monitor.stopped:
                 return
-            outcome = self.collocate(mesh, outcome.path, near=True, sizes=self.sizes(outcome))
+            outcome = self.collocate(mesh, outcome.path, near=True, sizes=self.sizes(outcome),
+                                     guide=outcome)
             if not outcome.converged:
                 return
 
@@ -380,7 +386,7 @@ class Search:
     def followed_up(self, start: Outcome) -> Solution:
         """Return the best answer that improving a coarse outcome gives."""
         best: Solution | None = None
-        begun = time.monotonic()
+        begun = time.process_time()
         for number, (outcome, course) in enumerate(self.improve(start)):
             above = self.given_away(outcome, course)
             # A certificate allows more than what one more mesh often takes away at once.
@@ -390,7 +396,7 @@ class Search:
                     best = answer
                 if _holds(answer) and not self.quick:
                     self.last = Answered(self.stated, outcome, self.sizes(outcome), self.margin)
-            late = time.monotonic() - begun > _FOR_DIGITS
+            late = time.process_time() - begun > _FOR_DIGITS
             if best is not None and _holds(best) and (above < _CLOSE or late):
                 break
             if self.quick and number >= 2:
@@ -406,14 +412,14 @@ class Search:
         """
         kept, spent = self.last, 0.0
         for number in range(_EXPLORED_MOST):
-            elapsed = time.monotonic() - self.begun
+            elapsed = time.process_time() - self.begun
             if self.monitor.stopped or (number >= _EXPLORED_LEAST and spent
                                         > _EXPLORING[elapsed > _HARD] * elapsed):
                 break
-            started = time.monotonic()
+            started = time.process_time()
             self.reset()
             outcome = self.from_next_start(
-                _COARSE_ITERATIONS if elapsed > _HARD else _EASY_ITERATIONS)
+                _COARSE_ITERATIONS if elapsed > _HARD else _EASY_ITERATIONS, once=True)
             if self.believed(outcome) and (
                     outcome.objective < floor - _LOWER * abs(floor)
                     or not _holds(best) and abs(outcome.objective - floor) > _LOWER * abs(floor)):
@@ -424,7 +430,7 @@ class Search:
                 if (_holds(other) and (cheaper or not _holds(best))
                         or cheaper and _feasible(other)):
                     best, kept = other, self.last
-            spent += time.monotonic() - started
+            spent += time.process_time() - started
         self.kit.last = kept or self.kit.last
         return best
 

@@ -13,16 +13,19 @@ at given values: arcs.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.blocks import assemble, Block, Index, Piece, Program
+from obc_ros.core.interior import Goal
 from obc_ros.core.mesh import gauss_points, HELD, Layout, Mesh, Path
 from obc_ros.core.monitor import Monitor, Watch
 from obc_ros.core.problem import Problem
 from obc_ros.core.runge_kutta import Rate, rate_of, step
+from obc_ros.core.stages import Found, Stages
 
 Array = NDArray[np.float64]
 
@@ -154,9 +157,13 @@ def _explicit(rate: Rate, states: tuple[ca.SX, ca.SX, ca.SX], inputs: tuple[ca.S
 
 
 class Pieces:
-    """An interval, the end and the limits of a problem, scaled, with their derivatives."""
+    """
+    An interval, the end and the limits of a problem, scaled, with their derivatives.
 
-    def __init__(self, problem: Problem, stages: int) -> None:
+    `free`: whether lengths of intervals are unknown; derivatives are much longer if they are.
+    """
+
+    def __init__(self, problem: Problem, stages: int, free: bool) -> None:
         n, m = problem.n, problem.m
         sx, su = ca.SX.sym('sx', n), ca.SX.sym('su', m)
         st, sj = ca.SX.sym('st'), ca.SX.sym('sj')
@@ -171,8 +178,10 @@ class Pieces:
         points = [(xa, ua)] + [(inner[:, j], (1 - c) * ua + c * ub)
                                for j, c in enumerate(gauss_points(stages))]
         none = ca.SX(0, 1)
+        v, own = [xa, ca.vec(inner), xb, ua, ub], [fraction]
+        (v if free else own).append(duration)
         self.interval = Piece(
-            ca.vertcat(xa, ca.vec(inner), xb, ua, ub, duration), fraction, self.shared,
+            ca.vertcat(*v), ca.vertcat(*own), self.shared,
             ca.vertcat(*(row / sx for row in rows),
                        *(limits(sx * x, su * u, problem.p) for x, u in points)), cost / sj)
         terminal = ca.Function('terminal', [problem.x, problem.p], [problem.psi, problem.V])
@@ -199,13 +208,13 @@ class Transcription:
 
     def __init__(self, problem: Problem, layout: Layout, pieces: Pieces | None = None) -> None:
         self.layout = layout
-        self._pieces = pieces or Pieces(problem, layout.stages)
+        self._pieces = pieces or Pieces(problem, layout.stages, layout.free_durations)
         self.n, self.m, self.q = problem.n, problem.m, problem.q
         self.l = int(problem.path.numel())
         self.c = gauss_points(layout.stages)
         self._number(problem)
-        self._program = self._assemble(problem)
-        equal = sum(self._program.rows[:2]) - self.l * layout.intervals * (layout.stages + 1)
+        self._problem = problem
+        equal = self.n * (layout.stages + 1) * layout.intervals + self.q
         # Without as many unknowns as equations there is nothing to choose.
         self.solvable = self.unknowns - self.n >= equal
         self._solvers: dict[str, tuple[ca.Function, Watch]] = {}
@@ -248,16 +257,32 @@ class Transcription:
         if not layout.free_durations:
             self.at_duration = base + N + len(held) + np.arange(phases)
 
-    def _assemble(self, problem: Problem) -> Program:
-        layout, pieces = self.layout, self._pieces
-        N = layout.intervals
+    def _index(self) -> tuple[Index, Index]:
+        """Return where the local variables and the constants of each interval stand."""
+        layout = self.layout
+        duration = self.at_duration[layout.phase_of][:, None]
+        v = [self.at_x[:-1], self.at_inner.reshape(layout.intervals, -1), self.at_x[1:],
+             self.at_ua, self.at_ub]
+        own = [self.at_fraction[:, None]]
+        (v if layout.free_durations else own).append(duration)
+        return np.hstack(v), np.hstack(own) - self.unknowns
+
+    @cached_property
+    def _staged(self) -> Stages | None:
+        """Return the program for the interior-point method, if it is of its form."""
+        layout = self.layout
+        if len(layout.phases) > 1 or layout.stages or self.l or self.held:
+            return None
+        inputs = np.vstack([self.at_ua[:1], self.at_ub])
+        return Stages(self._pieces.interval.whole, self._pieces.end.whole, *self._index(),
+                      self.at_x[-1], np.hstack([self.at_x, inputs]), self.unknowns)
+
+    @cached_property
+    def _program(self) -> Program:
+        layout, pieces, problem = self.layout, self._pieces, self._problem
         none = np.zeros((1, 0), dtype=np.int64)
         blocks = [
-            Block(pieces.interval,
-                  np.hstack([self.at_x[:-1], self.at_inner.reshape(N, -1), self.at_x[1:],
-                             self.at_ua, self.at_ub,
-                             self.at_duration[layout.phase_of][:, None]]),
-                  self.at_fraction[:, None] - self.unknowns),
+            Block(pieces.interval, *self._index()),
             Block(pieces.end, self.at_x[-1:], none)]
         if self.l:
             last = self._ends(problem)
@@ -310,6 +335,19 @@ class Transcription:
             w[self.at_duration] = durations / scales.time
         return w
 
+    def multipliers(self, mesh: Mesh, start: Array, guide: 'Outcome', scales: Scales,
+                    bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Return signs of `lam_w` and values of `lam_g` that follow from an outcome nearby."""
+        t = self.times(mesh, guide.path.durations)[1:]
+        costates = np.vstack([guide.costates[1], guide.costates[1:]])
+        lam = np.column_stack([np.interp(t, guide.path.t, column) for column in costates.T])
+        near = 1e-6 * np.maximum(1.0, np.abs(start))
+        inputs = np.zeros(self.unknowns, dtype=bool)
+        inputs[self.at_ua], inputs[self.at_ub] = True, True
+        sign = (start >= bounds[1] - near).astype(float) - (start <= bounds[0] + near)
+        return (np.where(inputs, sign, 0.0),
+                np.append((-lam * scales.x).ravel(), guide.nu) / scales.cost)
+
     def _constants(self, problem: Problem, mesh: Mesh, scales: Scales, T: float) -> Array:
         held = [mesh.held[number, i] / scales.u[i] for number, i in self.held]
         given = [] if self.layout.free_durations else [T / scales.time]
@@ -355,8 +393,9 @@ class Transcription:
         return np.concatenate(lower), np.concatenate(upper)
 
     def solve(self, problem: Problem, mesh: Mesh, start: Array, scales: Scales,
-              limits: Limits, monitor: Monitor, *, near: bool = False,
-              multipliers: tuple[Array, Array] | None = None) -> Outcome:
+              limits: Limits, monitor: Monitor, *, near: bool = False, rough: float = 0.0,
+              once: bool = False, multipliers: tuple[Array, Array] | None = None,
+              guide: 'Outcome | None' = None) -> Outcome:
         """
         Solve the program for the numbers of a problem of the same structure.
 
@@ -378,11 +417,30 @@ class Transcription:
             Whether the start is near the optimum.
         multipliers : pair of ndarray, optional
             `lam_w` and `lam_g` of a neighbouring Outcome: warm start.
+        rough : float, optional
+            Relative error of the cost that is good enough; 0 for none.
+        once : bool, optional
+            Whether to leave it at the interior-point method of this package, where it applies.
+        guide : Outcome, optional
+            Of a path nearby on another mesh.
 
         """
-        solver, watch = self._solver('warm' if multipliers else 'near' if near else 'far')
         lower, upper = self._bounds(problem, scales, limits)
         rows = self._row_bounds(problem, scales, limits)
+        found = None
+        if self._staged is not None:
+            constants = self._constants(problem, mesh, scales, problem.final_time.value)
+            self._staged.bind(constants[:self.shared], constants)
+            guessed = multipliers
+            if guide is not None and multipliers is None:
+                guessed = self.multipliers(mesh, start, guide, scales, (lower, upper))
+            found = self._staged.run(
+                start, (lower, upper), Goal(rough=rough),
+                lambda f, worst: monitor.step(f * scales.cost, worst), near=near,
+                multipliers=guessed)
+            if found.converged or once or monitor.stopped or monitor.spent:
+                return self._outcome(problem, mesh, scales, found, rows)
+        solver, watch = self._solver('warm' if multipliers else 'near' if near else 'far')
         watch.monitor, watch.cost_scale = monitor, scales.cost
         watch.lower, watch.upper = rows
         arguments = {
@@ -390,8 +448,12 @@ class Transcription:
             'lbx': lower, 'ubx': upper, 'lbg': rows[0], 'ubg': rows[1]}
         if multipliers is not None:
             arguments['lam_x0'], arguments['lam_g0'] = multipliers
-        result = solver(**arguments)
-        return self._outcome(problem, mesh, scales, result, solver.stats(), rows)
+        result, stats = solver(**arguments), solver.stats()
+        w, lam_w, g, lam_g = (
+            result[key].full().ravel() for key in ('x', 'lam_x', 'g', 'lam_g'))
+        found = Found(w, float(result['f']), g, lam_w, lam_g, bool(stats['success']),
+                      str(stats['return_status']), int(str(stats['iter_count'])))
+        return self._outcome(problem, mesh, scales, found, rows)
 
     def _first_costate(self, lam: Array) -> Array:
         """Return lam(0), scaled: what the rows of the first interval say of x_0."""
@@ -402,10 +464,9 @@ class Transcription:
         rows = lam[:self.n * (s + 1)].reshape(s + 1, self.n)
         return np.asarray(derivative[:, 0] @ rows[:s] - end[0] * rows[s])
 
-    def _outcome(self, problem: Problem, mesh: Mesh, scales: Scales, result: dict[str, ca.DM],
-                 stats: dict[str, object], row_bounds: tuple[Array, Array]) -> Outcome:
-        w, lam_w, g, lam_g = (
-            result[key].full().ravel() for key in ('x', 'lam_x', 'g', 'lam_g'))
+    def _outcome(self, problem: Problem, mesh: Mesh, scales: Scales, found: Found,
+                 row_bounds: tuple[Array, Array]) -> Outcome:
+        w, lam_w, g, lam_g = found.w, found.lam_w, found.g, found.lam_g
         everything = np.concatenate([w, self._constants(problem, mesh, scales,
                                                         problem.final_time.value)])
         durations = everything[self.at_duration] * scales.time
@@ -428,7 +489,7 @@ class Transcription:
         rows = lam[:first].reshape(N, -1)[:, self.n * s:self.n * (s + 1)]
         costates = np.vstack([self._first_costate(lam) / scales.x, -rows / scales.x])
         return Outcome(
-            mesh, path, bool(stats['success']), str(stats['return_status']),
-            float(result['f']) * scales.cost, float(np.max(violation, initial=0.0)),
-            int(str(stats['iter_count'])), lam[first:first + self.q], costates, node_bounds,
-            bounds[self.at_inner] / scales.x, node_path, local[:, 1:], w, lam_w, lam_g)
+            mesh, path, found.converged, found.status, found.f * scales.cost,
+            float(np.max(violation, initial=0.0)), found.iterations, lam[first:first + self.q],
+            costates, node_bounds, bounds[self.at_inner] / scales.x, node_path, local[:, 1:],
+            w, lam_w, lam_g)
