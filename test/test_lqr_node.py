@@ -63,7 +63,7 @@ REFUSED = [
     ({'Qx': 'heavy'}, 'Qx: wanted numbers, got a string'),
     ({'Qx': [float(k) for k in range(36)]}, 'Qx must be symmetric'),
     ({'weights': 'brysen'}, "weights = 'brysen': wanted 'matrices' or 'bryson' or 'output'; did "),
-    ({'weights': 'bryson'}, 'x_max has no numbers; wanted 6'),
+    ({'weights': 'bryson', 'x_max': [1.0]}, 'x_max has 1 number; wanted 6'),
     ({'weights': 'output', 'H': [1.0, 2.0]}, 'H has 2 numbers; wanted a multiple of 6'),
     ({'rho': -1.0}, 'rho = -1: wanted at least 0'),
     ({'setpoint': [0.0] * 5}, 'set point of aircraft: wanted 6 numbers'),
@@ -101,12 +101,24 @@ def test_each_refusal_says_why(spawn: Any, probe: Any) -> None:
     assert 'Traceback' not in bench.process.output()
 
 
+def test_bryson_one_by_one(spawn: Any, probe: Any) -> None:
+    """As in five minutes of tuning: what is not given yet is 1 each."""
+    bench = Bench(spawn, probe)
+    for values in ({'x_max': [0.1, 0.1, 0.1, 1.0, 1.0, 1.0]}, {'weights': 'bryson'},
+                   {'u_max': [5, 5]}):
+        result = bench.set(**values)
+        assert result.successful, result.reason
+    found = bench.design(4)
+    np.testing.assert_allclose(matrix(found.qx, 6), np.diag([100, 100, 100, 1, 1, 1]))
+    np.testing.assert_allclose(matrix(found.qu, 2), 0.04 * np.eye(2))
+
+
 def test_all_or_none(spawn: Any, probe: Any) -> None:
     """What only fits together is set atomically; what fits alone may be set one by one."""
     bench = Bench(spawn, probe)
     assert not bench.set(Qx=[2.0] * 6, Qu=[1.0, -1.0]).successful
     assert probe.get_parameters('/lqr_node', 'Qx') == {'Qx': []}
-    assert not bench.set(weights='bryson').successful
+    assert not bench.set(weights='output').successful
     assert bench.set(weights='bryson', x_max=[1.0, 1.0, 0.5, 2.0, 2.0, 1.0],
                      u_max=[5, 50]).successful
     np.testing.assert_allclose(

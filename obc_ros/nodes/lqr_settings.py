@@ -44,11 +44,12 @@ class Settings:
         (), 'input weight: m numbers (a diagonal) or m*m row by row; empty: identity')
     cross: Vector = parameter((), "cross weight N of 2 x'N u: n*m numbers row by row; empty: none")
     x_max: Vector = parameter(
-        (), 'bryson: largest acceptable error of each state, in its unit', finite=False)
+        (), 'bryson: largest acceptable error of each state, in its unit; empty: 1 each',
+        finite=False)
     u_max: Vector = parameter(
         (), 'upper limit of each input, in its unit; empty: those of the system. With weights '
         'bryson it is the largest acceptable deviation of each input, which larger errors may '
-        'exceed, and no limit: u_limits limits in any case', finite=False)
+        'exceed (empty: 1 each), and no limit: u_limits limits in any case', finite=False)
     u_min: Vector = parameter(
         (), 'lower limit of each input, in its unit; empty: those of the system', finite=False)
     u_limits: Vector = parameter(
@@ -210,8 +211,11 @@ def _plant(system: str, parameters: tuple[tuple[str, Value], ...], setpoint: Vec
 def _design(*values: Any) -> Design:
     given = dict(zip(_DESIGN, values, strict=True))
     period = given['sample_time'] or (1.0 / given['rate'] if given['rate'] else 0.0)
-    return design(_plant(*(given[name] for name in _PLANT)),
-                  {name: given[name] for name in _WEIGHTS}, given['integral'], given['Qi'],
+    held = _plant(*(given[name] for name in _PLANT))
+    if given['weights'] == 'bryson':  # which can be set before them, and u_max not before it
+        given['x_max'] = given['x_max'] or (1.0,) * held.system.n
+        given['u_max'] = given['u_max'] or (1.0,) * held.system.m
+    return design(held, {name: given[name] for name in _WEIGHTS}, given['integral'], given['Qi'],
                   Sampling(period, given['delay'], given['design'] == 'sampled'))
 
 
