@@ -1,0 +1,127 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What launch files import, as far as those of this package use it: launch is in no wheel.
+
+A launch file is read with it to the nodes that it describes.
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+import importlib.util
+import os
+from pathlib import Path
+import sys
+from types import ModuleType
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@dataclass(frozen=True)
+class Started:
+    """A node that a launch file starts: the files and values of its parameters in order."""
+
+    executable: str
+    name: str
+    namespace: str
+    files: tuple[Path, ...]
+    values: dict[str, Any]
+
+
+class _Given:
+    """Whatever is called with arguments, and keeps them."""
+
+    def __init__(self, *args: Any, **named: Any) -> None:
+        self.args, self.named = args, named
+
+    def perform(self, context: Mapping[str, str]) -> str:
+        """Return the text that it stands for."""
+        return str(context[self.args[0]])
+
+
+def nodes(file: str, **arguments: str) -> list[Started]:
+    """Return the nodes that a launch file of this package starts with some arguments."""
+    with _imported() as made:
+        spec = importlib.util.spec_from_file_location('launch_file', ROOT / 'launch' / file)
+        assert spec and spec.loader
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        entities = module.generate_launch_description().args[0]
+    context: dict[str, str] = {}
+    found: list[Started] = []
+    for each in entities:
+        kind = made[type(each)]
+        if kind == 'DeclareLaunchArgument':
+            name, default = each.args[0], each.named['default_value']
+            if not isinstance(default, str):
+                default = os.environ.get(default.args[0], default.named['default_value'])
+            context[name] = arguments.get(name, default)
+        elif kind == 'OpaqueFunction':
+            found += [_started(node, context) for node in each.named['function'](context)
+                      if _is_wanted(node, context)]
+        elif kind == 'Node' and _is_wanted(each, context):
+            found.append(_started(each, context))
+    assert set(arguments) <= set(context), f'{file} takes {sorted(context)}'
+    return found
+
+
+def _is_wanted(node: _Given, context: Mapping[str, str]) -> bool:
+    condition = node.named.get('condition')
+    return condition is None or condition.args[0].perform(context) == 'true'
+
+
+def _started(node: _Given, context: Mapping[str, str]) -> Started:
+    files, values = [], {}
+    for each in node.named['parameters']:
+        if isinstance(each, dict):
+            values.update({name: _value(value, context) for name, value in each.items()})
+        else:
+            _, *parts = each.args[0]  # the share folder of this package is its root
+            files.append(Path(f'{ROOT}' + ''.join(
+                part if isinstance(part, str) else part.perform(context) for part in parts)))
+    namespace = node.named['namespace']
+    return Started(
+        node.named['executable'], node.named['name'],
+        namespace if isinstance(namespace, str) else namespace.perform(context),
+        tuple(files), values)
+
+
+def _value(value: Any, context: Mapping[str, str]) -> Any:
+    if not isinstance(value, _Given):
+        return value
+    text, wanted = value.args[0].perform(context), value.named['value_type']
+    return text == 'true' if wanted is bool else wanted(text)
+
+
+@contextmanager
+def _imported() -> Iterator[dict[type, str]]:
+    """Let the modules of launch be imported; yields what each class stands for."""
+    made: dict[type, str] = {}
+
+    def get(name: str) -> type:
+        if name.startswith('__'):
+            raise AttributeError(name)
+        found = next((each for each, called in made.items() if called == name), None)
+        if found is None:
+            found = type(name, (_Given,), {})
+            made[found] = name
+        return found
+
+    names = ('launch', 'launch.actions', 'launch.conditions', 'launch.substitutions', 'launch_ros',
+             'launch_ros.actions', 'launch_ros.parameter_descriptions', 'launch_ros.substitutions')
+    before = {name: sys.modules.get(name) for name in names}
+    for name in names:
+        module = ModuleType(name)
+        module.__getattr__ = get  # type: ignore[method-assign] # PEP 562
+        module.__path__ = []
+        sys.modules[name] = module
+    try:
+        yield made
+    finally:
+        for name, module_before in before.items():
+            if module_before is None:
+                del sys.modules[name]
+            else:
+                sys.modules[name] = module_before

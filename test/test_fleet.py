@@ -1,0 +1,71 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Launch files: what they start, and ten vehicles in namespaces of one machine."""
+
+import signal
+from typing import Any
+
+from launch_stand_in import nodes
+from lqr_bench import nanoseconds
+import numpy as np
+from obc_ros.msg import Command, State
+import pytest
+import yaml
+
+VEHICLES = 10
+
+
+def test_what_a_loop_starts() -> None:
+    """Three nodes, or two on a robot, with the parameters of the scenario."""
+    loop = nodes('loop.launch.py', scenario='vehicle', namespace='robot1', speed='2.0')
+    assert [each.executable for each in loop] == [
+        'plant_simulator', 'lqr_node', 'trajectory_server']
+    assert {each.namespace for each in loop} == {'robot1'}
+    assert loop[0].values == {'use_sim_time': False, 'speed': 2.0, 'lockstep': False,
+                              'publish_clock': False}
+    assert len(nodes('loop.launch.py', plant='false')) == 2
+    for scenario in ('aircraft', 'vehicle', 'vehicle_lateral'):
+        for each in nodes('loop.launch.py', scenario=scenario):
+            given = yaml.safe_load(each.files[0].read_text(encoding='utf-8'))
+            assert given[f'/**/{each.name}']['ros__parameters']
+
+
+def test_what_a_fleet_starts() -> None:
+    """A loop for each vehicle, in its namespace; a number that is none is answered."""
+    fleet = nodes('fleet.launch.py', vehicles='3', prefix='robot')
+    assert [(each.namespace, each.executable) for each in fleet] == [
+        (f'robot{k}', name) for k in (1, 2, 3) for name in ('plant_simulator', 'lqr_node')]
+    assert len(nodes('fleet.launch.py')) == 2 * VEHICLES
+    assert len(nodes('fleet.launch.py', plant='false')) == VEHICLES
+    for wrong in ('0', '-1', 'many', '101'):
+        with pytest.raises(ValueError, match='wanted a number from 1 to 100'):
+            nodes('fleet.launch.py', vehicles=wrong)
+
+
+def test_ten_vehicles_on_one_machine(spawn: Any, probe: Any) -> None:
+    """Each loop follows its own plant to its own lane, and none hears another."""
+    names = [f'/vehicle{k}' for k in range(1, VEHICLES + 1)]
+    states = {name: probe.listen(State, f'{name}/state', 1) for name in names}
+    commands = {name: probe.listen(Command, f'{name}/command', 100) for name in names}
+    for each in nodes('fleet.launch.py', vehicles=str(VEHICLES)):
+        spawn(each.executable, each.values, name=each.name, namespace=f'/{each.namespace}',
+              arguments=['--ros-args', '--params-file', str(each.files[0]), '--'])
+    probe.wait_for(lambda: all(commands.values()), 60.0, 'a command of each')
+    lanes = {name: -2.0 + 0.1 * k for k, name in enumerate(names)}
+    for name, lane in lanes.items():
+        assert probe.set_parameters(f'{name}/lqr_node', setpoint=[0.0, lane, 0.0])[0].successful
+    for name in names:  # besides the probe one writes and one reads
+        for topic in ('state', 'command'):
+            assert probe.node.count_publishers(f'{name}/{topic}') == 1
+            assert probe.node.count_subscribers(f'{name}/{topic}') == 2
+    probe.wait_for(lambda: all(abs(states[name][-1].x[1] - lanes[name]) < 5e-3 for name in names),
+                   what='each in its lane')
+    for name in names:
+        answered = {nanoseconds(each) for each in states[name]}
+        assert sum(nanoseconds(each) in answered for each in commands[name]) > 20
+        elsewhere = [nanoseconds(each) for other in names if other != name
+                     for each in commands[other]]
+        assert np.mean([each in answered for each in elsewhere]) < 0.01
+    for process in spawn.processes:  # all at once: one after the other takes seconds
+        process.popen.send_signal(signal.SIGINT)
+    assert [process.wait() for process in spawn.processes] == [0] * 2 * VEHICLES
