@@ -172,18 +172,19 @@ def _costate(path: Path, L: float, M: float) -> Array:
     A, G = np.column_stack(columns), np.vstack(signs)
     costate, _, rank, _ = np.linalg.lstsq(A, right, rcond=1e-6)
     if rank < 3:
-        costate = _most_inside(A, right, G)
+        inside = _most_inside(A, right, G)
+        costate = costate if inside is None else inside
     return np.asarray(costate * scale, dtype=float)
 
 
-def _most_inside(A: Array, b: Array, G: Array) -> Array:
-    """Return z with A z = b and G z <= -d for the largest d <= 1."""
+def _most_inside(A: Array, b: Array, G: Array) -> Array | None:
+    """Return z with A z = b and G z <= -d for the largest d <= 1; None if rounding leaves none."""
     from scipy.optimize import linprog
 
     found = linprog(
         [0, 0, 0, -1], np.column_stack((G, np.ones(len(G)))), np.zeros(len(G)),
         np.column_stack((A, np.zeros(len(A)))), b, [(None, None)] * 3 + [(-1, 1)])
-    return np.asarray(found.x[:3], dtype=float)
+    return None if found.x is None else np.asarray(found.x[:3], dtype=float)
 
 
 def _recognise(problem: Problem) -> tuple[Target, Order, Order] | None:
