@@ -103,7 +103,7 @@ def _simulated(K: Array, count: int) -> tuple[Array, Array]:
         return [vx, vy, omega, (u[0] * c - u[1] * s - DAMPING * vx) / MASS,
                 (u[0] * s + u[1] * c - DAMPING * vy) / MASS - GRAVITY, ARM * u[0] / INERTIA]
 
-    return simulated_loop(rate, lambda x: hover - K @ (x - GOAL), np.zeros(6), STEP, count)
+    return simulated_loop(rate, lambda _, x: hover - K @ (x - GOAL), np.zeros(6), STEP, count)
 
 
 def _text(name: float | str) -> str:
@@ -127,8 +127,6 @@ def _draw(linear: dict[Any, Run], whole: dict[Any, Run]) -> Figure:
     for index in range(2):
         inputs.plot(run.tu, run.u[:, index], color=COLOURS[index], drawstyle='steps-post',
                     label=f'$u_{index + 1}$')
-    inputs.set_yscale('symlog', linthresh=1.0)
-    inputs.set_yticks([-1, 0, 1, 4, 10, 30], ['-1', '0', '1', '4', '10', '30'])
     for name, style, text in (('printed', '-', '$2\\pi/9$'), ('meant', '--', '1.3131')):
         meant.plot(linear[name].t, np.degrees(linear[name].x[:, 2]), style,
                    color=COLOURS[3], label=f'weight {text}')
@@ -140,8 +138,9 @@ def _draw(linear: dict[Any, Run], whole: dict[Any, Run]) -> Figure:
         describe(axes, title, 'time $t$ [s]', 'position $x$, $y$ [m]' if axes in (a, b) else
                  'position $x$ [m]', legend='lower right')
         axes.set(xlim=(0, STEPS if axes is not b else LONG), ylim=(-0.05, 1.5))
+    b.set_ylim(-1.1, 1.5)
     describe(inputs, 'Figure 2.5(b): inputs', 'time $t$ [s]',
-             '$u_1$, $u_2$ [N] (linear below 1)', legend='upper right')
+             '$u_1$, $u_2$ [N]', legend='lower right')
     describe(meant, 'tilt, two weights of $\\theta$', 'time $t$ [s]', '$\\theta$ [deg]',
              legend='lower right')
     inputs.set_xlim(0, LONG)

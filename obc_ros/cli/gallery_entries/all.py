@@ -12,6 +12,7 @@ from obc_ros.cli.gallery_entries import (
     regulators,
     scalar,
     shortest,
+    vehicle,
 )
 
 ENTRIES = (
@@ -19,4 +20,4 @@ ENTRIES = (
     regulators.THEOREM_2_2, regulators.EXAMPLE_2_4, aircraft.EXAMPLE_2_5,
     least_time.EXAMPLE_2_6, optimization.EXERCISE_2_1, shortest.EXERCISE_2_2,
     shortest.EXERCISE_2_3, flat.EXERCISE_2_4, flat.EXERCISE_2_5, linear.EXERCISE_2_7,
-    linear.EXERCISE_2_8, scalar.EXERCISE_2_9)
+    linear.EXERCISE_2_8, scalar.EXERCISE_2_9, vehicle.EXERCISE_2_10)

@@ -14,7 +14,7 @@ from scipy.optimize import linear_sum_assignment
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Rate = Callable[[Array, Array], Any]
-Law = Callable[[Array], Array]
+Law = Callable[[float, Array], Array]
 
 
 def sampled_loop(A: Array, B: Array, K: Array, x0: ArrayLike, step: float, count: int
@@ -37,16 +37,16 @@ def sampled_loop(A: Array, B: Array, K: Array, x0: ArrayLike, step: float, count
 def simulated_loop(rate: Rate, law: Law, x0: ArrayLike, step: float, count: int
                    ) -> tuple[Array, Array]:
     """
-    Return states and inputs of x' = rate(x, u), u = law(x(t_k)) held for a step.
+    Return states and inputs of x' = rate(x, u), u = law(t_k, x(t_k)) held for a step.
 
     By Dormand and Prince's method of order 8, to twelve digits.
     """
     x, u = [np.asarray(x0, dtype=float)], []
-    for _ in range(count):
-        u.append(law(x[-1]))
+    for k in range(count):
+        u.append(law(k * step, x[-1]))
         x.append(solve_ivp(lambda _, y: rate(y, u[-1]), (0.0, step), x[-1], 'DOP853',
                            rtol=1e-12, atol=1e-14).y[:, -1])
-    return np.array(x), np.array([*u, law(x[-1])])
+    return np.array(x), np.array([*u, law(count * step, x[-1])])
 
 
 def free_motion(A: Array, x0: ArrayLike, t: Array) -> Array:

@@ -14,8 +14,9 @@ from obc_ros.cli.gallery_entries.entry import UnansweredError
 from obc_ros.cli.gallery_entries.ros2 import argument, run_node, set_parameter
 from obc_ros.cli.pilot import Pilot
 from obc_ros.cli.processes import Children
-from obc_ros.cli.recording import Recorder
+from obc_ros.cli.recording import LATCHED, Recorder
 from obc_ros.msg import LqrDesign, Trajectory
+from rcl_interfaces.msg import Log
 from std_srvs.srv import Trigger
 
 Array = NDArray[np.float64]
@@ -59,6 +60,9 @@ class Loop:
     def __init__(self, pilot: Pilot, note: Callable[[str], None]) -> None:
         self._pilot = pilot
         self._note = note
+        self._said: list[str] = []
+        pilot.node.create_subscription(
+            Log, '/rosout', lambda message: self._said.append(message.msg), LATCHED)
 
     @property
     def design(self) -> LqrDesign:
@@ -91,10 +95,14 @@ class Loop:
         pilot.wait(lambda: True, '')
         begin, answered = len(pilot.states.stamp), len(pilot.commands.stamp)
         pilot.call(Trigger, 'plant_simulator/reset', Trigger.Request())
-        pilot.wait(lambda: 0 in pilot.states.stamp[begin:], 'the state after the reset')
+        pilot.wait(lambda: (0 in pilot.states.stamp[begin:]
+                            and 0 in pilot.commands.stamp[answered:]),
+                   'the answer to the state after the reset')
         if reference:
+            said = len(self._said)
             pilot.publisher.publish(reference)
-            pilot.wait(lambda: pilot.follows, 'the reference to be taken')
+            pilot.wait(lambda: any('reference' in each for each in self._said[said:]),
+                       'the reference to be taken')
         pilot.pause(False)
         end = round(duration * 1e9)
         pilot.wait(lambda: pilot.states.stamp[-1] >= end, f't = {duration:g} s', 60.0)

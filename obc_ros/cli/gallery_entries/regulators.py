@@ -104,13 +104,13 @@ def _draw_thm_2_2(desk: Desk, found: Regulator, short: list[Trajectory], long: T
     states.set_xlim(0, 8)
     describe(states, 'the optimum', 'time $t$ [s]', '$x^*(t)$', legend=True)
     random = np.random.default_rng(8)
-    size = np.linspace(-0.25, 0.25, 41)
+    size = np.linspace(-0.4, 0.4, 41)
     for index in range(5):
         D = random.normal(size=found.K.shape)
         cost = [_cost_of(A, B, H.T @ H, Qu, found.K + d * D, x0) for d in size]
         gains.plot(size, cost, color=COLOURS[index])
     gains.plot(0, best, 'o', color='black', label='$K = Q_u^{-1}B^T P$')
-    gains.set_ylim(0.98 * best, 1.4 * best)
+    gains.set_ylim(0.995 * best, 1.1 * best)
     describe(gains, 'other gains', 'size $\\delta$', '$J$ with $K + \\delta D$', legend=True)
     return figure
 
