@@ -111,12 +111,66 @@ def test_a_mode_out_of_reach():
     assert said(twins, terminal_constraints=['x', 'y']) == (
         'the inputs do not reach the mode at +1 of A: at T = 2 the terminal constraint '
         f'x = 0 with y = 0 is missed by {math.exp(2)/math.sqrt(2):.6g}')
-    assert said(twins, terminal_constraints=['x']) == ''
+    assert said(twins, terminal_constraints=['x - 2']) == ''
+    assert said(twins, terminal_constraints=['x']) == (
+        'x cannot fall below 1 and has to be 0 at T: the unstable mode of eigenvalue 1 runs away '
+        'faster than the inputs can turn it back')
     assert said(twins, terminal_constraints=['x', 'y'],
-                initial_state={'x': 1, 'y': 1}) == ''
+                initial_state={'x': 0.5, 'y': 0.5}) == ''
     assert said(twins, terminal_constraints=['x', 'y'], final_time=TIMED['final_time']) == (
         'the inputs do not reach the mode at +1 of A: x = 0 with y = 0 holds at no T from 0.1 '
         'to 5')
+
+
+def test_inputs_without_a_choice():
+    assert said(BLOCK, input_bounds={'u': [0, 0]}, terminal_constraints=['x - 1']) == (
+        'no input that may change enters x: at T = 2 it is 0, and the terminal constraint x = 1 '
+        'cannot be met')
+    assert said(BLOCK, input_bounds={'u': [1, 1]}, terminal_constraints=['x - 2']) == ''
+
+
+def test_a_curved_constraint_where_the_others_hold():
+    assert said(BLOCK, terminal_constraints=['x**2 - 1', 'x - 3']) == (
+        'terminal_constraints[0] is 8 and not 0 where the other terminal constraints hold '
+        '(x = 3)')
+    assert said(BLOCK, terminal_constraints=['x**2 - 1', 'x - 1']) == ''
+
+
+@pytest.mark.parametrize('path, sentence', [
+    ({'expr': 'abs(x - 0.5)', 'lower': 0.2},
+     'path_constraints[0] is 0 at x = 0.5 and has to be >= 0.2, but x has to pass there from 0 '
+     'to 1'),
+    ({'expr': 'abs(x - 0.5) + v', 'lower': 0.2}, ''),
+    ({'expr': 'abs(x - 2)', 'lower': 0.2}, '')])
+def test_a_wall_across_the_way(path, sentence):
+    assert said(BLOCK, terminal_constraints=['x - 1'], path_constraints=[path]) == sentence
+
+
+def test_too_soon_for_a_linear_system():
+    short = {'final_time': {'free': False, 'value': 1.5}, 'terminal_constraints': ['x - 1', 'v']}
+    words = 'the terminal constraints cannot be met by T = 1.5: the least time is 2'
+    assert said(BLOCK, **short) == words
+    # State bounds leave less, a curved constraint more asks for more.
+    assert said(BLOCK, **short, state_bounds={'v': [-2, 2]}) == words
+    assert said(BLOCK, **short | {'terminal_constraints': ['x - 1', 'v', 'x**2 + v - 1']}) == words
+
+
+VEHICLE = {
+    'system': 'vehicle', 'initial_state': {'px': 0, 'py': 0, 'theta': 0}, 'running_cost': 'phi**2',
+    'terminal_constraints': ['px - 20', 'py'], 'input_bounds': {'v': [0, 5], 'phi': [-0.5, 0.5]},
+    'final_time': {'free': False, 'value': 3}}
+
+
+def test_too_far_for_a_vehicle():
+    assert said(VEHICLE) == (
+        'the terminal constraint px = 20 holds nowhere within reach by T = 3 (px stays between '
+        '-15 and 15): it is missed by at least 5')
+    assert said(VEHICLE, final_time={'free': False, 'value': 4.001}) == ''
+
+
+def test_a_terminal_constraint_that_holds_nowhere():
+    assert 'missed by at least 1' in said(BLOCK, terminal_constraints=['x**2 + v**2 + 1'])
+    assert said(BLOCK, terminal_constraints=['x**2 + v**2 - 1']) == ''
 
 
 def test_time_as_a_state_is_no_fault():

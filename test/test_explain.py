@@ -16,6 +16,7 @@ BLOCK = {
     'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 0},
     'terminal_constraints': ['x - 1', 'v'], 'input_bounds': {'u': [-1, 1]},
     'final_time': {'free': False, 'value': 1.5}}
+LONGER = {'final_time': {'free': False, 'value': 3}}
 LAG = {
     'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': '-x + u'}, 'running_cost': 'u**2',
     'initial_state': {'x': 0}, 'terminal_constraints': ['x - 2'], 'input_bounds': {'u': [-1, 1]},
@@ -46,7 +47,7 @@ def test_a_contradiction_needs_no_solver():
     assert found is not None
     assert found.infeasible
     assert found.sentence == 'state bound v <= 1 and terminal constraint v = 2 exclude each other'
-    assert explain(problem_from_mapping(BLOCK)) is None
+    assert explain(problem_from_mapping(BLOCK | LONGER)) is None
 
 
 @pytest.mark.parametrize('changes', [
@@ -92,8 +93,8 @@ def test_a_bound_that_cannot_be_held():
 def test_a_constraint_that_holds_nowhere():
     found = reason(LAG, terminal_constraints=['x**2 + 1'], input_bounds={})
     assert found.infeasible
-    assert found.sentence == ('by T = 5 no path was found that meets the terminal constraints: '
-                              'the nearest ends with terminal_constraints[0] missed by 1')
+    assert found.sentence == ('the terminal constraint terminal_constraints[0] holds nowhere: it '
+                              'is missed by at least 1')
 
 
 def test_a_wall_between_start_and_goal():
@@ -111,7 +112,8 @@ def test_a_wall_between_start_and_goal():
 
 
 def test_a_cost_without_lower_bound():
-    found = reason(LAG, running_cost='x', terminal_constraints=[], input_bounds={})
+    found = reason(LAG, running_cost='x', terminal_constraints=[], input_bounds={},
+                   state_bounds={'x': [-1e9, None]})
     assert not found.infeasible
     # The integral of x over [0, 5] under u = -r is -r (4 + exp(-5)).
     assert found.sentence.startswith('the cost has no lower bound: ')
@@ -128,4 +130,4 @@ def test_a_problem_with_an_answer_is_not_explained_away():
 def test_a_solver_that_fails_gives_no_reason():
     def failing(_):
         return Solution(Status.TIMED_OUT, 'no time')
-    assert explain(problem_from_mapping(BLOCK), failing) is None
+    assert explain(problem_from_mapping(BLOCK | LONGER), failing) is None

@@ -4,9 +4,10 @@
 Parts of a problem that exclude each other, found without solving it.
 
 Each finding is a proof: the initial state against its bounds and path constraints; terminal
-constraints against each other, against state bounds and against path constraints; and what the
+constraints against each other, against state bounds and against path constraints; what the
 inputs cannot influence (states that no input enters, modes of a linear system out of reach)
-against what is demanded of it.
+against what is demanded of it; and the least time of a linear system with bounded inputs against
+the time that there is.
 """
 
 from collections.abc import Iterator
@@ -15,9 +16,11 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from obc_ros.core.intervals import enclosure
 from obc_ros.core.least_time_form import affine
-from obc_ros.core.problem import Problem
+from obc_ros.core.problem import FinalTime, Problem
 from obc_ros.core.replay import Integrator, Intervals
+from obc_ros.core.solution import Status
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -25,11 +28,13 @@ Mask = NDArray[np.bool_]
 # Relative size of what counts as a contradiction: far above rounding, far below intention.
 _SLACK = 1e-9
 _TIMES = 100
+_VALUES = 1001   # of a state between its ends
 
 
 def contradiction(problem: Problem) -> str:
     """Return a sentence that says which parts of a problem exclude each other, or ''."""
-    for check in (_at_start, _at_end, _path_at_end, _beyond_control, _beyond_reach):
+    for check in (_at_start, _at_end, _path_at_end, _beyond_control, _beyond_reach, _too_soon,
+                  _too_far):
         for sentence in check(problem):
             return sentence
     return ''
@@ -138,6 +143,7 @@ def _at_end(problem: Problem) -> Iterator[str]:
         if low > slack or high < -slack:
             yield _against_bounds(problem, int(row), a, low > slack)
     yield from _against_each_other(problem, rows)
+    yield from _where_pinned(problem, rows)
     yield from _together_against_bounds(problem, rows)
 
 
@@ -168,6 +174,24 @@ def _against_each_other(problem: Problem, rows: _Rows) -> Iterator[str]:
                    'exclude each other')
 
 
+def _where_pinned(problem: Problem, rows: _Rows) -> Iterator[str]:
+    """Yield curved terminal constraints that do not hold where the affine ones hold."""
+    end = None if rows.affine.all() else _pinned(rows.A[rows.affine], rows.b[rows.affine])
+    if end is None:
+        return
+    x, pinned = end
+    psi = ca.Function('psi', [problem.x, problem.p], [problem.psi])(x, problem.p_value).full()
+    for row in map(int, np.flatnonzero(~rows.affine)):
+        used = np.zeros(problem.n, dtype=bool)
+        used[ca.jacobian_sparsity(problem.psi[row], problem.x).get_triplet()[1]] = True
+        value, size = float(psi[row, 0]), 1 + np.abs(x).max()
+        if pinned[used].all() and abs(value) > 1e-6 * size**2:
+            where = ', '.join(f'{name} = {number(float(x[index]))}' for index, name in enumerate(
+                problem.states) if used[index])
+            yield (f'terminal_constraints[{row}] is {number(value)} and not 0 where the other '
+                   f'terminal constraints hold ({where})')
+
+
 def _together_against_bounds(problem: Problem, rows: _Rows) -> Iterator[str]:
     index = np.flatnonzero(rows.affine)
     finite = np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)
@@ -191,10 +215,51 @@ def _path_at_end(problem: Problem) -> Iterator[str]:
     if rows is None or not problem.path.numel():
         return
     A, b = rows.A[rows.affine], rows.b[rows.affine]
-    if np.linalg.matrix_rank(A) == problem.n:
-        x = np.asarray(np.linalg.lstsq(A, -b, rcond=None)[0], dtype=np.float64)
-        if np.abs(A @ x + b).max() <= 1e-9 * (1 + np.abs(b).max()):
-            yield from _path_at(problem, x, 'at the state that the terminal constraints demand')
+    end = _pinned(A, b)
+    if end is None:
+        return
+    x, pinned = end
+    if pinned.all():
+        yield from _path_at(problem, x, 'at the state that the terminal constraints demand')
+    yield from _in_between(problem, x, pinned)
+
+
+def _pinned(A: Array, b: Array) -> tuple[Array, Mask] | None:
+    """Return a state with A x + b = 0 (n,), and which parts of it all such states share."""
+    if not len(A):
+        return None
+    found, _, rank, _ = np.linalg.lstsq(A, -b, rcond=None)
+    x = np.asarray(found, dtype=np.float64)
+    if np.abs(A @ x + b).max() > 1e-9 * (1 + np.abs(b).max()):
+        return None
+    pinned: Mask = np.abs(np.linalg.svd(A)[2][rank:]).max(axis=0, initial=0.0) < 1e-9
+    return x, pinned
+
+
+def _in_between(problem: Problem, end: Array, pinned: Mask) -> Iterator[str]:
+    """Yield constraints on one state that do not hold at a value which it has to pass."""
+    path = ca.Function('path', [problem.x, problem.u, problem.p], [problem.path])
+    uses = np.zeros((problem.path.numel(), problem.n + problem.m), dtype=bool)
+    uses[ca.jacobian_sparsity(
+        problem.path, ca.vertcat(problem.x, problem.u)).get_triplet()] = True
+    for row in np.flatnonzero(uses.sum(axis=1) == 1):
+        index = int(np.argmax(uses[row]))
+        if index >= problem.n or not pinned[index]:
+            continue
+        x = np.tile(problem.x0, (_VALUES, 1))
+        x[:, index] = np.linspace(problem.x0[index], end[index], _VALUES)
+        c = path.map(_VALUES)(x.T, np.zeros((problem.m, _VALUES)), ca.repmat(
+            problem.p_value, 1, _VALUES)).full()[row]
+        excess = np.maximum(c - problem.path_upper[row], problem.path_lower[row] - c)
+        worst = int(np.argmax(excess))
+        if excess[worst] > 1e-6 * (1 + np.abs(c).max()):
+            sign, bound = (('<=', problem.path_upper[row]) if c[worst] > problem.path_upper[row]
+                           else ('>=', problem.path_lower[row]))
+            name = problem.states[index]
+            yield (f'path_constraints[{row}] is {number(float(c[worst]))} at {name} = '
+                   f'{number(float(x[worst, index]))} and has to be {sign} {number(bound)}, but '
+                   f'{name} has to pass there from {number(problem.x0[index])} to '
+                   f'{number(float(end[index]))}')
 
 
 def _times(problem: Problem) -> Array:
@@ -219,18 +284,19 @@ def _beyond_control(problem: Problem) -> Iterator[str]:
     if not np.isfinite(x[:, ~driven]).all():
         return
     latest = _times(problem)[0]
+    nothing = 'no input' if _movable(problem).all() else 'no input that may change'
     for index in map(int, np.flatnonzero(~driven)):
         for upper, excess in ((True, x[:, index] - problem.x_upper[index]),
                               (False, problem.x_lower[index] - x[:, index])):
             bad = np.flatnonzero(excess > 1e-6 * (1 + np.abs(x[:, index]).max()))
             if bad.size and t[bad[0]] <= latest:
-                yield (f'no input enters {problem.states[index]}: it leaves state bound '
+                yield (f'{nothing} enters {problem.states[index]}: it leaves state bound '
                        f'{state_bound(problem, index, upper)} by t = {number(t[bad[0]])}')
     psi = ca.Function('psi', [problem.x, problem.p], [problem.psi]).map(len(t))(
         x.T, ca.repmat(problem.p_value, 1, len(t))).full()
     for row in map(int, np.flatnonzero(decided)):
         names = ', '.join(problem.states[index] for index in np.flatnonzero(uses[row]))
-        yield from _missed(problem, f'no input enters {names}', terminal(problem, row),
+        yield from _missed(problem, f'{nothing} enters {names}', terminal(problem, row),
                            psi[row, np.isin(t, _times(problem))], x[-1, uses[row]])
 
 
@@ -252,6 +318,12 @@ def _missed(problem: Problem, reason: str, wanted: str, values: Array,
                f'missed by {number(abs(float(values[-1])))}')
 
 
+def _movable(problem: Problem) -> Mask:
+    """Return which inputs have a choice, shape (m,)."""
+    movable: Mask = problem.u_lower < problem.u_upper
+    return movable
+
+
 def _driven(problem: Problem) -> Mask:
     """Return which states an input enters, directly or through other states."""
     def pattern(symbols: ca.SX) -> Mask:
@@ -259,7 +331,8 @@ def _driven(problem: Problem) -> Mask:
         found[ca.jacobian_sparsity(problem.f, symbols).get_triplet()] = True
         return found
 
-    driven, through = pattern(problem.u).any(axis=1), pattern(problem.x)
+    driven = pattern(problem.u)[:, _movable(problem)].any(axis=1)
+    through = pattern(problem.x)
     for _ in range(problem.n):
         driven = driven | (through & driven).any(axis=1)
     return np.asarray(driven)
@@ -286,7 +359,8 @@ def _beyond_reach(problem: Problem) -> Iterator[str]:
     system, rows = affine(problem), _affine_rows(problem)
     if system is None or rows is None or not rows.affine.any():
         return
-    V = _reachable(system.A, system.B)
+    movable = _movable(problem)
+    V = _reachable(system.A, system.B[:, movable])
     if V.shape[1] == problem.n:
         return
     C = rows.A[rows.affine]
@@ -296,7 +370,8 @@ def _beyond_reach(problem: Problem) -> Iterator[str]:
     if not len(combinations):
         return
     t = _times(problem)
-    x = _free_motion(system.A, system.c, problem.x0, t)
+    c = system.c + system.B[:, ~movable] @ problem.u_lower[~movable]
+    x = _free_motion(system.A, c, problem.x0, t)
     values = combinations @ (C @ x.T + rows.b[rows.affine][:, None])
     for eta, value in zip(combinations, values, strict=True):
         w = eta @ C
@@ -308,10 +383,69 @@ def _beyond_reach(problem: Problem) -> Iterator[str]:
                                ' with '.join(involved), value)
 
 
+def _too_soon(problem: Problem) -> Iterator[str]:
+    """Yield the least time of a linear system with bounded inputs if there is less time."""
+    rows = _affine_rows(problem)
+    boxed = np.isfinite(problem.u_lower).all() and np.isfinite(problem.u_upper).all()
+    if rows is None or not rows.affine.any() or not boxed or affine(problem) is None:
+        return
+    # Imported where used: no node that only asks for a problem waits for it.
+    from obc_ros.core.time_optimal import solve_time_optimal
+    final, unlimited, none = problem.final_time, np.full(problem.n, np.inf), np.zeros(0)
+    within = FinalTime(free=True, lower=0.0, upper=final.upper if final.free else final.value)
+    found = solve_time_optimal(replace(
+        problem, L=ca.SX(1), V=ca.SX(0), psi=problem.psi[np.flatnonzero(rows.affine).tolist()],
+        path=ca.SX(0, 1), path_lower=none, path_upper=none, x_lower=-unlimited,
+        x_upper=unlimited, final_time=within, structure=''))
+    if found is not None and found.status is Status.INFEASIBLE:
+        yield found.message
+
+
+def _too_far(problem: Problem) -> Iterator[str]:
+    """
+    Yield terminal constraints that hold nowhere within the bounds, or nowhere within reach.
+
+    A state whose rate keeps within bounds wherever the path may be keeps within bounds itself,
+    and so perhaps do others then.
+    """
+    last = problem.final_time.upper if problem.final_time.free else problem.final_time.value
+    symbols = [problem.x, problem.u, problem.p]
+    f, psi = ca.Function('f', symbols, [problem.f]), ca.Function('psi', symbols, [problem.psi])
+    u, p = (problem.u_lower, problem.u_upper), (problem.p_value, problem.p_value)
+    low, high = problem.x_lower, problem.x_upper
+    for within in ('within its bounds', 'within reach')[:1 + bool(problem.q)]:
+        for row, found in enumerate(enclosure(psi, [(low, high), u, p])):
+            margin = 1e-6 * (1 + sum(abs(each) for each in (found.low, found.high)
+                                     if np.isfinite(each)))
+            if found.low > margin or found.high < -margin:
+                more = '' if within == 'within its bounds' else _extent(problem, row, low, high)
+                nearest = found.low if found.low > 0 else found.high
+                yield (f'the terminal constraint {terminal(problem, row)} holds nowhere'
+                       f'{more}: it is missed by at least {number(abs(nearest))}')
+        for _ in range(problem.n):
+            rates = enclosure(f, [(low, high), u, p])
+            low = np.maximum(low, problem.x0 + last * np.array(
+                [min(rate.low, 0.0) for rate in rates]))
+            high = np.minimum(high, problem.x0 + last * np.array(
+                [max(rate.high, 0.0) for rate in rates]))
+
+
+def _extent(problem: Problem, row: int, low: Array, high: Array) -> str:
+    """Return how far the states of a terminal constraint get, in words."""
+    used = np.zeros(problem.n, dtype=bool)
+    used[ca.jacobian_sparsity(problem.psi[row], problem.x).get_triplet()[1]] = True
+    final = problem.final_time
+    parts = [f'{name} stays between {number(float(low[k]))} and {number(float(high[k]))}'
+             for k, name in enumerate(problem.states)
+             if used[k] and np.isfinite([low[k], high[k]]).all()]
+    by = final.upper if final.free else final.value
+    return f' within reach by T = {by:.6g} ({", ".join(parts)})'
+
+
 def _reachable(A: Array, B: Array) -> Array:
     """Return an orthonormal basis, shape (n, r), of the states that inputs reach."""
     V = np.zeros((len(A), 0))
-    new = B / max(float(np.abs(B).max()), 1e-300)
+    new = B / max(float(np.abs(B).max(initial=0.0)), 1e-300)
     scale = max(float(np.linalg.norm(A)), 1e-300)
     while new.shape[1]:
         new = new - V @ (V.T @ new)

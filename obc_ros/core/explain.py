@@ -3,7 +3,8 @@
 """
 Why a problem has no answer, in the words of who asked, with numbers.
 
-What `contradictions` proves comes first. Then other problems are solved in its place:
+What `contradictions` and `ill_posed` prove comes first. Then other problems are solved in its
+place:
 
 elastic      the terminal constraints become the cost sum of psi_j^2: what is left says how much
              of which constraint is missing; then also with one state bound, path constraint or
@@ -12,6 +13,12 @@ soft         state bounds and path constraints become a cost as well: which one 
              when, and by how much;
 least time   L = 1, T free: whether the time is too short;
 boxed        |u| <= 10, 100, 1000: whether the cost falls without end.
+
+A problem is called infeasible when that is shown. Where dynamics and constraints are affine and T
+is given, the elastic and the soft problem are convex: what is left in them is left by every
+input. Others may have minima that are not the least ones; of them it is believed if the least
+time, found from several starts and certified, is too long, and else the sentence says what was
+found and no more.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,8 +28,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.contradictions import contradiction, number, state_bound, terminal
+from obc_ros.core.ill_posed import without_minimum
 from obc_ros.core.problem import FinalTime, Problem
-from obc_ros.core.solution import Solution, Status
+from obc_ros.core.solution import Solution
+from obc_ros.core.undefined import runs_away, undefined
 
 Array = NDArray[np.float64]
 Solver = Callable[[Problem], Solution]
@@ -43,7 +52,8 @@ class Reason:
     sentence: str
 
 
-def explain(problem: Problem, solve: Solver | None = None) -> Reason | None:
+def explain(problem: Problem, solve: Solver | None = None, *, thorough: Solver | None = None,
+            found: Solution | None = None) -> Reason | None:
     """
     Return why a problem has no answer, or None if no reason was found.
 
@@ -54,27 +64,115 @@ def explain(problem: Problem, solve: Solver | None = None) -> Reason | None:
     solve : callable, optional
         Returns a Solution with its certificate for a problem, whether or not the certificate
         holds; it keeps the time limit. Without it only contradictions are found.
+    thorough : callable, optional
+        Does the same with more care: its certificate is to hold, for the best of several starts.
+    found : Solution, optional
+        The best path that was found for the problem.
 
     """
-    found = contradiction(problem)
-    if found:
-        return Reason(True, found)
-    if solve is None:
-        return None
-    if problem.q == 0 and not _bounded(problem):
-        sentence = _unbounded(problem, solve)
+    sentence = contradiction(problem)
+    if sentence:
+        return Reason(True, sentence)
+    sentence = without_minimum(problem)
+    if sentence or solve is None:
         return Reason(False, sentence) if sentence else None
-    nearest = solve(_elastic(problem))
-    if not _is_path(nearest):
-        sentence = _not_held(problem, solve)
-        return Reason(True, sentence) if sentence else None
-    missed = _missed(problem, nearest)
-    if not missed:
-        sentence = _unbounded(problem, solve)
+    return _Doubt(problem, solve, thorough or solve).reason(found)
+
+
+class _Doubt:
+    """A problem without a contradiction, and how others are solved in its place."""
+
+    def __init__(self, problem: Problem, solve: Solver, thorough: Solver) -> None:
+        self.problem, self.solve = problem, solve
+        self.thorough = solve if _convex(problem) else thorough
+        self.convex = _convex(problem)
+
+    def reason(self, found: Solution | None) -> Reason | None:
+        """Return why there is no answer, None if that remains unknown."""
+        problem, solve = self.problem, self.solve
+        if found is not None and (sentence := undefined(problem, found.t, found.x, found.u)):
+            return Reason(False, sentence)
+        if problem.q == 0 and not _bounded(problem):
+            return self.without_end()
+        nearest = solve(_elastic(problem))
+        if not _is_path(nearest):
+            sentence = undefined(problem, nearest.t, nearest.x, nearest.u)
+            return Reason(False, sentence) if sentence else self.not_held() or self.without_end()
+        missed = _missed(problem, nearest)
+        if not missed:
+            return self.without_end()
+        return self.too_short() or self.missing(missed)
+
+    def without_end(self) -> Reason | None:
+        """Return that states, or the cost, grow without end, if they do."""
+        sentence = _unbounded(self.problem, self.solve) or runs_away(
+            self.problem, _last(self.problem))
         return Reason(False, sentence) if sentence else None
-    sentence = _too_short(problem, solve) or _to_blame(problem, solve, missed)
-    return Reason(True, sentence or f'{_time(problem)} no path was found that meets the terminal '
-                                    f'constraints: the nearest ends with {missed}')
+
+    def too_short(self) -> Reason | None:
+        """Return that the terminal constraints can be met, but only later."""
+        problem, last = self.problem, _last(self.problem)
+        guess = FinalTime(free=True, lower=1e-3 * last, upper=_LATER * last, guess=2 * last)
+        later = replace(problem, L=ca.SX(1), V=ca.SX(0), final_time=guess, structure='')
+        answer = self.solve(later)
+        if not _is_path(answer) or _missed(problem, answer):
+            return None
+        early = answer.t[-1] <= last * (1 + 1e-6)
+        if not early and not self.convex and not _certified(answer):
+            answer = self.thorough(later)
+            early = not _is_path(answer) or answer.t[-1] <= last * (1 + 1e-6)
+        if early and not self.convex and not problem.final_time.free:
+            return Reason(False, f'no path was found that meets the terminal constraints at T = '
+                                 f'{last:.6g}; one meets them at T = {answer.t[-1]:.4g}')
+        if early:
+            return None
+        least = float(answer.t[-1])
+        if _certified(answer):
+            return Reason(True, f'the terminal constraints cannot be met by T = {last:.6g}: the '
+                                f'least time is {number(least)}')
+        if self.convex:
+            return Reason(True, f'the terminal constraints cannot be met by T = {last:.6g}: the '
+                                f'least time is about {least:.3g}')
+        return Reason(False, f'no path was found that meets the terminal constraints by T = '
+                             f'{last:.6g}: the quickest takes about {least:.3g}')
+
+    def missing(self, missed: str) -> Reason:
+        """Return what of the terminal constraints is out of reach, and for which bound."""
+        problem = self.problem
+        blamed = _to_blame(problem, self.solve)
+        if blamed and self.convex:
+            name, without = blamed
+            return Reason(True, (
+                f'{name} and the terminal constraints exclude each other {_time(problem)}: with '
+                f'it the path ends at best with {missed}; without it {without}'))
+        more = f'; without {blamed[0]} {blamed[1]}' if blamed else ''
+        return Reason(self.convex, f'{_time(problem)} no path was found that meets the terminal '
+                                   f'constraints: the nearest ends with {missed}{more}')
+
+    def not_held(self) -> Reason | None:
+        """Return which state bound or path constraint cannot be held."""
+        found = _not_held(self.problem, self.solve(_soft(self.problem)))
+        if not found:
+            return None
+        name, how = found
+        return Reason(True, f'{name} cannot be held: {how}') if self.convex else Reason(
+            False, f'no path was found that keeps to {name}: {how}')
+
+
+def _convex(problem: Problem) -> bool:
+    """Return whether dynamics and constraints are affine in x and u."""
+    z = ca.vertcat(problem.x, problem.u)
+    slopes = ca.jacobian(ca.vertcat(problem.f, problem.psi, problem.path), z)
+    return not problem.final_time.free and not ca.depends_on(slopes, z)
+
+
+def _certified(answer: Solution) -> bool:
+    return answer.certificate is not None and answer.certificate.holds
+
+
+def _last(problem: Problem) -> float:
+    final = problem.final_time
+    return final.upper if final.free else final.value
 
 
 def _bounded(problem: Problem) -> bool:
@@ -89,8 +187,7 @@ def _is_path(solution: Solution) -> bool:
 
 
 def _time(problem: Problem) -> str:
-    final = problem.final_time
-    return f'by T = {number(final.upper if final.free else final.value)}'
+    return f'by T = {_last(problem):.6g}'
 
 
 def _effort(problem: Problem) -> ca.SX:
@@ -153,32 +250,13 @@ def _missed(problem: Problem, nearest: Solution) -> str:
     return ', '.join(parts)
 
 
-def _too_short(problem: Problem, solve: Solver) -> str:
-    """Return a sentence if the terminal constraints can be met, but only later."""
-    final = problem.final_time
-    last = final.upper if final.free else final.value
-    guess = FinalTime(free=True, lower=1e-3 * last, upper=_LATER * last, guess=2 * last)
-    answer = solve(replace(problem, L=ca.SX(1), V=ca.SX(0), final_time=guess, structure=''))
-    if answer.status is Status.INFEASIBLE and answer.method == 'time_optimal':
-        return answer.message  # there is no such time, and that is proved
-    if not _is_path(answer) or _missed(problem, answer):
-        return ''
-    least = float(answer.t[-1])
-    if least <= last * (1 + 1e-6):
-        return ''
-    surely = answer.certificate is not None and answer.certificate.holds
-    return (f'the terminal constraints cannot be met by T = {number(last)}: the least time is '
-            f'{"" if surely else "about "}{number(least) if surely else f"{least:.3g}"}')
-
-
-def _to_blame(problem: Problem, solve: Solver, missed: str) -> str:
-    """Return which bound keeps the terminal constraints from being met, '' if none alone does."""
+def _to_blame(problem: Problem, solve: Solver) -> tuple[str, str] | None:
+    """Return the bound that keeps the terminal constraints from being met, and what it is for."""
     for name, freed, seen in _without(problem):
         answer = solve(_elastic(freed))
         if _is_path(answer) and not _missed(freed, answer):
-            return (f'{name} and the terminal constraints exclude each other {_time(problem)}: '
-                    f'with it the path ends at best with {missed}; without it {seen(answer)}')
-    return ''
+            return name, seen(answer)
+    return None
 
 
 Seen = Callable[[Solution], str]
@@ -225,11 +303,10 @@ def _extreme(name: str, index: int, upper: bool, kind: str) -> Seen:
     return seen
 
 
-def _not_held(problem: Problem, solve: Solver) -> str:
-    """Return which state bound or path constraint cannot be held, when and by how much."""
-    answer = solve(_soft(problem))
+def _not_held(problem: Problem, answer: Solution) -> tuple[str, str] | None:
+    """Return which bound the answer to the soft problem breaks most, and how."""
     if not _is_path(answer):
-        return ''
+        return None
     path = ca.Function('path', [problem.x, problem.u, problem.p], [problem.path])
     values = [path(x, u, problem.p_value).full()[:, 0]
               for x, u in zip(answer.x, answer.u, strict=True)]
@@ -240,7 +317,7 @@ def _not_held(problem: Problem, solve: Solver) -> str:
     excess = np.maximum(rows - upper, lower - rows) / size
     k, row = np.unravel_index(int(np.argmax(excess)), excess.shape)
     if excess[k, row] <= _MISSED:
-        return ''
+        return None
     over = rows[k, row] > upper[row]
     if row < problem.n:
         name = f'state bound {state_bound(problem, int(row), bool(over))}'
@@ -248,8 +325,8 @@ def _not_held(problem: Problem, solve: Solver) -> str:
         bound = upper[row] if over else lower[row]
         name = f'path_constraints[{row - problem.n}] {"<=" if over else ">="} {number(bound)}'
     first = int(np.argmax(excess[:, row] > _MISSED))
-    return (f'{name} cannot be held: the path that comes nearest to it leaves it at '
-            f't = {answer.t[first]:.3g} and has {rows[k, row]:.4g} at t = {answer.t[k]:.4g}')
+    return name, (f'the path that comes nearest to it leaves it at t = {answer.t[first]:.3g} and '
+                  f'has {rows[k, row]:.4g} at t = {answer.t[k]:.4g}')
 
 
 def _unbounded(problem: Problem, solve: Solver) -> str:

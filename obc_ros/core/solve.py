@@ -5,11 +5,14 @@
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 import time
 
+import numpy as np
 from obc_ros.core.certificate import certify
 from obc_ros.core.errors import StatementError
 from obc_ros.core.explain import explain
+from obc_ros.core.ill_posed import indifferent, wish, without_minimum
 from obc_ros.core.kit import Kit
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.polish import polished
@@ -101,6 +104,8 @@ def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
         judged = _judged(problem, found)
         if judged.status is Status.SOLVED:
             return replace(judged, method=name)
+    if kit.last is None and without_minimum(problem):
+        return Solution(Status.NOT_CONVERGED, 'the cost has no minimum', method='arcs')
     return replace(Search(problem, kit, monitor).run(), method='arcs')
 
 
@@ -158,6 +163,9 @@ def _judged(problem: Problem, found: Solution) -> Solution:
     if not found.t.size:
         return found
     certificate = found.certificate or certify(problem, found)
+    if not certificate.holds and (L := indifferent(problem)) is not None:
+        found = _without_multipliers(found, L)
+        certificate = certify(problem, found)
     if certificate.holds:
         message = found.message or 'the certificate holds'
         return replace(found, status=Status.SOLVED, message=message, certificate=certificate)
@@ -165,6 +173,13 @@ def _judged(problem: Problem, found: Solution) -> Solution:
     message = (f'{_FAULTS[worst]}: residual {certificate.residuals[worst]:.1e}, '
                f'allowed {certificate.tolerances[worst]:.0e}')
     return replace(found, status=Status.NOT_CONVERGED, message=message, certificate=certificate)
+
+
+def _without_multipliers(found: Solution, L: float) -> Solution:
+    """Return the path with the multipliers that it has when every path costs the same."""
+    return replace(
+        found, lam=0.0 * found.lam, nu=0.0 * found.nu, hamiltonian=np.full(len(found.t), L),
+        state_multipliers=None, path_multipliers=None)
 
 
 def _ended(problem: Problem, found: Solution, monitor: Monitor, time_limit: float,
@@ -176,8 +191,9 @@ def _ended(problem: Problem, found: Solution, monitor: Monitor, time_limit: floa
         return found
     if monitor.stopped == 'timed_out':
         best = f'; the best path so far costs {found.objective:.6g}' if found.t.size else ''
-        return replace(found, status=Status.TIMED_OUT,
-                       message=f'no certified answer within {time_limit:g} s{best}')
+        advice = wish(problem)
+        return replace(found, status=Status.TIMED_OUT, message=(
+            f'no certified answer within {time_limit:g} s{best}{advice and "; "}{advice}'))
     if method in ('riccati', 'time_optimal'):
         return found
     return _explained(problem, found, monitor)
@@ -188,12 +204,13 @@ def _explained(problem: Problem, found: Solution, monitor: Monitor) -> Solution:
     deadline = time.monotonic() + min(_EXPLAINING, max(monitor.remaining(), 0.0))
     monitor.phase = 'explanation'
 
-    def attempt(other: Problem) -> Solution:
-        return Search(other, Kit(other), monitor.within(deadline), quick=True).run()
+    def attempt(other: Problem, quick: bool = True) -> Solution:
+        return Search(other, Kit(other), monitor.within(deadline), quick=quick).run()
 
-    reason = explain(problem, attempt)
+    reason = explain(problem, attempt, thorough=partial(attempt, quick=False), found=found)
     if reason is None or monitor.stopped == 'cancelled':
-        return found
+        advice = wish(problem)
+        return replace(found, message=f'{found.message}; {advice}') if advice else found
     if not reason.infeasible:
         return replace(found, message=reason.sentence)
     return Solution(Status.INFEASIBLE, reason.sentence)

@@ -1,0 +1,141 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where a path comes to states at which the expressions of its problem have no value.
+
+A division by zero, a logarithm or root of what is negative, states that run away in finite time.
+"""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.problem import Problem
+
+Array = NDArray[np.float64]
+
+_FAR = 1e6      # times the size of x(0) and of the bounds: where a state is said to run away
+_TRIALS = 16    # constant inputs that are tried
+
+
+@dataclass(frozen=True)
+class _Suspect:
+    """Something in an expression that must not vanish, or must not be negative."""
+
+    where: str
+    value: ca.SX
+    fault: str
+    may_be_negative: bool
+
+
+def undefined(problem: Problem, t: Array, x: Array, u: Array) -> str:
+    """
+    Return which expression has no value on a path, where and why; '' if all have one.
+
+    Parameters
+    ----------
+    problem : Problem
+        The one with the expressions.
+    t, x, u : ndarray, shape (N,), (N, n), (N, m)
+        The path; between its points a divisor that changes its sign is taken to vanish.
+
+    """
+    suspects = _suspects(problem)
+    if not suspects or not t.size or not (np.isfinite(x).all() and np.isfinite(u).all()):
+        return ''
+    look = ca.Function('look', [problem.x, problem.u, problem.p],
+                       [ca.vertcat(*(each.value for each in suspects))])
+    values = look.map(len(t))(x.T, u.T, ca.repmat(problem.p_value, 1, len(t))).full()
+    first: tuple[int, str] | None = None
+    for each, row in zip(suspects, values, strict=True):
+        bad = ~np.isfinite(row) | ((row == 0) if each.may_be_negative else (row < 0))
+        if each.may_be_negative:
+            bad[1:] |= (row[:-1] * row[1:] < 0) & (t[1:] > t[:-1])
+        k = int(np.argmax(bad))
+        if bad[k] and (first is None or k < first[0]):
+            first = k, f'{each.where} {each.fault}'
+    if first is None:
+        return ''
+    k, what = first
+    state = ', '.join(f'{name} = {value:.4g}'
+                      for name, value in zip(problem.states, x[k], strict=True))
+    return f'{what} at t = {t[k]:.4g} on the nearest path that was found, where {state[:200]}'
+
+
+def runs_away(problem: Problem, T: float) -> str:
+    """
+    Return a sentence if the states grow beyond all bounds before T with every input tried.
+
+    The inputs are constant: the corners of their box (1 in place of a bound that is missing) and
+    its middle.
+    """
+    from scipy.integrate import solve_ivp
+    f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f])
+    low = np.where(np.isfinite(problem.u_lower), problem.u_lower, np.minimum(-1, problem.u_upper))
+    high = np.where(np.isfinite(problem.u_upper), problem.u_upper, np.maximum(1, low))
+    corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(problem.m, -1).T \
+        if 2**problem.m < _TRIALS else np.array([low, high])
+    size = 1.0 + np.abs(problem.x0)
+
+    def far(t: float, x: Array) -> float:
+        return float(_FAR - np.max(np.abs(x) / size))
+
+    far.terminal = True  # type: ignore[attr-defined]  # how SciPy is told
+    latest, name = 0.0, ''
+    for u in (0.5 * (low + high), *corners):
+        with np.errstate(all='ignore'):
+            course = solve_ivp(
+                lambda t, x, u=u: f(x, u, problem.p_value).full()[:, 0], (0.0, T), problem.x0,
+                events=far, rtol=1e-6, max_step=T / 20)
+        if course.status != 1:
+            return ''
+        if course.t[-1] > latest:
+            latest = float(course.t[-1])
+            name = problem.states[int(np.argmax(np.abs(course.y[:, -1]) / size))]
+    return (f'{name} runs away: with each of {len(corners) + 1} constant inputs within the bounds '
+            f'it has grown more than {_FAR:.0e} times by t = {latest:.4g}, before T = {T:.6g}')
+
+
+def _suspects(problem: Problem) -> list[_Suspect]:
+    """Return the divisors, and the arguments of logarithms and roots, of all expressions."""
+    named = [(f'dynamics.{name}', each) for name, each in zip(
+        problem.states, ca.vertsplit(problem.f), strict=True)]
+    named.append(('running_cost', problem.L))
+    if problem.path.numel():
+        named += [(f'path_constraints[{index}]', each)
+                  for index, each in enumerate(ca.vertsplit(problem.path))]
+    symbols = [problem.x, problem.u, problem.p]
+    found = []
+    for where, expression in named:
+        function = ca.Function('one', symbols, [expression])
+        work: dict[int, ca.SX] = {}
+        for k in range(function.n_instructions()):
+            operation = function.instruction_id(k)
+            inputs, outputs = function.instruction_input(k), function.instruction_output(k)
+            if operation == ca.OP_INPUT:
+                work[outputs[0]] = symbols[inputs[0]][inputs[1]]
+            elif operation == ca.OP_CONST:
+                work[outputs[0]] = ca.SX(function.instruction_constant(k))
+            elif operation != ca.OP_OUTPUT:
+                operands = [work[index] for index in inputs]
+                found += _of(operation, operands, where)
+                work[outputs[0]] = (ca.SX.binary(operation, *operands) if len(operands) == 2
+                                    else ca.SX.unary(operation, *operands))
+    return [each for each in found if not each.value.is_constant()]
+
+
+def _of(operation: int, operands: list[ca.SX], where: str) -> list[_Suspect]:
+    """Return what one operation asks of its operands."""
+    if operation == ca.OP_DIV:
+        return [_Suspect(where, operands[1], 'divides by zero', True)]
+    if operation == ca.OP_INV:
+        return [_Suspect(where, operands[0], 'divides by zero', True)]
+    if operation == ca.OP_LOG:
+        return [_Suspect(where, operands[0], 'has the logarithm of a number below 0', False)]
+    if operation in (ca.OP_POW, ca.OP_CONSTPOW) and operands[1].is_constant() and (
+            float(operands[1]) % 1.0):
+        return [_Suspect(where, operands[0], 'has a broken power of a number below 0', False)]
+    if operation == ca.OP_SQRT:
+        return [_Suspect(where, operands[0], 'has the root of a number below 0', False)]
+    return []

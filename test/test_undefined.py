@@ -1,0 +1,60 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Where the expressions of a problem have no value on a path, and states that run away."""
+
+import numpy as np
+from obc_ros.core.solution import Status
+from obc_ros.core.solve import solve
+from obc_ros.core.statement import problem_from_mapping
+from obc_ros.core.undefined import runs_away, undefined
+import pytest
+
+T = np.linspace(0, 2, 21)
+PATH = np.column_stack([T, 1 + 0 * T])  # x = t, v = 1
+
+
+def said(rate, cost='u**2'):
+    """Return what is said of x' = v, v' = rate on the path x = t."""
+    problem = problem_from_mapping({
+        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': rate},
+        'running_cost': cost, 'initial_state': {'x': 0, 'v': 1}, 'parameters': {'one': 1},
+        'final_time': {'free': False, 'value': 2}})
+    return undefined(problem, T, PATH, np.ones((len(T), 1)))
+
+
+@pytest.mark.parametrize('rate, words, time', [
+    ('u/(x - 0.95)', 'dynamics.v divides by zero', 1.0),
+    ('u/(x - one)', 'dynamics.v divides by zero', 1.0),
+    ('u*log(1.55 - x)', 'dynamics.v has the logarithm of a number below 0', 1.6),
+    ('u + sqrt(0.45 - x**2)', 'dynamics.v has the root of a number below 0', 0.7),
+    ('u + (1 - x)**1.5', 'dynamics.v has a broken power of a number below 0', 1.1)])
+def test_the_first_state_without_a_value(rate, words, time):
+    assert said(rate).startswith(f'{words} at t = {time:.4g} on the nearest path')
+    assert f'where x = {time:.4g}, v = 1' in said(rate)
+
+
+def test_the_cost_too():
+    assert said('u', '1/(x - 1)').startswith('running_cost divides by zero at t = 1 ')
+
+
+@pytest.mark.parametrize('rate', [
+    'u', 'u/(x + 1)', 'u*log(x + 1)', 'sqrt(x)', 'x**2', 'x**1.5', '1/(1 + x**2)', 'u/2'])
+def test_expressions_with_a_value(rate):
+    assert said(rate) == ''
+
+
+def test_states_that_run_away():
+    """From 2, x' = x^2 is 2/(1 - 2 t): it is at infinity at 0.5; with u = -1 a little later."""
+    mapping = {
+        'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'x**2 + u'}, 'running_cost': 'u**2',
+        'initial_state': {'x': 2}, 'terminal_constraints': ['x'], 'input_bounds': {'u': [-1, 1]},
+        'final_time': {'free': False, 'value': 2}}
+    # x' = x^2 - 1: x = -coth(t - c), coth(c) = 2.
+    last = np.arctanh(0.5)
+    sentence = runs_away(problem_from_mapping(mapping), 2.0)
+    assert sentence.startswith('x runs away: with each of 3 constant inputs')
+    assert f'by t = {last:.4g}' in sentence
+    found = solve(problem_from_mapping(mapping), time_limit=10)
+    assert found.status is Status.NOT_CONVERGED
+    assert found.message == sentence
+    assert runs_away(problem_from_mapping(mapping | {'input_bounds': {'u': [-5, 1]}}), 2.0) == ''
