@@ -9,9 +9,10 @@ of algebraic Riccati equations I: continuous-time case, Technical Report SPC 95-
 """
 
 import math
+from pathlib import Path
 
 import numpy as np
-from obc_ros.core.errors import RefusedDesignError
+from obc_ros.core.errors import RefusedDesignError, StatementError
 from obc_ros.core.lqr import lqr
 import pytest
 
@@ -88,6 +89,94 @@ def example_19(masses):
             np.eye(2 * masses), np.eye(2))
 
 
+def example_4():
+    """Return a distillation column (Bhattacharyya et al. 1983)."""
+    A = (np.diag([-0.991, -1.051, -1.118, -1.548, -1.64, -1.721, -1.823, -1.943])
+         + np.diag([0.529, 0.596, 0.596, 0.718, 0.799, 0.901, 1.021], 1)
+         + np.diag([0.522, 0.522, 0.522, 0.922, 0.922, 0.922, 0.922], -1))
+    B = 1e-3 * np.array([[3.84, 4, 37.6, 3.08, 2.36, 2.88, 3.08, 3],
+                         [-2.88, -3.04, -2.8, -2.32, -3.32, -3.82, -4.12, -3.96]]).T
+    Q = np.diag([1, 1, 1, 1, 0.1, 0.1, 0.1, 0.1])
+    for i, j, value in ((0, 4, 0.5), (0, 7, 0.1), (1, 4, 0.1), (2, 5, 0.5)):
+        Q[i, j] = Q[j, i] = value
+    return A, B, Q, np.eye(2)
+
+
+def example_5():
+    """Return a tubular ammonia reactor (Patnaik et al. 1980)."""
+    A = np.zeros((9, 9))
+    A[:5, [0, 1, 2, 3, 4, 8]] = [
+        [-4.019, 5.12, 0, 0, -2.082, 0.87], [-0.346, 0.986, 0, 0, -2.34, 0.97],
+        [-7.909, 15.407, -4.069, 0, -6.45, 2.68], [-21.816, 35.606, -0.339, -3.87, -17.8, 7.39],
+        [-60.196, 98.188, -7.907, 0.34, -53.008, 20.4]]
+    A[5, [4, 5, 7]] = A[6, [5, 6, 7]] = 94, -147.2, 0
+    A[5, 7], A[7, [5, 7]], A[8, [4, 7, 8]] = 53.2, (12.8, -31.6), (12.8, 18.8, -31.6)
+    B = np.zeros((9, 3))
+    B[:5] = [[0.01, -0.011, -0.151], [0.003, -0.021, 0], [0.009, -0.059, 0],
+             [0.024, -0.162, 0], [0.068, -0.445, 0]]
+    return A, B, np.eye(9), np.eye(3)
+
+
+def example_6():
+    """Return a jet engine (Davison and Gesing 1978)."""
+    read = {'A': np.zeros((30, 30)), 'B': np.zeros((30, 3)), 'C': np.zeros((5, 30))}
+    for line in Path(__file__).with_name('carex_6.txt').read_text().splitlines():
+        name, row, *pairs = line.split()
+        if name != '#':
+            read[name][int(row) - 1, [int(j) - 1 for j in pairs[::2]]] = [
+                float(value) for value in pairs[1::2]]
+    return read['A'], read['B'], read['C'].T @ read['C'], np.eye(3)
+
+
+def example_18(n, a=0.01, low=0.2, high=0.3):
+    """Return the heat flow in a rod, in linear finite elements (Rosen, Wang 1992)."""
+    h = 1.0 / (n + 1)
+    mass = h / 6 * (4 * np.eye(n) + np.eye(n, k=1) + np.eye(n, k=-1))
+    stiffness = -a / h * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+
+    def weight(i):  # of a hat between the ends
+        corners = np.unique(np.clip([low, high, (i - 1) * h, i * h, (i + 1) * h], low, high))
+        hat = np.maximum(0.0, 1.0 - np.abs(corners / h - i))
+        return (0.5 * (hat[1:] + hat[:-1]) * np.diff(corners)).sum()
+
+    b = np.array([weight(i) for i in range(1, n + 1)])
+    return (np.linalg.solve(mass, stiffness), np.linalg.solve(mass, b)[:, None], np.outer(b, b),
+            [[1]])
+
+
+def example_20(disks):
+    """
+    Return a rotating axle (Lang, Penzl 1994): speed of the first disk, relative speeds, angles.
+
+    The disks are ours, of the sizes of the collection's.
+    """
+    rng = np.random.default_rng(20)
+    n, between = 2 * disks - 1, np.arange(1, disks)
+    mass = 10.0**rng.uniform(-0.4, 3.2, disks)
+    drag = 10.0**rng.uniform(-1.2, 2.3, disks) / mass
+    damping = rng.uniform(1.0, 3.0, disks - 1)
+    spring = 10.0**rng.uniform(8.4, 11.9, disks - 1)
+    A, B, C = np.zeros((n, n)), np.zeros((n, disks)), np.zeros((disks, n))
+    A[0, 0], C[0, 0], B[0, 0] = -drag[0], 1.0, 1.0 / mass[0]
+    B[1, 0] = 1.0 / mass[0]
+    for i in between:
+        A[i, 0] = drag[i] - drag[i - 1]
+        A[i, 1:i] = drag[i - 1] - drag[i]
+        A[i, i] = -drag[i]
+        A[disks + i - 1, i] = 1.0
+        B[i, i] = -1.0 / mass[i]
+        if i + 1 < disks:
+            B[i + 1, i] = 1.0 / mass[i]
+        size = math.hypot(damping[i - 1], spring[i - 1])
+        for column, value in ((i, damping[i - 1]), (disks + i - 1, spring[i - 1])):
+            A[i - 1, column] += (value if i > 1 else -value) / mass[i - 1]
+            A[i, column] -= value / mass[i - 1] + value / mass[i]
+            if i + 1 < disks:
+                A[i + 1, column] += value / mass[i]
+            C[i, column] = value / size
+    return A, B, C.T @ C, np.eye(disks)
+
+
 EXACT = {
     '1': ([[0, 1], [0, 0]], [[0], [1]], np.diag([1, 2]), [[1]], [[2, 1], [1, 2]]),
     '2': ([[4, 3], [-4.5, -3.5]], [[1], [-1]], [[9, 6], [6, 4]], [[1]],
@@ -107,7 +196,11 @@ OTHERS = {
     **{f'14, {d:g}': example_14(d) for d in (1.0, 1e-3, 1e-6)},
     **{f'15, {k}': example_15(k) for k in (3, 20)},
     **{f'17, {k}': example_17(k) for k in (5, 10, 15, 21)},
+    '5': example_5(),
+    '6': example_6(),
+    **{f'18, {k}': example_18(k) for k in (5, 100)},
     **{f'19, {k}': example_19(k) for k in (5, 30)},
+    **{f'20, {k}': example_20(k) for k in (4, 10)},
 }
 
 
@@ -146,6 +239,7 @@ EXAMPLE_3 = (
 
 @pytest.mark.parametrize('name, words', [
     ('3', 'Qx must be positive semidefinite: scaled to a unit diagonal it has the eigenvalue'),
+    ('4', 'Qx must be positive semidefinite: scaled to a unit diagonal it has the eigenvalue'),
     ('11', r'Qx\[0\] = -11: Qx must be positive semidefinite'),
     ('14, 1e-8', 'rounding alone may put a mode of the closed loop on the border of stability'),
     ('17, 40', 'the Riccati equation is too ill-conditioned|border of stability'),
@@ -153,9 +247,16 @@ EXAMPLE_3 = (
 def test_what_cannot_be_proved_is_refused(name, words):
     data = {
         '3': EXAMPLE_3,
+        '4': example_4(),
         '11': ([[3, 1], [4, 2]], [[1], [1]], [[-11, -5], [-5, -2]], [[1]]),
         '14, 1e-8': example_14(1e-8),
         '17, 40': example_17(40),
     }[name]
     with pytest.raises(RefusedDesignError, match=words):
         lqr(*data)
+
+
+def test_what_is_too_large_is_told():
+    """The axle of the collection has 211 disks."""
+    with pytest.raises(StatementError, match='421 states or inputs: at most 400 are taken'):
+        lqr(*example_20(211))
