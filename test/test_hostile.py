@@ -9,9 +9,11 @@ sane client would send, over DDS; one process of each node meets all of them.
 
 from array import array
 from collections.abc import Iterator
+import copy
 import os
 from pathlib import Path
 import random
+import re
 import time
 from typing import Any
 
@@ -33,9 +35,12 @@ from obc_ros.core.expressions import number, parse
 from obc_ros.core.statement import problem_from_mapping
 from obc_ros.msg import (
     Command,
+    FinalTime,
+    InitialGuess,
     LqrWeights,
     NamedBounds,
     NamedExpression,
+    NamedValues,
     OptimalControlProblem,
     State,
     Trajectory,
@@ -88,7 +93,7 @@ NODES = {'lqr_node': {'use_sim_time': True}, 'plant_simulator': {},
          'trajectory_server': {'time_limit': 0.3, 'use_sim_time': True}}
 SHUTDOWNS = (5, 6, 7)  # transitions that end a lifecycle node, as they should
 LIMIT = 10.0           # [s] in which each request is answered
-QUICK = settings(max_examples=100, deadline=None, database=None, derandomize=True,
+QUICK = settings(max_examples=60, deadline=None, database=None, derandomize=True,
                  suppress_health_check=list(HealthCheck))
 
 
@@ -221,16 +226,76 @@ def test_a_sane_request_with_something_wrong_is_answered_in_words(victims, name,
     victims.check()
 
 
+def problem(count: int, expression: str = 'u', **others: Any) -> OptimalControlProblem:
+    """Return a problem with `count` states that have the same derivative."""
+    names = [f'x{k}' for k in range(count)]
+    each = [NamedExpression(name=name, expression=expression) for name in names]
+    start = [NamedExpression(name=name, expression='0') for name in names]
+    return OptimalControlProblem(
+        states=names, inputs=['u'], dynamics=each, initial_state=start, running_cost='u**2',
+        final_time=FinalTime(value='1'), **others)
+
+
+SIZES = {
+    'a million terms': ('solve', lambda: problem(1, '+'.join(['u'] * 10**6))),
+    '50 MB of text': ('solve', lambda: problem(1, 'u' * 50_000_000)),
+    '3000 states': ('solve', lambda: problem(3000)),
+    'every expression long': ('solve', lambda: problem(300, '+'.join(['sin(u)*u'] * 600))),
+    'a guess of a million': ('solve', lambda: problem(1, initial_guess=InitialGuess(
+        inputs=[NamedValues(name='u', values=[0.0] * 10**6)]))),
+    'a power of powers': ('solve', lambda: problem(1, 'u**9**9**9**9')),
+    '20 000 brackets': ('solve', lambda: problem(1, '(' * 20_000 + 'u' + ')' * 20_000)),
+    'an option of a system': ('plan', lambda: PlanMotion.Request(
+        system='brockett', objective='effort',
+        system_parameters=[NamedExpression(name='m', expression='1000000')])),
+    'A of a million': ('design_lqr', lambda: DesignLqr.Request(a=[0.0] * 10**6, b=[1.0] * 1000)),
+    '3000 variables': ('minimize', lambda: Minimize.Request(
+        variables=[f'x{k}' for k in range(3000)], cost='x0'))}
+
+
+@pytest.mark.parametrize(('service', 'make'), SIZES.values(), ids=SIZES)
+def test_a_request_of_any_size_is_refused_in_words_at_once(victims, service, make):
+    made, begin = make(), time.monotonic()
+    request = SolveOptimalControl.Request(problem=made) if service == 'solve' else made
+    response = victims.ask(f'/trajectory_server/{service}',
+                           SERVICES['trajectory_server'][service], request)
+    assert time.monotonic() - begin < 5.0
+    assert not response.success
+    assert 'malformed' in (getattr(response, 'status', ''), response.message.split(':')[0])
+    assert re.search(r'at most|from 2 to 50|not a finite number', response.message)
+    victims.check()
+
+
+def test_a_million_intervals_are_refused(victims):
+    answer, = victims.probe.set_parameters('/trajectory_server', max_intervals=10**6)
+    assert not answer.successful
+    assert 'between 10 and 100000' in answer.reason
+
+
+def test_a_problem_as_large_as_is_read_costs_no_more_than_its_time(victims):
+    """The worker's memory is bounded, and the server answers others meanwhile."""
+    widest = problem(1000, '+'.join(['sin(u)'] * 25))
+    begin = time.monotonic()
+    response = victims.ask('/trajectory_server/solve', SolveOptimalControl,
+                           SolveOptimalControl.Request(problem=widest, time_limit=0.3))
+    assert time.monotonic() - begin < 3.0
+    assert response.status in ('timed_out', 'not_converged', 'solved')
+    assert response.message
+    victims.check()
+
+
 @pytest.mark.parametrize('node', NODES)
 def test_the_parameters_of_a_node_take_whatever_is_set(victims, node):
     names = victims.ask(f'/{node}/list_parameters', ListParameters,
                         ListParameters.Request()).result.names
     values = victims.ask(f'/{node}/get_parameters', GetParameters,
                          GetParameters.Request(names=names)).values
-    whole = SetParameters.Request(parameters=[
-        Parameter(name=name, value=value) for name, value in zip(names, values, strict=True)])
+    all_ = [Parameter(name=name, value=value)
+            for name, value in zip(names, values, strict=True)]
+    several = st.lists(st.sampled_from(all_), min_size=1, max_size=4)
 
-    @given(hostile.spoilt(whole))
+    @given(several.flatmap(lambda chosen: hostile.spoilt(
+        SetParameters.Request(parameters=copy.deepcopy(chosen)))))
     @QUICK
     def change(request):
         results = victims.ask(f'/{node}/set_parameters', SetParameters, sane(request)).results
@@ -238,7 +303,7 @@ def test_the_parameters_of_a_node_take_whatever_is_set(victims, node):
         assert all(each.successful or each.reason for each in results)
 
     change()
-    victims.ask(f'/{node}/set_parameters', SetParameters, whole)
+    victims.ask(f'/{node}/set_parameters', SetParameters, SetParameters.Request(parameters=all_))
     victims.check()
 
 
