@@ -150,6 +150,23 @@ def test_suggested_weights(spawn: Any, probe: Any) -> None:
     assert bench.design(2).rise_time[0] == pytest.approx(answer.design.rise_time[0])
 
 
+def test_what_is_tried_beside_bryson(spawn: Any, probe: Any) -> None:
+    """With Bryson's rule u_max is no limit: neither to suggestions nor to a dry run."""
+    bench = Bench(spawn, probe, weights='bryson', x_max=[0.1] * 6, u_max=[5.0, 5.0])
+    answer = probe.call(SuggestWeights, '/lqr_node/suggest_weights',
+                        SuggestWeights.Request(rise_time=1.5, peak_input=[10.0, 10.0]))
+    assert answer.success, answer.message
+
+    def attempt(**fields: Any) -> Any:
+        return probe.call(TryDesign, '/lqr_node/try_design',
+                          TryDesign.Request(weights=LqrWeights(**fields)))
+
+    np.testing.assert_allclose(matrix(attempt(u_max=[2.0, 5.0]).design.qu, 2),
+                               np.diag([0.25, 0.04]))
+    assert attempt(weights='matrices', qx=[1.0] * 6, qu=[1.0, 1.0]).success
+    assert len(bench.designs) <= 1
+
+
 def test_sampled_and_delayed(spawn: Any, probe: Any) -> None:
     """A design for the rate and the delay is another gain; without a rate it is refused."""
     bench = Bench(spawn, probe)

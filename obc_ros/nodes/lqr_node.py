@@ -29,7 +29,7 @@ from obc_ros.nodes import graph, lqr_topics
 from obc_ros.nodes.conversions import nanoseconds
 from obc_ros.nodes.design_message import design_message, fill_suggestion, suggestion
 from obc_ros.nodes.lqr_diagnostics import Monitor
-from obc_ros.nodes.lqr_settings import Candidate, ending, judge, Settings, tried
+from obc_ros.nodes.lqr_settings import Candidate, ending, judge, limits, Settings, tried
 from obc_ros.nodes.main import run
 from obc_ros.nodes.own_thread import Apart, OwnThread
 from obc_ros.nodes.parameters import Parameters
@@ -218,7 +218,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     def _on_try_design(self, request: TryDesign.Request, response: TryDesign.Response
                        ) -> TryDesign.Response:
         try:
-            response.design = self._tried(tried(request.weights))
+            response.design = self._tried(tried(request.weights, self._table.settings))
         except ObcError as error:
             response.message = str(error)
         else:
@@ -231,8 +231,8 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
             found = suggestion(request, self._adopted.design.plant)
             fill_suggestion(response, found)
             response.design = self._tried({
-                'weights': 'matrices', 'cross': (), 'stability': 0.0,
-                'Qx': tuple(response.qx), 'Qu': tuple(response.qu)})
+                **limits(self._table.settings), 'weights': 'matrices', 'cross': (),
+                'stability': 0.0, 'Qx': tuple(response.qx), 'Qu': tuple(response.qu)})
         except ObcError as error:
             response.success, response.message = False, str(error)
         return response

@@ -181,15 +181,22 @@ def ending(course: Course, candidate: Candidate) -> str:
     return _leg(course, candidate.design, candidate.settings.P1)[1]
 
 
-def tried(weights: LqrWeights) -> dict[str, Any]:
+def tried(weights: LqrWeights, now: Settings) -> dict[str, Any]:
     """Return the settings that a message asks for; its empty fields leave them as they are."""
+    kind = weights.weights or now.weights
     given: dict[str, Any] = {
         'weights': weights.weights, 'rho': weights.rho, 'stability': weights.stability,
         **{name: tuple(getattr(weights, name.lower())) for name in (
             'Qx', 'Qu', 'cross', 'x_max', 'H')}}
-    if weights.weights == 'bryson':  # elsewhere the setting u_max is a limit
+    if kind == 'bryson':  # elsewhere the setting u_max is a limit
         given['u_max'] = tuple(weights.u_max)
-    return {name: value for name, value in given.items() if value not in ('', 0.0, ())}
+    found = {name: value for name, value in given.items() if value not in ('', 0.0, ())}
+    return found if kind == 'bryson' else {**limits(now), **found}
+
+
+def limits(now: Settings) -> dict[str, Any]:
+    """Return the settings of limits that hold with other weights than those of Bryson's rule."""
+    return {'u_max': ()} if now.weights == 'bryson' else {}
 
 
 _PLANT = ('system', 'system_parameters', 'setpoint', 'setpoint_input')
