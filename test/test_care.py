@@ -150,12 +150,12 @@ def example_20(disks):
 
     The disks are ours, of the sizes of the collection's.
     """
-    rng = np.random.default_rng(20)
     n, between = 2 * disks - 1, np.arange(1, disks)
-    mass = 10.0**rng.uniform(-0.4, 3.2, disks)
-    drag = 10.0**rng.uniform(-1.2, 2.3, disks) / mass
-    damping = rng.uniform(1.0, 3.0, disks - 1)
-    spring = 10.0**rng.uniform(8.4, 11.9, disks - 1)
+    along = np.linspace(0.0, math.pi, disks)
+    mass = 10.0**(0.5 + 1.5 * np.sin(along))
+    drag = 100.0 * (1.2 + np.cos(3.0 * along)) / mass
+    damping = 2.0 + np.sin(7.0 * along[1:])
+    spring = 10.0**(9.0 + 2.0 * np.sin(along[1:]))
     A, B, C = np.zeros((n, n)), np.zeros((n, disks)), np.zeros((disks, n))
     A[0, 0], C[0, 0], B[0, 0] = -drag[0], 1.0, 1.0 / mass[0]
     B[1, 0] = 1.0 / mass[0]
@@ -200,7 +200,7 @@ OTHERS = {
     '6': example_6(),
     **{f'18, {k}': example_18(k) for k in (5, 100)},
     **{f'19, {k}': example_19(k) for k in (5, 30)},
-    **{f'20, {k}': example_20(k) for k in (4, 10)},
+    **{f'20, {k}': example_20(k) for k in (4, 40)},
 }
 
 
