@@ -7,9 +7,10 @@ import math
 import control
 import numpy as np
 from obc_ros.core.lqr import dlqr, lqr
-from obc_ros.core.margins import figures
+from obc_ros.core.margins import figures, step_figures
 import pytest
 from scipy.linalg import expm
+from scipy.optimize import brentq
 
 CHAIN, FORCE = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
 
@@ -141,3 +142,18 @@ def test_sampled_delay_modes():
     found = figures(np.array([[0.0]]), np.array([[1.0]]), np.array([[0.0]]), period=0.1)
     assert np.isfinite(found.poles).all()
     assert found.rise_time.shape == (1,)
+
+
+def test_rise_time_of_a_second_order_step():
+    w, zeta = 3.0, 0.6
+    found = step_figures(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]]),
+                         np.array([[w * w, 2 * zeta * w]]),
+                         np.roots([1.0, 2 * zeta * w, w * w]).astype(complex))
+    wd = w * np.sqrt(1 - zeta**2)
+
+    def above(t, level):
+        return 1 - level - np.exp(-zeta * w * t) * (
+            np.cos(wd * t) + zeta * w / wd * np.sin(wd * t))
+
+    wanted = brentq(above, 0, np.pi / wd, (0.9,)) - brentq(above, 0, np.pi / wd, (0.1,))
+    assert found[0][0] == pytest.approx(wanted, rel=1e-9)

@@ -246,7 +246,8 @@ def step_figures(A: Array, B: Array, K: Array, poles: Complex, period: float = 0
             if last > 0.1 * t[-1] or len(t) < _SAMPLES:
                 break
             length = 4.0 * last if last > 0.0 else 0.1 * length
-        rise[i], settled[i] = _rise_time(t, 1.0 - x[:, i]), last
+        rate = np.gradient(x[:, i], t) if period else (x @ M.T)[:, i]
+        rise[i], settled[i] = _rise_time(t, 1.0 - x[:, i], -rate), last
         over[i] = max(0.0, float(-x[:, i].min()))
         peak = np.fmax(peak, np.abs(x @ K.T + held).max(axis=0))
     return rise, over, settled, peak
@@ -268,15 +269,26 @@ def _fall(M: Array, i: int, length: float, period: float) -> tuple[Array, Array]
     return t, x[:count + 1]
 
 
-def _rise_time(t: Array, y: Array) -> float:
+def _rise_time(t: Array, y: Array, rate: Array) -> float:
     """Return the time from the first crossing of 0.1 to the first of 0.9, or nan."""
     times = []
     for level in (0.1, 0.9):
         k = int(np.argmax(y >= level))
         if y[k] < level or k == 0:
             return math.nan
-        times.append(t[k - 1] + (t[k] - t[k - 1]) * (level - y[k - 1]) / (y[k] - y[k - 1]))
+        times.append(_crossing(t[k - 1:k + 1], y[k - 1:k + 1] - level, rate[k - 1:k + 1]))
     return float(times[1] - times[0])
+
+
+def _crossing(t: Array, y: Array, rate: Array) -> float:
+    """Return where the cubic with these values and slopes at both ends, y[0] < 0 <= y[1], is 0."""
+    h, rise = t[1] - t[0], y[1] - y[0]
+    cubic = np.polynomial.Polynomial([
+        y[0], h * rate[0], 3 * rise - h * (2 * rate[0] + rate[1]), h * rate.sum() - 2 * rise])
+    slope, share = cubic.deriv(), -y[0] / rise
+    for _ in range(3):
+        share = min(max(share - cubic(share) / slope(share), 0.0), 1.0) if slope(share) else share
+    return float(t[0] + h * share)
 
 
 def _settling_time(t: Array, error: Array) -> float:
