@@ -151,7 +151,8 @@ def test_everything_else_is_refused_in_words_and_at_once(text, said, read, names
 
 
 @pytest.mark.parametrize('plain', [
-    True, None, [1], {'a': 1}, (1,), b'1', 1j, math.nan, math.inf, -math.inf, 10**400, object()],
+    True, None, [1], {'a': 1}, (1,), b'1', 1j, math.nan, math.inf, -math.inf, 10**400, -1e101,
+    object()],
     ids=lambda plain: type(plain).__name__)
 def test_what_is_no_number_and_no_text_is_refused(plain):
     with pytest.raises(StatementError, match=r'^initial_state\.x: '):

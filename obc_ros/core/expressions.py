@@ -23,6 +23,7 @@ from obc_ros.core.errors import StatementError
 MAX_LENGTH = 20_000   # characters
 MAX_SYMBOLS = 4_000   # numbers, names, operators and brackets
 MAX_DEPTH = 50        # brackets open, and signs and powers waiting for their operand, together
+MAX_NUMBER = 1e100    # squares and products of such numbers are still finite
 
 
 class _Function(NamedTuple):
@@ -118,12 +119,13 @@ def number(text: object, values: Mapping[str, float], where: str) -> float:
     Raises
     ------
     StatementError
-        If the text is not an expression of the names of `values`, or its value is not finite.
+        If the text is not an expression of the names of `values`, or its value is not finite or
+        beyond ``MAX_NUMBER``.
 
     """
     if not isinstance(text, str):
         return _plain_number(text, where)
-    return float(_value(text, _Numeric(values), where))
+    return _bounded_number(float(_value(text, _Numeric(values), where)), where)
 
 
 def check_name(name: object, where: str) -> str:
@@ -178,7 +180,14 @@ def _plain_number(value: object, where: str) -> float:
         raise StatementError(f'{where}: the integer is too large for a double') from None
     if not math.isfinite(result):
         raise StatementError(f'{where}: {result} is not a finite number')
-    return result
+    return _bounded_number(result, where)
+
+
+def _bounded_number(value: float, where: str) -> float:
+    if abs(value) > MAX_NUMBER:
+        raise StatementError(f'{where}: {value:g} is too large; numbers up to {MAX_NUMBER:g} are '
+                             'computed with (null stands for no bound)')
+    return value
 
 
 def _bounded(text: str, where: str) -> str:
