@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 SPEED, LENGTH = 10.0, 2.0  # [m/s], [m]
 RHO = 25.0  # Q_x = diag(1, 0): omega0^2 = v^2 / (l sqrt(rho)) = 10
-STEP, DURATION = 0.01, 3.0  # [s]
+STEP, DURATION = 0.005, 3.0  # [s]
 AMPLITUDE, RATE, BEGIN, COURSE = 1.0, 2 * pi, 0.5, 5.0  # [m], [rad/s], [s], [s]
 A = np.array([[0.0, SPEED], [0.0, 0.0]])
 B = np.array([[0.0], [SPEED / LENGTH]])
@@ -147,12 +147,14 @@ def _draw(design: Regulator, step: Run, driven: Run, error: Array) -> Figure:
     steering.plot(step.tu, step.u[:, 0], color=COLOURS[1], drawstyle='steps-post', label='step')
     steering.plot(driven.tu, driven.u[:, 0], color=COLOURS[2], linewidth=1,
                   drawstyle='steps-post', label='slalom')
-    describe(steering, 'steering', 'time $t$ [s]', '$\\phi$ [rad]', legend='lower right')
+    describe(steering, 'steering', 'time $t$ [s]', '$\\phi$ [rad]')
+    steering.set_ylim(-0.8, 1.0)
+    steering.legend(loc='upper right', ncols=2)
     frequency = np.logspace(-1, 2, 300)
     loop, closed = _open(design.K, frequency), _closed(design.K, frequency)
     crossover, margin = design.message.bandwidth[0], design.message.phase_margin[0]
     for axes, values in ((magnitude, (20 * np.log10(np.abs(loop)), 20 * np.log10(np.abs(closed)))),
-                         (phase, (np.degrees(np.unwrap(np.angle(loop))) - 360,
+                         (phase, (np.degrees(np.unwrap(np.angle(loop))),
                                   np.degrees(np.unwrap(np.angle(closed)))))):
         axes.semilogx(frequency, values[0], color=COLOURS[0], label='loop $L$')
         axes.semilogx(frequency, values[1], '--', color=COLOURS[1], label='$r$ to $y$')
@@ -166,13 +168,13 @@ def _draw(design: Regulator, step: Run, driven: Run, error: Array) -> Figure:
     phase.set_yticks([-180, -135, -90, -45, 0])
     describe(magnitude, '(a) frequency response', 'frequency [rad/s]', 'magnitude [dB]',
              legend=True)
-    describe(phase, '(a) phase, margin at the crossover', 'frequency [rad/s]', 'phase [deg]',
+    describe(phase, '(a) phase and its margin', 'frequency [rad/s]', 'phase [deg]',
              legend='lower left')
     course.plot(driven.t, driven.x[:, 0], color=COLOURS[2], label='the vehicle')
     course.plot(driven.t, np.where(
         driven.t < BEGIN, np.nan, AMPLITUDE * np.sin(RATE * (driven.t - BEGIN))),
         label='$r(t)$', **EXACT)
-    course.set_ylim(-1.3, 1.7)
+    course.set_ylim(-1.5, 1.6)
     describe(course, '(b) slalom, 1 m, 1 Hz', 'time $t$ [s]', 'position $y$ [m]')
     course.legend(loc='upper center', ncols=2)
     away.semilogy(driven.t, np.maximum(np.abs(error), 1e-6), color=COLOURS[2])

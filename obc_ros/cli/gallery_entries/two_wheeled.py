@@ -1,0 +1,215 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Exercise 2.6: a two-wheeled robot in least time, and the map of its words over the plane."""
+
+from math import asin, atan2, cos, hypot, pi, sin, sqrt
+from typing import Any
+
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.cli.figures import COLOURS
+from obc_ros.cli.gallery_entries.desk import Desk, Trajectory
+from obc_ros.cli.gallery_entries.drawing import describe, panels
+from obc_ros.cli.gallery_entries.entry import Answer, Entry, Row
+
+Array = NDArray[np.float64]
+Goal = tuple[float, float, float]
+
+SIDE, POINTS = 3.0, 26  # of the map [m]
+HEADINGS = (0.0, pi / 2)
+STRAIGHT = ((2.0, 0.0, 0.0), (-1.5, 0.0, 0.0))
+TURNS = ((0.0, 0.0, pi / 2), (0.0, 0.0, -1.0), (0.0, 0.0, 3.0))
+TANGENTS = ((2.0, 1.0, 0.5), (3.0, 1.0, 0.2), (4.0, 1.5, 0.0))  # reached by L+S+R+
+OTHERS = ((0.0, 1.0, 0.0), (-1.0, 2.0, 0.0), (2.0, -1.0, 2.0), (1.0, 0.3, -2.0))
+MIDDLE = 2 * asin(sin(pi / 4) / 2)  # [rad] the middle arc of a turn by 90 degrees
+SHOWN = (TANGENTS[0], OTHERS[0], (-1.0, 2.0, 0.0), (1.0, -1.5, pi / 2), TURNS[0])
+
+
+def exercise_2_6(desk: Desk) -> Answer:
+    """Answer Exercise 2.6: single goals, and two maps."""
+    single = desk.plan_all([_motion(goal) for goal in (*STRAIGHT, *TURNS, *TANGENTS, *OTHERS)])
+    straight, turns = single[:2], single[2:5]
+    tangents, others = single[5:8], single[8:]
+    again = desk.solve_all([_problem(goal) for goal in OTHERS], method='arcs', show=0)
+    spot, = desk.plan_all([_motion(TURNS[0]) | {'input_bounds': {'v': [0, 0]}}])
+    shown = desk.plan_all([_motion(goal) for goal in SHOWN], show=0)
+    place = np.linspace(-SIDE, SIDE, POINTS)
+    maps = []
+    for heading in HEADINGS:
+        goals = [(x, y, heading) for y in place.tolist() for x in place.tolist()
+                 if hypot(x, y) > 1e-9 or heading]
+        maps.append((goals, desk.plan_all([_motion(goal) for goal in goals], show=0)))
+    rows = _single_rows(straight, turns, tangents, others, again, spot)
+    for heading, (goals, paths) in zip(HEADINGS, maps, strict=True):
+        ends = np.array([_driven(path) for path in paths])
+        ends[:, 2] = np.remainder(ends[:, 2] - heading + pi, 2 * pi) - pi + heading
+        name = f'map of {len(goals)} goals, $θ_f = {heading:.4g}$'
+        rows += [
+            Row(f'{name}: the arcs end at the goal', ends, np.array(goals),
+                'arcs and lines integrated'),
+            Row(f'{name}: $|v| = L$', np.concatenate([np.abs(path.u['v']) for path in paths]),
+                np.ones(sum(path.t.size for path in paths)), 'the exercise'),
+            Row(f'{name}: $ω ∈ {{-M, 0, M}}$', *_steering(paths), 'the exercise'),
+            Row(f'{name}: $T$ at the mirror image', *_mirrored(goals, paths),
+                'symmetry of the robot')]
+    return Answer(rows, _draw(maps, shown), (
+        'Left and middle: which word is fastest from the origin (heading to the right) to each '
+        'goal, with $L = M = 1$. C is a turn, S a line, | a change of direction. White: lines of '
+        'equal time, every 0.5 s. Right: some of the paths; bold where the robot drives '
+        'backwards.',),
+        f'Turning by 90 degrees in place takes {turns[0].T:.9f} s at full speed, with '
+        f'switches at {turns[0].switching_times[0]:.6f} and {turns[0].switching_times[1]:.6f} s; '
+        'held to $v = 0$ the server needs '
+        f'{spot.T:.9f} s.')
+
+
+def _motion(goal: Goal) -> dict[str, Any]:
+    return {'system': 'two_wheeled', 'start': [0.0, 0.0, 0.0], 'goal': list(goal),
+            'objective': 'time'}
+
+
+def _problem(goal: Goal) -> dict[str, Any]:
+    names = ('px', 'py', 'theta')
+    return {'system': 'two_wheeled', 'running_cost': '1', 'initial_state': dict.fromkeys(names, 0),
+            'terminal_constraints': [f'{name} - ({value!r})'
+                                     for name, value in zip(names, goal, strict=True)],
+            'final_time': {'free': True, 'lower': 0.01, 'upper': 20}}
+
+
+def _single_rows(straight: list[Trajectory], turns: list[Trajectory],
+                 tangents: list[Trajectory], others: list[Trajectory], again: list[Trajectory],
+                 spot: Trajectory) -> list[Row]:
+    return [
+        Row('straight on, and back: $T$ [s]', [path.T for path in straight],
+            [abs(goal[0]) for goal in STRAIGHT], '$|x|/L$'),
+        Row('turn in place: $T$ [s]', [path.T for path in turns],
+            [abs(goal[2]) for goal in TURNS], "$|θ|/M$, as $|θ'| ≤ M$"),
+        Row('turn by 90 degrees: switching times [s]', turns[0].switching_times,
+            [pi / 4 - MIDDLE / 2, pi / 4 + MIDDLE / 2],
+            'L+R-L+: three circles that touch, $2 asin(½ sin 45°)$ in the middle'),
+        Row('turn by 90 degrees with $v = 0$: $T$ [s]', spot.T, pi / 2, '$(π/2)/M$'),
+        Row('left, straight, right: $T$ [s]', [path.T for path in tangents],
+            [left_straight_right(goal) for goal in TANGENTS],
+            'inner tangent of two circles'),
+        Row('four other goals: $T$ [s]', [path.T for path in others],
+            [path.T for path in again], 'the server by `method: arcs`, which knows no words'),
+        Row('$H$ on these paths', np.concatenate([path.hamiltonian for path in others]),
+            np.zeros(sum(path.t.size for path in others)), '0, as $T$ is free')]
+
+
+def left_straight_right(goal: Goal) -> float:
+    """Return the time of the path L+S+R+ with L = M = 1."""
+    x, y, theta = goal
+    dx, dy = x + sin(theta), y - cos(theta) - 1
+    distance = hypot(dx, dy)
+    turn = atan2(dy, dx) + asin(2 / distance)
+    return turn + sqrt(distance**2 - 4) + turn - theta
+
+
+def pieces(path: Trajectory) -> list[tuple[float, float, float]]:
+    """Return duration, v and omega of each stretch with constant inputs."""
+    ends = [0.0, *path.switching_times, path.T]
+    found = []
+    for begin, end in zip(ends[:-1], ends[1:], strict=True):
+        k = int(np.searchsorted(path.t, (begin + end) / 2)) - 1
+        found.append((end - begin, float(path.u['v'][k]), float(path.u['omega'][k])))
+    return found
+
+
+def word(path: Trajectory) -> str:
+    """Return the word of a path: C and S, with a bar where the direction changes."""
+    text, before = '', 0.0
+    for _, v, omega in pieces(path):
+        text += ('|' if before * v < 0 else '') + ('C' if abs(omega) > 0.5 else 'S')
+        before = v
+    return text
+
+
+def _driven(path: Trajectory) -> tuple[float, float, float]:
+    """Return where the inputs lead to, piece by piece in closed form."""
+    x = y = theta = 0.0
+    for time, v, omega in pieces(path):
+        after = theta + omega * time
+        if omega:
+            x, y = (x + v / omega * (sin(after) - sin(theta)),
+                    y - v / omega * (cos(after) - cos(theta)))
+        else:
+            x, y = x + v * time * cos(theta), y + v * time * sin(theta)
+        theta = after
+    return x, y, theta
+
+
+def _steering(paths: list[Trajectory]) -> tuple[Array, Array]:
+    omega = np.concatenate([path.u['omega'] for path in paths])
+    return omega, np.round(omega)
+
+
+def _mirrored(goals: list[Goal], paths: list[Trajectory]) -> tuple[Array, Array]:
+    """Return T, and T at the goal that mirroring (and going from there to here) leads to."""
+    times = {(round(x, 6), round(y, 6)): path.T
+             for (x, y, _), path in zip(goals, paths, strict=True)}
+    if goals[0][2] == 0.0:  # left and right
+        return np.array([*times.values()]), np.array([
+            times[x, -y if y else 0.0] for x, y in times])
+    # Time reversed, from there to here: (x, y) and -(x, y) turned by -theta, left for right.
+    return np.array([*times.values()]), np.array([
+        times[y if y else 0.0, x if x else 0.0] for x, y in times])
+
+
+def _draw(maps: list[Any], shown: list[Trajectory]) -> Figure:
+    figure, (axes,) = panels(1, 3, 4.4)
+    words = sorted({word(path) for _, paths in maps for path in paths},
+                   key=lambda text: (len(text.replace('|', '')), text))
+    colours = ['#88CCEE', '#44AA99', '#DDCC77', '#CC6677', '#332288', '#117733', '#AA4499',
+               '#882255', '#BBBBBB', '#E69F00', '#0072B2', '#F0E442']
+    place = np.linspace(-SIDE, SIDE, POINTS)
+    for plot, heading, (goals, paths) in zip(axes, HEADINGS, maps, strict=False):
+        index, time = np.full((2, POINTS, POINTS), np.nan)
+        for (x, y, _), path in zip(goals, paths, strict=True):
+            at = (int(np.argmin(np.abs(place - y))), int(np.argmin(np.abs(place - x))))
+            index[at], time[at] = words.index(word(path)), path.T
+        plot.pcolormesh(place, place, index, cmap=ListedColormap(colours[:len(words)]),
+                        norm=BoundaryNorm(np.arange(len(words) + 1) - 0.5, len(words)),
+                        shading='nearest', alpha=0.85)
+        plot.contour(place, place, time, levels=np.arange(0.5, 8, 0.5), colors='white',
+                     linewidths=0.8)
+        _robot(plot, 0.0, 0.0, 0.0)
+        plot.set_aspect('equal')
+        plot.grid(False)
+        degrees = np.degrees(heading)
+        describe(plot, f'goal heading $\\theta_f = {degrees:.0f}$°', '$x_f$ [m]', '$y_f$ [m]')
+    figure.legend(handles=[Patch(color=colour, label=text, alpha=0.85)
+                           for colour, text in zip(colours, words, strict=False)],
+                  loc='outside lower center', ncols=9,
+                  columnspacing=1.2)
+    for path, colour in zip(shown, COLOURS, strict=False):
+        axes[2].plot(path.x['px'], path.x['py'], color=colour)
+        back = np.where(path.u['v'] < 0, 1.0, np.nan)
+        axes[2].plot(path.x['px'] * back, path.x['py'] * back, color=colour, linewidth=3.5)
+        _robot(axes[2], *(path.x[name][-1] for name in ('px', 'py', 'theta')), colour)
+    _robot(axes[2], 0.0, 0.0, 0.0)
+    axes[2].set_aspect('equal', adjustable='datalim')
+    describe(axes[2], 'some of the paths', '$x$ [m]', '$y$ [m]')
+    return figure
+
+
+def _robot(axes: Any, x: float, y: float, theta: float, colour: str = 'black') -> None:
+    axes.annotate('', (x + 0.4 * cos(theta), y + 0.4 * sin(theta)), (x, y),
+                  arrowprops={'arrowstyle': '-|>', 'color': colour, 'linewidth': 1.5,
+                              'shrinkA': 0, 'shrinkB': 0})
+    axes.plot(x, y, 'o', color=colour, markersize=4)
+
+
+EXERCISE_2_6 = Entry(
+    'exercise-2.6', 'A two-wheeled robot', 'Exercise 2.6', (
+        "$x' = v cos θ$, $y' = v sin θ$, $θ' = ω$ with $|v| ≤ L$, $|ω| ≤ M$, from one "
+        'configuration to another in least time. Show that the robot drives at full speed, '
+        'forwards or backwards, straight on or turning as hard as it can.',),
+    exercise_2_6,
+    'With $θ$ measured from the $x$ axis, $ω = +M$ is the left turn; “hard left ($ω = -M$) or '
+    'hard right ($ω = +M$)” is reversed. And “any optimal trajectory” must read “some optimal '
+    "trajectory”: a turn in place by 90 degrees takes at least $(π/2)/M$, since $|θ'| ≤ M$, and "
+    'that is attained without moving ($v = 0$) as well as by three arcs.')
