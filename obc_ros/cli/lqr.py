@@ -32,9 +32,7 @@ def run(args: argparse.Namespace) -> int:
     for case in asked:
         if args.json:
             results.write(args.json, case.file_name, case.as_json())
-        if args.plot and case.design and case.design.sample_time:
-            print(f'{case.name}: no figure, which would be that of continuous time')
-        elif args.plot and case.design:
+        if args.plot and case.design:
             from obc_ros.cli import lqr_figures  # matplotlib and control take a second
             lqr_figures.draw(args.plot / f'{case.file_name}.png', case)
     terminal.table(HEADER, [_row(case) for case in asked], COLOURS)

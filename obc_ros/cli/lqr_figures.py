@@ -3,6 +3,7 @@
 """The figure of a regulator: steps, frequency responses, root locus against the input weight."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import matplotlib
@@ -14,11 +15,14 @@ from obc_ros.cli.cases import Case
 from obc_ros.cli.figures import COLOURS, FEW, save, STYLE, symbol, THIN
 from obc_ros.core.errors import RefusedDesignError
 from obc_ros.core.lqr import lqr
+from obc_ros.core.sampled import held, sampled_lqr
+from obc_ros.core.weights import Weights
 from scipy.linalg import expm
 
 Array = NDArray[np.float64]
 
 SAMPLES = 400
+SHOWN = 200                            # samples that a step shows one by one
 SETTLING = 6.0                         # time constants of the slowest pole that a step shows
 WEIGHTS = np.logspace(-3.0, 3.0, 121)  # factors of Qu in the root locus
 
@@ -33,19 +37,44 @@ def draw(path: Path, case: Case) -> None:
         If the file cannot be written.
 
     """
-    A, B, Qx, Qu, K, _, poles = case.matrices
-    design = case.design
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(10.0, 7.0), layout='constrained')
-        step, magnitude, locus, phase = figure.subplots(2, 2).ravel()
-        figure.suptitle(f'{case.name}: {case.message}')
-        _steps(step, A, B, K, poles, design.state_names)
-        _frequency(magnitude, phase, A, B, K, poles, design.input_names)
-        _locus(locus, A, B, Qx, Qu, poles)
-        save(figure, path)
+        save(figure(case), path)
 
 
-def held(A: Array, B: Array) -> Iterator[int]:
+def figure(case: Case) -> Figure:
+    """Return the figure of a case that has a design: step, magnitude, root locus, phase."""
+    A, B, Qx, Qu, K, _, poles = case.matrices
+    design, given = case.design, case.given or {}
+    cross = np.reshape(given['cross'], B.shape) if 'cross' in given else None
+    loop = Loop(A, B, K, poles, design.sample_time, design.delay)
+    drawn = Figure(figsize=(10.0, 7.5), layout='constrained')
+    step, magnitude, locus, phase = drawn.subplots(2, 2).ravel()
+    drawn.suptitle(case.message if case.message.startswith(f'{case.name}:')
+                   else f'{case.name}: {case.message}')
+    _steps(step, loop, design.state_names)
+    _frequency(magnitude, phase, loop, design.input_names)
+    _locus(locus, loop, Weights(Qx, Qu, cross, given.get('stability', 0.0)))
+    return drawn
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """A plant dx/dt = A x + B u, its gain, and the poles in the s plane."""
+
+    A: Array
+    B: Array
+    K: Array
+    poles: Array
+    period: float
+    delay: float
+
+    @property
+    def plant(self) -> tuple[Array, Array]:
+        """Return A and B of the plant as the gain sees it: of held inputs, if it is sampled."""
+        return held(self.A, self.B, self.period) if self.period else (self.A, self.B)
+
+
+def constant(A: Array, B: Array) -> Iterator[int]:
     """Yield the states whose set points a constant input holds: A e_i is in the range of B."""
     for i, column in enumerate(A.T):
         left = column + B @ np.linalg.lstsq(B, -column, rcond=None)[0]
@@ -53,38 +82,46 @@ def held(A: Array, B: Array) -> Iterator[int]:
             yield i
 
 
-def _steps(axes: Axes, A: Array, B: Array, K: Array, poles: Array, names: list[str]) -> None:
+def _steps(axes: Axes, loop: Loop, names: list[str]) -> None:
     """Draw x_i after a unit step of its set point, u = ue - K (x - xe)."""
     axes.set_title('unit step of each set point that an input can hold')
-    t = np.linspace(0.0, SETTLING / -poles.real.max(), SAMPLES)
-    transition = expm((A - B @ K) * t[1])
+    A, B = loop.plant
+    length, M = SETTLING / -loop.poles.real.max(), A - B @ loop.K
+    count = max(2, min(10_000, round(length / loop.period))) if loop.period else SAMPLES
+    dt = loop.period or length / SAMPLES
+    transition = M if loop.period else expm(M * dt)
     powers = [np.eye(len(A))]
-    for _ in t[1:]:
+    for _ in range(count):
         powers.append(transition @ powers[-1])
-    states = list(held(A, B))
+    states = list(constant(loop.A, loop.B))
     for index, i in enumerate(states):
-        axes.plot(t, 1.0 - np.array(powers)[:, i, i], label=f'${symbol(names[i])}$',
-                  color=COLOURS[index % len(COLOURS)])
+        axes.plot(loop.delay + dt * np.arange(count + 1), 1.0 - np.array(powers)[:, i, i],
+                  label=f'${symbol(names[i])}$', color=COLOURS[index % len(COLOURS)],
+                  marker='.' if count < SHOWN else '')
     axes.axhline(1.0, **THIN)
     axes.set_xlabel('time [s]')
-    axes.set_xlim(t[0], t[-1])
+    axes.set_ylabel('state')
+    axes.set_xlim(0.0, loop.delay + dt * count)
     _legend(axes, len(states))
 
 
-def _frequency(magnitude: Axes, phase: Axes, A: Array, B: Array, K: Array, poles: Array,
-               names: list[str]) -> None:
+def _frequency(magnitude: Axes, phase: Axes, loop: Loop, names: list[str]) -> None:
     """Draw the loop of each input, opened at the plant with the other loops closed."""
-    size = np.abs(poles)
-    w = np.logspace(np.log10(size.min()) - 2.0, np.log10(size.max()) + 2.0, SAMPLES)
+    (A, B), K, size = loop.plant, loop.K, np.abs(loop.poles)
+    top = np.pi / loop.period if loop.period else size.max() * 1e2
+    w = np.geomspace(min(size.min() * 1e-2, top * 1e-2), top, SAMPLES)
+    s = np.exp(1j * w * loop.period) if loop.period else 1j * w
     for j, name in enumerate(names):
         others = [k for k in range(len(names)) if k != j]
-        opened = 1j * w[:, None, None] * np.eye(len(A)) - A + B[:, others] @ K[others]
-        loop = (K[j] @ np.linalg.solve(opened, B[:, [j]]))[:, 0]
+        opened = s[:, None, None] * np.eye(len(A)) - A + B[:, others] @ K[others]
+        gain = (K[j] @ np.linalg.solve(opened, B[:, [j]]))[:, 0]
         style = {'color': COLOURS[j % len(COLOURS)], 'label': f'${symbol(name)}$'}
-        magnitude.loglog(w, np.abs(loop), **style)
-        angle = np.rad2deg(np.unwrap(np.angle(loop)))
-        # a regulator's loop ends at -90 degrees
-        phase.semilogx(w, angle - 360.0 * np.round((angle[-1] + 90.0) / 360.0), **style)
+        magnitude.loglog(w, np.abs(gain), **style)
+        angle = np.rad2deg(np.unwrap(np.angle(gain)))
+        # a regulator crosses 1 for the last time between -180 and 0 degrees
+        crossing = angle[np.flatnonzero(np.abs(gain) >= 1.0)[-1]] if (
+            np.abs(gain) >= 1.0).any() else angle[-1]
+        phase.semilogx(w, angle - 360.0 * np.round((crossing + 90.0) / 360.0), **style)
     magnitude.axhline(1.0, **THIN)
     phase.axhline(-180.0, **THIN)
     magnitude.set_title('loop of each input, the others closed')
@@ -95,15 +132,16 @@ def _frequency(magnitude: Axes, phase: Axes, A: Array, B: Array, K: Array, poles
     _legend(magnitude, len(names))
 
 
-def _locus(axes: Axes, A: Array, B: Array, Qx: Array, Qu: Array, poles: Array) -> None:
+def _locus(axes: Axes, loop: Loop, weights: Weights) -> None:
     """Draw the closed-loop poles for the input weight rho Qu."""
-    found = [(rho, pole) for rho in WEIGHTS for pole in _poles(A, B, Qx, rho * Qu)]
+    found = [(rho, pole) for rho in WEIGHTS
+             for pole in _poles(loop, replace(weights, Qu=rho * weights.Qu))]
     rho = np.log10([rho for rho, _ in found])
     s = np.array([pole for _, pole in found])
     points = axes.scatter(s.real, s.imag, c=rho, s=6, cmap='viridis')
-    axes.plot(poles.real, poles.imag, 'x', color='black', label=r'$\rho = 1$')
+    axes.plot(loop.poles.real, loop.poles.imag, 'x', color='black', label=r'$\rho = 1$')
     axes.axvline(0.0, **THIN)
-    reach = 2.0 * np.abs(poles).max()
+    reach = 2.0 * np.abs(loop.poles).max()
     height = 1.2 * np.abs(s.imag[s.real > -reach]).max(initial=0.1 * reach)
     axes.set_xlim(-reach, 0.1 * reach)
     axes.set_ylim(-min(reach, height), min(reach, height))
@@ -111,14 +149,21 @@ def _locus(axes: Axes, A: Array, B: Array, Qx: Array, Qu: Array, poles: Array) -
     axes.set_xlabel('real part [rad/s]')
     axes.set_ylabel('imaginary part [rad/s]')
     axes.legend(loc='upper left')
-    axes.figure.colorbar(points, ax=axes, label=r'$\log_{10} \rho$')
+    # below, so that the axes of the left column stay as wide as each other
+    axes.figure.colorbar(points, ax=axes, location='bottom', aspect=40,
+                         label=r'$\log_{10} \rho$')
 
 
-def _poles(A: Array, B: Array, Qx: Array, Qu: Array) -> Array:
+def _poles(loop: Loop, weights: Weights) -> Array:
+    """Return the closed-loop poles in the s plane, equivalent ones of a sampled loop."""
     try:
-        return lqr(A, B, Qx, Qu).E
+        if not loop.period:
+            return lqr(loop.A, loop.B, weights.Qx, weights.Qu, cross=weights.cross,
+                       stability=weights.stability).E
+        z = sampled_lqr(loop.A, loop.B, weights, loop.period).design.E
     except RefusedDesignError:  # so extreme a weight has no design that can be proved
         return np.zeros(0)
+    return np.log(z[np.abs(z) > 1e-12]) / loop.period
 
 
 def _legend(axes: Axes, count: int) -> None:
