@@ -9,23 +9,9 @@ from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.errors import ObcError, RefusedDesignError, StatementError
 from obc_ros.core.lqr import lqr, LqrDesign
+from plants import aircraft, CHAIN, FORCE
 import pytest
 from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
-
-CHAIN = np.array([[0.0, 1.0], [0.0, 0.0]])
-FORCE = np.array([[0.0], [1.0]])
-
-
-def aircraft():
-    """Return (A, B) of the vectored thrust aircraft at hover, by hand from its equations."""
-    m, J, r, g, c = 4.0, 0.0475, 0.25, 9.8, 0.05
-    A = np.zeros((6, 6))
-    A[:3, 3:] = np.eye(3)
-    A[3, 2], A[3, 3], A[4, 4] = -g, -c / m, -c / m
-    B = np.zeros((6, 2))
-    B[3, 0] = B[4, 1] = 1.0 / m
-    B[5, 0] = r / J
-    return A, B
 
 
 def residual(design: LqrDesign) -> float:

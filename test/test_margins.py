@@ -8,22 +8,10 @@ import control
 import numpy as np
 from obc_ros.core.lqr import dlqr, lqr
 from obc_ros.core.margins import figures, step_figures
+from plants import aircraft, CHAIN, FORCE
 import pytest
 from scipy.linalg import expm
 from scipy.optimize import brentq
-
-CHAIN, FORCE = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
-
-
-def aircraft():
-    m, J, r, g, c = 4.0, 0.0475, 0.25, 9.8, 0.05
-    A = np.zeros((6, 6))
-    A[:3, 3:] = np.eye(3)
-    A[3, 2], A[3, 3], A[4, 4] = -g, -c / m, -c / m
-    B = np.zeros((6, 2))
-    B[3, 0] = B[4, 1] = 1.0 / m
-    B[5, 0] = r / J
-    return A, B
 
 
 def random_plant(seed, n, m):

@@ -9,21 +9,10 @@ from obc_ros.core import sampled
 from obc_ros.core.errors import RefusedDesignError, StatementError
 from obc_ros.core.lqr import lqr
 from obc_ros.core.weights import Weights
+from plants import aircraft
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
-
-
-def aircraft():
-    m, J, r, g, c = 4.0, 0.0475, 0.25, 9.8, 0.05
-    A = np.zeros((6, 6))
-    A[:3, 3:] = np.eye(3)
-    A[3, 2], A[3, 3], A[4, 4] = -g, -c / m, -c / m
-    B = np.zeros((6, 2))
-    B[3, 0] = B[4, 1] = 1.0 / m
-    B[5, 0] = r / J
-    return A, B
-
 
 EXAMPLE_2_5 = Weights(np.diag([100, 1, 2 * np.pi / 9, 0, 0, 0]), 0.1 * np.eye(2))
 

@@ -9,20 +9,8 @@ import numpy as np
 from obc_ros.core.errors import StatementError
 from obc_ros.core.lqr import lqr
 from obc_ros.core.suggest import suggest, Wishes
+from plants import aircraft, CHAIN, FORCE
 import pytest
-
-CHAIN, FORCE = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
-
-
-def aircraft():
-    m, J, r, g, c = 4.0, 0.0475, 0.25, 9.8, 0.05
-    A = np.zeros((6, 6))
-    A[:3, 3:] = np.eye(3)
-    A[3, 2], A[3, 3], A[4, 4] = -g, -c / m, -c / m
-    B = np.zeros((6, 2))
-    B[3, 0] = B[4, 1] = 1.0 / m
-    B[5, 0] = r / J
-    return A, B
 
 
 def judged(A, B, weights, i):

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.errors import DynamicsError
+from obc_ros.core.errors import DynamicsError, ObcError, StatementError
 from obc_ros.core.system import Signal, System
 
 Array = NDArray[np.float64]
@@ -73,8 +73,10 @@ def equilibrium(
         If no input within the limits holds the system there; it says what is left over.
 
     """
-    x = _vector(system, 'set point', system.setpoint if x is None else x, system.states)
-    u = _vector(system, 'input', system.setpoint_input if u is None else u, system.inputs)
+    x = numbers(f'set point of {system.name}', system.setpoint if x is None else x,
+                system.state_names, DynamicsError)
+    u = numbers(f'input of {system.name}', system.setpoint_input if u is None else u,
+                system.input_names, DynamicsError)
     unknown = [name for name in free if name not in system.state_names]
     if unknown:
         raise DynamicsError(f"{system.name} has no state '{unknown[0]}'; it has "
@@ -128,6 +130,36 @@ def linearize(system: System, x: Array, u: Array) -> tuple[Array, Array]:
     return A, B
 
 
+def numbers(what: str, given: Sequence[float] | Array, names: Sequence[str],
+            wrong: type[ObcError] = StatementError) -> Array:
+    """
+    Return one finite number for each name, as an array.
+
+    Parameters
+    ----------
+    what : str
+        What they are, for the message.
+    given : sequence of float
+        The numbers.
+    names : sequence of str
+        What each is for.
+    wrong : type
+        Error that is raised.
+
+    """
+    try:
+        values = np.array(given, dtype=float)
+    except (TypeError, ValueError):
+        raise wrong(f'{what}: wanted numbers for {", ".join(names)}') from None
+    if values.shape != (len(names),):
+        raise wrong(f'{what}: wanted {len(names)} numbers ({", ".join(names)}), '
+                    f'found {values.size}')
+    for name, value in zip(names, values, strict=True):
+        if not np.isfinite(value):
+            raise wrong(f'{what}: {name} = {value}')
+    return values
+
+
 @dataclass(frozen=True, eq=False)
 class _Found:
     """A candidate: the norm of f of the held states, and it relative to what is tolerated."""
@@ -141,22 +173,6 @@ class _Found:
     @property
     def holds(self) -> bool:
         return self.left <= 1.0
-
-
-def _vector(system: System, what: str, given: Sequence[float] | Array,
-            signals: Sequence[Signal]) -> Array:
-    names = ', '.join(signal.name for signal in signals)
-    try:
-        vector = np.array(given, dtype=float)
-    except (TypeError, ValueError):
-        raise DynamicsError(f'{what} of {system.name}: wanted numbers for {names}') from None
-    if vector.shape != (len(signals),):
-        raise DynamicsError(f'{what} of {system.name}: wanted {len(signals)} numbers ({names}), '
-                            f'found {vector.size}')
-    for signal, value in zip(signals, vector, strict=True):
-        if not np.isfinite(value):
-            raise DynamicsError(f'{what} of {system.name}: {signal.name} = {value}')
-    return vector
 
 
 def _may_move_on(system: System) -> Mask:

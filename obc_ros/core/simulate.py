@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.conditions import Conditions
-from obc_ros.core.equilibrium import equilibrium
+from obc_ros.core.equilibrium import equilibrium, numbers
 from obc_ros.core.errors import DynamicsError, StatementError
 from obc_ros.core.flow import Flow, snapped
 from obc_ros.core.system import System
@@ -96,9 +96,9 @@ class Simulator:
     def reset(self, x0: Numbers | None = None, u0: Numbers | None = None) -> None:
         """Go back to the start, or to another one; commands are forgotten and noise repeats."""
         if x0 is not None:
-            self._x0 = _numbers('x0', x0, self.system.state_names)
+            self._x0 = numbers('x0', x0, self.system.state_names)
             self._u0 = clipped(resting_input(self.system, self._x0) if u0 is None
-                               else _numbers('u0', u0, self.system.input_names), self.system)
+                               else numbers('u0', u0, self.system.input_names), self.system)
         self.steps = 0
         self.target = self._u0
         self._waiting: deque[tuple[float, tuple[float, ...]]] = deque()
@@ -195,7 +195,7 @@ class Simulator:
         except (TypeError, ValueError):
             sound = False
         if not sound:  # or so large that the sum is not finite
-            values = tuple(_numbers('u', u, self.system.input_names))
+            values = tuple(numbers('u', u, self.system.input_names))
         return clipped(values, self.system) if self._limits else values
 
 
@@ -217,17 +217,3 @@ def clipped(u: Numbers, system: System) -> tuple[float, ...]:
     """Return an input (m,) within the limits of the actuators."""
     return tuple([min(max(float(value), signal.lower), signal.upper)
                   for value, signal in zip(u, system.inputs, strict=True)])
-
-
-def _numbers(what: str, given: Numbers, names: Sequence[str]) -> Array:
-    try:
-        values = np.array(given, dtype=float)
-    except (TypeError, ValueError):
-        raise StatementError(f'{what}: wanted numbers for {", ".join(names)}') from None
-    if values.shape != (len(names),):
-        raise StatementError(f'{what}: wanted {len(names)} numbers ({", ".join(names)}), '
-                             f'found {values.size}')
-    for name, value in zip(names, values, strict=True):
-        if not math.isfinite(value):
-            raise StatementError(f'{what}: {name} = {value}')
-    return values
