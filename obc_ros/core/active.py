@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Side = NDArray[np.int8]
 
 _MOST = 20       # steps
-_PATIENCE = 6    # steps without progress
+_PATIENCE = 3    # steps without progress
 
 
 def follow(program: Program, bounds: tuple[Array, Array], y: Array, side: Side, goal: Goal,

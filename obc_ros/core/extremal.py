@@ -10,6 +10,7 @@ mesh point from what the transcription found there.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -92,23 +93,44 @@ class Integrator:
     def __init__(self, problem: Problem) -> None:
         x, u, p, lam = problem.x, problem.u, problem.p, ca.SX.sym('lam', problem.n)
         ua, ub = ca.SX.sym('ua', problem.m), ca.SX.sym('ub', problem.m)
-        h, total = ca.SX.sym('h'), ca.SX.sym('total')
-        end, cost = step(rate_of(problem), x, (ua, ub), h)
-        back = ca.gradient(ca.dot(lam, end) + cost, x)
-        jump = ca.SX.sym('jump', problem.n)
+        h = ca.SX.sym('h')
+        self._symbols = lam, x, ua, ub, h, p
+        self._end_and_cost = end, cost = step(rate_of(problem), x, (ua, ub), h)
         mu = ca.SX.sym('mu', int(problem.path.numel()))
         H = problem.L + ca.dot(lam, problem.f)
         Hu = ca.gradient(H + ca.dot(mu, problem.path), u)
         nu = ca.SX.sym('nu', problem.q)
-        self._forward = ca.Function(
-            'forward', [ca.vertcat(x, total), ua, ub, h, p], [ca.vertcat(end, total + cost)])
-        self._backward = ca.Function('backward', [lam, x, ua, ub, h, p, jump], [back + jump])
-        self._step = Batch([x, ua, ub, h, p], [end, cost])
-        self._back = Batch([lam, x, ua, ub, h, p], [back])
+        self._step = Batch([x, ua, ub, h, p], [end, cost], 16)
         self._end = Batch([x, nu, p], [
-            problem.V, problem.psi, ca.gradient(problem.V + ca.dot(nu, problem.psi), x)])
+            problem.V, problem.psi, ca.gradient(problem.V + ca.dot(nu, problem.psi), x)], 1)
         self._hamiltonian = Batch([x, u, lam, mu, p], [H, Hu, ca.jacobian(Hu, u)])
         self._sweeps: dict[tuple[str, int], ca.Function] = {}
+
+    @cached_property
+    def _forward(self) -> ca.Function:
+        """Return the step of x and the cost so far."""
+        _, x, ua, ub, h, p = self._symbols
+        end, cost = self._end_and_cost
+        total = ca.SX.sym('total')
+        return ca.Function(
+            'forward', [ca.vertcat(x, total), ua, ub, h, p], [ca.vertcat(end, total + cost)])
+
+    @cached_property
+    def _earlier(self) -> ca.SX:
+        """Return lam at the start of a step."""
+        end, cost = self._end_and_cost
+        return ca.gradient(ca.dot(self._symbols[0], end) + cost, self._symbols[1])
+
+    @cached_property
+    def _backward(self) -> ca.Function:
+        """Return the step of lam with its jump."""
+        jump = ca.SX.sym('jump', self._symbols[0].numel())
+        return ca.Function('backward', [*self._symbols, jump], [self._earlier + jump])
+
+    @cached_property
+    def _back(self) -> Batch:
+        """Return the step of lam for many intervals at once."""
+        return Batch(self._symbols, [self._earlier])
 
     def _sweep(self, name: str, function: ca.Function, count: int) -> ca.Function:
         if (name, count) not in self._sweeps:

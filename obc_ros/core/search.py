@@ -26,7 +26,7 @@ from obc_ros.core.kit import Answered, Kit, neighbours
 from obc_ros.core.mesh import Mesh, Path, split, uniform
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.problem import Problem
-from obc_ros.core.refine import aligned, cuts, followed, judge
+from obc_ros.core.refine import aligned, cuts, followed, judge, Judgement
 from obc_ros.core.solution import Solution, Status
 from obc_ros.core.transcription import Limits, Outcome, Scales
 
@@ -34,21 +34,24 @@ Array = NDArray[np.float64]
 
 COARSE = 16
 _STARTS, _STARTS_MOST = 2, 6
+_COURSES_KEPT = 8
 _ROUGH = 1e-4         # relative error of the cost on a coarse mesh
-_ENOUGH, _PATIENCE = 0.02, 1.5   # [s] for starts, once one and while none converged
+_PATIENCE = 1.5       # [s] for starts while none converged
 _EXPLORING = (0.15, 0.5)   # part of the time for further starts, of easy and of hard problems
 _HARD = 0.3           # [s] of work
-_EXPLORED_LEAST, _EXPLORED_MOST = 2, 30   # number of further starts
+_EXPLORED_LEAST, _EXPLORED_MOST = (2, 12), 30   # number of further starts, likewise
 _LOWER = 1e-3         # relative: what is another minimum on a coarse mesh
 _BELIEVED = 1e-2      # relative error of a coarse step
 _ROUNDS, _PLAIN_ROUNDS = 10, 5   # of finer meshes; of those before curved inputs are held
-_COARSE_ITERATIONS, _EASY_ITERATIONS, _WARM_ITERATIONS = 150, 30, 100
+_COARSE_ITERATIONS, _FEW_ITERATIONS, _WARM_ITERATIONS = 150, 12, 100
 _MOST_INTERVALS = 800
 _WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
 _DETOUR = 1e-5        # likewise, at which inputs may wind around between points
 _CLOSE = 1e-6         # likewise, at which no finer mesh is tried
+_CLOSE_ENOUGH = 1e-5  # likewise, of a certified answer
 _FOR_DIGITS = 0.5     # [s] for finer meshes once a certificate holds
 _EXCEEDED = 2e-7      # of its size: by how much a constraint may be exceeded
+_LOST = (3e-7, 1e-7)  # relative cost to be given away, without and with bounds of the state
 _STEP_ERROR = 3e-8    # relative, of all intervals together
 _VANISHING = 1e-3     # of T: an arc that may not be there
 
@@ -69,9 +72,11 @@ class Search:
         self.switching = tuple(with_arcs and each for each in kit.switching)
         self.reason = ''
         self.begun = time.process_time()
-        self.intervals = COARSE
+        self.intervals, self.typical = COARSE, _COARSE_ITERATIONS
         self.starts: Iterator[Path] = iter(())
         self.last: Answered | None = None
+        self._courses: dict[Outcome, tuple[Problem, Extremal]] = {}
+        self._judged: tuple[Problem | None, Extremal | None, Judgement | None] = None, None, None
         self.bounded = bool(problem.path.numel() or np.any(
             np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)))
         self.stages = 3 if self.bounded else 0
@@ -140,31 +145,48 @@ class Search:
 
     def _from_starts(self) -> list[Outcome]:
         found: list[Outcome] = []
-        begun, good = time.process_time(), 0
+        begun, good = time.process_time(), False
         most = _STARTS if self.quick else _STARTS_MOST
         for number in range(1, most + 1):
-            outcome = self.from_next_start(once=good > 0)
+            outcome = self.from_next_start(_COARSE_ITERATIONS, once=good)
             found.append(outcome)
-            good += self.believed(outcome)
-            spent = time.process_time() - begun
+            if not good and self.believed(outcome):
+                good, self.typical = True, outcome.iterations
+            patient = time.process_time() - begun < _PATIENCE
             if (self.monitor.stopped or self.quick and good
-                    or number >= _STARTS and spent > (_ENOUGH if good else _PATIENCE)):
+                    or number >= _STARTS and (good or not patient)):
                 break
         return found
 
-    def from_next_start(self, most: int = _COARSE_ITERATIONS, *, once: bool = False) -> Outcome:
+    def from_next_start(self, most: int, *, once: bool, hard: bool = False) -> Outcome:
         """Return what the coarse mesh gives from the next start in so many iterations."""
+        if once:
+            most = min(most, max(_FEW_ITERATIONS, (5 if hard else 2) * self.typical))
         return self.collocate(uniform(self.problem, self.intervals, self.stages),
                               next(self.starts), most=most, rough=_ROUGH, once=once)
 
     def course(self, outcome: Outcome, *, stated: bool = False) -> Extremal:
         """Return states and costates under the input of an outcome."""
         problem = self.stated if stated else self.problem
+        kept, course = self._courses.get(outcome, (None, None))
+        if course is not None and kept is problem:
+            return course
         integrator = self.kit.judge if stated else self.kit.integrator
         course = integrator.extremal(problem, outcome, 4 if self.stages else 2)
-        if not self.bounded:
-            return course
-        return self.kit.fitter(problem, stated).fit(problem, outcome, course)
+        if self.bounded:
+            course = self.kit.fitter(problem, stated).fit(problem, outcome, course)
+        if len(self._courses) >= _COURSES_KEPT:
+            self._courses.clear()
+        self._courses[outcome] = problem, course
+        return course
+
+    def judged(self, course: Extremal) -> Judgement:
+        """Return what a course gives away."""
+        kept, of, verdict = self._judged
+        if verdict is None or kept is not self.problem or of is not course:
+            verdict = judge(self.problem, self.kit.integrator, course)
+            self._judged = self.problem, course, verdict
+        return verdict
 
     def sizes(self, outcome: Outcome) -> Scales:
         """Return the scales of a path that was found, its cost among them."""
@@ -292,9 +314,9 @@ class Search:
 
     def finer(self, outcome: Outcome, course: Extremal) -> Mesh:
         """Return a mesh that is finer where the path gives cost away."""
-        verdict = judge(self.problem, self.kit.integrator, course)
+        verdict = self.judged(course)
         scale = abs(outcome.objective)
-        number = cuts(verdict.lost, 1e-7 * scale)
+        number = cuts(verdict.lost, _LOST[self.bounded] * scale)
         number = np.maximum(number, cuts(course.local, _STEP_ERROR, 7.0))
         if np.all(number == 1):
             number[:] = 2
@@ -367,7 +389,7 @@ class Search:
         """Return an estimate of the cost above the least one, relative; infinite if it is bad."""
         if not outcome.converged or course.defect > 1e-3 and course.local.max() > 1e-4:
             return np.inf
-        lost = judge(self.problem, self.kit.integrator, course).lost.sum()
+        lost = self.judged(course).lost.sum()
         return float(lost / max(abs(outcome.objective), 1e-3))
 
     def run(self) -> Solution:
@@ -397,7 +419,7 @@ class Search:
                 if _holds(answer) and not self.quick:
                     self.last = Answered(self.stated, outcome, self.sizes(outcome), self.margin)
             late = time.process_time() - begun > _FOR_DIGITS
-            if best is not None and _holds(best) and (above < _CLOSE or late):
+            if best is not None and _holds(best) and (above < _CLOSE_ENOUGH or late):
                 break
             if self.quick and number >= 2:
                 break
@@ -413,16 +435,16 @@ class Search:
         kept, spent = self.last, 0.0
         for number in range(_EXPLORED_MOST):
             elapsed = time.process_time() - self.begun
-            if self.monitor.stopped or (number >= _EXPLORED_LEAST and spent
-                                        > _EXPLORING[elapsed > _HARD] * elapsed):
+            hard = elapsed > _HARD
+            if self.monitor.stopped or (spent > _EXPLORING[hard] * elapsed and number
+                                        >= _EXPLORED_LEAST[hard and not self.stages]):
                 break
             started = time.process_time()
             self.reset()
-            outcome = self.from_next_start(
-                _COARSE_ITERATIONS if elapsed > _HARD else _EASY_ITERATIONS, once=True)
-            if self.believed(outcome) and (
-                    outcome.objective < floor - _LOWER * abs(floor)
-                    or not _holds(best) and abs(outcome.objective - floor) > _LOWER * abs(floor)):
+            outcome = self.from_next_start(_COARSE_ITERATIONS, once=_holds(best), hard=hard)
+            if (outcome.objective < floor - _LOWER * abs(floor) or not _holds(best)
+                    and abs(outcome.objective - floor) > _LOWER * abs(floor)
+                    ) and self.believed(outcome):
                 floor = outcome.objective
                 other = self.followed_up(outcome)
                 # What is cheaper and feasible shows that the other is not the best, proved or not.
