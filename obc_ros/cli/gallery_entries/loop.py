@@ -95,9 +95,7 @@ class Loop:
         pilot.wait(lambda: True, '')
         begin, answered = len(pilot.states.stamp), len(pilot.commands.stamp)
         pilot.call(Trigger, 'plant_simulator/reset', Trigger.Request())
-        pilot.wait(lambda: (0 in pilot.states.stamp[begin:]
-                            and 0 in pilot.commands.stamp[answered:]),
-                   'the answer to the state after the reset')
+        pilot.wait(lambda: 0 in pilot.states.stamp[begin:], 'the state after the reset')
         if reference:
             said = len(self._said)
             pilot.publisher.publish(reference)

@@ -30,8 +30,8 @@ def skew(y: tuple[float, ...]) -> Array:
 def planes() -> list[Array]:
     """Return the Y of part (c): m = 2, m = 4 with the planes (1, 2) and (3, 4), a random m = 5."""
     two, four = np.zeros((2, 2)), np.zeros((4, 4))
-    two[0, 1], four[0, 1], four[2, 3] = 1.0, 2.0, 1.0
-    five = np.random.default_rng(22).normal(size=(5, 5)) / 2
+    two[0, 1], four[0, 1], four[2, 3] = 1.0, 0.08, 0.04
+    five = np.random.default_rng(22).normal(size=(5, 5)) / 60
     return [two - two.T, four - four.T, five - five.T]
 
 
@@ -83,7 +83,7 @@ def exercise_2_2(desk: Desk) -> Answer:
         'the plane normal to $y$, at constant speed; where it starts on the circle is open, so '
         'that the exact input is turned to the one found. (c) With '
         '$Y = Σ σ_k (e_k f_k^T - f_k e_k^T)$, $σ_1 ≥ σ_2 ≥ ..$, the $k$-th plane is circled $k$ '
-        'times: here (right) one of area 2 once and one of area 1 twice, $J = 4π$.',))
+        'times: here (right) the first once and the second twice, $J = π (0.08 + 2 · 0.04)$.',))
 
 
 def circle(y: tuple[float, ...], u0: Array, t: Array) -> Array:
@@ -121,7 +121,7 @@ def _draw_2_2(three: Trajectory, four: Trajectory) -> Figure:
         plane.plot(four.x[first], four.x[second], color=COLOURS[index], label=text)
     plane.plot(0, 0, 'ko', markersize=4)
     plane.set_aspect('equal', adjustable='datalim')
-    describe(plane, '(c) $m = 4$, $\\sigma = (2, 1)$', '$q_1$, $q_3$', '$q_2$, $q_4$',
+    describe(plane, '(c) $m = 4$, $\\sigma = (0.08, 0.04)$', '$q_1$, $q_3$', '$q_2$, $q_4$',
              legend='upper right')
     return figure
 
