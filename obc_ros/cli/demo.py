@@ -91,7 +91,8 @@ def fly(flight: Flight, out: Path, real_time: bool,
                 progress.say(event.what, event.act(pilot))
             progress.until(flight.duration)
             progress.done()
-            return conclude(pilot, time.monotonic() - wall)
+            status = conclude(pilot, time.monotonic() - wall)
+    return 1 if recorder.fault else status
 
 
 class Progress:

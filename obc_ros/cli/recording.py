@@ -55,7 +55,8 @@ class Recorder:
     """
     Writes what arrives on topics to `folder`/NAME_0.mcap and `folder`/metadata.yaml.
 
-    Used as a context manager; the recording is complete and indexed when it is left.
+    Used as a context manager; the recording is complete and indexed when it is left. When the
+    disk is full, `fault` says so and the rest is not recorded.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -66,6 +67,7 @@ class Recorder:
         self._sources: list[tuple[Any, Channel, Listener | None]] = []
         self._first, self._last = sys.maxsize, 0
         self.now: Callable[[], int] = time.time_ns
+        self.fault = ''  # why nothing more is recorded
 
     def __enter__(self) -> 'Recorder':
         self._file = self.path.open('wb')
@@ -74,9 +76,19 @@ class Recorder:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._writer.finish()
-        self._file.close()
-        (self.folder / 'metadata.yaml').write_text(yaml.safe_dump(self._metadata()))
+        try:
+            with self._file:
+                if not self.fault:
+                    self._writer.finish()
+            (self.folder / 'metadata.yaml').write_text(yaml.safe_dump(self._metadata()))
+        except OSError as error:
+            self._give_up(error)
+
+    def _give_up(self, error: OSError) -> None:
+        """Say that the recording ends; who flies goes on."""
+        if not self.fault:
+            self.fault = f'{self.path} ends here: {error.strerror}'
+            print(f'the recording {self.fault}', file=sys.stderr)
 
     def subscribe(self, node: Node, topic: str, message_class: Any,
                   listener: Listener | None = None, *, qos: QoSProfile = LIVE) -> None:
@@ -111,10 +123,16 @@ class Recorder:
                     self._write(channel, data)
 
     def _write(self, channel: Channel, data: bytes) -> None:
+        if self.fault:
+            return
         now = self.now()
-        self._writer.add_message(
-            channel.identifier, log_time=now, publish_time=now, data=data,
-            sequence=channel.count)
+        try:
+            self._writer.add_message(
+                channel.identifier, log_time=now, publish_time=now, data=data,
+                sequence=channel.count)
+        except OSError as error:  # a full disk, say
+            self._give_up(error)
+            return
         channel.count += 1
         self._first, self._last = min(self._first, now), max(self._last, now)
 
