@@ -86,6 +86,26 @@ def test_no_random_word_is_shorter(start, segments):
     assert shortest_path(start, goal, 1.0).length <= sum(abs(s[1]) for s in segments) + 1e-9
 
 
+TINY = (1e-12, 1e-10, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 0.03125, 0.3)
+
+
+@pytest.mark.parametrize('letters', [
+    'L', 'S', 'LS', 'SL', 'LR', 'LSL', 'LSR', 'LRL', 'SLR', 'SRS'])
+@pytest.mark.parametrize('signs', [(1, 1, 1), (1, -1, -1), (1, -1, 1), (-1, -1, 1)])
+def test_no_word_of_tiny_parts_is_shorter(letters, signs):
+    """A rounding of 1e-16 sideways is worth a length of its root: 1e-8 is the most there is."""
+    words = [[(letter, sign * size)
+              for letter, sign, size in zip(letters, signs[:len(letters)], sizes, strict=True)]
+             for sizes in product(TINY, repeat=len(letters))]
+    goals = [drive(ORIGIN, word, 1.0) for word in words]
+    known = np.array([sum(abs(length) for _, length in word) for word in words])
+    paths = [shortest_path(ORIGIN, goal, 1.0) for goal in goals]
+    assert (np.array([path.length for path in paths]) <= known + 1e-9).all()
+    assert (lengths(ORIGIN, goals, 1.0) <= known + 1e-9).all()
+    for path, goal in zip(paths, goals, strict=True):
+        assert apart(drive(ORIGIN, path.segments, 1.0), goal) < 1e-11
+
+
 def test_the_value_function_satisfies_its_hjb_equation():
     # |d_x cos(theta) + d_y sin(theta)| + |d_theta| = 1 for the length d to the goal's pose, where
     # d is smooth: H = 0 of Exercise 2.6, with no formula of the paper in it.

@@ -49,8 +49,12 @@ _MIRROR = str.maketrans('LR', 'RL')
 _CHUNK = 2048
 # Distance [radii] beyond which angles have no digits left.
 _FAR = 1e12
-# Angles this close to 0 or pi are on the boundary of their interval.
+# Angles this close to pi count as pi.
 _EPS = 1e-12
+# Angles short of 0 (or beyond pi) by this are taken as they are, the arc driven the other way: a
+# path to the goal all the same, and the shortest when rounding has moved an angle out of its
+# interval, which for short straight parts it does by up to the square root of its unit.
+_LOOSE = 1e-6
 # What a straight part may fall short of zero by, and still be one of no length.
 _SHORT = 1e-13
 
@@ -268,18 +272,15 @@ def _solve(x: float, y: float, phi: float) -> tuple[float, list[tuple[str, float
             _, kappa, beta, sign, middle, _ = row
             for angle, phi, image in images if sign <= 0 else images[:2]:
                 t = remainder(angle + kappa, _TWO_PI)
-                if t < 0:
-                    if _EPS - pi < t < -_EPS:
-                        continue
-                    t = 0.0 if t > -1 else pi
-                if t + middle >= best:
+                if t < 0 and _LOOSE - pi < t < -_LOOSE:
+                    continue
+                length = abs(t) + middle
+                if length >= best:
                     continue
                 v = remainder(sense * (phi - t) + beta, _TWO_PI)
-                if v * sign < 0:
-                    if _EPS - pi < v * sign < -_EPS:
-                        continue
-                    v = 0.0 if abs(v) < 1 else sign * pi
-                length = t + middle + abs(v)
+                if v * sign < 0 and _LOOSE - pi < v * sign < -_LOOSE:
+                    continue
+                length += abs(v)
                 if length < best:
                     # Opposite words travelled from the goal start on the other side.
                     best, found = length, (row, image, mirrored ^ (sense * image < -1), t, v)
@@ -354,10 +355,16 @@ def _lengths(x: Array, y: Array, phi: Array) -> Array:
                     for angle, turn in images if sign <= 0 else images[:2]:
                         t = _wrap(angle + kappa)
                         v = _wrap((sign or 1.0) * (sense * (turn - t) + beta))
-                        good = (t >= -_EPS) & (v >= -_EPS) if sign else t >= -_EPS
+                        good = _forward(t) & _forward(v) if sign else _forward(t)
                         # fmin passes over middles that are nan: words that do not exist.
-                        best = np.fmin(best, np.where(good, t + middle + np.abs(v), inf))
+                        best = np.fmin(
+                            best, np.where(good, np.abs(t) + middle + np.abs(v), inf))
     return best
+
+
+def _forward(angle: Array) -> NDArray[np.bool_]:
+    forward: NDArray[np.bool_] = (angle >= -_LOOSE) | (angle <= _LOOSE - pi)
+    return forward
 
 
 def _same_sides(rho2: Array) -> list[_Rows]:
@@ -368,7 +375,8 @@ def _same_sides(rho2: Array) -> list[_Rows]:
 
 
 def _opposites(rho2: Array) -> list[_Rows]:
-    rho, r = np.sqrt(rho2), np.sqrt(rho2 - 4 + 4 * _SHORT)
+    over = rho2 - 4
+    rho, r = np.sqrt(rho2), np.sqrt(np.where(over >= -4 * _SHORT, np.maximum(over, 0.0), nan))
     u = np.arccos((2 + rho) / 4)
     w = np.where(r <= 4, np.arccos(np.minimum((20 - rho2) / 16, 1.0)), nan)
     return [(u + pi / 2, -2 * u, -1.0, 2 * u), (np.arctan2(2.0, r), 0.0, 1.0, r),
