@@ -19,7 +19,7 @@ from scipy.linalg import solve_continuous_are
 Array = NDArray[np.float64]
 
 MASS, INERTIA, ARM, GRAVITY, DAMPING = 4.0, 0.0475, 0.25, 9.8, 0.05
-STEP = 0.01  # [s] from state to state
+STEP = 0.02  # [s] from state to state
 GOAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
 CAPTION, LEGEND = (1.0, 1e2, 1e4), (0.1, 1.0, 10.0)  # rho as the caption and the legend say
 IDENTITY = [1.0] * 6

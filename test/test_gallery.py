@@ -1,0 +1,202 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""`obc gallery`: every entry through running nodes, and what is made of the answers."""
+
+from collections.abc import Iterator
+from html.parser import HTMLParser
+import json
+import os
+from pathlib import Path
+import shlex
+
+from matplotlib.figure import Figure
+import numpy as np
+from obc_ros.cli import gallery
+from obc_ros.cli.client import served
+from obc_ros.cli.gallery_entries import desk as desks
+from obc_ros.cli.gallery_entries import page, ros2
+from obc_ros.cli.gallery_entries.all import ENTRIES
+from obc_ros.cli.gallery_entries.entry import Answer, Entry, Row, UnansweredError
+from obc_ros.cli.obc import main
+from obc_ros.cli.processes import Children, free_domain, isolate
+from obc_ros.nodes.messages import statement
+from obc_ros.srv import DesignLqr, SolveOptimalControl
+import pytest
+import support
+import yaml
+
+CHAPTER = {'2.1', '2.2', '2.3', '2.4', '2.5', '2.6', 'theorem-2.1', 'theorem-2.2',
+           *(f'exercise-2.{k}' for k in range(1, 11))}
+
+
+@pytest.fixture(scope='module')
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp('gallery')
+
+
+@pytest.fixture(scope='module')
+def desk(out: Path) -> Iterator[desks.Desk]:
+    """Return a desk at a server of its own."""
+    before = dict(os.environ)
+    try:
+        with free_domain() as domain:
+            isolate(domain)
+            with Children(out / 'log') as children, served(children) as client:
+                yield desks.Desk(client, out / 'recordings')
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+
+
+@pytest.mark.nodes
+@pytest.mark.parametrize('entry', ENTRIES, ids=lambda entry: entry.name)
+def test_every_number_holds(entry: Entry, desk: desks.Desk, out: Path) -> None:
+    record = gallery.work(entry, desk, out)
+    assert not record['message']
+    wrong = [f'{row["what"]}: {row["measured"]!r}, exact {row["exact"]!r}'
+             for row in record['rows'] if not row['error'] <= 1e-6]
+    assert not wrong
+    assert record['holds']
+    assert record['commands']
+    assert (out / f'{entry.name}.png').stat().st_size > 20_000
+
+
+def test_the_whole_chapter_is_there() -> None:
+    assert {entry.name for entry in ENTRIES} == CHAPTER
+    assert len(ENTRIES) == len(CHAPTER)
+
+
+@pytest.mark.nodes
+def test_command(tmp_path: Path, domain: int) -> None:
+    """The command writes page, figure and numbers, and keeps what is there of other entries."""
+    folder = tmp_path / 'out'
+    for name in ('2.2', 'exercise-2.9'):
+        process = support.Process(
+            [support.find('obc'), 'gallery', name, '--out', str(folder)], tmp_path / 'log', domain)
+        assert process.wait(60.0) == 0, process.output()
+    known = json.loads((folder / 'gallery.json').read_text())['entries']
+    assert [each['name'] for each in known] == ['2.2', 'exercise-2.9']
+    assert all(each['holds'] and each['seconds'] > 0 for each in known)
+    assert {path.name for path in folder.iterdir()} >= {
+        'index.html', '2.2.png', 'exercise-2.9.png'}
+    looked = Looked()
+    looked.feed((folder / 'index.html').read_text())
+    assert looked.images == ['2.2.png', 'exercise-2.9.png']
+    assert not looked.foreign
+    assert not looked.open
+
+
+class Looked(HTMLParser):
+    """What a page refers to, and whether its tags are closed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.images: list[str] = []
+        self.foreign: list[str] = []
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        self.images += [given['src'] or ''] if tag == 'img' else []
+        self.foreign += [value for value in given.values() if value and '//' in value]
+        if tag not in ('img', 'meta', 'br'):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_a_number_that_is_off_fails_the_entry(tmp_path: Path,
+                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    def off(desk: desks.Desk) -> Answer:
+        return Answer([Row('a', 1.0, 1.0, ''), Row('b', 2.0, 2.00001, '')], Figure())
+
+    def unanswered(desk: desks.Desk) -> Answer:
+        raise UnansweredError('no <answer>')
+
+    entries = [Entry(name, '', '', (), run) for name, run in (
+        ('1.1', off), ('1.2', unanswered))]
+    desk = desks.Desk(None, tmp_path)  # type: ignore[arg-type]  # nobody asks it
+    records = [gallery.work(entry, desk, tmp_path) for entry in entries]
+    assert [record['holds'] for record in records] == [False, False]
+    assert records[1]['message'] == 'no <answer>'
+    assert 'no &lt;answer&gt;' in page.page(records)
+    monkeypatch.setattr(gallery, 'work_all', lambda *_: records)
+    assert main(['gallery', '2.2', '--out', str(tmp_path)]) == 1
+
+
+@pytest.mark.parametrize(('measured', 'exact', 'error'), [
+    (1.0, 1.0, 0.0), (1e3 + 1e-3, 1e3, 1e-6), (1e-3, 0.0, 1e-3), ([1.0, 2.0], [1.0, 4.0], 0.5),
+    (np.nan, 0.0, np.inf), ([1.0], [1.0, 1.0], np.inf), ([], [], np.inf)])
+def test_error(measured: object, exact: object, error: float) -> None:
+    assert Row('', measured, exact, '').error == pytest.approx(error, rel=1e-6)
+
+
+def test_unknown_entry(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(['gallery', '2.7', '--out', str(tmp_path / 'out')]) == 2
+    assert "no entry '2.7'; there are 2.1" in capsys.readouterr().err
+    assert not (tmp_path / 'out').exists()
+
+
+def test_list(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['gallery', '--list']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == [entry.name for entry in ENTRIES]
+
+
+def test_a_folder_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]
+                                         ) -> None:
+    (tmp_path / 'file').write_text('')
+    assert main(['gallery', '2.2', '--out', str(tmp_path / 'file')]) == 1
+    assert 'obc gallery: ' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('text', ['', '[]', '{"entries": 3}', '{"entries": [{"name": "2.2"}]}'])
+def test_a_spoilt_file_is_replaced(text: str, tmp_path: Path) -> None:
+    (tmp_path / 'gallery.json').write_text(text)
+    gallery.write(tmp_path, [], ['2.1', '2.2'])
+    assert json.loads((tmp_path / 'gallery.json').read_text()) == {'entries': []}
+
+
+@pytest.mark.parametrize(('text', 'html'), [
+    ('a < b', 'a &lt; b'),
+    ('$x_1^2$', '<i>x</i><sub>1</sub><sup>2</sup>'),
+    ('$e^{-at_f}$', '<i>e</i><sup>\u2212<i>at</i><sub><i>f</i></sub></sup>'),
+    ('$sin θ < 1$', 'sin <i>θ</i> &lt; 1'),
+    ('`lqr_node` of $K$', '<code>lqr_node</code> of <i>K</i>')])
+def test_markup(text: str, html: str) -> None:
+    assert page.markup(text) == html
+
+
+def test_commands_say_what_was_asked() -> None:
+    problem = {
+        'system': 'scalar', 'parameters': {'a': 1, 'b': 2.5}, 'running_cost': 'u**2/2',
+        'initial_state': {'x': 1}, 'terminal_constraints': ['x - 1'],
+        'final_time': {'free': True, 'lower': 0.1, 'upper': 3}}
+    request = desks.solve_request(problem, 'arcs')
+    given = yaml.safe_load(shlex.split(
+        ros2.service_call('solve', SolveOptimalControl, request))[-1])
+    assert given['method'] == 'arcs'
+    again = statement(_message(SolveOptimalControl.Request(), given).problem)
+    assert again == statement(request.problem)
+    case = {'A': [[0, 1], [0, 0]], 'B': [[0], [1]], 'Qx': [1, 0], 'Qu': [0.1]}
+    request = desks.design_request(case)
+    command = ros2.service_call('design_lqr', DesignLqr, request)
+    assert shlex.split(command)[:5] == [
+        'ros2', 'service', 'call', '/trajectory_server/design_lqr', 'obc_ros/srv/DesignLqr']
+    assert _message(DesignLqr.Request(), yaml.safe_load(shlex.split(command)[-1])) == request
+
+
+def _message(message: object, values: dict[str, object]) -> object:
+    """Fill a message from a mapping, as `ros2 service call` does."""
+    for name, value in values.items():
+        kind = message.get_fields_and_field_types()[name]
+        if isinstance(value, dict):
+            _message(getattr(message, name), value)
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            module = __import__('obc_ros.msg', fromlist=['msg'])
+            of = getattr(module, kind.split('/')[-1].rstrip('>').split('>')[0])
+            setattr(message, name, [_message(of(), each) for each in value])
+        else:
+            setattr(message, name, value)
+    return message
