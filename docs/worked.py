@@ -56,7 +56,7 @@ def _section(record: Record, figures: str) -> nodes.section:
 
 
 def _body(record: Record, figures: str) -> Iterator[nodes.Node]:
-    yield nodes.paragraph('', '', nodes.emphasis('', '', _html(record['source'])))
+    yield nodes.paragraph('', '', nodes.emphasis('', '', _html(markup(record['source']))))
     yield from map(_paragraph, record['statement'])
     if record['erratum']:
         yield nodes.admonition(
@@ -77,16 +77,18 @@ def _body(record: Record, figures: str) -> Iterator[nodes.Node]:
 
 def _cells(row: Record) -> tuple[str, ...]:
     many = f' (worst of {row["values"]})' if row['values'] > 1 else ''
-    error = 'infinite' if row['error'] is None else f'{row["error"]:.1e}'
-    return (row['what'] + many, number(row['measured']), number(row['exact']), error, row['by'])
+    error = 'infinite' if row['error'] is None else f'{row["error"]:.1e}' if row['error'] else '0'
+    numbers = (number(row['measured']), number(row['exact']), error)
+    return (markup(row['what'] + many), *(f'<span class="number">{each}</span>'
+                                          for each in numbers), markup(row['by']))
 
 
 def _paragraph(text: str) -> nodes.paragraph:
-    return nodes.paragraph('', '', _html(text))
+    return nodes.paragraph('', '', _html(markup(text)))
 
 
 def _html(text: str) -> nodes.raw:
-    return nodes.raw('', markup(text), format='html')
+    return nodes.raw('', text, format='html')
 
 
 def setup(app: Any, root: Path) -> None:
