@@ -79,6 +79,10 @@ def example_2_5(desk: Desk) -> Answer:
         'The states $x, y$ and inputs $u_1 = f_1$, $u_2 = f_2 - mg$ of two running loops: the '
         'linear model (as in the book) and, dotted, the aircraft itself. Weights are changed in '
         'the running `lqr_node`; each step starts from a reset of the plant.',
+        'The printed weights tilt the aircraft by '
+        f'{np.degrees(np.abs(whole["printed"].x[:, 2])).max():.0f} degrees; the linear model does '
+        'not know that its thrust then no longer carries it: the aircraft itself falls by '
+        f'{-whole["printed"].x[:, 1].min():.2f} m before it climbs.',
         'Figure 2.4(b) is shown in both readings of $ρ$. With the weight $2π/9$ or 1.3131 of '
         'theta the steps differ by at most '
         f'{100 * np.abs(printed.x - linear["meant"].x)[:, :2].max():.1f} cm.'),

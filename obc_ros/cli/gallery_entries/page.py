@@ -101,9 +101,12 @@ def _contents(records: Sequence[Record]) -> str:
     rows = '\n'.join(
         f'<tr><td><a href="#{_anchor(each)}">{html.escape(each["label"])}</a></td>'
         f'<td><a href="#{_anchor(each)}">{markup(each["title"])}</a></td>'
-        f'<td class="number">{_error(each)}</td><td>{_verdict(each["holds"])}</td></tr>'
+        f'<td class="number">{sum(row["values"] for row in each["rows"])}</td>'
+        f'<td class="number">{_error(each)}</td><td class="number">{each["seconds"]:.1f} s</td>'
+        f'<td>{_verdict(each["holds"])}</td></tr>'
         for each in records)
-    return (f'<table>\n<tr><th>entry</th><th></th><th>largest error</th><th></th></tr>\n{rows}\n'
+    return ('<table>\n<tr><th>entry</th><th></th><th>numbers</th><th>largest error</th>'
+            f'<th>time</th><th></th></tr>\n{rows}\n'
             '</table>')
 
 

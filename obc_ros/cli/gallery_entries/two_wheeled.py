@@ -18,7 +18,7 @@ from obc_ros.cli.gallery_entries.entry import Answer, Entry, Row
 Array = NDArray[np.float64]
 Goal = tuple[float, float, float]
 
-SIDE, POINTS = 3.0, 26  # of the map [m]
+SIDE, POINTS = 3.0, 22  # of the map [m]
 HEADINGS = (0.0, pi / 2)
 STRAIGHT = ((2.0, 0.0, 0.0), (-1.5, 0.0, 0.0))
 TURNS = ((0.0, 0.0, pi / 2), (0.0, 0.0, -1.0), (0.0, 0.0, 3.0))
@@ -191,7 +191,7 @@ def _draw(maps: list[Any], shown: list[Trajectory]) -> Figure:
         axes[2].plot(path.x['px'] * back, path.x['py'] * back, color=colour, linewidth=3.5)
         _robot(axes[2], *(path.x[name][-1] for name in ('px', 'py', 'theta')), colour)
     _robot(axes[2], 0.0, 0.0, 0.0)
-    axes[2].set_aspect('equal', adjustable='datalim')
+    axes[2].set(aspect='equal', xlim=(-1.9, 2.5), ylim=(-1.9, 2.5))
     describe(axes[2], 'some of the paths', '$x$ [m]', '$y$ [m]')
     return figure
 

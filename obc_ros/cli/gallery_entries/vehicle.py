@@ -169,7 +169,7 @@ def _draw(design: Regulator, step: Run, driven: Run, error: Array) -> Figure:
     describe(magnitude, '(a) frequency response', 'frequency [rad/s]', 'magnitude [dB]',
              legend=True)
     describe(phase, '(a) phase and its margin', 'frequency [rad/s]', 'phase [deg]',
-             legend='lower left')
+             legend='upper right')
     course.plot(driven.t, driven.x[:, 0], color=COLOURS[2], label='the vehicle')
     course.plot(driven.t, np.where(
         driven.t < BEGIN, np.nan, AMPLITUDE * np.sin(RATE * (driven.t - BEGIN))),
