@@ -25,7 +25,10 @@ NAMES = (
     'di_mintime_speed_limit', 'dido', 'goddard', 'hypersensitive', 'jacobson_state_bound',
     'lane_change', 'linear_tangent', 'moon_lander', 'orbit_raising', 'rayleigh_mixed',
     'rayleigh_mintime', 'robot_arm', 'singular_aly', 'singular_scalar', 'soap_film',
-    'vanderpol_bounded', 'vanderpol_mintime', 'zermelo_constant', 'zermelo_shear')
+    'vanderpol_bounded', 'vanderpol_mintime', 'zermelo_constant', 'zermelo_shear',
+    'dielectrophoretic', 'double_oscillator', 'electric_vehicle', 'hager_hou_rao', 'logarithmic',
+    'mountain_car', 'nishida', 'quad_2d_mintime', 'reinvestment', 'robbins', 'two_link_arm',
+    'vanderpol_state_bound')
 
 
 def stated(name, **changes):

@@ -29,6 +29,7 @@ THIN = {'color': 'grey', 'linewidth': 0.8, 'linestyle': (0, (4, 3)), 'zorder': 1
 GREEK = ('alpha', 'beta', 'gamma', 'delta', 'epsilon', 'zeta', 'eta', 'theta', 'kappa', 'lambda',
          'mu', 'nu', 'xi', 'rho', 'sigma', 'tau', 'phi', 'chi', 'psi', 'omega')
 FEW = 12  # names that a legend can hold
+CONTRAST = 50.0  # ratio of sizes from which on lines do not share a panel
 
 
 def draw(path: Path, question: Question) -> None:
@@ -73,34 +74,45 @@ def switching_function(problem: Problem, x: Array, u: Array, lam: Array) -> Arra
     Inside an input's bounds it vanishes; where it does not, the input is at the lower bound when
     it is positive and at the upper one when it is negative.
     """
+    return _slopes(problem, x, u, lam)[0]
+
+
+def _slopes(problem: Problem, x: Array, u: Array, lam: Array) -> tuple[Array, Array]:
+    """Return dH/du (N, m) and the sum of the sizes of its terms (N, m)."""
     costate = ca.SX.sym('lam', problem.n)
-    H = problem.L + ca.dot(costate, problem.f)
-    gradient = ca.Function('gradient', [problem.x, problem.u, costate, problem.p],
-                           [ca.gradient(H, problem.u)])
+    L_u, f_u = ca.jacobian(problem.L, problem.u), ca.jacobian(problem.f, problem.u)
+    slopes = ca.Function('slopes', [problem.x, problem.u, costate, problem.p], [
+        ca.densify(L_u + costate.T @ f_u).T,
+        ca.densify(ca.fabs(L_u) + ca.fabs(costate).T @ ca.fabs(f_u)).T])
     N = len(x)
-    values: Array = gradient.map(N)(x.T, u.T, lam.T, ca.repmat(problem.p_value, 1, N)).full().T
-    return values
+    values, sizes = slopes.map(N)(x.T, u.T, lam.T, ca.repmat(problem.p_value, 1, N))
+    return values.full().T, sizes.full().T
 
 
 def _figure(problem: Problem, result: Any) -> Figure:
     path = result.trajectory
     t = np.array(path.t)
     x, u, lam = (np.array(values).reshape(len(t), -1) for values in (path.x, path.u, path.lam))
-    panels = 5 if lam.size else 2
+    states, inputs = _alike(x), _alike(u)
+    costates = _alike(lam) if lam.size else []
+    panels = len(states) + len(inputs) + len(costates) + 2 * bool(lam.size)
     figure = Figure(figsize=(7.5, 1.0 + 1.75 * panels), layout='constrained')
     axes = figure.subplots(panels, 1, sharex=True)
+    waiting = iter(axes)
+    for group in states:
+        panel = next(waiting)
+        _lines(panel, 'states', t, x, '{}', problem.states, group)
+        _bounds(panel, x[:, group], problem.x_lower[group], problem.x_upper[group])
     steps = 'steps-post' if path.interpolation == 'zoh' else 'default'
-    _lines(axes[0], 'states', t, x, '{}', problem.states)
-    _bounds(axes[0], x, problem.x_lower, problem.x_upper)
-    _lines(axes[1], 'inputs', t, u, '{}', problem.inputs, drawstyle=steps)
-    _bounds(axes[1], u, problem.u_lower, problem.u_upper)
+    for group in inputs:
+        panel = next(waiting)
+        _lines(panel, 'inputs', t, u, '{}', problem.inputs, group, drawstyle=steps)
+        _bounds(panel, u[:, group], problem.u_lower[group], problem.u_upper[group])
+    for group in costates:
+        _lines(next(waiting), 'costates', t, lam, r'\lambda_{{{}}}', problem.states, group)
     if lam.size:
-        _lines(axes[2], 'costates', t, lam, r'\lambda_{{{}}}', problem.states)
-        _lines(axes[3], 'switching function', t, switching_function(problem, x, u, lam),
-               r'\partial H/\partial {}', problem.inputs)
-        axes[3].axhline(0.0, **THIN)
-        _lines(axes[4], 'Hamiltonian', t, np.array(path.hamiltonian)[:, None], '{}', ['H'])
-        _widen(axes[4], np.array(path.hamiltonian))
+        _conditions(next(waiting), next(waiting), problem, (t, x, u, lam),
+                    np.array(path.hamiltonian))
     for panel in axes:
         for time in path.switching_times:
             panel.axvline(time, **THIN)
@@ -108,6 +120,33 @@ def _figure(problem: Problem, result: Any) -> Figure:
     axes[-1].set_xlim(t[0], t[-1])
     figure.align_ylabels()
     return figure
+
+
+def _conditions(above: Axes, below: Axes, problem: Problem, path: tuple[Array, ...],
+                hamiltonian: Array) -> None:
+    """Draw the switching function and the Hamiltonian."""
+    t, x, u, lam = path
+    values, sizes = _slopes(problem, x, u, lam)
+    _lines(above, 'switching function', t, values, r'\partial H/\partial {}', problem.inputs)
+    above.axhline(0.0, **THIN)
+    # Where the terms of dH/du cancel, what is left is not to be drawn as if it were large.
+    _widen(above, values, float(sizes.max()))
+    _lines(below, 'Hamiltonian', t, hamiltonian[:, None], '{}', ['H'])
+    if problem.final_time.free:
+        below.axhline(0.0, **THIN)
+    _widen(below, hamiltonian, 1.0)
+
+
+def _alike(values: Array) -> list[list[int]]:
+    """Return the columns in groups whose members are seen on one scale, in their order."""
+    sizes = np.abs(values).max(axis=0)
+    sizes[sizes == 0.0] = sizes.max()
+    groups: list[list[int]] = []
+    for index in np.argsort(-sizes, kind='stable').tolist():
+        if not groups or sizes[index] * CONTRAST < sizes[groups[-1][0]]:
+            groups.append([])
+        groups[-1].append(index)
+    return sorted(sorted(group) for group in groups)
 
 
 def _title(question: Question) -> str:
@@ -119,14 +158,16 @@ def _title(question: Question) -> str:
 
 
 def _lines(axes: Axes, label: str, t: Array, values: Array, template: str,
-           names: Sequence[str], **style: Any) -> None:
-    for index, (name, column) in enumerate(zip(names, values.T, strict=True)):
-        axes.plot(t, column, label=f'${template.format(symbol(name))}$',
+           names: Sequence[str], group: Sequence[int] | None = None, **style: Any) -> None:
+    """Draw the columns of a group, or all, a name in the same colour in every panel."""
+    shown = range(len(names)) if group is None else group
+    for index in shown:
+        axes.plot(t, values[:, index], label=f'${template.format(symbol(names[index]))}$',
                   color=COLOURS[index % len(COLOURS)],
                   linestyle=DASHES[index // len(COLOURS) % len(DASHES)], **style)
     axes.set_ylabel(label)
-    if len(names) <= FEW:
-        axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), ncols=1 + (len(names) > 6))
+    if len(shown) <= FEW:
+        axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), ncols=1 + (len(shown) > 6))
 
 
 def symbol(name: str) -> str:
@@ -145,8 +186,8 @@ def _bounds(axes: Axes, values: Array, lower: Array, upper: Array) -> None:
             axes.axhline(bound, **THIN)
 
 
-def _widen(axes: Axes, values: Array) -> None:
-    """Keep a constant from being drawn as the noise of its last digits."""
+def _widen(axes: Axes, values: Array, size: float) -> None:
+    """Keep what is constant beside `size` from being drawn as the noise of its last digits."""
     middle, half = (values.max() + values.min()) / 2, (values.max() - values.min()) / 2
-    half = max(half * 1.1, 0.05 * max(1.0, abs(middle)))
+    half = max(half * 1.1, 0.05 * max(size, abs(middle)) or 0.05)
     axes.set_ylim(middle - half, middle + half)
