@@ -295,7 +295,7 @@ def test_qos_overrides_and_what_does_not_fit(spawn: Any, probe: Any) -> None:
     """The QoS is set by parameters; who cannot be heard for it is named with the topic."""
     parameters = {'qos_overrides./state.subscription.reliability': 'reliable',
                   'qos_overrides./state.subscription.deadline': 200_000_000}
-    spawn('lqr_node', parameters, name='careful')
+    process = spawn('lqr_node', parameters, name='careful')
     deaf = probe.node.create_publisher(State, 'state', BEST_EFFORT)
     reports = probe.listen(DiagnosticArray, '/diagnostics')
     assert probe.get_parameters('/careful', 'qos_overrides./state.subscription.reliability') == {
@@ -311,10 +311,11 @@ def test_qos_overrides_and_what_does_not_fit(spawn: Any, probe: Any) -> None:
         depth=1, deadline=Duration(seconds=0.2)))
     commands = probe.listen(Command, 'command')
     probe.wait_for(lambda: good.publish(State(x=X)) or commands)
-    probe.wait_for(lambda: reported('deadlines missed') or reported('no good state'))
+    probe.wait_for(lambda: reported('deadlines missed on /state') or reported('no good state'))
     probe.wait_for(lambda: any(
         each.key == 'deadline' and int(each.value) for array in reports
         for status in array.status for each in status.values))
+    process.wait_for_output('a state on /state missed its deadline of 0.2 s')
 
 
 # Messages of robots

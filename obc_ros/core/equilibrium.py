@@ -46,6 +46,7 @@ class Equilibrium:
     drift: Array
 
 
+@np.errstate(all='ignore')  # what overflows does not hold
 def equilibrium(
     system: System,
     x: Sequence[float] | Array | None = None,

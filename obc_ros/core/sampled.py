@@ -64,6 +64,7 @@ class SampledDesign:
         return spectral_radius(self.loop)
 
 
+@np.errstate(all='ignore')  # what overflows is refused
 def sampled_lqr(A: Array, B: Array, weights: Weights, period: float, delay: float = 0.0
                 ) -> SampledDesign:
     """

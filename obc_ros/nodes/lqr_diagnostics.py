@@ -26,6 +26,7 @@ class Monitor:
     refusals: int = 0
     last_refusal: str = ''
     design: str = ''
+    topic: str = ''
     faults: dict[str, str] = field(default_factory=dict)
     _suspected: set[str] = field(default_factory=set)
     _before: Counter[str] = field(default_factory=Counter)
@@ -86,7 +87,8 @@ class Monitor:
             level, words = DiagnosticStatus.WARN, 'states dropped: ' + ', '.join(
                 f'{count} {what}' for what, count in dropped.items())
         elif new['deadline']:
-            level, words = DiagnosticStatus.WARN, f'{new["deadline"]} deadlines missed'
+            level, words = DiagnosticStatus.WARN, (
+                f'{new["deadline"]} deadlines missed on {self.topic}')
         elif new['answered'] > 1 and new['repeated'] >= new['answered']:
             level, words = DiagnosticStatus.WARN, 'the stamps of the states do not advance'
         if self.faults:

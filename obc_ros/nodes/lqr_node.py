@@ -84,6 +84,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
             lqr_topics.SOURCES[settings.state_source], settings.state_source,
             lambda message: None, QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT),
             callback_group=Apart(), qos_overriding_options=overrides)
+        self._monitor.topic = self._states.topic_name
         self._commands = self.create_lifecycle_publisher(
             lqr_topics.SINKS[settings.command_sink], settings.command_sink, QoSProfile(depth=1),
             qos_overriding_options=overrides)

@@ -1,0 +1,141 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""lqr_node in its own process: what it says of a design and of itself, and what it refuses."""
+
+import math
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from lqr_bench import Bench, HOVER, matrix, nanoseconds
+from nav_msgs.msg import Odometry
+import numpy as np
+from obc_ros.msg import Command, State
+import pytest
+from std_srvs.srv import Trigger
+
+pytestmark = pytest.mark.nodes
+
+X = [0.3, -0.2, 0.1, 0.05, -0.04, 0.02]
+
+
+def test_diagnostics_at_1_hz(spawn: Any, probe: Any) -> None:
+    """Rate, state age, latency, share at a limit, revision and last refusal, once a second."""
+    bench = Bench(spawn, probe, u_min=[-1.0, 30.0], u_max=[1.0, 50.0])
+    assert bench.set(Qx=[2.0] * 6).successful
+    assert not bench.set(Qu=[1.0, -1.0]).successful
+    arrived: list[float] = []
+    probe.node.create_subscription(
+        DiagnosticArray, '/diagnostics', lambda _: arrived.append(time.monotonic()), 10)
+    begun, answered = time.monotonic(), 0
+    bench.reports.clear()
+    while len(bench.reports) < 4:
+        bench.answer([9.0] * 6 if answered % 4 == 0 else [0.0] * 6)
+        answered += 1
+        probe.spin_for(0.01)
+        assert time.monotonic() < begun + 30.0
+    assert np.diff(arrived) == pytest.approx(1.0, abs=0.5)
+    parts = {status.name: (status, {each.key: each.value for each in status.values})
+             for status in bench.reports[-1].status}
+    assert set(parts) == {f'lqr_node: {part}' for part in ('states', 'commands', 'design')}
+    status, states = parts['lqr_node: states']
+    assert status.level == b'\x00' and status.message == 'states are answered'
+    mean = answered / (time.monotonic() - begun)
+    assert float(states['rate [Hz]']) == pytest.approx(mean, rel=0.5)
+    assert 0.0 <= float(states['age [s]']) < 0.5 and states['dropped not finite'] == '0'
+    _, commands = parts['lqr_node: commands']
+    assert 1.0 < float(commands['latency p50 [us]']) <= float(commands['latency p99 [us]']) < 1e6
+    assert float(commands['share at a limit']) == pytest.approx(0.25, abs=0.1)
+    assert 'at a limit 2' in parts['lqr_node: commands'][0].message
+    status, design = parts['lqr_node: design']
+    assert design['revision'] == '2' and design['changes refused'] == '1'
+    assert design['last refusal'].startswith('Qu[1] = -1: Qu must be positive definite')
+    assert 'revision 2: aircraft: 6 poles left of' in status.message
+
+
+@pytest.mark.parametrize('q', [0.01, 1.0])
+def test_the_numbers_of_exercise_2_10(spawn: Any, probe: Any, q: float) -> None:
+    """Across the road, py'' = (v^2 / l) phi: the figures of ~/design are those of Example 2.4."""
+    bench = Bench(spawn, probe, system='vehicle_lateral', Qx=[q, 0.0], Qu=[1.0])
+    design, w0 = bench.design(1), math.sqrt(10.0**2 / 2.0 * math.sqrt(q))
+    unit = math.sqrt(1.0 + math.sqrt(2.0))
+    assert design.k == pytest.approx([math.sqrt(q), math.sqrt(2.0) * w0 * 2.0 / 10.0], rel=1e-9)
+    assert design.overshoot[0] == pytest.approx(math.exp(-math.pi), rel=1e-3)
+    assert design.rise_time[0] == pytest.approx(2.1457 / w0, rel=2e-3)
+    assert design.bandwidth[0] == pytest.approx(unit * w0, rel=1e-9)
+    assert design.phase_margin[0] == pytest.approx(math.atan(math.sqrt(2.0) * unit), rel=1e-9)
+    assert design.gain_margin[0] == math.inf
+    assert design.gain_reduction_margin[0] == pytest.approx(0.0, abs=1e-9)
+    # |1 + L| > 1 for any regulator (Kalman): no peak above 1, and so at least half a disk
+    assert design.sensitivity_peak == pytest.approx(1.0, abs=1e-6)
+    assert 1.0 < design.disk_margin[0] < 2.0
+    assert design.damping == pytest.approx([math.sqrt(0.5)] * 2)
+    assert design.residual < 1e-12
+
+
+@pytest.mark.parametrize(('A', 'B', 'Qx', 'Qu', 'sentence'), [
+    ([1.0, 0.0, 0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0], 'the mode at +1 of A is out of reach'),
+    ([1.0, 0.0, 0.0, -1.0], [1.0, 1.0], [0.0, 1.0], [1.0], 'not seen by Qx'),
+    ([0.0, 1.0, 0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [-1.0], 'Qu[0] = -1: Qu must be positive'),
+    ([0.0, 1.0, 0.0, 0.0], [0.0, 1.0], [1.0, 2.0, 3.0, 1.0], [1.0], 'Qx must be symmetric'),
+])
+def test_a_design_that_cannot_be_proved(spawn: Any, A: Any, B: Any, Qx: Any, Qu: Any,
+                                        sentence: str) -> None:
+    """The node does not start with it, and says what stands against it."""
+    process = spawn('lqr_node', {'system': 'linear', 'system_parameters.A': A,
+                                 'system_parameters.B': B, 'Qx': Qx, 'Qu': Qu})
+    assert process.wait() == 1 and sentence in process.output(), process.output()
+
+
+def test_weights_that_fool_the_usual_solver(spawn: Any, probe: Any) -> None:
+    """Where others answer with an unstable gain, this one stabilises: the closed form."""
+    bench = Bench(spawn, probe, system='double_integrator', Qx=[1e16, 1e-16], Qu=[1e-16])
+    design = bench.design(1)
+    assert list(design.k) == pytest.approx([1e16, math.sqrt(2e16)], rel=1e-12)
+    assert max(design.poles_real) < 0.0 and 'poles left of' in design.sentence
+    u = bench.answer([1e-16, 0.0])
+    assert u == pytest.approx(-1.0)
+    assert 'Qu must be positive definite' in bench.set(Qu=[-1.0]).reason
+    assert (bench.answer([1e-16, 0.0]) == u).all()
+
+
+def test_anti_windup(spawn: Any, probe: Any) -> None:
+    """An input at its limit leaves it at once when the error turns."""
+    bench = Bench(spawn, probe, system='double_integrator', integral=['x1'], Qi=[1.0],
+                  u_limits=[-1.0, 1.0])
+    for k in range(100):
+        u = bench.answer([5.0, 0.0], 0.05 * k)
+    assert u == -1.0
+    assert bench.answer([-0.2, 0.0], 5.0)[0] > 0.2  # wound up it would stay at -1 for long
+
+
+def test_odometry_of_the_aircraft(spawn: Any, probe: Any) -> None:
+    """Its velocity is in the frame of the body; the loop closed over odom is that over state."""
+    commands: list[Command] = probe.listen(Command, 'command', 1_000)
+    states: list[State] = probe.listen(State, 'state', 1_000)
+    bench = Bench(spawn, probe, message=Odometry, topic='odom', state_source='odom')
+    design = bench.design(1)
+    spawn('plant_simulator', {'lockstep': True, 'speed': 0.0, 'publish_clock': True,
+                              'x0': [1.0, 0.5, 0.6, 1.0, -1.0, 0.3]})
+    probe.wait_for(lambda: states and states[-1].header.stamp.sec >= 2)
+    known = {nanoseconds(each): np.array(each.x) for each in states}
+    K, compared = matrix(design.k, 2), 0
+    for each in commands:
+        if nanoseconds(each) in known:
+            compared += 1
+            np.testing.assert_allclose(
+                each.u, HOVER - K @ known[nanoseconds(each)], rtol=1e-9, atol=1e-9)
+    assert compared > 100
+
+
+def test_stop_and_start_of_a_smooth_loop(spawn: Any, probe: Any) -> None:
+    """With transition_time a start takes over from the input at rest without a jump."""
+    bench = Bench(spawn, probe, transition_time=1.0)
+    law = bench.answer(X, 1.0)
+    assert probe.call(Trigger, '/lqr_node/stop').success
+    assert (bench.answer(X, 1.1) == HOVER).all()
+    assert probe.call(Trigger, '/lqr_node/start').success
+    np.testing.assert_allclose(bench.answer(X, 1.2), HOVER, atol=1e-9)
+    half = bench.answer(X, 1.7)
+    np.testing.assert_allclose(half, 0.5 * (HOVER + law), atol=1e-9)
+    np.testing.assert_allclose(bench.answer(X, 2.2), law, atol=1e-9)
