@@ -86,6 +86,23 @@ def test_command(tmp_path: Path, domain: int) -> None:
     assert not looked.open
 
 
+@pytest.mark.nodes
+def test_what_is_done_stays_when_it_is_interrupted(tmp_path: Path, domain: int) -> None:
+    folder = tmp_path / 'out'
+    process = support.Process(
+        [support.find('obc'), 'gallery', '2.2', '2.5', '--out', str(folder)], tmp_path / 'log',
+        domain)
+    try:
+        process.wait_for_output('2.2: holds', 60.0)
+        assert process.interrupt() == 1
+    finally:
+        process.end()
+    assert 'ended by SIGINT' in process.output()
+    assert 'Traceback' not in process.output()
+    known = json.loads((folder / 'gallery.json').read_text())['entries']
+    assert [each['name'] for each in known] == ['2.2']
+
+
 class Looked(HTMLParser):
     """What a page refers to, and whether its tags are closed."""
 
@@ -121,7 +138,7 @@ def test_a_number_that_is_off_fails_the_entry(tmp_path: Path,
     assert [record['holds'] for record in records] == [False, False]
     assert records[1]['message'] == 'no <answer>'
     assert 'no &lt;answer&gt;' in page.page(records)
-    monkeypatch.setattr(gallery, 'work_all', lambda *_: records)
+    monkeypatch.setattr(gallery, 'work_all', lambda *given: given[-1].extend(records))
     assert main(['gallery', '2.2', '--out', str(tmp_path)]) == 1
 
 

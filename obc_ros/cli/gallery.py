@@ -49,24 +49,31 @@ def run(args: argparse.Namespace) -> int:
         return 0
     chosen = [entry for name, entry in known.items() if not args.names or name in args.names]
     begun = time.monotonic()
+    records: list[dict[str, Any]] = []
+    status = 0
     try:
-        records = work_all(chosen, args.out)
+        work_all(chosen, args.out, records)
+    except (ObcError, OSError) as error:  # interrupted, or a folder that cannot be written
+        print(f'obc gallery: {error}', file=sys.stderr)
+        status = 1
+    if not records:
+        return status
+    try:
         write(args.out, records, list(known))
-    except (ObcError, OSError) as error:  # a folder that cannot be written, a full disk
+    except (ObcError, OSError) as error:
         print(f'obc gallery: {error}', file=sys.stderr)
         return 1
     _show(records)
     print(f'{len(records)} entries in {time.monotonic() - begun:.1f} s: '
           f'{args.out / "index.html"}')
-    return 0 if all(record['holds'] for record in records) else 1
+    return status or int(not all(record['holds'] for record in records))
 
 
-def work_all(entries: Sequence['Entry'], out: Path) -> list[dict[str, Any]]:
-    """Return the records of entries, worked with a server on a domain of their own."""
+def work_all(entries: Sequence['Entry'], out: Path, records: list[dict[str, Any]]) -> None:
+    """Append the records of entries, worked with a server on a domain of their own."""
     from obc_ros.cli.client import served
     from obc_ros.cli.gallery_entries.desk import Desk
     from obc_ros.cli.processes import Children, free_domain, isolate
-    records = []
     with free_domain() as domain:
         isolate(domain)
         with (Children(out / 'log') as children, served(children) as client,
@@ -75,9 +82,7 @@ def work_all(entries: Sequence['Entry'], out: Path) -> list[dict[str, Any]]:
             for entry in entries:
                 lines.update(entry.name, entry.title)
                 records.append(work(entry, desk, out))
-                children.check()
                 lines.end(entry.name, f'{_verdict(records[-1])}, {records[-1]["seconds"]:.1f} s')
-    return records
 
 
 def work(entry: 'Entry', desk: 'Desk', out: Path) -> dict[str, Any]:

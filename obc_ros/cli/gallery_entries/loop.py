@@ -21,6 +21,7 @@ from std_srvs.srv import Trigger
 
 Array = NDArray[np.float64]
 
+RESET = 'ros2 service call /plant_simulator/reset std_srvs/srv/Trigger'
 PACE = {'lockstep': True, 'speed': 0.0, 'dt': 0.001}
 
 
@@ -129,9 +130,10 @@ def _ticks(t: Array) -> NDArray[np.int64]:
 def run_loop(folder: Path, plant: Mapping[str, Any], regulator: Mapping[str, Any],
              note: Callable[[str], None]) -> Iterator[Loop]:
     """Yield a loop that stands still; its topics are recorded into `folder`."""
-    plant = {**PACE, **plant}
-    note(run_node('plant_simulator', plant))
+    note(run_node('plant_simulator', plant))  # at the speed of the clock on the wall
     note(run_node('lqr_node', regulator))
+    note(RESET)
+    plant = {**PACE, **plant}
     with Children(folder / 'log') as children, Recorder(folder) as recorder:
         children.start('plant_simulator', *_arguments(plant))
         children.start('lqr_node', *_arguments(regulator))

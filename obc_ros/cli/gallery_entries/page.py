@@ -15,9 +15,12 @@ from typing import Any
 
 Record = Mapping[str, Any]
 
+_TERMINALS = ('<p>With <code>ros2 run obc_ros trajectory_server</code> and every other node in a '
+              'terminal of its own:</p>')
 _PARTS = re.compile(r'(\$[^$]*\$|`[^`]*`)')
 _TOKEN = re.compile(r'([_^])(\{[^}]*\}|.)|(&\w+;)|([A-Za-z]+)|([\u0370-\u03ff])|(.)', re.DOTALL)
-_UPRIGHT = ('arg', 'cos', 'exp', 'for', 'if', 'ker', 'max', 'min', 'rank', 'sgn', 'sin', 'tan')
+_UPRIGHT = ('arg', 'asin', 'atan', 'cos', 'cosh', 'diag', 'exp', 'for', 'if', 'ln', 'max', 'min',
+            'rank', 'sgn', 'sin', 'sinh', 'tan')
 
 _STYLE = """
 :root { --ink: #1b1f24; --soft: #57606a; --line: #d0d7de; --back: #f6f8fa; --good: #1a7f37;
@@ -129,7 +132,8 @@ def _article(record: Record) -> str:
         parts.append(_table(record['rows']))
     if record['commands']:
         commands = '\n'.join(f'<pre>{html.escape(each)}</pre>' for each in record['commands'])
-        parts.append(f'<details open><summary>Run it</summary>\n{commands}\n</details>')
+        parts.append(f'<details open><summary>Run it</summary>\n{_TERMINALS}\n'
+                     f'{commands}\n</details>')
     return '\n'.join([*parts, '</article>'])
 
 

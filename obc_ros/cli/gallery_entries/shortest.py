@@ -104,8 +104,8 @@ def _draw_2_2(three: Trajectory, four: Trajectory) -> Figure:
     solid.quiver(*middle, *(0.2 * y), color=COLOURS[1])
     solid.text(*(middle + 0.24 * y), '$y$', color=COLOURS[1])
     solid.view_init(20, -18)
-    solid.set(xlabel='$q_1$', ylabel='$q_2$', zlabel='$q_3$', title='(b) $y = (1, 2, 2)$',
-              box_aspect=(1, 1, 1))
+    solid.set_box_aspect((1, 1, 1), zoom=0.85)
+    solid.set(xlabel='$q_1$', ylabel='$q_2$', zlabel='$q_3$', title='(b) $y = (1, 2, 2)$')
     solid.tick_params(labelsize=7)
     solid.set_xticks([-0.5, 0.0, 0.5])
     u = input_of(three, 3)
@@ -121,7 +121,8 @@ def _draw_2_2(three: Trajectory, four: Trajectory) -> Figure:
             ('q1', 'q2', '$(q_1, q_2)$: once'), ('q3', 'q4', '$(q_3, q_4)$: twice'))):
         plane.plot(four.x[first], four.x[second], color=COLOURS[index], label=text)
     plane.plot(0, 0, 'ko', markersize=4)
-    plane.set(aspect='equal', xlim=(-0.22, 0.1), ylim=(-0.05, 0.27))
+    plane.set(aspect='equal', xlim=(-0.22, 0.1), ylim=(-0.05, 0.27),
+              xticks=[-0.2, -0.1, 0, 0.1])
     describe(plane, '(c) $m = 4$, $\\sigma = (0.08, 0.04)$', '$q_1$, $q_3$', '$q_2$, $q_4$',
              legend='upper right')
     return figure

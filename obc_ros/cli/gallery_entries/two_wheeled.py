@@ -160,7 +160,7 @@ def _mirrored(goals: list[Goal], paths: list[Trajectory]) -> tuple[Array, Array]
 
 
 def _draw(maps: list[Any], shown: list[Trajectory]) -> Figure:
-    figure, (axes,) = panels(1, 3, 4.4)
+    figure, (axes,) = panels(1, 3, 3.8)
     words = sorted({word(path) for _, paths in maps for path in paths},
                    key=lambda text: (len(text.replace('|', '')), text))
     colours = ['#88CCEE', '#44AA99', '#DDCC77', '#CC6677', '#332288', '#117733', '#AA4499',
