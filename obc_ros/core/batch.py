@@ -54,6 +54,11 @@ class Batch:
             One for each input; a single row stands for K equal ones.
 
         """
+        result = self.joined(*arguments)
+        return tuple(result[:, start:end] for start, end in pairwise(self._outputs))
+
+    def joined(self, *arguments: Array) -> Array:
+        """Return the outputs side by side, shape (K, length of all)."""
         count = max((len(a) for a in arguments if np.ndim(a) == 2), default=1)
         size = _MANY if count >= _MANY else self._few
         rows = -(-count // size) * size
@@ -66,7 +71,7 @@ class Batch:
                 buffer.set_arg(0, w[first:first + size].data)
                 buffer.set_res(0, result[first:first + size].data)
                 trigger()
-        return tuple(result[:count, start:end] for start, end in pairwise(self._outputs))
+        return result[:count]
 
     def _parcel(self, size: int) -> tuple[Any, Any]:
         """Return the buffer of the function for `size` rows and the call that evaluates it."""

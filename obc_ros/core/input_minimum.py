@@ -146,6 +146,8 @@ class InputMinimum:
             problem, self.points(problem, x, u, lam, np.zeros(problem.path.numel())), slack)
 
     def _where_met(self, problem: Problem, at: Points, slack: float) -> Array:
+        if not at.c.shape[1]:
+            return np.where(np.isfinite(at.H), at.H, np.inf)
         outside = np.maximum(problem.path_lower - at.c, at.c - problem.path_upper)
         met = np.all(outside <= slack * np.maximum(1.0, np.abs(at.c)), axis=1)
         return np.where(np.isfinite(at.H) & met, at.H, np.inf)
@@ -283,7 +285,7 @@ def _descend(slope: Array, Q: Array, u: Array, box: _Box) -> tuple[Array, Array]
             return step[:, None], slope[:, 0]*step + 0.5*Q[:, 0, 0]*step**2
     starts = [np.zeros((K, r))]
     if (r <= _MOST_AXES and np.all(np.isfinite([box.lower, box.upper]))
-            and np.any(np.linalg.eigvalsh(np.nan_to_num(Q))[:, 0] < 0)):
+            and _bends_down(np.nan_to_num(Q))):
         starts += [np.array(vertex) - u
                    for vertex in itertools.product(*zip(box.lower, box.upper, strict=True))]
     best, least = starts[0], np.zeros(K)
@@ -300,6 +302,14 @@ def _descend(slope: Array, Q: Array, u: Array, box: _Box) -> tuple[Array, Array]
         best = np.where(better[:, None], d, best)
         least = np.where(better, value, least)
     return best, least
+
+
+def _bends_down(Q: Array) -> bool:
+    """Return whether any of the symmetric matrices Q (K, r, r) has a negative eigenvalue."""
+    if Q.shape[1] == 2:
+        a, b, c = Q[:, 0, 0], Q[:, 1, 1], Q[:, 0, 1]
+        return bool(np.any((a < 0) | (b < 0) | (a*b < c*c)))
+    return bool(np.any(np.linalg.eigvalsh(Q)[:, 0] < 0))
 
 
 def _grid(u: Array, box: _Box) -> Array:

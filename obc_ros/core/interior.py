@@ -38,6 +38,8 @@ _ENOUGH = 10.0        # times mu: an error at which mu is made smaller
 _APART = 1e10         # factor between z and mu / distance
 _MULTIPLIERS = 1e3    # largest at the start
 _ROUGH = 1e-5         # infeasibility at which a cost is good enough
+_LATE, _FAR = 10, (0.5, 0.1)   # steps; infeasibility at which little came of them: part of the
+                               # first, and at all
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +173,8 @@ class Goal:
     """
     When to stop: at `feasible` rows and `optimal` other conditions, or after `most` steps.
 
-    `rough`: relative error of the cost that is good enough, 0 for none.
+    `rough`: relative error of the cost that is good enough, 0 for none; with it a start that
+    stays far from feasible is given up early.
     """
 
     feasible: float = 1e-9
@@ -373,6 +376,7 @@ def solve(work: Interior, now: Iterate, goal: Goal,
     `watch` is called with cost and infeasibility of every iterate; True stops.
     """
     pairs, start, least = Filter(now.total), now.total, goal.optimal / 10
+    first = now.worst
     while True:
         if now.worst <= goal.feasible and now.misses(0.0) <= goal.optimal:
             now.converged, now.status = True, 'converged'
@@ -390,6 +394,10 @@ def solve(work: Interior, now: Iterate, goal: Goal,
             now.status = 'no step'
             return now
         now.iterations += 1
+        if (goal.rough and now.iterations == _LATE
+                and now.worst > max(_FAR[0] * first, _FAR[1])):
+            now.status = 'too slow'
+            return now
         near = goal.rough * abs(now.values.f)
         if near and now.worst <= _ROUGH and promise <= near and now.mu * work.count <= near:
             now.converged, now.status = True, 'good enough'

@@ -142,31 +142,39 @@ class Integrator:
         z = np.column_stack([intervals.x, intervals.lam, np.zeros(K)])
         h = intervals.h[:, None] / steps
 
-        def rate(tau: float, z: Array) -> Array:
-            held = [(1 - tau)*a + tau*b for a, b in (
-                (intervals.ua, intervals.ub), (intervals.sa, intervals.sb),
-                (intervals.ma, intervals.mb))]
-            f, lam_rate, L = self._rate(z[:, :n], z[:, n:2*n], *held, p)
-            return np.hstack([f, lam_rate, L])
+        still = [not held.any() for held in (intervals.sa, intervals.sb, intervals.ma,
+                                             intervals.mb)]
 
-        seen, total, first = [z], np.zeros_like(z), rate(0.0, z)
+        def between(a: Array, b: Array, tau: float) -> Array:
+            return (1 - tau)*a + tau*b
+
+        def rate(tau: float, z: Array) -> Array:
+            s = intervals.sa if all(still) else between(intervals.sa, intervals.sb, tau)
+            m = intervals.ma if all(still) else between(intervals.ma, intervals.mb, tau)
+            return self._rate.joined(z[:, :n], z[:, n:2*n],
+                                     between(intervals.ua, intervals.ub, tau), s, m, p)
+
+        seen, total = [z], np.zeros_like(z)
+        slopes = np.empty((len(_C), *z.shape))
+        slopes[0] = rate(0.0, z)
         for step in range(steps):
-            slopes = [first]
-            for c, row in zip(_C[1:], _A[1:], strict=True):
-                end = z + h*_sum(row, slopes)
-                slopes.append(rate((step + c)/steps, end))
+            for i in range(1, len(_C)):
+                end = z + h*_sum(_A[i], slopes)
+                slopes[i] = rate((step + _C[i])/steps, end)
             total += np.abs(h*_sum(_ERROR, slopes))
             if steps < PARTS:
                 half = end - z
-                bend = h*first - half
+                bend = h*slopes[0] - half
                 seen.append(z + (half + (bend + (half - h*slopes[-1] - bend
                                                  + h*_sum(_DENSE, slopes)/2)/2)/2)/2)
             # The last row of the pair is its step, and its slope the next one's first.
-            z, first = end, slopes[-1]
+            z, slopes[0] = end, slopes[-1]
             if (step + 1) % max(steps // PARTS, 1) == 0:
                 seen.append(z)
         return np.stack(seen, axis=1), total
 
 
-def _sum(weights: tuple[float, ...], slopes: list[Array]) -> Array:
-    return np.asarray(sum(b*k for b, k in zip(weights, slopes, strict=True) if b))
+def _sum(weights: tuple[float, ...], slopes: Array) -> Array:
+    """Return the sum of the first slopes, shape (., K, length), by weight."""
+    count = len(weights)
+    return np.asarray(np.dot(weights, slopes[:count].reshape(count, -1))).reshape(slopes.shape[1:])

@@ -75,7 +75,7 @@ class Search:
         self.intervals, self.typical = COARSE, _COARSE_ITERATIONS
         self.starts: Iterator[Path] = iter(())
         self.last: Answered | None = None
-        self._courses: dict[Outcome, tuple[Problem, Extremal]] = {}
+        self._courses: dict[tuple[Outcome, bool], tuple[Problem, Extremal]] = {}
         self._judged: tuple[Problem | None, Extremal | None, Judgement | None] = None, None, None
         self.bounded = bool(problem.path.numel() or np.any(
             np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)))
@@ -141,7 +141,8 @@ class Search:
 
     def believed(self, outcome: Outcome) -> bool:
         """Return whether the cost of a coarse outcome says something."""
-        return outcome.converged and bool(self.course(outcome).local.max() < _BELIEVED)
+        return outcome.converged and bool(
+            self.course(outcome, draft=True).local.max() < _BELIEVED)
 
     def _from_starts(self) -> list[Outcome]:
         found: list[Outcome] = []
@@ -161,23 +162,24 @@ class Search:
     def from_next_start(self, most: int, *, once: bool, hard: bool = False) -> Outcome:
         """Return what the coarse mesh gives from the next start in so many iterations."""
         if once:
-            most = min(most, max(_FEW_ITERATIONS, (5 if hard else 2) * self.typical))
+            most = min(most, max(_FEW_ITERATIONS, round((5 if hard else 2.5) * self.typical)))
         return self.collocate(uniform(self.problem, self.intervals, self.stages),
                               next(self.starts), most=most, rough=_ROUGH, once=once)
 
-    def course(self, outcome: Outcome, *, stated: bool = False) -> Extremal:
-        """Return states and costates under the input of an outcome."""
+    def course(self, outcome: Outcome, *, stated: bool = False, draft: bool = False) -> Extremal:
+        """Return states and costates under the input of an outcome; a `draft` is quicker."""
         problem = self.stated if stated else self.problem
-        kept, course = self._courses.get(outcome, (None, None))
+        draft = draft and not self.bounded
+        kept, course = self._courses.get((outcome, draft), (None, None))
         if course is not None and kept is problem:
             return course
         integrator = self.kit.judge if stated else self.kit.integrator
-        course = integrator.extremal(problem, outcome, 4 if self.stages else 2)
+        course = integrator.extremal(problem, outcome, 4 if self.stages else 2, draft=draft)
         if self.bounded:
             course = self.kit.fitter(problem, stated).fit(problem, outcome, course)
         if len(self._courses) >= _COURSES_KEPT:
             self._courses.clear()
-        self._courses[outcome] = problem, course
+        self._courses[outcome, draft] = problem, course
         return course
 
     def judged(self, course: Extremal) -> Judgement:
@@ -209,7 +211,7 @@ class Search:
         mesh = split(uniform(self.problem, COARSE, self.stages), np.full(COARSE, 4))
         start = replace(outcome.path, ua=u[:-1], ub=u[1:])
         new = self.collocate(mesh, start, sizes=self.sizes(outcome))
-        better = new.converged and self.given_away(new, self.course(new)) < above
+        better = new.converged and self.given_away(new, self.course(new, draft=True)) < above
         return new if better else outcome
 
     def settled(self, outcome: Outcome) -> Outcome:
@@ -272,12 +274,12 @@ class Search:
             outcome = self.settled(outcome)
         above = np.inf
         for turn in range(_ROUNDS):
-            course = self.course(outcome)
+            course = self.course(outcome, draft=True)
             above, before = self.given_away(outcome, course), above
             stalled = turn and above > _CLOSE and above > 0.3 * before
             if (stalled or turn == _PLAIN_ROUNDS) and not any(self.switching):
                 outcome = self.rethought(outcome, course, above)
-                course = self.course(outcome)
+                course = self.course(outcome, draft=True)
             yield outcome, course
             if self.kit.twin:
                 self.problem = self.kit.twin.problem(self.stated, turn + 1)
@@ -380,6 +382,7 @@ class Search:
             # Kinks have left their mesh points.
             answer = self.followed_up(outcome)
             if _holds(answer):
+                self.kit.last = self.last
                 return answer
         self.stages = 3 if self.bounded else 0
         self.reset()
@@ -413,7 +416,7 @@ class Search:
             above = self.given_away(outcome, course)
             # A certificate allows more than what one more mesh often takes away at once.
             if above < _CLOSE or number and above < _WORTH_A_LOOK or self.monitor.stopped:
-                answer = self.solution(outcome, course)
+                answer = self.solution(outcome, self.course(outcome))
                 if best is None or _holds(answer) or not _holds(best):
                     best = answer
                 if _holds(answer) and not self.quick:
@@ -423,7 +426,7 @@ class Search:
                 break
             if self.quick and number >= 2:
                 break
-        return best if best is not None else self.solution(outcome, course)
+        return best if best is not None else self.solution(outcome, self.course(outcome))
 
     def explored(self, best: Solution, floor: float) -> Solution:
         """

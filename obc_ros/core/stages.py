@@ -15,7 +15,7 @@ from obc_ros.core.interior import Goal, Interior, Iterate, Pattern, solve, Value
 Array = NDArray[np.float64]
 
 _PENALTY = 1e7       # of J'J, when H is tested
-_STEEPEST = 100.0   # of a cost and of rows at T
+_STEEPEST = 100.0   # of a cost
 _FAR, _NEAR = (0.1, 1e-2), (1e-4, 1e-6)   # mu, distance from bounds
 
 
@@ -148,7 +148,9 @@ class Stages:
         y, lower = np.zeros(self.size), np.full(self.size, -np.inf)
         upper = -lower
         y[self.at_w], lower[self.at_w], upper[self.at_w] = w, *bounds
-        self._scale(y)
+        self.factor, self.weights = 1.0, np.ones(self._end.r)
+        if not near:
+            self._scale(y)
 
         def seen(f: float, worst: float) -> bool:
             return watch(f / self.factor, worst)
@@ -180,8 +182,7 @@ class Stages:
         return np.append(np.ones(self._rows.size), self.weights)
 
     def _scale(self, y: Array) -> None:
-        """Make cost and rows at T less steep where they are very steep."""
-        self.factor, self.weights = 1.0, np.ones(self._end.r)
+        """Make the cost less steep where it is very steep."""
         steepest = float(np.abs(self.values(y).cost_slope).max())
         if np.isfinite(steepest):
             self.factor = min(1.0, _STEEPEST / max(steepest, 1e-300))
