@@ -413,7 +413,9 @@ def _too_far(problem: Problem) -> Iterator[str]:
     f, psi = ca.Function('f', symbols, [problem.f]), ca.Function('psi', symbols, [problem.psi])
     u, p = (problem.u_lower, problem.u_upper), (problem.p_value, problem.p_value)
     low, high = problem.x_lower, problem.x_upper
-    for within in ('within its bounds', 'within reach')[:1 + bool(problem.q)]:
+    # Of linear systems more can be said, and is: by when.
+    curved = bool(problem.q) and affine(problem) is None
+    for within in ('within its bounds', 'within reach')[:1 + curved]:
         for row, found in enumerate(enclosure(psi, [(low, high), u, p])):
             margin = 1e-6 * (1 + sum(abs(each) for each in (found.low, found.high)
                                      if np.isfinite(each)))
