@@ -139,7 +139,7 @@ def run_loop(folder: Path, plant: Mapping[str, Any], regulator: Mapping[str, Any
         children.start('lqr_node', *_arguments(regulator))
         with closing(Pilot(children, recorder)) as pilot:
             pilot.wait(lambda: bool(pilot.designs) and pilot.hears('command')
-                       and bool(pilot.states.stamp), 'the loop')
+                       and bool(pilot.states.stamp), 'the loop', 60.0)
             pilot.pause(True)
             yield Loop(pilot, note)
 

@@ -217,7 +217,11 @@ THEOREM_2_2 = Entry(
         '$J* = x^T(0) P x(0)$. Here for a random system of four states and two inputs.',),
     theorem_2_2,
     '“$Q_u = H^T H$” must read $Q_x = H^T H$. Reachability and observability are more than is '
-    'needed: stabilisable and detectable is enough.')
+    'needed: stabilisable and detectable is enough. In section 2.4, before (2.7), '
+    '“$PBQ_u^{-1}BPx$” lacks a transpose, $B^T Px$, and $u$ is in $R^m$; $P_1 ≥ 0$, as there, is '
+    'what is needed, not $P_1 > 0$ as in section 2.2. And a finite cost does not make $L(x, u)$ '
+    'approach zero, as section 2.2 says: pulses of height 1 and width $2^{-k}$ have a finite '
+    'integral. (It does so here, where $x*(t)$ is a sum of exponentials.)')
 EXAMPLE_2_4 = Entry(
     '2.4', 'Optimal control of a double integrator', 'Example 2.4', (
         "$x_1' = x_2$, $x_2' = u$ with $Q_x = diag(q^2, 0)$, $Q_u = 1$. The Riccati equation has "
