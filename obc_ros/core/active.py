@@ -60,7 +60,7 @@ def follow(program: Program, bounds: tuple[Array, Array], y: Array, side: Side, 
             return None
         # What is held is let go where the cost falls inwards.
         free = (side != 0) & (side * there.slope > goal.optimal)
-        size = max(1.0, float(np.abs(y[row]).max()) / 100.0)
+        size = max(1.0, float(np.abs(y[row]).max(initial=0.0)) / 100.0)
         if (not free.any() and wrong <= goal.optimal * size
                 and float(np.abs(there.c).max()) <= 0.01 * goal.feasible):
             sure = program.convex(there, held, np.where(row | held, 1.0, 0.0))

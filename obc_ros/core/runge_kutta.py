@@ -46,15 +46,11 @@ def step(rate: Rate, x: ca.SX, inputs: tuple[ca.SX, ca.SX], h: ca.SX) -> tuple[c
         Length of the step.
 
     """
-    slopes: list[ca.SX] = []
-    end, cost = x, ca.SX(0)
-    for c, row, weight in zip(_C, _A, _B, strict=True):
-        inner = x
-        for a, slope in zip(row, slopes, strict=True):
-            if a:
-                inner = inner + h * a * slope
-        f, L = rate(inner, (1 - c) * inputs[0] + c * inputs[1])
-        slopes.append(f)
-        if weight:
-            end, cost = end + h * weight * f, cost + h * weight * L
-    return end, cost
+    change, slopes = inputs[1] - inputs[0], ca.SX(x.numel() + 1, 0)
+    start = ca.vertcat(x, 0)
+    for c, row in zip(_C, _A, strict=True):
+        inner = start + h * ca.mtimes(slopes, ca.DM(row)) if row else start
+        u = inputs[0] + c * change if c < 1.0 else inputs[1]
+        slopes = ca.horzcat(slopes, ca.vertcat(*rate(inner[:-1], u)))
+    end = start + h * ca.mtimes(slopes, ca.DM(_B))
+    return end[:-1], end[-1]
