@@ -39,6 +39,7 @@ Solver = Callable[[Problem], Solution]
 # What a certificate may leave of these conditions for a path to count as one.
 _FEASIBLE = {'dynamics': 1e-4, 'start': 1e-5, 'bounds': 1e-4}
 _MISSED = 1e-4      # of a constraint's size: beyond the accuracy of an elastic answer
+_PART = 0.1         # of its terms, that Pontryagin's conditions may leave
 _EFFORT = 1e-8      # weight of the inputs in problems that would not determine them otherwise
 _LATER = 50.0       # times T up to which a least time is looked for
 _BOXES = (10.0, 100.0, 1000.0)
@@ -84,24 +85,32 @@ class _Doubt:
 
     def __init__(self, problem: Problem, solve: Solver, thorough: Solver) -> None:
         self.problem, self.solve = problem, solve
-        self.thorough = solve if _convex(problem) else thorough
-        self.convex = _convex(problem)
+        self.thorough = thorough
+        self.convex = convex(problem)
 
     def reason(self, found: Solution | None) -> Reason | None:
         """Return why there is no answer, None if that remains unknown."""
-        problem, solve = self.problem, self.solve
+        problem = self.problem
         if found is not None and (sentence := undefined(problem, found.t, found.x, found.u)):
             return Reason(False, sentence)
         if problem.q == 0 and not _bounded(problem):
             return self.without_end()
-        nearest = solve(_elastic(problem))
+        nearest = self.best(_elastic(problem))
         if not _is_path(nearest):
             sentence = undefined(problem, nearest.t, nearest.x, nearest.u)
             return Reason(False, sentence) if sentence else self.not_held() or self.without_end()
         missed = _missed(problem, nearest)
         if not missed:
             return self.without_end()
-        return self.too_short() or self.missing(missed)
+        shown = self.convex and _nearly_optimal(nearest)
+        return self.too_short(shown) or self.missing(missed, shown)
+
+    def best(self, other: Problem) -> Solution:
+        """Return an answer; for a convex problem one that is the best but for a little."""
+        answer = self.solve(other)
+        if self.convex and _is_path(answer) and not _nearly_optimal(answer):
+            answer = self.thorough(other)
+        return answer
 
     def without_end(self) -> Reason | None:
         """Return that states, or the cost, grow without end, if they do."""
@@ -109,7 +118,7 @@ class _Doubt:
             self.problem, _last(self.problem))
         return Reason(False, sentence) if sentence else None
 
-    def too_short(self) -> Reason | None:
+    def too_short(self, shown: bool) -> Reason | None:
         """Return that the terminal constraints can be met, but only later."""
         problem, last = self.problem, _last(self.problem)
         guess = FinalTime(free=True, lower=1e-3 * last, upper=_LATER * last, guess=2 * last)
@@ -130,37 +139,39 @@ class _Doubt:
         if _certified(answer):
             return Reason(True, f'the terminal constraints cannot be met by T = {last:.6g}: the '
                                 f'least time is {number(least)}')
-        if self.convex:
+        if shown:
             return Reason(True, f'the terminal constraints cannot be met by T = {last:.6g}: the '
                                 f'least time is about {least:.3g}')
         return Reason(False, f'no path was found that meets the terminal constraints by T = '
                              f'{last:.6g}: the quickest takes about {least:.3g}')
 
-    def missing(self, missed: str) -> Reason:
+    def missing(self, missed: str, shown: bool) -> Reason:
         """Return what of the terminal constraints is out of reach, and for which bound."""
         problem = self.problem
         blamed = _to_blame(problem, self.solve)
-        if blamed and self.convex:
+        if blamed and shown:
             name, without = blamed
             return Reason(True, (
                 f'{name} and the terminal constraints exclude each other {_time(problem)}: with '
                 f'it the path ends at best with {missed}; without it {without}'))
         more = f'; without {blamed[0]} {blamed[1]}' if blamed else ''
-        return Reason(self.convex, f'{_time(problem)} no path was found that meets the terminal '
-                                   f'constraints: the nearest ends with {missed}{more}')
+        return Reason(shown, f'{_time(problem)} no path was found that meets the terminal '
+                             f'constraints: the nearest ends with {missed}{more}')
 
     def not_held(self) -> Reason | None:
         """Return which state bound or path constraint cannot be held."""
-        found = _not_held(self.problem, self.solve(_soft(self.problem)))
+        answer = self.best(_soft(self.problem))
+        found = _not_held(self.problem, answer)
         if not found:
             return None
         name, how = found
-        return Reason(True, f'{name} cannot be held: {how}') if self.convex else Reason(
+        shown = self.convex and _nearly_optimal(answer)
+        return Reason(True, f'{name} cannot be held: {how}') if shown else Reason(
             False, f'no path was found that keeps to {name}: {how}')
 
 
-def _convex(problem: Problem) -> bool:
-    """Return whether dynamics and constraints are affine in x and u."""
+def convex(problem: Problem) -> bool:
+    """Return whether dynamics and constraints are affine in x and u, and T is given."""
     z = ca.vertcat(problem.x, problem.u)
     slopes = ca.jacobian(ca.vertcat(problem.f, problem.psi, problem.path), z)
     return not problem.final_time.free and not ca.depends_on(slopes, z)
@@ -168,6 +179,14 @@ def _convex(problem: Problem) -> bool:
 
 def _certified(answer: Solution) -> bool:
     return answer.certificate is not None and answer.certificate.holds
+
+
+def _nearly_optimal(answer: Solution) -> bool:
+    """Return whether a convex problem's cost is the least one but for a part of it."""
+    certificate = answer.certificate
+    return certificate is not None and all(
+        certificate.residuals[key] <= _PART
+        for key in ('costate', 'minimum', 'transversality', 'hamiltonian'))
 
 
 def _last(problem: Problem) -> float:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a statement to an extremal: starts, arcs, a finer mesh, until a certificate holds."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 import time
 
@@ -61,12 +61,14 @@ class Search:
     One problem, its kit and what was found so far.
 
     `with_arcs`: whether inputs are held at bounds between switching times. `quick`: one start
-    and one mesh more may do, for paths that need not be optimal.
+    and one mesh more may do, for paths that need not be optimal. `why_not`: returns why there is
+    no path at all, or '', when the first starts have found none.
     """
 
     def __init__(self, problem: Problem, kit: Kit, monitor: Monitor, *, with_arcs: bool = True,
-                 quick: bool = False) -> None:
+                 quick: bool = False, why_not: Callable[[Problem], str] = contradiction) -> None:
         self.stated, self.kit, self.monitor, self.quick = problem, kit, monitor, quick
+        self.why_not = why_not
         self.problem = problem if kit.twin is None else kit.twin.problem(problem, 0)
         self.may_hold = with_arcs
         self.switching = tuple(with_arcs and each for each in kit.switching)
@@ -134,7 +136,7 @@ class Search:
             if good:
                 return sorted(good, key=lambda outcome: outcome.objective)
             if self.intervals == COARSE and not self.quick:
-                self.reason = contradiction(self.stated)
+                self.reason = self.why_not(self.stated)
             if self.reason or self.monitor.stopped:
                 break
         return sorted(found, key=lambda outcome: (not outcome.converged, outcome.infeasibility))

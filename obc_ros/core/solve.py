@@ -11,7 +11,7 @@ import time
 import numpy as np
 from obc_ros.core.certificate import certify
 from obc_ros.core.errors import StatementError
-from obc_ros.core.explain import explain
+from obc_ros.core.explain import convex, explain
 from obc_ros.core.ill_posed import indifferent, wish, without_minimum
 from obc_ros.core.kit import Kit
 from obc_ros.core.monitor import Monitor
@@ -36,6 +36,7 @@ _FAULTS = {
     'cost': 'the cost is not that of the path',
 }
 _EXPLAINING = 20.0   # [s] at most, for a search for the reason
+_SOON = 3.0          # [s] likewise, while an answer may still be found
 
 
 class Cache:
@@ -106,7 +107,22 @@ def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
             return replace(judged, method=name)
     if kit.last is None and without_minimum(problem):
         return Solution(Status.NOT_CONVERGED, 'the cost has no minimum', method='arcs')
-    return replace(Search(problem, kit, monitor).run(), method='arcs')
+    search = Search(problem, kit, monitor, why_not=partial(_why_not, monitor=monitor))
+    return replace(search.run(), method='arcs')
+
+
+def _why_not(problem: Problem, monitor: Monitor) -> str:
+    """Return why a problem has no path, if that is soon shown; else ''."""
+    deadline = time.monotonic() + min(_SOON, 0.2 * max(monitor.remaining(), 0.0))
+    reason = explain(problem, _attempt(monitor, deadline) if convex(problem) else None)
+    return reason.sentence if reason and reason.infeasible else ''
+
+
+def _attempt(monitor: Monitor, deadline: float, quick: bool = True) -> Callable[
+        [Problem], Solution]:
+    """Return what solves a problem in another's place until a deadline."""
+    return lambda other: Search(
+        other, Kit(other), monitor.within(deadline), quick=quick).run()
 
 
 METHODS: dict[str, Callable[[Problem, Kit, Monitor], Solution]] = {
@@ -204,10 +220,8 @@ def _explained(problem: Problem, found: Solution, monitor: Monitor) -> Solution:
     deadline = time.monotonic() + min(_EXPLAINING, max(monitor.remaining(), 0.0))
     monitor.phase = 'explanation'
 
-    def attempt(other: Problem, quick: bool = True) -> Solution:
-        return Search(other, Kit(other), monitor.within(deadline), quick=quick).run()
-
-    reason = explain(problem, attempt, thorough=partial(attempt, quick=False), found=found)
+    reason = explain(problem, _attempt(monitor, deadline), found=found,
+                     thorough=_attempt(monitor, deadline, quick=False))
     if reason is None or monitor.stopped == 'cancelled':
         advice = wish(problem)
         return replace(found, message=f'{found.message}; {advice}') if advice else found
