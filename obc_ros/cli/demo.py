@@ -23,6 +23,8 @@ from obc_ros.cli.recording import Recorder
 from obc_ros.cli.share import share_directory
 from obc_ros.core.errors import ObcError
 
+HEAD_START = 1.0  # [s] of simulated time in which the plant has heard that it is to pause
+
 
 @dataclass(frozen=True)
 class Event:
@@ -72,20 +74,22 @@ def fly(flight: Flight, out: Path, real_time: bool,
     """Run one flight with its nodes and recording; `conclude(pilot, wall)` makes the report."""
     config = share_directory('obc_ros') / 'config' / flight.config
     pace = ['-p', 'speed:=1.0', '-p', 'lockstep:=false'] if real_time else []
-    with Children(out / 'log') as children, Recorder(out / flight.name) as recorder:
+    # In lockstep two flights are the same to the bit: nothing goes by the clock on the wall.
+    timeless = ['-p', 'use_sim_time:=true'] + ([] if real_time else ['-p', 'state_timeout:=0.0'])
+    with (Children(out / 'log') as children, Recorder(out / 'log' / flight.name) as journal,
+          Recorder(out / flight.name, ordered=not real_time) as recorder):
         parameters = ['--params-file', str(config)]
         children.start('plant_simulator', *parameters, *pace)
         children.start('trajectory_server', *parameters)
-        with closing(Pilot(children, recorder)) as pilot:
+        with closing(Pilot(children, recorder, journal)) as pilot:
             pilot.wait(lambda: bool(pilot.states.stamp), 'the first state')
             # Time stands still until everybody has found everybody.
             pilot.pause(True)
-            children.start('lqr_node', *parameters)
+            children.start('lqr_node', *parameters, *timeless)
             pilot.wait(lambda: bool(pilot.designs) and pilot.hears('command'), 'lqr_node')
-            pilot.pause(False)
             wall = time.monotonic()
-            progress = Progress(pilot, flight)
-            pilot.wait(lambda: bool(pilot.commands.stamp), 'the first command')
+            pilot.begin(real_time)
+            progress = Progress(pilot, flight, exact=not real_time)
             for event in flight.events:
                 progress.until(event.at)
                 progress.say(event.what, event.act(pilot))
@@ -98,17 +102,23 @@ def fly(flight: Flight, out: Path, real_time: bool,
 class Progress:
     """One line that shows where the flight is, and one for each event."""
 
-    def __init__(self, pilot: Pilot, flight: Flight) -> None:
+    def __init__(self, pilot: Pilot, flight: Flight, exact: bool) -> None:
         self._pilot = pilot
+        self._exact = exact
         self._duration = flight.duration
         self._live = sys.stdout.isatty()
 
     def until(self, moment: float) -> None:
-        """Wait until the simulated time [s] has come, showing it."""
+        """Wait until the simulated time [s] has come, showing it; in lockstep it stops there."""
         # A step of the simulation takes well under a second even on a busy machine.
         timeout = 30.0 + 5.0 * self._duration
-        self._pilot.wait(lambda: self._pilot.now >= moment, f't = {moment:g} s', timeout,
+        early = moment - HEAD_START if self._exact else moment
+        if self._exact and self._pilot.now < early:
+            self._pilot.pause(False)
+        self._pilot.wait(lambda: self._pilot.now >= early, f't = {moment:g} s', timeout,
                          self._show if self._live else lambda: None)
+        if self._exact:
+            self._pilot.reach(moment)
 
     def _show(self) -> None:
         pilot = self._pilot

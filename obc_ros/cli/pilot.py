@@ -4,7 +4,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-import struct
 import time
 from typing import Any
 
@@ -13,7 +12,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.cli.processes import Children
-from obc_ros.cli.recording import CLOCK, LATCHED, Recorder
+from obc_ros.cli.recording import CLOCK, LATCHED, Recorder, stamp
 from obc_ros.core.errors import ObcError
 from obc_ros.msg import Command, LqrDesign, State, Trajectory
 from rcl_interfaces.msg import Log, Parameter, ParameterEvent
@@ -23,7 +22,7 @@ from rclpy.executors import SingleThreadedExecutor
 import rclpy.parameter
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
-from std_srvs.srv import SetBool
+from std_srvs.srv import SetBool, Trigger
 
 Array = NDArray[np.float64]
 
@@ -38,9 +37,8 @@ class Samples:
 
     def append(self, data: bytes, published: int) -> None:
         """Keep one serialised message."""
-        seconds, nanoseconds = struct.unpack_from('<iI', data, 4)  # after CDR's own header
         self.data.append(data)
-        self.stamp.append(seconds * 10**9 + nanoseconds)
+        self.stamp.append(stamp(data))
         self.published.append(published)
 
 
@@ -48,12 +46,16 @@ class Pilot:
     """
     A ROS node that watches and commands a running loop, for one recording.
 
+    What depends on the clock on the wall goes to `journal`, if there is one.
+
     Raises what `Children.check` raises while it waits, so that a dead node ends every wait.
     """
 
-    def __init__(self, children: Children, recorder: Recorder) -> None:
+    def __init__(self, children: Children, recorder: Recorder, journal: Recorder | None = None
+                 ) -> None:
         self._children = children
         self._recorder = recorder
+        self._journal = journal or recorder
         self._context = rclpy.Context()
         rclpy.init(context=self._context)
         self.node = rclpy.create_node('obc_demo', context=self._context)
@@ -71,12 +73,15 @@ class Pilot:
         recorder.subscribe(node, 'lqr_node/design', LqrDesign, self._on_design, qos=LATCHED)
         recorder.subscribe(node, 'reference', Trajectory, qos=LATCHED)
         recorder.subscribe(node, 'odom', Odometry)
-        recorder.subscribe(node, '/clock', Clock, qos=CLOCK)
-        recorder.subscribe(node, '/diagnostics', DiagnosticArray)
-        recorder.subscribe(node, '/parameter_events', ParameterEvent)
-        recorder.subscribe(node, '/rosout', Log, self._on_log, qos=LATCHED)
-        recorder.now = lambda: self.states.stamp[-1] if self.states.stamp else 0
+        journal = self._journal
+        journal.subscribe(node, '/clock', Clock, qos=CLOCK)
+        journal.subscribe(node, '/diagnostics', DiagnosticArray)
+        journal.subscribe(node, '/parameter_events', ParameterEvent)
+        journal.subscribe(node, '/rosout', Log, self._on_log, qos=LATCHED)
+        recorder.now = journal.now = lambda: self.states.stamp[-1] if self.states.stamp else 0
         self.publisher = node.create_publisher(Trajectory, 'reference', LATCHED)
+        self._pauser = node.create_client(SetBool, 'plant_simulator/pause')
+        self._stepper = node.create_client(Trigger, 'plant_simulator/step')
 
     def _on_design(self, data: bytes, published: int) -> None:
         self.designs.append(deserialize_message(data, LqrDesign))
@@ -109,6 +114,8 @@ class Pilot:
         while not condition():
             self._executor.spin_once(timeout_sec=0.001)
             self._recorder.drain()
+            if self._journal is not self._recorder:
+                self._journal.drain()
             if (now := time.monotonic()) - checked > 0.05:
                 checked = now
                 self._children.check()
@@ -120,12 +127,15 @@ class Pilot:
         """Call a service and return its answer."""
         client = self.node.create_client(kind, name)
         try:
-            self.wait(client.service_is_ready, f'the service {name}', timeout)
-            answer = client.call_async(request)
-            self.wait(answer.done, f'the answer of {name}', timeout)
-            return answer.result()
+            return self._ask(client, request, timeout)
         finally:
             self.node.destroy_client(client)
+
+    def _ask(self, client: Any, request: Any, timeout: float = 30.0) -> Any:
+        self.wait(client.service_is_ready, f'the service {client.srv_name}', timeout)
+        answer = client.call_async(request)
+        self.wait(answer.done, f'the answer of {client.srv_name}', timeout)
+        return answer.result()
 
     def set_parameters(self, node: str, values: Mapping[str, Any]) -> tuple[bool, str]:
         """Set parameters of a node in one transaction; return whether, and if not why."""
@@ -139,9 +149,45 @@ class Pilot:
         """Return whether somebody publishes a topic."""
         return bool(self.node.count_publishers(topic))
 
-    def pause(self, wanted: bool) -> None:
-        """Stop the simulated time, or let it go on."""
-        self.call(SetBool, 'plant_simulator/pause', SetBool.Request(data=wanted))
+    def pause(self, wanted: bool) -> float:
+        """Stop the simulated time, or let it go on; return it [s]."""
+        return _time(self._ask(self._pauser, SetBool.Request(data=wanted)).message)
+
+    def begin(self, real_time: bool) -> None:
+        """Have the first state answered: time goes on in real time, in lockstep it stands."""
+        if real_time:
+            self.pause(False)
+        due = 0.0
+
+        def answered() -> bool:
+            nonlocal due
+            if not real_time and time.monotonic() > due:  # a reset publishes the first state again
+                resetter.call_async(Trigger.Request())
+                due = time.monotonic() + 0.5
+            return bool(self.commands.stamp)
+
+        resetter = self.node.create_client(Trigger, 'plant_simulator/reset')
+        self.wait(resetter.service_is_ready, 'the plant')
+        self.wait(answered, 'the first command')
+        self.node.destroy_client(resetter)
+
+    def reach(self, moment: float) -> None:
+        """
+        Stop the simulated time of a plant in lockstep at a moment [s], the state then answered.
+
+        Who pauses a plant in flight does so a little earlier or later each time; the last states
+        before the moment are asked for one by one.
+        """
+        now = self.pause(True)
+        while True:
+            due = round(now * 1e9)
+            self.wait(lambda due=due: self.states.stamp[-1] >= due  # type: ignore[misc]
+                      and self.commands.stamp[-1:] >= [due], f'the answer at {now:g} s')
+            if now >= moment - 1e-9:
+                return
+            answer = self._ask(self._stepper, Trigger.Request())
+            if answer.success:
+                now = _time(answer.message)
 
     def history(self) -> tuple[Array, Array, Array, Array]:
         """Return t [s], x of all states and t [s], u of all commands, from the first state on."""
@@ -165,6 +211,11 @@ class Pilot:
         first, last = min(answered), max(answered)
         return sum(first <= stamp <= last and stamp not in answered
                    for stamp in self.states.stamp)
+
+
+def _time(message: str) -> float:
+    """Return the simulated time [s] that a plant tells in words: ... t = 1.5 s."""
+    return float(message.rpartition('t = ')[2].split()[0])
 
 
 def _arrays(samples: Samples, kind: Any, name: str, start: int) -> tuple[Array, Array]:

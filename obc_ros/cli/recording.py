@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 import re
+import struct
 import sys
 import time
 from typing import Any
@@ -55,11 +56,15 @@ class Recorder:
     """
     Writes what arrives on topics to `folder`/NAME_0.mcap and `folder`/metadata.yaml.
 
+    With `ordered`, all messages have a header. They are written at the end, in the order of the
+    stamps in these, which are their times, and what came twice is written once: two runs that
+    publish the same give the same bytes.
+
     Used as a context manager; the recording is complete and indexed when it is left. When the
     disk is full, `fault` says so and the rest is not recorded.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, ordered: bool = False) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
         self.path = folder / f'{folder.name}_0.mcap'
@@ -68,6 +73,8 @@ class Recorder:
         self._first, self._last = sys.maxsize, 0
         self.now: Callable[[], int] = time.time_ns
         self.fault = ''  # why nothing more is recorded
+        self._ordered = ordered
+        self._kept: list[tuple[int, int, int, Channel, bytes]] = []
 
     def __enter__(self) -> 'Recorder':
         self._file = self.path.open('wb')
@@ -78,6 +85,7 @@ class Recorder:
     def __exit__(self, *_: object) -> None:
         try:
             with self._file:
+                self._write_kept()
                 if not self.fault:
                     self._writer.finish()
             (self.folder / 'metadata.yaml').write_text(yaml.safe_dump(self._metadata()))
@@ -120,12 +128,22 @@ class Recorder:
                     data, info = taken
                     if listener:
                         listener(data, info['source_timestamp'])
-                    self._write(channel, data)
+                    if self._ordered:
+                        self._kept.append(
+                            (stamp(data), channel.identifier, len(self._kept), channel, data))
+                    else:
+                        self._write(channel, data, self.now())
 
-    def _write(self, channel: Channel, data: bytes) -> None:
+    def _write_kept(self) -> None:
+        last: dict[int, bytes] = {}
+        for moment, identifier, _, channel, data in sorted(self._kept, key=lambda each: each[:3]):
+            if last.get(identifier) != data:
+                last[identifier] = data
+                self._write(channel, data, moment)
+
+    def _write(self, channel: Channel, data: bytes, now: int) -> None:
         if self.fault:
             return
-        now = self.now()
         try:
             self._writer.add_message(
                 channel.identifier, log_time=now, publish_time=now, data=data,
@@ -156,6 +174,12 @@ class Recorder:
                 for topic, channel in self._channels.items()],
             'files': [{'path': self.path.name, 'starting_time': start, 'duration': duration,
                        'message_count': total}]}}
+
+
+def stamp(data: bytes) -> int:
+    """Return the stamp [ns] of a serialised message that begins with a header."""
+    seconds, nanoseconds = struct.unpack_from('<iI', data, 4)  # after CDR's own header
+    return int(seconds * 10**9 + nanoseconds)
 
 
 def type_name(message_class: Any) -> str:
