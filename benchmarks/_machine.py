@@ -25,6 +25,12 @@ def memory(pid: int) -> float:
     return int(Path(f'/proc/{pid}/statm').read_text().split()[1]) * _PAGE / 2**20
 
 
+def share(pid: int) -> float:
+    """Return the memory of a process [MiB], what it shares with others divided among them."""
+    lines = Path(f'/proc/{pid}/smaps_rollup').read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith('Pss:')) / 1024
+
+
 def processor_time(pid: int) -> float:
     """Return the processor time that a process has used [s]."""
     fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
