@@ -1,0 +1,41 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Controls and states for tests of the loop without ROS."""
+
+import math
+
+from obc_ros.core.control import Control, Leg, Reference, Rules
+from obc_ros.core.loop import Loop
+from obc_ros.core.regulator import Limits, Point, Regulator
+
+MS = 1_000_000
+S = 1_000_000_000
+FREE = (-math.inf,), (math.inf,)
+K = ((1.0, 2.0),)
+
+
+def control(x: tuple[float, ...] = (0.0, 0.0), u: float = 0.0, drift: tuple[float, ...] = (0, 0),
+            gain: tuple[tuple[float, ...], ...] = K, limits: tuple[tuple[float], ...] = FREE,
+            Ki: tuple[tuple[float, ...], ...] = (), **options: object) -> Control:
+    """Return a control of a plant with two states and an input."""
+    rules = options.pop('rules', Rules())
+    return Control(Regulator(x, (u,), gain, drift, Ki), Limits(*limits), options.pop('rest', (u,)),
+                   ('px', 'vx'), rules, **options)  # type: ignore[arg-type]
+
+
+def answers(loop: Loop, *states: tuple[float, list[float]]) -> list[list[float] | None]:
+    """Return the answers to states at stamps [s], each told at its stamp."""
+    return [loop.answer(round(t * S), x, t) for t, x in states]
+
+
+class Ramp:
+    """The reference px = t."""
+
+    def at(self, t: float) -> Point:
+        """Return it."""
+        return Point((t, 1.0), (0.0,), K)
+
+
+def leg(begin: int | None, end: float = 2.0) -> Leg:
+    """Return a ramp, and what holds its end."""
+    return Leg(Reference(begin, end), Ramp(), Regulator((end, 0.0), (0.5,), K, (0.0, 0.0)))
