@@ -69,6 +69,13 @@ def test_a_reference_without_stamp_begins_at_once() -> None:
     assert answers(loop, (7.5, [1.5, 1.0])) == [[0.0]]
 
 
+def test_a_reference_that_came_before_the_loop_begins_with_it() -> None:
+    """As one that an inactive node was given, without a stamp."""
+    loop = Loop(control(legs=(leg(None),)))
+    assert answers(loop, (6.0, [0.0, 1.0]), (7.0, [1.0, 1.0]), (9.0, [2.0, 0.0])) == [
+        [0.0], [0.0], [0.5]]
+
+
 def test_a_reference_is_replaced_when_the_next_begins() -> None:
     """Until then the one before is followed."""
     first, second = leg(10 * S), leg(11 * S)

@@ -8,9 +8,12 @@ from typing import Any
 
 from hypothesis import given, settings, strategies
 import numpy as np
+from obc_ros.core import systems
 from obc_ros.core.errors import ObcError
 from obc_ros.core.loop import Loop
+from obc_ros.msg import Trajectory
 from obc_ros.nodes.lqr_settings import judge, Settings
+from obc_ros.nodes.lqr_topics import courses
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
@@ -124,3 +127,18 @@ def test_what_does_not_go_together(change: dict[str, Any], sentence: str) -> Non
     with pytest.raises(ObcError) as error:
         judge(replace(Settings(), **change))
     assert sentence in str(error.value)
+
+
+@pytest.mark.parametrize(('frame', 'states', 'sentence'), [
+    ('map', 'odom', "it is in the frame 'map', the states are in 'odom'"),
+    ('odom', 'odom', ''), ('', 'odom', ''), ('map', '', '')])
+def test_the_frame_of_a_reference(frame: str, states: str, sentence: str) -> None:
+    """It is that of the states, as far as both are known."""
+    message = Trajectory(t=[0.0, 1.0], x=[0.0] * 4, u=[0.0] * 2)
+    message.header.frame_id = frame
+    system = systems.get('double_integrator')
+    if not sentence:
+        assert len(courses(message, system, states, (), None)) == 1
+        return
+    with pytest.raises(ObcError, match=sentence):
+        courses(message, system, states, (), None)

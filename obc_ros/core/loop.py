@@ -258,11 +258,7 @@ class Loop:
 
     def _law(self, control: Control, here: Point, e: list[float], now: _Running, ahead: _Running,
              stamp: int) -> list[float]:
-        """
-        Return the input, without limits, of the law `ahead` that is in force when it acts.
-
-        The error e is the one from the point `here` of the law `now`.
-        """
+        """Return the input of the law `ahead`, unlimited; e is the error from `here` of `now`."""
         point = here
         z: Sequence[float] = ()
         if control.prediction is not None:
@@ -360,10 +356,11 @@ class Loop:
         self._w = [0.0] * len(self._w)
         self._since = None
         self._past.clear()
-        drift, now = self._regulator.drift, self._set_point_at(stamp)
+        drift = self._regulator.drift
+        now = self._regulator.at((stamp - self._setpoint.origin) * NS).x
         here = [own if v else xr for own, xr, v in zip(x, now, drift, strict=True)]
         self._hold(control, replace(self._regulator, x=tuple(here)), stamp)
-        self._followed = self._ahead(control, stamp)
+        self._follow(control, stamp)
         if self.command is not None:
             self._smooth(control, self.command, stamp, x)
 
@@ -371,8 +368,12 @@ class Loop:
         """Make a regulator that of the set point."""
         self._regulator, self._setpoint = regulator, _set_point(control, regulator, origin)
 
-    def _set_point_at(self, stamp: int) -> Sequence[float]:
-        return self._regulator.at((stamp - self._setpoint.origin) * NS).x
+    def _follow(self, control: Control, stamp: int) -> None:
+        """Take note of the law in force; what has no beginning yet begins now."""
+        for leg in control.legs:
+            if leg.reference.begin is None:
+                leg.reference.begin = stamp
+        self._followed = self._ahead(control, stamp)
 
     def _take_over(self, new: Control, stamp: int, x: Sequence[float]) -> None:
         """Make `new` the control in use."""
@@ -380,13 +381,10 @@ class Loop:
         if not (self._resting or self.stopped or self.command is None):
             before = self._going_on(stamp, x)
         self._hold(new, *self._moved(new, stamp))
-        for leg in new.legs:
-            if leg.reference.begin is None:
-                leg.reference.begin = stamp
         if not (new.C and self._control.C):
             self._w = [0.0] * len(self._w)
         self._control, self._excess = new, ()
-        self._followed = self._ahead(new, stamp)
+        self._follow(new, stamp)
         if before is not None:
             self._smooth(new, before, stamp, x)
 
@@ -401,7 +399,7 @@ class Loop:
     def _moved(self, new: Control, stamp: int) -> tuple[Regulator, int]:
         """Return the regulator of `new` with its set point where it is, and the stamp of t = 0."""
         old = self._control
-        moved = self._set_point_at(stamp)
+        moved = self._regulator.at((stamp - self._setpoint.origin) * NS).x
         if old.legs and not new.legs:  # go on from the end of a reference
             here = self._point(old, self._running(old, stamp), stamp).x
             moves = map(any, zip(old.regulator.drift, new.regulator.drift, strict=True))
