@@ -1,0 +1,250 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Two loops at 200 Hz for ``--seconds`` (1800 for half an hour), tuned all the time.
+
+In the steady loop nothing ever ends: its memory must stay flat and every request and every change
+must be answered rightly. In the troubled loop a process is killed every few seconds and started
+again: it must be back within a few seconds. Nothing may be left behind.
+"""
+
+import timing  # isort: skip - before numpy
+
+from collections import Counter
+from collections.abc import Callable
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+from _machine import children, memory, Stalls, told, zombies
+from diagnostic_msgs.msg import DiagnosticArray
+from obc_ros.cli.processes import free_domain, isolate
+from obc_ros.msg import Command
+from obc_ros.nodes.crowds import BURST
+from obc_ros.srv import DesignLqr
+from rcl_interfaces.srv import SetParametersAtomically
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+
+RATE = 200.0
+NODES = {
+    'plant_simulator': ('-p', f'publish_rate:={RATE}', '-p', 'command_timeout:=0.5',
+                        '-p', 'noise.px:=0.001'),
+    'lqr_node': ('-p', 'state_timeout:=0.3'),
+    'trajectory_server': ('-p', 'workers:=1')}
+VICTIMS = (*NODES, 'worker')
+CHANGE, ASK, KILL, LOOK = 0.25, 0.05, 5.0, 1.0  # [s] between two of each
+BACK = 5.0       # [s] in which a loop is whole again
+GROWTH = 1.03    # of the memory of a process, from a fifth of the time on
+UNANSWERED = 0.03  # share of states of the steady loop; what starts anew takes the processor
+
+
+class Loop:
+    """The three nodes in a namespace."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.running: dict[str, subprocess.Popen[bytes]] = {}
+        for node in NODES:
+            self.start(node)
+
+    def start(self, node: str) -> None:
+        """Start a node, in place of one that has ended."""
+        self.running[node] = subprocess.Popen(
+            [sys.executable, '-m', f'obc_ros.nodes.{node}', '--ros-args', '-r',
+             f'__ns:=/{self.name}', *NODES[node]],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+    def kill(self, victim: str) -> None:
+        """Kill a node and start it again, or the workers of the server, which does so itself."""
+        if victim == 'worker':
+            for pid in children(self.running['trajectory_server'].pid):
+                os.kill(pid, signal.SIGKILL)
+            return
+        self.running[victim].kill()
+        self.running[victim].wait()
+        self.start(victim)
+
+    def end(self) -> list[str]:
+        """End the nodes; return those that did not do so by themselves and with status 0."""
+        for process in self.running.values():
+            process.send_signal(signal.SIGINT)
+        wrong = []
+        for node, process in self.running.items():
+            try:
+                wrong += [node] if process.wait(5.0) else []
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+                wrong.append(node)
+        return wrong
+
+
+class Soak:
+    """Who tunes, asks, kills and looks."""
+
+    def __init__(self, seed: int = 1) -> None:
+        self._node = rclpy.create_node('soak')
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._draw = random.Random(seed)
+        self.steady, self.troubled = Loop('steady'), Loop('troubled')
+        self.counts: Counter[str] = Counter()
+        self.told: dict[tuple[str, str], float] = {}
+        self.sizes: dict[str, list[float]] = {node: [] for node in NODES}
+        self.back: list[float] = []
+        self._killed = self._heard = 0.0
+        node = self._node
+        node.create_subscription(DiagnosticArray, '/diagnostics', self._on_report, 1000)
+        node.create_subscription(Command, '/troubled/command', self._on_command, 10)
+        self._tuner = node.create_client(
+            SetParametersAtomically, '/steady/lqr_node/set_parameters_atomically')
+        self._designer = node.create_client(
+            DesignLqr, '/steady/trajectory_server/design_lqr', qos_profile=BURST)
+
+    def close(self) -> list[str]:
+        """End all; return what did not end as it should."""
+        wrong = [f'{loop.name}/{node}' for loop in (self.steady, self.troubled)
+                 for node in loop.end()]
+        self._executor.shutdown()
+        self._node.destroy_node()
+        return wrong
+
+    def _on_report(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            name = status.name.partition(':')[0]
+            for each in status.values:
+                if each.value.replace('.', '', 1).isdigit():
+                    self.told[name, each.key] = float(each.value)
+
+    def _on_command(self, message: Command) -> None:
+        # a command that answers a state, not one of rest, ends the time without
+        now = time.monotonic()
+        if self._killed and now > self._killed + 0.05 and now - self._heard < 0.02:
+            self.back.append(now - self._killed)
+            self._killed = 0.0
+        self._heard = now
+
+    def ready(self) -> None:
+        """Wait until both loops are closed."""
+        deadline = time.monotonic() + 60.0
+        while not (self._tuner.service_is_ready() and self._designer.service_is_ready()
+                   and self._heard and self.told.get(('steady/lqr_node', 'rate [Hz]'))):
+            self._executor.spin_once(timeout_sec=0.1)
+            if time.monotonic() > deadline:
+                raise SystemExit('the loops do not start')
+
+    def run(self, seconds: float) -> None:
+        """Do what there is to do, each at its time."""
+        duties: list[tuple[float, Callable[[], None]]] = [
+            (CHANGE, self._change), (ASK, self._ask), (KILL, self._kill), (LOOK, self._look)]
+        begin = time.monotonic()
+        due = [begin + period for period, _ in duties]
+        while (now := time.monotonic()) < begin + seconds:
+            for k, (period, act) in enumerate(duties):
+                if now >= due[k]:
+                    due[k] = max(due[k] + period, now)
+                    act()
+            self._executor.spin_once(timeout_sec=max(0.0, min(due) - time.monotonic()))
+        end = time.monotonic() + 10.0
+        while self.counts['open'] and time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=0.1)
+
+    def _send(self, client: Any, request: Any, right: Callable[[Any], bool], what: str) -> None:
+        self.counts['open'] += 1
+        self.counts[what] += 1
+
+        def on_answer(future: Any) -> None:
+            self.counts['open'] -= 1
+            self.counts['wrong'] += not right(future.result())
+
+        client.call_async(request).add_done_callback(on_answer)
+
+    def _change(self) -> None:
+        refused = self._draw.random() < 0.2
+        values = [10.0 ** self._draw.uniform(-1.0, 1.0) for _ in range(6)]
+        values[0] *= -1.0 if refused else 1.0
+        request = SetParametersAtomically.Request(
+            parameters=[Parameter('Qx', value=values).to_parameter_msg()])
+        self._send(self._tuner, request,
+                   lambda answer: answer.result.successful != refused, 'changes')
+
+    def _ask(self) -> None:
+        weight = self._draw.uniform(0.1, 10.0)
+        request = DesignLqr.Request(a=[1.0], b=[1.0])
+        request.weights.qx, request.weights.qu = [weight], [1.0]
+        wanted = 1.0 + (1.0 + weight) ** 0.5
+        self._send(self._designer, request, lambda answer: answer.success and abs(
+            answer.design.k[0] - wanted) < 1e-9 * wanted, 'requests')
+
+    def _kill(self) -> None:
+        if self._killed:
+            self.back.append(float('inf'))
+        victim = VICTIMS[self.counts['kills'] % len(VICTIMS)]
+        self.counts['kills'] += 1
+        self.troubled.kill(victim)
+        self._killed = time.monotonic() if victim in ('plant_simulator', 'lqr_node') else 0.0
+
+    def _look(self) -> None:
+        for node, process in self.steady.running.items():
+            self.sizes[node].append(memory(process.pid))
+        ours = [os.getpid(), *(process.pid for loop in (self.steady, self.troubled)
+                               for process in loop.running.values())]
+        self.counts['zombies'] += len(zombies(pid for each in ours for pid in children(each)))
+
+
+def report(soak: Soak, seconds: float, unanswered_share: float,
+           stalls: list[tuple[float, float]]) -> None:
+    """Print what happened and what must hold of it."""
+    counts = soak.counts
+    published = soak.told['steady/plant_simulator', 'states published']
+    unanswered = soak.told['steady/plant_simulator', 'states unanswered']
+    growth = {node: sizes[-1] / sizes[len(sizes) // 5] for node, sizes in soak.sizes.items()}
+    timing.table(f'two loops at {RATE:g} Hz for {seconds:g} s', ('', ''), [
+        ('states of the steady loop', f'{published:.0f}'),
+        ('without a command', f'{unanswered:.0f}'),
+        ('times held up', f'{soak.told["steady/plant_simulator", "times held up"]:.0f}'),
+        ('changes of weights, a fifth of them refused', counts['changes']),
+        ('requests', counts['requests']),
+        *((f'memory of {node} [MiB]', f'{sizes[len(sizes) // 5]:.1f} to {sizes[-1]:.1f}')
+          for node, sizes in soak.sizes.items()),
+        ('kills in the troubled loop', counts['kills']),
+        ('longest time until it was whole again [s]', f'{max(soak.back, default=0.0):.2f}')])
+    print(f'  {told(stalls)}')
+    timing.require('answers that are wrong', counts['wrong'], 0)
+    timing.require('requests and changes without an answer', counts['open'], 0)
+    timing.require('share of states without a command', unanswered / published,
+                   unanswered_share)
+    timing.require('time until the troubled loop is whole [s]', max(soak.back, default=0.0), BACK)
+    timing.require('processes that nobody has waited for', counts['zombies'], 0)
+    for node, factor in growth.items():
+        timing.require(f'growth of {node}', factor, GROWTH)
+
+
+def main() -> int:
+    """Soak, and report."""
+    args = timing.arguments(__doc__ or '', seconds=60.0, unanswered=UNANSWERED)
+    with free_domain() as domain:
+        isolate(domain)
+        rclpy.init()
+        soak = Soak()
+        try:
+            soak.ready()
+            stalls = Stalls()
+            soak.run(args.seconds)
+            still = stalls.end()
+        finally:
+            wrong = soak.close()
+            rclpy.shutdown()
+    report(soak, args.seconds, args.unanswered, still)
+    timing.require(f'nodes that did not end as they should {wrong}', len(wrong), 0)
+    return timing.finish()
+
+
+if __name__ == '__main__':
+    sys.exit(main())
