@@ -264,6 +264,24 @@ def test_the_time_limit_is_kept():
     assert time.monotonic() - begun < 3.0
 
 
+@pytest.mark.parametrize('intervals', [10, 40])
+def test_no_mesh_has_more_than_max_intervals_and_the_answer_says_so(intervals):
+    problem, _ = stated('vanderpol_bounded')
+    short = solve(problem, max_intervals=intervals)
+    assert short.status is Status.NOT_CONVERGED
+    assert f'max_intervals = {intervals}' in short.message
+    assert len(np.unique(short.t)) <= 4 * intervals + 1
+    enough = solve(problem, max_intervals=200)
+    assert enough.status is Status.SOLVED
+    assert 'max_intervals' not in enough.message
+
+
+def test_huge_numbers_end_without_an_answer():
+    """The hypersensitive problem explodes along any guess over ten long intervals."""
+    solution = solve(stated('hypersensitive')[0], max_intervals=10)
+    assert solution.status is Status.NOT_CONVERGED
+
+
 def test_neighbours_share_what_was_built():
     """The same problem with other numbers builds nothing and takes few iterations."""
     cache = Cache()

@@ -22,6 +22,7 @@ from obc_ros.core.design_report import Change, fields
 from obc_ros.core.equilibrium import Equilibrium
 from obc_ros.core.errors import ObcError, RefusedDesignError, StatementError
 from obc_ros.core.minimize import minimize
+from obc_ros.core.monitor import MAX_INTERVALS
 from obc_ros.core.planning import Motion, registered, statement
 from obc_ros.core.problem import Problem
 from obc_ros.core.solution import Certificate, Report, Solution, Status
@@ -69,7 +70,8 @@ def _solve(request: Packet, time_limit: float, report: Report) -> Packet:
     plain = request.plain
     problem = problem_from_mapping(plain['statement'])
     solution = solve(problem, method=plain['method'] or 'auto', time_limit=time_limit,
-                     report=report, cache=_cache(plain['cache_size']))
+                     report=report, cache=_cache(plain['cache_size']),
+                     max_intervals=plain.get('max_intervals', MAX_INTERVALS))
     return solution_packet(problem, solution, plain['statement'].get('system', ''))
 
 
@@ -92,7 +94,8 @@ def _plan(request: Packet, time_limit: float, report: Report) -> Packet:
         motion = replace(motion, final_time=_ample_time(motion, time_limit / 2, report, cache))
     problem = problem_from_mapping(statement(motion))
     left = time_limit - (time.monotonic() - begun)
-    solution = solve(problem, time_limit=left, report=report, cache=cache)
+    solution = solve(problem, time_limit=left, report=report, cache=cache,
+                     max_intervals=plain.get('max_intervals', MAX_INTERVALS))
     return solution_packet(problem, solution, motion.system)
 
 

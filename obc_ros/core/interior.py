@@ -37,6 +37,7 @@ _SHORTEST = 1e-7      # part of a step
 _ENOUGH = 10.0        # times mu: an error at which mu is made smaller
 _APART = 1e10         # factor between z and mu / distance
 _MULTIPLIERS = 1e3    # largest at the start
+_HUGE = 1e100         # beyond it powers overflow
 _ROUGH = 1e-5         # infeasibility at which a cost is good enough
 _LATE, _FAR = 10, (0.5, 0.1)   # steps; infeasibility at which little came of them: part of the
                                # first, and at all
@@ -362,7 +363,8 @@ class Filter:
         if not (new_theta <= self.most and np.isfinite(new_phi) and all(
                 new_theta <= t or new_phi - slack <= p for t, p in self._pairs)):
             return False, False
-        if theta <= self.least and slope < 0 and part * (-slope)**2.3 > theta**1.1:
+        falls = min(-slope, _HUGE)
+        if theta <= self.least and falls > 0 and part * falls**2.3 > min(theta, _HUGE)**1.1:
             return new_phi <= phi + 1e-8 * part * slope + slack, True
         return (new_theta <= (1 - 1e-5) * theta
                 or new_phi <= phi - 1e-5 * theta + slack), False

@@ -10,16 +10,21 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.solution import Report
 
+MAX_INTERVALS = 800
+
 
 class Monitor:
     """
     Passes progress on and says when to stop.
 
     `stopped` is '' while nothing asked to stop, then 'cancelled' or 'timed_out'. A solver that
-    passes `most` iterations is ended without that.
+    passes `most` iterations is ended without that. No mesh has more than `max_intervals`; `short`
+    says whether one was wanted.
     """
 
-    def __init__(self, time_limit: float = math.inf, report: Report | None = None) -> None:
+    def __init__(self, time_limit: float = math.inf, report: Report | None = None,
+                 max_intervals: int = MAX_INTERVALS) -> None:
+        self.max_intervals, self.short = max_intervals, False
         self.deadline = time.monotonic() + time_limit
         self.stopped = ''
         self.phase = 'transcription'
@@ -35,6 +40,11 @@ class Monitor:
     def spent(self) -> bool:
         """Return whether a solver has used up its iterations."""
         return self.iterations >= self.most
+
+    def allows(self, intervals: int) -> bool:
+        """Return whether a mesh may have so many intervals; remember if it may not."""
+        self.short |= intervals > self.max_intervals
+        return intervals <= self.max_intervals
 
     def within(self, deadline: float) -> 'Monitor':
         """Return a monitor for a part of the work, with a deadline of its own."""
@@ -61,7 +71,7 @@ class _Part(Monitor):
     """A monitor that passes cancelling on to the whole, but keeps its own deadline."""
 
     def __init__(self, whole: Monitor) -> None:
-        super().__init__()
+        super().__init__(max_intervals=whole.max_intervals)
         self._whole = whole
         self.phase = whole.phase
 

@@ -65,6 +65,8 @@ def _refitted(search: Search, arcs: list[Arc], found: BoundaryValues) -> Solutio
         mesh, durations = arc_mesh(problem, spans, search.stages, _INTERVALS / ends[-1], (8, 8))
     t = np.append(0.0, np.cumsum(mesh.fractions * durations[mesh.layout.phase_of]))
     mesh = aligned(mesh, t, ends[:-1])
+    if not search.monitor.allows(mesh.layout.intervals):
+        return None
     outcome = search.collocate(mesh, path, durations, near=True,
                                sizes=search.sizes(search.last.outcome))
     if not outcome.converged:

@@ -120,7 +120,7 @@ def cuts(errors: Array, wanted: float, rate: float = 5.0) -> Index:
     An interval's error falls with the power `rate` of its length.
     """
     share = max(wanted, 1e-300) / len(errors)
-    number = np.ceil(np.minimum(errors / share, 1e30) ** (1 / rate))
+    number = np.ceil((np.minimum(errors, 1e30 * share) / share) ** (1 / rate))
     return np.clip(number, 1, _MOST_CUTS).astype(np.int64)
 
 

@@ -44,7 +44,6 @@ _LOWER = 1e-3         # relative: what is another minimum on a coarse mesh
 _BELIEVED = 1e-2      # relative error of a coarse step
 _ROUNDS, _PLAIN_ROUNDS = 10, 5   # of finer meshes; of those before curved inputs are held
 _COARSE_ITERATIONS, _FEW_ITERATIONS, _WARM_ITERATIONS = 150, 12, 100
-_MOST_INTERVALS = 800
 _WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
 _DETOUR = 1e-5        # likewise, at which inputs may wind around between points
 _CLOSE = 1e-6         # likewise, at which no finer mesh is tried
@@ -126,7 +125,9 @@ class Search:
         Costs found with too large an error of the steps are not to be believed; where no start
         does without, the mesh is made finer and stiffly accurate.
         """
-        levels = ((COARSE, self.stages), (2 * COARSE, 3), (4 * COARSE, 3))
+        most = self.monitor.max_intervals
+        levels = [(min(COARSE, most), self.stages)] + [
+            (intervals, 3) for intervals in (2 * COARSE, 4 * COARSE) if intervals <= most]
         found: list[Outcome] = []
         for intervals, stages in levels[:2] if self.quick else levels:
             self.intervals, self.stages = intervals, stages
@@ -135,7 +136,7 @@ class Search:
             good = [outcome for outcome in found if self.believed(outcome)]
             if good:
                 return sorted(good, key=lambda outcome: outcome.objective)
-            if self.intervals == COARSE and not self.quick:
+            if self.intervals <= COARSE and not self.quick:
                 self.reason = self.why_not(self.stated)
             if self.reason or self.monitor.stopped:
                 break
@@ -211,6 +212,8 @@ class Search:
         """Return the outcome, or one without the detours that its inputs make between points."""
         u = followed(self.problem, self.kit.integrator, course)
         mesh = split(uniform(self.problem, COARSE, self.stages), np.full(COARSE, 4))
+        if not self.monitor.allows(mesh.layout.intervals):
+            return outcome
         start = replace(outcome.path, ua=u[:-1], ub=u[1:])
         new = self.collocate(mesh, start, sizes=self.sizes(outcome))
         better = new.converged and self.given_away(new, self.course(new, draft=True)) < above
@@ -229,7 +232,7 @@ class Search:
                 break
             if shown in seen:
                 density *= 1.5
-                if density > _MOST_INTERVALS / 4:
+                if density > self.monitor.max_intervals / 4:
                     break
             seen.add(shown)
             new = self.with_arcs(arcs, outcome, density)
@@ -237,6 +240,8 @@ class Search:
                 outcome, now = new, shown
                 continue
             density *= 2
+            if not self.monitor.allows(int(density)):
+                break
             mesh = uniform(self.problem, int(density), self.stages)
             new = self.collocate(mesh, outcome.path, outcome.path.t[-1:], near=True,
                                  sizes=self.sizes(outcome))
@@ -253,7 +258,8 @@ class Search:
     def with_arcs(self, arcs: list[Arc], outcome: Outcome, density: float) -> Outcome | None:
         """Return an outcome with the given arcs, if there is one and it costs no more."""
         mesh, durations = arc_mesh(self.problem, arcs, self.stages, density / outcome.path.t[-1])
-        if not self.kit.transcription(self.problem, mesh.layout).solvable:
+        if not self.monitor.allows(mesh.layout.intervals) or not self.kit.transcription(
+                self.problem, mesh.layout).solvable:
             return None
         new = self.collocate(mesh, outcome.path, durations, near=True, sizes=self.sizes(outcome))
         allowed = outcome.objective + 1e-5 * abs(outcome.objective)
@@ -287,7 +293,7 @@ class Search:
                 self.problem = self.kit.twin.problem(self.stated, turn + 1)
             self.widen_margin(course)
             mesh = self.finer(outcome, course)
-            if mesh.layout.intervals > _MOST_INTERVALS or self.monitor.stopped:
+            if self.monitor.stopped or not self.monitor.allows(mesh.layout.intervals):
                 return
             outcome = self.collocate(mesh, outcome.path, near=True, sizes=self.sizes(outcome),
                                      guide=outcome)
@@ -368,7 +374,8 @@ class Search:
     def warm(self) -> Solution | None:
         """Return an answer found from that of a neighbour, if it is certified."""
         last = self.kit.last
-        if last is None or self.quick or not neighbours(self.stated, last):
+        if (last is None or self.quick or not neighbours(self.stated, last)
+                or last.outcome.mesh.layout.intervals > self.monitor.max_intervals):
             return None
         if self.kit.twin:
             self.problem = self.kit.twin.problem(self.stated, _ROUNDS)

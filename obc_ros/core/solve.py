@@ -14,7 +14,7 @@ from obc_ros.core.errors import StatementError
 from obc_ros.core.explain import convex, explain
 from obc_ros.core.ill_posed import indifferent, wish, without_minimum
 from obc_ros.core.kit import Kit
-from obc_ros.core.monitor import Monitor
+from obc_ros.core.monitor import MAX_INTERVALS, Monitor
 from obc_ros.core.polish import polished
 from obc_ros.core.problem import Problem
 from obc_ros.core.riccati import solve_lq
@@ -137,7 +137,8 @@ METHODS: dict[str, Callable[[Problem, Kit, Monitor], Solution]] = {
 
 
 def solve(problem: Problem, *, method: str = 'auto', time_limit: float = 60.0,
-          report: Report | None = None, cache: Cache | None = None) -> Solution:
+          report: Report | None = None, cache: Cache | None = None,
+          max_intervals: int = MAX_INTERVALS) -> Solution:
     """
     Answer a problem; the answer is called solved only if its certificate holds.
 
@@ -153,6 +154,8 @@ def solve(problem: Problem, *, method: str = 'auto', time_limit: float = 60.0,
         Called as report(phase, iteration, cost, infeasibility); True cancels.
     cache : Cache, optional
         Keeps what was built, for problems of the same structure.
+    max_intervals : int, optional
+        No mesh of a transcription has more.
 
     Raises
     ------
@@ -163,7 +166,7 @@ def solve(problem: Problem, *, method: str = 'auto', time_limit: float = 60.0,
     if method not in METHODS:
         raise StatementError(f"method '{method}' is unknown; there are {', '.join(METHODS)}")
     begun = time.monotonic()
-    monitor = Monitor(time_limit, report)
+    monitor = Monitor(time_limit, report, max_intervals)
     kit = (cache or Cache(1)).kit(problem)
     found = METHODS[method](problem, kit, monitor)
     if found.status is not Status.INFEASIBLE and (found.certificate or not monitor.stopped):
@@ -212,6 +215,10 @@ def _ended(problem: Problem, found: Solution, monitor: Monitor, time_limit: floa
             f'no certified answer within {time_limit:g} s{best}{advice and "; "}{advice}'))
     if method in ('riccati', 'time_optimal'):
         return found
+    if monitor.short:
+        found = replace(found, message=(
+            f'{found.message}; a finer mesh was wanted than max_intervals = '
+            f'{monitor.max_intervals} allows'))
     return _explained(problem, found, monitor)
 
 
