@@ -5,9 +5,11 @@
 import math
 from pathlib import Path
 
+import numpy as np
 from obc_ros.core.contradictions import contradiction
 from obc_ros.core.statement import load_file, problem_from_mapping
 import pytest
+from scipy.integrate import solve_ivp
 
 PROBLEMS = sorted((Path(__file__).parent / 'problems').glob('*.yaml'))
 
@@ -179,3 +181,48 @@ def test_time_as_a_state_is_no_fault():
     assert said(clock) == ''
     assert said(clock, terminal_constraints=['t - 2']) == ''
     assert said(clock, terminal_constraints=['t - 3']).startswith('no input enters t: at T = 2')
+
+
+def simulated(kind, chance):
+    """Return a problem that a random input solves, its state bounds close around that path."""
+    T, waves = float(chance.uniform(0.5, 6)), chance.normal(size=(2, 4))
+
+    def u(t):
+        return np.clip(waves @ np.cos(np.arange(4) * math.pi * t / T), -1, 1)
+
+    n = 3 if kind == 'vehicle' else int(chance.integers(2, 5)) if kind == 'linear' else 2
+    A, b, x0 = chance.normal(size=(n, n)), chance.normal(size=n), chance.normal(size=n)
+    names = [f'x{i}' for i in range(n)]
+    f, dynamics = {
+        'linear': (lambda t, x: A @ x + b * u(t)[0], [
+            '+'.join(f'({float(a)!r})*x{j}' for j, a in enumerate(row)) + f'+({float(c)!r})*u'
+            for row, c in zip(A, b, strict=True)]),
+        'vehicle': (lambda t, x: np.array([abs(u(t)[0]) * np.cos(x[2]),
+                                           abs(u(t)[0]) * np.sin(x[2]), u(t)[1]]),
+                    ['u*cos(x2)', 'u*sin(x2)', 'w']),
+        'pendulum': (lambda t, x: np.array([x[1], -np.sin(x[0]) + u(t)[0]]), ['x1', '-sin(x0)+u']),
+    }[kind]
+    path = solve_ivp(f, (0, T), x0, rtol=1e-10, atol=1e-12, max_step=T / 100).y
+    width = 1e-6 + 0.01 * (path.max(axis=1) - path.min(axis=1))
+    limits = np.column_stack([path.min(axis=1) - width, path.max(axis=1) + width])
+    bounds = {name: each.tolist() for name, each in zip(names, limits, strict=True)}
+    vehicle = kind == 'vehicle'
+    return {
+        'states': names, 'inputs': ['u', 'w'] if vehicle else ['u'],
+        'dynamics': dict(zip(names, dynamics, strict=True)), 'running_cost': 'u**2',
+        'initial_state': dict(zip(names, x0.tolist(), strict=True)),
+        'terminal_constraints': [f'{name} - ({value!r})' for name, value in zip(
+            names, path[:, -1].tolist(), strict=True)],
+        'input_bounds': {'u': [0 if vehicle else -1, 1]} | ({'w': [-1, 1]} if vehicle else {}),
+        'state_bounds': {name: bounds[name] for name in names if chance.random() < 0.5},
+        'final_time': {'free': False, 'value': T}}
+
+
+@pytest.mark.parametrize('kind', ['linear', 'vehicle', 'pendulum'])
+def test_what_an_input_solves_is_not_accused(kind):
+    chance = np.random.default_rng(5)
+    for _ in range(12):
+        stated = simulated(kind, chance)
+        assert said(stated) == ''
+        assert said(stated, final_time={
+            'free': True, 'lower': 0, 'upper': 1.01 * stated['final_time']['value']}) == ''
