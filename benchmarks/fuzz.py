@@ -1,0 +1,50 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Expressions, requests and files that atheris makes up, led by the branches that they reach.
+
+atheris is not among the requirements; where it is missing this is skipped by name. What ends a
+target is printed, and the input that did it is left in the folder that is named.
+"""
+
+import timing  # isort: skip - before numpy
+
+from pathlib import Path
+import re
+import subprocess
+import sys
+import tempfile
+
+HARNESS = Path(__file__).with_name('_fuzz.py')
+TARGETS = ('expression', 'request', 'yaml')
+SLOWEST = 5  # [s] that one input may take
+MEMORY = 2048  # [MiB]
+
+
+def main() -> int:
+    """Fuzz each target for a while, and report."""
+    args = timing.arguments(__doc__ or '', seconds=30)
+    if not timing.peer('atheris'):
+        return timing.finish()
+    rows = []
+    for target in TARGETS:
+        folder = tempfile.mkdtemp(prefix=f'fuzz_{target}_')
+        done = subprocess.run(
+            [sys.executable, str(HARNESS), target, f'-max_total_time={args.seconds}',
+             f'-timeout={SLOWEST}', f'-rss_limit_mb={MEMORY}', f'-artifact_prefix={folder}/'],
+            capture_output=True, text=True)
+        runs = re.findall(r'#(\d+)\s', done.stderr) or ['0']
+        reached = re.findall(r'cov: (\d+)', done.stderr) or ['0']
+        rows.append((target, runs[-1], reached[-1], done.returncode))
+        timing.require(f'{target}: inputs that end it', done.returncode != 0, 0)
+        if done.returncode:
+            print(f'{done.stdout[-2000:]}{done.stderr[-3000:]}\n  the input is in {folder}')
+        else:
+            Path(folder).rmdir()
+    timing.table(f'atheris, {args.seconds} s each',
+                 ('target', 'inputs', 'branches', 'status'), rows)
+    return timing.finish()
+
+
+if __name__ == '__main__':
+    sys.exit(main())
