@@ -84,11 +84,11 @@ def example_2_5(desk: Desk) -> Answer:
         'not know that its thrust then no longer carries it: the aircraft itself falls by '
         f'{-whole["printed"].x[:, 1].min():.2f} m before it climbs.',
         'Figure 2.4(b) is shown in both readings of $ρ$. With the weight $2π/9$ or 1.3131 of '
-        'theta the steps differ by at most '
+        '$θ$ the steps differ by at most '
         f'{100 * np.abs(printed.x - linear["meant"].x)[:, :2].max():.1f} cm.'),
         f'Measured in the loop with the printed weights: the first inputs are $u_1 = '
         f'{printed.u[0, 0]:.1f}$ N and $u_2 = {printed.u[0, 1]:.2f}$ N, where the axis of Figure '
-        '2.5(b) ends at 4.')
+        '2.5(b) runs from 0 to 4.')
 
 
 def _fly(loop: Loop, Qx: list[float], rho: float, duration: float) -> Run:
@@ -111,7 +111,7 @@ def _simulated(K: Array, count: int) -> tuple[Array, Array]:
 
 
 def _text(name: float | str) -> str:
-    return {'printed': 'printed weights', 'meant': 'weight 1.3131 of theta'}.get(
+    return {'printed': 'printed weights', 'meant': 'weight 1.3131 of $θ$'}.get(
         str(name), f'$Q_x = I$, $ρ = {name:g}$' if isinstance(name, float) else '')
 
 
