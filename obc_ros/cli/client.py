@@ -111,7 +111,9 @@ class Client:
     def action(self) -> ActionClient:
         """Return a client of the server's action, when it is ready."""
         client = ActionClient(
-            self.node, SolveOptimalControl, f'{self.server}/solve_optimal_control')
+            self.node, SolveOptimalControl, f'{self.server}/solve_optimal_control',
+            goal_service_qos_profile=BURST, result_service_qos_profile=BURST,
+            cancel_service_qos_profile=BURST, feedback_sub_qos_profile=BURST)
         self.wait(client.server_is_ready, client.server_is_ready)
         return client
 
