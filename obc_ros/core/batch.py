@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
 
 _FEW, _MANY = 32, 1024   # rows evaluated at once, by default and at most
 
@@ -65,13 +66,31 @@ class Batch:
         w, result = np.zeros((rows, self._inputs[-1])), np.empty((rows, self._outputs[-1]))
         for (start, end), argument in zip(pairwise(self._inputs), arguments, strict=True):
             w[:count, start:end] = argument
+        self._evaluate(w, result, size)
+        return result[:count]
+
+    @property
+    def outputs(self) -> list[slice]:
+        """Return where the outputs stand in a row of `joined`."""
+        return [slice(start, end) for start, end in pairwise(self._outputs)]
+
+    def filled(self, rows: Rows) -> Rows:
+        """Return rows with the last one repeated, to a number that `of_filled` takes."""
+        return np.concatenate([rows, np.repeat(rows[-1:], -len(rows) % self._few, axis=0)])
+
+    def of_filled(self, w: Array) -> Array:
+        """Return what `joined` does for inputs side by side, as many rows as `filled` returns."""
+        result = np.empty((len(w), self._outputs[-1]))
+        self._evaluate(w, result, self._few)
+        return result
+
+    def _evaluate(self, w: Array, result: Array, size: int) -> None:
         if w.size and result.size:
             buffer, trigger = self._parcel(size)
-            for first in range(0, rows, size):
+            for first in range(0, len(w), size):
                 buffer.set_arg(0, w[first:first + size].data)
                 buffer.set_res(0, result[first:first + size].data)
                 trigger()
-        return result[:count]
 
     def _parcel(self, size: int) -> tuple[Any, Any]:
         """Return the buffer of the function for `size` rows and the call that evaluates it."""

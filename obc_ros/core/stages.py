@@ -53,12 +53,13 @@ class Stages:
         Where the unknowns of each mesh point stand in w.
     unknowns : int
         Length of w: the unknowns of the points, and one more at most.
+    shared : int
+        Number of constants that all intervals share, the first of all.
 
     """
 
     def __init__(self, interval: Whole, end: Whole, index: Index, own: Index, last: Index,
-                 points: Index, unknowns: int) -> None:
-        self._interval, self._end, self._own_index = interval, end, own
+                 points: Index, unknowns: int, shared: int) -> None:
         N, per, r, q = len(index), points.shape[1], interval.r, end.r
         stride = per + r
         inner = (N + 1) * per + N * r + q
@@ -72,33 +73,43 @@ class Stages:
         self.is_row = np.zeros(self.size, dtype=bool)
         self.is_row[self.at_rows] = True
         # Constants stand behind y.
-        self._v = np.where(index < unknowns, self.at_w[np.minimum(index, unknowns - 1)],
-                           index - unknowns + self.size)
-        self._x_end = self.at_w[last][None, :]
-        self._rows, self._end_rows = self.at_rows[:N * r].reshape(N, r), self.at_rows[None, N * r:]
-        pairs = [*self._entries(interval, self._v, self._rows),
-                 *self._entries(end, self._x_end, self._end_rows)]
-        rows, columns = (np.concatenate([pair[k].ravel() for pair in pairs]) for k in (0, 1))
-        # Entries of constants are dropped with the last place of the pattern.
+        v = np.where(index < unknowns, self.at_w[np.minimum(index, unknowns - 1)],
+                     index - unknowns + self.size)
+        of_intervals = self.at_rows[:N * r].reshape(N, r)
+        self._copies = (
+            _Copies(interval, v, self.size + own, of_intervals, self.size + np.arange(shared)),
+            _Copies(end, self.at_w[last][None, :], np.zeros((1, 0), dtype=np.int64),
+                    self.at_rows[None, N * r:], self.size + np.arange(shared)))
+        rows, columns = (np.concatenate([copies.entries[k] for copies in self._copies])
+                         for k in (0, 1))
+        # Entries of constants are dropped.
         self._kept = np.flatnonzero((rows < self.size) & (columns < self.size))
         self.pattern = Pattern(rows[self._kept], columns[self._kept], self.size, border)
+        self._number()
 
-    @staticmethod
-    def _entries(whole: Whole, v: Index, rows: Index) -> list[tuple[Index, Index]]:
-        i, j = whole.jacobian
-        a, b = whole.curvature
-        return [(v[:, a], v[:, b]), (rows[:, i], v[:, j]), (v[:, j], rows[:, i])]
+    def _number(self) -> None:
+        """Say where what the copies return stands in all that they return."""
+        first, second = self._copies
+        self._at = [np.concatenate([a.ravel(), b.ravel() + first.total])
+                    for a, b in zip(first.results, second.results, strict=True)]
+        whole = [np.concatenate([copies.results[k].ravel() + offset for k in (5, 4, 4)])
+                 for copies, offset in ((first, 0), (second, first.total))]
+        self._entries = np.concatenate(whole)[self._kept]
+        self._of_cost, self._of_slope = (
+            np.concatenate([copies.v[:, places].ravel() for copies, places in (
+                (first, a), (second, b))])
+            for a, b in ((first.whole.slope, second.whole.slope), (slice(None), slice(None))))
 
-    def bind(self, shared: Array, constants: Array) -> None:
-        """Set the constants `shared` by all intervals, and all of them."""
-        self._own, self._shared, self._constants = constants[self._own_index], shared, constants
+    def bind(self, constants: Array) -> None:
+        """Set the constants."""
+        self._constants = constants
 
     @cached_property
     def _squares(self) -> tuple[Pattern, Index]:
         """Return the pattern of the Hessian and of J'J, and which of its entries are kept."""
         rows, columns = [], []
-        for whole, v in ((self._interval, self._v), (self._end, self._x_end)):
-            a, b = whole.curvature
+        for copies in self._copies:
+            v, (a, b) = copies.v, copies.whole.curvature
             rows += [v[:, a], np.repeat(v, v.shape[1], axis=1)]
             columns += [v[:, b], np.tile(v, v.shape[1])]
         i, j = (np.concatenate([part.ravel() for part in parts]) for parts in (rows, columns))
@@ -113,11 +124,9 @@ class Stages:
         """
         pattern, kept = self._squares
         parts = []
-        for whole, (jacobian, curvature) in zip((self._interval, self._end), values.parts,
-                                                strict=True):
-            nv = self._v.shape[1] if whole is self._interval else self._x_end.shape[1]
-            J = np.zeros((len(jacobian), whole.r, nv))
-            J[:, whole.jacobian[0], whole.jacobian[1]] = jacobian
+        for copies, (jacobian, curvature) in zip(self._copies, values.parts, strict=True):
+            J = np.zeros((len(jacobian), copies.whole.r, copies.v.shape[1]))
+            J[:, copies.whole.jacobian[0], copies.whole.jacobian[1]] = jacobian
             with np.errstate(over='ignore'):
                 squares = _PENALTY * np.matmul(J.transpose(0, 2, 1), J)
             parts += [curvature.ravel(), squares.ravel()]
@@ -148,7 +157,7 @@ class Stages:
         y, lower = np.zeros(self.size), np.full(self.size, -np.inf)
         upper = -lower
         y[self.at_w], lower[self.at_w], upper[self.at_w] = w, *bounds
-        self.factor, self.weights = 1.0, np.ones(self._end.r)
+        self.factor = 1.0
         if not near:
             self._scale(y)
 
@@ -158,7 +167,7 @@ class Stages:
         if multipliers is not None:
             z = np.zeros(self.size)
             z[self.at_w] = multipliers[0] * self.factor
-            y[self.at_rows] = multipliers[1] * self.factor / self._row_weights()
+            y[self.at_rows] = multipliers[1] * self.factor
             side = ((z > upper - y).astype(np.int8) - (-z > y - lower)).astype(np.int8)
             side[lower == upper] = 0
             followed = follow(self, (lower, upper), y, side, goal, seen)
@@ -173,13 +182,9 @@ class Stages:
         return self._found(work, solve(work, now, goal, seen))
 
     def _followed(self, y: Array, there: Values, steps: int) -> Found:
-        weights = self._row_weights()
-        return Found(y[self.at_w], there.f / self.factor, there.c[self.at_rows] / weights,
-                     -there.slope[self.at_w] / self.factor,
-                     y[self.at_rows] * weights / self.factor, True, 'followed', steps)
-
-    def _row_weights(self) -> Array:
-        return np.append(np.ones(self._rows.size), self.weights)
+        return Found(y[self.at_w], there.f / self.factor, there.c[self.at_rows],
+                     -there.slope[self.at_w] / self.factor, y[self.at_rows] / self.factor,
+                     True, 'followed', steps)
 
     def _scale(self, y: Array) -> None:
         """Make the cost less steep where it is very steep."""
@@ -188,47 +193,65 @@ class Stages:
             self.factor = min(1.0, _STEEPEST / max(steepest, 1e-300))
 
     def _found(self, work: Interior, end: Iterate) -> Found:
-        weights = self._row_weights()
-        return Found(end.y[self.at_w], end.values.f / self.factor,
-                     end.values.c[self.at_rows] / weights,
+        return Found(end.y[self.at_w], end.values.f / self.factor, end.values.c[self.at_rows],
                      -work.spread(end.z)[self.at_w] / self.factor,
-                     end.y[self.at_rows] * weights / self.factor, end.converged, end.status,
+                     end.y[self.at_rows] / self.factor, end.converged, end.status,
                      end.iterations)
 
     def values(self, y: Array) -> Values:
         """Return everything at y."""
-        both = np.concatenate([y, self._constants])
-        f, parts, pieces = 0.0, [], []
-        c, slope, cost_slope = np.zeros(self.size), np.zeros(self.size), np.zeros(self.size)
-        both_slope = np.zeros(len(both))
-        both_cost = np.zeros(len(both))
-        for whole, v, own, rows, weight in (
-                (self._interval, self._v, self._own, self._rows, None),
-                (self._end, self._x_end, np.zeros((1, 0)), self._end_rows, self.weights)):
-            lam = y[rows] if weight is None else y[rows] * weight
-            g, cost, cost_v, slope_v, jacobian, curvature = whole.batch(
-                both[v], own, self._shared, np.array([self.factor]), lam)
-            if weight is not None:
-                g = g * weight
-                jacobian = jacobian * weight[whole.jacobian[0]]
-            f += self.factor * float(cost.sum())
-            c[rows] = g
-            where = v.ravel()
-            both_slope += np.bincount(where, slope_v.ravel(), len(both))
-            both_cost += np.bincount(v[:, whole.slope].ravel(), self.factor * cost_v.ravel(),
-                                     len(both))
-            parts += [curvature.ravel(), jacobian.ravel(), jacobian.ravel()]
-            pieces.append((jacobian, curvature))
-        slope, cost_slope = both_slope[:self.size], both_cost[:self.size]
+        known = np.concatenate([y, self._constants, [self.factor]])
+        results = [copies.whole.batch.of_filled(known[copies.take]) for copies in self._copies]
+        flat = np.concatenate([result.ravel() for result in results])
+        at_g, at_cost, at_cost_slope, at_slope, _, _ = self._at
+        c = np.zeros(self.size)
+        c[self.at_rows] = flat[at_g]
+        slope, cost_slope = (
+            np.asarray(np.bincount(where, flat[at], len(known))[:self.size], dtype=float)
+            for where, at in ((self._of_slope, at_slope), (self._of_cost, at_cost_slope)))
         slope[self.is_row] = 0.0
-        return Values(f, c, slope, cost_slope, np.concatenate(parts)[self._kept], tuple(pieces))
+        return Values(
+            self.factor * float(flat[at_cost].sum()), c, slope, np.asarray(self.factor * cost_slope),
+            flat[self._entries], tuple(copies.parts(result) for copies, result in zip(
+                self._copies, results, strict=True)))
 
     def merit(self, y: Array) -> tuple[float, Array]:
         """Return f and c at y."""
-        both = np.concatenate([y, self._constants])
-        c = np.zeros(self.size)
-        g, cost = self._interval.values(both[self._v], self._own, self._shared)
-        c[self._rows] = g
-        g_end, V = self._end.values(both[self._x_end], np.zeros((1, 0)), self._shared)
-        c[self._end_rows] = g_end * self.weights
-        return self.factor * float(cost.sum() + V.sum()), c
+        known = np.concatenate([y, self._constants])
+        c, cost, seen = np.zeros(self.size), 0.0, []
+        for copies in self._copies:
+            result = copies.whole.values.of_filled(known[copies.few])[:len(copies.v)]
+            seen.append(result[:, :-1].ravel())
+            cost += float(result[:, -1].sum())
+        c[self.at_rows] = np.concatenate(seen)
+        return self.factor * cost, c
+
+
+class _Copies:
+    """
+    Copies of a piece: where its arguments stand, and what of its results stands where.
+
+    `take`, `few`: where the arguments for everything, and for g and the cost alone, stand in (y,
+    constants, factor); `results`: places of g, cost, its slope, the slope of the Lagrangian, J
+    and H, `total` of them; `entries`: rows and columns of H, J and J' in the matrix.
+    """
+
+    def __init__(self, whole: Whole, v: Index, own: Index, rows: Index, shared: Index) -> None:
+        self.whole, self.v = whole, v
+        K = len(v)
+        given = np.hstack([v, own, np.tile(shared, (K, 1))])
+        self.few = whole.values.filled(given)
+        self.take = whole.batch.filled(np.hstack([given, np.full((K, 1), -1), rows]))
+        width = whole.batch.outputs[-1].stop
+        self.total = len(self.take) * width
+        self.results = [width * np.arange(K)[:, None] + np.arange(part.start, part.stop)
+                        for part in whole.batch.outputs]
+        i, j = whole.jacobian
+        a, b = whole.curvature
+        pairs = ((v[:, a], v[:, b]), (rows[:, i], v[:, j]), (v[:, j], rows[:, i]))
+        self.entries = [np.concatenate([pair[k].ravel() for pair in pairs]) for k in (0, 1)]
+
+    def parts(self, result: Array) -> tuple[Array, Array]:
+        """Return the entries of J and H of all copies."""
+        at_J, at_H = self.whole.batch.outputs[-2:]
+        return result[:len(self.v), at_J], result[:len(self.v), at_H]

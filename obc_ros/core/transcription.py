@@ -275,7 +275,7 @@ class Transcription:
             return None
         inputs = np.vstack([self.at_ua[:1], self.at_ub])
         return Stages(self._pieces.interval.whole, self._pieces.end.whole, *self._index(),
-                      self.at_x[-1], np.hstack([self.at_x, inputs]), self.unknowns)
+                      self.at_x[-1], np.hstack([self.at_x, inputs]), self.unknowns, self.shared)
 
     @cached_property
     def _program(self) -> Program:
@@ -430,7 +430,7 @@ class Transcription:
         found = None
         if self._staged is not None:
             constants = self._constants(problem, mesh, scales, problem.final_time.value)
-            self._staged.bind(constants[:self.shared], constants)
+            self._staged.bind(constants)
             guessed = multipliers
             if guide is not None and multipliers is None:
                 guessed = self.multipliers(mesh, start, guide, scales, (lower, upper))
