@@ -25,7 +25,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dgbtrf, dgbtrs, dpbtrf, dpbtrs
+from scipy.linalg.lapack import dgbtrf, dgbtrs, dgetrf, dgetrs, dpbtrf, dpbtrs
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -121,8 +121,8 @@ class Pattern:
         band = flat[:self.height * self.inner].reshape(self.inner, self.height).T
         edge: Array = flat[self.height * self.inner:-1].reshape(self.border, self.size).T
         lu, pivots, info = dgbtrf(band, self.width, self.width, overwrite_ab=1)
-        return None if info else Factor(self, lu, pivots, edge)
-
+        factor = None if info else Factor(self, lu, pivots, edge)
+        return None if factor is None or factor.singular else factor
 
     def definite(self, entries: Array, fixed: NDArray[np.bool_], diagonal: Array) -> bool:
         """Return whether the matrix with a diagonal added is positive definite."""
@@ -143,16 +143,18 @@ class Factor:
     def __init__(self, pattern: Pattern, lu: Array, pivots: Any, edge: Array) -> None:
         self._pattern, self._lu, self._pivots = pattern, lu, pivots
         self._upper = edge[:pattern.inner]
+        self.singular = False
         if pattern.border:
             self._response = self._banded(self._upper)
-            self._corner = edge[pattern.inner:] - self._upper.T @ self._response
+            *self._corner, info = dgetrf(edge[pattern.inner:] - self._upper.T @ self._response)
+            self.singular = info != 0
 
     def odd(self) -> bool:
         """Return whether the number of negative eigenvalues is odd, by the determinant's sign."""
-        swaps = int(np.count_nonzero(self._pivots != np.arange(len(self._pivots))))
-        negative = swaps + int(np.count_nonzero(self._lu[2 * self._pattern.width] < 0))
+        negative = _odd(self._lu[2 * self._pattern.width], self._pivots)
         if self._pattern.border:
-            negative += int(np.linalg.det(self._corner) < 0)
+            lu, pivots = self._corner
+            negative += _odd(np.diagonal(lu), pivots)
         return negative % 2 == 1
 
     def _banded(self, right: Array) -> Array:
@@ -165,8 +167,14 @@ class Factor:
         if not self._pattern.border:
             return self._banded(right)
         first = self._banded(right[:inner])
-        last = np.linalg.solve(self._corner, right[inner:] - self._upper.T @ first)
+        last = dgetrs(*self._corner, right[inner:] - self._upper.T @ first)[0]
         return np.concatenate([first - self._response @ last, last])
+
+
+def _odd(diagonal: Array, pivots: Any) -> int:
+    """Return how many signs the rows' exchanges and the pivots of an LU bring into det."""
+    return int(np.count_nonzero(pivots != np.arange(len(pivots)))
+               + np.count_nonzero(diagonal < 0))
 
 
 @dataclass(frozen=True)
