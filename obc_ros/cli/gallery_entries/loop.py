@@ -14,14 +14,14 @@ from obc_ros.cli.gallery_entries.entry import UnansweredError
 from obc_ros.cli.gallery_entries.ros2 import argument, run_node, set_parameter
 from obc_ros.cli.pilot import Pilot
 from obc_ros.cli.processes import Children
-from obc_ros.cli.recording import LATCHED, Recorder
+from obc_ros.cli.recording import Recorder
 from obc_ros.msg import LqrDesign, Trajectory
-from rcl_interfaces.msg import Log
 from std_srvs.srv import Trigger
 
 Array = NDArray[np.float64]
 
 RESET = 'ros2 service call /plant_simulator/reset std_srvs/srv/Trigger'
+ATTEMPTS = 4
 PACE = {'lockstep': True, 'speed': 0.0, 'dt': 0.001}
 
 
@@ -58,12 +58,11 @@ class Run:
 class Loop:
     """A running loop that stands still between runs."""
 
-    def __init__(self, pilot: Pilot, note: Callable[[str], None]) -> None:
+    def __init__(self, pilot: Pilot, recorder: Recorder, note: Callable[[str], None]) -> None:
         self._pilot = pilot
         self._note = note
-        self._said: list[str] = []
-        pilot.node.create_subscription(
-            Log, '/rosout', lambda message: self._said.append(message.msg), LATCHED)
+        self._before = 0  # [ns] of the runs before: what is recorded goes on in time
+        recorder.now = lambda: self._before + (pilot.states.stamp or [0])[-1]
 
     @property
     def design(self) -> LqrDesign:
@@ -91,24 +90,39 @@ class Loop:
             pilot.wait(lambda: self.design.revision > revision, 'the new design')
 
     def run(self, duration: float, reference: Trajectory | None = None) -> Run:
-        """Return what happens from a reset on, for `duration` [s], along a reference if given."""
+        """
+        Return what happens from a reset on, for `duration` [s], along a reference if given.
+
+        Raises
+        ------
+        UnansweredError
+            If this process is too slow to hear all states, several times.
+
+        """
+        for _ in range(ATTEMPTS):
+            found = self._run(round(duration * 1e9), reference)
+            if found:
+                return found
+        raise UnansweredError('states of the loop were lost on their way')
+
+    def _run(self, end: int, reference: Trajectory | None) -> Run | None:
         pilot = self._pilot
-        pilot.wait(lambda: True, '')
         begin, answered = len(pilot.states.stamp), len(pilot.commands.stamp)
+        self._before += pilot.states.stamp[-1]
         pilot.call(Trigger, 'plant_simulator/reset', Trigger.Request())
         pilot.wait(lambda: 0 in pilot.states.stamp[begin:], 'the state after the reset')
         if reference:
-            said = len(self._said)
+            said = len(pilot.said)
             pilot.publisher.publish(reference)
-            pilot.wait(lambda: any('reference' in each for each in self._said[said:]),
+            pilot.wait(lambda: any('reference' in each.msg for each in pilot.said[said:]),
                        'the reference to be taken')
         pilot.pause(False)
-        end = round(duration * 1e9)
-        pilot.wait(lambda: pilot.states.stamp[-1] >= end, f't = {duration:g} s', 60.0)
+        pilot.wait(lambda: pilot.states.stamp[-1] >= end, f't = {end * 1e-9:g} s', 60.0)
         pilot.pause(True)
         return self._recorded(begin, answered, end)
 
-    def _recorded(self, begin: int, answered: int, end: int) -> Run:
+    def _recorded(self, begin: int, answered: int, end: int) -> Run | None:
+        """Return the run that began last; None if states of it are missing."""
         pilot = self._pilot
         t, x, tu, u = pilot.history()
         begin += pilot.states.stamp[begin:].index(0)
@@ -116,8 +130,9 @@ class Loop:
         ticks, first = np.unique(_ticks(t[begin:] - t[begin]), return_index=True)
         answers, place = np.unique(_ticks(tu[answered:] - t[begin]), return_index=True)
         count = np.searchsorted(ticks, end, 'right')
-        if np.ptp(np.diff(ticks[:count])) > 1:
-            raise UnansweredError('states of the loop were lost on their way')
+        steps = np.diff(ticks[:count + 1])
+        if not steps.size or np.ptp(steps) > 1:
+            return None
         _, heard, of = np.intersect1d(ticks[:count], answers, return_indices=True)
         return Run(ticks[:count] * 1e-9, x[begin:][first[:count]], heard, u[answered:][place[of]])
 
@@ -141,7 +156,7 @@ def run_loop(folder: Path, plant: Mapping[str, Any], regulator: Mapping[str, Any
             pilot.wait(lambda: bool(pilot.designs) and pilot.hears('command')
                        and bool(pilot.states.stamp), 'the loop', 60.0)
             pilot.pause(True)
-            yield Loop(pilot, note)
+            yield Loop(pilot, recorder, note)
 
 
 def _arguments(parameters: Mapping[str, Any]) -> list[str]:
