@@ -91,6 +91,10 @@ class InputMinimum:
         size = ca.fabs(problem.L) + ca.dot(ca.fabs(lam), ca.fabs(problem.f))
         self._points = Batch([x, u, lam, mu, p], [
             problem.f, problem.path, problem.L, H, size, augmented, curvature])
+        # A search asks for less, of many more points.
+        H_u = ca.gradient(H, u)
+        self._few = Batch([x, u, lam, p], [
+            H, problem.path, H_u, ca.diag(ca.jacobian(H_u, u))])
         self._problem = problem
 
     @cached_property
@@ -142,15 +146,16 @@ class InputMinimum:
 
     def _value(self, problem: Problem, x: Array, u: Array, lam: Array, slack: float) -> Array:
         """Return H, infinite where it is undefined or a path constraint is not met."""
-        return self._where_met(
-            problem, self.points(problem, x, u, lam, np.zeros(problem.path.numel())), slack)
+        H, c, _, _ = self._few(x, u, lam, problem.p_value)
+        return self._where_met(problem, H[:, 0], c, slack)
 
-    def _where_met(self, problem: Problem, at: Points, slack: float) -> Array:
-        if not at.c.shape[1]:
-            return np.where(np.isfinite(at.H), at.H, np.inf)
-        outside = np.maximum(problem.path_lower - at.c, at.c - problem.path_upper)
-        met = np.all(outside <= slack * np.maximum(1.0, np.abs(at.c)), axis=1)
-        return np.where(np.isfinite(at.H) & met, at.H, np.inf)
+    def _where_met(self, problem: Problem, H: Array, c: Array, slack: float) -> Array:
+        """Return H where it is finite and the path constraints are met, else infinity."""
+        if not c.shape[1]:
+            return np.where(np.isfinite(H), H, np.inf)
+        outside = np.maximum(problem.path_lower - c, c - problem.path_upper)
+        met = np.all(outside <= slack * np.maximum(1.0, np.abs(c)), axis=1)
+        return np.where(np.isfinite(H) & met, H, np.inf)
 
     def _search(self, problem: Problem, group: _Group, at: Points, scales: Scales) -> Array:
         """Return H less the least value found from a grid, shape (K,)."""
@@ -160,11 +165,11 @@ class InputMinimum:
         K, G = len(at.x), len(grid)
         u = np.repeat(at.u, G, axis=0)
         u[:, index] = np.tile(grid, (K, 1))
-        there = self.points(problem, np.repeat(at.x, G, axis=0), u, np.repeat(at.lam, G, axis=0),
-                            np.zeros(problem.path.numel()))
-        value = self._where_met(problem, there, 1e-6 if group.constrained else np.inf)
+        H, c, slopes, curvatures = self._few(np.repeat(at.x, G, axis=0), u,
+                                             np.repeat(at.lam, G, axis=0), problem.p_value)
+        value = self._where_met(problem, H[:, 0], c, 1e-6 if group.constrained else np.inf)
         for j in set(group.inputs) - set(index):
-            slope, curvature = there.slope[:, j], there.curvature[:, j, j]
+            slope, curvature = slopes[:, j], curvatures[:, j]
             step = _line(slope, curvature, problem.u_lower[j] - u[:, j],
                          problem.u_upper[j] - u[:, j], float(scales.u[j]), scales.H)
             u[:, j] += step
