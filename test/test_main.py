@@ -3,6 +3,7 @@
 """How every node ends: without a traceback, and with a status that says how."""
 
 import signal
+import time
 from typing import Any
 
 import pytest
@@ -27,3 +28,14 @@ def test_a_file_that_cannot_be_read(spawn: Any, tmp_path: Any) -> None:
     mixed = spawn('lqr_node', {'Qu': [1, 0.5]})
     assert mixed.wait() == 1
     assert 'write the numbers of a list all with a point, or none' in mixed.output()
+
+
+@pytest.mark.parametrize('gap', [0.0, 0.05, 0.1, 0.15])
+def test_who_asks_twice_gets_the_same_end(spawn: Any, probe: Any, gap: float) -> None:
+    """Ctrl-C reaches every process of a launch file, and then the launch file asks them, too."""
+    process = spawn('lqr_node')
+    probe.wait_for_node('lqr_node')
+    process.popen.send_signal(signal.SIGINT)
+    time.sleep(gap)  # any: the second one must do no harm whenever it comes
+    process.popen.send_signal(signal.SIGINT)
+    assert process.wait() == 0, process.output()

@@ -93,7 +93,8 @@ def _stopped_by_signals() -> Iterator[_Stop]:
         yield stop
     finally:
         for number, handler in handlers.items():
-            signal.signal(number, handler)
+            # A launch file asks twice: the second time while the interpreter ends already.
+            signal.signal(number, signal.SIG_IGN if stop.asked else handler)
         signal.set_wakeup_fd(former)
         os.write(writer, b'\0')
         thread.join()
