@@ -178,6 +178,7 @@ def test_a_worker_in_any_phase_costs_at_most_its_request(spawn, probe, number):
     first = probe.call(DesignLqr, '/trajectory_server/design_lqr', quick)
     # a worker that was stopped while idle is found out by the time of its next request
     assert first.success or first.message.startswith(('timed_out', 'not_converged'))
+    probe.set_parameters('/trajectory_server', time_limit=20.0)
     assert probe.call(DesignLqr, '/trajectory_server/design_lqr', quick).success
     assert server.running()
 
