@@ -21,13 +21,14 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @dataclass(frozen=True)
 class Started:
-    """A node that a launch file starts: the files and values of its parameters in order."""
+    """A node that a launch file starts: files and values of its parameters, what is set for it."""
 
     executable: str
     name: str
     namespace: str
     files: tuple[Path, ...]
     values: dict[str, Any]
+    environment: dict[str, str]
 
 
 class _Given:
@@ -50,6 +51,7 @@ def nodes(file: str, **arguments: str) -> list[Started]:
         spec.loader.exec_module(module)
         entities = module.generate_launch_description().args[0]
     context: dict[str, str] = {}
+    variables: dict[str, str] = {}
     found: list[Started] = []
     for each in entities:
         kind = made[type(each)]
@@ -58,11 +60,13 @@ def nodes(file: str, **arguments: str) -> list[Started]:
             if not isinstance(default, str):
                 default = os.environ.get(default.args[0], default.named['default_value'])
             context[name] = arguments.get(name, default)
+        elif kind == 'SetEnvironmentVariable':
+            variables[each.args[0]] = each.args[1].perform(context)
         elif kind == 'OpaqueFunction':
-            found += [_started(node, context) for node in each.named['function'](context)
-                      if _is_wanted(node, context)]
+            found += [_started(node, context, variables)
+                      for node in each.named['function'](context) if _is_wanted(node, context)]
         elif kind == 'Node' and _is_wanted(each, context):
-            found.append(_started(each, context))
+            found.append(_started(each, context, variables))
     assert set(arguments) <= set(context), f'{file} takes {sorted(context)}'
     return found
 
@@ -72,7 +76,7 @@ def _is_wanted(node: _Given, context: Mapping[str, str]) -> bool:
     return condition is None or condition.args[0].perform(context) == 'true'
 
 
-def _started(node: _Given, context: Mapping[str, str]) -> Started:
+def _started(node: _Given, context: Mapping[str, str], variables: dict[str, str]) -> Started:
     files, values = [], {}
     for each in node.named['parameters']:
         if isinstance(each, dict):
@@ -85,7 +89,7 @@ def _started(node: _Given, context: Mapping[str, str]) -> Started:
     return Started(
         node.named['executable'], node.named['name'],
         namespace if isinstance(namespace, str) else namespace.perform(context),
-        tuple(files), values)
+        tuple(files), values, variables)
 
 
 def _value(value: Any, context: Mapping[str, str]) -> Any:

@@ -42,6 +42,14 @@ def test_what_a_fleet_starts() -> None:
             nodes('fleet.launch.py', vehicles=wrong)
 
 
+@pytest.mark.parametrize('file', ['loop.launch.py', 'fleet.launch.py'])
+def test_it_keeps_to_this_machine_unless_told_otherwise(file: str) -> None:
+    """Nobody else on the network finds the nodes."""
+    for told, wanted in (({}, 'LOCALHOST'), ({'discovery_range': 'SUBNET'}, 'SUBNET')):
+        for each in nodes(file, **told):
+            assert each.environment == {'ROS_AUTOMATIC_DISCOVERY_RANGE': wanted}
+
+
 def test_ten_vehicles_on_one_machine(spawn: Any, probe: Any) -> None:
     """Each loop follows its own plant to its own lane, and none hears another."""
     names = [f'/vehicle{k}' for k in range(1, VEHICLES + 1)]

@@ -196,6 +196,13 @@ def test_a_horizon_goes_on_through_changes_of_the_weights() -> None:
     assert answers(loop, (6.0, [2.0, 0.0]), (7.0, [2.0, 0.0])) == [[0.0], [-5.0]]
 
 
+def test_a_horizon_and_a_delay() -> None:
+    """The gain is that of the time at which the command acts."""
+    prediction = Prediction(((1.0, 0.0), (0.0, 1.0)), (((0.0,), (0.0,)),), S, S)
+    loop = Loop(within(2.0, prediction=prediction))
+    assert answers(loop, (7.0, [1.0, 0.0]), (8.0, [1.0, 0.0])) == [[-5.0], [-10.0]]
+
+
 def test_a_horizon_of_a_set_point_that_moves() -> None:
     """It moves on from where the plant was when the law began, whatever changes meanwhile."""
     moving = within(2.0, u=10.0, drift=(10.0, 0.0))

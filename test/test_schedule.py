@@ -5,6 +5,7 @@
 import math
 from typing import Any
 
+from hypothesis import given, settings, strategies
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core import systems
@@ -89,6 +90,28 @@ def test_the_rate_that_is_proved_is_borne(name: str) -> None:
 
     driven = solve_ivp(rate, (0.0, 2.0 * span), np.ones(len(cost.Qx)), rtol=1e-8, max_step=0.1).y
     assert np.abs(driven[:, -1]).max() < 1e-4
+
+
+@settings(max_examples=40, deadline=None)
+@given(strategies.integers(2, 4), strategies.integers(1, 2), strategies.integers(0, 2**32 - 1),
+       strategies.floats(0.0, 2.0))
+def test_what_is_accepted_is_stable_between_the_values(n: int, m: int, seed: int, slope: float
+                                                       ) -> None:
+    """Random plants that are straight lines in the variable: proved everywhere, or refused."""
+    rng = np.random.default_rng(seed)
+    A, dA, B, dB = (rng.standard_normal(shape) for shape in ((n, n), (n, n), (n, m), (n, m)))
+
+    def at(v: float) -> tuple[Array, Array]:
+        return A + slope * v * dA, B + slope * v * dB
+
+    try:
+        found = table(at, Weights(np.eye(n), np.eye(m)), 0.0, 1.0)
+    except RefusedDesignError:
+        return
+    for v in rng.uniform(0.0, 1.0, 50):
+        M = at(v)[0] - at(v)[1] @ gain(found, v)
+        assert np.linalg.eigvals(M).real.max() < 0.0
+    assert found.rate > 0.0
 
 
 def test_a_gap_that_cannot_be_bridged_is_not_passed_over() -> None:

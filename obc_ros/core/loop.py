@@ -263,7 +263,7 @@ class Loop:
         z: Sequence[float] = ()
         if control.prediction is not None:
             e, z = self._predict(control.prediction, e, here.u, len(control.C))
-            if control.legs:
+            if control.legs or control.horizon is not None:
                 later = stamp + control.prediction.delay
                 point = self._point(control, ahead, later)
                 if ahead.law is not now.law:
