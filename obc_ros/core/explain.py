@@ -86,6 +86,7 @@ class _Doubt:
     def __init__(self, problem: Problem, solve: Solver, thorough: Solver) -> None:
         self.problem, self.solve = problem, solve
         self.thorough = thorough
+        self.lost = True  # whether no path was found that keeps to the problem
         self.convex = convex(problem)
 
     def reason(self, found: Solution | None) -> Reason | None:
@@ -93,6 +94,7 @@ class _Doubt:
         problem = self.problem
         if found is not None and (sentence := undefined(problem, found.t, found.x, found.u)):
             return Reason(False, sentence)
+        self.lost = found is None or not _is_path(found)
         if problem.q == 0 and not _bounded(problem):
             return self.without_end()
         nearest = self.best(_elastic(problem))
@@ -114,8 +116,9 @@ class _Doubt:
 
     def without_end(self) -> Reason | None:
         """Return that states, or the cost, grow without end, if they do."""
-        sentence = _unbounded(self.problem, self.solve) or runs_away(
-            self.problem, _last(self.problem))
+        sentence = _unbounded(self.problem, self.solve)
+        if not sentence and self.lost:
+            sentence = runs_away(self.problem, _last(self.problem))
         return Reason(False, sentence) if sentence else None
 
     def too_short(self, shown: bool) -> Reason | None:

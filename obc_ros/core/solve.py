@@ -36,6 +36,7 @@ _FAULTS = {
     'cost': 'the cost is not that of the path',
 }
 _EXPLAINING = 20.0   # [s] at most, for a search for the reason
+_LEAST = 0.5         # [s] without which no reason is looked for
 _SOON = 3.0          # [s] likewise, while an answer may still be found
 
 
@@ -224,9 +225,10 @@ def _ended(problem: Problem, found: Solution, monitor: Monitor, time_limit: floa
 
 def _explained(problem: Problem, found: Solution, monitor: Monitor) -> Solution:
     """Return a solution with the reason for which there is no answer, if one is found."""
-    deadline = time.monotonic() + min(_EXPLAINING, max(monitor.remaining(), 0.0))
+    if monitor.remaining() < _LEAST:
+        return found
+    deadline = time.monotonic() + min(_EXPLAINING, monitor.remaining())
     monitor.phase = 'explanation'
-
     reason = explain(problem, _attempt(monitor, deadline), found=found,
                      thorough=_attempt(monitor, deadline, quick=False))
     if reason is None or monitor.stopped == 'cancelled':
