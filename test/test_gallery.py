@@ -4,6 +4,7 @@
 
 from collections.abc import Iterator
 from html.parser import HTMLParser
+import importlib
 import json
 import os
 from pathlib import Path
@@ -211,7 +212,7 @@ def _message(message: object, values: dict[str, object]) -> object:
         if isinstance(value, dict):
             _message(getattr(message, name), value)
         elif isinstance(value, list) and value and isinstance(value[0], dict):
-            module = __import__('obc_ros.msg', fromlist=['msg'])
+            module = importlib.import_module('obc_ros.msg')
             of = getattr(module, kind.split('/')[-1].rstrip('>').split('>')[0])
             setattr(message, name, [_message(of(), each) for each in value])
         else:
