@@ -43,6 +43,7 @@ _EXPLORED_LEAST, _EXPLORED_MOST = (2, 12), 30   # number of further starts, like
 _LOWER = 1e-3         # relative: what is another minimum on a coarse mesh
 _BELIEVED = 1e-2      # relative error of a coarse step
 _ROUNDS, _PLAIN_ROUNDS = 10, 5   # of finer meshes; of those before curved inputs are held
+_WARM_ROUNDS = 2      # likewise from a neighbour's answer
 _COARSE_ITERATIONS, _FEW_ITERATIONS, _WARM_ITERATIONS = 150, 12, 100
 _WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
 _DETOUR = 1e-5        # likewise, at which inputs may wind around between points
@@ -276,12 +277,12 @@ class Search:
         return new if new is not None and new.objective <= outcome.objective * (
             1 + 1e-9 * np.sign(outcome.objective)) else outcome
 
-    def improve(self, outcome: Outcome) -> Iterator[tuple[Outcome, Extremal]]:
-        """Yield better and better outcomes."""
+    def improve(self, outcome: Outcome, rounds: int) -> Iterator[tuple[Outcome, Extremal]]:
+        """Yield better and better outcomes, so many at most."""
         if any(self.switching):
             outcome = self.settled(outcome)
         above = np.inf
-        for turn in range(_ROUNDS):
+        for turn in range(rounds):
             course = self.course(outcome, draft=True)
             above, before = self.given_away(outcome, course), above
             stalled = turn and above > _CLOSE and above > 0.3 * before
@@ -389,7 +390,7 @@ class Search:
             return answer
         if answer is not None and not self.monitor.stopped:
             # Kinks have left their mesh points.
-            answer = self.followed_up(outcome)
+            answer = self.followed_up(outcome, _WARM_ROUNDS)
             if _holds(answer):
                 self.kit.last = self.last
                 return answer
@@ -417,11 +418,11 @@ class Search:
         best = self.followed_up(starts[0])
         return best if self.quick else self.explored(best, starts[0].objective)
 
-    def followed_up(self, start: Outcome) -> Solution:
+    def followed_up(self, start: Outcome, rounds: int = _ROUNDS) -> Solution:
         """Return the best answer that improving a coarse outcome gives."""
         best: Solution | None = None
         begun = time.process_time()
-        for number, (outcome, course) in enumerate(self.improve(start)):
+        for number, (outcome, course) in enumerate(self.improve(start, rounds)):
             above = self.given_away(outcome, course)
             # A certificate allows more than what one more mesh often takes away at once.
             if above < _CLOSE or number and above < _WORTH_A_LOOK or self.monitor.stopped:
