@@ -26,9 +26,9 @@ NAMES = (
     'lane_change', 'linear_tangent', 'moon_lander', 'orbit_raising', 'rayleigh_mixed',
     'rayleigh_mintime', 'robot_arm', 'singular_aly', 'singular_scalar', 'soap_film',
     'vanderpol_bounded', 'vanderpol_mintime', 'zermelo_constant', 'zermelo_shear',
-    'dielectrophoretic', 'double_oscillator', 'electric_vehicle', 'hager_hou_rao', 'logarithmic',
-    'mountain_car', 'nishida', 'quad_2d_mintime', 'reinvestment', 'robbins', 'two_link_arm',
-    'vanderpol_state_bound')
+    'bryson_denham_tight', 'di_time_fuel', 'dielectrophoretic', 'double_oscillator',
+    'electric_vehicle', 'hager_hou_rao', 'logarithmic', 'mountain_car', 'nishida',
+    'quad_2d_mintime', 'reinvestment', 'robbins', 'two_link_arm', 'vanderpol_state_bound')
 
 
 def stated(name, **changes):
