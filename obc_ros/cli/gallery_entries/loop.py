@@ -15,7 +15,8 @@ from obc_ros.cli.gallery_entries.ros2 import argument, run_node, set_parameter
 from obc_ros.cli.pilot import Pilot
 from obc_ros.cli.processes import Children
 from obc_ros.cli.recording import Recorder
-from obc_ros.msg import LqrDesign, Trajectory
+from obc_ros.msg import Command, LqrDesign, State, Trajectory
+from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
 
 Array = NDArray[np.float64]
@@ -123,22 +124,19 @@ class Loop:
 
     def _recorded(self, begin: int, answered: int, end: int) -> Run | None:
         """Return the run that began last; None if states of it are missing."""
-        pilot = self._pilot
-        t, x, tu, u = pilot.history()
-        begin += pilot.states.stamp[begin:].index(0)
+        states, commands = self._pilot.states, self._pilot.commands
+        begin += states.stamp[begin:].index(0)
         # What is sent again counts once.
-        ticks, first = np.unique(_ticks(t[begin:] - t[begin]), return_index=True)
-        answers, place = np.unique(_ticks(tu[answered:] - t[begin]), return_index=True)
+        ticks, first = np.unique(states.stamp[begin:], return_index=True)
+        answers, place = np.unique(commands.stamp[answered:], return_index=True)
         count = np.searchsorted(ticks, end, 'right')
         steps = np.diff(ticks[:count + 1])
         if not steps.size or np.ptp(steps) > 1:
             return None
         _, heard, of = np.intersect1d(ticks[:count], answers, return_indices=True)
-        return Run(ticks[:count] * 1e-9, x[begin:][first[:count]], heard, u[answered:][place[of]])
-
-
-def _ticks(t: Array) -> NDArray[np.int64]:
-    return np.round(t * 1e9).astype(np.int64)
+        x = [deserialize_message(states.data[begin + k], State).x for k in first[:count]]
+        u = [deserialize_message(commands.data[answered + k], Command).u for k in place[of]]
+        return Run(ticks[:count] * 1e-9, np.array(x), heard, np.array(u))
 
 
 @contextmanager
