@@ -73,7 +73,7 @@ class Settings:
     horizon: float = parameter(
         0.0, 'time in which the set point is to be reached, with gains that change over it, from '
         'when it is given or the law begins; afterwards it is held. 0: the steady gain', 's',
-        lower=0.0)
+        lower=0.0, upper=1e6)
     P1: Vector = parameter(
         (), 'weight of the error at the end of the horizon or of a reference: n numbers (a '
         'diagonal) or n*n row by row; empty: what holding the end from there on costs')
