@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from obc_ros.core.batch import Batch
 from obc_ros.core.mesh import Path
 from obc_ros.core.problem import Problem
-from obc_ros.core.runge_kutta import rate_of, step
+from obc_ros.core.runge_kutta import step_of
 from obc_ros.core.transcription import Outcome
 
 Array = NDArray[np.float64]
@@ -95,7 +95,7 @@ class Integrator:
         ua, ub = ca.SX.sym('ua', problem.m), ca.SX.sym('ub', problem.m)
         h = ca.SX.sym('h')
         self._symbols = lam, x, ua, ub, h, p
-        self._end_and_cost = end, cost = step(rate_of(problem), x, (ua, ub), h)
+        end, cost = self._end_and_cost = step_of(problem).call([x, ua, ub, h, p])
         mu = ca.SX.sym('mu', int(problem.path.numel()))
         H = problem.L + ca.dot(lam, problem.f)
         Hu = ca.gradient(H + ca.dot(mu, problem.path), u)

@@ -3,6 +3,7 @@
 """One explicit Runge-Kutta step of order 6, under an input linear over the step."""
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import casadi as ca
 from obc_ros.core.problem import Problem
@@ -54,3 +55,12 @@ def step(rate: Rate, x: ca.SX, inputs: tuple[ca.SX, ca.SX], h: ca.SX) -> tuple[c
         slopes = ca.horzcat(slopes, ca.vertcat(*rate(inner[:-1], u)))
     end = start + h * ca.mtimes(slopes, ca.DM(_B))
     return end[:-1], end[-1]
+
+
+@lru_cache(maxsize=4)
+def step_of(problem: Problem) -> ca.Function:
+    """Return x after a step and the integral of L, of x, both inputs, h and p; made once."""
+    ua, ub = ca.SX.sym('ua', problem.m), ca.SX.sym('ub', problem.m)
+    h = ca.SX.sym('h')
+    return ca.Function('step', [problem.x, ua, ub, h, problem.p],
+                       [*step(rate_of(problem), problem.x, (ua, ub), h)])

@@ -158,8 +158,6 @@ class Stages:
         upper = -lower
         y[self.at_w], lower[self.at_w], upper[self.at_w] = w, *bounds
         self.factor = 1.0
-        if not near:
-            self._scale(y)
 
         def seen(f: float, worst: float) -> bool:
             return watch(f / self.factor, worst)
@@ -177,6 +175,8 @@ class Stages:
         now = work.begin(y, *(_NEAR if near else _FAR))
         if not near:
             now.z[:] = 1.0
+            self._scale(now)
+            work.measured(now)
         if multipliers is None:
             work.multipliers(now)
         return self._found(work, solve(work, now, goal, seen))
@@ -186,11 +186,12 @@ class Stages:
                      -there.slope[self.at_w] / self.factor, y[self.at_rows] / self.factor,
                      True, 'followed', steps)
 
-    def _scale(self, y: Array) -> None:
-        """Make the cost less steep where it is very steep."""
-        steepest = float(np.abs(self.values(y).cost_slope).max())
-        if np.isfinite(steepest):
-            self.factor = min(1.0, _STEEPEST / max(steepest, 1e-300))
+    def _scale(self, now: Iterate) -> None:
+        """Make the cost less steep if it is very steep at a start without multipliers."""
+        steepest = float(np.abs(now.values.cost_slope).max())
+        if np.isfinite(steepest) and steepest > _STEEPEST:
+            self.factor = _STEEPEST / steepest
+            now.values = self.values(now.y)
 
     def _found(self, work: Interior, end: Iterate) -> Found:
         return Found(end.y[self.at_w], end.values.f / self.factor, end.values.c[self.at_rows],
@@ -211,8 +212,8 @@ class Stages:
             for where, at in ((self._of_slope, at_slope), (self._of_cost, at_cost_slope)))
         slope[self.is_row] = 0.0
         return Values(
-            self.factor * float(flat[at_cost].sum()), c, slope, np.asarray(self.factor * cost_slope),
-            flat[self._entries], tuple(copies.parts(result) for copies, result in zip(
+            self.factor * float(flat[at_cost].sum()), c, slope,
+            np.asarray(self.factor * cost_slope), flat[self._entries], tuple(copies.parts(result) for copies, result in zip(
                 self._copies, results, strict=True)))
 
     def merit(self, y: Array) -> tuple[float, Array]:

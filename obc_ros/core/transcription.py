@@ -24,7 +24,7 @@ from obc_ros.core.interior import Goal
 from obc_ros.core.mesh import gauss_points, HELD, Layout, Mesh, Path
 from obc_ros.core.monitor import Monitor, Watch
 from obc_ros.core.problem import Problem
-from obc_ros.core.runge_kutta import Rate, rate_of, step
+from obc_ros.core.runge_kutta import rate_of, step_of
 from obc_ros.core.stages import Found, Stages
 
 Array = NDArray[np.float64]
@@ -135,12 +135,12 @@ class Limits:
     pinned: NDArray[np.bool_]
 
 
-def _gauss(rate: Rate, states: tuple[ca.SX, ca.SX, ca.SX], inputs: tuple[ca.SX, ca.SX],
+def _gauss(problem: Problem, states: tuple[ca.SX, ca.SX, ca.SX], inputs: tuple[ca.SX, ca.SX],
            h: ca.SX) -> tuple[list[ca.SX], ca.SX]:
     """Return the rows and the cost of an interval by collocation at the Gauss points."""
     xa, inner, xb = states
     c, b, derivative, last = collocation(inner.shape[1])
-    rows, cost, end = [], ca.SX(0), last[0] * xa
+    rate, rows, cost, end = rate_of(problem), [], ca.SX(0), last[0] * xa
     for j, point in enumerate(c):
         f, L = rate(inner[:, j], (1 - point) * inputs[0] + point * inputs[1])
         rows.append(derivative[j, 0] * xa + ca.mtimes(inner, ca.DM(derivative[j, 1:])) - h * f)
@@ -149,10 +149,10 @@ def _gauss(rate: Rate, states: tuple[ca.SX, ca.SX, ca.SX], inputs: tuple[ca.SX, 
     return [*rows, xb - end], cost
 
 
-def _explicit(rate: Rate, states: tuple[ca.SX, ca.SX, ca.SX], inputs: tuple[ca.SX, ca.SX],
-              h: ca.SX) -> tuple[list[ca.SX], ca.SX]:
+def _explicit(problem: Problem, states: tuple[ca.SX, ca.SX, ca.SX],
+              inputs: tuple[ca.SX, ca.SX], h: ca.SX) -> tuple[list[ca.SX], ca.SX]:
     """Return the row and the cost of an interval by one Runge-Kutta step."""
-    end, cost = step(rate, states[0], inputs, h)
+    end, cost = step_of(problem).call([states[0], *inputs, h, problem.p])
     return [states[2] - end], cost
 
 
@@ -173,7 +173,7 @@ class Pieces:
         duration, fraction = ca.SX.sym('duration'), ca.SX.sym('fraction')
         limits = ca.Function('limits', [problem.x, problem.u, problem.p], [problem.path])
         rows, cost = (_gauss if stages else _explicit)(
-            rate_of(problem), (sx * xa, ca.repmat(sx, 1, stages) * inner, sx * xb),
+            problem, (sx * xa, ca.repmat(sx, 1, stages) * inner, sx * xb),
             (su * ua, su * ub), st * duration * fraction)
         points = [(xa, ua)] + [(inner[:, j], (1 - c) * ua + c * ub)
                                for j, c in enumerate(gauss_points(stages))]
