@@ -211,10 +211,10 @@ class Stages:
             np.asarray(np.bincount(where, flat[at], len(known))[:self.size], dtype=float)
             for where, at in ((self._of_slope, at_slope), (self._of_cost, at_cost_slope)))
         slope[self.is_row] = 0.0
-        return Values(
-            self.factor * float(flat[at_cost].sum()), c, slope,
-            np.asarray(self.factor * cost_slope), flat[self._entries], tuple(copies.parts(result) for copies, result in zip(
-                self._copies, results, strict=True)))
+        parts = tuple(copies.parts(result)
+                      for copies, result in zip(self._copies, results, strict=True))
+        return Values(self.factor * float(flat[at_cost].sum()), c, slope,
+                      np.asarray(self.factor * cost_slope), flat[self._entries], parts)
 
     def merit(self, y: Array) -> tuple[float, Array]:
         """Return f and c at y."""
