@@ -188,10 +188,11 @@ def bad(found: dict[str, Any], seconds: float, settle: float) -> None:
         trial(found, 'wire', watch, seconds)
         network.set(**BAD)
         trial(found, 'bad wire', watch, seconds)
+        waiting = watch.asked.copy()
         counts = network.set(**{**GOOD, 'cut': True})
         print(f'  the bad wire lost {counts["lost"]} of {2 * counts["udp"]} UDP frames')
         trial(found, 'cut', watch, CUT)
-        waiting = watch.asked.copy()
+        waiting += watch.asked
         network.set(**GOOD)
         begin = time.monotonic()
         watch.forget()
@@ -201,7 +202,7 @@ def bad(found: dict[str, Any], seconds: float, settle: float) -> None:
                        time.monotonic() - begin, 5.0)
         watch.spin(settle)
         trial(found, 'after it', watch, seconds)
-        timing.require('requests of the cut that are lost',
+        timing.require('requests of the cut and the bad wire that are lost',
                        sum(not future.done() for _, future in waiting), 0)
         timing.require('times that lqr_node went without on_stale', 1 - watch.told('stale'), 0)
         timing.require('times that the plant went without rest',

@@ -39,7 +39,7 @@ NODES = {
     'trajectory_server': ('-p', 'workers:=1')}
 VICTIMS = (*NODES, 'worker')
 CHANGE, ASK, KILL, LOOK = 0.25, 0.05, 5.0, 1.0  # [s] between two of each
-BACK = 5.0       # [s] in which a loop is whole again, on a machine that has little else to do
+BACK = 10.0      # [s] in which a loop is whole again, on a machine that has little else to do
 GROWTH = 1.03    # of the memory of a process, from a fifth of the time on
 UNANSWERED = 0.03  # share of states of the steady loop; what starts anew takes the processor
 
