@@ -398,7 +398,9 @@ def _too_soon(problem: Problem) -> Iterator[str]:
         path=ca.SX(0, 1), path_lower=none, path_upper=none, x_lower=-unlimited,
         x_upper=unlimited, final_time=within, structure=''))
     if found is not None and found.status is Status.INFEASIBLE:
-        yield found.message
+        more = (np.isfinite([problem.x_lower, problem.x_upper]).any() or problem.path.numel()
+                or not rows.affine.all())
+        yield f'{found.message}{", without regard to the other constraints" if more else ""}'
 
 
 def _too_far(problem: Problem) -> Iterator[str]:

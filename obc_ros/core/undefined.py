@@ -6,6 +6,7 @@ Where a path comes to states at which the expressions of its problem have no val
 A division by zero, a logarithm or root of what is negative, states that run away in finite time.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import casadi as ca
@@ -86,12 +87,15 @@ def runs_away(problem: Problem, T: float) -> str:
     latest, name = 0.0, ''
     for u in (0.5 * (low + high), *corners):
         left = iter(range(_PATIENCE))
+
+        def rate(t: float, x: Array, u: Array = u, left: Iterator[int] = left) -> Array:
+            next(left)
+            return np.asarray(f(x, u, problem.p_value).full()[:, 0], dtype=np.float64)
+
         try:
             with np.errstate(all='ignore'):
-                course = solve_ivp(
-                    lambda t, x, u=u, left=left: next(left) * 0.0 + f(
-                        x, u, problem.p_value).full()[:, 0],
-                    (0.0, T), problem.x0, events=far, rtol=1e-4, max_step=T / 20)
+                course = solve_ivp(rate, (0.0, T), problem.x0, events=far, rtol=1e-4,
+                                   max_step=T / 20)
         except StopIteration:
             return ''
         if course.status != 1:
