@@ -233,15 +233,17 @@ def test_example_2_5_at_20_hz_with_50_ms_of_delay(spawn: Any, probe: Any) -> Non
     loops: dict[str, dict[str, Any]] = {
         'naive': {}, 'sampled': {'design': 'sampled', 'rate': 20.0, 'delay': 0.05}}
     states: dict[str, list[State]] = {}
-    for name, parameters in loops.items():
+    for name in loops:
         states[name] = probe.listen(State, f'/{name}/state', 1_000)
-        spawn('lqr_node', {**EXAMPLE_2_5, **parameters, 'state_timeout': 0.0},
-              namespace=f'/{name}')
-        spawn('plant_simulator', {
+        spawn('plant_simulator', {  # which waits for a command
             'lockstep': True, 'speed': 4.0, 'x0': [0.1, 0.0, 0.0, 0.0, 0.0, 0.0],
             'publish_rate': 20.0, 'dt': 0.001, 'input_delay': 0.05}, namespace=f'/{name}')
+    probe.wait_for(lambda: all(states.values()), what='the first states')
+    for name, parameters in loops.items():
+        spawn('lqr_node', {**EXAMPLE_2_5, **parameters, 'state_timeout': 0.0},
+              namespace=f'/{name}')
     probe.wait_for(lambda: all(
-        seen and seen[-1].header.stamp.sec >= 6 for seen in states.values()), 40.0)
+        seen[-1].header.stamp.sec >= 6 for seen in states.values()), 40.0)
     sizes = {name: max(np.abs(each.x[:2]).max() for each in seen if each.header.stamp.sec == 5)
              for name, seen in states.items()}
     assert sizes['naive'] > 1.0 and sizes['sampled'] < 0.01, sizes
