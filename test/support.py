@@ -25,6 +25,7 @@ ISOLATED = {
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
     'OMP_NUM_THREADS': '1',
     'OPENBLAS_NUM_THREADS': '1',
+    'PYTHONFAULTHANDLER': '1',
     'PYTHONUNBUFFERED': '1',
 }
 # What a developer's shell may set and a test must not depend on.

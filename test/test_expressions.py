@@ -142,10 +142,10 @@ HOSTILE = {
 @pytest.mark.parametrize(('text', 'said'), HOSTILE.items(), ids=[key[:20] for key in HOSTILE])
 @pytest.mark.parametrize(('read', 'names'), [(parse, SYMBOLS), (number, VALUES)])
 def test_everything_else_is_refused_in_words_and_at_once(text, said, read, names):
-    started = time.perf_counter()
+    started = time.process_time()
     with pytest.raises(StatementError, match=said) as error:
         read(text, names, 'dynamics.v')
-    assert time.perf_counter() - started < 0.2
+    assert time.process_time() - started < 0.2
     assert str(error.value).startswith('dynamics.v: ')
     assert len(str(error.value)) < 400
 

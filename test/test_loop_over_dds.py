@@ -69,7 +69,7 @@ def test_a_controller_that_is_stopped_holds_up_lockstep_and_nothing_else(spawn, 
     controller = spawn('lqr_node', {'system': 'aircraft'})
     commands = probe.listen(Command, 'command')
     states = probe.listen(State, 'state')
-    probe.wait_for(lambda: len(commands) > 100)
+    probe.wait_for(lambda: states and len(commands) > 100)
     controller.popen.send_signal(signal.SIGSTOP)
     probe.spin_for(0.2)
     before = states[-1]

@@ -305,12 +305,12 @@ def test_a_problem_is_a_mapping(value):
 def test_expressions_are_bounded_together():
     states = [f'x{index}' for index in range(900)]
     huge = GOOD | {'states': states, 'dynamics': dict.fromkeys(states, '+'.join(['u'] * 1900))}
-    started = time.perf_counter()
+    started = time.process_time()
     with pytest.raises(StatementError, match='together'):
         problem_from_mapping(huge)
     with pytest.raises(StatementError, match='1001 entries'):
         problem_from_mapping(GOOD | {'states': [f'x{index}' for index in range(1001)]})
-    assert time.perf_counter() - started < 0.5
+    assert time.process_time() - started < 0.5
 
 
 _ANYTHING = st.recursive(
