@@ -31,20 +31,22 @@ from rclpy.signals import SignalHandlerOptions
 RUNS = ((200.0, 10.0, 0), (1000.0, 60.0, 50))  # [Hz], [s], priority (0: an ordinary process)
 START = 30.0             # [s] in which the loop must have closed
 TRIES = 5
-IDLE = 0.0025            # [s] that the bare timers may be late on an idle machine
+TICK = 0.001             # [s] of the bare timers
+IDLE = 0.0025            # [s] that they may be late on an idle machine
 MOST_LATE = 0.001        # share of the states at 1 kHz that may be late by more than a period
 COUNTS = ('states published', 'states unanswered', 'times held up')
 
-# Ticks each millisecond until its input ends; a tick that comes too late is a line.
+# Ticks until its input ends; a tick that is late by more than another is a line.
 TIMER = """
 import os, select, sys, time
 os.sched_setaffinity(0, {int(sys.argv[1])})
 while True:
-    due = time.monotonic() + 0.001
-    if select.select([sys.stdin], [], [], 0.001)[0]:
+    tick = float(sys.argv[2])
+    due = time.monotonic() + tick
+    if select.select([sys.stdin], [], [], tick)[0]:
         break
     late = time.monotonic() - due
-    if late > float(sys.argv[2]):
+    if late > tick:
         print(late)
 """
 
@@ -60,14 +62,21 @@ class Run:
     held_up: int
     drift: float
     loads: list[float]
-    stalls: list[float]
+    late: list[float]  # [s] of the bare timers, where over a period
+    ticks: int
+
+    @property
+    def stalls(self) -> list[float]:
+        """Return the times [s] that the machine stood still."""
+        return [each for each in self.late if each > IDLE]
 
     def row(self) -> tuple[str, ...]:
         """Return the run as a row of the table."""
         longest = f'{1e3 * max(self.stalls):.1f} ms' if self.stalls else '-'
         return (f'{self.rate:g} Hz', str(self.priority), str(self.published), str(self.unanswered),
                 str(self.held_up), f'{1e3 * self.drift:.2f} ms',
-                *(f'{100 * each:.0f} %' for each in self.loads), str(len(self.stalls)), longest)
+                *(f'{100 * each:.0f} %' for each in self.loads), str(len(self.stalls)), longest,
+                f'{100 * sum(self.late) / TICK / self.ticks:.2f} %')
 
 
 def main() -> int:
@@ -83,7 +92,8 @@ def main() -> int:
     timing.table(f'Aircraft and lqr_node in real time; the machine stood still when bare timers '
                  f'were over {1e3 * IDLE:g} ms late', (
                      'rate', 'priority', 'published', 'unanswered', 'held up', 'drift', 'plant',
-                     'lqr_node', 'stood still', 'longest'), [each.row() for each in runs])
+                     'lqr_node', 'stood still', 'longest', 'timers late'),
+                 [each.row() for each in runs])
     if runs[-2].stalls:
         print(f'  the machine was not idle for {slow[1]:g} s in {TRIES} tries')
     timing.require(f'states without their command at {slow[0]:g} Hz', runs[-2].unanswered, 0)
@@ -112,7 +122,7 @@ def run(rate: float, seconds: float, priority: int) -> Run:
             node = rclpy.create_node('bench_real_time')
             node.create_subscription(DiagnosticArray, '/diagnostics', look, 10)
             wait(node, children, lambda: bool(seen) and int(seen[-1][1]['commands taken']) > rate)
-            with bare_timers() as stalls:
+            with bare_timers() as late:
                 begin, before = seen[-1], loads(children)
                 wait(node, children, lambda: seen[-1][0] - begin[0] > seconds - 0.5, seconds)
                 shares = [(now - then) / seconds
@@ -123,21 +133,22 @@ def run(rate: float, seconds: float, priority: int) -> Run:
     counts = [int(end[1][name]) - int(begin[1][name]) for name in COUNTS]
     simulated = [float(each[1]['simulated time [s]']) for each in (begin, end)]
     drift = simulated[1] - simulated[0] - (end[0] - begin[0])
-    return Run(rate, priority, *counts, drift, shares, stalls)
+    return Run(rate, priority, *counts, drift, shares, late,
+               round(seconds / TICK) * len(os.sched_getaffinity(0)))
 
 
 @contextmanager
 def bare_timers() -> Iterator[list[float]]:
-    """Yield a list that afterwards holds how late [s] a bare timer on each core was."""
-    stalls: list[float] = []
-    timers = [subprocess.Popen([sys.executable, '-c', TIMER, str(core), str(IDLE)],
+    """Yield a list that afterwards holds how late [s] a bare timer on each core was, if it was."""
+    late: list[float] = []
+    timers = [subprocess.Popen([sys.executable, '-c', TIMER, str(core), str(TICK)],
                                stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
               for core in sorted(os.sched_getaffinity(0))]
     try:
-        yield stalls
+        yield late
     finally:
         for timer in timers:
-            stalls += map(float, timer.communicate('')[0].split())
+            late += map(float, timer.communicate('')[0].split())
 
 
 def wait(node: Node, children: Children, condition: Callable[[], bool],
