@@ -115,8 +115,9 @@ def run(rate: float, seconds: float, priority: int) -> Run:
 
     with tempfile.TemporaryDirectory() as folder, Children(Path(folder)) as children:
         pace = ['-p', f'priority:={priority}']
-        children.start('plant_simulator', *pace, '-p', f'publish_rate:={rate}')
-        children.start('lqr_node', *pace)
+        with on_one_core(bool(priority)):
+            children.start('plant_simulator', *pace, '-p', f'publish_rate:={rate}')
+            children.start('lqr_node', *pace)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         try:
             node = rclpy.create_node('bench_real_time')
@@ -135,6 +136,17 @@ def run(rate: float, seconds: float, priority: int) -> Run:
     drift = simulated[1] - simulated[0] - (end[0] - begin[0])
     return Run(rate, priority, *counts, drift, shares, late,
                round(seconds / TICK) * len(os.sched_getaffinity(0)))
+
+
+@contextmanager
+def on_one_core(wanted: bool) -> Iterator[None]:
+    """Let what is started run on one core, as `taskset` does; a core that stalls stalls all."""
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {max(cores)} if wanted else cores)
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, cores)
 
 
 @contextmanager

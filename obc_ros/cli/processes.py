@@ -20,6 +20,7 @@ import sys
 import tempfile
 import time
 from types import FrameType, TracebackType
+from typing import ClassVar
 
 from obc_ros.core.errors import ObcError
 
@@ -91,19 +92,25 @@ class Children:
     Node processes that end together.
 
     Used as a context manager; on leaving, every child gets SIGINT, and SIGKILL if it has not
-    ended two seconds later. What they print goes to one log file each.
+    ended two seconds later. What they print goes to one log file each. A signal to end is told to
+    all that are open, within one another as they are.
     """
+
+    _open: ClassVar[int] = 0
+    _stop_signal: ClassVar[int] = 0
 
     def __init__(self, log_dir: Path) -> None:
         self._log_dir = log_dir
         self._children: dict[str, subprocess.Popen[bytes]] = {}
-        self._stop_signal = 0
 
     def __enter__(self) -> 'Children':
+        self._log_dir.mkdir(parents=True, exist_ok=True)
+        if not Children._open:
+            Children._stop_signal = 0
+        Children._open += 1
         self._previous = {
             number: signal.signal(number, self._on_signal)
             for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-        self._log_dir.mkdir(parents=True, exist_ok=True)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
@@ -120,9 +127,11 @@ class Children:
                 child.wait()
         for number, handler in self._previous.items():
             signal.signal(number, handler)
+        Children._open -= 1
 
-    def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        self._stop_signal = number  # seen by check(): nothing is torn down inside a handler
+    @staticmethod
+    def _on_signal(number: int, frame: FrameType | None) -> None:
+        Children._stop_signal = number  # seen by check(): nothing is torn down inside a handler
 
     def start(self, node: str, *arguments: str) -> None:
         """Start one of this package's nodes with its ROS arguments."""
