@@ -3,10 +3,11 @@
 """
 The aircraft and its controller in real time over DDS: missed commands, drift, load of the machine.
 
-Says what it is on this machine now. A bare timer on each core tells how long the machine itself
-stood still meanwhile: while other programs run, or the host of a virtual machine has other work,
-a state is answered late whatever the nodes do. So the run at 200 Hz is repeated until the machine
-was idle, at most `TRIES` times.
+Says what it is on this machine now. Both nodes are on one core, of which they take less than half:
+a core that stands still holds both up alike, and leaves no state without its command. A bare
+timer on each core tells how long the machine stood still; while it does, because other programs
+run or the host of a virtual machine has other work, a state may be answered late whatever the
+nodes do. So the run at 200 Hz is repeated until the machine was idle, at most `TRIES` times.
 """
 
 import sys
@@ -115,7 +116,7 @@ def run(rate: float, seconds: float, priority: int) -> Run:
 
     with tempfile.TemporaryDirectory() as folder, Children(Path(folder)) as children:
         pace = ['-p', f'priority:={priority}']
-        with on_one_core(bool(priority)):
+        with on_one_core():
             children.start('plant_simulator', *pace, '-p', f'publish_rate:={rate}')
             children.start('lqr_node', *pace)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
@@ -139,10 +140,10 @@ def run(rate: float, seconds: float, priority: int) -> Run:
 
 
 @contextmanager
-def on_one_core(wanted: bool) -> Iterator[None]:
-    """Let what is started run on one core, as `taskset` does; a core that stalls stalls all."""
+def on_one_core() -> Iterator[None]:
+    """Let what is started run on one core, as `taskset` does."""
     cores = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {max(cores)} if wanted else cores)
+    os.sched_setaffinity(0, {max(cores)})
     try:
         yield
     finally:
