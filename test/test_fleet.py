@@ -68,9 +68,15 @@ def test_ten_vehicles_on_one_machine(spawn: Any, probe: Any) -> None:
             assert probe.node.count_subscribers(f'{name}/{topic}') == 2
     probe.wait_for(lambda: all(abs(states[name][-1].x[1] - lanes[name]) < 5e-3 for name in names),
                    what='each in its lane')
+
+    def answers(name: str) -> int:
+        own = {nanoseconds(each) for each in states[name]}
+        return sum(nanoseconds(each) in own for each in commands[name])
+
+    probe.wait_for(lambda: all(answers(name) > 20 for name in names),
+                   what='commands that answer the states of their own plant')
     for name in names:
         answered = {nanoseconds(each) for each in states[name]}
-        assert sum(nanoseconds(each) in answered for each in commands[name]) > 20
         elsewhere = [nanoseconds(each) for other in names if other != name
                      for each in commands[other]]
         assert np.mean([each in answered for each in elsewhere]) < 0.01
