@@ -225,6 +225,23 @@ def test_stamps_against_the_clock(spawn: Any, probe: Any) -> None:
     bench.answer(X, time.time() - 5.0)
 
 
+def test_a_slow_rate_one_by_one(spawn: Any, probe: Any) -> None:
+    """What the refusals say to do leads to a rate that the continuous gain does not bear."""
+    bench = Bench(spawn, probe, **EXAMPLE_2_5)
+    assert 'needs the period' in bench.set(design='sampled').reason
+    refusal = 'held for 0.2 s (spectral radius'
+    answer = bench.set(rate=5.0)
+    assert refusal in answer.reason
+    assert 'set sample_time = 0.2 and design = sampled first' in answer.reason
+    for wanted in ({'sample_time': 0.2}, {'design': 'sampled'}, {'rate': 5.0}):
+        assert bench.set(**wanted).successful, wanted
+    sampled = probe.call(TryDesign, '/lqr_node/try_design', TryDesign.Request()).design
+    assert (sampled.design, sampled.sample_time) == ('sampled', 0.2)
+    assert refusal in bench.set(design='continuous').reason
+    for back in ({'rate': 0.0}, {'design': 'continuous'}, {'sample_time': 0.0}):
+        assert bench.set(**back).successful, back
+
+
 # What a robot is sold with
 
 

@@ -121,6 +121,7 @@ def test_every_parameter_is_described() -> None:
     ({'P1': (1.0,)}, 'P1 has 1 number; wanted 6'),
     ({'schedule': 'f2', 'schedule_range': (30.0, 50.0)}, 'f2'),
     ({'schedule': 'm', 'schedule_range': (3.0, 5.0)}, 'a State does not tell it'),
+    ({'sample_time': 0.01, 'rate': 20.0}, 'with rate = 20 commands are 0.05 s apart or more'),
 ])
 def test_what_does_not_go_together(change: dict[str, Any], sentence: str) -> None:
     """Each has its sentence."""

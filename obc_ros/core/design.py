@@ -242,11 +242,11 @@ def scheduled(found: Design, plant_at: Callable[[float], Plant], lower: float, u
     for value in (*made.values, *middles) if period else ():
         K = np.array([[np.interp(value, made.values, entry) for entry in row]
                       for row in np.moveaxis(made.K, 0, -1)])
-        _check_held(*linear(float(value)), K, found.sampling)
+        _check_held(*linear(float(value)), K, found.sampling, 'wanted a higher rate')
     return made
 
 
-def _check_held(A: Array, B: Array, K: Array, sampling: Sampling) -> None:
+def _check_held(A: Array, B: Array, K: Array, sampling: Sampling, remedy: str) -> None:
     """Raise RefusedDesignError where a continuous gain does not bear its period and delay."""
     period, delay = sampling.period, sampling.delay
     radius = spectral_radius(closed_loop(
@@ -255,7 +255,7 @@ def _check_held(A: Array, B: Array, K: Array, sampling: Sampling) -> None:
         late = f' and {delay:g} s late' if delay else ''
         raise RefusedDesignError(
             f'the continuous gain is unstable when its input is held for {period:g} s{late} '
-            f'(spectral radius {radius:.3g}); set design = sampled')
+            f'(spectral radius {radius:.3g}); {remedy}')
 
 
 def _gain(A: Array, B: Array, cost: Weights, sampling: Sampling) -> LqrDesign:
@@ -266,7 +266,8 @@ def _gain(A: Array, B: Array, cost: Weights, sampling: Sampling) -> LqrDesign:
             return sampled_lqr(A, B, cost, period, delay).design
         found = lqr(A, B, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability)
         if period:
-            _check_held(A, B, found.K, sampling)
+            _check_held(A, B, found.K, sampling,
+                        f'set sample_time = {period:g} and design = sampled first')
     except (np.linalg.LinAlgError, OverflowError) as error:  # numbers near the ends of a double
         raise RefusedDesignError(
             f'no gain can be computed with numbers of such sizes: {error}') from None

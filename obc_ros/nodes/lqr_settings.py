@@ -67,7 +67,8 @@ class Settings:
         0.0, 'largest rate of commands, by the stamps of the states; 0: answer every state',
         'Hz', lower=0.0)
     sample_time: float = parameter(
-        0.0, 'period of a sampled design; 0: that of rate', 's', lower=0.0)
+        0.0, 'period that a sampled design, or one with a delay, is for; 0: that of rate', 's',
+        lower=0.0)
     delay: float = parameter(
         0.0, 'known time until a command takes effect', 's', lower=0.0)
     horizon: float = parameter(
@@ -217,13 +218,23 @@ def _plant(system: str, parameters: tuple[tuple[str, Value], ...], setpoint: Vec
 @functools.lru_cache(maxsize=4)  # what is still in use need not be designed again
 def _design(*values: Any) -> Design:
     given = dict(zip(_DESIGN, values, strict=True))
-    period = given['sample_time'] or (1.0 / given['rate'] if given['rate'] else 0.0)
     held = _plant(*(given[name] for name in _PLANT))
     if given['weights'] == 'bryson':  # which can be set before them, and u_max not before it
         given['x_max'] = given['x_max'] or (1.0,) * held.system.n
         given['u_max'] = given['u_max'] or (1.0,) * held.system.m
     return design(held, {name: given[name] for name in _WEIGHTS}, given['integral'], given['Qi'],
-                  Sampling(period, given['delay'], given['design'] == 'sampled'))
+                  _sampling(given['design'] == 'sampled', given['rate'], given['sample_time'],
+                            given['delay']))
+
+
+def _sampling(exact: bool, rate: float, sample_time: float, delay: float) -> Sampling:
+    period = 1.0 / rate if rate else 0.0
+    if sample_time < period * (1.0 - 1e-9) and sample_time:
+        raise StatementError(f'sample_time = {sample_time:g}: with rate = {rate:g} commands are '
+                             f'{period:g} s apart or more')
+    # What is for a sampled design leaves a continuous one alone: it can be set before `design`,
+    # and that before a rate which the continuous gain does not bear.
+    return Sampling(sample_time or period if exact or delay else period, delay, exact)
 
 
 @functools.lru_cache(maxsize=4)
