@@ -66,7 +66,7 @@ def bounds(program: Small, lower: list[float], upper: list[float]) -> tuple[np.n
 
 def answered(program: Small, lower: list[float], upper: list[float], start: list[float],
              goal: Goal | None = None) -> tuple[np.ndarray, bool, str]:
-    work = Interior(program, *bounds(program, lower, upper), strict=True)
+    work = Interior(program, *bounds(program, lower, upper))
     y = np.append(np.array(start, dtype=float), np.zeros(program.size - program.n))
     end = solve(work, work.begin(y, 0.1, 1e-2), goal or Goal(), lambda f, worst: False)
     return end.y, end.converged, end.status
@@ -107,8 +107,7 @@ def test_a_cost_that_is_good_enough_ends_the_work_sooner():
     steps: dict[float, int] = {}
     for rough in (0.0, 1e-2):
         program = hs71()
-        work = Interior(program, *bounds(program, [1, 1, 1, 1, 0], [5, 5, 5, 5, np.inf]),
-                        strict=True)
+        work = Interior(program, *bounds(program, [1, 1, 1, 1, 0], [5, 5, 5, 5, np.inf]))
         start = work.begin(np.append([1.0, 5, 5, 1, 1], [0, 0]), 0.1, 1e-2)
         end = solve(work, start, Goal(rough=rough), lambda f, worst: False)
         assert end.values.f == pytest.approx(17.0140173, rel=max(rough, 1e-6))

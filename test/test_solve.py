@@ -144,6 +144,25 @@ def test_the_better_of_two_minima_is_found_without_a_guess():
     assert solution.objective == pytest.approx(1.0831515, rel=1e-5)
 
 
+def test_an_extremal_with_conjugate_points_is_no_answer():
+    """
+    Going straight on behind the lane change is an extremal, at 3007.994, but no minimum.
+
+    The weight of px rewards swerving, which loses speed along the road: 3007.732 by a zero-order
+    hold on 1000 intervals.
+    """
+    found = solve(problem_from_mapping({
+        'states': ['px', 'py', 'theta'], 'inputs': ['v', 'phi'],
+        'dynamics': {'px': 'v*cos(theta)', 'py': 'v*sin(theta)', 'theta': 'v/3*tan(phi)'},
+        'running_cost': '0.1*(px-100)**2+10*(py-2)**2+0.1*theta**2+0.1*(v-10)**2+phi**2',
+        'initial_state': {'px': 0, 'py': -2, 'theta': 0},
+        'terminal_constraints': ['px - 100', 'py - 2', 'theta'],
+        'input_bounds': {'v': [8, 12], 'phi': [-0.1, 0.1]},
+        'final_time': {'free': False, 'value': 10}}))
+    assert found.status is Status.SOLVED, found.message
+    assert found.objective == pytest.approx(3007.732, abs=0.02)
+
+
 @pytest.mark.parametrize('name', ['cart_pole', 'f8_aircraft'])
 def test_a_published_local_minimum_is_not_exceeded(name):
     """The cart-pole has one at 58.81, the F-8 at 5.73; both have better ones."""

@@ -10,8 +10,9 @@ Minimise f(w) subject to c(w) = 0, lower <= w <= upper. Step by step Newton's me
 for a sequence of mu that goes to zero. With the unknowns and the rows of each mesh point beside
 each other the matrix has a narrow band, so that a step costs in proportion to the number of
 intervals, and little beside one evaluation of the second derivatives. Steps are accepted by a
-filter; where the step does not see a positive curvature, the Hessian is made larger until it
-does. There is no restoration phase: where it would be needed the method gives up, and says so.
+filter; where the Hessian is not positive definite on the null space of J it is made larger until
+it is, for a saddle is no answer. There is no restoration phase: where it would be needed the
+method gives up, and says so.
 
 A. Waechter, L. T. Biegler, On the implementation of an interior-point filter line-search
 algorithm for large-scale nonlinear programming, Math. Program. 106 (2006).
@@ -228,14 +229,11 @@ class Interior:
     program : Program
     lower, upper : ndarray
         Of y; those of multipliers are infinite, those of fixed unknowns equal.
-    strict : bool
-        Whether steps are taken with a Hessian that is positive definite where J d = 0, and not
-        only positive along the step.
 
     """
 
-    def __init__(self, program: Program, lower: Array, upper: Array, *, strict: bool) -> None:
-        self.program, self.strict = program, strict
+    def __init__(self, program: Program, lower: Array, upper: Array) -> None:
+        self.program = program
         self.fixed = (lower == upper) & ~program.is_row
         self.place = program.pattern.without(self.fixed)
         self.low = np.flatnonzero(np.isfinite(lower) & ~self.fixed)
@@ -323,8 +321,7 @@ class Interior:
         while shift <= _LARGEST_SHIFT:
             added = weight + shift * self.free
             factor = None
-            if not self.strict or self.program.convex(now.values, self.fixed,
-                                                      added + 1.0 - self.free):
+            if self.program.convex(now.values, self.fixed, added + 1.0 - self.free):
                 factor = self.program.pattern.factor(
                     now.values.entries, self.place, self.base + added)
             if factor is not None and factor.odd() == self.odd:

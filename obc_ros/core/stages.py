@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 _PENALTY = 1e7       # of J'J, when H is tested
 _STEEPEST = 100.0   # of a cost
-_FAR, _NEAR = (0.1, 1e-2), (1e-4, 1e-6)   # mu, distance from bounds
+_FAR, _NEAR = (0.1, 1e-2), (1e-6, 1e-6)   # mu, distance from bounds
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +171,7 @@ class Stages:
             followed = follow(self, (lower, upper), y, side, goal, seen)
             if followed is not None:
                 return self._followed(*followed)
-        work = Interior(self, lower, upper, strict=not near)
+        work = Interior(self, lower, upper)
         now = work.begin(y, *(_NEAR if near else _FAR))
         if not near:
             now.z[:] = 1.0
