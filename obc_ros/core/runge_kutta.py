@@ -47,14 +47,29 @@ def step(rate: Rate, x: ca.SX, inputs: tuple[ca.SX, ca.SX], h: ca.SX) -> tuple[c
         Length of the step.
 
     """
-    change, slopes = inputs[1] - inputs[0], ca.SX(x.numel() + 1, 0)
-    start = ca.vertcat(x, 0)
-    for c, row in zip(_C, _A, strict=True):
-        inner = start + h * ca.mtimes(slopes, ca.DM(row)) if row else start
-        u = inputs[0] + c * change if c < 1.0 else inputs[1]
-        slopes = ca.horzcat(slopes, ca.vertcat(*rate(inner[:-1], u)))
-    end = start + h * ca.mtimes(slopes, ca.DM(_B))
+    start, slopes = ca.vertcat(x, 0), []
+    for row, u in zip(_A, _along(inputs[0].numel()).call(list(inputs)), strict=True):
+        inner = _after(row, start.numel()).call([start, h, *slopes])[0] if row else start
+        slopes.append(ca.vertcat(*rate(inner[:-1], u)))
+    end, = _after(_B, start.numel()).call([start, h, *slopes])
     return end[:-1], end[-1]
+
+
+# Calling a function that is there costs less than each operation that it is made of.
+@lru_cache(maxsize=64)
+def _along(m: int) -> ca.Function:
+    """Return the inputs at the stages, of those at both ends."""
+    a, b = ca.SX.sym('a', m), ca.SX.sym('b', m)
+    return ca.Function('along', [a, b], [a + c * (b - a) if c < 1.0 else b for c in _C])
+
+
+@lru_cache(maxsize=256)
+def _after(weights: tuple[float, ...], n: int) -> ca.Function:
+    """Return start + h times the slopes by weight, of start, h and all slopes, each (n,)."""
+    start, h = ca.SX.sym('start', n), ca.SX.sym('h')
+    slopes = [ca.SX.sym('slope', n) for _ in weights]
+    total = sum((a * slope for a, slope in zip(weights, slopes, strict=True) if a), ca.SX(0))
+    return ca.Function('after', [start, h, *slopes], [start + h * total])
 
 
 @lru_cache(maxsize=4)
