@@ -40,7 +40,7 @@ class Batch:
         self._few = few
         # One input and one output: handing over each costs more than an evaluation.
         self._function = ca.Function('batch', [ca.vertcat(*inputs)], [
-            ca.vertcat(ca.SX(0, 1), *(ca.densify(ca.vec(output)) for output in outputs))])
+            ca.vertcat(*map(_column, outputs))])
         self._inputs = list(accumulate((symbol.numel() for symbol in inputs), initial=0))
         self._outputs = list(accumulate((output.numel() for output in outputs), initial=0))
         self._parcels: dict[int, tuple[Any, Any]] = {}
@@ -97,3 +97,57 @@ class Batch:
         if size not in self._parcels:
             self._parcels[size] = self._function.map(size).buffer()
         return self._parcels[size]
+
+
+class Chain:
+    """
+    A step z_(k+1) = F(z_k, what is given for it), taken for all rows of arrays in turn.
+
+    Parameters
+    ----------
+    z : casadi.SX
+        Column of symbols.
+    given : sequence of casadi.SX
+        Columns of symbols.
+    after : casadi.SX
+        Expression of z after the step.
+
+    """
+
+    def __init__(self, z: ca.SX, given: Sequence[ca.SX], after: ca.SX) -> None:
+        steps = ca.Function('step', [z, ca.vertcat(*given)], [ca.densify(after)]).mapaccum(_FEW)
+        self._inputs = list(accumulate((symbol.numel() for symbol in given), initial=0))
+        self._parcel: tuple[Any, Any] = steps.buffer()
+
+    def __call__(self, first: Array, *given: Array) -> Array:
+        """
+        Return z after each step, shape (K, length of z).
+
+        Parameters
+        ----------
+        first : ndarray
+            z before the first step.
+        *given : ndarray, shape (K, length) or (length,)
+            A single row stands for K equal ones.
+
+        """
+        count = len(given[0])
+        rows = -(-count // _FEW) * _FEW
+        w, result = np.zeros((rows, self._inputs[-1])), np.empty((rows, len(first)))
+        for (start, end), values in zip(pairwise(self._inputs), given, strict=True):
+            w[:count, start:end] = values
+        now = np.array(first, dtype=float)
+        buffer, trigger = self._parcel
+        for k in range(0, rows, _FEW):
+            buffer.set_arg(0, now.data)
+            buffer.set_arg(1, w[k:k + _FEW].data)
+            buffer.set_res(0, result[k:k + _FEW].data)
+            trigger()
+            now = result[k + _FEW - 1]
+        return result[:count]
+
+
+def _column(value: ca.SX) -> ca.SX:
+    """Return the entries column by column."""
+    column = value if value.is_column() else ca.vec(value)
+    return column if column.is_dense() else ca.densify(column)

@@ -15,7 +15,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.batch import Batch
+from obc_ros.core.batch import Batch, Chain
 from obc_ros.core.mesh import Path
 from obc_ros.core.problem import Problem
 from obc_ros.core.runge_kutta import step_of
@@ -104,16 +104,14 @@ class Integrator:
         self._end = Batch([x, nu, p], [
             problem.V, problem.psi, ca.gradient(problem.V + ca.dot(nu, problem.psi), x)], 1)
         self._hamiltonian = Batch([x, u, lam, mu, p], [H, Hu, ca.jacobian(Hu, u)])
-        self._sweeps: dict[tuple[str, int], ca.Function] = {}
 
     @cached_property
-    def _forward(self) -> ca.Function:
+    def _forward(self) -> Chain:
         """Return the step of x and the cost so far."""
         _, x, ua, ub, h, p = self._symbols
         end, cost = self._end_and_cost
         total = ca.SX.sym('total')
-        return ca.Function(
-            'forward', [ca.vertcat(x, total), ua, ub, h, p], [ca.vertcat(end, total + cost)])
+        return Chain(ca.vertcat(x, total), [ua, ub, h, p], ca.vertcat(end, total + cost))
 
     @cached_property
     def _earlier(self) -> ca.SX:
@@ -122,30 +120,22 @@ class Integrator:
         return ca.gradient(ca.dot(self._symbols[0], end) + cost, self._symbols[1])
 
     @cached_property
-    def _backward(self) -> ca.Function:
+    def _backward(self) -> Chain:
         """Return the step of lam with its jump."""
-        jump = ca.SX.sym('jump', self._symbols[0].numel())
-        return ca.Function('backward', [*self._symbols, jump], [self._earlier + jump])
+        lam, *given = self._symbols
+        jump = ca.SX.sym('jump', lam.numel())
+        return Chain(lam, [*given, jump], self._earlier + jump)
 
     @cached_property
     def _back(self) -> Batch:
         """Return the step of lam for many intervals at once."""
         return Batch(self._symbols, [self._earlier])
 
-    def _sweep(self, name: str, function: ca.Function, count: int) -> ca.Function:
-        if (name, count) not in self._sweeps:
-            if len(self._sweeps) > 16:
-                self._sweeps.clear()
-            self._sweeps[name, count] = function.mapaccum(count)
-        return self._sweeps[name, count]
-
     def forward(self, problem: Problem, t: Array, ua: Array, ub: Array) -> tuple[Array, Array]:
         """Return x (K + 1, n) and the running cost (K + 1,) from x0 under linear inputs."""
-        K = len(ua)
         first = np.append(problem.x0, 0.0)
-        path = self._sweep('forward', self._forward, K)(
-            first, ua.T, ub.T, np.diff(t)[None, :], ca.repmat(problem.p_value, 1, K)).full().T
-        path = np.vstack([first, path])
+        path = np.vstack([first, self._forward(
+            first, ua, ub, np.diff(t)[:, None], problem.p_value)])
         return path[:, :-1], path[:, -1]
 
     def hamiltonian(self, problem: Problem, x: Array, u: Array, lam: Array,
@@ -221,12 +211,10 @@ class Integrator:
                   single: bool) -> tuple[Array, Array]:
         """Return costates at the starts and at the ends of all parts."""
         t, x, ua, ub = course
-        K, h = len(x), np.diff(t)
-        mass = outcome.masses(parts)
+        h, mass = np.diff(t), outcome.masses(parts)
         if single:
-            lam = self._sweep('backward', self._backward, K)(
-                last, x[::-1].T, ua[::-1].T, ub[::-1].T, h[None, ::-1],
-                ca.repmat(problem.p_value, 1, K), mass[-2::-1].T).full().T[::-1]
+            lam = self._backward(last, x[::-1], ua[::-1], ub[::-1], h[::-1, None],
+                                 problem.p_value, mass[-2::-1])[::-1]
             # The sweep goes from before one jump to before the next.
             return lam - mass[:-1], np.vstack([lam[1:], last])
         lam, lam_end = np.empty_like(x), np.empty_like(x)

@@ -89,6 +89,7 @@ def _best(problem: Problem, u: Array, Hu: Array, Huu: Array) -> tuple[Array, Arr
     lower, upper = problem.u_lower - u, problem.u_upper - u
     d, free = np.zeros_like(u), np.full_like(u, np.nan)
     for _ in range(8 if problem.m > 1 else 1):
+        before = d.copy()
         for i in range(problem.m):
             slope = Hu[:, i] + np.einsum('kj,kj->k', Huu[:, i], d) - Huu[:, i, i] * d[:, i]
             curved = Huu[:, i, i] > 0
@@ -97,6 +98,8 @@ def _best(problem: Problem, u: Array, Hu: Array, Huu: Array) -> tuple[Array, Arr
             edge = np.where(slope > 0, lower[:, i], upper[:, i])
             edge = np.where(np.isfinite(edge) & (slope != 0), edge, 0.0)
             d[:, i] = np.where(curved, np.clip(free[:, i], lower[:, i], upper[:, i]), edge)
+        if np.array_equal(d, before):
+            break
     gap = -np.einsum('kj,kj->k', Hu, d) - 0.5 * np.einsum('ki,kij,kj->k', d, Huu, d)
     return np.maximum(np.nan_to_num(gap), 0.0), u + free
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One explicit Runge-Kutta step of order 6, under an input linear over the step."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import casadi as ca
@@ -47,12 +47,16 @@ def step(rate: Rate, x: ca.SX, inputs: tuple[ca.SX, ca.SX], h: ca.SX) -> tuple[c
         Length of the step.
 
     """
-    start, slopes = ca.vertcat(x, 0), []
-    for row, u in zip(_A, _along(inputs[0].numel()).call(list(inputs)), strict=True):
-        inner = _after(row, start.numel()).call([start, h, *slopes])[0] if row else start
+    start, slopes = ca.vertcat(x, 0), list[ca.SX]()
+    for row, u in zip(_A, _called(_along(inputs[0].numel()), *inputs), strict=True):
+        inner = _called(_after(row, start.numel()), start, h, *slopes)[0] if row else start
         slopes.append(ca.vertcat(*rate(inner[:-1], u)))
-    end, = _after(_B, start.numel()).call([start, h, *slopes])
+    end, = _called(_after(_B, start.numel()), start, h, *slopes)
     return end[:-1], end[-1]
+
+
+def _called(function: ca.Function, *arguments: ca.SX) -> Sequence[ca.SX]:
+    return function.call(arguments)
 
 
 # Calling a function that is there costs less than each operation that it is made of.
