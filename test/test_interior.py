@@ -132,10 +132,12 @@ def test_factors_solve_the_matrix_they_are_made_of(border):
     np.testing.assert_allclose(whole @ factor.solve(right), right, atol=1e-9)
     negative = int((np.linalg.eigvalsh(whole) < 0).sum())
     assert factor.odd() == (negative % 2 == 1)
-    fixed = np.zeros(size, dtype=bool)
+    half = (rows >= columns) | (rows >= size - border) | (columns >= size - border)
+    lower = Pattern(rows[half], columns[half], size, border, triangle=True)
     for add in (-20.0, 20.0):
-        definite = pattern.definite(A[rows, columns], fixed, np.full(size, add))
-        assert definite == bool(np.all(np.linalg.eigvalsh(A + add * np.eye(size)) > 0))
+        positive = bool(np.all(np.linalg.eigvalsh(A + add * np.eye(size)) > 0))
+        for each, entries in ((pattern, A[rows, columns]), (lower, A[rows, columns][half])):
+            assert each.definite(entries, each.place, np.full(size, add)) == positive
 
 
 def test_following_finds_which_bounds_are_active():

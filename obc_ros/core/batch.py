@@ -78,9 +78,14 @@ class Batch:
         """Return rows with the last one repeated, to a number that `of_filled` takes."""
         return np.concatenate([rows, np.repeat(rows[-1:], -len(rows) % self._few, axis=0)])
 
-    def of_filled(self, w: Array) -> Array:
-        """Return what `joined` does for inputs side by side, as many rows as `filled` returns."""
-        result = np.empty((len(w), self._outputs[-1]))
+    def of_filled(self, w: Array, result: Array | None = None) -> Array:
+        """
+        Return what `joined` does for inputs side by side, as many rows as `filled` returns.
+
+        It is written to `result` where that is given.
+        """
+        if result is None:
+            result = np.empty((len(w), self._outputs[-1]))
         self._evaluate(w, result, self._few)
         return result
 

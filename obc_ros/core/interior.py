@@ -88,23 +88,28 @@ class Pattern:
         Of all entries, both triangles; entries at the same place add up.
     size, border : int
         Of the matrix, and how many of its columns are the border.
+    triangle : bool, optional
+        Whether the band is kept below its diagonal only, which does for `definite`.
 
     """
 
-    def __init__(self, rows: Index, columns: Index, size: int, border: int) -> None:
+    def __init__(self, rows: Index, columns: Index, size: int, border: int, *,
+                 triangle: bool = False) -> None:
         self.inner = inner = size - border
         self.size, self.border = size, border
         banded = (rows < inner) & (columns < inner)
         self.width = int(np.abs(rows - columns)[banded].max(initial=0))
-        self.height = 3 * self.width + 1
-        place = 2 * self.width + rows - columns + self.height * columns
+        self._above = 0 if triangle else 2 * self.width
+        self.height = self._above + self.width + 1
+        banded &= (rows >= columns) | (not triangle)
+        place = self._above + rows - columns + self.height * columns
         edge = self.height * inner + rows + size * (columns - inner)
         outside = self.height * inner + size * border
         self._total = outside + 1
         self.place = np.where(banded, place, np.where(columns >= inner, edge, outside))
         self.rows, self.columns, self._outside = rows, columns, outside
         self.diagonal = np.append(
-            2 * self.width + self.height * np.arange(inner),
+            self._above + self.height * np.arange(inner),
             self.height * inner + inner + np.arange(border) * (size + 1))
 
     def without(self, fixed: NDArray[np.bool_]) -> Index:
@@ -112,7 +117,7 @@ class Pattern:
         return np.where(fixed[self.rows] | fixed[self.columns], self._outside, self.place)
 
     def _summed(self, place: Index, entries: Array, diagonal: Array) -> Array:
-        flat: Array = np.bincount(place, weights=entries, minlength=self._total).astype(float)
+        flat: Array = np.asarray(np.bincount(place, entries, self._total), dtype=float)
         flat[self.diagonal] += diagonal
         return flat
 
@@ -125,11 +130,11 @@ class Pattern:
         factor = None if info else Factor(self, lu, pivots, edge)
         return None if factor is None or factor.singular else factor
 
-    def definite(self, entries: Array, fixed: NDArray[np.bool_], diagonal: Array) -> bool:
+    def definite(self, entries: Array, place: Index, diagonal: Array) -> bool:
         """Return whether the matrix with a diagonal added is positive definite."""
-        flat = self._summed(self.without(fixed), entries, diagonal)
+        flat = self._summed(place, entries, diagonal)
         band = flat[:self.height * self.inner].reshape(self.inner, self.height).T
-        lower, info = dpbtrf(band[2 * self.width:], lower=1)
+        lower, info = dpbtrf(band[self._above:], lower=1, overwrite_ab=1)
         if info or not self.border:
             return not info
         edge = flat[self.height * self.inner:-1].reshape(self.border, self.size).T

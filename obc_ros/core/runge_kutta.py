@@ -64,7 +64,9 @@ def _called(function: ca.Function, *arguments: ca.SX) -> Sequence[ca.SX]:
 def _along(m: int) -> ca.Function:
     """Return the inputs at the stages, of those at both ends."""
     a, b = ca.SX.sym('a', m), ca.SX.sym('b', m)
-    return ca.Function('along', [a, b], [a + c * (b - a) if c < 1.0 else b for c in _C])
+    change, between = b - a, {0.0: a, 1.0: b}
+    between |= {c: a + c * change for c in _C if c not in between}
+    return ca.Function('along', [a, b], [between[c] for c in _C])
 
 
 @lru_cache(maxsize=256)

@@ -5,6 +5,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,20 +86,27 @@ class Stages:
         # Entries of constants are dropped.
         self._kept = np.flatnonzero((rows < self.size) & (columns < self.size))
         self.pattern = Pattern(rows[self._kept], columns[self._kept], self.size, border)
+        self._without: tuple[Any, Index] = None, np.zeros(0, dtype=np.int64)
         self._number()
 
     def _number(self) -> None:
-        """Say where what the copies return stands in all that they return."""
+        """Say where what the copies return stands in all that they return, and goes."""
         first, second = self._copies
-        self._at = [np.concatenate([a.ravel(), b.ravel() + first.total])
-                    for a, b in zip(first.results, second.results, strict=True)]
-        whole = [np.concatenate([copies.results[k].ravel() + offset for k in (5, 4, 4)])
-                 for copies, offset in ((first, 0), (second, first.total))]
-        self._entries = np.concatenate(whole)[self._kept]
-        self._of_cost, self._of_slope = (
-            np.concatenate([copies.v[:, places].ravel() for copies, places in (
-                (first, a), (second, b))])
-            for a, b in ((first.whole.slope, second.whole.slope), (slice(None), slice(None))))
+        self._total = first.total + second.total
+        self._places = slice(0, first.total), slice(first.total, self._total)
+        nowhere = 3 * self.size   # slopes by constants are dropped
+        slots, summands, entries = [], [], []
+        for copies, offset in ((first, 0), (second, first.total)):
+            g, cost, cost_slope, slope, J, H = (at + offset for at in copies.results)
+            summands += [g, slope, cost_slope, cost]
+            v = np.where(copies.v < self.size, copies.v, nowhere)
+            slots += [copies.rows, self.size + v, 2 * self.size + v[:, copies.whole.slope],
+                      np.full(cost.shape, 3 * self.size)]
+            entries += [H, J, J]
+        slot, summand = (np.concatenate([part.ravel() for part in parts])
+                         for parts in (slots, summands))
+        self._slots, self._summands = np.minimum(slot, nowhere + 1), summand
+        self._entries = np.concatenate([part.ravel() for part in entries])[self._kept]
 
     def bind(self, constants: Array) -> None:
         """Set the constants."""
@@ -106,15 +114,20 @@ class Stages:
 
     @cached_property
     def _squares(self) -> tuple[Pattern, Index]:
-        """Return the pattern of the Hessian and of J'J, and which of its entries are kept."""
+        """Return the pattern of the Hessian and of J'J, and which of their entries are kept."""
         rows, columns = [], []
         for copies in self._copies:
-            v, (a, b) = copies.v, copies.whole.curvature
-            rows += [v[:, a], np.repeat(v, v.shape[1], axis=1)]
-            columns += [v[:, b], np.tile(v, v.shape[1])]
+            pairs = copies.v[:, copies.whole.jacobian[1][copies.pairs]]
+            rows += [copies.v[:, copies.whole.curvature[0]], pairs.max(axis=1)]
+            columns += [copies.v[:, copies.whole.curvature[1]], pairs.min(axis=1)]
         i, j = (np.concatenate([part.ravel() for part in parts]) for parts in (rows, columns))
-        kept = np.flatnonzero((i < self.size) & (j < self.size))
-        return Pattern(i[kept], j[kept], self.size, self.pattern.border), kept
+        inner = self.pattern.inner
+        kept = np.flatnonzero((i < self.size) & (j < self.size) & (i >= j))
+        i, j = i[kept], j[kept]
+        # The border is a few columns.
+        edge = (i >= inner) & (j < inner)
+        i, j = np.where(edge, j, i), np.where(edge, i, j)
+        return Pattern(i, j, self.size, self.pattern.border, triangle=True), kept
 
     def convex(self, values: Values, fixed: NDArray[np.bool_], diagonal: Array) -> bool:
         """
@@ -123,14 +136,14 @@ class Stages:
         It is if it is positive definite everywhere once a multiple of J'J is added.
         """
         pattern, kept = self._squares
+        if fixed is not self._without[0]:
+            self._without = fixed, pattern.without(fixed)
         parts = []
-        for copies, (jacobian, curvature) in zip(self._copies, values.parts, strict=True):
-            J = np.zeros((len(jacobian), copies.whole.r, copies.v.shape[1]))
-            J[:, copies.whole.jacobian[0], copies.whole.jacobian[1]] = jacobian
-            with np.errstate(over='ignore'):
-                squares = _PENALTY * np.matmul(J.transpose(0, 2, 1), J)
-            parts += [curvature.ravel(), squares.ravel()]
-        return pattern.definite(np.concatenate(parts)[kept], fixed, diagonal)
+        with np.errstate(over='ignore'):
+            for copies, (jacobian, curvature) in zip(self._copies, values.parts, strict=True):
+                a, b = copies.pairs
+                parts += [curvature.ravel(), (_PENALTY * jacobian[:, a] * jacobian[:, b]).ravel()]
+        return pattern.definite(np.concatenate(parts)[kept], self._without[1], diagonal)
 
     def run(self, w: Array, bounds: tuple[Array, Array], goal: Goal,
             watch: Callable[[float, float], bool], *, near: bool = False,
@@ -202,19 +215,18 @@ class Stages:
     def values(self, y: Array) -> Values:
         """Return everything at y."""
         known = np.concatenate([y, self._constants, [self.factor]])
-        results = [copies.whole.batch.of_filled(known[copies.take]) for copies in self._copies]
-        flat = np.concatenate([result.ravel() for result in results])
-        at_g, at_cost, at_cost_slope, at_slope, _, _ = self._at
-        c = np.zeros(self.size)
-        c[self.at_rows] = flat[at_g]
-        slope, cost_slope = (
-            np.asarray(np.bincount(where, flat[at], len(known))[:self.size], dtype=float)
-            for where, at in ((self._of_slope, at_slope), (self._of_cost, at_cost_slope)))
-        slope[self.is_row] = 0.0
-        parts = tuple(copies.parts(result)
-                      for copies, result in zip(self._copies, results, strict=True))
-        return Values(self.factor * float(flat[at_cost].sum()), c, slope,
-                      np.asarray(self.factor * cost_slope), flat[self._entries], parts)
+        flat, parts = np.empty(self._total), []
+        for copies, place in zip(self._copies, self._places, strict=True):
+            result = flat[place].reshape(len(copies.take), -1)
+            copies.whole.batch.of_filled(known[copies.take], result)
+            result = result[:len(copies.v)]
+            parts.append((result[:, copies.at_J], result[:, copies.at_H]))
+        sums: Array = np.asarray(np.bincount(
+            self._slots, flat[self._summands], 3 * self.size + 2), dtype=float)
+        c, slope, cost_slope = sums[:-2].reshape(3, -1)
+        cost_slope *= self.factor
+        return Values(self.factor * float(sums[-2]), c, slope, cost_slope,
+                      flat[self._entries], tuple(parts))
 
     def merit(self, y: Array) -> tuple[float, Array]:
         """Return f and c at y."""
@@ -234,11 +246,13 @@ class _Copies:
 
     `take`, `few`: where the arguments for everything, and for g and the cost alone, stand in (y,
     constants, factor); `results`: places of g, cost, its slope, the slope of the Lagrangian, J
-    and H, `total` of them; `entries`: rows and columns of H, J and J' in the matrix.
+    and H, `total` of them; `at_J`, `at_H`: the last two in the results of one copy; `entries`:
+    rows and columns of H, J and J' in the matrix; `pairs` (2, .) of entries of J to be multiplied
+    for J'J.
     """
 
     def __init__(self, whole: Whole, v: Index, own: Index, rows: Index, shared: Index) -> None:
-        self.whole, self.v = whole, v
+        self.whole, self.v, self.rows = whole, v, rows
         K = len(v)
         given = np.hstack([v, own, np.tile(shared, (K, 1))])
         self.few = whole.values.filled(given)
@@ -249,10 +263,7 @@ class _Copies:
                         for part in whole.batch.outputs]
         i, j = whole.jacobian
         a, b = whole.curvature
+        self.pairs = np.array(np.nonzero(np.triu(i[:, None] == i)))
+        self.at_J, self.at_H = whole.batch.outputs[-2:]
         pairs = ((v[:, a], v[:, b]), (rows[:, i], v[:, j]), (v[:, j], rows[:, i]))
         self.entries = [np.concatenate([pair[k].ravel() for pair in pairs]) for k in (0, 1)]
-
-    def parts(self, result: Array) -> tuple[Array, Array]:
-        """Return the entries of J and H of all copies."""
-        at_J, at_H = self.whole.batch.outputs[-2:]
-        return result[:len(self.v), at_J], result[:len(self.v), at_H]
