@@ -4,6 +4,7 @@
 
 from collections import OrderedDict
 from dataclasses import dataclass
+from functools import cached_property
 import time
 
 import casadi as ca
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from obc_ros.core.arcs import switching_inputs
 from obc_ros.core.extremal import Integrator
 from obc_ros.core.guesses import Guesser
+from obc_ros.core.indirect import Indirect
 from obc_ros.core.mesh import Layout
 from obc_ros.core.multipliers import Fitter
 from obc_ros.core.nonsmooth import twin
@@ -42,6 +44,8 @@ class Kit:
             ca.jacobian(problem.f, ca.vertcat(problem.x, problem.u)),
             ca.vertcat(problem.x, problem.u))
         self.last: Answered | None = None
+        self.touched_up = False   # whether answers were polished
+        self._problem = problem
         self._pieces: dict[tuple[int, bool], Pieces] = {}
         self._fitters: dict[bool, Fitter] = {}
         self._transcriptions: OrderedDict[Layout, Transcription] = OrderedDict()
@@ -61,6 +65,11 @@ class Kit:
         if len(self._transcriptions) > _LAYOUTS_KEPT:
             self._transcriptions.popitem(last=False)
         return found
+
+    @cached_property
+    def indirect(self) -> Indirect:
+        """Return the boundary value problem."""
+        return Indirect(self._problem)
 
     def fitter(self, problem: Problem, stated: bool = False) -> Fitter:
         """Return what fits multipliers, built at most once."""

@@ -75,6 +75,7 @@ class Search:
         self.reason = ''
         self.begun = time.process_time()
         self.intervals, self.typical = COARSE, _COARSE_ITERATIONS
+        self.work = 0   # iterations times intervals
         self.starts: Iterator[Path] = iter(())
         self.last: Answered | None = None
         self._courses: dict[tuple[Outcome, bool], tuple[Problem, Extremal]] = {}
@@ -117,6 +118,7 @@ class Search:
         if near and not outcome.converged and not self.monitor.stopped:
             self.monitor.limit(most)
             outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor)
+        self.work += outcome.iterations * mesh.layout.intervals
         return outcome
 
     def coarse(self) -> list[Outcome]:
@@ -386,7 +388,7 @@ class Search:
                                  most=_WARM_ITERATIONS, warm=last.outcome)
         answer = self.solution(outcome, self.course(outcome)) if outcome.converged else None
         if answer is not None and _holds(answer):
-            self.kit.last = replace(last, problem=self.stated, outcome=outcome)
+            self.last = self.kit.last = replace(last, problem=self.stated, outcome=outcome)
             return answer
         if answer is not None and not self.monitor.stopped:
             # Kinks have left their mesh points.
@@ -428,15 +430,19 @@ class Search:
             if above < _CLOSE or number and above < _WORTH_A_LOOK or self.monitor.stopped:
                 answer = self.solution(outcome, self.course(outcome))
                 if best is None or _holds(answer) or not _holds(best):
-                    best = answer
-                if _holds(answer) and not self.quick:
-                    self.last = Answered(self.stated, outcome, self.sizes(outcome), self.margin)
+                    best, self.last = answer, self.answered(outcome)
             late = time.process_time() - begun > _FOR_DIGITS
             if best is not None and _holds(best) and (above < _CLOSE_ENOUGH or late):
                 break
             if self.quick and number >= 2:
                 break
-        return best if best is not None else self.solution(outcome, self.course(outcome))
+        if best is None:
+            best, self.last = self.solution(outcome, self.course(outcome)), self.answered(outcome)
+        return best
+
+    def answered(self, outcome: Outcome) -> Answered:
+        """Return what a neighbour, or the indirect method, starts from."""
+        return Answered(self.stated, outcome, self.sizes(outcome), self.margin)
 
     def explored(self, best: Solution, floor: float) -> Solution:
         """
@@ -466,7 +472,9 @@ class Search:
                         or cheaper and _feasible(other)):
                     best, kept = other, self.last
             spent += time.process_time() - started
-        self.kit.last = kept or self.kit.last
+        self.last = kept
+        if _holds(best):
+            self.kit.last = kept
         return best
 
     def reset(self) -> None:

@@ -15,7 +15,7 @@ from obc_ros.core.explain import convex, explain
 from obc_ros.core.ill_posed import indifferent, wish, without_minimum
 from obc_ros.core.kit import Kit
 from obc_ros.core.monitor import MAX_INTERVALS, Monitor
-from obc_ros.core.polish import polished
+from obc_ros.core.polish import polished, touched_up
 from obc_ros.core.problem import Problem
 from obc_ros.core.riccati import solve_lq
 from obc_ros.core.search import Search
@@ -85,7 +85,9 @@ def _transcription(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
 
 
 def _arcs(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
-    return Search(problem, kit, monitor).run()
+    search = Search(problem, kit, monitor)
+    answer = search.run()
+    return answer if monitor.stopped else touched_up(search, answer)
 
 
 def _indirect(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
@@ -109,7 +111,10 @@ def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
     if kit.last is None and without_minimum(problem):
         return Solution(Status.NOT_CONVERGED, 'the cost has no minimum', method='arcs')
     search = Search(problem, kit, monitor, why_not=partial(_why_not, monitor=monitor))
-    return replace(search.run(), method='arcs')
+    answer = search.run()
+    if not monitor.stopped:
+        answer = touched_up(search, answer)
+    return replace(answer, method='arcs')
 
 
 def _why_not(problem: Problem, monitor: Monitor) -> str:
