@@ -45,8 +45,10 @@ class Piece:
         """Return factor, lam, and slope, J, H and slope of factor cost + lam' g."""
         v, factor, lam = self._arguments[0], ca.SX.sym('factor'), ca.SX.sym('lam', self.r)
         H, both = ca.hessian(factor * self._cost + ca.dot(lam, self._g), v)
-        return (factor, lam, ca.sparsify(ca.gradient(self._cost, v)),
-                ca.sparsify(ca.jacobian(self._g, v)), ca.sparsify(H), both)
+        # Row by row: there are fewer rows than columns.
+        J = ca.jacobian(self._g, v, {'helper_options': {'ad_weight': 1.0}})
+        return (factor, lam, ca.sparsify(ca.gradient(self._cost, v)), ca.sparsify(J),
+                ca.sparsify(H), both)
 
     @cached_property
     def values(self) -> ca.Function:

@@ -8,6 +8,7 @@ from itertools import count
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from obc_ros.core.batch import Batch
 from obc_ros.core.extremal import Integrator
 from obc_ros.core.mesh import Path
 from obc_ros.core.problem import Problem
@@ -39,27 +40,34 @@ class Guesser:
 
     def __init__(self, problem: Problem) -> None:
         x, u, p = problem.x, problem.u, problem.p
-        self._psi = ca.Function('psi', [x, p], [
-            problem.psi, ca.densify(ca.jacobian(problem.psi, x))])
-        self._rest = ca.Function('rest', [x, u, p], [
-            problem.f, ca.densify(ca.jacobian(problem.f, u))])
+        self._psi = Batch([x, p], [problem.psi, ca.jacobian(problem.psi, x)], 1)
+        self._rest = Batch([x, u, p], [problem.f, ca.jacobian(problem.f, u)], 1)
+        self._last: tuple[Problem, Array, NDArray[np.bool_]] | None = None
 
     def final_state(self, problem: Problem) -> tuple[Array, NDArray[np.bool_]]:
         """Return a state near x0 with psi = 0, and which of its components psi fixes."""
+        if self._last is None or self._last[0] is not problem:
+            self._last = problem, *self._final_state(problem)
+        return self._last[1].copy(), self._last[2]
+
+    def _final_state(self, problem: Problem) -> tuple[Array, NDArray[np.bool_]]:
         x = problem.x0.copy()
         fixed = np.zeros(problem.n, dtype=bool)
         if not problem.q:
             return _inside(x, problem.x_lower, problem.x_upper), fixed
+        before = inverse = np.zeros((problem.n, problem.q))
         for _ in range(30):
-            psi, jacobian = (out.full() for out in self._psi(x, problem.p_value))
+            psi, slope = (out[0] for out in self._psi(x, problem.p_value))
+            jacobian = slope.reshape(problem.n, problem.q).T
             if not (np.all(np.isfinite(psi)) and np.all(np.isfinite(jacobian))):
                 return problem.x0.copy(), fixed
-            move = -np.linalg.pinv(jacobian, rcond=1e-8) @ psi.ravel()
+            if not np.array_equal(jacobian, before):
+                before, inverse = jacobian, np.linalg.pinv(jacobian, rcond=1e-8)
+            move = -inverse @ psi
             x = _inside(x + move, problem.x_lower, problem.x_upper)
             if np.max(np.abs(move)) <= 1e-9 * (1 + np.max(np.abs(x))):
                 break
-        projection = np.linalg.pinv(jacobian, rcond=1e-8) @ jacobian
-        return x, np.diag(projection) > 1 - 1e-6
+        return x, np.diag(inverse @ jacobian) > 1 - 1e-6
 
     def steady_input(self, problem: Problem, x: Array) -> Array:
         """Return the input within bounds at which f(x, u) is least, nearest to rest."""
@@ -70,10 +78,10 @@ class Guesser:
                          1e-2 * (np.where(both, lower, 0) + np.where(both, upper, 0) - 2 * u), 0)
         u = u + nudge
         for _ in range(10):
-            f, fu = (out.full() for out in self._rest(x, u, problem.p_value))
-            if not (np.all(np.isfinite(f)) and np.all(np.isfinite(fu))):
+            f, slope = (out[0] for out in self._rest(x, u, problem.p_value))
+            if not (np.all(np.isfinite(f)) and np.all(np.isfinite(slope))):
                 return u
-            move = -np.linalg.pinv(fu, rcond=1e-6) @ f.ravel()
+            move = -np.linalg.pinv(slope.reshape(problem.m, problem.n).T, rcond=1e-6) @ f
             new = _inside(u + move, lower, upper)
             if np.max(np.abs(new - u), initial=0.0) <= 1e-9 * (1 + np.max(np.abs(u), initial=0)):
                 break
