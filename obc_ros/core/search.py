@@ -84,7 +84,7 @@ class Search:
             np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)))
         self.stages = 3 if self.bounded else 0
         self.margin = np.zeros(problem.n + int(problem.path.numel()))
-        _, self.pinned = kit.guesser.final_state(problem)
+        _, self.pinned = kit.guesser.final_state(self.problem)
 
     def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
                   near: bool = False, sizes: Scales | None = None, most: int = 500,
