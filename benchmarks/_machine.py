@@ -4,7 +4,8 @@
 What the machine did meanwhile: memory and processor time of processes, and its own stalls.
 
 A virtual machine may stand still for a tenth of a second; a process that does nothing but sleep
-tells when, so that nobody else is blamed. ``python _machine.py`` is that process.
+tells when, so that nobody else is blamed. ``python _machine.py [CORE]`` is that process, on any
+core or on one.
 """
 
 from collections.abc import Iterable
@@ -80,8 +81,10 @@ def told(stalls: list[tuple[float, float]]) -> str:
 
 
 def main() -> None:
-    """Sleep, and tell when a sleep was too long."""
+    """Sleep, and tell when a sleep was too long: since when, and by how much."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit())
+    if sys.argv[1:]:
+        os.sched_setaffinity(0, {int(sys.argv[1])})
     last = time.monotonic()
     while True:
         time.sleep(SLEEP)

@@ -75,3 +75,11 @@ def probe(domain: int) -> Iterator[support.Probe]:
     probe = support.Probe(domain)
     yield probe
     probe.close()
+
+
+@pytest.fixture
+def clock() -> Iterator[support.Clock]:
+    """Return a clock that leaves out when the machine stood still."""
+    clock = support.Clock()
+    yield clock
+    clock.close()

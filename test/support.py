@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 import os
 from pathlib import Path
+import select
 import signal
 import subprocess
 import sys
@@ -23,6 +24,8 @@ import yaml
 DEADLINE = 20.0  # [s] generous: it is only ever reached by a test that fails
 ISOLATED = {
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    # A process that is killed leaves its shared memory behind, and who opens that may crash.
+    'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
     'OMP_NUM_THREADS': '1',
     'OPENBLAS_NUM_THREADS': '1',
     'PYTHONFAULTHANDLER': '1',
@@ -53,6 +56,46 @@ def find(executable: str) -> str:
         if (folder / executable).is_file():
             return str(folder / executable)
     raise FileNotFoundError(f'{executable} is in none of {folders} nor beside {sys.executable}')
+
+
+class Clock:
+    """
+    The steady clock, less the time in which a core of this machine stood still.
+
+    A process on each core that does nothing but sleep tells when it was woken too late.
+    """
+
+    def __init__(self) -> None:
+        """Begin to watch the cores."""
+        script = Path(__file__).resolve().parents[1] / 'benchmarks' / '_machine.py'
+        self._watchers = [
+            subprocess.Popen([sys.executable, str(script), str(core)], bufsize=0,
+                             stdout=subprocess.PIPE)
+            for core in os.sched_getaffinity(0)]
+        self._stalls: list[tuple[float, float]] = []  # begin and end of each
+
+    def close(self) -> None:
+        """Watch no more."""
+        for watcher in self._watchers:
+            watcher.terminate()
+            watcher.communicate()
+
+    def since(self, begin: float) -> float:
+        """Return how long [s] it is since a moment of `time.monotonic`."""
+        return self.between(begin, time.monotonic())
+
+    def between(self, begin: float, end: float) -> float:
+        """Return the time [s] between two moments of `time.monotonic`."""
+        time.sleep(0.03)  # until the last stall has been told
+        for watcher in self._watchers:
+            while select.select([watcher.stdout], [], [], 0.0)[0]:
+                late, length = map(float, watcher.stdout.readline().split())
+                self._stalls.append((late, late + length))
+        left, done = end - begin, begin
+        for late, until in sorted(self._stalls):
+            left -= max(0.0, min(until, end) - max(late, done))
+            done = max(done, until)
+        return left
 
 
 class Process:

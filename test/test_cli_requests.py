@@ -11,8 +11,11 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
-from obc_ros.cli import client, questions, results
+from obc_ros.cli import client, results
+from obc_ros.cli.cases import Case
 from obc_ros.cli.obc import main
+from obc_ros.cli.questions import Question
+from obc_ros.core import systems
 from obc_ros.srv import SolveOptimalControl
 import pytest
 import yaml
@@ -193,7 +196,7 @@ def test_a_malformed_line_is_2(line):
 
 
 @pytest.mark.parametrize('server', [True, False])
-def test_ctrl_c_cancels(obc, probe, server):
+def test_ctrl_c_cancels(obc, probe, clock, server):
     diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
 
     def busy():
@@ -208,7 +211,7 @@ def test_ctrl_c_cancels(obc, probe, server):
             wait_for(lambda: children(server_))
         begun = time.monotonic()
         status = process.interrupt()
-        assert time.monotonic() - begun < 20.0, 'long before the time limit'
+        assert clock.since(begun) < 2.5
         return status
 
     status, found, output = obc('solve', {'endless.yaml': ENDLESS, 'scalar.yaml': '{'},
@@ -233,13 +236,14 @@ def test_a_server_of_its_own_that_is_killed_is_said(obc):
     assert 'trajectory_server was ended by SIGKILL' in found['endless']['message'], output
 
 
-def test_a_server_that_has_disappeared_is_given_up(probe, monkeypatch):
+def test_a_server_that_has_disappeared_is_given_up(probe, clock, monkeypatch):
     monkeypatch.setattr(client, 'SILENCE', 0.2)
     lonely = client.Client(probe.context, lambda: None)
     begun = time.monotonic()
     with pytest.raises(client.ServerLostError, match='does not answer any more'):
         lonely.wait(lambda: False, lambda: time.monotonic() < begun + 0.3)
-    assert 0.2 <= time.monotonic() - begun < 20.0
+    assert time.monotonic() - begun >= 0.45
+    assert clock.since(begun) < 5.0
     lonely.close()
 
 
@@ -250,7 +254,7 @@ def test_names_of_files_are_safe_and_unique(tmp_path):
     several = tmp_path / 'several.yaml'
     several.write_text(yaml.safe_dump([{**SCALAR, 'name': name} for name in (
         'p', '../../etc/x', 'p', '.')]))
-    asked = questions.read([tmp_path / 'a' / 'p.yaml', tmp_path / 'b' / 'p.yaml', several])
+    asked = results.read(Question, [tmp_path / 'a' / 'p.yaml', tmp_path / 'b' / 'p.yaml', several])
     assert [each.file_name for each in asked] == ['p', 'p_2', 'p_3', '_.._etc_x', 'p_4', 'problem']
     assert [each.name for each in asked] == ['scalar', 'scalar', 'p', '../../etc/x', 'p', '.']
     assert [each.renamed for each in asked] == [False, True, True, False, True, False]
@@ -277,6 +281,30 @@ def test_a_bad_problem_in_a_list_does_not_keep_the_others_from_their_answers(obc
     assert status == 2
     assert {name: answer['status'] for name, answer in found.items()} == {
         'good': 'solved', 'list_2': 'malformed', 'bad': 'malformed'}
+
+
+def test_a_bad_case_in_a_list_does_not_keep_the_others_from_their_answers(tmp_path, capsys):
+    case = {'A': [[0]], 'B': [[1]], 'Qx': [1], 'Qu': [1]}
+    file = tmp_path / 'list.yaml'
+    file.write_text(yaml.safe_dump([
+        {**case, 'name': 'twin', 'Qx': [1, 2]}, 3, {**case, 'name': 'twin', 'Qu': None}]))
+    assert main(['lqr', str(file), '--json', str(tmp_path)]) == 2
+    output = capsys.readouterr().out
+    assert f'twin ({file}, entry 1): Qx: wanted 1 rows of 1' in output
+    assert f'twin ({file}, entry 3): Qu: missing' in output
+    assert 'list_2: ' in output and 'written as twin_2' in output
+    assert {path.stem for path in tmp_path.glob('*.json')} == {'twin', 'list_2', 'twin_2'}
+    bad = results.read(Case, [file])[1]
+    assert bad.status == 'malformed' and 'entry 2: wanted a mapping' in bad.message
+
+
+def test_a_plant_is_a_problem_too(tmp_path):
+    file = tmp_path / 'cart.yaml'
+    file.write_text(yaml.safe_dump({
+        **SCALAR, 'units': {'x': 'm'}, 'angles': ['x'], 'setpoint': {'x': 0}}))
+    [asked] = results.read(Question, [file])
+    assert asked.problem and not asked.status
+    assert systems.load(file).states[0].unit == 'm'
 
 
 def test_json_has_no_nan(tmp_path):

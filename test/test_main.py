@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How every node ends: without a traceback, and with a status that says how."""
 
+from pathlib import Path
 import signal
 import time
 from typing import Any
@@ -28,6 +29,17 @@ def test_a_file_that_cannot_be_read(spawn: Any, tmp_path: Any) -> None:
     mixed = spawn('lqr_node', {'Qu': [1, 0.5]})
     assert mixed.wait() == 1
     assert 'write the numbers of a list all with a point, or none' in mixed.output()
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('node', NODES)
+def test_a_signal_while_it_loads_ends_a_node(spawn: Any, probe: Any, node: str, number: int
+                                             ) -> None:
+    process = spawn(node)
+    probe.wait_for(lambda: 'numpy' in Path(f'/proc/{process.pid}/maps').read_text())
+    process.popen.send_signal(number)
+    assert process.wait(10.0) == 0, process.output()
+    assert not process.output()
 
 
 @pytest.mark.parametrize('gap', [0.0, 0.05, 0.1, 0.15])

@@ -74,8 +74,14 @@ def _is_silent(domain: int) -> bool:
 
 
 def isolate(domain: int) -> None:
-    """Keep this process and its children on one domain of this machine."""
+    """
+    Keep this process and its children on one domain of this machine.
+
+    They do without shared memory unless the environment asks for it: a process that is killed
+    leaves its part behind, and Fast DDS may crash when it opens that again.
+    """
     os.environ.update(ONE_THREAD)
+    os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
     os.environ['ROS_DOMAIN_ID'] = str(domain)
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     for name in ('ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY', 'ROS_DISCOVERY_SERVER'):

@@ -3,7 +3,7 @@
 """
 A worker: a process of its own that answers one request after another.
 
-Started by `workers.Pool` as ``python -m obc_ros.core.worker_process FD MODULE MEMORY PARENT``.
+Started by `workers.Pool`: ``python -m obc_ros.core.worker_process FD MODULE MEMORY NICE PARENT``.
 MODULE offers ``answer(kind, request, time_limit, report) -> Packet``; it is imported before the
 first request comes, so that no request pays for it.
 """
@@ -24,7 +24,7 @@ from obc_ros.core.wire import Channel, Packet
 
 PR_SET_PDEATHSIG = 1
 REPORT_PERIOD = 0.1  # [s] between two reports of progress within one phase
-NICENESS = 5         # a solve gives way to a control loop on the same machine
+TRIES, RETRY = 20, 0.05  # [s]
 
 
 class Reporter:
@@ -63,7 +63,24 @@ def keep_within(memory: int) -> None:
     resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     Path('/proc/self/oom_score_adj').write_text('900', encoding='ascii')
-    os.nice(NICENESS)
+
+
+def give_way(niceness: int) -> None:
+    """Let the node, and whoever else, have the processor before this process."""
+    if not niceness:
+        return
+    os.nice(niceness)
+    # Where Linux groups processes by session, niceness counts within a session only, and a
+    # worker has one of its own: the group must be nice as well.
+    for _ in range(TRIES):
+        try:
+            Path('/proc/self/autogroup').write_text(str(niceness), encoding='ascii')
+        except BlockingIOError:  # taken once in 0.1 s, for the whole machine
+            time.sleep(RETRY)
+        except OSError:  # a kernel without such groups
+            return
+        else:
+            return
 
 
 def serve(channel: Channel, module: Any) -> None:
@@ -80,7 +97,7 @@ def serve(channel: Channel, module: Any) -> None:
 
 def main() -> None:
     """Serve the pool that started this process."""
-    descriptor, module, memory, parent = sys.argv[1:]
+    descriptor, module, memory, niceness, parent = sys.argv[1:]
     die_with_parent(int(parent))
     keep_within(int(memory))
     channel = Channel(socket.socket(fileno=int(descriptor)))
@@ -97,7 +114,9 @@ def main() -> None:
 
     sys.excepthook = last_words
     try:
-        serve(channel, import_module(module))
+        loaded = import_module(module)  # soon, for requests wait for it
+        give_way(int(niceness))
+        serve(channel, loaded)
     except (EOFError, BrokenPipeError):
         return  # the pool is gone
 

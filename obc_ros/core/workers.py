@@ -106,24 +106,29 @@ class Pool:
         Bytes of memory that a worker may have.
     affinities : int
         How many affinities a worker is expected to remember.
+    niceness : int
+        By how much workers give way to other processes: to the node, to a control loop.
 
     Attributes
     ----------
     fault : str
         Why the workers do not start; empty when the last one to start did.
+    has_started : bool
+        Whether a worker has been ready, or has failed to start.
 
     """
 
     def __init__(self, module: str, size: int, *, queue_length: int = 128,
-                 memory: int = 2 << 30, affinities: int = 32) -> None:
+                 memory: int = 2 << 30, affinities: int = 32, niceness: int = 3) -> None:
         self.module = module
         self.queue_length = queue_length
         self.memory = memory
         self.affinities = affinities
+        self.niceness = niceness
         self.outcomes: Counter[Outcome] = Counter()
         self.replaced = 0
         self.fault = ''
-        self._closed = self._started = False
+        self._closed = self.has_started = False
         self._changed = Condition()
         self._queue: deque[Job] = deque()
         self._workers: list[_Worker] = []
@@ -220,15 +225,10 @@ class Pool:
             self.finish(job, Answer(
                 Outcome.TIMED_OUT, f'no worker was free within {job.time_limit:g} s'))
 
-    def wait_until_started(self, timeout: float) -> None:
-        """Wait until a worker is ready, or has failed to start, or `timeout` seconds are over."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._started, timeout)
-
     def note_start(self, worker: '_Worker', why: str = '') -> None:
         """Note that `worker` has started, or why it could not."""
         with self._changed:
-            worker.ready, self._started = not why, True
+            worker.ready, self.has_started = not why, True
             worker.failures = worker.failures + 1 if why else 0
             self.fault = why
             self._changed.notify_all()
@@ -338,7 +338,8 @@ class _Worker(Thread):
             undo.callback(ours.close)
             self._process = subprocess.Popen(
                 [sys.executable, '-m', 'obc_ros.core.worker_process', str(theirs.fileno()),
-                 self._pool.module, str(self._pool.memory), str(os.getpid())],
+                 self._pool.module, str(self._pool.memory), str(self._pool.niceness),
+                 str(os.getpid())],
                 pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
                 env={**os.environ, **ENVIRONMENT}, start_new_session=True)
             undo.pop_all()

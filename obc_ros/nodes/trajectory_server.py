@@ -16,6 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 import math
 import sys
+from time import monotonic
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -31,13 +32,15 @@ from obc_ros.nodes.parameters import parameter, Parameters
 from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 
 ANSWERS = 'obc_ros.core.answers'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-START = 10.0         # [s] that the services wait for the workers at most
+START, LOOK = 10.0, 0.02  # [s] that the services wait for the workers at most, how often to look
 RESULT_TIMEOUT = 30  # [s] that the result of an action is kept for
 QUICK = 2_500        # numbers in A up to which a design does not wait behind solves
 STATUS = {Outcome.REFUSED: 'cancelled', Outcome.TIMED_OUT: 'timed_out',
@@ -70,7 +73,7 @@ class TrajectoryServer(Node):
         super().__init__('trajectory_server', allow_undeclared_parameters=True, **options)
         self._settings = Parameters(self, Settings, lambda settings: settings, self._adopt)
         self._solvers = Pool(ANSWERS, 0)
-        self._designers = Pool(ANSWERS, 1)
+        self._designers = Pool(ANSWERS, 1, niceness=0)  # what takes no time waits for nobody
         self._pools = self._solvers, self._designers
         self._adopt(self._settings.settings)
         self._jobs: dict[bytes, Job] = {}
@@ -79,8 +82,16 @@ class TrajectoryServer(Node):
         self._reference = self.create_publisher(Trajectory, 'reference', LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_timer(1.0, self._diagnose)
-        for pool in self._pools:
-            pool.wait_until_started(START)  # who finds the services gets an answer in time
+        self._action: ActionServer | None = None
+        self._latest = monotonic() + START
+        self._opening = self.create_timer(
+            LOOK, self._open, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _open(self) -> None:
+        """Offer the services once workers are there: who finds them gets an answer in time."""
+        if monotonic() < self._latest and not all(pool.has_started for pool in self._pools):
+            return
+        self.destroy_timer(self._opening)
         group = ReentrantCallbackGroup()  # a request that waits must not keep others out
         self._arrival = self.create_guard_condition(self._take_arrived, callback_group=group)
         for service, name, callback in (
@@ -100,7 +111,7 @@ class TrajectoryServer(Node):
         """End the workers, then the node."""
         for pool in self._pools:
             pool.close()
-        if self._pools:
+        if self._pools and self._action:
             self._action.destroy()
         super().destroy_node()
 
