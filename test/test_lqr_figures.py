@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
-from obc_ros.cli.cases import Case, checked
+from obc_ros.cli.cases import Case
 from obc_ros.cli.lqr_figures import draw, figure
 from obc_ros.core import systems
 from obc_ros.core.design import design, plant, Sampling
@@ -17,7 +17,8 @@ import pytest
 
 def solved(**asked: Any) -> Case:
     """Return a case of the aircraft with its design."""
-    case = Case('flight', 'flight', checked({'name': 'flight', 'system': 'aircraft', **asked}))
+    case = Case('flight', 'flight.yaml', 'flight')
+    case.take({'name': 'flight', 'system': 'aircraft', **asked})
     sampling = Sampling(asked.get('sample_time', 0.0), asked.get('delay', 0.0),
                         'sample_time' in asked)
     found = design(plant(systems.get('aircraft')), {

@@ -171,7 +171,7 @@ FAULTS = [
     ('terminal_cost', 'h +', "^terminal_cost: 'h \\+' is not an expression"),
     # Ends
     ('initial_state', ..., '^initial_state: missing'),
-    ('initial_state', [10, -2], '^initial_state: wanted a mapping'),
+    ('initial_state', [10, -2], '^initial_state: wanted a number for each state'),
     ('initial_state.v', ..., "^initial_state: no value for the state 'v'"),
     ('initial_state.w', 1, r"^initial_state\.w: 'w' is not a state"),
     ('initial_state.v', math.nan, r'^initial_state\.v: nan'),
@@ -208,7 +208,7 @@ FAULTS = [
     ('path_constraints.0.expr', 'log(-h)', r'^path_constraints\[0\]: undefined at the initial'),
     # Final time
     ('final_time', ..., '^final_time: missing'),
-    ('final_time', 3, '^final_time: wanted a mapping'),
+    ('final_time', 3, '^final_time: wanted {free: false, value: 5} or'),
     ('final_time.free', ..., r'^final_time\.free: wanted true or false'),
     ('final_time.free', 'yes', r'^final_time\.free: wanted true or false'),
     ('final_time.free', 1, r'^final_time\.free: wanted true or false'),

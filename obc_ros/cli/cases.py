@@ -9,18 +9,17 @@ bryson`` with ``x_max`` and ``u_max``, or ``weights: output`` with ``H`` and ``r
 ``cross`` and ``stability``. Every number may be an expression.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.cli.results import file_name
-from obc_ros.core.errors import DynamicsError, StatementError
+from obc_ros.cli.results import Asked
+from obc_ros.core.errors import StatementError
 from obc_ros.core.expressions import describe, near, number
 from obc_ros.core.planning import registered
-from obc_ros.core.statement import FOR_PEOPLE, load_file
+from obc_ros.core.systems.file import FOR_PEOPLE
 from obc_ros.core.weights import KINDS
 
 Array = NDArray[np.float64]
@@ -33,24 +32,20 @@ KEYS = ('name', 'system', *PLANT, *SYSTEM, 'weights', 'Qx', 'Qu', *LISTS, *NUMBE
 
 
 @dataclass(eq=False)
-class Case:
+class Case(Asked):
     """
-    A regulator that is asked for, what came of it, and the name of its files.
+    A regulator that is asked for.
 
     `given` holds what is asked, by the keys of the file: arrays, numbers and names; it is None
     when the case is malformed. `design` is the server's LqrDesign, None when there is none.
     """
 
-    name: str
-    file_name: str
     given: dict[str, Any] | None = None
-    status: str = ''
-    message: str = ''
     design: Any = field(default=None, repr=False)
 
-    def end(self, status: str, message: str) -> None:
-        """Note what came of it."""
-        self.status, self.message = status, message
+    def take(self, entry: dict[str, Any]) -> None:
+        """Keep what is asked."""
+        self.given = checked(entry)
 
     @property
     def matrices(self) -> tuple[Array, ...]:
@@ -72,30 +67,6 @@ class Case:
             found |= {'K': K.tolist(), 'P': P.tolist(),
                       'poles': [[pole.real, pole.imag] for pole in poles.tolist()]}
         return found
-
-
-def read(files: Iterable[Path]) -> list[Case]:
-    """Return the cases of all files, in order; those that are malformed have ended."""
-    cases: list[Case] = []
-    for file in files:
-        try:
-            mappings = load_file(file)
-        except StatementError as error:
-            cases.append(_named(file.stem, file.stem, cases))
-            cases[-1].end('malformed', str(error))
-            continue
-        for mapping in mappings:
-            name = str(mapping.get('name'))
-            cases.append(_named(name, file.stem if len(mappings) == 1 else name, cases))
-            try:
-                cases[-1].given = checked(mapping)
-            except (StatementError, DynamicsError) as error:
-                cases[-1].end('malformed', str(error))
-    return cases
-
-
-def _named(name: str, wanted: str, cases: Iterable[Case]) -> Case:
-    return Case(name, file_name(wanted, (case.file_name for case in cases)))
 
 
 def checked(mapping: Mapping[Any, Any]) -> dict[str, Any]:
@@ -122,8 +93,8 @@ def checked(mapping: Mapping[Any, Any]) -> dict[str, Any]:
     found |= {key: number(given[key], {}, key) for key in NUMBERS if key in given}
     found['weights'] = given.get('weights', 'matrices')
     if found['weights'] not in KINDS:
-        raise StatementError(f'weights: wanted one of {", ".join(KINDS)}, '
-                             f'found {describe(found["weights"])}')
+        raise StatementError(f'weights: wanted one of {", ".join(KINDS)}, found '
+                             f'{describe(found["weights"])}{near(str(found["weights"]), KINDS)}')
     for key in ('Qx', 'Qu') if found['weights'] == 'matrices' else ():
         if key not in found:
             raise StatementError(f'{key}: missing; wanted a list of rows or a diagonal')
@@ -183,7 +154,7 @@ def _matrix(key: str, value: Any) -> Array:
             raise StatementError(f'{key}[{index}]: wanted a row of numbers, found {describe(row)}')
         if len(row) != len(rows[0]) or not row:
             raise StatementError(f'{key}[{index}]: wanted a row of {len(rows[0]) or "numbers"}, '
-                                 f'found {len(row)} numbers')
+                                 f'found one of {len(row)}')
     return np.array([[number(entry, {}, f'{key}[{i}][{j}]') for j, entry in enumerate(row)]
                      for i, row in enumerate(rows)])
 

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from obc_ros.cli import cases, results, terminal
+from obc_ros.cli import results, terminal
 from obc_ros.cli.cases import Case
 from obc_ros.core.errors import ObcError
 
@@ -25,10 +25,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Design all regulators of all files; return the exit status."""
-    asked = cases.read(args.files)
+    asked = results.read(Case, args.files)
     answerable = [case for case in asked if case.given]
     if answerable:
         _design(answerable)
+    if args.json or args.plot:
+        results.tell_renamed(asked)
     for case in asked:
         if args.json:
             results.write(args.json, case.file_name, case.as_json())
@@ -38,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     terminal.table(HEADER, [_row(case) for case in asked], COLOURS)
     for case in asked:
         if case.message:
-            print(f'{case.name}: {case.message}')
+            print(f'{case.label}: {case.message}')
     return results.exit_status(case.status for case in asked)
 
 
@@ -81,10 +83,10 @@ def _request(service: Any, given: Any) -> Any:
 
 def _row(case: Case) -> tuple[str, ...]:
     if not case.design:
-        return case.name, case.status, '', ''
+        return case.label, case.status, '', ''
     *_, K, _, poles = case.matrices
     gain = '; '.join(' '.join(f'{entry:.5g}' for entry in row) for row in K)
-    return case.name, case.status, _short(gain), _short(', '.join(map(_pole, poles)))
+    return case.label, case.status, _short(gain), _short(', '.join(map(_pole, poles)))
 
 
 def _pole(pole: complex) -> str:

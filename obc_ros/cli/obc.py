@@ -53,7 +53,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
     used = next((word for word in arguments if not word.startswith('-')), None)
     for name, text in available().items():
-        command = commands.add_parser(name, help=text, description=f'{text.capitalize()}.')
+        command = commands.add_parser(name, help=text, description=f'{text[:1].upper()}{text[1:]}.')
         if name == used:
             module = import_module(f'obc_ros.cli.{name}')
             module.add_arguments(command)
@@ -63,8 +63,8 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `obc` and return its exit status."""
-    args = parse(sys.argv[1:] if arguments is None else arguments)
     try:
+        args = parse(sys.argv[1:] if arguments is None else arguments)
         status: int = args.run(args)
         sys.stdout.flush()
     except KeyboardInterrupt:

@@ -1,15 +1,96 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The JSON file that a command writes for each question, and the exit status of all together."""
+"""
+What is asked in files, the JSON file that a command writes for each answer, the exit status.
 
+A file holds one question or a list of them; a malformed one has an answer like any other.
+"""
+
+from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 import json
 import math
 from pathlib import Path
 import re
-from typing import Any
+from typing import Any, TypeVar
 
-from obc_ros.core.errors import ObcError
+from obc_ros.core.errors import DynamicsError, ObcError, StatementError
+from obc_ros.core.files import entries
+
+Entry = dict[str, Any] | StatementError
+
+
+@dataclass(eq=False)
+class Asked(ABC):
+    """
+    A question of a file, and what came of it.
+
+    `where` is the file it was read from, and which entry of a list it is; `file_name` is that of
+    its answers; `label` is the name, and where it was read from if others have that name;
+    `renamed` tells that another has its file's name.
+    """
+
+    name: str
+    where: str
+    file_name: str
+    label: str = ''
+    renamed: bool = False
+    status: str = ''
+    message: str = ''
+
+    @abstractmethod
+    def take(self, entry: dict[str, Any]) -> None:
+        """Check and keep what the file says; raise StatementError or DynamicsError."""
+
+    def end(self, status: str, message: str) -> None:
+        """Note what came of it."""
+        self.status, self.message = status, message
+
+
+Kind = TypeVar('Kind', bound=Asked)
+
+
+def read(kind: type[Kind], files: Iterable[Path]) -> list[Kind]:
+    """Return the questions of all files, in order; those that are malformed have ended."""
+    asked: list[Kind] = []
+    for file in files:
+        for where, entry in _entries(file):
+            alone = where == str(file)
+            name = file.stem
+            if not isinstance(entry, StatementError):
+                name = str(entry['name'])
+            elif not alone:
+                name = f"{file.stem}_{where.rpartition(' ')[2]}"
+            wanted = file.stem if alone else name
+            unique = file_name(wanted, (each.file_name for each in asked))
+            asked.append(kind(name, where, unique, renamed=unique != file_name(wanted, ())))
+            try:
+                if isinstance(entry, StatementError):
+                    raise entry
+                asked[-1].take(entry)
+            except (StatementError, DynamicsError) as error:
+                asked[-1].end('malformed', str(error))
+    count = Counter(each.name for each in asked)
+    for each in asked:
+        each.label = f'{each.name} ({each.where})' if count[each.name] > 1 else each.name
+    return asked
+
+
+def tell_renamed(asked: Iterable[Asked]) -> None:
+    """Say which answers are in files of other names than their questions'."""
+    for each in asked:
+        if each.renamed:
+            print(f'{each.label}: written as {each.file_name}; an earlier one has its name')
+
+
+def _entries(file: Path) -> list[tuple[str, Entry]]:
+    """Return what a file holds and where it stands in it, or what is wrong instead."""
+    try:
+        return entries(file)
+    except StatementError as error:
+        return [(str(file), error)]
 
 
 def plain(value: Any) -> Any:

@@ -6,7 +6,7 @@ import argparse
 import math
 from pathlib import Path
 
-from obc_ros.cli import questions, results, terminal
+from obc_ros.cli import results, terminal
 from obc_ros.cli.questions import Question
 from obc_ros.core.errors import ObcError
 
@@ -27,14 +27,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Solve all problems of all files; return the exit status."""
-    asked = questions.read(args.files)
+    asked = results.read(Question, args.files)
     answerable = [question for question in asked if question.problem]
     if answerable:
         _solve(answerable, args.time_limit)
+    if args.json or args.plot:
+        results.tell_renamed(asked)
     for question in asked:
-        if question.renamed and (args.json or args.plot):
-            print(f'{question.label}: written as {question.file_name}; '
-                  'an earlier problem has its name')
         if args.json:
             results.write(args.json, question.file_name, question.as_json())
         if args.plot and question.result and question.result.trajectory.t:
@@ -47,9 +46,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _seconds(text: str) -> float:
-    seconds = float(text)
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
     if not 0.0 < seconds < math.inf:
-        raise ValueError(text)
+        raise argparse.ArgumentTypeError(f"wanted a positive number of seconds, found '{text}'")
     return seconds
 
 

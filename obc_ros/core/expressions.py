@@ -161,7 +161,7 @@ def describe(value: object) -> str:
     if isinstance(value, Mapping):
         return 'a mapping'
     if isinstance(value, (list, tuple)):
-        return 'a list'
+        return f'a list of {len(value)}' if value else 'an empty list'
     if isinstance(value, (bool, int, float, str)):
         return f"{type(value).__name__} '{_short(str(value))}'"
     return f'a {type(value).__name__}'
@@ -258,7 +258,8 @@ def _foreign(text: str, position: int) -> str:
     if sign in _OTHER_SIGNS:
         return f"'{sign}' in '{rest}' is not understood; write {_OTHER_SIGNS[sign]}"
     if sign in '<>=!':
-        return f"'{sign}' in '{rest}': comparisons and assignments are not expressions here"
+        return (f"'{sign}' in '{rest}': comparisons and assignments are not expressions here"
+                + '; where something is to be 0, write a - b for a = b' * (sign == '='))
     if sign == '.':
         return f"'.' in '{rest}': attributes do not exist here; write sin(x), not math.sin(x)"
     if sign.isascii() and sign.isprintable():

@@ -48,7 +48,9 @@ def read_yaml(path: str | Path) -> Any:
     try:
         with open(path, 'rb') as file:
             text = file.read(MAX_BYTES + 1)
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        raise StatementError(f'{path}: cannot be read: {error.strerror}') from None
+    except ValueError as error:  # no name of a file
         raise StatementError(f'{path}: cannot be read: {error}') from None
     if len(text) > MAX_BYTES:
         raise StatementError(f'{path}: longer than {MAX_BYTES} bytes')
@@ -56,6 +58,13 @@ def read_yaml(path: str | Path) -> Any:
         return _Loader(text).get_single_data()
     except RecursionError:
         raise StatementError(f'{path}: nested too deeply') from None
+    except yaml.MarkedYAMLError as error:
+        mark, what = error.problem_mark, ', '.join(filter(None, (error.context, error.problem)))
+        where = f'line {mark.line + 1}, column {mark.column + 1}: ' if mark else ''
+        raise StatementError(f'{path}: {where}{what[:300]}') from None
+    except yaml.reader.ReaderError as error:
+        raise StatementError(f'{path}: no text in UTF-8, from position {error.position} on: '
+                             f'{error.reason}') from None
     # ValueError: a scalar that looks like a date or a number but is none.
     except (yaml.YAMLError, ValueError) as error:
         raise StatementError(f'{path}: {" ".join(str(error).split())[:300]}') from None

@@ -22,6 +22,7 @@ from obc_ros.core.errors import ObcError, StatementError
 from obc_ros.core.expressions import check_name, describe, near, number
 from obc_ros.core.files import entries
 from obc_ros.core.problem import FinalTime, Guess, Problem
+from obc_ros.core.systems.file import FOR_PEOPLE, OF_A_PLANT
 
 Array = NDArray[np.float64]
 
@@ -29,7 +30,6 @@ FOR_THE_SOLVER = (
     'name', 'system', 'states', 'inputs', 'parameters', 'dynamics', 'running_cost',
     'terminal_cost', 'initial_state', 'terminal_constraints', 'input_bounds', 'state_bounds',
     'path_constraints', 'final_time', 'initial_guess')
-FOR_PEOPLE = ('title', 'source', 'tags', 'notes', 'difficulty', 'kind', 'expected')
 
 MAX_TEXT = 200_000     # characters of all expressions together
 MAX_COUNT = 1_000      # entries of a list or mapping
@@ -56,6 +56,8 @@ def problem_from_mapping(mapping: object) -> Problem:
     """
     Return the problem that a mapping of the keys of a problem file states.
 
+    What only a plant has, such as units, is left aside, so that one file can be both.
+
     Parameters are symbols in the problem, and so are the numbers in its terminal constraints
     (exponents apart), which follow the named parameters in `p`: a problem with other parameters,
     initial state, goal, bounds or final time has the same `structure`.
@@ -68,7 +70,7 @@ def problem_from_mapping(mapping: object) -> Problem:
     """
     given = _mapping(mapping, 'problem')
     for key in given:
-        if key not in FOR_THE_SOLVER + FOR_PEOPLE:
+        if key not in FOR_THE_SOLVER + OF_A_PLANT + FOR_PEOPLE:
             raise StatementError(f'{_short(key)}: unknown key{near(str(key), FOR_THE_SOLVER)}')
     _bounded_text(given)
     plant = _registered_plant(given) if given.get('system') is not None else _own_plant(given)
@@ -129,10 +131,10 @@ def _column(rows: Iterable[ca.SX]) -> ca.SX:
     return ca.vertcat(ca.SX(0, 1), *rows)
 
 
-def _mapping(value: object, where: str) -> Mapping[Any, Any]:
+def _mapping(value: object, where: str, wanted: str = 'a mapping of keys to values'
+             ) -> Mapping[Any, Any]:
     if not isinstance(value, Mapping):
-        raise StatementError(f'{where}: wanted a mapping of keys to values, '
-                             f'found {describe(value)}')
+        raise StatementError(f'{where}: wanted {wanted}, found {describe(value)}')
     if len(value) > MAX_COUNT:
         raise StatementError(f'{where}: {len(value)} entries; at most {MAX_COUNT} are read')
     return value
@@ -371,9 +373,10 @@ def _keys(value: object, known: tuple[str, ...], where: str) -> Mapping[Any, Any
 
 
 def _initial_state(given: Mapping[Any, Any], plant: _Plant) -> Array:
+    wanted = f"a number for each state: {{{', '.join(f'{name}: 0' for name in plant.states[:9])}}}"
     if given.get('initial_state') is None:
-        raise StatementError('initial_state: missing; wanted a number for each state')
-    start = _mapping(given['initial_state'], 'initial_state')
+        raise StatementError(f'initial_state: missing; wanted {wanted}')
+    start = _mapping(given['initial_state'], 'initial_state', wanted)
     for name in start:
         if name not in plant.states:
             raise _unknown(name, plant.states, f'initial_state.{_short(name)}', 'a state')
@@ -385,10 +388,11 @@ def _initial_state(given: Mapping[Any, Any], plant: _Plant) -> Array:
 
 
 def _final_time(given: Mapping[Any, Any], values: Mapping[str, float]) -> FinalTime:
+    forms = '{free: false, value: 5} or {free: true, lower: 0.1, upper: 20}'
     if given.get('final_time') is None:
-        raise StatementError('final_time: missing; wanted {free: false, value} or '
-                             '{free: true, lower, upper, guess}')
-    entry = _keys(given['final_time'], ('free', 'value', 'lower', 'upper', 'guess'), 'final_time')
+        raise StatementError(f'final_time: missing; wanted {forms}')
+    entry = _keys(_mapping(given['final_time'], 'final_time', forms),
+                  ('free', 'value', 'lower', 'upper', 'guess'), 'final_time')
     free = entry.get('free')
     if not isinstance(free, bool):
         raise StatementError(f'final_time.free: wanted true or false, found {describe(free)}')

@@ -21,9 +21,10 @@ from obc_ros.core.expressions import check_name, describe, near, number
 from obc_ros.core.files import read_yaml
 from obc_ros.core.system import define, Parameter, Signal, System
 
-PLANT = (
-    'name', 'description', 'states', 'inputs', 'parameters', 'dynamics', 'input_bounds',
-    'state_bounds', 'parameter_bounds', 'units', 'angles', 'setpoint', 'setpoint_input', 'plane')
+OF_A_PLANT = ('units', 'angles', 'setpoint', 'setpoint_input', 'parameter_bounds', 'plane',
+              'description')
+PLANT = ('name', 'states', 'inputs', 'parameters', 'dynamics', 'input_bounds', 'state_bounds',
+         *OF_A_PLANT)
 TASK = (
     'running_cost', 'terminal_cost', 'initial_state', 'terminal_constraints', 'path_constraints',
     'final_time', 'initial_guess')
