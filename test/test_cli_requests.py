@@ -196,7 +196,7 @@ def test_a_malformed_line_is_2(line):
 
 
 @pytest.mark.parametrize('server', [True, False])
-def test_ctrl_c_cancels(obc, probe, server):
+def test_ctrl_c_cancels(obc, probe, clock, server):
     diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
 
     def busy():
@@ -211,7 +211,7 @@ def test_ctrl_c_cancels(obc, probe, server):
             wait_for(lambda: children(server_))
         begun = time.monotonic()
         status = process.interrupt()
-        assert time.monotonic() - begun < 20.0, 'long before the time limit'
+        assert clock.since(begun) < 2.5
         return status
 
     status, found, output = obc('solve', {'endless.yaml': ENDLESS, 'scalar.yaml': '{'},
@@ -236,13 +236,14 @@ def test_a_server_of_its_own_that_is_killed_is_said(obc):
     assert 'trajectory_server was ended by SIGKILL' in found['endless']['message'], output
 
 
-def test_a_server_that_has_disappeared_is_given_up(probe, monkeypatch):
+def test_a_server_that_has_disappeared_is_given_up(probe, clock, monkeypatch):
     monkeypatch.setattr(client, 'SILENCE', 0.2)
     lonely = client.Client(probe.context, lambda: None)
     begun = time.monotonic()
     with pytest.raises(client.ServerLostError, match='does not answer any more'):
         lonely.wait(lambda: False, lambda: time.monotonic() < begun + 0.3)
-    assert 0.2 <= time.monotonic() - begun < 20.0
+    assert time.monotonic() - begun >= 0.45
+    assert clock.since(begun) < 5.0
     lonely.close()
 
 

@@ -53,7 +53,8 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
     used = next((word for word in arguments if not word.startswith('-')), None)
     for name, text in available().items():
-        command = commands.add_parser(name, help=text, description=f'{text[:1].upper()}{text[1:]}.')
+        command = commands.add_parser(
+            name, help=text, description=f'{text[:1].upper()}{text[1:]}.')
         if name == used:
             module = import_module(f'obc_ros.cli.{name}')
             module.add_arguments(command)
