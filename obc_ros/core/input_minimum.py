@@ -91,15 +91,26 @@ class InputMinimum:
         size = ca.fabs(problem.L) + ca.dot(ca.fabs(lam), ca.fabs(problem.f))
         self._points = Batch([x, u, lam, mu, p], [
             problem.f, problem.path, problem.L, H, size, augmented, curvature])
-        # A search asks for less, of many more points.
-        H_u = ca.gradient(H, u)
-        self._few = Batch([x, u, lam, p], [
-            H, problem.path, H_u, ca.diag(ca.jacobian(H_u, u))])
-        self._problem = problem
+        self._problem, self._lam, self._H = problem, lam, H
 
     @cached_property
     def _groups(self) -> list[_Group]:
         return _groups(self._problem)
+
+    @cached_property
+    def _beside(self) -> list[int]:
+        """Return the inputs whose least values follow from those that are searched."""
+        return [j for group in self._groups if group.searched
+                for j in group.inputs if j not in group.searched]
+
+    @cached_property
+    def _few(self) -> Batch:
+        """Return H, the path constraints and derivatives by inputs beside searched ones."""
+        problem = self._problem
+        u = problem.u[self._beside]
+        H_u = ca.gradient(self._H, u) if self._beside else ca.SX(0, 1)
+        return Batch([problem.x, problem.u, self._lam, problem.p], [
+            self._H, problem.path, H_u, ca.diag(ca.jacobian(H_u, u))])
 
     def points(self, problem: Problem, x: Array, u: Array, lam: Array, mu: Array) -> Points:
         """Return H and what belongs to it; arrays of K rows, numbers those of `problem`."""
@@ -168,8 +179,10 @@ class InputMinimum:
         H, c, slopes, curvatures = self._few(np.repeat(at.x, G, axis=0), u,
                                              np.repeat(at.lam, G, axis=0), problem.p_value)
         value = self._where_met(problem, H[:, 0], c, 1e-6 if group.constrained else np.inf)
-        for j in set(group.inputs) - set(index):
-            slope, curvature = slopes[:, j], curvatures[:, j]
+        for k, j in enumerate(self._beside):
+            if j not in group.inputs:
+                continue
+            slope, curvature = slopes[:, k], curvatures[:, k]
             step = _line(slope, curvature, problem.u_lower[j] - u[:, j],
                          problem.u_upper[j] - u[:, j], float(scales.u[j]), scales.H)
             u[:, j] += step

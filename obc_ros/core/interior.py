@@ -40,8 +40,8 @@ _APART = 1e10         # factor between z and mu / distance
 _MULTIPLIERS = 1e3    # largest at the start
 _HUGE = 1e100         # beyond it powers overflow
 _ROUGH = 1e-5         # infeasibility at which a cost is good enough
-_LATE, _FAR = 10, (0.5, 0.1)   # steps; infeasibility at which little came of them: part of the
-                               # first, and at all
+_LATE = ((10, 0.5), (5, 0.8))   # steps, and the part of the infeasibility that is too much then
+_FAR = 0.1            # infeasibility that is not
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,13 +189,14 @@ class Goal:
     When to stop: at `feasible` rows and `optimal` other conditions, or after `most` steps.
 
     `rough`: relative error of the cost that is good enough, 0 for none; with it a start that
-    stays far from feasible is given up early.
+    stays far from feasible is given up early, and earlier if it is `spare`.
     """
 
     feasible: float = 1e-9
     optimal: float = 1e-9
     most: int = 100
     rough: float = 0.0
+    spare: bool = False
 
 
 @dataclass(eq=False)
@@ -406,8 +407,8 @@ def solve(work: Interior, now: Iterate, goal: Goal,
             now.status = 'no step'
             return now
         now.iterations += 1
-        if (goal.rough and now.iterations == _LATE
-                and now.worst > max(_FAR[0] * first, _FAR[1])):
+        if goal.rough and any(now.iterations == steps and now.worst > max(part * first, _FAR)
+                              for steps, part in _LATE[:1 + goal.spare]):
             now.status = 'too slow'
             return now
         near = goal.rough * abs(now.values.f)

@@ -105,11 +105,12 @@ class Path:
 
     def states_at(self, times: Array) -> Array:
         """Return states at any times, linear between all known ones."""
-        c = gauss_points(self.inner.shape[1])
-        t = np.append(self.t[:-1, None] + np.diff(self.t)[:, None] * np.append(0.0, c),
-                      self.t[-1])
-        x = np.vstack([np.concatenate([self.x[:-1, None], self.inner], axis=1).reshape(
-            -1, self.x.shape[1]), self.x[-1:]])
+        t, x = self.t, self.x
+        if self.inner.shape[1]:
+            c = gauss_points(self.inner.shape[1])
+            t = np.append(t[:-1, None] + np.diff(t)[:, None] * np.append(0.0, c), t[-1])
+            x = np.vstack([np.concatenate([x[:-1, None], self.inner], axis=1).reshape(
+                -1, x.shape[1]), x[-1:]])
         return np.column_stack([np.interp(times, t, column) for column in x.T])
 
     def inputs_at(self, times: Array, after: bool) -> Array:

@@ -83,6 +83,12 @@ class Outcome:
     lam_w: Array
     lam_g: Array
 
+    def pressure(self) -> Array:
+        """Return by how much J grows with drawing in each bound of x and of c, (n + l,)."""
+        node = np.hstack([self.node_bounds, self.node_path])
+        inner = np.concatenate([self.inner_bounds, self.inner_path], axis=2)
+        return np.asarray(np.abs(node).sum(axis=0) + np.abs(inner).sum(axis=(0, 1)))
+
     def masses(self, parts: int) -> Array:
         """
         Return by how much lam drops at each of N * parts + 1 times, shape (., n).
@@ -323,10 +329,11 @@ class Transcription:
         t = self.times(mesh, durations)
         stretch = guess.t[-1] / t[-1]
         w = np.zeros(self.unknowns)
-        inner = (t[:-1, None] + np.diff(t)[:, None] * self.c).ravel()
         w[self.at_x] = guess.states_at(t * stretch) / scales.x
-        w[self.at_inner] = (guess.states_at(inner * stretch) / scales.x).reshape(
-            self.at_inner.shape)
+        if self.at_inner.size:
+            inner = (t[:-1, None] + np.diff(t)[:, None] * self.c).ravel()
+            w[self.at_inner] = (guess.states_at(inner * stretch) / scales.x).reshape(
+                self.at_inner.shape)
         for places, times, after in ((self.at_ub, t[1:], False), (self.at_ua, t[:-1], True)):
             values = guess.inputs_at(times * stretch, after) / scales.u
             unknown = places < self.unknowns
@@ -426,7 +433,6 @@ class Transcription:
 
         """
         lower, upper = self._bounds(problem, scales, limits)
-        rows = self._row_bounds(problem, scales, limits)
         found = None
         if self._staged is not None:
             constants = self._constants(problem, mesh, scales, problem.final_time.value)
@@ -435,11 +441,12 @@ class Transcription:
             if guide is not None and multipliers is None:
                 guessed = self.multipliers(mesh, start, guide, scales, (lower, upper))
             found = self._staged.run(
-                start, (lower, upper), Goal(rough=rough),
+                start, (lower, upper), Goal(rough=rough, spare=once),
                 lambda f, worst: monitor.step(f * scales.cost, worst), near=near,
                 multipliers=guessed)
             if found.converged or once or monitor.stopped or monitor.spent:
-                return self._outcome(problem, mesh, scales, found, rows)
+                return self._outcome(problem, mesh, scales, found, (0.0, 0.0))
+        rows = self._row_bounds(problem, scales, limits)
         solver, watch = self._solver('warm' if multipliers else 'near' if near else 'far')
         watch.monitor, watch.cost_scale = monitor, scales.cost
         watch.lower, watch.upper = rows
@@ -465,7 +472,7 @@ class Transcription:
         return np.asarray(derivative[:, 0] @ rows[:s] - end[0] * rows[s])
 
     def _outcome(self, problem: Problem, mesh: Mesh, scales: Scales, found: Found,
-                 row_bounds: tuple[Array, Array]) -> Outcome:
+                 row_bounds: tuple[Array | float, Array | float]) -> Outcome:
         w, lam_w, g, lam_g = found.w, found.lam_w, found.g, found.lam_g
         everything = np.concatenate([w, self._constants(problem, mesh, scales,
                                                         problem.final_time.value)])
