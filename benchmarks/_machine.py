@@ -9,6 +9,7 @@ core or on one.
 """
 
 from collections.abc import Iterable
+from contextlib import suppress
 import os
 from pathlib import Path
 import signal
@@ -39,9 +40,12 @@ def processor_time(pid: int) -> float:
 
 
 def children(pid: int) -> list[int]:
-    """Return the processes that a process has started."""
-    return [int(each) for file in Path(f'/proc/{pid}/task').glob('*/children')
-            for each in file.read_text().split()]
+    """Return the processes that a process has started; threads may end meanwhile."""
+    found = []
+    for file in Path(f'/proc/{pid}/task').glob('*/children'):
+        with suppress(FileNotFoundError, ProcessLookupError):
+            found += [int(each) for each in file.read_text().split()]
+    return found
 
 
 def zombies(pids: Iterable[int]) -> list[int]:

@@ -121,7 +121,7 @@ def end_error(problem: Problem, t: Array, u: Array) -> tuple[float, float]:
             z = z + h / 6 * (a + 2 * b + 2 * c + rate(z + h * c, at[2]))
     end = ca.Function('end', [problem.x, problem.p], [problem.V, problem.psi])
     V, psi = (v.full().ravel() for v in end(z[:-1], problem.p_value))
-    return float(z[-1] + V[0]), float(np.abs(psi).max())
+    return float(z[-1] + V[0]), float(np.abs(psi).max(initial=0.0))
 
 
 def lane_change(name: str, cost: str) -> None:

@@ -19,6 +19,7 @@ import tempfile
 import time
 from typing import Any
 
+from _machine import children
 from obc_ros.action import SolveOptimalControl
 from obc_ros.cli.client import Client, START
 from obc_ros.cli.processes import Children, free_domain, isolate
@@ -203,8 +204,7 @@ def endurance(client: Client, server: int) -> None:
 
 def family(server: int) -> list[int]:
     """Return the process ids of the server and its children."""
-    tasks = Path(f'/proc/{server}/task').glob('*/children')
-    return [server, *(int(pid) for task in tasks for pid in task.read_text().split())]
+    return [server, *children(server)]
 
 
 def resident(pid: int) -> float:

@@ -58,6 +58,23 @@ def find(executable: str) -> str:
     raise FileNotFoundError(f'{executable} is in none of {folders} nor beside {sys.executable}')
 
 
+def children(pid: int) -> list[int]:
+    """Return the processes that a process has started; threads may end meanwhile."""
+    found = []
+    for file in Path(f'/proc/{pid}/task').glob('*/children'):
+        with suppress(FileNotFoundError, ProcessLookupError):
+            found += [int(each) for each in file.read_text().split()]
+    return found
+
+
+def alive(pid: int) -> bool:
+    """Return whether a process runs (a zombie does not)."""
+    try:
+        return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] != 'Z'
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
 class Clock:
     """
     The steady clock, less the time in which a core of this machine stood still.

@@ -18,6 +18,7 @@ from obc_ros.cli.questions import Question
 from obc_ros.core import systems
 from obc_ros.srv import SolveOptimalControl
 import pytest
+from support import children
 import yaml
 
 pytestmark = pytest.mark.nodes
@@ -72,12 +73,6 @@ def read(path):
     def refuse(constant):
         raise AssertionError(f'{constant} in {path.name}')
     return json.loads(path.read_text(), parse_constant=refuse)
-
-
-def children(pid):
-    """Return the process ids of the children of a process."""
-    tasks = Path(f'/proc/{pid}/task').glob('*/children')
-    return [int(pid) for task in tasks for pid in task.read_text().split()]
 
 
 def wait_for(condition):

@@ -30,6 +30,7 @@ from obc_ros.srv import DesignLqr, SolveOptimalControl
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
+from support import children
 
 NODES: dict[str, dict[str, Any]] = {
     'plant_simulator': {'system': 'aircraft', 'x0': [0.0] * 6, 'command_timeout': 0.3},
@@ -106,12 +107,6 @@ class Loop:
         self.send(signal.SIGCONT, names)
 
 
-def workers(pid: int) -> list[int]:
-    """Return the processes that a process has started."""
-    return [int(each) for file in Path(f'/proc/{pid}/task').glob('*/children')
-            for each in file.read_text().split()]
-
-
 def gone(pid: int) -> bool:
     return not Path(f'/proc/{pid}').exists()
 
@@ -120,10 +115,10 @@ def test_nodes_that_are_killed_in_any_phase_are_replaced(spawn, probe):
     loop = Loop(spawn, probe)
     loop.works()
     for victim in NODES:  # one while all run
-        children = workers(loop.running[victim].pid)
+        theirs = children(loop.running[victim].pid)
         loop.running[victim].popen.send_signal(signal.SIGKILL)
         loop.running[victim].wait()
-        probe.wait_for(lambda left=children: all(map(gone, left)), 5.0, 'the end of its workers')
+        probe.wait_for(lambda left=theirs: all(map(gone, left)), 5.0, 'the end of its workers')
         loop.again(victim)
         loop.works()
     for delay in (0.02, 0.3, 0.8):  # [s] all while they start
@@ -161,12 +156,12 @@ def test_a_worker_in_any_phase_costs_at_most_its_request(spawn, probe, number):
     server = spawn('trajectory_server', {'workers': 1, 'time_limit': 1.0})
     slow = SolveOptimalControl.Request(problem=long_problem())
     for delay in (0.0, 0.1, 0.5):  # while it starts, as it begins, as it solves
-        probe.wait_for(lambda: workers(server.pid), what='a worker')
+        probe.wait_for(lambda: children(server.pid), what='a worker')
         client = probe.node.create_client(SolveOptimalControl, '/trajectory_server/solve')
         probe.wait_for(client.service_is_ready)
         future = client.call_async(slow)
         probe.spin_for(delay)
-        for pid in workers(server.pid):
+        for pid in children(server.pid):
             os.kill(pid, number)
         probe.wait_for(future.done, 10.0, 'the answer')
         answer = future.result()

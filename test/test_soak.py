@@ -6,20 +6,23 @@ from pathlib import Path
 import subprocess
 import sys
 
+import pytest
 import support
 
 SCRIPT = Path(__file__).resolve().parents[1] / 'benchmarks' / 'soak.py'
 
 
-REQUIRED = ('answers that are wrong', 'without an answer', 'troubled loop is whole',
-            'nobody has waited', 'growth of lqr_node', 'did not end as they should')
+REQUIRED = ('answers that are wrong', 'refused for want of time', 'without an answer',
+            'troubled loop is whole', 'nobody has waited', 'growth of lqr_node',
+            'did not end as they should')
 
 
+@pytest.mark.timeout(180)
 def test_nothing_is_lost_or_left_behind(domain):
-    """How soon a process starts, and finds the processor, is the machine's: not required."""
+    """A command in its 5 ms is too much to ask of a machine that runs other tests."""
     done = subprocess.run(
-        [sys.executable, str(SCRIPT), '--seconds', '25', '--unanswered', '1', '--back', '60'],
-        env=support.environment(domain), capture_output=True, text=True, timeout=110.0)
+        [sys.executable, str(SCRIPT), '--seconds', '60', '--unanswered', '0.5'],
+        env=support.environment(domain), capture_output=True, text=True, timeout=170.0)
     assert done.returncode == 0, done.stdout + done.stderr
     for what in REQUIRED:
         assert any(what in line and line.strip().startswith('holds')

@@ -26,6 +26,7 @@ from obc_ros.nodes.messages import problem_message
 from obc_ros.srv import DesignLqr, SolveOptimalControl
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from support import alive, children
 
 pytestmark = pytest.mark.nodes
 
@@ -91,20 +92,6 @@ def timed(probe, problem, **options):
     future = client.call_async(SolveOptimalControl.Request(problem=problem, **options))
     probe.wait_for(future.done, 60.0)
     return future.result(), begun, time.monotonic()
-
-
-def children(process):
-    """Return the process ids of the workers."""
-    tasks = Path(f'/proc/{process.pid}/task').glob('*/children')
-    return [int(pid) for task in tasks for pid in task.read_text().split()]
-
-
-def alive(pid):
-    """Return whether a process runs (a zombie does not)."""
-    try:
-        return Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()[0] != 'Z'
-    except FileNotFoundError:
-        return False
 
 
 class Goals:
@@ -235,7 +222,7 @@ def test_a_killed_worker_costs_one_request(server, probe):
     diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
     goals = Goals(probe)
     goals.wait_until_solving(goals.send(endless()))
-    for pid in children(process):
+    for pid in children(process.pid):
         os.kill(pid, signal.SIGKILL)
     answer = probe.result(goals.handles[0])
     assert answer.status == GoalStatus.STATUS_ABORTED
@@ -247,7 +234,7 @@ def test_a_killed_worker_costs_one_request(server, probe):
 
 def test_a_worker_without_memory_costs_one_request(server, probe):
     process = server(workers=1)
-    for pid in children(process):
+    for pid in children(process.pid):
         status = Path(f'/proc/{pid}/status').read_text()
         [used] = [line.split()[1] for line in status.splitlines() if line.startswith('VmData')]
         bound = (int(used) << 10) + (8 << 20)
@@ -317,7 +304,7 @@ def test_a_request_of_50_megabytes_is_answered_in_words(server, probe):
 
 def test_no_worker_outlives_a_killed_server(server):
     process = server(workers=2)
-    pids = children(process)
+    pids = children(process.pid)
     assert len(pids) == 3
     process.kill()
     deadline = time.monotonic() + 5.0
@@ -330,7 +317,7 @@ def test_ctrl_c_while_solving(server, probe, clock):
     process = server(workers=1)
     goals = Goals(probe)
     goals.wait_until_solving(goals.send(endless()))
-    pids = children(process)
+    pids = children(process.pid)
     begun = time.monotonic()
     assert process.interrupt() == 0
     assert clock.since(begun) < 2.0
@@ -348,12 +335,12 @@ def test_parameters_are_judged(server, probe, clock):
         assert not result.successful
         assert words in result.reason
     assert probe.set_parameters(SERVER, workers=2)[0].successful
-    probe.wait_for(lambda: len(children(process)) == 3, what='a second solver')
+    probe.wait_for(lambda: len(children(process.pid)) == 3, what='a second solver')
     assert probe.set_parameters(SERVER, workers=1, time_limit=0.5)[0].successful
     response, begun, end = timed(probe, endless(), time_limit=100.0)
     assert response.status == 'timed_out'
     assert clock.between(begun + 0.5, end) < PROMISE + SLACK
-    probe.wait_for(lambda: len(children(process)) == 2, what='one solver less')
+    probe.wait_for(lambda: len(children(process.pid)) == 2, what='one solver less')
 
 
 def changed(**changes):

@@ -19,6 +19,7 @@ from obc_ros.core import workers
 from obc_ros.core.wire import pack, Packet, unpack
 from obc_ros.core.workers import Job, Outcome, Pool
 import pytest
+from support import alive
 
 DEADLINE = 20.0  # [s] only ever reached by a test that fails
 SLACK = 0.2      # [s] the promise for time limits and cancelling
@@ -50,14 +51,6 @@ def wait_for(condition):
         assert time.monotonic() < deadline
         time.sleep(0.005)
     return value
-
-
-def alive(pid):
-    """Return whether a process runs (a zombie does not)."""
-    try:
-        return Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()[0] != 'Z'
-    except FileNotFoundError:
-        return False
 
 
 class Asked:

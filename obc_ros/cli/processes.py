@@ -88,8 +88,8 @@ def isolate(domain: int) -> None:
         os.environ.pop(name, None)
 
 
-def _die_with_parent() -> None:
-    # Between fork and exec: a child whose parent is killed, even by SIGKILL, ends too.
+def die_with_parent() -> None:
+    """Have a child end when its parent is killed, even by SIGKILL: between fork and exec."""
     _LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
@@ -148,7 +148,7 @@ class Children:
                 stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
                 # a session of its own: Ctrl-C reaches this command, which ends the children
                 start_new_session=True,
-                preexec_fn=_die_with_parent)
+                preexec_fn=die_with_parent)
 
     def log(self, node: str) -> Path:
         """Return where a child's output is written."""

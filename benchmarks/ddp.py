@@ -1,0 +1,171 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Optimal control beside crocoddyl (feasibility-driven DDP), with `--peers`.
+
+On problems that it can pose: the end is pulled by a cost, not held by a constraint, and inputs
+have at most a box. The aircraft from hover to hover in 5 s, and the lane change with state cost.
+Its input is held on each of its intervals, as few of them as bring its cost within 1e-3 of the
+least; both answers are integrated finely and judged by the same cost. Its models are written in
+Python, as its tutorials do, over CasADi's exact derivatives: in C++ it would be quicker.
+"""
+
+import sys
+
+import timing  # isort: skip - before numpy
+
+from collections.abc import Callable
+from dataclasses import replace
+import time
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.problem import Problem
+from obc_ros.core.solve import Cache, solve
+from obc_ros.core.statement import problem_from_mapping
+from optimal_control import end_error, HOVER, STATE
+
+Array = NDArray[np.float64]
+
+GOAL_AIRCRAFT = {'px': 1, 'py': 1, 'theta': 0, 'vx': 0, 'vy': 0, 'omega': 0}
+GOAL_LANE = {'px': 100, 'py': 2, 'theta': 0}
+PULL = 1e4     # weight of what is left to the goal
+LONGEST = 300  # iterations
+
+
+def pulled(goal: dict[str, int]) -> str:
+    """Return the terminal cost that pulls the state to a goal."""
+    return f'{PULL}*(' + ' + '.join(f'({name} - {at})**2' for name, at in goal.items()) + ')'
+
+
+def aircraft() -> Problem:
+    """Return the transfer of the aircraft in 5 s."""
+    return problem_from_mapping({
+        'system': 'aircraft', 'running_cost': f'f1**2 + (f2 - {HOVER})**2',
+        'terminal_cost': pulled(GOAL_AIRCRAFT),
+        'initial_state': dict.fromkeys(GOAL_AIRCRAFT, 0),
+        'input_bounds': {'f1': [None, None], 'f2': [None, None]},
+        'final_time': {'free': False, 'value': 5}})
+
+
+def lane_change() -> Problem:
+    """Return the lane change of a kinematic bicycle."""
+    return problem_from_mapping({
+        'states': ['px', 'py', 'theta'], 'inputs': ['v', 'phi'], 'parameters': {'l': 3},
+        'dynamics': {'px': 'v*cos(theta)', 'py': 'v*sin(theta)', 'theta': 'v/l*tan(phi)'},
+        'running_cost': STATE, 'terminal_cost': pulled(GOAL_LANE),
+        'initial_state': {'px': 0, 'py': -2, 'theta': 0},
+        'input_bounds': {'v': [8, 12], 'phi': [-0.1, 0.1]},
+        'final_time': {'free': False, 'value': 10}})
+
+
+def differential_dynamic_programming(
+        crocoddyl: Any, problem: Problem, rest: Array, N: int,
+        ) -> Callable[[], tuple[Array, int, bool]]:
+    """Return what solves a problem with crocoddyl: inputs, iterations, whether it converged."""
+    n, m, h = problem.n, problem.m, problem.final_time.value / N
+    f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f, problem.L])
+    x, u = ca.SX.sym('x', n), ca.SX.sym('u', m)
+
+    def rate(x: ca.SX) -> ca.SX:
+        return ca.vertcat(*f(x, u, problem.p_value))
+
+    a = rate(x)
+    b = rate(x + h / 2 * a[:n])
+    c = rate(x + h / 2 * b[:n])
+    step = h / 6 * (a + 2 * b + 2 * c + rate(x + h * c[:n]))
+    end = ca.Function('V', [problem.x, problem.p], [problem.V])(x, problem.p_value)
+    values = (kernel(x, u, x + step[:n], step[n]), kernel(x, u, x, end))
+
+    class Model(crocoddyl.ActionModelAbstract):  # type: ignore[misc,name-defined] # untyped
+        """A step of the dynamics with its cost, or the end."""
+
+        def __init__(self, values: tuple[ca.Function, ca.Function]) -> None:
+            crocoddyl.ActionModelAbstract.__init__(self, crocoddyl.StateVector(n), m, 1)
+            self.values, self.derivatives = values
+
+        def calc(self, data: Any, x: Array, u: Array | None = None) -> None:
+            """Set the next state and the cost."""
+            after, cost = self.values(x, rest if u is None else u)
+            data.xnext, data.cost = after.full().ravel(), float(cost)
+
+        def calcDiff(self, data: Any, x: Array, u: Array | None = None) -> None:
+            """Set their derivatives."""
+            (data.Fx, data.Fu, data.Lx, data.Lu, data.Lxx, data.Lxu, data.Luu) = (
+                each.full() if each.shape[1] > 1 or k < 2 else each.full().ravel()
+                for k, each in enumerate(self.derivatives(x, rest if u is None else u)))
+
+    running, last = Model(values[0]), Model(values[1])
+    bounded = bool(np.isfinite(problem.u_lower).all())
+    if bounded:
+        running.u_lb, running.u_ub = problem.u_lower, problem.u_upper
+    shooting = crocoddyl.ShootingProblem(problem.x0, [running] * N, last)
+
+    def ask() -> tuple[Array, int, bool]:
+        solver = (crocoddyl.SolverBoxFDDP if bounded else crocoddyl.SolverFDDP)(shooting)
+        inputs = [rest.copy() for _ in range(N)]
+        done = solver.solve(shooting.rollout(inputs), inputs, LONGEST)
+        return np.array(solver.us.tolist()), solver.iter, done
+
+    return ask
+
+
+def kernel(x: ca.SX, u: ca.SX, after: ca.SX, cost: ca.SX) -> tuple[ca.Function, ca.Function]:
+    """Return a step's values and derivatives as functions."""
+    z = ca.vertcat(x, u)
+    H, g = ca.hessian(cost, z)
+    n = x.numel()
+    return ca.Function('values', [x, u], [after, cost]), ca.Function('derivatives', [x, u], [
+        ca.densify(each) for each in (
+            ca.jacobian(after, x), ca.jacobian(after, u), g[:n], g[n:], H[:n, :n], H[:n, n:],
+            H[n:, n:])])
+
+
+def spent(call: Callable[[], object], rounds: int = 7) -> timing.Times:
+    """Return the processor's times of one call each: neither waits for anybody."""
+    seen = []
+    for _ in range(rounds):
+        begun = time.process_time()
+        call()
+        seen.append(time.process_time() - begun)
+    return timing.Times(tuple(seen))
+
+
+def beside(name: str, problem: Problem, rest: Array, N: int, crocoddyl: Any) -> None:
+    """Time both on one problem, and tell what their answers cost."""
+    numbers = iter(range(1000))
+
+    def anew() -> Any:
+        return solve(replace(problem, structure=f'{problem.structure} {next(numbers)}'))
+
+    answer, cache = anew(), Cache()
+    solve(problem, cache=cache)
+    J, _ = end_error(problem, answer.t, answer.u)
+    rows: list[tuple[object, ...]] = [
+        (f'first answer: {answer.status.value}, certified', spent(anew), J, ''),
+        ('again, certified', spent(lambda: solve(problem, cache=cache)), J, '')]
+    if crocoddyl is not None:
+        ask = differential_dynamic_programming(crocoddyl, problem, rest, N)
+        inputs, iterations, done = ask()
+        t = np.linspace(0, problem.final_time.value, N + 1)
+        their_J, _ = end_error(problem, np.repeat(t, 2)[1:-1], np.repeat(inputs, 2, axis=0))
+        rows.append((f'crocoddyl, N = {N}, {iterations} iterations{"" if done else ": stopped"}',
+                     spent(ask), their_J, f'{their_J / J - 1:.1e}'))
+    timing.table(name, ('', 'median [least to most]', 'cost', 'above ours'), rows)
+    timing.require('status other than solved', float(answer.status.value != 'solved'), 0.0)
+
+
+def main() -> int:
+    """Measure and print; return the exit status."""
+    args = timing.arguments('optimal control beside crocoddyl')
+    crocoddyl = timing.peer('crocoddyl') if args.peers else None
+    beside('aircraft, T = 5, the end pulled', aircraft(), np.array([0.0, HOVER]), 100, crocoddyl)
+    beside('lane change, state cost, the end pulled', lane_change(), np.array([10.0, 0.0]), 50,
+           crocoddyl)
+    return timing.finish()
+
+
+if __name__ == '__main__':
+    sys.exit(main())
