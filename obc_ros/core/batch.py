@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
-_FEW, _MANY = 32, 1024   # rows evaluated at once, by default and at most
+_FEW, _MANY = 32, 256   # rows evaluated at once, by default and of very many
+_VERY = 1024            # rows that are very many
 
 
 class Batch:
@@ -61,7 +62,7 @@ class Batch:
     def joined(self, *arguments: Array) -> Array:
         """Return the outputs side by side, shape (K, length of all)."""
         count = max((len(a) for a in arguments if np.ndim(a) == 2), default=1)
-        size = _MANY if count >= _MANY else self._few
+        size = _MANY if count >= _VERY else self._few
         rows = -(-count // size) * size
         w, result = np.zeros((rows, self._inputs[-1])), np.empty((rows, self._outputs[-1]))
         for (start, end), argument in zip(pairwise(self._inputs), arguments, strict=True):
@@ -88,6 +89,10 @@ class Batch:
             result = np.empty((len(w), self._outputs[-1]))
         self._evaluate(w, result, self._few)
         return result
+
+    def parcels(self, count: int) -> list[slice]:
+        """Return the rows that are evaluated at once, of as many as `filled` returns."""
+        return [slice(k, k + self._few) for k in range(0, count, self._few)]
 
     def _evaluate(self, w: Array, result: Array, size: int) -> None:
         if w.size and result.size:

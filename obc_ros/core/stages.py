@@ -92,8 +92,9 @@ class Stages:
     def _number(self) -> None:
         """Say where what the copies return stands in all that they return, and goes."""
         first, second = self._copies
-        self._total = first.total + second.total
-        self._places = slice(0, first.total), slice(first.total, self._total)
+        # What the copies returned last.
+        self._flat = np.empty(first.total + second.total)
+        self._places = slice(0, first.total), slice(first.total, None)
         nowhere = 3 * self.size   # slopes by constants are dropped
         slots, summands, entries = [], [], []
         for copies, offset in ((first, 0), (second, first.total)):
@@ -215,12 +216,13 @@ class Stages:
     def values(self, y: Array) -> Values:
         """Return everything at y."""
         known = np.concatenate([y, self._constants, [self.factor]])
-        flat, parts = np.empty(self._total), []
+        flat, parts = self._flat.copy(), []
         for copies, place in zip(self._copies, self._places, strict=True):
             result = flat[place].reshape(len(copies.take), -1)
-            copies.whole.batch.of_filled(known[copies.take], result)
+            copies.evaluate(known[copies.take], result)
             result = result[:len(copies.v)]
             parts.append((result[:, copies.at_J], result[:, copies.at_H]))
+        self._flat = flat
         sums: Array = np.asarray(np.bincount(
             self._slots, flat[self._summands], 3 * self.size + 2), dtype=float)
         c, slope, cost_slope = sums[:-2].reshape(3, -1)
@@ -267,3 +269,15 @@ class _Copies:
         self.at_J, self.at_H = whole.batch.outputs[-2:]
         pairs = ((v[:, a], v[:, b]), (rows[:, i], v[:, j]), (v[:, j], rows[:, i]))
         self.entries = [np.concatenate([pair[k].ravel() for pair in pairs]) for k in (0, 1)]
+        self._last = np.full(self.take.shape, np.nan)
+
+    def evaluate(self, w: Array, result: Array) -> None:
+        """Set the results for arguments w; `result` has those for the arguments before."""
+        parcels = self.whole.batch.parcels(len(w))
+        changed = [part for part in parcels if not np.array_equal(w[part], self._last[part])]
+        if len(changed) == len(parcels):
+            self.whole.batch.of_filled(w, result)
+        else:
+            for part in changed:
+                self.whole.batch.of_filled(w[part], result[part])
+        self._last = w
