@@ -4,6 +4,8 @@
 
 from pathlib import Path
 import signal
+import subprocess
+import sys
 import time
 from typing import Any
 
@@ -40,6 +42,18 @@ def test_a_signal_while_it_loads_ends_a_node(spawn: Any, probe: Any, node: str, 
     process.popen.send_signal(number)
     assert process.wait(10.0) == 0, process.output()
     assert not process.output()
+
+
+@pytest.mark.parametrize('words', [['--help'], ['-p', 'system:=vehicle'], ['flight']], ids=str)
+@pytest.mark.parametrize('node', NODES)
+def test_what_is_no_ros_argument_is_refused(node: str, words: list[str]) -> None:
+    """A parameter without --ros-args does not start a node that knows nothing of it."""
+    ended = subprocess.run([sys.executable, '-m', f'obc_ros.nodes.{node}', *words],
+                           capture_output=True, text=True, timeout=60.0)
+    assert ended.returncode == 1
+    assert ended.stderr.splitlines()[-1] == (
+        f"{node}: '{words[0]}' is not understood; parameters are given as in: "
+        '--ros-args -p system:=aircraft --params-file FILE')
 
 
 @pytest.mark.parametrize('gap', [0.0, 0.05, 0.1, 0.15])

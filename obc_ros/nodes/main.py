@@ -17,12 +17,13 @@ import signal
 import sys
 import threading
 
-from obc_ros.core.errors import ObcError
+from obc_ros.core.errors import ObcError, StatementError
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 # What rclpy raises for arguments, files, names and QoS overrides: RCLError is a RuntimeError.
 _UNFIT = (ObcError, RuntimeError, NameValidationException, ParameterException)
@@ -43,6 +44,7 @@ def run(build: Callable[[], Node], args: list[str] | None = None) -> int:
     with _stopped_by_signals() as stop:
         try:
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+            _refuse(remove_ros_args(args)[1:])
             node = build()
         except _UNFIT as error:
             print(f'{Path(sys.argv[0]).stem}: {_sentence(error)}', file=sys.stderr)
@@ -54,6 +56,13 @@ def run(build: Callable[[], Node], args: list[str] | None = None) -> int:
             node.destroy_node()
             rclpy.try_shutdown()
     return 0
+
+
+def _refuse(words: list[str]) -> None:
+    """Refuse what is no ROS argument: parameters that stand before --ros-args have no effect."""
+    if words:
+        raise StatementError(f"'{words[0][:60]}' is not understood; parameters are given as in: "
+                             '--ros-args -p system:=aircraft --params-file FILE')
 
 
 class _Stop:
