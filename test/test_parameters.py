@@ -116,17 +116,17 @@ def test_accepts(judged: Judged, name: str, value: Any, kept: Any) -> None:
 
 
 @pytest.mark.parametrize(('name', 'value', 'sentence'), [
-    ('Qx', 'heavy', 'Qx: wanted numbers, got a string'),
-    ('Qx', '[1, x]', 'Qx: wanted numbers, got a string'),
-    ('Qx', '[[1, 2], [3]]', 'Qx: wanted numbers, got a string'),
-    ('Qx', [True, False], 'Qx: wanted numbers, got a list of true and false'),
+    ('Qx', 'heavy', 'Qx: wanted a list of numbers, got a string'),
+    ('Qx', '[1, x]', 'Qx: wanted a list of numbers, got a string'),
+    ('Qx', '[[1, 2], [3]]', 'Qx: wanted a list of numbers, got a string'),
+    ('Qx', [True, False], 'Qx: wanted a list of numbers, got a list of true and false'),
     ('Qx', [1.0, math.nan], 'Qx[1] = nan: wanted a finite number'),
     ('Qx', [-math.inf, 1.0], 'Qx[0] = -inf: wanted a finite number'),
     ('u_max', [math.nan], 'u_max[0] = nan: wanted a finite number'),
     ('Qu', [1.0, -0.1], 'Qu[1] = -0.1: wanted at least 0'),
     ('rate', -1, 'rate = -1: wanted at least 0 Hz'),
     ('rate', '200', 'rate: wanted a number, got a string'),
-    ('rate', [1.0], 'rate: wanted a number, got numbers'),
+    ('rate', [1.0], 'rate: wanted a number, got a list of numbers'),
     ('steps', 1.5, 'steps: wanted a whole number, got a number'),
     ('steps', 0, 'steps = 0: wanted at least 1'),
     ('lockstep', 1, 'lockstep: wanted true or false, got a whole number'),

@@ -142,9 +142,9 @@ def _least_eigenvalue(M: Array) -> float:
     return float(np.linalg.eigvalsh(M / size / size[:, None])[0])
 
 
-def terminal_weight(P1: Any, n: int) -> Array:
-    """Return P1 (n, n), symmetric and positive semidefinite, or say why not."""
-    matrix = _symmetric('P1', P1, n)
+def semidefinite(name: str, M: Any, n: int) -> Array:
+    """Return M (n, n), symmetric and positive semidefinite, or say why not."""
+    matrix = _symmetric(name, M, n)
     if lapack.dpotrf(matrix)[1]:
-        _check_semidefinite('P1', matrix, matrix, 'P1')
+        _check_semidefinite(name, matrix, matrix, name)
     return matrix

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.care import balancing
-from obc_ros.core.norms import EPS
+from obc_ros.core.norms import EPS, TINY
 from scipy.linalg import lapack
 
 Array = NDArray[np.float64]
@@ -36,13 +36,16 @@ def why_not(A: Array, F: Array, Q: Array, *, stability: float = 0.0, period: flo
         Relative error of the solution of the Riccati equation; nan when there is none.
 
     """
-    d = balancing(A, F, Q)
-    A, F, Q = A * (d / d[:, None]), F / d[:, None], Q * (d * d[:, None])
+    alike = A, F / np.maximum(np.linalg.norm(F, axis=0), TINY), Q  # inputs that cost the same
+    A, F, Q = _balanced(A, F, Q)
     if not np.isfinite(np.array([np.linalg.norm(M) for M in (A, F @ F.T, Q)])).all():
         return TOO_FAR_APART
-    lost = _lost(A.T, F.T, 1e-8, period)
+    lost = _out_of_reach(A, F, period)
     if lost.size:
-        return _clause(lost, 'out of reach of the inputs', stability, period)
+        near = not _out_of_reach(*_balanced(*alike)[:2], period).size
+        return _clause(lost, 'all but out of reach of the inputs at these weights; bring those of '
+                       'Qu closer together' if near else 'out of reach of the inputs',
+                       stability, period)
     unseen = _lost(A, Q, 1e-8, period)
     if unseen.size:
         return _clause(unseen, 'not seen by Qx; give it a weight', stability, period)
@@ -50,7 +53,8 @@ def why_not(A: Array, F: Array, Q: Array, *, stability: float = 0.0, period: flo
         return (f'the Riccati equation is too ill-conditioned: rounding leaves P uncertain by '
                 f'{min(error, 1.0):.1g} of its size; bring the weights closer together')
     return ('no gain can be proved to stabilise: rounding alone may put a mode of the closed loop '
-            'on the border of stability; bring the weights closer together')
+            'on the border of stability; bring the weights closer together'
+            + (', or ask for less than this degree of stability' if stability else ''))
 
 
 def unseen(A: Array, F: Array, Q: Array, *, stability: float = 0.0, period: float = 0.0) -> str:
@@ -59,12 +63,21 @@ def unseen(A: Array, F: Array, Q: Array, *, stability: float = 0.0, period: floa
 
     The parameters are those of `why_not`.
     """
-    d = balancing(A, F, Q)
-    modes = _lost(A * (d / d[:, None]), Q * (d * d[:, None]), _UNSEEN, period)
+    A, _, Q = _balanced(A, F, Q)
+    modes = _lost(A, Q, _UNSEEN, period)
     if not modes.size:
         return ''
     return _clause(modes, 'not seen by Qx: the least cost leaves it as it is; give it a weight',
                    stability, period)
+
+
+def _balanced(A: Array, F: Array, Q: Array) -> tuple[Array, Array, Array]:
+    d = balancing(A, F, Q)
+    return A * (d / d[:, None]), F / d[:, None], Q * (d * d[:, None])
+
+
+def _out_of_reach(A: Array, F: Array, period: float) -> Modes:
+    return _lost(A.T, F.T, 1e-8, period)
 
 
 def _lost(A: Array, C: Array, tolerance: float, period: float) -> Modes:

@@ -59,7 +59,7 @@ def finite_horizon(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, P1:
 
     """
     A, B, Qx, Qu, cross = admissible.checked(A, B, Qx, Qu, cross)
-    P1 = admissible.terminal_weight(P1, len(A))
+    P1 = admissible.semidefinite('P1', P1, len(A))
     L, Ac, Qc, _ = admissible.reduced(A, B, Qx, Qu, cross)
     to_go = _to_go(t, T)
     F = lapack.dtrtrs(L, B.T, lower=1)[0].T

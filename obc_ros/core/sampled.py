@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core import dare
+from obc_ros.core import admissible, dare
 from obc_ros.core.errors import RefusedDesignError, StatementError
 from obc_ros.core.lqr import dlqr, LqrDesign
 from obc_ros.core.norms import EPS, norm
@@ -84,10 +84,13 @@ def sampled_lqr(A: Array, B: Array, weights: Weights, period: float, delay: floa
     StatementError
         If the period or the delay cannot be used.
     RefusedDesignError
-        If no gain, or not the loop with its delay, can be proved to be stable.
+        If a weight is not definite, or no gain, or not the loop with its delay, can be proved to
+        be stable.
 
     """
     _check_times(period, delay)
+    # What is refused is what was typed, not what sampling makes of it.
+    admissible.reduced(*admissible.checked(A, B, weights.Qx, weights.Qu, weights.cross))
     Ad, Bd, cost = discretised(A, B, weights, period)
     design = dlqr(Ad, Bd, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability,
                   period=period)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from obc_ros.core.admissible import semidefinite
 from obc_ros.core.errors import StatementError
 
 Array = NDArray[np.float64]
@@ -90,7 +91,8 @@ def choose(n: int, m: int, *, weights: str = 'matrices', Qx: Numbers = (), Qu: N
         raise StatementError(f'stability = {degree:g}: wanted 0 or a positive number')
     N = _list('cross', cross)
     if N.size not in (0, n * m):
-        raise StatementError(f'cross has {_count(N)}; wanted {n * m} (a full matrix row by row)')
+        raise StatementError(f'cross has {count(N.size)}; wanted {n * m} (a full matrix row by '
+                             'row)')
     return replace(chosen, cross=N.reshape(n, m) if N.size else None, stability=degree)
 
 
@@ -132,7 +134,7 @@ def from_output(n: int, m: int, H: Numbers, rho: float) -> Weights:
     """
     rows = _list('H', H)
     if rows.size == 0 or rows.size % n:
-        raise StatementError(f'H has {_count(rows)}; wanted a multiple of {n} (rows of {n})')
+        raise StatementError(f'H has {count(rows.size)}; wanted a multiple of {n} (rows of {n})')
     rows = rows.reshape(-1, n)
     weight = number('rho', rho)
     if weight <= 0.0:
@@ -165,11 +167,16 @@ def with_integrals(A: Array, B: Array, weights: Weights, C: Numbers, Qi: Numbers
     weights : Weights
         Its cost.
 
+    Raises
+    ------
+    StatementError, RefusedDesignError
+        If a list has a wrong length, or Qi is not positive semidefinite.
+
     """
     n, m = B.shape
     rows = _list('C', C)
     if rows.size == 0 or rows.size % n:
-        raise StatementError(f'C has {_count(rows)}; wanted a multiple of {n} (rows of {n})')
+        raise StatementError(f'C has {count(rows.size)}; wanted a multiple of {n} (rows of {n})')
     rows = rows.reshape(-1, n)
     p = len(rows)
     augmented_A = np.zeros((n + p, n + p))
@@ -179,7 +186,7 @@ def with_integrals(A: Array, B: Array, weights: Weights, C: Numbers, Qi: Numbers
     augmented_B[:n] = B
     Qx = np.zeros((n + p, n + p))
     Qx[:n, :n] = weights.Qx
-    Qx[n:, n:] = square('Qi', Qi, p)
+    Qx[n:, n:] = semidefinite('Qi', square('Qi', Qi, p), p)
     cross = None
     if weights.cross is not None:
         cross = np.zeros((n + p, m))
@@ -203,7 +210,7 @@ def square(name: str, numbers: Numbers, n: int) -> Array:
     if values.size == n * n:
         return values.reshape(n, n)
     wanted = f'{n} (a diagonal) or {n * n} (a full matrix row by row)' if n > 1 else '1'
-    raise StatementError(f'{name} has {_count(values)}; wanted {wanted}')
+    raise StatementError(f'{name} has {count(values.size)}; wanted {wanted}')
 
 
 def number(name: str, value: Any) -> float:
@@ -214,15 +221,16 @@ def number(name: str, value: Any) -> float:
 def _inverse_squares(name: str, numbers: Numbers, n: int, may_be_infinite: bool) -> Array:
     values = _list(name, numbers, finite=not may_be_infinite)
     if values.size != n:
-        raise StatementError(f'{name} has {_count(values)}; wanted {n}')
+        raise StatementError(f'{name} has {count(values.size)}; wanted {n}')
     for i, value in enumerate(values):
         if not value >= 1e-150:
             raise StatementError(f'{name}[{i}] = {value:g}: wanted a positive number')
     return 1.0 / values**2
 
 
-def _count(values: Array) -> str:
-    return '1 number' if values.size == 1 else f'{values.size or "no"} numbers'
+def count(size: int) -> str:
+    """Return how many numbers there are, in words."""
+    return '1 number' if size == 1 else f'{size or "no"} numbers'
 
 
 def _list(name: str, numbers: Any, finite: bool = True) -> Array:

@@ -8,13 +8,13 @@ import functools
 import math
 from typing import Any
 
-from obc_ros.core.admissible import terminal_weight
+from obc_ros.core.admissible import semidefinite
 from obc_ros.core.control import Control, ENVELOPE, Horizon, Leg, Rules, Schedule, STALE
 from obc_ros.core.design import Design, design, Plant, plant, Sampling, scheduled
 from obc_ros.core.errors import StatementError
 from obc_ros.core.following import Course, horizon, leg
 from obc_ros.core.regulator import Gains, Limits, rows, Vector, vector
-from obc_ros.core.weights import KINDS, square
+from obc_ros.core.weights import count, KINDS, square
 from obc_ros.msg import LqrWeights
 from obc_ros.nodes.conversions import chosen_system, system_parameters
 from obc_ros.nodes.own_thread import PRIORITY
@@ -161,7 +161,8 @@ def judge(settings: Settings, courses: tuple[Course, ...] = ()) -> Candidate:
     """
     found = _design(*(_key(getattr(settings, name)) for name in _DESIGN))
     if settings.P1:
-        terminal_weight(square('P1', settings.P1, found.plant.system.n), found.plant.system.n)
+        n = found.plant.system.n
+        semidefinite('P1', square('P1', settings.P1, n), n)
     if settings.horizon and settings.schedule:
         raise StatementError('horizon and schedule: wanted one or the other')
     return Candidate(settings, found, Control(
@@ -250,7 +251,7 @@ def _horizon(found: Design, time: float, P1: Vector) -> Horizon:
 def _table(settings: Settings, found: Design) -> tuple[Schedule, str]:
     """Return the schedule of a design, and what is proved of it."""
     if len(settings.schedule_range) != 2:
-        raise StatementError(f'schedule_range has {len(settings.schedule_range)} numbers; wanted '
+        raise StatementError(f'schedule_range has {count(len(settings.schedule_range))}; wanted '
                              'the lowest and the highest value')
     return _scheduled(found, settings.schedule, settings.schedule_range, settings.setpoint,
                       settings.setpoint_input, settings.state_source == 'odom')
@@ -305,7 +306,7 @@ def _limits(settings: Settings, found: Design) -> Limits:
     names = ('u_min', 'u_max')
     if settings.u_limits:
         if len(settings.u_limits) != 2 * system.m:
-            raise StatementError(f'u_limits has {len(settings.u_limits)} numbers; wanted '
+            raise StatementError(f'u_limits has {count(len(settings.u_limits))}; wanted '
                                  f'{2 * system.m}, lower and upper of '
                                  f'{", ".join(system.input_names)}')
         lower, upper = settings.u_limits[::2], settings.u_limits[1::2]
@@ -324,15 +325,15 @@ def _limits(settings: Settings, found: Design) -> Limits:
 def _rules(settings: Settings, names: tuple[str, ...]) -> Rules:
     given, n = settings.x_limits, len(names)
     if len(given) not in (0, n, 2 * n):
-        raise StatementError(f'x_limits has {len(given)} numbers; wanted {n} or {2 * n}, for '
+        raise StatementError(f'x_limits has {count(len(given))}; wanted {n} or {2 * n}, for '
                              f'{", ".join(names)}')
     bounds = tuple((-each, each) for each in given)
     if len(given) == 2 * n:
         bounds = tuple(zip(given[::2], given[1::2], strict=True))
     for name, (low, high) in zip(names, bounds, strict=False):
         if not low < 0.0 < high:
-            raise StatementError(f'x_limits of {name}: [{low:g}, {high:g}] does not hold 0, and '
-                                 'no error is 0')
+            raise StatementError(f'x_limits of {name}: [{low:g}, {high:g}]; wanted a lower limit '
+                                 'below 0, which is no error, and an upper one above it')
     return Rules(
         period=round(min(1e9 / settings.rate, 1e18)) if settings.rate else 0,
         state_timeout=settings.state_timeout, on_stale=settings.on_stale, x_limits=bounds,
@@ -343,5 +344,5 @@ def _rules(settings: Settings, names: tuple[str, ...]) -> Rules:
 def _sized(name: str, given: Vector, names: tuple[str, ...]) -> Vector:
     if len(given) not in (0, len(names)):
         raise StatementError(
-            f'{name} has {len(given)} numbers; wanted {len(names)} ({", ".join(names)})')
+            f'{name} has {count(len(given))}; wanted {len(names)} ({", ".join(names)})')
     return given

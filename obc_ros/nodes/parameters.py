@@ -39,16 +39,16 @@ _WANTED = {
     Parameter.Type.BOOL: 'true or false',
     Parameter.Type.INTEGER: 'a whole number',
     Parameter.Type.DOUBLE: 'a number',
-    Parameter.Type.DOUBLE_ARRAY: 'numbers',
+    Parameter.Type.DOUBLE_ARRAY: 'a list of numbers',
     Parameter.Type.STRING: 'a string',
-    Parameter.Type.STRING_ARRAY: 'strings',
+    Parameter.Type.STRING_ARRAY: 'a list of strings',
 }
 _GOT = {
     **_WANTED,
     Parameter.Type.NOT_SET: 'nothing',
     Parameter.Type.BYTE_ARRAY: 'bytes',
     Parameter.Type.BOOL_ARRAY: 'a list of true and false',
-    Parameter.Type.INTEGER_ARRAY: 'whole numbers',
+    Parameter.Type.INTEGER_ARRAY: 'a list of whole numbers',
 }
 _SCALARS = (Parameter.Type.INTEGER, Parameter.Type.DOUBLE)
 _LISTS = (Parameter.Type.INTEGER_ARRAY, Parameter.Type.DOUBLE_ARRAY)
