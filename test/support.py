@@ -24,8 +24,6 @@ import yaml
 DEADLINE = 20.0  # [s] generous: it is only ever reached by a test that fails
 ISOLATED = {
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    # A process that is killed leaves its shared memory behind, and who opens that may crash.
-    'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
     'OMP_NUM_THREADS': '1',
     'OPENBLAS_NUM_THREADS': '1',
     'PYTHONFAULTHANDLER': '1',

@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nodes that are started together: what a signal to their parent does."""
 
+import fcntl
 import signal
 
-from obc_ros.cli.processes import Children, InterruptedByUserError
+from obc_ros.cli import processes
+from obc_ros.cli.processes import Children, free_domain, InterruptedByUserError
 import pytest
 
 
@@ -29,3 +31,24 @@ def test_a_folder_that_cannot_be_made_leaves_the_signals_alone(tmp_path):
     with pytest.raises(OSError), Children(tmp_path / 'file' / 'log'):
         pass
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_what_killed_processes_left_is_removed_from_a_domain_that_is_taken(tmp_path, monkeypatch):
+    monkeypatch.setattr(processes, 'SHARED_MEMORY', tmp_path)
+    monkeypatch.setattr(processes, 'DOMAINS', range(101, 0, -1))  # others begin with the lowest
+    with free_domain() as domain:
+        first = 7400 + 250 * domain
+    dead = ['fastrtps_port{}', 'fastrtps_port{}_el', 'sem.fastrtps_port{}_mutex']
+    alive = ['fastdds_port{}', 'fastdds_port{}_sl', 'sem.fastdds_port{}_mutex']
+    for each in dead:
+        (tmp_path / each.format(first + 11)).touch()
+    others = [*(each.format(first + 10) for each in alive), *(each.format(first + 250)
+              for each in dead), *(each.format(first - 1) for each in dead),
+              'fastrtps_0123456789abcdef', 'fastrtps_0123456789abcdef_el']
+    for other in others:
+        (tmp_path / other).touch()
+    with (tmp_path / alive[1].format(first + 10)).open('rb') as held:
+        fcntl.flock(held, fcntl.LOCK_SH)
+        with free_domain() as again:
+            assert again == domain
+    assert sorted(each.name for each in tmp_path.iterdir()) == sorted(others)

@@ -8,11 +8,12 @@ machine and the domain is one that nobody uses. Children die with the command, h
 """
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import ctypes
 import fcntl
 import os
 from pathlib import Path
+import re
 import signal
 import socket
 import subprocess
@@ -28,6 +29,8 @@ PR_SET_PDEATHSIG = 1
 DOMAINS = range(1, 102)  # the ports of higher domains reach into Linux's ephemeral range
 # In a node one thread is faster than two: its matrices are small.
 ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
+SHARED_MEMORY = Path('/dev/shm')
+PORT_FILE = re.compile(r'(sem\.)?(?P<port>fast(rtps|dds)_port(?P<number>\d+))(_el|_sl|_mutex)?')
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
 
@@ -55,6 +58,7 @@ def free_domain() -> Iterator[int]:
             continue
         try:
             if _is_silent(domain):
+                _clear(domain)
                 yield domain
                 return
         finally:
@@ -67,21 +71,48 @@ def _is_silent(domain: int) -> bool:
     for participant in range(4):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
-                probe.bind(('', 7410 + 250 * domain + 2 * participant))
+                probe.bind(('', _port(domain) + 10 + 2 * participant))
             except OSError:
                 return False
     return True
 
 
-def isolate(domain: int) -> None:
-    """
-    Keep this process and its children on one domain of this machine.
+def _port(domain: int) -> int:
+    """Return the first port of a domain."""
+    return 7400 + 250 * domain
 
-    They do without shared memory unless the environment asks for it: a process that is killed
-    leaves its part behind, and Fast DDS may crash when it opens that again.
+
+def _clear(domain: int) -> None:
     """
+    Remove the shared memory of a domain's ports where a process that was killed has left it.
+
+    Fast DDS finds it when it opens the same port again, and may crash on what is in it.
+    """
+    ports: dict[str, list[Path]] = {}
+    for file in SHARED_MEMORY.glob('*fast*_port*'):
+        if (found := PORT_FILE.fullmatch(file.name)) and (
+                _port(domain) <= int(found['number']) < _port(domain + 1)):
+            ports.setdefault(found['port'], []).append(file)
+    for files in ports.values():
+        if not any(map(_is_held, files)):
+            for file in files:
+                with suppress(OSError):  # another user's
+                    file.unlink()
+
+
+def _is_held(file: Path) -> bool:
+    """Return whether a process that lives has locked a file: the kernel frees those of others."""
+    try:
+        with file.open('rb') as opened:
+            fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    return False
+
+
+def isolate(domain: int) -> None:
+    """Keep this process and its children on one domain of this machine."""
     os.environ.update(ONE_THREAD)
-    os.environ.setdefault('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4')
     os.environ['ROS_DOMAIN_ID'] = str(domain)
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     for name in ('ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY', 'ROS_DISCOVERY_SERVER'):
