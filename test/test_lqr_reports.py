@@ -53,6 +53,25 @@ def test_diagnostics_at_1_hz(spawn: Any, probe: Any) -> None:
     assert 'revision 2: aircraft: 6 poles left of' in status.message
 
 
+def test_a_plant_that_is_not_the_one_of_the_design(spawn: Any, probe: Any) -> None:
+    """Without x_limits nothing stops it, but diagnostics warn; the right plant is left alone."""
+    reports = probe.listen(DiagnosticArray, '/diagnostics', 100)
+    for name, a in (('right', -1.0), ('wrong', 1.5)):  # the design is for a = -1
+        spawn('plant_simulator', {'system': 'scalar', 'system_parameters.a': a, 'x0': [1e-3],
+                                  'publish_rate': 50.0}, namespace=f'/{name}')
+        spawn('lqr_node', {'system': 'scalar', 'system_parameters.a': -1.0},
+              namespace=f'/{name}')
+
+    def words(name: str) -> set[str]:
+        return {status.message for report in reports for status in report.status
+                if status.name == f'{name}/lqr_node: commands'}
+
+    probe.wait_for(lambda: any(
+        'the error grows, which it does not by design' in each and 'x_limits are not set' in each
+        for each in words('wrong')), 40.0)
+    assert words('right') == {'within the limits'}
+
+
 def test_the_numbers_of_exercise_2_10(spawn: Any, probe: Any) -> None:
     """Across the road, py'' = (v^2 / l) phi: the figures of ~/design are those of Example 2.4."""
     bench = Bench(spawn, probe, system='vehicle_lateral', Qx=[0.01, 0.0], Qu=[1.0])

@@ -117,6 +117,12 @@ class Design:
         """Return the gain of the integrals, shape (m, p)."""
         return self.lqr.K[:, self.plant.system.n:]
 
+    def cost_to_go(self, error: Sequence[float]) -> float:
+        """Return e'P e, the least cost from an error x - xe (n,) on; under the gain it falls."""
+        e = np.array(error)
+        with np.errstate(all='ignore'):  # what has run away is infinite
+            return float(e @ self.lqr.P[:len(e), :len(e)] @ e)
+
     def augmented(self, A: Array, B: Array) -> tuple[Array, Array]:
         """Return another linearization with the integrals of this design as further states."""
         return with_integrals(A, B, self.weights, self.C, np.ones(len(self.C)))[:2] if len(

@@ -93,7 +93,7 @@ def fields(design: Design, made: Change, error: Sequence[float] | None) -> dict[
             'gain_margin', 'gain_reduction_margin', 'phase_margin', 'disk_margin', 'bandwidth',
             'rise_time', 'overshoot', 'settling_time', 'peak_input')},
         'sensitivity_peak': float(seen.sensitivity_peak),
-        'cost_to_go': 0.0 if error is None else float(np.array(error) @ P @ np.array(error)),
+        'cost_to_go': 0.0 if error is None else design.cost_to_go(error),
         'max_gain_change': made.largest,
         'input_jump': max(map(abs, made.jump), default=0.0),
         'sentence': '; '.join(filter(None, (_sentence(design, seen), made.sentence))),

@@ -5,16 +5,20 @@
 from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
+import math
 from statistics import quantiles
 from time import monotonic
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from obc_ros.core.control import Control
 from obc_ros.core.loop import Loop
 
 DROPPED = {'size': 'of wrong size', 'finite': 'not finite', 'frame': 'in another frame',
            'late': 'out of order', 'old': 'stamped too long ago',
            'ahead': 'stamped in the future', 'command': 'without a finite command'}
+LOOKS, GROWTH = 5, 4.0  # looks in a row at which the cost-to-go has grown, and how much in all
 COUNTED = ('answered', 'skipped', 'repeated', 'restarted', 'stale', 'deadline')
 
 
@@ -28,6 +32,9 @@ class Monitor:
     design: str = ''
     topic: str = ''
     faults: dict[str, str] = field(default_factory=dict)
+    _costs: deque[float] = field(default_factory=lambda: deque(maxlen=LOOKS + 1))
+    _worst: float = 0.0
+    _control: Control | None = None
     _suspected: set[str] = field(default_factory=set)
     _before: Counter[str] = field(default_factory=Counter)
     _looked: float = field(default_factory=monotonic)
@@ -45,8 +52,26 @@ class Monitor:
         self.faults = lasting
         return new
 
-    def statuses(self, name: str, loop: Loop, revision: int, is_active: bool
-                 ) -> list[DiagnosticStatus]:
+    def runs_away(self, cost: float | None, control: Control) -> bool:
+        """
+        Take note of the cost-to-go; return whether it runs away instead of falling.
+
+        It does when it has grown at several looks in a row to more than ever under this control.
+        """
+        if control is not self._control:
+            self._control, self._worst = control, 0.0
+            self._costs.clear()
+        if cost is None:
+            return False
+        if len(self._costs) > LOOKS:
+            self._worst = max(self._worst, self._costs[0])
+        self._costs.append(cost)
+        grows = len(self._costs) > LOOKS and all(a < b for a, b in pairwise(self._costs))
+        return not math.isfinite(cost) or (
+            grows and cost > max(self._worst, GROWTH * self._costs[0]))
+
+    def statuses(self, name: str, loop: Loop, revision: int, is_active: bool,
+                 cost: float | None = None) -> list[DiagnosticStatus]:
         """
         Return the parts states, commands and design.
 
@@ -60,13 +85,15 @@ class Monitor:
             Of the design in use.
         is_active : bool
             Whether the lifecycle lets the loop run.
+        cost : float, optional
+            Cost-to-go at the last error; None: there was none.
 
         """
         now, counts = monotonic(), Counter(loop.counts)
         elapsed, self._looked = now - self._looked, now
         new, self._before = counts - self._before, counts
         return [self._states(name, loop, new, elapsed, now, is_active),
-                self._commands(name, loop, new),
+                self._commands(name, loop, new, cost),
                 _status(f'{name}: design', DiagnosticStatus.OK, self.design, {
                     'revision': revision, 'changes refused': self.refusals,
                     'last refusal': self.last_refusal})]
@@ -101,7 +128,8 @@ class Monitor:
             **{kind: loop.counts[kind] for kind in COUNTED},
             **{f'dropped {words}': loop.counts[kind] for kind, words in DROPPED.items()}})
 
-    def _commands(self, name: str, loop: Loop, new: Counter[str]) -> DiagnosticStatus:
+    def _commands(self, name: str, loop: Loop, new: Counter[str], cost: float | None
+                  ) -> DiagnosticStatus:
         latencies, share = list(self.latencies), new['saturated'] / max(new['answered'], 1)
         self.latencies.clear()
         percent = quantiles(latencies, n=100) if len(latencies) > 1 else [float('nan')] * 99
@@ -110,6 +138,11 @@ class Monitor:
             words = f'at a limit {share:.0%} of the time'
         if share > 0.5:
             level = DiagnosticStatus.WARN
+        if self.runs_away(cost, loop.control):
+            level, words = DiagnosticStatus.WARN, (
+                'the error grows, which it does not by design: the plant is another one, or '
+                'something drives it away' + '; x_limits are not set'
+                * (not loop.control.rules.x_limits))
         if loop.is_outside:
             level, words = DiagnosticStatus.WARN, 'the error is outside x_limits'
         if loop.stopped:
@@ -118,6 +151,7 @@ class Monitor:
             'latency p50 [us]': f'{1e6 * percent[49]:.0f}',
             'latency p99 [us]': f'{1e6 * percent[98]:.0f}',
             'share at a limit': f'{share:.3f}',
+            'cost-to-go': '' if cost is None else f'{cost:.4g}',
             'answers at a limit': loop.counts['saturated'],
             'times outside x_limits': loop.counts['outside']})
 

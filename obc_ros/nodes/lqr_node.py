@@ -328,8 +328,10 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
             self.get_logger().warning(sentence)
         array = DiagnosticArray()
         array.header.stamp = self._time()
+        error = self._loop.error
         array.status = self._monitor.statuses(
-            self.get_fully_qualified_name()[1:], self._loop, self._revision, self._is_active)
+            self.get_fully_qualified_name()[1:], self._loop, self._revision, self._is_active,
+            None if error is None else self._adopted.design.cost_to_go(error))
         self._diagnostics.publish(array)
 
 
