@@ -66,7 +66,7 @@ def _body(record: Record, figures: str) -> Iterator[nodes.Node]:
         yield nodes.paragraph('', record['message'])
     if record['figure']:
         yield nodes.image(uri=f'{figures}/{record["figure"]}', classes=['figure'],
-                          alt=f'{record["label"]}: figure')
+                          alt=f'Figure of {record["label"]}: {plain_text(record["title"])}')
     yield from map(_paragraph, record['notes'])
     if record['rows']:
         yield table(('quantity', 'measured', 'exact', 'error', 'exact by'), (34, 17, 17, 10, 22),
@@ -76,8 +76,9 @@ def _body(record: Record, figures: str) -> Iterator[nodes.Node]:
 
 
 def _cells(row: Record) -> tuple[str, ...]:
-    many = f' (worst of {row["values"]})' if row['values'] > 1 else ''
+    many = f' ({row["values"]} values)' if row['values'] > 1 else ''
     error = 'infinite' if row['error'] is None else f'{row["error"]:.1e}' if row['error'] else '0'
+    error += ' (relative)' if row.get('relative') else ''
     numbers = (number(row['measured']), number(row['exact']), error)
     return (markup(row['what'] + many), *(f'<span class="number">{each}</span>'
                                           for each in numbers), markup(row['by']))

@@ -3,6 +3,7 @@
 """`obc gallery`: every entry through running nodes, and what is made of the answers."""
 
 from collections.abc import Iterator
+from contextlib import ExitStack
 from html.parser import HTMLParser
 import importlib
 import json
@@ -15,7 +16,7 @@ import numpy as np
 from obc_ros.cli import gallery
 from obc_ros.cli.client import served
 from obc_ros.cli.gallery_entries import desk as desks
-from obc_ros.cli.gallery_entries import page, ros2
+from obc_ros.cli.gallery_entries import linear, page, regulators, ros2, vehicle
 from obc_ros.cli.gallery_entries.all import ENTRIES
 from obc_ros.cli.gallery_entries.entry import Answer, Entry, Row, UnansweredError
 from obc_ros.cli.obc import main
@@ -42,8 +43,9 @@ def desk(out: Path) -> Iterator[desks.Desk]:
     try:
         with free_domain() as domain:
             isolate(domain)
-            with Children(out / 'log') as children, served(children) as client:
-                yield desks.Desk(client, out / 'recordings')
+            with Children(out / 'log') as children, ExitStack() as stack:
+                yield desks.Desk(lambda: stack.enter_context(served(children)),
+                                 out / 'recordings')
     finally:
         os.environ.clear()
         os.environ.update(before)
@@ -60,6 +62,26 @@ def test_every_number_holds(entry: Entry, desk: desks.Desk, out: Path) -> None:
     assert record['holds']
     assert record['commands']
     assert (out / f'{entry.name}.png').stat().st_size > 20_000
+
+
+def test_hypotheses_of_theorem_2_2() -> None:
+    A, B, H, Qu = regulators.plant()
+    assert np.linalg.eigvals(A).real.max() > 0
+    assert _reaches(A, B) and _reaches(A.T, H.T)
+    assert np.linalg.eigvalsh(Qu).min() > 0
+
+
+def test_systems_of_exercise_2_7() -> None:
+    """They are observable, as the exercise has it, and most of them need a feedback."""
+    systems = linear.random_systems()
+    assert len(systems) == linear.SYSTEMS
+    assert all(_reaches(A.T, C.T) for A, _, C, _ in systems)
+    assert sum(np.linalg.eigvals(A).real.max() > 0 for A, *_ in systems) > linear.SYSTEMS / 2
+
+
+def _reaches(A: np.ndarray, B: np.ndarray) -> bool:
+    reach = np.hstack([np.linalg.matrix_power(A, k) @ B for k in range(len(A))])
+    return bool(np.linalg.matrix_rank(reach) == len(A))
 
 
 def test_the_whole_chapter_is_there() -> None:
@@ -143,6 +165,13 @@ def test_a_number_that_is_off_fails_the_entry(tmp_path: Path,
     assert main(['gallery', '2.2', '--out', str(tmp_path)]) == 1
 
 
+def test_relative_errors() -> None:
+    assert Row('', [1e-8], [2e-8], '', relative=True).error == pytest.approx(0.5)
+    assert Row('', [0.0], [0.0], '', relative=True).error == np.inf  # undefined: it fails
+    row = Row('', [100.0, 1.0], [100.0 + 1e-5, 1.0 + 2e-6], '').as_json()
+    assert (row['measured'], row['error']) == (1.0, pytest.approx(2e-6, rel=1e-3))
+
+
 @pytest.mark.parametrize(('measured', 'exact', 'error'), [
     (1.0, 1.0, 0.0), (1e3 + 1e-3, 1e3, 1e-6), (1e-3, 0.0, 1e-3), ([1.0, 2.0], [1.0, 4.0], 0.5),
     (np.nan, 0.0, np.inf), ([1.0], [1.0, 1.0], np.inf), ([], [], np.inf)])
@@ -203,6 +232,19 @@ def test_commands_say_what_was_asked() -> None:
     assert shlex.split(command)[:5] == [
         'ros2', 'service', 'call', '/trajectory_server/design_lqr', 'obc_ros/srv/DesignLqr']
     assert _message(DesignLqr.Request(), yaml.safe_load(shlex.split(command)[-1])) == request
+
+
+def test_a_reference_is_published_from_its_file(tmp_path: Path) -> None:
+    folder = tmp_path / 'recordings' / 'loop'
+    folder.mkdir(parents=True)
+    reference = vehicle.course('flat')
+    command = ros2.publish('reference', reference, folder / 'flat.yaml')
+    assert command.endswith('"$(cat recordings/loop/flat.yaml)"')
+    given = yaml.safe_load((folder / 'flat.yaml').read_text())
+    again = _message(type(reference)(), given)
+    assert np.allclose(again.x, reference.x, atol=1e-9) and len(again.t) == len(reference.t)
+    assert again.header.stamp.nanosec == 0  # it begins when it is heard
+    assert (folder / 'flat.yaml').stat().st_size < 120_000  # what a shell takes as one argument
 
 
 def _message(message: object, values: dict[str, object]) -> object:

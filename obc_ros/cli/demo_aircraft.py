@@ -132,14 +132,14 @@ def _linear(step: Step) -> tuple[Array, Array, Array]:
 
 
 def _positions(axes: Axes, t: Array, positions: Array, step: Step) -> None:
-    for index, (name, style) in enumerate((('x', '-'), ('y', '--'))):
+    for index, (name, style) in enumerate((('px', '-'), ('py', '--'))):
         axes.plot(t, positions[:, index], style, label=name)
     times, linear, _ = _linear(step)
     axes.plot(times, linear[:, :2], ':', color='0.4', linewidth=1, label=['linear model', None])
     axes.axhline(1.0, color='0.7', linewidth=0.8, zorder=0)
     lowest = min(0.0, positions[(t >= 0) & (t <= step.span)].min() - 0.05)
     axes.set(xlim=(0, step.span), ylim=(lowest, 1.5), xlabel='time since the step [s]',
-             ylabel='position x, y [m]', title=f'Step, {step.weights} (Figure {step.figure})')
+             ylabel='position px, py [m]', title=f'Step, {step.weights} (Figure {step.figure})')
     axes.legend(loc='lower right')
 
 
@@ -155,8 +155,8 @@ def _inputs(axes: Axes, t: Array, u: Array, step: Step) -> None:
 
 
 def _flight(axes: Axes, t: Array, x: Array) -> None:
-    axes.plot(t, x[:, 0], label='x')
-    axes.plot(t, x[:, 1], '--', label='y')
+    axes.plot(t, x[:, 0], label='px')
+    axes.plot(t, x[:, 1], '--', label='py')
     for moment, what in ((FIRST_STEP, 'step'), (CHANGE, 'new weights'), (SECOND_STEP, 'step'),
                          (GUST, 'gust'), (REFUSAL, 'refused change')):
         axes.axvline(moment, color='0.8', linewidth=0.8, zorder=0)

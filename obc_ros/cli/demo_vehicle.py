@@ -15,12 +15,13 @@ from obc_ros.cli.demo import Event, Flight, fly
 from obc_ros.cli.pilot import Pilot
 from obc_ros.cli.report import loop_rows, show
 from obc_ros.core.errors import ObcError
+from obc_ros.core.tracking import lateral_reference, slalom
 from obc_ros.msg import NamedBounds, Trajectory
 from obc_ros.srv import PlanMotion
 
 Array = NDArray[np.float64]
 
-SPEED = 10.0  # [m/s], the v_d of Exercise 2.10
+SPEED, LENGTH = 10.0, 2.0  # [m/s], the v_d of Exercise 2.10, and the wheelbase [m]
 AMPLITUDE, FREQUENCY, COURSE = 1.0, 1.0, 6.0  # [m], [Hz], [s] of slalom
 AHEAD = 1.0  # [s] between asking for a plan and its beginning
 
@@ -32,12 +33,12 @@ def run(out: Path, real_time: bool) -> int:
     change = Flight('lane_change', 'vehicle.yaml', 14.0, (
         Event(1.0, 'plan a lane change of 4 m within 100 m', lambda pilot: _plan(pilot, planned)),
     ))
-    slalom = Flight('slalom', 'vehicle_lateral.yaml', 2.0 + COURSE, (
+    weaving = Flight('slalom', 'vehicle_lateral.yaml', 2.0 + COURSE, (
         Event(1.0, f'slalom of {AMPLITUDE:g} m and {FREQUENCY:g} Hz at {SPEED:g} m/s',
               lambda pilot: _slalom(pilot, course)),))
     status = fly(change, out, real_time, lambda pilot, wall: _conclude(
         pilot, wall, planned[0], 1, 'lane change', out))
-    return status or fly(slalom, out, real_time, lambda pilot, wall: _conclude(
+    return status or fly(weaving, out, real_time, lambda pilot, wall: _conclude(
         pilot, wall, course[0], 0, 'slalom', out))
 
 
@@ -62,38 +63,15 @@ def _plan(pilot: Pilot, planned: list[Trajectory]) -> str:
 def _slalom(pilot: Pilot, course: list[Trajectory]) -> str:
     """Publish y = r(t) with the angle and steering that follow it exactly (flatness)."""
     t = np.linspace(0.0, COURSE, int(COURSE * 500) + 1)
-    y, theta, phi = slalom(t)
+    x, phi = lateral_reference(*slalom(t, AMPLITUDE, FREQUENCY, end=COURSE), SPEED, LENGTH)
     pilot.pause(True)
     trajectory = Trajectory(
         system='vehicle_lateral', state_names=['py', 'theta'], input_names=['phi'],
-        t=array('d', t), x=array('d', np.stack([y, theta], axis=1).ravel()), u=array('d', phi),
+        t=array('d', t), x=array('d', x.ravel()), u=array('d', phi.ravel()),
         interpolation='linear')
     course.append(_publish(pilot, trajectory, pilot.states.stamp[-1] + int(0.2e9)))
     pilot.pause(False)
     return f'steering up to {np.abs(phi).max():.2f} rad'
-
-
-def slalom(t: Array, length: float = 2.0) -> tuple[Array, Array, Array]:
-    """
-    Return y [m], theta [rad] and phi [rad] of the slalom, faded in and out within a second.
-
-    From py' = v sin(theta), theta' = (v / l) tan(phi): theta = asin(y' / v) and
-    phi = atan(l theta' / v).
-    """
-    w = 2 * np.pi * FREQUENCY
-    rising = t < COURSE / 2
-    s = np.clip(np.where(rising, t, COURSE - t), 0.0, 1.0)
-    # Smooth to the third derivative, so that phi has no jump.
-    a = s**4 * (35 - 84 * s + 70 * s**2 - 20 * s**3)
-    da = np.where(rising, 140.0, -140.0) * s**3 * (1 - s)**3
-    dda = 420 * s**2 * (1 - s)**2 * (1 - 2 * s)
-    sine, cosine = np.sin(w * t), np.cos(w * t)
-    y = AMPLITUDE * a * sine
-    dy = AMPLITUDE * (da * sine + a * w * cosine)
-    ddy = AMPLITUDE * (dda * sine + 2 * da * w * cosine - a * w**2 * sine)
-    theta = np.arcsin(dy / SPEED)
-    dtheta = ddy / np.sqrt(SPEED**2 - dy**2)
-    return y, theta, np.arctan(length * dtheta / SPEED)
 
 
 def _publish(pilot: Pilot, trajectory: Trajectory, begin: int) -> Trajectory:
@@ -134,7 +112,7 @@ def _draw(name: str, wanted: tuple[Array, Array], driven: tuple[Array, Array],
     figure, axes = plt.subplots(3, 1, figsize=(8, 8), sharex=True, layout='constrained')
     axes[0].plot(*driven, label='driven')
     axes[0].plot(*wanted, '--', label='reference')
-    axes[0].set(ylabel='lateral position y [m]')
+    axes[0].set(ylabel='lateral position py [m]')
     axes[0].legend()
     axes[1].plot(error[0], 1e3 * error[1])
     axes[1].set(ylabel='lateral error [mm]')

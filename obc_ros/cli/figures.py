@@ -50,7 +50,7 @@ def draw(path: Path, question: Question) -> None:
         save(figure, path)
 
 
-def save(figure: Figure, path: Path) -> None:
+def save(figure: Figure, path: Path, dpi: int = 150) -> None:
     """
     Write a figure into a file.
 
@@ -62,7 +62,7 @@ def save(figure: Figure, path: Path) -> None:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=150)
+        figure.savefig(path, dpi=dpi)
     except OSError as error:
         raise ObcError(f'{path} cannot be written: {error.strerror}') from error
 

@@ -9,6 +9,7 @@ numbers; what is there of other entries stays. Loops are recorded in ``DIR/recor
 
 import argparse
 from collections.abc import Sequence
+from contextlib import ExitStack
 import json
 from pathlib import Path
 import sys
@@ -70,15 +71,15 @@ def run(args: argparse.Namespace) -> int:
 
 
 def work_all(entries: Sequence['Entry'], out: Path, records: list[dict[str, Any]]) -> None:
-    """Append the records of entries, worked with a server on a domain of their own."""
+    """Append the records of entries, worked by nodes on a domain of their own."""
     from obc_ros.cli.client import served
     from obc_ros.cli.gallery_entries.desk import Desk
     from obc_ros.cli.processes import Children, free_domain, isolate
     with free_domain() as domain:
         isolate(domain)
-        with (Children(out / 'log') as children, served(children) as client,
+        with (Children(out / 'log') as children, ExitStack() as stack,
               terminal.progress() as lines):
-            desk = Desk(client, out / 'recordings')
+            desk = Desk(lambda: stack.enter_context(served(children)), out / 'recordings')
             for entry in entries:
                 lines.update(entry.name, entry.title)
                 records.append(work(entry, desk, out))
@@ -90,6 +91,7 @@ def work(entry: 'Entry', desk: 'Desk', out: Path) -> dict[str, Any]:
     import matplotlib
     from obc_ros.cli import figures
     from obc_ros.cli.client import ServerLostError
+    from obc_ros.cli.gallery_entries import drawing
     from obc_ros.cli.processes import InterruptedByUserError
     begun = time.monotonic()
     desk.begin(entry.name)
@@ -98,9 +100,9 @@ def work(entry: 'Entry', desk: 'Desk', out: Path) -> dict[str, Any]:
         'source': entry.source, 'statement': list(entry.statement), 'erratum': entry.erratum,
         'finding': '', 'notes': [], 'rows': [], 'figure': '', 'message': '', 'holds': False}
     try:
-        with matplotlib.rc_context(figures.STYLE):
+        with matplotlib.rc_context(drawing.STYLE):
             answer = entry.run(desk)
-            figures.save(answer.figure, out / f'{entry.name}.png')
+            figures.save(answer.figure, out / f'{entry.name}.png', drawing.DPI)
     except (InterruptedByUserError, ServerLostError):
         raise
     except ObcError as error:

@@ -248,9 +248,16 @@ def step_figures(A: Array, B: Array, K: Array, poles: Complex, period: float = 0
             length = 4.0 * last if last > 0.0 else 0.1 * length
         rate = np.gradient(x[:, i], t) if period else (x @ M.T)[:, i]
         rise[i], settled[i] = _rise_time(t, 1.0 - x[:, i], -rate), last
-        over[i] = max(0.0, float(-x[:, i].min()))
+        over[i] = max(0.0, -_lowest(x[:, i], rate, x @ (M @ M)[i] if not period else rate * 0.0))
         peak = np.fmax(peak, np.abs(x @ K.T + held).max(axis=0))
     return rise, over, settled, peak
+
+
+def _lowest(x: Array, rate: Array, bend: Array) -> float:
+    """Return the least value: beside the lowest sample that of its parabola, if it bends."""
+    k = int(np.argmin(x))
+    inside = 0 < k < len(x) - 1 and bend[k] > 0.0
+    return float(x[k] - (rate[k]**2 / (2.0 * bend[k]) if inside else 0.0))
 
 
 def _fall(M: Array, i: int, length: float, period: float) -> tuple[Array, Array]:

@@ -24,7 +24,7 @@ from scipy.linalg import solve_banded
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_PRECISE, _QUICK = 1e-6, 1e-5   # of its size: how far u may be off u*, alone and after a search
+_PRECISE, _QUICK = 2e-7, 1e-5   # of its size: how far u may be off u*, alone and after a search
 _FEWEST_SAMPLES, _MOST_SAMPLES = 64, 4000
 _WORTH_IT = 1000   # iterations times intervals
 _LARGEST = 3e7     # entries of the matrices of all intervals

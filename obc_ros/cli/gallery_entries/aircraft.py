@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.cli.figures import COLOURS, THIN
-from obc_ros.cli.gallery_entries.desk import Desk
+from obc_ros.cli.gallery_entries.desk import Desk, regulator
 from obc_ros.cli.gallery_entries.drawing import describe, EXACT, panels
 from obc_ros.cli.gallery_entries.entry import Answer, Entry, Row
 from obc_ros.cli.gallery_entries.exact import sampled_loop, simulated_loop
@@ -46,7 +46,6 @@ def gain(Qx: list[float], rho: float) -> Array:
 def example_2_5(desk: Desk) -> Answer:
     """Answer Example 2.5: fly the linear model and the aircraft itself."""
     A, B = linear_model()
-    model, = desk.design_all([{'system': 'aircraft', 'Qx': PRINTED, 'Qu': [0.1, 0.1]}])
     cases = {rho: (IDENTITY, rho, STEPS) for rho in (1.0, 0.1, 10.0, 1e2, 1e4)}
     cases |= {'printed': (PRINTED, 0.1, LONG), 'meant': (MEANT, 0.1, LONG)}
     plant = {'system': 'linear', 'system_parameters.A': A, 'system_parameters.B': B}
@@ -57,6 +56,7 @@ def example_2_5(desk: Desk) -> Answer:
                    {'system': 'aircraft', 'setpoint': GOAL, 'Qx': IDENTITY,
                     'Qu': [1.0, 1.0]}) as loop:
         whole = {name: _fly(loop, *cases[name]) for name in (1.0, 'printed')}
+        model = regulator(loop.design)
     rows = [
         Row('linearization: $A$', model.A, A, 'Newton, at hover'),
         Row('linearization: $B$', model.B, B, 'Newton, at hover'),
@@ -66,19 +66,19 @@ def example_2_5(desk: Desk) -> Answer:
         run, text = linear[name], _text(name)
         x, u = sampled_loop(A, B, gain(Qx, rho), -GOAL, STEP, len(run.t) - 1)
         rows += [Row(f'{text}, linear: $x(t)$', run.x, GOAL + x, 'recursion, SciPy gain'),
-                 Row(f'{text}, linear: $u(t)$', run.u, u[run.heard], 'recursion, SciPy gain')]
+                 Row(f'{text}, linear: $u(t)$', run.u, u, 'recursion, SciPy gain')]
     for name in whole:
         Qx, rho, _ = cases[name]
         run = whole[name]
         x, u = _simulated(gain(Qx, rho), len(run.t) - 1)
         rows += [Row(f'{_text(name)}, aircraft: $x(t)$', run.x, x, 'Dormand-Prince 8(5,3)'),
-                 Row(f'{_text(name)}, aircraft: inputs [N]', run.u, u[run.heard],
+                 Row(f'{_text(name)}, aircraft: inputs [N]', run.u, u,
                      'Dormand-Prince 8(5,3)')]
     printed = linear['printed']
     return Answer(rows, _draw(linear, whole), (
         'The states $x, y$ and inputs $u_1 = f_1$, $u_2 = f_2 - mg$ of two running loops: the '
-        'linear model (as in the book) and, dotted, the aircraft itself. Weights are changed in '
-        'the running `lqr_node`; each step starts from a reset of the plant.',
+        'linear model (as in the book, with its axes) and, dotted, the aircraft itself. Weights '
+        'are changed in the running `lqr_node`; each step starts from a reset of the plant.',
         'The printed weights tilt the aircraft by '
         f'{np.degrees(np.abs(whole["printed"].x[:, 2])).max():.0f} degrees; the linear model does '
         'not know that its thrust then no longer carries it: the aircraft itself falls by '
@@ -116,39 +116,57 @@ def _text(name: float | str) -> str:
 
 
 def _draw(linear: dict[Any, Run], whole: dict[Any, Run]) -> Figure:
-    figure, ((a, legend, caption), (b, inputs, meant)) = panels(2, 3, 3.2)
-    for axes, name in ((a, 1.0), (b, 'printed')):
+    figure, ((a, legend, caption), (b, inputs, all_inputs), (fall, tilt, weights)) = panels(
+        3, 3, 2.55)
+    for axes, name in ((a, 1.0), (b, 'printed'), (fall, 'printed')):
         for index, text in enumerate('xy'):
             axes.plot(linear[name].t, linear[name].x[:, index], color=COLOURS[index],
                       label=f'${text}$')
-            axes.plot(whole[name].t, whole[name].x[:, index], **EXACT)
-        axes.plot([], [], label='the aircraft itself', **EXACT)
+            if axes is not b:
+                axes.plot(whole[name].t, whole[name].x[:, index], **EXACT)
     for axes, values in ((legend, LEGEND), (caption, CAPTION)):
         for index, rho in enumerate(values):
+            exponent = round(np.log10(rho))
             axes.plot(linear[rho].t, linear[rho].x[:, 0], color=COLOURS[index],
-                      label=f'$\\rho = {rho:g}$')
+                      label=rf'$\rho = 10^{exponent}$' if rho > 50 else rf'$\rho = {rho:g}$')
     run = linear['printed']
-    for index in range(2):
-        inputs.plot(run.tu, run.u[:, index], color=COLOURS[index], drawstyle='steps-post',
-                    label=f'$u_{index + 1}$')
-    for name, style, text in (('printed', '-', '$2\\pi/9$'), ('meant', '--', '1.3131')):
-        meant.plot(linear[name].t, np.degrees(linear[name].x[:, 2]), style,
-                   color=COLOURS[3], label=f'weight {text}')
-    for axes, title in ((a, 'Figure 2.4(a): $Q_x = I$, $Q_u = I$'),
-                        (legend, 'Figure 2.4(b), $\\rho$ as in its legend'),
-                        (caption, 'Figure 2.4(b), $\\rho$ as in its caption'),
-                        (b, 'Figure 2.5(a): printed weights')):
-        axes.axhline(1.0, **THIN)
-        describe(axes, title, 'time $t$ [s]', 'position $x$, $y$ [m]' if axes in (a, b) else
-                 'position $x$ [m]', legend='lower right')
-        axes.set(xlim=(0, STEPS if axes is not b else LONG), ylim=(-0.05, 1.5))
-    b.set_ylim(-1.1, 1.5)
-    describe(inputs, 'Figure 2.5(b): inputs', 'time $t$ [s]',
-             '$u_1$, $u_2$ [N]', legend='lower right')
-    describe(meant, 'tilt, two weights of $\\theta$', 'time $t$ [s]', '$\\theta$ [deg]',
-             legend='lower right')
-    inputs.set_xlim(0, LONG)
-    meant.set_xlim(0, LONG)
+    for axes in (inputs, all_inputs):
+        for index in range(2):
+            axes.plot(run.t, run.u[:, index], color=COLOURS[index], drawstyle='steps-post',
+                      label=f'$u_{index + 1}$')
+    tilt.plot(run.t, np.degrees(run.x[:, 2]), color=COLOURS[2], label=r'$\theta$')
+    tilt.plot(whole['printed'].t, np.degrees(whole['printed'].x[:, 2]), **EXACT)
+    for axes in (a, fall, tilt):
+        axes.plot([], [], label='the aircraft itself', **EXACT)
+    for index, text in enumerate('xy'):
+        weights.plot(run.t, 100 * (linear['meant'].x - run.x)[:, index], color=COLOURS[index],
+                     label=f'${text}$')
+    both, one = 'position $x$, $y$ [m]', 'position $x$ [m]'
+    step = range(0, 11, 2), [0, 0.5, 1, 1.5]
+    long = [0, 5, 10, 15]
+    for axes, title, y, limits, ticks, place in (
+            (a, 'Figure 2.4(a): step, $Q_x = I$, $Q_u = I$', both, (0, 10, 0, 1.5), step,
+             'lower right'),
+            (legend, r'Figure 2.4(b), $\rho$ as in its legend', one, (0, 10, 0, 1.5), step,
+             'lower right'),
+            (caption, r'Figure 2.4(b), $\rho$ as in its caption', one, (0, 10, 0, 1.5), step,
+             'lower right'),
+            (b, 'Figure 2.5(a): step, printed weights', both, (0, 15, 0, 1.4),
+             (long, np.arange(8) / 5), 'lower right'),
+            (inputs, 'Figure 2.5(b): inputs, its axes', '$u_1$, $u_2$ [N]', (0, 15, 0, 4),
+             (long, range(5)), 'upper right'),
+            (all_inputs, 'the same inputs, whole', '$u_1$, $u_2$ [N]', (0, 3, -35, 16),
+             (range(4), [-30, -20, -10, 0, 10]), 'lower right'),
+            (fall, 'printed weights, in flight', both, (0, 10, -0.9, 1.5),
+             (range(0, 11, 2), [-0.5, 0, 0.5, 1, 1.5]), 'lower right'),
+            (tilt, 'printed weights: tilt', r'$\theta$ [deg]', (0, 3, -60, 60),
+             (range(4), [-60, -30, 0, 30, 60]), 'upper right'),
+            (weights, r'weight 1.3131 of $\theta$ less $2\pi/9$', 'difference [cm]',
+             (0, 5, -0.7, 0.4), (range(6), [-0.6, -0.4, -0.2, 0, 0.2, 0.4]), 'lower right')):
+        describe(axes, title, 'time $t$ [s]', y, legend=place)
+        axes.axis(limits)
+        axes.set(xticks=ticks[0], yticks=ticks[1])
+        axes.axhline(1.0 if y in (both, one) else 0.0, **THIN)
     return figure
 
 

@@ -6,9 +6,10 @@ What an entry works at: the services of a running trajectory server, and loops o
 What is asked is kept as the `ros2` command that asks the same.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -84,10 +85,14 @@ class Regulator:
 
 
 class Desk:
-    """The services of one server, and loops that record into `folder`."""
+    """
+    The services of one server, and loops that record into `folder`.
 
-    def __init__(self, client: Client, folder: Path) -> None:
-        self._client = client
+    The server is connected to when it is first asked: entries that only fly do without.
+    """
+
+    def __init__(self, connect: Callable[[], Client], folder: Path) -> None:
+        self._connect = connect
         self._folder = folder
         self._services: dict[Any, Any] = {}
         self._entry = ''
@@ -97,10 +102,13 @@ class Desk:
         """Begin another entry, with no commands yet."""
         self._entry, self.commands = entry, []
 
+    @cached_property
+    def _client(self) -> Client:
+        return self._connect()
+
     def note(self, command: str) -> None:
-        """Keep a command, once."""
-        if command not in self.commands:
-            self.commands.append(command)
+        """Keep a command."""
+        self.commands.append(command)
 
     def ask(self, requests: Iterable[Any], kind: Any, show: int = 1) -> list[Any]:
         """Return the responses to requests of one service, some at a time."""
@@ -167,10 +175,12 @@ class Desk:
         responses = self.ask([design_request(each) for each in cases], DesignLqr, show)
         for each in responses:
             _check(each.success, each)
-        return [_regulator(each.design) for each in responses]
+        return [regulator(each.design) for each in responses]
 
     def loop(self, name: str, plant: Values, regulator: Values) -> AbstractContextManager[Loop]:
         """Return a loop of `plant_simulator` and `lqr_node` with these parameters."""
+        if any('plant_simulator' in each for each in self.commands):
+            self.note('# Ctrl-C in the terminals of the two nodes; then')
         return run_loop(self._folder / f'{self._entry}-{name}', plant, regulator, self.note)
 
 
@@ -236,7 +246,8 @@ def _trajectory(response: Any) -> Trajectory:
         np.array(path.switching_times), response.message, response.certificate.sentence)
 
 
-def _regulator(design: Any) -> Regulator:
+def regulator(design: Any) -> Regulator:
+    """Return what an LqrDesign tells."""
     n, m = len(design.xe), len(design.ue)
     return Regulator(column(design.a, n), column(design.b, m), column(design.k, n),
                      column(design.p, n),

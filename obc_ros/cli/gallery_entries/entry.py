@@ -34,6 +34,8 @@ class Row:
         Of one shape.
     by : str
         Where `exact` comes from: a formula, or an independent computation.
+    relative : bool
+        Whether errors are taken over exact values below 1, too.
     tolerance : float
         That the error must not exceed.
 
@@ -43,16 +45,24 @@ class Row:
     measured: ArrayLike
     exact: ArrayLike
     by: str
+    relative: bool = False
     tolerance: float = TOLERANCE
 
     @property
-    def error(self) -> float:
-        """Return the largest difference over the largest exact value (or 1, if that is less)."""
+    def errors(self) -> NDArray[np.float64]:
+        """Return each difference over the exact value, or over 1 if that is less."""
         measured, exact = (np.asarray(each, dtype=float) for each in (self.measured, self.exact))
         if measured.shape != exact.shape or not measured.size:
-            return np.inf
-        error = np.abs(measured - exact).max() / max(1.0, np.abs(exact).max())
-        return float(error) if np.isfinite(error) else np.inf
+            return np.array([np.inf])
+        scale = np.maximum(0.0 if self.relative else 1.0, np.abs(exact))
+        with np.errstate(divide='ignore', invalid='ignore'):
+            errors = np.abs(measured - exact) / scale
+        return np.where(np.isfinite(errors), errors, np.inf).ravel()
+
+    @property
+    def error(self) -> float:
+        """Return the largest error."""
+        return float(self.errors.max())
 
     @property
     def holds(self) -> bool:
@@ -63,10 +73,11 @@ class Row:
         """Return what ``gallery.json`` holds of it; of many values the worst one."""
         measured, exact = (np.asarray(each, dtype=float).ravel()
                            for each in (self.measured, self.exact))
-        worst = int(np.argmax(np.abs(measured - exact))) if measured.shape == exact.shape else 0
+        worst = int(np.argmax(self.errors))
         return {'what': self.what, 'measured': float(measured[worst]),
                 'exact': float(exact[worst]), 'values': int(measured.size), 'error': self.error,
-                'tolerance': self.tolerance, 'by': self.by, 'holds': self.holds}
+                'relative': self.relative, 'tolerance': self.tolerance, 'by': self.by,
+                'holds': self.holds}
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.integrate import solve_ivp
+from scipy.integrate import ode
 from scipy.linalg import expm
 from scipy.optimize import linear_sum_assignment
 
@@ -41,12 +41,13 @@ def simulated_loop(rate: Rate, law: Law, x0: ArrayLike, step: float, count: int
 
     By Dormand and Prince's method of order 8, to twelve digits.
     """
-    x, u = [np.asarray(x0, dtype=float)], []
-    for k in range(count):
+    solver = ode(lambda _, y, u: rate(y, u)).set_integrator('dop853', rtol=1e-12, atol=1e-14)
+    solver.set_initial_value(np.asarray(x0, dtype=float))
+    x, u = [solver.y], [law(0.0, solver.y)]
+    for k in range(1, count + 1):
+        x.append(solver.set_f_params(u[-1]).integrate(k * step))
         u.append(law(k * step, x[-1]))
-        x.append(solve_ivp(lambda _, y: rate(y, u[-1]), (0.0, step), x[-1], 'DOP853',
-                           rtol=1e-12, atol=1e-14).y[:, -1])
-    return np.array(x), np.array([*u, law(count * step, x[-1])])
+    return np.array(x), np.array(u)
 
 
 def free_motion(A: Array, x0: ArrayLike, t: Array) -> Array:

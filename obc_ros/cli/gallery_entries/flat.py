@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from math import exp, sinh, sqrt
 from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import NDArray
@@ -26,19 +27,21 @@ Array = NDArray[np.float64]
 Drift = Callable[[Any], Any]
 
 TF = 1.0
+OTHER = {'x0': -1.5, 'c': 10.0, 'a': 2.0, 'b': 0.5, 'tf': 0.8}
 COUNTS = (2, 3, 4, 5, 6)  # M
 MANY_WEIGHTS = tuple(np.logspace(-2, 6, 17))
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 NODES, SHARES = (_POINTS + 1) * TF / 2, _WEIGHTS * TF / 2  # exact to degree 47
 
 
-def optimal(power: int, x0: float, c: float, end: float | None = None) -> dict[str, Any]:
-    """Return the problem for x' = -x^power + u, with x(tf) = end if that is given."""
+def optimal(power: int, x0: float, c: float, end: float | None = None, *, a: float = 1.0,
+            b: float = 1.0, tf: float = TF) -> dict[str, Any]:
+    """Return the problem for x' = -a x^power + b u, with x(tf) = end if that is given."""
     fixed = {} if end is None else {'terminal_constraints': [f'x - {end!r}']}
-    return {'states': ['x'], 'inputs': ['u'], 'parameters': {'a': 1, 'b': 1, 'c': c},
+    return {'states': ['x'], 'inputs': ['u'], 'parameters': {'a': a, 'b': b, 'c': c},
             'dynamics': {'x': '-a*x + b*u' if power == 1 else f'-a*x**{power} + b*u'},
             'running_cost': 'u**2/2', 'terminal_cost': 'c*x**2/2', 'initial_state': {'x': x0},
-            'final_time': {'free': False, 'value': TF}, **fixed}
+            'final_time': {'free': False, 'value': tf}, **fixed}
 
 
 def flat(M: int, power: int) -> dict[str, Any]:
@@ -63,10 +66,14 @@ def exercise_2_4(desk: Desk) -> Answer:
     """Answer Exercise 2.4, (a) to (e)."""
     free = desk.solve(**optimal(1, 1.0, 1.0))
     many = desk.solve_all([optimal(1, 1.0, c) for c in MANY_WEIGHTS], show=0)
+    other = desk.solve(**optimal(1, **OTHER), show=0)
     nothing = desk.solve(**optimal(1, 0.0, 1.0), show=0)
     best = desk.solve(**optimal(1, 0.0, 1.0, 1.0))
     found = desk.minimize_all([flat(M, 1) for M in COUNTS])
     a = scalar_finite_horizon(-1.0, 1.0, 1.0, 1.0, free.t, tf=TF)
+    b = scalar_finite_horizon(-OTHER['a'], OTHER['b'], OTHER['c'], OTHER['x0'], other.t,
+                              tf=OTHER['tf'])
+    ends = [exp(-TF) / (1 + c * (1 - exp(-2 * TF)) / 2) for c in MANY_WEIGHTS]
     between = scalar_between(-1.0, 1.0, 0.0, 1.0, best.t, tf=TF)
     t = np.linspace(0, TF, 101)
     z, dz = curve(found[0].x, t)
@@ -75,8 +82,9 @@ def exercise_2_4(desk: Desk) -> Answer:
         Row('(a) $u*(t)$ from $x(0) = 1$, $c = 1$', free.u['u'], a.u, '(2.4) with $-a$'),
         Row('(a) cost $J$', free.J, a.J, '$½ P(0) x(0)^2$'),
         Row('(a) $x*(t_f)$ for $c$ from 0.01 to $10^6$', [path.x['x'][-1] for path in many],
-            [exp(-TF) / (1 + c * (1 - exp(-2 * TF)) / 2) for c in MANY_WEIGHTS],
-            '$x(0) e^{-at_f} / (1 + b^2 c (1 - e^{-2at_f}) / 2a) → 0$'),
+            ends, '$x(0) e^{-at_f} / (1 + b^2 c (1 - e^{-2at_f}) / 2a) → 0$', relative=True),
+        Row('(a) $x*$, $u*$ with $a = 2$, $b = ½$, $c = 10$, $t_f = 0.8$, $x(0) = -1.5$',
+            [other.x['x'], other.u['u']], [b.x, b.u], '(2.5), (2.4) with $-a$'),
         Row('(c) $M = 2$: $x_d(t)$', z, t, '$x(t_0) + (x(t_f) - x(t_0))(t - t_0)/(t_f - t_0)$'),
         Row('(c) $M = 2$: $u_d(t)$', dz + z, 1 + t, "$(x_d' + a x_d)/b = 1 + t$"),
         Row('(d) optimal $x(t)$, $x(1) = 1$ demanded', best.x['x'],
@@ -89,7 +97,9 @@ def exercise_2_4(desk: Desk) -> Answer:
             [each.objective for each in found[1:]], [_least_square(M) for M in COUNTS[1:]],
             'least squares in the coefficients')]
     shares = [(each.objective - best.J) / best.J for each in found]
-    return Answer(rows, _draw('x', free, best, found, 1), (
+    figure, last = _draw('x', free, best, found, 1)
+    _draw_ends(last, many, ends)
+    return Answer(rows, figure, (
         "(b) $z = x$ is a flat output: $x = z$, $u = (z' + az)/b$. (c) Two coefficients meet the "
         'ends, $M = 2$. (d) The flat trajectory costs '
         f'{100 * shares[0]:.2g} % more than the optimum. (e) Coefficients to spare lower the '
@@ -123,13 +133,15 @@ def exercise_2_5(desk: Desk) -> Answer:
     rows = [
         Row('(a) $λ(t_f) = c x(t_f)$', free.lam['x'][-1], free.x['x'][-1], 'the condition'),
         Row('(a) $x*(t)$ from $x(0) = 1$', free.x['x'], x, 'shooting, Dormand-Prince 8(5,3)'),
-        Row('(a) $λ(t) = -u*(t)/b$', free.lam['x'], lam, 'shooting'),
+        Row('(a) $λ(t)$', free.lam['x'], lam, 'shooting'),
+        Row('(a) $u*(t) = -bλ(t)$', free.u['u'], -lam, 'shooting'),
         Row('(a) cost $J$', free.J, J, 'shooting'),
         Row('(a) $H$ is constant', free.hamiltonian, np.full(free.t.size, free.hamiltonian[0]),
             'its value at $t = 0$'),
         Row('(c) $M = 2$: $u_d(t)$', dz + z**3, 1 + t**3, "$(x_d' + a x_d^3)/b = 1 + t^3$"),
-        Row("(d) optimal $x'(t)$, $x(1) = 1$ demanded", -best.lam['x'] - best.x['x']**3,
+        Row("(d) optimal $x'(t)$, $x(1) = 1$ demanded", best.u['u'] - best.x['x']**3,
             np.sqrt(best.x['x']**6 + E), "$H$ constant: $x'^2 = x^6 + E$, $∫ dx/x' = 1$"),
+        Row('(d) optimal $u(t) = -bλ(t)$', best.u['u'], -best.lam['x'], 'the costate'),
         Row('(d) optimal cost $J$', best.J, _cost_of(dx) + 0.5,
             '$½ ∫ (dx/dt + x^3)^2 dt + ½$ by quadrature over $x$'),
         Row('(d) flat cost $J$, $M = 2$', found[0].objective, 23 / 28 + 0.5, '$23/28 + ½$'),
@@ -137,13 +149,13 @@ def exercise_2_5(desk: Desk) -> Answer:
             [each.objective for each in found[1:]], [_least(M) for M in COUNTS[1:]],
             'BFGS from another start, without the server')]
     shares = [(each.objective - best.J) / best.J for each in found]
-    return Answer(rows, _draw('x^3', free, best, found, 3), (
+    figure, last = _draw('x^3', free, best, found, 3)
+    _draw_first_integral(last, best, E)
+    return Answer(rows, figure, (
         "(a) The conditions: $λ' = 3ax^2λ$, $λ(t_f) = c x(t_f)$, $u = -bλ$. (b) $z = x$ is flat, "
         "$u = (z' + az^3)/b$. The straight line costs "
         f'{100 * shares[0]:.2g} % more than the optimum, $M = 3$ {100 * shares[1]:.2g} %, '
-        f'$M = 6$ {100 * shares[-1]:.1g} %.',
-        'The input that the server returns is the best one among the piecewise linear; compared '
-        'here is the optimal input itself, $u* = -bλ$ from the costate that it returns.'))
+        f'$M = 6$ {100 * shares[-1]:.1g} %.',))
 
 
 def _shoot(t: Array) -> tuple[Array, Array, float]:
@@ -185,8 +197,10 @@ def _least(M: int) -> float:
                           options={'gtol': 1e-10}).fun)
 
 
-def _draw(drift: str, free: Trajectory, best: Trajectory, found: list[Any], power: int) -> Figure:
-    figure, ((states, inputs, costs),) = panels(1, 3, 3.9)
+def _draw(drift: str, free: Trajectory, best: Trajectory, found: list[Any], power: int
+          ) -> tuple[Figure, Axes]:
+    """Return a figure, and those axes of it that are still empty."""
+    figure, ((states, inputs), (costs, last)) = panels(2, 2, 2.9)
     t = np.linspace(0, TF, 101)
     for index, M in enumerate((2, 3)):
         z, dz = curve(found[index].x, t)
@@ -197,19 +211,39 @@ def _draw(drift: str, free: Trajectory, best: Trajectory, found: list[Any], powe
         axes.plot(best.t, values, color=COLOURS[2], label='optimal, $x(1) = 1$')
         axes.plot(free.t, other, color=COLOURS[3], label='(a) optimal from $x(0) = 1$')
         axes.set_xlim(0, TF)
-    exact = np.sinh(t) / np.sinh(1), np.exp(t) / np.sinh(1)
     if power == 1:
-        states.plot(t, exact[0], label='closed form', **EXACT)
-        inputs.plot(t, exact[1], **EXACT)
+        known = scalar_finite_horizon(-1.0, 1.0, 1.0, 1.0, t, tf=TF)
+        shown = (np.sinh(t) / sinh(1), np.exp(t) / sinh(1)), (known.x, known.u)
+    else:
+        x, lam, _ = _shoot(t)
+        shown = ((x, -lam),)
+    for x, u in shown:
+        states.plot(t, x, label='exact' if x is shown[0][0] else None, **EXACT)
+        inputs.plot(t, u, **EXACT)
     describe(states, 'state', 'time $t$ [s]', '$x(t)$')
     describe(inputs, 'input', 'time $t$ [s]', '$u(t)$')
     legend_below(figure, states, 5)
-    excess = [max(each.objective - best.J, 1e-16) for each in found]
-    costs.semilogy(COUNTS, excess, 'o-', color=COLOURS[0])
+    costs.semilogy(COUNTS, [each.objective - best.J for each in found], 'o-', color=COLOURS[0])
     costs.set_xticks(COUNTS)
-    describe(costs, 'cost above the optimum', 'number of coefficients $M$', '$J_M - J^*$')
+    describe(costs, '(e) cost of flat trajectories above the optimum',
+             'number of coefficients $M$', '$J_M - J^*$')
     figure.suptitle(f'$\\dot x = -a{drift} + bu$,  $a = b = c = 1$,  $t_f = {TF:g}$ s')
-    return figure
+    return figure, last
+
+
+def _draw_ends(axes: Axes, many: list[Trajectory], ends: list[float]) -> None:
+    axes.loglog(MANY_WEIGHTS, [path.x['x'][-1] for path in many], 'o', markersize=4,
+                color=COLOURS[3], label='of the server')
+    axes.loglog(MANY_WEIGHTS, ends, label='closed form', **EXACT)
+    describe(axes, '(a) final state from $x(0) = 1$', 'weight $c$', '$x^*(t_f)$', legend=True)
+
+
+def _draw_first_integral(axes: Axes, best: Trajectory, E: float) -> None:
+    x = np.linspace(0, 1, 101)
+    axes.plot(best.x['x'], best.u['u'] - best.x['x']**3, color=COLOURS[2],
+              label='of the server')
+    axes.plot(x, np.sqrt(x**6 + E), label=r'$\dot x^2 = x^6 + E$', **EXACT)
+    describe(axes, '(d) optimum in the phase plane', '$x$', r'$\dot x$', legend=True)
 
 
 EXERCISE_2_4 = Entry(

@@ -12,6 +12,7 @@ from obc_ros.cli.figures import COLOURS, THIN
 from obc_ros.cli.gallery_entries.desk import Desk, Trajectory
 from obc_ros.cli.gallery_entries.drawing import describe, legend_below, panels
 from obc_ros.cli.gallery_entries.entry import Answer, Entry, Row
+from scipy.interpolate import CubicHermiteSpline
 
 Array = NDArray[np.float64]
 
@@ -78,8 +79,8 @@ def example_2_3(desk: Desk) -> Answer:
             path.hamiltonian for path in (*plain, *turning)]),
             np.zeros(sum(path.t.size for path in (*plain, *turning))), '$H = 0$, as $T$ is free')]
     return Answer(rows, _draw_2_3(plain, turning), (
-        'Blue: $u = -1$, orange: $u = +1$. Every input is the sign of the switching function '
-        '$λ^T B$, and changes it on the black curve. Without damping the oscillator needs a '
+        'Dots: the starts. Every input is minus the sign of the switching function $λ^T B$, and '
+        'changes it on the black curve. Without damping the oscillator needs a '
         'switch every half period.',))
 
 
@@ -91,33 +92,48 @@ def _law(paths: list[Trajectory]) -> tuple[Array, Array]:
 
 
 def _draw_2_3(plain: list[Trajectory], turning: list[Trajectory]) -> Figure:
-    figure, ((left, middle, right),) = panels(1, 3, 3.8)
+    figure, ((left, middle, right),) = panels(1, 3, 3.3, width_ratios=(1, 1, 1.1))
     for axes, paths in ((left, plain), (middle, turning)):
         for path in paths:
             for sign, colour in ((-1, COLOURS[0]), (1, COLOURS[1])):
-                part = np.where(path.u['u'] * sign > 0, 1.0, np.nan)
-                axes.plot(path.x['x1'] * part, path.x['x2'] * part, color=colour, linewidth=1)
+                x1, x2, u = smooth(path)
+                part = np.where(u * sign > 0, 1.0, np.nan)
+                axes.plot(x1 * part, x2 * part, color=colour, linewidth=0.9)
             axes.plot(path.x['x1'][0], path.x['x2'][0], '.', color='black', markersize=4)
-        axes.set_aspect('equal', adjustable='datalim')
+    for text, colour in (('$u = -1$', COLOURS[0]), ('$u = +1$', COLOURS[1])):
+        left.plot([], [], color=colour, label=text)
     v = np.linspace(-2.6, 2.6, 201)
     left.plot(-v * np.abs(v) / 2, v, color='black', label='switching curve')
+    left.set(xlim=(-4, 4), ylim=(-3.2, 3.2))
     angle = np.linspace(0, pi, 100)
-    for k in range(4):
+    for k in range(5):
         for side in (1, -1):
-            middle.plot(side * (2 * k + 1 + np.cos(angle)), -side * np.sin(angle), color='black',
-                        label='switching curve' if k == 0 and side == 1 else None)
-    describe(left, 'double integrator', '$x_1$ [m]', '$x_2$ [m/s]', legend='upper right')
+            middle.plot(side * (2 * k + 1 + np.cos(angle)), -side * np.sin(angle), color='black')
+    middle.set(aspect='equal', xlim=(-10, 10), ylim=(-11, 11), xticks=[-8, -4, 0, 4, 8],
+               yticks=[-8, -4, 0, 4, 8])
+    describe(left, 'double integrator', '$x_1$ [m]', '$x_2$ [m/s]')
     describe(middle, 'oscillator $\\ddot x + x = u$', '$x_1$', '$x_2$')
     path = turning[-1]
-    right.plot(path.t, path.u['u'], color=COLOURS[1], drawstyle='steps-post', label='$u(t)$')
-    right.plot(path.t, path.lam['x2'], color=COLOURS[2],
-               label='switching function $\\lambda^T B$')
+    right.plot(path.t, path.u['u'], color=COLOURS[2], drawstyle='steps-post', label='$u(t)$')
+    right.plot(path.t, path.lam['x2'], color=COLOURS[4], label='$\\lambda^T B$')
     right.plot(path.t, path.hamiltonian, color=COLOURS[3], label='$H$')
     for time in path.switching_times:
         right.axvline(time, **THIN)
-    describe(right, 'oscillator, five switches', 'time $t$ [s]', '', legend='lower left')
-    right.set_ylim(-2.4, 1.5)
+    describe(right, 'oscillator with five switches', 'time $t$ [s]',
+             '$u$, $\\lambda^T B$, $H$')
+    right.set(xlim=(0, path.T), ylim=(-1.3, 1.7))
+    right.legend(loc='upper center', ncols=3, columnspacing=1.2)
+    legend_below(figure, left, 3)
     return figure
+
+
+def smooth(path: Trajectory) -> tuple[Array, Array, Array]:
+    """Return x1, x2 and u at many times, by the cubics with the values x1 and the slopes x2."""
+    knots, index = np.unique(path.t, return_index=True)
+    spline = CubicHermiteSpline(knots, path.x['x1'][index], path.x['x2'][index])
+    t = np.unique(np.concatenate([np.linspace(0, path.T, 400), path.switching_times,
+                                  path.switching_times - 1e-9]))
+    return spline(t), spline(t, 1), path.u['u'][np.searchsorted(path.t, t, 'right') - 1]
 
 
 LINES = (0.5, 2.0, 3.0)
@@ -193,7 +209,7 @@ def _printed(path: Trajectory) -> Array:
 
 
 def _draw_2_6(line: Trajectory, loop: Trajectory, printed: Array) -> Figure:
-    figure, ((plane, inputs, costates),) = panels(1, 3, 3.9)
+    figure, ((plane, inputs, costates),) = panels(1, 3, 3.3)
     s = np.linspace(0, 2, 201)
     plane.plot(s, np.interp(s, [0, 0.5, 1.5, 2], [0, 0.5, -0.5, 0]), color='0.7',
                label='as fast to (2, 0, 0)')
@@ -204,12 +220,13 @@ def _draw_2_6(line: Trajectory, loop: Trajectory, printed: Array) -> Figure:
                        (loop.x['x1'][k - 1], loop.x['x2'][k - 1]),
                        arrowprops={'arrowstyle': '-|>', 'color': COLOURS[0]})
     plane.set(aspect='equal')
+    plane.set(xticks=[-1, 0, 1, 2], yticks=[0, 1, 2])
     describe(plane, 'paths', '$x_1$', '$x_2$')
     legend_below(figure, plane, 3)
     for name, colour, shift in (('u1', COLOURS[0], 0.0), ('u2', COLOURS[1], 3.0)):
         inputs.plot(loop.t, loop.u[name] + shift, color=colour, drawstyle='steps-post')
         inputs.text(0.1, shift + 0.45, f'$u_{name[1]}$', color=colour)
-    inputs.set_yticks([-1, 0, 1, 2, 3, 4], ['-1', '0', '1', '-1', '0', '1'])
+    inputs.set_yticks([-1, 0, 1, 2, 3, 4], [f'${value}$' for value in (-1, 0, 1) * 2])
     describe(inputs, 'inputs to (1, 0, 4.25)', 'time $t$ [s]', '$u_1$ (below), $u_2$ (above)')
     for index, name in enumerate(('x1', 'x2', 'x3')):
         costates.plot(loop.t, loop.lam[name], color=COLOURS[index],
@@ -218,7 +235,10 @@ def _draw_2_6(line: Trajectory, loop: Trajectory, printed: Array) -> Figure:
     for axes in (inputs, costates):
         for time in loop.switching_times:
             axes.axvline(time, **THIN)
-    describe(costates, 'costates to (1, 0, 4.25)', 'time $t$ [s]', '$\\lambda$', legend=True)
+    describe(costates, 'costates to (1, 0, 4.25)', 'time $t$ [s]', '$\\lambda$',
+             legend='lower left')
+    for axes in (inputs, costates):
+        axes.set_xlim(0, loop.T)
     return figure
 
 

@@ -7,7 +7,7 @@ from typing import Any
 from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.cli.figures import COLOURS, THIN
+from obc_ros.cli.figures import COLOURS
 from obc_ros.cli.gallery_entries.desk import design_request, Desk, Regulator
 from obc_ros.cli.gallery_entries.drawing import describe, EXACT, panels
 from obc_ros.cli.gallery_entries.entry import Answer, Entry, Row, UnansweredError
@@ -50,12 +50,8 @@ def exercise_2_7(desk: Desk) -> Answer:
         E = np.linalg.eigvals(A - B @ K)
         poles.append(matched(found.E, E))
         wanted.append(E)
-    observable = [np.linalg.matrix_rank(np.vstack([C @ np.linalg.matrix_power(A, k)
-                                                   for k in range(len(A))])) == len(A)
-                  for A, _, C, _ in systems]
     own, exact = np.concatenate(poles), np.concatenate(wanted)
     rows = [
-        Row('observable pairs $(A, C)$', sum(observable), SYSTEMS, 'all that were drawn'),
         Row('stable closed loops', sum(bool((each.E.real < 0).all()) for each in designs),
             SYSTEMS, 'the exercise'),
         Row('gains $K$', *(np.concatenate([each[side].ravel() for each in gains])
@@ -64,14 +60,15 @@ def exercise_2_7(desk: Desk) -> Answer:
             'eigenvalues of $A - BK$'),
         Row('imaginary parts [rad/s]', own.imag, exact.imag, 'eigenvalues of $A - BK$')]
     return Answer(rows, _draw_2_7(systems, designs), (
-        f'{SYSTEMS} random systems with 2 to 6 states, one input and one output, each with its '
+        f'{SYSTEMS} random observable systems of 2 to 6 states, one input and one output, each '
+        'with its '
         'own $ρ$ between 0.01 and 100: the optimal feedback has all poles in the left half '
         'plane. The unobservable subspace is the only place where $x$ could stay without a cost.',
         ), f'Asked for $A = 1$, $B = 0$, $C = 1$ the server answers: “{refused.message}”.')
 
 
 def _draw_2_7(systems: list[Any], designs: list[Regulator]) -> Figure:
-    figure, ((plane, slowest),) = panels(1, 2, 3.9)
+    figure, ((plane, slowest),) = panels(1, 2, 3.3)
     for (A, *_), found in zip(systems, designs, strict=True):
         before = np.linalg.eigvals(A)
         plane.plot(before.real, before.imag, 'x', color='0.6', markersize=5)
@@ -79,16 +76,21 @@ def _draw_2_7(systems: list[Any], designs: list[Regulator]) -> Figure:
     plane.plot([], [], 'x', color='0.6', label='poles of $A$')
     plane.plot([], [], 'o', color=COLOURS[0], label='poles of $A - BK$')
     plane.axvline(0, color='black', linewidth=1)
+    far = sum(int((found.E.real < -7).sum()) for found in designs)
+    plane.annotate(f'{far} further to the left', (-6.9, 0), (-6.7, -0.9),
+                   arrowprops={'arrowstyle': '->'})
     plane.set_xlim(-7, 4)
-    describe(plane, f'{len(designs)} systems', 'real part [rad/s]', 'imaginary part [rad/s]',
-             legend=True)
+    describe(plane, f'poles of {len(designs)} systems', 'real part [rad/s]',
+             'imaginary part [rad/s]', legend='upper right')
     index = np.arange(1, len(designs) + 1)
     slowest.bar(index, [np.linalg.eigvals(A).real.max() for A, *_ in systems], color='0.8',
                 label='without feedback')
     slowest.bar(index, [each.E.real.max() for each in designs], color=COLOURS[0], width=0.5,
                 label='with the optimal feedback')
     slowest.axhline(0, color='black', linewidth=1)
-    describe(slowest, 'the slowest pole', 'system', 'largest real part [rad/s]', legend=True)
+    slowest.set(xlim=(0.2, len(designs) + 0.8), ylim=(-2, 3.6))
+    describe(slowest, 'the pole furthest to the right', 'system', 'real part [rad/s]',
+             legend='upper left')
     return figure
 
 
@@ -152,7 +154,7 @@ def _draw_2_8(designs: list[Regulator], paths: list[Any], motions: list[Array]) 
         gains.plot(LAGS, [each.K[0, index] for each in designs], marker, color=COLOURS[index],
                    label=f'$K_{index + 1}$')
     gains.set_ylim(0, 1.6)
-    describe(gains, '(b) gain', '$a$ [1/s]', '$K$', legend=True)
+    describe(gains, '(b) gain', '$a$ [s$^{-1}$]', '$K_1$, $K_2$', legend=True)
     poles = np.array([each.E for each in designs])
     loop.plot(a, np.ones_like(a), color=COLOURS[0], linewidth=1)
     loop.plot(a, root / 2, color=COLOURS[1], linewidth=1)
@@ -160,13 +162,14 @@ def _draw_2_8(designs: list[Regulator], paths: list[Any], motions: list[Array]) 
     loop.plot(LAGS, omega0, 'o', color=COLOURS[0], label='$\\omega_0$ [rad/s]')
     loop.plot(LAGS, -poles.sum(axis=1).real / 2 / omega0, 's', color=COLOURS[1],
               label='$\\zeta$')
-    loop.axhline(1, **THIN)
-    describe(loop, '(c) closed loop', '$a$ [1/s]', '', legend=True)
+    describe(loop, '(c) closed loop', '$a$ [s$^{-1}$]', '$\\omega_0$ [rad/s], $\\zeta$',
+             legend='upper left')
     for index, b in enumerate(ZEROS):
         for path, motion, style in zip(paths[1::2], motions[1::2], ('-', '--'), strict=False):
             outputs.plot(path.t, (b * path.x['x1'] + path.x['x2']), style, color=COLOURS[index],
                          label=f'$b = {b:g}$' if style == '-' else None)
             outputs.plot(path.t, motion @ [b, 1.0], **EXACT)
+    outputs.plot([], [], label='closed form', **EXACT)
     outputs.set_xlim(0, 8)
     describe(outputs, 'output; $a = 0.5$ (solid), 2 (dashed)', 'time $t$ [s]',
              '$y = bx_1 + x_2$', legend=True)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.cli.gallery_entries.entry import UnansweredError
-from obc_ros.cli.gallery_entries.ros2 import argument, run_node, set_parameter
+from obc_ros.cli.gallery_entries.ros2 import argument, publish, run_node, set_parameter
 from obc_ros.cli.pilot import Pilot
 from obc_ros.cli.processes import Children
 from obc_ros.cli.recording import Recorder
@@ -22,38 +22,30 @@ from std_srvs.srv import Trigger
 Array = NDArray[np.float64]
 
 RESET = 'ros2 service call /plant_simulator/reset std_srvs/srv/Trigger'
+DESIGN = 'ros2 topic echo --once --qos-durability transient_local /lqr_node/design'
 ATTEMPTS = 4
-PACE = {'lockstep': True, 'speed': 0.0, 'dt': 0.001}
+PACE = {'lockstep': True, 'speed': 1e6, 'dt': 0.005}  # not 0, which goes with a /clock to record
+# What listens falls behind for a moment: commands wait for it.
+PATIENT = {'qos_overrides./command.publisher.depth': 1000}
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
     """
-    All states of one run, and those commands that were heard.
-
-    In lockstep each state is answered before the next one; in a hurry some answers pass by who
-    only listens, since `lqr_node` keeps no more than the last command.
+    All states of one run and the commands that answer them.
 
     Attributes
     ----------
     t : ndarray, shape (N,)
         [s] from the reset on.
     x : ndarray, shape (N, n)
-    heard : ndarray, shape (M,)
-        Which of the times have their command.
-    u : ndarray, shape (M, m)
+    u : ndarray, shape (N, m)
 
     """
 
     t: Array
     x: Array
-    heard: NDArray[np.int64]
     u: Array
-
-    @property
-    def tu(self) -> Array:
-        """Return the times of the commands."""
-        return self.t[self.heard]
 
 
 class Loop:
@@ -61,6 +53,7 @@ class Loop:
 
     def __init__(self, pilot: Pilot, recorder: Recorder, note: Callable[[str], None]) -> None:
         self._pilot = pilot
+        self._folder = recorder.folder
         self._note = note
         self._before = 0  # [ns] of the runs before: what is recorded goes on in time
         recorder.now = lambda: self._before + (pilot.states.stamp or [0])[-1]
@@ -90,21 +83,27 @@ class Loop:
         if node == 'lqr_node':
             pilot.wait(lambda: self.design.revision > revision, 'the new design')
 
-    def run(self, duration: float, reference: Trajectory | None = None) -> Run:
+    def run(self, duration: float, reference: Trajectory | None = None, name: str = 'reference'
+            ) -> Run:
         """
         Return what happens from a reset on, for `duration` [s], along a reference if given.
+
+        The reference is kept as a file of the name, for those who publish it themselves.
 
         Raises
         ------
         UnansweredError
-            If this process is too slow to hear all states, several times.
+            If this process is too slow to hear all of them, several times.
 
         """
+        self._note(RESET)
+        if reference:
+            self._note(publish('reference', reference, self._folder / f'{name}.yaml'))
         for _ in range(ATTEMPTS):
             found = self._run(round(duration * 1e9), reference)
             if found:
                 return found
-        raise UnansweredError('states of the loop were lost on their way')
+        raise UnansweredError('states or commands of the loop were lost on their way')
 
     def _run(self, end: int, reference: Trajectory | None) -> Run | None:
         pilot = self._pilot
@@ -118,25 +117,26 @@ class Loop:
             pilot.wait(lambda: any('reference' in each.msg for each in pilot.said[said:]),
                        'the reference to be taken')
         pilot.pause(False)
-        pilot.wait(lambda: pilot.states.stamp[-1] >= end, f't = {end * 1e-9:g} s', 60.0)
+        pilot.wait(lambda: pilot.states.stamp[-1] >= end and pilot.commands.stamp[-1] >= end,
+                   f't = {end * 1e-9:g} s', 60.0)
         pilot.pause(True)
         return self._recorded(begin, answered, end)
 
     def _recorded(self, begin: int, answered: int, end: int) -> Run | None:
-        """Return the run that began last; None if states of it are missing."""
+        """Return the run that began last; None if something of it is missing."""
         states, commands = self._pilot.states, self._pilot.commands
         begin += states.stamp[begin:].index(0)
-        # What is sent again counts once.
+        # What is sent again counts once; an answer from before the reset may come late.
         ticks, first = np.unique(states.stamp[begin:], return_index=True)
-        answers, place = np.unique(commands.stamp[answered:], return_index=True)
+        place = {stamp: answered + k for k, stamp in enumerate(commands.stamp[answered:])}
         count = np.searchsorted(ticks, end, 'right')
         steps = np.diff(ticks[:count + 1])
-        if not steps.size or np.ptp(steps) > 1:
+        if not steps.size or np.ptp(steps) > 1 or not place.keys() >= {*ticks[:count].tolist()}:
             return None
-        _, heard, of = np.intersect1d(ticks[:count], answers, return_indices=True)
         x = [deserialize_message(states.data[begin + k], State).x for k in first[:count]]
-        u = [deserialize_message(commands.data[answered + k], Command).u for k in place[of]]
-        return Run(ticks[:count] * 1e-9, np.array(x), heard, np.array(u))
+        u = [deserialize_message(commands.data[place[tick]], Command).u
+             for tick in ticks[:count].tolist()]
+        return Run(ticks[:count] * 1e-9, np.array(x), np.array(u))
 
 
 @contextmanager
@@ -145,8 +145,8 @@ def run_loop(folder: Path, plant: Mapping[str, Any], regulator: Mapping[str, Any
     """Yield a loop that stands still; its topics are recorded into `folder`."""
     note(run_node('plant_simulator', plant))  # at the speed of the clock on the wall
     note(run_node('lqr_node', regulator))
-    note(RESET)
-    plant = {**PACE, **plant}
+    note(DESIGN)
+    plant, regulator = {**PACE, **plant}, {**PATIENT, **regulator}
     with Children(folder / 'log') as children, Recorder(folder) as recorder:
         children.start('plant_simulator', *_arguments(plant))
         children.start('lqr_node', *_arguments(regulator))

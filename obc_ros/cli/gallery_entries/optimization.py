@@ -65,55 +65,93 @@ def example_2_1(desk: Desk) -> Answer:
         Row('$x_1^2 - x_2^2$ on $x_2 = 0$: $x*$, $F$ and $λ*$',
             [*saddle.x, saddle.objective, *saddle.lam], [0.0] * 4, 'the origin')]
     return Answer(rows, _draw_2_1(minima[0], nearest), (
-        'Left: the function of Figure 2.1, its three stationary points found by the server (the '
-        'whole line, an interval, and $-F$ on an interval). Middle: Figure 2.2(a) from above; at '
-        '$x*$ the gradient of $F$ is normal to the line $G = 0$. Right: Figure 2.2(b), the point '
-        'of a sphere nearest to $p$: $∂F/∂x$ and $∂G/∂x$ are on one line.',),
+        'Top left: a function as in Figure 2.1, its three stationary points found by the server '
+        '(on the whole line, on an interval, and of $-F$ on an interval). Top right: Figure '
+        '2.2(a), the least $F$ above the line $G = 0$. Bottom left: the same from above; at $x*$ '
+        'the gradient of $F$ is normal to the line. Bottom right: Figure 2.2(b), the normals of a '
+        'sphere, and the point of it nearest to $p$: $∂F/∂x$ and $∂G/∂x$ are on one line.',),
         'Asked for the minimum of $x_1^2 - x_2^2$ on $x_2 = 0$ the server answers: '
         f'“{saddle.message}”. Asked for $min_x (F + λG)$ with $λ = 1$: “{unbounded.message}”.')
 
 
 def _draw_2_1(found: Any, nearest: Any) -> Figure:
-    figure = Figure(figsize=(WIDTH, 3.9), layout='constrained')
-    line, plane = figure.add_subplot(131), figure.add_subplot(132)
-    solid = figure.add_subplot(133, projection='3d')
-    x = np.linspace(-1.9, 2.9, 300)
-    line.plot(x, curve(x), color=COLOURS[0])
-    for name, at in STATIONARY.items():
-        line.plot([at - 0.45, at + 0.45], [curve(at)] * 2, color=COLOURS[1])
-        line.plot(at, curve(at), 'o', color=COLOURS[1])
-        line.annotate(f'${name}$', (at, curve(at)), (0, -14 if name != 'x_2' else 7),
-                      textcoords='offset points', ha='center')
-    line.set_ylim(-2.5, 2.5)
-    describe(line, 'Figure 2.1: stationary points', '$x$', '$F(x)$')
-    _draw_plane(plane, found)
-    _draw_sphere(solid, nearest)
+    figure = Figure(figsize=(WIDTH, 6.6), layout='constrained')
+    _draw_curve(figure.add_subplot(221))
+    _draw_surface(figure.add_subplot(222, projection='3d'), found)
+    _draw_plane(figure.add_subplot(223), found)
+    _draw_sphere(figure.add_subplot(224, projection='3d'), nearest)
     return figure
+
+
+def _draw_curve(axes: Any) -> None:
+    x = np.linspace(-1.9, 2.9, 300)
+    axes.plot(x, curve(x), color=COLOURS[0])
+    for name, at in STATIONARY.items():
+        axes.plot([at - 0.45, at + 0.45], [curve(at)] * 2, color=COLOURS[1])
+        axes.plot(at, curve(at), 'o', color=COLOURS[1])
+        axes.annotate(f'${name}$', (at, curve(at)), (0, -14 if name != 'x_2' else 7),
+                      textcoords='offset points', ha='center')
+    at, step = 0.9, 0.6  # the tangent elsewhere, as in the book's figure
+    rise = (at + 1) * (at - 0.25) * (at - 2) * step
+    axes.plot(at + np.array([0, step, step]), curve(at) + np.array([0, 0, rise]), color='black',
+              linewidth=0.9)
+    axes.plot(at + np.array([0, step]), curve(at) + np.array([0, rise]), color=COLOURS[2])
+    axes.text(at + step / 2, curve(at) + 0.08, '$dx$', ha='center')
+    axes.text(at + step + 0.08, curve(at) + 0.5 * rise,
+              r'$\frac{\partial F}{\partial x}\,dx$', va='center', fontsize=13)
+    axes.set_ylim(-2.5, 2.2)
+    describe(axes, 'Figure 2.1: stationary points', '$x$', '$F(x)$')
+
+
+def _draw_surface(axes: Any, found: Any) -> None:
+    a, b, F0 = CASES[0]
+    s = np.linspace(-0.6, 4.2, 40)
+    x1, x2 = np.meshgrid(s, s)
+    axes.plot_surface(x1, x2, F0 + (x1 - a)**2 + (x2 - b)**2, color=COLOURS[5], alpha=0.35,
+                      linewidth=0, rcount=40, ccount=40)
+    axes.plot(s, s, 0 * s, color=COLOURS[1], label='$G(x) = 0$')
+    axes.plot(s, s, F0 + (s - a)**2 + (s - b)**2, color=COLOURS[0], label='$F$ on it')
+    at = found.x[0], found.x[1]
+    axes.plot([at[0]] * 2, [at[1]] * 2, [0, found.objective], ':', color='black')
+    for height in (0, found.objective):
+        axes.plot(*at, height, 'ko', markersize=4)
+    axes.text(at[0] + 0.35, at[1] - 0.4, -0.6, '$x^*$')
+    axes.set(xlabel='$x_1$', ylabel='$x_2$', zlim=(0, 20),
+             title='Figure 2.2(a): the constrained minimum')
+    axes.set_zlabel('$F(x)$', labelpad=2)
+    axes.view_init(22, -72)
+    axes.set_box_aspect((1, 1, 0.85), zoom=1.0)
+    axes.legend(loc='upper left')
 
 
 def _draw_plane(axes: Any, found: Any) -> None:
     a, b, F0 = CASES[0]
-    x1, x2 = np.meshgrid(np.linspace(-1, 5, 200), np.linspace(-1, 5, 200))
-    levels = axes.contour(x1, x2, F0 + (x1 - a)**2 + (x2 - b)**2, cmap='viridis', linewidths=1,
+    x1, x2 = np.meshgrid(np.linspace(-1.5, 5.5, 200), np.linspace(-0.5, 4.5, 200))
+    levels = axes.contour(x1, x2, F0 + (x1 - a)**2 + (x2 - b)**2, colors='0.55', linewidths=0.9,
                           levels=[2.5, found.objective, 6, 9, 13, 18])
-    axes.clabel(levels, fontsize=7)
-    axes.plot([-1, 5], [-1, 5], color=COLOURS[1], label='$G(x) = x_1 - x_2 = 0$')
+    axes.clabel(levels, fontsize=7.5, fmt='%g', manual=[
+        (0.5, 3.5), (-0.2, 3.8), (-0.8, 3.9), (-1.3, 1.6), (3.9, 4.2), (4.8, 4.2)])
+    axes.plot([-0.5, 4.5], [-0.5, 4.5], color=COLOURS[1])
+    axes.text(-0.05, -0.1, '$G(x) = x_1 - x_2 = 0$', color=COLOURS[1], va='center',
+              bbox={'facecolor': 'white', 'edgecolor': 'none', 'pad': 1})
     at = np.array(found.x)
     gradient = 2 * (at - [a, b])
     arrow(axes, at, 0.8 * gradient, color=COLOURS[0])
     arrow(axes, at, [1, -1], color=COLOURS[2])
-    axes.text(*(at + 0.8 * gradient + [0.05, 0.1]), r'$\partial F/\partial x$', color=COLOURS[0])
-    axes.text(*(at + [0.55, -1.35]), r'$\partial G/\partial x$', color=COLOURS[2])
+    for text, end, colour in (('F', 0.8 * gradient, COLOURS[0]), ('G', [1, -1], COLOURS[2])):
+        axes.text(*(at + end + [0.1, 0.12]), rf'$\partial {text}/\partial x$', color=colour,
+                  bbox={'facecolor': 'white', 'edgecolor': 'none', 'pad': 1})
     axes.plot(*at, 'o', color='black')
-    axes.text(*(at + [-0.15, -0.55]), '$x^*$', ha='right')
+    axes.text(*(at + [-0.2, -0.05]), '$x^*$', ha='right')
     axes.plot(a, b, '+', color='black')
-    axes.text(a, b + 0.15, '$(a, b)$', ha='center')
-    axes.set(aspect='equal', xlim=(-1, 5), ylim=(-1, 5))
-    describe(axes, 'Figure 2.2(a): $F$ on the line', '$x_1$', '$x_2$', legend='upper left')
+    axes.text(a, b + 0.1, '$(a, b)$', ha='center')
+    axes.set(aspect='equal', xlim=(-1.5, 5.5), ylim=(-0.5, 4.5))
+    axes.grid(False)
+    describe(axes, 'Figure 2.2(a) from above: level lines of $F$', '$x_1$', '$x_2$')
 
 
 def _draw_sphere(axes: Any, nearest: Any) -> None:
-    azimuth, height = np.meshgrid(np.linspace(-0.5, 2.2, 40), np.linspace(-0.1, 1.45, 30))
+    azimuth, height = np.meshgrid(np.linspace(-0.5, 2.2, 40), np.linspace(-0.1, np.pi / 2, 30))
     axes.plot_surface(np.cos(azimuth) * np.cos(height), np.sin(azimuth) * np.cos(height),
                       np.sin(height), color=COLOURS[5], alpha=0.35, linewidth=0)
     for a, h in ((0.0, 0.2), (1.7, 0.3), (0.9, 1.1), (-0.1, 0.9), (1.3, 0.1)):
@@ -122,17 +160,19 @@ def _draw_sphere(axes: Any, nearest: Any) -> None:
     at = np.array(nearest.x)
     axes.plot(*zip(POINT, at, strict=True), ':', color='black')
     axes.plot(*POINT, 'k+')
-    axes.text(*(1.03 * POINT), '$p$')
+    axes.text(*(POINT + [0, 0.06, 0.03]), '$p$')
     axes.plot(*at, 'ko', markersize=4)
     axes.quiver(*at, *(at - POINT) * 0.9, color=COLOURS[0], linewidth=2)
     axes.quiver(*at, *(0.5 * at), color=COLOURS[2], linewidth=2)
     axes.plot([], [], color=COLOURS[0], label=r'$\partial F/\partial x$')
     axes.plot([], [], color=COLOURS[2], label=r'$\partial G/\partial x$')
-    axes.set(xlabel='$x_1$', ylabel='$x_2$', zlabel='$x_3$', title='Figure 2.2(b): normals')
-    axes.set_xticks([0, 0.5, 1])
-    axes.set_yticks([0, 0.5, 1])
-    axes.set_zticks([0, 0.5, 1])
+    axes.set(xlabel='$x_1$', ylabel='$x_2$', title='Figure 2.2(b): normals of $G(x) = 0$')
+    axes.zaxis.set_rotate_label(False)
+    axes.set_zlabel('$x_3$', labelpad=2)
+    for name in 'xyz':
+        axes.set(**{f'{name}ticks': [0, 0.5, 1]})
     axes.view_init(24, 28)
+    axes.set_box_aspect((1, 1, 0.85), zoom=1.0)
     axes.legend(loc='upper left')
 
 
@@ -199,7 +239,7 @@ def _saddle(random: np.random.Generator, G: Array) -> tuple[Array, Array, Array]
 def _draw_ex_2_1(measured: Array, c: Array, lam: list[Any], exact: list[Array]) -> Figure:
     figure, ((spanned, curved, saddle),) = panels(1, 3)
     for axes, values, wanted, title in (
-            (spanned, measured, c, '(a) $F = \\sum \\lambda_k G_k$'),
+            (spanned, measured, c, r'(a) $F = \lambda_1 G_1 + \lambda_2 G_2$'),
             (curved, np.array(lam), np.array([e[N:] for e in exact]), '(b) quadratic $f$')):
         for k in range(K):
             axes.plot(wanted[:, k], values[:, k], 'os'[k], color=COLOURS[k],
@@ -208,14 +248,19 @@ def _draw_ex_2_1(measured: Array, c: Array, lam: list[Any], exact: list[Array]) 
         axes.plot(ends, ends, **THIN)
         describe(axes, title, 'exact multiplier', 'multiplier of the server', legend=True)
     x1, x2 = np.meshgrid(np.linspace(-1, 1, 100), np.linspace(-1, 1, 100))
-    saddle.contourf(x1, x2, x1**2 - x2**2, levels=20, cmap='RdBu_r', alpha=0.8)
+    levels = saddle.contour(x1, x2, x1**2 - x2**2, levels=np.linspace(-0.8, 0.8, 9),
+                            colors='0.5', linewidths=0.9)
+    saddle.clabel(levels, levels.levels[::2], fontsize=7.5, fmt='%.1f')
     saddle.axhline(0, color=COLOURS[1], label='$g = x_2 = 0$')
     saddle.plot(0, 0, 'ko')
-    saddle.text(0.06, 0.08, '$x^*$: minimum on the line')
-    saddle.text(0.04, -0.85, 'saddle of $f + \\lambda g$', ha='center')
-    saddle.set_aspect('equal')
+    saddle.annotate('least on the line,\na saddle of $f + \\lambda g$', (0, 0), (0, -26),
+                    textcoords='offset points', ha='center', va='top',
+                    arrowprops={'arrowstyle': '-', 'linewidth': 0.8},
+                    bbox={'facecolor': 'white', 'edgecolor': 'none', 'pad': 1})
+    saddle.set(aspect='equal', xticks=[-1, 0, 1], yticks=[-1, 0, 1])
     saddle.grid(False)
-    describe(saddle, '$f = x_1^2 - x_2^2$', '$x_1$', '$x_2$', legend='upper left')
+    describe(saddle, '$f = x_1^2 - x_2^2$', '$x_1$', '$x_2$')
+    saddle.legend(loc='upper center')
     return figure
 
 

@@ -15,8 +15,9 @@ from typing import Any
 
 Record = Mapping[str, Any]
 
-_TERMINALS = ('<p>With <code>ros2 run obc_ros trajectory_server</code> and every other node in a '
-              'terminal of its own:</p>')
+_TERMINALS = ('<p>From the folder of this page, every <code>ros2 run</code> in a terminal of '
+              'its own{}:</p>')
+_SERVER = ', and <code>ros2 run obc_ros trajectory_server</code> in another'
 _PARTS = re.compile(r'(\$[^$]*\$|`[^`]*`)')
 _TOKEN = re.compile(r'([_^])(\{[^}]*\}|.)|(&\w+;)|([A-Za-z]+)|([\u0370-\u03ff])|(.)', re.DOTALL)
 _UPRIGHT = ('arg', 'asin', 'atan', 'cos', 'cosh', 'diag', 'exp', 'for', 'if', 'ln', 'max', 'min',
@@ -80,9 +81,10 @@ def page(records: Sequence[Record]) -> str:
         f'<title>obc_ros: gallery</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n'
         f'<header>\n{head}\n</header>\n<nav>\n{_contents(records)}\n</nav>\n<main>\n'
         + '\n'.join(map(_article, records)) + '\n</main>\n<footer>\n<p>'
-        + markup('An error is the largest difference over the largest exact value, or over 1 if '
-                 'that is less. Made by `obc gallery`; the numbers are in `gallery.json`, the '
-                 'loops are recorded in `recordings`.') + '</p>\n</footer>\n</body>\n</html>\n')
+        + markup('An error is the difference over the exact value, or over 1 where that is less '
+                 '(but not where it is called relative); of many values the worst is shown. Made '
+                 'by `obc gallery`; the numbers are in `gallery.json`, the loops are recorded in '
+                 '`recordings`.') + '</p>\n</footer>\n</body>\n</html>\n')
 
 
 def markup(text: str) -> str:
@@ -125,14 +127,16 @@ def _article(record: Record) -> str:
     if record['message']:
         parts.append(f'<p class="bad">{html.escape(record["message"])}</p>')
     if record['figure']:
-        parts.append(f'<figure><img src="{record["figure"]}" alt="{html.escape(record["label"])}: '
-                     f'figure"></figure>')
+        shown = html.escape(f'{record["label"]}: {plain_text(record["title"])}')
+        parts.append(f'<figure><img src="{record["figure"]}" alt="Figure of {shown}"></figure>')
     parts += [f'<p>{markup(each)}</p>' for each in record['notes']]
     if record['rows']:
         parts.append(_table(record['rows']))
     if record['commands']:
+        server = _SERVER if any('/trajectory_server/' in each for each in record['commands']) \
+            else ''
         commands = '\n'.join(f'<pre>{html.escape(each)}</pre>' for each in record['commands'])
-        parts.append(f'<details open><summary>Run it</summary>\n{_TERMINALS}\n'
+        parts.append(f'<details open><summary>Run it</summary>\n{_TERMINALS.format(server)}\n'
                      f'{commands}\n</details>')
     return '\n'.join([*parts, '</article>'])
 
@@ -142,14 +146,15 @@ def _table(rows: Sequence[Record]) -> str:
         f'<tr><td>{markup(row["what"])}{_many(row)}</td>'
         f'<td class="number">{number(row["measured"])}</td>'
         f'<td class="number">{number(row["exact"])}</td>'
-        f'<td class="number {"good" if row["holds"] else "bad"}">{_power(row["error"])}</td>'
+        f'<td class="number {"good" if row["holds"] else "bad"}">{_power(row["error"])}'
+        f'{" <small>(relative)</small>" if row["relative"] else ""}</td>'
         f'<td>{markup(row["by"])}</td></tr>' for row in rows)
     return ('<table>\n<tr><th>quantity</th><th>measured</th><th>exact</th><th>error</th>'
             f'<th>exact by</th></tr>\n{lines}\n</table>')
 
 
 def _many(row: Record) -> str:
-    return f' <small>(worst of {row["values"]})</small>' if row['values'] > 1 else ''
+    return f' <small>({row["values"]} values)</small>' if row['values'] > 1 else ''
 
 
 def _error(record: Record) -> str:

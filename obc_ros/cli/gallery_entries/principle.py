@@ -43,6 +43,7 @@ def theorem_2_1(desk: Desk) -> Answer:
         Row("$x' = (∂H/∂λ)^T$: $ω*(t)$ [rad/s]", path.x['omega'], omega, 'shooting'),
         Row("$-λ' = (∂H/∂x)^T$: $λ_1(t)$", path.lam['theta'], lam1, 'shooting'),
         Row("$-λ' = (∂H/∂x)^T$: $λ_2(t)$", path.lam['omega'], lam2, 'shooting'),
+        Row('$u*(t)$ [rad/s²]', path.u['u'], law(lam2), 'shooting'),
         Row('$x(0)$ given', [path.x['theta'][0], path.x['omega'][0]], [0.0, 0.0], '0'),
         Row('$ψ(x(T)) = θ(T) - 1$ [rad]', path.x['theta'][-1] - TARGET, 0.0, '0'),
         Row('$λ(T) = ∂V/∂x + ν^T ∂ψ/∂x$',
@@ -92,18 +93,19 @@ def shoot(t: Array) -> tuple[Array, Array, Array, Array, float]:
 
 
 def _draw(path: Trajectory, exact: tuple[Array, ...], grid: Array, valley: Array) -> Figure:
-    figure, ((states, costates), (inputs, above)) = panels(2, 2, 3.1)
+    figure, ((states, costates), (inputs, above)) = panels(2, 2, 2.9)
     for axes, pairs, values, names in (
-            (states, path.x, exact[:2], (r'$\theta$ [rad]', r'$\omega$ [rad/s]')),
+            (states, path.x, exact[:2], (r'$\theta$', r'$\omega$')),
             (costates, path.lam, exact[2:], (r'$\lambda_1$', r'$\lambda_2$'))):
         for index, (line, dots) in enumerate(zip(pairs.values(), values, strict=True)):
             axes.plot(path.t, line, color=COLOURS[index], label=names[index])
             axes.plot(path.t, dots, **EXACT)
         axes.plot([], [], label='shooting', **EXACT)
-    states.plot(T, TARGET, 'o', color='black')
+    states.plot(T, TARGET, 'o', color='black', clip_on=False)
     states.annotate(r'$\psi = \theta(T) - 1 = 0$', (T, TARGET), (-30, -3), ha='right',
                     textcoords='offset points')
-    costates.plot([T, T], [path.nu[0], 4 * path.x['omega'][-1]], 'o', color='black')
+    costates.plot([T, T], [path.nu[0], 4 * path.x['omega'][-1]], 'o', color='black',
+                  clip_on=False)
     costates.annotate(r'$\lambda_1(T) = \nu$', (T, path.nu[0]), (-30, 2), ha='right',
                       textcoords='offset points')
     costates.annotate(r'$\lambda_2(T) = \partial V/\partial\omega$',
@@ -115,18 +117,20 @@ def _draw(path: Trajectory, exact: tuple[Array, ...], grid: Array, valley: Array
         inputs.axhline(bound, **THIN)
     mesh = above.pcolormesh(path.t, grid, np.sqrt(np.maximum(valley, 0)), cmap='Blues',
                             shading='gouraud')
-    above.plot(path.t, path.u['u'], color=COLOURS[1], label='$u^*(t)$')
+    above.plot(path.t, path.u['u'], color=COLOURS[2], label='$u^*(t)$', clip_on=False)
     above.grid(False)
     figure.colorbar(mesh, ax=above, label=r'$\sqrt{H(x^*, u, \lambda^*) - H(x^*, u^*, '
                     r'\lambda^*)}$')
-    describe(states, 'state', 'time $t$ [s]', '', legend='upper left')
-    describe(costates, 'costate', 'time $t$ [s]', '', legend='lower left')
+    describe(states, 'state', 'time $t$ [s]', r'$\theta$ [rad], $\omega$ [rad/s]',
+             legend='upper left')
+    describe(costates, 'costate', 'time $t$ [s]', r'$\lambda_1$ [rad], $\lambda_2$ [rad s]',
+             legend='lower left')
     describe(inputs, r'input, $\Omega = [-0.6, 0.6]$', 'time $t$ [s]', '$u$ [rad/s$^2$]',
              legend=True)
     describe(above, 'the minimum of $H$', 'time $t$ [s]', '$u$ [rad/s$^2$]',
              legend='lower left')
     for axes in (states, costates, inputs, above):
-        axes.set_xlim(0, T * 1.005)
+        axes.set_xlim(0, T)
     return figure
 
 

@@ -68,7 +68,7 @@ def theorem_2_2(desk: Desk) -> Answer:
         Row('least cost over $T$ = 0.25 .. 12 s', [path.J for path in short],
             [_finite(A, B, Qx, Qu, starts[-1], T) for T in HORIZONS],
             'Hamiltonian matrix, $J = x^T X_{21} X_{11}^{-1} x$')]
-    return Answer(rows, _draw_thm_2_2(desk, found, short, long[-1], motion), (
+    return Answer(rows, _draw_thm_2_2(found, short, long[-1], motion), (
         'Left: the least cost of finite horizons grows to $J* = x(0)^T P x(0)$. Middle: the '
         'optimum over 20 s is the closed loop of the constant gain. Right: any other gain costs '
         'more; the cost of $K + δD$ for random directions $D$, from the Lyapunov equation.',))
@@ -87,31 +87,37 @@ def _finite(A: Array, B: Array, Qx: Array, Qu: Array, x0: Array, T: float) -> fl
     return float(x0 @ P @ x0)
 
 
-def _draw_thm_2_2(desk: Desk, found: Regulator, short: list[Trajectory], long: Trajectory,
-                  motion: Array) -> Figure:
+def _draw_thm_2_2(found: Regulator, short: list[Trajectory], long: Trajectory, motion: Array
+                  ) -> Figure:
     A, B, H, Qu = plant()
     x0 = np.ones(N)
     best = float(x0 @ found.P @ x0)
     figure, ((costs, states, gains),) = panels(1, 3)
-    costs.plot(HORIZONS, [path.J for path in short], 'o-', color=COLOURS[0], markersize=4,
-               label='least cost over $[0, T]$')
-    costs.axhline(best, label='$x(0)^T P\\, x(0)$', color='black', linestyle='--')
-    describe(costs, 'the horizon', 'horizon $T$ [s]', '$J$', legend='lower right')
+    T = np.linspace(0.05, 12, 200)
+    costs.plot(HORIZONS, [path.J for path in short], 'o', color=COLOURS[0], markersize=4,
+               label='of the server')
+    costs.plot(T, [_finite(A, B, H.T @ H, Qu, x0, each) for each in T],
+               label='Hamiltonian matrix', **EXACT)
+    costs.axhline(best, label='$x(0)^T P\\, x(0)$', color=COLOURS[1], zorder=1)
+    describe(costs, 'least cost over $[0, T]$', 'horizon $T$ [s]', '$J$', legend='lower right')
+    costs.set_xlim(0, 12.4)
     for index, (name, values) in enumerate(long.x.items()):
         states.plot(long.t, values, color=COLOURS[index], label=f'$x_{name[1]}$')
         states.plot(long.t, motion[:, index], **EXACT)
     states.plot([], [], label='$e^{(A - BK)t}x(0)$', **EXACT)
     states.set_xlim(0, 8)
-    describe(states, 'the optimum', 'time $t$ [s]', '$x^*(t)$', legend=True)
+    describe(states, 'optimal states', 'time $t$ [s]', '$x^*(t)$', legend=True)
     random = np.random.default_rng(8)
     size = np.linspace(-0.4, 0.4, 41)
     for index in range(5):
         D = random.normal(size=found.K.shape)
         cost = [_cost_of(A, B, H.T @ H, Qu, found.K + d * D, x0) for d in size]
-        gains.plot(size, cost, color=COLOURS[index])
-    gains.plot(0, best, 'o', color='black', label='$K = Q_u^{-1}B^T P$')
+        gains.plot(size, cost, color=COLOURS[index], linewidth=1,
+                   label=None if index else 'random $D$')
+    gains.plot(0, best, 'o', color='black', label='$K = Q_u^{-1}B^T P$', zorder=6)
     gains.set_ylim(0.995 * best, 1.1 * best)
-    describe(gains, 'other gains', 'size $\\delta$', '$J$ with $K + \\delta D$', legend=True)
+    describe(gains, 'cost of other gains', '$\\delta$', '$J$ with $K + \\delta D$',
+             legend='upper center')
     return figure
 
 
@@ -161,7 +167,7 @@ def example_2_4(desk: Desk) -> Answer:
             'recursion of the sampled loop'),
         Row('loop with the printed $K$: $x(t)$', wrong.x, ends[1][0],
             'recursion of the sampled loop'),
-        Row('loop with the printed $K$: $u(t)$', wrong.u, ends[1][1][wrong.heard],
+        Row('loop with the printed $K$: $u(t)$', wrong.u, ends[1][1],
             'recursion of the sampled loop')]
     return Answer(rows, _draw_2_4(found, right, wrong), (
         'Left: the gain over $q$, printed and corrected. Right: the two gains in a running loop '
@@ -191,14 +197,16 @@ def _draw_2_4(found: list[Regulator], right: Run, wrong: Run) -> Figure:
                      label=('$q$', '$\\sqrt{2q}$')[index])
         gains.loglog(q, printed, '--', color='0.55', linewidth=1,
                      label='printed' if index else None)
-    describe(gains, 'gain', 'weight $q$', '$K$', legend='upper center')
-    gains.set_ylim(0.08, 90)
+    describe(gains, 'gain', 'weight $q$', '$K_1$ [s$^{-2}$], $K_2$ [s$^{-1}$]',
+             legend='upper center')
+    gains.set_ylim(0.08, 150)
+    gains.grid(True, which='major')
     for run, style, text in ((right, '-', '$K = [q, \\sqrt{2q}]$, $J = 4$'),
                              (wrong, '--', 'printed, $J = 6.125$')):
         for index, name in enumerate(('x_1', 'x_2')):
             states.plot(run.t, run.x[:, index], style, color=COLOURS[index],
                         label=f'${name}$' if style == '-' else f'${name}$, printed')
-        inputs.plot(run.tu, run.u[:, 0], style, color=COLOURS[2], drawstyle='steps-post',
+        inputs.plot(run.t, run.u[:, 0], style, color=COLOURS[2], drawstyle='steps-post',
                     label=text)
     for axes in (states, inputs):
         axes.axhline(0, **THIN)

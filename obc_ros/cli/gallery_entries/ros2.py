@@ -4,6 +4,7 @@
 
 from array import array
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,23 @@ def run_node(node: str, parameters: Mapping[str, Any]) -> str:
     """Return the command that starts a node."""
     given = ' '.join(f'-p {_argument(name, value)}' for name, value in parameters.items())
     return f'ros2 run obc_ros {node} --ros-args {given}'
+
+
+def publish(topic: str, message: Any, file: Path) -> str:
+    """
+    Return the command that publishes a message, which is written into a file.
+
+    Without its stamp, which is of another run; the path is from the folder of the page.
+    """
+    fields = {name: value for name, value in plain(message).items() if name != 'header'}
+    for name, value in fields.items():
+        if not isinstance(value, str):
+            fields[name] = np.round(value, 9).tolist()
+    file.write_text(_flow(fields) + '\n', encoding='utf-8')
+    kind = type(message)
+    place = Path(*file.parts[-3:])
+    return (f'ros2 topic pub --once --qos-durability transient_local /{topic} '
+            f'obc_ros/msg/{kind.__name__} "$(cat {place})"')
 
 
 def set_parameter(node: str, name: str, value: Any) -> str:

@@ -59,17 +59,17 @@ def example_2_2(desk: Desk) -> Answer:
         Row('costate $λ(t)$, $c = 10$', *costate, '$c x(t_f) e^{a(t_f - t)}$'),
         Row('$x*(t_f)$ for $c$ from 0.01 to $10^8$', ends,
             [2 * A * np.exp(A * TF) * X0 / (2 * A + B**2 * c * np.expm1(2 * A * TF))
-             for c in MANY_WEIGHTS], 'equation (2.5) at $t_f$'),
+             for c in MANY_WEIGHTS], 'equation (2.5) at $t_f$', relative=True),
         Row('cost $J$ for $c$ from 0.01 to $10^8$', [path.J for path in many],
             [scalar_finite_horizon(A, B, c, X0, [0.0], tf=TF).J for c in MANY_WEIGHTS],
-            '$½ P(t_0) x(t_0)^2$'),
+            '$½ P(t_0) x(t_0)^2$', relative=True),
         Row('$x(t_f)$ when $x(t_f) = 0$ is demanded', limit.x['x'][-1], 0.0, 'the limit $c → ∞$'),
         Row('cost $J$ when $x(t_f) = 0$ is demanded', limit.J, A * X0**2 / (B**2 * growth),
             '$a x(t_0)^2 / b^2(1 - e^{-2a(t_f - t_0)})$')]
     return Answer(rows, _draw_2_2(paths, many, limit), (
         'Coloured: the answers of the server for several weights $c$ of the final state; dotted: '
         'equations (2.5) and (2.4). As $c$ grows, $x*(t_f)$ falls like $1/c$ and the trajectory '
-        'goes over into the one with $x(t_f) = 0$ demanded (grey).',))
+        'goes over into the one with $x(t_f) = 0$ demanded (grey, wide).',))
 
 
 def _draw_2_2(paths: list[Trajectory], many: list[Trajectory], limit: Trajectory) -> Any:
@@ -81,19 +81,19 @@ def _draw_2_2(paths: list[Trajectory], many: list[Trajectory], limit: Trajectory
         states.plot(t, book_2_5(t, c), **EXACT)
         inputs.plot(t, book_2_4(t, c), **EXACT)
     for axes, values in ((states, limit.x['x']), (inputs, limit.u['u'])):
-        axes.plot(limit.t, values, color='0.6', label='$x(t_f) = 0$')
+        axes.plot(limit.t, values, color='0.8', linewidth=4, zorder=1, label='$x(t_f) = 0$')
         axes.plot([], [], label='equations (2.5), (2.4)', **EXACT)
         axes.set_xlim(0, TF)
     ends.loglog(MANY_WEIGHTS, [path.x['x'][-1] for path in many], 'o', markersize=4,
-                color=COLOURS[0], label='server')
+                color=COLOURS[0], label='of the server')
     fine = np.logspace(-2, 8, 200)
-    ends.loglog(fine, [book_2_5(np.array(TF), c) for c in fine], label='(2.5)', **EXACT)
+    ends.loglog(fine, [book_2_5(np.array(TF), c) for c in fine], label='equation (2.5)', **EXACT)
     describe(states, 'state', 'time $t$ [s]', '$x^*(t)$')
     describe(inputs, 'input', 'time $t$ [s]', '$u^*(t)$')
     describe(ends, 'final state', 'weight $c$', '$x^*(t_f)$', legend=True)
     legend_below(figure, states, 6)
-    figure.suptitle(f'$\\dot x = ax + bu$,  $a = b = {A:g}$ 1/s,  $x(0) = {X0:g}$,  '
-                    f'$t_f = {TF:g}$ s')
+    figure.suptitle(f'$\\dot x = ax + bu$,  $a = {A:g}$ s$^{{-1}}$,  $b = {B:g}$,  '
+                    f'$x(0) = {X0:g}$,  $t_f = {TF:g}$ s')
     return figure
 
 
@@ -116,7 +116,8 @@ def exercise_2_9(desk: Desk) -> Answer:
         exact = scalar_finite_horizon(a, b, c, x0, path.t, tf=tf)
         far = scalar_infinite_horizon(a, b, x0, path.t).x
         name = f'$c = {c:g}$, $t_f = {tf:g}$ s'
-        rows.append(Row(f'$x*(t)$, {name}', path.x['x'], exact.x, 'Example 2.2'))
+        rows.append(Row(f'$x*(t)$, {name}', path.x['x'], exact.x, 'Example 2.2',
+                        relative=True))
         distances.append((np.abs(path.x['x'] - far).max(), np.abs(exact.x - far).max()))
         rows.append(Row(f'cost $J$, {name}', path.J, exact.J, '$½ P(t_0) x(t_0)^2$'))
     P = 2 * a / b**2
@@ -128,7 +129,7 @@ def exercise_2_9(desk: Desk) -> Answer:
             *_ratio(infinite, b * P), '$2a/b$'),
         Row('infinite horizon: cost $J$', infinite.J, P * x0**2 / 2, '$½ P x(t_0)^2$'),
         Row('distance $max |x* - x*_∞|$ of each curve', *zip(*distances, strict=True),
-            'the closed forms')]
+            'the closed forms', relative=True)]
     measured = [near for near, _ in distances]
     c, tf = CURVES[int(np.argmin(measured))]
     rows.append(Row('closest: its $c$ and $t_f$', [c, tf], [10.0, 10.0],
@@ -152,7 +153,7 @@ def _ratio(path: Trajectory, exact: float) -> tuple[Array, Array]:
 
 
 def _draw_2_9(paths: list[Trajectory], infinite: Trajectory, distances: list[float]) -> Any:
-    figure, ((short, long, away),) = panels(1, 3, width_ratios=(1.2, 1.2, 1))
+    figure, ((short, long, away),) = panels(1, 3, 3.3, width_ratios=(1.2, 1.2, 1))
     for (c, tf), path, colour in zip(CURVES, paths, COLOURS, strict=False):
         for axes in (short, long):
             axes.plot(path.t, path.x['x'], color=colour, linestyle='-' if c > 1 else '--',
@@ -160,10 +161,10 @@ def _draw_2_9(paths: list[Trajectory], infinite: Trajectory, distances: list[flo
     t = np.linspace(0, 10, 1001)
     for axes in (short, long):
         axes.plot(t, NINE['x0'] * np.exp(-NINE['a'] * t), label='infinite horizon', **EXACT)
-    short.set(xlim=(0, 1.05), ylim=(0, 11))
+    short.set(xlim=(0, 1.05), ylim=(0, 30))
     long.set(xlim=(0, 10), yscale='log', ylim=(1e-10, 20))
-    describe(short, 'the first second', 'time $t$ [s]', '$x^*(t)$')
-    describe(long, 'all ten', 'time $t$ [s]', '$x^*(t)$ (logarithmic)')
+    describe(short, 'the first second, to scale', 'time $t$ [s]', '$x^*(t)$')
+    describe(long, 'all ten seconds', 'time $t$ [s]', '$x^*(t)$, logarithmic')
     names = [f'{c:g}, {tf:g} s' for c, tf in CURVES]
     away.barh(names, distances, color=COLOURS[:6])
     away.set(xscale='log', xlim=(min(distances) / 10, 30))
@@ -172,7 +173,7 @@ def _draw_2_9(paths: list[Trajectory], infinite: Trajectory, distances: list[flo
     legend_below(figure, short, 4)
     describe(away, 'distance from $x^*_\\infty$', '$\\max_t |x^* - x^*_\\infty|$',
              '$c$, $t_f$')
-    figure.suptitle('$\\dot x = ax + bu$,  $a = 2$ 1/s,  $b = 0.5$ 1/s,  $x(t_0) = 4$')
+    figure.suptitle('$\\dot x = ax + bu$,  $a = 2$ s$^{-1}$,  $b = 0.5$,  $x(t_0) = 4$')
     return figure
 
 

@@ -30,8 +30,8 @@ def skew(y: tuple[float, ...]) -> Array:
 def planes() -> list[Array]:
     """Return the Y of part (c): m = 2, m = 4 with the planes (1, 2) and (3, 4), a random m = 5."""
     two, four = np.zeros((2, 2)), np.zeros((4, 4))
-    two[0, 1], four[0, 1], four[2, 3] = 1.0, 0.08, 0.04
-    five = np.random.default_rng(22).normal(size=(5, 5)) / 60
+    two[0, 1], four[0, 1], four[2, 3] = 1.0, 2.0, 1.0
+    five = np.random.default_rng(22).normal(size=(5, 5)) / 2
     return [two - two.T, four - four.T, five - five.T]
 
 
@@ -50,6 +50,11 @@ def statement(Y: Array) -> dict[str, Any]:
 
 
 def input_of(path: Trajectory, m: int) -> Array:
+    """Return the input, shape (N, m)."""
+    return np.stack([path.u[f'u{i + 1}'] for i in range(m)], axis=1)
+
+
+def by_costate(path: Trajectory, m: int) -> Array:
     """
     Return the optimal input, shape (N, m), from the costates alone.
 
@@ -58,6 +63,15 @@ def input_of(path: Trajectory, m: int) -> Array:
     """
     lam = np.stack([path.lam[f'q{i + 1}'] for i in range(m)], axis=1)
     return lam[0] - 2 * lam
+
+
+def rotations(path: Trajectory, m: int) -> Array:
+    """Return the eigenvalues of Lambda / (pi i) that belong to planes, in their order."""
+    Lambda = np.zeros((m, m))
+    for i, j in combinations(range(m), 2):
+        Lambda[i, j] = path.lam[f'y{i + 1}_{j + 1}'][0]
+    found = np.sort(np.linalg.eigvals(Lambda - Lambda.T).imag) / pi
+    return np.delete(found, m // 2) if m % 2 else found
 
 
 def exercise_2_2(desk: Desk) -> Answer:
@@ -74,16 +88,24 @@ def exercise_2_2(desk: Desk) -> Answer:
             Row(f'(b) {name}: $|u(t)|$', np.linalg.norm(u, axis=1),
                 np.full(len(u), sqrt(2 * pi * length)), '$√(2π|y|)$'),
             Row(f'(b) {name}: $u(t)$', u, exact, '$u(0) cos 2πt - (y/|y|) × u(0) sin 2πt$'),
+            Row(f'(b) {name}: $u = λ(0) - 2λ(t)$', u, by_costate(path, 3), 'the costates'),
             Row(f'(b) {name}: $y^T u(t)$', u @ y, np.zeros(len(u)), '0')]
-    rows += [Row(f'(c) $m = {len(Y)}$: cost $J$', path.J, brockett(Y, [0.0]).J,
-                 '$π (σ_1 + 2σ_2 + ..)$') for Y, path in zip(planes(), others, strict=True)]
+    for Y, path in zip(planes(), others, strict=True):
+        m = len(Y)
+        rows += [
+            Row(f'(c) $m = {m}$: cost $J$', path.J, brockett(Y, [0.0]).J,
+                '$π (σ_1 + 2σ_2 + ..)$'),
+            Row(f'(c) $m = {m}$: eigenvalues of $Λ/πi$', rotations(path, m),
+                np.arange(-(m // 2), m // 2 + 1)[np.arange(-(m // 2), m // 2 + 1) != 0],
+                'a whole number of circles each')]
     return Answer(rows, _draw_2_2(three[0], others[1]), (
         "(a) With $λ$ the costate of $q$ and $Λ$, skew and constant, that of $Y$: $u = -λ + Λq$ "
         "and $λ' = -Λu$, so that $u' = 2Λu$ and $u = λ(0) - 2λ(t)$. (b) The path is a circle in "
         'the plane normal to $y$, at constant speed; where it starts on the circle is open, so '
         'that the exact input is turned to the one found. (c) With '
         '$Y = Σ σ_k (e_k f_k^T - f_k e_k^T)$, $σ_1 ≥ σ_2 ≥ ..$, the $k$-th plane is circled $k$ '
-        'times: here (right) the first once and the second twice, $J = π (0.08 + 2 · 0.04)$.',))
+        'times: here (right) the first once and the second twice, $J = π (2 + 2 · 1)$. $Λ$ has '
+        'the eigenvalues $± kπi$.',))
 
 
 def circle(y: tuple[float, ...], u0: Array, t: Array) -> Array:
@@ -94,9 +116,10 @@ def circle(y: tuple[float, ...], u0: Array, t: Array) -> Array:
 
 
 def _draw_2_2(three: Trajectory, four: Trajectory) -> Figure:
-    figure = Figure(figsize=(WIDTH, 3.9), layout='constrained')
-    solid = figure.add_subplot(131, projection='3d')
-    inputs, plane = figure.add_subplot(132), figure.add_subplot(133)
+    figure = Figure(figsize=(WIDTH, 3.2), layout='constrained')
+    grid = figure.add_gridspec(1, 3, width_ratios=(1.1, 1, 1))
+    solid = figure.add_subplot(grid[0], projection='3d')
+    inputs, plane = figure.add_subplot(grid[1]), figure.add_subplot(grid[2])
     solid.plot(*(three.x[f'q{i}'] for i in (1, 2, 3)), color=COLOURS[0])
     solid.plot([0], [0], [0], 'ko', markersize=4)
     y = np.array(VECTORS[0])
@@ -104,27 +127,28 @@ def _draw_2_2(three: Trajectory, four: Trajectory) -> Figure:
     solid.quiver(*middle, *(0.2 * y), color=COLOURS[1])
     solid.text(*(middle + 0.24 * y), '$y$', color=COLOURS[1])
     solid.view_init(20, -18)
-    solid.set_box_aspect((1, 1, 1), zoom=0.85)
-    solid.set(xlabel='$q_1$', ylabel='$q_2$', zlabel='$q_3$', title='(b) $y = (1, 2, 2)$')
-    solid.tick_params(labelsize=7)
-    solid.set_xticks([-0.5, 0.0, 0.5])
+    solid.set_box_aspect((1, 1, 1), zoom=0.82)
+    solid.set(xlabel='$q_1$', ylabel='$q_2$', title='(b) path for $y = (1, 2, 2)$',
+              xticks=[-0.5, 0, 0.5], yticks=[0, 0.5, 1], zticks=[-1, -0.5, 0])
+    solid.zaxis.set_rotate_label(False)
+    solid.set_zlabel('$q_3$')
     u = input_of(three, 3)
     exact = circle(VECTORS[0], u[0], three.t)
     for index in range(3):
         inputs.plot(three.t, u[:, index], color=COLOURS[index], label=f'$u_{index + 1}$')
         inputs.plot(three.t, exact[:, index], **EXACT)
     inputs.plot([], [], label='closed form', **EXACT)
-    inputs.set_ylim(-5, 6.8)
-    describe(inputs, '(b) optimal inputs', 'time $t$ [s]', '$u$ [1/s]')
+    inputs.set(xlim=(0, 1), ylim=(-4.9, 7.2), yticks=[-4, -2, 0, 2, 4])
+    describe(inputs, '(b) its inputs', 'time $t$ [s]', '$u$ [1/s]')
     inputs.legend(ncols=2, loc='upper center')
     for index, (first, second, text) in enumerate((
-            ('q1', 'q2', '$(q_1, q_2)$: once'), ('q3', 'q4', '$(q_3, q_4)$: twice'))):
+            ('q1', 'q2', '$(q_1, q_2)$, once'), ('q3', 'q4', '$(q_3, q_4)$, twice'))):
         plane.plot(four.x[first], four.x[second], color=COLOURS[index], label=text)
     plane.plot(0, 0, 'ko', markersize=4)
-    plane.set(aspect='equal', xlim=(-0.22, 0.1), ylim=(-0.05, 0.27),
-              xticks=[-0.2, -0.1, 0, 0.1])
-    describe(plane, '(c) $m = 4$, $\\sigma = (0.08, 0.04)$', '$q_1$, $q_3$', '$q_2$, $q_4$',
-             legend='upper right')
+    plane.set_aspect('equal', adjustable='datalim')
+    plane.margins(0.1)
+    describe(plane, r'(c) $m = 4$, $\sigma = (2, 1)$', '$q_1$, $q_3$', '$q_2$, $q_4$')
+    plane.legend(loc='upper center', bbox_to_anchor=(0.5, -0.22), ncols=2, columnspacing=1.0)
     return figure
 
 
@@ -143,7 +167,7 @@ def exercise_2_3(desk: Desk) -> Answer:
         'running_cost': '1', 'final_time': {'free': True, 'lower': 0.1, 'upper': 20}})
     way = END / np.linalg.norm(END)
     ones = np.ones(energy.t.size)
-    speed = -np.stack([slower.lam['x'], slower.lam['y']]).T / 2 / (1 + 3 * slower.t[:, None])
+    speed = np.stack([slower.u['u1'], slower.u['u2']], axis=1)
     rows = [
         Row("$∫ x'^T x' dt$: cost", energy.J, 25.0, '$|x_f - x_0|^2$'),
         Row("$∫ x'^T x' dt$: $u(t)$", [energy.u['u1'], energy.u['u2']],
@@ -189,7 +213,9 @@ def _draw_2_3(energy: Trajectory, slower: Trajectory, fastest: Trajectory) -> Fi
     plane.set_aspect('equal')
     describe(plane, 'positions at tenths of $T$', '$x_1$ [m] (shifted apart)', '$x_2$ [m]')
     describe(speeds, 'speed', 'time $t$ [s]', '$|u|$ [m/s]')
-    describe(ways, 'way', 'time $t$ [s]', '$\\int |u|\\,dt$ [m]')
+    describe(ways, 'distance covered', 'time $t$ [s]', '$\\int |u|\\,dt$ [m]')
+    for axes in (speeds, ways):
+        axes.set(xlim=(0, 5.1), ylim=(0, None))
     legend_below(figure, plane, 3)
     return figure
 

@@ -18,7 +18,9 @@ from obc_ros.cli.gallery_entries.entry import Answer, Entry, Row
 Array = NDArray[np.float64]
 Goal = tuple[float, float, float]
 
-SIDE, POINTS = 3.0, 22  # of the map [m]
+SIDE, POINTS = 3.0, 20  # of the map [m]
+# Middles of squares: off the lines on which words of two or fewer pieces are fastest.
+PLACE = (np.arange(POINTS) + 0.5) * 2 * SIDE / POINTS - SIDE
 HEADINGS = (0.0, pi / 2)
 STRAIGHT = ((2.0, 0.0, 0.0), (-1.5, 0.0, 0.0))
 TURNS = ((0.0, 0.0, pi / 2), (0.0, 0.0, -1.0), (0.0, 0.0, 3.0))
@@ -36,11 +38,9 @@ def exercise_2_6(desk: Desk) -> Answer:
     again = desk.solve_all([_problem(goal) for goal in OTHERS], method='arcs', show=0)
     spot, = desk.plan_all([_motion(TURNS[0]) | {'input_bounds': {'v': [0, 0]}}])
     shown = desk.plan_all([_motion(goal) for goal in SHOWN], show=0)
-    place = np.linspace(-SIDE, SIDE, POINTS)
     maps = []
     for heading in HEADINGS:
-        goals = [(x, y, heading) for y in place.tolist() for x in place.tolist()
-                 if hypot(x, y) > 1e-9 or heading]
+        goals = [(x, y, heading) for y in PLACE.tolist() for x in PLACE.tolist()]
         maps.append((goals, desk.plan_all([_motion(goal) for goal in goals], show=0)))
     rows = _single_rows(straight, turns, tangents, others, again, spot)
     for heading, (goals, paths) in zip(HEADINGS, maps, strict=True):
@@ -57,7 +57,7 @@ def exercise_2_6(desk: Desk) -> Answer:
                 'symmetry of the robot')]
     return Answer(rows, _draw(maps, shown), (
         'Left and middle: which word is fastest from the origin (heading to the right) to each '
-        'goal, with $L = M = 1$. C is a turn, S a line, | a change of direction. White: lines of '
+        'goal, with $L = M = 1$. C is a turn, S a line, | a change of direction. Black: lines of '
         'equal time, every 0.5 s. Right: some of the paths; bold where the robot drives '
         'backwards.',),
         f'Turning by 90 degrees in place takes {turns[0].T:.9f} s at full speed, with '
@@ -160,39 +160,39 @@ def _mirrored(goals: list[Goal], paths: list[Trajectory]) -> tuple[Array, Array]
 
 
 def _draw(maps: list[Any], shown: list[Trajectory]) -> Figure:
-    figure, (axes,) = panels(1, 3, 3.8)
+    figure, (axes,) = panels(1, 3, 3.3)
     words = sorted({word(path) for _, paths in maps for path in paths},
                    key=lambda text: (len(text.replace('|', '')), text))
-    colours = ['#88CCEE', '#44AA99', '#DDCC77', '#CC6677', '#332288', '#117733', '#AA4499',
-               '#882255', '#BBBBBB', '#E69F00', '#0072B2', '#F0E442']
-    place = np.linspace(-SIDE, SIDE, POINTS)
-    for plot, heading, (goals, paths) in zip(axes, HEADINGS, maps, strict=False):
-        index, time = np.full((2, POINTS, POINTS), np.nan)
-        for (x, y, _), path in zip(goals, paths, strict=True):
-            at = (int(np.argmin(np.abs(place - y))), int(np.argmin(np.abs(place - x))))
-            index[at], time[at] = words.index(word(path)), path.T
-        plot.pcolormesh(place, place, index, cmap=ListedColormap(colours[:len(words)]),
+    colours = ['#7FA8D8', '#E8A33D', '#66B79A', '#D98CB3', '#A6D8F0', '#F0E08A', '#C77C5A',
+               '#BFBFBF', '#9A8CC8', '#8CB85C', '#F2B8A0', '#5C8C8C']
+    for plot, heading, (_, paths) in zip(axes, HEADINGS, maps, strict=False):
+        index, time = (np.reshape(values, (POINTS, POINTS)) for values in (
+            [words.index(word(path)) for path in paths], [path.T for path in paths]))
+        plot.pcolormesh(PLACE, PLACE, index, cmap=ListedColormap(colours[:len(words)]),
                         norm=BoundaryNorm(np.arange(len(words) + 1) - 0.5, len(words)),
-                        shading='nearest', alpha=0.85)
-        plot.contour(place, place, time, levels=np.arange(0.5, 8, 0.5), colors='white',
-                     linewidths=0.8)
+                        shading='nearest')
+        lines = plot.contour(PLACE, PLACE, time, levels=np.arange(0.5, 8, 0.5), colors='black',
+                             linewidths=0.5)
+        plot.clabel(lines, lines.levels[1::2], fontsize=7.5, fmt='%g')
         _robot(plot, 0.0, 0.0, 0.0)
-        plot.set_aspect('equal')
+        plot.set(aspect='equal', xticks=range(-3, 4), yticks=range(-3, 4))
         plot.grid(False)
         degrees = np.degrees(heading)
         describe(plot, f'goal heading $\\theta_f = {degrees:.0f}$°', '$x_f$ [m]', '$y_f$ [m]')
-    figure.legend(handles=[Patch(color=colour, label=text, alpha=0.85)
+    figure.legend(handles=[Patch(color=colour, label=text)
                            for colour, text in zip(colours, words, strict=False)],
-                  loc='outside lower center', ncols=9,
-                  columnspacing=1.2)
+                  loc='outside lower center', ncols=len(words), columnspacing=1.2,
+                  handlelength=1.1)
     for path, colour in zip(shown, COLOURS, strict=False):
         axes[2].plot(path.x['px'], path.x['py'], color=colour)
         back = np.where(path.u['v'] < 0, 1.0, np.nan)
-        axes[2].plot(path.x['px'] * back, path.x['py'] * back, color=colour, linewidth=3.5)
+        axes[2].plot(path.x['px'] * back, path.x['py'] * back, color=colour, linewidth=3.2)
         _robot(axes[2], *(path.x[name][-1] for name in ('px', 'py', 'theta')), colour)
     _robot(axes[2], 0.0, 0.0, 0.0)
-    axes[2].set(aspect='equal', xlim=(-1.9, 2.5), ylim=(-1.9, 2.5))
-    describe(axes[2], 'some of the paths', '$x$ [m]', '$y$ [m]')
+    axes[2].plot([], [], color='black', linewidth=3.2, label='backwards')
+    axes[2].set(aspect='equal', xlim=(-1.9, 2.6), ylim=(-1.9, 2.6), xticks=range(-1, 3),
+                yticks=range(-1, 3))
+    describe(axes[2], 'some of the paths', '$x$ [m]', '$y$ [m]', legend='upper right')
     return figure
 
 

@@ -5,12 +5,13 @@
 from math import acos, atan, exp, pi, sqrt
 from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.cli.figures import COLOURS, THIN
 from obc_ros.cli.gallery_entries.desk import Desk, Regulator
-from obc_ros.cli.gallery_entries.drawing import describe, EXACT, panels
+from obc_ros.cli.gallery_entries.drawing import describe, EXACT, legend_below, panels
 from obc_ros.cli.gallery_entries.entry import Answer, Entry, Row
 from obc_ros.cli.gallery_entries.exact import simulated_loop
 from obc_ros.cli.gallery_entries.loop import Run
@@ -23,85 +24,112 @@ Array = NDArray[np.float64]
 SPEED, LENGTH = 10.0, 2.0  # [m/s], [m]
 RHO = 25.0  # Q_x = diag(1, 0): omega0^2 = v^2 / (l sqrt(rho)) = 10
 STEP, DURATION = 0.005, 3.0  # [s]
-AMPLITUDE, RATE, BEGIN, COURSE = 1.0, 2 * pi, 0.5, 5.0  # [m], [rad/s], [s], [s]
+# The course: r(t) = cos(2 pi (t - BEGIN)), from BEGIN on; before, the vehicle goes straight on.
+RATE, BEGIN, COURSE, SHOWN = 2 * pi, 0.5, 4.0, 4.0  # [rad/s], [s], [s], [s]
 A = np.array([[0.0, SPEED], [0.0, 0.0]])
 B = np.array([[0.0], [SPEED / LENGTH]])
 OMEGA0 = sqrt(SPEED**2 / LENGTH / sqrt(RHO))  # [rad/s]; zeta is 1 / sqrt(2)
+LAWS = {'flat': 'flat feedforward', 'linear': 'linear feedforward', 'none': 'feedback alone'}
 GAIN = np.array([[1 / sqrt(RHO), sqrt(2 * LENGTH / sqrt(RHO))]])
 
 
-def slalom(t: Array) -> tuple[Array, Array]:
+def slalom(t: Array) -> dict[str, tuple[Array, Array]]:
     """
-    Return the states (y, theta) and the steering phi on y = sin(2 pi t), by flatness.
+    Return states (y, theta) and steering phi on y = r(t) = cos(2 pi t), by several laws.
 
-    theta = asin(y' / v), phi = atan(l theta' / v).
+    By flatness theta = asin(r' / v) and phi = atan(l theta' / v).
     """
-    y = AMPLITUDE * np.sin(RATE * t)
-    dy, ddy = AMPLITUDE * RATE * np.cos(RATE * t), -RATE**2 * y
-    turn = ddy / np.sqrt(SPEED**2 - dy**2)
-    return np.column_stack([y, np.arcsin(dy / SPEED)]), np.arctan(LENGTH * turn / SPEED)
+    r, dr, ddr = np.cos(RATE * t), -RATE * np.sin(RATE * t), -RATE**2 * np.cos(RATE * t)
+    turn = ddr / np.sqrt(SPEED**2 - dr**2)
+    return {
+        'flat': (np.column_stack([r, np.arcsin(dr / SPEED)]), np.arctan(LENGTH * turn / SPEED)),
+        'linear': (np.column_stack([r, dr / SPEED]), LENGTH * ddr / SPEED**2),
+        'none': (np.column_stack([r, 0 * r]), 0 * r)}
+
+
+def course(name: str) -> Trajectory:
+    """Return the slalom as a reference."""
+    t = STEP * np.arange(round(COURSE / STEP) + 1)
+    x, phi = slalom(t)[name]
+    reference = Trajectory(t=doubles(t), x=doubles(x.ravel().round(15)), u=doubles(phi.round(15)),
+                           interpolation='linear')
+    reference.header.stamp.nanosec = round(BEGIN * 1e9)
+    return reference
 
 
 def exercise_2_10(desk: Desk) -> Answer:
     """Answer Exercise 2.10, (a) and (b)."""
     design, = desk.design_all([{'system': 'vehicle_lateral', 'Qx': [1.0, 0.0], 'Qu': [RHO]}])
-    t = STEP * np.arange(round(COURSE / STEP) + 1)
-    x, phi = slalom(t)
-    reference = Trajectory(t=doubles(t), x=doubles(x.ravel()), u=doubles(phi),
-                           interpolation='linear')
-    reference.header.stamp.nanosec = round(BEGIN * 1e9)
     with desk.loop('lateral', {
             'system': 'vehicle_lateral', 'x0': [0.0, 0.0], 'publish_rate': 1 / STEP}, {
             'system': 'linear', 'system_parameters.A': A, 'system_parameters.B': B,
             'setpoint': [1.0, 0.0], 'Qx': [1.0, 0.0], 'Qu': [RHO]}) as loop:
         step = loop.run(DURATION)
+        loop.set('plant_simulator', x0=[1.0, 0.0])
+        driven = {name: loop.run(SHOWN, course(name), name) for name in LAWS}
+        loop.set('plant_simulator', x0=[0.0, 0.0])
         loop.set(setpoint=[0.0, 0.0])
-        driven = loop.run(BEGIN + COURSE - STEP, reference)
+        driven['off'] = loop.run(SHOWN, course('flat'), 'flat')
     wanted = simulated_loop(_rate, lambda _, at: -GAIN @ (at - [1.0, 0.0]), [0.0, 0.0], STEP,
                             len(step.t) - 1)
-    followed = simulated_loop(_rate, _following, [0.0, 0.0], STEP, len(driven.t) - 1)
     message, crossover = design.message, OMEGA0 * sqrt(1 + sqrt(2))
     rows = [
         Row('(a) $K$', design.K, GAIN, '$[1/√ρ, √(2l/√ρ)]$'),
-        Row('(a) overshoot', message.overshoot[0], exp(-pi), '$e^{-πζ/√(1-ζ^2)}$, $ζ = 1/√2$'),
+        Row('(a) overshoot', message.overshoot[0], exp(-pi), '$e^{-πζ/√(1-ζ^2)}$, $ζ = 1/√2$',
+            relative=True),
         Row('(a) rise time, 10 to 90 % [s]', message.rise_time[0], _rise_time(),
-            'the step response of second order'),
+            'the step response of second order', relative=True),
         Row('(a) gain crossover [rad/s]', message.bandwidth[0], crossover, '$ω_0 √(1 + √2)$'),
         Row('(a) bandwidth, $|T| = 1/√2$ [rad/s]', _bandwidth(design.K), OMEGA0,
             '$ω_0 = √(v^2/l√ρ)$'),
         Row('(a) phase margin [rad]', message.phase_margin[0],
             atan(sqrt(2 * (1 + sqrt(2)))), '$atan √(2 + 2√2)$ = 65.5 degrees'),
         Row('(a) step of the vehicle: $y$, $θ$', step.x, wanted[0], 'Dormand-Prince 8(5,3)'),
-        Row('(a) step of the vehicle: $φ$ [rad]', step.u, wanted[1][step.heard],
-            'Dormand-Prince 8(5,3)'),
-        Row('(b) slalom: $y$, $θ$', driven.x, followed[0], 'Dormand-Prince 8(5,3)'),
-        Row('(b) slalom: $φ$ [rad]', driven.u, followed[1][driven.heard],
-            'Dormand-Prince 8(5,3)')]
-    error = driven.x[:, 0] - AMPLITUDE * np.sin(RATE * np.maximum(driven.t - BEGIN, 0))
-    settled = np.abs(error[driven.t > BEGIN + 3.0]).max()
-    return Answer(rows, _draw(design, step, driven, error), (
+        Row('(a) step of the vehicle: $φ$ [rad]', step.u, wanted[1], 'Dormand-Prince 8(5,3)')]
+    for name, text in (*LAWS.items(), ('off', 'flat feedforward, 1 m beside')):
+        x, u = _followed(name, len(driven[name].t) - 1)
+        rows += [Row(f'(b) {text}: $y$, $θ$', driven[name].x, x, 'Dormand-Prince 8(5,3)'),
+                 Row(f'(b) {text}: $φ$ [rad]', driven[name].u, u, 'Dormand-Prince 8(5,3)')]
+    away = {name: run.x[:, 0] - wanted_at(run.t) for name, run in driven.items()}
+    worst = {name: np.abs(error[driven[name].t > SHOWN - 1]).max() for name, error in away.items()}
+    return Answer(rows, _draw(design, step, driven, away), (
         f'(a) $Q_x = diag(1, 0)$, $Q_u = {RHO:g}$: $ω_0 = {OMEGA0:.3f}$ rad/s, $ζ = 0.707$. '
         f'Overshoot {100 * message.overshoot[0]:.2f} %, rise time {message.rise_time[0]:.3f} s, '
         f'crossover at {message.bandwidth[0]:.3f} rad/s, bandwidth {OMEGA0:.3f} rad/s, phase '
         f'margin {np.degrees(message.phase_margin[0]):.1f} degrees. The loop is broken at the '
-        'steering.',
-        "(b) $u = φ_d(t) - K (x - x_d(t))$, where $θ_d = asin(r'/v)$ and "
-        "$φ_d = atan(l θ_d'/v)$ follow from $r(t)$ by flatness. The course is published as "
-        '`reference`; it begins at 0.5 s, when the vehicle still stands straight. Three seconds '
-        f'later the error is at most {1e3 * settled:.1f} mm, what holding the steering for '
-        f'{1e3 * STEP:g} ms leaves.'))
+        'steering. The regulator is designed for the linear model; what it drives is the '
+        'vehicle itself.',
+        "(b) $u = φ_d - K (x - x_d)$, where $θ_d = asin(r'/v)$ and $φ_d = atan(l θ_d'/v)$ follow "
+        'from $r(t)$ by flatness. The course is published as `reference`; it begins at 0.5 s. The '
+        'slalom is faster than the loop, whose bandwidth is half of 1 Hz: by feedback alone, '
+        f'$x_d = (r, 0)$, $φ_d = 0$, the error reaches {worst["none"]:.2f} m; with the '
+        f"feedforward of the linear model, $θ_d = r'/v$, $φ_d = l r''/v^2$, "
+        f'{100 * worst["linear"]:.0f} cm; with the flat one {1e3 * worst["flat"]:.0f} mm, what '
+        f'holding the steering for {1e3 * STEP:g} ms leaves. A start beside the course is '
+        'forgotten within two seconds.'))
+
+
+def wanted_at(t: Array) -> Array:
+    """Return r(t); before the course begins where it begins."""
+    return np.cos(RATE * np.maximum(t - BEGIN, 0.0))
+
+
+def _followed(name: str, count: int) -> tuple[Array, Array]:
+    """Return states and steering on the slalom, without the nodes."""
+    start = np.array([0.0 if name == 'off' else 1.0, 0.0])
+
+    def law(t: float, x: Array) -> Array:
+        if t < BEGIN - 1e-9:
+            return -GAIN @ (x - start)
+        (wanted,), phi = slalom(np.array([t - BEGIN]))['flat' if name == 'off' else name]
+        u: Array = phi - GAIN @ (x - wanted)
+        return u
+
+    return simulated_loop(_rate, law, start, STEP, count)
 
 
 def _rate(x: Array, u: Array) -> list[Any]:
     return [SPEED * np.sin(x[1]), SPEED / LENGTH * np.tan(u[0])]
-
-
-def _following(t: float, x: Array) -> Array:
-    if t < BEGIN - 1e-9:
-        return -GAIN @ x
-    wanted, phi = slalom(np.array([t - BEGIN]))
-    law: Array = phi - GAIN @ (x - wanted[0])
-    return law
 
 
 def _rise_time() -> float:
@@ -135,21 +163,39 @@ def _closed(K: Array, w: Array) -> Any:
     return a0 / (s**2 + K[0, 1] * B[1, 0] * s + a0)
 
 
-def _draw(design: Regulator, step: Run, driven: Run, error: Array) -> Figure:
-    figure, ((response, steering, magnitude), (course, away, phase)) = panels(2, 3, 3.1)
+def _draw(design: Regulator, step: Run, driven: dict[str, Run], away: dict[str, Array]) -> Figure:
+    figure, ((response, magnitude, phase), (path, steering, error)) = panels(2, 3, 2.9)
     t = np.linspace(0, DURATION, 300)
     w = OMEGA0 / sqrt(2)
     response.plot(step.t, step.x[:, 0], color=COLOURS[0], label='the vehicle')
     response.plot(t, 1 - np.exp(-w * t) * (np.cos(w * t) + np.sin(w * t)), label='linear', **EXACT)
     response.axhline(1, **THIN)
+    response.set(xlim=(0, DURATION), ylim=(0, 1.15))
     describe(response, '(a) step of $y_d$ by 1 m', 'time $t$ [s]', 'position $y$ [m]',
              legend='lower right')
-    steering.plot(step.tu, step.u[:, 0], color=COLOURS[1], drawstyle='steps-post', label='step')
-    steering.plot(driven.tu, driven.u[:, 0], color=COLOURS[2], linewidth=1,
-                  drawstyle='steps-post', label='slalom')
-    describe(steering, 'steering', 'time $t$ [s]', '$\\phi$ [rad]')
-    steering.set_ylim(-0.8, 1.0)
-    steering.legend(loc='upper right', ncols=2)
+    _draw_frequency(magnitude, phase, design)
+    course_t = np.linspace(BEGIN, SHOWN, 500)
+    path.plot(course_t, wanted_at(course_t), label='$r(t)$', **EXACT)
+    for index, (name, text) in enumerate((
+            ('flat', 'flat'), ('linear', 'linear'), ('none', 'feedback alone'),
+            ('off', 'flat, 1 m beside'))):
+        run, style = driven[name], {'color': COLOURS[(2, 1, 3, 0)[index]], 'linewidth': 1.1}
+        if name in ('flat', 'off'):
+            path.plot(run.t, run.x[:, 0], **style)
+            steering.plot(run.t, run.u[:, 0], drawstyle='steps-post', **style)
+        error.semilogy(run.t, np.maximum(np.abs(away[name]), 1e-6), label=text, **style)
+    path.set(xlim=(0, SHOWN), ylim=(-1.5, 1.9), yticks=[-1, 0, 1])
+    describe(path, '(b) slalom of 1 m and 1 Hz', 'time $t$ [s]', 'position $y$ [m]')
+    path.legend(loc='upper right')
+    steering.set(xlim=(0, SHOWN), ylim=(-0.9, 0.9))
+    describe(steering, '(b) steering', 'time $t$ [s]', r'$\phi$ [rad]')
+    error.set(xlim=(0, SHOWN), ylim=(1e-3, 4))
+    describe(error, '(b) tracking error', 'time $t$ [s]', '$|y - r|$ [m]')
+    legend_below(figure, error, 4)
+    return figure
+
+
+def _draw_frequency(magnitude: Axes, phase: Axes, design: Regulator) -> None:
     frequency = np.logspace(-1, 2, 300)
     loop, closed = _open(design.K, frequency), _closed(design.K, frequency)
     crossover, margin = design.message.bandwidth[0], design.message.phase_margin[0]
@@ -159,28 +205,19 @@ def _draw(design: Regulator, step: Run, driven: Run, error: Array) -> Figure:
         axes.semilogx(frequency, values[0], color=COLOURS[0], label='loop $L$')
         axes.semilogx(frequency, values[1], '--', color=COLOURS[1], label='$r$ to $y$')
         axes.axvline(crossover, **THIN)
+        axes.set_xlim(0.1, 100)
     magnitude.axhline(0, **THIN)
-    magnitude.set_ylim(-60, 60)
+    magnitude.set(ylim=(-60, 60), yticks=range(-60, 61, 20))
     phase.axhline(-180, **THIN)
     phase.annotate('', (crossover, -180), (crossover, np.degrees(margin) - 180),
-                   arrowprops={'arrowstyle': '<->', 'color': COLOURS[3]})
-    phase.text(1.15 * crossover, -165, f'{np.degrees(margin):.1f}°', color=COLOURS[3])
-    phase.set_yticks([-180, -135, -90, -45, 0])
+                   arrowprops={'arrowstyle': '<->', 'color': 'black', 'shrinkA': 0,
+                               'shrinkB': 0})
+    phase.text(0.85 * crossover, -168, f'{np.degrees(margin):.1f}°', ha='right')
+    phase.set(ylim=(-190, 40), yticks=[-180, -135, -90, -45, 0])
     describe(magnitude, '(a) frequency response', 'frequency [rad/s]', 'magnitude [dB]',
-             legend=True)
+             legend='upper right')
     describe(phase, '(a) phase and its margin', 'frequency [rad/s]', 'phase [deg]',
              legend='upper right')
-    course.plot(driven.t, driven.x[:, 0], color=COLOURS[2], label='the vehicle')
-    course.plot(driven.t, np.where(
-        driven.t < BEGIN, np.nan, AMPLITUDE * np.sin(RATE * (driven.t - BEGIN))),
-        label='$r(t)$', **EXACT)
-    course.set_ylim(-1.5, 1.6)
-    describe(course, '(b) slalom, 1 m, 1 Hz', 'time $t$ [s]', 'position $y$ [m]')
-    course.legend(loc='upper center', ncols=2)
-    away.semilogy(driven.t, np.maximum(np.abs(error), 1e-6), color=COLOURS[2])
-    away.set_ylim(1e-4, 2)
-    describe(away, '(b) tracking error', 'time $t$ [s]', '$|y - r|$ [m]')
-    return figure
 
 
 EXERCISE_2_10 = Entry(
