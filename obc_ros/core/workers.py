@@ -25,7 +25,8 @@ from obc_ros.core.wire import Channel, Packet
 
 TICK = 0.02        # [s] how soon a busy worker's thread sees a cancelled request
 HEAD_START = 0.1   # [s] that a solver is told to stop before its time is over
-GRACE = 0.08       # [s] in which a solver that was asked to stop may still answer
+GRACE = 0.05       # [s] in which a solver that was asked to stop may still answer
+END = 0.1          # [s] in which a process whose channel has closed has ended
 IDLE_CHECK = 0.5   # [s] how soon the death of an idle worker is seen
 START_TIME = 60.0  # [s] in which a worker must have started
 START_PAUSE = 1.0  # [s] before a worker that did not start is tried again, doubled each time
@@ -410,7 +411,7 @@ class _Worker(Thread):
     def _cause(self) -> str:
         """Return how the process ended, for it has."""
         try:
-            status = self._process.wait(GRACE)
+            status = self._process.wait(END)
         except subprocess.TimeoutExpired:
             return 'it took no more data'
         if status == -signal.SIGKILL:
