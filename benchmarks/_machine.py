@@ -15,6 +15,7 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 
 SLEEP = 2e-3    # [s] of the process that does nothing
@@ -64,15 +65,17 @@ class Stalls:
     """Watches the machine until `end`."""
 
     def __init__(self) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, __file__], stdout=subprocess.PIPE, text=True)
+        # a pipe that nobody reads would hold the process up
+        self._told = tempfile.TemporaryFile('w+')  # noqa: SIM115 - closed by `end`
+        self._process = subprocess.Popen([sys.executable, __file__], stdout=self._told)
 
     def end(self) -> list[tuple[float, float]]:
         """Return when the machine stood still, by the steady clock, and how long [s]."""
         self._process.terminate()
-        lines, _ = self._process.communicate()
-        return [(float(begin), float(length)) for begin, length in map(
-            str.split, lines.splitlines())]
+        self._process.wait()
+        with self._told as lines:
+            lines.seek(0)
+            return [(float(begin), float(length)) for begin, length in map(str.split, lines)]
 
 
 def told(stalls: list[tuple[float, float]]) -> str:
