@@ -10,6 +10,11 @@ Array = NDArray[np.float64]
 CHAIN, FORCE = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
 
 
+def vehicle(v: float, length: float = 2.0) -> tuple[Array, Array]:
+    """Return (A, B) of the vehicle across the road at a speed [m/s]; the state is (py, theta)."""
+    return v * CHAIN, v / length * FORCE
+
+
 def aircraft() -> tuple[Array, Array]:
     """Return (A, B) of the vectored thrust aircraft at hover."""
     m, J, r, g, c = 4.0, 0.0475, 0.25, 9.8, 0.05

@@ -10,7 +10,6 @@ import signal
 import time
 
 import numpy as np
-from obc_ros.cli.demo_vehicle import slalom
 from obc_ros.cli.report import step_figures
 import pytest
 from rosbags.highlevel import AnyReader
@@ -150,16 +149,3 @@ def test_step_figures_of_a_known_response() -> None:
     rise = brentq(response, 1.0, 3.0, args=(0.9,)) - brentq(response, 0.1, 1.0, args=(0.1,))
     assert step.rise_time == pytest.approx(rise, abs=2e-4)
     assert np.abs(y[t >= step.settling_time] - 1).max() <= 0.02
-
-
-def test_the_slalom_obeys_the_vehicle() -> None:
-    """The flat course satisfies y' = v sin(theta), theta' = (v / l) tan(phi)."""
-    t = np.linspace(0.0, 6.0, 600_001)
-    y, theta, phi = slalom(t)
-    inside = slice(1, -1)
-    np.testing.assert_allclose(
-        np.gradient(y, t)[inside], 10.0 * np.sin(theta)[inside], atol=1e-6)
-    np.testing.assert_allclose(
-        np.gradient(theta, t)[inside], 5.0 * np.tan(phi)[inside], atol=1e-6)
-    assert np.abs(y[(t > 1) & (t < 5)]).max() == pytest.approx(1.0, abs=1e-9)
-    assert y[-1] == theta[-1] == phi[-1] == pytest.approx(0.0, abs=1e-12)

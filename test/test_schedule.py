@@ -13,19 +13,14 @@ from obc_ros.core.design import design, Plant, plant, Sampling, scheduled
 from obc_ros.core.errors import RefusedDesignError, StatementError
 from obc_ros.core.lqr import lqr
 from obc_ros.core.schedule import Table, table
-from obc_ros.core.tracking import vehicle_at
 from obc_ros.core.weights import Weights
+from plants import vehicle
 import pytest
 from scipy.integrate import solve_ivp
 
 Array = NDArray[np.float64]
 
 LENGTH, SLOW, FAST = 2.0, 1.0, 30.0
-
-
-def vehicle(v: float) -> tuple[Array, Array]:
-    """Return the vehicle across the road."""
-    return vehicle_at(v, LENGTH)
 
 
 def with_integral(v: float) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ from obc_ros.core.errors import StatementError
 from obc_ros.core.lqr import lqr
 from obc_ros.core.margins import figures
 from obc_ros.core.weights import Weights
+from plants import vehicle
 import pytest
 from scipy.integrate import solve_ivp
 
@@ -47,36 +48,20 @@ def test_derivatives_of_the_slalom():
     assert y[0] == dy[0] == ddy[0] == 0.0
 
 
-def test_vehicle_drives_a_circle_and_a_slalom():
-    w, radius = 0.7, 9.0
-    t = np.linspace(0, 12, 500)
-    position = radius * np.column_stack([np.cos(w * t), np.sin(w * t)])
-    velocity = radius * w * np.column_stack([-np.sin(w * t), np.cos(w * t)])
-    x, u = tracking.vehicle_reference(velocity, -w * w * position, position, LENGTH)
-    assert u[:, 0] == pytest.approx(radius * w)
-    assert u[:, 1] == pytest.approx(math.atan(LENGTH / radius))
-    assert x[-1, 2] - x[0, 2] == pytest.approx(w * 12)  # more than one turn, without a jump
-
-    y, dy, ddy = tracking.slalom(t)
-    x, u = tracking.vehicle_reference(
-        np.column_stack([SPEED + 0 * t, dy]), np.column_stack([0 * t, ddy]),
-        np.column_stack([SPEED * t, y]), LENGTH)
-
-    def rate(s, z):
-        y, dy, ddy = tracking.slalom(np.atleast_1d(s))
-        _, now = tracking.vehicle_reference(
-            np.column_stack([SPEED + 0 * dy, dy]), np.column_stack([0 * dy, ddy]),
-            np.column_stack([0 * dy, y]), LENGTH)
-        v, phi = now[0]
-        return [v * math.cos(z[2]), v * math.sin(z[2]), v / LENGTH * math.tan(phi)]
-
-    driven = solve_ivp(rate, (0, 3), x[0], rtol=1e-10, atol=1e-12, max_step=0.05).y[:, -1]
-    y, dy, _ = tracking.slalom(np.array([3.0]))
-    assert driven == pytest.approx([30.0, y[0], math.atan2(dy[0], SPEED)], abs=1e-6)
+def test_the_slalom_ends_as_it_begins():
+    """Faded out as it was faded in; derivatives by differences; at rest from the end on."""
+    t, h = np.linspace(-0.5, 6.5, 701), 1e-4
+    y, dy, ddy = tracking.slalom(t, end=6.0)
+    later, earlier = tracking.slalom(t + h, end=6.0), tracking.slalom(t - h, end=6.0)
+    assert (later[0] - earlier[0]) / (2 * h) == pytest.approx(dy, abs=1e-5)
+    assert (later[1] - earlier[1]) / (2 * h) == pytest.approx(ddy, abs=1e-4)
+    assert y == pytest.approx(-y[::-1], abs=1e-12)
+    assert not y[t >= 6.0].any() and not dy[t >= 6.0].any() and not ddy[t >= 6.0].any()
+    assert y[(t > 1) & (t < 5)].max() == pytest.approx(1.0, abs=1e-3)
 
 
 def test_feedback_brings_an_offset_vehicle_onto_the_slalom():
-    K = lqr(*tracking.vehicle_at(SPEED, LENGTH), COST.Qx, COST.Qu).K
+    K = lqr(*vehicle(SPEED, LENGTH), COST.Qx, COST.Qu).K
 
     def rate(t, x):
         xd, ud = tracking.lateral_reference(*tracking.slalom(np.atleast_1d(t)), SPEED, LENGTH)
@@ -90,7 +75,7 @@ def test_feedback_brings_an_offset_vehicle_onto_the_slalom():
 @pytest.mark.parametrize('q', [0.01, 1.0])
 def test_exercise_2_10_numbers(q):
     """Py'' = (v^2 / l) phi: omega0^2 = (v^2 / l) sqrt(q), zeta = 1 / sqrt(2), as Example 2.4."""
-    A, B = tracking.vehicle_at(SPEED, LENGTH)
+    A, B = vehicle(SPEED, LENGTH)
     K = lqr(A, B, np.diag([q, 0.0]), [[1.0]]).K
     w0 = math.sqrt(SPEED**2 / LENGTH * math.sqrt(q))
     assert pytest.approx(np.array([[math.sqrt(q), math.sqrt(2) * w0 * LENGTH / SPEED]])) == K
@@ -102,9 +87,6 @@ def test_exercise_2_10_numbers(q):
     assert found.rise_time[0] == pytest.approx(2.1457 / w0, rel=2e-3)  # of the normal form
 
 
-def test_refusals():
-    still = np.zeros((3, 2))
-    with pytest.raises(StatementError, match='stands still'):
-        tracking.vehicle_reference(still, still, still, LENGTH)
+def test_a_course_faster_than_the_vehicle_is_refused():
     with pytest.raises(StatementError, match='across the road at up to 12'):
         tracking.lateral_reference(np.zeros(2), np.array([0, 12.0]), np.zeros(2), 10.0, LENGTH)

@@ -1,14 +1,14 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The vehicle on a course: its feedforward by flatness (Exercise 2.10).
+The vehicle on a course across the road: its feedforward by flatness (Exercise 2.10).
 
-The position (px, py) of the rear axle is a flat output of
+The position py of the rear axle is a flat output of
 
-    px' = v cos(theta), py' = v sin(theta), theta' = (v / l) tan(phi)
+    py' = v sin(theta), theta' = (v / l) tan(phi)
 
-so that a course given with two derivatives determines heading, speed and steering. Gains that
-follow the speed are in `schedule`, those along any reference, from (2.7), in `following`.
+so that a course given with two derivatives determines heading and steering. Gains that follow the
+speed are in `schedule`, those along any reference, from (2.7), in `following`.
 """
 
 import math
@@ -18,42 +18,6 @@ from numpy.typing import NDArray
 from obc_ros.core.errors import StatementError
 
 Array = NDArray[np.float64]
-
-_SLOWEST = 1e-6  # [m/s] below which a position has no heading
-
-
-def vehicle_reference(velocity: Array, acceleration: Array, position: Array, length: float
-                      ) -> tuple[Array, Array]:
-    """
-    Return states and inputs of the vehicle that drives a course exactly.
-
-    Parameters
-    ----------
-    velocity, acceleration, position : ndarray, shape (N, 2)
-        Of (px, py) [m/s], [m/s^2], [m].
-    length : float
-        Wheelbase l [m].
-
-    Returns
-    -------
-    x : ndarray, shape (N, 3)
-        px [m], py [m], theta [rad] without jumps of 2 pi.
-    u : ndarray, shape (N, 2)
-        v [m/s], phi [rad].
-
-    Raises
-    ------
-    StatementError
-        If the course stands still somewhere: its heading is then undetermined.
-
-    """
-    v = np.hypot(velocity[:, 0], velocity[:, 1])
-    if not v.size or not v.min() > _SLOWEST:
-        raise StatementError('the course stands still somewhere: there it has no heading')
-    theta = np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))
-    turn = (velocity[:, 0] * acceleration[:, 1] - velocity[:, 1] * acceleration[:, 0]) / v**2
-    phi = np.arctan(length * turn / v)
-    return np.column_stack([position, theta]), np.column_stack([v, phi])
 
 
 def lateral_reference(y: Array, dy: Array, ddy: Array, speed: float, length: float
@@ -89,26 +53,36 @@ def lateral_reference(y: Array, dy: Array, ddy: Array, speed: float, length: flo
     return x, np.arctan(length * turn / speed)[:, None]
 
 
-def slalom(t: Array, amplitude: float = 1.0, frequency: float = 1.0, fade: float = 1.0
-           ) -> tuple[Array, Array, Array]:
+def slalom(t: Array, amplitude: float = 1.0, frequency: float = 1.0, fade: float = 1.0,
+           end: float = math.inf) -> tuple[Array, Array, Array]:
     """
-    Return y = amplitude sin(2 pi frequency t) and two derivatives, faded in over `fade` seconds.
+    Return y = amplitude sin(2 pi frequency t) and two derivatives, faded in and out.
 
     The fading is smooth to the third derivative, so that the steering has no jump.
+
+    Parameters
+    ----------
+    t : ndarray, shape (N,)
+        Times [s]; the slalom lasts from 0 to `end`.
+    amplitude, frequency : float
+        [m], [Hz]
+    fade, end : float
+        How long it is faded in, and out again [s], and when it has ended [s].
+
+    Returns
+    -------
+    y, dy, ddy : ndarray, shape (N,)
+        [m], [m/s], [m/s^2]
+
     """
     w = 2.0 * math.pi * frequency
-    s = np.clip(t / fade, 0.0, 1.0)
+    s = np.clip(np.minimum(t, end - t) / fade, 0.0, 1.0)
+    way = np.where(t < end - t, 1.0, -1.0)
     a = s**4 * (35.0 - 84.0 * s + 70.0 * s**2 - 20.0 * s**3)
-    da = 140.0 * s**3 * (1.0 - s)**3 / fade
+    da = way * 140.0 * s**3 * (1.0 - s)**3 / fade
     dda = 420.0 * s**2 * (1.0 - s)**2 * (1.0 - 2.0 * s) / fade**2
     sine, cosine = np.sin(w * t), np.cos(w * t)
     y = amplitude * a * sine
     dy = amplitude * (da * sine + a * w * cosine)
     ddy = amplitude * (dda * sine + 2.0 * da * w * cosine - a * w**2 * sine)
     return y, dy, ddy
-
-
-def vehicle_at(speed: float, length: float) -> tuple[Array, Array]:
-    """Return (A, B) of the vehicle across the road at a speed [m/s]; the state is (py, theta)."""
-    A = np.array([[0.0, speed], [0.0, 0.0]])
-    return A, np.array([[0.0], [speed / length]])
