@@ -25,7 +25,6 @@ from scipy.linalg import lapack
 Array = NDArray[np.float64]
 
 
-
 @dataclass(frozen=True, eq=False)
 class RiccatiSolution:
     """
@@ -180,7 +179,7 @@ def _by_doubling(A: Array, G: Array, Q: Array) -> _Iterate | None:
         left = np.linalg.inv(A - speed * identity)
         right = np.linalg.inv((A - speed * identity).T + Q @ left @ G)
         P = stretches.doubled(identity + 2.0 * speed * right.T, 2.0 * speed * left @ G @ right,
-                         2.0 * speed * right @ Q @ left)
+                              2.0 * speed * right @ Q @ left)
         if P is None:
             return None
         M = A - G @ P
