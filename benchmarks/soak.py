@@ -272,7 +272,9 @@ def main() -> int:
             left = soak.close()
             rclpy.shutdown()
     report(soak, args, stood, left)
-    return timing.finish()
+    status = timing.finish()
+    print(f'the soak {"FAILS" if status else "holds"}')
+    return status
 
 
 if __name__ == '__main__':

@@ -9,7 +9,9 @@ A subcommand NAME is a module `obc_ros.cli.NAME` with `add_arguments(parser)` an
 """
 
 import argparse
+import atexit
 from collections.abc import Sequence
+import gc
 from importlib import import_module, metadata, util
 import os
 import sys
@@ -64,6 +66,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `obc` and return its exit status."""
+    atexit.register(gc.freeze)  # or the interpreter looks through everything as it ends
     try:
         args = parse(sys.argv[1:] if arguments is None else arguments)
         status: int = args.run(args)

@@ -8,8 +8,10 @@ SIGTERM end it with status 0. They are taken here rather than by rclpy, which sh
 once: `destroy_node` can still publish, so that a controller can leave its plant a safe command.
 """
 
+import atexit
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+import gc
 import os
 from pathlib import Path
 import re
@@ -41,6 +43,7 @@ def run(build: Callable[[], Node], args: list[str] | None = None) -> int:
         Command line with the ROS arguments; that of the process by default.
 
     """
+    atexit.register(gc.freeze)  # or the interpreter looks through everything as it ends
     with _stopped_by_signals() as stop:
         try:
             rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
