@@ -15,6 +15,7 @@ from obc_ros.core.solution import Status
 from obc_ros.core.solve import Cache, METHODS, solve
 from obc_ros.core.statement import load_file, problem_from_mapping
 import pytest
+from scipy.optimize import brentq
 
 PROBLEMS = Path(__file__).parent / 'problems'
 # What their published value leaves open is said in the files; slow ones are in the benchmarks.
@@ -142,6 +143,22 @@ def test_the_better_of_two_minima_is_found_without_a_guess():
     """The aircraft's transfer in 5 s has the minima 1.0832 and 1.2271."""
     solution = solve(stated('aircraft_5')[0])
     assert solution.objective == pytest.approx(1.0831515, rel=1e-5)
+
+
+def test_a_saddle_to_whose_sides_the_cost_falls_is_left():
+    """
+    Staying at 0 is an extremal, and every step from it stays there.
+
+    To either side u = 1 until a, then x = A cos 2(t - 1), with x and u continuous at a.
+    """
+    a = brentq(lambda a: np.tan(2 * (1 - a)) - 1 / (2 * a), 0.5, 0.9)
+    least = 2 * (a - 4 * a**3 / 3 - (a / np.cos(2 * (1 - a)))**2 * np.sin(4 * (1 - a)))
+    found = solve(simple(['x'], {'x': 'u'}, 'u**2 - 4*x**2', {'x': 0},
+                         {'free': False, 'value': 2}, terminal_constraints=['x'],
+                         input_bounds={'u': [-1, 1]}))
+    assert found.status is Status.SOLVED, found.message
+    assert found.objective == pytest.approx(least, rel=1e-5)
+    assert np.abs(found.x).max() == pytest.approx(a / np.cos(2 * (1 - a)), rel=1e-4)
 
 
 def test_an_extremal_with_conjugate_points_is_no_answer():

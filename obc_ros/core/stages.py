@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from obc_ros.core.active import follow
 from obc_ros.core.blocks import Index, Whole
 from obc_ros.core.interior import Goal, Interior, Iterate, Pattern, solve, Values
+from obc_ros.core.saddles import left_behind
 
 Array = NDArray[np.float64]
 
@@ -193,7 +194,8 @@ class Stages:
             work.measured(now)
         if multipliers is None:
             work.multipliers(now)
-        return self._found(work, solve(work, now, goal, seen))
+        end = solve(work, now, goal, seen)
+        return self._found(work, left_behind(work, end, goal, seen))
 
     def _followed(self, y: Array, there: Values, steps: int) -> Found:
         return Found(y[self.at_w], there.f / self.factor, there.c[self.at_rows],
