@@ -85,9 +85,8 @@ class Outcome:
 
     def pressure(self) -> Array:
         """Return by how much J grows with drawing in each bound of x and of c, (n + l,)."""
-        node = np.hstack([self.node_bounds, self.node_path])
-        inner = np.concatenate([self.inner_bounds, self.inner_path], axis=2)
-        return np.asarray(np.abs(node).sum(axis=0) + np.abs(inner).sum(axis=(0, 1)))
+        parts = ((self.node_bounds, self.inner_bounds), (self.node_path, self.inner_path))
+        return np.concatenate([np.abs(a).sum(0) + np.abs(b).sum((0, 1)) for a, b in parts])
 
     def masses(self, parts: int) -> Array:
         """
@@ -213,7 +212,7 @@ class Transcription:
     """
 
     def __init__(self, problem: Problem, layout: Layout, pieces: Pieces | None = None) -> None:
-        self.layout = layout
+        self.layout, self._solvers = layout, dict[str, tuple[ca.Function, Watch]]()
         self._pieces = pieces or Pieces(problem, layout.stages, layout.free_durations)
         self.n, self.m, self.q = problem.n, problem.m, problem.q
         self.l = int(problem.path.numel())
@@ -223,7 +222,6 @@ class Transcription:
         equal = self.n * (layout.stages + 1) * layout.intervals + self.q
         # Without as many unknowns as equations there is nothing to choose.
         self.solvable = self.unknowns - self.n >= equal
-        self._solvers: dict[str, tuple[ca.Function, Watch]] = {}
 
     def _number(self, problem: Problem) -> None:
         """Give every unknown and every constant its place."""
@@ -262,6 +260,11 @@ class Transcription:
             inputs[inputs < 0] = base + N - 1 - inputs[inputs < 0]
         if not layout.free_durations:
             self.at_duration = base + N + len(held) + np.arange(phases)
+        # The state, input or time that each unknown is.
+        self.which = np.full(self.unknowns + self.constants, n + m)
+        self.which[self.at_x] = self.which[self.at_inner] = np.arange(n)
+        self.which[self.at_ua] = self.which[self.at_ub] = n + np.arange(m)
+        self.which = self.which[:self.unknowns]
 
     def _index(self) -> tuple[Index, Index]:
         """Return where the local variables and the constants of each interval stand."""
@@ -363,18 +366,15 @@ class Transcription:
 
     def _bounds(self, problem: Problem, scales: Scales, limits: 'Limits'
                 ) -> tuple[Array, Array]:
-        lower, upper = np.full(self.unknowns, -np.inf), np.full(self.unknowns, np.inf)
-        x_lower = (problem.x_lower + limits.margin[:self.n]) / scales.x
-        x_upper = (problem.x_upper - limits.margin[:self.n]) / scales.x
-        for places in (self.at_x, self.at_inner):
-            lower[places], upper[places] = x_lower, x_upper
+        size = np.concatenate([scales.x, scales.u, [scales.time]])
+        margin = limits.margin[:self.n]
+        lower, upper = (np.concatenate([x, u, [0.0]]) / size for x, u in (
+            (problem.x_lower + margin, problem.u_lower),
+            (problem.x_upper - margin, problem.u_upper)))
+        lower, upper = lower[self.which], upper[self.which]
         lower[self.at_x[-1, limits.pinned]] = -np.inf
         upper[self.at_x[-1, limits.pinned]] = np.inf
         lower[self.at_x[0]] = upper[self.at_x[0]] = problem.x0 / scales.x
-        for places in (self.at_ua, self.at_ub):
-            unknown = places < self.unknowns
-            for bound, value in ((lower, problem.u_lower), (upper, problem.u_upper)):
-                bound[places[unknown]] = np.broadcast_to(value / scales.u, places.shape)[unknown]
         if self.layout.free_durations:
             lower[self.at_duration] = limits.shortest / scales.time
             upper[self.at_duration] = limits.longest / scales.time
@@ -477,9 +477,9 @@ class Transcription:
         everything = np.concatenate([w, self._constants(problem, mesh, scales,
                                                         problem.final_time.value)])
         durations = everything[self.at_duration] * scales.time
+        ua, ub = (everything[places] * scales.u for places in (self.at_ua, self.at_ub))
         path = Path(self.times(mesh, durations), w[self.at_x] * scales.x,
-                    w[self.at_inner] * scales.x, everything[self.at_ua] * scales.u,
-                    everything[self.at_ub] * scales.u, durations)
+                    w[self.at_inner] * scales.x, ua, ub, durations)
         N, s, l = self.layout.intervals, self.layout.stages, self.l  # noqa: E741  # as in Outcome
         lam = lam_g * scales.cost
         first = N * (self.n * (s + 1) + (s + 1) * l)
