@@ -92,8 +92,11 @@ def example_2_5(desk: Desk) -> Answer:
 
 
 def _fly(loop: Loop, Qx: list[float], rho: float, duration: float) -> Run:
-    if list(loop.design.qx[::7]) != Qx or loop.design.qu[0] != rho:
-        loop.set(Qx=Qx, Qu=[rho, rho])
+    changes = {'Qx': Qx} if list(loop.design.qx[::7]) != Qx else {}
+    if loop.design.qu[0] != rho:
+        changes['Qu'] = [rho, rho]
+    if changes:
+        loop.set(**changes)
     return loop.run(duration)
 
 

@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 Array = NDArray[np.float64]
 
 RESET = 'ros2 service call /plant_simulator/reset std_srvs/srv/Trigger'
-DESIGN = 'ros2 topic echo --once --qos-durability transient_local /lqr_node/design'
+DESIGN = 'ros2 topic echo --once /lqr_node/design obc_ros/msg/LqrDesign'
 ATTEMPTS = 4
 PACE = {'lockstep': True, 'speed': 1e6, 'dt': 0.005}  # not 0, which goes with a /clock to record
 # What listens falls behind for a moment: commands wait for it.

@@ -36,7 +36,7 @@ def publish(topic: str, message: Any, file: Path) -> str:
     file.write_text(_flow(fields) + '\n', encoding='utf-8')
     kind = type(message)
     place = Path(*file.parts[-3:])
-    return (f'ros2 topic pub --once --qos-durability transient_local /{topic} '
+    return (f'ros2 topic pub --once --keep-alive 2 --qos-durability transient_local /{topic} '
             f'obc_ros/msg/{kind.__name__} "$(cat {place})"')
 
 
