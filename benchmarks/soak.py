@@ -42,6 +42,7 @@ VICTIMS = (*NODES, 'worker')
 CHANGE, ASK, KILL, LOOK = 0.25, 0.05, 5.0, 1.0  # [s] between two of each
 BACK = 5.0       # [s] in which a loop is whole again
 GROWTH = 1.03    # of the memory of a process, from a fifth of the time on
+MOST = 20        # requests on their way; a client that floods a starved server learns nothing
 TOLD = 3         # answers of each kind that are not right, in full
 UNANSWERED = 0.03  # share of states of the steady loop; what starts anew takes the processor
 
@@ -166,6 +167,9 @@ class Soak:
             self.back.append((self._killed, time.monotonic()))
 
     def _send(self, client: Any, request: Any, right: Callable[[Any], bool], what: str) -> None:
+        if self.open[what] >= MOST:
+            self.counts['held back'] += 1
+            return
         self.open[what] += 1
         self.counts[what] += 1
 
@@ -230,6 +234,7 @@ def report(soak: Soak, args: Any, stalls: list[tuple[float, float]], left: list[
         ('times held up', f'{soak.told["steady/plant_simulator", "times held up"]:.0f}'),
         ('changes of weights, a fifth of them to be refused', counts['changes']),
         ('requests', counts['requests']),
+        ('not asked, for want of answers', counts['held back']),
         *((f'memory of {node} [MiB]', f'{sizes[len(sizes) // 5]:.1f} to {sizes[-1]:.1f}')
           for node, sizes in soak.sizes.items()),
         ('kills in the troubled loop', counts['kills']),
