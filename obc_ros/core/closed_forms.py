@@ -84,11 +84,7 @@ def scalar_finite_horizon(a: float, b: float, c: float, x0: float, t: ArrayLike,
     if not c >= 0:
         raise StatementError(f'c = {c}: the weight of x(tf) is >= 0')
     _nonzero(b=b)
-    if not t0 < tf:
-        raise StatementError(f't0 = {t0:g} is not before tf = {tf:g}')
-    times = np.asarray(t, dtype=float).ravel()
-    if not ((times >= t0) & (times <= tf)).all():
-        raise StatementError(f'times must lie within [t0, tf] = [{t0:g}, {tf:g}]')
+    times = _times(t, t0, tf)
     S, r, growth = tf - t0, tf - times, abs(a)
     # Everything divided by c where that is infinite.
     own, weight = (0.0, b * b) if isinf(c) else (1.0, b * b * c)
@@ -176,11 +172,7 @@ def scalar_between(a: float, b: float, x0: float, xf: float, t: ArrayLike, *, t0
     """
     _finite(a=a, b=b, x0=x0, xf=xf, t0=t0, tf=tf)
     _nonzero(b=b)
-    if not t0 < tf:
-        raise StatementError(f't0 = {t0:g} is not before tf = {tf:g}')
-    times = np.asarray(t, dtype=float).ravel()
-    if not ((times >= t0) & (times <= tf)).all():
-        raise StatementError(f'times must lie within [t0, tf] = [{t0:g}, {tf:g}]')
+    times = _times(t, t0, tf)
     S, s, k = tf - t0, times - t0, abs(a)
 
     def w(r: Array) -> Array:
@@ -312,9 +304,7 @@ def brockett(Y: ArrayLike, t: ArrayLike) -> BrockettPath:
         raise StatementError('Y must consist of finite numbers')
     if np.abs(matrix + matrix.T).max() > _SKEW * np.abs(matrix).max():
         raise StatementError("Y must be skew, Y' = -Y")
-    times = np.asarray(t, dtype=float).ravel()
-    if not ((times >= 0) & (times <= 1)).all():
-        raise StatementError('times must lie within [0, 1]')
+    times = _times(t, 0.0, 1.0)
     # For an eigenvector v of i Y with eigenvalue s > 0: Y re(v) = s im(v), Y im(v) = -s re(v).
     values, vectors = np.linalg.eigh(1j * (matrix - matrix.T) / 2)
     q, u, J = np.zeros((len(times), len(matrix))), np.zeros((len(times), len(matrix))), 0.0
@@ -399,13 +389,21 @@ def straight_line(x0: ArrayLike, xf: ArrayLike, t: ArrayLike) -> StraightPath:
             f'x0 and xf must be points of one dimension; found {start.shape} and {end.shape}')
     if not (np.isfinite(start).all() and np.isfinite(end).all()):
         raise StatementError('x0 and xf must consist of finite numbers')
-    times = np.asarray(t, dtype=float).ravel()
-    if not ((times >= 0) & (times <= 1)).all():
-        raise StatementError('times must lie within [0, 1]')
+    times = _times(t, 0.0, 1.0)
     u = end - start
     length = float(np.linalg.norm(u))
     return StraightPath(times, start + np.outer(times, u), np.tile(u, (len(times), 1)), length,
                         length**2, -u / length if length else np.zeros_like(u))
+
+
+def _times(t: ArrayLike, t0: float, tf: float) -> Array:
+    """Return t, shape (N,), checked to be within [t0, tf]."""
+    if not t0 < tf:
+        raise StatementError(f't0 = {t0:g} is not before tf = {tf:g}')
+    times = np.asarray(t, dtype=float).ravel()
+    if not ((times >= t0) & (times <= tf)).all():
+        raise StatementError(f'times must lie within [{t0:g}, {tf:g}]')
+    return times
 
 
 def _finite(**values: float) -> None:

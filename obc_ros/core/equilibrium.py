@@ -145,7 +145,7 @@ def numbers(what: str, given: Sequence[float] | Array, names: Sequence[str],
     names : sequence of str
         What each is for.
     wrong : type
-        Error that is raised.
+        Error that is raised when they are not so many or not finite.
 
     """
     try:
@@ -157,7 +157,7 @@ def numbers(what: str, given: Sequence[float] | Array, names: Sequence[str],
                     f'found {values.size}')
     for name, value in zip(names, values, strict=True):
         if not np.isfinite(value):
-            raise wrong(f'{what}: {name} = {value}')
+            raise wrong(f'{what}: {name} = {value}: wanted a finite number')
     return values
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core import systems
-from obc_ros.core.equilibrium import equilibrium, linearize
+from obc_ros.core.equilibrium import equilibrium, linearize, numbers
 from obc_ros.core.errors import DynamicsError, RefusedDesignError, StatementError
 from obc_ros.core.expressions import number
 from obc_ros.core.lqr import lqr
@@ -69,8 +69,8 @@ def statement(motion: Motion) -> dict[str, Any]:
         raise StatementError(f"objective = '{motion.objective[:60]}': wanted one of "
                              f'{", ".join(OBJECTIVES)}')
     system = registered(motion.system, motion.parameters)
-    start = _numbers('start', motion.start, system.state_names)
-    goal = _numbers('goal', motion.goal, system.state_names)
+    start = numbers('start', motion.start, system.state_names)
+    goal = numbers('goal', motion.goal, system.state_names)
     goal = np.where(system.angles, start + np.remainder(goal - start + math.pi, 2 * math.pi)
                     - math.pi, goal)
     held = _input_at(system, goal)
@@ -115,17 +115,6 @@ def registered(name: str, parameters: Mapping[str, Any]) -> System:
     return systems.registered(name, {
         key: int(value) if isinstance(value, float) and value.is_integer() else value
         for key, value in values.items()})
-
-
-def _numbers(what: str, given: Sequence[float] | Array, names: Sequence[str]) -> Array:
-    values = np.array(given, dtype=float)
-    if values.shape != (len(names),):
-        raise StatementError(f'{what}: wanted {len(names)} numbers ({", ".join(names)}), '
-                             f'found {values.size}')
-    for name, value in zip(names, values, strict=True):
-        if not math.isfinite(value):
-            raise StatementError(f'{what}: {name} = {value}: wanted a finite number')
-    return values
 
 
 def _input_at(system: System, goal: Array) -> Array:

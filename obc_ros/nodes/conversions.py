@@ -14,7 +14,6 @@ twist        in the body's frame: (forward, left, 0), or (forward, 0, up); rate 
 ===========  ==================================  =======================================
 """
 
-from array import array
 from collections.abc import Iterator, Mapping, Sequence
 import math
 from typing import Any
@@ -43,11 +42,6 @@ def nanoseconds(stamp: Time) -> int:
 def set_stamp(stamp: Time, time: int) -> None:
     """Set a stamp to a time [ns] from 0 on."""
     stamp.sec, stamp.nanosec = divmod(time, 10**9)
-
-
-def doubles(values: Sequence[float] | Array) -> 'array[float]':
-    """Return what a float64[] field takes without looking at each number."""
-    return array('d', values)
 
 
 def system_parameters(values: Mapping[str, Any]) -> Iterator[Entry]:

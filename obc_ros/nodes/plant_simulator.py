@@ -32,6 +32,7 @@ from obc_ros.core.system import System
 from obc_ros.msg import Command, State
 from obc_ros.nodes import conversions
 from obc_ros.nodes.main import run
+from obc_ros.nodes.messages import doubles
 from obc_ros.nodes.own_thread import Apart, OwnThread, PRIORITY
 from obc_ros.nodes.parameters import Entry, group, parameter, Parameters
 from rclpy.clock import Clock
@@ -223,7 +224,7 @@ class PlantSimulator(Node):
         conversions.set_stamp(message.header.stamp, plant.stamp)
         if self._clock_out:
             self._clock_out.publish(ClockMessage(clock=message.header.stamp))
-        message.x = conversions.doubles(plant.sample)
+        message.x = doubles(plant.sample)
         self._states.publish(message)
         if self._odom and self._odom.get_subscription_count():
             self._odometry.header.stamp = message.header.stamp
