@@ -19,6 +19,7 @@ from obc_ros.core.batch import Batch, Chain
 from obc_ros.core.mesh import Path
 from obc_ros.core.problem import Problem
 from obc_ros.core.runge_kutta import step_of
+from obc_ros.core.solution import Solution, Status
 from obc_ros.core.transcription import Outcome
 
 Array = NDArray[np.float64]
@@ -149,6 +150,28 @@ class Integrator:
             mu = np.zeros(int(problem.path.numel()))
         H, Hu, Huu = self._hamiltonian(x, u, lam, mu, problem.p_value)
         return H[:, 0], Hu, Huu.reshape(-1, problem.m, problem.m)
+
+    def samples(self, problem: Problem, course: Extremal) -> Solution:
+        """Return a course as samples, two at a time where something jumps."""
+        t = np.column_stack([course.t[:-1], course.t[1:]]).ravel()
+        x, u, lam = (np.stack(pair, axis=1).reshape(len(t), -1) for pair in (
+            (course.x, course.x_end), (course.ua, course.ub), (course.lam, course.lam_end)))
+        u = np.clip(u, problem.u_lower, problem.u_upper)
+        densities = [None if d is None else d.reshape(len(t), -1)
+                     for d in (course.density_x, course.density_path)]
+        new = np.append(True, np.diff(t) > 0)
+        for values in (u, lam, *densities):
+            if values is not None and values.size:
+                change = np.abs(np.diff(values, axis=0)).max(axis=1)
+                new[1:] |= change > 1e-12 * np.abs(values).max()
+        if problem.path.numel():
+            # A linear input meets a constraint c(x, u) once or twice in an interval.
+            new &= (np.isin(np.arange(len(t)) % (2 * course.parts), (0, 2 * course.parts - 1)))
+        densities = [d if d is None else d[new] for d in densities]
+        t, x, u, lam = t[new], x[new], u[new], lam[new]
+        H, _, _ = self.hamiltonian(problem, x, u, lam)
+        return Solution(Status.NOT_CONVERGED, '', course.cost, t, x, u, lam, H, course.nu,
+                        state_multipliers=densities[0], path_multipliers=densities[1])
 
     def extremal(self, problem: Problem, outcome: Outcome, parts: int, *,
                  draft: bool = False) -> Extremal:

@@ -24,7 +24,7 @@ from obc_ros.core.transcription import Outcome
 Array = NDArray[np.float64]
 
 _GAP = 2            # intervals without multiplier that do not end a contact
-_NEAR = 5e-6        # of its size: how near its bound a constraint is met
+_NEAR = 1e-6        # of its size: how near its bound a constraint is met
 _PERHAPS = 1e-3     # likewise where the transcription has a large multiplier
 _MOST_HATS = 60     # in a contact
 _CONSTANT = 0.1     # weight of dH/dt = 0 beside dH/du = 0

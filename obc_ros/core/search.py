@@ -4,7 +4,6 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-import time
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,21 +35,23 @@ COARSE = 16
 _STARTS, _STARTS_MOST = 2, 6
 _COURSES_KEPT = 8
 _ROUGH = 1e-4         # relative error of the cost on a coarse mesh
-_PATIENCE = 1.5       # [s] for starts while none converged
-_EXPLORING = (0.15, 0.5)   # part of the time for further starts, of easy and of hard problems
-_HARD = 0.3           # [s] of work
+# Work is counted in iterations times intervals, four times these by collocation, so that what is
+# found does not depend on what else a machine has to do; one is 0.05 ms or so.
+_PATIENCE = 10_000    # for starts while none converged
+_EXPLORING = (0.15, 0.5)   # part of the work for further starts, of easy and of hard problems
+_HARD = 3000
 _EXPLORED_LEAST, _EXPLORED_MOST = (2, 12), 30   # number of further starts, likewise
 _LOWER = 1e-3         # relative: what is another minimum on a coarse mesh
-_BELIEVED = 1e-2      # relative error of a coarse step
+_BELIEVED, _ABSURD = 1e-2, 1e6   # relative: error of a coarse step; cost above the least one
 _ROUNDS, _PLAIN_ROUNDS = 10, 5   # of finer meshes; of those before curved inputs are held
 _WARM_ROUNDS = 2      # likewise from a neighbour's answer
 _COARSE_ITERATIONS, _FEW_ITERATIONS, _WARM_ITERATIONS = 150, 12, 100
 _WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
 _DETOUR = 1e-5        # likewise, at which inputs may wind around between points
 _CLOSE = 1e-6         # likewise, at which no finer mesh is tried
-_CLOSE_ENOUGH = 1e-5  # likewise, of a certified answer
-_FOR_DIGITS = 0.5     # [s] for finer meshes once a certificate holds
-_EXCEEDED = 2e-7      # of its size: by how much a constraint may be exceeded
+_CLOSE_ENOUGH = (1e-5, 2e-6)  # likewise, of a certified answer, without and with such bounds
+_FOR_DIGITS = 8000    # work for finer meshes once a certificate holds
+_EXCEEDED = 2e-8, 2e-6   # of its size: by how much a constraint may be exceeded, or be drawn in
 _LOST = (3e-7, 1e-7)  # relative cost to be given away, without and with bounds of the state
 _STEP_ERROR = 3e-8    # relative, of all intervals together
 _VANISHING = 1e-3     # of T: an arc that may not be there
@@ -73,9 +74,8 @@ class Search:
         self.may_hold = with_arcs
         self.switching = tuple(with_arcs and each for each in kit.switching)
         self.reason = ''
-        self.begun = time.process_time()
         self.intervals, self.typical = COARSE, _COARSE_ITERATIONS
-        self.work = 0   # iterations times intervals
+        self.work = 0
         self.starts: Iterator[Path] = iter(())
         self.last: Answered | None = None
         self._courses: dict[tuple[Outcome, bool], tuple[Problem, Extremal]] = {}
@@ -84,6 +84,7 @@ class Search:
             np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)))
         self.stages = 3 if self.bounded else 0
         self.margin = np.zeros(problem.n + int(problem.path.numel()))
+        self.exceeded = np.zeros(0)   # by how much in each interval, relative
         _, self.pinned = kit.guesser.final_state(self.problem)
 
     def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
@@ -118,7 +119,7 @@ class Search:
         if near and not outcome.converged and not self.monitor.stopped:
             self.monitor.limit(most)
             outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor)
-        self.work += outcome.iterations * mesh.layout.intervals
+        self.work += outcome.iterations * mesh.layout.intervals * (1 + mesh.layout.stages)
         return outcome
 
     def coarse(self) -> list[Outcome]:
@@ -147,19 +148,22 @@ class Search:
 
     def believed(self, outcome: Outcome) -> bool:
         """Return whether the cost of a coarse outcome says something."""
-        return outcome.converged and bool(
-            self.course(outcome, draft=True).local.max() < _BELIEVED)
+        if not outcome.converged:
+            return False
+        course = self.course(outcome, draft=True)
+        return bool(course.local.max() < _BELIEVED and self.judged(course).lost.sum()
+                    < _ABSURD * max(abs(outcome.objective), 1.0))
 
     def _from_starts(self) -> list[Outcome]:
         found: list[Outcome] = []
-        begun, good = time.process_time(), False
+        begun, good = self.work, False
         most = _STARTS if self.quick else _STARTS_MOST
         for number in range(1, most + 1):
             outcome = self.from_next_start(_COARSE_ITERATIONS, once=good)
             found.append(outcome)
             if not good and self.believed(outcome):
                 good, self.typical = True, outcome.iterations
-            patient = time.process_time() - begun < _PATIENCE
+            patient = self.work - begun < _PATIENCE * (1 + self.stages)
             if (self.monitor.stopped or self.quick and good
                     or number >= _STARTS and (good or not patient)):
                 break
@@ -312,18 +316,31 @@ class Search:
         return opened(arcs, course.t, Hu, self.problem, self.kit.switching)
 
     def widen_margin(self, course: Extremal) -> None:
-        """Draw bounds of x and of the path in by what the path exceeds them between nodes."""
+        """
+        Draw bounds of x and of the path in by what the path exceeds them between nodes.
+
+        What it costs is soon more than what else a mesh gives away: where a bound is exceeded
+        the mesh is to be finer, too.
+        """
         if not self.bounded:
             return
         problem = self.problem
         value = self.kit.fitter(problem).values(problem, course)
-        lower = np.append(problem.x_lower, problem.path_lower)
-        upper = np.append(problem.x_upper, problem.path_upper)
-        excess = np.max(np.maximum(lower - value, value - upper), axis=0)
         size = np.abs(value).max(axis=0)
-        over = excess + self.margin
-        self.margin = np.where((over > _EXCEEDED * size) & (over < 10 * _EXCEEDED * size),
-                               1.2 * over, 0.0)
+        lower = np.append(problem.x_lower, problem.path_lower) + self.margin
+        upper = np.append(problem.x_upper, problem.path_upper) - self.margin
+        excess = np.maximum(lower - value, value - upper)
+        over = np.max(excess, axis=0)
+        least, most = (part * size for part in _EXCEEDED)
+        self.margin = np.where((over > least) & (over < most), 1.2 * over, 0.0)
+        relative = np.max(excess / np.where(size > 0, size, 1.0), axis=1)
+        relative[::course.parts] = 0.0   # nodes are held
+        # Between a bound and a path that bends it grows with h^2: what is seen of one interval
+        # holds for those beside it.
+        h2 = np.diff(course.t[::course.parts])**2
+        bend = np.pad(relative[:-1].reshape(-1, course.parts).max(axis=1) / h2, 2)
+        bend = np.lib.stride_tricks.sliding_window_view(bend, 5).max(axis=1)
+        self.exceeded = np.maximum(bend, 0.0) * h2
 
     def finer(self, outcome: Outcome, course: Extremal) -> Mesh:
         """Return a mesh that is finer where the path gives cost away."""
@@ -331,6 +348,8 @@ class Search:
         scale = abs(outcome.objective)
         number = cuts(verdict.lost, _LOST[self.bounded] * scale)
         number = np.maximum(number, cuts(course.local, _STEP_ERROR, 7.0))
+        if self.bounded:
+            number = np.maximum(number, cuts(self.exceeded, len(number) * _EXCEEDED[0], 2.0))
         if np.all(number == 1):
             number[:] = 2
         mesh = aligned(outcome.mesh, outcome.path.t, verdict.kinks)
@@ -348,28 +367,9 @@ class Search:
         if self.kit.twin:
             outcome = self.kit.twin.back(outcome, problem.m)
             course = self.course(outcome, stated=True)
-        t = np.column_stack([course.t[:-1], course.t[1:]]).ravel()
-        x, u, lam = (np.stack(pair, axis=1).reshape(len(t), -1) for pair in (
-            (course.x, course.x_end), (course.ua, course.ub), (course.lam, course.lam_end)))
-        u = np.clip(u, problem.u_lower, problem.u_upper)
-        densities = [None if d is None else d.reshape(len(t), -1)
-                     for d in (course.density_x, course.density_path)]
-        new = np.append(True, np.diff(t) > 0)
-        for values in (u, lam, *densities):
-            if values is not None and values.size:
-                change = np.abs(np.diff(values, axis=0)).max(axis=1)
-                new[1:] |= change > 1e-12 * np.abs(values).max()
-        if problem.path.numel():
-            # A linear input meets a constraint c(x, u) once or twice in an interval.
-            new &= (np.isin(np.arange(len(t)) % (2 * course.parts), (0, 2 * course.parts - 1)))
-        densities = [d if d is None else d[new] for d in densities]
-        t, x, u, lam = t[new], x[new], u[new], lam[new]
-        H, _, _ = self.kit.judge.hamiltonian(problem, x, u, lam)
-        found = Solution(
-            Status.NOT_CONVERGED, '', course.cost, t, x, u, lam, H, course.nu,
-            state_multipliers=densities[0], path_multipliers=densities[1],
-            switching_times=np.cumsum(outcome.path.durations)[:-1],
-            iterations=self.monitor.iterations)
+        found = replace(self.kit.judge.samples(problem, course),
+                        switching_times=np.cumsum(outcome.path.durations)[:-1],
+                        iterations=self.monitor.iterations)
         # Judging a path that is no answer may take long: not when the time is up.
         return found if self.monitor.stopped else replace(
             found, certificate=certify(problem, found))
@@ -405,6 +405,8 @@ class Search:
         if not outcome.converged or course.defect > 1e-3 and course.local.max() > 1e-4:
             return np.inf
         lost = self.judged(course).lost.sum()
+        if self.margin.any():
+            lost += outcome.pressure() @ self.margin
         return float(lost / max(abs(outcome.objective), 1e-3))
 
     def run(self) -> Solution:
@@ -423,7 +425,7 @@ class Search:
     def followed_up(self, start: Outcome, rounds: int = _ROUNDS) -> Solution:
         """Return the best answer that improving a coarse outcome gives."""
         best: Solution | None = None
-        begun = time.process_time()
+        begun = self.work
         for number, (outcome, course) in enumerate(self.improve(start, rounds)):
             above = self.given_away(outcome, course)
             # A certificate allows more than what one more mesh often takes away at once.
@@ -431,8 +433,8 @@ class Search:
                 answer = self.solution(outcome, self.course(outcome))
                 if best is None or _holds(answer) or not _holds(best):
                     best, self.last = answer, self.answered(outcome)
-            late = time.process_time() - begun > _FOR_DIGITS
-            if best is not None and _holds(best) and (above < _CLOSE_ENOUGH or late):
+            late = self.work - begun > _FOR_DIGITS * (1 + self.stages)
+            if best is not None and _holds(best) and (above < _CLOSE_ENOUGH[self.bounded] or late):
                 break
             if self.quick and number >= 2:
                 break
@@ -451,14 +453,13 @@ class Search:
         Their number grows with the work that the problem has made so far: what is solved at once
         is not held up, and what is hard is looked at from many sides.
         """
-        kept, spent = self.last, 0.0
+        kept, spent = self.last, 0
         for number in range(_EXPLORED_MOST):
-            elapsed = time.process_time() - self.begun
-            hard = elapsed > _HARD
-            if self.monitor.stopped or (spent > _EXPLORING[hard] * elapsed and number
+            hard = self.work > _HARD
+            if self.monitor.stopped or (spent > _EXPLORING[hard] * self.work and number
                                         >= _EXPLORED_LEAST[hard and not self.stages]):
                 break
-            started = time.process_time()
+            started = self.work
             self.reset()
             outcome = self.from_next_start(_COARSE_ITERATIONS, once=_holds(best), hard=hard)
             if (outcome.objective < floor - _LOWER * abs(floor) or not _holds(best)
@@ -471,7 +472,7 @@ class Search:
                 if (_holds(other) and (cheaper or not _holds(best))
                         or cheaper and _feasible(other)):
                     best, kept = other, self.last
-            spent += time.process_time() - started
+            spent += self.work - started
         self.last = kept
         if _holds(best):
             self.kit.last = kept
