@@ -131,6 +131,13 @@ def test_costates_of_bryson_denham_jump_where_the_bound_is_met():
     assert lam[0, 1] == pytest.approx(6.0, abs=1e-2)
 
 
+@pytest.mark.parametrize('name, least', [
+    ('bryson_denham', 4.0), ('jacobson_state_bound', 0.169820536338)])
+def test_drawing_a_bound_in_between_mesh_points_costs_little(name, least):
+    """4 / (9 l) for l = 1/9, and matrix exponentials on both sides of the arc on the bound."""
+    assert solve(stated(name)[0]).objective == pytest.approx(least, rel=3e-6)
+
+
 def test_multiplier_of_a_speed_limit_is_a_density():
     """On v = 1 the multiplier is -lam_x = 1, from 1 s to 4 s."""
     solution = solve(stated('di_mintime_speed_limit')[0])

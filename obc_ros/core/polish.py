@@ -27,6 +27,7 @@ Index = NDArray[np.int64]
 _PRECISE, _QUICK = 2e-7, 1e-5   # of its size: how far u may be off u*, alone and after a search
 _FEWEST_SAMPLES, _MOST_SAMPLES = 64, 4000
 _WORTH_IT = 1000   # iterations times intervals
+_LEAST = 0.5       # [s] without which an answer is left as it is
 _LARGEST = 3e7     # entries of the matrices of all intervals
 _SAME = 1e-9       # of its size: inputs on both sides of a switch that does not jump
 _DEARER = 1e-8     # relative: by how much an answer may seem to cost more
@@ -54,7 +55,7 @@ def touched_up(search: Search, answer: Solution) -> Solution:
     """
     kit = search.kit
     if (search.last is None or search.work < _WORTH_IT and not kit.touched_up
-            or not _smooth(search, search.last)):
+            or search.monitor.remaining() < _LEAST or not _smooth(search, search.last)):
         return answer
     found = _boundary_values(search)
     if found is None:
