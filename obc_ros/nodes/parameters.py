@@ -388,7 +388,9 @@ def _listed(choices: tuple[str, ...]) -> str:
 
 
 def _hint(name: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(name[:100], known, n=1, cutoff=0.5)
+    # two of three letters say more than half of eight
+    cutoff = 0.5 if len(name) <= 3 else 0.65
+    close = difflib.get_close_matches(name[:100], known, n=1, cutoff=cutoff)
     if not close:
         folded = {each.lower(): each for each in known}
         close = [folded[name.lower()]] if name.lower() in folded else []
