@@ -107,12 +107,12 @@ def solve_lq(problem: Problem) -> Solution | None:
     Returns
     -------
     Solution or None
-        None when the problem is not linear quadratic or a bound would be active. Status
-        'infeasible' when the input cannot meet the terminal constraints, 'not_converged' when the
-        cost has no minimum (a conjugate point).
+        None when the problem is not linear quadratic, has path constraints, or a bound would be
+        active. Status 'infeasible' when the input cannot meet the terminal constraints,
+        'not_converged' when the cost has no minimum (a conjugate point).
 
     """
-    if problem.final_time.free:
+    if problem.final_time.free or problem.path.numel():
         return None
     form = lq_form(problem)
     if form is None:
@@ -130,8 +130,6 @@ def _is_unbounded(problem: Problem) -> bool:
 
 def _is_within(problem: Problem, solution: Solution) -> bool:
     """Return whether a path is inside its bounds, with room for what it does between samples."""
-    if problem.path.numel():
-        return False
     for values, lower, upper in ((solution.x, problem.x_lower, problem.x_upper),
                                  (solution.u, problem.u_lower, problem.u_upper)):
         room = np.abs(np.diff(values, axis=0)).max(axis=0, initial=0.0)
