@@ -155,7 +155,7 @@ def run(folder: Path, domain: int, commands: list[str]) -> list[str]:
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors,
             start_new_session=True)
     try:
-        output, _ = shell.communicate(timeout=100)
+        output, _ = shell.communicate(timeout=200)
     finally:
         with suppress(ProcessLookupError):  # nothing of the group is left
             os.killpg(shell.pid, signal.SIGKILL)

@@ -58,7 +58,7 @@ def test_ten_vehicles_on_one_machine(spawn: Any, probe: Any) -> None:
     for each in nodes('fleet.launch.py', vehicles=str(VEHICLES)):
         spawn(each.executable, each.values, name=each.name, namespace=f'/{each.namespace}',
               arguments=['--ros-args', '--params-file', str(each.files[0]), '--'])
-    probe.wait_for(lambda: all(commands.values()), 60.0, 'a command of each')
+    probe.wait_for(lambda: all(commands.values()), what='a command of each')
     lanes = {name: -2.0 + 0.1 * k for k, name in enumerate(names)}
     for name, lane in lanes.items():
         assert probe.set_parameters(f'{name}/lqr_node', setpoint=[0.0, lane, 0.0])[0].successful

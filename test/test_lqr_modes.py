@@ -98,7 +98,7 @@ def test_the_gain_follows_the_speed_that_odometry_tells(spawn: Any, probe: Any) 
     for values, words in (
             ({'schedule': 'w'}, "no input or parameter 'w'; it has phi, v, l"),
             ({'schedule': 'l'}, 'odometry tells a speed, not this'),
-            ({'schedule_range': [1.0]}, 'schedule_range has 1 numbers'),
+            ({'schedule_range': [1.0]}, 'schedule_range has 1 number;'),
             ({'schedule_range': [0.0, 9.0]}, 'v = 0'),
             ({'delay': 0.1, 'rate': 50.0}, 'wanted design = continuous and delay = 0')):
         assert words in bench.set(**values).reason, values

@@ -247,7 +247,7 @@ def test_the_policy_allows_what_the_nodes_open_and_nothing_else(spawn, probe):
         return probe.node.get_node_names_and_namespaces()
 
     try:
-        probe.wait_for(lambda: not differences(), 15.0)
+        probe.wait_for(lambda: not differences())
     except AssertionError:
         raise AssertionError('\n'.join(differences())) from None
     # nothing more comes once they run

@@ -474,8 +474,7 @@ class Transcription:
     def _outcome(self, problem: Problem, mesh: Mesh, scales: Scales, found: Found,
                  row_bounds: tuple[Array | float, Array | float]) -> Outcome:
         w, lam_w, g, lam_g = found.w, found.lam_w, found.g, found.lam_g
-        everything = np.concatenate([w, self._constants(problem, mesh, scales,
-                                                        problem.final_time.value)])
+        everything = np.append(w, self._constants(problem, mesh, scales, problem.final_time.value))
         durations = everything[self.at_duration] * scales.time
         ua, ub = (everything[places] * scales.u for places in (self.at_ua, self.at_ub))
         path = Path(self.times(mesh, durations), w[self.at_x] * scales.x,
@@ -489,14 +488,13 @@ class Transcription:
             ends = lam[first + self.q:][:self._program.rows[2]].reshape(-1, l)
             for k, value in zip(self._ends(problem), ends, strict=True):
                 node_path[k + 1] += value
-        violation = np.maximum(row_bounds[0] - g, g - row_bounds[1])
+        violation = float(np.maximum(row_bounds[0] - g, g - row_bounds[1]).max(initial=0.0))
         bounds = lam_w * scales.cost
         node_bounds = bounds[self.at_x] / scales.x
         node_bounds[0] = 0.0
         rows = lam[:first].reshape(N, -1)[:, self.n * s:self.n * (s + 1)]
         costates = np.vstack([self._first_costate(lam) / scales.x, -rows / scales.x])
         return Outcome(
-            mesh, path, found.converged, found.status, found.f * scales.cost,
-            float(np.max(violation, initial=0.0)), found.iterations, lam[first:first + self.q],
-            costates, node_bounds, bounds[self.at_inner] / scales.x, node_path, local[:, 1:],
-            w, lam_w, lam_g)
+            mesh, path, found.converged, found.status, found.f * scales.cost, violation,
+            found.iterations, lam[first:first + self.q], costates, node_bounds,
+            bounds[self.at_inner] / scales.x, node_path, local[:, 1:], w, lam_w, lam_g)
