@@ -10,6 +10,7 @@ spawned is attached to its report when it fails.
 from collections.abc import Iterator
 import os
 from pathlib import Path
+import signal
 
 from hypothesis import settings
 from obc_ros.cli.processes import free_domain
@@ -19,6 +20,9 @@ import support
 os.environ.update(support.ISOLATED)
 for _name in support.FOREIGN:
     os.environ.pop(_name, None)
+
+# A shell lets what it starts in the background ignore SIGINT, and so would all that tests start.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Neither chance nor the clock of a busy machine decides a test. `--hypothesis-profile explore`
 # looks at other examples each time.

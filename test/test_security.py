@@ -153,6 +153,7 @@ def test_a_command_keeps_its_nodes_on_this_machine(monkeypatch):
 def test_the_tests_keep_to_this_machine(spawn):
     assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
     node = spawn('plant_simulator')
+    node.wait_for_output('until the first command')   # not while it begins anew, as rclpy does
     given = Path(f'/proc/{node.pid}/environ').read_bytes().split(b'\0')
     assert b'ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST' in given
     assert f'ROS_DOMAIN_ID={spawn.domain}'.encode() in given
