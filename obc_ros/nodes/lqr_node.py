@@ -82,11 +82,11 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         self._look_at_clock()
         self._states = self.create_subscription(
             lqr_topics.SOURCES[settings.state_source], settings.state_source,
-            lambda message: None, QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT),
-            callback_group=Apart(), qos_overriding_options=overrides)
+            lambda message: None, LATEST, callback_group=Apart(),
+            qos_overriding_options=overrides)
         self._monitor.topic = self._states.topic_name
         self._commands = self.create_lifecycle_publisher(
-            lqr_topics.SINKS[settings.command_sink], settings.command_sink, QoSProfile(depth=1),
+            lqr_topics.SINKS[settings.command_sink], settings.command_sink, RELIABLE,
             qos_overriding_options=overrides)
         self._references = self.create_subscription(
             Trajectory, 'reference', self._on_reference, LATCHED,
