@@ -23,6 +23,7 @@ from obc_ros.cli.recording import Recorder
 from obc_ros.cli.share import share_directory
 from obc_ros.core.errors import ObcError
 
+BACKLOG = 1000  # commands kept for the recorder, which may fall behind; by default one
 HEAD_START = 1.0  # [s] of simulated time in which the plant has heard that it is to pause
 
 
@@ -76,6 +77,7 @@ def fly(flight: Flight, out: Path, real_time: bool,
     pace = ['-p', 'speed:=1.0', '-p', 'lockstep:=false'] if real_time else []
     # In lockstep two flights are the same to the bit: nothing goes by the clock on the wall.
     timeless = ['-p', 'use_sim_time:=true'] + ([] if real_time else ['-p', 'state_timeout:=0.0'])
+    recorded = ['-p', f'qos_overrides./command.publisher.depth:={BACKLOG}']
     with (Children(out / 'log') as children, Recorder(out / 'log' / flight.name) as journal,
           Recorder(out / flight.name, ordered=not real_time) as recorder):
         parameters = ['--params-file', str(config)]
@@ -85,7 +87,7 @@ def fly(flight: Flight, out: Path, real_time: bool,
             pilot.wait(lambda: bool(pilot.states.stamp), 'the first state')
             # Time stands still until everybody has found everybody.
             pilot.pause(True)
-            children.start('lqr_node', *parameters, *timeless)
+            children.start('lqr_node', *parameters, *timeless, *recorded)
             pilot.wait(lambda: bool(pilot.designs) and pilot.hears('command'), 'lqr_node')
             wall = time.monotonic()
             pilot.begin(real_time)

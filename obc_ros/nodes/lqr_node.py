@@ -43,8 +43,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
 from std_srvs.srv import Trigger
 
-LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-RELIABLE = QoSProfile(depth=1000)  # kept for readers that fall behind, such as a recorder
+SOURCE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+# On a bad wire a queue of old commands, sent again one by one, would hold up the new one.
+SINK = QoSProfile(depth=1)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 OVERRIDES = (QoSPolicyKind.DEADLINE, QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY,
              QoSPolicyKind.HISTORY, QoSPolicyKind.RELIABILITY)
@@ -82,11 +83,11 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         self._look_at_clock()
         self._states = self.create_subscription(
             lqr_topics.SOURCES[settings.state_source], settings.state_source,
-            lambda message: None, LATEST, callback_group=Apart(),
+            lambda message: None, SOURCE, callback_group=Apart(),
             qos_overriding_options=overrides)
         self._monitor.topic = self._states.topic_name
         self._commands = self.create_lifecycle_publisher(
-            lqr_topics.SINKS[settings.command_sink], settings.command_sink, RELIABLE,
+            lqr_topics.SINKS[settings.command_sink], settings.command_sink, SINK,
             qos_overriding_options=overrides)
         self._references = self.create_subscription(
             Trajectory, 'reference', self._on_reference, LATCHED,
