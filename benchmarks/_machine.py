@@ -78,6 +78,12 @@ class Stalls:
             return [(float(begin), float(length)) for begin, length in map(str.split, lines)]
 
 
+def still(stalls: list[tuple[float, float]], begin: float, end: float) -> float:
+    """Return for how long [s] of a time the machine stood still."""
+    return sum(max(0.0, min(since + length, end) - max(since, begin))
+               for since, length in stalls)
+
+
 def told(stalls: list[tuple[float, float]]) -> str:
     """Return stalls in words."""
     if not stalls:
