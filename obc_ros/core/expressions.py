@@ -163,7 +163,8 @@ def describe(value: object) -> str:
     if isinstance(value, (list, tuple)):
         return f'a list of {len(value)}' if value else 'an empty list'
     if isinstance(value, (bool, int, float, str)):
-        return f"{type(value).__name__} '{_short(str(value))}'"
+        words = ' '.join(str(value).split())
+        return f"{type(value).__name__} '{_short(words)}'"
     return f'a {type(value).__name__}'
 
 

@@ -12,6 +12,7 @@ import yaml
 
 MAX_BYTES = 250_000
 MAX_ENTRIES = 1_000  # of a list of mappings
+MAX_BRACKETS = 50    # open at a time: the time that PyYAML takes grows with their square
 
 
 class _Loader(yaml.SafeLoader):
@@ -20,6 +21,11 @@ class _Loader(yaml.SafeLoader):
 
     The one on libyaml would be faster but ends the process on deeply nested text.
     """
+
+    def fetch_flow_collection_start(self, kind: type[yaml.Token]) -> None:
+        if self.flow_level >= MAX_BRACKETS:
+            raise RecursionError
+        super().fetch_flow_collection_start(kind)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         seen: set[str] = set()
