@@ -242,6 +242,25 @@ def test_a_server_that_has_disappeared_is_given_up(probe, clock, monkeypatch):
     lonely.close()
 
 
+@pytest.mark.parametrize('line', [
+    ['solve', 'missing.yaml', '--json'], ['solve', 'missing.yaml', '--plot'],
+    ['lqr', 'missing.yaml', '--json'], ['demo', 'aircraft', '--out']], ids=' '.join)
+def test_a_folder_that_cannot_be_made_is_said_before_anything_is_asked(tmp_path, capsys, line):
+    (tmp_path / 'file').write_text('')
+    assert main([*line, str(tmp_path / 'file' / 'out')]) == 1
+    output = capsys.readouterr()
+    assert output.err.startswith(f'obc {line[0]}: ') and 'file/out' in output.err
+    assert 'malformed' not in output.out
+
+
+def test_a_file_that_cannot_be_written_is_said_after_the_answers(tmp_path, capsys):
+    (tmp_path / 'missing.json').mkdir()
+    assert main(['solve', 'missing.yaml', '--json', str(tmp_path)]) == 1
+    output = capsys.readouterr()
+    assert 'missing.yaml: cannot be read' in output.out
+    assert 'missing.json cannot be written: Is a directory' in output.err
+
+
 def test_names_of_files_are_safe_and_unique(tmp_path):
     for folder in ('a', 'b'):
         (tmp_path / folder).mkdir()

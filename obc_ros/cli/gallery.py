@@ -59,11 +59,7 @@ def run(args: argparse.Namespace) -> int:
         status = 1
     if not records:
         return status
-    try:
-        write(args.out, records, list(known))
-    except (ObcError, OSError) as error:
-        print(f'obc gallery: {error}', file=sys.stderr)
-        return 1
+    write(args.out, records, list(known))
     _show(records)
     print(f'{len(records)} entries in {time.monotonic() - begun:.1f} s: '
           f'{args.out / "index.html"}')

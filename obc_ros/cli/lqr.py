@@ -17,30 +17,21 @@ WIDEST = 60  # characters of a cell
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command line."""
-    parser.add_argument('files', nargs='+', metavar='FILE', type=Path,
-                        help='cases in YAML, one or a list of them in a file')
-    parser.add_argument('--json', metavar='DIR', type=Path, help='write DIR/NAME.json for each')
-    parser.add_argument('--plot', metavar='DIR', type=Path, help='draw DIR/NAME.png for each')
+    results.add_arguments(parser, 'cases')
 
 
 def run(args: argparse.Namespace) -> int:
     """Design all regulators of all files; return the exit status."""
+    results.make_folders(args)
     asked = results.read(Case, args.files)
     answerable = [case for case in asked if case.given]
     if answerable:
         _design(answerable)
-    if args.json or args.plot:
-        results.tell_renamed(asked)
-    for case in asked:
-        if args.json:
-            results.write(args.json, case.file_name, case.as_json())
-        if args.plot and case.design:
-            from obc_ros.cli import lqr_figures  # matplotlib and control take a second
-            lqr_figures.draw(args.plot / f'{case.file_name}.png', case)
     terminal.table(HEADER, [_row(case) for case in asked], COLOURS)
     for case in asked:
         if case.message:
             print(f'{case.label}: {case.message}')
+    results.save(asked, args, _draw)
     return results.exit_status(case.status for case in asked)
 
 
@@ -62,6 +53,12 @@ def _design(asked: list[Case]) -> None:
         for case in asked:
             if not case.status:
                 case.end('refused', str(error))
+
+
+def _draw(path: Path, case: Case) -> None:
+    if case.design:
+        from obc_ros.cli import lqr_figures  # matplotlib and control take a second
+        lqr_figures.draw(path, case)
 
 
 def _request(service: Any, given: Any) -> Any:

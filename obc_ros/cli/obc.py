@@ -16,6 +16,8 @@ from importlib import import_module, metadata, util
 import os
 import sys
 
+from obc_ros.core.errors import ObcError
+
 SUBCOMMANDS = {
     'demo': 'fly the aircraft or drive the vehicle over DDS: table, figures, recording',
     'solve': 'solve optimal control problems and certify the answers',
@@ -60,7 +62,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         if name == used:
             module = import_module(f'obc_ros.cli.{name}')
             module.add_arguments(command)
-            command.set_defaults(run=module.run)
+            command.set_defaults(run=module.run, command=name)
     return parser.parse_args(arguments)
 
 
@@ -68,14 +70,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run `obc` and return its exit status."""
     atexit.register(gc.freeze)  # or the interpreter looks through everything as it ends
     try:
-        args = parse(sys.argv[1:] if arguments is None else arguments)
-        status: int = args.run(args)
-        sys.stdout.flush()
+        return _run(parse(sys.argv[1:] if arguments is None else arguments))
     except KeyboardInterrupt:
         return 130
+
+
+def _run(args: argparse.Namespace) -> int:
+    """Run the subcommand; what the machine does not let it do is said in a sentence."""
+    try:
+        status: int = args.run(args)
+        sys.stdout.flush()
     except BrokenPipeError:
         # The reader of a pipe has left; the interpreter must not fail again when it flushes.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except (ObcError, OSError) as error:  # a folder that cannot be written, a full disk
+        print(f'obc {args.command}: {error}', file=sys.stderr)
         return 1
     return status
 

@@ -7,8 +7,9 @@ A file holds one question or a list of them; a malformed one has an answer like 
 """
 
 from abc import ABC, abstractmethod
+import argparse
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 import json
 import math
@@ -44,6 +45,10 @@ class Asked(ABC):
     def take(self, entry: dict[str, Any]) -> None:
         """Check and keep what the file says; raise StatementError or DynamicsError."""
 
+    @abstractmethod
+    def as_json(self) -> dict[str, Any]:
+        """Return what ``NAME.json`` holds."""
+
     def end(self, status: str, message: str) -> None:
         """Note what came of it."""
         self.status, self.message = status, message
@@ -78,11 +83,55 @@ def read(kind: type[Kind], files: Iterable[Path]) -> list[Kind]:
     return asked
 
 
-def tell_renamed(asked: Iterable[Asked]) -> None:
-    """Say which answers are in files of other names than their questions'."""
+def add_arguments(parser: argparse.ArgumentParser, what: str) -> None:
+    """Describe the files that `what` is asked in, and the folders of the answers."""
+    parser.add_argument('files', nargs='+', metavar='FILE', type=Path,
+                        help=f'{what} in YAML, one or a list of them in a file')
+    parser.add_argument('--json', metavar='DIR', type=Path, help='write DIR/NAME.json for each')
+    parser.add_argument('--plot', metavar='DIR', type=Path, help='draw DIR/NAME.png for each')
+
+
+def make_folders(args: argparse.Namespace) -> None:
+    """
+    Make the folders of the answers, before anybody waits for these.
+
+    Raises
+    ------
+    OSError
+        If one cannot be made.
+
+    """
+    for folder in filter(None, (args.json, args.plot)):
+        folder.mkdir(parents=True, exist_ok=True)
+
+
+def save(asked: Iterable[Kind], args: argparse.Namespace, draw: Callable[[Path, Kind], None]
+         ) -> None:
+    """
+    Write the files of all answers, and say which are not named as their questions.
+
+    Parameters
+    ----------
+    asked : iterable of Asked
+        The questions, answered.
+    args : argparse.Namespace
+        With the folders `json` and `plot`, or None.
+    draw : callable
+        Draws an answer into the file of a path, if there is something to draw.
+
+    Raises
+    ------
+    ObcError
+        If a file cannot be written.
+
+    """
     for each in asked:
-        if each.renamed:
+        if each.renamed and (args.json or args.plot):
             print(f'{each.label}: written as {each.file_name}; an earlier one has its name')
+        if args.json:
+            write(args.json, each.file_name, each.as_json())
+        if args.plot:
+            draw(args.plot / f'{each.file_name}.png', each)
 
 
 def _entries(file: Path) -> list[tuple[str, Entry]]:

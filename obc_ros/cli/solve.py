@@ -17,29 +17,20 @@ COLOURS = dict.fromkeys(('solved', 'holds'), 'green') | dict.fromkeys(
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command line."""
-    parser.add_argument('files', nargs='+', metavar='FILE', type=Path,
-                        help='problems in YAML, one or a list of them in a file')
-    parser.add_argument('--json', metavar='DIR', type=Path, help='write DIR/NAME.json for each')
-    parser.add_argument('--plot', metavar='DIR', type=Path, help='draw DIR/NAME.png for each')
+    results.add_arguments(parser, 'problems')
     parser.add_argument('--time-limit', metavar='S', type=_seconds, default=0.0,
                         help="seconds for each problem (the server's own limit if left out)")
 
 
 def run(args: argparse.Namespace) -> int:
     """Solve all problems of all files; return the exit status."""
+    results.make_folders(args)
     asked = results.read(Question, args.files)
     answerable = [question for question in asked if question.problem]
     if answerable:
         _solve(answerable, args.time_limit)
-    if args.json or args.plot:
-        results.tell_renamed(asked)
-    for question in asked:
-        if args.json:
-            results.write(args.json, question.file_name, question.as_json())
-        if args.plot and question.result and question.result.trajectory.t:
-            from obc_ros.cli import figures  # matplotlib takes a second
-            figures.draw(args.plot / f'{question.file_name}.png', question)
     _show(asked)
+    results.save(asked, args, _draw)
     return results.exit_status(
         'solved' if question.result and question.result.success else
         'malformed' if question.status == 'malformed' else 'unanswered' for question in asked)
@@ -69,6 +60,12 @@ def _solve(asked: list[Question], time_limit: float) -> None:
         for question in asked:
             if not question.status:
                 question.end(status, str(error))
+
+
+def _draw(path: Path, question: Question) -> None:
+    if question.result and question.result.trajectory.t:
+        from obc_ros.cli import figures  # matplotlib takes a second
+        figures.draw(path, question)
 
 
 def _show(asked: list[Question]) -> None:
