@@ -132,6 +132,13 @@ def values(array):
     return {each.key: each.value for each in status.values}
 
 
+def test_diagnostics_tell_which_server_and_need_no_clock(spawn, probe):
+    spawn('trajectory_server', {'workers': 1, 'use_sim_time': True}, namespace='/robot1')
+    diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
+    probe.wait_for(lambda: diagnostics)
+    assert diagnostics[0].status[0].name == 'robot1/trajectory_server: workers'
+
+
 @pytest.mark.parametrize('name', ['lq_scalar_unit', 'moon_lander', 'two_wheel_turn_in_place'])
 def test_an_answer_has_all_that_the_message_promises(server, probe, name):
     server(workers=1)

@@ -81,11 +81,11 @@ class TrajectoryServer(Node):
         self._statuses: Counter[str] = Counter()
         self._reference = self.create_publisher(Trajectory, 'reference', LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self.create_timer(1.0, self._diagnose)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0, self._diagnose, clock=steady)
         self._action: ActionServer | None = None
         self._latest = monotonic() + START
-        self._opening = self.create_timer(
-            LOOK, self._open, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._opening = self.create_timer(LOOK, self._open, clock=steady)
 
     def _open(self) -> None:
         """Offer the services once workers are there: who finds them gets an answer in time."""
@@ -221,7 +221,7 @@ class TrajectoryServer(Node):
         pool = self._solvers
         replaced = pool.replaced + self._designers.replaced
         status = DiagnosticStatus(
-            name='trajectory_server: workers', level=DiagnosticStatus.OK,
+            name=f'{self.get_fully_qualified_name()[1:]}: workers', level=DiagnosticStatus.OK,
             message=f'{pool.busy} of {pool.size} workers solve, {pool.waiting} requests wait')
         if fault := pool.fault or self._designers.fault:
             status.level = DiagnosticStatus.ERROR
