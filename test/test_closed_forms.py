@@ -172,7 +172,7 @@ def test_brockett_with_equal_singular_values():
 @settings(max_examples=30, deadline=None)
 @given(st.tuples(*[st.floats(-5, 5)] * 3))
 def test_brockett_in_three_dimensions(y):
-    path = closed_forms.brockett_so3(y, np.linspace(0, 1, 33))
+    path = closed_forms.brockett(np.cross(y, np.eye(3)).T, np.linspace(0, 1, 33))
     Y, _, J = areas(path)
     for z in np.eye(3):
         np.testing.assert_allclose(Y @ z, np.cross(y, z), atol=1e-12)
@@ -218,7 +218,6 @@ def test_straight_line():
     (lambda: closed_forms.brockett([[0, 1, 2], [1, 0, 1]], [0]), 'square matrix'),
     (lambda: closed_forms.brockett([[0, inf], [-inf, 0]], [0]), 'finite'),
     (lambda: closed_forms.brockett([[0, 1], [-1, 0]], [2]), 'within \\[0, 1\\]'),
-    (lambda: closed_forms.brockett_so3([1, 2], [0]), 'three finite numbers'),
     (lambda: closed_forms.straight_line([1], [1, 2], [0]), 'one dimension'),
     (lambda: closed_forms.straight_line([1, inf], [1, 2], [0]), 'finite'),
 ])

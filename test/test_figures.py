@@ -5,7 +5,7 @@
 from types import SimpleNamespace
 
 import numpy as np
-from obc_ros.cli.figures import _alike, draw, switching_function
+from obc_ros.cli.figures import _alike, _slopes, draw
 from obc_ros.cli.questions import Question
 from obc_ros.core.statement import problem_from_mapping
 
@@ -24,7 +24,7 @@ LAM = np.column_stack([1e-4 + 0 * T, T, 0 * T])
 def test_the_switching_function_is_the_slope_of_the_hamiltonian():
     """H = u^2 + w + lam_x v + lam_v u x + lam_theta (w - theta)."""
     expected = np.column_stack([2 * T + T * X[:, 0], 1 + 0 * T])
-    np.testing.assert_allclose(switching_function(PROBLEM, X, U, LAM), expected)
+    np.testing.assert_allclose(_slopes(PROBLEM, X, U, LAM)[0], expected)
 
 
 def test_lines_share_a_panel_when_they_can_be_seen_on_one_scale():

@@ -23,7 +23,7 @@ from std_srvs.srv import Trigger
 pytestmark = pytest.mark.nodes
 
 X = [0.3, -0.2, 0.1, 0.05, -0.04, 0.02]
-ACTIVE, INACTIVE, UNCONFIGURED = 'active', 'inactive', 'unconfigured'
+ACTIVE, UNCONFIGURED = 'active', 'unconfigured'
 
 
 def test_stamps(spawn: Any, probe: Any) -> None:

@@ -67,18 +67,13 @@ def save(figure: Figure, path: Path, dpi: int = 150) -> None:
         raise ObcError(f'{path} cannot be written: {error.strerror}') from error
 
 
-def switching_function(problem: Problem, x: Array, u: Array, lam: Array) -> Array:
-    """
-    Return dH/du = dL/du + lam' df/du, shape (N, m), at states, inputs and costates of N samples.
-
-    Inside an input's bounds it vanishes; where it does not, the input is at the lower bound when
-    it is positive and at the upper one when it is negative.
-    """
-    return _slopes(problem, x, u, lam)[0]
-
-
 def _slopes(problem: Problem, x: Array, u: Array, lam: Array) -> tuple[Array, Array]:
-    """Return dH/du (N, m) and the sum of the sizes of its terms (N, m)."""
+    """
+    Return dH/du = dL/du + lam' df/du, shape (N, m), and the sum of the sizes of its terms (N, m).
+
+    Inside an input's bounds dH/du vanishes; where it does not, the input is at the lower bound
+    when it is positive and at the upper one when it is negative.
+    """
     costate = ca.SX.sym('lam', problem.n)
     L_u, f_u = ca.jacobian(problem.L, problem.u), ca.jacobian(problem.f, problem.u)
     slopes = ca.Function('slopes', [problem.x, problem.u, costate, problem.p], [

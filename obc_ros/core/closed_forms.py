@@ -319,23 +319,6 @@ def brockett(Y: ArrayLike, t: ArrayLike) -> BrockettPath:
     return BrockettPath(times, q, u, J)
 
 
-def brockett_so3(y: ArrayLike, t: ArrayLike) -> BrockettPath:
-    """
-    Return `brockett` for m = 3 and Y z = y x z (Exercise 2.2(b)); y has shape (3,).
-
-    Raises
-    ------
-    StatementError
-        If y is not three finite numbers, or a time is not within [0, 1].
-
-    """
-    vector = np.asarray(y, dtype=float)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise StatementError('y must be three finite numbers')
-    y1, y2, y3 = vector
-    return brockett([[0, -y3, y2], [y3, 0, -y1], [-y2, y1, 0]], t)
-
-
 @dataclass(frozen=True, eq=False)
 class StraightPath:
     """

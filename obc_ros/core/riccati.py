@@ -85,16 +85,6 @@ def _to_go(t: Sequence[float] | Array, T: float) -> Array:
     return to_go
 
 
-def is_lq(problem: Problem) -> bool:
-    """
-    Return whether `solve_lq` is certain to answer: linear quadratic, T fixed, no bounds.
-
-    Affine terms are welcome; the cost is strictly convex in u.
-    """
-    return (not problem.final_time.free and _is_unbounded(problem)
-            and lq_form(problem) is not None)
-
-
 def solve_lq(problem: Problem) -> Solution | None:
     """
     Return the optimal path of a linear quadratic problem with a fixed horizon.
@@ -107,9 +97,10 @@ def solve_lq(problem: Problem) -> Solution | None:
     Returns
     -------
     Solution or None
-        None when the problem is not linear quadratic, has path constraints, or a bound would be
-        active. Status 'infeasible' when the input cannot meet the terminal constraints,
-        'not_converged' when the cost has no minimum (a conjugate point).
+        None when the problem is not linear quadratic (affine terms are welcome, the cost is
+        strictly convex in u), has path constraints, or a bound would be active. Status
+        'infeasible' when the input cannot meet the terminal constraints, 'not_converged' when the
+        cost has no minimum (a conjugate point).
 
     """
     if problem.final_time.free or problem.path.numel():

@@ -17,13 +17,11 @@ from obc_ros.core.regulator import Gains, Limits, rows, Vector, vector
 from obc_ros.core.weights import count, KINDS, square
 from obc_ros.msg import LqrWeights
 from obc_ros.nodes.conversions import chosen_system, system_parameters
+from obc_ros.nodes.lqr_topics import SINKS, SOURCES
 from obc_ros.nodes.own_thread import PRIORITY
 from obc_ros.nodes.parameters import group, parameter, Value
 
 DESIGNS = ('continuous', 'sampled')
-# topic: type of its messages
-SOURCES = {'state': 'State', 'odom': 'Odometry'}
-SINKS = {'command': 'Command', 'cmd_vel': 'TwistStamped', 'wrench': 'WrenchStamped'}
 
 
 @dataclass(frozen=True)

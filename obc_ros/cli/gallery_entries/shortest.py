@@ -13,7 +13,7 @@ from obc_ros.cli.figures import COLOURS
 from obc_ros.cli.gallery_entries.desk import Desk, Trajectory
 from obc_ros.cli.gallery_entries.drawing import describe, EXACT, legend_below, panels, WIDTH
 from obc_ros.cli.gallery_entries.entry import Answer, Entry, Row
-from obc_ros.core.closed_forms import brockett
+from obc_ros.core.closed_forms import brockett, straight_line
 
 Array = NDArray[np.float64]
 
@@ -23,8 +23,7 @@ START, END = np.array([0.0, 0.0]), np.array([3.0, 4.0])
 
 def skew(y: tuple[float, ...]) -> Array:
     """Return the matrix Y(1) of part (b)."""
-    y1, y2, y3 = y
-    return np.array([[0, -y3, y2], [y3, 0, -y1], [-y2, y1, 0]])
+    return np.cross(y, np.eye(3)).T
 
 
 def planes() -> list[Array]:
@@ -165,24 +164,23 @@ def exercise_2_3(desk: Desk) -> Answer:
     fastest = desk.solve(**{
         **common, 'inputs': ['phi'], 'dynamics': {'x': 'cos(phi)', 'y': 'sin(phi)'},
         'running_cost': '1', 'final_time': {'free': True, 'lower': 0.1, 'upper': 20}})
-    way = END / np.linalg.norm(END)
-    ones = np.ones(energy.t.size)
+    exact = straight_line(START, END, energy.t)
     speed = np.stack([slower.u['u1'], slower.u['u2']], axis=1)
     rows = [
-        Row("$∫ x'^T x' dt$: cost", energy.J, 25.0, '$|x_f - x_0|^2$'),
+        Row("$∫ x'^T x' dt$: cost", energy.J, exact.energy, '$|x_f - x_0|^2$'),
         Row("$∫ x'^T x' dt$: $u(t)$", [energy.u['u1'], energy.u['u2']],
-            [3 * ones, 4 * ones], '$x_f - x_0$, constant'),
+            exact.u.T, '$x_f - x_0$, constant'),
         Row("$∫ x'^T x' dt$: $x(t)$", [energy.x['x'], energy.x['y']],
-            np.outer(END, energy.t), 'the straight line'),
-        Row('its length [m]', length(energy), 5.0, '$|x_f - x_0|$'),
-        Row('least time at unit speed: $T$ [s]', fastest.T, 5.0, '$|x_f - x_0|$'),
+            exact.x.T, 'the straight line'),
+        Row('its length [m]', length(energy), exact.length, '$|x_f - x_0|$'),
+        Row('least time at unit speed: $T$ [s]', fastest.T, exact.length, '$|x_f - x_0|$'),
         Row('least time at unit speed: $λ$', [fastest.lam['x'], fastest.lam['y']],
-            np.outer(-way, np.ones(fastest.t.size)), '$-(x_f - x_0)/|x_f - x_0|$'),
-        Row('another speed: length [m]', length(slower), 5.0, '$|x_f - x_0|$'),
+            np.outer(exact.lam, np.ones(fastest.t.size)), '$-(x_f - x_0)/|x_f - x_0|$'),
+        Row('another speed: length [m]', length(slower), exact.length, '$|x_f - x_0|$'),
         Row('another speed: $u(t)$', speed,
             np.outer(3 / log(4) / (1 + 3 * slower.t), END), '$(x_f - x_0) 3/(1 + 3t) ln 4$'),
         Row('another speed: $H = |u| + λ^T u$ with $λ = -(x_f - x_0)/|x_f - x_0|$',
-            np.linalg.norm(speed, axis=1) - speed @ way, np.zeros(len(speed)), '0')]
+            np.linalg.norm(speed, axis=1) + speed @ exact.lam, np.zeros(len(speed)), '0')]
     return Answer(rows, _draw_2_3(energy, slower, fastest), (
         "The integral of $x'^T x'$ has one answer: the straight line at constant speed. It is an "
         "answer to the integral of $|x'|$ too, but so is the line at any other speed: the one "
