@@ -5,8 +5,9 @@ Many loops on one machine: a plant_simulator and an lqr_node for each vehicle, i
 
 ros2 launch obc_ros fleet.launch.py vehicles:=10 scenario:=vehicle prefix:=robot
 
-starts /robot1 to /robot10. Stamps are those of the clock on the wall, which all share. The nodes
-keep to this machine unless the environment, or discovery_range:=SUBNET, says otherwise.
+starts /robot1 to /robot10. Stamps are those of the clock on the wall, which all share, or of the
+/clock that another simulator publishes (use_sim_time:=true). The nodes keep to this machine unless
+the environment, or discovery_range:=SUBNET, says otherwise.
 """
 
 from launch import LaunchContext, LaunchDescription
@@ -14,13 +15,15 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironment
 from launch.conditions import IfCondition
 from launch.substitutions import EnvironmentVariable, LaunchConfiguration
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterFile
+from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 ARGUMENTS = (
     ('vehicles', '10', 'how many'),
     ('scenario', 'vehicle', 'which file of config/: aircraft, vehicle or vehicle_lateral'),
+    ('namespace', '', 'namespace of the whole fleet'),
     ('prefix', 'vehicle', 'what each namespace is called, before its number from 1 on'),
+    ('use_sim_time', 'false', 'take time from /clock'),
     ('plant', 'true', 'start the simulated plants; false on robots'),
     ('discovery_range',
      EnvironmentVariable('ROS_AUTOMATIC_DISCOVERY_RANGE', default_value='LOCALHOST'),
@@ -47,11 +50,15 @@ def _vehicles(context: LaunchContext) -> list[Node]:
         raise ValueError(f'vehicles:={given}: wanted a number from 1 to 100')
     config = ParameterFile([
         FindPackageShare('obc_ros'), '/config/', LaunchConfiguration('scenario'), '.yaml'])
-    prefix = LaunchConfiguration('prefix').perform(context)
+    names = [LaunchConfiguration(name).perform(context) for name in ('namespace', 'prefix')]
+    prefix = '/'.join(filter(None, names))
+    sim_time = {'use_sim_time': ParameterValue(
+        LaunchConfiguration('use_sim_time'), value_type=bool)}
 
     def node(executable: str, vehicle: int, *parameters: object, **options: object) -> Node:
         return Node(package='obc_ros', executable=executable, name=executable, output='screen',
-                    namespace=f'{prefix}{vehicle}', parameters=[config, *parameters], **options)
+                    namespace=f'{prefix}{vehicle}', parameters=[config, sim_time, *parameters],
+                    **options)
 
     return [each for vehicle in range(1, int(given) + 1) for each in (
         node('plant_simulator', vehicle, IN_COMPANY,

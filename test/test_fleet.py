@@ -35,6 +35,9 @@ def test_what_a_fleet_starts() -> None:
     fleet = nodes('fleet.launch.py', vehicles='3', prefix='robot')
     assert [(each.namespace, each.executable) for each in fleet] == [
         (f'robot{k}', name) for k in (1, 2, 3) for name in ('plant_simulator', 'lqr_node')]
+    there = nodes('fleet.launch.py', namespace='yard', use_sim_time='true', vehicles='1')
+    assert {each.namespace for each in there} == {'yard/vehicle1'}
+    assert [each.values['use_sim_time'] for each in (fleet[0], *there)] == [False, True, True]
     assert len(nodes('fleet.launch.py')) == 2 * VEHICLES
     assert len(nodes('fleet.launch.py', plant='false')) == VEHICLES
     for wrong in ('0', '-1', 'many', '101'):
