@@ -13,9 +13,10 @@ from matplotlib.axes import Axes
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
+from obc_ros.cli import terminal
 from obc_ros.cli.demo import Event, Flight, fly, set_parameters
 from obc_ros.cli.pilot import Pilot
-from obc_ros.cli.report import loop_rows, show, step_figures
+from obc_ros.cli.report import loop_rows, step_figures
 from obc_ros.msg import LqrDesign
 from scipy.linalg import expm
 
@@ -91,9 +92,9 @@ def _conclude(pilot: Pilot, wall: float, steps: list[Step], out: Path) -> int:
                 figures.settling_time) else f'> {step.span:g} s'
             rows.append((step.weights, axis, f'{figures.rise_time:.2f} s',
                          f'{100 * figures.overshoot:.1f} %', settling, f'{peaks[index]:.2f} N'))
-    show('Unit steps', ('weights', 'axis', 'rise time', 'overshoot', 'settling', 'peak |f - fe|'),
-         rows)
-    show('The loop', ('', ''), loop_rows(pilot, wall))
+    terminal.table(('unit step', 'axis', 'rise time', 'overshoot', 'settling', 'peak |f - fe|'),
+                   rows)
+    terminal.table(('the loop', ''), loop_rows(pilot, wall))
     figure = out / 'aircraft.png'
     _draw(t, x, tu, u, steps, figure)
     print(f'figure {figure}   recording {out / "aircraft"}')
@@ -162,7 +163,7 @@ def _flight(axes: Axes, t: Array, x: Array) -> None:
         axes.axvline(moment, color='0.8', linewidth=0.8, zorder=0)
         axes.annotate(what, (moment, 0.02), xycoords=('data', 'axes fraction'), rotation=90,
                       fontsize=8, color='0.4', ha='right', va='bottom')
-    axes.set(xlim=(0, END), xlabel='time [s]', ylabel='position [m]', title='The whole flight')
+    axes.set(xlim=(-2, END), xlabel='time [s]', ylabel='position [m]', title='The whole flight')
     axes.legend(loc='upper left')
 
 

@@ -11,9 +11,10 @@ mpl.use('Agg')
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
+from obc_ros.cli import terminal
 from obc_ros.cli.demo import Event, Flight, fly
 from obc_ros.cli.pilot import Pilot
-from obc_ros.cli.report import loop_rows, show
+from obc_ros.cli.report import loop_rows
 from obc_ros.core.errors import ObcError
 from obc_ros.core.tracking import lateral_reference, slalom
 from obc_ros.msg import NamedBounds, Trajectory
@@ -94,7 +95,7 @@ def _conclude(pilot: Pilot, wall: float, reference: Trajectory, lateral: int, na
     during = (t >= times[0]) & (t <= times[-1])
     error = x[during, lateral] - np.interp(t[during], times, wanted[:, lateral])
     heading = x[during, lateral + 1] - np.interp(t[during], times, wanted[:, lateral + 1])
-    show(name, ('', ''), [
+    terminal.table((name, ''), [
         ('largest lateral error', f'{1e3 * np.abs(error).max():.2f} mm'),
         ('lateral error at the end', f'{1e3 * abs(error[-1]):.2f} mm'),
         ('largest heading error', f'{1e3 * np.abs(heading).max():.2f} mrad'),

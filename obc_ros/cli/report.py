@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers of a recorded flight, and the table that shows them."""
+"""Numbers of a recorded flight."""
 
 from dataclasses import dataclass
 
@@ -54,13 +54,3 @@ def loop_rows(pilot: Pilot, wall: float) -> list[tuple[str, str]]:
         ('simulated in', f'{simulated:.1f} s in {wall:.1f} s of wall time '
                          f'({simulated / wall:.1f} x real time)'),
     ]
-
-
-def show(title: str, header: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
-    """Print a table."""
-    from rich.console import Console
-    from rich.table import Table
-    table = Table(*header, title=title, title_justify='left')
-    for row in rows:
-        table.add_row(*row)
-    Console().print(table)
