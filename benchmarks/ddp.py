@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from obc_ros.core.problem import Problem
 from obc_ros.core.solve import Cache, solve
 from obc_ros.core.statement import problem_from_mapping
-from optimal_control import end_error, HOVER, STATE
+from optimal_control import end_error, held_step, HOVER, STATE
 
 Array = NDArray[np.float64]
 
@@ -65,19 +65,10 @@ def differential_dynamic_programming(
         crocoddyl: Any, problem: Problem, rest: Array, N: int,
         ) -> Callable[[], tuple[Array, int, bool]]:
     """Return what solves a problem with crocoddyl: inputs, iterations, whether it converged."""
-    n, m, h = problem.n, problem.m, problem.final_time.value / N
-    f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f, problem.L])
-    x, u = ca.SX.sym('x', n), ca.SX.sym('u', m)
-
-    def rate(x: ca.SX) -> ca.SX:
-        return ca.vertcat(*f(x, u, problem.p_value))
-
-    a = rate(x)
-    b = rate(x + h / 2 * a[:n])
-    c = rate(x + h / 2 * b[:n])
-    step = h / 6 * (a + 2 * b + 2 * c + rate(x + h * c[:n]))
-    end = ca.Function('V', [problem.x, problem.p], [problem.V])(x, problem.p_value)
-    values = (kernel(x, u, x + step[:n], step[n]), kernel(x, u, x, end))
+    n, m, x, u = problem.n, problem.m, problem.x, problem.u
+    step = held_step(problem, problem.final_time.value / N)
+    end = ca.substitute(problem.V, problem.p, problem.p_value)
+    values = (kernel(x, u, *step(x, u)), kernel(x, u, x, end))
 
     class Model(crocoddyl.ActionModelAbstract):  # type: ignore[misc,name-defined] # untyped
         """A step of the dynamics with its cost, or the end."""

@@ -164,19 +164,25 @@ def fatrop_by_hand(problem: Problem, least: float) -> tuple[tuple[int, float, fl
     return (N, (cost - least) / least, miss), times
 
 
-def shooting(problem: Problem, N: int) -> Callable[[Array], tuple[float, Array]]:
-    """Return multiple shooting as a user of CasADi writes it, expanded, with fatrop."""
-    n, m, h = problem.n, problem.m, problem.final_time.value / N
-    f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f, problem.L])
-    x, u = ca.MX.sym('x', n), ca.MX.sym('u', m)
+def held_step(problem: Problem, h: float) -> ca.Function:
+    """Return x after a Runge-Kutta step of order 4, the input held, and the cost of the step."""
+    n, x, u = problem.n, problem.x, problem.u
+    f = ca.Function('f', [x, u, problem.p], [problem.f, problem.L])
 
-    def rate(x: ca.MX) -> ca.MX:
+    def rate(x: ca.SX) -> ca.SX:
         return ca.vertcat(*f(x, u, problem.p_value))
 
     a = rate(x)
     b = rate(x + h / 2 * a[:n])
-    step = h / 6 * (a + 2 * b + 2 * (c := rate(x + h / 2 * b[:n])) + rate(x + h * c[:n]))
-    F = ca.Function('F', [x, u], [x + step[:n], step[n]])
+    c = rate(x + h / 2 * b[:n])
+    step = h / 6 * (a + 2 * b + 2 * c + rate(x + h * c[:n]))
+    return ca.Function('F', [x, u], [x + step[:n], step[n]])
+
+
+def shooting(problem: Problem, N: int) -> Callable[[Array], tuple[float, Array]]:
+    """Return multiple shooting as a user of CasADi writes it, expanded, with fatrop."""
+    n, m = problem.n, problem.m
+    F = held_step(problem, problem.final_time.value / N)
     X = [ca.MX.sym(f'x{k}', n) for k in range(N + 1)]
     U = [ca.MX.sym(f'u{k}', m) for k in range(N)]
     goal, start = np.array([100.0, 2.0, 0.0]), ca.MX.sym('start', n)

@@ -13,6 +13,7 @@ import sys
 import time
 from typing import Any
 
+import _machine  # of benchmarks/
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 from rclpy.action import ActionClient
 from rclpy.context import Context
@@ -21,6 +22,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 import yaml
 
+children = _machine.children
 DEADLINE = 60.0  # [s] generous: it is only ever reached by a test that fails
 ISOLATED = {
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
@@ -56,15 +58,6 @@ def find(executable: str) -> str:
     raise FileNotFoundError(f'{executable} is in none of {folders} nor beside {sys.executable}')
 
 
-def children(pid: int) -> list[int]:
-    """Return the processes that a process has started; threads may end meanwhile."""
-    found = []
-    for file in Path(f'/proc/{pid}/task').glob('*/children'):
-        with suppress(FileNotFoundError, ProcessLookupError):
-            found += [int(each) for each in file.read_text().split()]
-    return found
-
-
 def alive(pid: int) -> bool:
     """Return whether a process runs (a zombie does not)."""
     try:
@@ -82,9 +75,8 @@ class Clock:
 
     def __init__(self) -> None:
         """Begin to watch the cores."""
-        script = Path(__file__).resolve().parents[1] / 'benchmarks' / '_machine.py'
         self._watchers = [
-            subprocess.Popen([sys.executable, str(script), str(core)], bufsize=0,
+            subprocess.Popen([sys.executable, _machine.__file__, str(core)], bufsize=0,
                              stdout=subprocess.PIPE)
             for core in os.sched_getaffinity(0)]
         self._stalls: list[tuple[float, float]] = []  # begin and end of each

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`obc bench`: finds the scripts, runs them as processes, and its status is theirs; the timing."""
 
-import importlib.util
 from pathlib import Path
 import signal
 import subprocess
@@ -11,8 +10,7 @@ import time
 
 from obc_ros.cli import bench, obc
 import pytest
-
-ROOT = Path(__file__).resolve().parents[1]
+import timing  # of benchmarks/
 
 
 @pytest.fixture
@@ -74,17 +72,7 @@ def test_the_benchmarks_of_the_project_are_found():
     assert 'timing' not in bench.benchmarks()
 
 
-@pytest.fixture(scope='module')
-def timing():
-    spec = importlib.util.spec_from_file_location('timing', ROOT / 'benchmarks' / 'timing.py')
-    module = importlib.util.module_from_spec(spec)
-    sys.modules['timing'] = module  # where dataclasses look
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules['timing']
-
-
-def test_rivals_are_timed_in_turn_by_the_clock_that_is_given(timing):
+def test_rivals_are_timed_in_turn_by_the_clock_that_is_given():
     now, order = [0.0], []
 
     def rival(name, seconds):
@@ -102,7 +90,7 @@ def test_rivals_are_timed_in_turn_by_the_clock_that_is_given(timing):
         timing.measure({}, rounds=3)
 
 
-def test_what_is_required_decides_the_status(timing, capsys):
+def test_what_is_required_decides_the_status(capsys):
     timing.require('ratio', 1.05, 1.1)
     assert timing.finish() == 0
     timing.require('latency', 2.0, 1.1)
@@ -114,7 +102,7 @@ def test_what_is_required_decides_the_status(timing, capsys):
     assert 'not as required: latency; nan' in err
 
 
-def test_a_missing_peer_is_named_and_skipped(timing, capsys):
+def test_a_missing_peer_is_named_and_skipped(capsys):
     assert timing.peer('nothing_of_that_name') is None
     assert 'skipped: nothing_of_that_name' in capsys.readouterr().out
     assert timing.peer('math').pi > 3
