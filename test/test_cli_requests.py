@@ -18,7 +18,7 @@ from obc_ros.cli.questions import Question
 from obc_ros.core import systems
 from obc_ros.srv import SolveOptimalControl
 import pytest
-from support import children
+from support import children, endless, wait_for
 import yaml
 
 pytestmark = pytest.mark.nodes
@@ -30,15 +30,7 @@ SCALAR = {
     'name': 'scalar', 'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'},
     'running_cost': 'u**2', 'terminal_cost': 'x**2', 'initial_state': {'x': 1},
     'final_time': {'free': False, 'value': 1}}
-N = 60
-ENDLESS = {
-    'name': 'endless', 'states': [f'x{i}' for i in range(N)], 'inputs': ['u'],
-    'dynamics': {f'x{i}': f'20*sin(x{(i + 1) % N})*cos(x{(i - 1) % N}) - x{i}*x{(i + 2) % N}'
-                          ' + exp(sin(u))' for i in range(N)},
-    'running_cost': 'u**2 + ' + ' + '.join(
-        f'(x{i} - 1)**2*x{(i + 3) % N}**2' for i in range(N)),
-    'initial_state': {f'x{i}': i % 5 - 2 for i in range(N)},
-    'final_time': {'free': False, 'value': 20}}
+ENDLESS = endless()
 
 
 @pytest.fixture
@@ -73,15 +65,6 @@ def read(path):
     def refuse(constant):
         raise AssertionError(f'{constant} in {path.name}')
     return json.loads(path.read_text(), parse_constant=refuse)
-
-
-def wait_for(condition):
-    """Return the value of a condition once it is true."""
-    deadline = time.monotonic() + 20.0
-    while not (value := condition()):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    return value
 
 
 def test_solved_and_certified_is_0(obc, tmp_path):

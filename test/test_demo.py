@@ -2,12 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """`obc demo` as a user runs it: it flies, records, draws, and leaves nothing behind."""
 
-from collections.abc import Callable
 import os
 from pathlib import Path
 import re
 import signal
-import time
 
 import numpy as np
 from obc_ros.cli.report import step_figures
@@ -15,44 +13,25 @@ import pytest
 from rosbags.highlevel import AnyReader
 from scipy.optimize import brentq
 import support
+from support import alive, children, wait_for
 
+TOLD = {
+    'aircraft': ('rise time', 'overshoot', 'settling', 'peak |f - fe|', 'state to command, p50',
+                 'designs adopted', 'gust', 'refused: Qu[0] = -0.1: Qu must be positive definite'),
+    'vehicle': ('largest lateral error', 'slalom', 'state to command, p50')}
 NODES = ('plant_simulator', 'lqr_node', 'trajectory_server')
 
 
-def children(pid: int) -> list[int]:
+def descendants(pid: int) -> list[int]:
     """Return the process ids of all descendants of a process."""
-    parents = {}
-    for entry in Path('/proc').iterdir():
-        if entry.name.isdigit():
-            try:
-                stat = (entry / 'stat').read_text()
-            except (FileNotFoundError, ProcessLookupError):
-                continue
-            parents[int(entry.name)] = int(stat.rpartition(')')[2].split()[1])
-    found = [child for child, parent in parents.items() if parent == pid]
-    return found + [grandchild for child in found for grandchild in children(child)]
-
-
-def alive(pid: int) -> bool:
-    """Return whether a process runs, zombies not counted."""
-    try:
-        return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] != 'Z'
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-
-
-def wait_for(condition: Callable[[], object], timeout: float = 30.0) -> None:
-    """Wait until a condition holds; fail at the deadline."""
-    deadline = time.monotonic() + timeout
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
+    found = children(pid)
+    return found + [each for child in found for each in descendants(child)]
 
 
 def flying(demo: support.Process) -> list[int]:
     """Wait until a demonstration has made its first step; return its descendants."""
     demo.wait_for_output('step to (1, 1)', 60.0)
-    return children(demo.pid)
+    return descendants(demo.pid)
 
 
 @pytest.mark.nodes
@@ -69,6 +48,8 @@ def test_demo(scenario: str, flights: list[str], figures: list[str], tmp_path: P
     finally:
         demo.end()
     assert re.findall(r'missed states\W+(\d+)', demo.output()) == ['0'] * len(flights)
+    for words in TOLD[scenario]:
+        assert words in demo.output()
     assert all((tmp_path / 'out' / figure).stat().st_size > 20_000 for figure in figures)
     for flight in flights:
         with AnyReader([tmp_path / 'out' / flight]) as reader:
@@ -97,6 +78,23 @@ def test_ctrl_c_ends_all(tmp_path: Path, domain: int) -> None:
         wait_for(lambda: not any(map(alive, pids)))
         assert 'SIGINT' in demo.output()
         assert 'Traceback' not in demo.output()
+    finally:
+        demo.end()
+
+
+@pytest.mark.nodes
+def test_in_real_time_when_asked(tmp_path: Path, domain: int) -> None:
+    """A simulated second takes a second, and no step waits for its command."""
+    demo = support.Process(
+        [support.find('obc'), 'demo', 'aircraft', '--real-time', '--out', str(tmp_path / 'out')],
+        tmp_path / 'log', domain)
+    try:
+        flying(demo)
+        probe = support.Probe(int(re.search(r'domain (\d+)', demo.output())[1]))
+        assert probe.get_parameters('/plant_simulator', 'speed', 'lockstep') == {
+            'speed': 1.0, 'lockstep': False}
+        probe.close()
+        assert demo.interrupt(15.0) == 1
     finally:
         demo.end()
 

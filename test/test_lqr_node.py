@@ -144,6 +144,17 @@ def test_values_at_the_start(spawn: Any, probe: Any) -> None:
     assert bench.answer([-1.0, 0.0]) == 0.5
 
 
+def test_values_on_the_command_line(spawn: Any, probe: Any) -> None:
+    """Arguments of a launch file or of a shell go the same way as a file's values."""
+    designs = probe.listen(LqrDesign, '/lqr_node/design', LATCHED)
+    spawn('lqr_node', arguments=['--ros-args', '-p', 'system:=double_integrator',
+                                 '-p', 'Qx:=[4.0, 0.0]', '-p', 'Qu:=[1]'])
+    probe.wait_for(lambda: designs)
+    np.testing.assert_allclose(designs[0].k, [2.0, 2.0], rtol=1e-10)  # Example 2.4, q = 2
+    bad = spawn('lqr_node', arguments=['--ros-args', '-p', 'Qu:=[-1, 1]'], name='bad')
+    assert bad.wait() == 1 and 'Qu[0] = -1: Qu must be positive definite' in bad.output()
+
+
 @pytest.mark.parametrize(('parameters', 'sentence'), [
     ({'Qx': [1.0, 2.0]}, 'lqr_node: Qx has 2 numbers; wanted 6'),
     ({'Qu': [1, -1]}, 'lqr_node: Qu[1] = -1: Qu must be positive definite'),

@@ -26,6 +26,7 @@ from obc_ros.nodes.messages import problem_message
 from obc_ros.srv import DesignLqr, SolveOptimalControl
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
+import support
 from support import alive, children
 
 pytestmark = pytest.mark.nodes
@@ -55,17 +56,8 @@ def scalar(a=1.0, T=1.0):
 
 
 def endless(n=60):
-    """Return a problem that no solver has answered within minutes."""
-    states = [f'x{i}' for i in range(n)]
-    return message({
-        'name': 'endless', 'states': states, 'inputs': ['u'],
-        'dynamics': {f'x{i}': f'20*sin(x{(i + 1) % n})*cos(x{(i - 1) % n}) - x{i}*x{(i + 2) % n}'
-                              ' + exp(sin(u))' for i in range(n)},
-        'running_cost': 'u**2 + ' + ' + '.join(
-            f'(x{i} - 1)**2*x{(i + 3) % n}**2' for i in range(n)),
-        'initial_state': {f'x{i}': i % 5 - 2 for i in range(n)},
-        'terminal_constraints': ['x1 - 0.5'], 'input_bounds': {'u': [-3, 3]},
-        'final_time': {'free': False, 'value': 20}})
+    """Return `support.endless` as a message."""
+    return message(support.endless(n))
 
 
 @pytest.fixture
@@ -170,6 +162,15 @@ def test_solvers_are_kept_by_structure(server, probe):
 
     assert build_time(1.0) > 0.0
     assert build_time(1.001) == 0.0  # kept, as the numbers are not part of the structure
+
+
+def test_no_mesh_is_finer_than_the_server_allows(server, probe):
+    server(workers=1, max_intervals=10)
+    [mapping] = load_file(PROBLEMS / 'vanderpol_bounded.yaml')
+    coarse = solve(probe, message(mapping))
+    assert coarse.status == 'not_converged' and 'max_intervals = 10' in coarse.message
+    assert probe.set_parameters(SERVER, max_intervals=200)[0].successful
+    assert solve(probe, message(mapping)).status == 'solved'
 
 
 def test_others_are_answered_while_all_workers_solve(server, probe, clock):

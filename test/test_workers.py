@@ -19,7 +19,7 @@ from obc_ros.core import workers
 from obc_ros.core.wire import pack, Packet, unpack
 from obc_ros.core.workers import Job, Outcome, Pool
 import pytest
-from support import alive
+from support import alive, wait_for
 
 DEADLINE = 20.0  # [s] only ever reached by a test that fails
 SLACK = 0.2      # [s] the promise for time limits and cancelling
@@ -42,15 +42,6 @@ def running(size=1, module='stand_in_worker', **options):
     finally:
         pool.close()
     assert not any(map(alive, pids))
-
-
-def wait_for(condition):
-    """Return the value of `condition` once it is true."""
-    deadline = time.monotonic() + DEADLINE
-    while not (value := condition()):
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
-    return value
 
 
 class Asked:
