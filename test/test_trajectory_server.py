@@ -124,6 +124,12 @@ def values(array):
     return {each.key: each.value for each in status.values}
 
 
+def test_it_says_when_it_is_ready_and_what_for(spawn):
+    """Nothing is asked of it before."""
+    spawn('trajectory_server', {'workers': 1, 'queue_length': 7}).wait_for_output(
+        'ready: 1 process solves, 7 more requests may wait')
+
+
 def test_diagnostics_tell_which_server_and_need_no_clock(spawn, probe):
     spawn('trajectory_server', {'workers': 1, 'use_sim_time': True}, namespace='/robot1')
     diagnostics = probe.listen(DiagnosticArray, '/diagnostics')

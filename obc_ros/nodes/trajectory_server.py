@@ -106,6 +106,10 @@ class TrajectoryServer(Node):
             cancel_callback=self._cancel, result_timeout=RESULT_TIMEOUT,
             goal_service_qos_profile=BURST, result_service_qos_profile=BURST,
             cancel_service_qos_profile=BURST, feedback_pub_qos_profile=BURST)
+        settings = self._settings.settings
+        who = f'{settings.workers} processes solve' if settings.workers > 1 else '1 process solves'
+        self.get_logger().info(
+            f'ready: {who}, {settings.queue_length} more requests may wait')
 
     def destroy_node(self) -> None:
         """End the workers, then the node."""
