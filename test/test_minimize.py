@@ -177,7 +177,9 @@ def test_time_limit_and_cancel():
 @pytest.mark.parametrize(('statement', 'text'), [
     ([], 'minimize: wanted a mapping'),
     ({'variables': ['x'], 'cost': 'x', 'bound': {}}, 'bound: unknown key'),
-    ({'cost': 'x'}, 'variables: the list is empty'),
+    ({'cost': 'x'}, 'variables: missing; wanted a list of names'),
+    ({'variables': [], 'cost': 'x'}, 'variables: the list is empty'),
+    ({'variables': ['x'], 'cost': 'x', 'bounds': {'x': 3}}, 'bounds.x: wanted [lower, upper]'),
     ({'variables': ['x', 'x'], 'cost': 'x'}, "'x' stands twice"),
     ({'variables': ['sin'], 'cost': '1'}, "'sin' is reserved"),
     ({'variables': ['x']}, 'cost: missing'),

@@ -189,7 +189,7 @@ FAULTS = [
     ('input_bounds.u', [0, '-g'], r'^input_bounds\.u: the bounds cross'),
     ('input_bounds.u', [0], r'^input_bounds\.u: wanted \[lower, upper\], found 1'),
     ('input_bounds.u', [0, 1, 2], r'^input_bounds\.u: wanted \[lower, upper\], found 3'),
-    ('input_bounds.u', 3, r'^input_bounds\.u: wanted a list'),
+    ('input_bounds.u', 3, r'^input_bounds\.u: wanted \[lower, upper\], found int'),
     ('input_bounds.u', [math.nan, 1], r'^input_bounds\.u \(lower\): nan'),
     ('input_bounds.u', [0, math.inf], r'^input_bounds\.u: upper bound inf: write null'),
     ('input_bounds.u', [0, 'v'], r"^input_bounds\.u \(upper\): unknown name 'v'"),

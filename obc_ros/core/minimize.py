@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core import kkt
 from obc_ros.core.errors import StatementError
-from obc_ros.core.expressions import check_name, describe, near, number, parse
+from obc_ros.core.expressions import check_name, near, number, parse
+from obc_ros.core.parts import bounds_of, Given, list_of, mapping_of, names_of, section_of
 from obc_ros.core.solution import Certificate, Report, Status
 
 Array = NDArray[np.float64]
@@ -302,65 +303,43 @@ def _starts(question: _Question) -> Iterator[Array]:
 
 def _question(statement: object) -> _Question:
     """Return the checked statement."""
-    if not isinstance(statement, Mapping):
-        raise StatementError(f'minimize: wanted a mapping, found {describe(statement)}')
-    for key in statement:
+    given = mapping_of(statement, 'minimize')
+    for key in given:
         if key not in KEYS:
             raise StatementError(f'{str(key)[:60]}: unknown key{near(str(key), KEYS)}')
-    names = tuple(check_name(name, 'variables') for name in _list(statement, 'variables'))
-    if not names:
-        raise StatementError('variables: the list is empty; wanted at least one name')
-    for index, name in enumerate(names):
-        if name in names[:index]:
-            raise StatementError(f"variables: '{name}' stands twice")
-    values = _parameters(statement, names)
+    names = names_of(given, 'variables', MAX_COUNT)
+    values = _parameters(given, names)
     x = ca.vertcat(*(ca.SX.sym(name) for name in names))
     symbols = {name: x[i] for i, name in enumerate(names)}
     symbols |= {name: ca.SX(value) for name, value in values.items()}
-    if statement.get('cost') is None:
+    if given.get('cost') is None:
         raise StatementError('cost: missing; wanted an expression of the variables')
-    F = parse(statement['cost'], symbols, 'cost')
-    G, equal = _column(statement, 'equalities', '= 0', symbols)
-    g, less = _column(statement, 'inequalities', '<= 0', symbols)
-    lower, upper = _bounds(statement, names, values)
+    F = parse(given['cost'], symbols, 'cost')
+    G, equal = _column(given, 'equalities', '= 0', symbols)
+    g, less = _column(given, 'inequalities', '<= 0', symbols)
+    lower, upper = _bounds(given, names, values)
     return _Question(kkt.Program(x, F, G, g, lower, upper), names, (*equal, *less),
-                     _guess(statement, names, values))
+                     _guess(given, names, values))
 
 
-def _column(statement: Mapping[Any, Any], key: str, sign: str,
-            symbols: Mapping[str, ca.SX]) -> tuple[ca.SX, list[str]]:
+def _column(given: Given, key: str, sign: str, symbols: Mapping[str, ca.SX]
+            ) -> tuple[ca.SX, list[str]]:
     """Return a list of expressions as a column, and what each is called."""
-    texts = _list(statement, key)
+    texts = _list(given, key)
     column = ca.vertcat(ca.SX(0, 1), *(
         parse(text, symbols, f'{key}[{i}]') for i, text in enumerate(texts)))
     return column, [f'{key}[{i}] ({str(text)[:60]} {sign})' for i, text in enumerate(texts)]
 
 
-def _list(statement: Mapping[Any, Any], key: str) -> list[Any]:
-    value = statement.get(key)
-    if value is None:
-        return []
-    if not isinstance(value, (list, tuple)):
-        raise StatementError(f'{key}: wanted a list, found {describe(value)}')
-    if len(value) > MAX_COUNT:
-        raise StatementError(f'{key}: {len(value)} entries; at most {MAX_COUNT} are read')
-    return list(value)
+def _list(given: Given, key: str) -> list[Any]:
+    """Return a list that may be left out."""
+    value = given.get(key)
+    return [] if value is None else list_of(value, key, most=MAX_COUNT)
 
 
-def _section(statement: Mapping[Any, Any], key: str) -> Mapping[Any, Any]:
-    value = statement.get(key)
-    if value is None:
-        return {}
-    if not isinstance(value, Mapping):
-        raise StatementError(f'{key}: wanted a mapping, found {describe(value)}')
-    if len(value) > MAX_COUNT:
-        raise StatementError(f'{key}: {len(value)} entries; at most {MAX_COUNT} are read')
-    return value
-
-
-def _parameters(statement: Mapping[Any, Any], names: tuple[str, ...]) -> dict[str, float]:
+def _parameters(given: Given, names: tuple[str, ...]) -> dict[str, float]:
     values: dict[str, float] = {}
-    for name, text in _section(statement, 'parameters').items():
+    for name, text in section_of(given, 'parameters', MAX_COUNT).items():
         check_name(name, 'parameters')
         if name in names:
             raise StatementError(f"parameters: '{name}' is a variable too")
@@ -368,28 +347,20 @@ def _parameters(statement: Mapping[Any, Any], names: tuple[str, ...]) -> dict[st
     return values
 
 
-def _bounds(statement: Mapping[Any, Any], names: tuple[str, ...],
-            values: dict[str, float]) -> tuple[Array, Array]:
+def _bounds(given: Given, names: tuple[str, ...], values: dict[str, float]
+            ) -> tuple[Array, Array]:
     lower, upper = np.full(len(names), -np.inf), np.full(len(names), np.inf)
-    for name, pair in _section(statement, 'bounds').items():
+    for name, pair in section_of(given, 'bounds', MAX_COUNT).items():
         if name not in names:
             raise StatementError(f"bounds: '{str(name)[:60]}' is not a variable"
                                  f'{near(str(name), names)}')
-        if not isinstance(pair, (list, tuple)) or len(pair) != 2:
-            raise StatementError(f'bounds.{name}: wanted [lower, upper], found {describe(pair)}')
         i = names.index(name)
-        for side, limit in zip((lower, upper), pair, strict=True):
-            if limit is not None and not (isinstance(limit, float) and math.isinf(limit)):
-                side[i] = number(limit, values, f'bounds.{name}')
-        if lower[i] > upper[i]:
-            raise StatementError(f'bounds.{name}: the bounds cross: lower {lower[i]:g} > '
-                                 f'upper {upper[i]:g}')
+        lower[i], upper[i] = bounds_of(pair, values, f'bounds.{name}')
     return lower, upper
 
 
-def _guess(statement: Mapping[Any, Any], names: tuple[str, ...],
-           values: dict[str, float]) -> Array | None:
-    guess = _list(statement, 'guess')
+def _guess(given: Given, names: tuple[str, ...], values: dict[str, float]) -> Array | None:
+    guess = _list(given, 'guess')
     if not guess:
         return None
     if len(guess) != len(names):

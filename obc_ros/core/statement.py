@@ -21,6 +21,7 @@ from obc_ros.core import expressions, systems
 from obc_ros.core.errors import ObcError, StatementError
 from obc_ros.core.expressions import check_name, describe, near, number
 from obc_ros.core.files import entries
+from obc_ros.core.parts import bounds_of, limits, list_of, mapping_of, names_of, section_of
 from obc_ros.core.problem import FinalTime, Guess, Problem
 from obc_ros.core.systems.file import FOR_PEOPLE, OF_A_PLANT
 
@@ -32,7 +33,6 @@ FOR_THE_SOLVER = (
     'path_constraints', 'final_time', 'initial_guess')
 
 MAX_TEXT = 200_000     # characters of all expressions together
-MAX_COUNT = 1_000      # entries of a list or mapping
 MAX_VALUES = 10_000    # values of a guess
 
 
@@ -68,7 +68,7 @@ def problem_from_mapping(mapping: object) -> Problem:
         If the statement is malformed; the text begins with the key at fault.
 
     """
-    given = _mapping(mapping, 'problem')
+    given = mapping_of(mapping, 'problem')
     for key in given:
         if key not in FOR_THE_SOLVER + OF_A_PLANT + FOR_PEOPLE:
             raise StatementError(f'{_short(key)}: unknown key{near(str(key), FOR_THE_SOLVER)}')
@@ -131,29 +131,6 @@ def _column(rows: Iterable[ca.SX]) -> ca.SX:
     return ca.vertcat(ca.SX(0, 1), *rows)
 
 
-def _mapping(value: object, where: str, wanted: str = 'a mapping of keys to values'
-             ) -> Mapping[Any, Any]:
-    if not isinstance(value, Mapping):
-        raise StatementError(f'{where}: wanted {wanted}, found {describe(value)}')
-    if len(value) > MAX_COUNT:
-        raise StatementError(f'{where}: {len(value)} entries; at most {MAX_COUNT} are read')
-    return value
-
-
-def _list(value: object, where: str, longest: int = MAX_COUNT) -> list[Any]:
-    if not isinstance(value, (list, tuple)):
-        raise StatementError(f'{where}: wanted a list, found {describe(value)}')
-    if len(value) > longest:
-        raise StatementError(f'{where}: {len(value)} entries; at most {longest} are read')
-    return list(value)
-
-
-def _section(given: Mapping[Any, Any], key: str) -> Mapping[Any, Any]:
-    """Return a mapping that may be left out or left empty."""
-    value = given.get(key)
-    return {} if value is None else _mapping(value, key)
-
-
 def _or_zero(given: Mapping[Any, Any], key: str) -> object:
     value = given.get(key)
     return 0 if value is None else value
@@ -187,33 +164,21 @@ def _unknown(name: object, known: tuple[str, ...], where: str, what: str) -> Sta
                           f"{_short(', '.join(known)) or 'none'}")
 
 
-def _names(given: Mapping[Any, Any], key: str) -> tuple[str, ...]:
-    if given.get(key) is None:
-        raise StatementError(f'{key}: missing; wanted a list of names')
-    names = tuple(check_name(name, key) for name in _list(given[key], key))
-    if not names:
-        raise StatementError(f'{key}: the list is empty; a problem has at least one')
-    for index, name in enumerate(names):
-        if name in names[:index]:
-            raise StatementError(f"{key}: '{name}' stands twice")
-    return names
-
-
 def _own_plant(given: Mapping[Any, Any]) -> _Plant:
     """Return the plant whose states, inputs and dynamics the statement gives."""
-    states, inputs = _names(given, 'states'), _names(given, 'inputs')
+    states, inputs = names_of(given, 'states'), names_of(given, 'inputs')
     for name in inputs:
         if name in states:
             raise StatementError(f"inputs: '{name}' is both a state and an input")
     x = {name: ca.SX.sym(name) for name in states}
     u = {name: ca.SX.sym(name) for name in inputs}
     values: dict[str, float] = {}
-    for name, value in _section(given, 'parameters').items():
+    for name, value in section_of(given, 'parameters').items():
         values[_parameter(name, states, inputs)] = number(value, values, f'parameters.{name}')
     p = {name: ca.SX.sym(name) for name in values}
     if given.get('dynamics') is None:
         raise StatementError('dynamics: missing; wanted an equation for each state')
-    equations = _mapping(given['dynamics'], 'dynamics')
+    equations = mapping_of(given['dynamics'], 'dynamics')
     for name in equations:
         if name not in states:
             raise _unknown(name, states, f'dynamics.{_short(name)}', 'a state')
@@ -244,7 +209,7 @@ def _registered_plant(given: Mapping[Any, Any]) -> _Plant:
     name = given['system']
     if not isinstance(name, str):
         raise StatementError(f'system: wanted a name, found {describe(name)}')
-    section = _section(given, 'parameters')
+    section = section_of(given, 'parameters')
     try:
         options = {key: _option(section[key], f'parameters.{key}')
                    for key in systems.options(name) if key in section}
@@ -294,7 +259,7 @@ def _terminal_constraints(given: Mapping[Any, Any],
     value = given.get('terminal_constraints')
     rows: list[ca.SX] = []
     literals: list[tuple[ca.SX, float]] = []
-    for index, text in enumerate([] if value is None else _list(value, 'terminal_constraints')):
+    for index, text in enumerate([] if value is None else list_of(value, 'terminal_constraints')):
         where = f'terminal_constraints[{index}]'
         row = expressions.parse(text, plant.x | plant.u | plant.p, where)
         _states_only(row, plant, where)
@@ -306,39 +271,19 @@ def _terminal_constraints(given: Mapping[Any, Any],
     return _column(rows), literals
 
 
-def _pair(value: object, values: Mapping[str, float], where: str) -> tuple[float, float]:
-    """Return (lower, upper) of a list of two; null for none."""
-    pair = _list(value, where)
-    if len(pair) != 2:
-        raise StatementError(f'{where}: wanted [lower, upper], found {len(pair)} entries')
-    return _limits(pair[0], pair[1], values, where)
-
-
-def _limits(lower: object, upper: object, values: Mapping[str, float],
-            where: str) -> tuple[float, float]:
-    for bound, side in ((lower, 'lower'), (upper, 'upper')):
-        if isinstance(bound, float) and math.isinf(bound):
-            raise StatementError(f'{where}: {side} bound {bound}: write null for no bound')
-    low = -math.inf if lower is None else number(lower, values, f'{where} (lower)')
-    high = math.inf if upper is None else number(upper, values, f'{where} (upper)')
-    if low > high:
-        raise StatementError(f'{where}: the bounds cross: lower {low:g} > upper {high:g}')
-    return low, high
-
-
 def _bounds(given: Mapping[Any, Any], key: str, names: tuple[str, ...],
             values: Mapping[str, float], lower: Array | None = None,
             upper: Array | None = None) -> tuple[Array, Array]:
     low = np.full(len(names), -np.inf) if lower is None else lower.copy()
     high = np.full(len(names), np.inf) if upper is None else upper.copy()
-    for name, value in _section(given, key).items():
+    for name, value in section_of(given, key).items():
         where = f'{key}.{_short(name)}'
         if name not in names:
             raise _unknown(name, names, where, f'a{"n" * (key == "input_bounds")} '
                                                f'{key.removesuffix("_bounds")}')
         if value is not None:
             index = names.index(name)
-            low[index], high[index] = _pair(value, values, where)
+            low[index], high[index] = bounds_of(value, values, where)
     return low, high
 
 
@@ -346,7 +291,7 @@ def _path_constraints(given: Mapping[Any, Any], plant: _Plant) -> tuple[ca.SX, A
     value = given.get('path_constraints')
     rows, lower, upper = [], [], []
     names = plant.x | plant.u
-    for index, entry in enumerate([] if value is None else _list(value, 'path_constraints')):
+    for index, entry in enumerate([] if value is None else list_of(value, 'path_constraints')):
         where = f'path_constraints[{index}]'
         entry = _keys(entry, ('expr', 'lower', 'upper'), where)
         if entry.get('expr') is None:
@@ -354,7 +299,7 @@ def _path_constraints(given: Mapping[Any, Any], plant: _Plant) -> tuple[ca.SX, A
         row = expressions.parse(entry['expr'], names | plant.p, f'{where}.expr')
         if not any(ca.depends_on(row, symbol) for symbol in names.values()):
             raise StatementError(f'{where}.expr: depends on no state and no input')
-        low, high = _limits(entry.get('lower'), entry.get('upper'), plant.values, where)
+        low, high = limits(entry.get('lower'), entry.get('upper'), plant.values, where)
         if math.isinf(low) and math.isinf(high):
             raise StatementError(f'{where}: wanted a lower or an upper bound, found neither')
         rows.append(row)
@@ -364,7 +309,7 @@ def _path_constraints(given: Mapping[Any, Any], plant: _Plant) -> tuple[ca.SX, A
 
 
 def _keys(value: object, known: tuple[str, ...], where: str) -> Mapping[Any, Any]:
-    entry = _mapping(value, where)
+    entry = mapping_of(value, where)
     for key in entry:
         if key not in known:
             raise StatementError(f'{where}.{_short(key)}: unknown key{near(str(key), known)}; '
@@ -376,7 +321,7 @@ def _initial_state(given: Mapping[Any, Any], plant: _Plant) -> Array:
     wanted = f"a number for each state: {{{', '.join(f'{name}: 0' for name in plant.states[:9])}}}"
     if given.get('initial_state') is None:
         raise StatementError(f'initial_state: missing; wanted {wanted}')
-    start = _mapping(given['initial_state'], 'initial_state', wanted)
+    start = mapping_of(given['initial_state'], 'initial_state', wanted)
     for name in start:
         if name not in plant.states:
             raise _unknown(name, plant.states, f'initial_state.{_short(name)}', 'a state')
@@ -391,7 +336,7 @@ def _final_time(given: Mapping[Any, Any], values: Mapping[str, float]) -> FinalT
     forms = '{free: false, value: 5} or {free: true, lower: 0.1, upper: 20}'
     if given.get('final_time') is None:
         raise StatementError(f'final_time: missing; wanted {forms}')
-    entry = _keys(_mapping(given['final_time'], 'final_time', forms),
+    entry = _keys(mapping_of(given['final_time'], 'final_time', forms),
                   ('free', 'value', 'lower', 'upper', 'guess'), 'final_time')
     free = entry.get('free')
     if not isinstance(free, bool):
@@ -428,7 +373,7 @@ def _positive(value: float, where: str) -> float:
 
 
 def _guess(given: Mapping[Any, Any], plant: _Plant, final_time: FinalTime) -> Guess:
-    entry = _keys(_section(given, 'initial_guess'), ('states', 'inputs', 'final_time'),
+    entry = _keys(section_of(given, 'initial_guess'), ('states', 'inputs', 'final_time'),
                   'initial_guess')
     final = entry.get('final_time')
     if final is not None:
@@ -444,12 +389,12 @@ def _profiles(entry: Mapping[Any, Any], key: str, names: tuple[str, ...],
               values: Mapping[str, float]) -> dict[str, Array]:
     found = {}
     part = entry.get(key)
-    for name, value in ({} if part is None else _mapping(part, f'initial_guess.{key}')).items():
+    for name, value in ({} if part is None else mapping_of(part, f'initial_guess.{key}')).items():
         where = f'initial_guess.{key}.{_short(name)}'
         if name not in names:
             raise _unknown(name, names, where, f'one of the {key}')
         several = isinstance(value, (list, tuple))
-        numbers = _list(value if several else [value], where, MAX_VALUES)
+        numbers = list_of(value if several else [value], where, most=MAX_VALUES)
         if not numbers:
             raise StatementError(f'{where}: the list is empty')
         found[name] = np.array([number(item, values, where) for item in numbers])

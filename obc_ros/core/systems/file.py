@@ -19,6 +19,7 @@ from obc_ros.core import expressions
 from obc_ros.core.errors import ObcError, StatementError
 from obc_ros.core.expressions import check_name, describe, near, number
 from obc_ros.core.files import read_yaml
+from obc_ros.core.parts import bounds_of, check_unique, Given, names_of, section_of
 from obc_ros.core.system import define, Parameter, Signal, System
 
 OF_A_PLANT = ('units', 'angles', 'setpoint', 'setpoint_input', 'parameter_bounds', 'plane',
@@ -30,9 +31,7 @@ TASK = (
     'final_time', 'initial_guess')
 FOR_PEOPLE = ('title', 'source', 'tags', 'notes', 'difficulty', 'kind', 'expected')
 PLANES = ('horizontal', 'vertical')
-MAX_COUNT = 1000
 
-Given = Mapping[Any, Any]
 Values = Mapping[str, float]
 
 
@@ -63,7 +62,7 @@ def load(path: str | Path) -> System:
 
 def _system(given: Given, stem: str, chosen: Values) -> System:
     _check_keys(given)
-    states, inputs = _names(given, 'states'), _names(given, 'inputs')
+    states, inputs = names_of(given, 'states'), names_of(given, 'inputs')
     values = _parameters(given, (*states, *inputs), chosen)
     equations = _by_name(given, 'dynamics', states)
     for missing in (name for name in states if name not in equations):
@@ -101,30 +100,9 @@ def _check_keys(given: Given) -> None:
                                  f'a plant has {", ".join(PLANT)}')
 
 
-def _names(given: Given, key: str) -> tuple[str, ...]:
-    entries = given.get(key)
-    if not isinstance(entries, Sequence) or isinstance(entries, str) or not entries:
-        raise StatementError(f'{key}: wanted a list of names, found {describe(entries)}')
-    if len(entries) > MAX_COUNT:
-        raise StatementError(f'{key}: {len(entries)} entries; at most {MAX_COUNT} are read')
-    names = tuple(check_name(name, key) for name in entries)
-    _check_unique(names, key)
-    return names
-
-
-def _check_unique(names: tuple[str, ...], where: str) -> None:
-    for index, name in enumerate(names):
-        if name in names[:index]:
-            raise StatementError(f"{where}: '{name}' stands twice")
-
-
 def _by_name(given: Given, key: str, known: Sequence[str]) -> dict[str, Any]:
     """Return a section whose keys are known names; it may be left out or empty."""
-    section = given.get(key)
-    if section is None:
-        return {}
-    if not isinstance(section, Mapping):
-        raise StatementError(f'{key}: wanted names with values, found {describe(section)}')
+    section = section_of(given, key)
     for name in section:
         if name not in known:
             raise StatementError(f"{key}: '{str(name)[:60]}' is none of {', '.join(known)}"
@@ -133,10 +111,8 @@ def _by_name(given: Given, key: str, known: Sequence[str]) -> dict[str, Any]:
 
 
 def _parameters(given: Given, taken: tuple[str, ...], chosen: Values) -> dict[str, float]:
-    section = given.get('parameters') or {}
-    if not isinstance(section, Mapping) or len(section) > MAX_COUNT:
-        raise StatementError(f'parameters: wanted names with values, found {describe(section)}')
-    _check_unique((*taken, *(check_name(name, 'parameters') for name in section)),
+    section = section_of(given, 'parameters')
+    check_unique((*taken, *(check_name(name, 'parameters') for name in section)),
                   'states, inputs and parameters')
     values: dict[str, float] = {}
     for name, text in section.items():
@@ -153,19 +129,8 @@ def _numbers(given: Given, key: str, names: Sequence[str], values: Values) -> li
 def _bounds(given: Given, key: str, names: Sequence[str],
             values: Values) -> dict[str, tuple[float, float]]:
     section = _by_name(given, key, names)
-    return {name: _pair(section.get(name), values, f'{key}.{name}') for name in names}
-
-
-def _pair(pair: object, values: Values, where: str) -> tuple[float, float]:
-    if pair is None:
-        return -math.inf, math.inf
-    if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
-        raise StatementError(f'{where}: wanted [lower, upper], found {describe(pair)}')
-    lower = -math.inf if pair[0] is None else number(pair[0], values, f'{where} (lower)')
-    upper = math.inf if pair[1] is None else number(pair[1], values, f'{where} (upper)')
-    if lower > upper:
-        raise StatementError(f'{where}: the bounds cross: {lower:g} > {upper:g}')
-    return lower, upper
+    return {name: (-math.inf, math.inf) if section.get(name) is None else
+            bounds_of(section[name], values, f'{key}.{name}') for name in names}
 
 
 def _texts(given: Given, key: str, names: Sequence[str]) -> dict[str, str]:
