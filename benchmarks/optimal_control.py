@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from obc_ros.core.guesses import Guesser, scales
 from obc_ros.core.mesh import uniform
 from obc_ros.core.monitor import Monitor
+from obc_ros.core.one_step import rk4
 from obc_ros.core.problem import Problem
 from obc_ros.core.solution import Solution, Status
 from obc_ros.core.solve import Cache, solve
@@ -166,17 +167,10 @@ def fatrop_by_hand(problem: Problem, least: float) -> tuple[tuple[int, float, fl
 
 def held_step(problem: Problem, h: float) -> ca.Function:
     """Return x after a Runge-Kutta step of order 4, the input held, and the cost of the step."""
-    n, x, u = problem.n, problem.x, problem.u
+    x, u = problem.x, problem.u
     f = ca.Function('f', [x, u, problem.p], [problem.f, problem.L])
-
-    def rate(x: ca.SX) -> ca.SX:
-        return ca.vertcat(*f(x, u, problem.p_value))
-
-    a = rate(x)
-    b = rate(x + h / 2 * a[:n])
-    c = rate(x + h / 2 * b[:n])
-    step = h / 6 * (a + 2 * b + 2 * c + rate(x + h * c[:n]))
-    return ca.Function('F', [x, u], [x + step[:n], step[n]])
+    end = rk4(lambda z, _: ca.vertcat(*f(z[:-1], u, problem.p_value)), ca.vertcat(x, 0), 0, h)
+    return ca.Function('F', [x, u], [end[:-1], end[-1]])
 
 
 def shooting(problem: Problem, N: int) -> Callable[[Array], tuple[float, Array]]:

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core import dare, stretches
-from obc_ros.core.norms import EPS, norm, TINY
+from obc_ros.core.norms import borne_by_modes, COMFORTABLE, EPS, norm, TINY
 from scipy.linalg import lapack
 
 Array = NDArray[np.float64]
@@ -287,10 +287,8 @@ def robustness(M: Array, X: Array, rounding: Array) -> float:
 
     """
     bound = _by_lyapunov(M, X, rounding)
-    return bound if bound > _COMFORTABLE else max(bound, _by_modes(M, rounding))
-
-
-_COMFORTABLE = 1e3
+    return bound if bound > COMFORTABLE else max(
+        bound, borne_by_modes(M, lambda modes: -modes.real, rounding))
 
 
 def _by_lyapunov(M: Array, X: Array, rounding: Array) -> float:
@@ -302,22 +300,3 @@ def _by_lyapunov(M: Array, X: Array, rounding: Array) -> float:
     S.flat[::len(M) + 1] += 1.0
     left = 1.0 - norm(S) - 4.0 * len(M) * EPS * norm(X) * norm(M)
     return max(0.0, left / (2.0 * norm(X) * max(norm(rounding), TINY)))
-
-
-def _by_modes(M: Array, rounding: Array) -> float:
-    """
-    Bound the robustness by |(s I - M)^-1| <= |V| diag(1 / |Re mode|) |V^-1| on the imaginary axis.
-
-    M + E has no mode there while the spectral radius of that bound times |E| is below 1; the
-    bound does not depend on the units of the states.
-    """
-    modes, V = np.linalg.eig(M)
-    if not modes.real.max() < 0.0:
-        return 0.0
-    try:
-        inverse = np.linalg.inv(V)
-    except np.linalg.LinAlgError:
-        return 0.0
-    resolvent = (np.abs(V) / -modes.real) @ np.abs(inverse)
-    radius = float(np.abs(np.linalg.eigvals(resolvent @ rounding)).max())
-    return 1.0 / max(radius, TINY)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.norms import EPS, norm, TINY
+from obc_ros.core.norms import borne_by_modes, COMFORTABLE, EPS, norm, TINY
 from obc_ros.core.stretches import doubled
 from scipy.linalg import lapack
 
@@ -139,18 +139,5 @@ def robustness(M: Array, X: Array, rounding: Array) -> float:
             size = norm(XM)
             reach = left / (size + math.sqrt(size * size + norm(X) * left))
             bound = reach / max(norm(rounding), TINY)
-    return bound if bound > 1e3 else max(bound, _by_modes(M, rounding))
-
-
-def _by_modes(M: Array, rounding: Array) -> float:
-    """Bound the robustness by |(z I - M)^-1| <= |V| diag(1 / (1 - |mode|)) |V^-1|, |z| = 1."""
-    modes, V = np.linalg.eig(M)
-    gap = 1.0 - np.abs(modes)
-    if not gap.min() > 0.0:
-        return 0.0
-    try:
-        inverse = np.linalg.inv(V)
-    except np.linalg.LinAlgError:
-        return 0.0
-    resolvent = (np.abs(V) / gap) @ np.abs(inverse)
-    return 1.0 / max(float(np.abs(np.linalg.eigvals(resolvent @ rounding)).max()), TINY)
+    return bound if bound > COMFORTABLE else max(
+        bound, borne_by_modes(M, lambda modes: 1.0 - np.abs(modes), rounding))

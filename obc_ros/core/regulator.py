@@ -148,7 +148,7 @@ class Limits:
         Returns
         -------
         int
-            The number of inputs that were at or beyond a limit.
+            The number of inputs that were beyond a limit.
 
         """
         clipped = 0

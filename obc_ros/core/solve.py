@@ -23,6 +23,8 @@ from obc_ros.core.solution import Report, Solution, Status
 from obc_ros.core.time_optimal import solve_time_optimal
 from obc_ros.core.two_wheeled_time import solve_two_wheeled
 
+Method = Callable[[Problem, Kit, Monitor], Solution]
+
 _FAULTS = {
     'dynamics': 'the states do not follow from the inputs',
     'start': 'the path does not start at x(0)',
@@ -60,24 +62,12 @@ class Cache:
         return kit
 
 
-def _riccati(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
-    found = solve_lq(problem)
-    return found or Solution(Status.NOT_CONVERGED, (
-        'riccati answers linear quadratic problems with a fixed final time and no active bound; '
-        'this is none'))
+def _special(answer: Callable[[Problem], Solution | None], what: str) -> Method:
+    """Return the method that answers some problems only, `what` it does in words."""
+    def method(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
+        return answer(problem) or Solution(Status.NOT_CONVERGED, f'{what}; this is none')
 
-
-def _time_optimal(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
-    found = solve_time_optimal(problem)
-    return found or Solution(Status.NOT_CONVERGED, (
-        'time_optimal answers linear problems of least time with bounded inputs; this is none'))
-
-
-def _reeds_shepp(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
-    found = solve_two_wheeled(problem)
-    return found or Solution(Status.NOT_CONVERGED, (
-        'reeds_shepp answers motions of least time of a two wheeled robot whose shortest path '
-        'ends at the angle that is asked for; this is none'))
+    return method
 
 
 def _transcription(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
@@ -131,11 +121,15 @@ def _attempt(monitor: Monitor, deadline: float, quick: bool = True) -> Callable[
         other, Kit(other), monitor.within(deadline), quick=quick).run()
 
 
-METHODS: dict[str, Callable[[Problem, Kit, Monitor], Solution]] = {
+METHODS: dict[str, Method] = {
     'auto': _auto,
-    'riccati': _riccati,
-    'time_optimal': _time_optimal,
-    'reeds_shepp': _reeds_shepp,
+    'riccati': _special(solve_lq, (
+        'riccati answers linear quadratic problems with a fixed final time and no active bound')),
+    'time_optimal': _special(solve_time_optimal, (
+        'time_optimal answers linear problems of least time with bounded inputs')),
+    'reeds_shepp': _special(solve_two_wheeled, (
+        'reeds_shepp answers motions of least time of a two wheeled robot whose shortest path '
+        'ends at the angle that is asked for')),
     'transcription': _transcription,
     'arcs': _arcs,
     'indirect': _indirect,
