@@ -23,6 +23,7 @@ Side = NDArray[np.int8]
 
 _MOST = 20       # steps
 _PATIENCE = 3    # steps without progress
+_LOST = 1.0      # scaled: a residual after which none is hoped for
 
 
 def follow(program: Program, bounds: tuple[Array, Array], y: Array, side: Side, goal: Goal,
@@ -50,13 +51,13 @@ def follow(program: Program, bounds: tuple[Array, Array], y: Array, side: Side, 
     row = program.is_row
     fixed = (lower == upper) & ~row
     y = np.where(fixed, lower, y)
-    least, waited, steps = np.inf, 0, 0
+    least, waited, steps, first = np.inf, 0, 0, 1e300
     while True:
         y = np.where(side < 0, lower, np.where(side > 0, upper, y))
         there = program.values(y)
         held = fixed | (side != 0)
         wrong = _misses(there, row | held)
-        if not np.isfinite(wrong):
+        if not wrong <= max(first, _LOST):
             return None
         # What is held is let go where the cost falls inwards.
         free = (side != 0) & (side * there.slope > goal.optimal)
@@ -66,7 +67,7 @@ def follow(program: Program, bounds: tuple[Array, Array], y: Array, side: Side, 
             sure = program.convex(there, held, np.where(row | held, 1.0, 0.0))
             return (y, there, steps) if sure else None
         waited = 0 if wrong < 0.7 * least else waited + 1
-        least = min(least, wrong) if steps else least
+        least, first = (min(least, wrong), first) if steps else (least, wrong)
         if steps == _MOST or waited > _PATIENCE or watch(there.f, float(np.abs(there.c).max())):
             return None
         side = np.where(free, 0, side).astype(np.int8)

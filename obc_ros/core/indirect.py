@@ -197,7 +197,8 @@ class Indirect:
         with np.errstate(all='ignore'):
             found = system.solve(system.start(course))
             for _ in range(_REFINEMENTS):
-                counts = cuts(system.defects(found), _DEFECT, 6.0) if found else np.ones(1, int)
+                counts = cuts(system.defects(found), _DEFECT / len(system.arc_of), 6.0
+                              ) if found else np.ones(1, int)
                 if found is None or np.all(counts == 1):
                     break
                 finer = _System(self, problem, arcs, scales, np.repeat(

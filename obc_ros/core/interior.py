@@ -38,6 +38,8 @@ _SHORTEST = 1e-7      # part of a step
 _ENOUGH = 10.0        # times mu: an error at which mu is made smaller
 _APART = 1e10         # factor between z and mu / distance
 _MULTIPLIERS = 1e3    # largest at the start
+_NEAREST = 1e-2       # of its span: how far from a bound an unknown starts at most
+_BESIDE = 0.03        # likewise: how far from a bound one is at most that is held there
 _HUGE = 1e100         # beyond it powers overflow
 _ROUGH = 1e-5         # infeasibility at which a cost is good enough
 _LATE = ((10, 0.5), (5, 0.8))   # steps, and the part of the infeasibility that is too much then
@@ -246,6 +248,7 @@ class Interior:
         self.high = np.flatnonzero(np.isfinite(upper) & ~self.fixed)
         self.lower, self.upper = lower, upper
         self.count = len(self.low) + len(self.high)
+        self.spans = np.minimum((upper - lower)[np.concatenate([self.low, self.high])], 1.0)
         self.row = program.is_row.astype(float)
         self.free = (~program.is_row & ~self.fixed).astype(float)
         self.base = self.fixed - PROXIMAL * self.row
@@ -289,6 +292,29 @@ class Interior:
             y[places] = edge + sign * np.maximum(sign * (y[places] - edge), least)
         gap = self.gaps(y)
         return self.measured(Iterate(y, gap, mu / gap, mu, self.program.values(y)))
+
+    def resume(self, y: Array, mu: float) -> Iterate:
+        """
+        Return the first iterate from y near an answer, multipliers of the rows included.
+
+        What the slope says of the multipliers of bounds says how near each bound is for a mu.
+        """
+        y = np.clip(np.where(self.fixed, self.lower, y), self.lower, self.upper)
+        pull = np.maximum(self.moves(self.program.values(y).slope), 1e-300)
+        near = np.minimum(mu / pull, _NEAREST * self.spans)
+        count = len(self.low)
+        y[self.low] = np.maximum(y[self.low], self.lower[self.low] + near[:count])
+        y[self.high] = np.minimum(y[self.high], self.upper[self.high] - near[count:])
+        gap = self.gaps(y)
+        return self.measured(Iterate(y, gap, mu / gap, mu, self.program.values(y)))
+
+    def sides(self, now: Iterate) -> NDArray[np.int8]:
+        """Return -1 or 1 where an unknown is next to its lower or upper bound, else 0."""
+        found = np.zeros(len(self.row), dtype=np.int8)
+        past, count = now.gap < _BESIDE * self.spans, len(self.low)
+        found[self.low[past[:count]]] = -1
+        found[self.high[past[count:]]] = 1
+        return found
 
     def measured(self, now: Iterate) -> Iterate:
         """Return an iterate with its errors."""

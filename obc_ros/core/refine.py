@@ -8,19 +8,30 @@ integral is the cost above the least one, to first order. Where u* meets a bound
 which a linear input can follow only with a mesh point there.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.extremal import Extremal, Integrator
-from obc_ros.core.mesh import Mesh
+from obc_ros.core.mesh import Mesh, Path, split
 from obc_ros.core.problem import Problem
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _MOST_CUTS = 4
+_STRAIGHT = 1e-6   # of its size: by how much an input may be off a straight line
 _FOLLOWING = 12   # Newton steps at a point
+
+
+@dataclass(frozen=True, eq=False)
+class Error:
+    """Errors of all intervals, (N,), that grow with a power of their length; `share` of each."""
+
+    values: Array
+    share: float
+    rate: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,26 +40,34 @@ class Judgement:
     What a path gives away.
 
     `lost` (N,) cost given away in each interval; `kinks` times at which u* meets or leaves a
-    bound.
+    bound; `drift` (N,) by how much H changes within each interval and `spread` from its least
+    to its largest value, relative to the largest sum of its terms.
     """
 
     lost: Array
     kinks: Array
+    drift: Array
+    spread: float
 
 
 def judge(problem: Problem, integrator: Integrator, course: Extremal) -> Judgement:
     """Return what the input of a path gives away."""
-    gaps, targets = [], []
+    gaps, targets, energy = [], [], []
     sides = ((course.x, course.ua, course.lam), (course.x_end, course.ub, course.lam_end))
     for side, (x, u, lam) in enumerate(sides):
         mu = None if course.density_path is None else course.density_path[:, side]
-        _, Hu, Huu = integrator.hamiltonian(problem, x, u, lam, mu)
+        H, Hu, Huu = integrator.hamiltonian(problem, x, u, lam, mu)
+        energy.append(H)
         gap, target = _best(problem, u, Hu, Huu)
         gaps.append(gap)
         targets.append(target)
     h = np.diff(course.t)
     lost = (0.5 * h * (gaps[0] + gaps[1])).reshape(-1, course.parts).sum(axis=1)
-    return Judgement(lost, _crossings(problem, course.t, targets))
+    moved = course.lam * (course.x_end - course.x) / np.maximum(h, 1e-300)[:, None]
+    size = np.max(np.abs(energy[0] - moved.sum(axis=1)) + np.abs(moved).sum(axis=1))
+    H = np.nan_to_num(np.stack(energy, axis=1).reshape(len(lost), -1) / max(size, 1e-300))
+    return Judgement(lost, _crossings(problem, course.t, targets), np.ptp(H, axis=1),
+                     float(np.ptp(H)))
 
 
 def followed(problem: Problem, integrator: Integrator, course: Extremal) -> Array:
@@ -116,27 +135,67 @@ def _crossings(problem: Problem, t: Array, targets: list[Array]) -> Array:
     return np.sort(np.array(found))
 
 
-def cuts(errors: Array, wanted: float, rate: float = 5.0) -> Index:
+def cuts(errors: Array, share: float, rate: float) -> Index:
     """
-    Return into how many parts to cut each interval so that errors sum up to `wanted` at most.
+    Return into how many parts to cut each interval so that its error is `share` at most.
 
     An interval's error falls with the power `rate` of its length.
     """
-    share = max(wanted, 1e-300) / len(errors)
+    share = max(share, 1e-300)
     number = np.ceil((np.minimum(errors, 1e30 * share) / share) ** (1 / rate))
     return np.clip(number, 1, _MOST_CUTS).astype(np.int64)
 
 
-def aligned(mesh: Mesh, t: Array, kinks: Array) -> Mesh:
+def finer(mesh: Mesh, path: Path, kinks: Array, errors: Sequence[Error], longest: float) -> Mesh:
     """
-    Return the mesh with a point at each of the given times.
+    Return a mesh that is finer where errors are too large, and no finer than needed.
+
+    Intervals at the inner points where inputs go straight on may become one, up to a length.
+    """
+    def cut(of: Sequence[Array]) -> Index:
+        counts = [cuts(values, error.share, error.rate)
+                  for values, error in zip(of, errors, strict=True)]
+        return np.asarray(np.max(counts, axis=0))
+
+    number = cut([error.values for error in errors])
+    merged = cut([2 ** (error.rate - 1) * (error.values[:-1] + error.values[1:])
+                  for error in errors])
+    h, spare = np.diff(path.t), np.zeros(len(number) - 1, dtype=bool)
+    if np.all(number == 1):
+        number[:] = 2
+    else:
+        may = _straight(path, mesh.layout.phase_of) & (merged == 1) & (h[:-1] + h[1:] < longest)
+        for k in np.flatnonzero(may):
+            spare[k] = not spare[k - 1]
+    mesh = aligned(mesh, path.t, kinks, spare)
+    points = np.append(0.0, np.cumsum(mesh.fractions * path.durations[mesh.layout.phase_of]))
+    middle = (points[:-1] + points[1:]) / 2
+    k = np.clip(np.searchsorted(path.t, middle) - 1, 0, len(number) - 1)
+    return split(mesh, number[k])
+
+
+def _straight(path: Path, phase_of: Index) -> NDArray[np.bool_]:
+    """Return for each mesh point but the ends whether inputs go straight through it."""
+    h = np.diff(path.t)
+    part = (h[:-1] / (h[:-1] + h[1:]))[:, None]
+    between = path.ua[:-1] + part * (path.ub[1:] - path.ua[:-1])
+    size = _STRAIGHT * np.maximum(np.abs(path.ua).max(axis=0), np.abs(path.ub).max(axis=0))
+    off = np.maximum(np.abs(path.ub[:-1] - between), np.abs(path.ua[1:] - between))
+    return np.asarray(np.all(off <= size, axis=1) & (phase_of[:-1] == phase_of[1:]))
+
+
+def aligned(mesh: Mesh, t: Array, kinks: Array, spare: NDArray[np.bool_]) -> Mesh:
+    """
+    Return the mesh with a point at each of the given times and without spare inner points.
 
     A mesh point nearby is moved there; else an interval is cut. Ends of phases stay.
     """
+    kept = np.pad(~spare, 1, constant_values=True)
     starts = np.concatenate([[0], np.cumsum([p.intervals for p in mesh.layout.phases])])
     phases, fractions = [], []
     for number, phase in enumerate(mesh.layout.phases):
-        points = t[starts[number]:starts[number + 1] + 1].copy()
+        span = slice(starts[number], starts[number + 1] + 1)
+        points = t[span][kept[span]]
         inside = kinks[(kinks > points[0]) & (kinks < points[-1])]
         taken = np.zeros(len(points), dtype=bool)
         taken[[0, -1]] = True

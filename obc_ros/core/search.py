@@ -25,7 +25,7 @@ from obc_ros.core.kit import Answered, Kit, neighbours
 from obc_ros.core.mesh import Mesh, Path, split, uniform
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.problem import Problem
-from obc_ros.core.refine import aligned, cuts, followed, judge, Judgement
+from obc_ros.core.refine import Error, finer, followed, judge, Judgement
 from obc_ros.core.solution import Solution, Status
 from obc_ros.core.transcription import Limits, Outcome, Scales
 
@@ -53,6 +53,7 @@ _CLOSE_ENOUGH = (1e-5, 2e-6)  # likewise, of a certified answer, without and wit
 _FOR_DIGITS = 8000    # work for finer meshes once a certificate holds
 _EXCEEDED = 2e-8, 2e-6   # of its size: by how much a constraint may be exceeded, or be drawn in
 _LOST = (3e-7, 1e-7)  # relative cost to be given away, without and with bounds of the state
+_DRIFT, _SPREAD = 2e-5, 1.5e-4   # relative change of H: in an interval, past all certificates
 _STEP_ERROR = 3e-8    # relative, of all intervals together
 _VANISHING = 1e-3     # of T: an arc that may not be there
 
@@ -293,6 +294,8 @@ class Search:
             above, before = self.given_away(outcome, course), above
             stalled = turn and above > _CLOSE and above > 0.3 * before
             if (stalled or turn == _PLAIN_ROUNDS) and not any(self.switching):
+                if above < _CLOSE:
+                    yield outcome, course
                 outcome = self.rethought(outcome, course, above)
                 course = self.course(outcome, draft=True)
             yield outcome, course
@@ -344,22 +347,14 @@ class Search:
 
     def finer(self, outcome: Outcome, course: Extremal) -> Mesh:
         """Return a mesh that is finer where the path gives cost away."""
-        verdict = self.judged(course)
-        scale = abs(outcome.objective)
-        number = cuts(verdict.lost, _LOST[self.bounded] * scale)
-        number = np.maximum(number, cuts(course.local, _STEP_ERROR, 7.0))
+        verdict, N = self.judged(course), len(course.local)
+        errors = [
+            Error(verdict.lost, _LOST[self.bounded] * abs(outcome.objective) / N, 5.0),
+            Error(course.local, _STEP_ERROR / N, 7.0), Error(verdict.drift, _DRIFT, 2.0)]
         if self.bounded:
-            number = np.maximum(number, cuts(self.exceeded, len(number) * _EXCEEDED[0], 2.0))
-        if np.all(number == 1):
-            number[:] = 2
-        mesh = aligned(outcome.mesh, outcome.path.t, verdict.kinks)
-        if len(mesh.fractions) != len(number):
-            points = np.append(0.0, np.cumsum(
-                mesh.fractions * outcome.path.durations[mesh.layout.phase_of]))
-            middle = (points[:-1] + points[1:]) / 2
-            k = np.clip(np.searchsorted(outcome.path.t, middle) - 1, 0, len(number) - 1)
-            number = number[k]
-        return split(mesh, number)
+            errors.append(Error(self.exceeded, _EXCEEDED[0], 2.0))
+        path = outcome.path
+        return finer(outcome.mesh, path, verdict.kinks, errors, path.t[-1] / COARSE)
 
     def solution(self, outcome: Outcome, course: Extremal) -> Solution:
         """Return an outcome as samples, with its certificate."""
@@ -429,7 +424,9 @@ class Search:
         for number, (outcome, course) in enumerate(self.improve(start, rounds)):
             above = self.given_away(outcome, course)
             # A certificate allows more than what one more mesh often takes away at once.
-            if above < _CLOSE or number and above < _WORTH_A_LOOK or self.monitor.stopped:
+            worth = number and above < _WORTH_A_LOOK and (
+                self.kit.twin or self.judged(course).spread < _SPREAD)
+            if above < _CLOSE or worth or self.monitor.stopped:
                 answer = self.solution(outcome, self.course(outcome))
                 if best is None or _holds(answer) or not _holds(best):
                     best, self.last = answer, self.answered(outcome)

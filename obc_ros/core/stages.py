@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 _PENALTY = 1e7       # of J'J, when H is tested
 _STEEPEST = 100.0   # of a cost
 _FAR, _NEAR = (0.1, 1e-2), (1e-6, 1e-6)   # mu, distance from bounds
+_RESUMED = 100.0, 1e-8, 1e-4   # mu at an answer's neighbour: part of the answer's, least, most
+_NEARLY = Goal(feasible=1e-8, optimal=1e-8)   # where it is tried to hold what is at bounds
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +28,7 @@ class Found:
     """
     What came of a program: w and f, multipliers of w's bounds and of the rows, the rows.
 
-    Multipliers have the sign of f + lam_g' g + lam_w' w.
+    Multipliers have the sign of f + lam_g' g + lam_w' w. `mu`: parameter of the barrier.
     """
 
     w: Array
@@ -37,6 +39,7 @@ class Found:
     converged: bool
     status: str
     iterations: int
+    mu: float = 0.0
 
 
 class Stages:
@@ -149,7 +152,7 @@ class Stages:
 
     def run(self, w: Array, bounds: tuple[Array, Array], goal: Goal,
             watch: Callable[[float, float], bool], *, near: bool = False,
-            multipliers: tuple[Array, Array] | None = None) -> Found:
+            multipliers: tuple[Array, Array] | None = None, mu: float = 0.0) -> Found:
         """
         Return what the interior-point method makes of a start.
 
@@ -167,6 +170,8 @@ class Stages:
             Whether the start is near the optimum.
         multipliers : pair of ndarray, optional
             `lam_w` and `lam_g` at the start; of `lam_w` the signs are enough.
+        mu : float, optional
+            Parameter of the barrier at which these were found.
 
         """
         y, lower = np.zeros(self.size), np.full(self.size, -np.inf)
@@ -187,13 +192,24 @@ class Stages:
             if followed is not None:
                 return self._followed(*followed)
         work = Interior(self, lower, upper)
-        now = work.begin(y, *(_NEAR if near else _FAR))
+        if near and multipliers is not None:
+            now = work.resume(y, float(np.clip(_RESUMED[0] * mu, *_RESUMED[1:])))
+        else:
+            now = work.begin(y, *(_NEAR if near else _FAR))
         if not near:
             now.z[:] = 1.0
             self._scale(now)
             work.measured(now)
         if multipliers is None:
             work.multipliers(now)
+        if not goal.rough:
+            # Near the end it is clear what is at a bound: held there it is found exactly.
+            now = solve(work, now, _NEARLY, seen)
+            followed = follow(self, (lower, upper), now.y, work.sides(now), goal, seen
+                              ) if now.converged else None
+            if followed is not None:
+                return self._followed(*followed[:2], now.iterations + followed[2])
+            now.converged = False
         end = solve(work, now, goal, seen)
         return self._found(work, left_behind(work, end, goal, seen))
 
@@ -213,7 +229,7 @@ class Stages:
         return Found(end.y[self.at_w], end.values.f / self.factor, end.values.c[self.at_rows],
                      -work.spread(end.z)[self.at_w] / self.factor,
                      end.y[self.at_rows] / self.factor, end.converged, end.status,
-                     end.iterations)
+                     end.iterations, end.mu)
 
     def values(self, y: Array) -> Values:
         """Return everything at y."""

@@ -61,8 +61,8 @@ class Outcome:
         Multipliers of the bounds of x, > 0 at an upper bound.
     node_path, inner_path : ndarray, shape (N + 1, l), (N, s, l)
         Likewise for the path constraints; the last row is that at T.
-    w, lam_w, lam_g : ndarray
-        Unknowns and multipliers of the program, for a warm start.
+    w, lam_w, lam_g, mu
+        Unknowns, multipliers and parameter of the barrier of the program, for a warm start.
 
     """
 
@@ -82,6 +82,7 @@ class Outcome:
     w: Array
     lam_w: Array
     lam_g: Array
+    mu: float
 
     def pressure(self) -> Array:
         """Return by how much J grows with drawing in each bound of x and of c, (n + l,)."""
@@ -443,7 +444,7 @@ class Transcription:
             found = self._staged.run(
                 start, (lower, upper), Goal(rough=rough, spare=once),
                 lambda f, worst: monitor.step(f * scales.cost, worst), near=near,
-                multipliers=guessed)
+                multipliers=guessed, mu=0.0 if guide is None else guide.mu)
             if found.converged or once or monitor.stopped or monitor.spent:
                 return self._outcome(problem, mesh, scales, found, (0.0, 0.0))
         rows = self._row_bounds(problem, scales, limits)
@@ -480,7 +481,7 @@ class Transcription:
         path = Path(self.times(mesh, durations), w[self.at_x] * scales.x,
                     w[self.at_inner] * scales.x, ua, ub, durations)
         N, s, l = self.layout.intervals, self.layout.stages, self.l  # noqa: E741  # as in Outcome
-        lam = lam_g * scales.cost
+        lam, bounds = lam_g * scales.cost, lam_w * scales.cost
         first = N * (self.n * (s + 1) + (s + 1) * l)
         local = lam[:first].reshape(N, -1)[:, self.n * (s + 1):].reshape(N, s + 1, l)
         node_path = np.vstack([local[:, 0], np.zeros((1, l))])
@@ -489,7 +490,6 @@ class Transcription:
             for k, value in zip(self._ends(problem), ends, strict=True):
                 node_path[k + 1] += value
         violation = float(np.maximum(row_bounds[0] - g, g - row_bounds[1]).max(initial=0.0))
-        bounds = lam_w * scales.cost
         node_bounds = bounds[self.at_x] / scales.x
         node_bounds[0] = 0.0
         rows = lam[:first].reshape(N, -1)[:, self.n * s:self.n * (s + 1)]
@@ -497,4 +497,4 @@ class Transcription:
         return Outcome(
             mesh, path, found.converged, found.status, found.f * scales.cost, violation,
             found.iterations, lam[first:first + self.q], costates, node_bounds,
-            bounds[self.at_inner] / scales.x, node_path, local[:, 1:], w, lam_w, lam_g)
+            bounds[self.at_inner] / scales.x, node_path, local[:, 1:], w, lam_w, lam_g, found.mu)
