@@ -18,7 +18,16 @@ LARGEST_NUMBER = 1e100  # products of four stay finite
 
 def checked(A: Any, B: Any, Qx: Any, Qu: Any, cross: Any
             ) -> tuple[Array, Array, Array, Array, Array | None]:
-    """Return float copies of matrices that fit, or say which does not."""
+    """
+    Return float copies of matrices that fit.
+
+    Raises
+    ------
+    StatementError
+        If one is no matrix of finite numbers, of another size than A (n, n) and B (n, m) ask for,
+        or not symmetric (Qx, Qu), or if there are more than `LARGEST` states or inputs.
+
+    """
     A, B = _matrix('A', A), _matrix('B', B)
     n, m = len(A), B.shape[1]
     _check_size('A', A, (n, n))

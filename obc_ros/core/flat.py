@@ -116,7 +116,15 @@ class FlatTrajectory:
         return x, u
 
     def sample(self, n: int) -> tuple[Array, Array, Array]:
-        """Return n equally spaced times (n,), states (n, n_x) and inputs (n, m)."""
+        """
+        Return n equally spaced times (n,), states (n, n_x) and inputs (n, m).
+
+        Raises
+        ------
+        StatementError
+            If n is no whole number of at least 2.
+
+        """
         if not isinstance(n, (int, np.integer)) or isinstance(n, bool) or n < 2:
             raise StatementError(f'a trajectory is sampled at 2 or more times, not at {n!r}')
         t = self.t0 + self.T * np.arange(n) / (n - 1)

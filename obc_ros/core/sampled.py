@@ -119,6 +119,11 @@ def discretised(A: Array, B: Array, weights: Weights, period: float
     period : float
         [s]
 
+    Raises
+    ------
+    StatementError
+        If the plant moves beyond the range of numbers within the period.
+
     """
     n, m = B.shape
     motion = np.zeros((n + m, n + m))

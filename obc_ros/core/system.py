@@ -197,6 +197,11 @@ def define(
     setpoint, setpoint_input : sequence of float, optional
         Zeros if left out.
 
+    Raises
+    ------
+    DynamicsError
+        If `dynamics` does not return n expressions, or a parameter is out of its range.
+
     """
     x, u, p = (ca.vertcat(*(ca.SX.sym(each.name) for each in signals)) if signals else ca.SX(0, 1)
                for signals in (states, inputs, parameters))

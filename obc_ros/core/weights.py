@@ -113,6 +113,11 @@ def from_bryson(n: int, m: int, x_max: Numbers, u_max: Numbers) -> Weights:
         Largest acceptable deviation of each state (n numbers; inf: of no concern) and each input
         (m numbers), each in its own unit.
 
+    Raises
+    ------
+    StatementError
+        If there are not so many, or one is not positive.
+
     """
     return Weights(np.diag(_inverse_squares('x_max', x_max, n, may_be_infinite=True)),
                    np.diag(_inverse_squares('u_max', u_max, m, may_be_infinite=False)))
@@ -130,6 +135,11 @@ def from_output(n: int, m: int, H: Numbers, rho: float) -> Weights:
         p*n numbers, row by row, for p outputs.
     rho : float
         Input weight against the square of z; positive.
+
+    Raises
+    ------
+    StatementError
+        If the numbers of H are no rows of n, or rho is not positive.
 
     """
     rows = _list('H', H)

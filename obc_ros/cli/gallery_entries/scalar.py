@@ -134,7 +134,7 @@ def exercise_2_9(desk: Desk) -> Answer:
     c, tf = CURVES[int(np.argmin(measured))]
     rows.append(Row('closest: its $c$ and $t_f$', [c, tf], [10.0, 10.0],
                     'the least of the closed forms'))
-    return Answer(rows, _draw_2_9(paths, infinite, measured), (
+    return Answer(rows, _draw_2_9(paths, measured), (
         f'Closest to the infinite horizon: $c = {c:g}$, $t_f = {tf:g}$ s. The gain is that of the '
         'infinite horizon until the end is a few $1/a$ away, and a long horizon leaves most of '
         'the way before that; the larger $c$ then keeps $x$ nearer to 0. With a short horizon '
@@ -152,7 +152,7 @@ def _ratio(path: Trajectory, exact: float) -> tuple[Array, Array]:
     return -path.u['u'][early] / path.x['x'][early], np.full(early.sum(), exact)
 
 
-def _draw_2_9(paths: list[Trajectory], infinite: Trajectory, distances: list[float]) -> Any:
+def _draw_2_9(paths: list[Trajectory], distances: list[float]) -> Any:
     figure, ((short, long, away),) = panels(1, 3, 3.3, width_ratios=(1.2, 1.2, 1))
     for (c, tf), path, colour in zip(CURVES, paths, COLOURS, strict=False):
         for axes in (short, long):

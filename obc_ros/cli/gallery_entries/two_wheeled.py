@@ -152,11 +152,9 @@ def _mirrored(goals: list[Goal], paths: list[Trajectory]) -> tuple[Array, Array]
     times = {(round(x, 6), round(y, 6)): path.T
              for (x, y, _), path in zip(goals, paths, strict=True)}
     if goals[0][2] == 0.0:  # left and right
-        return np.array([*times.values()]), np.array([
-            times[x, -y if y else 0.0] for x, y in times])
+        return np.array([*times.values()]), np.array([times[x, -y] for x, y in times])
     # Time reversed, from there to here: (x, y) and -(x, y) turned by -theta, left for right.
-    return np.array([*times.values()]), np.array([
-        times[y if y else 0.0, x if x else 0.0] for x, y in times])
+    return np.array([*times.values()]), np.array([times[y, x] for x, y in times])
 
 
 def _draw(maps: list[Any], shown: list[Trajectory]) -> Figure:

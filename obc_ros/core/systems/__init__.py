@@ -77,7 +77,15 @@ def get(name: str, parameters: Mapping[str, Any] | None = None, **options: Any) 
 
 
 def registered(name: str, parameters: Mapping[str, Any] | None = None, **options: Any) -> System:
-    """Return a system by its registered name; as `get`, but never from a file."""
+    """
+    Return a system by its registered name; as `get`, but never from a file.
+
+    Raises
+    ------
+    DynamicsError
+        If the system is unknown or cannot be loaded, or a parameter is unknown or out of range.
+
+    """
     factory = _factory(name)
     known = inspect.signature(factory).parameters
     unknown = [option for option in options if option not in known]

@@ -60,6 +60,11 @@ def brockett(m: int = 3) -> System:
     m : int
         2 to 50.
 
+    Raises
+    ------
+    DynamicsError
+        If m is another.
+
     References
     ----------
     Book, Exercise 2.2, with Y' = -Y.
