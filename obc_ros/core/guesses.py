@@ -3,7 +3,8 @@
 """Where a search for an optimal path may start: sensible paths, from a statement alone."""
 
 from collections.abc import Iterator
-from itertools import count
+from dataclasses import replace
+from itertools import count, product
 
 import casadi as ca
 import numpy as np
@@ -17,6 +18,7 @@ from obc_ros.core.transcription import Scales
 Array = NDArray[np.float64]
 
 _POINTS = 21
+_TURNS = 2 * np.pi, 360.0   # [rad], [deg]
 
 
 def final_time(problem: Problem) -> float:
@@ -42,6 +44,7 @@ class Guesser:
         x, u, p = problem.x, problem.u, problem.p
         self._psi = Batch([x, p], [problem.psi, ca.jacobian(problem.psi, x)], 1)
         self._rest = Batch([x, u, p], [problem.f, ca.jacobian(problem.f, u)], 1)
+        self._all = Batch([x, u, p], [ca.vertcat(problem.f, problem.L, problem.path)], 1)
         self._last: tuple[Problem, Array, NDArray[np.bool_]] | None = None
 
     def final_state(self, problem: Problem) -> tuple[Array, NDArray[np.bool_]]:
@@ -87,6 +90,24 @@ class Guesser:
                 break
             u = new
         return u
+
+    def periods(self, problem: Problem) -> Array:
+        """Return a whole turn of each input that is an angle free to make one; inf of others."""
+        periods = np.full(problem.m, np.inf)
+        chance = np.random.default_rng(2)
+        x = problem.x0 + 0.1 * (1 + np.abs(problem.x0)) * chance.uniform(-1, 1, problem.n)
+        u = _inside(chance.uniform(-1, 1, problem.m), problem.u_lower, problem.u_upper)
+        here, = self._all(x, u, problem.p_value)
+        room = problem.u_upper - problem.u_lower
+        for i, turn in product(range(problem.m), _TURNS):
+            if room[i] < turn or problem.inputs[i] in problem.guess.u:
+                continue
+            parts = np.eye(problem.m)[i] * turn * np.array([[0.3], [1.0], [-2.0]])
+            apart = np.abs(self._all(x, u + parts, problem.p_value)[0] - here)
+            same = np.all(apart <= 1e-9 * (1 + np.abs(here)), axis=1)
+            if not same[0] and same[1:].all():
+                periods[i] = turn
+        return periods
 
     def line(self, problem: Problem, T: float) -> Path:
         """Return the straight line from x0 to psi = 0, with the user's own guesses where given."""
@@ -165,6 +186,16 @@ def _wave(chance: np.random.Generator, columns: int, *, knots: bool) -> Array:
 
 def _path(t: Array, x: Array, u: Array) -> Path:
     return Path(t, x, np.zeros((len(t) - 1, 0, x.shape[1])), u[:-1], u[1:], t[-1:])
+
+
+def joined(path: Path, periods: Array) -> Path:
+    """Return a path of constant inputs in each interval as one without jumps, nor whole turns."""
+    u = path.ua.copy()
+    for i in np.flatnonzero(np.isfinite(periods)):
+        u[:, i] = np.unwrap(u[:, i], period=periods[i])
+        u[:, i] -= periods[i] * np.round(np.mean(u[:, i]) / periods[i])
+    nodes = np.vstack([u[:1], (u[1:] + u[:-1]) / 2, u[-1:]])
+    return replace(path, ua=nodes[:-1], ub=nodes[1:])
 
 
 def scales(problem: Problem, path: Path) -> Scales:

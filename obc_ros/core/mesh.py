@@ -16,7 +16,7 @@ from obc_ros.core.problem import Problem
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-LINEAR, HELD = 'linear', 'held'
+LINEAR, STEPPED, HELD = 'linear', 'stepped', 'held'
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,8 @@ class Phase:
     """
     Intervals in a row, and for each input how it is found in them.
 
-    `modes`: LINEAR (continuous, linear in each interval) or HELD (at a given value).
+    `modes`: LINEAR (continuous, linear in each interval), STEPPED (constant in each) or HELD (at a
+    given value).
     `joined`: whether an input starts at the value with which the phase before ended.
     """
 
@@ -130,9 +131,9 @@ def gauss_points(stages: int) -> Array:
     return np.asarray((np.polynomial.legendre.leggauss(stages)[0] + 1) / 2)
 
 
-def uniform(problem: Problem, intervals: int, stages: int) -> Mesh:
-    """Return a mesh of one phase, equal intervals and inputs linear in each."""
-    phase = Phase(intervals, (LINEAR,) * problem.m, (False,) * problem.m)
+def uniform(problem: Problem, intervals: int, stages: int, mode: str = LINEAR) -> Mesh:
+    """Return a mesh of one phase and equal intervals."""
+    phase = Phase(intervals, (mode,) * problem.m, (False,) * problem.m)
     layout = Layout((phase,), stages, problem.final_time.free)
     return Mesh(layout, np.full(intervals, 1.0 / intervals), np.zeros((1, problem.m)))
 

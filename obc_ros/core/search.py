@@ -20,9 +20,9 @@ from obc_ros.core.arcs import (
 from obc_ros.core.certificate import certify
 from obc_ros.core.contradictions import contradiction
 from obc_ros.core.extremal import Extremal
-from obc_ros.core.guesses import scales
+from obc_ros.core.guesses import joined, scales
 from obc_ros.core.kit import Answered, Kit, neighbours
-from obc_ros.core.mesh import Mesh, Path, split, uniform
+from obc_ros.core.mesh import Mesh, Path, split, STEPPED, uniform
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.problem import Problem
 from obc_ros.core.refine import Error, finer, followed, judge, Judgement
@@ -87,6 +87,7 @@ class Search:
         self.margin = np.zeros(problem.n + int(problem.path.numel()))
         self.exceeded = np.zeros(0)   # by how much in each interval, relative
         _, self.pinned = kit.guesser.final_state(self.problem)
+        self.periods = kit.guesser.periods(self.problem)
 
     def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
                   near: bool = False, sizes: Scales | None = None, most: int = 500,
@@ -174,8 +175,14 @@ class Search:
         """Return what the coarse mesh gives from the next start in so many iterations."""
         if once:
             most = min(most, max(_FEW_ITERATIONS, round((5 if hard else 2.5) * self.typical)))
-        return self.collocate(uniform(self.problem, self.intervals, self.stages),
-                              next(self.starts), most=most, rough=_ROUGH, once=once)
+        start = next(self.starts)
+        if np.isfinite(self.periods).any():
+            # Linear from one whole turn to another, angles as inputs make much of coarse steps.
+            steps = uniform(self.problem, self.intervals, self.stages, STEPPED)
+            stepped = self.collocate(steps, start, most=_COARSE_ITERATIONS)
+            start = joined(stepped.path, self.periods)
+        return self.collocate(uniform(self.problem, self.intervals, self.stages), start,
+                              most=most, rough=_ROUGH, once=once)
 
     def course(self, outcome: Outcome, *, stated: bool = False, draft: bool = False) -> Extremal:
         """Return states and costates under the input of an outcome; a `draft` is quicker."""
@@ -467,7 +474,7 @@ class Search:
                 # What is cheaper and feasible shows that the other is not the best, proved or not.
                 cheaper = other.objective < best.objective - _LOWER * abs(best.objective)
                 if (_holds(other) and (cheaper or not _holds(best))
-                        or cheaper and _feasible(other)):
+                        or cheaper and other.certificate and other.certificate.feasible):
                     best, kept = other, self.last
             spent += self.work - started
         self.last = kept
@@ -481,14 +488,6 @@ class Search:
         self.switching = tuple(self.may_hold and each for each in self.kit.switching)
         if self.kit.twin:
             self.problem = self.kit.twin.problem(self.stated, 0)
-
-
-def _feasible(answer: Solution) -> bool:
-    """Return whether an answer is a path of the problem, extremal or not."""
-    certificate = answer.certificate
-    return certificate is not None and all(
-        certificate.residuals[key] <= certificate.tolerances[key]
-        for key in ('dynamics', 'start', 'end', 'bounds', 'cost'))
 
 
 def _holds(answer: Solution) -> bool:

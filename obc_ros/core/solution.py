@@ -50,6 +50,12 @@ class Certificate:
         return all(self.residuals[key] <= self.tolerances[key] for key in self.tolerances)
 
     @property
+    def feasible(self) -> bool:
+        """Return whether the path keeps to the problem, extremal or not."""
+        return all(self.residuals[key] <= self.tolerances[key]
+                   for key in ('dynamics', 'start', 'end', 'bounds', 'cost'))
+
+    @property
     def worst(self) -> str:
         """Return the condition with the largest residual relative to its tolerance."""
         return max(self.tolerances, key=lambda key: self.residuals[key] / self.tolerances[key])

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.blocks import assemble, Block, Index, Piece, Program
 from obc_ros.core.interior import Goal
-from obc_ros.core.mesh import gauss_points, HELD, Layout, Mesh, Path
+from obc_ros.core.mesh import gauss_points, HELD, Layout, Mesh, Path, STEPPED
 from obc_ros.core.monitor import Monitor, Watch
 from obc_ros.core.problem import Problem
 from obc_ros.core.runge_kutta import rate_of, step_of
@@ -242,6 +242,10 @@ class Transcription:
                     self.at_ua[span, i] = self.at_ub[span, i] = -1 - len(held)
                     held.append((number, i))
                     continue
+                if mode == STEPPED:
+                    self.at_ua[span, i] = self.at_ub[span, i] = first + np.arange(phase.intervals)
+                    first += phase.intervals
+                    continue
                 joined = phase.joined[i] and k > 0
                 places = first + np.arange(phase.intervals + 1 - int(joined))
                 first += len(places)
@@ -281,7 +285,8 @@ class Transcription:
     def _staged(self) -> Stages | None:
         """Return the program for the interior-point method, if it is of its form."""
         layout = self.layout
-        if len(layout.phases) > 1 or layout.stages or self.l or self.held:
+        if (len(layout.phases) > 1 or layout.stages or self.l or self.held
+                or STEPPED in layout.phases[0].modes):
             return None
         inputs = np.vstack([self.at_ua[:1], self.at_ub])
         return Stages(self._pieces.interval.whole, self._pieces.end.whole, *self._index(),
