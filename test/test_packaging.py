@@ -10,6 +10,7 @@ from importlib import metadata
 import os
 from pathlib import Path
 import re
+import subprocess
 import sys
 from xml.etree import ElementTree
 
@@ -57,10 +58,15 @@ def files(*suffixes: str) -> list[Path]:
     return sorted(path for path in found if path.name.endswith(suffixes))
 
 
+def prefixes() -> list[str]:
+    """Return where packages are installed."""
+    given = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    return [*filter(None, given), sys.prefix]
+
+
 def installed(path: str) -> Path:
     """Return where a file of the installed package is."""
-    prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
-    candidates = [Path(prefix) / path for prefix in (*prefixes, sys.prefix)]
+    candidates = [Path(prefix) / path for prefix in prefixes()]
     return next((file for file in candidates if file.is_file()), candidates[0])
 
 
@@ -136,6 +142,47 @@ def test_data_files_are_installed():
         assert installed(f'share/obc_ros/{name(file)}').read_bytes() == file.read_bytes()
     assert installed('share/obc_ros/cmake/obc_rosConfig.cmake').is_file()
     assert installed('share/ament_index/resource_index/packages/obc_ros').is_file()
+
+
+CPP_PROJECT = """
+cmake_minimum_required(VERSION 3.20)
+project(user CXX)
+find_package(obc_ros REQUIRED)
+add_executable(user main.cpp)
+target_compile_features(user PRIVATE cxx_std_17)
+target_link_libraries(user ${obc_ros_TARGETS})
+"""
+CPP_PROGRAM = """
+#include <iostream>
+#include <obc_ros/action/solve_optimal_control.hpp>
+#include <obc_ros/msg/lqr_design.hpp>
+#include <obc_ros/srv/design_lqr.hpp>
+int main()
+{
+  obc_ros::srv::DesignLqr::Response response;
+  response.design.k = {1.0, 2.0};
+  obc_ros::action::SolveOptimalControl::Goal goal;
+  goal.problem.states = {"p"};
+  std::cout << response.design.k.size() << goal.problem.states[0];
+}
+"""
+
+
+def test_a_cpp_program_is_built_with_the_interfaces(tmp_path):
+    (tmp_path / 'CMakeLists.txt').write_text(CPP_PROJECT)
+    (tmp_path / 'main.cpp').write_text(CPP_PROGRAM)
+    beside = Path(sys.executable).parent / 'cmake'
+    cmake = str(beside) if beside.is_file() else 'cmake'
+    environment = {**os.environ, 'AMENT_PREFIX_PATH': os.pathsep.join(prefixes()),
+                   'LD_LIBRARY_PATH': os.pathsep.join(f'{each}/lib' for each in prefixes())}
+    for command in (
+            [cmake, '-S', '.', '-B', 'build', f'-DCMAKE_PREFIX_PATH={";".join(prefixes())}',
+             f'-DPython3_EXECUTABLE={sys.executable}'],
+            [cmake, '--build', 'build'], ['build/user']):
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True,
+                              text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout == '2p'
 
 
 @pytest.mark.parametrize('file', INTERFACES, ids=name)
