@@ -19,6 +19,7 @@ import tempfile
 import time
 from typing import Any
 
+from _endless import endless
 from _machine import children
 from obc_ros.action import SolveOptimalControl
 from obc_ros.cli.client import Client, START
@@ -54,18 +55,6 @@ def scalar() -> Solve.Request:
         'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'x + u'},
         'running_cost': 'u**2/2', 'terminal_cost': 'x**2/2', 'initial_state': {'x': 1},
         'final_time': {'free': False, 'value': 1}})
-
-
-def endless(n: int = 60) -> Solve.Request:
-    """Return the request for a problem that takes minutes."""
-    return request({
-        'states': [f'x{i}' for i in range(n)], 'inputs': ['u'],
-        'dynamics': {f'x{i}': f'20*sin(x{(i + 1) % n})*cos(x{(i - 1) % n}) - x{i}*x{(i + 2) % n}'
-                              ' + exp(sin(u))' for i in range(n)},
-        'running_cost': 'u**2 + ' + ' + '.join(
-            f'(x{i} - 1)**2*x{(i + 3) % n}**2' for i in range(n)),
-        'initial_state': {f'x{i}': i % 5 - 2 for i in range(n)},
-        'final_time': {'free': False, 'value': 20}})
 
 
 def request(mapping: dict[str, Any]) -> Solve.Request:
@@ -111,7 +100,7 @@ def precision(client: Client) -> None:
     """Measure by how much time limits and cancelling are missed."""
     late = []
     for _ in range(REPEATS):
-        asked = endless()
+        asked = request(endless())
         asked.time_limit = 0.5
         begun = time.monotonic()
         response = Caller(client, Solve, 'solve', asked)()
@@ -132,7 +121,7 @@ def cancel(client: Client) -> float:
     client.wait(action.server_is_ready, lambda: True)
     heard: list[Any] = []
     sent = action.send_goal_async(
-        SolveOptimalControl.Goal(problem=endless().problem), heard.append)
+        SolveOptimalControl.Goal(problem=request(endless()).problem), heard.append)
     client.wait(lambda: any(each.feedback.phase != 'queued' for each in heard), lambda: True)
     result = sent.result().get_result_async()
     begun = time.monotonic()

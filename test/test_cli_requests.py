@@ -9,6 +9,7 @@ from pathlib import Path
 import signal
 import time
 
+from _endless import endless  # of benchmarks/
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from obc_ros.cli import client, results
@@ -18,7 +19,7 @@ from obc_ros.cli.questions import Question
 from obc_ros.core import systems
 from obc_ros.srv import SolveOptimalControl
 import pytest
-from support import children, endless, wait_for
+from support import children, wait_for
 import yaml
 
 pytestmark = pytest.mark.nodes

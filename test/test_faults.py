@@ -14,18 +14,13 @@ import signal
 import time
 from typing import Any
 
+from _endless import endless  # of benchmarks/
 import numpy as np
 from obc_ros.cli.recording import LATCHED, LIVE, Recorder
-from obc_ros.msg import (
-    Command,
-    FinalTime,
-    LqrDesign,
-    NamedExpression,
-    OptimalControlProblem,
-    State,
-    Trajectory,
-)
+from obc_ros.core.statement import problem_from_mapping
+from obc_ros.msg import Command, LqrDesign, State, Trajectory
 from obc_ros.nodes.conversions import nanoseconds
+from obc_ros.nodes.messages import problem_message
 from obc_ros.srv import DesignLqr, SolveOptimalControl
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -154,7 +149,9 @@ def test_nodes_that_stand_still_in_any_phase_go_on(spawn, probe):
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP], ids=['killed', 'stopped'])
 def test_a_worker_in_any_phase_costs_at_most_its_request(spawn, probe, number):
     server = spawn('trajectory_server', {'workers': 1, 'time_limit': 1.0})
-    slow = SolveOptimalControl.Request(problem=long_problem())
+    mapping = endless()
+    slow = SolveOptimalControl.Request(problem=problem_message(
+        mapping, problem_from_mapping(mapping).guess))
     for delay in (0.0, 0.1, 0.5):  # while it starts, as it begins, as it solves
         probe.wait_for(lambda: children(server.pid), what='a worker')
         client = probe.node.create_client(SolveOptimalControl, '/trajectory_server/solve')
@@ -176,17 +173,6 @@ def test_a_worker_in_any_phase_costs_at_most_its_request(spawn, probe, number):
     probe.set_parameters('/trajectory_server', time_limit=20.0)
     assert probe.call(DesignLqr, '/trajectory_server/design_lqr', quick).success
     assert server.running()
-
-
-def long_problem() -> OptimalControlProblem:
-    """Return a problem that takes longer than these tests wait: many coupled pendulums."""
-    names = [f'x{k}' for k in range(30)]
-    return OptimalControlProblem(
-        states=names, inputs=['u'], running_cost='u**2 + x0**2', final_time=FinalTime(value='20'),
-        dynamics=[NamedExpression(name=name, expression=f'sin(x{(k + 1) % 30}*{k + 1}) + u*x{k}')
-                  for k, name in enumerate(names)],
-        initial_state=[NamedExpression(name=name, expression='1') for name in names],
-        terminal_constraints=['x0', 'x1', 'x2'])
 
 
 def test_a_controller_takes_clocks_that_jump(spawn, probe):

@@ -9,6 +9,7 @@ import resource
 import signal
 import time
 
+import _endless  # of benchmarks/
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
@@ -26,7 +27,6 @@ from obc_ros.nodes.messages import problem_message
 from obc_ros.srv import DesignLqr, SolveOptimalControl
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
-import support
 from support import alive, children
 
 pytestmark = pytest.mark.nodes
@@ -56,8 +56,8 @@ def scalar(a=1.0, T=1.0):
 
 
 def endless(n=60):
-    """Return `support.endless` as a message."""
-    return message(support.endless(n))
+    """Return a problem that no solver has answered within minutes."""
+    return message(_endless.endless(n))
 
 
 @pytest.fixture
