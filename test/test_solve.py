@@ -29,8 +29,8 @@ NAMES = (
     'vanderpol_bounded', 'vanderpol_mintime', 'zermelo_constant', 'zermelo_shear',
     'bryson_denham_tight', 'di_time_fuel', 'dielectrophoretic', 'double_oscillator',
     'electric_vehicle', 'hager_hou_rao', 'logarithmic', 'mountain_car', 'nishida',
-    'lunar_ascent', 'quad_2d_mintime', 'reinvestment', 'robbins', 'two_link_arm',
-    'vanderpol_state_bound')
+    'dubins_right_left_right', 'lunar_ascent', 'quad_2d_mintime', 'reinvestment', 'robbins',
+    'two_link_arm', 'vanderpol_state_bound')
 
 
 def stated(name, **changes):

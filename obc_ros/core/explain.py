@@ -95,7 +95,8 @@ class _Doubt:
         if found is not None and (sentence := undefined(problem, found.t, found.x, found.u)):
             return Reason(False, sentence)
         self.lost = found is None or not _is_path(found)
-        if problem.q == 0 and not _bounded(problem):
+        kept = found is not None and not self.lost and not _missed(problem, found)
+        if kept or problem.q == 0 and not _bounded(problem):
             return self.without_end()
         nearest = self.best(_elastic(problem))
         if not _is_path(nearest):
@@ -130,7 +131,7 @@ class _Doubt:
         if not _is_path(answer) or _missed(problem, answer):
             return None
         early = answer.t[-1] <= last * (1 + 1e-6)
-        if not early and not self.convex and not _certified(answer):
+        if not early and not self.convex:
             answer = self.thorough(later)
             early = not _is_path(answer) or answer.t[-1] <= last * (1 + 1e-6)
         if early and not self.convex and not problem.final_time.free:

@@ -42,7 +42,9 @@ class Guesser:
 
     def __init__(self, problem: Problem) -> None:
         x, u, p = problem.x, problem.u, problem.p
-        self._psi = Batch([x, p], [problem.psi, ca.jacobian(problem.psi, x)], 1)
+        slope = ca.jacobian(problem.psi, x)
+        self._curved = ca.depends_on(slope, x)
+        self._psi = Batch([x, p], [problem.psi, slope], 1)
         self._rest = Batch([x, u, p], [problem.f, ca.jacobian(problem.f, u)], 1)
         self._all = Batch([x, u, p], [ca.vertcat(problem.f, problem.L, problem.path)], 1)
         self._last: tuple[Problem, Array, NDArray[np.bool_]] | None = None
@@ -66,11 +68,21 @@ class Guesser:
                 return problem.x0.copy(), fixed
             if not np.array_equal(jacobian, before):
                 before, inverse = jacobian, np.linalg.pinv(jacobian, rcond=1e-8)
-            move = -inverse @ psi
+            move = self._heedful(problem, x, -inverse @ psi, inverse)
             x = _inside(x + move, problem.x_lower, problem.x_upper)
             if np.max(np.abs(move)) <= 1e-9 * (1 + np.max(np.abs(x))):
                 break
         return x, np.diag(inverse @ jacobian) > 1 - 1e-6
+
+    def _heedful(self, problem: Problem, x: Array, move: Array, inverse: Array) -> Array:
+        """Return a move, ended where psi would grow: past the nearest of the states sought."""
+        if not self._curved:
+            return move
+        part = np.linspace(0.0, 1.0, _POINTS)[:, None]
+        psi, _ = self._psi(x + part * move, problem.p_value)
+        left = np.linalg.norm(psi @ inverse.T, axis=1)
+        grows = np.append(~(left[1:] <= left[:-1] * (1 + 1e-9)), True)
+        return np.asarray(part[max(1, int(np.argmax(grows)))] * move)
 
     def steady_input(self, problem: Problem, x: Array) -> Array:
         """Return the input within bounds at which f(x, u) is least, nearest to rest."""

@@ -342,7 +342,7 @@ class Search:
         excess = np.maximum(lower - value, value - upper)
         over = np.max(excess, axis=0)
         least, most = (part * size for part in _EXCEEDED)
-        self.margin = np.where((over > least) & (over < most), 1.2 * over, 0.0)
+        self.margin = np.where((over > least) & (over < most) & (lower < upper), 1.2 * over, 0.0)
         relative = np.max(excess / np.where(size > 0, size, 1.0), axis=1)
         relative[::course.parts] = 0.0   # nodes are held
         # Between a bound and a path that bends it grows with h^2: what is seen of one interval

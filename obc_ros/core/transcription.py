@@ -392,9 +392,11 @@ class Transcription:
         collocation, margin = np.zeros(self.n * (s + 1)), limits.margin[self.n:]
         lower: list[Array] = []
         upper: list[Array] = []
-        for rows, path in ((lower, problem.path_lower + margin),
-                           (upper, problem.path_upper - margin)):
-            rows.append(np.tile(np.append(collocation, np.tile(path, s + 1)), N))
+        # Inputs, linear in an interval, cannot keep to an equality at all its points.
+        loose = np.where(problem.path_lower == problem.path_upper, np.inf, 0.0)
+        for rows, path, inner in ((lower, problem.path_lower + margin, -loose),
+                                  (upper, problem.path_upper - margin, loose)):
+            rows.append(np.tile(np.concatenate([collocation, path, np.tile(path + inner, s)]), N))
             rows.append(np.zeros(self.q))
             if self.l:
                 rows.append(np.tile(path, self._program.rows[2] // self.l))
