@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.cli.results import Asked
+from obc_ros.core.design_report import matrices
 from obc_ros.core.errors import StatementError
 from obc_ros.core.expressions import describe, near, number
 from obc_ros.core.planning import registered
@@ -47,25 +48,14 @@ class Case(Asked):
         """Keep what is asked."""
         self.given = checked(entry)
 
-    @property
-    def matrices(self) -> tuple[Array, ...]:
-        """Return A, B, Qx, Qu, K, P and the poles of the design."""
-        design = self.design
-        n, m = len(design.xe), len(design.ue)
-        shapes = ((n, n), (n, m), (n, n), (m, m), (m, n), (n, n))
-        flat = (design.a, design.b, design.qx, design.qu, design.k, design.p)
-        poles = np.array(design.poles_real) + 1j * np.array(design.poles_imag)
-        return *(np.array(values).reshape(shape)
-                 for values, shape in zip(flat, shapes, strict=True)), poles
-
     def as_json(self) -> dict[str, Any]:
         """Return what ``NAME.json`` holds; matrices are empty without a design."""
         found: dict[str, Any] = {'name': self.name, 'status': self.status,
                                  'message': self.message, 'K': [], 'P': [], 'poles': []}
         if self.design:
-            *_, K, P, poles = self.matrices
-            found |= {'K': K.tolist(), 'P': P.tolist(),
-                      'poles': [[pole.real, pole.imag] for pole in poles.tolist()]}
+            told = matrices(self.design)
+            found |= {'K': told.K.tolist(), 'P': told.P.tolist(),
+                      'poles': [[pole.real, pole.imag] for pole in told.poles.tolist()]}
         return found
 
 

@@ -17,6 +17,7 @@ from obc_ros.cli import terminal
 from obc_ros.cli.demo import Event, Flight, fly, set_parameters
 from obc_ros.cli.pilot import Pilot
 from obc_ros.cli.report import loop_rows, step_figures
+from obc_ros.core.design_report import matrices
 from obc_ros.msg import LqrDesign
 from scipy.linalg import expm
 
@@ -121,15 +122,13 @@ def _draw(t: Array, x: Array, tu: Array, u: Array, steps: list[Step], path: Path
 
 def _linear(step: Step) -> tuple[Array, Array, Array]:
     """Return t, x and u - ue of the same step on the linearization, which the book draws."""
-    design, n = step.design, len(step.design.xe)
-    K = np.reshape(design.k, (-1, n))
-    A = np.reshape(design.a, (n, n)) - np.reshape(design.b, (n, -1)) @ K
+    told = matrices(step.design)
     times = np.linspace(0.0, step.span, 1001)
-    one = expm(A * times[1])
+    one = expm((told.A - told.B @ told.K) * times[1])
     errors = [-np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0])]
     for _ in times[1:]:
         errors.append(one @ errors[-1])
-    return times, np.array(errors) + [1.0, 1.0, 0.0, 0.0, 0.0, 0.0], -np.array(errors) @ K.T
+    return times, np.array(errors) + [1.0, 1.0, 0.0, 0.0, 0.0, 0.0], -np.array(errors) @ told.K.T
 
 
 def _positions(axes: Axes, t: Array, positions: Array, step: Step) -> None:

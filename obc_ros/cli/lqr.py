@@ -8,6 +8,7 @@ from typing import Any
 
 from obc_ros.cli import results, terminal
 from obc_ros.cli.cases import Case
+from obc_ros.core.design_report import matrices
 from obc_ros.core.errors import ObcError
 
 HEADER = ('case', 'status', 'gain K', 'poles')
@@ -81,9 +82,9 @@ def _request(service: Any, given: Any) -> Any:
 def _row(case: Case) -> tuple[str, ...]:
     if not case.design:
         return case.label, case.status, '', ''
-    *_, K, _, poles = case.matrices
-    gain = '; '.join(' '.join(f'{entry:.5g}' for entry in row) for row in K)
-    return case.label, case.status, _short(gain), _short(', '.join(map(_pole, poles)))
+    told = matrices(case.design)
+    gain = '; '.join(' '.join(f'{entry:.5g}' for entry in row) for row in told.K)
+    return case.label, case.status, _short(gain), _short(', '.join(map(_pole, told.poles)))
 
 
 def _pole(pole: complex) -> str:

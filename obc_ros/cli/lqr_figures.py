@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.cli.cases import Case
 from obc_ros.cli.figures import COLOURS, FEW, save, STYLE, symbol, THIN
+from obc_ros.core.design_report import matrices
 from obc_ros.core.errors import RefusedDesignError
 from obc_ros.core.lqr import lqr
 from obc_ros.core.sampled import held, sampled_lqr
@@ -43,7 +44,7 @@ def draw(path: Path, case: Case) -> None:
 
 def figure(case: Case) -> Figure:
     """Return the figure of a case that has a design: step, magnitude, root locus, phase."""
-    A, B, Qx, Qu, K, _, poles = case.matrices
+    A, B, Qx, Qu, K, _, poles = matrices(case.design)
     design, given = case.design, case.given or {}
     cross = np.reshape(given['cross'], B.shape) if 'cross' in given else None
     loop = Loop(A, B, K, poles, design.sample_time, design.delay)

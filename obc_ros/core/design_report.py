@@ -4,7 +4,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,6 +98,30 @@ def fields(design: Design, made: Change, error: Sequence[float] | None) -> dict[
         'input_jump': max(map(abs, made.jump), default=0.0),
         'sentence': '; '.join(filter(None, (_sentence(design, seen), made.sentence))),
     }
+
+
+class Matrices(NamedTuple):
+    """What a message LqrDesign holds row by row: A (n, n), B (n, m), ..., the poles (n,)."""
+
+    A: Array
+    B: Array
+    Qx: Array
+    Qu: Array
+    K: Array
+    P: Array
+    poles: NDArray[np.complex128]
+
+
+def matrices(told: Any) -> Matrices:
+    """Return the matrices that a message with the fields of `fields` tells."""
+    n, m = len(told.xe), len(told.ue)
+
+    def rows(numbers: Any, of: int) -> Array:
+        return np.reshape(np.asarray(numbers, dtype=float), (-1, of))
+
+    return Matrices(rows(told.a, n), rows(told.b, m), rows(told.qx, n), rows(told.qu, m),
+                    rows(told.k, n), rows(told.p, n),
+                    np.array(told.poles_real) + 1j * np.array(told.poles_imag))
 
 
 def _sentence(design: Design, seen: Figures) -> str:

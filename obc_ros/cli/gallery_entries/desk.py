@@ -19,6 +19,7 @@ from obc_ros.cli.client import Client
 from obc_ros.cli.gallery_entries.entry import column, UnansweredError
 from obc_ros.cli.gallery_entries.loop import Loop, run_loop
 from obc_ros.cli.gallery_entries.ros2 import service_call
+from obc_ros.core.design_report import matrices
 from obc_ros.core.problem import Guess
 from obc_ros.msg import LqrWeights
 from obc_ros.nodes.crowds import BURST
@@ -248,7 +249,5 @@ def _trajectory(response: Any) -> Trajectory:
 
 def regulator(design: Any) -> Regulator:
     """Return what an LqrDesign tells."""
-    n, m = len(design.xe), len(design.ue)
-    return Regulator(column(design.a, n), column(design.b, m), column(design.k, n),
-                     column(design.p, n),
-                     np.array(design.poles_real) + 1j * np.array(design.poles_imag), design)
+    told = matrices(design)
+    return Regulator(told.A, told.B, told.K, told.P, told.poles, design)
