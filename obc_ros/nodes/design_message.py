@@ -5,11 +5,10 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
 from obc_ros.core.design import Design, Plant
 from obc_ros.core.design_report import Change, fields
 from obc_ros.msg import LqrDesign
-from obc_ros.nodes.messages import doubles
+from obc_ros.nodes.messages import doubles, lqr_design
 from obc_ros.srv import SuggestWeights
 
 if TYPE_CHECKING:
@@ -19,9 +18,7 @@ if TYPE_CHECKING:
 def design_message(design: Design, made: Change, error: Sequence[float] | None, note: str = ''
                    ) -> LqrDesign:
     """Return the message of a design, but for its stamp and revision; see `fields`."""
-    message = LqrDesign(**{
-        name: doubles(value) if isinstance(value, np.ndarray) else value
-        for name, value in fields(design, made, error).items()})
+    message = lqr_design(fields(design, made, error))
     if note:
         message.sentence += f'; {note}'
     return message

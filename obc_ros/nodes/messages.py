@@ -306,13 +306,13 @@ def fill_design(response: Any, packet: Packet) -> None:
     if not response.success:
         response.message = f'{status}: {response.message}'
     else:
-        response.design = design_message(Packet(packet.plain['design'], packet.arrays))
+        response.design = lqr_design({**packet.plain['design'], **packet.arrays})
 
 
-def design_message(packet: Packet) -> LqrDesign:
-    """Return the message with these fields."""
-    return LqrDesign(**packet.plain, **{
-        name: doubles(values) for name, values in packet.arrays.items()})
+def lqr_design(fields: Mapping[str, Any]) -> LqrDesign:
+    """Return the message with the fields that `design_report.fields` returns."""
+    return LqrDesign(**{name: doubles(value) if isinstance(value, np.ndarray) else value
+                        for name, value in fields.items()})
 
 
 def certificate_message(conditions: Mapping[str, Mapping[str, float]] | None) -> Certificate:
