@@ -14,6 +14,7 @@ reaches that thread as one assignment.
 """
 
 from dataclasses import replace
+import sys
 from time import monotonic, time_ns
 from typing import Any
 
@@ -336,10 +337,10 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         self._diagnostics.publish(array)
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM; return the exit status."""
-    return run(LqrNode, args)
+def main() -> int:
+    """Run the node until SIGINT or SIGTERM."""
+    return run(LqrNode)
 
 
 if __name__ == '__main__':
-    raise SystemExit(main())
+    sys.exit(main())

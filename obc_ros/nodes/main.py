@@ -31,7 +31,7 @@ from rclpy.utilities import remove_ros_args
 _UNFIT = (ObcError, RuntimeError, NameValidationException, ParameterException)
 
 
-def run(build: Callable[[], Node], args: list[str] | None = None) -> int:
+def run(build: Callable[[], Node]) -> int:
     """
     Build a node, spin it until SIGINT or SIGTERM, and return the exit status.
 
@@ -39,15 +39,13 @@ def run(build: Callable[[], Node], args: list[str] | None = None) -> int:
     ----------
     build : callable
         Returns the node; usually its class.
-    args : list of str, optional
-        Command line with the ROS arguments; that of the process by default.
 
     """
     atexit.register(gc.freeze)  # or the interpreter looks through everything as it ends
     with _stopped_by_signals() as stop:
         try:
-            rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-            _refuse(remove_ros_args(args)[1:])
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+            _refuse(remove_ros_args()[1:])
             node = build()
         except _UNFIT as error:
             print(f'{Path(sys.argv[0]).stem}: {_sentence(error)}', file=sys.stderr)
