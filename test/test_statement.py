@@ -120,7 +120,7 @@ def test_an_initial_state_outside_the_state_bounds_is_no_malformed_statement():
 FAULTS = [
     # Keys and types
     ('runing_cost', 'u', r"^runing_cost: unknown key \(did you mean 'running_cost'\?\)"),
-    ('horizon', 3, '^horizon: unknown key'),
+    ('horizon', 3, '^horizon: unknown key; there are name, system, states, inputs, '),
     ('states', ..., '^states: missing'),
     ('states', 'h', "^states: wanted a list, found str 'h'"),
     ('states', {'h': 1}, '^states: wanted a list, found a mapping'),

@@ -361,7 +361,7 @@ final_time: {free: false, value: 1}
 
 
 @pytest.mark.parametrize(('old', 'new', 'words'), [
-    ('angles:', 'angels:', r"unknown key 'angels' \(did you mean 'angles'\?\)"),
+    ('angles:', 'angels:', r"angels: unknown key \(did you mean 'angles'\?\)"),
     ('  s: v\n', '', "no equation for the state 's'"),
     ('  s: v\n', '  s: w\n', "dynamics.s: unknown name 'w'"),
     ('  s: v\n', '  z: v\n', "dynamics: 'z' is none of s, theta"),

@@ -19,6 +19,7 @@ from obc_ros.cli.results import Asked
 from obc_ros.core.design_report import matrices
 from obc_ros.core.errors import StatementError
 from obc_ros.core.expressions import describe, near, number
+from obc_ros.core.parts import check_keys
 from obc_ros.core.planning import registered
 from obc_ros.core.systems.file import FOR_PEOPLE
 from obc_ros.core.weights import KINDS
@@ -69,9 +70,7 @@ def checked(mapping: Mapping[Any, Any]) -> dict[str, Any]:
         If a key is unknown, a number or a matrix is not as wanted, or the system is unknown.
 
     """
-    for key in mapping:
-        if key not in KEYS + FOR_PEOPLE:
-            raise StatementError(f'{str(key)[:60]}: unknown key{near(str(key), KEYS)}')
+    check_keys(mapping, KEYS, FOR_PEOPLE)
     given = {key: value for key, value in mapping.items() if key in KEYS and value is not None}
     n, m = _system(given) if 'system' in given else _plant(given)
     found = {key: given[key] for key in ('system', 'parameters') if key in given}

@@ -19,7 +19,15 @@ from numpy.typing import NDArray
 from obc_ros.core import kkt
 from obc_ros.core.errors import StatementError
 from obc_ros.core.expressions import check_name, near, number, parse
-from obc_ros.core.parts import bounds_of, Given, list_of, mapping_of, names_of, section_of
+from obc_ros.core.parts import (
+    bounds_of,
+    check_keys,
+    Given,
+    list_of,
+    mapping_of,
+    names_of,
+    section_of,
+)
 from obc_ros.core.solution import Certificate, Report, Status
 
 Array = NDArray[np.float64]
@@ -304,9 +312,7 @@ def _starts(question: _Question) -> Iterator[Array]:
 def _question(statement: object) -> _Question:
     """Return the checked statement."""
     given = mapping_of(statement, 'minimize')
-    for key in given:
-        if key not in KEYS:
-            raise StatementError(f'{str(key)[:60]}: unknown key{near(str(key), KEYS)}')
+    check_keys(given, KEYS)
     names = names_of(given, 'variables', MAX_COUNT)
     values = _parameters(given, names)
     x = ca.vertcat(*(ca.SX.sym(name) for name in names))

@@ -12,7 +12,7 @@ import math
 from typing import Any
 
 from obc_ros.core.errors import StatementError
-from obc_ros.core.expressions import check_name, describe, number
+from obc_ros.core.expressions import check_name, describe, near, number
 
 MAX_COUNT = 1_000  # entries of a list or mapping
 
@@ -43,6 +43,16 @@ def section_of(given: Given, key: str, most: int = MAX_COUNT) -> Given:
     """Return a mapping that may be left out or left empty."""
     value = given.get(key)
     return {} if value is None else mapping_of(value, key, most=most)
+
+
+def check_keys(given: Given, known: Sequence[str], others: Sequence[str] = (), where: str = ''
+               ) -> None:
+    """Refuse a key that is neither `known`, which the message lists, nor one of the `others`."""
+    for key in given:
+        if key not in known and key not in others:
+            place = f'{where}.{str(key)[:60]}' if where else str(key)[:60]
+            raise StatementError(f'{place}: unknown key{near(str(key), known)}; there are '
+                                 f'{", ".join(known)}')
 
 
 def names_of(given: Given, key: str, most: int = MAX_COUNT) -> tuple[str, ...]:

@@ -21,7 +21,15 @@ from obc_ros.core import expressions, systems
 from obc_ros.core.errors import ObcError, StatementError
 from obc_ros.core.expressions import check_name, describe, near, number
 from obc_ros.core.files import entries
-from obc_ros.core.parts import bounds_of, limits, list_of, mapping_of, names_of, section_of
+from obc_ros.core.parts import (
+    bounds_of,
+    check_keys,
+    limits,
+    list_of,
+    mapping_of,
+    names_of,
+    section_of,
+)
 from obc_ros.core.problem import FinalTime, Guess, Problem
 from obc_ros.core.systems.file import FOR_PEOPLE, OF_A_PLANT
 
@@ -69,9 +77,7 @@ def problem_from_mapping(mapping: object) -> Problem:
 
     """
     given = mapping_of(mapping, 'problem')
-    for key in given:
-        if key not in FOR_THE_SOLVER + OF_A_PLANT + FOR_PEOPLE:
-            raise StatementError(f'{_short(key)}: unknown key{near(str(key), FOR_THE_SOLVER)}')
+    check_keys(given, FOR_THE_SOLVER, OF_A_PLANT + FOR_PEOPLE)
     _bounded_text(given)
     plant = _registered_plant(given) if given.get('system') is not None else _own_plant(given)
     names = plant.x | plant.u | plant.p
@@ -293,7 +299,8 @@ def _path_constraints(given: Mapping[Any, Any], plant: _Plant) -> tuple[ca.SX, A
     names = plant.x | plant.u
     for index, entry in enumerate([] if value is None else list_of(value, 'path_constraints')):
         where = f'path_constraints[{index}]'
-        entry = _keys(entry, ('expr', 'lower', 'upper'), where)
+        entry = mapping_of(entry, where)
+        check_keys(entry, ('expr', 'lower', 'upper'), where=where)
         if entry.get('expr') is None:
             raise StatementError(f'{where}: expr is missing')
         row = expressions.parse(entry['expr'], names | plant.p, f'{where}.expr')
@@ -306,15 +313,6 @@ def _path_constraints(given: Mapping[Any, Any], plant: _Plant) -> tuple[ca.SX, A
         lower.append(low)
         upper.append(high)
     return _column(rows), np.array(lower), np.array(upper)
-
-
-def _keys(value: object, known: tuple[str, ...], where: str) -> Mapping[Any, Any]:
-    entry = mapping_of(value, where)
-    for key in entry:
-        if key not in known:
-            raise StatementError(f'{where}.{_short(key)}: unknown key{near(str(key), known)}; '
-                                 f'there are {", ".join(known)}')
-    return entry
 
 
 def _initial_state(given: Mapping[Any, Any], plant: _Plant) -> Array:
@@ -336,8 +334,8 @@ def _final_time(given: Mapping[Any, Any], values: Mapping[str, float]) -> FinalT
     forms = '{free: false, value: 5} or {free: true, lower: 0.1, upper: 20}'
     if given.get('final_time') is None:
         raise StatementError(f'final_time: missing; wanted {forms}')
-    entry = _keys(mapping_of(given['final_time'], 'final_time', forms),
-                  ('free', 'value', 'lower', 'upper', 'guess'), 'final_time')
+    entry = mapping_of(given['final_time'], 'final_time', forms)
+    check_keys(entry, ('free', 'value', 'lower', 'upper', 'guess'), where='final_time')
     free = entry.get('free')
     if not isinstance(free, bool):
         raise StatementError(f'final_time.free: wanted true or false, found {describe(free)}')
@@ -373,8 +371,8 @@ def _positive(value: float, where: str) -> float:
 
 
 def _guess(given: Mapping[Any, Any], plant: _Plant, final_time: FinalTime) -> Guess:
-    entry = _keys(section_of(given, 'initial_guess'), ('states', 'inputs', 'final_time'),
-                  'initial_guess')
+    entry = section_of(given, 'initial_guess')
+    check_keys(entry, ('states', 'inputs', 'final_time'), where='initial_guess')
     final = entry.get('final_time')
     if final is not None:
         final = _positive(number(final, plant.values, 'initial_guess.final_time'),

@@ -19,7 +19,14 @@ from obc_ros.core import expressions
 from obc_ros.core.errors import ObcError, StatementError
 from obc_ros.core.expressions import check_name, describe, near, number
 from obc_ros.core.files import read_yaml
-from obc_ros.core.parts import bounds_of, check_unique, Given, names_of, section_of
+from obc_ros.core.parts import (
+    bounds_of,
+    check_keys,
+    check_unique,
+    Given,
+    names_of,
+    section_of,
+)
 from obc_ros.core.system import define, Parameter, Signal, System
 
 OF_A_PLANT = ('units', 'angles', 'setpoint', 'setpoint_input', 'parameter_bounds', 'plane',
@@ -61,7 +68,7 @@ def load(path: str | Path) -> System:
 
 
 def _system(given: Given, stem: str, chosen: Values) -> System:
-    _check_keys(given)
+    check_keys(given, PLANT, TASK + FOR_PEOPLE)
     states, inputs = names_of(given, 'states'), names_of(given, 'inputs')
     values = _parameters(given, (*states, *inputs), chosen)
     equations = _by_name(given, 'dynamics', states)
@@ -91,13 +98,6 @@ def _system(given: Given, stem: str, chosen: Values) -> System:
         description=_text(given, 'description', _text(given, 'title', '')),
         plane=_plane(given),
         rebuild=lambda new: _system(given, stem, {**chosen, **new}))
-
-
-def _check_keys(given: Given) -> None:
-    for key in given:
-        if key not in PLANT and key not in TASK and key not in FOR_PEOPLE:
-            raise StatementError(f"unknown key '{str(key)[:60]}'{near(str(key), PLANT)}; "
-                                 f'a plant has {", ".join(PLANT)}')
 
 
 def _by_name(given: Given, key: str, known: Sequence[str]) -> dict[str, Any]:
