@@ -245,6 +245,20 @@ def test_a_file_that_cannot_be_written_is_said_after_the_answers(tmp_path, capsy
     assert 'missing.json cannot be written: Is a directory' in output.err
 
 
+@pytest.mark.parametrize(('command', 'status', 'question'), [
+    ('solve', 'not_converged', SCALAR),
+    ('lqr', 'refused', {'A': [[0]], 'B': [[1]], 'Qx': [1], 'Qu': [1]})])
+def test_an_environment_that_ros_does_not_take_is_said(tmp_path, monkeypatch, capsys, command,
+                                                       status, question):
+    monkeypatch.setenv('ROS_DOMAIN_ID', 'one')
+    (tmp_path / 'good.yaml').write_text(yaml.safe_dump(question))
+    assert main([command, str(tmp_path / 'good.yaml'), '--json', str(tmp_path)]) == 1
+    answer = read(tmp_path / 'good.json')
+    assert answer['status'] == status
+    assert 'ROS_DOMAIN_ID is not an integral number' in answer['message']
+    assert answer['message'] in capsys.readouterr().out
+
+
 def test_names_of_files_are_safe_and_unique(tmp_path):
     for folder in ('a', 'b'):
         (tmp_path / folder).mkdir()

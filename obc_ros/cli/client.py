@@ -19,6 +19,7 @@ from obc_ros.action import SolveOptimalControl
 from obc_ros.cli.processes import Children, free_domain, isolate
 from obc_ros.core.errors import ObcError
 from obc_ros.nodes.crowds import BURST
+from obc_ros.nodes.main import sentence
 from rcl_interfaces.srv import GetParameters
 import rclpy
 from rclpy.action import ActionClient, get_action_names_and_types
@@ -132,6 +133,8 @@ def connected(*parameters: str) -> Iterator[Client]:
     ------
     ProcessDiedError, InterruptedByUserError, ServerLostError
         Also from the client's methods.
+    ObcError
+        If ROS 2 does not start in this environment.
 
     """
     with ExitStack() as stack:
@@ -181,7 +184,10 @@ def _somebody_here() -> bool:
 @contextmanager
 def _client(check: Callable[[], None]) -> Iterator[Client]:
     context = rclpy.Context()
-    rclpy.init(args=[], context=context)
+    try:
+        rclpy.init(args=[], context=context)
+    except RuntimeError as error:  # RCLError, for an environment that rcl does not take
+        raise ObcError(sentence(error)) from error
     client = Client(context, check)
     try:
         yield client

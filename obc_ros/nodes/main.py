@@ -48,7 +48,7 @@ def run(build: Callable[[], Node]) -> int:
             _refuse(remove_ros_args()[1:])
             node = build()
         except _UNFIT as error:
-            print(f'{Path(sys.argv[0]).stem}: {_sentence(error)}', file=sys.stderr)
+            print(f'{Path(sys.argv[0]).stem}: {sentence(error)}', file=sys.stderr)
             rclpy.try_shutdown()
             return 1
         try:
@@ -127,7 +127,7 @@ def _spin(node: Node, stop: _Stop) -> None:
         executor.shutdown()
 
 
-def _sentence(error: Exception) -> str:
+def sentence(error: Exception) -> str:
     """Return what an error says without the places in rcl's sources and on one line."""
     words = ' '.join(re.sub(r', at /\S+:\d+', '', str(error)).split())
     if 'Sequence should be of same type' in words:
