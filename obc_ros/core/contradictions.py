@@ -443,7 +443,8 @@ def _extent(problem: Problem, row: int, low: Array, high: Array) -> str:
              for k, name in enumerate(problem.states)
              if used[k] and np.isfinite([low[k], high[k]]).all()]
     by = final.upper if final.free else final.value
-    return f' within reach by T = {by:.6g} ({", ".join(parts)})'
+    how_far = f' ({", ".join(parts)})' if parts else ''
+    return f' within reach by T = {by:.6g}{how_far}'
 
 
 def _reachable(A: Array, B: Array) -> Array:

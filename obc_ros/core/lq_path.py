@@ -261,6 +261,11 @@ def _out_of_reach(extended: _Extended, way: Array, miss: float, T: float, names:
     largest = int(np.abs(coefficients).argmax())
     unit = coefficients[largest] or 1.0
     wanted = 0.0 - along[n] * extended.one / unit
+    there = wanted + miss / unit
+    if abs(there) < 1e-12 * abs(wanted):
+        there = 0.0
+    if abs(along[:n]).max() <= 1e-12 * (abs(way) @ abs(extended.C[:, :n])).max():
+        return 'the terminal constraints cannot be met: they contradict each other'
     terms = []
     for value, name in zip(coefficients / unit, names, strict=True):
         if abs(value) > 1e-9:
@@ -268,7 +273,7 @@ def _out_of_reach(extended: _Extended, way: Array, miss: float, T: float, names:
             terms.append(f'{"-" if value < 0.0 else "+"} {size}{name}')
     text = ' '.join(terms).removeprefix('+ ') or '0'
     return (f'the terminal constraints cannot be met: the input does not reach {text}, which at '
-            f'T = {T:g} is {wanted + miss / unit:.6g} whatever the input; wanted is {wanted:.6g}')
+            f'T = {T:g} is {there:.6g} whatever the input; wanted is {wanted:.6g}')
 
 
 def _forward(extended: _Extended, P: Array, z: Array, blocks: list[tuple[float, float]]) -> Array:

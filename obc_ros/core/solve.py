@@ -93,7 +93,7 @@ def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
         found = special(problem)
         if found is None:
             continue
-        if found.status is Status.INFEASIBLE:
+        if found.status is Status.INFEASIBLE or name == 'riccati' and not found.t.size:
             return replace(found, method=name)
         judged = _judged(problem, found)
         if judged.status is Status.SOLVED:
@@ -213,7 +213,7 @@ def _ended(problem: Problem, found: Solution, monitor: Monitor, time_limit: floa
         advice = wish(problem)
         return replace(found, status=Status.TIMED_OUT, message=(
             f'no certified answer within {time_limit:g} s{best}{advice and "; "}{advice}'))
-    if method in ('riccati', 'time_optimal'):
+    if method in ('riccati', 'time_optimal') or found.method == 'riccati':
         return found
     if monitor.short:
         found = replace(found, message=(
