@@ -167,7 +167,14 @@ def test_no_answer_in_time_is_1(obc):
     assert found['endless']['message'] in output
 
 
-@pytest.mark.parametrize('line', [['--time-limit', '-1'], ['--time-limit', 'nan'], ['--speed']])
+def test_a_limit_below_what_a_server_can_keep_is_no_answer_in_time(obc):
+    status, found, output = obc('solve', {'endless.yaml': ENDLESS}, '--time-limit', '1e-5')
+    assert status == 1, output
+    assert found['endless']['status'] == 'timed_out', output
+
+
+@pytest.mark.parametrize('line', [
+    ['--time-limit', '-1'], ['--time-limit', 'nan'], ['--time-limit', '1e5'], ['--speed']])
 def test_a_malformed_line_is_2(line):
     with pytest.raises(SystemExit) as exit_:
         main(['solve', 'scalar.yaml', *line])

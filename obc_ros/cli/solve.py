@@ -9,6 +9,7 @@ from pathlib import Path
 from obc_ros.cli import results, terminal
 from obc_ros.cli.questions import Question
 from obc_ros.core.errors import ObcError
+from obc_ros.core.workers import LONGEST, SHORTEST
 
 HEADER = ('problem', 'status', 'cost', 'certificate', 'method', 'time')
 COLOURS = dict.fromkeys(('solved', 'holds'), 'green') | dict.fromkeys(
@@ -41,8 +42,9 @@ def _seconds(text: str) -> float:
         seconds = float(text)
     except ValueError:
         seconds = math.nan
-    if not 0.0 < seconds < math.inf:
-        raise argparse.ArgumentTypeError(f"wanted a positive number of seconds, found '{text}'")
+    if not 0.0 < seconds <= LONGEST:
+        raise argparse.ArgumentTypeError(
+            f"wanted a positive number of seconds, at most {LONGEST:g}, found '{text}'")
     return seconds
 
 
@@ -51,7 +53,8 @@ def _solve(asked: list[Question], time_limit: float) -> None:
     from obc_ros.cli.batch import Batch  # ROS only when there is a question
     from obc_ros.cli.client import connected
     from obc_ros.cli.processes import InterruptedByUserError
-    parameters = [f'time_limit:={time_limit}'] if time_limit else []
+    # Of a server of its own: what is asked for may take longer than its default.
+    parameters = [f'time_limit:={max(time_limit, SHORTEST)}'] if time_limit else []
     try:
         with connected(*parameters) as client, terminal.progress() as lines:
             Batch(client, asked, time_limit, lines).work()

@@ -23,6 +23,8 @@ import time
 
 from obc_ros.core.wire import Channel, Packet
 
+SHORTEST = 0.01    # [s] that a request may be given
+LONGEST = 86_400.0
 TICK = 0.02        # [s] how soon a busy worker's thread sees a cancelled request
 HEAD_START = 0.1   # [s] that a solver is told to stop before its time is over
 GRACE = 0.05       # [s] in which a solver that was asked to stop may still answer

@@ -23,7 +23,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from obc_ros.action import SolveOptimalControl as SolveAction
 from obc_ros.core.errors import StatementError
 from obc_ros.core.wire import Packet
-from obc_ros.core.workers import Answer, Job, Outcome, Pool
+from obc_ros.core.workers import Answer, Job, LONGEST, Outcome, Pool, SHORTEST
 from obc_ros.msg import Trajectory
 from obc_ros.nodes import messages
 from obc_ros.nodes.crowds import be_patient, BURST
@@ -55,7 +55,7 @@ class Settings:
 
     workers: int = parameter(2, 'processes that solve, side by side', lower=1, upper=64)
     time_limit: float = parameter(
-        60.0, 'longest time from a request to its answer', 's', lower=0.01, upper=86_400.0)
+        60.0, 'longest time from a request to its answer', 's', lower=SHORTEST, upper=LONGEST)
     max_intervals: int = parameter(
         2_000, 'mesh intervals that a solve may use', lower=10, upper=100_000)
     cache_size: int = parameter(
