@@ -121,6 +121,21 @@ class Guesser:
                 periods[i] = turn
         return periods
 
+    def sizes(self, problem: Problem, path: Path) -> Scales:
+        """Return typical sizes where a search starts: also of what does not move on its path."""
+        found = scales(problem, path)
+        points = len(path.ua)
+        values, = self._all(path.x[:points], path.ua, problem.p_value)
+        f, L = values[:, :problem.n], values[:, problem.n]
+        moved = path.t[-1] * np.abs(f).max(axis=0)
+        limits = np.abs([problem.x_lower, problem.x_upper])
+        limit = np.where(np.isfinite(limits), limits, 0.0).max(axis=0)
+        guessed = np.where(limit > 0, limit, moved)
+        still = ~path.x.any(axis=0) & np.isfinite(guessed) & (guessed > 0)
+        cost = float(path.t[-1] * np.abs(L).mean())
+        return replace(found, x=np.where(still, _power(guessed), found.x),
+                       cost=float(_power(cost)) if 0 < cost < 1 else 1.0)
+
     def line(self, problem: Problem, T: float) -> Path:
         """Return the straight line from x0 to psi = 0, with the user's own guesses where given."""
         end, _ = self.final_state(problem)
@@ -200,6 +215,11 @@ def _path(t: Array, x: Array, u: Array) -> Path:
     return Path(t, x, np.zeros((len(t) - 1, 0, x.shape[1])), u[:-1], u[1:], t[-1:])
 
 
+def _power(size: Array | float) -> Array:
+    """Return the power of 2 next to a size."""
+    return np.asarray(np.exp2(np.round(np.log2(np.clip(size, 1e-8, 1e12)))))
+
+
 def joined(path: Path, periods: Array) -> Path:
     """Return a path of constant inputs in each interval as one without jumps, nor whole turns."""
     u = path.ua.copy()
@@ -216,7 +236,7 @@ def scales(problem: Problem, path: Path) -> Scales:
         seen = np.max(np.abs(values), axis=0, initial=0.0)
         span = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
         largest = np.where(seen > 0, seen, np.where(span > 0, span, 1.0))
-        return np.asarray(np.exp2(np.round(np.log2(np.clip(largest, 1e-8, 1e12)))))
+        return _power(largest)
 
     return Scales(size(path.x, problem.x_lower, problem.x_upper),
                   size(np.vstack([path.ua, path.ub]), problem.u_lower, problem.u_upper),

@@ -104,7 +104,7 @@ class Search:
         problem, final = self.problem, self.problem.final_time
         program = self.kit.transcription(problem, mesh.layout)
         if sizes is None:
-            sizes = scales(problem, start)
+            sizes = self.kit.guesser.sizes(problem, start)
         if durations is None:
             durations = start.durations
         usual = durations.sum() / mesh.layout.intervals
@@ -466,6 +466,11 @@ class Search:
             started = self.work
             self.reset()
             outcome = self.from_next_start(_COARSE_ITERATIONS, once=_holds(best), hard=hard)
+            if (outcome.converged and outcome.objective < floor - _LOWER * abs(floor)
+                    and not self.believed(outcome)):
+                outcome = self.collocate(
+                    split(outcome.mesh, np.full(self.intervals, 2)), outcome.path, near=True,
+                    most=_COARSE_ITERATIONS)
             if (outcome.objective < floor - _LOWER * abs(floor) or not _holds(best)
                     and abs(outcome.objective - floor) > _LOWER * abs(floor)
                     ) and self.believed(outcome):
