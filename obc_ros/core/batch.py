@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A CasADi function over many points at once, from numpy arrays to numpy arrays."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import accumulate, pairwise
 from typing import Any
 
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
+# Arguments, results, the call from the first to the second, and the buffer that it is of.
+_Parcel = tuple[Array, Array, Callable[[], None], Any]
 
 _FEW, _MANY = 32, 256   # rows evaluated at once, by default and of very many
 _VERY = 1024            # rows that are very many
@@ -44,7 +46,7 @@ class Batch:
             ca.vertcat(*map(_column, outputs))])
         self._inputs = list(accumulate((symbol.numel() for symbol in inputs), initial=0))
         self._outputs = list(accumulate((output.numel() for output in outputs), initial=0))
-        self._parcels: dict[int, tuple[Any, Any]] = {}
+        self._parcels: dict[int, _Parcel] = {}
 
     def __call__(self, *arguments: Array) -> tuple[Array, ...]:
         """
@@ -96,16 +98,22 @@ class Batch:
 
     def _evaluate(self, w: Array, result: Array, size: int) -> None:
         if w.size and result.size:
-            buffer, trigger = self._parcel(size)
+            given, found, evaluate, _ = self._parcel(size)
             for first in range(0, len(w), size):
-                buffer.set_arg(0, w[first:first + size].data)
-                buffer.set_res(0, result[first:first + size].data)
-                trigger()
+                given[:] = w[first:first + size]
+                evaluate()
+                result[first:first + size] = found
 
-    def _parcel(self, size: int) -> tuple[Any, Any]:
-        """Return the buffer of the function for `size` rows and the call that evaluates it."""
+    def _parcel(self, size: int) -> _Parcel:
+        """Return where `size` rows are taken from and put to, and what evaluates them."""
         if size not in self._parcels:
-            self._parcels[size] = self._function.map(size).buffer()
+            given, found = np.empty((size, self._inputs[-1])), np.empty((size, self._outputs[-1]))
+            both: tuple[Any, Any] = self._function.map(size).buffer()
+            buffer, evaluate = both
+            # Copying some rows costs less than handing over their address.
+            buffer.set_arg(0, given.data)
+            buffer.set_res(0, found.data)
+            self._parcels[size] = given, found, evaluate, buffer
         return self._parcels[size]
 
 

@@ -292,8 +292,8 @@ def _descend(slope: Array, Q: Array, u: Array, box: _Box) -> tuple[Array, Array]
     """
     Return the step d, shape (K, r), least for slope'd + d'Q d / 2 in the box, and that value.
 
-    Exact for one input and, in the limit of its sweeps over one input at a time, for Q >= 0;
-    for any other Q also started from the vertices.
+    Exact for one input, for two in a finite box and, in the limit of its sweeps over one input at
+    a time, for Q >= 0; for any other Q also started from the vertices.
     """
     K, r = slope.shape
     low, high = box.lower - u, box.upper - u
@@ -301,9 +301,11 @@ def _descend(slope: Array, Q: Array, u: Array, box: _Box) -> tuple[Array, Array]
         step = _line(slope[:, 0], Q[:, 0, 0], low[:, 0], high[:, 0], float(box.scale[0]), box.H)
         with np.errstate(over='ignore'):
             return step[:, None], slope[:, 0]*step + 0.5*Q[:, 0, 0]*step**2
+    finite = bool(np.all(np.isfinite([box.lower, box.upper])))
+    if r == 2 and finite:
+        return _of_two(slope, Q, low, high, box)
     starts = [np.zeros((K, r))]
-    if (r <= _MOST_AXES and np.all(np.isfinite([box.lower, box.upper]))
-            and _bends_down(np.nan_to_num(Q))):
+    if (r <= _MOST_AXES and finite and _bends_down(np.nan_to_num(Q))):
         starts += [np.array(vertex) - u
                    for vertex in itertools.product(*zip(box.lower, box.upper, strict=True))]
     best, least = starts[0], np.zeros(K)
@@ -322,11 +324,30 @@ def _descend(slope: Array, Q: Array, u: Array, box: _Box) -> tuple[Array, Array]
     return best, least
 
 
+def _of_two(slope: Array, Q: Array, low: Array, high: Array, box: _Box) -> tuple[Array, Array]:
+    """Return what `_descend` does for two inputs in a finite box: inside, or best on an edge."""
+    a, b, c = Q[:, 0, 0], Q[:, 1, 1], Q[:, 0, 1]
+    with np.errstate(all='ignore'):
+        inner = (np.column_stack([c*slope[:, 1] - b*slope[:, 0], c*slope[:, 0] - a*slope[:, 1]])
+                 / (a*b - c*c)[:, None])
+    inside = (a > 0) & (a*b > c*c) & np.all((inner >= low) & (inner <= high), axis=1)
+    places = [np.where(inside[:, None], inner, 0.0)]
+    for i, edge in itertools.product((0, 1), (low, high)):
+        j, place = 1 - i, np.empty_like(slope)
+        place[:, i] = edge[:, i]
+        place[:, j] = _line(slope[:, j] + c*edge[:, i], Q[:, j, j], low[:, j], high[:, j],
+                            float(box.scale[j]), box.H)
+        places.append(place)
+    steps = np.stack(places)
+    values = (np.einsum('skj,kj->sk', steps, slope)
+              + 0.5*np.einsum('ski,kij,skj->sk', steps, Q, steps))
+    best, rows = np.argmin(np.where(np.isnan(values), np.inf, values), axis=0), np.arange(len(Q))
+    least = values[best, rows]
+    return steps[best, rows], np.where(np.isnan(least), 0.0, least)
+
+
 def _bends_down(Q: Array) -> bool:
     """Return whether any of the symmetric matrices Q (K, r, r) has a negative eigenvalue."""
-    if Q.shape[1] == 2:
-        a, b, c = Q[:, 0, 0], Q[:, 1, 1], Q[:, 0, 1]
-        return bool(np.any((a < 0) | (b < 0) | (a*b < c*c)))
     return bool(np.any(np.linalg.eigvalsh(Q)[:, 0] < 0))
 
 
@@ -337,7 +358,8 @@ def _grid(u: Array, box: _Box) -> Array:
     high = np.where(np.isfinite(box.upper), box.upper, u.max(axis=0) + _WINDOW*box.scale)
     axes = [np.linspace(a, b, _GRID.get(r, 2)) for a, b in zip(low, high, strict=True)]
     # Zero is where |u| has its kink.
-    axes = [np.union1d(axis, 0.0) if r <= 2 and axis[0] < 0 < axis[-1] else axis
+    axes = [np.insert(axis, np.searchsorted(axis, 0.0), 0.0)
+            if r <= 2 and axis[0] < 0 < axis[-1] and 0.0 not in axis else axis
             for axis in axes[:_MOST_AXES]]
     points = np.array(list(itertools.product(*axes)))
     rest = np.broadcast_to(0.5*(low + high)[_MOST_AXES:], (len(points), r - points.shape[1]))

@@ -39,7 +39,7 @@ _ENOUGH = 10.0        # times mu: an error at which mu is made smaller
 _APART = 1e10         # factor between z and mu / distance
 _MULTIPLIERS = 1e3    # largest at the start
 _NEAREST = 1e-2       # of its span: how far from a bound an unknown starts at most
-_BESIDE = 0.03        # likewise: how far from a bound one is at most that is held there
+BESIDE = 0.03        # likewise: how far from a bound one is at most that is held there
 _HUGE = 1e100         # beyond it powers overflow
 _ROUGH = 1e-5         # infeasibility at which a cost is good enough
 _LATE = ((10, 0.5), (5, 0.8))   # steps, and the part of the infeasibility that is too much then
@@ -311,7 +311,7 @@ class Interior:
     def sides(self, now: Iterate) -> NDArray[np.int8]:
         """Return -1 or 1 where an unknown is next to its lower or upper bound, else 0."""
         found = np.zeros(len(self.row), dtype=np.int8)
-        past, count = now.gap < _BESIDE * self.spans, len(self.low)
+        past, count = now.gap < BESIDE * self.spans, len(self.low)
         found[self.low[past[:count]]] = -1
         found[self.high[past[count:]]] = 1
         return found

@@ -22,11 +22,36 @@ from obc_ros.core.transcription import Outcome, Pieces, Scales, Transcription
 
 Array = NDArray[np.float64]
 
-_LAYOUTS_KEPT = 24
+_LAYOUTS_KEPT, _ANSWERS_KEPT = 24, 16
 _NEIGHBOUR = 0.2   # relative change of its numbers up to which a problem is a neighbour
 _ELSEWHERE = 2.0   # likewise of x0, of the largest values of x on the path
 _NUMBERS = ('x0', 'p_value', 'x_lower', 'x_upper', 'u_lower', 'u_upper', 'path_lower',
             'path_upper')
+
+
+@dataclass(frozen=True, eq=False)
+class Answered:
+    """A problem that was answered, and with what: where its neighbours start."""
+
+    problem: Problem
+    outcome: Outcome
+    sizes: Scales
+    margin: Array
+
+    @cached_property
+    def numbers(self) -> Array:
+        """Return all numbers of the problem."""
+        return _numbers(self.problem)
+
+    @cached_property
+    def reach(self) -> Array:
+        """Return by how much the numbers of neighbours may differ."""
+        size = np.where(np.isfinite(self.numbers), np.abs(self.numbers), 0.0)
+        size[:-3] = np.maximum(size[:-3], 1e-3)
+        found = _NEIGHBOUR * size
+        n = self.problem.n
+        found[:n] = np.maximum(found[:n], _ELSEWHERE * np.abs(self.outcome.path.x).max(axis=0))
+        return found
 
 
 class Kit:
@@ -43,7 +68,7 @@ class Kit:
         self.affine = not ca.depends_on(
             ca.jacobian(problem.f, ca.vertcat(problem.x, problem.u)),
             ca.vertcat(problem.x, problem.u))
-        self.last: Answered | None = None
+        self.answers: list[Answered] = []   # the latest last
         self.touched_up = False   # whether answers were polished
         self._problem = problem
         self._pieces: dict[tuple[int, bool], Pieces] = {}
@@ -66,6 +91,22 @@ class Kit:
             self._transcriptions.popitem(last=False)
         return found
 
+    def remember(self, answer: Answered) -> None:
+        """Keep an answer for its neighbours."""
+        self.answers = [*self.answers[1 - _ANSWERS_KEPT:], answer]
+
+    def neighbour(self, problem: Problem) -> Answered | None:
+        """Return the nearest answer to a problem whose numbers are near, if there is one."""
+        if not self.answers:
+            return None
+        mine, theirs = _numbers(problem), np.stack([answer.numbers for answer in self.answers])
+        with np.errstate(invalid='ignore', divide='ignore'):
+            apart = np.abs(mine - theirs) / np.stack([answer.reach for answer in self.answers])
+        most = np.where(mine == theirs, 0.0, apart).max(axis=1)
+        # Of equal ones the latest.
+        k = len(most) - 1 - int(np.argmin(most[::-1]))
+        return self.answers[k] if most[k] <= 1.0 else None
+
     @cached_property
     def indirect(self) -> Indirect:
         """Return the boundary value problem."""
@@ -78,27 +119,8 @@ class Kit:
         return self._fitters[stated]
 
 
-@dataclass(frozen=True, eq=False)
-class Answered:
-    """A problem that was answered, and with what: where its neighbours start."""
-
-    problem: Problem
-    outcome: Outcome
-    sizes: Scales
-    margin: Array
-
-
-def neighbours(problem: Problem, last: Answered) -> bool:
-    """Return whether the numbers of a problem are near those of one answered before."""
-    for name in _NUMBERS:
-        a, b = np.asarray(getattr(problem, name)), np.asarray(getattr(last.problem, name))
-        with np.errstate(invalid='ignore'):
-            apart = np.where(a == b, 0.0, np.abs(a - b))
-        size = _NEIGHBOUR * np.maximum(np.where(np.isfinite(b), np.abs(b), 0.0), 1e-3)
-        if name == 'x0':
-            size = np.maximum(_ELSEWHERE * np.abs(last.outcome.path.x).max(axis=0), size)
-        if np.any(apart > size):
-            return False
-    a, b = (np.nan_to_num([p.final_time.value, p.final_time.lower, p.final_time.upper])
-            for p in (problem, last.problem))
-    return bool(np.all(np.abs(a - b) <= _NEIGHBOUR * np.abs(b)))
+def _numbers(problem: Problem) -> Array:
+    """Return all numbers of a problem in a row."""
+    final = problem.final_time
+    return np.concatenate([*(getattr(problem, name) for name in _NUMBERS),
+                           np.nan_to_num([final.value, final.lower, final.upper])])

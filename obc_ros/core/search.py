@@ -21,7 +21,7 @@ from obc_ros.core.certificate import certify
 from obc_ros.core.contradictions import contradiction
 from obc_ros.core.extremal import Extremal
 from obc_ros.core.guesses import joined, scales
-from obc_ros.core.kit import Answered, Kit, neighbours
+from obc_ros.core.kit import Answered, Kit
 from obc_ros.core.mesh import Mesh, Path, split, STEPPED, uniform
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.problem import Problem
@@ -44,7 +44,7 @@ _EXPLORED_LEAST, _EXPLORED_MOST = (2, 12), 30   # number of further starts, like
 _LOWER = 1e-3         # relative: what is another minimum on a coarse mesh
 _BELIEVED, _ABSURD = 1e-2, 1e6   # relative: error of a coarse step; cost above the least one
 _ROUNDS, _PLAIN_ROUNDS = 10, 5   # of finer meshes; of those before curved inputs are held
-_WARM_ROUNDS = 2      # likewise from a neighbour's answer
+_WARM_ROUNDS = 3      # likewise from a neighbour's answer
 _COARSE_ITERATIONS, _FEW_ITERATIONS, _WARM_ITERATIONS = 150, 12, 100
 _WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
 _DETOUR = 1e-5        # likewise, at which inputs may wind around between points
@@ -74,7 +74,7 @@ class Search:
         self.problem = problem if kit.twin is None else kit.twin.problem(problem, 0)
         self.may_hold = with_arcs
         self.switching = tuple(with_arcs and each for each in kit.switching)
-        self.reason = ''
+        self.reason, self.held_in_vain = '', False
         self.intervals, self.typical = COARSE, _COARSE_ITERATIONS
         self.work = 0
         self.starts: Iterator[Path] = iter(())
@@ -86,8 +86,8 @@ class Search:
         self.stages = 3 if self.bounded else 0
         self.margin = np.zeros(problem.n + int(problem.path.numel()))
         self.exceeded = np.zeros(0)   # by how much in each interval, relative
-        _, self.pinned = kit.guesser.final_state(self.problem)
-        self.periods = kit.guesser.periods(self.problem)
+        self.pinned = (kit.guesser.final_state(self.problem)[1] if self.bounded
+                       else np.zeros(problem.n, dtype=bool))
 
     def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
                   near: bool = False, sizes: Scales | None = None, most: int = 500,
@@ -97,7 +97,6 @@ class Search:
         Solve the transcription on a mesh from a path, in at most `most` iterations.
 
         `rough`: relative error of the cost that will do. `once`: try the faster method only.
-
         `near`: the path is nearly an answer; phases are then kept from vanishing. `warm`: the
         outcome of a neighbour on this mesh. `guide`: one nearby on another mesh.
         """
@@ -175,12 +174,12 @@ class Search:
         """Return what the coarse mesh gives from the next start in so many iterations."""
         if once:
             most = min(most, max(_FEW_ITERATIONS, round((5 if hard else 2.5) * self.typical)))
-        start = next(self.starts)
-        if np.isfinite(self.periods).any():
+        start, periods = next(self.starts), self.kit.guesser.periods(self.problem)
+        if np.isfinite(periods).any():
             # Linear from one whole turn to another, angles as inputs make much of coarse steps.
             steps = uniform(self.problem, self.intervals, self.stages, STEPPED)
             stepped = self.collocate(steps, start, most=_COARSE_ITERATIONS)
-            start = joined(stepped.path, self.periods)
+            start = joined(stepped.path, periods)
         return self.collocate(uniform(self.problem, self.intervals, self.stages), start,
                               most=most, rough=_ROUGH, once=once)
 
@@ -216,9 +215,13 @@ class Search:
     def rethought(self, outcome: Outcome, course: Extremal, above: float) -> Outcome:
         """Return the outcome, or a better one: with arcs if inputs jump, else without detours."""
         jumping = jumping_inputs(self.problem, outcome.path)
-        if self.may_hold and any(jumping):
-            self.switching = jumping
-            return self.settled(outcome)
+        if self.may_hold and any(jumping) and not self.held_in_vain:
+            free, self.switching = self.switching, jumping
+            new = self.settled(outcome)
+            self.held_in_vain = new.objective > outcome.objective and (
+                self.given_away(new, self.course(new, draft=True)) >= above)
+            self.switching = free if self.held_in_vain else jumping
+            return outcome if self.held_in_vain else new
         if self.bounded or above < _DETOUR:
             return outcome
         return self.unwound(outcome, course, above)
@@ -306,6 +309,8 @@ class Search:
                 outcome = self.rethought(outcome, course, above)
                 course = self.course(outcome, draft=True)
             yield outcome, course
+            if turn == rounds - 1:
+                return
             if self.kit.twin:
                 self.problem = self.kit.twin.problem(self.stated, turn + 1)
             self.widen_margin(course)
@@ -360,8 +365,8 @@ class Search:
             Error(course.local, _STEP_ERROR / N, 7.0), Error(verdict.drift, _DRIFT, 2.0)]
         if self.bounded:
             errors.append(Error(self.exceeded, _EXCEEDED[0], 2.0))
-        path = outcome.path
-        return finer(outcome.mesh, path, verdict.kinks, errors, path.t[-1] / COARSE)
+        longest = outcome.path.t[-1] / (2 * COARSE)
+        return finer(outcome.mesh, outcome.path, verdict.kinks, errors, longest)
 
     def solution(self, outcome: Outcome, course: Extremal) -> Solution:
         """Return an outcome as samples, with its certificate."""
@@ -378,9 +383,8 @@ class Search:
 
     def warm(self) -> Solution | None:
         """Return an answer found from that of a neighbour, if it is certified."""
-        last = self.kit.last
-        if (last is None or self.quick or not neighbours(self.stated, last)
-                or last.outcome.mesh.layout.intervals > self.monitor.max_intervals):
+        last = None if self.quick else self.kit.neighbour(self.stated)
+        if last is None or last.outcome.mesh.layout.intervals > self.monitor.max_intervals:
             return None
         if self.kit.twin:
             self.problem = self.kit.twin.problem(self.stated, _ROUNDS)
@@ -390,13 +394,14 @@ class Search:
                                  most=_WARM_ITERATIONS, warm=last.outcome)
         answer = self.solution(outcome, self.course(outcome)) if outcome.converged else None
         if answer is not None and _holds(answer):
-            self.last = self.kit.last = replace(last, problem=self.stated, outcome=outcome)
+            self.last = replace(last, problem=self.stated, outcome=outcome)
+            self.kit.remember(self.last)
             return answer
+        self.kit.answers.remove(last)   # nor does it serve the next one
         if answer is not None and not self.monitor.stopped:
-            # Kinks have left their mesh points.
-            answer = self.followed_up(outcome, _WARM_ROUNDS)
-            if _holds(answer):
-                self.kit.last = self.last
+            answer = self.followed_up(outcome, _WARM_ROUNDS)   # kinks left their mesh points
+            if _holds(answer) and self.last:
+                self.kit.remember(self.last)
                 return answer
         self.stages = 3 if self.bounded else 0
         self.reset()
@@ -413,8 +418,7 @@ class Search:
 
     def run(self) -> Solution:
         """Return the best answer found, with its certificate; without a path if there is none."""
-        warm = self.warm()
-        if warm is not None:
+        if (warm := self.warm()) is not None:
             return warm
         starts = self.coarse()
         if self.reason:
@@ -483,13 +487,13 @@ class Search:
                     best, kept = other, self.last
             spent += self.work - started
         self.last = kept
-        if _holds(best):
-            self.kit.last = kept
+        if _holds(best) and kept:
+            self.kit.remember(kept)
         return best
 
     def reset(self) -> None:
         """Go back to what holds for a coarse mesh."""
-        self.margin = np.zeros_like(self.margin)
+        self.margin, self.held_in_vain = np.zeros_like(self.margin), False
         self.switching = tuple(self.may_hold and each for each in self.kit.switching)
         if self.kit.twin:
             self.problem = self.kit.twin.problem(self.stated, 0)

@@ -98,7 +98,7 @@ def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
         judged = _judged(problem, found)
         if judged.status is Status.SOLVED:
             return replace(judged, method=name)
-    if kit.last is None and without_minimum(problem):
+    if not kit.answers and without_minimum(problem):
         return Solution(Status.NOT_CONVERGED, 'the cost has no minimum', method='arcs')
     search = Search(problem, kit, monitor, why_not=partial(_why_not, monitor=monitor))
     answer = search.run()

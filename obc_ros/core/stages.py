@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.active import follow
 from obc_ros.core.blocks import Index, Whole
-from obc_ros.core.interior import Goal, Interior, Iterate, Pattern, solve, Values
+from obc_ros.core.interior import BESIDE, Goal, Interior, Iterate, Pattern, solve, Values
 from obc_ros.core.saddles import left_behind
 
 Array = NDArray[np.float64]
@@ -186,11 +186,13 @@ class Stages:
             z = np.zeros(self.size)
             z[self.at_w] = multipliers[0] * self.factor
             y[self.at_rows] = multipliers[1] * self.factor
-            side = ((z > upper - y).astype(np.int8) - (-z > y - lower)).astype(np.int8)
+            beside = BESIDE * np.minimum(upper - lower, 1.0)
+            side = ((z > 0) & (upper - y <= beside)).astype(np.int8)
+            side[(z < 0) & (y - lower <= beside)] = -1
             side[lower == upper] = 0
             followed = follow(self, (lower, upper), y, side, goal, seen)
             if followed is not None:
-                return self._followed(*followed)
+                return self._followed((lower, upper), *followed)
         work = Interior(self, lower, upper)
         if near and multipliers is not None:
             now = work.resume(y, float(np.clip(_RESUMED[0] * mu, *_RESUMED[1:])))
@@ -208,15 +210,18 @@ class Stages:
             followed = follow(self, (lower, upper), now.y, work.sides(now), goal, seen
                               ) if now.converged else None
             if followed is not None:
-                return self._followed(*followed[:2], now.iterations + followed[2])
+                return self._followed((lower, upper), *followed[:2],
+                                      now.iterations + followed[2])
             now.converged = False
         end = solve(work, now, goal, seen)
         return self._found(work, left_behind(work, end, goal, seen))
 
-    def _followed(self, y: Array, there: Values, steps: int) -> Found:
+    def _followed(self, bounds: tuple[Array, Array], y: Array, there: Values, steps: int
+                  ) -> Found:
+        held = (y <= bounds[0]) | (y >= bounds[1])
         return Found(y[self.at_w], there.f / self.factor, there.c[self.at_rows],
-                     -there.slope[self.at_w] / self.factor, y[self.at_rows] / self.factor,
-                     True, 'followed', steps)
+                     np.where(held, -there.slope, 0.0)[self.at_w] / self.factor,
+                     y[self.at_rows] / self.factor, True, 'followed', steps)
 
     def _scale(self, now: Iterate) -> None:
         """Make the cost less steep if it is very steep at a start without multipliers."""
@@ -292,10 +297,10 @@ class _Copies:
     def evaluate(self, w: Array, result: Array) -> None:
         """Set the results for arguments w; `result` has those for the arguments before."""
         parcels = self.whole.batch.parcels(len(w))
-        changed = [part for part in parcels if not np.array_equal(w[part], self._last[part])]
-        if len(changed) == len(parcels):
+        changed = np.any((w != self._last).reshape(len(parcels), -1), axis=1)
+        if changed.all():
             self.whole.batch.of_filled(w, result)
         else:
-            for part in changed:
-                self.whole.batch.of_filled(w[part], result[part])
+            for k in np.flatnonzero(changed):
+                self.whole.batch.of_filled(w[parcels[k]], result[parcels[k]])
         self._last = w
