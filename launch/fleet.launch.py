@@ -18,9 +18,11 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
+SCENARIO = [FindPackageShare('obc_ros'), '/config/', LaunchConfiguration('scenario'), '.yaml']
 ARGUMENTS = (
     ('vehicles', '10', 'how many'),
     ('scenario', 'vehicle', 'which file of config/: aircraft, vehicle or vehicle_lateral'),
+    ('params_file', SCENARIO, 'parameters in place of those of the scenario: any of any node'),
     ('namespace', '', 'namespace of the whole fleet'),
     ('prefix', 'vehicle', 'what each namespace is called, before its number from 1 on'),
     ('use_sim_time', 'false', 'take time from /clock'),
@@ -48,8 +50,7 @@ def _vehicles(context: LaunchContext) -> list[Node]:
     given = LaunchConfiguration('vehicles').perform(context)
     if not given.isdecimal() or not 1 <= int(given) <= 100:
         raise ValueError(f'vehicles:={given}: wanted a number from 1 to 100')
-    config = ParameterFile([
-        FindPackageShare('obc_ros'), '/config/', LaunchConfiguration('scenario'), '.yaml'])
+    files = ParameterFile(SCENARIO), ParameterFile(LaunchConfiguration('params_file'))
     names = [LaunchConfiguration(name).perform(context) for name in ('namespace', 'prefix')]
     prefix = '/'.join(filter(None, names))
     sim_time = {'use_sim_time': ParameterValue(
@@ -57,7 +58,7 @@ def _vehicles(context: LaunchContext) -> list[Node]:
 
     def node(executable: str, vehicle: int, *parameters: object, **options: object) -> Node:
         return Node(package='obc_ros', executable=executable, name=executable, output='screen',
-                    namespace=f'{prefix}{vehicle}', parameters=[config, sim_time, *parameters],
+                    namespace=f'{prefix}{vehicle}', parameters=[*files, sim_time, *parameters],
                     **options)
 
     return [each for vehicle in range(1, int(given) + 1) for each in (

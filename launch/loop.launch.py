@@ -16,8 +16,10 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
+SCENARIO = [FindPackageShare('obc_ros'), '/config/', LaunchConfiguration('scenario'), '.yaml']
 ARGUMENTS = (
     ('scenario', 'aircraft', 'which file of config/: aircraft, vehicle or vehicle_lateral'),
+    ('params_file', SCENARIO, 'parameters in place of those of the scenario: any of any node'),
     ('namespace', '', 'namespace of the whole loop'),
     ('use_sim_time', 'false', 'take time from /clock'),
     ('speed', '1.0', 'simulated seconds a second; 0: as fast as it can'),
@@ -31,8 +33,7 @@ ARGUMENTS = (
 
 def generate_launch_description() -> LaunchDescription:
     """Return the three nodes with the parameters of a scenario."""
-    config = ParameterFile([
-        FindPackageShare('obc_ros'), '/config/', LaunchConfiguration('scenario'), '.yaml'])
+    files = ParameterFile(SCENARIO), ParameterFile(LaunchConfiguration('params_file'))
 
     def argument(name: str, value_type: type) -> ParameterValue:
         return ParameterValue(LaunchConfiguration(name), value_type=value_type)
@@ -46,7 +47,7 @@ def generate_launch_description() -> LaunchDescription:
     def node(name: str, *parameters: object, **options: object) -> Node:
         return Node(package='obc_ros', executable=name, name=name, output='screen',
                     namespace=LaunchConfiguration('namespace'),
-                    parameters=[config, sim_time, *parameters], **options)
+                    parameters=[*files, sim_time, *parameters], **options)
 
     return LaunchDescription([
         *(DeclareLaunchArgument(name, default_value=default, description=text)

@@ -39,7 +39,12 @@ class _Given:
 
     def perform(self, context: Mapping[str, str]) -> str:
         """Return the text that it stands for."""
-        return str(context[self.args[0]])
+        match type(self).__name__:
+            case 'FindPackageShare':  # of this package, whose root is laid out like it
+                return str(ROOT)
+            case 'EnvironmentVariable':
+                return os.environ.get(self.args[0], str(self.named['default_value']))
+        return context[self.args[0]]
 
 
 def nodes(file: str, **arguments: str) -> list[Started]:
@@ -56,10 +61,8 @@ def nodes(file: str, **arguments: str) -> list[Started]:
     for each in entities:
         kind = made[type(each)]
         if kind == 'DeclareLaunchArgument':
-            name, default = each.args[0], each.named['default_value']
-            if not isinstance(default, str):
-                default = os.environ.get(default.args[0], default.named['default_value'])
-            context[name] = arguments.get(name, default)
+            name = each.args[0]
+            context[name] = arguments.get(name) or _text(each.named['default_value'], context)
         elif kind == 'SetEnvironmentVariable':
             variables[each.args[0]] = each.args[1].perform(context)
         elif kind == 'OpaqueFunction':
@@ -82,14 +85,17 @@ def _started(node: _Given, context: Mapping[str, str], variables: dict[str, str]
         if isinstance(each, dict):
             values.update({name: _value(value, context) for name, value in each.items()})
         else:
-            _, *parts = each.args[0]  # the share folder of this package is its root
-            files.append(Path(f'{ROOT}' + ''.join(
-                part if isinstance(part, str) else part.perform(context) for part in parts)))
-    namespace = node.named['namespace']
+            files.append(Path(_text(each.args[0], context)))
     return Started(
-        node.named['executable'], node.named['name'],
-        namespace if isinstance(namespace, str) else namespace.perform(context),
+        node.named['executable'], node.named['name'], _text(node.named['namespace'], context),
         tuple(files), values, variables)
+
+
+def _text(value: Any, context: Mapping[str, str]) -> str:
+    """Return the text of a string, a substitution, or a list of both."""
+    if isinstance(value, list):
+        return ''.join(_text(each, context) for each in value)
+    return value if isinstance(value, str) else str(value.perform(context))
 
 
 def _value(value: Any, context: Mapping[str, str]) -> Any:

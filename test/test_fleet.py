@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Launch files: what they start, and ten vehicles in namespaces of one machine."""
 
+from pathlib import Path
 import signal
 from typing import Any
 
@@ -28,6 +29,11 @@ def test_what_a_loop_starts() -> None:
         for each in nodes('loop.launch.py', scenario=scenario):
             given = yaml.safe_load(each.files[0].read_text(encoding='utf-8'))
             assert given[f'/**/{each.name}']['ros__parameters']
+            assert each.files == (each.files[0],) * 2
+    for file in ('loop.launch.py', 'fleet.launch.py'):
+        for each in nodes(file, params_file='tuned.yaml'):
+            assert each.files[0].parent.name == 'config'
+            assert each.files[1:] == (Path('tuned.yaml'),)
 
 
 def test_what_a_fleet_starts() -> None:

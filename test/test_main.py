@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How every node ends: without a traceback, and with a status that says how."""
 
+from array import array
 from pathlib import Path
 import signal
 import subprocess
@@ -10,6 +11,7 @@ import time
 from typing import Any
 
 import pytest
+from rcl_interfaces.srv import ListParameters
 
 NODES = ('lqr_node', 'plant_simulator', 'trajectory_server')
 
@@ -31,6 +33,28 @@ def test_a_file_that_cannot_be_read(spawn: Any, tmp_path: Any) -> None:
     mixed = spawn('lqr_node', {'Qu': [1, 0.5]})
     assert mixed.wait() == 1
     assert 'write the numbers of a list all with a point, or none' in mixed.output()
+
+
+@pytest.mark.parametrize(('node', 'tuned'), [
+    ('lqr_node', {'Qx': [100.0, 1.0, 1.0, 0.0, 0.0, 0.0], 'integral': ['px'], 'Qi': []}),
+    ('plant_simulator', {'noise.px': 0.1, 'x0': [1.0] * 6}),
+    ('trajectory_server', {'workers': 1})])
+def test_what_is_dumped_goes_before_what_a_scenario_says(spawn: Any, probe: Any, node: str,
+                                                        tuned: dict[str, Any]) -> None:
+    """A node that starts with all parameters of another one has these."""
+    spawn(node, tuned)
+    request = ListParameters.Request()
+    names = [name for name in probe.call(
+        ListParameters, f'/{node}/list_parameters', request).result.names
+        if not name.startswith('qos_overrides.')]  # which go by the namespace
+    values = {name: list(value) if isinstance(value, (tuple, array)) else value
+              for name, value in probe.get_parameters(f'/{node}', *names).items()}
+    assert tuned.items() <= values.items()
+    scenario = Path(__file__).resolve().parents[1] / 'config' / 'aircraft.yaml'
+    again = ['--ros-args', '--params-file', str(scenario), '--']
+    spawn(node, values, arguments=again, name=node, namespace='/again')
+    assert probe.get_parameters(f'/again/{node}', *names) == probe.get_parameters(
+        f'/{node}', *names)
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
