@@ -139,6 +139,33 @@ def test_drawing_a_bound_in_between_mesh_points_costs_little(name, least):
     assert solve(stated(name)[0]).objective == pytest.approx(least, rel=3e-6)
 
 
+@pytest.mark.parametrize('faster, slower, limit, way', [
+    (1, 2, 1, 4), (3, 7, 1, 4), (2, 1, 3, 20), (1, 1, 2.5, 13), (9.81, 3, 30, 1000),
+    (1e-3, 1e-3, 0.5, 4e3), (1e4, 1e4, 1e2, 4)])
+def test_least_time_with_a_speed_limit_in_any_units(faster, slower, limit, way):
+    """Full thrust up to the limit, cruise, brake: the trapezoid that every drive follows."""
+    cruise = way - limit**2 / 2 * (1 / faster + 1 / slower)
+    least = limit / faster + limit / slower + cruise / limit
+    solution = solve(simple(
+        ['s', 'v'], {'s': 'v', 'v': 'u'}, 1, {'s': 0, 'v': 0},
+        {'free': True, 'lower': least / 40, 'upper': least * 200},
+        terminal_constraints=[f's - {way}', 'v'], input_bounds={'u': [-slower, faster]},
+        state_bounds={'v': [None, limit]}))
+    assert solution.status is Status.SOLVED, solution.message
+    assert solution.objective == pytest.approx(least, rel=1e-7)
+    np.testing.assert_allclose(
+        solution.switching_times, [limit / faster, least - limit / slower], rtol=1e-6)
+
+
+def test_past_a_conjugate_point_no_path_is_called_best():
+    """The integral of u^2 - x^2 between zeros is positive for T < pi and unbounded beyond."""
+    for T, status in ((3, Status.SOLVED), (4, Status.NOT_CONVERGED)):
+        found = solve(simple(['x'], {'x': 'u'}, 'u**2 - x**2', {'x': 0},
+                             {'free': False, 'value': T}, terminal_constraints=['x']))
+        assert found.status is status
+    assert 'no minimum' in found.message
+
+
 def test_multiplier_of_a_speed_limit_is_a_density():
     """On v = 1 the multiplier is -lam_x = 1, from 1 s to 4 s."""
     solution = solve(stated('di_mintime_speed_limit')[0])

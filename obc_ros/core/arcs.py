@@ -287,3 +287,10 @@ def opened(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem,
                 start = end
         spans.append(_tidy(row, arcs[-1].end))
     return join(spans)
+
+
+def moved(arcs: Sequence[Arc], durations: Array, least: float) -> bool:
+    """Return whether arcs end elsewhere than as many phases, by a part of T."""
+    ends = np.cumsum(durations)
+    return len(arcs) == len(ends) and bool(np.any(np.abs(
+        np.array([arc.end for arc in arcs]) - ends) > least * ends[-1]))

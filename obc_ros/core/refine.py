@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _MOST_CUTS = 4
+EXCEEDED = 2e-8, 2e-6   # of its size: by how much a constraint may be exceeded, or be drawn in
 _STRAIGHT = 1e-6   # of its size: by how much an input may be off a straight line
 _FOLLOWING = 12   # Newton steps at a point
 
@@ -212,3 +213,34 @@ def aligned(mesh: Mesh, t: Array, kinks: Array, spare: NDArray[np.bool_]) -> Mes
         fractions.append(np.diff(points) / (points[-1] - points[0]))
         phases.append(replace(phase, intervals=len(points) - 1))
     return Mesh(replace(mesh.layout, phases=tuple(phases)), np.concatenate(fractions), mesh.held)
+
+
+def drawn_in(problem: Problem, value: Array, course: Extremal,
+             margin: Array) -> tuple[Array, Array]:
+    """
+    Return by how much to draw in bounds, (n + l,), and by how much intervals exceed them, (N,).
+
+    `value` (K, n + l) of x and of the path constraints along a course; `margin` by which their
+    bounds were drawn in for it. The second is relative to their sizes. What drawing in costs is
+    soon more than what else a mesh gives away: where bounds are exceeded it is to be finer, too.
+    """
+    size = np.abs(value).max(axis=0)
+    lower = np.append(problem.x_lower, problem.path_lower) + margin
+    upper = np.append(problem.x_upper, problem.path_upper) - margin
+    excess = np.maximum(lower - value, value - upper)
+    over = np.max(excess, axis=0)
+    least, most = (part * size for part in EXCEEDED)
+    drawn = np.where((over > least) & (over < most) & (lower < upper), 1.2 * over, 0.0)
+    relative = np.max(excess / np.where(size > 0, size, 1.0), axis=1)
+    relative[::course.parts] = 0.0   # nodes are held
+    # Between a bound and a path that bends it grows with h^2: what is seen of one interval
+    # holds for those beside it.
+    h2 = np.diff(course.t[::course.parts])**2
+    bend = np.pad(relative[:-1].reshape(-1, course.parts).max(axis=1) / h2, 2)
+    bend = np.lib.stride_tricks.sliding_window_view(bend, 5).max(axis=1)
+    return drawn, np.maximum(bend, 0.0) * h2
+
+
+def below(cost: float, other: float, part: float) -> bool:
+    """Return whether a cost is below another by more than a part of it."""
+    return cost < other - part * abs(other)

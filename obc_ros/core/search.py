@@ -13,6 +13,7 @@ from obc_ros.core.arcs import (
     closed,
     find_arcs,
     jumping_inputs,
+    moved,
     opened,
     Signature,
     signature,
@@ -25,7 +26,7 @@ from obc_ros.core.kit import Answered, Kit
 from obc_ros.core.mesh import Mesh, Path, split, STEPPED, uniform
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.problem import Problem
-from obc_ros.core.refine import Error, finer, followed, judge, Judgement
+from obc_ros.core.refine import below, drawn_in, Error, EXCEEDED, finer, followed, judge, Judgement
 from obc_ros.core.solution import Solution, Status
 from obc_ros.core.transcription import Limits, Outcome, Scales
 
@@ -51,10 +52,10 @@ _DETOUR = 1e-5        # likewise, at which inputs may wind around between points
 _CLOSE = 1e-6         # likewise, at which no finer mesh is tried
 _CLOSE_ENOUGH = (1e-5, 2e-6)  # likewise, of a certified answer, without and with such bounds
 _FOR_DIGITS = 8000    # work for finer meshes once a certificate holds
-_EXCEEDED = 2e-8, 2e-6   # of its size: by how much a constraint may be exceeded, or be drawn in
 _LOST = (3e-7, 1e-7)  # relative cost to be given away, without and with bounds of the state
 _DRIFT, _SPREAD = 2e-5, 1.5e-4   # relative change of H: in an interval, past all certificates
 _STEP_ERROR = 3e-8    # relative, of all intervals together
+_SEEN = 0.98          # of an arc at a bound that was seen to last so long
 _VANISHING = 1e-3     # of T: an arc that may not be there
 
 
@@ -92,7 +93,8 @@ class Search:
     def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
                   near: bool = False, sizes: Scales | None = None, most: int = 500,
                   warm: Outcome | None = None, guide: Outcome | None = None,
-                  rough: float = 0.0, once: bool = False) -> Outcome:
+                  rough: float = 0.0, once: bool = False, least: Array | float = 0.0
+                  ) -> Outcome:
         """
         Solve the transcription on a mesh from a path, in at most `most` iterations.
 
@@ -107,7 +109,7 @@ class Search:
         if durations is None:
             durations = start.durations
         usual = durations.sum() / mesh.layout.intervals
-        shortest = np.where(durations < 2 * usual, 0.0, 0.25 * durations)
+        shortest = np.maximum(np.where(durations < 2 * usual, 0.0, 0.25 * durations), least)
         longest = np.maximum(4.0 * durations, 4.0 * usual)
         if len(durations) == 1:
             shortest, longest = np.array([final.lower]), np.array([final.upper])
@@ -246,8 +248,15 @@ class Search:
             if signature(arcs) == now:
                 arcs = self.checked(arcs, outcome)
             shown = signature(arcs)
-            if shown == now or self.monitor.stopped:
+            elsewhere = moved(arcs, outcome.path.durations, _VANISHING)
+            if self.monitor.stopped or shown == now and not elsewhere:
                 break
+            if shown == now:
+                new = self.with_arcs(arcs, outcome, density, _SEEN)
+                if new is None or not below(new.objective, outcome.objective, _CLOSE):
+                    break
+                outcome = new
+                continue
             if shown in seen:
                 density *= 1.5
                 if density > self.monitor.max_intervals / 4:
@@ -260,9 +269,8 @@ class Search:
             density *= 2
             if not self.monitor.allows(int(density)):
                 break
-            mesh = uniform(self.problem, int(density), self.stages)
-            new = self.collocate(mesh, outcome.path, outcome.path.t[-1:], near=True,
-                                 sizes=self.sizes(outcome))
+            new = self.collocate(uniform(self.problem, int(density), self.stages), outcome.path,
+                                 outcome.path.t[-1:], near=True, sizes=self.sizes(outcome))
             if not new.converged:
                 break
             outcome, now = new, free
@@ -273,13 +281,20 @@ class Search:
         return find_arcs(self.problem, outcome.path, self.switching,
                          [not each for each in self.kit.switching])
 
-    def with_arcs(self, arcs: list[Arc], outcome: Outcome, density: float) -> Outcome | None:
-        """Return an outcome with the given arcs, if there is one and it costs no more."""
+    def with_arcs(self, arcs: list[Arc], outcome: Outcome, density: float,
+                  kept: float = 0.0) -> Outcome | None:
+        """
+        Return an outcome with the given arcs, if there is one and it costs no more.
+
+        `kept`: the part of their lengths that arcs at bounds have at least.
+        """
         mesh, durations = arc_mesh(self.problem, arcs, self.stages, density / outcome.path.t[-1])
         if not self.monitor.allows(mesh.layout.intervals) or not self.kit.transcription(
                 self.problem, mesh.layout).solvable:
             return None
-        new = self.collocate(mesh, outcome.path, durations, near=True, sizes=self.sizes(outcome))
+        held = [not np.isnan(arc.levels).any() for arc in arcs]
+        new = self.collocate(mesh, outcome.path, durations, near=True, sizes=self.sizes(outcome),
+                             least=kept * durations * held)
         allowed = outcome.objective + 1e-5 * abs(outcome.objective)
         return new if new.converged and new.objective <= allowed else None
 
@@ -331,31 +346,11 @@ class Search:
         return opened(arcs, course.t, Hu, self.problem, self.kit.switching)
 
     def widen_margin(self, course: Extremal) -> None:
-        """
-        Draw bounds of x and of the path in by what the path exceeds them between nodes.
-
-        What it costs is soon more than what else a mesh gives away: where a bound is exceeded
-        the mesh is to be finer, too.
-        """
+        """Draw bounds of x and of the path in by what the path exceeds them between nodes."""
         if not self.bounded:
             return
-        problem = self.problem
-        value = self.kit.fitter(problem).values(problem, course)
-        size = np.abs(value).max(axis=0)
-        lower = np.append(problem.x_lower, problem.path_lower) + self.margin
-        upper = np.append(problem.x_upper, problem.path_upper) - self.margin
-        excess = np.maximum(lower - value, value - upper)
-        over = np.max(excess, axis=0)
-        least, most = (part * size for part in _EXCEEDED)
-        self.margin = np.where((over > least) & (over < most) & (lower < upper), 1.2 * over, 0.0)
-        relative = np.max(excess / np.where(size > 0, size, 1.0), axis=1)
-        relative[::course.parts] = 0.0   # nodes are held
-        # Between a bound and a path that bends it grows with h^2: what is seen of one interval
-        # holds for those beside it.
-        h2 = np.diff(course.t[::course.parts])**2
-        bend = np.pad(relative[:-1].reshape(-1, course.parts).max(axis=1) / h2, 2)
-        bend = np.lib.stride_tricks.sliding_window_view(bend, 5).max(axis=1)
-        self.exceeded = np.maximum(bend, 0.0) * h2
+        value = self.kit.fitter(self.problem).values(self.problem, course)
+        self.margin, self.exceeded = drawn_in(self.problem, value, course, self.margin)
 
     def finer(self, outcome: Outcome, course: Extremal) -> Mesh:
         """Return a mesh that is finer where the path gives cost away."""
@@ -364,7 +359,7 @@ class Search:
             Error(verdict.lost, _LOST[self.bounded] * abs(outcome.objective) / N, 5.0),
             Error(course.local, _STEP_ERROR / N, 7.0), Error(verdict.drift, _DRIFT, 2.0)]
         if self.bounded:
-            errors.append(Error(self.exceeded, _EXCEEDED[0], 2.0))
+            errors.append(Error(self.exceeded, EXCEEDED[0], 2.0))
         longest = outcome.path.t[-1] / (2 * COARSE)
         return finer(outcome.mesh, outcome.path, verdict.kinks, errors, longest)
 
@@ -470,18 +465,18 @@ class Search:
             started = self.work
             self.reset()
             outcome = self.from_next_start(_COARSE_ITERATIONS, once=_holds(best), hard=hard)
-            if (outcome.converged and outcome.objective < floor - _LOWER * abs(floor)
-                    and not self.believed(outcome)):
-                outcome = self.collocate(
-                    split(outcome.mesh, np.full(self.intervals, 2)), outcome.path, near=True,
-                    most=_COARSE_ITERATIONS)
-            if (outcome.objective < floor - _LOWER * abs(floor) or not _holds(best)
+            lower = below(outcome.objective, floor, _LOWER)
+            if lower and outcome.converged and not self.believed(outcome):
+                mesh = split(outcome.mesh, np.full(self.intervals, 2))
+                outcome = self.collocate(mesh, outcome.path, near=True, most=_COARSE_ITERATIONS)
+                lower = below(outcome.objective, floor, _LOWER)
+            if (lower or not _holds(best)
                     and abs(outcome.objective - floor) > _LOWER * abs(floor)
                     ) and self.believed(outcome):
                 floor = outcome.objective
                 other = self.followed_up(outcome)
                 # What is cheaper and feasible shows that the other is not the best, proved or not.
-                cheaper = other.objective < best.objective - _LOWER * abs(best.objective)
+                cheaper = below(other.objective, best.objective, _LOWER)
                 if (_holds(other) and (cheaper or not _holds(best))
                         or cheaper and other.certificate and other.certificate.feasible):
                     best, kept = other, self.last
