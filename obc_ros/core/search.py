@@ -176,14 +176,14 @@ class Search:
         """Return what the coarse mesh gives from the next start in so many iterations."""
         if once:
             most = min(most, max(_FEW_ITERATIONS, round((5 if hard else 2.5) * self.typical)))
-        start, periods = next(self.starts), self.kit.guesser.periods(self.problem)
+        start, periods, rough = next(self.starts), self.kit.guesser.periods(self.problem), _ROUGH
         if np.isfinite(periods).any():
             # Linear from one whole turn to another, angles as inputs make much of coarse steps.
             steps = uniform(self.problem, self.intervals, self.stages, STEPPED)
             stepped = self.collocate(steps, start, most=_COARSE_ITERATIONS)
-            start = joined(stepped.path, periods)
+            start, rough = joined(stepped.path, periods), 0.0   # near what it leads to
         return self.collocate(uniform(self.problem, self.intervals, self.stages), start,
-                              most=most, rough=_ROUGH, once=once)
+                              most=most, rough=rough, once=once)
 
     def course(self, outcome: Outcome, *, stated: bool = False, draft: bool = False) -> Extremal:
         """Return states and costates under the input of an outcome; a `draft` is quicker."""
