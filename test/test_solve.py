@@ -30,7 +30,9 @@ NAMES = (
     'bryson_denham_tight', 'di_time_fuel', 'dielectrophoretic', 'double_oscillator',
     'electric_vehicle', 'hager_hou_rao', 'logarithmic', 'mountain_car', 'nishida',
     'dubins_right_left_right', 'lunar_ascent', 'quad_2d_mintime', 'reinvestment', 'robbins',
-    'two_link_arm', 'vanderpol_state_bound')
+    'two_link_arm', 'vanderpol_state_bound', 'around_a_disc', 'clark_fishery',
+    'floating_oscillator', 'fuller', 'goddard_feet', 'hanging_chain', 'nearest_of_a_parabola',
+    'oil_shale', 'tuberculosis')
 
 
 def stated(name, **changes):
