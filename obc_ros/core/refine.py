@@ -118,7 +118,7 @@ def _best(problem: Problem, u: Array, Hu: Array, Huu: Array) -> tuple[Array, Arr
             edge = np.where(slope > 0, lower[:, i], upper[:, i])
             edge = np.where(np.isfinite(edge) & (slope != 0), edge, 0.0)
             d[:, i] = np.where(curved, np.clip(free[:, i], lower[:, i], upper[:, i]), edge)
-        if np.array_equal(d, before):
+        if np.all(np.abs(d - before) <= 1e-9 * np.abs(d)):
             break
     gap = -np.einsum('kj,kj->k', Hu, d) - 0.5 * np.einsum('ki,kij,kj->k', d, Huu, d)
     return np.maximum(np.nan_to_num(gap), 0.0), u + free

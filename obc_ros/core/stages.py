@@ -91,6 +91,7 @@ class Stages:
         self._kept = np.flatnonzero((rows < self.size) & (columns < self.size))
         self.pattern = Pattern(rows[self._kept], columns[self._kept], self.size, border)
         self._without: tuple[Any, Index] = None, np.zeros(0, dtype=np.int64)
+        self._squared: tuple[Values | None, Array] = None, np.zeros(0)
         self._number()
 
     def _number(self) -> None:
@@ -143,12 +144,16 @@ class Stages:
         pattern, kept = self._squares
         if fixed is not self._without[0]:
             self._without = fixed, pattern.without(fixed)
-        parts = []
-        with np.errstate(over='ignore'):
-            for copies, (jacobian, curvature) in zip(self._copies, values.parts, strict=True):
-                a, b = copies.pairs
-                parts += [curvature.ravel(), (_PENALTY * jacobian[:, a] * jacobian[:, b]).ravel()]
-        return pattern.definite(np.concatenate(parts)[kept], self._without[1], diagonal)
+        if values is not self._squared[0]:   # only the diagonal changes from test to test
+            parts = []
+            with np.errstate(over='ignore'):
+                for copies, (jacobian, curvature) in zip(
+                        self._copies, values.parts, strict=True):
+                    a, b = copies.pairs
+                    heavy = np.sqrt(_PENALTY) * jacobian
+                    parts += [curvature.ravel(), (heavy[:, a] * heavy[:, b]).ravel()]
+            self._squared = values, np.concatenate(parts)[kept]
+        return pattern.definite(self._squared[1], self._without[1], diagonal)
 
     def run(self, w: Array, bounds: tuple[Array, Array], goal: Goal,
             watch: Callable[[float, float], bool], *, near: bool = False,
