@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from obc_ros.core.arcs import Arc
 from obc_ros.core.batch import Batch
 from obc_ros.core.extremal import Extremal
-from obc_ros.core.mesh import gauss_points
+from obc_ros.core.mesh import collocation, gauss_points
 from obc_ros.core.problem import Problem
 from obc_ros.core.refine import cuts
-from obc_ros.core.transcription import collocation, Scales
+from obc_ros.core.transcription import Scales
 from scipy.linalg import LinAlgError, solve_banded
 
 Array = NDArray[np.float64]

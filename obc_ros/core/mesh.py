@@ -131,6 +131,18 @@ def gauss_points(stages: int) -> Array:
     return np.asarray((np.polynomial.legendre.leggauss(stages)[0] + 1) / 2)
 
 
+def collocation(stages: int) -> tuple[Array, Array, Array, Array]:
+    """Return points c, weights b, derivatives D (s, s + 1) and end values e (s + 1,)."""
+    nodes, weights = np.polynomial.legendre.leggauss(stages)
+    points = np.append(0.0, (nodes + 1) / 2)
+    derivative, end = np.zeros((stages, stages + 1)), np.zeros(stages + 1)
+    for i, point in enumerate(points):
+        others = np.delete(points, i)
+        basis = np.poly1d(np.poly(others) / np.prod(point - others))
+        derivative[:, i], end[i] = np.polyder(basis)(points[1:]), basis(1.0)
+    return points[1:], weights / 2, derivative, end
+
+
 def uniform(problem: Problem, intervals: int, stages: int, mode: str = LINEAR) -> Mesh:
     """Return a mesh of one phase and equal intervals."""
     phase = Phase(intervals, (mode,) * problem.m, (False,) * problem.m)

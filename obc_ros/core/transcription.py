@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.blocks import assemble, Block, Index, Piece, Program
 from obc_ros.core.interior import Goal
-from obc_ros.core.mesh import gauss_points, HELD, Layout, Mesh, Path, STEPPED
+from obc_ros.core.mesh import collocation, gauss_points, HELD, Layout, Mesh, Path, STEPPED
 from obc_ros.core.monitor import Monitor, Watch
 from obc_ros.core.problem import Problem
 from obc_ros.core.runge_kutta import rate_of, step_of
@@ -111,18 +111,6 @@ class Scales:
     u: Array
     time: float
     cost: float
-
-
-def collocation(stages: int) -> tuple[Array, Array, Array, Array]:
-    """Return points c, weights b, derivatives D (s, s + 1) and end values e (s + 1,)."""
-    nodes, weights = np.polynomial.legendre.leggauss(stages)
-    points = np.append(0.0, (nodes + 1) / 2)
-    derivative, end = np.zeros((stages, stages + 1)), np.zeros(stages + 1)
-    for i, point in enumerate(points):
-        others = np.delete(points, i)
-        basis = np.poly1d(np.poly(others) / np.prod(point - others))
-        derivative[:, i], end[i] = np.polyder(basis)(points[1:]), basis(1.0)
-    return points[1:], weights / 2, derivative, end
 
 
 @dataclass(frozen=True, eq=False)
