@@ -318,8 +318,7 @@ class Transcription:
 
     def times(self, mesh: Mesh, durations: Array) -> Array:
         """Return the mesh points, shape (N + 1,)."""
-        h = mesh.fractions * durations[self.layout.phase_of]
-        return np.append(0.0, np.cumsum(h))
+        return np.append(0.0, np.cumsum(mesh.fractions * durations[self.layout.phase_of]))
 
     def start(self, mesh: Mesh, guess: Path, durations: Array, scales: Scales) -> Array:
         """Return the unknowns that follow a guess stretched to the given durations."""
@@ -378,8 +377,7 @@ class Transcription:
                     ) -> tuple[Array, Array]:
         N, s = self.layout.intervals, self.layout.stages
         collocation, margin = np.zeros(self.n * (s + 1)), limits.margin[self.n:]
-        lower: list[Array] = []
-        upper: list[Array] = []
+        lower, upper = list[Array](), list[Array]()
         # Inputs, linear in an interval, cannot keep to an equality at all its points.
         loose = np.where(problem.path_lower == problem.path_upper, np.inf, 0.0)
         for rows, path, inner in ((lower, problem.path_lower + margin, -loose),
@@ -404,16 +402,12 @@ class Transcription:
 
         Parameters
         ----------
-        problem : Problem
-            Of the structure this was built for; its numbers are used.
-        mesh : Mesh
-            Of the layout this was built for.
+        problem, mesh
+            Of the structure and the layout this was built for; their numbers are used.
         start : ndarray
             Unknowns, from `start` or of an earlier Outcome.
-        scales : Scales
-            Of the unknowns and the cost.
-        limits : Limits
-            Bounds besides those of the problem.
+        scales, limits
+            Of the unknowns and the cost; bounds besides those of the problem.
         monitor : Monitor
             Is told of every iteration and may end the work.
         near : bool
@@ -429,7 +423,6 @@ class Transcription:
 
         """
         lower, upper = self._bounds(problem, scales, limits)
-        found = None
         if self._staged is not None:
             constants = self._constants(problem, mesh, scales, problem.final_time.value)
             self._staged.bind(constants)
