@@ -3,6 +3,7 @@
 """The parameters of lqr_node without the node: any sequence of changes, good and bad."""
 
 from dataclasses import fields, replace
+from fractions import Fraction
 import math
 from typing import Any
 
@@ -15,7 +16,6 @@ from obc_ros.msg import Trajectory
 from obc_ros.nodes.lqr_settings import judge, Settings
 from obc_ros.nodes.lqr_topics import courses
 import pytest
-from scipy.linalg import solve_continuous_lyapunov
 
 X = [0.3, -0.2, 0.1, 0.05, -0.04, 0.02]
 
@@ -79,17 +79,60 @@ def test_commands_are_those_of_the_last_accepted_design(changes: list[dict[str, 
 
 
 def _check_proof(candidate: Any) -> None:
-    """Judge the gain by other means: a Lyapunov equation for its closed loop."""
+    """Judge the gain by other means: Routh's criterion for its closed loop, without rounding."""
     found = candidate.design.lqr
-    M = found.A - found.B @ found.K
-    if found.period:
-        assert np.abs(np.linalg.eigvals(M)).max() < 1.0
-        return
-    d = np.sqrt(np.diag(found.P))  # in units in which the cost of each state is 1
-    M = M * d[:, None] / d
-    W = solve_continuous_lyapunov(M.T, -np.eye(len(M)))
-    assert np.linalg.eigvalsh(0.5 * (W + W.T)).min() > 0.0
-    assert found.residual < 1e-8
+    A, B, K = (np.vectorize(Fraction, otypes=[object])(each) for each in (
+        found.A, found.B, found.K))
+    M = A - B @ K
+    unit = max(each.denominator for each in M.flat)   # a power of two, as those of all floats
+    polynomial = _characteristic(np.vectorize(int, otypes=[object])(M * unit))
+    assert _is_hurwitz(_left(polynomial, unit) if found.period else polynomial)
+    assert found.period or found.residual < 1e-8
+
+
+def _characteristic(M: Any) -> list[int]:
+    """Return the characteristic polynomial of a matrix of integers (Faddeev, Le Verrier)."""
+    one = np.diag([1] * len(M)).astype(object)
+    found, N = [1], one
+    for k in range(1, len(M) + 1):
+        found.append(-np.trace(M @ N) // k)   # there is no remainder
+        N = M @ N + found[-1] * one
+    return found
+
+
+def _left(polynomial: list[int], radius: int) -> Any:
+    """Return the polynomial in w of z = radius (1 + w)/(1 - w): |z| < radius is w to the left."""
+    n, found = len(polynomial) - 1, np.zeros(len(polynomial), dtype=object)
+    for k, each in enumerate(polynomial):
+        term = np.array([each], dtype=object)
+        for factor in [[radius, radius]] * (n - k) + [[-1, 1]] * k:
+            term = np.convolve(term, np.array(factor, dtype=object))
+        found = found + term
+    return found
+
+
+def _is_hurwitz(polynomial: Any) -> bool:
+    """Return whether all roots have negative real parts (Routh)."""
+    sign = 1 if polynomial[0] > 0 else -1
+    if any(sign * each <= 0 for each in polynomial):
+        return False
+    above, row = ([sign * each for each in polynomial[k::2]] for k in (0, 1))
+    while row and row[0] > 0:
+        padded = row + [0] * (len(above) - len(row))
+        above, row = row, [padded[0] * high - above[0] * low
+                           for high, low in zip(above[1:], padded[1:], strict=True)]
+    return not row
+
+
+def test_routh_without_rounding() -> None:
+    """The tests' own means, held to roots that are known."""
+    for roots in ([-1, -2, -3], [-1, -1, 2], [0, -1], [1, -2, -5, -7], [-2] * 5):
+        polynomial = _characteristic(np.diag(roots).astype(object))
+        assert polynomial == np.poly(roots).tolist()
+        assert _is_hurwitz(polynomial) == all(root < 0 for root in roots)
+        for radius in (2, 3, 8):
+            assert _is_hurwitz(_left(polynomial, radius)) == all(
+                abs(root) < radius for root in roots)
 
 
 def _expected(accepted: Any) -> list[Any]:
