@@ -238,6 +238,17 @@ def test_an_end_that_is_missed():
     assert failing(shifted, solution) == {'end'}
 
 
+def test_an_end_that_is_met_in_the_limit_only():
+    """dx/dt = -u x never is 0: all else holds at exp(-T), whatever T, with lam = 1/x."""
+    problem = simple(['x'], ['u'], {'x': '-u*x'}, '1', {'x': 1},
+                     {'free': True, 'lower': 0.1, 'upper': 100}, terminal_constraints=['x'],
+                     input_bounds={'u': [-1, 1]})
+    T = 30.0
+    t = np.linspace(0, T, 301)
+    late = answer(problem, t, [np.exp(-t)], [1.0], [np.exp(t)], T, nu=np.array([math.exp(T)]))
+    assert failing(problem, late) == {'end'}
+
+
 def test_the_answer_for_another_final_time():
     problem, _ = scalar()
     _, longer = scalar(T=1.01)

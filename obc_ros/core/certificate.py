@@ -18,7 +18,8 @@ intervals is what counts, so that a finer grid does not hide an error.
 dynamics       sum over intervals of max_i |defect of x_i| / s_i
 start          max_i |x_i(0) - x0_i| / s_i, and |t(0)| / T
 end            max_j |psi_j(x(T))| / (sum_i |dpsi_j/dx_i| s_i), x(T) replayed; for a given T also
-               |t(T) - T| / T
+               |t(T) - T| / T; and 1e-3 |nu|'|psi(x(T))| / (integral of |L| + |V(x(T))|), for what
+               is met in the limit only costs without end to meet more closely
 bounds         largest excess of u at samples, of x and of the path constraints at samples and,
                by cubic interpolation of the replay, between them; over the constraint's scale
 costate        sum over intervals and jumps of max_i s_i |defect of lam_i| / l, the defect of
@@ -134,6 +135,7 @@ class _Scales:
     lam: float
     H: float
     cost: float
+    spent: float
 
 
 class _Judge:
@@ -204,8 +206,9 @@ class _Judge:
         half = 0.5 * (problem.u_upper - problem.u_lower)
         u = np.where(np.isfinite(half) & (half > 0), half, u)
         running = float(self.intervals.h @ np.abs(self._by_interval(self.points.L)).mean(axis=1))
-        cost = max(running + abs(float(self.end[0][1, 0])), 1e-3 * lam, 1e-6)
-        return _Scales(x=self.x_scale, u=u, lam=max(lam, 1e-3 * cost), cost=cost,
+        spent = running + abs(float(self.end[0][1, 0]))
+        cost = max(spent, 1e-3 * lam, 1e-6)
+        return _Scales(x=self.x_scale, u=u, lam=max(lam, 1e-3 * cost), cost=cost, spent=spent,
                        H=max(float(self.points.size.max()), 1e-3 * cost / self.duration))
 
     def _dynamics(self) -> float:
@@ -225,8 +228,10 @@ class _Judge:
         _, _, psi, psi_x = self.end
         if not self.problem.q:
             return late
-        size = np.abs(psi_x[0].reshape(self.problem.q, -1)) @ self.scales.x
-        return max(late, float((np.abs(psi[0]) / np.where(size > 0, size, 1.0)).max()))
+        size, missed = np.abs(psi_x[0].reshape(self.problem.q, -1)) @ self.scales.x, np.abs(psi[0])
+        worth = float(np.abs(self.solution.nu) @ missed) if self.solution.nu.size else 0.0
+        return max(late, float((missed / np.where(size > 0, size, 1.0)).max()),
+                   1e-3 * worth / max(self.scales.spent, 1e-6))
 
     def _bounds(self) -> tuple[float, Mask, Mask]:
         """
