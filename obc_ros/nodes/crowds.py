@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Services that many clients use at once lose nothing.
+Services lose no answer, however many clients use them at once.
 
 Every client of a service hears the answers to all; with the default depth of ten, requests or
 answers that come in a burst push each other out. And a request can arrive before the reader of

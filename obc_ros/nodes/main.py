@@ -20,6 +20,7 @@ import sys
 import threading
 
 from obc_ros.core.errors import ObcError, StatementError
+from obc_ros.nodes.crowds import be_patient
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -47,6 +48,8 @@ def run(build: Callable[[], Node]) -> int:
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
             _refuse(remove_ros_args()[1:])
             node = build()
+            for service in node.services:  # those of parameters among them
+                be_patient(node, service)
         except _UNFIT as error:
             print(f'{Path(sys.argv[0]).stem}: {sentence(error)}', file=sys.stderr)
             rclpy.try_shutdown()
