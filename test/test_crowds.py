@@ -57,7 +57,7 @@ class Waiting:
 
 def test_an_answer_is_sent_again_until_it_gets_through() -> None:
     service, node = LossyService(dropped=2), Waiting()
-    be_patient(node, service)  # type: ignore[arg-type] # stand-ins
+    be_patient(node, service)
     service.send_response('answer', 'header')
     node.run()
     assert service.sent == 3 * [('answer', 'header')]
@@ -66,7 +66,7 @@ def test_an_answer_is_sent_again_until_it_gets_through() -> None:
 
 def test_a_client_that_has_gone_is_told_of_and_given_up(caplog: Any) -> None:
     service, node = LossyService(dropped=1000), Waiting()
-    be_patient(node, service)  # type: ignore[arg-type] # stand-ins
+    be_patient(node, service)
     service.send_response('answer', 'header')
     node.run()
     assert [each.message for each in caplog.records] == [
