@@ -4,7 +4,7 @@
 From a state to its command over DDS, between two processes.
 
 The floor is a raw rclpy echo of the same two messages with the same QoS. It and lqr_node, plain
-and with everything on, are measured in turn. A minute at 1 kHz is in `real_time`.
+and with everything on, are measured in turn; then lqr_node is held at 1 kHz for a minute.
 """
 
 import sys
@@ -30,6 +30,7 @@ ROUNDS = 15
 MESSAGES = 200   # of one rival in a round
 GAP = 1e-3       # [s] between two of them
 LIMIT, LIMIT_ALL = 1.1, 1.15
+PERIOD, HELD, LATE = 1_000_000, 60.0, 1e-3  # [ns], [s], largest share of late commands
 X = array('d', (0.1, -0.2, 0.05, 0.01, 0.02, -0.03))
 
 ALL_ON = ('-p', "integral:=['px', 'py']", '-p', 'transition_time:=0.5',
@@ -93,6 +94,24 @@ class Rival:
                 raise SystemExit(f'{self.name}: no answer within 1 s')
             self.latencies.append(time.perf_counter() - begun)
 
+    def hold(self) -> tuple[int, list[float]]:
+        """Send states at a fixed rate; return how many, and the latency of each answer [s]."""
+        sent: dict[int, int] = {}
+        latencies = []
+        begin = time.monotonic_ns()
+        offset = time.time_ns() - begin
+        due = begin
+        while due < begin + HELD * 1e9:
+            left = due - time.monotonic_ns()
+            if left <= 0:
+                sent[due + offset] = time.monotonic_ns()
+                self.send(due + offset)
+                # what this process was too late to send in its time is not sent
+                due += PERIOD * (1 + -left // PERIOD)
+            elif (stamp := self.receive(left)) in sent:
+                latencies.append((time.monotonic_ns() - sent[stamp]) * 1e-9)
+        return len(sent), latencies
+
     def _answers(self, tries: int) -> bool:
         for _ in range(tries):
             self.send(time.time_ns())
@@ -146,9 +165,11 @@ def main() -> int:
             for _ in range(ROUNDS):
                 for rival in found.values():
                     rival.measure()
+            sent, held = found['lqr_node'].hold()
         node.destroy_node()
         rclpy.shutdown()
     report(found)
+    report_held(sent, held)
     return timing.finish()
 
 
@@ -171,6 +192,17 @@ def ratio(mine: Sequence[float], its: Sequence[float]) -> float:
     """Return the median over the rounds of the ratio of their medians."""
     return median(median(mine[k:k + MESSAGES]) / median(its[k:k + MESSAGES])
                   for k in range(0, len(its), MESSAGES))
+
+
+def report_held(sent: int, held: Sequence[float]) -> None:
+    """Print how many commands were late at a fixed rate."""
+    late = sent - sum(latency <= PERIOD * 1e-9 for latency in held)
+    percent = quantiles(held, n=1000)
+    timing.table(f'{1e9 / PERIOD:.0f} states a second for {HELD:g} s [us]',
+                 ('sent', 'answered', 'median', '99 %', '99.9 %', 'most', 'late'),
+                 [(sent, len(held), *(f'{1e6 * value:.0f}' for value in (
+                     median(held), percent[989], percent[998], max(held))), late)])
+    timing.require('share of commands late by more than a period', late / sent, LATE)
 
 
 if __name__ == '__main__':
