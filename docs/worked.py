@@ -17,7 +17,7 @@ from typing import Any
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
-from obc_ros.cli.gallery_entries.page import markup, number, plain_text  # knows no ROS
+from obc_ros.cli.gallery_entries.page import error, markup, number, plain_text  # knows no ROS
 from reference import table
 
 Record = Mapping[str, Any]
@@ -77,9 +77,8 @@ def _body(record: Record, figures: str) -> Iterator[nodes.Node]:
 
 def _cells(row: Record) -> tuple[str, ...]:
     many = f' ({row["values"]} values)' if row['values'] > 1 else ''
-    error = 'infinite' if row['error'] is None else f'{row["error"]:.1e}' if row['error'] else '0'
-    error += ' (relative)' if row.get('relative') else ''
-    numbers = (number(row['measured']), number(row['exact']), error)
+    relative = ' (relative)' if row.get('relative') else ''
+    numbers = (number(row['measured']), number(row['exact']), error(row['error']) + relative)
     return (markup(row['what'] + many), *(f'<span class="number">{each}</span>'
                                           for each in numbers), markup(row['by']))
 

@@ -205,6 +205,13 @@ def test_a_spoilt_file_is_replaced(text: str, tmp_path: Path) -> None:
     assert json.loads((tmp_path / 'gallery.json').read_text()) == {'entries': []}
 
 
+@pytest.mark.parametrize(('value', 'html'), [
+    (0.25, '0.25'), (-1.5e-9, '\u22121.5\u00b710<sup>\u22129</sup>'), (None, '-'),
+    (4e20, '4\u00b710<sup>20</sup>')])
+def test_numbers(value: float | None, html: str) -> None:
+    assert page.number(value) == html
+
+
 @pytest.mark.parametrize(('text', 'html'), [
     ('a < b', 'a &lt; b'),
     ('$x_1^2$', '<i>x</i><sub>1</sub><sup>2</sup>'),

@@ -8,6 +8,7 @@ from math import acos, asin, cos, hypot, pi, remainder, sin, sqrt
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
+from obc_ros.cli.gallery_entries.extremals import least_times
 from obc_ros.core.errors import StatementError
 from obc_ros.core.reeds_shepp import lengths, shortest_path
 import pytest
@@ -104,6 +105,17 @@ def test_no_word_of_tiny_parts_is_shorter(letters, signs):
     assert (lengths(ORIGIN, goals, 1.0) <= known + 1e-9).all()
     for path, goal in zip(paths, goals, strict=True):
         assert apart(drive(ORIGIN, path.segments, 1.0), goal) < 1e-11
+
+
+@pytest.mark.parametrize('box', [0.05, 0.5, 2, 5, 40])
+def test_no_extremal_of_the_maximum_principle_is_shorter(box):
+    """They are found without a list of words and without a formula of `reeds_shepp`."""
+    _, goals = random_poses(2_000, box, seed=3)
+    np.testing.assert_allclose(lengths(ORIGIN, goals, 1.0), least_times(goals), atol=1e-11)
+
+
+def test_extremals_to_special_poses():
+    np.testing.assert_allclose(lengths(ORIGIN, SPECIAL, 1.0), least_times(SPECIAL), atol=1e-11)
 
 
 def test_the_value_function_satisfies_its_hjb_equation():

@@ -19,6 +19,7 @@ from obc_ros.cli.figures import COLOURS
 from obc_ros.cli.gallery_entries.desk import Desk, Trajectory
 from obc_ros.cli.gallery_entries.drawing import describe, EXACT, legend_below, panels
 from obc_ros.cli.gallery_entries.entry import Answer, Entry, Row
+from obc_ros.cli.gallery_entries.page import scientific
 from obc_ros.core.closed_forms import scalar_between, scalar_finite_horizon
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq, minimize
@@ -104,7 +105,7 @@ def exercise_2_4(desk: Desk) -> Answer:
         'ends, $M = 2$. (d) The flat trajectory costs '
         f'{100 * shares[0]:.2g} % more than the optimum. (e) Coefficients to spare lower the '
         f'cost: {100 * shares[1]:.2g} % above the optimum with $M = 3$, '
-        f'{100 * shares[2]:.1g} % with $M = 4$.',),
+        f'{scientific(f"{100 * shares[2]:.1g}")} % with $M = 4$.',),
         f'The optimum of part (a) from $x(0) = 0$ has $J = {nothing.J:.3g}$ and ends at '
         f'$x(1) = {nothing.x["x"][-1]:.3g}$; with $x(1) = 1$ demanded, $J = {best.J:.6f}$.')
 
@@ -128,20 +129,23 @@ def exercise_2_5(desk: Desk) -> Answer:
     found = desk.minimize_all([flat(M, 3) for M in COUNTS])
     x, lam, J = _shoot(free.t)
     E, dx = _first_integral()
+    way = _along(dx, best.t)
     t = np.linspace(0, TF, 101)
     z, dz = curve(found[0].x, t)
     rows = [
-        Row('(a) $λ(t_f) = c x(t_f)$', free.lam['x'][-1], free.x['x'][-1], 'the condition'),
+        Row('(a) $λ(t_f) = c x(t_f)$', free.lam['x'][-1], x[-1], 'shooting'),
         Row('(a) $x*(t)$ from $x(0) = 1$', free.x['x'], x, 'shooting, Dormand-Prince 8(5,3)'),
         Row('(a) $λ(t)$', free.lam['x'], lam, 'shooting'),
         Row('(a) $u*(t) = -bλ(t)$', free.u['u'], -lam, 'shooting'),
         Row('(a) cost $J$', free.J, J, 'shooting'),
-        Row('(a) $H$ is constant', free.hamiltonian, np.full(free.t.size, free.hamiltonian[0]),
-            'its value at $t = 0$'),
+        Row('(a) $H$ is constant', free.hamiltonian,
+            np.full(free.t.size, -lam[0]**2 / 2 - lam[0]), 'its value at $t = 0$, shooting'),
         Row('(c) $M = 2$: $u_d(t)$', dz + z**3, 1 + t**3, "$(x_d' + a x_d^3)/b = 1 + t^3$"),
         Row("(d) optimal $x'(t)$, $x(1) = 1$ demanded", best.u['u'] - best.x['x']**3,
-            np.sqrt(best.x['x']**6 + E), "$H$ constant: $x'^2 = x^6 + E$, $∫ dx/x' = 1$"),
-        Row('(d) optimal $u(t) = -bλ(t)$', best.u['u'], -best.lam['x'], 'the costate'),
+            dx(best.x['x']), "$H$ constant: $x'^2 = x^6 + E$, $∫ dx/x' = 1$"),
+        Row('(d) optimal $x(t)$', best.x['x'], way, "$x' = √(x^6 + E)$ integrated"),
+        Row('(d) optimal $u(t)$', best.u['u'], dx(way) + way**3, "the same, $x' + x^3$"),
+        Row('(d) costate $λ(t)$', best.lam['x'], -dx(way) - way**3, '$-u(t)/b$ of that'),
         Row('(d) optimal cost $J$', best.J, _cost_of(dx) + 0.5,
             '$½ ∫ (dx/dt + x^3)^2 dt + ½$ by quadrature over $x$'),
         Row('(d) flat cost $J$, $M = 2$', found[0].objective, 23 / 28 + 0.5, '$23/28 + ½$'),
@@ -180,6 +184,12 @@ def _first_integral() -> tuple[float, Drift]:
 
     E = brentq(lambda E: duration(E) - TF, 0.1, 2.0, xtol=1e-15)
     return E, lambda x: np.sqrt(x**6 + E)
+
+
+def _along(dx: Drift, t: Array) -> Array:
+    """Return x(t) with x(0) = 0."""
+    return np.asarray(solve_ivp(lambda _, x: dx(x), (0, TF), [0.0], 'DOP853', np.clip(t, 0, TF),
+                                rtol=1e-12, atol=1e-13).y[0])
 
 
 def _cost_of(dx: Drift) -> float:
@@ -221,7 +231,7 @@ def _draw(drift: str, free: Trajectory, best: Trajectory, found: list[Any], powe
         states.plot(t, x, label='exact' if x is shown[0][0] else None, **EXACT)
         inputs.plot(t, u, **EXACT)
     describe(states, 'state', 'time $t$ [s]', '$x(t)$')
-    describe(inputs, 'input', 'time $t$ [s]', '$u(t)$')
+    describe(inputs, 'input', 'time $t$ [s]', '$u(t)$ [1/s]')
     legend_below(figure, states, 5)
     costs.semilogy(COUNTS, [each.objective - best.J for each in found], 'o-', color=COLOURS[0])
     costs.set_xticks(COUNTS)
@@ -243,7 +253,7 @@ def _draw_first_integral(axes: Axes, best: Trajectory, E: float) -> None:
     axes.plot(best.x['x'], best.u['u'] - best.x['x']**3, color=COLOURS[2],
               label='of the server')
     axes.plot(x, np.sqrt(x**6 + E), label=r'$\dot x^2 = x^6 + E$', **EXACT)
-    describe(axes, '(d) optimum in the phase plane', '$x$', r'$\dot x$', legend=True)
+    describe(axes, '(d) optimum in the phase plane', '$x$', r'$\dot x$ [1/s]', legend=True)
 
 
 EXERCISE_2_4 = Entry(

@@ -12,6 +12,7 @@ from obc_ros.cli.figures import COLOURS, THIN
 from obc_ros.cli.gallery_entries.desk import Desk, Trajectory
 from obc_ros.cli.gallery_entries.drawing import describe, legend_below, panels
 from obc_ros.cli.gallery_entries.entry import Answer, Entry, Row
+from obc_ros.cli.gallery_entries.page import scientific
 from scipy.interpolate import CubicHermiteSpline
 
 Array = NDArray[np.float64]
@@ -24,11 +25,11 @@ ARCS = ((1, 0, 0.0, 2.0), (-1, 1, 1.0, 2.5), (1, 1, 2.0, 0.7), (-1, 2, 0.5, 1.5)
 FREE = {'free': True, 'lower': 0.01, 'upper': 50}
 
 
-def double_integrator(x: float, v: float) -> tuple[float, float]:
-    """Return the least time to the origin, and when the input changes its sign."""
+def double_integrator(x: float, v: float) -> tuple[float, float, float]:
+    """Return the least time to the origin, when the input changes its sign, and to what."""
     side = 1.0 if x + v * abs(v) / 2 > 0 else -1.0
     root = sqrt(side * x + v * v / 2)
-    return side * v + 2 * root, side * v + root
+    return side * v + 2 * root, side * v + root, side
 
 
 def oscillator(first: int, switches: int, begin: float, end: float) -> tuple[Array, Array]:
@@ -61,34 +62,49 @@ def example_2_3(desk: Desk) -> Answer:
     exact = np.array([double_integrator(x, v) for x, v in STARTS])
     at = np.array([[np.interp(path.switching_times[0], path.t, path.x[name])
                     for name in ('x1', 'x2')] for path in plain])
+    v = np.array(STARTS)[:, 1] - exact[:, 2] * exact[:, 1]
+    paths, switching = [*plain, *turning], [*plain, *turning[1:]]
+    lam = np.concatenate(_costates(switching, exact, known))
+    away = np.abs(lam) > 1e-6
     rows = [
         Row(f'double integrator, {len(STARTS)} starts: least time $T$ [s]',
             [path.T for path in plain], exact[:, 0], '$± v_0 + 2 √(± x_0 + v_0^2/2)$'),
         Row('double integrator: the switching time [s]',
             [path.switching_times[0] for path in plain], exact[:, 1],
             '$± v_0 + √(± x_0 + v_0^2/2)$'),
-        Row('double integrator: $x$ at the switch', at[:, 0], -at[:, 1] * np.abs(at[:, 1]) / 2,
-            'the switching curve $x = -½ v|v|$'),
+        Row('double integrator: $x$, $v$ at the switch', at,
+            np.column_stack([-v * np.abs(v) / 2, v]), 'the switching curve $x = -½ v|v|$'),
         Row(f'oscillator, {len(ARCS)} starts: least time $T$ [s]', [path.T for path in turning],
             [times[-1] for _, times in known], 'arcs put together backwards from the origin'),
         Row('oscillator: all switching times [s]',
             np.concatenate([path.switching_times for path in turning]),
             np.concatenate([times[:-1] for _, times in known]), 'the same arcs'),
-        Row('$u = -sgn(λ^T B)$ along all paths', *_law([*plain, *turning]), 'Example 2.3'),
-        Row('$H$ along all paths', np.concatenate([
-            path.hamiltonian for path in (*plain, *turning)]),
-            np.zeros(sum(path.t.size for path in (*plain, *turning))), '$H = 0$, as $T$ is free')]
+        Row('$λ^T B$ along the paths that switch',
+            np.concatenate([path.lam['x2'] for path in switching]), lam,
+            'a line, a sine; 0 at the switches, $-u$ at $T$'),
+        Row('$u = -sgn(λ^T B)$ along them',
+            np.concatenate([path.u['u'] for path in switching])[away], -np.sign(lam[away]),
+            'Example 2.3'),
+        Row('$u$ along the one that does not switch', turning[0].u['u'],
+            np.full(turning[0].t.size, ARCS[0][0]), 'its start is on an arc to the origin'),
+        Row('$H$ along all paths', np.concatenate([path.hamiltonian for path in paths]),
+            np.zeros(sum(path.t.size for path in paths)), '$H = 0$, as $T$ is free')]
     return Answer(rows, _draw_2_3(plain, turning), (
         'Dots: the starts. Every input is minus the sign of the switching function $λ^T B$, and '
         'changes it on the black curve. Without damping the oscillator needs a '
         'switch every half period.',))
 
 
-def _law(paths: list[Trajectory]) -> tuple[Array, Array]:
-    u = np.concatenate([path.u['u'] for path in paths])
-    lam = np.concatenate([path.lam['x2'] for path in paths])
-    away = np.abs(lam) > 1e-6
-    return u[away], -np.sign(lam[away])
+def _costates(paths: list[Trajectory], plain: Array, known: list[tuple[Array, Array]]
+              ) -> list[Array]:
+    """Return the costate of x2 on each path: with its second derivative 0, or minus itself."""
+    found = [-last * (path.t - switch) / (T - switch)
+             for (T, switch, last), path in zip(plain, paths, strict=False)]
+    for (first, switches, *_), (_, times), path in zip(
+            ARCS[1:], known[1:], paths[len(plain):], strict=True):
+        *_, switch, T = times
+        found.append(-first * (-1)**switches * np.sin(path.t - switch) / np.sin(T - switch))
+    return found
 
 
 def _draw_2_3(plain: list[Trajectory], turning: list[Trajectory]) -> Figure:
@@ -153,6 +169,18 @@ def diamond(a: float, d: float) -> tuple[float, float, list[float]]:
     return 2 * r * r - a * a / 4, 2 * (r + d), [d, d + r, d + 2 * r]
 
 
+def costates(a: float, d: float, t: Array) -> Array:
+    """
+    Return the costates, shape (N, 3), on the way round a diamond.
+
+    They are minus the derivatives of T by the end in front of them. lambda_1 + lambda_3 x2 is 0
+    at x2 = d, where u1 switches, and lambda_2 at x1 = a/2, where u2 does; H = 0 is their scale.
+    """
+    r = d + a / 2
+    x1 = np.interp(t, [0, d, d + 2 * r, 2 * (r + d)], [0, -d, 2 * r - d, a])
+    return np.column_stack([np.full(t.size, d), x1 - a / 2, np.full(t.size, -1)]) / r
+
+
 def example_2_6(desk: Desk) -> Answer:
     """Answer Example 2.6: the singular line, and paths that switch."""
     lines = desk.solve_all([_nonholonomic(rho, 0.0) for rho in LINES])
@@ -168,22 +196,23 @@ def example_2_6(desk: Desk) -> Answer:
             Row(f'line of $ρ = {rho:g}$: costates',
                 np.stack([path.lam[name] for name in ('x1', 'x2', 'x3')]),
                 np.outer([-1.0, 0.0, 0.0], np.ones(path.t.size)), '$(-1, 0, 0)$')]
-    for (a, _), (x3, T, times), path in zip(LOOPS, exact, loops, strict=True):
+    for (a, d), (x3, T, times), path in zip(LOOPS, exact, loops, strict=True):
         rows += [
             Row(f'to $({a:g}, 0, {x3:g})$: least time $T$ [s]', path.T, T,
                 'isoperimetric inequality'),
             Row(f'to $({a:g}, 0, {x3:g})$: switching times [s]', path.switching_times, times,
-                'corners of the diamond')]
-    shown = loops[0]
-    lam2 = shown.lam['x2'][0] - shown.lam['x3'] * (shown.x['x1'] - shown.x['x1'][0])
+                'corners of the diamond'),
+            Row(f'to $({a:g}, 0, {x3:g})$: costates',
+                np.column_stack([path.lam[name] for name in ('x1', 'x2', 'x3')]),
+                costates(a, d, path.t), '$(d, x_1 - a/2, -1) / (d + a/2)$; $d$ is how far back')]
+    shown, paths = loops[0], [*lines, *loops, *closed]
     rows += [
         Row('back to $(0, 0, x_3)$: least time $T$ [s]', [path.T for path in closed],
             [2 * sqrt(2 * area) for area in AREAS], '$2 √(2|x_3|)$'),
-        Row('costate $λ_2(t)$ to (1, 0, 4.25)', shown.lam['x2'], lam2,
-            "$λ_2' = -λ_3 u_1$, integrated: $λ_2(0) - λ_3 x_1$"),
-        Row('$H$ along all paths', np.concatenate([p.hamiltonian for p in (*lines, *loops)]),
-            np.zeros(sum(p.t.size for p in (*lines, *loops))), '$H = 0$, as $T$ is free')]
+        Row('$H$ along all paths', np.concatenate([p.hamiltonian for p in paths]),
+            np.zeros(sum(p.t.size for p in paths)), '$H = 0$, as $T$ is free')]
     printed = _printed(shown)
+    off = float(np.abs(costates(*LOOPS[0], shown.t)[:, 1] - shown.lam['x2']).max())
     return Answer(rows, _draw_2_6(lines[1], shown, printed), (
         'On the line $λ_2 ≡ λ_3 ≡ 0$: $H$ does not depend on $u_2$, the extremal is singular in '
         '$u_2$. The least time $ρ$ demands $u_1 ≡ 1$ and nothing more: every $x_2(t)$ with zero '
@@ -192,7 +221,7 @@ def example_2_6(desk: Desk) -> Answer:
         'in its time; the inputs switch one after the other.'),
         f'On the path to (1, 0, 4.25), $λ_2$ integrated by the printed equation is off by up to '
         f'{np.abs(printed - shown.lam["x2"]).max():.2g}; by the corrected one by '
-        f'{np.abs(lam2 - shown.lam["x2"]).max():.1g}.')
+        f'{scientific(f"{off:.0e}")}.')
 
 
 def _nonholonomic(x1: float, x3: float) -> dict[str, Any]:

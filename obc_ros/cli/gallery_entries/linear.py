@@ -154,7 +154,8 @@ def _draw_2_8(designs: list[Regulator], paths: list[Any], motions: list[Array]) 
         gains.plot(LAGS, [each.K[0, index] for each in designs], marker, color=COLOURS[index],
                    label=f'$K_{index + 1}$')
     gains.set_ylim(0, 1.6)
-    describe(gains, '(b) gain', '$a$ [s$^{-1}$]', '$K_1$, $K_2$', legend=True)
+    describe(gains, '(b) gain', '$a$ [s$^{-1}$]', '$K_1$ [s$^{-2}$], $K_2$ [s$^{-1}$]',
+             legend=True)
     poles = np.array([each.E for each in designs])
     loop.plot(a, np.ones_like(a), color=COLOURS[0], linewidth=1)
     loop.plot(a, root / 2, color=COLOURS[1], linewidth=1)

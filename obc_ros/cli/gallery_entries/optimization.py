@@ -20,6 +20,7 @@ CASES = ((1.0, 3.0, 2.0), (-2.0, 0.5, 0.0), (4.0, 4.0, -1.0), (0.3, -7.0, 10.0))
 # Figure 2.1: dF/dx = (x + 1)(x - 1/4)(x - 2), with the global minimum at 2.
 CURVE = 'x**4/4 - 5*x**3/12 - 7*x**2/8 + x/2'
 STATIONARY = {'x_1': -1.0, 'x_2': 0.25, 'x^*': 2.0}
+WHITE = {'facecolor': 'white', 'edgecolor': 'none', 'pad': 1}
 POINT = np.array([1.2, 0.9, 1.0])  # outside the unit sphere of Figure 2.2(b)
 
 
@@ -132,19 +133,18 @@ def _draw_plane(axes: Any, found: Any) -> None:
     axes.clabel(levels, fontsize=7.5, fmt='%g', manual=[
         (0.5, 3.5), (-0.2, 3.8), (-0.8, 3.9), (-1.3, 1.6), (3.9, 4.2), (4.8, 4.2)])
     axes.plot([-0.5, 4.5], [-0.5, 4.5], color=COLOURS[1])
-    axes.text(-0.05, -0.1, '$G(x) = x_1 - x_2 = 0$', color=COLOURS[1], va='center',
-              bbox={'facecolor': 'white', 'edgecolor': 'none', 'pad': 1})
+    axes.text(-0.05, -0.1, '$G(x) = x_1 - x_2 = 0$', color=COLOURS[1], va='center', bbox=WHITE)
     at = np.array(found.x)
     gradient = 2 * (at - [a, b])
     arrow(axes, at, 0.8 * gradient, color=COLOURS[0])
     arrow(axes, at, [1, -1], color=COLOURS[2])
     for text, end, colour in (('F', 0.8 * gradient, COLOURS[0]), ('G', [1, -1], COLOURS[2])):
         axes.text(*(at + end + [0.1, 0.12]), rf'$\partial {text}/\partial x$', color=colour,
-                  bbox={'facecolor': 'white', 'edgecolor': 'none', 'pad': 1})
+                  bbox=WHITE)
     axes.plot(*at, 'o', color='black')
     axes.text(*(at + [-0.2, -0.05]), '$x^*$', ha='right')
     axes.plot(a, b, '+', color='black')
-    axes.text(a, b + 0.1, '$(a, b)$', ha='center')
+    axes.text(a, b + 0.2, '$(a, b)$', ha='center')
     axes.set(aspect='equal', xlim=(-1.5, 5.5), ylim=(-0.5, 4.5))
     axes.grid(False)
     describe(axes, 'Figure 2.2(a) from above: level lines of $F$', '$x_1$', '$x_2$')
@@ -250,17 +250,18 @@ def _draw_ex_2_1(measured: Array, c: Array, lam: list[Any], exact: list[Array]) 
     x1, x2 = np.meshgrid(np.linspace(-1, 1, 100), np.linspace(-1, 1, 100))
     levels = saddle.contour(x1, x2, x1**2 - x2**2, levels=np.linspace(-0.8, 0.8, 9),
                             colors='0.5', linewidths=0.9)
-    saddle.clabel(levels, levels.levels[::2], fontsize=7.5, fmt='%.1f')
-    saddle.axhline(0, color=COLOURS[1], label='$g = x_2 = 0$')
+    saddle.clabel(levels, fontsize=7.5, fmt='%.1f', manual=[
+        (0.81, 0.5), (-0.81, 0.5), (0.94, 0.3), (-0.94, 0.3), (0.5, 0.5), (-0.5, 0.5),
+        (0, 0.6), (0, 0.9)])
+    saddle.axhline(0, color=COLOURS[1])
+    saddle.text(0.95, -0.06, '$g = x_2 = 0$', color=COLOURS[1], ha='right', va='top', bbox=WHITE)
     saddle.plot(0, 0, 'ko')
     saddle.annotate('least on the line,\na saddle of $f + \\lambda g$', (0, 0), (0, -26),
                     textcoords='offset points', ha='center', va='top',
-                    arrowprops={'arrowstyle': '-', 'linewidth': 0.8},
-                    bbox={'facecolor': 'white', 'edgecolor': 'none', 'pad': 1})
+                    arrowprops={'arrowstyle': '-', 'linewidth': 0.8}, bbox=WHITE)
     saddle.set(aspect='equal', xticks=[-1, 0, 1], yticks=[-1, 0, 1])
     saddle.grid(False)
     describe(saddle, '$f = x_1^2 - x_2^2$', '$x_1$', '$x_2$')
-    saddle.legend(loc='upper center')
     return figure
 
 

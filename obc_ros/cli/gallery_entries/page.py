@@ -97,9 +97,15 @@ def plain_text(text: str) -> str:
     return re.sub(r'[$`{}]', '', text)
 
 
+def scientific(text: str) -> str:
+    """Return a number as Python writes it, with its power of ten as markup."""
+    digits, _, exponent = text.partition('e')
+    return f'${digits}·10^{{{int(exponent)}}}$' if exponent else f'${digits}$'
+
+
 def number(value: float | None) -> str:
     """Return a number with the digits that are compared."""
-    return '-' if value is None else f'{value:.10g}'.replace('-', '\u2212')
+    return '-' if value is None else markup(scientific(f'{value:.10g}'))
 
 
 def _contents(records: Sequence[Record]) -> str:
@@ -146,7 +152,7 @@ def _table(rows: Sequence[Record]) -> str:
         f'<tr><td>{markup(row["what"])}{_many(row)}</td>'
         f'<td class="number">{number(row["measured"])}</td>'
         f'<td class="number">{number(row["exact"])}</td>'
-        f'<td class="number {"good" if row["holds"] else "bad"}">{_power(row["error"])}'
+        f'<td class="number {"good" if row["holds"] else "bad"}">{error(row["error"])}'
         f'{" <small>(relative)</small>" if row["relative"] else ""}</td>'
         f'<td>{markup(row["by"])}</td></tr>' for row in rows)
     return ('<table>\n<tr><th>quantity</th><th>measured</th><th>exact</th><th>error</th>'
@@ -159,16 +165,13 @@ def _many(row: Record) -> str:
 
 def _error(record: Record) -> str:
     errors = [row['error'] for row in record['rows']]
-    return '' if not errors else _power(None if None in errors else max(errors))
+    return '' if not errors else error(None if None in errors else max(errors))
 
 
-def _power(value: float | None) -> str:
-    if value is None:
-        return 'infinite'
-    if value == 0.0:
-        return '0'
-    digits, exponent = f'{value:.1e}'.split('e')
-    return f'{digits}\u00b710<sup>{int(exponent)}</sup>'.replace('-', '\u2212')
+def error(value: float | None) -> str:
+    """Return an error, of which two digits say enough."""
+    return ('infinite' if value is None else markup(scientific(f'{value:.1e}')) if value
+            else '0')
 
 
 def _verdict(holds: bool) -> str:

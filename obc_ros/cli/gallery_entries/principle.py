@@ -38,6 +38,7 @@ def theorem_2_1(desk: Desk) -> Answer:
     grid = np.linspace(-LIMIT, LIMIT, 241)
     H = hamiltonian(path, grid[:, None])
     least = hamiltonian(path, law(path.lam['omega']))
+    H0 = law(lam2[0])**2 / 2 + lam2[0] * law(lam2[0])  # at x(0) = 0
     rows = [
         Row("$x' = (∂H/∂λ)^T$: $θ*(t)$ [rad]", path.x['theta'], theta, 'shooting'),
         Row("$x' = (∂H/∂λ)^T$: $ω*(t)$ [rad/s]", path.x['omega'], omega, 'shooting'),
@@ -47,14 +48,15 @@ def theorem_2_1(desk: Desk) -> Answer:
         Row('$x(0)$ given', [path.x['theta'][0], path.x['omega'][0]], [0.0, 0.0], '0'),
         Row('$ψ(x(T)) = θ(T) - 1$ [rad]', path.x['theta'][-1] - TARGET, 0.0, '0'),
         Row('$λ(T) = ∂V/∂x + ν^T ∂ψ/∂x$',
-            [path.lam['theta'][-1], path.lam['omega'][-1]],
-            [nu, 4 * path.x['omega'][-1]], '$(ν, 4ω(T))$'),
+            [path.lam['theta'][-1], path.lam['omega'][-1]], [lam1[-1], 4 * omega[-1]],
+            '$(ν, 4ω(T))$, shooting'),
         Row('multiplier $ν$', nu, lam1[-1], 'shooting'),
         Row('$H(x*, u*, λ*) - min_{u ∈ Ω} H$', hamiltonian(path, path.u['u']) - least,
             np.zeros(path.t.size), '0; $u*$ is $-λ_2$ within $Ω$'),
         Row('$min_{u ∈ Ω} H$ on a grid, not below that', np.minimum(H.min(axis=0) - least, 0),
             np.zeros(path.t.size), '241 inputs at each time'),
-        Row('$H$ along the path', least, np.full(path.t.size, least[0]), 'its value at $t = 0$'),
+        Row('$H$ along the path', least, np.full(path.t.size, H0),
+            'its value at $t = 0$, shooting'),
         Row('cost $J$', path.J, J, 'shooting')]
     return Answer(rows, _draw(path, (theta, omega, lam1, lam2), grid, H - least), (
         'Bottom right: how much larger $H$ is with another input, at each time; the optimal input '

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The linear system with one state: Example 2.2 and Exercise 2.9."""
 
+from collections.abc import Sequence
 from itertools import product
 from typing import Any
 
@@ -89,7 +90,7 @@ def _draw_2_2(paths: list[Trajectory], many: list[Trajectory], limit: Trajectory
     fine = np.logspace(-2, 8, 200)
     ends.loglog(fine, [book_2_5(np.array(TF), c) for c in fine], label='equation (2.5)', **EXACT)
     describe(states, 'state', 'time $t$ [s]', '$x^*(t)$')
-    describe(inputs, 'input', 'time $t$ [s]', '$u^*(t)$')
+    describe(inputs, 'input', 'time $t$ [s]', '$u^*(t)$ [1/s]')
     describe(ends, 'final state', 'weight $c$', '$x^*(t_f)$', legend=True)
     legend_below(figure, states, 6)
     figure.suptitle(f'$\\dot x = ax + bu$,  $a = {A:g}$ s$^{{-1}}$,  $b = {B:g}$,  '
@@ -127,13 +128,14 @@ def exercise_2_9(desk: Desk) -> Answer:
         Row('infinite horizon: $P = λ(t_0) / x(t_0)$', infinite.lam['x'][0] / x0, P, '$2a/b^2$'),
         Row('infinite horizon: $-u(t)/x(t) = bP$ while $t < 5$ s',
             *_ratio(infinite, b * P), '$2a/b$'),
-        Row('infinite horizon: cost $J$', infinite.J, P * x0**2 / 2, '$½ P x(t_0)^2$'),
-        Row('distance $max |x* - x*_∞|$ of each curve', *zip(*distances, strict=True),
-            'the closed forms', relative=True)]
-    measured = [near for near, _ in distances]
+        Row('infinite horizon: cost $J$', infinite.J, P * x0**2 / 2, '$½ P x(t_0)^2$')]
+    measured, wanted = zip(*distances, strict=True)
     c, tf = CURVES[int(np.argmin(measured))]
-    rows.append(Row('closest: its $c$ and $t_f$', [c, tf], [10.0, 10.0],
-                    'the least of the closed forms'))
+    rows += [
+        Row('distance $max |x* - x*_∞|$ of each curve', measured, wanted, 'the closed forms',
+            relative=True),
+        Row('closest: its $c$ and $t_f$', [c, tf], CURVES[int(np.argmin(wanted))],
+            'the least of the closed forms')]
     return Answer(rows, _draw_2_9(paths, measured), (
         f'Closest to the infinite horizon: $c = {c:g}$, $t_f = {tf:g}$ s. The gain is that of the '
         'infinite horizon until the end is a few $1/a$ away, and a long horizon leaves most of '
@@ -152,7 +154,7 @@ def _ratio(path: Trajectory, exact: float) -> tuple[Array, Array]:
     return -path.u['u'][early] / path.x['x'][early], np.full(early.sum(), exact)
 
 
-def _draw_2_9(paths: list[Trajectory], distances: list[float]) -> Any:
+def _draw_2_9(paths: list[Trajectory], distances: Sequence[float]) -> Any:
     figure, ((short, long, away),) = panels(1, 3, 3.3, width_ratios=(1.2, 1.2, 1))
     for (c, tf), path, colour in zip(CURVES, paths, COLOURS, strict=False):
         for axes in (short, long):

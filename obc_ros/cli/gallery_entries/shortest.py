@@ -53,15 +53,9 @@ def input_of(path: Trajectory, m: int) -> Array:
     return np.stack([path.u[f'u{i + 1}'] for i in range(m)], axis=1)
 
 
-def by_costate(path: Trajectory, m: int) -> Array:
-    """
-    Return the optimal input, shape (N, m), from the costates alone.
-
-    With Lambda_ij the costate of Y_ij, dH/du = 0 says u = -lambda + Lambda q, and lambda' =
-    -Lambda u = -Lambda q', so that u = lambda(0) - 2 lambda(t).
-    """
-    lam = np.stack([path.lam[f'q{i + 1}'] for i in range(m)], axis=1)
-    return lam[0] - 2 * lam
+def costate_of(path: Trajectory, m: int) -> Array:
+    """Return the costate of q, shape (N, m)."""
+    return np.stack([path.lam[f'q{i + 1}'] for i in range(m)], axis=1)
 
 
 def rotations(path: Trajectory, m: int) -> Array:
@@ -87,7 +81,8 @@ def exercise_2_2(desk: Desk) -> Answer:
             Row(f'(b) {name}: $|u(t)|$', np.linalg.norm(u, axis=1),
                 np.full(len(u), sqrt(2 * pi * length)), '$√(2π|y|)$'),
             Row(f'(b) {name}: $u(t)$', u, exact, '$u(0) cos 2πt - (y/|y|) × u(0) sin 2πt$'),
-            Row(f'(b) {name}: $u = λ(0) - 2λ(t)$', u, by_costate(path, 3), 'the costates'),
+            Row(f'(b) {name}: costate $λ(t)$', costate_of(path, 3), -(u[0] + exact) / 2,
+                '$-½ (u(0) + u(t))$, the circle'),
             Row(f'(b) {name}: $y^T u(t)$', u @ y, np.zeros(len(u)), '0')]
     for Y, path in zip(planes(), others, strict=True):
         m = len(Y)
@@ -129,7 +124,8 @@ def _draw_2_2(three: Trajectory, four: Trajectory) -> Figure:
     solid.set_box_aspect((1, 1, 1), zoom=0.82)
     solid.set(xlabel='$q_1$', ylabel='$q_2$', title='(b) path for $y = (1, 2, 2)$',
               xticks=[-0.5, 0, 0.5], yticks=[0, 0.5, 1], zticks=[-1, -0.5, 0])
-    solid.zaxis.set_rotate_label(False)
+    for axis in (solid.xaxis, solid.zaxis):
+        axis.set_rotate_label(False)
     solid.set_zlabel('$q_3$')
     u = input_of(three, 3)
     exact = circle(VECTORS[0], u[0], three.t)

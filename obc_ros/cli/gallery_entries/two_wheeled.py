@@ -14,6 +14,7 @@ from obc_ros.cli.figures import COLOURS
 from obc_ros.cli.gallery_entries.desk import Desk, Trajectory
 from obc_ros.cli.gallery_entries.drawing import describe, panels
 from obc_ros.cli.gallery_entries.entry import Answer, Entry, Row
+from obc_ros.cli.gallery_entries.extremals import least_times
 
 Array = NDArray[np.float64]
 Goal = tuple[float, float, float]
@@ -26,6 +27,7 @@ STRAIGHT = ((2.0, 0.0, 0.0), (-1.5, 0.0, 0.0))
 TURNS = ((0.0, 0.0, pi / 2), (0.0, 0.0, -1.0), (0.0, 0.0, 3.0))
 TANGENTS = ((2.0, 1.0, 0.5), (3.0, 1.0, 0.2), (4.0, 1.5, 0.0))  # reached by L+S+R+
 OTHERS = ((0.0, 1.0, 0.0), (-1.0, 2.0, 0.0), (2.0, -1.0, 2.0), (1.0, 0.3, -2.0))
+PRINCIPLE = 'shortest extremal of the maximum principle'
 MIDDLE = 2 * asin(sin(pi / 4) / 2)  # [rad] the middle arc of a turn by 90 degrees
 SHOWN = (TANGENTS[0], OTHERS[0], (-1.0, 2.0, 0.0), (1.0, -1.5, pi / 2), TURNS[0])
 
@@ -48,6 +50,7 @@ def exercise_2_6(desk: Desk) -> Answer:
         ends[:, 2] = np.remainder(ends[:, 2] - heading + pi, 2 * pi) - pi + heading
         name = f'map of {len(goals)} goals, $θ_f = {heading:.4g}$'
         rows += [
+            Row(f'{name}: $T$ [s]', [path.T for path in paths], least_times(goals), PRINCIPLE),
             Row(f'{name}: the arcs end at the goal', ends, np.array(goals),
                 'arcs and lines integrated'),
             Row(f'{name}: $|v| = L$', np.concatenate([np.abs(path.u['v']) for path in paths]),
@@ -94,8 +97,10 @@ def _single_rows(straight: list[Trajectory], turns: list[Trajectory],
         Row('left, straight, right: $T$ [s]', [path.T for path in tangents],
             [left_straight_right(goal) for goal in TANGENTS],
             'inner tangent of two circles'),
-        Row('four other goals: $T$ [s]', [path.T for path in others],
-            [path.T for path in again], 'the server by `method: arcs`, which knows no words'),
+        Row('four other goals: $T$ [s]', [path.T for path in others], least_times(OTHERS),
+            PRINCIPLE),
+        Row('the same by `method: arcs`, which knows no words', [path.T for path in again],
+            least_times(OTHERS), PRINCIPLE),
         Row('$H$ on these paths', np.concatenate([path.hamiltonian for path in others]),
             np.zeros(sum(path.t.size for path in others)), '0, as $T$ is free')]
 
@@ -144,7 +149,7 @@ def _driven(path: Trajectory) -> tuple[float, float, float]:
 
 def _steering(paths: list[Trajectory]) -> tuple[Array, Array]:
     omega = np.concatenate([path.u['omega'] for path in paths])
-    return omega, np.round(omega)
+    return omega, np.clip(np.round(omega), -1, 1)
 
 
 def _mirrored(goals: list[Goal], paths: list[Trajectory]) -> tuple[Array, Array]:
