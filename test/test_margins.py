@@ -125,6 +125,26 @@ def test_defective_closed_loop():
     assert found.bandwidth[0] == pytest.approx(crossover, rel=1e-6)
 
 
+@pytest.mark.parametrize('spread', [0.0, 1.0])
+def test_many_inputs_with_and_without_a_modal_form(spread):
+    """The figures are those of T = K (jw - M)^-1 B; without spread M is one chain, of one pole."""
+    rng = np.random.default_rng(3)
+    n, m = 8, 5
+    B, K = rng.standard_normal((n, m)), 0.1 * rng.standard_normal((m, n))
+    M = 0.3 * np.eye(n, k=1) - np.diag(1.0 + spread * np.arange(n))
+    found = figures(M + B @ K, B, K)
+    w = np.geomspace(1e-3, 1e2, 20001)
+    T = K @ np.linalg.solve(1j * w[:, None, None] * np.eye(n) - M, B + 0j)
+    assert found.sensitivity_peak == pytest.approx(
+        np.linalg.svd(np.eye(m) - T, compute_uv=False).max(), rel=1e-6)
+    for i in range(m):
+        t = T[:, i, i]
+        assert found.disk_margin[i] == pytest.approx(
+            min(2.0, 2.0 / np.abs(1.0 - 2.0 * t).max()), rel=1e-6)
+        above = np.flatnonzero(np.abs(t) >= np.abs(1.0 - t))
+        assert found.bandwidth[i] == pytest.approx(w[above[-1]] if above.size else 0.0, rel=1e-3)
+
+
 def test_sampled_delay_modes():
     """A mode at z = 0 is a very fast one, not an infinite one."""
     found = figures(np.array([[0.0]]), np.array([[1.0]]), np.array([[0.0]]), period=0.1)

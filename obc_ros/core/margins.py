@@ -14,13 +14,14 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
+from scipy.linalg import expm, schur
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 _POINTS = 400  # of the sweep, besides those around each mode
 _SAMPLES = 1024  # of a step
+_AT_ONCE = 1_000_000  # numbers that a sweep holds
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +90,8 @@ def figures(A: Array, B: Array, K: Array, period: float = 0.0, states: int | Non
     frequency = np.abs(poles)
     damping = -poles.real / np.maximum(frequency, 1e-300)
     plant = _continuous(np.asarray(np.linalg.eigvals(A), dtype=complex), period)
-    loop = _margins(_transfer(M, B, K, modes, V, period), poles, plant, period)
+    loop = _margins(_Transfer(M, B, K, modes, V, period), B.shape[1],
+                    _grid(poles, plant, period), period)
     steps = step_figures(A, B, K, poles, period, states)
     return Figures(poles, damping, frequency, *loop, *steps)
 
@@ -102,29 +104,47 @@ def _continuous(modes: Complex, period: float) -> Complex:
     return np.asarray(np.log(modes + 1e-12 * small) / period, dtype=complex)
 
 
-def _transfer(M: Array, B: Array, K: Array, modes: Complex, V: Complex, period: float
-              ) -> Callable[[Array], Complex]:
-    """Return T as a function of frequencies (N,) [rad/s] with values (N, m, m)."""
-    def point(w: Array) -> Complex:
+class _Transfer:
+    """T = K (s I - M)^-1 B at many frequencies, by the modes of M, or by its triangular form."""
+
+    def __init__(self, M: Array, B: Array, K: Array, modes: Complex, V: Complex, period: float
+                 ) -> None:
+        self._period = period
+        self._is_modal = bool(np.linalg.cond(V) < 1e7)
+        self._inner: Complex = modes
+        if not self._is_modal:
+            self._inner, V = (np.asarray(each, dtype=complex) for each in schur(M, 'complex'))
+        self._left: Complex = K.astype(complex) @ V
+        self._right = np.asarray(np.linalg.solve(V, B.astype(complex)), dtype=complex)
+
+    def _points(self, w: Array) -> Complex:
         s = np.asarray(1j * w, dtype=complex)
-        return np.exp(s * period) if period else s
+        return np.exp(s * self._period) if self._period else s
 
-    if np.linalg.cond(V) < 1e7:
-        left = K @ V
-        right = np.linalg.solve(V, B.astype(complex))
+    def whole(self, w: Array) -> Complex:
+        """Return T at frequencies (N,) [rad/s], shape (N, m, m)."""
+        points = self._points(w)
+        if self._is_modal:
+            return np.asarray((self._left / (points[:, None, None] - self._inner)) @ self._right,
+                              dtype=complex)
+        return self._left @ self._solved(points, self._right).transpose(1, 0, 2)
 
-        def by_modes(w: Array) -> Complex:
-            values: Complex = (left / (point(w)[:, None, None] - modes)) @ right
-            return values
-        return by_modes
+    def loop(self, w: Array, i: int) -> Complex:
+        """Return T_ii, shape (N,)."""
+        points = self._points(w)
+        if self._is_modal:
+            return np.asarray((1.0 / (points[:, None] - self._inner))
+                              @ (self._left[i] * self._right[:, i]))
+        return np.asarray(self._left[i] @ self._solved(points, self._right[:, [i]])[..., 0])
 
-    identity = np.eye(len(M))
-
-    def by_solving(w: Array) -> Complex:
-        pencil = point(w)[:, None, None] * identity - M
-        values: Complex = K @ np.linalg.solve(pencil, np.broadcast_to(B + 0j, (len(w), *B.shape)))
-        return values
-    return by_solving
+    def _solved(self, points: Complex, right: Complex) -> Complex:
+        """Return (s I - R)^-1 right for a triangular R, shape (n, N, columns)."""
+        R, count = self._inner, right.shape[1]
+        x = np.empty((len(R), len(points), count), dtype=complex)
+        for k in reversed(range(len(R))):
+            known = R[k, k + 1:] @ x[k + 1:].reshape(len(R) - k - 1, len(points) * count)
+            x[k] = (right[k] + known.reshape(-1, count)) / (points[:, None] - R[k, k])
+        return x
 
 
 def _grid(poles: Complex, plant: Complex, period: float) -> Array:
@@ -138,27 +158,22 @@ def _grid(poles: Complex, plant: Complex, period: float) -> Array:
     return np.unique(np.concatenate([sweep, near]))
 
 
-def _margins(transfer: Callable[[Array], Complex], poles: Complex, plant: Complex, period: float
+def _margins(transfer: _Transfer, m: int, w: Array, period: float
              ) -> tuple[Array, Array, Array, Array, Array, float]:
-    w = _grid(poles, plant, period)
-    T = transfer(w)
-    m = T.shape[1]
+    def sensitivity(w: Array) -> Array:
+        S = np.eye(m) - transfer.whole(w)
+        return np.asarray(np.sqrt(np.linalg.eigvalsh(S.conj().transpose(0, 2, 1) @ S)[:, -1]))
+
     up, down, phase, disk, band = np.empty((5, m))
     for i in range(m):
         def loop(w: Array, i: int = i) -> Complex:
-            values: Complex = transfer(w)[:, i, i]
-            return values
+            return transfer.loop(w, i)
 
-        up[i], down[i] = _gain_margins(loop, w, T[:, i, i], period)
-        phase[i], band[i] = _phase_margin(loop, w, T[:, i, i])
-        peak = _peak(lambda t: np.abs(1.0 - 2.0 * t), loop, w, T[:, i, i])
-        disk[i] = min(2.0, 2.0 / max(peak, 1e-300))
-
-    def largest(T: Complex) -> Array:
-        singular = np.linalg.svd(np.eye(m) - T, compute_uv=False)
-        return np.asarray(singular[:, 0], dtype=float)
-
-    return up, down, phase, disk, band, _peak(largest, transfer, w, T)
+        T = loop(w)
+        up[i], down[i] = _gain_margins(loop, w, T, period)
+        phase[i], band[i] = _phase_margin(loop, w, T)
+        disk[i] = min(2.0, 2.0 / max(_peak(lambda w: np.abs(1.0 - 2.0 * loop(w)), w), 1e-300))
+    return up, down, phase, disk, band, _peak(sensitivity, w, max(1, _AT_ONCE // (m * m)))
 
 
 def _gain_margins(loop: Callable[[Array], Complex], w: Array, T: Complex, period: float
@@ -203,16 +218,15 @@ def _roots(what: Callable[[Complex], Array], loop: Callable[[Array], Complex], w
 _PARTS = np.linspace(0.0, 1.0, 65)
 
 
-def _peak(what: Callable[[Complex], Array], transfer: Callable[[Array], Complex], w: Array,
-          T: Complex) -> float:
-    """Return the largest value of a figure of the loop over frequency."""
-    values = what(T)
+def _peak(figure: Callable[[Array], Array], w: Array, at_once: int = _AT_ONCE) -> float:
+    """Return the largest value of a figure over frequency, evaluated at so many at once."""
+    values = np.concatenate([figure(w[k:k + at_once]) for k in range(0, len(w), at_once)])
     best = float(values.max())
     at = int(values.argmax())
     low, high = w[max(at - 1, 0)], w[min(at + 1, len(w) - 1)]
     for _ in range(3):
         inside = low + (high - low) * _PARTS
-        values = what(transfer(inside))
+        values = figure(inside)
         at = int(values.argmax())
         best = max(best, float(values[at]))
         low, high = inside[max(at - 1, 0)], inside[min(at + 1, 64)]
