@@ -32,7 +32,7 @@ NAMES = (
     'dubins_right_left_right', 'lunar_ascent', 'quad_2d_mintime', 'reinvestment', 'robbins',
     'two_link_arm', 'vanderpol_state_bound', 'around_a_disc', 'clark_fishery',
     'floating_oscillator', 'fuller', 'goddard_feet', 'hanging_chain', 'nearest_of_a_parabola',
-    'oil_shale', 'tuberculosis')
+    'oil_shale', 'tuberculosis', 'drug_displacement')
 
 
 def stated(name, **changes):
@@ -143,7 +143,7 @@ def test_drawing_a_bound_in_between_mesh_points_costs_little(name, least):
 
 @pytest.mark.parametrize('faster, slower, limit, way', [
     (1, 2, 1, 4), (3, 7, 1, 4), (2, 1, 3, 20), (1, 1, 2.5, 13), (9.81, 3, 30, 1000),
-    (1e-3, 1e-3, 0.5, 4e3), (1e4, 1e4, 1e2, 4)])
+    (1e-3, 1e-3, 0.5, 4e3), (1e4, 1e4, 1e2, 4), (1, 1, 1.99, 4), (1, 1, 1.9999, 4)])
 def test_least_time_with_a_speed_limit_in_any_units(faster, slower, limit, way):
     """Full thrust up to the limit, cruise, brake: the trapezoid that every drive follows."""
     cruise = way - limit**2 / 2 * (1 / faster + 1 / slower)
@@ -157,6 +157,12 @@ def test_least_time_with_a_speed_limit_in_any_units(faster, slower, limit, way):
     assert solution.objective == pytest.approx(least, rel=1e-7)
     np.testing.assert_allclose(
         solution.switching_times, [limit / faster, least - limit / slower], rtol=1e-6)
+
+
+def test_a_speed_limit_that_is_only_touched():
+    solution = solve(stated('di_mintime_speed_limit', state_bounds={'v': [None, 2]})[0])
+    assert solution.status is Status.SOLVED, solution.message
+    assert solution.objective == pytest.approx(4, rel=1e-8)
 
 
 def test_past_a_conjugate_point_no_path_is_called_best():

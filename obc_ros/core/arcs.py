@@ -21,7 +21,7 @@ from obc_ros.core.problem import Problem
 
 Array = NDArray[np.float64]
 
-# For each arc the level of each input, None where it is free.
+# For each arc the level of each input, None where it is free, and the bounds that it is on.
 Signature = tuple[tuple[float | None, ...], ...]
 
 _LOWER, _INSIDE, _UPPER = -1, 0, 1
@@ -29,11 +29,17 @@ _LOWER, _INSIDE, _UPPER = -1, 0, 1
 
 @dataclass(frozen=True)
 class Arc:
-    """A span of time and the value of each input in it; nan where the input is free."""
+    """
+    A span of time and the value of each input in it; nan where the input is free.
+
+    `on`: for each row of (x, c) the bound on which the arc begins and ends: +1 upper, -1 lower,
+    0 none; empty if it is on none.
+    """
 
     start: float
     end: float
     levels: tuple[float, ...]
+    on: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -227,7 +233,8 @@ def arc_mesh(problem: Problem, arcs: Sequence[Arc], stages: int, density: float,
     layout = Layout(tuple(phases), stages, problem.final_time.free)
     fractions = np.concatenate([np.full(p.intervals, 1.0 / p.intervals) for p in phases])
     held = np.array([[0.0 if math.isnan(v) else v for v in arc.levels] for arc in arcs])
-    return Mesh(layout, fractions, held), np.array([arc.end - arc.start for arc in arcs])
+    on = np.array([arc.on or (0,) * (problem.n + int(problem.path.numel())) for arc in arcs])
+    return Mesh(layout, fractions, held, on), np.array([arc.end - arc.start for arc in arcs])
 
 
 def closed(arcs: Sequence[Arc], T: float) -> list[Arc]:
@@ -238,8 +245,9 @@ def closed(arcs: Sequence[Arc], T: float) -> list[Arc]:
 
 
 def signature(arcs: Sequence[Arc]) -> Signature:
-    """Return the levels of all arcs, comparable."""
-    return tuple(tuple(None if math.isnan(v) else v for v in arc.levels) for arc in arcs)
+    """Return the levels of all arcs and the bounds they are on, comparable."""
+    return tuple(tuple(None if math.isnan(v) else v for v in arc.levels) + (
+        arc.on if any(arc.on) else ()) for arc in arcs)
 
 
 def opened(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem,

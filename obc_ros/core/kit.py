@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.arcs import switching_inputs
+from obc_ros.core.contacts import deciding
 from obc_ros.core.extremal import Integrator
 from obc_ros.core.guesses import Guesser
 from obc_ros.core.indirect import Indirect
@@ -65,6 +66,7 @@ class Kit:
         self.integrator = Integrator(smooth) if self.twin else self.judge
         self.guesser = Guesser(smooth)
         self.switching = switching_inputs(smooth)
+        self.deciding = deciding(smooth)
         self.affine = not ca.depends_on(
             ca.jacobian(problem.f, ca.vertcat(problem.x, problem.u)),
             ca.vertcat(problem.x, problem.u))

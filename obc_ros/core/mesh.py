@@ -70,12 +70,30 @@ class Mesh:
         Length of each interval as a part of its phase.
     held : ndarray, shape (number of phases, m)
         Values of the inputs that are HELD.
+    on : ndarray, shape (number of phases, n + l), optional
+        Bounds of (x, c) on which phases begin and end: +1 upper, -1 lower, 0 none.
 
     """
 
     layout: Layout
     fractions: Array
     held: Array
+    on: Index | None = None
+
+    def hold(self, lower: Array, upper: Array, places: Index, rows: slice) -> None:
+        """
+        Close bounds where phases begin or end on a bound of some rows of (x, c).
+
+        `places` (N, number of rows): where in `lower` and `upper` those of each row stand, for
+        the mesh point at which each interval begins.
+        """
+        if self.on is None:
+            return
+        on = np.where(self.on[1:] != 0, self.on[1:], self.on[:-1])[:, rows]
+        first = np.flatnonzero(np.diff(self.layout.phase_of)) + 1
+        phase, row = np.nonzero(on)
+        at = places[first[phase], row]
+        lower[at] = upper[at] = np.where(on[phase, row] > 0, upper[at], lower[at])
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,5 +173,5 @@ def split(mesh: Mesh, counts: Index) -> Mesh:
     number = np.bincount(mesh.layout.phase_of, weights=counts).astype(int)
     phases = tuple(replace(p, intervals=int(k))
                    for p, k in zip(mesh.layout.phases, number, strict=True))
-    return Mesh(replace(mesh.layout, phases=phases),
-                np.repeat(mesh.fractions / counts, counts), mesh.held)
+    return replace(mesh, layout=replace(mesh.layout, phases=phases),
+                   fractions=np.repeat(mesh.fractions / counts, counts))

@@ -110,6 +110,10 @@ class Fitter:
     def values(self, problem: Problem, course: Extremal) -> Array:
         """Return x and c along a course, shape (K + 1, n + l)."""
         x, u = np.vstack([course.x, course.x_end[-1:]]), np.vstack([course.ua, course.ub[-1:]])
+        return self.at(problem, x, u)
+
+    def at(self, problem: Problem, x: Array, u: Array) -> Array:
+        """Return x and c at some points, shape (K, n + l)."""
         return self._value(x, u, problem.p_value)[0]
 
     def _contacts(self, problem: Problem, outcome: Outcome, course: Extremal) -> list[Contact]:

@@ -212,7 +212,8 @@ def aligned(mesh: Mesh, t: Array, kinks: Array, spare: NDArray[np.bool_]) -> Mes
                 points, taken = np.insert(points, k, kink), np.insert(taken, k, True)
         fractions.append(np.diff(points) / (points[-1] - points[0]))
         phases.append(replace(phase, intervals=len(points) - 1))
-    return Mesh(replace(mesh.layout, phases=tuple(phases)), np.concatenate(fractions), mesh.held)
+    return replace(mesh, layout=replace(mesh.layout, phases=tuple(phases)),
+                   fractions=np.concatenate(fractions))
 
 
 def drawn_in(problem: Problem, value: Array, course: Extremal,

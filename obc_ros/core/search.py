@@ -7,17 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.arcs import (
-    Arc,
-    arc_mesh,
-    closed,
-    find_arcs,
-    jumping_inputs,
-    moved,
-    opened,
-    Signature,
-    signature,
-)
+from obc_ros.core.arcs import jumping_inputs
 from obc_ros.core.certificate import certify
 from obc_ros.core.contradictions import contradiction
 from obc_ros.core.extremal import Extremal
@@ -27,6 +17,7 @@ from obc_ros.core.mesh import Mesh, Path, split, STEPPED, uniform
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.problem import Problem
 from obc_ros.core.refine import below, drawn_in, Error, EXCEEDED, finer, followed, judge, Judgement
+from obc_ros.core.settling import Settling
 from obc_ros.core.solution import Solution, Status
 from obc_ros.core.transcription import Limits, Outcome, Scales
 
@@ -55,8 +46,6 @@ _FOR_DIGITS = 8000    # work for finer meshes once a certificate holds
 _LOST = (3e-7, 1e-7)  # relative cost to be given away, without and with bounds of the state
 _DRIFT, _SPREAD = 2e-5, 1.5e-4   # relative change of H: in an interval, past all certificates
 _STEP_ERROR = 3e-8    # relative, of all intervals together
-_SEEN = 0.98          # of an arc at a bound that was seen to last so long
-_VANISHING = 1e-3     # of T: an arc that may not be there
 
 
 class Search:
@@ -219,7 +208,7 @@ class Search:
         jumping = jumping_inputs(self.problem, outcome.path)
         if self.may_hold and any(jumping) and not self.held_in_vain:
             free, self.switching = self.switching, jumping
-            new = self.settled(outcome)
+            new = Settling(self, COARSE).settled(outcome)
             self.held_in_vain = new.objective > outcome.objective and (
                 self.given_away(new, self.course(new, draft=True)) >= above)
             self.switching = free if self.held_in_vain else jumping
@@ -239,80 +228,10 @@ class Search:
         better = new.converged and self.given_away(new, self.course(new, draft=True)) < above
         return new if better else outcome
 
-    def settled(self, outcome: Outcome) -> Outcome:
-        """Return an outcome whose arcs are those that it shows."""
-        free: Signature = ((None,) * self.problem.m,)
-        now, seen, density = free, {free}, 2.0 * COARSE
-        for _ in range(_ROUNDS):
-            arcs = self.shown(outcome)
-            if signature(arcs) == now:
-                arcs = self.checked(arcs, outcome)
-            shown = signature(arcs)
-            elsewhere = moved(arcs, outcome.path.durations, _VANISHING)
-            if self.monitor.stopped or shown == now and not elsewhere:
-                break
-            if shown == now:
-                new = self.with_arcs(arcs, outcome, density, _SEEN)
-                if new is None or not below(new.objective, outcome.objective, _CLOSE):
-                    break
-                outcome = new
-                continue
-            if shown in seen:
-                density *= 1.5
-                if density > self.monitor.max_intervals / 4:
-                    break
-            seen.add(shown)
-            new = self.with_arcs(arcs, outcome, density)
-            if new is not None:
-                outcome, now = new, shown
-                continue
-            density *= 2
-            if not self.monitor.allows(int(density)):
-                break
-            new = self.collocate(uniform(self.problem, int(density), self.stages), outcome.path,
-                                 outcome.path.t[-1:], near=True, sizes=self.sizes(outcome))
-            if not new.converged:
-                break
-            outcome, now = new, free
-        return self.without_vanishing(outcome)
-
-    def shown(self, outcome: Outcome) -> list[Arc]:
-        """Return the arcs that an outcome shows."""
-        return find_arcs(self.problem, outcome.path, self.switching,
-                         [not each for each in self.kit.switching])
-
-    def with_arcs(self, arcs: list[Arc], outcome: Outcome, density: float,
-                  kept: float = 0.0) -> Outcome | None:
-        """
-        Return an outcome with the given arcs, if there is one and it costs no more.
-
-        `kept`: the part of their lengths that arcs at bounds have at least.
-        """
-        mesh, durations = arc_mesh(self.problem, arcs, self.stages, density / outcome.path.t[-1])
-        if not self.monitor.allows(mesh.layout.intervals) or not self.kit.transcription(
-                self.problem, mesh.layout).solvable:
-            return None
-        held = [not np.isnan(arc.levels).any() for arc in arcs]
-        new = self.collocate(mesh, outcome.path, durations, near=True, sizes=self.sizes(outcome),
-                             least=kept * durations * held)
-        allowed = outcome.objective + 1e-5 * abs(outcome.objective)
-        return new if new.converged and new.objective <= allowed else None
-
-    def without_vanishing(self, outcome: Outcome) -> Outcome:
-        """Return the outcome without its shortest arcs, if it costs no more without them."""
-        durations, T = outcome.path.durations, outcome.path.t[-1]
-        if np.all(durations > _VANISHING * T):
-            return outcome
-        arcs = [arc for arc in self.shown(outcome)
-                if arc.end - arc.start > _VANISHING * T]
-        new = self.with_arcs(closed(arcs, T), outcome, 2.0 * COARSE)
-        return new if new is not None and new.objective <= outcome.objective * (
-            1 + 1e-9 * np.sign(outcome.objective)) else outcome
-
     def improve(self, outcome: Outcome, rounds: int) -> Iterator[tuple[Outcome, Extremal]]:
         """Yield better and better outcomes, so many at most."""
         if any(self.switching):
-            outcome = self.settled(outcome)
+            outcome = Settling(self, COARSE).settled(outcome)
         above = np.inf
         for turn in range(rounds):
             course = self.course(outcome, draft=True)
@@ -336,14 +255,6 @@ class Search:
                                      guide=outcome)
             if not outcome.converged:
                 return
-
-    def checked(self, arcs: list[Arc], outcome: Outcome) -> list[Arc]:
-        """Return arcs that differ where dH/du says that an input is at the wrong bound."""
-        course = self.course(outcome)
-        x, u = (course.x + course.x_end) / 2, (course.ua + course.ub) / 2
-        _, Hu, _ = self.kit.integrator.hamiltonian(
-            self.problem, x, u, (course.lam + course.lam_end) / 2)
-        return opened(arcs, course.t, Hu, self.problem, self.kit.switching)
 
     def widen_margin(self, course: Extremal) -> None:
         """Draw bounds of x and of the path in by what the path exceeds them between nodes."""

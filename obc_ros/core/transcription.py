@@ -357,7 +357,7 @@ class Transcription:
         return np.concatenate([problem.p_value, scales.x, scales.u, [scales.time, scales.cost],
                                mesh.fractions, held, given])
 
-    def _bounds(self, problem: Problem, scales: Scales, limits: 'Limits'
+    def _bounds(self, problem: Problem, mesh: Mesh, scales: Scales, limits: 'Limits'
                 ) -> tuple[Array, Array]:
         size = np.concatenate([scales.x, scales.u, [scales.time]])
         margin = limits.margin[:self.n]
@@ -367,13 +367,14 @@ class Transcription:
         lower, upper = lower[self.which], upper[self.which]
         lower[self.at_x[-1, limits.pinned]] = -np.inf
         upper[self.at_x[-1, limits.pinned]] = np.inf
+        mesh.hold(lower, upper, self.at_x, slice(self.n))
         lower[self.at_x[0]] = upper[self.at_x[0]] = problem.x0 / scales.x
         if self.layout.free_durations:
             lower[self.at_duration] = limits.shortest / scales.time
             upper[self.at_duration] = limits.longest / scales.time
         return lower, upper
 
-    def _row_bounds(self, problem: Problem, scales: Scales, limits: Limits
+    def _row_bounds(self, problem: Problem, mesh: Mesh, scales: Scales, limits: Limits
                     ) -> tuple[Array, Array]:
         N, s = self.layout.intervals, self.layout.stages
         collocation, margin = np.zeros(self.n * (s + 1)), limits.margin[self.n:]
@@ -391,7 +392,11 @@ class Transcription:
             span = (time_.lower, time_.upper) if time_.free else (time_.value, time_.value)
             lower.append(np.array([span[0] / scales.time]))
             upper.append(np.array([span[1] / scales.time]))
-        return np.concatenate(lower), np.concatenate(upper)
+        bounds = np.concatenate(lower), np.concatenate(upper)
+        each = self.n * (s + 1) + self.l * (s + 1)
+        mesh.hold(*bounds, each * np.arange(N)[:, None] + self.n * (s + 1) + np.arange(self.l),
+                  slice(self.n, None))
+        return bounds
 
     def solve(self, problem: Problem, mesh: Mesh, start: Array, scales: Scales,
               limits: Limits, monitor: Monitor, *, near: bool = False, rough: float = 0.0,
@@ -422,7 +427,7 @@ class Transcription:
             Of a path nearby on another mesh.
 
         """
-        lower, upper = self._bounds(problem, scales, limits)
+        lower, upper = self._bounds(problem, mesh, scales, limits)
         if self._staged is not None:
             constants = self._constants(problem, mesh, scales, problem.final_time.value)
             self._staged.bind(constants)
@@ -435,7 +440,7 @@ class Transcription:
                 multipliers=guessed, mu=0.0 if guide is None else guide.mu)
             if found.converged or once or monitor.stopped or monitor.spent:
                 return self._outcome(problem, mesh, scales, found, (0.0, 0.0))
-        rows = self._row_bounds(problem, scales, limits)
+        rows = self._row_bounds(problem, mesh, scales, limits)
         solver, watch = self._solver('warm' if multipliers else 'near' if near else 'far')
         watch.monitor, watch.cost_scale = monitor, scales.cost
         watch.lower, watch.upper = rows

@@ -1,0 +1,155 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+From a path to one with arcs: read off where inputs are at bounds and where the state is on one.
+
+The arcs that a path shows become phases of unknown lengths; those that the next path shows are
+compared, until they stay the same.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.arcs import (
+    Arc,
+    arc_mesh,
+    closed,
+    find_arcs,
+    moved,
+    opened,
+    Signature,
+    signature,
+)
+from obc_ros.core.contacts import contacts, with_contacts
+from obc_ros.core.mesh import uniform
+from obc_ros.core.refine import below
+from obc_ros.core.transcription import Outcome
+
+if TYPE_CHECKING:
+    from obc_ros.core.search import Search
+
+Array = NDArray[np.float64]
+
+_ROUNDS = 10
+_CLOSE = 1e-6         # relative cost, for which arcs are moved no more
+_SEEN = 0.98          # of an arc at a bound that was seen to last so long
+_VANISHING = 1e-3     # of T: an arc that may not be there
+_PERHAPS, _NEVER = 1, 2   # arcs on bounds also where a finer mesh may meet one; nowhere
+
+
+class Settling:
+    """
+    The arcs of one path of a search.
+
+    `coarse`: number of intervals of a coarse mesh.
+    """
+
+    def __init__(self, search: 'Search', coarse: int) -> None:
+        self.search, self.problem, self.kit = search, search.problem, search.kit
+        self.switching, self.coarse, self.touch = search.switching, coarse, 0
+
+    def settled(self, outcome: Outcome) -> Outcome:
+        """Return an outcome whose arcs are those that it shows."""
+        search = self.search
+        free: Signature = ((None,) * self.problem.m,)
+        now, seen, density = free, {free}, 2.0 * self.coarse
+        for _ in range(_ROUNDS):
+            arcs = self.shown(outcome)
+            if signature(arcs) == now:
+                arcs = self.checked(arcs, outcome)
+            shown = signature(arcs)
+            elsewhere = moved(arcs, outcome.path.durations, _VANISHING)
+            if search.monitor.stopped or shown == now and not elsewhere:
+                break
+            if shown == now:
+                new = self.with_arcs(arcs, outcome, density, _SEEN)
+                if new is None or not below(new.objective, outcome.objective, _CLOSE):
+                    break
+                outcome = new
+                continue
+            if shown in seen:
+                density *= 1.5
+                if density > search.monitor.max_intervals / 4:
+                    break
+            seen.add(shown)
+            new = self.with_arcs(arcs, outcome, density)
+            if new is not None:
+                outcome, now = new, shown
+                continue
+            if self.touches_otherwise(outcome, seen):
+                continue
+            density *= 2
+            if not search.monitor.allows(int(density)):
+                break
+            new = search.collocate(
+                uniform(self.problem, int(density), search.stages), outcome.path,
+                outcome.path.t[-1:], near=True, sizes=search.sizes(outcome))
+            if not new.converged:
+                break
+            outcome, now = new, free
+        return self.without_vanishing(outcome)
+
+    def shown(self, outcome: Outcome) -> list[Arc]:
+        """Return the arcs that an outcome shows."""
+        return self.touching(find_arcs(self.problem, outcome.path, self.switching,
+                                       [not each for each in self.kit.switching]), outcome)
+
+    def touching(self, arcs: list[Arc], outcome: Outcome) -> list[Arc]:
+        """Return arcs, those on bounds of the state among them if inputs switch at their ends."""
+        free = self.kit.deciding & np.array(self.switching)
+        if not (self.search.bounded and free.any()) or self.touch == _NEVER:
+            return arcs
+        path, problem = outcome.path, self.problem
+        value = self.kit.fitter(problem).at(
+            problem, path.x, np.vstack([path.ua, path.ub[-1:]]))
+        found = contacts(problem, outcome, value, self.search.margin, free.any(axis=1),
+                         perhaps=self.touch == _PERHAPS)
+        return with_contacts(arcs, found, free) if found else arcs
+
+    def touches_otherwise(self, outcome: Outcome, seen: set[Signature]) -> bool:
+        """Go on to other arcs on bounds that an outcome may show; return whether there are."""
+        while self.touch < _NEVER:
+            self.touch += 1
+            if signature(self.shown(outcome)) not in seen:
+                return True
+        self.touch = 0
+        return False
+
+    def with_arcs(self, arcs: list[Arc], outcome: Outcome, density: float,
+                  kept: float = 0.0) -> Outcome | None:
+        """
+        Return an outcome with the given arcs, if there is one and it costs no more.
+
+        `kept`: the part of their lengths that arcs at bounds have at least.
+        """
+        search = self.search
+        mesh, durations = arc_mesh(
+            self.problem, arcs, search.stages, density / outcome.path.t[-1])
+        if not search.monitor.allows(mesh.layout.intervals) or not self.kit.transcription(
+                self.problem, mesh.layout).solvable:
+            return None
+        held = [not np.isnan(arc.levels).any() for arc in arcs]
+        new = search.collocate(mesh, outcome.path, durations, near=True,
+                               sizes=search.sizes(outcome), least=kept * durations * held)
+        allowed = outcome.objective + 1e-5 * abs(outcome.objective)
+        return new if new.converged and new.objective <= allowed else None
+
+    def without_vanishing(self, outcome: Outcome) -> Outcome:
+        """Return the outcome without its shortest arcs, if it costs no more without them."""
+        durations, T = outcome.path.durations, outcome.path.t[-1]
+        if np.all(durations > _VANISHING * T):
+            return outcome
+        arcs = [arc for arc in self.shown(outcome)
+                if arc.end - arc.start > _VANISHING * T]
+        new = self.with_arcs(closed(arcs, T), outcome, 2.0 * self.coarse)
+        return new if new is not None and new.objective <= outcome.objective * (
+            1 + 1e-9 * np.sign(outcome.objective)) else outcome
+
+    def checked(self, arcs: list[Arc], outcome: Outcome) -> list[Arc]:
+        """Return arcs that differ where dH/du says that an input is at the wrong bound."""
+        course = self.search.course(outcome)
+        x, u = (course.x + course.x_end) / 2, (course.ua + course.ub) / 2
+        _, Hu, _ = self.kit.integrator.hamiltonian(
+            self.problem, x, u, (course.lam + course.lam_end) / 2)
+        return self.touching(opened(arcs, course.t, Hu, self.problem, self.kit.switching), outcome)
