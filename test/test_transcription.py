@@ -9,6 +9,7 @@ from obc_ros.core.extremal import Integrator
 from obc_ros.core.guesses import Guesser, scales
 from obc_ros.core.mesh import HELD, Layout, LINEAR, Mesh, Phase, split, uniform
 from obc_ros.core.monitor import Monitor
+from obc_ros.core.pieces import Pieces
 from obc_ros.core.statement import problem_from_mapping
 from obc_ros.core.transcription import Limits, Transcription
 import pytest
@@ -73,6 +74,30 @@ def test_derivatives_of_a_program_are_those_of_its_expressions():
         for a, b in zip(found.call(list(values[:count])), expected.call(list(values[:count])),
                         strict=True):
             np.testing.assert_allclose(ca.densify(a).full(), ca.densify(b).full(), atol=1e-13)
+
+
+@pytest.mark.parametrize('free', [False, True])
+@pytest.mark.parametrize(('f', 'cost'), [
+    (('y', 'u'), '1'), (('0*x', '3'), 'x + u'), (('k*x*y*sin(w)', 'u*x - cos(y)'), 'k*abs(u*y)'),
+    (('sin(x*y) + u**2', 'u*w*exp(-x)'), '(x - y*u)**2 + w**2')])
+def test_derivatives_of_an_interval_are_those_of_its_expressions(f, cost, free):
+    """By the chain rule through the stages, against CasADi's of the whole step."""
+    problem = problem_from_mapping({
+        'states': ['x', 'y'], 'inputs': ['u', 'w'], 'parameters': {'k': 2},
+        'dynamics': dict(zip('xy', f, strict=True)), 'running_cost': cost,
+        'initial_state': {'x': 1, 'y': 2}, 'final_time': {'free': False, 'value': 1}})
+    piece = Pieces(problem, 0, free, swift=True).interval
+    v, own, shared = (ca.MX.sym(name, size) for name, size in (
+        ('v', 9 if free else 8), ('own', 1 if free else 2), ('shared', 7)))
+    factor, lam = ca.MX.sym('factor'), ca.MX.sym('lam', 2)
+    g, J = piece.values(v, own, shared)
+    wanted = ca.hessian(factor * J + ca.dot(lam, g), v)[0], ca.jacobian(g, v), ca.gradient(J, v)
+    given = [v, own, shared, factor, lam]
+    point = [np.random.default_rng(1).uniform(0.5, 1.5, symbol.shape) for symbol in given]
+    derived = piece.curvature[0](*point), piece.jacobian[0](*point[:3]), piece.slope[0](*point[:3])
+    for found, expected in zip(derived, ca.Function('wanted', given, wanted)(*point), strict=True):
+        np.testing.assert_allclose(ca.densify(found).full(), ca.densify(expected).full(),
+                                   rtol=1e-11, atol=1e-12)
 
 
 @pytest.mark.parametrize('stages', [0, 3])

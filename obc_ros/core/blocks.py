@@ -22,6 +22,17 @@ Index = NDArray[np.int64]
 Derivative = tuple[ca.Function, Index, Index]
 
 
+@dataclass(frozen=True, eq=False)
+class Derived:
+    """Slope of a cost, J of rows g, and H of factor cost + lam' g, all sparse."""
+
+    factor: ca.SX
+    lam: ca.SX
+    slope: ca.SX
+    J: ca.SX
+    H: ca.SX
+
+
 class Piece:
     """
     Rows g and a cost, functions of local variables v and constants, with their derivatives.
@@ -32,17 +43,24 @@ class Piece:
         Local variables (nv,), constants of one copy, constants of all copies.
     g, cost : casadi.SX
         Rows (r,) and cost (1,).
+    derived : Derived, optional
+        Their derivatives, where they are known.
 
     """
 
-    def __init__(self, v: ca.SX, own: ca.SX, shared: ca.SX, g: ca.SX, cost: ca.SX) -> None:
+    def __init__(self, v: ca.SX, own: ca.SX, shared: ca.SX, g: ca.SX, cost: ca.SX,
+                 derived: Derived | None = None) -> None:
         self._arguments = [v, own, shared]
-        self._g, self._cost = g, cost
+        self._g, self._cost, self._derived = g, cost, derived
         self.r = int(g.numel())
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
         """Return factor, lam, and slope, J, H and slope of factor cost + lam' g."""
+        if self._derived is not None:
+            known = self._derived
+            both = known.factor * known.slope + ca.mtimes(known.J.T, known.lam)
+            return known.factor, known.lam, known.slope, known.J, known.H, ca.densify(both)
         v, factor, lam = self._arguments[0], ca.SX.sym('factor'), ca.SX.sym('lam', self.r)
         H, both = ca.hessian(factor * self._cost + ca.dot(lam, self._g), v)
         # Row by row: there are fewer rows than columns.

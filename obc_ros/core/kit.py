@@ -18,14 +18,17 @@ from obc_ros.core.indirect import Indirect
 from obc_ros.core.mesh import Layout
 from obc_ros.core.multipliers import Fitter
 from obc_ros.core.nonsmooth import twin
+from obc_ros.core.pieces import Pieces
 from obc_ros.core.problem import Problem
-from obc_ros.core.transcription import Outcome, Pieces, Scales, Transcription
+from obc_ros.core.transcription import Outcome, Scales, Transcription
 
 Array = NDArray[np.float64]
 
 _LAYOUTS_KEPT, _ANSWERS_KEPT = 24, 16
 _NEIGHBOUR = 0.2   # relative change of its numbers up to which a problem is a neighbour
 _ELSEWHERE = 2.0   # likewise of x0, of the largest values of x on the path
+# Iterations times intervals after which the quicker derivatives have paid; usual iterations.
+_WORTH_DERIVING, _USUAL = 1500, 10
 _NUMBERS = ('x0', 'p_value', 'x_lower', 'x_upper', 'u_lower', 'u_upper', 'path_lower',
             'path_upper')
 
@@ -73,25 +76,31 @@ class Kit:
         self.answers: list[Answered] = []   # the latest last
         self.touched_up = False   # whether answers were polished
         self._problem = problem
-        self._pieces: dict[tuple[int, bool], Pieces] = {}
+        self._pieces: dict[tuple[int, bool, bool], Pieces] = {}
         self._fitters: dict[bool, Fitter] = {}
-        self._transcriptions: OrderedDict[Layout, Transcription] = OrderedDict()
+        self._transcriptions: OrderedDict[tuple[Layout, bool], Transcription] = OrderedDict()
+        self._work = 0   # iterations times intervals of Runge-Kutta steps
         self.build_time = time.monotonic() - begun
 
     def transcription(self, problem: Problem, layout: Layout) -> Transcription:
-        """Return the program of a layout, built at most once."""
-        found = self._transcriptions.pop(layout, None)
+        """Return the program of a layout, built at most once, or twice where that soon pays."""
+        swift = self._work + _USUAL * layout.intervals > _WORTH_DERIVING and not layout.stages
+        found = self._transcriptions.pop((layout, swift), None)
         if found is None:
             begun = time.monotonic()
-            kind = layout.stages, layout.free_durations
+            kind = layout.stages, layout.free_durations, swift
             if kind not in self._pieces:
                 self._pieces[kind] = Pieces(problem, *kind)
             found = Transcription(problem, layout, self._pieces[kind])
             self.build_time += time.monotonic() - begun
-        self._transcriptions[layout] = found
+        self._transcriptions[layout, swift] = found
         if len(self._transcriptions) > _LAYOUTS_KEPT:
             self._transcriptions.popitem(last=False)
         return found
+
+    def worked(self, iterations: int, layout: Layout) -> None:
+        """Take note of iterations of a program."""
+        self._work += 0 if layout.stages else iterations * layout.intervals
 
     def remember(self, answer: Answered) -> None:
         """Keep an answer for its neighbours."""

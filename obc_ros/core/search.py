@@ -112,6 +112,7 @@ class Search:
             self.monitor.limit(most)
             outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor)
         self.work += outcome.iterations * mesh.layout.intervals * (1 + mesh.layout.stages)
+        self.kit.worked(outcome.iterations, mesh.layout)
         return outcome
 
     def coarse(self) -> list[Outcome]:

@@ -23,8 +23,8 @@ from obc_ros.core.blocks import assemble, Block, Index, Piece, Program
 from obc_ros.core.interior import Goal
 from obc_ros.core.mesh import collocation, gauss_points, HELD, Layout, Mesh, Path, STEPPED
 from obc_ros.core.monitor import Monitor, Watch
+from obc_ros.core.pieces import Pieces
 from obc_ros.core.problem import Problem
-from obc_ros.core.runge_kutta import rate_of, step_of
 from obc_ros.core.stages import Found, Stages
 
 Array = NDArray[np.float64]
@@ -129,62 +129,6 @@ class Limits:
     pinned: NDArray[np.bool_]
 
 
-def _gauss(problem: Problem, states: tuple[ca.SX, ca.SX, ca.SX], inputs: tuple[ca.SX, ca.SX],
-           h: ca.SX) -> tuple[list[ca.SX], ca.SX]:
-    """Return the rows and the cost of an interval by collocation at the Gauss points."""
-    xa, inner, xb = states
-    c, b, derivative, last = collocation(inner.shape[1])
-    rate, rows, cost, end = rate_of(problem), [], ca.SX(0), last[0] * xa
-    for j, point in enumerate(c):
-        f, L = rate(inner[:, j], (1 - point) * inputs[0] + point * inputs[1])
-        rows.append(derivative[j, 0] * xa + ca.mtimes(inner, ca.DM(derivative[j, 1:])) - h * f)
-        cost += b[j] * h * L
-        end += last[j + 1] * inner[:, j]
-    return [*rows, xb - end], cost
-
-
-def _explicit(problem: Problem, states: tuple[ca.SX, ca.SX, ca.SX],
-              inputs: tuple[ca.SX, ca.SX], h: ca.SX) -> tuple[list[ca.SX], ca.SX]:
-    """Return the row and the cost of an interval by one Runge-Kutta step."""
-    end, cost = step_of(problem).call([states[0], *inputs, h, problem.p])
-    return [states[2] - end], cost
-
-
-class Pieces:
-    """
-    An interval, the end and the limits of a problem, scaled, with their derivatives.
-
-    `free`: whether lengths of intervals are unknown; derivatives are much longer if they are.
-    """
-
-    def __init__(self, problem: Problem, stages: int, free: bool) -> None:
-        n, m = problem.n, problem.m
-        sx, su = ca.SX.sym('sx', n), ca.SX.sym('su', m)
-        st, sj = ca.SX.sym('st'), ca.SX.sym('sj')
-        self.shared = ca.vertcat(problem.p, sx, su, st, sj)
-        xa, xb, inner = ca.SX.sym('xa', n), ca.SX.sym('xb', n), ca.SX.sym('inner', n, stages)
-        ua, ub = ca.SX.sym('ua', m), ca.SX.sym('ub', m)
-        duration, fraction = ca.SX.sym('duration'), ca.SX.sym('fraction')
-        limits = ca.Function('limits', [problem.x, problem.u, problem.p], [problem.path])
-        rows, cost = (_gauss if stages else _explicit)(
-            problem, (sx * xa, ca.repmat(sx, 1, stages) * inner, sx * xb),
-            (su * ua, su * ub), st * duration * fraction)
-        points = [(xa, ua)] + [(inner[:, j], (1 - c) * ua + c * ub)
-                               for j, c in enumerate(gauss_points(stages))]
-        none = ca.SX(0, 1)
-        v, own = [xa, ca.vec(inner), xb, ua, ub], [fraction]
-        (v if free else own).append(duration)
-        self.interval = Piece(
-            ca.vertcat(*v), ca.vertcat(*own), self.shared,
-            ca.vertcat(*(row / sx for row in rows),
-                       *(limits(sx * x, su * u, problem.p) for x, u in points)), cost / sj)
-        terminal = ca.Function('terminal', [problem.x, problem.p], [problem.psi, problem.V])
-        psi, V = terminal.call([sx * xb, problem.p])
-        self.end = Piece(xb, none, self.shared, psi, V / sj)
-        self.limits = Piece(ca.vertcat(xb, ub), none, self.shared,
-                            limits(sx * xb, su * ub, problem.p), ca.SX(0))
-
-
 class Transcription:
     """
     The nonlinear program of a problem on a layout, for any numbers.
@@ -263,10 +207,10 @@ class Transcription:
         """Return where the local variables and the constants of each interval stand."""
         layout = self.layout
         duration = self.at_duration[layout.phase_of][:, None]
-        v = [self.at_x[:-1], self.at_inner.reshape(layout.intervals, -1), self.at_x[1:],
-             self.at_ua, self.at_ub]
-        own = [self.at_fraction[:, None]]
-        (v if layout.free_durations else own).append(duration)
+        own, free = [self.at_fraction[:, None]], list[Index]()
+        (free if layout.free_durations else own).append(duration)
+        v = [self.at_x[:-1], self.at_ua, self.at_ub, *free,
+             self.at_inner.reshape(layout.intervals, -1), self.at_x[1:]]
         return np.hstack(v), np.hstack(own) - self.unknowns
 
     @cached_property
