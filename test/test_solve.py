@@ -32,7 +32,8 @@ NAMES = (
     'dubins_right_left_right', 'lunar_ascent', 'quad_2d_mintime', 'reinvestment', 'robbins',
     'two_link_arm', 'vanderpol_state_bound', 'around_a_disc', 'clark_fishery',
     'floating_oscillator', 'fuller', 'goddard_feet', 'hanging_chain', 'nearest_of_a_parabola',
-    'oil_shale', 'tuberculosis', 'drug_displacement')
+    'oil_shale', 'tuberculosis', 'drug_displacement', 'equality_of_inputs', 'reorientation',
+    'cstr_kirk')
 
 
 def stated(name, **changes):

@@ -21,7 +21,8 @@ end            max_j |psi_j(x(T))| / (sum_i |dpsi_j/dx_i| s_i), x(T) replayed; f
                |t(T) - T| / T; and 1e-3 |nu|'|psi(x(T))| / (integral of |L| + |V(x(T))|), for what
                is met in the limit only costs without end to meet more closely
 bounds         largest excess of u at samples, of x and of the path constraints at samples and,
-               by cubic interpolation of the replay, between them; over the constraint's scale
+               by cubic interpolation of the replay, between them; over the constraint's scale,
+               for c(x, u) = 0 the largest sum of |dc_j/dx_i| s_i and |dc_j/du_i| |u_i|
 costate        sum over intervals and jumps of max_i s_i |defect of lam_i| / l, the defect of
                dlam/dt = -dH/dx - s - c_x' m less what multipliers of active state bounds and
                path constraints account for, their masses of the right sign
@@ -93,6 +94,7 @@ class _Functions:
             rate = ca.SX.sym('rate', problem.m)
             path_x = ca.jacobian(problem.path, x)
             self.path_x = Batch([x, u, p], [path_x.T])
+            self.path_u = Batch([x, u, p], [ca.jacobian(problem.path, u).T])
             self.path_rate = Batch([x, u, rate, p], [
                 ca.mtimes(path_x, problem.f) + ca.mtimes(ca.jacobian(problem.path, u), rate)])
 
@@ -251,6 +253,9 @@ class _Judge:
         u_size = np.abs(self.scales.u)
         for bound in (lower, upper):
             size = np.maximum(size, np.where(np.isfinite(bound), np.abs(bound), 0.0))
+        zero = (problem.path_lower == 0) & (problem.path_upper == 0)
+        if zero.any():
+            size[problem.n:] = np.where(zero, self._terms(), size[problem.n:])
         for bound in (problem.u_lower, problem.u_upper):
             u_size = np.maximum(u_size, np.where(np.isfinite(bound), np.abs(bound), 0.0))
         size = np.where(size > 0, size, 1.0)
@@ -270,6 +275,14 @@ class _Judge:
             upper_active[:, row] = high >= upper[row] - ACTIVE*size[row]
             lower_active[:, row] = low <= lower[row] + ACTIVE*size[row]
         return excess, upper_active, lower_active
+
+    def _terms(self) -> Array:
+        """Return the largest sum of the terms of each path constraint, (l,)."""
+        at, u = self.points, np.abs(self.solution.u).max(axis=0)
+        x_slope, u_slope = (np.abs(slope(at.x, at.u, self.p)[0]).reshape(
+            len(at.x), -1, len(size)) for slope, size in (
+                (self.functions.path_x, self.scales.x), (self.functions.path_u, u)))
+        return np.asarray((x_slope @ self.scales.x + u_slope @ u).max(axis=0))
 
     def _costate(self, upper: Mask, lower: Mask) -> float:
         solution, k, held = self.solution, self.rows, self.intervals

@@ -330,13 +330,10 @@ def _not_held(problem: Problem, answer: Solution) -> tuple[str, str] | None:
     """Return which bound the answer to the soft problem breaks most, and how."""
     if not _is_path(answer):
         return None
-    path = ca.Function('path', [problem.x, problem.u, problem.p], [problem.path])
-    values = [path(x, u, problem.p_value).full()[:, 0]
-              for x, u in zip(answer.x, answer.u, strict=True)]
-    rows = np.hstack([answer.x, np.array(values).reshape(len(answer.t), -1)])
+    rows, terms = _rows(problem, answer)
     lower = np.concatenate([problem.x_lower, problem.path_lower])
     upper = np.concatenate([problem.x_upper, problem.path_upper])
-    size = 1e-2 + np.abs(rows).max(axis=0)
+    size = 1e-2 + np.maximum(np.abs(rows).max(axis=0), terms)
     excess = np.maximum(rows - upper, lower - rows) / size
     k, row = np.unravel_index(int(np.argmax(excess)), excess.shape)
     if excess[k, row] <= _MISSED:
@@ -350,6 +347,17 @@ def _not_held(problem: Problem, answer: Solution) -> tuple[str, str] | None:
     first = int(np.argmax(excess[:, row] > _MISSED))
     return name, (f'the path that comes nearest to it leaves it at t = {answer.t[first]:.3g} and '
                   f'has {rows[k, row]:.4g} at t = {answer.t[k]:.4g}')
+
+
+def _rows(problem: Problem, answer: Solution) -> tuple[Array, Array]:
+    """Return x and c at the samples of an answer, and the largest size of their terms."""
+    c, z = problem.path, ca.vertcat(problem.x, problem.u)
+    terms = ca.mtimes(ca.fabs(ca.jacobian(c, z)), ca.fabs(z))
+    path = ca.Function('path', [problem.x, problem.u, problem.p], [c, terms]).map(len(answer.t))
+    values, sizes = (np.array(value).T for value in path(
+        answer.x.T, answer.u.T, ca.repmat(problem.p_value, 1, len(answer.t))))
+    return np.hstack([answer.x, values]), np.append(
+        np.abs(answer.x).max(axis=0), sizes.max(axis=0))
 
 
 def _unbounded(problem: Problem, solve: Solver) -> str:

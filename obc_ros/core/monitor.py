@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.solution import Report
 
-MAX_INTERVALS = 800
+MAX_INTERVALS = 2000
 
 
 class Monitor:

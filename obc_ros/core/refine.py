@@ -21,7 +21,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _MOST_CUTS = 4
+_WORTH = 0.7       # of the most intervals: with more no finer mesh is tried
 EXCEEDED = 2e-8, 2e-6   # of its size: by how much a constraint may be exceeded, or be drawn in
+_EQUAL = 25.0      # times that, for an equality: nothing can be drawn in
 _STRAIGHT = 1e-6   # of its size: by how much an input may be off a straight line
 _FOLLOWING = 12   # Newton steps at a point
 
@@ -147,11 +149,13 @@ def cuts(errors: Array, share: float, rate: float) -> Index:
     return np.clip(number, 1, _MOST_CUTS).astype(np.int64)
 
 
-def finer(mesh: Mesh, path: Path, kinks: Array, errors: Sequence[Error], longest: float) -> Mesh:
+def finer(mesh: Mesh, path: Path, kinks: Array, errors: Sequence[Error], longest: float,
+          most: int) -> Mesh:
     """
     Return a mesh that is finer where errors are too large, and no finer than needed.
 
-    Intervals at the inner points where inputs go straight on may become one, up to a length.
+    Intervals at the inner points where inputs go straight on may become one, up to a length. A
+    mesh of one phase has at most `most` intervals, unless it has nearly as many already.
     """
     def cut(of: Sequence[Array]) -> Index:
         counts = [cuts(values, error.share, error.rate)
@@ -172,7 +176,18 @@ def finer(mesh: Mesh, path: Path, kinks: Array, errors: Sequence[Error], longest
     points = np.append(0.0, np.cumsum(mesh.fractions * path.durations[mesh.layout.phase_of]))
     middle = (points[:-1] + points[1:]) / 2
     k = np.clip(np.searchsorted(path.t, middle) - 1, 0, len(number) - 1)
-    return split(mesh, number[k])
+    return _within(mesh, number[k], most)
+
+
+def _within(mesh: Mesh, number: Index, most: int) -> Mesh:
+    """Return the mesh cut into these numbers, or spread like them where they are too many."""
+    if len(mesh.layout.phases) > 1 or not len(number) < _WORTH * most < _WORTH * number.sum():
+        return split(mesh, number)
+    cut = np.append(0.0, np.cumsum(number) / number.sum())
+    points = np.interp(np.linspace(0.0, 1.0, most + 1), cut,
+                       np.append(0.0, np.cumsum(mesh.fractions)))
+    phase = replace(mesh.layout.phases[0], intervals=most)
+    return replace(mesh, layout=replace(mesh.layout, phases=(phase,)), fractions=np.diff(points))
 
 
 def _straight(path: Path, phase_of: Index) -> NDArray[np.bool_]:
@@ -232,7 +247,8 @@ def drawn_in(problem: Problem, value: Array, course: Extremal,
     over = np.max(excess, axis=0)
     least, most = (part * size for part in EXCEEDED)
     drawn = np.where((over > least) & (over < most) & (lower < upper), 1.2 * over, 0.0)
-    relative = np.max(excess / np.where(size > 0, size, 1.0), axis=1)
+    size = np.where(size > 0, size, 1.0) * np.where(lower < upper, 1.0, _EQUAL)
+    relative = np.max(excess / size, axis=1)
     relative[::course.parts] = 0.0   # nodes are held
     # Between a bound and a path that bends it grows with h^2: what is seen of one interval
     # holds for those beside it.

@@ -273,7 +273,8 @@ class Search:
         if self.bounded:
             errors.append(Error(self.exceeded, EXCEEDED[0], 2.0))
         longest = outcome.path.t[-1] / (2 * COARSE)
-        return finer(outcome.mesh, outcome.path, verdict.kinks, errors, longest)
+        return finer(outcome.mesh, outcome.path, verdict.kinks, errors, longest,
+                     self.monitor.max_intervals)
 
     def solution(self, outcome: Outcome, course: Extremal) -> Solution:
         """Return an outcome as samples, with its certificate."""

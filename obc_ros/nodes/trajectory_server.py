@@ -22,6 +22,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from obc_ros.action import SolveOptimalControl as SolveAction
 from obc_ros.core.errors import StatementError
+from obc_ros.core.monitor import MAX_INTERVALS
 from obc_ros.core.wire import Packet
 from obc_ros.core.workers import Answer, Job, LONGEST, Outcome, Pool, SHORTEST
 from obc_ros.msg import Trajectory
@@ -57,7 +58,7 @@ class Settings:
     time_limit: float = parameter(
         60.0, 'longest time from a request to its answer', 's', lower=SHORTEST, upper=LONGEST)
     max_intervals: int = parameter(
-        2_000, 'mesh intervals that a solve may use', lower=10, upper=100_000)
+        MAX_INTERVALS, 'mesh intervals that a solve may use', lower=10, upper=100_000)
     cache_size: int = parameter(
         32, 'structures of problems whose solvers each worker keeps', lower=1, upper=10_000)
     queue_length: int = parameter(
