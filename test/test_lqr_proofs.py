@@ -34,16 +34,15 @@ def design(spawn: Any, probe: Any) -> Callable[..., Any]:
     return ask
 
 
-def check(answer: Any, A: Any, B: Any, Qx: Any, Qu: Any) -> Array:
+def check(answer: Any, *problem: Any) -> Array:
     """Put an accepted design back into its equation, in more digits, and return P."""
-    A, B, Qx, Qu = (np.asarray(each, dtype=float) for each in (A, B, Qx, Qu))
+    A, B, Qx, Qu = (np.asarray(each, dtype=float) for each in problem)
     K, P = matrix(answer.design.k, B.shape[1]), matrix(answer.design.p, len(A))
     assert np.linalg.eigvals(A - B @ K).real.max() < 0.0 > max(answer.design.poles_real)
-    terms = [each.astype(np.longdouble) for each in (A.T, P, A, B, Qx)]
-    At, many, A_, B_, Q = terms
-    terms = [At @ many, many @ A_, -(many @ B_) @ np.linalg.solve(Qu, B.T @ P), Q]
+    more = P.astype(np.longdouble)
+    terms = (A.T @ more, more @ A, -(more @ B) @ np.linalg.solve(Qu, B.T @ P), Qx)
     size = max(float(np.linalg.norm(term)) for term in terms)
-    assert float(np.linalg.norm(sum(terms))) <= 1e-8 * size  # type: ignore[arg-type]
+    assert np.linalg.norm(np.sum(terms, axis=0)) <= 1e-8 * size
     assert answer.design.residual <= 1e-8 and 'poles left of' in answer.message
     return P
 

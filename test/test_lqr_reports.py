@@ -89,7 +89,9 @@ def test_the_numbers_of_exercise_2_10(spawn: Any, probe: Any) -> None:
         assert design.gain_reduction_margin[0] == pytest.approx(0.0, abs=1e-9)
         # |1 + L| > 1 for any regulator (Kalman): no peak above 1, and so at least half a disk
         assert design.sensitivity_peak == pytest.approx(1.0, abs=1e-6)
-        assert 1.0 < design.disk_margin[0] < 2.0
+        # S - T = (s^2 - a s - b) / (s^2 + a s + b), a^2 = 2 b; its square on s = jw is
+        # (w^4 + 4 b w^2 + b^2) / (w^4 + b^2), at most 3
+        assert design.disk_margin[0] == pytest.approx(2.0 / math.sqrt(3.0), rel=1e-6)
         assert design.damping == pytest.approx([math.sqrt(0.5)] * 2)
         assert design.residual < 1e-12
 
