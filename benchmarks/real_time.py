@@ -8,6 +8,10 @@ a core that stands still holds both up alike, and leaves no state without its co
 timer on each core tells how long the machine stood still; while it does, because other programs
 run or the host of a virtual machine has other work, a state may be answered late whatever the
 nodes do. So the run at 200 Hz is repeated until the machine was idle, at most `TRIES` times.
+
+Counted is from `SETTLE` on. Before, the processes get to know each other, this one too, and Fast
+DDS may hold up all that a process sends for 0.333 s when it opens the shared memory of a newcomer
+(Fast DDS issue 6535). ``--newcomers N`` measures that instead: N processes join the loop in turn.
 """
 
 import sys
@@ -31,6 +35,9 @@ from rclpy.signals import SignalHandlerOptions
 
 RUNS = ((200.0, 10.0, 0), (1000.0, 60.0, 50))  # [Hz], [s], priority (0: an ordinary process)
 START = 30.0             # [s] in which the loop must have closed
+SETTLE = 5.0             # [s] of the loop before it is counted
+STAY = 5.0               # [s] that a newcomer stays
+HELD = 0.2               # [s] without a command: more than the start of a process costs the others
 TRIES = 5
 TICK = 0.001             # [s] of the bare timers
 IDLE = 0.0025            # [s] that they may be late on an idle machine
@@ -50,6 +57,18 @@ while True:
     if late > tick:
         print(late)
 """
+
+
+# Joins the domain until its input ends.
+NEWCOMER = """
+import sys, rclpy
+rclpy.init()
+node = rclpy.create_node('newcomer')
+sys.stdin.read()
+rclpy.shutdown()
+"""
+
+Report = tuple[float, dict[str, str]]  # stamp [s], diagnostics of the plant
 
 
 @dataclass(frozen=True)
@@ -82,11 +101,13 @@ class Run:
 
 def main() -> int:
     """Measure and print; return the exit status."""
-    timing.arguments('the loop in real time over DDS')
+    args = timing.arguments('the loop in real time over DDS', newcomers=0)
     runs = []
     with free_domain() as domain:
         isolate(domain)
         slow, fast = RUNS
+        if args.newcomers:
+            return join(slow[0], args.newcomers)
         while len(runs) < TRIES and not (runs and not runs[-1].stalls):
             runs.append(run(*slow))
         runs.append(run(*fast))
@@ -105,7 +126,40 @@ def main() -> int:
 
 def run(rate: float, seconds: float, priority: int) -> Run:
     """Fly in real time and count."""
-    seen: list[tuple[float, dict[str, str]]] = []
+    with flight(rate, priority) as (watch, children), bare_timers() as late:
+        before = loads(children)
+        begin, end = watch(seconds)
+        shares = [(now - then) / seconds
+                  for now, then in zip(loads(children), before, strict=True)]
+    counts = [int(end[1][name]) - int(begin[1][name]) for name in COUNTS]
+    simulated = [float(each[1]['simulated time [s]']) for each in (begin, end)]
+    drift = simulated[1] - simulated[0] - (end[0] - begin[0])
+    return Run(rate, priority, *counts, drift, shares, late,
+               round(seconds / TICK) * len(os.sched_getaffinity(0)))
+
+
+def join(rate: float, count: int) -> int:
+    """Let processes join a flight in turn and print what each cost it."""
+    lost = []
+    with flight(rate, 0) as (watch, _):
+        for _ in range(count):
+            newcomer = subprocess.Popen([sys.executable, '-c', NEWCOMER], stdin=subprocess.PIPE)
+            try:
+                begin, end = watch(STAY)
+            finally:
+                newcomer.communicate(b'')
+            lost.append((int(end[1][COUNTS[1]]) - int(begin[1][COUNTS[1]])) / rate)
+    held = [each for each in lost if each > HELD]
+    print(f'\n{count} newcomers: states unanswered for {sum(lost) / count:.3f} s on average, for '
+          f'over {HELD:g} s by {len(held)}, at most {max(lost):.3f} s')
+    return timing.finish()
+
+
+@contextmanager
+def flight(rate: float, priority: int) -> Iterator[
+        tuple[Callable[[float], tuple[Report, Report]], Children]]:
+    """Fly, both nodes on one core; yield what reports the begin and end of a time, and the nodes."""
+    seen: list[Report] = []
 
     def look(message: DiagnosticArray) -> None:
         for status in message.status:
@@ -113,6 +167,11 @@ def run(rate: float, seconds: float, priority: int) -> Run:
                 stamp = message.header.stamp
                 seen.append((stamp.sec + stamp.nanosec * 1e-9,
                              {each.key: each.value for each in status.values}))
+
+    def watch(seconds: float) -> tuple[Report, Report]:
+        begin = seen[-1]
+        wait(node, children, lambda: seen[-1][0] - begin[0] > seconds - 0.5, seconds)
+        return begin, seen[-1]
 
     with tempfile.TemporaryDirectory() as folder, Children(Path(folder)) as children:
         pace = ['-p', f'priority:={priority}']
@@ -124,19 +183,10 @@ def run(rate: float, seconds: float, priority: int) -> Run:
             node = rclpy.create_node('bench_real_time')
             node.create_subscription(DiagnosticArray, '/diagnostics', look, 10)
             wait(node, children, lambda: bool(seen) and int(seen[-1][1]['commands taken']) > rate)
-            with bare_timers() as late:
-                begin, before = seen[-1], loads(children)
-                wait(node, children, lambda: seen[-1][0] - begin[0] > seconds - 0.5, seconds)
-                shares = [(now - then) / seconds
-                          for now, then in zip(loads(children), before, strict=True)]
+            watch(SETTLE)
+            yield watch, children
         finally:
             rclpy.shutdown()
-    end = seen[-1]
-    counts = [int(end[1][name]) - int(begin[1][name]) for name in COUNTS]
-    simulated = [float(each[1]['simulated time [s]']) for each in (begin, end)]
-    drift = simulated[1] - simulated[0] - (end[0] - begin[0])
-    return Run(rate, priority, *counts, drift, shares, late,
-               round(seconds / TICK) * len(os.sched_getaffinity(0)))
 
 
 @contextmanager
