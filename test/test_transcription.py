@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Programs of many blocks, Gauss collocation and Runge-Kutta steps, against closed forms."""
 
+from itertools import combinations, islice
+import math
+
 import casadi as ca
 import numpy as np
 from obc_ros.core.blocks import assemble, Block, Piece
@@ -10,6 +13,7 @@ from obc_ros.core.guesses import Guesser, scales
 from obc_ros.core.mesh import HELD, Layout, LINEAR, Mesh, Phase, split, uniform
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.pieces import Pieces
+from obc_ros.core.search import familiar
 from obc_ros.core.statement import problem_from_mapping
 from obc_ros.core.transcription import Limits, Transcription
 import pytest
@@ -185,3 +189,19 @@ def test_a_monitor_ends_a_solver_within_an_iteration():
         problem, mesh, program.start(mesh, guess, guess.durations, sizes), sizes,
         Limits(np.zeros(1), np.ones(1), np.zeros(3), np.zeros(3, dtype=bool)), monitor)
     assert not outcome.converged and monitor.stopped == 'cancelled' and seen == [1, 2, 3]
+
+
+def test_no_start_comes_twice():
+    problem = problem_from_mapping(LANE_CHANGE)
+    starts = Guesser(problem).starts(problem, Integrator(problem))
+    seen = [np.hstack([start.x[:-1], start.ua]) for start in islice(starts, 20)]
+    assert all(np.abs(a - b).max() > 1e-6 for a, b in combinations(seen, 2))
+
+
+@pytest.mark.parametrize(('minima', 'searches'), [(1, 7), (2, 16), (3, 29)])
+def test_minima_are_familiar_once_no_other_is_expected(minima, searches):
+    """Where w (n - 1) / (n - w - 2) comes down to w + 1/2: n = (w + 1/2) (w + 2) - w over 1/2."""
+    costs = [1.0 + k % minima for k in range(searches)]
+    assert searches == math.ceil(2 * ((minima + 0.5) * (minima + 2) - minima))
+    assert familiar(costs) and not familiar(costs[:-1])
+    assert familiar([cost * (1 + 1e-5 * k) for k, cost in enumerate(costs)])   # as rough as found

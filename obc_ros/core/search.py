@@ -30,7 +30,7 @@ _ROUGH = 1e-4         # relative error of the cost on a coarse mesh
 # Work is counted in iterations times intervals, four times these by collocation, so that what is
 # found does not depend on what else a machine has to do; one is 0.05 ms or so.
 _PATIENCE = 10_000    # for starts while none converged
-_EXPLORING = (0.15, 0.5)   # part of the work for further starts, of easy and of hard problems
+_EXPLORING = (0.15, 0.3)   # part of the work for further starts, of easy and of hard problems
 _HARD = 3000
 _EXPLORED_LEAST, _EXPLORED_MOST = (2, 12), 30   # number of further starts, likewise
 _LOWER = 1e-3         # relative: what is another minimum on a coarse mesh
@@ -82,12 +82,13 @@ class Search:
     def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
                   near: bool = False, sizes: Scales | None = None, most: int = 500,
                   warm: Outcome | None = None, guide: Outcome | None = None,
-                  rough: float = 0.0, once: bool = False, least: Array | float = 0.0
-                  ) -> Outcome:
+                  rough: float = 0.0, once: bool = False, known: float = np.nan,
+                  least: Array | float = 0.0) -> Outcome:
         """
         Solve the transcription on a mesh from a path, in at most `most` iterations.
 
         `rough`: relative error of the cost that will do. `once`: try the faster method only.
+        `known`: a cost at which nothing new is found.
         `near`: the path is nearly an answer; phases are then kept from vanishing. `warm`: the
         outcome of a neighbour on this mesh. `guide`: one nearby on another mesh.
         """
@@ -107,7 +108,7 @@ class Search:
         self.monitor.limit(most)
         outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor, near=near,
                                 multipliers=(warm.lam_w, warm.lam_g) if warm else None,
-                                guide=guide, rough=rough, once=once)
+                                guide=guide, rough=rough, once=once, known=known)
         if near and not outcome.converged and not self.monitor.stopped:
             self.monitor.limit(most)
             outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor)
@@ -162,7 +163,8 @@ class Search:
                 break
         return found
 
-    def from_next_start(self, most: int, *, once: bool, hard: bool = False) -> Outcome:
+    def from_next_start(self, most: int, *, once: bool, hard: bool = False,
+                        known: float = np.nan) -> Outcome:
         """Return what the coarse mesh gives from the next start in so many iterations."""
         if once:
             most = min(most, max(_FEW_ITERATIONS, round((5 if hard else 2.5) * self.typical)))
@@ -173,7 +175,7 @@ class Search:
             stepped = self.collocate(steps, start, most=_COARSE_ITERATIONS)
             start, rough = joined(stepped.path, periods), 0.0   # near what it leads to
         return self.collocate(uniform(self.problem, self.intervals, self.stages), start,
-                              most=most, rough=rough, once=once)
+                              most=most, rough=rough, once=once, known=known)
 
     def course(self, outcome: Outcome, *, stated: bool = False, draft: bool = False) -> Extremal:
         """Return states and costates under the input of an outcome; a `draft` is quicker."""
@@ -334,7 +336,7 @@ class Search:
         if not starts or not np.all(np.isfinite(starts[0].path.x)):
             return Solution(Status.NOT_CONVERGED, 'no path was found from any start')
         best = self.followed_up(starts[0])
-        return best if self.quick else self.explored(best, starts[0].objective)
+        return best if self.quick else self.explored(best, starts)
 
     def followed_up(self, start: Outcome, rounds: int = _ROUNDS) -> Solution:
         """Return the best answer that improving a coarse outcome gives."""
@@ -362,22 +364,26 @@ class Search:
         """Return what a neighbour, or the indirect method, starts from."""
         return Answered(self.stated, outcome, self.sizes(outcome), self.margin)
 
-    def explored(self, best: Solution, floor: float) -> Solution:
+    def explored(self, best: Solution, starts: list[Outcome]) -> Solution:
         """
         Return the best answer after some more starts.
 
         Their number grows with the work that the problem has made so far: what is solved at once
-        is not held up, and what is hard is looked at from many sides.
+        is not held up, and what is hard is looked at from many sides, until these are familiar.
         """
-        kept, spent = self.last, 0
+        kept, spent, floor = self.last, 0, starts[0].objective
+        costs = [outcome.objective for outcome in starts if outcome.converged]
         for number in range(_EXPLORED_MOST):
             hard = self.work > _HARD
-            if self.monitor.stopped or (spent > _EXPLORING[hard] * self.work and number
-                                        >= _EXPLORED_LEAST[hard and not self.stages]):
+            enough = number >= _EXPLORED_LEAST[hard and not self.stages]
+            if self.monitor.stopped or enough and (
+                    spent > _EXPLORING[hard] * self.work or familiar(costs)):
                 break
             started = self.work
             self.reset()
-            outcome = self.from_next_start(_COARSE_ITERATIONS, once=_holds(best), hard=hard)
+            outcome = self.from_next_start(
+                _COARSE_ITERATIONS, once=_holds(best), hard=hard, known=floor)
+            costs += [outcome.objective] * outcome.converged
             lower = below(outcome.objective, floor, _LOWER)
             if lower and outcome.converged and not self.believed(outcome):
                 mesh = split(outcome.mesh, np.full(self.intervals, 2))
@@ -405,6 +411,19 @@ class Search:
         self.switching = tuple(self.may_hold and each for each in self.kit.switching)
         if self.kit.twin:
             self.problem = self.kit.twin.problem(self.stated, 0)
+
+
+def familiar(costs: list[float]) -> bool:
+    """
+    Return whether no other minimum is to be expected after so many searches from random starts.
+
+    After n that led to w minima, w (n - 1) / (n - w - 2) is expected of how many there are:
+    C. G. E. Boender, A. H. G. Rinnooy Kan, Bayesian stopping rules for multistart global
+    optimization methods, Math. Program. 37 (1987).
+    """
+    n, ordered = len(costs), np.sort(costs)
+    w = 1 + int(np.count_nonzero(np.diff(ordered) > _LOWER * np.abs(ordered[1:])))
+    return n > w + 2 and w * (n - 1) / (n - w - 2) <= w + 0.5
 
 
 def _holds(answer: Solution) -> bool:

@@ -344,7 +344,8 @@ class Transcription:
 
     def solve(self, problem: Problem, mesh: Mesh, start: Array, scales: Scales,
               limits: Limits, monitor: Monitor, *, near: bool = False, rough: float = 0.0,
-              once: bool = False, multipliers: tuple[Array, Array] | None = None,
+              once: bool = False, known: float = np.nan,
+              multipliers: tuple[Array, Array] | None = None,
               guide: 'Outcome | None' = None) -> Outcome:
         """
         Solve the program for the numbers of a problem of the same structure.
@@ -365,6 +366,8 @@ class Transcription:
             `lam_w` and `lam_g` of a neighbouring Outcome: warm start.
         rough : float, optional
             Relative error of the cost that is good enough; 0 for none.
+        known : float, optional
+            A cost at which nothing new is found.
         once : bool, optional
             Whether to leave it at the interior-point method of this package, where it applies.
         guide : Outcome, optional
@@ -379,7 +382,8 @@ class Transcription:
             if guide is not None and multipliers is None:
                 guessed = self.multipliers(mesh, start, guide, scales, (lower, upper))
             found = self._staged.run(
-                start, (lower, upper), Goal(rough=rough, spare=once),
+                start, (lower, upper), Goal(
+                    rough=rough, spare=once, known=known / scales.cost),
                 lambda f, worst: monitor.step(f * scales.cost, worst), near=near,
                 multipliers=guessed, mu=0.0 if guide is None else guide.mu)
             if found.converged or once or monitor.stopped or monitor.spent:
