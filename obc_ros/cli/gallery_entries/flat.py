@@ -226,7 +226,9 @@ def _draw(drift: str, free: Trajectory, best: Trajectory, found: list[Any], powe
         shown = (np.sinh(t) / sinh(1), np.exp(t) / sinh(1)), (known.x, known.u)
     else:
         x, lam, _ = _shoot(t)
-        shown = ((x, -lam),)
+        dx = _first_integral()[1]
+        way = _along(dx, t)
+        shown = (way, dx(way) + way**3), (x, -lam)
     for x, u in shown:
         states.plot(t, x, label='exact' if x is shown[0][0] else None, **EXACT)
         inputs.plot(t, u, **EXACT)
