@@ -4,10 +4,12 @@
 Fixtures of every test that runs nodes: `domain`, `spawn`, `probe`.
 
 A test that asks for one of them carries the marker ``nodes``; the output of the processes it
-spawned is attached to its report when it fails.
+spawned is attached to its report when it fails. A test that asks for `clock` carries ``alone`` and
+runs while no other worker runs one.
 """
 
 from collections.abc import Iterator
+import fcntl
 import os
 from pathlib import Path
 import signal
@@ -30,14 +32,34 @@ settings.register_profile('obc_ros', deadline=None, derandomize=True)
 settings.register_profile('explore', deadline=None)
 settings.load_profile('obc_ros')
 
+# Locks between the workers. Who waits for the room holds the door, so that nobody overtakes them.
+_DOOR, _ROOM = (os.open(path, os.O_RDONLY) for path in (__file__, Path(__file__).parent))
+
 _SPAWNER = pytest.StashKey[support.Spawner]()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that run nodes."""
+    """Mark the tests that run nodes, and those that hold times to bounds."""
     for item in items:
-        if 'domain' in getattr(item, 'fixturenames', ()):
+        fixtures = getattr(item, 'fixturenames', ())
+        if 'domain' in fixtures:
             item.add_marker('nodes')
+        if 'clock' in fixtures:
+            item.add_marker('alone')
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Let a test that holds times to bounds have the machine to itself."""
+    fcntl.flock(_DOOR, fcntl.LOCK_EX)
+    try:
+        fcntl.flock(_ROOM, fcntl.LOCK_EX if item.get_closest_marker('alone') else fcntl.LOCK_SH)
+    finally:
+        fcntl.flock(_DOOR, fcntl.LOCK_UN)
+    try:
+        return (yield)
+    finally:
+        fcntl.flock(_ROOM, fcntl.LOCK_UN)
 
 
 @pytest.hookimpl(wrapper=True)

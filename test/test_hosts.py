@@ -12,6 +12,7 @@ import support
 SCRIPT = Path(__file__).resolve().parents[1] / 'benchmarks' / 'hosts.py'
 
 
+@pytest.mark.alone
 def test_a_loop_on_three_hosts_outlives_a_bad_wire_and_a_cut(domain):
     """The short form of benchmarks/hosts.py, which requires the figures that it prints."""
     done = subprocess.run(

@@ -19,6 +19,7 @@ pytestmark = pytest.mark.nodes
 X = [0.3, -0.2, 0.1, 0.05, -0.04, 0.02]
 
 
+@pytest.mark.alone
 def test_diagnostics_at_1_hz(spawn: Any, probe: Any) -> None:
     """Rate, state age, latency, share at a limit, revision and last refusal, once a second."""
     bench = Bench(spawn, probe, u_min=[-1.0, 30.0], u_max=[1.0, 50.0])

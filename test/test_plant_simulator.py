@@ -86,6 +86,7 @@ def test_it_rests_in_real_time_until_the_first_command_and_says_so_once(spawn, p
     assert (status.level, status.message) == (b'\0', 'no command yet')
 
 
+@pytest.mark.alone
 def test_real_time_does_not_drift(spawn, probe):
     spawn('plant_simulator')
     states = probe.listen(State, 'state')

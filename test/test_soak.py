@@ -17,6 +17,7 @@ REQUIRED = ('answers that are wrong', 'refused for want of time', 'without an an
             'did not end as they should')
 
 
+@pytest.mark.alone
 @pytest.mark.timeout(180)
 def test_nothing_is_lost_or_left_behind(domain):
     """A command in its 5 ms is too much to ask of a machine that runs other tests."""

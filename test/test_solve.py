@@ -330,6 +330,7 @@ def test_infeasible_problems_come_back_with_the_reason(problem, words):
     assert words in solution.message
 
 
+@pytest.mark.alone
 def test_cancelling_ends_the_work():
     calls = []
 
@@ -343,6 +344,7 @@ def test_cancelling_ends_the_work():
     assert len(calls) <= 14 and time.monotonic() - begun < 5
 
 
+@pytest.mark.alone
 def test_the_time_limit_is_kept():
     begun = time.monotonic()
     solution = solve(stated('alp_rider')[0], time_limit=1.0)
