@@ -131,3 +131,36 @@ def test_a_solver_that_fails_gives_no_reason():
     def failing(_):
         return Solution(Status.TIMED_OUT, 'no time')
     assert explain(problem_from_mapping(BLOCK | LONGER), failing) is None
+
+
+def test_a_least_cost_that_only_ever_faster_switching_approaches():
+    """Bolza's example: x**2 + (u**2 - 1)**2 is nearly 0 for u = 1 and u = -1 in turn."""
+    found = solve(problem_from_mapping({
+        'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'initial_state': {'x': 0},
+        'running_cost': 'x**2 + (u**2 - 1)**2', 'terminal_constraints': ['x'],
+        'final_time': {'free': False, 'value': 1}}))
+    assert found.status is Status.NOT_CONVERGED
+    assert found.message.startswith('no input attains the least cost: ')
+    least = float(found.message.split(': ')[1].split()[0])
+    assert least == pytest.approx(0, abs=1e-6)
+    u = sorted(numbers(found.message.split('between u = ')[1])[:2])
+    assert u == pytest.approx([-1, 1], rel=1e-3)
+
+
+def test_a_cost_without_bound_whose_residuals_are_small_beside_its_size():
+    """The integral of x u + y is x(1)**2 / 2 plus that of y: as low as u makes it."""
+    found = solve(problem_from_mapping({
+        'states': ['x', 'y'], 'inputs': ['u'], 'dynamics': {'x': 'u', 'y': 'x'},
+        'initial_state': {'x': 0, 'y': 0}, 'running_cost': 'x*u + y',
+        'final_time': {'free': False, 'value': 1}}))
+    assert found.status is Status.NOT_CONVERGED
+    assert 'the cost has no lower bound' in found.message
+
+
+def test_an_equality_of_inputs_that_holds_between_mesh_points_but_nearly_is_not_impossible():
+    block = {'states': ['x', 'y'], 'inputs': ['a', 'b'], 'dynamics': {'x': 'a', 'y': 'b'},
+             'running_cost': 'x**2 + y**2 + a**2 + b**2', 'initial_state': {'x': 1, 'y': 2},
+             'path_constraints': [{'expr': 'a + b + x', 'lower': 0, 'upper': 0}],
+             'final_time': {'free': False, 'value': 2}}
+    found = explain(problem_from_mapping(block), quickly)
+    assert found is None or not found.infeasible

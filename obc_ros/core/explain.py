@@ -12,6 +12,7 @@ elastic      the terminal constraints become the cost sum of psi_j^2: what is le
 soft         state bounds and path constraints become a cost as well: which one cannot be held,
              when, and by how much;
 least time   L = 1, T free: whether the time is too short;
+relaxed      mixtures of two inputs: whether the cost falls while the input switches ever faster;
 boxed        |u| <= 10, 100, 1000: whether the cost falls without end.
 
 A problem is called infeasible when that is shown. Where dynamics and constraints are affine and T
@@ -28,8 +29,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.contradictions import contradiction, number, state_bound, terminal
-from obc_ros.core.ill_posed import without_minimum
+from obc_ros.core.ill_posed import wish, without_minimum
 from obc_ros.core.problem import FinalTime, Problem
+from obc_ros.core.relaxation import chattering, relaxed
 from obc_ros.core.solution import Solution
 from obc_ros.core.undefined import runs_away, undefined
 
@@ -43,6 +45,7 @@ _PART = 0.1         # of its terms, that Pontryagin's conditions may leave
 _EFFORT = 1e-8      # weight of the inputs in problems that would not determine them otherwise
 _LATER = 50.0       # times T up to which a least time is looked for
 _BOXES = (10.0, 100.0, 1000.0)
+_MORE = 3.0         # times the largest inputs of an answer: where a cheaper one is looked for
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,7 @@ class _Doubt:
         self.lost = found is None or not _is_path(found)
         kept = found is not None and not self.lost and not _missed(problem, found)
         if kept or problem.q == 0 and not _bounded(problem):
-            return self.without_end()
+            return self.mixed(found) or self.without_end()
         nearest = self.best(_elastic(problem))
         if not _is_path(nearest):
             sentence = undefined(problem, nearest.t, nearest.x, nearest.u)
@@ -114,6 +117,15 @@ class _Doubt:
         if self.convex and _is_path(answer) and not _nearly_optimal(answer):
             answer = self.thorough(other)
         return answer
+
+    def mixed(self, found: Solution | None) -> Reason | None:
+        """Return that the least cost is approached by ever faster switching, if it is."""
+        other = None if found is None or self.lost else relaxed(self.problem, found)
+        if found is None or other is None:
+            return None
+        answer = self.thorough(other)
+        sentence = chattering(self.problem, answer, found) if _certified(answer) else ''
+        return Reason(False, sentence) if sentence else None
 
     def without_end(self) -> Reason | None:
         """Return that states, or the cost, grow without end, if they do."""
@@ -361,24 +373,48 @@ def _rows(problem: Problem, answer: Solution) -> tuple[Array, Array]:
 
 
 def _unbounded(problem: Problem, solve: Solver) -> str:
-    """Return a sentence if the cost falls without end as the inputs are given more room."""
+    """Return a sentence if the cost goes on falling as the inputs are given more room."""
     free = ~(np.isfinite(problem.u_lower) & np.isfinite(problem.u_upper))
     if not free.any():
         return ''
     size = np.maximum(1.0, np.abs(np.where(np.isfinite(problem.u_lower), problem.u_lower, 0.0)))
-    costs = []
+    costs, full = [], True
     for room in _BOXES:
-        answer = solve(replace(
-            problem, structure='', u_lower=np.maximum(problem.u_lower, -room*size),
-            u_upper=np.minimum(problem.u_upper, room*size)))
+        answer = solve(_boxed(problem, room * size))
         if not _is_path(answer) or (problem.q and _missed(problem, answer)):
             return ''
         costs.append(float(answer.objective))
+        full &= bool((np.abs(answer.u).max(axis=0) >= 0.99 * room * size)[free].any())
     first, second = costs[0] - costs[1], costs[1] - costs[2]
+    names = ', '.join(f'|{name}|' for name, yes in zip(problem.inputs, free, strict=True) if yes)
+    listed = ', '.join(f'{cost:.4g} with {names} <= {room:g}'
+                       for cost, room in zip(costs, _BOXES, strict=True))
     if costs[2] < 0 and first > 0 and second > 3*first:
-        names = ', '.join(f'|{name}|' for name, yes in zip(
-            problem.inputs, free, strict=True) if yes)
-        return ('the cost has no lower bound: '
-                + ', '.join(f'{cost:.4g} with {names} <= {room:g}'
-                            for cost, room in zip(costs, _BOXES, strict=True)))
+        return f'the cost has no lower bound: {listed}'
+    if full and first > 0 and second > _PART * abs(costs[1]):
+        return f'no least cost was found: it goes on falling as inputs may be larger, {listed}'
     return ''
+
+
+def _boxed(problem: Problem, room: Array) -> Problem:
+    """Return a problem with inputs of at most this magnitude."""
+    return replace(problem, structure='', u_lower=np.maximum(problem.u_lower, -room),
+                   u_upper=np.minimum(problem.u_upper, room))
+
+
+def outgrown(problem: Problem, found: Solution, solve: Solver) -> str:
+    """
+    Return a sentence if larger inputs cost much less than those of a certified answer; else ''.
+
+    Where H is linear in an input without bounds, an answer that runs off to infinity has
+    residuals that are small beside its own size.
+    """
+    if not wish(problem):
+        return ''
+    largest = np.abs(found.u).max(axis=0)
+    other = solve(_boxed(problem, _MORE * np.maximum(largest, 1e-6 * largest.max())))
+    if not _is_path(other) or problem.q and _missed(problem, other) or (
+            found.objective - other.objective <= _PART * abs(found.objective)):
+        return ''
+    return (f'no least cost was found: {found.objective:.4g} with inputs up to '
+            f'{largest.max():.4g}, {other.objective:.4g} with larger ones; {wish(problem)}')

@@ -33,6 +33,7 @@ _PATIENCE = 10_000    # for starts while none converged
 _EXPLORING = (0.15, 0.3)   # part of the work for further starts, of easy and of hard problems
 _HARD = 3000
 _EXPLORED_LEAST, _EXPLORED_MOST = (2, 12), 30   # number of further starts, likewise
+_WEARY = 500_000      # work without an answer that holds, after which no further start is tried
 _LOWER = 1e-3         # relative: what is another minimum on a coarse mesh
 _BELIEVED, _ABSURD = 1e-2, 1e6   # relative: error of a coarse step; cost above the least one
 _ROUNDS, _PLAIN_ROUNDS = 10, 5   # of finer meshes; of those before curved inputs are held
@@ -376,7 +377,8 @@ class Search:
         for number in range(_EXPLORED_MOST):
             hard = self.work > _HARD
             enough = number >= _EXPLORED_LEAST[hard and not self.stages]
-            if self.monitor.stopped or enough and (
+            weary = self.work > _WEARY and not _holds(best)
+            if self.monitor.stopped or weary or enough and (
                     spent > _EXPLORING[hard] * self.work or familiar(costs)):
                 break
             started = self.work

@@ -11,7 +11,7 @@ import time
 import numpy as np
 from obc_ros.core.certificate import certify
 from obc_ros.core.errors import StatementError
-from obc_ros.core.explain import convex, explain
+from obc_ros.core.explain import convex, explain, outgrown
 from obc_ros.core.ill_posed import indifferent, wish, without_minimum
 from obc_ros.core.kit import Kit
 from obc_ros.core.monitor import MAX_INTERVALS, Monitor
@@ -104,6 +104,11 @@ def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
     answer = search.run()
     if not monitor.stopped:
         answer = touched_up(search, answer)
+    if answer.certificate and answer.certificate.holds:
+        sentence = outgrown(problem, answer, lambda other: Search(
+            other, Kit(other), monitor, quick=True).run())
+        if sentence:
+            answer = Solution(Status.NOT_CONVERGED, sentence)
     return replace(answer, method='arcs')
 
 
