@@ -50,6 +50,13 @@ def enter() -> str:
     raise SystemExit(child.returncode)
 
 
+def udp_only() -> None:
+    """Once in them, have what is started speak by UDP alone, and find each other by multicast."""
+    run('ip', 'link', 'set', 'lo', 'multicast', 'on')
+    run('ip', 'route', 'add', '224.0.0.0/4', 'dev', 'lo')
+    os.environ.update(ROS_AUTOMATIC_DISCOVERY_RANGE='SUBNET', FASTDDS_BUILTIN_TRANSPORTS='UDPv4')
+
+
 def run(*words: str) -> str:
     """Run a command; return what it prints, or end with what it says is wrong."""
     done = subprocess.run(words, capture_output=True, text=True)

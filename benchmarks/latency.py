@@ -4,7 +4,8 @@
 From a state to its command over DDS, between two processes.
 
 The floor is a raw rclpy echo of the same two messages with the same QoS. It and lqr_node, plain
-and with everything on, are measured in turn; then lqr_node is held at 1 kHz for a minute.
+and with everything on, are measured in turn; then lqr_node is held at 1 kHz for a minute. With
+``--udp 1`` no shared memory is used, in a network namespace of its own.
 """
 
 import sys
@@ -19,6 +20,7 @@ from statistics import median, quantiles
 import subprocess
 import time
 
+from _hosts import enter, udp_only
 from obc_ros.cli.processes import free_domain, isolate
 from obc_ros.msg import Command, State, Trajectory
 import rclpy
@@ -156,9 +158,13 @@ def _end(process: 'subprocess.Popen[bytes]') -> None:
 
 def main() -> int:
     """Measure and report."""
-    timing.arguments(__doc__ or '')
+    args = timing.arguments(__doc__ or '', udp=0)
+    if args.udp and (fault := enter()):
+        raise SystemExit(fault)
     with free_domain() as domain:
         isolate(domain)
+        if args.udp:
+            udp_only()
         rclpy.init()
         node = Node('latency')
         with rivals(node) as found:

@@ -12,6 +12,7 @@ nodes do. So the run at 200 Hz is repeated until the machine was idle, at most `
 Counted is from `SETTLE` on. Before, the processes get to know each other, this one too, and Fast
 DDS may hold up all that a process sends for 0.333 s when it opens the shared memory of a newcomer
 (Fast DDS issue 6535). ``--newcomers N`` measures that instead: N processes join the loop in turn.
+With ``--udp 1`` no shared memory is used, in a network namespace of its own.
 """
 
 import sys
@@ -27,6 +28,7 @@ import subprocess
 import tempfile
 import time
 
+from _hosts import enter, udp_only
 from diagnostic_msgs.msg import DiagnosticArray
 from obc_ros.cli.processes import Children, free_domain, isolate
 import rclpy
@@ -101,10 +103,14 @@ class Run:
 
 def main() -> int:
     """Measure and print; return the exit status."""
-    args = timing.arguments('the loop in real time over DDS', newcomers=0)
+    args = timing.arguments('the loop in real time over DDS', newcomers=0, udp=0)
+    if args.udp and (fault := enter()):
+        raise SystemExit(fault)
     runs = []
     with free_domain() as domain:
         isolate(domain)
+        if args.udp:
+            udp_only()
         slow, fast = RUNS
         if args.newcomers:
             return join(slow[0], args.newcomers)
@@ -158,7 +164,7 @@ def join(rate: float, count: int) -> int:
 @contextmanager
 def flight(rate: float, priority: int) -> Iterator[
         tuple[Callable[[float], tuple[Report, Report]], Children]]:
-    """Fly, both nodes on one core; yield what reports the begin and end of a time, and the nodes."""
+    """Fly, both nodes on one core; yield what reports two ends of a time, and the nodes."""
     seen: list[Report] = []
 
     def look(message: DiagnosticArray) -> None:
