@@ -92,10 +92,6 @@ class Batch:
         self._evaluate(w, result, self._few)
         return result
 
-    def parcels(self, count: int) -> list[slice]:
-        """Return the rows that are evaluated at once, of as many as `filled` returns."""
-        return [slice(k, k + self._few) for k in range(0, count, self._few)]
-
     def _evaluate(self, w: Array, result: Array, size: int) -> None:
         if w.size and result.size:
             given, found, evaluate, _ = self._parcel(size)

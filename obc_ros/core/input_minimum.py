@@ -330,20 +330,31 @@ def _of_two(slope: Array, Q: Array, low: Array, high: Array, box: _Box) -> tuple
     with np.errstate(all='ignore'):
         inner = (np.column_stack([c*slope[:, 1] - b*slope[:, 0], c*slope[:, 0] - a*slope[:, 1]])
                  / (a*b - c*c)[:, None])
-    inside = (a > 0) & (a*b > c*c) & np.all((inner >= low) & (inner <= high), axis=1)
-    places = [np.where(inside[:, None], inner, 0.0)]
+        inside = (a > 0) & (a*b > c*c) & np.all((inner >= low) & (inner <= high), axis=1)
+        sure = inside & (c*c < (1 - 1e-6)*a*b)
+    step = np.where(inside[:, None], inner, 0.0)
+    rest = np.flatnonzero(~sure)
+    if rest.size:
+        step[rest] = _on_edges(step[rest], slope[rest], Q[rest], low[rest], high[rest], box)
+    value = (slope[:, 0] + 0.5*a*step[:, 0])*step[:, 0] + (
+        slope[:, 1] + 0.5*b*step[:, 1] + c*step[:, 0])*step[:, 1]
+    return step, np.where(np.isnan(value), 0.0, value)
+
+
+def _on_edges(first: Array, slope: Array, Q: Array, low: Array, high: Array, box: _Box) -> Array:
+    """Return the best of a first step and those to the edges of the box of two inputs."""
+    places = [first]
     for i, edge in itertools.product((0, 1), (low, high)):
         j, place = 1 - i, np.empty_like(slope)
         place[:, i] = edge[:, i]
-        place[:, j] = _line(slope[:, j] + c*edge[:, i], Q[:, j, j], low[:, j], high[:, j],
-                            float(box.scale[j]), box.H)
+        place[:, j] = _line(slope[:, j] + Q[:, 0, 1]*edge[:, i], Q[:, j, j], low[:, j],
+                            high[:, j], float(box.scale[j]), box.H)
         places.append(place)
     steps = np.stack(places)
     values = (np.einsum('skj,kj->sk', steps, slope)
               + 0.5*np.einsum('ski,kij,skj->sk', steps, Q, steps))
-    best, rows = np.argmin(np.where(np.isnan(values), np.inf, values), axis=0), np.arange(len(Q))
-    least = values[best, rows]
-    return steps[best, rows], np.where(np.isnan(least), 0.0, least)
+    best = np.argmin(np.where(np.isnan(values), np.inf, values), axis=0)
+    return np.asarray(steps[best, np.arange(len(Q))])
 
 
 def _bends_down(Q: Array) -> bool:

@@ -96,7 +96,7 @@ class Integrator:
         lam, s = ca.SX.sym('lam', problem.n), ca.SX.sym('s', problem.n)
         mu = ca.SX.sym('mu', problem.path.numel())
         H = problem.L + ca.dot(lam, problem.f) + ca.dot(mu, problem.path)
-        self._rate = Batch([problem.x, lam, problem.u, s, mu, problem.p],
+        self._rate = Batch([ca.vertcat(problem.x, lam), ca.vertcat(problem.u, s, mu), problem.p],
                            [problem.f, -ca.gradient(H, problem.x) - s, problem.L])
 
     def replay(self, intervals: Intervals, p: Array, scale: Array, tolerance: float) -> Replay:
@@ -142,17 +142,11 @@ class Integrator:
         z = np.column_stack([intervals.x, intervals.lam, np.zeros(K)])
         h = intervals.h[:, None] / steps
 
-        still = [not held.any() for held in (intervals.sa, intervals.sb, intervals.ma,
-                                             intervals.mb)]
-
-        def between(a: Array, b: Array, tau: float) -> Array:
-            return (1 - tau)*a + tau*b
+        first = np.hstack([intervals.ua, intervals.sa, intervals.ma])
+        change = np.hstack([intervals.ub, intervals.sb, intervals.mb]) - first
 
         def rate(tau: float, z: Array) -> Array:
-            s = intervals.sa if all(still) else between(intervals.sa, intervals.sb, tau)
-            m = intervals.ma if all(still) else between(intervals.ma, intervals.mb, tau)
-            return self._rate.joined(z[:, :n], z[:, n:2*n],
-                                     between(intervals.ua, intervals.ub, tau), s, m, p)
+            return self._rate.joined(z[:, :2*n], first + tau*change, p)
 
         seen, total = [z], np.zeros_like(z)
         slopes = np.empty((len(_C), *z.shape))

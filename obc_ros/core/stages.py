@@ -98,9 +98,7 @@ class Stages:
     def _number(self) -> None:
         """Say where what the copies return stands in all that they return, and goes."""
         first, second = self._copies
-        # What the copies returned last.
-        self._flat = np.empty(first.total + second.total)
-        self._places = slice(0, first.total), slice(first.total, None)
+        self._places = slice(0, first.total), slice(first.total, first.total + second.total)
         nowhere = 3 * self.size   # slopes by constants are dropped
         slots, summands, entries = [], [], []
         for copies, offset in ((first, 0), (second, first.total)):
@@ -248,13 +246,12 @@ class Stages:
     def values(self, y: Array) -> Values:
         """Return everything at y."""
         known = np.concatenate([y, self._constants, [self.factor]])
-        flat, parts = self._flat.copy(), []
+        flat, parts = np.empty(self._places[-1].stop), []
         for copies, place in zip(self._copies, self._places, strict=True):
             result = flat[place].reshape(len(copies.take), -1)
-            copies.evaluate(known[copies.take], result)
+            copies.whole.batch.of_filled(known[copies.take], result)
             result = result[:len(copies.v)]
             parts.append((result[:, copies.at_J], result[:, copies.at_H]))
-        self._flat = flat
         sums: Array = np.asarray(np.bincount(
             self._slots, flat[self._summands], 3 * self.size + 2), dtype=float)
         c, slope, cost_slope = sums[:-2].reshape(3, -1)
@@ -301,15 +298,3 @@ class _Copies:
         self.at_J, self.at_H = whole.batch.outputs[-2:]
         pairs = ((v[:, a], v[:, b]), (rows[:, i], v[:, j]), (v[:, j], rows[:, i]))
         self.entries = [np.concatenate([pair[k].ravel() for pair in pairs]) for k in (0, 1)]
-        self._last = np.full(self.take.shape, np.nan)
-
-    def evaluate(self, w: Array, result: Array) -> None:
-        """Set the results for arguments w; `result` has those for the arguments before."""
-        parcels = self.whole.batch.parcels(len(w))
-        changed = np.any((w != self._last).reshape(len(parcels), -1), axis=1)
-        if changed.all():
-            self.whole.batch.of_filled(w, result)
-        else:
-            for k in np.flatnonzero(changed):
-                self.whole.batch.of_filled(w[parcels[k]], result[parcels[k]])
-        self._last = w
