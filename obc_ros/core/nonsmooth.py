@@ -3,9 +3,9 @@
 """
 A smooth problem in the place of one with absolute values, for solvers that need derivatives.
 
-|k u| becomes |k| (a + b) with u = a - b and a, b >= 0: the same problem, whose inputs switch. Any
-other |e| becomes sqrt(e^2 + eps^2) for an eps that goes to zero while the mesh is refined. The
-answer is judged as one to the problem as it was stated.
+|k (u - c)| becomes |k| (a + b) with u = c + a - b and a, b >= 0: the same problem, whose inputs
+switch. Any other |e| becomes sqrt(e^2 + eps^2) for an eps that goes to zero while the mesh is
+refined. The answer is judged as one to the problem as it was stated.
 """
 
 from collections.abc import Callable
@@ -28,13 +28,15 @@ class Twin:
     How to go to the smooth problem and back, for all problems of one structure.
 
     `x`, `u`, `p` and the expressions are those of the smooth problem; `split` says for each of
-    its inputs which input of the problem as stated it is a part of, and with which sign.
+    its inputs which input of the problem as stated it is a part of, and with which sign;
+    `kinks` (m, 1) of p where inputs that are split have their kinks.
     """
 
     u: ca.SX
     p: ca.SX
     expressions: tuple[ca.SX, ...]
     split: tuple[tuple[int, int], ...]
+    kinks: ca.Function
     rounded: bool
 
     def problem(self, stated: Problem, turn: int) -> Problem:
@@ -42,15 +44,17 @@ class Twin:
         f, L, path, psi, V = self.expressions
         eps = _ROUNDNESS[min(turn, len(_ROUNDNESS) - 1)]
         lower, upper, inputs = [], [], []
+        kinks = self._kinks(stated)
         for index, sign in self.split:
-            a, b = stated.u_lower[index], stated.u_upper[index]
+            a, b = stated.u_lower[index] - kinks[index], stated.u_upper[index] - kinks[index]
             if sign:
                 a, b = (max(a, 0.0), max(b, 0.0)) if sign > 0 else (max(-b, 0.0), max(-a, 0.0))
             lower.append(a)
             upper.append(b)
             inputs.append(stated.inputs[index] + {0: '', 1: '#+', -1: '#-'}[sign])
-        guess = {name: np.maximum(sign * np.asarray(stated.guess.u[stated.inputs[i]]), 0.0)
-                 if sign else stated.guess.u[stated.inputs[i]]
+        guess = {name: np.maximum(
+            sign * (np.asarray(stated.guess.u[stated.inputs[i]]) - kinks[i]), 0.0)
+            if sign else stated.guess.u[stated.inputs[i]]
                  for name, (i, sign) in zip(inputs, self.split, strict=True)
                  if stated.inputs[i] in stated.guess.u}
         return replace(
@@ -59,13 +63,17 @@ class Twin:
             u_upper=np.array(upper), p_value=np.append(stated.p_value, eps),
             guess=Guess(stated.guess.x, guess, stated.guess.final_time))
 
-    def back(self, outcome: Outcome, inputs: int) -> Outcome:
+    def back(self, outcome: Outcome, stated: Problem) -> Outcome:
         """Return an outcome with the inputs of the problem as it was stated."""
-        matrix = np.zeros((len(self.split), inputs))
+        matrix = np.zeros((len(self.split), stated.m))
         for row, (index, sign) in enumerate(self.split):
             matrix[row, index] = sign or 1
-        path = outcome.path
-        return replace(outcome, path=replace(path, ua=path.ua @ matrix, ub=path.ub @ matrix))
+        path, kinks = outcome.path, self._kinks(stated)
+        return replace(outcome, path=replace(
+            path, ua=path.ua @ matrix + kinks, ub=path.ub @ matrix + kinks))
+
+    def _kinks(self, stated: Problem) -> Array:
+        return np.asarray(self.kinks(stated.p_value).full()[:, 0])
 
 
 def twin(problem: Problem) -> Twin | None:
@@ -76,16 +84,15 @@ def twin(problem: Problem) -> Twin | None:
     if all(function.instruction_id(k) != ca.OP_FABS for k in range(count)):
         return None
     eps = ca.SX.sym('eps')
-    split: set[int] = set()
+    split: dict[int, ca.SX] = {}
     rounded = False
 
     def look(e: ca.SX) -> ca.SX:
         nonlocal rounded
-        index = _single_input(problem, e)
-        if index is None:
+        found = _single_input(problem, e)
+        if found is None or not ca.is_equal(split.setdefault(*found), found[1], 9):
             rounded = True
             return ca.sqrt(e**2 + eps**2)
-        split.add(index)
         return ca.fabs(e)
 
     _replayed(function, (problem.x, problem.u, problem.p), look)
@@ -93,34 +100,38 @@ def twin(problem: Problem) -> Twin | None:
     for i in range(problem.m):
         rows += [(i, 1), (i, -1)] if i in split else [(i, 0)]
     u = ca.SX.sym('u', len(rows))
-    whole = [ca.SX(0)] * problem.m
+    kinks = [split.get(i, ca.SX(0)) for i in range(problem.m)]
+    whole = list(kinks)
     magnitude = [ca.SX(0)] * problem.m
     for part, (i, sign) in zip(ca.vertsplit(u), rows, strict=True):
         whole[i] = whole[i] + (sign or 1) * part
         magnitude[i] = magnitude[i] + part
 
     def smooth(e: ca.SX) -> ca.SX:
-        index = _single_input(problem, e)
-        if index is None:
+        found = _single_input(problem, e)
+        if found is None or not ca.is_equal(split[found[0]], found[1], 9):
             return ca.sqrt(e**2 + eps**2)
+        index = found[0]
         slope = ca.jacobian(e, problem.u[index])
         return ca.fabs(slope) * magnitude[index]
 
     # Arguments are written in the stated inputs first, so that |k u| is still seen.
     expressions = _replayed(function, (problem.x, problem.u, problem.p), smooth)
     expressions = ca.substitute(expressions, [problem.u], [ca.vertcat(*whole)])
-    return Twin(u, ca.vertcat(problem.p, eps), tuple(expressions), tuple(rows), rounded)
+    return Twin(u, ca.vertcat(problem.p, eps), tuple(expressions), tuple(rows),
+                ca.Function('kinks', [problem.p], [ca.vertcat(*kinks)]), rounded)
 
 
-def _single_input(problem: Problem, e: ca.SX) -> int | None:
-    """Return i if e is k u_i with k constant but for parameters, else None."""
+def _single_input(problem: Problem, e: ca.SX) -> tuple[int, ca.SX] | None:
+    """Return i and c if e is k (u_i - c) with k and c constant but for parameters, else None."""
     if ca.depends_on(e, problem.x):
         return None
     used = [i for i in range(problem.m) if ca.depends_on(e, problem.u[i])]
     if len(used) != 1 or ca.depends_on(ca.jacobian(e, problem.u), problem.u):
         return None
-    rest = ca.substitute(e, problem.u, ca.SX.zeros(problem.m))
-    return used[0] if ca.simplify(rest).is_zero() else None
+    rest = ca.simplify(ca.substitute(e, problem.u, ca.SX.zeros(problem.m)))
+    kink = ca.SX(0) if rest.is_zero() else -rest / ca.jacobian(e, problem.u[used[0]])
+    return used[0], kink
 
 
 def _replayed(function: ca.Function, arguments: tuple[ca.SX, ...],

@@ -283,7 +283,7 @@ class Search:
         """Return an outcome as samples, with its certificate."""
         problem = self.stated
         if self.kit.twin:
-            outcome = self.kit.twin.back(outcome, problem.m)
+            outcome = self.kit.twin.back(outcome, problem)
             course = self.course(outcome, stated=True)
         found = replace(self.kit.judge.samples(problem, course),
                         switching_times=np.cumsum(outcome.path.durations)[:-1],
