@@ -173,24 +173,13 @@ class Integrator:
         return Solution(Status.NOT_CONVERGED, '', course.cost, t, x, u, lam, H, course.nu,
                         state_multipliers=densities[0], path_multipliers=densities[1])
 
-    def extremal(self, problem: Problem, outcome: Outcome, parts: int, *,
-                 draft: bool = False) -> Extremal:
-        """
-        Return states and costates under the input of an outcome, in parts of its intervals.
-
-        A `draft` is no single sweep where the sweeps from mesh point to mesh point are good.
-        """
+    def extremal(self, problem: Problem, outcome: Outcome, parts: int) -> Extremal:
+        """Return states and costates under the input of an outcome, in parts of its intervals."""
         path = outcome.path
         t, ua, ub = _cut(path, parts)
         anew, anew_end, J = self._restarted(problem, path.x, t, ua, ub, parts)
         size = np.maximum(np.abs(path.x).max(axis=0), 1e-3 * np.abs(path.x).max() + 1e-12)
         local = _largest((anew_end[parts - 1::parts] - path.x[1:]) / size)
-        if draft and local.max() <= _STIFF:
-            V, _, last = self._end(path.x[-1:], outcome.nu[None, :], problem.p_value)
-            lam, lam_end = self._costates(
-                problem, outcome, (t, anew, ua, ub), last[0], parts, False)
-            return Extremal(parts, t, anew, anew_end, ua, ub, lam, lam_end, float(J + V[0, 0]),
-                            float(local.max()), local, outcome.nu)
         x, running = self.forward(problem, t, ua, ub)
         defect = _largest((x[parts::parts] - path.x[1:]) / size)
         if local.max() > _STIFF and path.inner.shape[1]:

@@ -70,7 +70,7 @@ class Search:
         self.work = 0
         self.starts: Iterator[Path] = iter(())
         self.last: Answered | None = None
-        self._courses: dict[tuple[Outcome, bool], tuple[Problem, Extremal]] = {}
+        self._courses: dict[Outcome, tuple[Problem, Extremal]] = {}
         self._judged: tuple[Problem | None, Extremal | None, Judgement | None] = None, None, None
         self.bounded = bool(problem.path.numel() or np.any(
             np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)))
@@ -145,7 +145,7 @@ class Search:
         """Return whether the cost of a coarse outcome says something."""
         if not outcome.converged:
             return False
-        course = self.course(outcome, draft=True)
+        course = self.course(outcome)
         return bool(course.local.max() < _BELIEVED and self.judged(course).lost.sum()
                     < _ABSURD * max(abs(outcome.objective), 1.0))
 
@@ -178,20 +178,19 @@ class Search:
         return self.collocate(uniform(self.problem, self.intervals, self.stages), start,
                               most=most, rough=rough, once=once, known=known)
 
-    def course(self, outcome: Outcome, *, stated: bool = False, draft: bool = False) -> Extremal:
-        """Return states and costates under the input of an outcome; a `draft` is quicker."""
+    def course(self, outcome: Outcome, *, stated: bool = False) -> Extremal:
+        """Return states and costates under the input of an outcome."""
         problem = self.stated if stated else self.problem
-        draft = draft and not self.bounded
-        kept, course = self._courses.get((outcome, draft), (None, None))
+        kept, course = self._courses.get(outcome, (None, None))
         if course is not None and kept is problem:
             return course
         integrator = self.kit.judge if stated else self.kit.integrator
-        course = integrator.extremal(problem, outcome, 4 if self.stages else 2, draft=draft)
+        course = integrator.extremal(problem, outcome, 4 if self.stages else 2)
         if self.bounded:
             course = self.kit.fitter(problem, stated).fit(problem, outcome, course)
         if len(self._courses) >= _COURSES_KEPT:
             self._courses.clear()
-        self._courses[outcome, draft] = problem, course
+        self._courses[outcome] = problem, course
         return course
 
     def judged(self, course: Extremal) -> Judgement:
@@ -214,7 +213,7 @@ class Search:
             free, self.switching = self.switching, jumping
             new = Settling(self, COARSE).settled(outcome)
             self.held_in_vain = new.objective > outcome.objective and (
-                self.given_away(new, self.course(new, draft=True)) >= above)
+                self.given_away(new, self.course(new)) >= above)
             self.switching = free if self.held_in_vain else jumping
             return outcome if self.held_in_vain else new
         if self.bounded or above < _DETOUR:
@@ -229,7 +228,7 @@ class Search:
             return outcome
         start = replace(outcome.path, ua=u[:-1], ub=u[1:])
         new = self.collocate(mesh, start, sizes=self.sizes(outcome))
-        better = new.converged and self.given_away(new, self.course(new, draft=True)) < above
+        better = new.converged and self.given_away(new, self.course(new)) < above
         return new if better else outcome
 
     def improve(self, outcome: Outcome, rounds: int) -> Iterator[tuple[Outcome, Extremal]]:
@@ -238,14 +237,14 @@ class Search:
             outcome = Settling(self, COARSE).settled(outcome)
         above = np.inf
         for turn in range(rounds):
-            course = self.course(outcome, draft=True)
+            course = self.course(outcome)
             above, before = self.given_away(outcome, course), above
             stalled = turn and above > _CLOSE and above > 0.3 * before
             if (stalled or turn == _PLAIN_ROUNDS) and not any(self.switching):
                 if above < _CLOSE:
                     yield outcome, course
                 outcome = self.rethought(outcome, course, above)
-                course = self.course(outcome, draft=True)
+                course = self.course(outcome)
             yield outcome, course
             if turn == rounds - 1:
                 return
