@@ -69,6 +69,7 @@ class Search:
         self.intervals, self.typical = COARSE, _COARSE_ITERATIONS
         self.work = 0
         self.starts: Iterator[Path] = iter(())
+        self.periods = np.full(problem.m, np.inf)
         self.last: Answered | None = None
         self._courses: dict[Outcome, tuple[Problem, Extremal]] = {}
         self._judged: tuple[Problem | None, Extremal | None, Judgement | None] = None, None, None
@@ -131,6 +132,7 @@ class Search:
         for intervals, stages in levels[:2] if self.quick else levels:
             self.intervals, self.stages = intervals, stages
             self.starts = self.kit.guesser.starts(self.problem, self.kit.integrator)
+            self.periods = self.kit.guesser.periods(self.problem)
             found = self._from_starts()
             good = [outcome for outcome in found if self.believed(outcome)]
             if good:
@@ -169,12 +171,12 @@ class Search:
         """Return what the coarse mesh gives from the next start in so many iterations."""
         if once:
             most = min(most, max(_FEW_ITERATIONS, round((5 if hard else 2.5) * self.typical)))
-        start, periods, rough = next(self.starts), self.kit.guesser.periods(self.problem), _ROUGH
-        if np.isfinite(periods).any():
+        start, rough = next(self.starts), _ROUGH
+        if np.isfinite(self.periods).any():
             # Linear from one whole turn to another, angles as inputs make much of coarse steps.
             steps = uniform(self.problem, self.intervals, self.stages, STEPPED)
             stepped = self.collocate(steps, start, most=_COARSE_ITERATIONS)
-            start, rough = joined(stepped.path, periods), 0.0   # near what it leads to
+            start, rough = joined(stepped.path, self.periods), 0.0   # near what it leads to
         return self.collocate(uniform(self.problem, self.intervals, self.stages), start,
                               most=most, rough=rough, once=once, known=known)
 
