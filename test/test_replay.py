@@ -10,6 +10,7 @@ from obc_ros.core.batch import Batch
 from obc_ros.core.replay import Integrator, Intervals
 from obc_ros.core.statement import problem_from_mapping
 import pytest
+from scipy.integrate import solve_ivp
 
 QUARTERS = np.linspace(0, 1, 5)
 
@@ -107,3 +108,27 @@ def test_a_batch_gives_what_one_by_one_gives(count):
     assert slope.reshape(-1, 2, 2)[:, 1, 1] == pytest.approx(2*rows[:, 1])
     assert not slope.reshape(-1, 2, 2)[:, 0, 1].any()
     assert np.all(same == 2.0)
+
+
+def test_costates_of_what_decays_at_once_are_integrated_from_the_end():
+    """The state x follows v within 1 ms; lam of x would grow by exp(1000) in a second."""
+    problem = stated({'x': '-1000*(x - v)', 'v': '-v + u'}, 'x**2 + v**2')
+    h, end, v0 = 0.5, np.array([[0.3, -0.2]]), 0.4
+    x0 = v0 + (1 - v0) / 999   # without a fast part
+    course = intervals(problem, h, [[x0 + (1 - v0) * 2 / 999, v0]], 0, 1, 1)
+    run = problem.p_value, np.ones(4), 1e-8
+    forward = Integrator(problem).replay(course, *run)
+    assert not forward.converged
+    found, defect = Integrator(problem).there_and_back(forward, course, end, *run)
+    assert found.converged
+
+    def back(s, z):
+        v = 1 + (v0 - 1) * np.exp(s - h)
+        x = 1 + (v0 - 1) * 1000 / 999 * np.exp(s - h)
+        x += (course.x[0, 0] - 1 - (v0 - 1) * 1000 / 999) * np.exp(1000 * (s - h))
+        return [-1000 * z[0] + 2 * x, 1000 * z[0] - z[1] + 2 * v]
+
+    exact = solve_ivp(back, (0, h), end[0], 'Radau', rtol=1e-10, atol=1e-12).y[:, -1]
+    assert found.lam[0, -1] == pytest.approx(end[0])
+    assert found.lam[0, 0] == pytest.approx([0, 0], abs=1e-14)   # as returned
+    assert -defect[0] == pytest.approx(exact, abs=1e-7)

@@ -33,7 +33,7 @@ NAMES = (
     'two_link_arm', 'vanderpol_state_bound', 'around_a_disc', 'clark_fishery',
     'floating_oscillator', 'fuller', 'goddard_feet', 'hanging_chain', 'nearest_of_a_parabola',
     'oil_shale', 'tuberculosis', 'drug_displacement', 'equality_of_inputs', 'reorientation',
-    'cstr_kirk', 'abs_off_centre')
+    'cstr_kirk', 'abs_off_centre', 'stiff_cubic')
 
 
 def stated(name, **changes):

@@ -11,8 +11,9 @@ Every residual has no unit. With |.| the largest absolute value over time,
 are what counts as one in x_i, in the cost, in s_i lam_i and in H; where one of them vanishes the
 others give it a floor (`_Scales`). Intervals are between samples; the input of the answer is
 linear or constant in each, as the answer says, and is replayed from the returned x and lam of
-the interval's start (`replay`): a defect is what is left at its end. The sum over all
-intervals is what counts, so that a finer grid does not hide an error.
+the interval's start (`replay`), or lam from its end where only that is stable: a defect is what is
+left at the other end. The sum over all intervals is what counts, so that a finer grid does not
+hide an error.
 
 ============== ===============================================================================
 dynamics       sum over intervals of max_i |defect of x_i| / s_i
@@ -47,7 +48,7 @@ from obc_ros.core.batch import Batch
 from obc_ros.core.input_minimum import InputMinimum, Points
 from obc_ros.core.input_minimum import Scales as InputScales
 from obc_ros.core.problem import Problem
-from obc_ros.core.replay import Integrator, Intervals, PARTS, Replay
+from obc_ros.core.replay import Integrator, Intervals, PARTS
 from obc_ros.core.solution import Certificate, Solution
 
 Array = NDArray[np.float64]
@@ -151,9 +152,11 @@ class _Judge:
         self.intervals = self._intervals()
         self.x_scale = self._x_scale()
         lam = float((np.abs(solution.lam) * self.x_scale).max())
-        self.replay: Replay = functions.integrator.replay(
-            self.intervals, self.p, np.append(self.x_scale, (lam or 1.0) / self.x_scale),
-            REPLAY_ERROR / len(self.rows))
+        scale = np.append(self.x_scale, (lam or 1.0) / self.x_scale)
+        allowed, lam_end = REPLAY_ERROR / len(self.rows), solution.lam[self.rows + 1]
+        run = self.intervals, self.p, scale, allowed
+        self.replay, self.lam_defect = functions.integrator.there_and_back(
+            functions.integrator.replay(*run), self.intervals, lam_end, *run[1:])
         self.points = self._points()
         # Two rows: where the replay ends, and where the answer does.
         self.end = functions.end(np.stack([self.replay.x[-1, -1], solution.x[-1]]), self.p)
@@ -290,8 +293,7 @@ class _Judge:
             return np.inf
         h = held.h[:, None]
         mass = np.hstack([0.5*h*(held.sa + held.sb), 0.5*h*(held.ma + held.mb)])
-        left = self._unexplained(self.replay.lam[:, -1] - solution.lam[k + 1],
-                                 solution.x[k + 1], held.ub, upper, lower, mass)
+        left = self._unexplained(self.lam_defect, solution.x[k + 1], held.ub, upper, lower, mass)
         total = float(left.sum())
         jumps = np.flatnonzero(np.diff(solution.t) == 0)
         if jumps.size:

@@ -187,7 +187,7 @@ class Integrator:
             t, ua, ub = _cut(path, _MANY)
             _, ends, _ = self._restarted(problem, path.x, t, ua, ub, _MANY)
             local = _largest((ends[_MANY - 1::_MANY] - path.x[1:]) / size)
-            return self._at_nodes(problem, outcome, float(defect.max()), local)
+            return self._at_nodes(outcome, float(defect.max()), local)
         single = bool(defect.max() < 1e-5)
         x, x_end, J = (x[:-1], x[1:], running[-1]) if single else (anew, anew_end, J)
         V, _, last = self._end(x_end[-1:], outcome.nu[None, :], problem.p_value)
@@ -196,8 +196,7 @@ class Integrator:
         return Extremal(parts, t, x, x_end, ua, ub, lam, lam_end, float(J + V[0, 0]),
                         float(defect.max()), local, outcome.nu)
 
-    def _at_nodes(self, problem: Problem, outcome: Outcome, defect: float, local: Array
-                  ) -> Extremal:
+    def _at_nodes(self, outcome: Outcome, defect: float, local: Array) -> Extremal:
         """Return what the collocation found, where explicit steps are too unstable to check it."""
         path = outcome.path
         costates, mass = outcome.costates, outcome.masses(1)

@@ -11,6 +11,11 @@ are integrated from the returned x_k and lam_k under the returned input, with s 
 densities of the multipliers of state bounds and path constraints. The method is the explicit
 Runge-Kutta pair of Dormand and Prince, order 5, in equal steps that are halved until the
 embedded error estimate is small: nothing of how the answer was found enters.
+
+Where the states decay so fast within an interval that costates grow beyond all numbers, these are
+integrated from the returned lam at the interval's end back to its start, along the states found
+on the way there: what decays one way decays for the other then, and a defect is what is left at
+the start. Steps are halved until two courses agree.
 """
 
 from dataclasses import dataclass
@@ -46,6 +51,9 @@ _DENSE = (-12715105075 / 11282082432, 0.0, 87487479700 / 32700410799,
 
 PARTS = 4           # an interval is seen at its quarters
 FEWEST_STEPS = 2    # in one interval
+_STEPS_BACK = 32    # likewise, there and back
+_AT_ONCE = 256      # intervals, there and back
+_FAR = 1e3          # times its scale: beyond it what is integrated grows without end
 MOST_STEPS = 2048
 
 
@@ -79,14 +87,19 @@ class Replay:
     The course of each interval at its quarters 0, 1/4, 1/2, 3/4, 1.
 
     `x`, `lam` (K, 5, n), `u` (K, 5, m), `cost` (K,) the integral of L over each interval,
-    `converged` whether the error estimates came below the limit.
+    `failed` the intervals whose error estimates stayed above the limit.
     """
 
     x: Array
     lam: Array
     u: Array
     cost: Array
-    converged: bool
+    failed: Index
+
+    @property
+    def converged(self) -> bool:
+        """Return whether all error estimates came below the limit."""
+        return not self.failed.size
 
 
 class Integrator:
@@ -134,7 +147,69 @@ class Integrator:
         parts = np.linspace(0.0, 1.0, PARTS + 1)[None, :, None]
         u = (1 - parts)*intervals.ua[:, None] + parts*intervals.ub[:, None]
         return Replay(x=z[:, :, :n], lam=z[:, :, n:2*n], u=u, cost=z[:, -1, -1],
-                      converged=not rows.size)
+                      failed=rows)
+
+    def there_and_back(self, course: Replay, intervals: Intervals, lam_end: Array, p: Array,
+                       scale: Array, tolerance: float) -> tuple[Replay, Array]:
+        """
+        Return a course with costates from the ends if they grow without end from the starts.
+
+        Parameters are those of `replay`, whose answer is `course`; `lam_end` (K, n) are the
+        returned costates at the ends. The second, (K, n), is what is left of lam in each
+        interval: at its end, or at its start where that is where the course goes.
+        """
+        n, failed, far = intervals.x.shape[1], course.failed, _FAR * scale
+        x, lam = (np.abs(part[failed]).max(axis=(0, 1)) if failed.size else np.zeros(n)
+                  for part in (course.x, course.lam))
+        if not np.all(x <= far[:n]) or np.all(lam <= far[n:]):
+            return course, course.lam[:, -1] - lam_end
+        z = np.full((len(intervals.x), PARTS + 1, 2*n + 1), np.inf)
+        left, steps = np.arange(len(z)), _STEPS_BACK
+        while left.size and steps <= MOST_STEPS:
+            before = z[left]
+            with np.errstate(all='ignore'):
+                for part in np.array_split(left, -(-len(left) // _AT_ONCE)):
+                    z[part] = self._both_ways(intervals.some(part), lam_end[part], p, steps)
+                cost = max(float(np.abs(z[:, -1, -1]).sum()), 1e-300)
+                error = np.abs(z[left] - before).max(axis=1) / np.append(scale, cost)
+            left, steps = left[~(error.max(axis=1) <= tolerance)], 2 * steps
+        defect = intervals.lam - z[:, 0, n:2*n]
+        parts = np.linspace(0.0, 1.0, PARTS + 1)[:, None]
+        z[:, :, n:2*n] += (1 - parts) * defect[:, None]
+        return Replay(z[:, :, :n], z[:, :, n:2*n], course.u, z[:, -1, -1], left), defect
+
+    def _both_ways(self, intervals: Intervals, lam_end: Array, p: Array, steps: int) -> Array:
+        """Return (x, lam, J) at the quarters, (K, 5, 2 n + 1), in equal steps there and back."""
+        K, n = intervals.x.shape
+        h = intervals.h[:, None] / steps
+        x, J, lam = np.empty((steps + 1, K, n)), np.zeros(K), np.empty((steps + 1, K, n))
+        f, slopes = np.empty((steps + 1, K, n)), np.empty((len(_C) - 1, K, n + 1))
+
+        first = np.hstack([intervals.ua, intervals.sa, intervals.ma])
+        change = np.hstack([intervals.ub, intervals.sb, intervals.mb]) - first
+
+        def rate(step: float, x: Array, lam: Array) -> Array:
+            return self._rate.joined(np.hstack([x, lam]), first + step / steps * change, p)
+
+        x[0], none = intervals.x, np.zeros((K, n))
+        for k in range(steps):
+            for i in range(len(_C) - 1):
+                now = x[k] + h*_sum(_A[i], slopes)[:, :n] if i else x[k]
+                slopes[i] = np.delete(rate(k + _C[i], now, none), slice(n, 2*n), axis=1)
+            f[k] = slopes[0, :, :n]
+            end = h*_sum(_A[-1], slopes)
+            x[k + 1], J = x[k] + end[:, :n], J + end[:, n]
+        f[steps], lam[steps] = rate(steps, x[steps], none)[:, :n], lam_end
+        back = np.empty((len(_C) - 1, K, n))
+        for k in range(steps - 1, -1, -1):
+            for i in range(len(_C) - 1):
+                now = lam[k + 1] + h*_sum(_A[i], back) if i else lam[k + 1]
+                between = _cubic(1 - _C[i], h, x[k:k + 2], f[k:k + 2])
+                back[i] = -rate(k + 1 - _C[i], between, now)[:, n:2*n]
+            lam[k] = lam[k + 1] + h*_sum(_A[-1], back)
+        quarters = np.arange(PARTS + 1) * (steps // PARTS)
+        cost = np.broadcast_to(J, (PARTS + 1, K))[:, :, None]
+        return np.concatenate([x[quarters], lam[quarters], cost], axis=2).swapaxes(0, 1)
 
     def _course(self, intervals: Intervals, p: Array, steps: int) -> tuple[Array, Array]:
         """Return z = (x, lam, J) at the quarters, and the sum of the steps' error estimates."""
@@ -166,6 +241,12 @@ class Integrator:
             if (step + 1) % max(steps // PARTS, 1) == 0:
                 seen.append(z)
         return np.stack(seen, axis=1), total
+
+
+def _cubic(tau: float, h: Array, x: Array, f: Array) -> Array:
+    """Return the cubic through two values with their slopes, at the part tau of a step."""
+    return np.asarray(x[0] + tau * (h*f[0] + tau * (
+        3*(x[1] - x[0]) - h*(2*f[0] + f[1]) + tau*(2*(x[0] - x[1]) + h*(f[0] + f[1])))))
 
 
 def _sum(weights: tuple[float, ...], slopes: Array) -> Array:
