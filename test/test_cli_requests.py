@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The commands ``obc solve`` and ``obc lqr``: exit status, JSON, figures, and no process left."""
 
+import errno
 import json
 import math
 import os
@@ -12,7 +13,7 @@ import time
 from _endless import endless  # of benchmarks/
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
-from obc_ros.cli import client, results
+from obc_ros.cli import client, results, terminal
 from obc_ros.cli.cases import Case
 from obc_ros.cli.obc import main
 from obc_ros.cli.questions import Question
@@ -292,6 +293,44 @@ def test_problems_of_one_name_are_told_apart(tmp_path, monkeypatch, capsys):
     assert 'scalar (b/p.yaml): written as p_2' in output
     assert 'two_2: two.yaml, entry 2: wanted a mapping' in output
     assert {path.stem for path in Path('out').iterdir()} == {'p', 'p_2', 'scalar', 'two_2'}
+
+
+def test_hostile_names_are_shown_and_named_harmlessly(tmp_path, capsys):
+    names = ['\x1b[31mred\n\a', '\ud800', 'n' * 5000, *(f"{'計' * 100}{end}" for end in 'ab')]
+    file = tmp_path / 'hostile.yaml'
+    file.write_text(json.dumps([{**SCALAR, 'name': name, 'states': 7} for name in names]))
+    assert main(['solve', str(file), '--json', str(tmp_path / 'out')]) == 2
+    shown = capsys.readouterr().out
+    assert shown.replace('\n', '').isprintable() and max(map(len, shown.splitlines())) < 200
+    assert '\\x1b[31mred' in shown and '\\ud800' in shown
+    found = [read(path) for path in (tmp_path / 'out').glob('*.json')]
+    assert {answer['name'] for answer in found} == set(names)
+    assert {answer['status'] for answer in found} == {'malformed'}
+
+
+@pytest.mark.parametrize(('command', 'status', 'question'), [
+    ('solve', 'cancelled', SCALAR),
+    ('lqr', 'refused', {'A': [[0]], 'B': [[1]], 'Qx': [1], 'Qu': [1]})])
+def test_interrupted_before_a_server_is_found_there_are_answers(
+        tmp_path, monkeypatch, command, status, question):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(client, 'connected', interrupted)
+    (tmp_path / 'good.yaml').write_text(yaml.safe_dump(question))
+    assert main([command, str(tmp_path / 'good.yaml'), '--json', str(tmp_path)]) == 1
+    answer = read(tmp_path / 'good.json')
+    assert (answer['status'], answer['message']) == (status, 'ended by SIGINT')
+
+
+@pytest.mark.parametrize('command', ['solve', 'lqr'])
+def test_files_are_written_when_nobody_reads_what_is_printed(tmp_path, monkeypatch, command):
+    def gone(*_):
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    monkeypatch.setattr(terminal, 'table', gone)
+    assert main([command, 'missing.yaml', '--json', str(tmp_path)]) == 1
+    assert read(tmp_path / 'missing.json')['status'] == 'malformed'
 
 
 def test_a_bad_problem_in_a_list_does_not_keep_the_others_from_their_answers(obc):

@@ -82,3 +82,36 @@ def test_reader_that_leaves_early_is_no_crash():
         process.stdout.close()
         assert process.wait(20) == 1
         assert process.stderr.read() == ''
+
+
+def obc_without_streams(closed):
+    """Return how ``obc solve`` of a file that is not there ends without some standard streams."""
+    return subprocess.run(
+        ['sh', '-c', f'exec "$0" -m obc_ros.cli.obc solve missing.yaml {closed}', sys.executable],
+        capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize('closed', ['>&-', '2>&-', '<&-', '<&- >&- 2>&-'])
+def test_streams_that_are_closed_are_no_crash(closed):
+    answer = obc_without_streams(closed)
+    assert answer.returncode == 2
+    assert not answer.stderr
+    assert ('cannot be read' in answer.stdout) == (' >&-' not in f' {closed}')
+
+
+def test_text_that_the_terminal_has_no_signs_for(monkeypatch):
+    monkeypatch.setenv('PYTHONIOENCODING', 'ascii')
+    answer = subprocess.run(
+        [sys.executable, '-m', 'obc_ros.cli.obc', 'solve', 'räte.yaml'],
+        capture_output=True, text=True, check=False)
+    assert answer.returncode == 2 and not answer.stderr
+    assert 'r\\xe4te.yaml: cannot be read' in answer.stdout
+
+
+def test_interrupted_while_it_loads_it_ends_without_a_traceback():
+    program = (
+        'import os, signal, sys; sys.argv = ["/bin/obc"]; import obc_ros.cli\n'
+        'os.kill(os.getpid(), signal.SIGINT); signal.pause()')
+    answer = subprocess.run(
+        [sys.executable, '-c', program], capture_output=True, text=True, check=False, timeout=30.0)
+    assert (answer.returncode, answer.stdout, answer.stderr) == (130, '', '')

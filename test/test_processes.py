@@ -3,7 +3,9 @@
 """Nodes that are started together: what a signal to their parent does."""
 
 import fcntl
+import os
 import signal
+import tempfile
 
 from obc_ros.cli import processes
 from obc_ros.cli.processes import Children, free_domain, InterruptedByUserError
@@ -52,3 +54,14 @@ def test_what_killed_processes_left_is_removed_from_a_domain_that_is_taken(tmp_p
         with free_domain() as again:
             assert again == domain
     assert sorted(each.name for each in tmp_path.iterdir()) == sorted(others)
+
+
+@pytest.mark.parametrize(('home', 'temporary'), [(None, True), ('/dev/null', True), ('', False)])
+def test_there_is_a_folder_for_logs_without_a_home(tmp_path, monkeypatch, home, temporary):
+    for name in ('ROS_LOG_DIR', 'ROS_HOME', 'HOME'):
+        monkeypatch.delenv(name, raising=False)
+    if home is not None:
+        monkeypatch.setenv('HOME', home or str(tmp_path))
+    monkeypatch.setattr(os, 'environ', os.environ.copy())
+    processes.find_log_folder()
+    assert os.environ.get('ROS_LOG_DIR') == (tempfile.gettempdir() if temporary else None)

@@ -16,7 +16,7 @@ import time
 from typing import Any
 
 from obc_ros.action import SolveOptimalControl
-from obc_ros.cli.processes import Children, free_domain, isolate
+from obc_ros.cli.processes import Children, find_log_folder, free_domain, isolate
 from obc_ros.core.errors import ObcError
 from obc_ros.nodes.crowds import BURST
 from obc_ros.nodes.main import sentence
@@ -184,6 +184,7 @@ def _somebody_here() -> bool:
 @contextmanager
 def _client(check: Callable[[], None]) -> Iterator[Client]:
     context = rclpy.Context()
+    find_log_folder()
     try:
         rclpy.init(args=[], context=context)
     except RuntimeError as error:  # RCLError, for an environment that rcl does not take

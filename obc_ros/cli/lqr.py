@@ -28,19 +28,18 @@ def run(args: argparse.Namespace) -> int:
     answerable = [case for case in asked if case.given]
     if answerable:
         _design(answerable)
-    terminal.table(HEADER, [_row(case) for case in asked], COLOURS)
-    for case in asked:
-        if case.message:
-            print(f'{case.label}: {case.message}')
-    results.save(asked, args, _draw)
+    try:
+        _show(asked)
+    finally:  # also when nobody reads what is printed
+        results.save(asked, args, _draw)
     return results.exit_status(case.status for case in asked)
 
 
 def _design(asked: list[Case]) -> None:
     """Have a server answer the cases; each has a status afterwards."""
-    from obc_ros.cli.client import connected  # ROS only when there is a question
-    from obc_ros.srv import DesignLqr
     try:
+        from obc_ros.cli.client import connected  # ROS only when there is a question
+        from obc_ros.srv import DesignLqr
         with connected() as client:
             for case in asked:
                 response = client.call(DesignLqr, 'design_lqr', _request(DesignLqr, case.given))
@@ -50,10 +49,17 @@ def _design(asked: list[Case]) -> None:
                 elif status != 'malformed':
                     status, words = 'refused', words or response.message
                 case.end(status, words)
-    except ObcError as error:
+    except (ObcError, KeyboardInterrupt) as error:
         for case in asked:
             if not case.status:
-                case.end('refused', str(error))
+                case.end('refused', str(error) or 'ended by SIGINT')
+
+
+def _show(asked: list[Case]) -> None:
+    terminal.table(HEADER, [_row(case) for case in asked], COLOURS)
+    for case in asked:
+        if case.message:
+            print(terminal.printable(f'{case.label}: {case.message}'))
 
 
 def _draw(path: Path, case: Case) -> None:

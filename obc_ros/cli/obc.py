@@ -14,8 +14,11 @@ from collections.abc import Sequence
 import gc
 from importlib import import_module, metadata, util
 import os
+import signal
 import sys
 
+from obc_ros.cli import leave
+from obc_ros.cli.terminal import open_streams
 from obc_ros.core.errors import ObcError
 
 SUBCOMMANDS = {
@@ -69,7 +72,10 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `obc` and return its exit status."""
     atexit.register(gc.freeze)  # or the interpreter looks through everything as it ends
+    open_streams()
     try:
+        if signal.getsignal(signal.SIGINT) is leave:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
         return _run(parse(sys.argv[1:] if arguments is None else arguments))
     except KeyboardInterrupt:
         return 130

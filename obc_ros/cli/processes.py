@@ -113,10 +113,23 @@ def _is_held(file: Path) -> bool:
 def isolate(domain: int) -> None:
     """Keep this process and its children on one domain of this machine."""
     os.environ.update(ONE_THREAD)
+    find_log_folder()
     os.environ['ROS_DOMAIN_ID'] = str(domain)
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     for name in ('ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY', 'ROS_DISCOVERY_SERVER'):
         os.environ.pop(name, None)
+
+
+def find_log_folder() -> None:
+    """Have ROS 2 log to a temporary folder where there is no home to write to: it must log."""
+    if any(map(os.environ.get, ('ROS_LOG_DIR', 'ROS_HOME'))):
+        return
+    folder = Path(os.environ.get('HOME') or os.devnull, '.ros', 'log')
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return
+    os.environ['ROS_LOG_DIR'] = tempfile.gettempdir()
 
 
 def die_with_parent() -> None:

@@ -9,7 +9,7 @@ A file holds one question or a list of them; a malformed one has an answer like 
 from abc import ABC, abstractmethod
 import argparse
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 import json
 import math
@@ -17,10 +17,13 @@ from pathlib import Path
 import re
 from typing import Any, TypeVar
 
+from obc_ros.cli.terminal import printable, short
 from obc_ros.core.errors import DynamicsError, ObcError, StatementError
 from obc_ros.core.files import entries
 
 Entry = dict[str, Any] | StatementError
+
+LONGEST = 200  # bytes of the name of an answer's file, without its ending
 
 
 @dataclass(eq=False)
@@ -79,7 +82,9 @@ def read(kind: type[Kind], files: Iterable[Path]) -> list[Kind]:
                 asked[-1].end('malformed', str(error))
     count = Counter(each.name for each in asked)
     for each in asked:
-        each.label = f'{each.name} ({each.where})' if count[each.name] > 1 else each.name
+        each.label = short(each.name)
+        if count[each.name] > 1:
+            each.label += f' ({printable(each.where)})'
     return asked
 
 
@@ -105,14 +110,14 @@ def make_folders(args: argparse.Namespace) -> None:
         folder.mkdir(parents=True, exist_ok=True)
 
 
-def save(asked: Iterable[Kind], args: argparse.Namespace, draw: Callable[[Path, Kind], None]
+def save(asked: Sequence[Kind], args: argparse.Namespace, draw: Callable[[Path, Kind], None]
          ) -> None:
     """
     Write the files of all answers, and say which are not named as their questions.
 
     Parameters
     ----------
-    asked : iterable of Asked
+    asked : sequence of Asked
         The questions, answered.
     args : argparse.Namespace
         With the folders `json` and `plot`, or None.
@@ -130,7 +135,8 @@ def save(asked: Iterable[Kind], args: argparse.Namespace, draw: Callable[[Path, 
             print(f'{each.label}: written as {each.file_name}; an earlier one has its name')
         if args.json:
             write(args.json, each.file_name, each.as_json())
-        if args.plot:
+    if args.plot:  # afterwards: it takes its time, in which the user may leave
+        for each in asked:
             draw(args.plot / f'{each.file_name}.png', each)
 
 
@@ -171,7 +177,8 @@ def write(folder: Path, name: str, result: Mapping[str, Any]) -> None:
 
 def file_name(name: str, taken: Iterable[str]) -> str:
     """Return `name` as part of a file's name, with a number behind it if it is taken already."""
-    safe = re.sub(r'[^\w.+-]', '_', name)[:100].lstrip('.') or 'problem'
+    safe = re.sub(r'[^\w.+-]', '_', name).encode()[:LONGEST].decode(errors='ignore')
+    safe = safe.lstrip('.') or 'problem'
     others, number, unique = set(taken), 1, safe
     while unique in others:
         number += 1

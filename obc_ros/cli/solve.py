@@ -30,8 +30,10 @@ def run(args: argparse.Namespace) -> int:
     answerable = [question for question in asked if question.problem]
     if answerable:
         _solve(answerable, args.time_limit)
-    _show(asked)
-    results.save(asked, args, _draw)
+    try:
+        _show(asked)
+    finally:  # also when nobody reads what is printed
+        results.save(asked, args, _draw)
     return results.exit_status(
         'solved' if question.result and question.result.success else
         'malformed' if question.status == 'malformed' else 'unanswered' for question in asked)
@@ -50,19 +52,25 @@ def _seconds(text: str) -> float:
 
 def _solve(asked: list[Question], time_limit: float) -> None:
     """Have a server answer the questions; each has a status afterwards."""
-    from obc_ros.cli.batch import Batch  # ROS only when there is a question
-    from obc_ros.cli.client import connected
     from obc_ros.cli.processes import InterruptedByUserError
     # Of a server of its own: what is asked for may take longer than its default.
     parameters = [f'time_limit:={max(time_limit, SHORTEST)}'] if time_limit else []
     try:
+        from obc_ros.cli.batch import Batch  # ROS only when there is a question
+        from obc_ros.cli.client import connected
         with connected(*parameters) as client, terminal.progress() as lines:
             Batch(client, asked, time_limit, lines).work()
+    except (InterruptedByUserError, KeyboardInterrupt) as error:
+        _end(asked, 'cancelled', str(error) or 'ended by SIGINT')
     except ObcError as error:
-        status = 'cancelled' if isinstance(error, InterruptedByUserError) else 'not_converged'
-        for question in asked:
-            if not question.status:
-                question.end(status, str(error))
+        _end(asked, 'not_converged', str(error))
+
+
+def _end(asked: list[Question], status: str, message: str) -> None:
+    """Note what came of all that have no answer."""
+    for question in asked:
+        if not question.status:
+            question.end(status, message)
 
 
 def _draw(path: Path, question: Question) -> None:
@@ -75,7 +83,7 @@ def _show(asked: list[Question]) -> None:
     terminal.table(HEADER, [_row(question) for question in asked], COLOURS)
     for question in asked:
         if question.status != 'solved' and question.message:
-            print(f'{question.label}: {question.message}')
+            print(terminal.printable(f'{question.label}: {question.message}'))
 
 
 def _row(question: Question) -> tuple[str, ...]:

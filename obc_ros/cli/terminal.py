@@ -4,8 +4,42 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+import io
+import os
 import sys
 from typing import Protocol
+
+LONGEST = 80  # characters that are shown of a name
+
+
+def open_streams() -> None:
+    """
+    Make the standard streams take any text.
+
+    Those that are closed lead nowhere: or else the next file that is opened has their number, and
+    gets what is written to them. What an encoding has no sign for is written as its number.
+    """
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        pass
+    os.close(number)
+    sys.stdout = sys.stdout or os.fdopen(1, 'w')
+    sys.stderr = sys.stderr or os.fdopen(2, 'w')
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors='backslashreplace')
+
+
+def printable(text: str) -> str:
+    """Return a text from outside on one line, without what a terminal would obey."""
+    if text.isprintable():
+        return text
+    return ''.join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
+
+
+def short(name: str) -> str:
+    """Return a name from outside as it is shown."""
+    name = printable(name)
+    return name if len(name) <= LONGEST else name[:LONGEST - 3] + '...'
 
 
 class Lines(Protocol):
@@ -26,7 +60,7 @@ class PlainLines:
 
     def end(self, name: str, text: str) -> None:
         """Say what came of `name`."""
-        print(f'{name}: {text}', file=sys.stderr, flush=True)
+        print(printable(f'{name}: {text}'), file=sys.stderr, flush=True)
 
 
 @contextmanager

@@ -135,4 +135,6 @@ def sentence(error: Exception) -> str:
     words = ' '.join(re.sub(r', at /\S+:\d+', '', str(error)).split())
     if 'Sequence should be of same type' in words:
         words += ': write the numbers of a list all with a point, or none'
+    if 'log director' in words or 'logging director' in words:
+        words += ': set ROS_LOG_DIR to a folder that can be written'
     return words
