@@ -9,11 +9,11 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.blocks import assemble, Block, Piece
 from obc_ros.core.extremal import Integrator
+from obc_ros.core.familiar import Familiar
 from obc_ros.core.guesses import Guesser, scales
 from obc_ros.core.mesh import HELD, Layout, LINEAR, Mesh, Phase, split, uniform
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.pieces import Pieces
-from obc_ros.core.search import familiar
 from obc_ros.core.statement import problem_from_mapping
 from obc_ros.core.transcription import Limits, Transcription
 import pytest
@@ -199,9 +199,23 @@ def test_no_start_comes_twice():
 
 
 @pytest.mark.parametrize(('minima', 'searches'), [(1, 7), (2, 16), (3, 29)])
-def test_minima_are_familiar_once_no_other_is_expected(minima, searches):
+def test_searches_are_enough_once_no_other_minimum_is_expected(minima, searches):
     """Where w (n - 1) / (n - w - 2) comes down to w + 1/2: n = (w + 1/2) (w + 2) - w over 1/2."""
-    costs = [1.0 + k % minima for k in range(searches)]
+    familiar = Familiar()
+    for k in range(searches):
+        assert not familiar.enough()
+        familiar.ended((1.0 + k % minima) * (1 + 1e-5 * k), 0.0, True)   # as rough as found
     assert searches == math.ceil(2 * ((minima + 0.5) * (minima + 2) - minima))
-    assert familiar(costs) and not familiar(costs[:-1])
-    assert familiar([cost * (1 + 1e-5 * k) for k, cost in enumerate(costs)])   # as rough as found
+    assert familiar.enough()
+
+
+def test_a_search_shows_by_its_iterates_that_it_brings_nothing_new():
+    familiar = Familiar()
+    path = [(5.0, 0.3), (3.0, 0.1), (2.0, 1e-9)]
+    assert not any(familiar.again(*iterate) for iterate in path)
+    familiar.ended(*path[-1], True)
+    assert not familiar.again(5.1, 0.3)     # begins elsewhere,
+    assert familiar.again(3.0, 0.1)         # and comes to the path of another
+    assert familiar.again(2.0001, 1e-7)     # or to where it led;
+    assert not familiar.again(2.01, 1e-7)   # not to another minimum,
+    assert not familiar.again(2.0001, 0.2)  # nor to what is not feasible

@@ -191,8 +191,7 @@ class Goal:
     When to stop: at `feasible` rows and `optimal` other conditions, or after `most` steps.
 
     `rough`: relative error of the cost that is good enough, 0 for none; with it a start that
-    stays far from feasible is given up early, and earlier if it is `spare`. `known`: cost of an
-    answer that may be found again.
+    stays far from feasible is given up early, and earlier if it is `spare`.
     """
 
     feasible: float = 1e-9
@@ -200,7 +199,6 @@ class Goal:
     most: int = 100
     rough: float = 0.0
     spare: bool = False
-    known: float = np.nan
 
 
 @dataclass(eq=False)

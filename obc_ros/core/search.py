@@ -11,6 +11,7 @@ from obc_ros.core.arcs import jumping_inputs
 from obc_ros.core.certificate import certify
 from obc_ros.core.contradictions import contradiction
 from obc_ros.core.extremal import Extremal
+from obc_ros.core.familiar import ANOTHER, Familiar
 from obc_ros.core.guesses import joined, scales
 from obc_ros.core.kit import Answered, Kit
 from obc_ros.core.mesh import Mesh, Path, split, STEPPED, uniform
@@ -34,7 +35,6 @@ _EXPLORING = (0.15, 0.3)   # part of the work for further starts, of easy and of
 _HARD = 3000
 _EXPLORED_LEAST, _EXPLORED_MOST = (2, 12), 30   # number of further starts, likewise
 _WEARY = 500_000      # work without an answer that holds, after which no further start is tried
-_LOWER = 1e-3         # relative: what is another minimum on a coarse mesh
 _BELIEVED, _ABSURD = 1e-2, 1e6   # relative: error of a coarse step; cost above the least one
 _ROUNDS, _PLAIN_ROUNDS = 10, 5   # of finer meshes; of those before curved inputs are held
 _WARM_ROUNDS = 3      # likewise from a neighbour's answer
@@ -69,6 +69,7 @@ class Search:
         self.intervals, self.typical = COARSE, _COARSE_ITERATIONS
         self.work = 0
         self.starts: Iterator[Path] = iter(())
+        self.familiar = Familiar()
         self.periods = np.full(problem.m, np.inf)
         self.last: Answered | None = None
         self._courses: dict[Outcome, tuple[Problem, Extremal]] = {}
@@ -84,13 +85,13 @@ class Search:
     def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
                   near: bool = False, sizes: Scales | None = None, most: int = 500,
                   warm: Outcome | None = None, guide: Outcome | None = None,
-                  rough: float = 0.0, once: bool = False, known: float = np.nan,
+                  rough: float = 0.0, once: bool = False, known: Familiar | None = None,
                   least: Array | float = 0.0) -> Outcome:
         """
         Solve the transcription on a mesh from a path, in at most `most` iterations.
 
         `rough`: relative error of the cost that will do. `once`: try the faster method only.
-        `known`: a cost at which nothing new is found.
+        `known`: what need not be found again.
         `near`: the path is nearly an answer; phases are then kept from vanishing. `warm`: the
         outcome of a neighbour on this mesh. `guide`: one nearby on another mesh.
         """
@@ -131,6 +132,7 @@ class Search:
         found: list[Outcome] = []
         for intervals, stages in levels[:2] if self.quick else levels:
             self.intervals, self.stages = intervals, stages
+            self.familiar = Familiar()
             self.starts = self.kit.guesser.starts(self.problem, self.kit.integrator)
             self.periods = self.kit.guesser.periods(self.problem)
             found = self._from_starts()
@@ -166,8 +168,7 @@ class Search:
                 break
         return found
 
-    def from_next_start(self, most: int, *, once: bool, hard: bool = False,
-                        known: float = np.nan) -> Outcome:
+    def from_next_start(self, most: int, *, once: bool, hard: bool = False) -> Outcome:
         """Return what the coarse mesh gives from the next start in so many iterations."""
         if once:
             most = min(most, max(_FEW_ITERATIONS, round((5 if hard else 2.5) * self.typical)))
@@ -177,8 +178,10 @@ class Search:
             steps = uniform(self.problem, self.intervals, self.stages, STEPPED)
             stepped = self.collocate(steps, start, most=_COARSE_ITERATIONS)
             start, rough = joined(stepped.path, self.periods), 0.0   # near what it leads to
-        return self.collocate(uniform(self.problem, self.intervals, self.stages), start,
-                              most=most, rough=rough, once=once, known=known)
+        outcome = self.collocate(uniform(self.problem, self.intervals, self.stages), start,
+                                 most=most, rough=rough, once=once, known=self.familiar)
+        self.familiar.ended(outcome.objective, outcome.infeasibility, outcome.converged)
+        return outcome
 
     def course(self, outcome: Outcome, *, stated: bool = False) -> Extremal:
         """Return states and costates under the input of an outcome."""
@@ -338,7 +341,7 @@ class Search:
         if not starts or not np.all(np.isfinite(starts[0].path.x)):
             return Solution(Status.NOT_CONVERGED, 'no path was found from any start')
         best = self.followed_up(starts[0])
-        return best if self.quick else self.explored(best, starts)
+        return best if self.quick else self.explored(best, starts[0].objective)
 
     def followed_up(self, start: Outcome, rounds: int = _ROUNDS) -> Solution:
         """Return the best answer that improving a coarse outcome gives."""
@@ -366,39 +369,36 @@ class Search:
         """Return what a neighbour, or the indirect method, starts from."""
         return Answered(self.stated, outcome, self.sizes(outcome), self.margin)
 
-    def explored(self, best: Solution, starts: list[Outcome]) -> Solution:
+    def explored(self, best: Solution, floor: float) -> Solution:
         """
         Return the best answer after some more starts.
 
         Their number grows with the work that the problem has made so far: what is solved at once
         is not held up, and what is hard is looked at from many sides, until these are familiar.
         """
-        kept, spent, floor = self.last, 0, starts[0].objective
-        costs = [outcome.objective for outcome in starts if outcome.converged]
+        kept, spent = self.last, 0
         for number in range(_EXPLORED_MOST):
             hard = self.work > _HARD
             enough = number >= _EXPLORED_LEAST[hard and not self.stages]
             weary = self.work > _WEARY and not _holds(best)
             if self.monitor.stopped or weary or enough and (
-                    spent > _EXPLORING[hard] * self.work or familiar(costs)):
+                    spent > _EXPLORING[hard] * self.work or self.familiar.enough()):
                 break
             started = self.work
             self.reset()
-            outcome = self.from_next_start(
-                _COARSE_ITERATIONS, once=_holds(best), hard=hard, known=floor)
-            costs += [outcome.objective] * outcome.converged
-            lower = below(outcome.objective, floor, _LOWER)
+            outcome = self.from_next_start(_COARSE_ITERATIONS, once=_holds(best), hard=hard)
+            lower = below(outcome.objective, floor, ANOTHER)
             if lower and outcome.converged and not self.believed(outcome):
                 mesh = split(outcome.mesh, np.full(self.intervals, 2))
                 outcome = self.collocate(mesh, outcome.path, near=True, most=_COARSE_ITERATIONS)
-                lower = below(outcome.objective, floor, _LOWER)
+                lower = below(outcome.objective, floor, ANOTHER)
             if (lower or not _holds(best)
-                    and abs(outcome.objective - floor) > _LOWER * abs(floor)
+                    and abs(outcome.objective - floor) > ANOTHER * abs(floor)
                     ) and self.believed(outcome):
                 floor = outcome.objective
                 other = self.followed_up(outcome)
                 # What is cheaper and feasible shows that the other is not the best, proved or not.
-                cheaper = below(other.objective, best.objective, _LOWER)
+                cheaper = below(other.objective, best.objective, ANOTHER)
                 if (_holds(other) and (cheaper or not _holds(best))
                         or cheaper and other.certificate and other.certificate.feasible):
                     best, kept = other, self.last
@@ -414,19 +414,6 @@ class Search:
         self.switching = tuple(self.may_hold and each for each in self.kit.switching)
         if self.kit.twin:
             self.problem = self.kit.twin.problem(self.stated, 0)
-
-
-def familiar(costs: list[float]) -> bool:
-    """
-    Return whether no other minimum is to be expected after so many searches from random starts.
-
-    After n that led to w minima, w (n - 1) / (n - w - 2) is expected of how many there are:
-    C. G. E. Boender, A. H. G. Rinnooy Kan, Bayesian stopping rules for multistart global
-    optimization methods, Math. Program. 37 (1987).
-    """
-    n, ordered = len(costs), np.sort(costs)
-    w = 1 + int(np.count_nonzero(np.diff(ordered) > _LOWER * np.abs(ordered[1:])))
-    return n > w + 2 and w * (n - 1) / (n - w - 2) <= w + 0.5
 
 
 def _holds(answer: Solution) -> bool:

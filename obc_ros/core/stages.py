@@ -20,7 +20,6 @@ _PENALTY = 1e7       # of J'J, when H is tested
 _STEEPEST = 100.0   # of a cost
 _FAR, _NEAR = (0.1, 1e-2), (1e-6, 1e-6)   # mu, distance from bounds
 _RESUMED = 100.0, 1e-8, 1e-4   # mu at an answer's neighbour: part of the answer's, least, most
-_AGAIN = 1e-3        # relative cost: the same answer
 _NEARLY = Goal(feasible=1e-8, optimal=1e-8)   # where it is tried to hold what is at bounds
 
 
@@ -218,10 +217,7 @@ class Stages:
                                       now.iterations + followed[2])
             now.converged = False
         end = solve(work, now, goal, seen)
-        # Of what is known it has been seen whether it is a saddle.
-        if not abs(end.values.f / self.factor - goal.known) <= _AGAIN * abs(goal.known):
-            end = left_behind(work, end, goal, seen)
-        return self._found(work, end)
+        return self._found(work, left_behind(work, end, goal, seen))
 
     def _followed(self, bounds: tuple[Array, Array], y: Array, there: Values, steps: int
                   ) -> Found:

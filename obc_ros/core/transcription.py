@@ -20,6 +20,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.blocks import assemble, Block, Index, Piece, Program
+from obc_ros.core.familiar import Familiar
 from obc_ros.core.interior import Goal
 from obc_ros.core.mesh import collocation, gauss_points, HELD, Layout, Mesh, Path, STEPPED
 from obc_ros.core.monitor import Monitor, Watch
@@ -344,7 +345,7 @@ class Transcription:
 
     def solve(self, problem: Problem, mesh: Mesh, start: Array, scales: Scales,
               limits: Limits, monitor: Monitor, *, near: bool = False, rough: float = 0.0,
-              once: bool = False, known: float = np.nan,
+              once: bool = False, known: Familiar | None = None,
               multipliers: tuple[Array, Array] | None = None,
               guide: 'Outcome | None' = None) -> Outcome:
         """
@@ -366,8 +367,8 @@ class Transcription:
             `lam_w` and `lam_g` of a neighbouring Outcome: warm start.
         rough : float, optional
             Relative error of the cost that is good enough; 0 for none.
-        known : float, optional
-            A cost at which nothing new is found.
+        known : Familiar, optional
+            What need not be found again, if this is to be left `once` it fails.
         once : bool, optional
             Whether to leave it at the interior-point method of this package, where it applies.
         guide : Outcome, optional
@@ -381,10 +382,13 @@ class Transcription:
             guessed = multipliers
             if guide is not None and multipliers is None:
                 guessed = self.multipliers(mesh, start, guide, scales, (lower, upper))
+
+            def seen(f: float, worst: float) -> bool:
+                again = known is not None and known.again(f * scales.cost, worst)
+                return monitor.step(f * scales.cost, worst) or once and again
+
             found = self._staged.run(
-                start, (lower, upper), Goal(
-                    rough=rough, spare=once, known=known / scales.cost),
-                lambda f, worst: monitor.step(f * scales.cost, worst), near=near,
+                start, (lower, upper), Goal(rough=rough, spare=once), seen, near=near,
                 multipliers=guessed, mu=0.0 if guide is None else guide.mu)
             if found.converged or once or monitor.stopped or monitor.spent:
                 return self._outcome(problem, mesh, scales, found, (0.0, 0.0))
