@@ -127,7 +127,7 @@ class Settling:
         mesh, durations = arc_mesh(
             self.problem, arcs, search.stages, density / outcome.path.t[-1])
         if not search.monitor.allows(mesh.layout.intervals) or not self.kit.transcription(
-                self.problem, mesh.layout).solvable:
+                self.problem, mesh.layout).solvable(self.problem, mesh):
             return None
         held = [not np.isnan(arc.levels).any() for arc in arcs]
         new = search.collocate(mesh, outcome.path, durations, near=True,

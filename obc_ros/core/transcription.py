@@ -153,9 +153,10 @@ class Transcription:
         self.c = gauss_points(layout.stages)
         self._number(problem)
         self._problem = problem
-        equal = self.n * (layout.stages + 1) * layout.intervals + self.q
-        # Without as many unknowns as equations there is nothing to choose.
-        self.solvable = self.unknowns - self.n >= equal
+        jacobian = ca.jacobian_sparsity(problem.path, ca.vertcat(problem.x, problem.u))
+        self._uses = np.zeros((self.l, self.n + self.m), dtype=bool)
+        self._uses[jacobian.get_triplet()] = True
+        self._path = ca.Function('path', [problem.x, problem.u, problem.p], [problem.path])
 
     def _number(self, problem: Problem) -> None:
         """Give every unknown and every constant its place."""
@@ -319,6 +320,27 @@ class Transcription:
             upper[self.at_duration] = limits.longest / scales.time
         return lower, upper
 
+    def _settled(self, problem: Problem, mesh: Mesh) -> NDArray[np.bool_]:
+        """Return the equalities that inputs at given values meet in each phase, (phases, l)."""
+        phases = self.layout.phases
+        held = np.array([[mode == HELD for mode in phase.modes] for phase in phases])
+        loose = (self._uses[:, self.n:] & ~held[:, None]).any(axis=2)
+        loose |= self._uses[:, :self.n].any(axis=1) | (problem.path_lower != problem.path_upper)
+        if loose.all():
+            return np.zeros_like(loose)
+        values = np.array([self._path(problem.x0, u, problem.p_value).full()[:, 0]
+                           for u in mesh.held])
+        met = np.abs(values - problem.path_lower) <= 1e-9 * (1 + np.abs(values))
+        return np.asarray(met & ~loose)
+
+    def solvable(self, problem: Problem, mesh: Mesh) -> bool:
+        """Return whether there are as many unknowns as equations: else there is no choice."""
+        layout, n = self.layout, self.n
+        equations = n * (layout.stages + 1) * layout.intervals + self.q
+        equalities = (problem.path_lower == problem.path_upper) & ~self._settled(problem, mesh)
+        intervals = np.array([phase.intervals for phase in layout.phases])
+        return self.unknowns - n >= equations + int(intervals @ equalities.sum(axis=1))
+
     def _row_bounds(self, problem: Problem, mesh: Mesh, scales: Scales, limits: Limits
                     ) -> tuple[Array, Array]:
         N, s = self.layout.intervals, self.layout.stages
@@ -339,8 +361,15 @@ class Transcription:
             upper.append(np.array([span[1] / scales.time]))
         bounds = np.concatenate(lower), np.concatenate(upper)
         each = self.n * (s + 1) + self.l * (s + 1)
-        mesh.hold(*bounds, each * np.arange(N)[:, None] + self.n * (s + 1) + np.arange(self.l),
-                  slice(self.n, None))
+        places = each * np.arange(N)[:, None] + self.n * (s + 1) + np.arange(self.l)
+        mesh.hold(*bounds, places, slice(self.n, None))
+        # What holds whatever is found only makes the equations dependent.
+        settled = self._settled(problem, mesh)
+        spare = [places[settled[self.layout.phase_of]]]
+        if settled.any() and len(settled) * self.l == self._program.rows[2]:
+            spare.append(each * N + self.q + np.flatnonzero(settled))
+        for values, none in zip(bounds, (-np.inf, np.inf), strict=True):
+            values[np.concatenate(spare)] = none
         return bounds
 
     def solve(self, problem: Problem, mesh: Mesh, start: Array, scales: Scales,
@@ -401,11 +430,14 @@ class Transcription:
             'lbx': lower, 'ubx': upper, 'lbg': rows[0], 'ubg': rows[1]}
         if multipliers is not None:
             arguments['lam_x0'], arguments['lam_g0'] = multipliers
+        begun = monitor.iterations - 1   # the start is shown as one, too
         result, stats = solver(**arguments), solver.stats()
         w, lam_w, g, lam_g = (
             result[key].full().ravel() for key in ('x', 'lam_x', 'g', 'lam_g'))
+        # A program that IPOPT refuses leaves the number of its iterations undefined.
+        count = min(max(int(str(stats['iter_count'])), 0), monitor.iterations - begun)
         found = Found(w, float(result['f']), g, lam_w, lam_g, bool(stats['success']),
-                      str(stats['return_status']), int(str(stats['iter_count'])))
+                      str(stats['return_status']), count)
         return self._outcome(problem, mesh, scales, found, rows)
 
     def _first_costate(self, lam: Array) -> Array:
