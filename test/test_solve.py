@@ -160,6 +160,19 @@ def test_least_time_with_a_speed_limit_in_any_units(faster, slower, limit, way):
         solution.switching_times, [limit / faster, least - limit / slower], rtol=1e-6)
 
 
+def test_two_thrusters_of_given_sum():
+    """Full thrust there, full thrust back: held inputs meet the equality of themselves."""
+    solution = solve(problem_from_mapping({
+        'states': ['s', 'v'], 'inputs': ['a', 'b'], 'dynamics': {'s': 'v', 'v': 'a - b'},
+        'running_cost': 1, 'initial_state': {'s': 0, 'v': 0},
+        'terminal_constraints': ['s - 1', 'v'], 'input_bounds': {'a': [0, 1], 'b': [0, 1]},
+        'path_constraints': [{'expr': 'a + b', 'lower': 1, 'upper': 1}],
+        'final_time': {'free': True, 'lower': 0.1, 'upper': 20}}))
+    assert solution.status is Status.SOLVED, solution.message
+    assert solution.objective == pytest.approx(2, abs=1e-7)
+    np.testing.assert_allclose(solution.switching_times, [1], atol=1e-6)
+
+
 def test_a_speed_limit_that_is_only_touched():
     solution = solve(stated('di_mintime_speed_limit', state_bounds={'v': [None, 2]})[0])
     assert solution.status is Status.SOLVED, solution.message

@@ -69,13 +69,12 @@ class Kit:
         self.integrator = Integrator(smooth) if self.twin else self.judge
         self.guesser = Guesser(smooth)
         self.switching = switching_inputs(smooth)
-        self.deciding = deciding(smooth)
         self.affine = not ca.depends_on(
             ca.jacobian(problem.f, ca.vertcat(problem.x, problem.u)),
             ca.vertcat(problem.x, problem.u))
         self.answers: list[Answered] = []   # the latest last
         self.touched_up = False   # whether answers were polished
-        self._problem = problem
+        self._problem, self._smooth = problem, smooth
         self._pieces: dict[tuple[int, bool, bool], Pieces] = {}
         self._fitters: dict[bool, Fitter] = {}
         self._transcriptions: OrderedDict[tuple[Layout, bool], Transcription] = OrderedDict()
@@ -117,6 +116,11 @@ class Kit:
         # Of equal ones the latest.
         k = len(most) - 1 - int(np.argmin(most[::-1]))
         return self.answers[k] if most[k] <= 1.0 else None
+
+    @cached_property
+    def deciding(self) -> NDArray[np.bool_]:
+        """Return which inputs enter the rate of each row of (x, c)."""
+        return deciding(self._smooth)
 
     @cached_property
     def indirect(self) -> Indirect:
