@@ -95,7 +95,8 @@ def told(stalls: list[tuple[float, float]]) -> str:
 
 def main() -> None:
     """Sleep, and tell when a sleep was too long: since when, and by how much."""
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit())
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: sys.exit())
     if sys.argv[1:]:
         os.sched_setaffinity(0, {int(sys.argv[1])})
     last = time.monotonic()

@@ -121,7 +121,7 @@ def loops_on(domain: int, count: int, rate: float
     finally:
         executor.shutdown()
         node.destroy_node()
-        rclpy.shutdown()
+        rclpy.try_shutdown()
 
 
 def _spin(executor: SingleThreadedExecutor, duration: float) -> None:

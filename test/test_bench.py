@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`obc bench`: finds the scripts, runs them as processes, and its status is theirs; the timing."""
 
+import os
 from pathlib import Path
 import signal
 import subprocess
@@ -48,7 +49,7 @@ def test_without_benchmarks_it_says_where_it_looked(scripts, capsys):
     assert str(scripts) in capsys.readouterr().err
 
 
-def test_interrupted_it_leaves_no_process(tmp_path):
+def test_interrupted_it_leaves_no_process_and_no_traceback(tmp_path):
     (tmp_path / 'benchmarks').mkdir()
     beacon = tmp_path / 'pid'
     (tmp_path / 'benchmarks' / 'long.py').write_text(
@@ -57,13 +58,14 @@ def test_interrupted_it_leaves_no_process(tmp_path):
     command = subprocess.Popen([sys.executable, '-c', (
         'import pathlib, sys\nfrom obc_ros.cli import bench, obc\n'
         f'bench.share_directory = lambda package: pathlib.Path({str(tmp_path)!r})\n'
-        'sys.exit(obc.main(["bench"]))')], start_new_session=True)
+        'sys.exit(obc.main(["bench"]))')], start_new_session=True, stderr=subprocess.PIPE)
     deadline = time.monotonic() + 20
     while not (beacon.exists() and beacon.read_text()):
         assert time.monotonic() < deadline
         time.sleep(0.02)
-    command.send_signal(signal.SIGINT)
-    assert command.wait(20) == 130
+    os.killpg(command.pid, signal.SIGINT)  # as a terminal does
+    assert command.communicate(timeout=20)[1] == b''
+    assert command.returncode == 130
     assert not Path(f'/proc/{beacon.read_text()}').exists()
 
 

@@ -5,6 +5,8 @@
 import fcntl
 import os
 import signal
+import subprocess
+import sys
 import tempfile
 
 from obc_ros.cli import processes
@@ -65,3 +67,17 @@ def test_there_is_a_folder_for_logs_without_a_home(tmp_path, monkeypatch, home, 
     monkeypatch.setattr(os, 'environ', os.environ.copy())
     processes.find_log_folder()
     assert os.environ.get('ROS_LOG_DIR') == (tempfile.gettempdir() if temporary else None)
+
+
+def test_a_folder_has_one_writer_at_a_time(tmp_path):
+    folder = tmp_path / 'out'
+    with processes.alone_in(folder):
+        program = (
+            'import sys; from obc_ros.cli import obc\n'
+            f'sys.exit(obc.main(["demo", "vehicle", "--out", {str(folder)!r}]))')
+        second = subprocess.run(
+            [sys.executable, '-c', program], capture_output=True, text=True, check=False)
+        assert (second.returncode, second.stdout) == (1, '')
+        assert 'out is being written by another command; give another folder' in second.stderr
+    with processes.alone_in(folder):
+        assert not list(folder.iterdir())

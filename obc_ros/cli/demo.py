@@ -18,7 +18,7 @@ import sys
 import time
 
 from obc_ros.cli.pilot import Pilot
-from obc_ros.cli.processes import Children, free_domain, isolate
+from obc_ros.cli.processes import alone_in, Children, free_domain, isolate
 from obc_ros.cli.recording import Recorder
 from obc_ros.cli.share import share_directory
 from obc_ros.core.errors import ObcError
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     """Run a demonstration; return the exit status."""
     from obc_ros.cli import demo_aircraft, demo_vehicle
     scenario = {'aircraft': demo_aircraft, 'vehicle': demo_vehicle}[args.scenario]
-    with free_domain() as domain:
+    with alone_in(args.out), free_domain() as domain:
         isolate(domain)
         print(f'{args.scenario}: three nodes over DDS, domain {domain}, this machine only',
               flush=True)

@@ -49,20 +49,26 @@ def run(args: argparse.Namespace) -> int:
         print('\n'.join(f'{name:{width}}  {entry.title}' for name, entry in known.items()))
         return 0
     chosen = [entry for name, entry in known.items() if not args.names or name in args.names]
+    from obc_ros.cli.processes import alone_in
+    with alone_in(args.out):
+        return _work_and_write(chosen, args.out, list(known))
+
+
+def _work_and_write(chosen: Sequence['Entry'], out: Path, order: Sequence[str]) -> int:
     begun = time.monotonic()
     records: list[dict[str, Any]] = []
     status = 0
     try:
-        work_all(chosen, args.out, records)
+        work_all(chosen, out, records)
     except (ObcError, OSError) as error:  # interrupted, or a folder that cannot be written
         print(f'obc gallery: {error}', file=sys.stderr)
         status = 1
     if not records:
         return status
-    write(args.out, records, list(known))
+    write(out, records, order)
     _show(records)
     print(f'{len(records)} entries in {time.monotonic() - begun:.1f} s: '
-          f'{args.out / "index.html"}')
+          f'{out / "index.html"}')
     return status or int(not all(record['holds'] for record in records))
 
 

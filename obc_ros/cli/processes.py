@@ -110,6 +110,34 @@ def _is_held(file: Path) -> bool:
     return False
 
 
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """
+    Make a folder for answers, and keep other commands from writing theirs there meanwhile.
+
+    Raises
+    ------
+    ObcError
+        If another one does.
+    OSError
+        If it cannot be made.
+
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise ObcError(f'{folder} is being written by another command; '
+                           'give another folder with --out') from error
+        except OSError:
+            pass  # a file system without locks
+        yield
+    finally:
+        os.close(lock)
+
+
 def isolate(domain: int) -> None:
     """Keep this process and its children on one domain of this machine."""
     os.environ.update(ONE_THREAD)
