@@ -22,10 +22,9 @@ from obc_ros.core.design_report import Change, fields
 from obc_ros.core.equilibrium import Equilibrium
 from obc_ros.core.errors import ObcError, RefusedDesignError, StatementError
 from obc_ros.core.minimize import minimize
-from obc_ros.core.monitor import MAX_INTERVALS
 from obc_ros.core.planning import Motion, registered, statement
 from obc_ros.core.problem import Problem
-from obc_ros.core.solution import Certificate, Report, Solution, Status
+from obc_ros.core.solution import Certificate, MAX_INTERVALS, Report, Solution, Status
 from obc_ros.core.solve import Cache, solve
 from obc_ros.core.statement import problem_from_mapping
 from obc_ros.core.system import Signal, System

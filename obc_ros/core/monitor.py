@@ -8,9 +8,7 @@ import time
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.solution import Report
-
-MAX_INTERVALS = 2000
+from obc_ros.core.solution import MAX_INTERVALS, Report
 
 
 class Monitor:

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+MAX_INTERVALS = 2000  # that an answer's mesh has at most where nothing else is asked for
+
 # Called as report(phase, iteration, cost, infeasibility) while a solver works; True asks to stop.
 Report = Callable[[str, int, float, float], bool]
 

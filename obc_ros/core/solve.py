@@ -14,12 +14,12 @@ from obc_ros.core.errors import StatementError
 from obc_ros.core.explain import convex, explain, outgrown
 from obc_ros.core.ill_posed import indifferent, wish, without_minimum
 from obc_ros.core.kit import Kit
-from obc_ros.core.monitor import MAX_INTERVALS, Monitor
+from obc_ros.core.monitor import Monitor
 from obc_ros.core.polish import polished, touched_up
 from obc_ros.core.problem import Problem
 from obc_ros.core.riccati import solve_lq
 from obc_ros.core.search import Search
-from obc_ros.core.solution import Report, Solution, Status
+from obc_ros.core.solution import MAX_INTERVALS, Report, Solution, Status
 from obc_ros.core.time_optimal import solve_time_optimal
 from obc_ros.core.two_wheeled_time import solve_two_wheeled
 

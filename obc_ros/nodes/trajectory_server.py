@@ -22,7 +22,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from obc_ros.action import SolveOptimalControl as SolveAction
 from obc_ros.core.errors import StatementError
-from obc_ros.core.monitor import MAX_INTERVALS
+from obc_ros.core.solution import MAX_INTERVALS
 from obc_ros.core.wire import Packet
 from obc_ros.core.workers import Answer, Job, LONGEST, Outcome, Pool, SHORTEST
 from obc_ros.msg import Trajectory
