@@ -132,6 +132,7 @@ def test_accepts(judged: Judged, name: str, value: Any, kept: Any) -> None:
     ('lockstep', 1, 'lockstep: wanted true or false, got a whole number'),
     ('on_stale', 'holdd',
      "on_stale = 'holdd': wanted 'equilibrium' or 'hold' or 'silent'; did you mean 'hold'?"),
+    ('on_stale', 'h\x1b[31m' + 'x' * 9999, "on_stale = 'h\\x1b[31m" + 51 * 'x' + "...': wanted"),
     ('Qz', [1.0], "no parameter 'Qz'; did you mean 'Qx'?"),
     ('qx', [1.0], "no parameter 'qx'; did you mean 'Qx'?"),
     ('wholly_other', 1, "no parameter 'wholly_other'"),
@@ -148,6 +149,7 @@ def test_refuses(judged: Judged, name: str, value: Any, sentence: str) -> None:
     result = judged.set(**{name: value})
     assert not result.successful
     assert result.reason.startswith(sentence)
+    assert len(result.reason) < 300 and result.reason.isprintable()
     assert judged.refused == [result.reason]
     assert judged.parameters.settings is before
     assert judged.node.get_parameter('Qx').value == value_before

@@ -9,7 +9,7 @@ from typing import Any
 from obc_ros.cli import results, terminal
 from obc_ros.cli.cases import Case
 from obc_ros.core.design_report import matrices
-from obc_ros.core.errors import ObcError
+from obc_ros.core.errors import ObcError, shown
 
 HEADER = ('case', 'status', 'gain K', 'poles')
 COLOURS = {'solved': 'green', 'refused': 'red', 'malformed': 'red'}
@@ -59,7 +59,7 @@ def _show(asked: list[Case]) -> None:
     terminal.table(HEADER, [_row(case) for case in asked], COLOURS)
     for case in asked:
         if case.message:
-            print(terminal.printable(f'{case.label}: {case.message}'))
+            print(shown(f'{case.label}: {case.message}', None))
 
 
 def _draw(path: Path, case: Case) -> None:

@@ -17,8 +17,7 @@ from pathlib import Path
 import re
 from typing import Any, TypeVar
 
-from obc_ros.cli.terminal import printable, short
-from obc_ros.core.errors import DynamicsError, ObcError, StatementError
+from obc_ros.core.errors import DynamicsError, ObcError, shown, StatementError
 from obc_ros.core.files import entries
 
 Entry = dict[str, Any] | StatementError
@@ -82,9 +81,9 @@ def read(kind: type[Kind], files: Iterable[Path]) -> list[Kind]:
                 asked[-1].end('malformed', str(error))
     count = Counter(each.name for each in asked)
     for each in asked:
-        each.label = short(each.name)
+        each.label = shown(each.name, 80)
         if count[each.name] > 1:
-            each.label += f' ({printable(each.where)})'
+            each.label += f' ({shown(each.where, None)})'
     return asked
 
 

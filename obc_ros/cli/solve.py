@@ -8,7 +8,7 @@ from pathlib import Path
 
 from obc_ros.cli import results, terminal
 from obc_ros.cli.questions import Question
-from obc_ros.core.errors import ObcError
+from obc_ros.core.errors import ObcError, shown
 from obc_ros.core.workers import LONGEST, SHORTEST
 
 HEADER = ('problem', 'status', 'cost', 'certificate', 'method', 'time')
@@ -83,7 +83,7 @@ def _show(asked: list[Question]) -> None:
     terminal.table(HEADER, [_row(question) for question in asked], COLOURS)
     for question in asked:
         if question.status != 'solved' and question.message:
-            print(terminal.printable(f'{question.label}: {question.message}'))
+            print(shown(f'{question.label}: {question.message}', None))
 
 
 def _row(question: Question) -> tuple[str, ...]:

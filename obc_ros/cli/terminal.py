@@ -9,7 +9,7 @@ import os
 import sys
 from typing import Protocol
 
-LONGEST = 80  # characters that are shown of a name
+from obc_ros.core.errors import shown
 
 
 def open_streams() -> None:
@@ -27,19 +27,6 @@ def open_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors='backslashreplace')
-
-
-def printable(text: str) -> str:
-    """Return a text from outside on one line, without what a terminal would obey."""
-    if text.isprintable():
-        return text
-    return ''.join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
-
-
-def short(name: str) -> str:
-    """Return a name from outside as it is shown."""
-    name = printable(name)
-    return name if len(name) <= LONGEST else name[:LONGEST - 3] + '...'
 
 
 class Lines(Protocol):
@@ -60,7 +47,7 @@ class PlainLines:
 
     def end(self, name: str, text: str) -> None:
         """Say what came of `name`."""
-        print(printable(f'{name}: {text}'), file=sys.stderr, flush=True)
+        print(shown(f'{name}: {text}', None), file=sys.stderr, flush=True)
 
 
 @contextmanager

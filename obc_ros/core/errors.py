@@ -23,3 +23,27 @@ class DynamicsError(ObcError):
 
 class RefusedDesignError(ObcError):
     """A feedback design was asked for that cannot be proved to stabilise."""
+
+
+def shown(text: str, longest: int | None = 60) -> str:
+    """
+    Return a text from outside as a message has it.
+
+    Parameters
+    ----------
+    text : str
+        Whatever somebody sent.
+    longest : int, optional
+        Characters that are kept of it; None: all.
+
+    Returns
+    -------
+    str
+        On one line, and without what a terminal would obey.
+
+    """
+    if longest is not None and len(text) > longest:
+        text = text[:longest - 3] + '...'
+    if text.isprintable():
+        return text
+    return ''.join(each if each.isprintable() else ascii(each)[1:-1] for each in text)

@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core import expressions, systems
-from obc_ros.core.errors import ObcError, StatementError
+from obc_ros.core.errors import ObcError, shown, StatementError
 from obc_ros.core.expressions import check_name, describe, near, number
 from obc_ros.core.files import entries
 from obc_ros.core.parts import (
@@ -129,8 +129,7 @@ def load_file(path: str | Path) -> list[dict[str, Any]]:
 
 
 def _short(value: object) -> str:
-    text = str(value)
-    return text if len(text) <= 60 else text[:57] + '...'
+    return shown(str(value))
 
 
 def _column(rows: Iterable[ca.SX]) -> ca.SX:

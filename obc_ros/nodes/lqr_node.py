@@ -22,7 +22,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState
 from obc_ros.core.design_report import Change, change
-from obc_ros.core.errors import ObcError, StatementError
+from obc_ros.core.errors import ObcError, shown, StatementError
 from obc_ros.core.following import Course
 from obc_ros.core.loop import Loop
 from obc_ros.msg import LqrDesign, Trajectory
@@ -158,8 +158,8 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         if frame == wanted or not (wanted or self._frame):
             self._frame = frame
             return True
-        self._loop.drop('frame', f"a state in the frame '{frame}' was dropped: wanted "
-                                 f"'{wanted or self._frame}'", now)
+        self._loop.drop('frame', f"a state in the frame '{shown(frame)}' was dropped: wanted "
+                                 f"'{shown(wanted or self._frame)}'", now)
         return False
 
     def _on_deadline(self, _: Any) -> None:

@@ -27,7 +27,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TwistStamped, WrenchStamped
 from nav_msgs.msg import Odometry
-from obc_ros.core.errors import StatementError
+from obc_ros.core.errors import shown, StatementError
 from obc_ros.core.following import Course, course
 from obc_ros.core.system import System
 from obc_ros.msg import Command, State, Trajectory
@@ -63,10 +63,10 @@ def source(topic: str, system: System) -> Read:
         child = message.child_frame_id
         if child == message.header.frame_id:
             raise FrameError(
-                f"odometry with child_frame_id = header.frame_id = '{child[:60]}': its twist "
+                f"odometry with child_frame_id = header.frame_id = '{shown(child)}': its twist "
                 'belongs in the frame of the body')
         if body and child != body:
-            raise FrameError(f"odometry of '{child[:60]}', after that of '{body[:60]}'")
+            raise FrameError(f"odometry of '{shown(child)}', after that of '{shown(body)}'")
         x: list[float] = odometry.state(message).tolist()
         body = child
         return x
@@ -130,10 +130,11 @@ def courses(message: Trajectory, system: System, frame: str, present: tuple[Cour
     if not message.t and not message.x and not message.u:
         return ()
     if message.system not in ('', system.name):
-        raise StatementError(f"it is for '{message.system[:60]}', not for {system.name}")
+        raise StatementError(f"it is for '{shown(message.system)}', not for {system.name}")
     given = message.header.frame_id
     if given and frame and given != frame:
-        raise StatementError(f"it is in the frame '{given[:60]}', the states are in '{frame}'")
+        raise StatementError(f"it is in the frame '{shown(given)}', the states are in "
+                             f"'{shown(frame)}'")
     stamp = nanoseconds(message.header.stamp)
     new = course(system, (message.state_names, message.input_names), message.t, message.x,
                  message.u, message.interpolation, stamp or now)

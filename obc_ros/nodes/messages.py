@@ -15,7 +15,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from obc_ros.core import solution
-from obc_ros.core.errors import StatementError
+from obc_ros.core.errors import shown, StatementError
 from obc_ros.core.wire import Packet
 from obc_ros.msg import (
     Certificate,
@@ -165,7 +165,7 @@ def parameters(where: str, entries: Iterable[NamedExpression]) -> dict[str, Any]
         If a name stands twice, or what begins with a bracket is no list.
 
     """
-    return {name: _list(f'{where}.{name[:60]}', text) if text.startswith('[') else text
+    return {name: _list(f'{where}.{shown(name)}', text) if text.startswith('[') else text
             for name, text in expressions(where, entries).items()}
 
 
@@ -344,7 +344,7 @@ def _unique(where: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, value in pairs:
         if name in found:
-            raise StatementError(f"{where}: '{name[:60]}' stands twice")
+            raise StatementError(f"{where}: '{shown(name)}' stands twice")
         found[name] = value
     return found
 

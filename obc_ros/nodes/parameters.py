@@ -24,7 +24,7 @@ import math
 import re
 from typing import Any, Generic, TypeVar
 
-from obc_ros.core.errors import ObcError, StatementError
+from obc_ros.core.errors import ObcError, shown, StatementError
 from obc_ros.nodes.guards import guard
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
@@ -146,7 +146,7 @@ class Entry:
     def _check_choice(self, value: str) -> None:
         if self.choices and value not in self.choices:
             raise StatementError(
-                f"{self.name} = '{value}': wanted {_listed(self.choices)}"
+                f"{self.name} = '{shown(value)}': wanted {_listed(self.choices)}"
                 f'{_hint(value, self.choices)}')
 
     def _check_number(self, name: str, value: float) -> None:
@@ -294,10 +294,11 @@ class Parameters(Generic[Settings, Candidate]):
                   if not (self._node.has_parameter(name) or name.startswith('qos_overrides.'))]
         for name in others:
             if hint := _hint(name, self._entries):
-                self._node.get_logger().warning(f"no parameter '{name}': it has no effect{hint}")
+                self._node.get_logger().warning(
+                    f"no parameter '{shown(name)}': it has no effect{hint}")
         if others:
             self._node.get_logger().info(
-                f'given but not parameters of this node: {", ".join(sorted(others))}')
+                f'given but not parameters of this node: {shown(", ".join(sorted(others)), 300)}')
 
     def _assembled(self, values: Mapping[str, Value]) -> Settings:
         arguments: dict[str, Any] = {}
@@ -352,9 +353,9 @@ class Parameters(Generic[Settings, Candidate]):
             if entry is None:
                 if not self._node.has_parameter(change.name):
                     raise StatementError(
-                        f"no parameter '{change.name}'{_hint(change.name, self._entries)}")
+                        f"no parameter '{shown(change.name)}'{_hint(change.name, self._entries)}")
             elif change.type_ is Parameter.Type.NOT_SET:
-                raise StatementError(f'{change.name} cannot be deleted, only set')
+                raise StatementError(f'{shown(change.name)} cannot be deleted, only set')
             else:
                 values[change.name] = entry.value(change)
         return values
@@ -368,7 +369,7 @@ def _guarded(callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
         for each in request.parameters:
             if each.value.type not in types:
                 refusal = SetParametersResult(
-                    reason=f'{each.name}: there is no parameter type {each.value.type}')
+                    reason=f'{shown(each.name)}: there is no parameter type {each.value.type}')
                 if isinstance(response, SetParameters.Response):
                     response.results = [refusal] * len(request.parameters)
                 else:

@@ -16,7 +16,7 @@ import inspect
 from pathlib import Path
 from typing import Any
 
-from obc_ros.core.errors import DynamicsError, ObcError
+from obc_ros.core.errors import DynamicsError, ObcError, shown
 from obc_ros.core.system import System
 from obc_ros.core.systems import aircraft, integrators, linear, scalar, two_wheeled, vehicle
 from obc_ros.core.systems.file import load
@@ -130,9 +130,8 @@ def _factory(name: str) -> Callable[..., System]:
         known = (*_OWN, *sorted(others))
         near = difflib.get_close_matches(name[:64], known, n=1)
         hint = f" (did you mean '{near[0]}'?)" if near else ''
-        short = name if len(name) <= 64 else name[:61] + '...'
-        raise DynamicsError(f"unknown system '{short}'{hint}; there are {', '.join(known)}, and "
-                            'the path of a YAML file where files are read')
+        raise DynamicsError(f"unknown system '{shown(name)}'{hint}; there are {', '.join(known)}, "
+                            'and the path of a YAML file where files are read')
     entry = others[name]
     try:
         factory = entry.load()
