@@ -339,6 +339,24 @@ def test_ctrl_c_while_solving(server, probe, clock):
     assert 'Traceback' not in process.output()
 
 
+def test_whoever_waits_is_told_that_the_server_ends(server, probe):
+    process = server(workers=1)
+    arrays = probe.listen(DiagnosticArray, '/diagnostics')
+    goals = Goals(probe)
+    goals.wait_until_solving(goals.send(endless()))
+    client = probe.node.create_client(SolveOptimalControl, SOLVE)
+    probe.wait_for(client.service_is_ready)
+    answers = [client.call_async(SolveOptimalControl.Request(problem=endless())) for _ in range(3)]
+    answers.append(goals.handles[0].get_result_async())
+    probe.wait_for(lambda: arrays and values(arrays[-1])['queue'] == '3', what='three that wait')
+    os.kill(process.pid, signal.SIGINT)
+    probe.wait_for(lambda: all(each.done() for each in answers), what='their answers')
+    *waited, solved = [each.result() for each in answers]
+    assert {each.message for each in waited} == {'the server is shutting down'}
+    assert {each.status for each in (*waited, solved.result)} == {'cancelled'}
+    assert process.wait(10.0) == 0
+
+
 def test_parameters_are_judged(server, probe, clock):
     process = server(workers=1)
     for name, value, words in (

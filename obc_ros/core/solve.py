@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 from obc_ros.core.certificate import certify
-from obc_ros.core.errors import StatementError
+from obc_ros.core.errors import shown, StatementError
 from obc_ros.core.explain import convex, explain, outgrown
 from obc_ros.core.ill_posed import indifferent, wish, without_minimum
 from obc_ros.core.kit import Kit
@@ -169,7 +169,7 @@ def solve(problem: Problem, *, method: str = 'auto', time_limit: float = 60.0,
 
     """
     if method not in METHODS:
-        raise StatementError(f"method '{method}' is unknown; there are {', '.join(METHODS)}")
+        raise StatementError(f"method '{shown(method)}' is unknown; there are {', '.join(METHODS)}")
     begun = time.monotonic()
     monitor = Monitor(time_limit, report, max_intervals)
     kit = (cache or Cache(1)).kit(problem)

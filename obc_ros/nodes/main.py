@@ -18,6 +18,7 @@ import re
 import signal
 import sys
 import threading
+from time import monotonic
 
 from obc_ros.core.errors import ObcError, StatementError
 from obc_ros.nodes.crowds import be_patient
@@ -27,6 +28,9 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
+
+FAREWELL = 0.5  # [s] that a node has to answer what it was asked before it was told to end
+LAST = 20       # turns of the executor in which what is answered is sent
 
 # What rclpy raises for arguments, files, names and QoS overrides: RCLError is a RuntimeError.
 _UNFIT = (ObcError, RuntimeError, NameValidationException, ParameterException)
@@ -123,11 +127,22 @@ def _spin(node: Node, stop: _Stop) -> None:
     try:
         while not stop.asked:
             executor.spin_once()
+        _answer(node, executor)
     except ExternalShutdownException:
         pass  # the context was shut down by someone else in this process
     finally:
         stop.wake = lambda: None
         executor.shutdown()
+
+
+def _answer(node: Node, executor: SingleThreadedExecutor) -> None:
+    """Let a node that `owes` answers give them before it ends."""
+    deadline = monotonic() + FAREWELL
+    if owes := getattr(node, 'owes', None):
+        while owes() and monotonic() < deadline:
+            executor.spin_once(timeout_sec=0.02)
+        for _ in range(LAST):
+            executor.spin_once(timeout_sec=0.0)
 
 
 def sentence(error: Exception) -> str:

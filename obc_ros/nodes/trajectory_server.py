@@ -78,6 +78,7 @@ class TrajectoryServer(Node):
         self._pools = self._solvers, self._designers
         self._adopt(self._settings.settings)
         self._jobs: dict[bytes, Job] = {}
+        self._asked = 0
         self._arrived: deque[tuple[Future, Answer]] = deque()
         self._statuses: Counter[str] = Counter()
         self._reference = self.create_publisher(Trajectory, 'reference', LATCHED)
@@ -111,6 +112,12 @@ class TrajectoryServer(Node):
         who = f'{settings.workers} processes solve' if settings.workers > 1 else '1 process solves'
         self.get_logger().info(
             f'ready: {who}, {settings.queue_length} more requests may wait')
+
+    def owes(self) -> bool:
+        """Cancel what has no answer yet, as often as asked; return whether there is such."""
+        for pool in self._pools:
+            pool.close()
+        return self._asked > 0
 
     def destroy_node(self) -> None:
         """End the workers, then the node."""
@@ -186,7 +193,9 @@ class TrajectoryServer(Node):
             self._jobs[key] = job
             if goal.is_cancel_requested:  # before there was anything to cancel
                 self._solvers.cancel(job)
+        self._asked += 1
         answer: Answer = await future
+        self._asked -= 1
         if goal:
             del self._jobs[key]
         if answer.outcome is Outcome.ANSWERED:
