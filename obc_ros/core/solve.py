@@ -169,7 +169,8 @@ def solve(problem: Problem, *, method: str = 'auto', time_limit: float = 60.0,
 
     """
     if method not in METHODS:
-        raise StatementError(f"method '{shown(method)}' is unknown; there are {', '.join(METHODS)}")
+        raise StatementError(
+            f"method '{shown(method)}' is unknown; there are {', '.join(METHODS)}")
     begun = time.monotonic()
     monitor = Monitor(time_limit, report, max_intervals)
     kit = (cache or Cache(1)).kit(problem)
