@@ -45,7 +45,7 @@ def enter() -> str:
         return str(error)
     if tried.returncode:
         return f'no namespaces here: {" ".join(tried.stderr.split())[:200]}'
-    child = subprocess.run([*unshare, sys.executable, '-m', 'obc_ros.cli.bench', *sys.argv],
+    child = subprocess.run([*unshare, sys.executable, *sys.argv],
                            env={**os.environ, INSIDE: '1'})
     raise SystemExit(child.returncode)
 

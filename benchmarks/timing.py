@@ -20,7 +20,10 @@ import platform
 from statistics import median
 import sys
 import time
+from types import TracebackType
 from typing import Any
+
+from obc_ros.core.errors import ObcError
 
 Clock = Callable[[], float]
 
@@ -31,6 +34,17 @@ ROUNDS = 9
 LEAST = 0.02  # [s] that one measurement takes at least
 
 _failed: list[str] = []
+
+
+def _end(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    """Say what ended a benchmark before its time: Ctrl-C nothing, a mistake of ours all."""
+    if issubclass(kind, ObcError):
+        print(error, file=sys.stderr)
+    elif not issubclass(kind, KeyboardInterrupt):
+        sys.__excepthook__(kind, error, trace)
+
+
+sys.excepthook = _end
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@
 
 import os
 from pathlib import Path
+import shutil
 import signal
 import subprocess
 import sys
@@ -52,8 +53,9 @@ def test_without_benchmarks_it_says_where_it_looked(scripts, capsys):
 def test_interrupted_it_leaves_no_process_and_no_traceback(tmp_path):
     (tmp_path / 'benchmarks').mkdir()
     beacon = tmp_path / 'pid'
+    shutil.copy(timing.__file__, tmp_path / 'benchmarks')
     (tmp_path / 'benchmarks' / 'long.py').write_text(
-        'import os, pathlib, time\n'
+        'import os, pathlib, time, timing\n'
         f'pathlib.Path({str(beacon)!r}).write_text(str(os.getpid()))\ntime.sleep(60)\n')
     command = subprocess.Popen([sys.executable, '-c', (
         'import pathlib, sys\nfrom obc_ros.cli import bench, obc\n'

@@ -9,7 +9,6 @@ A benchmark is a script that prints a table; its exit status is 0 if what it mus
 import argparse
 import os
 from pathlib import Path
-from runpy import run_path
 import subprocess
 import sys
 
@@ -70,9 +69,8 @@ def passes(script: Path, peers: bool) -> bool:
     """Run one benchmark and return whether it held what it must."""
     print(f'== {script.stem} ==', flush=True)
     options = ['--peers'] if peers else []
-    child = subprocess.Popen(
-        [sys.executable, '-m', 'obc_ros.cli.bench', str(script), *options],
-        env={**os.environ, 'PYTHONUNBUFFERED': '1'})
+    child = subprocess.Popen([sys.executable, str(script), *options], env={
+        **os.environ, 'PYTHONUNBUFFERED': '1'})
     try:
         status = child.wait()
     finally:
@@ -81,21 +79,3 @@ def passes(script: Path, peers: bool) -> bool:
             child.wait()
     print(flush=True)
     return status == 0
-
-
-def work(script: str) -> int:
-    """Run a script as Python does; what ends it before its time is said without a traceback."""
-    try:
-        sys.path.insert(0, str(Path(script).parent))
-        run_path(script, run_name='__main__')
-    except KeyboardInterrupt:
-        return 130
-    except ObcError as error:
-        print(error, file=sys.stderr)
-        return 1
-    return 0
-
-
-if __name__ == '__main__':
-    del sys.argv[0]
-    sys.exit(work(sys.argv[0]))
