@@ -46,13 +46,21 @@ def test_what_killed_processes_left_is_removed_from_a_domain_that_is_taken(tmp_p
     alive = ['fastdds_port{}', 'fastdds_port{}_sl', 'sem.fastdds_port{}_mutex']
     for each in dead:
         (tmp_path / each.format(first + 11)).touch()
-    others = [*(each.format(first + 10) for each in alive), *(each.format(first + 250)
-              for each in dead), *(each.format(first - 1) for each in dead),
+        (tmp_path / each.format(7012)).touch()
+        os.utime(tmp_path / each.format(7012), (0, 0))
+    others = [*(each.format(number) for each in alive for number in (first + 10, 7011)),
+              *(each.format(7013) for each in dead),  # perhaps just being opened
+              *(each.format(first + 250) for each in dead),
+              *(each.format(first - 1) for each in dead),
               'fastrtps_0123456789abcdef', 'fastrtps_0123456789abcdef_el']
     for other in others:
         (tmp_path / other).touch()
-    with (tmp_path / alive[1].format(first + 10)).open('rb') as held:
+    for each in alive:
+        os.utime(tmp_path / each.format(7011), (0, 0))
+    with (tmp_path / alive[1].format(first + 10)).open('rb') as held, (
+            tmp_path / alive[1].format(7011)).open('rb') as common:
         fcntl.flock(held, fcntl.LOCK_SH)
+        fcntl.flock(common, fcntl.LOCK_EX)
         with free_domain() as again:
             assert again == domain
     assert sorted(each.name for each in tmp_path.iterdir()) == sorted(others)

@@ -30,6 +30,9 @@ DOMAINS = range(1, 102)  # the ports of higher domains reach into Linux's epheme
 # In a node one thread is faster than two: its matrices are small.
 ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
 SHARED_MEMORY = Path('/dev/shm')
+# Fast DDS gives these to nodes of all domains, for what ROS 2 tells of the graph.
+COMMON_PORTS = range(7000, 7400)
+OLD = 5.0  # [s] since when a common port that nobody holds is no longer just being opened
 PORT_FILE = re.compile(r'(sem\.)?(?P<port>fast(rtps|dds)_port(?P<number>\d+))(_el|_sl|_mutex)?')
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
@@ -86,18 +89,27 @@ def _clear(domain: int) -> None:
     """
     Remove the shared memory of a domain's ports where a process that was killed has left it.
 
-    Fast DDS finds it when it opens the same port again, and may crash on what is in it.
+    Fast DDS finds it when it opens the same port again. It waits a second for listeners that are
+    dead, 20 s for a lock that one of them held, and may crash on what is in it.
     """
-    ports: dict[str, list[Path]] = {}
+    own = range(_port(domain), _port(domain + 1))
+    ports: dict[tuple[str, bool], list[Path]] = {}
     for file in SHARED_MEMORY.glob('*fast*_port*'):
-        if (found := PORT_FILE.fullmatch(file.name)) and (
-                _port(domain) <= int(found['number']) < _port(domain + 1)):
-            ports.setdefault(found['port'], []).append(file)
-    for files in ports.values():
-        if not any(map(_is_held, files)):
+        found = PORT_FILE.fullmatch(file.name)
+        if found and any(int(found['number']) in some for some in (own, COMMON_PORTS)):
+            ports.setdefault((found['port'], int(found['number']) in own), []).append(file)
+    for (_, is_own), files in ports.items():
+        if not any(map(_is_held, files)) and (is_own or all(map(_is_old, files))):
             for file in files:
                 with suppress(OSError):  # another user's
                     file.unlink()
+
+
+def _is_old(file: Path) -> bool:
+    """Return whether a file was there some seconds ago already, or is there no more."""
+    with suppress(FileNotFoundError):
+        return time.time() - file.stat().st_mtime > OLD
+    return True
 
 
 def _is_held(file: Path) -> bool:
