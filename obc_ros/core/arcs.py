@@ -297,6 +297,58 @@ def opened(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem,
     return join(spans)
 
 
+def sloped(arcs: Sequence[Arc], t: Array, Hu: tuple[Array, Array], curved: Sequence[bool]
+           ) -> list[Arc]:
+    """
+    Return arcs with a free one wherever an input does not jump but slopes from bound to bound.
+
+    Parameters
+    ----------
+    arcs : sequence of Arc
+        As found; slopes that are shorter than an interval look like jumps.
+    t : ndarray, shape (K,)
+        Times.
+    Hu : pair of ndarray, shape (K, m)
+        dH/du there with the input at its lower and at its upper bound.
+    curved : sequence of bool
+        For each input whether H is not linear in it.
+
+    """
+    rows = []
+    for i, bends in enumerate(curved):
+        row = _tidy([_Span(arc.start, arc.end, arc.levels[i]) for arc in arcs], arcs[-1].end)
+        rows.append(_sloped(row, t, Hu[0][:, i], Hu[1][:, i]) if bends else row)
+    return join(rows)
+
+
+def _sloped(row: list[_Span], t: Array, at_lower: Array, at_upper: Array) -> list[_Span]:
+    """Return the spans of an input with a free one where it leaves a bound before it jumps."""
+    lower = min(span.level for span in row)
+    kept, start = [], 0.0
+    for span, after in zip(row, row[1:], strict=False):
+        kept.append(_Span(start, span.end, span.level))
+        start = span.end
+        if math.isnan(span.level) or math.isnan(after.level):
+            continue
+        first, last = (at_lower, at_upper) if span.level == lower else (at_upper, at_lower)
+        leaves, comes = _vanishes(t, first, span.end), _vanishes(t, last, span.end)
+        if kept[-1].start < leaves < comes < after.end:
+            kept[-1] = _Span(kept[-1].start, leaves, span.level)
+            kept.append(_Span(leaves, comes, math.nan))
+            start = comes
+    return [*kept, _Span(start, row[-1].end, row[-1].level)]
+
+
+def _vanishes(t: Array, values: Array, near: float) -> float:
+    """Return when values vanish next to a time; nan if they do not."""
+    changes = np.flatnonzero(values[:-1] * values[1:] < 0)
+    if not len(changes):
+        return math.nan
+    a, b = values[changes], values[changes + 1]
+    zeros = t[changes] + (t[changes + 1] - t[changes]) * a / (a - b)
+    return float(zeros[np.argmin(np.abs(zeros - near))])
+
+
 def moved(arcs: Sequence[Arc], durations: Array, least: float) -> bool:
     """Return whether arcs end elsewhere than as many phases, by a part of T."""
     ends = np.cumsum(durations)

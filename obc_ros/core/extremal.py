@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 
 _STIFF = 1e-4   # relative error of an interval
 _MANY = 64
+_SAMPLES = 64   # intervals whose ends are samples enough
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +165,8 @@ class Integrator:
             if values is not None and values.size:
                 change = np.abs(np.diff(values, axis=0)).max(axis=1)
                 new[1:] |= change > 1e-12 * np.abs(values).max()
-        if problem.path.numel():
+        many = densities[0] is None and len(course.local) >= _SAMPLES
+        if problem.path.numel() or many:
             # A linear input meets a constraint c(x, u) once or twice in an interval.
             new &= (np.isin(np.arange(len(t)) % (2 * course.parts), (0, 2 * course.parts - 1)))
         densities = [d if d is None else d[new] for d in densities]

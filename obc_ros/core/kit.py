@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.arcs import switching_inputs
+from obc_ros.core.boundary_values import BoundaryValues
 from obc_ros.core.contacts import deciding
 from obc_ros.core.extremal import Integrator
 from obc_ros.core.guesses import Guesser
@@ -43,6 +44,7 @@ class Answered:
     outcome: Outcome
     sizes: Scales
     margin: Array
+    extremal: BoundaryValues | None = None   # where its kinks are known
 
     @cached_property
     def numbers(self) -> Array:

@@ -7,7 +7,7 @@ How time is cut for a transcription, and a path on such a mesh.
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,6 +142,7 @@ class Path:
         return np.asarray((1 - part) * self.ua[k] + part * self.ub[k])
 
 
+@cache
 def gauss_points(stages: int) -> Array:
     """Return the Gauss points in (0, 1)."""
     if not stages:
@@ -149,6 +150,7 @@ def gauss_points(stages: int) -> Array:
     return np.asarray((np.polynomial.legendre.leggauss(stages)[0] + 1) / 2)
 
 
+@cache
 def collocation(stages: int) -> tuple[Array, Array, Array, Array]:
     """Return points c, weights b, derivatives D (s, s + 1) and end values e (s + 1,)."""
     nodes, weights = np.polynomial.legendre.leggauss(stages)

@@ -13,13 +13,12 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.arcs import find_arcs
+from obc_ros.core.aligned import boundary_values, points
+from obc_ros.core.boundary_values import BoundaryValues
 from obc_ros.core.certificate import certify
-from obc_ros.core.indirect import BoundaryValues
 from obc_ros.core.kit import Answered
 from obc_ros.core.search import Search
 from obc_ros.core.solution import Solution, Status
-from scipy.linalg import solve_banded
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -28,7 +27,6 @@ _PRECISE, _QUICK = 2e-7, 1e-5   # of its size: how far u may be off u*, alone an
 _FEWEST_SAMPLES, _MOST_SAMPLES = 64, 4000
 _WORTH_IT = 1000   # iterations times intervals
 _LEAST = 0.5       # [s] without which an answer is left as it is
-_LARGEST = 3e7     # entries of the matrices of all intervals
 _SAME = 1e-9       # of its size: inputs on both sides of a switch that does not jump
 _DEARER = 1e-8     # relative: by how much an answer may seem to cost more
 
@@ -44,7 +42,7 @@ def polished(search: Search, answer: Solution) -> Solution:
     if found is None:
         return replace(answer, message='answered by transcription: no extremal was found from it '
                                        'on which the inputs are at bounds or make dH/du zero')
-    return _better(search, answer, found, _counts(found, _PRECISE))
+    return _better(search, answer, found, _PRECISE)
 
 
 def touched_up(search: Search, answer: Solution) -> Solution:
@@ -54,14 +52,14 @@ def touched_up(search: Search, answer: Solution) -> Solution:
     Where an answer is found so soon that this would take longer it is left as it is.
     """
     kit = search.kit
-    if (search.last is None or search.work < _WORTH_IT and not kit.touched_up
+    if (search.last is None or search.nearby or search.work < _WORTH_IT and not kit.touched_up
             or search.monitor.remaining() < _LEAST or not _smooth(search, search.last)):
         return answer
     found = _boundary_values(search)
     if found is None:
         return answer
     for wanted in (_QUICK, _PRECISE):
-        new = _better(search, answer, found, _counts(found, wanted))
+        new = _better(search, answer, found, wanted)
         if new is not answer:
             kit.touched_up = True
             break
@@ -76,21 +74,16 @@ def _smooth(search: Search, last: Answered) -> bool:
 def _boundary_values(search: Search) -> BoundaryValues | None:
     """Return the solution of the boundary value problem near what a search found last."""
     assert search.last is not None
-    problem, outcome = search.stated, search.last.outcome
-    arcs = find_arcs(problem, outcome.path, (True,) * problem.m)
-    singular = any(linear and np.isnan(level) for arc in arcs
-                   for linear, level in zip(search.kit.switching, arc.levels, strict=True))
-    if singular or outcome.mesh.layout.intervals * (6 * problem.n)**2 > _LARGEST:
-        return None
-    return search.kit.indirect.solve(
-        problem, arcs, search.course(outcome), outcome.path.t, search.sizes(outcome))
+    outcome, known = search.last.outcome, search.last.extremal
+    if known is not None:
+        return search.kit.indirect.refined(search.stated, known, search.sizes(outcome))
+    return boundary_values(search.kit, search.stated, outcome, search.course(outcome),
+                           search.sizes(outcome))
 
 
-def _better(search: Search, answer: Solution, found: BoundaryValues, counts: Index) -> Solution:
+def _better(search: Search, answer: Solution, found: BoundaryValues, wanted: float) -> Solution:
     """Return the answer made of boundary values if its certificate holds, else the other."""
-    if counts.sum() > _MOST_SAMPLES:
-        counts = np.maximum(1, (counts * (_MOST_SAMPLES / counts.sum())).astype(np.int64))
-    new = _sampled(search, found, counts)
+    new = _sampled(search, found, wanted)
     judged = answer.certificate
     if judged is not None and judged.holds:
         # An extremal costs no more than a path beside it, but for the errors of that path.
@@ -102,24 +95,18 @@ def _better(search: Search, answer: Solution, found: BoundaryValues, counts: Ind
     return new if new.certificate.holds else answer
 
 
-def _counts(found: BoundaryValues, wanted: float) -> Index:
-    """Return into how many parts to cut each interval."""
-    size = np.maximum(np.abs(found.u).max(axis=(0, 1)), 1e-300)
-    bend = np.abs(np.diff(found.du, axis=1)[:, 0]) * found.h[:, None] / size
-    parts = np.sqrt(bend.max(axis=1) / (12 * wanted))
-    counts: Index = np.ceil(np.maximum(parts, _FEWEST_SAMPLES / len(parts))).astype(np.int64)
-    return counts
-
-
-def _sampled(search: Search, found: BoundaryValues, counts: Index) -> Solution:
-    """Return boundary values as samples."""
-    problem = search.stated
-    last = np.append(np.diff(found.arc_of) > 0, True)
-    each = counts + last   # the end of an arc is a sample of its own
-    k = np.repeat(np.arange(len(each)), each)
-    part = (np.arange(len(k)) - np.repeat(np.cumsum(each) - each, each)) / counts[k]
-    starts = np.append(0.0, np.cumsum(found.h))
-    t = starts[k] + part * found.h[k]
+def _sampled(search: Search, found: BoundaryValues, wanted: float) -> Solution:
+    """Return boundary values as samples, with those at both ends of each arc."""
+    problem, longest = search.stated, found.lengths.sum() / _FEWEST_SAMPLES
+    points_, of = points(found, wanted, longest)
+    if len(of) > _MOST_SAMPLES:
+        points_, of = points(found, wanted * (len(of) / _MOST_SAMPLES)**2, longest)
+    # Where the start of each interval, and the end of each arc, stand in a row.
+    starts, last = np.arange(len(of)) + of, np.flatnonzero(np.diff(of, append=-1))
+    t, arc = np.empty(len(of) + len(last)), np.empty(len(of) + len(last), dtype=np.int64)
+    t[starts], arc[starts] = points_[:-1], of
+    t[starts[last] + 1], arc[starts[last] + 1] = points_[last + 1], of[last]
+    k, part = found.where(t, arc)
     z, u = found.at(k, part)
     x, lam = z[:, :problem.n], z[:, problem.n:]
     free = found.free[k]
@@ -127,7 +114,7 @@ def _sampled(search: Search, found: BoundaryValues, counts: Index) -> Solution:
         _, Hu, Huu = search.kit.judge.hamiltonian(problem, x, u, lam)
         whole = np.where(free[:, :, None], Huu, np.eye(problem.m))
         u = u - np.linalg.solve(whole, np.where(free, Hu, 0.0)[:, :, None])[:, :, 0]
-    off, drift = _in_the_mean(found, counts, k, part)
+    off, drift = _in_the_mean(found, t, arc)
     u = u + off
     by_u = (1 - part)[:, None, None] * found.by_u[k, 0] + part[:, None, None] * found.by_u[k, 1]
     z = z + np.einsum('kzj,kj->kz', by_u, drift)
@@ -141,31 +128,33 @@ def _sampled(search: Search, found: BoundaryValues, counts: Index) -> Solution:
                     iterations=search.monitor.iterations)
 
 
-def _in_the_mean(found: BoundaryValues, counts: Index, k: Index, part: Array
-                 ) -> tuple[Array, Array]:
+def _in_the_mean(found: BoundaryValues, t: Array, arc: Index) -> tuple[Array, Array]:
     """
     Return by how much samples are off u*, and the integral of what their interpolation is off.
 
     Samples of u* itself would be off it by h^2/12 of its second derivative in the mean, always
-    to the same side; in each arc they are moved so that the interpolation has the moments of u*.
+    to the same side; in each arc they are moved so that the interpolation has the integral of u*.
     """
-    off, drift = np.zeros((len(k), found.u.shape[2])), np.zeros((len(k), found.u.shape[2]))
-    arc = found.arc_of[k]
-    for number in range(len(found.lengths)):
+    off, drift = np.zeros((len(t), found.u.shape[2])), np.zeros((len(t), found.u.shape[2]))
+    free = np.isnan(found.levels)
+    for number, of in enumerate(free):
         rows = np.flatnonzero(arc == number)
-        of = k[rows[:-1]]
-        length = (found.h / counts)[of][:, None]
-        lost = found.bend(of, part[rows[:-1]] + 0.5 / counts[of]) * length**3 / 24
-        bands = np.zeros((3, len(rows)))
-        bands[0, 1:] = bands[2, :-1] = length[:, 0] / 6
-        bands[1, :-1] += length[:, 0] / 3
-        bands[1, 1:] += length[:, 0] / 3
-        right = np.zeros((len(rows), off.shape[1]))
-        right[:-1] -= lost
-        right[1:] -= lost
-        move = np.where(found.free[of[0]], solve_banded((1, 1), bands, right), 0.0)
+        times = t[rows]
+        length = np.diff(times)[:, None]
+        k, part = found.where((times[:-1] + times[1:]) / 2, arc[rows[:-1]])
+        lost = found.bend(k, part) * length**3 / 24
+        share = np.vstack([lost, np.zeros(off.shape[1])])
+        share[1:] += lost
+        # Where an input comes to a bound it is at the bound: its neighbour is moved instead.
+        for end, beside, meets in ((0, 1, number - 1), (-1, -2, number + 1)):
+            if 0 <= meets < len(free) and len(rows) > 2:
+                share[beside] += np.where(free[meets], 0.0, share[end])
+                share[end] = np.where(free[meets], share[end], 0.0)
+        mass = np.append(length, 0.0) / 2
+        mass[1:] += length[:, 0] / 2
+        move = np.where(of, -share / mass[:, None], 0.0)
         off[rows] = move
-        drift[rows[1:]] = np.where(found.free[of[0]], np.cumsum(
+        drift[rows[1:]] = np.where(of, np.cumsum(
             length * (move[1:] + move[:-1]) / 2 + 2 * lost, axis=0), 0.0)
     return off, drift
 

@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from obc_ros.core.aligned import boundary_values, neighbouring, on_points, points
 from obc_ros.core.arcs import jumping_inputs
+from obc_ros.core.boundary_values import BoundaryValues
 from obc_ros.core.certificate import certify
 from obc_ros.core.contradictions import contradiction
 from obc_ros.core.extremal import Extremal
@@ -38,6 +40,7 @@ _WEARY = 500_000      # work without an answer that holds, after which no furthe
 _BELIEVED, _ABSURD = 1e-2, 1e6   # relative: error of a coarse step; cost above the least one
 _ROUNDS, _PLAIN_ROUNDS = 10, 5   # of finer meshes; of those before curved inputs are held
 _WARM_ROUNDS = 3      # likewise from a neighbour's answer
+_KINKED = 4e-3        # relative: how far inputs are from linear on a mesh with their kinks
 _COARSE_ITERATIONS, _FEW_ITERATIONS, _WARM_ITERATIONS = 150, 12, 100
 _WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
 _DETOUR = 1e-5        # likewise, at which inputs may wind around between points
@@ -72,6 +75,8 @@ class Search:
         self.familiar = Familiar()
         self.periods = np.full(problem.m, np.inf)
         self.last: Answered | None = None
+        self.extremal: BoundaryValues | None = None   # of the outcome at hand, once it is found
+        self.nearby = False   # whether it was found from that of a neighbour
         self._courses: dict[Outcome, tuple[Problem, Extremal]] = {}
         self._judged: tuple[Problem | None, Extremal | None, Judgement | None] = None, None, None
         self.bounded = bool(problem.path.numel() or np.any(
@@ -255,6 +260,9 @@ class Search:
                 return
             if self.kit.twin:
                 self.problem = self.kit.twin.problem(self.stated, turn + 1)
+            if turn and (aligned := self.aligned(outcome, course)) is not None:
+                outcome = aligned
+                continue
             self.widen_margin(course)
             mesh = self.finer(outcome, course)
             if self.monitor.stopped or not self.monitor.allows(mesh.layout.intervals):
@@ -263,6 +271,27 @@ class Search:
                                      guide=outcome)
             if not outcome.converged:
                 return
+
+    def aligned(self, outcome: Outcome, course: Extremal) -> Outcome | None:
+        """Return the outcome on a mesh with a point at each kink of the inputs, if found once."""
+        layout = outcome.mesh.layout
+        if (self.extremal is not None or self.bounded or self.kit.twin or any(self.switching)
+                or len(layout.phases) > 1 or layout.stages):
+            return None
+        found = boundary_values(self.kit, self.stated, outcome, course, self.sizes(outcome),
+                                rough=True)
+        if found is None or len(found.lengths) == 1:
+            return None
+        guide = on_points(self.stated, found, *points(
+            found, _KINKED, outcome.path.t[-1] / (2 * COARSE)))
+        if not self.monitor.allows(guide.mesh.layout.intervals):
+            return None
+        new = self.collocate(guide.mesh, guide.path, near=True, sizes=self.sizes(outcome),
+                             guide=guide)
+        if not new.converged or below(outcome.objective, new.objective, _WORTH_A_LOOK):
+            return None
+        self.extremal = found
+        return new
 
     def widen_margin(self, course: Extremal) -> None:
         """Draw bounds of x and of the path in by what the path exceeds them between nodes."""
@@ -289,8 +318,10 @@ class Search:
         if self.kit.twin:
             outcome = self.kit.twin.back(outcome, problem)
             course = self.course(outcome, stated=True)
+        known = self._extremal(outcome)
+        arcs = outcome.path.durations if known is None else known.lengths
         found = replace(self.kit.judge.samples(problem, course),
-                        switching_times=np.cumsum(outcome.path.durations)[:-1],
+                        switching_times=np.cumsum(arcs)[:-1],
                         iterations=self.monitor.iterations)
         # Judging a path that is no answer may take long: not when the time is up.
         return found if self.monitor.stopped else replace(
@@ -303,16 +334,24 @@ class Search:
             return None
         if self.kit.twin:
             self.problem = self.kit.twin.problem(self.stated, _ROUNDS)
-        mesh, self.margin = last.outcome.mesh, last.margin
-        self.stages = mesh.layout.stages
-        outcome = self.collocate(mesh, last.outcome.path, near=True, sizes=last.sizes,
-                                 most=_WARM_ITERATIONS, warm=last.outcome)
+        start, self.margin = last.outcome, last.margin
+        self.stages = start.mesh.layout.stages
+        near = neighbouring(self.kit, self.stated, last)
+        if near is None:
+            outcome = self.collocate(start.mesh, start.path, near=True, sizes=last.sizes,
+                                     most=_WARM_ITERATIONS, warm=start)
+        else:
+            (self.extremal, guide), self.nearby = near, True
+            outcome = self.collocate(guide.mesh, guide.path, near=True, sizes=last.sizes,
+                                     most=_WARM_ITERATIONS, guide=guide)
         answer = self.solution(outcome, self.course(outcome)) if outcome.converged else None
         if answer is not None and _holds(answer):
-            self.last = replace(last, problem=self.stated, outcome=outcome)
+            self.last = replace(last, problem=self.stated, outcome=outcome,
+                                extremal=self.extremal)
             self.kit.remember(self.last)
             return answer
         self.kit.answers.remove(last)   # nor does it serve the next one
+        self.extremal, self.nearby = None, False
         if answer is not None and not self.monitor.stopped:
             answer = self.followed_up(outcome, _WARM_ROUNDS)   # kinks left their mesh points
             if _holds(answer) and self.last:
@@ -367,7 +406,12 @@ class Search:
 
     def answered(self, outcome: Outcome) -> Answered:
         """Return what a neighbour, or the indirect method, starts from."""
-        return Answered(self.stated, outcome, self.sizes(outcome), self.margin)
+        return Answered(self.stated, outcome, self.sizes(outcome), self.margin,
+                        self._extremal(outcome))
+
+    def _extremal(self, outcome: Outcome) -> BoundaryValues | None:
+        """Return the extremal whose kinks an outcome has at its mesh points, if it is known."""
+        return self.extremal if len(outcome.path.durations) == 1 else None
 
     def explored(self, best: Solution, floor: float) -> Solution:
         """
@@ -405,11 +449,13 @@ class Search:
             spent += self.work - started
         self.last = kept
         if _holds(best) and kept:
-            self.kit.remember(kept)
+            self.kit.remember(kept if kept.extremal is None else replace(
+                kept, extremal=self.kit.indirect.thinned(self.stated, kept.extremal, kept.sizes)))
         return best
 
     def reset(self) -> None:
         """Go back to what holds for a coarse mesh."""
+        self.extremal = None
         self.margin, self.held_in_vain = np.zeros_like(self.margin), False
         self.switching = tuple(self.may_hold and each for each in self.kit.switching)
         if self.kit.twin:
