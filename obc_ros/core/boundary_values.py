@@ -96,7 +96,7 @@ class BoundaryValues:
 
 def cut_evenly(ends: Array, counts: Array) -> tuple[Index, Array]:
     """Return which span each part of spans lies in, and where all parts end, 0 before them."""
-    counts = np.maximum(counts, 1).astype(np.int64)
-    of = np.repeat(np.arange(len(counts)), counts)
-    number = np.arange(1, len(of) + 1) - np.repeat(np.cumsum(counts) - counts, counts)
-    return of, np.append(ends[0], ends[of] + np.diff(ends)[of] * (number / counts[of]))
+    parts: Index = np.maximum(counts, 1).astype(np.int64)
+    of = np.repeat(np.arange(len(parts)), parts)
+    number = np.arange(1, len(of) + 1) - np.repeat(np.cumsum(parts) - parts, parts)
+    return of, np.append(ends[0], ends[of] + np.diff(ends)[of] * (number / parts[of]))
