@@ -61,7 +61,7 @@ class Indirect:
         """Return a rough solution to full precision."""
         system = Equations(self._parts, problem, found.arcs, scales, *found.intervals)
         with np.errstate(all='ignore'):
-            return self._refined(system, system.near(found))
+            return self._refined(*self._finer(system, found))
 
     def thinned(self, problem: Problem, found: BoundaryValues, scales: Scales) -> BoundaryValues:
         """Return a solution on fewer intervals, for its neighbours to start from."""
@@ -86,17 +86,26 @@ class Indirect:
         """Return what Newton's method makes of a start, on intervals that are short enough."""
         found = system.solve(start)
         for _ in range(_REFINEMENTS):
-            counts = cuts(system.defects(found), _DEFECT / len(system.arc_of), 6.0
-                          ) if found else np.ones(1, int)
-            if found is None or np.all(counts == 1):
+            if found is None or _short(system.defects(found)):
                 break
-            finer = system.on(np.repeat(system.fractions / counts, counts),
-                              np.repeat(system.arc_of, counts))
-            better = finer.solve(finer.near(found))
+            finer, start = self._finer(system, found)
+            better = finer.solve(start)
             if better is None:
                 break
             found, system = better, finer
         return found
+
+    def _finer(self, system: Equations, found: BoundaryValues) -> tuple[Equations, Unknowns]:
+        """Return the equations on intervals as short as needed, and the unknowns of a solution."""
+        counts = cuts(system.defects(found), _DEFECT / len(system.arc_of), 6.0)
+        finer = system.on(np.repeat(system.fractions / counts, counts),
+                          np.repeat(system.arc_of, counts))
+        return finer, finer.near(found)
+
+
+def _short(defects: Array) -> bool:
+    """Return whether intervals are short enough, or so nearly that others bring nothing."""
+    return bool(defects.max() <= 2 * _DEFECT / len(defects))
 
 
 def _cut(arc: Arc, points: Array, fewest: int) -> Array:

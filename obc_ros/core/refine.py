@@ -55,20 +55,20 @@ class Judgement:
 
 def judge(problem: Problem, integrator: Integrator, course: Extremal) -> Judgement:
     """Return what the input of a path gives away."""
-    gaps, targets, energy = [], [], []
-    sides = ((course.x, course.ua, course.lam), (course.x_end, course.ub, course.lam_end))
-    for side, (x, u, lam) in enumerate(sides):
-        mu = None if course.density_path is None else course.density_path[:, side]
-        H, Hu, Huu = integrator.hamiltonian(problem, x, u, lam, mu)
-        energy.append(H)
-        gap, target = _best(problem, u, Hu, Huu)
-        gaps.append(gap)
-        targets.append(target)
+    # All starts of parts, then all their ends.
+    x, u, lam = (np.vstack(pair) for pair in (
+        (course.x, course.x_end), (course.ua, course.ub), (course.lam, course.lam_end)))
+    mu = None if course.density_path is None else np.vstack(
+        [course.density_path[:, 0], course.density_path[:, 1]])
+    H, Hu, Huu = integrator.hamiltonian(problem, x, u, lam, mu)
+    gap, target = _best(problem, u, Hu, Huu)
+    gaps, energy = gap.reshape(2, -1), H.reshape(2, -1)
+    targets = target.reshape(2, -1, problem.m)
     h = np.diff(course.t)
     lost = (0.5 * h * (gaps[0] + gaps[1])).reshape(-1, course.parts).sum(axis=1)
     moved = course.lam * (course.x_end - course.x) / np.maximum(h, 1e-300)[:, None]
     size = np.max(np.abs(energy[0] - moved.sum(axis=1)) + np.abs(moved).sum(axis=1))
-    H = np.nan_to_num(np.stack(energy, axis=1).reshape(len(lost), -1) / max(size, 1e-300))
+    H = np.nan_to_num(energy.T.reshape(len(lost), -1) / max(size, 1e-300))
     return Judgement(lost, _crossings(problem, course.t, targets), np.ptp(H, axis=1),
                      float(np.ptp(H)))
 
@@ -126,7 +126,7 @@ def _best(problem: Problem, u: Array, Hu: Array, Huu: Array) -> tuple[Array, Arr
     return np.maximum(np.nan_to_num(gap), 0.0), u + free
 
 
-def _crossings(problem: Problem, t: Array, targets: list[Array]) -> Array:
+def _crossings(problem: Problem, t: Array, targets: Array) -> Array:
     """Return the times at which the least point of H crosses a bound."""
     found: list[float] = []
     for bound in (problem.u_lower, problem.u_upper):
