@@ -288,7 +288,7 @@ class Search:
             return None
         new = self.collocate(guide.mesh, guide.path, near=True, sizes=self.sizes(outcome),
                              guide=guide)
-        if not new.converged or below(outcome.objective, new.objective, _WORTH_A_LOOK):
+        if not new.converged or below(outcome.objective, new.objective, _CLOSE_ENOUGH[0]):
             return None
         self.extremal = found
         return new
