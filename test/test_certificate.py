@@ -314,6 +314,18 @@ def test_a_costate_that_leaves_its_equation():
     assert failing(held, replace(solution, lam=lam)) == {'costate'}
 
 
+@pytest.mark.parametrize('error, found', [(0.0, set()), (1e-8, set()), (0.1, {'costate'})])
+def test_costates_of_states_that_decay_fast(error, found):
+    """What is left of lam grows by e^15 in each interval, its rounding errors with it."""
+    k, t = 60.0, np.linspace(0, 1, 5)
+    problem = simple(['fast', 'slow'], ['u'], {'fast': f'-{k}*fast', 'slow': 'u'}, 'fast + u**2',
+                     {'fast': 1, 'slow': 0}, 1, terminal_constraints=['slow - 1'])
+    lam = -np.expm1(-k * (1 - t)) / k * (1 + error * np.array([0, 1, -1, 1, 0]))
+    solution = answer(problem, t, [np.exp(-k*t), t], [1.0], [lam, -2.0],
+                      1 - math.expm1(-k) / k, nu=np.array([-2.0]))
+    assert failing(problem, solution) == found
+
+
 def test_a_costate_that_misses_its_end():
     problem, solution = scalar()
     heavier = stated('lq_scalar_unit', parameters={'a': 1, 'b': 1, 'c': 1.001})

@@ -33,7 +33,8 @@ NAMES = (
     'two_link_arm', 'vanderpol_state_bound', 'around_a_disc', 'clark_fishery',
     'floating_oscillator', 'fuller', 'goddard_feet', 'hanging_chain', 'nearest_of_a_parabola',
     'oil_shale', 'tuberculosis', 'drug_displacement', 'equality_of_inputs', 'reorientation',
-    'cstr_kirk', 'abs_off_centre', 'stiff_cubic')
+    'cstr_kirk', 'abs_off_centre', 'stiff_cubic', 'lee_ramirez', 'double_tank',
+    'parallel_reactions')
 
 
 def stated(name, **changes):

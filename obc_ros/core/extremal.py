@@ -195,8 +195,18 @@ class Integrator:
         V, _, last = self._end(x_end[-1:], outcome.nu[None, :], problem.p_value)
         lam, lam_end = self._costates(
             problem, outcome, (t, x, ua, ub), last[0], parts, single)
+        if not single and path.inner.shape[1] and self._astray(outcome, lam, size, parts):
+            return self._at_nodes(outcome, float(defect.max()), local)
         return Extremal(parts, t, x, x_end, ua, ub, lam, lam_end, float(J + V[0, 0]),
                         float(defect.max()), local, outcome.nu)
+
+    @staticmethod
+    def _astray(outcome: Outcome, lam: Array, size: Array, parts: int) -> bool:
+        """Return whether explicit steps from node to node lead to other costates."""
+        found, swept = outcome.costates[:-1], lam[::parts] + outcome.masses(parts)[:-1:parts]
+        with np.errstate(all='ignore'):
+            gap = (np.abs(swept - found) * size).max() / max((np.abs(found) * size).max(), 1e-300)
+        return not gap <= _STIFF
 
     def _at_nodes(self, outcome: Outcome, defect: float, local: Array) -> Extremal:
         """Return what the collocation found, where explicit steps are too unstable to check it."""

@@ -150,18 +150,20 @@ class Integrator:
                       failed=rows)
 
     def there_and_back(self, course: Replay, intervals: Intervals, lam_end: Array, p: Array,
-                       scale: Array, tolerance: float) -> tuple[Replay, Array]:
+                       scale: Array, tolerance: float, *, back: bool = False
+                       ) -> tuple[Replay, Array]:
         """
         Return a course with costates from the ends if they grow without end from the starts.
 
         Parameters are those of `replay`, whose answer is `course`; `lam_end` (K, n) are the
-        returned costates at the ends. The second, (K, n), is what is left of lam in each
-        interval: at its end, or at its start where that is where the course goes.
+        returned costates at the ends, `back` whether they are taken from there anyway. The
+        second, (K, n), is what is left of lam in each interval: at its end, or at its start where
+        that is where the course goes.
         """
         n, failed, far = intervals.x.shape[1], course.failed, _FAR * scale
         x, lam = (np.abs(part[failed]).max(axis=(0, 1)) if failed.size else np.zeros(n)
                   for part in (course.x, course.lam))
-        if not np.all(x <= far[:n]) or np.all(lam <= far[n:]):
+        if not np.all(x <= far[:n]) or np.all(lam <= far[n:]) and not back:
             return course, course.lam[:, -1] - lam_end
         z = np.full((len(intervals.x), PARTS + 1, 2*n + 1), np.inf)
         left, steps = np.arange(len(z)), _STEPS_BACK

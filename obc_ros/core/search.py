@@ -18,6 +18,7 @@ from obc_ros.core.guesses import joined, scales
 from obc_ros.core.kit import Answered, Kit
 from obc_ros.core.mesh import Mesh, Path, split, STEPPED, uniform
 from obc_ros.core.monitor import Monitor
+from obc_ros.core.natural import kept
 from obc_ros.core.problem import Problem
 from obc_ros.core.refine import below, drawn_in, Error, EXCEEDED, finer, followed, judge, Judgement
 from obc_ros.core.settling import Settling
@@ -69,6 +70,7 @@ class Search:
         self.may_hold = with_arcs
         self.switching = tuple(with_arcs and each for each in kit.switching)
         self.reason, self.held_in_vain = '', False
+        self.led_somewhere = False   # whether the cost of a coarse mesh was to be believed
         self.intervals, self.typical = COARSE, _COARSE_ITERATIONS
         self.work = 0
         self.starts: Iterator[Path] = iter(())
@@ -143,6 +145,7 @@ class Search:
             found = self._from_starts()
             good = [outcome for outcome in found if self.believed(outcome)]
             if good:
+                self.led_somewhere = True
                 return sorted(good, key=lambda outcome: outcome.objective)
             if self.intervals <= COARSE and not self.quick:
                 self.reason = self.why_not(self.stated)
@@ -379,8 +382,21 @@ class Search:
             return Solution(Status.INFEASIBLE, self.reason)
         if not starts or not np.all(np.isfinite(starts[0].path.x)):
             return Solution(Status.NOT_CONVERGED, 'no path was found from any start')
+        if not (self.led_somewhere or self.quick) and (
+                inside := self.inside(starts)) is not None:
+            return inside
         best = self.followed_up(starts[0])
         return best if self.quick else self.explored(best, starts[0].objective)
+
+    def inside(self, astray: list[Outcome]) -> Solution | None:
+        """Return an answer found where no amount is negative, if it is certified without that."""
+        problem = kept(self.stated, [outcome.path.x for outcome in astray])
+        if problem is self.stated:
+            return None
+        answer = Search(problem, Kit(problem), self.monitor, with_arcs=self.may_hold).run()
+        answer = replace(answer, certificate=certify(self.stated, answer)) if _holds(
+            answer) else answer
+        return answer if _holds(answer) else None
 
     def followed_up(self, start: Outcome, rounds: int = _ROUNDS) -> Solution:
         """Return the best answer that improving a coarse outcome gives."""

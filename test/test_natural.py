@@ -1,0 +1,45 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Amounts that cannot become negative by themselves."""
+
+import numpy as np
+from obc_ros.core.natural import amounts, kept
+from obc_ros.core.statement import problem_from_mapping
+import pytest
+
+
+def fed_batch(**changes):
+    """Return Monod growth on a feed, with a pole of the rate at s = -0.2."""
+    return problem_from_mapping({
+        'states': ['b', 's', 'v'], 'inputs': ['u'],
+        'dynamics': {'b': '0.4*s/(s + 0.2)*b - u*b/v',
+                     's': '-4*s/(s + 0.2)*b + u*(150 - s)/v', 'v': 'u'},
+        'running_cost': 0, 'terminal_cost': '-b*v', 'initial_state': {'b': 1, 's': 150, 'v': 10},
+        'input_bounds': {'u': [0, 12]}, 'final_time': {'free': False, 'value': 10}} | changes)
+
+
+def test_concentrations_and_volumes_are_amounts():
+    assert amounts(fed_batch()).tolist() == [True, True, True]
+
+
+@pytest.mark.parametrize('changes, found', [
+    ({'input_bounds': {'u': [-1, 12]}}, [True, False, False]),   # what flows out may be missing
+    ({'initial_state': {'b': 1, 's': -0.1, 'v': 10}}, [True, False, True])])
+def test_what_may_become_negative_is_no_amount(changes, found):
+    assert amounts(fed_batch(**changes)).tolist() == found
+
+
+def test_a_position_is_no_amount():
+    problem = problem_from_mapping({
+        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
+        'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 1},
+        'final_time': {'free': False, 'value': 1}})
+    assert not amounts(problem).any()
+
+
+def test_only_what_went_astray_is_kept():
+    problem = fed_batch()
+    good = np.array([[1.0, 150.0, 10.0], [9.0, -0.1, 20.0]])
+    assert kept(problem, [good]) is problem
+    bad = good + [[0, 0, 0], [0, -60, 0]]
+    assert kept(problem, [good, bad]).x_lower.tolist() == [-np.inf, 0.0, -np.inf]
