@@ -191,6 +191,28 @@ def test_out_of_reach_in_other_coordinates():
     assert met.objective == pytest.approx(2.0, rel=1e-10)
 
 
+def test_what_is_hardly_reached_is_not_called_out_of_reach():
+    """From rest to (1, 0) in a microsecond: dear, and beyond the digits, but not impossible."""
+    solution = solve_lq(chain(initial_state={'x': 0, 'y': 0}, final_time=horizon(1e-6),
+                              terminal_constraints=['x - 1', 'y']))
+    assert solution.status is Status.NOT_CONVERGED and 'accuracy of numbers' in solution.message
+
+
+@pytest.mark.parametrize('T', [1e3, 1e4, 1e5])
+def test_long_horizons_cost_what_endless_ones_do(T):
+    """x' = -x + u with x^2 + u^2: P = sqrt(2) - 1, and all happens in the first seconds."""
+    problem = statement(dynamics={'x': '-x + u'}, running_cost='x**2 + u**2', terminal_cost='0',
+                        initial_state={'x': 1}, final_time=horizon(T))
+    solution = solve_lq(problem)
+    assert solution.objective == pytest.approx(math.sqrt(2) - 1, abs=1e-12)
+    assert certify(problem, solution).holds
+
+
+def test_inputs_of_which_only_the_sum_costs_are_not_answered():
+    assert solve_lq(statement(inputs=['u', 'w'], dynamics={'x': 'u + w'},
+                              running_cost='(u + w)**2')) is None
+
+
 def test_contradictory_constraints():
     solution = solve_lq(chain(terminal_constraints=['x', 'x - 1']))
     assert solution.status is Status.INFEASIBLE

@@ -15,9 +15,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.problem import Problem
-from scipy.linalg import lapack
 
 Array = NDArray[np.float64]
+
+_DEFINITE = 1e-13   # least eigenvalue of R with ones on its diagonal
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,4 +72,13 @@ def lq_form(problem: Problem) -> LqForm | None:
         Q=Lzz[:n, :n], N=Lzz[:n, n:], R=Lzz[n:, n:], q=Lz[:n, 0], r=Lz[n:, 0], cost=float(L[0, 0]),
         P1=Vxx, p1=Vx[:, 0], terminal_cost=float(V[0, 0]),
         C=psix.reshape(-1, n), d=-psi.ravel())
-    return form if lapack.dpotrf(form.R)[1] == 0 else None
+    return form if _is_definite(form.R) else None
+
+
+def _is_definite(R: Array) -> bool:
+    """Return whether R > 0 in whatever units, and not by the rounding of a factor alone."""
+    size = np.diag(R)
+    if not np.all(size > 0.0):
+        return False
+    d = 1.0 / np.sqrt(size)
+    return bool(np.linalg.eigvalsh(R * d * d[:, None])[0] > _DEFINITE)

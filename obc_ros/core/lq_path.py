@@ -31,10 +31,11 @@ Places = NDArray[np.intp]
 
 _UNREACHED = 1e-12  # relative size of what the input reaches at which it counts as nothing
 _MISSED = 1e-8      # relative miss of a terminal constraint at which it counts as met
+_ROUNDING = 1e-9    # relative size of what may be nothing but rounding
 _DEFECT = 3e-7      # of the dynamics under linear interpolation of u, all intervals together
 _MOST_GROWTH = 30.0  # of a defect until T that is allowed for; more needs feedback, not samples
 _FEWEST, _MOST = 64, 32768  # samples of a block, of all
-_MOST_HALVINGS = 8
+_MOST_HALVINGS = 24
 _LARGEST_TABLE = 8e6        # numbers kept of P(t)
 _MOST_STEPS = 20000         # of the search for a conjugate point
 
@@ -244,12 +245,31 @@ def _multipliers(extended: _Extended, P0: Array, unit: Array, start: Array, T: f
         if share > _UNREACHED:
             continue
         if abs(way @ (unit * miss)) > _MISSED * (np.abs(way) @ (unit * size)):
+            if _is_moved(extended, way * unit):
+                raise _NoAnswerError(Status.NOT_CONVERGED, (
+                    'the input reaches the terminal constraints, but what it does to them within '
+                    f'T = {T:g} is lost in the accuracy of numbers: take T, or the unit of time, '
+                    'nearer to how fast the states move'))
             raise _NoAnswerError(Status.INFEASIBLE, _out_of_reach(
                 extended, way * unit, float(way @ (unit * miss)), T, names))
     open_ways = ways[:, shares > _UNREACHED]
     inner = open_ways.T @ (unit * miss) / shares[shares > _UNREACHED]
     nu: Array = unit * (open_ways @ inner)
     return nu
+
+
+def _is_moved(extended: _Extended, way: Array) -> bool:
+    """Return whether G acts on a combination of constraints, or on one of its derivatives."""
+    A, G, *_ = extended.x_block
+    row = (way @ extended.C)[:extended.n]
+    size = np.abs(way) @ np.abs(extended.C)[:, :extended.n]
+    for _ in range(extended.n):
+        moved, most = np.abs(row @ G), size @ np.abs(G)
+        if np.any(moved > _ROUNDING * most):
+            return True
+        row, size = row @ A, size @ np.abs(A)
+        row, size = (part / max(float(size.max()), TINY) for part in (row, size))
+    return False
 
 
 def _out_of_reach(extended: _Extended, way: Array, miss: float, T: float, names: tuple[str, ...]
