@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.errors import StatementError
+from obc_ros.core.errors import shown, StatementError
 
 Array = NDArray[np.float64]
 Kind = Literal['polynomial', 'bezier', 'bspline']
@@ -72,7 +72,7 @@ def basis(kind: str, M: int, degree: int) -> Basis:
     for known in KINDS:
         if known == kind:
             return Basis(known, M, min(degree, M - 1) if known == 'bspline' else M - 1)
-    raise StatementError(f"basis '{str(kind)[:40]}' is unknown; there are {', '.join(KINDS)}")
+    raise StatementError(f"basis '{shown(str(kind))}' is unknown; there are {', '.join(KINDS)}")
 
 
 def _splines(knots: Array, degree: int, s: Array, derivative: int) -> Array:

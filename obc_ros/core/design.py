@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.control import Prediction
 from obc_ros.core.equilibrium import Equilibrium, equilibrium, linearize
-from obc_ros.core.errors import DynamicsError, RefusedDesignError, StatementError
+from obc_ros.core.errors import DynamicsError, RefusedDesignError, shown, StatementError
 from obc_ros.core.lqr import lqr, LqrDesign
 from obc_ros.core.regulator import Regulator, rows, Vector, vector
 from obc_ros.core.sampled import closed_loop, prediction, sampled_lqr, spectral_radius
@@ -292,6 +292,6 @@ def _rest(system: System, at: Equilibrium) -> Vector:
 
 def _index(system: System, name: str) -> int:
     if name not in system.state_names:
-        raise StatementError(f"integral: there is no state '{name[:60]}' in "
+        raise StatementError(f"integral: there is no state '{shown(name)}' in "
                              f'{", ".join(system.state_names)}')
     return system.state_names.index(name)

@@ -10,7 +10,11 @@ and what is wanted.
 
 
 class ObcError(ValueError):
-    """Base of all errors raised by obc_ros.core."""
+    """Base of all errors raised by obc_ros.core; its text can be printed, whatever it quotes."""
+
+    def __str__(self) -> str:
+        """Return the text on one line, without what a terminal would obey."""
+        return shown(super().__str__(), None)
 
 
 class StatementError(ObcError):

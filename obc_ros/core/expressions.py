@@ -18,7 +18,7 @@ import re
 from typing import Any, NamedTuple
 
 import casadi as ca
-from obc_ros.core.errors import StatementError
+from obc_ros.core.errors import shown, StatementError
 
 MAX_LENGTH = 20_000   # characters
 MAX_SYMBOLS = 4_000   # numbers, names, operators and brackets
@@ -169,7 +169,7 @@ def describe(value: object) -> str:
 
 
 def _short(text: str) -> str:
-    return text if len(text) <= 40 else text[:37] + '...'
+    return shown(text, 40)
 
 
 def _plain_number(value: object, where: str) -> float:

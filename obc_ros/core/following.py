@@ -18,7 +18,7 @@ from obc_ros.core import stretches
 from obc_ros.core.control import Horizon, Leg, Reference
 from obc_ros.core.design import Design, design_again, Plant, plant
 from obc_ros.core.equilibrium import linearize, nearest
-from obc_ros.core.errors import DynamicsError, RefusedDesignError, StatementError
+from obc_ros.core.errors import DynamicsError, RefusedDesignError, shown, StatementError
 from obc_ros.core.regulator import (
     between,
     Gains,
@@ -100,7 +100,7 @@ def course(system: System, names: tuple[Sequence[str], Sequence[str]], t: Sequen
     if times[-1] <= times[0]:
         raise StatementError('t: the last time is not after the first')
     if interpolation not in ('', 'linear', 'zoh'):
-        raise StatementError(f"interpolation = '{interpolation[:60]}': wanted 'linear' or 'zoh'")
+        raise StatementError(f"interpolation = '{shown(interpolation)}': wanted 'linear' or 'zoh'")
     states = _table('x', x, times.size, system.state_names, names[0])
     inputs = _table('u', u, times.size, system.input_names, names[1])
     for i, is_angle in enumerate(system.angles):
@@ -321,7 +321,7 @@ def _sample(along: Course, t: float) -> tuple[Array, Array]:
 def _table(name: str, numbers: Sequence[float], count: int, wanted: tuple[str, ...],
            given: Sequence[str]) -> Array:
     if given and sorted(given) != sorted(wanted):
-        raise StatementError(f'{name}: the reference has {", ".join(given)[:200]}; wanted '
+        raise StatementError(f'{name}: the reference has {shown(", ".join(given), 200)}; wanted '
                              f'{", ".join(wanted)}')
     values = np.array(numbers, dtype=float)
     if values.size != count * len(wanted):

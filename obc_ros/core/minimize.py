@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core import kkt
-from obc_ros.core.errors import StatementError
+from obc_ros.core.errors import shown, StatementError
 from obc_ros.core.expressions import check_name, near, number, parse
 from obc_ros.core.parts import (
     bounds_of,
@@ -334,7 +334,7 @@ def _column(given: Given, key: str, sign: str, symbols: Mapping[str, ca.SX]
     texts = _list(given, key)
     column = ca.vertcat(ca.SX(0, 1), *(
         parse(text, symbols, f'{key}[{i}]') for i, text in enumerate(texts)))
-    return column, [f'{key}[{i}] ({str(text)[:60]} {sign})' for i, text in enumerate(texts)]
+    return column, [f'{key}[{i}] ({shown(str(text))} {sign})' for i, text in enumerate(texts)]
 
 
 def _list(given: Given, key: str) -> list[Any]:
@@ -358,7 +358,7 @@ def _bounds(given: Given, names: tuple[str, ...], values: dict[str, float]
     lower, upper = np.full(len(names), -np.inf), np.full(len(names), np.inf)
     for name, pair in section_of(given, 'bounds', MAX_COUNT).items():
         if name not in names:
-            raise StatementError(f"bounds: '{str(name)[:60]}' is not a variable"
+            raise StatementError(f"bounds: '{shown(str(name))}' is not a variable"
                                  f'{near(str(name), names)}')
         i = names.index(name)
         lower[i], upper[i] = bounds_of(pair, values, f'bounds.{name}')

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import math
 from typing import Any
 
-from obc_ros.core.errors import StatementError
+from obc_ros.core.errors import shown, StatementError
 from obc_ros.core.expressions import check_name, describe, near, number
 
 MAX_COUNT = 1_000  # entries of a list or mapping
@@ -50,7 +50,7 @@ def check_keys(given: Given, known: Sequence[str], others: Sequence[str] = (), w
     """Refuse a key that is neither `known`, which the message lists, nor one of the `others`."""
     for key in given:
         if key not in known and key not in others:
-            place = f'{where}.{str(key)[:60]}' if where else str(key)[:60]
+            place = f'{where}.{shown(str(key))}' if where else shown(str(key))
             raise StatementError(f'{place}: unknown key{near(str(key), known)}; there are '
                                  f'{", ".join(known)}')
 

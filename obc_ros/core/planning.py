@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core import systems
 from obc_ros.core.equilibrium import equilibrium, linearize, numbers
-from obc_ros.core.errors import DynamicsError, RefusedDesignError, StatementError
+from obc_ros.core.errors import DynamicsError, RefusedDesignError, shown, StatementError
 from obc_ros.core.expressions import number
 from obc_ros.core.lqr import lqr
 from obc_ros.core.system import System
@@ -66,7 +66,7 @@ def statement(motion: Motion) -> dict[str, Any]:
 
     """
     if motion.objective not in OBJECTIVES:
-        raise StatementError(f"objective = '{motion.objective[:60]}': wanted one of "
+        raise StatementError(f"objective = '{shown(motion.objective)}': wanted one of "
                              f'{", ".join(OBJECTIVES)}')
     system = registered(motion.system, motion.parameters)
     start = numbers('start', motion.start, system.state_names)
@@ -111,7 +111,7 @@ def registered(name: str, parameters: Mapping[str, Any]) -> System:
 
     """
     values = {key: value if isinstance(value, list) else
-              number(value, {}, f'parameters.{key[:60]}') for key, value in parameters.items()}
+              number(value, {}, f'parameters.{shown(key)}') for key, value in parameters.items()}
     return systems.registered(name, {
         key: int(value) if isinstance(value, float) and value.is_integer() else value
         for key, value in values.items()})
@@ -131,7 +131,7 @@ def _bounds(system: System, tighter: Mapping[str, Any]) -> dict[str, tuple[Any, 
            for signal in system.inputs}
     for name, (lower, upper) in tighter.items():
         if name not in own:
-            raise StatementError(f"input_bounds: '{name[:60]}' is not an input of {system.name}; "
+            raise StatementError(f"input_bounds: '{shown(name)}' is not an input of {system.name}; "
                                  f'there {"is" if system.m == 1 else "are"} {", ".join(own)}')
         low, high = own[name]
         own[name] = (_tighter(max, low, lower, name), _tighter(min, high, upper, name))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.admissible import semidefinite
-from obc_ros.core.errors import StatementError
+from obc_ros.core.errors import shown, StatementError
 
 Array = NDArray[np.float64]
 Numbers = Sequence[float] | Sequence[Sequence[float]] | Array
@@ -252,7 +252,7 @@ def _list(name: str, numbers: Any, finite: bool = True) -> Array:
     if values.size == 0:
         return np.zeros(0)
     if values.dtype.kind not in 'fiu':
-        raise StatementError(f'{name}: wanted numbers but found {str(numbers)[:60]}')
+        raise StatementError(f'{name}: wanted numbers but found {shown(str(numbers))}')
     values = values.astype(float)
     if finite and not np.isfinite(values).all():
         i = int(np.flatnonzero(~np.isfinite(values))[0])

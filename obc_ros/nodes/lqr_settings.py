@@ -11,7 +11,7 @@ from typing import Any
 from obc_ros.core.admissible import semidefinite
 from obc_ros.core.control import Control, ENVELOPE, Horizon, Leg, Rules, Schedule, STALE
 from obc_ros.core.design import Design, design, Plant, plant, Sampling, scheduled
-from obc_ros.core.errors import StatementError
+from obc_ros.core.errors import shown, StatementError
 from obc_ros.core.following import Course, horizon, leg
 from obc_ros.core.regulator import Gains, Limits, rows, Vector, vector
 from obc_ros.core.weights import count, KINDS, square
@@ -261,7 +261,7 @@ def _scheduled(found: Design, name: str, between: Vector, setpoint: Vector,
     system = found.plant.system
     known = {each.name: each for each in (*system.inputs, *system.parameters)}
     if name not in known:
-        raise StatementError(f"schedule: {system.name} has no input or parameter '{name[:60]}'; "
+        raise StatementError(f"schedule: {system.name} has no input or parameter '{shown(name)}'; "
                              f'it has {", ".join(known)}')
     index = system.input_names.index(name) if name in system.input_names else -1
     if is_measured and known[name].unit != 'm/s':

@@ -20,7 +20,7 @@ import sys
 import threading
 from time import monotonic
 
-from obc_ros.core.errors import ObcError, StatementError
+from obc_ros.core.errors import ObcError, shown, StatementError
 from obc_ros.nodes.crowds import be_patient
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
@@ -69,7 +69,7 @@ def run(build: Callable[[], Node]) -> int:
 def _refuse(words: list[str]) -> None:
     """Refuse what is no ROS argument: parameters that stand before --ros-args have no effect."""
     if words:
-        raise StatementError(f"'{words[0][:60]}' is not understood; parameters are given as in: "
+        raise StatementError(f"'{shown(words[0])}' is not understood; parameters are given as in: "
                              '--ros-args -p system:=aircraft --params-file FILE')
 
 

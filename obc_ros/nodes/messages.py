@@ -363,4 +363,4 @@ def _list(where: str, text: str) -> Any:
     try:
         return json.loads(text)
     except (json.JSONDecodeError, RecursionError) as error:
-        raise StatementError(f'{where}: {text[:60]} is no list of numbers: {error}') from None
+        raise StatementError(f'{where}: {shown(text)} is no list of numbers: {error}') from None

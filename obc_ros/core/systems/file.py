@@ -16,7 +16,7 @@ from typing import Any
 
 import casadi as ca
 from obc_ros.core import expressions
-from obc_ros.core.errors import ObcError, StatementError
+from obc_ros.core.errors import ObcError, shown, StatementError
 from obc_ros.core.expressions import check_name, describe, near, number
 from obc_ros.core.files import read_yaml
 from obc_ros.core.parts import (
@@ -105,7 +105,7 @@ def _by_name(given: Given, key: str, known: Sequence[str]) -> dict[str, Any]:
     section = section_of(given, key)
     for name in section:
         if name not in known:
-            raise StatementError(f"{key}: '{str(name)[:60]}' is none of {', '.join(known)}"
+            raise StatementError(f"{key}: '{shown(str(name))}' is none of {', '.join(known)}"
                                  f'{near(str(name), known)}')
     return dict(section)
 
@@ -147,7 +147,7 @@ def _chosen(given: Given, key: str, names: Sequence[str]) -> tuple[str, ...]:
         raise StatementError(f'{key}: wanted a list of states, found {describe(chosen)}')
     for name in chosen:
         if name not in names:
-            raise StatementError(f"{key}: '{str(name)[:60]}' is none of {', '.join(names)}")
+            raise StatementError(f"{key}: '{shown(str(name))}' is none of {', '.join(names)}")
     return tuple(chosen)
 
 
