@@ -9,6 +9,10 @@ timer on each core tells how long the machine stood still; while it does, becaus
 run or the host of a virtual machine has other work, a state may be answered late whatever the
 nodes do. So the run at 200 Hz is repeated until the machine was idle, at most `TRIES` times.
 
+What the machine alone costs at 1 kHz is measured right before and after: by a bare timer of the
+same priority on the core of the nodes, which are not there then, and by the time that the host of
+a virtual machine says it has stolen from that core.
+
 Counted is from `SETTLE` on. Before, the processes get to know each other, this one too, and Fast
 DDS may hold up all that a process sends for 0.333 s when it opens the shared memory of a newcomer
 (Fast DDS issue 6535). ``--newcomers N`` measures that instead: N processes join the loop in turn.
@@ -19,7 +23,7 @@ import sys
 
 import timing  # isort: skip - before numpy
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 import os
@@ -42,6 +46,7 @@ STAY = 5.0               # [s] that a newcomer stays
 HELD = 0.2               # [s] without a command: more than the start of a process costs the others
 TRIES = 5
 TICK = 0.001             # [s] of the bare timers
+FLOOR = 10.0             # [s] of the one before and the one after a run
 IDLE = 0.0025            # [s] that they may be late on an idle machine
 MOST_LATE = 0.001        # share of the states at 1 kHz that may be late by more than a period
 COUNTS = ('states published', 'states unanswered', 'times held up')
@@ -50,6 +55,8 @@ COUNTS = ('states published', 'states unanswered', 'times held up')
 TIMER = """
 import os, select, sys, time
 os.sched_setaffinity(0, {int(sys.argv[1])})
+if priority := int(sys.argv[3]):
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
 while True:
     tick = float(sys.argv[2])
     due = time.monotonic() + tick
@@ -86,6 +93,7 @@ class Run:
     loads: list[float]
     late: list[float]  # [s] of the bare timers, where over a period
     ticks: int
+    stolen: float  # share of the nodes' core
 
     @property
     def stalls(self) -> list[float]:
@@ -116,12 +124,20 @@ def main() -> int:
             return join(slow[0], args.newcomers)
         while len(runs) < TRIES and not (runs and not runs[-1].stalls):
             runs.append(run(*slow))
+        before = floor(fast[0], fast[2])
         runs.append(run(*fast))
+        after = floor(fast[0], fast[2])
     timing.table(f'Aircraft and lqr_node in real time; the machine stood still when bare timers '
                  f'were over {1e3 * IDLE:g} ms late', (
                      'rate', 'priority', 'published', 'unanswered', 'held up', 'drift', 'plant',
                      'lqr_node', 'stood still', 'longest', 'timers late'),
                  [each.row() for each in runs])
+    shares = [before, (runs[-1].unanswered / runs[-1].published, runs[-1].stolen), after]
+    timing.table(f'Late by more than a period at {fast[0]:g} Hz, priority {fast[2]}', (
+        'on one core', 'late', 'stolen by the host'),
+        [(name, *(f'{100 * each:.3f} %' for each in pair)) for name, pair in zip(
+            ('a bare timer before', 'the states of the loop', 'a bare timer after'), shares,
+            strict=True)])
     if runs[-2].stalls:
         print(f'  the machine was not idle for {slow[1]:g} s in {TRIES} tries')
     timing.require(f'states without their command at {slow[0]:g} Hz', runs[-2].unanswered, 0)
@@ -133,15 +149,32 @@ def main() -> int:
 def run(rate: float, seconds: float, priority: int) -> Run:
     """Fly in real time and count."""
     with flight(rate, priority) as (watch, children), bare_timers() as late:
-        before = loads(children)
+        before, taken = loads(children), stolen()
         begin, end = watch(seconds)
+        taken = (stolen() - taken) / seconds
         shares = [(now - then) / seconds
                   for now, then in zip(loads(children), before, strict=True)]
     counts = [int(end[1][name]) - int(begin[1][name]) for name in COUNTS]
     simulated = [float(each[1]['simulated time [s]']) for each in (begin, end)]
     drift = simulated[1] - simulated[0] - (end[0] - begin[0])
     return Run(rate, priority, *counts, drift, shares, late,
-               round(seconds / TICK) * len(os.sched_getaffinity(0)))
+               round(seconds / TICK) * len(os.sched_getaffinity(0)), taken)
+
+
+def floor(rate: float, priority: int) -> tuple[float, float]:
+    """Return the share of late ticks of a bare timer, and of the core that was stolen."""
+    before = stolen()
+    with bare_timers([max(os.sched_getaffinity(0))], 1.0 / rate, priority) as late:
+        time.sleep(FLOOR)
+    return len(late) / (rate * FLOOR), (stolen() - before) / FLOOR
+
+
+def stolen() -> float:
+    """Return the time [s] that the host has taken of the nodes' core for others."""
+    name = f'cpu{max(os.sched_getaffinity(0))} '
+    lines = Path('/proc/stat').read_text(encoding='ascii').splitlines()
+    line = next(each for each in lines if each.startswith(name))
+    return int(line.split()[8]) / os.sysconf('SC_CLK_TCK')
 
 
 def join(rate: float, count: int) -> int:
@@ -207,12 +240,14 @@ def on_one_core() -> Iterator[None]:
 
 
 @contextmanager
-def bare_timers() -> Iterator[list[float]]:
+def bare_timers(cores: Iterable[int] = (), tick: float = TICK, priority: int = 0
+                ) -> Iterator[list[float]]:
     """Yield a list that afterwards holds how late [s] a bare timer on each core was, if it was."""
     late: list[float] = []
-    timers = [subprocess.Popen([sys.executable, '-c', TIMER, str(core), str(TICK)],
-                               stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-              for core in sorted(os.sched_getaffinity(0))]
+    timers = [subprocess.Popen(
+        [sys.executable, '-c', TIMER, str(core), str(tick), str(priority)],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        for core in cores or sorted(os.sched_getaffinity(0))]
     try:
         yield late
     finally:
