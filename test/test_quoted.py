@@ -16,10 +16,11 @@ from obc_ros.core.files import entries
 GOOD: dict[str, Any] = {
     'name': 'good', 'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'},
     'running_cost': 'u**2', 'initial_state': {'x': 1}, 'final_time': {'free': False, 'value': 1}}
-# Escape sequences of 7 and 8 bits, a bell, new lines, text that runs backwards, lone surrogates.
-SIGNS = ['\x1b[2J', '\x9b31m', '\x07', '\n', '\r', '\t', '\u2028', '\u202e', '\x7f', '\ud800', 'x',
-         ' ', "'", '+', '1', 'ü']
-TEXTS = st.text(max_size=5) | st.lists(st.sampled_from(SIGNS), min_size=1, max_size=90).map(''.join)
+# Escape sequences of 7 and 8 bits, a bell, new lines, text that runs backwards, a lone surrogate.
+SIGNS = ['\x1b[2J', '\x9b31m', '\x07', '\n', '\r', '\t', '\u2028', '\u202e', '\x7f', '\ud800',
+         'x', ' ', "'", '+', '1', 'ü']
+TEXTS = st.text(max_size=5) | st.lists(
+    st.sampled_from(SIGNS), min_size=1, max_size=90).map(''.join)
 
 
 def obeyed(text: str) -> list[str]:

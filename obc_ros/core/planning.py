@@ -131,8 +131,9 @@ def _bounds(system: System, tighter: Mapping[str, Any]) -> dict[str, tuple[Any, 
            for signal in system.inputs}
     for name, (lower, upper) in tighter.items():
         if name not in own:
-            raise StatementError(f"input_bounds: '{shown(name)}' is not an input of {system.name}; "
-                                 f'there {"is" if system.m == 1 else "are"} {", ".join(own)}')
+            raise StatementError(f"input_bounds: '{shown(name)}' is not an input of "
+                                 f'{system.name}; there {"is" if system.m == 1 else "are"} '
+                                 f'{", ".join(own)}')
         low, high = own[name]
         own[name] = (_tighter(max, low, lower, name), _tighter(min, high, upper, name))
     return own
