@@ -34,7 +34,7 @@ NAMES = (
     'floating_oscillator', 'fuller', 'goddard_feet', 'hanging_chain', 'nearest_of_a_parabola',
     'oil_shale', 'tuberculosis', 'drug_displacement', 'equality_of_inputs', 'reorientation',
     'cstr_kirk', 'abs_off_centre', 'stiff_cubic', 'lee_ramirez', 'double_tank',
-    'parallel_reactions')
+    'parallel_reactions', 'jerk_limited', 'goddard_speed_limit', 'missile')
 
 
 def stated(name, **changes):

@@ -50,7 +50,7 @@ def deciding(problem: Problem) -> Mask:
 
 
 def contacts(problem: Problem, outcome: Outcome, value: Array, margin: Array,
-             decided: Mask, *, perhaps: bool = False) -> list[Contact]:
+             decided: Mask, *, perhaps: bool = False, near: float = _NEAR) -> list[Contact]:
     """
     Return where a path is on bounds of the state, from its mesh points.
 
@@ -71,14 +71,14 @@ def contacts(problem: Problem, outcome: Outcome, value: Array, margin: Array,
                 continue
             size = max(float(np.abs(value[:, row]).max()), abs(bound))
             room = sign * (bound - value[:, row])
-            near = room <= _NEAR * (size or 1.0)
-            near[:-1] |= on[:, row] == sign
-            near[1:] |= on[:, row] == sign
+            close = room <= near * (size or 1.0)
+            close[:-1] |= on[:, row] == sign
+            close[1:] |= on[:, row] == sign
             if perhaps:
                 step = np.diff(room)
-                near[1:-1] |= (step[:-1] <= 0) & (step[1:] >= 0) & (
+                close[1:-1] |= (step[:-1] <= 0) & (step[1:] >= 0) & (
                     room[1:-1] <= np.maximum(-step[:-1], step[1:]))
-            places = np.flatnonzero(near)
+            places = np.flatnonzero(close)
             for run in np.split(places, np.flatnonzero(np.diff(places) > 1) + 1):
                 if not run.size or run[-1] == 0 or run[0] == N:
                     continue

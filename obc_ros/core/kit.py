@@ -19,6 +19,7 @@ from obc_ros.core.indirect import Indirect
 from obc_ros.core.mesh import Layout
 from obc_ros.core.multipliers import Fitter
 from obc_ros.core.nonsmooth import twin
+from obc_ros.core.phased import PhasedProgram
 from obc_ros.core.pieces import Pieces
 from obc_ros.core.problem import Problem
 from obc_ros.core.runge_kutta import step_of
@@ -132,6 +133,11 @@ class Kit:
     def indirect(self) -> Indirect:
         """Return the boundary value problem."""
         return Indirect(self._problem)
+
+    @cached_property
+    def phased(self) -> PhasedProgram:
+        """Return what solves for arcs along bounds of the state."""
+        return PhasedProgram(self._smooth, self.switching)
 
     def fitter(self, problem: Problem, stated: bool = False) -> Fitter:
         """Return what fits multipliers, built at most once."""

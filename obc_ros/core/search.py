@@ -15,6 +15,7 @@ from obc_ros.core.contradictions import contradiction
 from obc_ros.core.extremal import Extremal
 from obc_ros.core.familiar import ANOTHER, Familiar
 from obc_ros.core.guesses import joined, scales
+from obc_ros.core.junctions import along_bounds
 from obc_ros.core.kit import Answered, Kit
 from obc_ros.core.mesh import Mesh, Path, split, STEPPED, uniform
 from obc_ros.core.monitor import Monitor
@@ -39,6 +40,8 @@ _HARD = 3000
 _EXPLORED_LEAST, _EXPLORED_MOST = (2, 12), 30   # number of further starts, likewise
 _WEARY = 500_000      # work without an answer that holds, after which no further start is tried
 _BELIEVED, _ABSURD = 1e-2, 1e6   # relative: error of a coarse step; cost above the least one
+_MESHES = 2, 4, 6     # finer ones, after which arcs along bounds are solved for
+_NEAR_BOUNDS = 0.1    # relative cost above the least one, at which that is tried
 _ROUNDS, _PLAIN_ROUNDS = 10, 5   # of finer meshes; of those before curved inputs are held
 _WARM_ROUNDS = 3      # likewise from a neighbour's answer
 _KINKED = 4e-3        # relative: how far inputs are from linear on a mesh with their kinks
@@ -401,6 +404,7 @@ class Search:
     def followed_up(self, start: Outcome, rounds: int = _ROUNDS) -> Solution:
         """Return the best answer that improving a coarse outcome gives."""
         best: Solution | None = None
+        nearest = tried = start
         begun = self.work
         for number, (outcome, course) in enumerate(self.improve(start, rounds)):
             above = self.given_away(outcome, course)
@@ -411,6 +415,11 @@ class Search:
                 answer = self.solution(outcome, self.course(outcome))
                 if best is None or _holds(answer) or not _holds(best):
                     best, self.last = answer, self.answered(outcome)
+            nearest = outcome
+            if number in _MESHES and above < _NEAR_BOUNDS and not (best and _holds(best)):
+                tried = outcome
+                if (found := self.along_bounds(outcome)) is not None:
+                    return found
             late = self.work - begun > _FOR_DIGITS * (1 + self.stages)
             if best is not None and _holds(best) and (above < _CLOSE_ENOUGH[self.bounded] or late):
                 break
@@ -418,7 +427,19 @@ class Search:
                 break
         if best is None:
             best, self.last = self.solution(outcome, self.course(outcome)), self.answered(outcome)
+        if not _holds(best) and nearest is not tried:
+            return self.along_bounds(nearest) or best
         return best
+
+    def along_bounds(self, outcome: Outcome) -> Solution | None:
+        """Return an answer with arcs along bounds near an outcome, if one is certified."""
+        if (not self.bounded or self.quick or self.kit.twin or not self.may_hold
+                or self.monitor.stopped):
+            return None
+        answer = along_bounds(self, outcome)
+        if answer is not None:
+            self.last = self.answered(outcome)
+        return answer
 
     def answered(self, outcome: Outcome) -> Answered:
         """Return what a neighbour, or the indirect method, starts from."""

@@ -1,0 +1,286 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Answers with arcs along bounds of the state, from a path that shows where these are.
+
+A transcription on a fine mesh comes near such a path, but its inputs oscillate on arcs where a
+bound fixes them, and its multipliers with them. Here what holds in each phase is read off it,
+the phases are solved for with their junctions (`phased`), and read off again until nothing
+changes.
+"""
+
+from dataclasses import replace
+import math
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.arcs import Arc, find_arcs, opened, Signature, signature
+from obc_ros.core.certificate import certify
+from obc_ros.core.contacts import Contact, contacts, with_contacts
+from obc_ros.core.extremal import Integrator
+from obc_ros.core.mesh import Path
+from obc_ros.core.monitor import Monitor
+from obc_ros.core.phased import Phased, PhasedProgram, radau
+from obc_ros.core.problem import Problem
+from obc_ros.core.solution import Solution, Status
+from obc_ros.core.transcription import Outcome, Scales
+
+if TYPE_CHECKING:
+    from obc_ros.core.search import Search
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+_ROUNDS = 6
+_VANISHING = 1e-4     # of T: a phase that is not there
+_GAPS = 0.06, 0.01    # of T: how long what oscillates may be off a bound
+_INTERVALS = 24.0     # of all phases together, about
+_FINEST = 200.0       # likewise, at most
+_LEAST = 3            # intervals of a phase
+_NEAR = 1e-5          # of its size: how near its bound a constraint is met
+_MOST = 0.8           # of a contact, for all of it
+_DEARER = 1e-3        # relative: by how much an answer may cost more than the path it is read off
+_SAMPLES = 1000, 4000
+_ALMOST = 30.0        # times its tolerance: a residual that more samples may take away
+_ITERATIONS = 150
+
+
+def read(problem: Problem, program: PhasedProgram, outcome: Outcome, value: Array,
+         margin: Array, switching: tuple[bool, ...], gap: float) -> list[Arc]:
+    """
+    Return what holds in each span of time of an outcome, `value` (N + 1, n + l) of (x, c).
+
+    `gap`: as a part of T, for which a path that oscillates may leave a bound or an input that
+    switches may be between its bounds.
+    """
+    arcs = find_arcs(problem, outcome.path, (True,) * problem.m)
+    bounds, T = program.bounds, outcome.path.t[-1]
+    found = _merged(contacts(
+        problem, outcome, value, margin, bounds.orders >= 0, near=_NEAR), gap * T)
+    found = [each for each in found if not _implied(each, arcs, bounds.deciding[each.row])
+             and (bounds.orders[each.row] or each.end - each.start > each.beside / 2)]
+    if found:
+        arcs = with_contacts(arcs, found, bounds.deciding)
+    return tidied(_without_smears(arcs, switching, gap * T))
+
+
+def _implied(contact: Contact, arcs: list[Arc], deciding: Mask) -> bool:
+    """Return whether inputs stay at their bounds along a contact, which then follows."""
+    for arc in arcs:
+        common = min(arc.end, contact.end) - max(arc.start, contact.start)
+        if common > _MOST * (contact.end - contact.start) and not np.any(
+                np.isnan(np.array(arc.levels)[deciding])):
+            return True
+    return False
+
+
+def _merged(found: list[Contact], gap: float) -> list[Contact]:
+    """Return contacts, those of one bound that are next to each other as one."""
+    merged: list[Contact] = []
+    for each in sorted(found, key=lambda c: (c.row, c.sign, c.start)):
+        last = merged[-1] if merged else None
+        if last and (last.row, last.sign) == (each.row, each.sign) and (
+                each.start - last.end < gap):
+            merged[-1] = replace(last, end=each.end)
+        else:
+            merged.append(each)
+    return merged
+
+
+def _without_smears(arcs: list[Arc], switching: tuple[bool, ...], gap: float) -> list[Arc]:
+    """Return arcs without short ones in which an input that switches seems to be between."""
+    kept: list[Arc] = []
+    for k, arc in enumerate(arcs):
+        smeared = not any(arc.on) and arc.end - arc.start < gap and any(
+            switches and np.isnan(level)
+            for switches, level in zip(switching, arc.levels, strict=True))
+        before = kept[-1] if kept else None
+        if smeared and before and not any(before.on):
+            kept[-1] = replace(before, end=arc.end)
+        elif smeared and k + 1 < len(arcs):
+            arcs[k + 1] = replace(arcs[k + 1], start=arc.start)
+        else:
+            kept.append(arc)
+    return kept
+
+
+def tidied(arcs: list[Arc]) -> list[Arc]:
+    """Return arcs without the shortest, joined where neighbours are the same."""
+    T = arcs[-1].end
+    kept: list[Arc] = []
+    for arc in arcs:
+        if arc.end - arc.start < _VANISHING * T:
+            continue
+        if kept and kept[-1].on == arc.on and np.array_equal(
+                kept[-1].levels, arc.levels, equal_nan=True):
+            kept[-1] = replace(kept[-1], end=arc.end)
+        else:
+            kept.append(replace(arc, start=kept[-1].end if kept else 0.0))
+    kept[-1] = replace(kept[-1], end=T)
+    return kept
+
+
+def settled(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Path,
+            sizes: Scales, pinned: Mask, monitor: Monitor, density: float) -> Phased | None:
+    """Return the path with arcs, without those that vanish; `density` of intervals in all."""
+    for _ in range(_ROUNDS):
+        T = arcs[-1].end
+        counts = np.array([max(_LEAST, math.ceil(density * (arc.end - arc.start) / T))
+                           for arc in arcs])
+        if monitor.stopped or not monitor.allows(int(counts.sum())):
+            return None
+        monitor.limit(_ITERATIONS)
+        found = program.solve(problem, arcs, counts, guess, sizes, pinned, monitor)
+        arcs = found.arcs
+        kept = tidied(arcs)
+        if len(kept) == len(arcs):
+            return found if found.converged else None
+        arcs, guess = kept, as_path(found)
+    return None
+
+
+def along_bounds(search: 'Search', outcome: Outcome) -> Solution | None:
+    """Return an answer with the arcs along bounds that an outcome shows, if it is certified."""
+    problem, program, monitor = search.problem, search.kit.phased, search.monitor
+    value = search.kit.fitter(problem).at(
+        problem, outcome.path.x, np.vstack([outcome.path.ua, outcome.path.ub[-1:]]))
+    allowed = outcome.objective + _DEARER * abs(outcome.objective)
+    seen: set[tuple[Signature, float]] = set()
+    for gap in _GAPS:
+        arcs = read(problem, program, outcome, value, search.margin, search.kit.switching, gap)
+        guess, sizes, density = outcome.path, search.sizes(outcome), _INTERVALS
+        for _ in range(_ROUNDS):
+            if (signature(arcs), density) in seen:
+                break
+            seen.add((signature(arcs), density))
+            found = settled(problem, program, arcs, guess, sizes, search.pinned, monitor, density)
+            if found is None or found.cost > allowed:
+                break
+            answer = _certified(problem, program, search.kit.judge, found)
+            if answer.certificate and answer.certificate.holds:
+                return answer
+            guess, arcs = as_path(found), released(problem, search.kit.judge, found, answer)
+            if signature(arcs) == signature(found.arcs):
+                density *= 2
+                if density > _FINEST:
+                    break
+    return None
+
+
+def _certified(problem: Problem, program: PhasedProgram, integrator: Integrator, found: Phased
+               ) -> Solution:
+    """Return phases as samples with their certificate; more where these are all it lacks."""
+    for samples in _SAMPLES:
+        answer = sampled(problem, program, integrator, found, samples)
+        certificate = certify(problem, answer)
+        worst = certificate.worst
+        answer = replace(answer, certificate=certificate)
+        if certificate.holds or (
+                certificate.residuals[worst] > _ALMOST * certificate.tolerances[worst]):
+            break
+    return answer
+
+
+def released(problem: Problem, integrator: Integrator, found: Phased, answer: Solution
+             ) -> list[Arc]:
+    """Return the arcs of a path, with inputs moved or set free whose bound is the wrong one."""
+    rows = np.flatnonzero(np.diff(answer.t) > 0)
+    x, u, lam = ((values[rows] + values[rows + 1]) / 2 for values in (
+        answer.x, answer.u, answer.lam))
+    mu = answer.path_multipliers
+    _, Hu, _ = integrator.hamiltonian(
+        problem, x, u, lam, None if mu is None else (mu[rows] + mu[rows + 1]) / 2)
+    new = opened(found.arcs, np.append(answer.t[rows], answer.t[-1]), Hu, problem,
+                 (True,) * problem.m)
+    times = np.unique([arc.end for arc in (*found.arcs, *new)])
+    cut, start = [], 0.0
+    for end in times[np.append(np.diff(times) > 1e-9 * times[-1], True)]:
+        middle = (start + end) / 2
+        level, on = (next(arc for arc in arcs if arc.end > middle) for arcs in (new, found.arcs))
+        cut.append(Arc(start, float(end), level.levels, on.on))
+        start = float(end)
+    return tidied(cut)
+
+
+def as_path(found: Phased) -> Path:
+    """Return phases as a path between the ends of their intervals."""
+    at = np.append(0.0, np.cumsum(found.h))
+    points, _, _ = radau()
+    first = _basis(points[1:], np.zeros(1))[0][0]
+    x = np.vstack([found.x[:, 0], found.x[-1:, -1]])
+    return Path(at, x, np.zeros((len(found.x), 0, x.shape[1])),
+                np.einsum('j,kjm->km', first, found.u), found.u[:, -1], found.durations)
+
+
+def _basis(points: Array, tau: Array, derivatives: int = 0) -> list[Array]:
+    """Return Lagrange's polynomials through points at some times, and their derivatives."""
+    found = []
+    for order in range(derivatives + 1):
+        columns = []
+        for i, point in enumerate(points):
+            others = np.delete(points, i)
+            basis = np.poly1d(np.poly(others) / np.prod(point - others))
+            columns.append(np.polyder(basis, order)(tau) if order else basis(tau))
+        found.append(np.column_stack(columns))
+    return found
+
+
+def sampled(problem: Problem, program: PhasedProgram, integrator: Integrator, found: Phased,
+            samples: int) -> Solution:
+    """Return phases as samples, with the costates and densities of the stated bounds."""
+    bounds, points = program.bounds, program.points
+    long = found.h > 0
+    parts = max(2, round(samples / len(found.h)))
+    tau = np.linspace(0.0, 1.0, parts + 1)
+    on_x, = _basis(points, tau)
+    highest = int(bounds.orders.max(initial=0))
+    on_u = _basis(points[1:], tau, max(highest, 2))
+    x, lam = (np.einsum('sj,kjn->ksn', on_x, values) for values in (found.x, found.lam))
+    # Straight lines between samples of u are off it by h^2 / 12 of its bend in the mean.
+    u = np.einsum('sj,kjm->ksm', on_u[0] - on_u[2] / (12 * parts**2), found.u)
+    eta = [np.einsum('sj,kjr->ksr', basis, found.eta) / found.h[:, None, None]**order
+           for order, basis in enumerate(on_u)]
+    density = np.zeros_like(eta[0])
+    for row in np.flatnonzero(np.abs(found.eta).max(axis=(0, 1)) > 0):
+        order = int(bounds.orders[row])
+        density[:, :, row] = (-1)**order * eta[order][:, :, row]
+        if order:
+            gradients = program.gradients[row].map(x.shape[0] * x.shape[1])(
+                x.reshape(-1, problem.n).T, ca.repmat(problem.p_value, 1, len(x) * (parts + 1)))
+            each = gradients.full().T.reshape(len(x), parts + 1, order, problem.n)
+            for i in range(order):
+                lam = lam + (-1)**i * eta[i][:, :, row, None] * each[:, :, order - 1 - i]
+    sign = np.array([arc.on or (0,) * bounds.count for arc in found.arcs])[found.phase_of]
+    for row in np.flatnonzero(bounds.orders != 0):
+        wanted = sign[:, row][:, None]
+        density[:, :, row] = np.where(density[:, :, row] * wanted > 0, density[:, :, row], 0.0)
+    t = (np.append(0.0, np.cumsum(found.h))[:-1, None] + found.h[:, None] * tau)[long]
+    return _joined(problem, integrator, found, t, *(
+        values[long] for values in (x, u, lam, density)))
+
+
+def _joined(problem: Problem, integrator: Integrator, found: Phased, t: Array, x: Array,
+            u: Array, lam: Array, density: Array) -> Solution:
+    """Return the samples of all intervals in a row, two at a time where something jumps."""
+    K, s = t.shape
+    t, (x, u, lam, density) = t.ravel(), (
+        values.reshape(K * s, -1) for values in (x, u, lam, density))
+    t[s::s] = t[s - 1:-1:s]
+    u = np.clip(u, problem.u_lower, problem.u_upper)
+    new = np.append(True, np.diff(t) > 0)
+    for values in (u, lam, density):
+        change = np.abs(np.diff(values, axis=0)).max(axis=1)
+        new[1:] |= change > 1e-9 * np.abs(values).max()
+    t, x, u, lam, density = (values[new] for values in (t, x, u, lam, density))
+    if not problem.final_time.free:
+        t = t * (problem.final_time.value / t[-1])
+    H, _, _ = integrator.hamiltonian(problem, x, u, lam)
+    n = problem.n
+    return Solution(
+        Status.NOT_CONVERGED, '', found.cost, t, x, u, lam, H, found.nu,
+        state_multipliers=density[:, :n],
+        path_multipliers=density[:, n:] if problem.path.numel() else None,
+        switching_times=np.cumsum(found.durations)[:-1])

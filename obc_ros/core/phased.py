@@ -1,0 +1,338 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Collocation on phases of unknown lengths, in each of which is known what holds.
+
+Where a path runs along c(x) = b, whose q-th derivative is the first that inputs enter, the
+derivatives below it are b, 0, ..., 0 at the start of the phase and the q-th is 0 in all of it:
+held at points only, c itself would leave the inputs free to oscillate between them. With eta the
+multiplier of the q-th derivative and lam~ the costates beside it, those of c(x) <= b itself are
+
+    lam = lam~ + eta d(c^(q-1))/dx - eta' d(c^(q-2))/dx + ...,  density (-1)^q eta^(q)
+
+(R. F. Hartl, S. P. Sethi, R. G. Vickson, A survey of the maximum principles for optimal control
+problems with state constraints, SIAM Review 37, 1995, section 5). Inputs are polynomials between
+the Radau points of each interval, free to jump from phase to phase; within its phase all is
+smooth, and converges with the order of the collocation.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.arcs import Arc
+from obc_ros.core.mesh import Path
+from obc_ros.core.monitor import Monitor, Watch
+from obc_ros.core.problem import Problem
+from obc_ros.core.transcription import Scales
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+DEGREE = 4
+_ORDERS = 3    # derivatives of a bound that are looked at
+_OPTIONS: dict[str, object] = {
+    'print_level': 0, 'sb': 'yes', 'linear_solver': 'mumps', 'tol': 1e-10,
+    'mumps_permuting_scaling': 0, 'mumps_pivot_order': 0, 'constr_viol_tol': 1e-10,
+    'bound_relax_factor': 0.0, 'honor_original_bounds': 'yes', 'acceptable_tol': 1e-8,
+    'mu_init': 1e-4, 'bound_push': 1e-6, 'bound_frac': 1e-6, 'slack_bound_push': 1e-6,
+    'slack_bound_frac': 1e-6}
+
+
+@dataclass(frozen=True, eq=False)
+class Phased:
+    """
+    A path on phases, K intervals of DEGREE points each.
+
+    Attributes
+    ----------
+    arcs : list of Arc
+        What holds in each phase.
+    counts : ndarray
+        Intervals of each phase.
+    durations : ndarray
+        Length of each phase [s].
+    x, lam : ndarray, shape (K, DEGREE + 1, n)
+        At the start and at the points of each interval; lam as without the bounds held.
+    u : ndarray, shape (K, DEGREE, m)
+    eta : ndarray, shape (K, DEGREE, n + l)
+        Multipliers of what holds in a phase, or of the path constraints.
+    nu : ndarray, shape (q,)
+
+    """
+
+    arcs: list[Arc]
+    counts: Index
+    durations: Array
+    x: Array
+    u: Array
+    lam: Array
+    eta: Array
+    nu: Array
+    cost: float
+    converged: bool
+
+    @property
+    def phase_of(self) -> Index:
+        """Return the phase of each interval."""
+        return np.repeat(np.arange(len(self.counts)), self.counts)
+
+    @property
+    def h(self) -> Array:
+        """Return the length of each interval [s]."""
+        return (self.durations / np.maximum(self.counts, 1))[self.phase_of]
+
+
+def radau() -> tuple[Array, Array, Array]:
+    """Return the points (0 first), the derivatives at all but 0, and the weights."""
+    points = np.append(0.0, ca.collocation_points(DEGREE, 'radau'))
+    derivative = np.zeros((DEGREE, DEGREE + 1))
+    weights = np.zeros(DEGREE)
+    for i in range(DEGREE + 1):
+        others = np.delete(points, i)
+        basis = np.poly1d(np.poly(others) / np.prod(points[i] - others))
+        derivative[:, i] = np.polyder(basis)(points[1:])
+    for i in range(DEGREE):
+        others = np.delete(points[1:], i)
+        basis = np.poly1d(np.poly(others) / np.prod(points[1 + i] - others))
+        weights[i] = np.polyint(basis)(1.0)
+    return points, derivative, weights
+
+
+class Bounds:
+    """The rows of (x, c) of a problem, and their derivatives up to the one that inputs enter."""
+
+    def __init__(self, problem: Problem) -> None:
+        rows = ca.vertcat(problem.x, problem.path)
+        self.count = int(rows.numel())
+        self.orders = np.full(self.count, -1)
+        self.deciding: Mask = np.zeros((self.count, problem.m), dtype=bool)
+        self.chains: list[list[ca.SX]] = []
+        for row, value in enumerate(ca.vertsplit(rows)):
+            chain = [value]
+            for order in range(_ORDERS + 1):
+                if ca.depends_on(chain[-1], problem.u):
+                    self.orders[row] = order
+                    enters = ca.jacobian_sparsity(chain[-1], problem.u).get_triplet()[1]
+                    self.deciding[row, enters] = True
+                    break
+                chain.append(ca.jtimes(chain[-1], problem.x, problem.f))
+            self.chains.append(chain)
+
+
+class PhasedProgram:
+    """The nonlinear programs of one structure, for any arcs."""
+
+    def __init__(self, problem: Problem, switching: Sequence[bool]) -> None:
+        self.problem, self.switching = problem, np.array(switching)
+        self.bounds = Bounds(problem)
+        x, u, p = problem.x, problem.u, problem.p
+        self._rate = ca.Function('rate', [x, u, p], [problem.f, problem.L, problem.path])
+        self._end = ca.Function('end', [x, p], [problem.V, problem.psi])
+        self.points, self.derivative, self.weights = radau()
+
+    @cached_property
+    def held(self) -> list[ca.Function]:
+        """Return for each row its derivatives: those without inputs, and the one with them."""
+        x, u, p = self.problem.x, self.problem.u, self.problem.p
+        return [ca.Function('held', [x, u, p], [ca.vertcat(*chain[:-1]), chain[-1]])
+                for chain in self.bounds.chains]
+
+    @cached_property
+    def gradients(self) -> list[ca.Function]:
+        """Return for each row the gradients of its derivatives without inputs, (n, order)."""
+        x, p = self.problem.x, self.problem.p
+        return [ca.Function('gradients', [x, p], [
+            ca.horzcat(*[ca.gradient(each, x) for each in chain[:-1]])])
+            for chain in self.bounds.chains]
+
+    def solve(self, problem: Problem, arcs: Sequence[Arc], counts: Index, guess: Path,
+              sizes: Scales, pinned: Mask, monitor: Monitor) -> Phased:
+        """Solve the program of some arcs from a path nearby; `pinned` as in Limits."""
+        return _Solve(self, problem, list(arcs), counts, sizes, pinned).run(guess, monitor)
+
+
+class _Solve:
+    """One program with its numbers."""
+
+    def __init__(self, program: PhasedProgram, problem: Problem, arcs: list[Arc], counts: Index,
+                 sizes: Scales, pinned: Mask) -> None:
+        self.pinned = pinned
+        self.program, self.problem, self.arcs, self.counts = program, problem, arcs, counts
+        self.sizes, self.K = sizes, int(counts.sum())
+        self.phase_of = np.repeat(np.arange(len(counts)), counts)
+        self.first = np.append(0, np.cumsum(counts))   # intervals at which phases begin
+        self.g: list[ca.MX] = []
+        self.lower: list[Array] = []
+        self.upper: list[Array] = []
+
+    def _add(self, g: ca.MX, lower: Array, upper: Array) -> slice:
+        """Add constraints, (rows, columns); return where their multipliers stand."""
+        start = sum(len(each) for each in self.lower)
+        self.g.append(ca.vec(g))
+        shape = int(g.shape[0]), int(g.shape[1])
+        for kept, values in ((self.lower, lower), (self.upper, upper)):
+            kept.append(np.broadcast_to(values, shape).ravel(order='F'))
+        return slice(start, start + shape[0] * shape[1])
+
+    def build(self) -> None:
+        """Write the program down."""
+        problem, program, sizes = self.problem, self.program, self.sizes
+        n, m, K, d = problem.n, problem.m, self.K, DEGREE
+        self.X, self.U = ca.MX.sym('X', n, 1 + K * d), ca.MX.sym('U', m, K * d)
+        self.T = ca.MX.sym('T', 1, len(self.counts))
+        x = ca.repmat(sizes.x, 1, 1 + K * d) * self.X
+        u = ca.repmat(sizes.u, 1, K * d) * self.U
+        part = sizes.time / self.counts[self.phase_of]
+        h = self.T[self.phase_of.tolist()] * ca.DM(part).T
+        h = ca.reshape(ca.repmat(h, d, 1), 1, -1)
+        p = problem.p_value
+        f, L, c = program._rate.map(K * d)(x[:, 1:], u, ca.repmat(p, 1, K * d))
+        starts = (np.arange(K) * d).tolist()
+        slopes = [sum(program.derivative[j, r] * x[:, [s + r for s in starts]]
+                      for r in range(d + 1)) for j in range(d)]
+        order = (np.arange(d) * K + np.arange(K)[:, None]).ravel()
+        slope = ca.horzcat(*slopes)[:, order.tolist()]
+        scaled = (ca.repmat(h, n, 1) * f - slope) / ca.repmat(sizes.x, 1, K * d)
+        self.at_defects = self._add(scaled, np.zeros((1, 1)), np.zeros((1, 1)))
+        weights = np.tile(program.weights, K)
+        V, psi = program._end(x[:, -1], p)
+        self.J = (ca.dot(ca.DM(weights), (h * L).T) + V) / sizes.cost
+        self._hold(x, u, c)
+        none = np.zeros((1, 1))
+        self.at_psi = self._add(psi, none, none) if problem.q else slice(0, 0)
+        final = problem.final_time
+        span = (final.lower, final.upper) if final.free else (final.value, final.value)
+        self._add(ca.sum2(self.T), *(np.full((1, 1), each / sizes.time) for each in span))
+
+    def _hold(self, x: ca.MX, u: ca.MX, c: ca.MX) -> None:
+        """Add what holds in phases, and bounds where it does not."""
+        problem, d = self.problem, DEGREE
+        upper = np.append(problem.x_upper, problem.path_upper)
+        lower = np.append(problem.x_lower, problem.path_lower)
+        n = problem.n
+        x_low = np.tile(problem.x_lower, (1 + self.K * d, 1))
+        x_high = np.tile(problem.x_upper, (1 + self.K * d, 1))
+        x_low[0] = x_high[0] = problem.x0
+        c_low = np.tile(problem.path_lower, (self.K * d, 1))
+        c_high = np.tile(problem.path_upper, (self.K * d, 1))
+        self.at_held: list[tuple[int, int, slice]] = []   # phase, row, multipliers
+        for phase, arc in enumerate(self.arcs):
+            a, b = int(self.first[phase]) * d, int(self.first[phase + 1]) * d
+            for row in np.flatnonzero(arc.on):
+                bound = (upper if arc.on[row] > 0 else lower)[row]
+                self._on(x, u, int(row), bound, phase)
+                if row < n:
+                    x_low[max(a, 1):b + 1, row], x_high[max(a, 1):b + 1, row] = -np.inf, np.inf
+                else:
+                    c_low[a:b, row - n], c_high[a:b, row - n] = -np.inf, np.inf
+        spare = self._spare()
+        x_low[self.K * d - int(self.counts[-1]) * d:, spare] = -np.inf
+        x_high[self.K * d - int(self.counts[-1]) * d:, spare] = np.inf
+        for phase in range(len(self.arcs)):
+            self._straighten(u, phase)
+        self.x_bounds = x_low / self.sizes.x, x_high / self.sizes.x
+        self.at_path = slice(0, 0)
+        if c_low.size:
+            self.at_path = self._add(c, c_low.T, c_high.T)
+
+    def _spare(self) -> Mask:
+        """Return which states come to rest where psi wants them, by inputs held in the end."""
+        free = np.isnan(self.arcs[-1].levels)
+        bounds = self.program.bounds
+        moved = (bounds.deciding & free).any(axis=1) | (bounds.orders != 1)
+        spare: Mask = self.pinned & ~moved[:self.problem.n]
+        return spare
+
+    def _straighten(self, u: ca.MX, phase: int) -> None:
+        """Keep inputs straight where nothing but the cost says what they are: on singular arcs."""
+        arc, bounds = self.arcs[phase], self.program.bounds
+        fixed = bounds.deciding[np.flatnonzero(arc.on)].any(axis=0)
+        singular = np.flatnonzero(self.program.switching & np.isnan(arc.levels) & ~fixed)
+        if not singular.size or not self.counts[phase]:
+            return
+        tau = self.program.points[1:]
+        bent = np.linalg.svd(np.vstack([np.ones(DEGREE), tau]))[2][2:]
+        for k in range(int(self.first[phase]), int(self.first[phase + 1])):
+            values = u[singular.tolist(), k * DEGREE:(k + 1) * DEGREE]
+            none = np.zeros((1, 1))
+            self._add(ca.mtimes(values, bent.T) / ca.DM(self.sizes.u[singular]), none, none)
+
+    def _on(self, x: ca.MX, u: ca.MX, row: int, bound: float, phase: int) -> None:
+        """Hold a row at its bound in a phase; one without intervals is a point of contact."""
+        p, order = self.problem.p_value, int(self.program.bounds.orders[row])
+        a, b = (int(k) * DEGREE for k in self.first[phase:phase + 2])
+        held = self.program.held[row]
+        if order and a:
+            value = np.append(bound, np.zeros(order - 1))[:, None]
+            self._add(held(x[:, a], u[:, a - 1], p)[0], value, value)
+        if b > a:
+            last = held.map(b - a)(x[:, a + 1:b + 1], u[:, a:b], ca.repmat(p, 1, b - a))[1]
+            level = np.full((1, 1), 0.0 if order else bound)
+            self.at_held.append((phase, row, self._add(last, level, level)))
+
+    def run(self, guess: Path, monitor: Monitor) -> Phased:
+        """Return the path that the program leads to."""
+        self.build()
+        problem, sizes, K, d = self.problem, self.sizes, self.K, DEGREE
+        w = ca.vertcat(ca.vec(self.X), ca.vec(self.U), ca.vec(self.T))
+        g = ca.vertcat(*self.g)
+        watch = Watch(int(w.numel()), int(g.numel()), 0)
+        watch.monitor, watch.cost_scale = monitor, sizes.cost
+        watch.lower, watch.upper = np.concatenate(self.lower), np.concatenate(self.upper)
+        options: dict[str, Any] = {
+            'print_time': False, 'error_on_fail': False, 'show_eval_warnings': False,
+            'ipopt': _OPTIONS, 'iteration_callback': watch}
+        nlp: dict[str, Any] = {'x': w, 'f': self.J, 'g': g}
+        solver = ca.nlpsol('phased', 'ipopt', nlp, options)
+        durations = np.array([arc.end - arc.start for arc in self.arcs])
+        levels = np.array([arc.levels for arc in self.arcs])[np.repeat(self.phase_of, d)]
+        u_low = np.where(np.isnan(levels), problem.u_lower, levels)
+        u_high = np.where(np.isnan(levels), problem.u_upper, levels)
+        longest = np.where(self.counts > 0, 4 * durations.sum(), 0.0) / sizes.time
+        durations = np.where(self.counts > 0, durations, 0.0)
+        bounds = [np.concatenate([x.ravel(), (u / sizes.u).ravel(), T]) for x, u, T in (
+            (self.x_bounds[0], u_low, 0 * longest), (self.x_bounds[1], u_high, longest))]
+        t = np.append(0.0, np.cumsum((durations / np.maximum(self.counts, 1))[self.phase_of]))
+        times = (t[:-1, None] + np.diff(t)[:, None] * self.program.points[1:]).ravel()
+        x = np.vstack([problem.x0, guess.states_at(times)]) / sizes.x
+        # Inside of its interval, for the sides of a jump differ.
+        inside = times - 1e-6 * np.tile(np.append(np.zeros(d - 1), 1.0), K) * np.repeat(
+            np.diff(t), d)
+        u = np.clip(guess.inputs_at(inside, after=True), u_low, u_high) / sizes.u
+        found: dict[str, Any] = solver(
+            x0=np.concatenate([x.ravel(), u.ravel(), durations / sizes.time]), lbx=bounds[0],
+            ubx=bounds[1], lbg=watch.lower, ubg=watch.upper)
+        return self._phased(found, bool(solver.stats()['success']))
+
+    def _phased(self, found: dict[str, Any], converged: bool) -> Phased:
+        problem, sizes, K, d = self.problem, self.sizes, self.K, DEGREE
+        n, m, program = problem.n, problem.m, self.program
+        w, lam_g = found['x'].full().ravel(), found['lam_g'].full().ravel() * sizes.cost
+        x = w[:n * (1 + K * d)].reshape(-1, n) * sizes.x
+        u = w[n * (1 + K * d):][:m * K * d].reshape(K, d, m) * sizes.u
+        durations = w[-len(self.counts):] * sizes.time
+        h = (durations / np.maximum(self.counts, 1))[self.phase_of]
+        raw = lam_g[self.at_defects].reshape(K, d, n) / sizes.x
+        lam = np.empty((K, d + 1, n))
+        lam[:, 1:] = raw / program.weights[:, None]
+        # What the first point of an interval is worth: from the row of the derivatives at 0.
+        lam[:, 0] = -np.einsum('j,kjn->kn', program.derivative[:, 0], raw)
+        area = h[:, None] * program.weights + 1e-300
+        eta = np.zeros((K, d, program.bounds.count))
+        if problem.path.numel():
+            eta[:, :, n:] = lam_g[self.at_path].reshape(K, d, -1) / area[:, :, None]
+        for phase, row, slot in self.at_held:
+            span = slice(int(self.first[phase]), int(self.first[phase + 1]))
+            eta[span, :, row] = lam_g[slot].reshape(-1, d) / area[span]
+        places = (np.arange(K) * d)[:, None] + np.arange(d + 1)
+        ends = np.cumsum(durations)
+        arcs = [replace(arc, start=float(end - length), end=float(end))
+                for arc, end, length in zip(self.arcs, ends, durations, strict=True)]
+        return Phased(arcs, self.counts, durations, x[places], u, lam, eta,
+                      lam_g[self.at_psi], float(found['f']) * sizes.cost, converged)
