@@ -143,8 +143,12 @@ def settled(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Pa
 
 
 def along_bounds(search: 'Search', outcome: Outcome) -> Solution | None:
-    """Return an answer with the arcs along bounds that an outcome shows, if it is certified."""
-    problem, program, monitor = search.problem, search.kit.phased, search.monitor
+    """Return an answer with arcs along bounds near an outcome, if one is certified."""
+    problem, monitor = search.problem, search.monitor
+    if not (search.bounded and search.may_hold) or (
+            search.quick or search.kit.twin or monitor.stopped):
+        return None
+    program = search.kit.phased
     value = search.kit.fitter(problem).at(
         problem, outcome.path.x, np.vstack([outcome.path.ua, outcome.path.ub[-1:]]))
     allowed = outcome.objective + _DEARER * abs(outcome.objective)
@@ -161,6 +165,7 @@ def along_bounds(search: 'Search', outcome: Outcome) -> Solution | None:
                 break
             answer = _certified(problem, program, search.kit.judge, found)
             if answer.certificate and answer.certificate.holds:
+                search.last = search.answered(outcome)
                 return answer
             guess, arcs = as_path(found), released(problem, search.kit.judge, found, answer)
             if signature(arcs) == signature(found.arcs):

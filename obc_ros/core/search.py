@@ -418,7 +418,7 @@ class Search:
             nearest = outcome
             if number in _MESHES and above < _NEAR_BOUNDS and not (best and _holds(best)):
                 tried = outcome
-                if (found := self.along_bounds(outcome)) is not None:
+                if (found := along_bounds(self, outcome)) is not None:
                     return found
             late = self.work - begun > _FOR_DIGITS * (1 + self.stages)
             if best is not None and _holds(best) and (above < _CLOSE_ENOUGH[self.bounded] or late):
@@ -428,18 +428,8 @@ class Search:
         if best is None:
             best, self.last = self.solution(outcome, self.course(outcome)), self.answered(outcome)
         if not _holds(best) and nearest is not tried:
-            return self.along_bounds(nearest) or best
+            return along_bounds(self, nearest) or best
         return best
-
-    def along_bounds(self, outcome: Outcome) -> Solution | None:
-        """Return an answer with arcs along bounds near an outcome, if one is certified."""
-        if (not self.bounded or self.quick or self.kit.twin or not self.may_hold
-                or self.monitor.stopped):
-            return None
-        answer = along_bounds(self, outcome)
-        if answer is not None:
-            self.last = self.answered(outcome)
-        return answer
 
     def answered(self, outcome: Outcome) -> Answered:
         """Return what a neighbour, or the indirect method, starts from."""
