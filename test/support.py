@@ -45,7 +45,7 @@ FOREIGN = (
 def environment(domain: int) -> dict[str, str]:
     """Return the environment of a process that keeps to `domain` on this machine."""
     inherited = {key: value for key, value in os.environ.items() if key not in FOREIGN}
-    return {**inherited, **ISOLATED, 'ROS_DOMAIN_ID': str(domain)}
+    return {**inherited, **ISOLATED, 'ROS_DOMAIN_ID': str(domain), 'PYTHONFAULTHANDLER': '1'}
 
 
 def find(executable: str) -> str:
@@ -146,6 +146,9 @@ class Process:
         try:
             return self.popen.wait(timeout)
         except subprocess.TimeoutExpired:
+            self.popen.send_signal(signal.SIGABRT)  # faulthandler writes the stacks of its threads
+            with suppress(subprocess.TimeoutExpired):
+                self.popen.wait(5.0)
             raise AssertionError(
                 f'{self.command[0]} still runs after {timeout} s:\n{self.output()}') from None
 
