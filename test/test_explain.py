@@ -164,3 +164,26 @@ def test_an_equality_of_inputs_that_holds_between_mesh_points_but_nearly_is_not_
              'final_time': {'free': False, 'value': 2}}
     found = explain(problem_from_mapping(block), quickly)
     assert found is None or not found.infeasible
+
+
+def test_a_ring_around_the_start():
+    """No path from 0 to 3 keeps away from the circle of radius 2, whatever its mesh points do."""
+    found = solve(problem_from_mapping({
+        'states': ['x', 'y'], 'inputs': ['a', 'b'], 'dynamics': {'x': 'a', 'y': 'b'},
+        'running_cost': 'a**2 + b**2', 'initial_state': {'x': 0, 'y': 0},
+        'terminal_constraints': ['x - 3', 'y'],
+        'path_constraints': [{'expr': '(x**2 + y**2 - 4)**2', 'lower': 0.25, 'upper': None}],
+        'final_time': {'free': False, 'value': 1}}), max_intervals=200)
+    assert found.status is Status.NOT_CONVERGED
+    assert 'keeps to path_constraints[0] all the way' in found.message
+
+
+def test_weierstrass():
+    """The integral of t^2 u^2 from -1 to 1 comes as near to 0 as one likes, and never there."""
+    found = solve(problem_from_mapping({
+        'states': ['x', 't'], 'inputs': ['u'], 'dynamics': {'x': 'u', 't': '1'},
+        'running_cost': 't**2*u**2', 'initial_state': {'x': -1, 't': 0},
+        'terminal_constraints': ['x - 1'], 'final_time': {'free': False, 'value': 1}}),
+        max_intervals=200)
+    assert found.status is Status.NOT_CONVERGED
+    assert 'goes on falling as inputs may be larger' in found.message

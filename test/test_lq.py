@@ -200,7 +200,7 @@ def test_what_is_hardly_reached_is_not_called_out_of_reach():
 
 @pytest.mark.parametrize('T', [1e3, 1e4, 1e5])
 def test_long_horizons_cost_what_endless_ones_do(T):
-    """X' = -x + u with x^2 + u^2: P = sqrt(2) - 1, and all happens in the first seconds."""
+    """For x' = -x + u with x^2 + u^2: P = sqrt(2) - 1, and all happens in the first seconds."""
     problem = statement(dynamics={'x': '-x + u'}, running_cost='x**2 + u**2', terminal_cost='0',
                         initial_state={'x': 1}, final_time=horizon(T))
     solution = solve_lq(problem)

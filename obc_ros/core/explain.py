@@ -104,7 +104,8 @@ class _Doubt:
         nearest = self.best(_elastic(problem))
         if not _is_path(nearest):
             sentence = undefined(problem, nearest.t, nearest.x, nearest.u)
-            return Reason(False, sentence) if sentence else self.not_held() or self.without_end()
+            return Reason(False, sentence) if sentence else (
+                self.not_held() or self.without_end() or self.leapt(nearest))
         missed = _missed(problem, nearest)
         if not missed:
             return self.without_end()
@@ -118,6 +119,11 @@ class _Doubt:
             answer = self.thorough(other)
         return answer
 
+    def certified(self, other: Problem) -> Solution:
+        """Return an answer, with more care where its certificate does not hold at once."""
+        answer = self.solve(other)
+        return answer if _certified(answer) else self.thorough(other)
+
     def mixed(self, found: Solution | None) -> Reason | None:
         """Return that the least cost is approached by ever faster switching, if it is."""
         other = None if found is None or self.lost else relaxed(self.problem, found)
@@ -129,7 +135,7 @@ class _Doubt:
 
     def without_end(self) -> Reason | None:
         """Return that states, or the cost, grow without end, if they do."""
-        sentence = _unbounded(self.problem, self.solve)
+        sentence = _unbounded(self.problem, self.certified)
         if not sentence and self.lost:
             sentence = runs_away(self.problem, _last(self.problem))
         return Reason(False, sentence) if sentence else None
@@ -184,6 +190,20 @@ class _Doubt:
         shown = self.convex and _nearly_optimal(answer)
         return Reason(True, f'{name} cannot be held: {how}') if shown else Reason(
             False, f'no path was found that keeps to {name}: {how}')
+
+    def leapt(self, nearest: Solution) -> Reason | None:
+        """Return that a path keeps to bounds at mesh points only, as it leaps over a wall."""
+        certificate = nearest.certificate
+        if certificate is None or certificate.worst != 'bounds':
+            return None
+        names = [state_bound(self.problem, i, upper) for upper, bounds in (
+            (False, self.problem.x_lower), (True, self.problem.x_upper))
+            for i in map(int, np.flatnonzero(np.isfinite(bounds)))]
+        names += [f'path_constraints[{row}]' for row in range(self.problem.path.numel())]
+        return Reason(False, (
+            f'no path was found that meets the terminal constraints and keeps to '
+            f'{" and ".join(names)} all the way: the nearest exceeds a bound between mesh points '
+            f'by {certificate.residuals["bounds"]:.1g} of its size'))
 
 
 def convex(problem: Problem) -> bool:

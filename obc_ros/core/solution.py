@@ -33,6 +33,9 @@ class Status(str, Enum):
     MALFORMED = 'malformed'
 
 
+_FEASIBLE = ('dynamics', 'start', 'end', 'bounds', 'cost')
+
+
 @dataclass(frozen=True)
 class Certificate:
     """
@@ -55,12 +58,17 @@ class Certificate:
     def feasible(self) -> bool:
         """Return whether the path keeps to the problem, extremal or not."""
         return all(self.residuals[key] <= self.tolerances[key]
-                   for key in ('dynamics', 'start', 'end', 'bounds', 'cost'))
+                   for key in _FEASIBLE)
 
     @property
     def worst(self) -> str:
-        """Return the condition with the largest residual relative to its tolerance."""
-        return max(self.tolerances, key=lambda key: self.residuals[key] / self.tolerances[key])
+        """
+        Return the condition with the largest residual relative to its tolerance.
+
+        What no path of the problem does comes first: of another path costates say nothing.
+        """
+        keys = [key for key in self.tolerances if self.feasible or key in _FEASIBLE]
+        return max(keys, key=lambda key: self.residuals[key] / self.tolerances[key])
 
 
 @dataclass(frozen=True, eq=False)
