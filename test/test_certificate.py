@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.certificate import certify, TOLERANCES
-from obc_ros.core.solution import Solution, Status
+from obc_ros.core.solution import Certificate, Solution, Status
 from obc_ros.core.statement import load_file, problem_from_mapping
 import pytest
 
@@ -438,3 +438,12 @@ def test_a_course_that_blows_up_has_infinite_residuals():
 def test_an_empty_answer_is_not_certified():
     problem, _ = scalar()
     assert not certify(problem, Solution(Status.NOT_CONVERGED, '')).holds
+
+
+def test_the_fault_of_a_path_is_told_apart_from_those_of_its_costates():
+    tolerances = dict.fromkeys(TOLERANCES, 1e-6)
+    astray = Certificate(
+        dict.fromkeys(TOLERANCES, 0.0) | {'end': 2e-6, 'costate': 1.0}, tolerances)
+    assert (astray.worst, astray.fault, astray.feasible) == ('costate', 'end', False)
+    kept = Certificate(dict.fromkeys(TOLERANCES, 9e-7) | {'costate': 2e-6}, tolerances)
+    assert (kept.worst, kept.fault, kept.feasible) == ('costate', '', True)

@@ -194,7 +194,7 @@ class _Doubt:
     def leapt(self, nearest: Solution) -> Reason | None:
         """Return that a path keeps to bounds at mesh points only, as it leaps over a wall."""
         certificate = nearest.certificate
-        if certificate is None or certificate.worst != 'bounds':
+        if certificate is None or certificate.fault != 'bounds':
             return None
         names = [state_bound(self.problem, i, upper) for upper, bounds in (
             (False, self.problem.x_lower), (True, self.problem.x_upper))

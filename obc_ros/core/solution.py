@@ -57,18 +57,21 @@ class Certificate:
     @property
     def feasible(self) -> bool:
         """Return whether the path keeps to the problem, extremal or not."""
-        return all(self.residuals[key] <= self.tolerances[key]
-                   for key in _FEASIBLE)
+        return not self.fault
 
     @property
     def worst(self) -> str:
-        """
-        Return the condition with the largest residual relative to its tolerance.
+        """Return the condition with the largest residual relative to its tolerance."""
+        return max(self.tolerances, key=self._size)
 
-        What no path of the problem does comes first: of another path costates say nothing.
-        """
-        keys = [key for key in self.tolerances if self.feasible or key in _FEASIBLE]
-        return max(keys, key=lambda key: self.residuals[key] / self.tolerances[key])
+    @property
+    def fault(self) -> str:
+        """Return the worst condition for being a path of the problem that fails; '' for none."""
+        broken = [key for key in _FEASIBLE if not self.residuals[key] <= self.tolerances[key]]
+        return max(broken, key=self._size, default='')
+
+    def _size(self, key: str) -> float:
+        return self.residuals[key] / self.tolerances[key]
 
 
 @dataclass(frozen=True, eq=False)
