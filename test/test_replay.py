@@ -132,3 +132,21 @@ def test_costates_of_what_decays_at_once_are_integrated_from_the_end():
     assert found.lam[0, -1] == pytest.approx(end[0])
     assert found.lam[0, 0] == pytest.approx([0, 0], abs=1e-14)   # as returned
     assert -defect[0] == pytest.approx(exact, abs=1e-7)
+
+
+def test_a_defect_of_costates_grows_no_more_than_is_said():
+    """With df/dx = -k x and scales that leave its norm as it is the bound is the growth, e^kh."""
+    h, k = 0.25, 8.0
+    problem = stated({'x': f'-{k}*x + u', 'v': 'x*0'}, 'u**2')
+    integrator, p = Integrator(problem), problem.p_value
+    for size in (1.0, 1e6):   # of states; that of costates is its inverse
+        scale = np.array([size, size, 1/size, 1/size])
+        ends = []
+        for lam in (0.0, 1/size):
+            course = intervals(problem, h, [[size, 0], [0, size]], lam, 1, 1)
+            ran = integrator.replay(course, p, scale, 1e-9)
+            ends.append(ran.lam[:, -1, 0])
+        grown = (ends[1] - ends[0]) * size
+        bound = integrator.growth(ran, course, p, scale)
+        assert grown == pytest.approx(math.exp(k * h), rel=1e-6)
+        assert bound == pytest.approx(math.exp(k * h), rel=1e-9)

@@ -156,9 +156,10 @@ class _Judge:
         scale = np.append(self.x_scale, (lam or 1.0) / self.x_scale)
         allowed, lam_end = REPLAY_ERROR / len(self.rows), solution.lam[self.rows + 1]
         run = self.intervals, self.p, scale, allowed
-        self.costates_from = partial(
-            functions.integrator.there_and_back, functions.integrator.replay(*run),
-            self.intervals, lam_end, *run[1:])
+        ahead = functions.integrator.replay(*run)
+        self.costates_from = partial(functions.integrator.there_and_back, ahead,
+                                     self.intervals, lam_end, *run[1:])
+        self.growth = partial(functions.integrator.growth, ahead, *run[:3])
         self.replay, self.lam_defect = self.costates_from()
         self.points = self._points()
         # Two rows: where the replay ends, and where the answer does.
@@ -171,10 +172,12 @@ class _Judge:
 
         Where states decay fast costates grow from the starts of intervals, and their rounding
         errors with them: what is left there counts if it is less where it does not grow, at the
-        starts.
+        starts. That is looked at where it may be little enough.
         """
         found = self._residuals()
-        if found['costate'] > TOLERANCES['costate'] and self.replay.converged:
+        allowed = TOLERANCES['costate']
+        if (self.replay.converged and allowed < found['costate']
+                and not found['costate'] > allowed * self.growth()):
             ahead = self.replay, self.lam_defect, self.points
             self.replay, self.lam_defect = self.costates_from(back=True)
             self.points = self._points()

@@ -180,6 +180,29 @@ class Integrator:
         z[:, :, n:2*n] += (1 - parts) * defect[:, None]
         return Replay(z[:, :, :n], z[:, :, n:2*n], course.u, z[:, -1, -1], left), defect
 
+    def growth(self, course: Replay, intervals: Intervals, p: Array, scale: Array) -> float:
+        """
+        Return the most by which a defect of lam grows from the start of an interval to its end.
+
+        In units of `scale`, (2 n,), it is at most exp(h |df/dx|), here with Frobenius' norm, the
+        larger one of both ends.
+        """
+        K, n = intervals.x.shape
+        x, u, s, m = (np.concatenate(both) for both in (
+            (course.x[:, 0], course.x[:, -1]), (course.u[:, 0], course.u[:, -1]),
+            (intervals.sa, intervals.sb), (intervals.ma, intervals.mb)))
+        given = np.hstack([u, s, m])
+
+        def rate(lam: Array) -> Array:
+            state = np.hstack([x, np.broadcast_to(lam, x.shape)])
+            return self._rate.joined(state, given, p)[:, n:2*n]
+
+        with np.errstate(all='ignore'):
+            none = rate(np.zeros(n))   # the equation is linear in lam
+            slopes = np.stack([rate(row) - none for row in np.diag(scale[n:])], axis=1) / scale[n:]
+            size = np.linalg.norm(slopes, axis=(1, 2)).reshape(2, K).max(axis=0)
+            return float(np.exp(np.max(intervals.h * size)))
+
     def _both_ways(self, intervals: Intervals, lam_end: Array, p: Array, steps: int) -> Array:
         """Return (x, lam, J) at the quarters, (K, 5, 2 n + 1), in equal steps there and back."""
         K, n = intervals.x.shape
