@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the expressions of a problem have no value on a path, and states that run away."""
 
+import re
+
 import numpy as np
 from obc_ros.core.solution import Status
 from obc_ros.core.solve import solve
 from obc_ros.core.statement import problem_from_mapping
-from obc_ros.core.undefined import runs_away, undefined
+from obc_ros.core.undefined import kinked, runs_away, undefined
 import pytest
 
 T = np.linspace(0, 2, 21)
@@ -58,3 +60,35 @@ def test_states_that_run_away():
     assert found.status is Status.NOT_CONVERGED
     assert found.message == sentence
     assert runs_away(problem_from_mapping(mapping | {'input_bounds': {'u': [-5, 1]}}), 2.0) == ''
+
+
+@pytest.mark.parametrize('cost, what', [
+    ('abs(x - 0.95) + u**2', 'abs((x-0.95)) is 0, as at t = 1 '),
+    ('u**2 + 3*abs(x - v)', 'abs((x-v)) is 0, as at t = 1 '),
+    ('abs(u - 1) + x', ''),         # of an input: such kinks are met
+    ('abs(x + 1)', '')])            # never 0 on this path
+def test_kinks_on_a_path(cost, what):
+    problem = problem_from_mapping({
+        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
+        'running_cost': cost, 'initial_state': {'x': 0, 'v': 1},
+        'final_time': {'free': False, 'value': 2}})
+    said = kinked(problem, T, PATH, np.ones((len(T), 1)))
+    assert said.startswith(f'running_cost has no slope where {what}') if what else said == ''
+
+
+def test_a_kink_of_states_is_said_and_what_is_said_helps():
+    """From 1 at rest the least integral of |x| + u^2/10 stays at 0 after a while."""
+    mapping = {
+        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
+        'running_cost': 'abs(x) + u**2/10', 'initial_state': {'x': 1, 'v': 0},
+        'final_time': {'free': False, 'value': 6}}
+    found = solve(problem_from_mapping(mapping))
+    assert found.status is Status.NOT_CONVERGED
+    assert found.message.startswith('running_cost has no slope where abs(x) is 0, as at t = 1.')
+    advice = re.search(r'; (sqrt.*?e\*\*2\)) in its place, .* such as ([0-9.]+), has',
+                       found.message)
+    rounded = advice[1].replace('e**2', f'{advice[2]}**2')
+    answer = solve(problem_from_mapping(mapping | {'running_cost': f'{rounded} + u**2/10'}))
+    assert answer.status is Status.SOLVED
+    # It is dearer than with the kink, by e T at most.
+    assert 0 <= answer.objective - found.objective <= 6 * float(advice[2])

@@ -33,7 +33,7 @@ from obc_ros.core.ill_posed import wish, without_minimum
 from obc_ros.core.problem import FinalTime, Problem
 from obc_ros.core.relaxation import chattering, relaxed
 from obc_ros.core.solution import Solution
-from obc_ros.core.undefined import runs_away, undefined
+from obc_ros.core.undefined import kinked, runs_away, undefined
 
 Array = NDArray[np.float64]
 Solver = Callable[[Problem], Solution]
@@ -98,6 +98,9 @@ class _Doubt:
         if found is not None and (sentence := undefined(problem, found.t, found.x, found.u)):
             return Reason(False, sentence)
         self.lost = found is None or not _is_path(found)
+        if found is not None and _arrives(found) and (
+                sentence := kinked(problem, found.t, found.x, found.u)):
+            return Reason(False, sentence)
         kept = found is not None and not self.lost and not _missed(problem, found)
         if kept or problem.q == 0 and not _bounded(problem):
             return self.mixed(found) or self.without_end()
@@ -239,6 +242,14 @@ def _is_path(solution: Solution) -> bool:
     certificate = solution.certificate
     return certificate is not None and all(
         certificate.residuals.get(key, np.inf) <= limit for key, limit in _FEASIBLE.items())
+
+
+def _arrives(solution: Solution) -> bool:
+    """Return whether constraints are met, whatever else an answer lacks."""
+    certificate = solution.certificate
+    return certificate is not None and all(
+        certificate.residuals.get(key, 0.0) <= certificate.tolerances.get(key, 0.0)
+        for key in ('start', 'end', 'bounds'))
 
 
 def _time(problem: Problem) -> str:

@@ -1,9 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Where a path comes to states at which the expressions of its problem have no value.
+Where a path comes to states at which the expressions of its problem have no value, or no slope.
 
-A division by zero, a logarithm or root of what is negative, states that run away in finite time.
+A division by zero, a logarithm or root of what is negative, states that run away in finite time;
+the kink of an absolute value.
 """
 
 from collections.abc import Iterator
@@ -12,10 +13,14 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from obc_ros.core.contradictions import number
 from obc_ros.core.problem import Problem
 
 Array = NDArray[np.float64]
 
+_TOUCHED = 1e-6  # of its largest value: what is as near to 0 as it can be told
+_SMALL = 1e-3    # likewise: what a kink may be rounded by
+_QUOTED = 80     # letters of an expression
 _FAR = 1e6      # times the size of x(0) and of the bounds: where a state is said to run away
 _TRIALS = 16    # constant inputs that are tried
 _PATIENCE = 4000   # evaluations of f for each of them: stiff systems do not run away so soon
@@ -46,9 +51,7 @@ def undefined(problem: Problem, t: Array, x: Array, u: Array) -> str:
     suspects = _suspects(problem)
     if not suspects or not t.size or not (np.isfinite(x).all() and np.isfinite(u).all()):
         return ''
-    look = ca.Function('look', [problem.x, problem.u, problem.p],
-                       [ca.vertcat(*(each.value for each in suspects))])
-    values = look.map(len(t))(x.T, u.T, ca.repmat(problem.p_value, 1, len(t))).full()
+    values = _values(problem, [each.value for each in suspects], x, u)
     first: tuple[int, str] | None = None
     for each, row in zip(suspects, values, strict=True):
         bad = ~np.isfinite(row) | ((row == 0) if each.may_be_negative else (row < 0))
@@ -63,6 +66,31 @@ def undefined(problem: Problem, t: Array, x: Array, u: Array) -> str:
     state = ', '.join(f'{name} = {value:.4g}'
                       for name, value in zip(problem.states, x[k], strict=True))
     return f'{what} at t = {t[k]:.4g} on the nearest path that was found, where {state[:200]}'
+
+
+def kinked(problem: Problem, t: Array, x: Array, u: Array) -> str:
+    """
+    Return which absolute value of states has its kink on a path, and what to write; '' if none.
+
+    Without a slope there the costate equation says nothing. Parameters are those of `undefined`.
+    """
+    found = [(where, operands[0]) for where, operation, operands in _operations(problem)
+             if operation == ca.OP_FABS and ca.depends_on(operands[0], problem.x)]
+    if not found or not t.size or not (np.isfinite(x).all() and np.isfinite(u).all()):
+        return ''
+    for (where, value), row in zip(
+            found, _values(problem, [value for _, value in found], x, u), strict=True):
+        size = float(np.abs(row).max())
+        at = np.abs(row) <= _TOUCHED * size
+        at[1:] |= row[:-1] * row[1:] < 0
+        if at.any():
+            what = str(value)
+            what = what if len(what) <= _QUOTED else f'{what[:_QUOTED]}...'
+            return (f'{where} has no slope where abs({what}) is 0, as at t = '
+                    f'{t[int(np.argmax(at))]:.4g} on the best path that was found: no costates '
+                    f'are known there; sqrt(({what})**2 + e**2) in its place, with a small e such '
+                    f'as {number(_SMALL * size)}, has a slope')
+    return ''
 
 
 def runs_away(problem: Problem, T: float) -> str:
@@ -107,8 +135,8 @@ def runs_away(problem: Problem, T: float) -> str:
             f'it has grown more than {_FAR:.0e} times by t = {latest:.4g}, before T = {T:.6g}')
 
 
-def _suspects(problem: Problem) -> list[_Suspect]:
-    """Return the divisors, and the arguments of logarithms and roots, of all expressions."""
+def _operations(problem: Problem) -> Iterator[tuple[str, int, list[ca.SX]]]:
+    """Yield where in a problem which operation is done on what."""
     named = [(f'dynamics.{name}', each) for name, each in zip(
         problem.states, ca.vertsplit(problem.f), strict=True)]
     named.append(('running_cost', problem.L))
@@ -116,7 +144,6 @@ def _suspects(problem: Problem) -> list[_Suspect]:
         named += [(f'path_constraints[{index}]', each)
                   for index, each in enumerate(ca.vertsplit(problem.path))]
     symbols = [problem.x, problem.u, problem.p]
-    found = []
     for where, expression in named:
         function = ca.Function('one', symbols, [expression])
         work: dict[int, ca.SX] = {}
@@ -129,10 +156,22 @@ def _suspects(problem: Problem) -> list[_Suspect]:
                 work[outputs[0]] = ca.SX(function.instruction_constant(k))
             elif operation != ca.OP_OUTPUT:
                 operands = [work[index] for index in inputs]
-                found += _of(operation, operands, where)
+                yield where, operation, operands
                 work[outputs[0]] = (ca.SX.binary(operation, *operands) if len(operands) == 2
                                     else ca.SX.unary(operation, *operands))
+
+
+def _suspects(problem: Problem) -> list[_Suspect]:
+    """Return the divisors, and the arguments of logarithms and roots, of all expressions."""
+    found = [each for where, operation, operands in _operations(problem)
+             for each in _of(operation, operands, where)]
     return [each for each in found if not each.value.is_constant()]
+
+
+def _values(problem: Problem, expressions: list[ca.SX], x: Array, u: Array) -> Array:
+    """Return expressions along a path, one row each."""
+    look = ca.Function('look', [problem.x, problem.u, problem.p], [ca.vertcat(*expressions)])
+    return np.asarray(look.map(len(x))(x.T, u.T, ca.repmat(problem.p_value, 1, len(x))).full())
 
 
 def _of(operation: int, operands: list[ca.SX], where: str) -> list[_Suspect]:
