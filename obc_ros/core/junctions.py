@@ -20,9 +20,9 @@ from obc_ros.core.arcs import Arc, find_arcs, opened, Signature, signature
 from obc_ros.core.certificate import certify
 from obc_ros.core.contacts import Contact, contacts, with_contacts
 from obc_ros.core.extremal import Integrator
-from obc_ros.core.mesh import Path
+from obc_ros.core.mesh import collocation, lagrange, Path
 from obc_ros.core.monitor import Monitor
-from obc_ros.core.phased import Phased, PhasedProgram, radau
+from obc_ros.core.phased import DEGREE, Phased, PhasedProgram
 from obc_ros.core.problem import Problem
 from obc_ros.core.solution import Solution, Status
 from obc_ros.core.transcription import Outcome, Scales
@@ -218,8 +218,8 @@ def released(problem: Problem, integrator: Integrator, found: Phased, answer: So
 def as_path(found: Phased) -> Path:
     """Return phases as a path between the ends of their intervals."""
     at = np.append(0.0, np.cumsum(found.h))
-    points, _, _ = radau()
-    first = _basis(points[1:], np.zeros(1))[0][0]
+    points = collocation(DEGREE, 'radau')[0]
+    first = _basis(points, np.zeros(1))[0][0]
     x = np.vstack([found.x[:, 0], found.x[-1:, -1]])
     return Path(at, x, np.zeros((len(found.x), 0, x.shape[1])),
                 np.einsum('j,kjm->km', first, found.u), found.u[:, -1], found.durations)
@@ -227,22 +227,14 @@ def as_path(found: Phased) -> Path:
 
 def _basis(points: Array, tau: Array, derivatives: int = 0) -> list[Array]:
     """Return Lagrange's polynomials through points at some times, and their derivatives."""
-    found = []
-    for order in range(derivatives + 1):
-        columns = []
-        for i, point in enumerate(points):
-            others = np.delete(points, i)
-            basis = np.poly1d(np.poly(others) / np.prod(point - others))
-            columns.append(np.polyder(basis, order)(tau) if order else basis(tau))
-        found.append(np.column_stack(columns))
-    return found
+    return [np.column_stack([np.polyder(each, order)(tau) for each in lagrange(points)])
+            for order in range(derivatives + 1)]
 
 
 def sampled(problem: Problem, program: PhasedProgram, integrator: Integrator, found: Phased,
             samples: int) -> Solution:
     """Return phases as samples, with the costates and densities of the stated bounds."""
     bounds, points = program.bounds, program.points
-    long = found.h > 0
     parts = max(2, round(samples / len(found.h)))
     tau = np.linspace(0.0, 1.0, parts + 1)
     on_x, = _basis(points, tau)
@@ -267,9 +259,8 @@ def sampled(problem: Problem, program: PhasedProgram, integrator: Integrator, fo
     for row in np.flatnonzero(bounds.orders != 0):
         wanted = sign[:, row][:, None]
         density[:, :, row] = np.where(density[:, :, row] * wanted > 0, density[:, :, row], 0.0)
-    t = (np.append(0.0, np.cumsum(found.h))[:-1, None] + found.h[:, None] * tau)[long]
-    return _joined(problem, integrator, found, t, *(
-        values[long] for values in (x, u, lam, density)))
+    t = np.append(0.0, np.cumsum(found.h))[:-1, None] + found.h[:, None] * tau
+    return _joined(problem, integrator, found, t, x, u, lam, density)
 
 
 def _joined(problem: Problem, integrator: Integrator, found: Phased, t: Array, x: Array,

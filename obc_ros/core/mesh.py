@@ -9,6 +9,7 @@ How time is cut for a transcription, and a path on such a mesh.
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.problem import Problem
@@ -150,17 +151,27 @@ def gauss_points(stages: int) -> Array:
     return np.asarray((np.polynomial.legendre.leggauss(stages)[0] + 1) / 2)
 
 
-@cache
-def collocation(stages: int) -> tuple[Array, Array, Array, Array]:
-    """Return points c, weights b, derivatives D (s, s + 1) and end values e (s + 1,)."""
-    nodes, weights = np.polynomial.legendre.leggauss(stages)
-    points = np.append(0.0, (nodes + 1) / 2)
-    derivative, end = np.zeros((stages, stages + 1)), np.zeros(stages + 1)
+def lagrange(points: Array) -> list[np.poly1d]:
+    """Return the polynomials of Lagrange: each is 1 at its point and 0 at the others."""
+    found = []
     for i, point in enumerate(points):
         others = np.delete(points, i)
-        basis = np.poly1d(np.poly(others) / np.prod(point - others))
-        derivative[:, i], end[i] = np.polyder(basis)(points[1:]), basis(1.0)
-    return points[1:], weights / 2, derivative, end
+        found.append(np.poly1d(np.poly(others) / np.prod(point - others)))
+    return found
+
+
+@cache
+def collocation(stages: int, kind: str = 'legendre') -> tuple[Array, Array, Array, Array]:
+    """
+    Return points c, weights b, derivatives D (s, s + 1) and end values e (s + 1,).
+
+    Of the points of Gauss and Legendre, or with ``radau`` of Radau's, the last of which is 1.
+    """
+    points = np.append(0.0, ca.collocation_points(stages, kind))
+    through_all = lagrange(points)
+    derivative = np.column_stack([np.polyder(each)(points[1:]) for each in through_all])
+    weights = np.array([np.polyint(each)(1.0) for each in lagrange(points[1:])])
+    return points[1:], weights, derivative, np.array([each(1.0) for each in through_all])
 
 
 def uniform(problem: Problem, intervals: int, stages: int, mode: str = LINEAR) -> Mesh:

@@ -25,7 +25,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.arcs import Arc
-from obc_ros.core.mesh import Path
+from obc_ros.core.mesh import collocation, Path
 from obc_ros.core.monitor import Monitor, Watch
 from obc_ros.core.problem import Problem
 from obc_ros.core.transcription import Scales
@@ -85,23 +85,7 @@ class Phased:
     @property
     def h(self) -> Array:
         """Return the length of each interval [s]."""
-        return (self.durations / np.maximum(self.counts, 1))[self.phase_of]
-
-
-def radau() -> tuple[Array, Array, Array]:
-    """Return the points (0 first), the derivatives at all but 0, and the weights."""
-    points = np.append(0.0, ca.collocation_points(DEGREE, 'radau'))
-    derivative = np.zeros((DEGREE, DEGREE + 1))
-    weights = np.zeros(DEGREE)
-    for i in range(DEGREE + 1):
-        others = np.delete(points, i)
-        basis = np.poly1d(np.poly(others) / np.prod(points[i] - others))
-        derivative[:, i] = np.polyder(basis)(points[1:])
-    for i in range(DEGREE):
-        others = np.delete(points[1:], i)
-        basis = np.poly1d(np.poly(others) / np.prod(points[1 + i] - others))
-        weights[i] = np.polyint(basis)(1.0)
-    return points, derivative, weights
+        return (self.durations / self.counts)[self.phase_of]
 
 
 class Bounds:
@@ -134,7 +118,8 @@ class PhasedProgram:
         x, u, p = problem.x, problem.u, problem.p
         self._rate = ca.Function('rate', [x, u, p], [problem.f, problem.L, problem.path])
         self._end = ca.Function('end', [x, p], [problem.V, problem.psi])
-        self.points, self.derivative, self.weights = radau()
+        points, self.weights, self.derivative, _ = collocation(DEGREE, 'radau')
+        self.points = np.append(0.0, points)
 
     @cached_property
     def held(self) -> list[ca.Function]:
@@ -254,7 +239,7 @@ class _Solve:
         arc, bounds = self.arcs[phase], self.program.bounds
         fixed = bounds.deciding[np.flatnonzero(arc.on)].any(axis=0)
         singular = np.flatnonzero(self.program.switching & np.isnan(arc.levels) & ~fixed)
-        if not singular.size or not self.counts[phase]:
+        if not singular.size:
             return
         tau = self.program.points[1:]
         bent = np.linalg.svd(np.vstack([np.ones(DEGREE), tau]))[2][2:]
@@ -264,17 +249,16 @@ class _Solve:
             self._add(ca.mtimes(values, bent.T) / ca.DM(self.sizes.u[singular]), none, none)
 
     def _on(self, x: ca.MX, u: ca.MX, row: int, bound: float, phase: int) -> None:
-        """Hold a row at its bound in a phase; one without intervals is a point of contact."""
+        """Hold a row at its bound in a phase."""
         p, order = self.problem.p_value, int(self.program.bounds.orders[row])
         a, b = (int(k) * DEGREE for k in self.first[phase:phase + 2])
         held = self.program.held[row]
         if order and a:
             value = np.append(bound, np.zeros(order - 1))[:, None]
             self._add(held(x[:, a], u[:, a - 1], p)[0], value, value)
-        if b > a:
-            last = held.map(b - a)(x[:, a + 1:b + 1], u[:, a:b], ca.repmat(p, 1, b - a))[1]
-            level = np.full((1, 1), 0.0 if order else bound)
-            self.at_held.append((phase, row, self._add(last, level, level)))
+        last = held.map(b - a)(x[:, a + 1:b + 1], u[:, a:b], ca.repmat(p, 1, b - a))[1]
+        level = np.full((1, 1), 0.0 if order else bound)
+        self.at_held.append((phase, row, self._add(last, level, level)))
 
     def run(self, guess: Path, monitor: Monitor) -> Phased:
         """Return the path that the program leads to."""
@@ -294,11 +278,10 @@ class _Solve:
         levels = np.array([arc.levels for arc in self.arcs])[np.repeat(self.phase_of, d)]
         u_low = np.where(np.isnan(levels), problem.u_lower, levels)
         u_high = np.where(np.isnan(levels), problem.u_upper, levels)
-        longest = np.where(self.counts > 0, 4 * durations.sum(), 0.0) / sizes.time
-        durations = np.where(self.counts > 0, durations, 0.0)
+        longest = np.full(len(durations), 4 * durations.sum() / sizes.time)
         bounds = [np.concatenate([x.ravel(), (u / sizes.u).ravel(), T]) for x, u, T in (
             (self.x_bounds[0], u_low, 0 * longest), (self.x_bounds[1], u_high, longest))]
-        t = np.append(0.0, np.cumsum((durations / np.maximum(self.counts, 1))[self.phase_of]))
+        t = np.append(0.0, np.cumsum((durations / self.counts)[self.phase_of]))
         times = (t[:-1, None] + np.diff(t)[:, None] * self.program.points[1:]).ravel()
         x = np.vstack([problem.x0, guess.states_at(times)]) / sizes.x
         # Inside of its interval, for the sides of a jump differ.
@@ -317,7 +300,7 @@ class _Solve:
         x = w[:n * (1 + K * d)].reshape(-1, n) * sizes.x
         u = w[n * (1 + K * d):][:m * K * d].reshape(K, d, m) * sizes.u
         durations = w[-len(self.counts):] * sizes.time
-        h = (durations / np.maximum(self.counts, 1))[self.phase_of]
+        h = (durations / self.counts)[self.phase_of]
         raw = lam_g[self.at_defects].reshape(K, d, n) / sizes.x
         lam = np.empty((K, d + 1, n))
         lam[:, 1:] = raw / program.weights[:, None]
