@@ -35,6 +35,7 @@ _ROUNDS = 10
 _CLOSE = 1e-6         # relative cost, for which arcs are moved no more
 _SEEN = 0.98          # of an arc at a bound that was seen to last so long
 _VANISHING = 1e-3     # of T: an arc that may not be there
+_PATIENT = 200, 8     # iterations for arcs near an outcome; times those of the first coarse mesh
 _PERHAPS, _NEVER = 1, 2   # arcs on bounds also where a finer mesh may meet one; nowhere
 
 
@@ -131,7 +132,8 @@ class Settling:
             return None
         held = [not np.isnan(arc.levels).any() for arc in arcs]
         new = search.collocate(mesh, outcome.path, durations, near=True,
-                               sizes=search.sizes(outcome), least=kept * durations * held)
+                               sizes=search.sizes(outcome), least=kept * durations * held,
+                               most=max(_PATIENT[0], _PATIENT[1] * search.typical))
         allowed = outcome.objective + 1e-5 * abs(outcome.objective)
         return new if new.converged and new.objective <= allowed else None
 
