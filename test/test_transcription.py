@@ -91,17 +91,31 @@ def test_derivatives_of_an_interval_are_those_of_its_expressions(f, cost, free):
         'dynamics': dict(zip('xy', f, strict=True)), 'running_cost': cost,
         'initial_state': {'x': 1, 'y': 2}, 'final_time': {'free': False, 'value': 1}})
     piece = Pieces(problem, 0, free, swift=True).interval
+    nv, whole, rows = 9 if free else 8, piece.whole, 40
     v, own, shared = (ca.MX.sym(name, size) for name, size in (
-        ('v', 9 if free else 8), ('own', 1 if free else 2), ('shared', 7)))
+        ('v', nv), ('own', 1 if free else 2), ('shared', 7)))
     factor, lam = ca.MX.sym('factor'), ca.MX.sym('lam', 2)
     g, J = piece.values(v, own, shared)
-    wanted = ca.hessian(factor * J + ca.dot(lam, g), v)[0], ca.jacobian(g, v), ca.gradient(J, v)
+    both = factor * J + ca.dot(lam, g)
     given = [v, own, shared, factor, lam]
-    point = [np.random.default_rng(1).uniform(0.5, 1.5, symbol.shape) for symbol in given]
-    derived = piece.curvature[0](*point), piece.jacobian[0](*point[:3]), piece.slope[0](*point[:3])
-    for found, expected in zip(derived, ca.Function('wanted', given, wanted)(*point), strict=True):
-        np.testing.assert_allclose(ca.densify(found).full(), ca.densify(expected).full(),
-                                   rtol=1e-11, atol=1e-12)
+    wanted = ca.Function('wanted', given, [
+        g, J, ca.gradient(J, v), ca.gradient(both, v), ca.jacobian(g, v), ca.hessian(both, v)[0]])
+    chance = np.random.default_rng(1)
+    points = [chance.uniform(0.5, 1.5, (rows, symbol.numel())) for symbol in given]
+    points[2][:] = points[2][0]   # all intervals share it
+    result = np.empty((rows, whole.batch.outputs[-1].stop))
+    whole.batch.of_joined(np.hstack(points), result)
+    for k in range(rows):
+        g, J, slope, both, jacobian, curvature = (result[k, part] for part in whole.batch.outputs)
+        dense = np.zeros(nv), np.zeros((2, nv)), np.zeros((nv, nv))
+        for matrix, place, entries in zip(
+                dense, (whole.slope, whole.jacobian, whole.curvature),
+                (slope, jacobian, curvature), strict=True):
+            matrix[place] = entries
+        expected = wanted(*(part[k] for part in points))
+        for found, right in zip((g, J, dense[0], both, dense[1], dense[2]), expected, strict=True):
+            np.testing.assert_allclose(found, ca.densify(right).full().reshape(found.shape),
+                                       rtol=1e-11, atol=1e-12)
 
 
 @pytest.mark.parametrize('stages', [0, 3])

@@ -3,29 +3,28 @@
 """A CasADi function over many points at once, from numpy arrays to numpy arrays."""
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from itertools import accumulate, pairwise
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from obc_ros.core.columns import ByColumn, Columns
 
 Array = NDArray[np.float64]
-Rows = NDArray[np.int64]
-# Arguments, results, the call from the first to the second, and the buffer that it is of.
-_Parcel = tuple[Array, Array, Callable[[], None], Any]
-
-_FEW, _MANY = 32, 256   # rows evaluated at once, by default and of very many
-_VERY = 1024            # rows that are very many
+_FEW = 32      # rows evaluated at once while they are few
+_MANY = 1500   # rows after which reading the instructions has paid
 
 
 class Batch:
     """
     Expressions of columns, evaluated for the rows of arrays.
 
-    Rows are evaluated in parcels of two sizes, so that another number of rows builds nothing
-    new, and pass by address: through `casadi.DM` a thousand of them would cost more to convert
-    than to evaluate. Not for use from two threads at once.
+    Rows are evaluated in parcels, so that another number of them builds nothing new, and pass by
+    address: through `casadi.DM` a thousand of them would cost more to convert than to evaluate.
+    Once there were many of them they are evaluated by column. Not for use from two threads at
+    once.
 
     Parameters
     ----------
@@ -34,7 +33,7 @@ class Batch:
     outputs : sequence of casadi.SX
         Their expressions, taken column by column.
     few : int, optional
-        Rows evaluated at once, unless there are very many.
+        Rows evaluated at once while they are few.
 
     """
 
@@ -46,7 +45,7 @@ class Batch:
             ca.vertcat(*map(_column, outputs))])
         self._inputs = list(accumulate((symbol.numel() for symbol in inputs), initial=0))
         self._outputs = list(accumulate((output.numel() for output in outputs), initial=0))
-        self._parcels: dict[int, _Parcel] = {}
+        self._seen = 0
 
     def __call__(self, *arguments: Array) -> tuple[Array, ...]:
         """
@@ -64,53 +63,54 @@ class Batch:
     def joined(self, *arguments: Array) -> Array:
         """Return the outputs side by side, shape (K, length of all)."""
         count = max((len(a) for a in arguments if np.ndim(a) == 2), default=1)
-        size = _MANY if count >= _VERY else self._few
-        rows = -(-count // size) * size
-        w, result = np.zeros((rows, self._inputs[-1])), np.empty((rows, self._outputs[-1]))
+        w = np.empty((count, self._inputs[-1]))
         for (start, end), argument in zip(pairwise(self._inputs), arguments, strict=True):
-            w[:count, start:end] = argument
-        self._evaluate(w, result, size)
-        return result[:count]
+            w[:, start:end] = argument
+        return self.of_joined(w)
 
     @property
     def outputs(self) -> list[slice]:
         """Return where the outputs stand in a row of `joined`."""
         return [slice(start, end) for start, end in pairwise(self._outputs)]
 
-    def filled(self, rows: Rows) -> Rows:
-        """Return rows with the last one repeated, to a number that `of_filled` takes."""
-        return np.concatenate([rows, np.repeat(rows[-1:], -len(rows) % self._few, axis=0)])
-
-    def of_filled(self, w: Array, result: Array | None = None) -> Array:
+    def of_joined(self, w: Array, result: Array | None = None) -> Array:
         """
-        Return what `joined` does for inputs side by side, as many rows as `filled` returns.
+        Return what `joined` does for inputs side by side.
 
         It is written to `result` where that is given.
         """
+        count = len(w)
         if result is None:
-            result = np.empty((len(w), self._outputs[-1]))
-        self._evaluate(w, result, self._few)
+            result = np.empty((count, self._outputs[-1]))
+        if not (w.size and result.size):
+            return result
+        self._seen += count
+        if self._seen >= _MANY:
+            self._by_column(w, result)
+            return result
+        given, found, evaluate, _ = self._parcel
+        for first in range(0, count, self._few):
+            rows = slice(first, min(first + self._few, count))
+            given[:count - first] = w[rows]
+            evaluate()
+            result[rows] = found[:count - first]
         return result
 
-    def _evaluate(self, w: Array, result: Array, size: int) -> None:
-        if w.size and result.size:
-            given, found, evaluate, _ = self._parcel(size)
-            for first in range(0, len(w), size):
-                given[:] = w[first:first + size]
-                evaluate()
-                result[first:first + size] = found
+    @cached_property
+    def _parcel(self) -> tuple[Array, Array, Callable[[], None], Any]:
+        """Return where a few rows are taken from and put to, and what evaluates them."""
+        given, found = (np.zeros((self._few, size[-1])) for size in (self._inputs, self._outputs))
+        both: tuple[Any, Any] = self._function.map(self._few).buffer()
+        buffer, evaluate = both
+        # Copying some rows costs less than handing over their address.
+        buffer.set_arg(0, given.data)
+        buffer.set_res(0, found.data)
+        return given, found, evaluate, buffer
 
-    def _parcel(self, size: int) -> _Parcel:
-        """Return where `size` rows are taken from and put to, and what evaluates them."""
-        if size not in self._parcels:
-            given, found = np.empty((size, self._inputs[-1])), np.empty((size, self._outputs[-1]))
-            both: tuple[Any, Any] = self._function.map(size).buffer()
-            buffer, evaluate = both
-            # Copying some rows costs less than handing over their address.
-            buffer.set_arg(0, given.data)
-            buffer.set_res(0, found.data)
-            self._parcels[size] = given, found, evaluate, buffer
-        return self._parcels[size]
+    @cached_property
+    def _by_column(self) -> ByColumn:
+        columns, inputs = Columns(self._function), self._inputs[-1]
+        return ByColumn(lambda rows: columns.function(rows, [inputs]), inputs, self._outputs[-1])
 
 
 class Chain:

@@ -8,7 +8,7 @@ Derivatives are taken once, of the small functions, and scattered into sparse ma
 building the program costs the same for 10 copies as for 1000.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,21 +16,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.batch import Batch
+from obc_ros.core.step_derivatives import StepDerivatives
 
 Index = NDArray[np.int64]
 # A function, and the rows and columns of the entries of its result.
 Derivative = tuple[ca.Function, Index, Index]
-
-
-@dataclass(frozen=True, eq=False)
-class Derived:
-    """Slope of a cost, J of rows g, and H of factor cost + lam' g, all sparse."""
-
-    factor: ca.SX
-    lam: ca.SX
-    slope: ca.SX
-    J: ca.SX
-    H: ca.SX
 
 
 class Piece:
@@ -43,24 +33,21 @@ class Piece:
         Local variables (nv,), constants of one copy, constants of all copies.
     g, cost : casadi.SX
         Rows (r,) and cost (1,).
-    derived : Derived, optional
-        Their derivatives, where they are known.
+    derivatives : callable, optional
+        Returns what evaluates them and their derivatives for many rows, where CasADi's take
+        longer to build or to evaluate.
 
     """
 
     def __init__(self, v: ca.SX, own: ca.SX, shared: ca.SX, g: ca.SX, cost: ca.SX,
-                 derived: Derived | None = None) -> None:
+                 derivatives: Callable[[], StepDerivatives] | None = None) -> None:
         self._arguments = [v, own, shared]
-        self._g, self._cost, self._derived = g, cost, derived
+        self._g, self._cost, self._derivatives = g, cost, derivatives
         self.r = int(g.numel())
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
         """Return factor, lam, and slope, J, H and slope of factor cost + lam' g."""
-        if self._derived is not None:
-            known = self._derived
-            both = known.factor * known.slope + ca.mtimes(known.J.T, known.lam)
-            return known.factor, known.lam, known.slope, known.J, known.H, ca.densify(both)
         v, factor, lam = self._arguments[0], ca.SX.sym('factor'), ca.SX.sym('lam', self.r)
         H, both = ca.hessian(factor * self._cost + ca.dot(lam, self._g), v)
         # Row by row: there are fewer rows than columns.
@@ -92,11 +79,15 @@ class Piece:
     @cached_property
     def whole(self) -> 'Whole':
         """Return everything at once, for numpy arrays."""
+        values = Batch(self._arguments, [self._g, self._cost], 8)
+        if self._derivatives is not None:
+            known = self._derivatives()
+            return Whole(self.r, np.array(known.slope.row(), dtype=np.int64), _places(known.J),
+                         _places(known.H), known, values)
         factor, lam, slope, J, H, both = self._symbols
         return Whole(self.r, np.array(slope.row(), dtype=np.int64), _places(J), _places(H),
                      Batch([*self._arguments, factor, lam],
-                           [self._g, self._cost, slope.nz[:], both, J.nz[:], H.nz[:]], 8),
-                     Batch(self._arguments, [self._g, self._cost], 8))
+                           [self._g, self._cost, slope.nz[:], both, J.nz[:], H.nz[:]], 8), values)
 
     @staticmethod
     def _sparse(name: str, arguments: list[ca.SX], value: ca.SX) -> Derivative:
@@ -123,7 +114,7 @@ class Whole:
     slope: Index
     jacobian: tuple[Index, Index]
     curvature: tuple[Index, Index]
-    batch: Batch
+    batch: Batch | StepDerivatives
     values: Batch
 
 

@@ -2,11 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a transcription is made of: an interval, by one of two schemes, and the ends."""
 
+from functools import partial
+
 import casadi as ca
-from obc_ros.core.blocks import Derived, Piece
+from obc_ros.core.blocks import Piece
 from obc_ros.core.mesh import collocation, gauss_points
 from obc_ros.core.problem import Problem
-from obc_ros.core.runge_kutta import rate_of, step_of, StepDerivatives
+from obc_ros.core.runge_kutta import rate_of, step_of
+from obc_ros.core.step_derivatives import StepDerivatives
 
 
 def _gauss(problem: Problem, states: tuple[ca.SX, ca.SX, ca.SX], inputs: tuple[ca.SX, ca.SX],
@@ -30,24 +33,6 @@ def _explicit(problem: Problem, states: tuple[ca.SX, ca.SX, ca.SX],
     return [states[2] - end], cost
 
 
-def _derived(problem: Problem, scaled: tuple[ca.SX, ...], sizes: tuple[ca.SX, ...], h: ca.SX,
-             dh: ca.SX) -> tuple[ca.SX, ca.SX, Derived]:
-    """Return what `_explicit` does, scaled, with its derivatives."""
-    n, (sx, su, sj) = problem.n, sizes
-    factor, lam = ca.SX.sym('factor'), ca.SX.sym('lam', n)
-    xa, ua, ub, xb = scaled
-    # The rows are xb - end / sx.
-    rows = 1 / ca.vertcat(-sx, sj)
-    end, D, upper = StepDerivatives(problem, bool(dh.numel()))(
-        sx * xa, (su * ua, su * ub), h, problem.p, rows * ca.vertcat(lam, factor))
-    size = ca.diag(ca.vertcat(sx, su, su, dh))
-    D = ca.mtimes(ca.diag(rows), ca.mtimes(D, size))
-    H = ca.triu2symm(ca.mtimes(size, ca.mtimes(upper, size)))
-    return xb + rows[:n] * end[:n], end[n] / sj, Derived(
-        factor, lam, ca.vertcat(D[n, :].T, ca.SX(n, 1)), ca.horzcat(D[:n, :], ca.SX.eye(n)),
-        ca.diagcat(H, ca.SX(n, n)))
-
-
 class Pieces:
     """
     An interval, the end and the limits of a problem, scaled, with their derivatives.
@@ -68,18 +53,16 @@ class Pieces:
         none, h = ca.SX(0, 1), st * duration * fraction
         v, own = ([duration], [fraction]) if free else ([], [fraction, duration])
         given = (ca.vertcat(xa, ua, ub, *v, ca.vec(inner), xb), ca.vertcat(*own), self.shared)
-        if swift and not stages and not problem.path.numel():
-            self.interval = Piece(*given, *_derived(
-                problem, (xa, ua, ub, xb), (sx, su, sj), h, st * fraction if free else none))
-        else:
-            rows, cost = (_gauss if stages else _explicit)(
-                problem, (sx * xa, ca.repmat(sx, 1, stages) * inner, sx * xb),
-                (su * ua, su * ub), h)
-            points = [(xa, ua)] + [(inner[:, j], (1 - c) * ua + c * ub)
-                                   for j, c in enumerate(gauss_points(stages))]
-            at_points = (limits(sx * x, su * u, problem.p) for x, u in points)
-            self.interval = Piece(
-                *given, ca.vertcat(*(row / sx for row in rows), *at_points), cost / sj)
+        staged = swift and not stages and not problem.path.numel()
+        rows, cost = (_gauss if stages else _explicit)(
+            problem, (sx * xa, ca.repmat(sx, 1, stages) * inner, sx * xb), (su * ua, su * ub), h)
+        points = [(xa, ua)] + [(inner[:, j], (1 - c) * ua + c * ub)
+                               for j, c in enumerate(gauss_points(stages))]
+        at_points = (limits(sx * x, su * u, problem.p) for x, u in points)
+        self.interval = Piece(
+            *given, ca.vertcat(*(row / sx for row in rows), *at_points), cost / sj,
+            partial(StepDerivatives, problem, given, (xa, ua, ub, xb), (sx, su, sj), h,
+                    st * fraction if free else none) if staged else None)
         terminal = ca.Function('terminal', [problem.x, problem.p], [problem.psi, problem.V])
         psi, V = terminal.call([sx * xb, problem.p])
         self.end = Piece(xb, none, self.shared, psi, V / sj)

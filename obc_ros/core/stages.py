@@ -245,8 +245,7 @@ class Stages:
         flat, parts = np.empty(self._places[-1].stop), []
         for copies, place in zip(self._copies, self._places, strict=True):
             result = flat[place].reshape(len(copies.take), -1)
-            copies.whole.batch.of_filled(known[copies.take], result)
-            result = result[:len(copies.v)]
+            copies.whole.batch.of_joined(known[copies.take], result)
             parts.append((result[:, copies.at_J], result[:, copies.at_H]))
         sums: Array = np.asarray(np.bincount(
             self._slots, flat[self._summands], 3 * self.size + 2), dtype=float)
@@ -260,7 +259,7 @@ class Stages:
         known = np.concatenate([y, self._constants])
         c, cost, seen = np.zeros(self.size), 0.0, []
         for copies in self._copies:
-            result = copies.whole.values.of_filled(known[copies.few])[:len(copies.v)]
+            result = copies.whole.values.of_joined(known[copies.few])
             seen.append(result[:, :-1].ravel())
             cost += float(result[:, -1].sum())
         c[self.at_rows] = np.concatenate(seen)
@@ -282,8 +281,8 @@ class _Copies:
         self.whole, self.v, self.rows = whole, v, rows
         K = len(v)
         given = np.hstack([v, own, np.tile(shared, (K, 1))])
-        self.few = whole.values.filled(given)
-        self.take = whole.batch.filled(np.hstack([given, np.full((K, 1), -1), rows]))
+        self.few = given
+        self.take = np.hstack([given, np.full((K, 1), -1), rows])
         width = whole.batch.outputs[-1].stop
         self.total = len(self.take) * width
         self.results = [width * np.arange(K)[:, None] + np.arange(part.start, part.stop)
