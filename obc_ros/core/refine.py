@@ -176,7 +176,9 @@ def finer(mesh: Mesh, path: Path, kinks: Array, errors: Sequence[Error], longest
     points = np.append(0.0, np.cumsum(mesh.fractions * path.durations[mesh.layout.phase_of]))
     middle = (points[:-1] + points[1:]) / 2
     k = np.clip(np.searchsorted(path.t, middle) - 1, 0, len(number) - 1)
-    return _within(mesh, number[k], most)
+    # Of an interval that a kink cuts each part is cut in proportion to its length.
+    parts = np.ceil(number[k] * np.minimum(np.diff(points) / h[k], 1.0) - 1e-6)
+    return _within(mesh, parts.astype(np.int64), most)
 
 
 def _within(mesh: Mesh, number: Index, most: int) -> Mesh:
