@@ -63,6 +63,11 @@ class Batch:
     def joined(self, *arguments: Array) -> Array:
         """Return the outputs side by side, shape (K, length of all)."""
         count = max((len(a) for a in arguments if np.ndim(a) == 2), default=1)
+        if self._seen >= _MANY:
+            result = np.empty((count, self._outputs[-1]))
+            if result.size:
+                self._by_column(arguments, result)
+            return result
         w = np.empty((count, self._inputs[-1]))
         for (start, end), argument in zip(pairwise(self._inputs), arguments, strict=True):
             w[:, start:end] = argument
@@ -86,7 +91,7 @@ class Batch:
             return result
         self._seen += count
         if self._seen >= _MANY:
-            self._by_column(w, result)
+            self._by_column([w], result)
             return result
         given, found, evaluate, _ = self._parcel
         for first in range(0, count, self._few):

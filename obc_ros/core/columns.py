@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 # Rows evaluated at once, each once so many rows were: building it costs some microseconds for
 # each instruction, and brings a part of a nanosecond for each of a row.
-_SIZES = {16: 0, 64: 3000, 256: 20_000}
+_SIZES = {16: 0, 64: 0, 256: 20_000}
 
 
 class Columns:
@@ -99,21 +99,24 @@ class ByColumn:
         # Arguments, results, the call from the first to the second, the buffer it is of.
         self._parcels: dict[int, tuple[Array, Array, Callable[[], None], Any]] = {}
 
-    def __call__(self, w: Array, result: Array) -> None:
-        """Write the results for the rows of w."""
-        count, first = len(w), 0
+    def __call__(self, arguments: Sequence[Array], result: Array) -> None:
+        """Write the results for arguments side by side, (rows, .) or (.,) for all rows alike."""
+        count, first = len(result), 0
         self._seen += count
         paid = [size for size, seen in _SIZES.items() if self._seen >= seen]
         while first < count:
             left = count - first
-            # The largest of them that is mostly filled.
-            size = next(size for size in reversed(paid) if 3 * left > size or size == paid[0])
+            size = next((size for size in paid[:-1] if left <= 2 * size - 16), paid[-1])
             given, found, evaluate, _ = self._parcel(size)
-            rows = slice(first, min(first + size, count))
-            given[:, :left] = w[rows].T
+            last, row = min(first + size, count), 0
+            for argument in arguments:
+                end = row + argument.shape[-1]
+                given[row:end, :last - first] = (
+                    argument[first:last].T if argument.ndim == 2 else argument[:, None])
+                row = end
             evaluate()
-            result[rows] = found[:, :left].T
-            first += size
+            result[first:last] = found[:, :last - first].T
+            first = last
 
     def _parcel(self, size: int) -> tuple[Array, Array, Callable[[], None], Any]:
         if size not in self._parcels:

@@ -95,7 +95,7 @@ class StepDerivatives:
 
     def of_joined(self, w: Array, result: Array) -> None:
         """Write the results for rows of v, both kinds of constants, factor and lam."""
-        self._by_column(w, result)
+        self._by_column([w], result)
 
     def _stages(self, free: bool) -> None:
         """Make the functions of a stage, forward and backward."""
