@@ -105,7 +105,7 @@ class Hamiltonian:
         off = np.where(free, Hu, u - level)
         whole = np.where(free[:, :, None], Huu, np.eye(m))
         right = np.concatenate([np.where(free[:, :, None], B, 0.0), off[:, :, None]], axis=2)
-        solved = -np.linalg.solve(whole, right)
+        solved = -_solved(whole, right)
         return _Rates(F, H, L, Hu, off, solved[:, :, :-1], solved[:, :, -1], F_z, F_u, B, Huu)
 
     def end(self, problem: Problem, scales: Scales, z: Array, nu: Array) -> tuple[Array, ...]:
@@ -338,8 +338,8 @@ class Equations:
         right[..., -2] = self.fractions[:, None, None] * np.einsum('ij,kjz->kiz', self.a, F)
         right[..., -1] = left[2] + h * np.einsum('ij,kjz->kiz', self.a, moved)
         stages = np.linalg.solve(matrix, right.reshape(N, s * two_n, -1))
-        ends = h * np.einsum('j,kjzw,kjwc->kzc', self.b, total,
-                             stages.reshape(N, s, two_n, -1), optimize=True)
+        weighted = (self.b[:, None, None] * total).transpose(0, 2, 1, 3)
+        ends = h * (weighted.reshape(N, two_n, -1) @ stages)
         ends[:, np.arange(two_n), np.arange(two_n)] += 1.0
         by_length = ends[:, :, -2] + self.fractions[:, None] * np.einsum('j,kjz->kz', self.b, F)
         rest = ends[:, :, -1] + left[3] + h[:, :, 0] * np.einsum('j,kjz->kz', self.b, moved)
@@ -380,6 +380,22 @@ def _outer() -> Array:
     """Return the values at 0 and 1 of the polynomials that are 1 at one Gauss point."""
     return np.array([np.linalg.solve(np.vander(gauss_points(_STAGES)).T, power)
                      for power in np.vander([0.0, 1.0], _STAGES)])
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    """Return the solutions for matrices (K, m, m), of one or two rows by Cramer's rule."""
+    m = matrix.shape[1]
+    if m > 2:
+        return np.asarray(np.linalg.solve(matrix, right))
+    det = (matrix[:, 0, 0] if m == 1 else
+           matrix[:, 0, 0] * matrix[:, 1, 1] - matrix[:, 0, 1] * matrix[:, 1, 0])
+    if not det.all():
+        raise LinAlgError('Singular matrix')
+    if m == 2:
+        turned = np.stack([matrix[:, 1, 1], -matrix[:, 0, 1], -matrix[:, 1, 0],
+                           matrix[:, 0, 0]], axis=1).reshape(-1, 2, 2)
+        right = turned @ right
+    return np.asarray(right / det[:, None, None])
 
 
 def _norm(left: list[Array]) -> float:

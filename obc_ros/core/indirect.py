@@ -56,12 +56,20 @@ class Indirect:
             start = system.start(course)
             return system.solve(start, _SHARE) if rough else self._refined(system, start)
 
-    def refined(self, problem: Problem, found: BoundaryValues, scales: Scales
+    def refined(self, problem: Problem, found: BoundaryValues, points: Array, scales: Scales
                 ) -> BoundaryValues | None:
-        """Return a rough solution to full precision."""
-        system = Equations(self._parts, problem, found.arcs, scales, *found.intervals)
+        """
+        Return a rough solution to full precision, as `solve` does.
+
+        On intervals between `points`, not on its own: it may be that of a neighbour on few, and
+        what is asked twice is to be answered alike.
+        """
+        fractions = [_cut(arc, points, _FEWEST) for arc in found.arcs]
+        arc_of = np.repeat(np.arange(len(fractions)), [len(part) for part in fractions])
+        system = Equations(
+            self._parts, problem, found.arcs, scales, np.concatenate(fractions), arc_of)
         with np.errstate(all='ignore'):
-            return self._refined(*self._finer(system, found))
+            return self._refined(system, system.near(found))
 
     def thinned(self, problem: Problem, found: BoundaryValues, scales: Scales) -> BoundaryValues:
         """Return a solution on fewer intervals, for its neighbours to start from."""

@@ -76,7 +76,8 @@ def _boundary_values(search: Search) -> BoundaryValues | None:
     assert search.last is not None
     outcome, known = search.last.outcome, search.last.extremal
     if known is not None:
-        return search.kit.indirect.refined(search.stated, known, search.sizes(outcome))
+        return search.kit.indirect.refined(
+            search.stated, known, outcome.path.t, search.sizes(outcome))
     return boundary_values(search.kit, search.stated, outcome, search.course(outcome),
                            search.sizes(outcome))
 
