@@ -24,6 +24,7 @@ from types import FrameType, TracebackType
 from typing import ClassVar
 
 from obc_ros.core.errors import ObcError
+from obc_ros.nodes.middleware import choose_profile
 
 PR_SET_PDEATHSIG = 1
 DOMAINS = range(1, 102)  # the ports of higher domains reach into Linux's ephemeral range
@@ -158,6 +159,7 @@ def isolate(domain: int) -> None:
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     for name in ('ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY', 'ROS_DISCOVERY_SERVER'):
         os.environ.pop(name, None)
+    choose_profile()
 
 
 def find_log_folder() -> None:

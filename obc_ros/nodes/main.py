@@ -22,6 +22,7 @@ from time import monotonic
 
 from obc_ros.core.errors import ObcError, shown, StatementError
 from obc_ros.nodes.crowds import be_patient
+from obc_ros.nodes.middleware import choose_profile
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -49,6 +50,7 @@ def run(build: Callable[[], Node]) -> int:
     atexit.register(gc.freeze)  # or the interpreter looks through everything as it ends
     with _stopped_by_signals() as stop:
         try:
+            choose_profile()
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
             _refuse(remove_ros_args()[1:])
             node = build()
