@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Rows evaluated at once, each once so many rows were: building it costs some microseconds for
-# each instruction, and brings a part of a nanosecond for each of a row.
-_SIZES = {16: 0, 64: 0, 256: 20_000}
+_SIZES = 16, 64, 256   # rows evaluated at once
+_PAID = 0, 0, 20_000   # rows so far, after which building for so many at once has paid
 
 
 class Columns:
@@ -91,11 +90,14 @@ class ByColumn:
         Returns the function for so many rows.
     inputs, outputs : int
         Their lengths.
+    paid : sequence of int, optional
+        Rows after which building it for 16, 64 and 256 rows has paid.
 
     """
 
-    def __init__(self, of: Callable[[int], ca.Function], inputs: int, outputs: int) -> None:
-        self._of, self._shape, self._seen = of, (inputs, outputs), 0
+    def __init__(self, of: Callable[[int], ca.Function], inputs: int, outputs: int,
+                 paid: Sequence[int] = _PAID) -> None:
+        self._of, self._shape, self._paid, self._seen = of, (inputs, outputs), paid, 0
         # Arguments, results, the call from the first to the second, the buffer it is of.
         self._parcels: dict[int, tuple[Array, Array, Callable[[], None], Any]] = {}
 
@@ -103,7 +105,7 @@ class ByColumn:
         """Write the results for arguments side by side, (rows, .) or (.,) for all rows alike."""
         count, first = len(result), 0
         self._seen += count
-        paid = [size for size, seen in _SIZES.items() if self._seen >= seen]
+        paid = [size for size, seen in zip(_SIZES, self._paid, strict=True) if self._seen >= seen]
         while first < count:
             left = count - first
             size = next((size for size in paid[:-1] if left <= 2 * size - 16), paid[-1])

@@ -22,7 +22,6 @@ from obc_ros.core.nonsmooth import twin
 from obc_ros.core.phased import PhasedProgram
 from obc_ros.core.pieces import Pieces
 from obc_ros.core.problem import Problem
-from obc_ros.core.runge_kutta import step_of
 from obc_ros.core.transcription import Outcome, Scales, Transcription
 
 Array = NDArray[np.float64]
@@ -31,8 +30,7 @@ _LAYOUTS_KEPT, _ANSWERS_KEPT = 24, 16
 _NEIGHBOUR = 0.2   # relative change of its numbers up to which a problem is a neighbour
 _ELSEWHERE = 2.0   # likewise of x0, of the largest values of x on the path
 # Iterations times intervals after which the quicker derivatives have paid; usual iterations.
-_WORTH_DERIVING, _USUAL = 1500, 10
-_LONG = 350   # operations of a step of which they pay for a first answer
+_WORTH_DERIVING, _USUAL = 1000, 10
 _NUMBERS = ('x0', 'p_value', 'x_lower', 'x_upper', 'u_lower', 'u_upper', 'path_lower',
             'path_upper')
 
@@ -84,13 +82,11 @@ class Kit:
         self._fitters: dict[bool, Fitter] = {}
         self._transcriptions: OrderedDict[tuple[Layout, bool], Transcription] = OrderedDict()
         self._work = 0   # iterations times intervals of Runge-Kutta steps
-        self._long = step_of(smooth).n_instructions() > _LONG
         self.build_time = time.monotonic() - begun
 
     def transcription(self, problem: Problem, layout: Layout) -> Transcription:
         """Return the program of a layout, built at most once, or twice where that soon pays."""
-        swift = not layout.stages and (
-            self._long or self._work + _USUAL * layout.intervals > _WORTH_DERIVING)
+        swift = not layout.stages and self._work + _USUAL * layout.intervals > _WORTH_DERIVING
         found = self._transcriptions.pop((layout, swift), None)
         if found is None:
             begun = time.monotonic()

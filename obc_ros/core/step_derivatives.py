@@ -11,9 +11,8 @@ stages after it, and the second derivative of w' (end, cost) is
     sum over i of Z_i' (second derivative of w_i' K_i by z_i) Z_i.
 
 Differentiating the whole step by CasADi gives the same, built in half the time, but for twice as
-many operations: it goes through all stages once for each direction.
-Differentiating the whole step by CasADi gives the same for twice as many operations: it goes
-through all stages once for each direction. Stages are evaluated column by column.
+many operations: it goes through all stages once for each direction. Here stages are evaluated by
+column.
 """
 
 from collections.abc import Sequence
@@ -27,6 +26,7 @@ from obc_ros.core.problem import Problem
 from obc_ros.core.runge_kutta import A, B, C
 
 Array = NDArray[np.float64]
+_PAID = 0, 3000, 20_000   # rows, as of ByColumn: calls of functions are long to build
 Symbols = tuple[ca.SX, ...]
 
 
@@ -91,7 +91,7 @@ class StepDerivatives:
             'finish', [local, E, U, shared], [ca.densify(ca.vertcat(*found))]), shared=(3,))
         ends = np.append(0, np.cumsum([part.numel() for part in found])).tolist()
         self.outputs = [slice(a, b) for a, b in pairwise(ends)]
-        self._by_column = ByColumn(self._whole, sum(self._given) + 1 + n, ends[-1])
+        self._by_column = ByColumn(self._whole, sum(self._given) + 1 + n, ends[-1], _PAID)
 
     def of_joined(self, w: Array, result: Array) -> None:
         """Write the results for rows of v, both kinds of constants, factor and lam."""
