@@ -22,6 +22,7 @@ from time import monotonic
 
 from obc_ros.core.errors import ObcError, shown, StatementError
 from obc_ros.nodes.crowds import be_patient
+from obc_ros.nodes.guards import outlive
 from obc_ros.nodes.middleware import choose_profile
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
@@ -56,6 +57,8 @@ def run(build: Callable[[], Node]) -> int:
             node = build()
             for service in node.services:  # those of parameters among them
                 be_patient(node, service)
+            for subscription in node.subscriptions:
+                outlive(node, subscription, subscription.topic_name)
         except _UNFIT as error:
             print(f'{Path(sys.argv[0]).stem}: {sentence(error)}', file=sys.stderr)
             rclpy.try_shutdown()
