@@ -28,6 +28,7 @@ class Bench:
                  commands: str = 'command', **parameters: Any) -> None:
         self.probe = probe
         given = {key.replace('__', '.'): value for key, value in parameters.items()}
+        given.setdefault('state_timeout', 0.0)   # a test on a busy machine may be slow to send
         self.process = spawn('lqr_node', given)
         self.designs: list[LqrDesign] = probe.listen(LqrDesign, '/lqr_node/design', LATCHED)
         self.commands: list[Any] = probe.listen(sink, commands)
