@@ -27,7 +27,10 @@ def profile(environment: Mapping[str, str], folder: Path) -> dict[str, str]:
     if any(name in environment for name in WISHES) or any(
             (folder / name).exists() for name in FILES):
         return {}
-    version = int(metadata.version('rclpy').partition('.')[0])
+    try:
+        version = int(metadata.version('rclpy').partition('.')[0])
+    except metadata.PackageNotFoundError:   # a distribution that says nothing of its packages
+        return {}
     return {VARIABLES[version >= KILTED]: str(PROFILE)}
 
 
