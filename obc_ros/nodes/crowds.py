@@ -11,7 +11,6 @@ its client is known here: the middleware then waits 0.1 s, drops the answer and 
 from typing import Any
 import warnings
 
-from obc_ros.nodes.guards import outlive
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -22,8 +21,7 @@ FIRST, LAST = 0.2, 5.0          # [s] until a dropped answer is sent again, each
 
 
 def be_patient(node: Node, service: Service) -> None:
-    """Have a service answer whatever happens, and again where the middleware drops the answer."""
-    outlive(node, service, service.srv_name)
+    """Have the answers of a service sent again when the middleware has dropped them."""
     send, clock = service.send_response, Clock(clock_type=ClockType.STEADY_TIME)
 
     def send_or_retry(response: Any, header: Any, delay: float = FIRST) -> None:

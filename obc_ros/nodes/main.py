@@ -57,6 +57,7 @@ def run(build: Callable[[], Node]) -> int:
             node = build()
             for service in node.services:  # those of parameters among them
                 be_patient(node, service)
+                outlive(node, service, service.srv_name)
             for subscription in node.subscriptions:
                 outlive(node, subscription, subscription.topic_name)
         except _UNFIT as error:

@@ -28,6 +28,7 @@ from obc_ros.core.workers import Answer, Job, LONGEST, Outcome, Pool, SHORTEST
 from obc_ros.msg import Trajectory
 from obc_ros.nodes import messages
 from obc_ros.nodes.crowds import be_patient, BURST
+from obc_ros.nodes.guards import outlive
 from obc_ros.nodes.main import run
 from obc_ros.nodes.parameters import parameter, Parameters
 from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
@@ -101,8 +102,10 @@ class TrajectoryServer(Node):
                 (DesignLqr, '~/design_lqr', self._design_lqr),
                 (Minimize, '~/minimize', self._minimize),
                 (PlanMotion, '~/plan', self._plan)):
-            be_patient(self, self.create_service(
-                service, name, callback, qos_profile=BURST, callback_group=group))
+            offered = self.create_service(
+                service, name, callback, qos_profile=BURST, callback_group=group)
+            be_patient(self, offered)
+            outlive(self, offered, offered.srv_name)
         self._action = ActionServer(
             self, SolveAction, '~/solve_optimal_control', self._execute, callback_group=group,
             cancel_callback=self._cancel, result_timeout=RESULT_TIMEOUT,
