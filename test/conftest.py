@@ -16,12 +16,14 @@ import signal
 
 from hypothesis import settings
 from obc_ros.cli.processes import free_domain
+from obc_ros.nodes.middleware import choose_profile
 import pytest
 import support
 
 os.environ.update(support.ISOLATED)
 for _name in support.FOREIGN:
     os.environ.pop(_name, None)
+choose_profile()   # of the probes: processes do so themselves, or not
 
 # A shell lets what it starts in the background ignore SIGINT, and so would all that tests start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
