@@ -97,6 +97,41 @@ class Bench:
         return found[0]
 
 
+class Heard:
+    """
+    What is said in a loop: stamps [ns] of its states and commands, and how many belong together.
+
+    They are counted as they come: to look through all of them at each turn takes a probe time that
+    grows with what it has heard, until it only falls behind. The queues of both topics are of one
+    length: a probe that falls behind all the same loses the same states and commands.
+    """
+
+    def __init__(self, probe: support.Probe, namespace: str = '') -> None:
+        """Listen to the topics of a namespace, such as ``/vehicle1``."""
+        self.clear()
+        topics = f'{namespace}/state' if namespace else 'state', (
+            f'{namespace}/command' if namespace else 'command')
+        probe.node.create_subscription(State, topics[0], self._on_state, 10)
+        probe.node.create_subscription(Command, topics[1], self._on_command, 10)
+
+    def clear(self) -> None:
+        """Forget what was heard."""
+        self.states: set[int] = set()
+        self.commands: set[int] = set()
+        self.answers = 0
+        self.x: Sequence[float] = ()   # of the last state
+
+    def _on_state(self, message: State) -> None:
+        stamp, self.x = nanoseconds(message), message.x
+        self.answers += stamp in self.commands and stamp not in self.states   # either comes first
+        self.states.add(stamp)
+
+    def _on_command(self, message: Command) -> None:
+        stamp = nanoseconds(message)
+        self.answers += stamp in self.states and stamp not in self.commands
+        self.commands.add(stamp)
+
+
 def nanoseconds(message: Any) -> int:
     """Return the stamp of a message [ns]."""
     return int(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)

@@ -15,11 +15,11 @@ import time
 from typing import Any
 
 from _endless import endless  # of benchmarks/
+from lqr_bench import Heard
 import numpy as np
 from obc_ros.cli.recording import LATCHED, LIVE, Recorder
 from obc_ros.core.statement import problem_from_mapping
 from obc_ros.msg import Command, LqrDesign, State, Trajectory
-from obc_ros.nodes.conversions import nanoseconds
 from obc_ros.nodes.messages import problem_message
 from obc_ros.srv import DesignLqr, SolveOptimalControl
 import pytest
@@ -38,21 +38,14 @@ class Loop:
 
     def __init__(self, spawn: Any, probe: Any) -> None:
         self.spawn, self.probe = spawn, probe
-        self.states = probe.listen(State, 'state')
-        self.commands = probe.listen(Command, 'command')
+        self.heard = Heard(probe)
         self.running = {name: spawn(name, given) for name, given in NODES.items()}
 
     def works(self) -> None:
         """Wait until states are answered and the server answers, from now on."""
-        self.states.clear()
-        self.commands.clear()
-
-        def answered() -> bool:
-            heard = {nanoseconds(state.header.stamp) for state in self.states}
-            return len(heard & {nanoseconds(each.header.stamp) for each in self.commands}) > 20
-
-        self.probe.wait_for(answered, what='states that are answered')
-        assert np.abs(self.states[-1].x).max() < 1e-3
+        self.heard.clear()
+        self.probe.wait_for(lambda: self.heard.answers > 20, what='states that are answered')
+        assert np.abs(self.heard.x).max() < 1e-3
         assert self.designed().k == pytest.approx([1 + np.sqrt(2)])  # K^2 - 2 K - 1 = 0
 
     def designed(self) -> LqrDesign:

@@ -2,14 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Launch files: what they start, and ten vehicles in namespaces of one machine."""
 
-import math
 from pathlib import Path
 import signal
 from typing import Any
 
 from launch_stand_in import nodes
-from lqr_bench import nanoseconds
-from obc_ros.msg import Command, State
+from lqr_bench import Heard
 import pytest
 import yaml
 
@@ -59,34 +57,6 @@ def test_it_keeps_to_this_machine_unless_told_otherwise(file: str) -> None:
             assert each.environment == {'ROS_AUTOMATIC_DISCOVERY_RANGE': wanted}
 
 
-class Heard:
-    """What a vehicle says: stamps [ns] of its states and commands, and where it is."""
-
-    def __init__(self, probe: Any, name: str) -> None:
-        """
-        Listen to both topics with queues of the same length.
-
-        A probe that cannot keep up with ten vehicles then loses the same states and commands.
-        """
-        self.states: set[int] = set()
-        self.commands: set[int] = set()
-        self.answers = 0  # counted as they come: a count of all at each turn starves the probe
-        self.lane = math.nan
-        probe.node.create_subscription(State, f'{name}/state', self._on_state, 100)
-        probe.node.create_subscription(Command, f'{name}/command', self._on_command, 100)
-
-    def _on_state(self, message: State) -> None:
-        stamp = nanoseconds(message)
-        self.lane = message.x[1]
-        self.answers += stamp in self.commands  # the two topics may come in either order
-        self.states.add(stamp)
-
-    def _on_command(self, message: Command) -> None:
-        stamp = nanoseconds(message)
-        self.answers += stamp in self.states
-        self.commands.add(stamp)
-
-
 def test_ten_vehicles_on_one_machine(spawn: Any, probe: Any) -> None:
     """Each loop follows its own plant to its own lane, and none hears another."""
     names = [f'/vehicle{k}' for k in range(1, VEHICLES + 1)]
@@ -94,7 +64,7 @@ def test_ten_vehicles_on_one_machine(spawn: Any, probe: Any) -> None:
     for each in nodes('fleet.launch.py', vehicles=str(VEHICLES)):
         spawn(each.executable, each.values, name=each.name, namespace=f'/{each.namespace}',
               arguments=['--ros-args', '--params-file', str(each.files[0]), '--'])
-    probe.wait_for(lambda: all(each.commands for each in heard.values()),
+    probe.wait_for(lambda: all(each.answers for each in heard.values()),
                    what='a command of each')
     lanes = {name: -2.0 + 0.1 * k for k, name in enumerate(names)}
     for name, lane in lanes.items():
@@ -103,7 +73,7 @@ def test_ten_vehicles_on_one_machine(spawn: Any, probe: Any) -> None:
         for topic in ('state', 'command'):
             assert probe.node.count_publishers(f'{name}/{topic}') == 1
             assert probe.node.count_subscribers(f'{name}/{topic}') == 2
-    probe.wait_for(lambda: all(abs(heard[name].lane - lanes[name]) < 5e-3 for name in names),
+    probe.wait_for(lambda: all(abs(heard[name].x[1] - lanes[name]) < 5e-3 for name in names),
                    what='each in its lane')
     probe.wait_for(lambda: all(each.answers > 20 for each in heard.values()),
                    what='commands that answer the states of their own plant')

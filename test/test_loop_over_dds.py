@@ -4,6 +4,7 @@
 
 import signal
 
+from lqr_bench import Heard
 import numpy as np
 from obc_ros.core import systems
 from obc_ros.core.simulate import Simulator
@@ -48,20 +49,14 @@ def test_a_node_that_is_killed_and_started_again_rejoins_the_loop(
     nodes = {'plant_simulator': {**parameters, 'x0': [0.0] * 6},
              'lqr_node': {'system': 'aircraft'}}
     running = {name: spawn(name, given) for name, given in nodes.items()}
-    states, commands = probe.listen(State, 'state'), probe.listen(Command, 'command')
-
-    def answered():
-        heard = {nanoseconds(state.header.stamp) for state in states}
-        return len(heard & {nanoseconds(command.header.stamp) for command in commands})
-
-    probe.wait_for(lambda: answered() > 30)
+    heard = Heard(probe)
+    probe.wait_for(lambda: heard.answers > 30, what='states that are answered')
     running[victim].kill()
     probe.spin_for(0.3)
-    states.clear()
-    commands.clear()
+    heard.clear()
     spawn(victim, nodes[victim])
-    probe.wait_for(lambda: answered() > 30, what='states that are answered')
-    assert np.abs(states[-1].x).max() < 1e-3
+    probe.wait_for(lambda: heard.answers > 30, what='states that are answered again')
+    assert np.abs(heard.x).max() < 1e-3
 
 
 def test_a_controller_that_is_stopped_holds_up_lockstep_and_nothing_else(spawn, probe):
