@@ -16,7 +16,7 @@ SCRIPT = Path(__file__).resolve().parents[1] / 'benchmarks' / 'hosts.py'
 def test_a_loop_on_three_hosts_outlives_a_bad_wire_and_a_cut(domain):
     """The short form of benchmarks/hosts.py, which requires the figures that it prints."""
     done = subprocess.run(
-        [sys.executable, str(SCRIPT), '--seconds', '2', '--settle', '3', '--clean', '0'],
+        [sys.executable, str(SCRIPT), '--seconds', '4', '--settle', '3', '--clean', '0'],
         env=support.environment(domain), capture_output=True, text=True, timeout=100.0)
     if 'skipped: several hosts' in done.stdout:
         pytest.skip(done.stdout.split('skipped: ')[1].strip())
