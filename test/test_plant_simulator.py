@@ -7,6 +7,7 @@ import math
 import os
 from pathlib import Path
 import random
+import re
 import signal
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -188,11 +189,16 @@ def test_reset_pause_and_step(spawn, probe):
     assert (refused.success, refused.message) == (False, 'the plant is not paused')
     answer = probe.call(SetBool, f'{NODE}/pause', SetBool.Request(data=True))
     assert answer.success
-    assert answer.message.startswith('paused at t = ')
-    probe.spin_for(0.2)
+    told = float(re.fullmatch(r'paused at t = ([0-9.]+) s', answer.message)[1])
+
+    def quiet():   # what was on its way has come
+        count = len(states)
+        probe.spin_for(0.2)
+        return len(states) == count
+
+    probe.wait_for(quiet, what='no state while it is paused')
     count, last = len(states), states[-1]
-    probe.spin_for(0.2)
-    assert len(states) == count
+    assert told - 0.02 < nanoseconds(last.header.stamp) * 1e-9 < told + 1e-3
     for k in range(1, 4):
         assert probe.call(Trigger, f'{NODE}/step').success
         probe.wait_for(lambda: len(states) == count + k)  # noqa: B023 - called at once
