@@ -66,7 +66,13 @@ def test_a_controller_that_is_stopped_holds_up_lockstep_and_nothing_else(spawn, 
     states = probe.listen(State, 'state')
     probe.wait_for(lambda: states and len(commands) > 100)
     controller.popen.send_signal(signal.SIGSTOP)
-    probe.spin_for(0.2)
+
+    def held():   # what was on its way has come
+        stamp = states[-1].header.stamp
+        probe.spin_for(0.2)
+        return states[-1].header.stamp == stamp
+
+    probe.wait_for(held, what='the plant to wait')
     before = states[-1]
     probe.spin_for(0.5)
     assert states[-1].header.stamp == before.header.stamp, 'the last state, sent again'
