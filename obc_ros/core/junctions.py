@@ -133,7 +133,7 @@ def settled(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Pa
                            for arc in arcs])
         if monitor.stopped or not monitor.allows(int(counts.sum())):
             return None
-        monitor.limit(_ITERATIONS)
+        monitor.limit(_ITERATIONS, int(counts.sum()) * DEGREE)
         found = program.solve(problem, arcs, counts, guess, sizes, pinned, monitor)
         arcs = found.arcs
         kept = tidied(arcs)

@@ -15,9 +15,9 @@ class Monitor:
     """
     Passes progress on and says when to stop.
 
-    `stopped` is '' while nothing asked to stop, then 'cancelled' or 'timed_out'. A solver that
-    passes `most` iterations is ended without that. No mesh has more than `max_intervals`; `short`
-    says whether one was wanted.
+    `stopped` is '' while nothing asked to stop, then 'cancelled', 'timed_out' or, for a part of
+    the work, 'spent'. A solver that passes `most` iterations is ended without that. No mesh has
+    more than `max_intervals`; `short` says whether one was wanted.
     """
 
     def __init__(self, time_limit: float = math.inf, report: Report | None = None,
@@ -28,11 +28,12 @@ class Monitor:
         self.phase = 'transcription'
         self.iterations = 0
         self.most = 1_000_000
+        self.each = 1
         self._report = report
 
-    def limit(self, iterations: int) -> None:
-        """Let the solver that follows end after this many iterations."""
-        self.most = self.iterations + iterations
+    def limit(self, iterations: int, each: int = 1) -> None:
+        """Let the solver that follows end after so many iterations; work that each of them is."""
+        self.most, self.each = self.iterations + iterations, each
 
     @property
     def spent(self) -> bool:
@@ -44,11 +45,14 @@ class Monitor:
         self.short |= intervals > self.max_intervals
         return intervals <= self.max_intervals
 
-    def within(self, deadline: float) -> 'Monitor':
-        """Return a monitor for a part of the work, with a deadline of its own."""
-        part = _Part(self)
-        part.deadline = min(deadline, self.deadline)
-        return part
+    def part(self, work: int, time_limit: float = math.inf) -> 'Monitor':
+        """
+        Return a monitor for something besides, which ends after so much work.
+
+        Work and not time, so that what comes of it does not depend on what else a machine has to
+        do; `time_limit` [s] keeps it from taking what a slow machine needs for the rest.
+        """
+        return _Part(self, work, min(time_limit, self.remaining()))
 
     def remaining(self) -> float:
         """Return the time left [s]."""
@@ -66,18 +70,18 @@ class Monitor:
 
 
 class _Part(Monitor):
-    """A monitor that passes cancelling on to the whole, but keeps its own deadline."""
+    """A monitor that passes cancelling on from the whole, but keeps limits of its own."""
 
-    def __init__(self, whole: Monitor) -> None:
-        super().__init__(max_intervals=whole.max_intervals)
-        self._whole = whole
+    def __init__(self, whole: Monitor, work: int, time_limit: float) -> None:
+        super().__init__(time_limit, max_intervals=whole.max_intervals)
+        self._whole, self._left = whole, work
         self.phase = whole.phase
 
     def step(self, cost: float, infeasibility: float) -> bool:
         self._whole.step(cost, infeasibility)
-        if self._whole.stopped:
-            self.stopped = self._whole.stopped
-        return super().step(cost, infeasibility) or bool(self.stopped)
+        self._left -= self.each
+        self.stopped = self._whole.stopped or self.stopped or ('spent' if self._left < 0 else '')
+        return super().step(cost, infeasibility)
 
 
 class Watch(ca.Callback):

@@ -118,14 +118,15 @@ class Search:
             shortest, longest = np.array([final.lower]), np.array([final.upper])
         limits = Limits(shortest, longest, self.margin, self.pinned)
         w = program.start(mesh, start, durations, sizes) if warm is None else warm.w
-        self.monitor.limit(most)
+        each = mesh.layout.intervals * (1 + mesh.layout.stages)
+        self.monitor.limit(most, each)
         outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor, near=near,
                                 multipliers=(warm.lam_w, warm.lam_g) if warm else None,
                                 guide=guide, rough=rough, once=once, known=known)
         if near and not outcome.converged and not self.monitor.stopped:
-            self.monitor.limit(most)
+            self.monitor.limit(most, each)
             outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor)
-        self.work += outcome.iterations * mesh.layout.intervals * (1 + mesh.layout.stages)
+        self.work += outcome.iterations * each
         self.kit.worked(outcome.iterations, mesh.layout)
         return outcome
 

@@ -37,9 +37,9 @@ _FAULTS = {
     'final_time': 'the Hamiltonian is not zero, as it is for the best final time',
     'cost': 'the cost is not that of the path',
 }
-_EXPLAINING = 20.0   # [s] at most, for a search for the reason
-_LEAST = 0.5         # [s] without which no reason is looked for
-_SOON = 3.0          # [s] likewise, while an answer may still be found
+_EXPLAINING = 400_000   # work, as in `search`, for a reason at most
+_SOON = 60_000, 0.2     # likewise, and part of the time left, while an answer may still be found
+_LEAST = 0.5            # [s] without which no reason is looked for
 
 
 class Cache:
@@ -105,8 +105,7 @@ def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
     if not monitor.stopped:
         answer = touched_up(search, answer)
     if answer.certificate and answer.certificate.holds:
-        sentence = outgrown(problem, answer, lambda other: Search(
-            other, Kit(other), monitor, quick=True).run())
+        sentence = outgrown(problem, answer, _attempt(monitor))
         if sentence:
             answer = Solution(Status.NOT_CONVERGED, sentence)
     return replace(answer, method='arcs')
@@ -114,16 +113,15 @@ def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
 
 def _why_not(problem: Problem, monitor: Monitor) -> str:
     """Return why a problem has no path, if that is soon shown; else ''."""
-    deadline = time.monotonic() + min(_SOON, 0.2 * max(monitor.remaining(), 0.0))
-    reason = explain(problem, _attempt(monitor, deadline) if convex(problem) else None)
+    work, share = _SOON
+    part = monitor.part(work, share * monitor.remaining())
+    reason = explain(problem, _attempt(part) if convex(problem) else None)
     return reason.sentence if reason and reason.infeasible else ''
 
 
-def _attempt(monitor: Monitor, deadline: float, quick: bool = True) -> Callable[
-        [Problem], Solution]:
-    """Return what solves a problem in another's place until a deadline."""
-    return lambda other: Search(
-        other, Kit(other), monitor.within(deadline), quick=quick).run()
+def _attempt(monitor: Monitor, quick: bool = True) -> Callable[[Problem], Solution]:
+    """Return what solves a problem in another's place."""
+    return lambda other: Search(other, Kit(other), monitor, quick=quick).run()
 
 
 METHODS: dict[str, Method] = {
@@ -232,10 +230,9 @@ def _explained(problem: Problem, found: Solution, monitor: Monitor) -> Solution:
     """Return a solution with the reason for which there is no answer, if one is found."""
     if monitor.remaining() < _LEAST:
         return found
-    deadline = time.monotonic() + min(_EXPLAINING, monitor.remaining())
     monitor.phase = 'explanation'
-    reason = explain(problem, _attempt(monitor, deadline), found=found,
-                     thorough=_attempt(monitor, deadline, quick=False))
+    part = monitor.part(_EXPLAINING)
+    reason = explain(problem, _attempt(part), found=found, thorough=_attempt(part, quick=False))
     if reason is None or monitor.stopped == 'cancelled':
         advice = wish(problem)
         return replace(found, message=f'{found.message}; {advice}') if advice else found
