@@ -8,15 +8,13 @@ time before 1970 on /clock, and for the type of a parameter that does not exist.
 here or there, is a defect: it is told with its trace, and the node goes on.
 """
 
-from collections.abc import Callable
 from functools import wraps
-from inspect import iscoroutinefunction
 from itertools import count
 from traceback import format_exc
 from typing import Any
 
 from rcl_interfaces.srv import GetParameterTypes
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import await_or_execute, ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -37,42 +35,21 @@ def outlive(node: Node, entity: Any, name: str) -> None:
     """
     callback, errors = entity.callback, count(1)
 
-    def told(arguments: tuple[Any, ...], error: Exception) -> Any:
-        sentence = f'{name}: {type(error).__name__}: {error} (error {next(errors)} here)'
-        node.get_logger().error(f'{sentence}\n{format_exc()}')
-        response = arguments[-1]
-        if hasattr(response, 'success') and hasattr(response, 'message'):
-            response.success, response.message = False, sentence
-        return response
-
-    entity.callback = _caught_later(callback, told) if iscoroutinefunction(callback) else (
-        _caught(callback, told))
-
-
-def _caught(callback: Callable[..., Any], told: Callable[..., Any]) -> Callable[..., Any]:
-    @wraps(callback)
-    def caught(*arguments: Any) -> Any:
-        try:
-            return callback(*arguments)
-        except ExternalShutdownException:
-            raise
-        except Exception as error:  # whatever it is: others must not end a node
-            return told(arguments, error)
-
-    return caught
-
-
-def _caught_later(callback: Callable[..., Any], told: Callable[..., Any]) -> Callable[..., Any]:
     @wraps(callback)
     async def caught(*arguments: Any) -> Any:
         try:
-            return await callback(*arguments)
+            return await await_or_execute(callback, *arguments)
         except ExternalShutdownException:
             raise
         except Exception as error:  # whatever it is: others must not end a node
-            return told(arguments, error)
+            sentence = f'{name}: {type(error).__name__}: {error} (error {next(errors)} here)'
+            node.get_logger().error(f'{sentence}\n{format_exc()}')
+            response = arguments[-1]
+            if hasattr(response, 'success') and hasattr(response, 'message'):
+                response.success, response.message = False, sentence
+            return response
 
-    return caught
+    entity.callback = caught
 
 
 def _types(node: Node, request: Any, response: Any) -> Any:
