@@ -4,16 +4,21 @@
 
 from dataclasses import replace
 import math
+from pathlib import Path
 import re
 
 import numpy as np
 from obc_ros.core.certificate import certify
 from obc_ros.core.explain import explain
+from obc_ros.core.kit import Kit
+from obc_ros.core.monitor import Monitor
+from obc_ros.core.search import Search
 from obc_ros.core.solution import Solution, Status
 from obc_ros.core.solve import solve
-from obc_ros.core.statement import problem_from_mapping
+from obc_ros.core.statement import load_file, problem_from_mapping
 import pytest
 
+PROBLEMS = Path(__file__).parent / 'problems'
 BLOCK = {
     'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
     'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 0},
@@ -51,6 +56,22 @@ def test_a_contradiction_needs_no_solver():
     assert found.infeasible
     assert found.sentence == 'state bound v <= 1 and terminal constraint v = 2 exclude each other'
     assert explain(problem_from_mapping(BLOCK | LONGER)) is None
+
+
+def test_what_led_nowhere_leaves_time_to_say_why():
+    """Half of the published least time of a quadrotor: little more work, then the reason."""
+    mapping = load_file(PROBLEMS / 'quad_2d_mintime.yaml')[0]
+    T = 0.8987
+    problem = problem_from_mapping(mapping | {'final_time': {'free': False, 'value': T / 2}})
+    search = Search(problem, Kit(problem), Monitor())
+    coarse, spent = search.coarse, []
+    search.coarse = lambda: (coarse(), spent.append(search.work))[0]
+    search.run()
+    assert search.monitor.stopped == 'spent'
+    assert search.work < 3.1 * spent[0]
+    found = solve(problem)
+    assert found.status is Status.INFEASIBLE
+    assert numbers(found.message)[-1] == pytest.approx(T, abs=1e-4)
 
 
 @pytest.mark.parametrize('changes', [

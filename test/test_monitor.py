@@ -38,6 +38,7 @@ def test_what_cancels_the_whole_cancels_a_part() -> None:
     part = whole.part(1000)
     assert [part.step(0.0, 0.0) for _ in range(4)] == [False, False, True, True]
     assert part.stopped == whole.stopped == 'cancelled'
+    assert whole.part(1000).stopped == 'cancelled'
 
 
 def test_a_part_has_no_more_time_than_the_whole() -> None:

@@ -75,7 +75,7 @@ class _Part(Monitor):
     def __init__(self, whole: Monitor, work: int, time_limit: float) -> None:
         super().__init__(time_limit, max_intervals=whole.max_intervals)
         self._whole, self._left = whole, work
-        self.phase = whole.phase
+        self.phase, self.stopped = whole.phase, whole.stopped
 
     def step(self, cost: float, infeasibility: float) -> bool:
         self._whole.step(cost, infeasibility)

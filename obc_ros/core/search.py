@@ -38,6 +38,7 @@ _PATIENCE = 10_000    # for starts while none converged
 _EXPLORING = (0.15, 0.3)   # part of the work for further starts, of easy and of hard problems
 _HARD = 3000
 _EXPLORED_LEAST, _EXPLORED_MOST = (2, 12), 30   # number of further starts, likewise
+_VAIN = 2, 0.6        # for starts that led nowhere: times the work so far, part of the time left
 _WEARY = 500_000      # work without an answer that holds, after which no further start is tried
 _BELIEVED, _ABSURD = 1e-2, 1e6   # relative: error of a coarse step; cost above the least one
 _MESHES = 2, 4, 6     # finer ones, after which arcs along bounds are solved for
@@ -386,9 +387,11 @@ class Search:
             return Solution(Status.INFEASIBLE, self.reason)
         if not starts or not np.all(np.isfinite(starts[0].path.x)):
             return Solution(Status.NOT_CONVERGED, 'no path was found from any start')
-        if not (self.led_somewhere or self.quick) and (
-                inside := self.inside(starts)) is not None:
-            return inside
+        if not (self.led_somewhere or self.quick):
+            if (inside := self.inside(starts)) is not None:
+                return inside
+            times, share = _VAIN   # time is left to say why
+            self.monitor = self.monitor.part(times * self.work, share * self.monitor.remaining())
         best = self.followed_up(starts[0])
         return best if self.quick else self.explored(best, starts[0].objective)
 

@@ -77,13 +77,13 @@ def _transcription(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
 def _arcs(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
     search = Search(problem, kit, monitor)
     answer = search.run()
-    return answer if monitor.stopped else touched_up(search, answer)
+    return answer if search.monitor.stopped else touched_up(search, answer)
 
 
 def _indirect(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
     search = Search(problem, kit, monitor)
     answer = search.run()
-    return answer if monitor.stopped else polished(search, answer)
+    return answer if search.monitor.stopped else polished(search, answer)
 
 
 def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
@@ -102,7 +102,7 @@ def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
         return Solution(Status.NOT_CONVERGED, 'the cost has no minimum', method='arcs')
     search = Search(problem, kit, monitor, why_not=partial(_why_not, monitor=monitor))
     answer = search.run()
-    if not monitor.stopped:
+    if not search.monitor.stopped:
         answer = touched_up(search, answer)
     if answer.certificate and answer.certificate.holds:
         sentence = outgrown(problem, answer, _attempt(monitor))
