@@ -74,6 +74,16 @@ def test_what_led_nowhere_leaves_time_to_say_why():
     assert numbers(found.message)[-1] == pytest.approx(T, abs=1e-4)
 
 
+def test_what_a_weak_motor_leaves_undone():
+    """Of a pendulum, in at most 40 s: its energy grows by |u| |w| <= 0.01 * 2 at most."""
+    mapping = load_file(PROBLEMS / 'pendulum_mintime.yaml')[0]
+    found = solve(problem_from_mapping(mapping | {'input_bounds': {'u': [-0.01, 0.01]}}))
+    assert found.status in (Status.NOT_CONVERGED, Status.INFEASIBLE)
+    text = re.search(r'nearest ends with th = (\S+) instead of 3.14159', found.message)
+    assert text is not None
+    assert 1 - math.cos(float(text.group(1))) < 40 * 0.01 * 2
+
+
 @pytest.mark.parametrize('changes', [
     {}, {'running_cost': '1', 'final_time': {'free': True, 'lower': 0.1, 'upper': 1.5}}])
 def test_too_short_a_time(changes):

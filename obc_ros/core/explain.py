@@ -116,9 +116,9 @@ class _Doubt:
         return self.too_short(shown) or self.missing(missed, shown)
 
     def best(self, other: Problem) -> Solution:
-        """Return an answer; for a convex problem one that is the best but for a little."""
+        """Return an answer that is a path; of a convex problem the best one but for a little."""
         answer = self.solve(other)
-        if self.convex and _is_path(answer) and not _nearly_optimal(answer):
+        if not _is_path(answer) or self.convex and not _nearly_optimal(answer):
             answer = self.thorough(other)
         return answer
 

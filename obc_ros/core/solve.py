@@ -39,6 +39,7 @@ _FAULTS = {
 }
 _EXPLAINING = 400_000   # work, as in `search`, for a reason at most
 _SOON = 60_000, 0.2     # likewise, and part of the time left, while an answer may still be found
+_NO_PATH = 1e-2         # residual of the dynamics, beyond what a finer mesh takes away
 _LEAST = 0.5            # [s] without which no reason is looked for
 
 
@@ -234,8 +235,10 @@ def _explained(problem: Problem, found: Solution, monitor: Monitor) -> Solution:
     part = monitor.part(_EXPLAINING)
     reason = explain(problem, _attempt(part), found=found, thorough=_attempt(part, quick=False))
     if reason is None or monitor.stopped == 'cancelled':
-        advice = wish(problem)
-        return replace(found, message=f'{found.message}; {advice}') if advice else found
+        sentence = found.message
+        if found.certificate and found.certificate.residuals['dynamics'] > _NO_PATH:
+            sentence = f'no path was found that meets all constraints; in the nearest {sentence}'
+        return replace(found, message='; '.join(filter(None, (sentence, wish(problem)))))
     if not reason.infeasible:
         return replace(found, message=reason.sentence)
     return Solution(Status.INFEASIBLE, reason.sentence)
