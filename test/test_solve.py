@@ -34,7 +34,8 @@ NAMES = (
     'floating_oscillator', 'fuller', 'goddard_feet', 'hanging_chain', 'nearest_of_a_parabola',
     'oil_shale', 'tuberculosis', 'drug_displacement', 'equality_of_inputs', 'reorientation',
     'cstr_kirk', 'abs_off_centre', 'stiff_cubic', 'lee_ramirez', 'double_tank',
-    'parallel_reactions', 'jerk_limited', 'goddard_speed_limit', 'missile')
+    'parallel_reactions', 'jerk_limited', 'goddard_speed_limit', 'missile',
+    'terminal_wells', 'downhill_from_a_hump')
 
 
 def stated(name, **changes):
@@ -187,6 +188,22 @@ def test_past_a_conjugate_point_no_path_is_called_best():
                              {'free': False, 'value': T}, terminal_constraints=['x']))
         assert found.status is status
     assert 'no minimum' in found.message
+
+
+def test_staying_where_the_cost_only_seems_level_is_no_answer():
+    """At x = 0 all residuals are 0, but the integral of -x^2 falls without end to both sides."""
+    found = solve(simple(['x'], {'x': 'u*(1 + x**2)'}, '-x**2', {'x': 0},
+                         {'free': False, 'value': 1}))
+    assert found.status is Status.NOT_CONVERGED
+    assert 'input_bounds may be missing' in found.message
+
+
+def test_impulses_are_no_answer():
+    """The least integral of |u| is 2 and approached by ever shorter pulses at both ends."""
+    found = solve(simple(['x', 'v'], {'x': 'v', 'v': 'u'}, 'abs(u)', {'x': 0, 'v': 0},
+                         {'free': False, 'value': 1}, terminal_constraints=['x - 1', 'v']))
+    assert found.status is Status.NOT_CONVERGED
+    assert 'u has an impulse' in found.message
 
 
 def test_multiplier_of_a_speed_limit_is_a_density():

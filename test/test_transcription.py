@@ -11,11 +11,13 @@ from obc_ros.core.blocks import assemble, Block, Piece
 from obc_ros.core.extremal import Integrator
 from obc_ros.core.familiar import Familiar
 from obc_ros.core.guesses import Guesser, scales
-from obc_ros.core.mesh import HELD, Layout, LINEAR, Mesh, Phase, split, uniform
+from obc_ros.core.mesh import HELD, Layout, LINEAR, Mesh, Path, Phase, split, uniform
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.pieces import Pieces
+from obc_ros.core.refine import Error, finer
 from obc_ros.core.statement import problem_from_mapping
 from obc_ros.core.transcription import Limits, Transcription
+from obc_ros.core.uneven import Uneven
 import pytest
 
 LQ = {
@@ -186,6 +188,19 @@ def test_a_mesh_is_cut_without_moving_its_points():
     assert finer.layout.phases[0].modes == (LINEAR,)
 
 
+def test_an_arc_that_has_shrunk_to_nothing_is_not_cut():
+    phase = Phase(2, (LINEAR,), (False,))
+    mesh = Mesh(Layout((phase, phase), 0, False), np.full(4, 0.5), np.zeros((2, 1)))
+    u = np.array([[0.0], [1.0], [5.0], [6.0]])
+    path = Path(np.array([0.0, 0.5, 1.0, 1.0, 1.0]), np.zeros((5, 1)), np.zeros((4, 0, 1)),
+                u, u + [[1.0], [-1.0], [1.0], [-1.0]], np.array([1.0, 0.0]))
+    for share, counts in ((1e-3, [8, 2]), (10.0, [4, 4])):
+        new = finer(mesh, path, np.zeros(0), [Error(np.ones(4), share, 1.0)], 1.0, 100)
+        assert [each.intervals for each in new.layout.phases][1] <= counts[1]
+        assert np.all(new.fractions > 0)
+        assert new.fractions.sum() == pytest.approx(2)
+
+
 def test_a_monitor_ends_a_solver_within_an_iteration():
     seen = []
 
@@ -233,3 +248,25 @@ def test_a_search_shows_by_its_iterates_that_it_brings_nothing_new():
     assert familiar.again(2.0001, 1e-7)     # or to where it led;
     assert not familiar.again(2.01, 1e-7)   # not to another minimum,
     assert not familiar.again(2.0001, 0.2)  # nor to what is not feasible
+
+
+@pytest.mark.parametrize('running_cost, terminal_cost, uneven', [
+    ('u**2', 'x**2', False), ('u**2 - x**2', '0', False), ('u**2 + x**4', 'exp(x)', False),
+    ('u**2', 'sin(x)', True), ('u**2 + x**4 - x**2', '0', True), ('u**4 - u**2', '0', True)])
+def test_costs_with_hollows_are_told_from_others(running_cost, terminal_cost, uneven):
+    problem = problem_from_mapping(
+        LQ | {'running_cost': running_cost, 'terminal_cost': terminal_cost})
+    assert Uneven(problem)(problem, np.ones(1), np.ones(1)) is uneven
+
+
+def test_lines_are_scattered_over_the_final_states_that_are_open():
+    problem = problem_from_mapping(LQ | {
+        'states': ['x', 'y'], 'dynamics': {'x': 'u', 'y': 'x + u'},
+        'initial_state': {'x': 1, 'y': 1}, 'terminal_constraints': ['y - 2']})
+    guesser = Guesser(problem)
+    starts = guesser.starts(problem, Integrator(problem))
+    paths = list(islice(guesser.scattered(problem, starts), 12))
+    ends = np.sort([path.x[-1, 0] for k, path in enumerate(paths, 1) if k % 3])
+    assert np.ptp(ends) > 3 and np.diff(ends).max() < 2
+    assert all(path.x[-1, 1] == 2 for k, path in enumerate(paths, 1) if k % 3)
+    assert np.all(paths[0].x[0] == problem.x0)

@@ -29,7 +29,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.contradictions import contradiction, number, state_bound, terminal
-from obc_ros.core.ill_posed import wish, without_minimum
+from obc_ros.core.ill_posed import growing, wish, without_minimum
 from obc_ros.core.problem import FinalTime, Problem
 from obc_ros.core.relaxation import chattering, relaxed
 from obc_ros.core.solution import Solution
@@ -45,6 +45,7 @@ _PART = 0.1         # of its terms, that Pontryagin's conditions may leave
 _EFFORT = 1e-8      # weight of the inputs in problems that would not determine them otherwise
 _LATER = 50.0       # times T up to which a least time is looked for
 _BOXES = (10.0, 100.0, 1000.0)
+_IMPULSE, _INSTANT = 0.1, 1e-4   # parts: of the largest input and its integral; of T
 _MORE = 3.0         # times the largest inputs of an answer: where a cheaper one is looked for
 
 
@@ -442,10 +443,27 @@ def outgrown(problem: Problem, found: Solution, solve: Solver) -> str:
     """
     if not wish(problem):
         return ''
+    if name := _impulsive(problem, found):
+        return f'no least cost was found: {name} has an impulse, larger and shorter without end'
     largest = np.abs(found.u).max(axis=0)
-    other = solve(_boxed(problem, _MORE * np.maximum(largest, 1e-6 * largest.max())))
+    room = _MORE * np.maximum(largest, 1e-6 * largest.max())
+    other = solve(_boxed(problem, room if largest.any() else np.ones(problem.m)))
     if not _is_path(other) or problem.q and _missed(problem, other) or (
             found.objective - other.objective <= _PART * abs(found.objective)):
         return ''
     return (f'no least cost was found: {found.objective:.4g} with inputs up to '
             f'{largest.max():.4g}, {other.objective:.4g} with larger ones; {wish(problem)}')
+
+
+def _impulsive(problem: Problem, found: Solution) -> str:
+    """Return an input without bounds that does part of its work in next to no time, or ''."""
+    h = np.diff(found.t)
+    for name in growing(problem):
+        size = np.abs(found.u[:, problem.inputs.index(name)])
+        high = np.maximum(size[:-1], size[1:])
+        short = high > _IMPULSE * size.max()
+        work = h * (size[:-1] + size[1:])
+        if (size.max() * found.t[-1] > 0 and h[short].sum() < _INSTANT * found.t[-1]
+                and work[short].sum() > _IMPULSE * work.sum()):
+            return name
+    return ''

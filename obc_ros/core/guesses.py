@@ -18,6 +18,7 @@ from obc_ros.core.transcription import Scales
 Array = NDArray[np.float64]
 
 _POINTS = 21
+_SCATTERED = 3.0   # of the size of each state, for final states that are open
 _TURNS = 2 * np.pi, 360.0   # [rad], [deg]
 
 
@@ -195,9 +196,47 @@ class Guesser:
                 yield self.driven(problem, integrator, inputs, length)
 
 
+    def scattered(self, problem: Problem, starts: Iterator[Path]) -> Iterator[Path]:
+        """
+        Yield lines to final states that are drawn around x(0) where psi leaves them open.
+
+        Their inputs are those that lead along them, as far as any do.
+        """
+        line = self.line(problem, final_time(problem))
+        _, fixed = self.final_state(problem)
+        room = np.where(fixed, 0.0, self.sizes(problem, line).x)
+        part = np.linspace(0.0, 1.0, _POINTS)[:, None]
+        for number in count(1):
+            if room.any() and number % 3:
+                away = _SCATTERED * room * (2 * _spread(number, problem.n) - 1)
+                x = _inside(line.x + part * away, problem.x_lower, problem.x_upper)
+                yield _path(line.t, x, self._along(problem, line, x))
+            else:
+                yield next(starts)
+
+    def _along(self, problem: Problem, line: Path, x: Array) -> Array:
+        """Return inputs (21, m) near those of a line under which x moves as it does."""
+        u = np.vstack([line.ua, line.ub[-1:]])
+        f, slope = self._rest(x, u, problem.p_value)
+        missing = np.gradient(x, line.t, axis=0) - f
+        slope = slope.reshape(-1, problem.m, problem.n).swapaxes(1, 2)
+        if not (np.all(np.isfinite(missing)) and np.all(np.isfinite(slope))):
+            return u
+        more = np.einsum('kmn,kn->km', np.linalg.pinv(slope, rcond=1e-6), missing)
+        return _inside(u + more, problem.u_lower, problem.u_upper)
+
+
 # How far states are bent away and inputs drawn away from the line, as parts of their sizes;
 # without a bend the states follow from the inputs.
 _VARIETY = ((0.5, 0.0), (0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (0.0, 0.3), (0.5, 0.3))
+
+
+def _spread(number: int, columns: int) -> Array:
+    """Return a point of a sequence that fills the unit cube evenly: Kronecker's, golden ratios."""
+    ratio = 2.0
+    for _ in range(60):
+        ratio = (1 + ratio) ** (1 / (columns + 1))
+    return np.asarray((0.5 + number * ratio ** -np.arange(1.0, columns + 1)) % 1)
 
 
 def _wave(chance: np.random.Generator, columns: int, *, knots: bool) -> Array:

@@ -50,11 +50,16 @@ def without_minimum(problem: Problem) -> str:
     return _linear(problem, both) if both.any() else ''
 
 
-def wish(problem: Problem) -> str:
-    """Return the advice to bound the inputs that nothing keeps from growing; '' if none."""
+def growing(problem: Problem) -> list[str]:
+    """Return the inputs without bounds in which H is linear."""
     free = _unlimited(problem)
     free &= _curvature(problem).linear if free.any() else free
-    names = [name for name, yes in zip(problem.inputs, free, strict=True) if yes]
+    return [name for name, yes in zip(problem.inputs, free, strict=True) if yes]
+
+
+def wish(problem: Problem) -> str:
+    """Return the advice to bound the inputs that nothing keeps from growing; '' if none."""
+    names = growing(problem)
     return (f'nothing keeps {", ".join(names)} from growing without end (the cost is linear in '
             f'{"them" if len(names) > 1 else "it"}): input_bounds may be missing'
             if names else '')

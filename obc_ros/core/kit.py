@@ -14,7 +14,7 @@ from obc_ros.core.arcs import switching_inputs
 from obc_ros.core.boundary_values import BoundaryValues
 from obc_ros.core.contacts import deciding
 from obc_ros.core.extremal import Integrator
-from obc_ros.core.guesses import Guesser
+from obc_ros.core.guesses import final_time, Guesser
 from obc_ros.core.indirect import Indirect
 from obc_ros.core.mesh import Layout
 from obc_ros.core.multipliers import Fitter
@@ -23,6 +23,7 @@ from obc_ros.core.phased import PhasedProgram
 from obc_ros.core.pieces import Pieces
 from obc_ros.core.problem import Problem
 from obc_ros.core.transcription import Outcome, Scales, Transcription
+from obc_ros.core.uneven import Uneven
 
 Array = NDArray[np.float64]
 
@@ -77,6 +78,7 @@ class Kit:
             ca.vertcat(problem.x, problem.u))
         self.answers: list[Answered] = []   # the latest last
         self.touched_up = False   # whether answers were polished
+        self._uneven: Uneven | None = None
         self._problem, self._smooth = problem, smooth
         self._pieces: dict[tuple[int, bool, bool], Pieces] = {}
         self._fitters: dict[bool, Fitter] = {}
@@ -124,6 +126,13 @@ class Kit:
     def deciding(self) -> NDArray[np.bool_]:
         """Return which inputs enter the rate of each row of (x, c)."""
         return deciding(self._smooth)
+
+    def uneven_costs(self, problem: Problem) -> bool:
+        """Return whether L or V may have several hollows, so that each may have a minimum."""
+        if self._uneven is None:
+            self._uneven = Uneven(self._smooth)
+        sizes = self.guesser.sizes(problem, self.guesser.line(problem, final_time(problem)))
+        return self._uneven(problem, sizes.x, sizes.u)
 
     @cached_property
     def indirect(self) -> Indirect:

@@ -176,9 +176,11 @@ def finer(mesh: Mesh, path: Path, kinks: Array, errors: Sequence[Error], longest
     points = np.append(0.0, np.cumsum(mesh.fractions * path.durations[mesh.layout.phase_of]))
     middle = (points[:-1] + points[1:]) / 2
     k = np.clip(np.searchsorted(path.t, middle) - 1, 0, len(number) - 1)
-    # Of an interval that a kink cuts each part is cut in proportion to its length.
-    parts = np.ceil(number[k] * np.minimum(np.diff(points) / h[k], 1.0) - 1e-6)
-    return _within(mesh, parts.astype(np.int64), most)
+    # Of an interval that a kink cuts each part is cut in proportion to its length; arcs may have
+    # shrunk to nothing.
+    part = np.diff(points) / np.where(h[k] > 0, h[k], np.inf)
+    parts = np.ceil(number[k] * np.minimum(part, 1.0) - 1e-6)
+    return _within(mesh, np.maximum(parts, 1).astype(np.int64), most)
 
 
 def _within(mesh: Mesh, number: Index, most: int) -> Mesh:
@@ -195,7 +197,7 @@ def _within(mesh: Mesh, number: Index, most: int) -> Mesh:
 def _straight(path: Path, phase_of: Index) -> NDArray[np.bool_]:
     """Return for each mesh point but the ends whether inputs go straight through it."""
     h = np.diff(path.t)
-    part = (h[:-1] / (h[:-1] + h[1:]))[:, None]
+    part = (h[:-1] / np.maximum(h[:-1] + h[1:], 1e-300))[:, None]
     between = path.ua[:-1] + part * (path.ub[1:] - path.ua[:-1])
     size = _STRAIGHT * np.maximum(np.abs(path.ua).max(axis=0), np.abs(path.ub).max(axis=0))
     off = np.maximum(np.abs(path.ub[:-1] - between), np.abs(path.ua[1:] - between))
@@ -227,7 +229,9 @@ def aligned(mesh: Mesh, t: Array, kinks: Array, spare: NDArray[np.bool_]) -> Mes
                 points[near], taken[near] = kink, True
             elif min(kink - points[k - 1], points[k] - kink) > 0.02 * h:
                 points, taken = np.insert(points, k, kink), np.insert(taken, k, True)
-        fractions.append(np.diff(points) / (points[-1] - points[0]))
+        length = points[-1] - points[0]
+        fractions.append(np.diff(points) / length if length > 0 else
+                         np.full(len(points) - 1, 1.0 / (len(points) - 1)))
         phases.append(replace(phase, intervals=len(points) - 1))
     return replace(mesh, layout=replace(mesh.layout, phases=tuple(phases)),
                    fractions=np.concatenate(fractions))

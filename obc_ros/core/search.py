@@ -37,7 +37,7 @@ _ROUGH = 1e-4         # relative error of the cost on a coarse mesh
 _PATIENCE = 10_000    # for starts while none converged
 _EXPLORING = (0.15, 0.3)   # part of the work for further starts, of easy and of hard problems
 _HARD = 3000
-_EXPLORED_LEAST, _EXPLORED_MOST = (2, 12), 30   # number of further starts, likewise
+_EXPLORED_LEAST, _EXPLORED_MOST = (2, 12, 24), 30   # number of them; last where costs are uneven
 _VAIN = 2, 0.6        # for starts that led nowhere: times the work so far, part of the time left
 _WEARY = 500_000      # work without an answer that holds, after which no further start is tried
 _BELIEVED, _ABSURD = 1e-2, 1e6   # relative: error of a coarse step; cost above the least one
@@ -449,19 +449,22 @@ class Search:
         Return the best answer after some more starts.
 
         Their number grows with the work that the problem has made so far: what is solved at once
-        is not held up, and what is hard is looked at from many sides, until these are familiar.
+        is not held up; what is hard, or has uneven costs, is looked at from many sides.
         """
-        kept, spent = self.last, 0
+        kept, spent, uneven = self.last, 0, self.kit.uneven_costs(self.problem)
+        if uneven:
+            self.starts = self.kit.guesser.scattered(self.problem, self.starts)
         for number in range(_EXPLORED_MOST):
             hard = self.work > _HARD
-            enough = number >= _EXPLORED_LEAST[hard and not self.stages]
+            enough = number >= _EXPLORED_LEAST[2 if uneven else hard and not self.stages]
             weary = self.work > _WEARY and not _holds(best)
             if self.monitor.stopped or weary or enough and (
                     spent > _EXPLORING[hard] * self.work or self.familiar.enough()):
                 break
             started = self.work
             self.reset()
-            outcome = self.from_next_start(_COARSE_ITERATIONS, once=_holds(best), hard=hard)
+            outcome = self.from_next_start(
+                _COARSE_ITERATIONS, once=_holds(best), hard=hard or uneven)
             lower = below(outcome.objective, floor, ANOTHER)
             if lower and outcome.converged and not self.believed(outcome):
                 mesh = split(outcome.mesh, np.full(self.intervals, 2))

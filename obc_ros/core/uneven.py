@@ -1,0 +1,53 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whether costs have hollows and hills, between which a path that is best nearby need not be best.
+
+Where L and V are quadratic, or curved upwards all over, minima that are not the least one come of
+dynamics and bounds alone. Where their curvature changes sign each hollow may have one.
+"""
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.batch import Batch
+from obc_ros.core.problem import Problem
+
+Array = NDArray[np.float64]
+
+_POINTS = 64
+_REACH = 3.0        # of the sizes of states and inputs: how far around x(0) is looked
+_DOWN = 1e-6        # of the largest curvature, what counts as downwards
+
+
+class Uneven:
+    """The curvature of L and V of all problems of one structure."""
+
+    def __init__(self, problem: Problem) -> None:
+        both = ca.vertcat(problem.x, problem.u)
+        self._curved = []
+        for cost, z in ((problem.L, both), (problem.V, problem.x)):
+            curvature = ca.hessian(cost, z)[0]
+            if ca.depends_on(curvature, z):
+                self._curved.append(Batch([problem.x, problem.u, problem.p], [curvature], 1))
+
+    def __call__(self, problem: Problem, x_size: Array, u_size: Array) -> bool:
+        """Return whether L or V is curved downwards somewhere near x(0), by sizes of x and u."""
+        if not self._curved:
+            return False
+        chance = np.random.default_rng(3)
+        x = problem.x0 + _REACH * x_size * chance.uniform(-1, 1, (_POINTS, problem.n))
+        u = _REACH * u_size * chance.uniform(-1, 1, (_POINTS, problem.m))
+        x = np.clip(x, problem.x_lower, problem.x_upper)
+        u = np.clip(u, problem.u_lower, problem.u_upper)
+        for curved in self._curved:
+            values, = curved(x, u, problem.p_value)
+            good = values[np.isfinite(values).all(axis=1)]
+            if len(good):
+                n = round(np.sqrt(good.shape[1]))
+                size = np.append(x_size, u_size)[:n]
+                curvature = good.reshape(-1, n, n) * size[:, None] * size
+                least = np.linalg.eigvalsh(curvature)[:, 0]
+                if least.min() < -_DOWN * np.abs(curvature).max():
+                    return True
+        return False
