@@ -74,6 +74,14 @@ def test_what_led_nowhere_leaves_time_to_say_why():
     assert numbers(found.message)[-1] == pytest.approx(T, abs=1e-4)
 
 
+def test_too_short_a_time_where_the_nearest_path_is_hard_to_find():
+    """From rest no input moves x: the nearest path is hard to find, the least time is not."""
+    mapping = load_file(PROBLEMS / 'brachistochrone_wall.yaml')[0]
+    found = solve(problem_from_mapping(mapping | {'final_time': {'free': False, 'value': 0.45}}))
+    assert found.status is Status.INFEASIBLE
+    assert numbers(found.message)[-1] == pytest.approx(math.sqrt(math.pi / 9.81), rel=1e-5)
+
+
 def test_what_a_weak_motor_leaves_undone():
     """Of a pendulum, in at most 40 s: its energy grows by |u| |w| <= 0.01 * 2 at most."""
     mapping = load_file(PROBLEMS / 'pendulum_mintime.yaml')[0]

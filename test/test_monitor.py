@@ -21,6 +21,21 @@ def test_a_part_ends_after_its_work_and_not_the_whole(each: int) -> None:
     assert whole.iterations == part.iterations == steps + 3
 
 
+def test_a_part_of_a_part_takes_from_both() -> None:
+    """And ends with either."""
+    part = Monitor().part(100)
+    for wanted in ('spent', '', 'spent'):
+        inner = part.part(60)
+        inner.limit(1000, 10)
+        for _ in range(3):
+            inner.step(0.0, 0.0)
+        if wanted:
+            while not inner.step(0.0, 0.0):
+                pass
+        assert inner.stopped == wanted
+    assert part.stopped == 'spent'
+
+
 def test_iterations_end_a_solver_and_not_a_part() -> None:
     """As they end one of the whole work."""
     part = Monitor().part(1000)

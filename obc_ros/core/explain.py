@@ -109,7 +109,8 @@ class _Doubt:
         if not _is_path(nearest):
             sentence = undefined(problem, nearest.t, nearest.x, nearest.u)
             return Reason(False, sentence) if sentence else (
-                self.not_held() or self.without_end() or self.leapt(nearest))
+                self.not_held() or problem.q and self.too_short(False) or self.without_end()
+                or self.leapt(nearest))
         missed = _missed(problem, nearest)
         if not missed:
             return self.without_end()

@@ -77,6 +77,10 @@ class _Part(Monitor):
         self._whole, self._left = whole, work
         self.phase, self.stopped = whole.phase, whole.stopped
 
+    def limit(self, iterations: int, each: int = 1) -> None:
+        super().limit(iterations, each)
+        self._whole.limit(iterations, each)
+
     def step(self, cost: float, infeasibility: float) -> bool:
         self._whole.step(cost, infeasibility)
         self._left -= self.each

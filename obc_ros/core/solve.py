@@ -38,6 +38,7 @@ _FAULTS = {
     'cost': 'the cost is not that of the path',
 }
 _EXPLAINING = 400_000   # work, as in `search`, for a reason at most
+_ATTEMPT = 150_000      # likewise, for one problem solved in the other's place
 _SOON = 60_000, 0.2     # likewise, and part of the time left, while an answer may still be found
 _NO_PATH = 1e-2         # residual of the dynamics, beyond what a finer mesh takes away
 _LEAST = 0.5            # [s] without which no reason is looked for
@@ -122,7 +123,8 @@ def _why_not(problem: Problem, monitor: Monitor) -> str:
 
 def _attempt(monitor: Monitor, quick: bool = True) -> Callable[[Problem], Solution]:
     """Return what solves a problem in another's place."""
-    return lambda other: Search(other, Kit(other), monitor, quick=quick).run()
+    return lambda other: Search(
+        other, Kit(other), monitor.part(_ATTEMPT), quick=quick).run()
 
 
 METHODS: dict[str, Method] = {
