@@ -24,6 +24,7 @@ from obc_ros.core.mesh import collocation, lagrange, Path
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.phased import DEGREE, Phased, PhasedProgram
 from obc_ros.core.problem import Problem
+from obc_ros.core.refine import below
 from obc_ros.core.solution import Solution, Status
 from obc_ros.core.transcription import Outcome, Scales
 
@@ -37,11 +38,12 @@ Mask = NDArray[np.bool_]
 _ROUNDS = 6
 _VANISHING = 1e-4     # of T: a phase that is not there
 _GAPS = 0.06, 0.01    # of T: how long what oscillates may be off a bound
-_INTERVALS = 24.0     # of all phases together, about
-_FINEST = 200.0       # likewise, at most
-_LEAST = 3            # intervals of a phase
+_INTERVALS = 24       # of all phases together, about
+_LEAST = 3            # of a phase
+_FINEST = 8           # times as many, at most
 _NEAR = 1e-5          # of its size: how near its bound a constraint is met
 _MOST = 0.8           # of a contact, for all of it
+_SAME = 1e-5          # relative cost of a path that leaves bounds a little more smoothly
 _DEARER = 1e-3        # relative: by how much an answer may cost more than the path it is read off
 _SAMPLES = 1000, 4000
 _BY_SAMPLES = 'dynamics', 'bounds', 'cost', 'minimum'   # what more samples may take away
@@ -125,12 +127,12 @@ def tidied(arcs: list[Arc]) -> list[Arc]:
 
 
 def settled(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Path,
-            sizes: Scales, pinned: Mask, monitor: Monitor, density: float) -> Phased | None:
-    """Return the path with arcs, without those that vanish; `density` of intervals in all."""
+            sizes: Scales, pinned: Mask, monitor: Monitor, fine: int) -> Phased | None:
+    """Return the path with arcs, without those that vanish; `fine` times as many intervals."""
     for _ in range(_ROUNDS):
         T = arcs[-1].end
-        counts = np.array([max(_LEAST, math.ceil(density * (arc.end - arc.start) / T))
-                           for arc in arcs])
+        counts = fine * np.array([
+            max(_LEAST, math.ceil(_INTERVALS * (arc.end - arc.start) / T)) for arc in arcs])
         if monitor.stopped or not monitor.allows(int(counts.sum())):
             return None
         monitor.limit(_ITERATIONS, int(counts.sum()) * DEGREE)
@@ -138,9 +140,22 @@ def settled(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Pa
         arcs = found.arcs
         kept = tidied(arcs)
         if len(kept) == len(arcs):
-            return found if found.converged else None
+            return _grazing(problem, program, found, sizes, pinned, monitor)
         arcs, guess = kept, as_path(found)
     return None
+
+
+def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: Scales,
+             pinned: Mask, monitor: Monitor) -> Phased | None:
+    """Return a path that was found, made to leave bounds as smoothly as it seems to."""
+    if not found.converged or not found.grazing or monitor.stopped:
+        return found if found.converged else None
+    monitor.limit(_ITERATIONS)
+    new = program.solve(problem, found.arcs, found.counts, as_path(found), sizes, pinned, monitor,
+                        found.grazing)
+    same = new.converged and len(tidied(new.arcs)) == len(new.arcs) and not below(
+        found.cost, new.cost, _SAME)
+    return new if same else found
 
 
 def along_bounds(search: 'Search', outcome: Outcome) -> Solution | None:
@@ -153,16 +168,16 @@ def along_bounds(search: 'Search', outcome: Outcome) -> Solution | None:
     value = search.kit.fitter(problem).at(
         problem, outcome.path.x, np.vstack([outcome.path.ua, outcome.path.ub[-1:]]))
     allowed = outcome.objective + _DEARER * abs(outcome.objective)
-    seen: set[tuple[Signature, float]] = set()
+    seen: set[tuple[Signature, int]] = set()
     for gap in _GAPS:
         arcs = read(problem, program, outcome, value, search.margin, search.kit.switching, gap)
-        guess, sizes, density = outcome.path, search.sizes(outcome), _INTERVALS
+        guess, sizes, fine = outcome.path, search.sizes(outcome), 1
         off = math.inf
         for _ in range(_ROUNDS):
-            if (signature(arcs), density) in seen:
+            if (signature(arcs), fine) in seen:
                 break
-            seen.add((signature(arcs), density))
-            found = settled(problem, program, arcs, guess, sizes, search.pinned, monitor, density)
+            seen.add((signature(arcs), fine))
+            found = settled(problem, program, arcs, guess, sizes, search.pinned, monitor, fine)
             if found is None or found.cost > allowed:
                 break
             answer = _certified(problem, program, search.kit.judge, found)
@@ -171,11 +186,12 @@ def along_bounds(search: 'Search', outcome: Outcome) -> Solution | None:
                 return answer
             assert answer.certificate is not None
             worst = answer.certificate.worst
-            off, before = answer.certificate.residuals[worst], off
+            off, before = (answer.certificate.residuals[worst]
+                           / answer.certificate.tolerances[worst]), off
             guess, arcs = as_path(found), released(problem, search.kit.judge, found, answer)
             if signature(arcs) == signature(found.arcs):
-                density *= 2
-                if density > _FINEST or off > before:
+                fine *= 2
+                if fine > _FINEST or off > before:
                     break
     return None
 

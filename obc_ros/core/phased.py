@@ -25,7 +25,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.arcs import Arc
-from obc_ros.core.mesh import collocation, Path
+from obc_ros.core.mesh import collocation, lagrange, Path
 from obc_ros.core.monitor import Monitor, Watch
 from obc_ros.core.problem import Problem
 from obc_ros.core.transcription import Scales
@@ -33,9 +33,11 @@ from obc_ros.core.transcription import Scales
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+Grazing = frozenset[tuple[int, int]]
 
 DEGREE = 4
 _ORDERS = 3    # derivatives of a bound that are looked at
+_OUTWARDS = 1e-4   # relative, where a path leaves a bound: it exceeds it by the square
 _OPTIONS: dict[str, object] = {
     'print_level': 0, 'sb': 'yes', 'linear_solver': 'mumps', 'tol': 1e-10,
     'mumps_permuting_scaling': 0, 'mumps_pivot_order': 0, 'constr_viol_tol': 1e-10,
@@ -63,6 +65,9 @@ class Phased:
     eta : ndarray, shape (K, DEGREE, n + l)
         Multipliers of what holds in a phase, or of the path constraints.
     nu : ndarray, shape (q,)
+    grazing : frozenset of (int, int)
+        Numbers of phases and rows whose derivative that inputs enter vanishes on the other side
+        of the junction, too, at which this phase begins (phase) or ends (-1 - phase).
 
     """
 
@@ -76,6 +81,7 @@ class Phased:
     nu: Array
     cost: float
     converged: bool
+    grazing: Grazing
 
     @property
     def phase_of(self) -> Index:
@@ -137,17 +143,20 @@ class PhasedProgram:
             for chain in self.bounds.chains]
 
     def solve(self, problem: Problem, arcs: Sequence[Arc], counts: Index, guess: Path,
-              sizes: Scales, pinned: Mask, monitor: Monitor) -> Phased:
+              sizes: Scales, pinned: Mask, monitor: Monitor,
+              grazing: Grazing = frozenset()) -> Phased:
         """Solve the program of some arcs from a path nearby; `pinned` as in Limits."""
-        return _Solve(self, problem, list(arcs), counts, sizes, pinned).run(guess, monitor)
+        return _Solve(self, problem, list(arcs), counts, sizes, pinned, grazing).run(
+            guess, monitor)
 
 
 class _Solve:
     """One program with its numbers."""
 
     def __init__(self, program: PhasedProgram, problem: Problem, arcs: list[Arc], counts: Index,
-                 sizes: Scales, pinned: Mask) -> None:
-        self.pinned = pinned
+                 sizes: Scales, pinned: Mask, grazing: Grazing) -> None:
+        self.pinned, self.grazing = pinned, grazing
+        self.outwards: dict[tuple[int, int], slice] = {}   # where their rates stand
         self.program, self.problem, self.arcs, self.counts = program, problem, arcs, counts
         self.sizes, self.K = sizes, int(counts.sum())
         self.phase_of = np.repeat(np.arange(len(counts)), counts)
@@ -221,6 +230,7 @@ class _Solve:
         x_high[self.K * d - int(self.counts[-1]) * d:, spare] = np.inf
         for phase in range(len(self.arcs)):
             self._straighten(u, phase)
+            self._begin(u, phase)
         self.x_bounds = x_low / self.sizes.x, x_high / self.sizes.x
         self.at_path = slice(0, 0)
         if c_low.size:
@@ -248,17 +258,60 @@ class _Solve:
             none = np.zeros((1, 1))
             self._add(ca.mtimes(values, bent.T) / ca.DM(self.sizes.u[singular]), none, none)
 
+    def _first(self, u: ca.MX, phase: int) -> ca.MX:
+        """Return the inputs where a phase begins, which is none of Radau's points, (m,)."""
+        first = [each(0.0) for each in lagrange(self.program.points[1:])]
+        a = int(self.first[phase]) * DEGREE
+        return ca.mtimes(u[:, a:a + DEGREE], ca.DM(first))
+
+    def _begin(self, u: ca.MX, phase: int) -> None:
+        """Keep inputs in their bounds where a phase begins."""
+        lower, upper, size = self.problem.u_lower, self.problem.u_upper, self.sizes.u
+        free = np.flatnonzero(np.isnan(self.arcs[phase].levels) & (
+            np.isfinite(lower) | np.isfinite(upper)) & ~self._free(phase))
+        if free.size:
+            self._add((self._first(u, phase) / ca.DM(size))[free.tolist()],
+                      (lower / size)[free, None], (upper / size)[free, None])
+
     def _on(self, x: ca.MX, u: ca.MX, row: int, bound: float, phase: int) -> None:
         """Hold a row at its bound in a phase."""
         p, order = self.problem.p_value, int(self.program.bounds.orders[row])
         a, b = (int(k) * DEGREE for k in self.first[phase:phase + 2])
-        held = self.program.held[row]
-        if order and a:
+        held, sign = self.program.held[row], self.arcs[phase].on[row]
+        if order and a and not self._also(phase - 1, row, sign):
             value = np.append(bound, np.zeros(order - 1))[:, None]
-            self._add(held(x[:, a], u[:, a - 1], p)[0], value, value)
+            entry = held(x[:, a], u[:, a - 1], p)
+            self._add(entry[0], value, value)
+            self._inside(entry[1] * sign * (-1)**order, row, bound, phase)
+        if order and phase + 1 < len(self.arcs) and not self._also(phase + 1, row, sign):
+            self._inside(held(x[:, b], self._first(u, phase + 1), p)[1] * sign, row, bound,
+                         -1 - phase)
         last = held.map(b - a)(x[:, a + 1:b + 1], u[:, a:b], ca.repmat(p, 1, b - a))[1]
         level = np.full((1, 1), 0.0 if order else bound)
         self.at_held.append((phase, row, self._add(last, level, level)))
+
+    def _also(self, phase: int, row: int, sign: int) -> bool:
+        """Return whether a phase is on a bound of a row."""
+        on = self.arcs[phase].on
+        return bool(on) and on[row] == sign
+
+    def _inside(self, outwards: ca.MX, row: int, bound: float, place: int) -> None:
+        """
+        Let a path come to a bound, or leave it, from inside: between points it might not.
+
+        By a little less than that: inputs at their bounds may leave it no other way. Where they
+        do, what is to be zero is held there, and their bounds are not.
+        """
+        size = max(abs(bound), self.sizes.x[row] if row < self.problem.n else 0.0) or 1.0
+        rate = size / self.sizes.time**int(self.program.bounds.orders[row])
+        span = (0.0, 0.0) if (place, row) in self.grazing else (-np.inf, _OUTWARDS)
+        self.outwards[place, row] = self._add(
+            outwards / rate, *(np.full((1, 1), each) for each in span))
+
+    def _free(self, place: int) -> Mask:
+        """Return which inputs are known where a phase begins or ends without their bounds."""
+        rows = [row for where, row in self.grazing if where == place]
+        return np.asarray(self.program.bounds.deciding[rows].any(axis=0))
 
     def run(self, guess: Path, monitor: Monitor) -> Phased:
         """Return the path that the program leads to."""
@@ -278,6 +331,9 @@ class _Solve:
         levels = np.array([arc.levels for arc in self.arcs])[np.repeat(self.phase_of, d)]
         u_low = np.where(np.isnan(levels), problem.u_lower, levels)
         u_high = np.where(np.isnan(levels), problem.u_upper, levels)
+        for phase, last in enumerate(self.first[1:] * d - 1):
+            known = self._free(-1 - phase) & np.isnan(self.arcs[phase].levels)
+            u_low[last, known], u_high[last, known] = -np.inf, np.inf
         longest = np.full(len(durations), 4 * durations.sum() / sizes.time)
         bounds = [np.concatenate([x.ravel(), (u / sizes.u).ravel(), T]) for x, u, T in (
             (self.x_bounds[0], u_low, 0 * longest), (self.x_bounds[1], u_high, longest))]
@@ -309,7 +365,9 @@ class _Solve:
         area = h[:, None] * program.weights + 1e-300
         eta = np.zeros((K, d, program.bounds.count))
         if problem.path.numel():
-            eta[:, :, n:] = lam_g[self.at_path].reshape(K, d, -1) / area[:, :, None]
+            # Of what bounds inputs: multipliers of other rows, where nothing holds them, are masses.
+            mixed = program.bounds.orders[n:] == 0
+            eta[:, :, n:] = mixed * lam_g[self.at_path].reshape(K, d, -1) / area[:, :, None]
         for phase, row, slot in self.at_held:
             span = slice(int(self.first[phase]), int(self.first[phase + 1]))
             eta[span, :, row] = lam_g[slot].reshape(-1, d) / area[span]
@@ -317,5 +375,7 @@ class _Solve:
         ends = np.cumsum(durations)
         arcs = [replace(arc, start=float(end - length), end=float(end))
                 for arc, end, length in zip(self.arcs, ends, durations, strict=True)]
-        return Phased(arcs, self.counts, durations, x[places], u, lam, eta,
-                      lam_g[self.at_psi], float(found['f']) * sizes.cost, converged)
+        g = found['g'].full().ravel()
+        grazing = frozenset(key for key, slot in self.outwards.items() if g[slot][0] > -_OUTWARDS)
+        return Phased(arcs, self.counts, durations, x[places], u, lam, eta, lam_g[self.at_psi],
+                      float(found['f']) * sizes.cost, converged, grazing)
