@@ -35,7 +35,8 @@ NAMES = (
     'oil_shale', 'tuberculosis', 'drug_displacement', 'equality_of_inputs', 'reorientation',
     'cstr_kirk', 'abs_off_centre', 'stiff_cubic', 'lee_ramirez', 'double_tank',
     'parallel_reactions', 'jerk_limited', 'goddard_speed_limit', 'missile',
-    'terminal_wells', 'downhill_from_a_hump')
+    'terminal_wells', 'downhill_from_a_hump', 'epidemic_weak_lockdown', 'production_to_stock',
+    'snap_limited', 'mars_descent', 'goddard_pressure_limit')
 
 
 def stated(name, **changes):

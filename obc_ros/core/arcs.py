@@ -33,13 +33,14 @@ class Arc:
     A span of time and the value of each input in it; nan where the input is free.
 
     `on`: for each row of (x, c) the bound on which the arc begins and ends: +1 upper, -1 lower,
-    0 none; empty if it is on none.
+    0 none; empty if it is on none. `met`: likewise the bounds touched where the arc begins.
     """
 
     start: float
     end: float
     levels: tuple[float, ...]
     on: tuple[int, ...] = ()
+    met: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -245,9 +246,10 @@ def closed(arcs: Sequence[Arc], T: float) -> list[Arc]:
 
 
 def signature(arcs: Sequence[Arc]) -> Signature:
-    """Return the levels of all arcs and the bounds they are on, comparable."""
+    """Return the levels of all arcs and the bounds they are on or touch, comparable."""
     return tuple(tuple(None if math.isnan(v) else v for v in arc.levels) + (
-        arc.on if any(arc.on) else ()) for arc in arcs)
+        arc.on if any(arc.on) else ()) + ((None, *arc.met) if any(arc.met) else ())
+        for arc in arcs)
 
 
 def opened(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem,

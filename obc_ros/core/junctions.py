@@ -22,7 +22,7 @@ from obc_ros.core.contacts import Contact, contacts, with_contacts
 from obc_ros.core.extremal import Integrator
 from obc_ros.core.mesh import collocation, lagrange, Path
 from obc_ros.core.monitor import Monitor
-from obc_ros.core.phased import DEGREE, Phased, PhasedProgram
+from obc_ros.core.phased import Bounds, DEGREE, Phased, PhasedProgram
 from obc_ros.core.problem import Problem
 from obc_ros.core.refine import below
 from obc_ros.core.solution import Solution, Status
@@ -43,6 +43,7 @@ _LEAST = 3            # of a phase
 _FINEST = 8           # times as many, at most
 _NEAR = 1e-5          # of its size: how near its bound a constraint is met
 _MOST = 0.8           # of a contact, for all of it
+_WEIGHS = 1e-5        # beside the costates: what a bound does where it is touched
 _SAME = 1e-5          # relative cost of a path that leaves bounds a little more smoothly
 _DEARER = 1e-3        # relative: by how much an answer may cost more than the path it is read off
 _SAMPLES = 1000, 4000
@@ -64,7 +65,8 @@ def read(problem: Problem, program: PhasedProgram, outcome: Outcome, value: Arra
     found = _merged(contacts(
         problem, outcome, value, margin, bounds.orders >= 0, near=_NEAR), gap * T)
     found = [each for each in found if not _implied(each, arcs, bounds.deciding[each.row])
-             and (bounds.orders[each.row] or each.end - each.start > each.beside / 2)]
+             and (each.end - each.start > each.beside / 2
+                  or bounds.orders[each.row] and each.end < T)]
     if found:
         arcs = with_contacts(arcs, found, bounds.deciding)
     return tidied(_without_smears(arcs, switching, gap * T))
@@ -117,7 +119,7 @@ def tidied(arcs: list[Arc]) -> list[Arc]:
     for arc in arcs:
         if arc.end - arc.start < _VANISHING * T:
             continue
-        if kept and kept[-1].on == arc.on and np.array_equal(
+        if kept and not arc.met and kept[-1].on == arc.on and np.array_equal(
                 kept[-1].levels, arc.levels, equal_nan=True):
             kept[-1] = replace(kept[-1], end=arc.end)
         else:
@@ -173,8 +175,10 @@ def along_bounds(search: 'Search', outcome: Outcome) -> Solution | None:
         arcs = read(problem, program, outcome, value, search.margin, search.kit.switching, gap)
         guess, sizes, fine = outcome.path, search.sizes(outcome), 1
         off = math.inf
-        for _ in range(_ROUNDS):
-            if (signature(arcs), fine) in seen:
+        for turn in range(_ROUNDS):
+            if turn and (signature(arcs), fine) in seen:
+                fine *= 2   # what a coarse mesh shows goes to and fro
+            if fine > _FINEST or (signature(arcs), fine) in seen:
                 break
             seen.add((signature(arcs), fine))
             found = settled(problem, program, arcs, guess, sizes, search.pinned, monitor, fine)
@@ -188,11 +192,14 @@ def along_bounds(search: 'Search', outcome: Outcome) -> Solution | None:
             worst = answer.certificate.worst
             off, before = (answer.certificate.residuals[worst]
                            / answer.certificate.tolerances[worst]), off
-            guess, arcs = as_path(found), released(problem, search.kit.judge, found, answer)
+            guess, arcs = as_path(found), reread(
+                problem, program.bounds, search.kit.judge, found, answer)
             if signature(arcs) == signature(found.arcs):
                 fine *= 2
-                if fine > _FINEST or off > before:
+                if off > before:
                     break
+            else:
+                off = math.inf
     return None
 
 
@@ -210,9 +217,13 @@ def _certified(problem: Problem, program: PhasedProgram, integrator: Integrator,
     return answer
 
 
-def released(problem: Problem, integrator: Integrator, found: Phased, answer: Solution
-             ) -> list[Arc]:
-    """Return the arcs of a path, with inputs moved or set free whose bound is the wrong one."""
+def reread(problem: Problem, bounds: Bounds, integrator: Integrator, found: Phased,
+           answer: Solution) -> list[Arc]:
+    """
+    Return the arcs of a path that was found, changed where it shows that they are not right.
+
+    Inputs whose bound is the wrong one are moved or set free; bounds of the state are touched.
+    """
     rows = np.flatnonzero(np.diff(answer.t) > 0)
     x, u, lam = ((values[rows] + values[rows + 1]) / 2 for values in (
         answer.x, answer.u, answer.lam))
@@ -228,7 +239,59 @@ def released(problem: Problem, integrator: Integrator, found: Phased, answer: So
         level, on = (next(arc for arc in arcs if arc.end > middle) for arcs in (new, found.arcs))
         cut.append(Arc(start, float(end), level.levels, on.on))
         start = float(end)
-    return tidied(cut)
+    return touching(tidied(cut), found, bounds)
+
+
+def touching(arcs: list[Arc], found: Phased, bounds: Bounds) -> list[Arc]:
+    """Return arcs near those found, which touch bounds, or stay on them, where these weigh."""
+    d = DEGREE
+    met = [(arc.start, int(row), arc.met[row]) for phase, arc in enumerate(found.arcs)
+           for row in np.flatnonzero(arc.met) if (phase, int(row)) not in found.astray]
+    held = [(arc.start, arc.end, int(row), arc.on[row]) for arc in found.arcs
+            for row in np.flatnonzero(arc.on)]
+    held += [(time, time, row, sign) for time, row, sign in met]
+    t = np.append(0.0, np.cumsum(found.h))
+    t = (t[:-1, None] + found.h[:, None] * collocation(d, 'radau')[0]).ravel()
+    longer = []
+    for row in np.flatnonzero(np.abs(found.pushed).max(axis=(0, 1)) > _WEIGHS).tolist():
+        for sign in (1, -1):
+            weight = np.maximum(sign * found.pushed[:, :, row].ravel(), 0.0)
+            places = np.flatnonzero(weight > _WEIGHS)
+            for run in np.split(places, np.flatnonzero(np.diff(places) > d) + 1):
+                if not run.size:
+                    continue
+                first, last, h = t[run[0]], t[run[-1]], found.h[run // d].max()
+                if any((row, sign) == (r, s) and start - h < last and first < end + h
+                       for start, end, r, s in held):
+                    continue
+                if run[-1] - run[0] > 2 * d:
+                    longer.append(Contact(row, sign, first, last, 0.0))
+                else:
+                    time = float(t[run] @ weight[run] / weight[run].sum())
+                    met.append((time, row, sign))
+    if longer:
+        arcs = with_contacts(arcs, longer, bounds.deciding)
+    for time, row, sign in met:
+        arcs = _met(arcs, time, row, sign, bounds.count)
+    return arcs
+
+
+def _met(arcs: list[Arc], time: float, row: int, sign: int, count: int) -> list[Arc]:
+    """Return arcs of which one begins by touching a bound at about a time."""
+    near = _VANISHING * arcs[-1].end
+    cut = []
+    for arc in arcs:
+        met = list(arc.met or (0,) * count)
+        met[row] = sign
+        if abs(arc.start - time) <= near and arc.start > 0:
+            cut.append(replace(arc, met=tuple(met)))
+        elif arc.start + near < time < arc.end - near and not (arc.on and arc.on[row]):
+            cut.append(replace(arc, end=time))
+            cut.append(Arc(time, arc.end, arc.levels, arc.on, tuple(
+                sign if k == row else 0 for k in range(count))))
+        else:
+            cut.append(arc)
+    return cut
 
 
 def as_path(found: Phased) -> Path:

@@ -82,6 +82,8 @@ class Phased:
     cost: float
     converged: bool
     grazing: Grazing
+    pushed: Array
+    astray: list[tuple[int, int]]
 
     @property
     def phase_of(self) -> Index:
@@ -124,6 +126,8 @@ class PhasedProgram:
         x, u, p = problem.x, problem.u, problem.p
         self._rate = ca.Function('rate', [x, u, p], [problem.f, problem.L, problem.path])
         self._end = ca.Function('end', [x, p], [problem.V, problem.psi])
+        self.end_slopes = ca.Function('slopes', [x, p], [ca.jacobian(problem.psi, x)])
+        self.rows = ca.Function('rows', [x, u, p], [ca.vertcat(x, problem.path)])
         points, self.weights, self.derivative, _ = collocation(DEGREE, 'radau')
         self.points = np.append(0.0, points)
 
@@ -216,6 +220,7 @@ class _Solve:
         c_low = np.tile(problem.path_lower, (self.K * d, 1))
         c_high = np.tile(problem.path_upper, (self.K * d, 1))
         self.at_held: list[tuple[int, int, slice]] = []   # phase, row, multipliers
+        self.at_met: list[tuple[int, int, slice]] = []
         for phase, arc in enumerate(self.arcs):
             a, b = int(self.first[phase]) * d, int(self.first[phase + 1]) * d
             for row in np.flatnonzero(arc.on):
@@ -224,7 +229,25 @@ class _Solve:
                 if row < n:
                     x_low[max(a, 1):b + 1, row], x_high[max(a, 1):b + 1, row] = -np.inf, np.inf
                 else:
-                    c_low[a:b, row - n], c_high[a:b, row - n] = -np.inf, np.inf
+                    first = max(a - 1, 0)
+                    c_low[first:b, row - n], c_high[first:b, row - n] = -np.inf, np.inf
+            for row in np.flatnonzero(arc.met if a else ()):
+                bound = (upper if arc.met[row] > 0 else lower)[row]
+                self._meet(x, u, int(row), bound, phase)
+                if row < n:
+                    x_low[a, row], x_high[a, row] = -np.inf, np.inf
+                else:
+                    c_low[a - 1, row - n], c_high[a - 1, row - n] = -np.inf, np.inf
+        for phase, constant in self._constant():
+            a, b = (int(k) * d for k in self.first[phase:phase + 2])
+            # Held where it ends: what it weighs there holds the inputs at their bounds before.
+            if constant < n:
+                x_low[max(a, 1):b, constant], x_high[max(a, 1):b, constant] = -np.inf, np.inf
+            else:
+                c_low[max(a - 1, 0):b - 1, constant - n] = -np.inf
+                c_high[max(a - 1, 0):b - 1, constant - n] = np.inf
+        known = self._known_at_end()
+        c_low[-1:, known], c_high[-1:, known] = -np.inf, np.inf
         spare = self._spare()
         x_low[self.K * d - int(self.counts[-1]) * d:, spare] = -np.inf
         x_high[self.K * d - int(self.counts[-1]) * d:, spare] = np.inf
@@ -235,6 +258,32 @@ class _Solve:
         self.at_path = slice(0, 0)
         if c_low.size:
             self.at_path = self._add(c, c_low.T, c_high.T)
+
+    def _known_at_end(self) -> Mask:
+        """Return which path constraints psi alone keeps at their values at T."""
+        problem, program = self.problem, self.program
+        known = np.zeros(program.bounds.count - problem.n, dtype=bool)
+        end = self.guess.x[-1]
+        for row in np.flatnonzero(program.bounds.orders[problem.n:] > 0) if problem.q else ():
+            slope = program.gradients[int(row) + problem.n](end, problem.p_value).full()[:, 0]
+            psi_x = program.end_slopes(end, problem.p_value).full()
+            rest = slope - psi_x.T @ np.linalg.lstsq(psi_x.T, slope, rcond=None)[0]
+            known[row] = np.abs(rest).max() <= 1e-9 * np.abs(slope).max()
+        return known
+
+    def _constant(self) -> list[tuple[int, int]]:
+        """Return phases and rows that stay what they are when these begin, by inputs held."""
+        bounds, found = self.program.bounds, []
+        for phase, arc in enumerate(self.arcs):
+            held = ~np.isnan(arc.levels)
+            for row in np.flatnonzero(bounds.orders == 1):
+                if held[bounds.deciding[row]].all():
+                    at = [k for k, t in enumerate(self.guess.t[:-1]) if arc.start < t < arc.end]
+                    x, u = self.guess.x[at], np.where(held, arc.levels, self.guess.ua[at])
+                    if at and not np.any(self.program.held[int(row)].map(len(at))(
+                            x.T, u.T, ca.repmat(self.problem.p_value, 1, len(at)))[1].full()):
+                        found.append((phase, int(row)))
+        return found
 
     def _spare(self) -> Mask:
         """Return which states come to rest where psi wants them, by inputs held in the end."""
@@ -290,6 +339,20 @@ class _Solve:
         level = np.full((1, 1), 0.0 if order else bound)
         self.at_held.append((phase, row, self._add(last, level, level)))
 
+    def _meet(self, x: ca.MX, u: ca.MX, row: int, bound: float, phase: int) -> None:
+        """Touch the bound of a row where a phase begins."""
+        p, order = self.problem.p_value, int(self.program.bounds.orders[row])
+        a, sign, held = int(self.first[phase]) * DEGREE, self.arcs[phase].met[row], (
+            self.program.held[row])
+        before, after = (held(x[:, a], each, p) for each in (
+            u[:, a - 1], self._first(u, phase)))
+        level = np.full((1, 1), bound)
+        self.at_met.append((phase, row, self._add(before[0][0], level, level)))
+        rates = [each[1] if order == 1 else each[0][1] for each in (before, after)]
+        size = (max(abs(bound), self.size[row]) or 1.0) / self.sizes.time
+        self._add(ca.vertcat(-rates[0], rates[1]) * (sign / size), np.full((2, 1), -np.inf),
+                  np.full((2, 1), _OUTWARDS))
+
     def _also(self, phase: int, row: int, sign: int) -> bool:
         """Return whether a phase is on a bound of a row."""
         on = self.arcs[phase].on
@@ -302,7 +365,7 @@ class _Solve:
         By a little less than that: inputs at their bounds may leave it no other way. Where they
         do, what is to be zero is held there, and their bounds are not.
         """
-        size = max(abs(bound), self.sizes.x[row] if row < self.problem.n else 0.0) or 1.0
+        size = max(abs(bound), self.size[row]) or 1.0
         rate = size / self.sizes.time**int(self.program.bounds.orders[row])
         span = (0.0, 0.0) if (place, row) in self.grazing else (-np.inf, _OUTWARDS)
         self.outwards[place, row] = self._add(
@@ -315,6 +378,11 @@ class _Solve:
 
     def run(self, guess: Path, monitor: Monitor) -> Phased:
         """Return the path that the program leads to."""
+        self.guess = guess
+        count = len(guess.x)
+        self.size = np.abs(self.program.rows.map(count)(
+            guess.x.T, np.vstack([guess.ua, guess.ub[-1:]]).T,
+            ca.repmat(self.problem.p_value, 1, count)).full()).max(axis=1)
         self.build()
         problem, sizes, K, d = self.problem, self.sizes, self.K, DEGREE
         w = ca.vertcat(ca.vec(self.X), ca.vec(self.U), ca.vec(self.T))
@@ -365,7 +433,7 @@ class _Solve:
         area = h[:, None] * program.weights + 1e-300
         eta = np.zeros((K, d, program.bounds.count))
         if problem.path.numel():
-            # Of what bounds inputs: multipliers of other rows, where nothing holds them, are masses.
+            # Where rows do not bound inputs their multipliers are masses, not densities.
             mixed = program.bounds.orders[n:] == 0
             eta[:, :, n:] = mixed * lam_g[self.at_path].reshape(K, d, -1) / area[:, :, None]
         for phase, row, slot in self.at_held:
@@ -376,6 +444,27 @@ class _Solve:
         arcs = [replace(arc, start=float(end - length), end=float(end))
                 for arc, end, length in zip(self.arcs, ends, durations, strict=True)]
         g = found['g'].full().ravel()
+        astray = [(phase, row) for phase, row, slot in self.at_met
+                  if lam_g[slot][0] * self.arcs[phase].met[row] < 0]
         grazing = frozenset(key for key, slot in self.outwards.items() if g[slot][0] > -_OUTWARDS)
         return Phased(arcs, self.counts, durations, x[places], u, lam, eta, lam_g[self.at_psi],
-                      float(found['f']) * sizes.cost, converged, grazing)
+                      float(found['f']) * sizes.cost, converged, grazing,
+                      self._pushed(found, lam_g, x, lam), astray)
+
+    def _pushed(self, found: dict[str, Any], lam_g: Array, x: Array, lam: Array) -> Array:
+        """Return the multipliers of bounds at points, as `Phased` has them."""
+        n, K, d, program = self.problem.n, self.K, DEGREE, self.program
+        size = np.append(np.abs(x).max(axis=0), np.zeros(program.bounds.count - n))
+        for row in np.flatnonzero(program.bounds.orders[n:] > 0) + n:
+            slope = program.gradients[int(row)].map(K)(
+                x[d::d].T, ca.repmat(self.problem.p_value, 1, K)).full()
+            slope = np.abs(slope.reshape(n, K, -1)[:, :, 0])
+            size[row] = (slope * size[:n, None]).sum(axis=0).max()
+        lam_x = found['lam_x'].full().ravel()[n:n * (1 + K * d)] * self.sizes.cost
+        weights = np.zeros((K, d, len(size)))
+        weights[:, :, :n] = lam_x.reshape(K, d, n) / self.sizes.x
+        if len(size) > n:
+            weights[:, :, n:] = lam_g[self.at_path].reshape(K, d, -1)
+        weights[-1, -1] = 0.0   # what psi says there is not known from it
+        largest = (np.abs(lam).max(axis=(0, 1)) * size[:n]).max()
+        return np.asarray(weights * size * (program.bounds.orders > 0) / (largest or 1.0))
