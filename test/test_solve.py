@@ -36,7 +36,7 @@ NAMES = (
     'cstr_kirk', 'abs_off_centre', 'stiff_cubic', 'lee_ramirez', 'double_tank',
     'parallel_reactions', 'jerk_limited', 'goddard_speed_limit', 'missile',
     'terminal_wells', 'downhill_from_a_hump', 'epidemic_weak_lockdown', 'production_to_stock',
-    'snap_limited', 'mars_descent', 'goddard_pressure_limit')
+    'snap_limited', 'mars_descent', 'goddard_pressure_limit', 'thrust_in_a_disc')
 
 
 def stated(name, **changes):
@@ -174,6 +174,25 @@ def test_two_thrusters_of_given_sum():
     assert solution.status is Status.SOLVED, solution.message
     assert solution.objective == pytest.approx(2, abs=1e-7)
     np.testing.assert_allclose(solution.switching_times, [1], atol=1e-6)
+
+
+def test_thrust_in_a_disc_turns_at_once():
+    """Also in metres and with drag, along a line: x_line' = v, v' = u - v with |u| <= 1."""
+    problem, mapping = stated('thrust_in_a_disc')
+    found = solve(problem)
+    np.testing.assert_allclose(found.switching_times, [math.sqrt(5)], atol=1e-5)
+    far, _ = stated('thrust_in_a_disc', terminal_constraints=['x - 6e10', 'y - 8e10', 'vx', 'vy'],
+                    path_constraints=[{'expr': 'ux**2 + uy**2', 'lower': None, 'upper': 1e-6}],
+                    final_time={'free': True, 'lower': 1e5, 'upper': 1e9, 'guess': 1e7})
+    found = solve(far)
+    assert found.status is Status.SOLVED, found.message
+    assert found.objective == pytest.approx(2e7, rel=1e-6)
+    slowed, _ = stated('thrust_in_a_disc', dynamics=mapping['dynamics'] | {
+        'vx': 'ux - vx', 'vy': 'uy - vy'})
+    found = solve(slowed)
+    switch = brentq(lambda t: t - math.log(2 - math.exp(-t)) - 5, 1, 20)
+    assert found.status is Status.SOLVED, found.message
+    assert found.objective == pytest.approx(switch + math.log(2 - math.exp(-switch)), rel=1e-4)
 
 
 def test_a_speed_limit_that_is_only_touched():

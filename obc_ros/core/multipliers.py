@@ -11,6 +11,7 @@ constant, in the sense of least squares.
 """
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -133,8 +134,10 @@ class Fitter:
                                          & (distance[::course.parts, row] < _PERHAPS))
                 if not self._pure[row]:
                     near |= self._touched(sign, int(row), outcome, course)
-                found += [Contact(int(row), sign, first, last)
-                          for first, last in _groups(near, _GAP * course.parts)]
+                runs = _groups(near, _GAP * course.parts)
+                if not self._pure[row]:
+                    runs = _parted(runs, outcome, course.parts)
+                found += [Contact(int(row), sign, first, last) for first, last in runs]
         return found
 
     def _touched(self, sign: int, row: int, outcome: Outcome, course: Extremal
@@ -269,6 +272,13 @@ def _groups(near: NDArray[np.bool_], gap: int) -> list[tuple[int, int]]:
         else:
             merged.append([int(place), int(place)])
     return [(first, last) for first, last in merged]
+
+
+def _parted(runs: list[tuple[int, int]], outcome: Outcome, parts: int) -> list[tuple[int, int]]:
+    """Return runs that end where arcs do: with an input its multiplier has a kink or jump."""
+    ends = parts * np.cumsum([phase.intervals for phase in outcome.mesh.layout.phases])[:-1]
+    return [pair for first, last in runs for pair in pairwise(
+        [first, *(int(end) for end in ends if first < end < last), last])]
 
 
 def _least_squares(A: Array, b: Array, signs: Array, free: int) -> Array:

@@ -22,6 +22,7 @@ from obc_ros.core.arcs import (
     signature,
 )
 from obc_ros.core.contacts import contacts, with_contacts
+from obc_ros.core.jumps import with_jumps
 from obc_ros.core.mesh import uniform
 from obc_ros.core.refine import below
 from obc_ros.core.transcription import Outcome
@@ -93,8 +94,15 @@ class Settling:
 
     def shown(self, outcome: Outcome) -> list[Arc]:
         """Return the arcs that an outcome shows."""
-        return self.touching(find_arcs(self.problem, outcome.path, self.switching,
-                                       [not each for each in self.kit.switching]), outcome)
+        found = find_arcs(self.problem, outcome.path, self.switching,
+                          [not each for each in self.kit.switching])
+        return self.broken(self.touching(found, outcome), outcome)
+
+    def broken(self, arcs: list[Arc], outcome: Outcome) -> list[Arc]:
+        """Return arcs that end where inputs jump without coming to a bound."""
+        loose = ~(np.isfinite(self.problem.u_lower) | np.isfinite(self.problem.u_upper))
+        of = loose & np.array(self.switching)
+        return with_jumps(arcs, outcome.path, of) if of.any() else arcs
 
     def touching(self, arcs: list[Arc], outcome: Outcome) -> list[Arc]:
         """Return arcs, those on bounds of the state among them if inputs switch at their ends."""
@@ -154,4 +162,5 @@ class Settling:
         x, u = (course.x + course.x_end) / 2, (course.ua + course.ub) / 2
         _, Hu, _ = self.kit.integrator.hamiltonian(
             self.problem, x, u, (course.lam + course.lam_end) / 2)
-        return self.touching(opened(arcs, course.t, Hu, self.problem, self.kit.switching), outcome)
+        arcs = opened(arcs, course.t, Hu, self.problem, self.kit.switching)
+        return self.broken(self.touching(arcs, outcome), outcome)

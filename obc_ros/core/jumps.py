@@ -1,0 +1,64 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where inputs jump that are not held at bounds, and arcs that end there.
+
+Of thrust in a disc the direction turns at once, and where H has two least points the input goes
+from one to the other. On a mesh that is a slope over an interval or two, which no finer mesh takes
+away; between arcs of unknown lengths it is a jump.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.arcs import Arc
+from obc_ros.core.mesh import Path
+
+Array = NDArray[np.float64]
+
+_JUMP = 0.3        # of the range of an input: what may be a jump
+_BESIDE = 0.25     # of that: what the input does beside it, at most
+_APART = 1.5       # intervals, closer than which an end of an arc is that jump
+
+
+def jumps(path: Path, of: Sequence[bool]) -> Array:
+    """Return the times at which some of the inputs `of` jump, or slope as steeply as they can."""
+    t, chosen = path.t, np.array(of, dtype=bool)
+    u = np.stack([path.ua, path.ub])[:, :, chosen]
+    size = np.maximum(np.ptp(u, axis=(0, 1)), 1e-300)
+    within = np.abs(u[1] - u[0]) / size
+    between = np.abs(u[0, 1:] - u[1, :-1]) / size
+    found = list(t[1:-1][(between > _JUMP).any(axis=1)])
+    # What an input does in the intervals before, in and after one or two that are next to it.
+    for count in (1, 2):
+        if len(within) < count + 2:
+            break
+        moved = sum(within[k:len(within) - count - 1 + k] for k in range(1, count + 1))
+        beside = np.maximum(within[:len(moved)], within[count + 1:count + 1 + len(moved)])
+        steep = (moved > _JUMP) & (beside < _BESIDE * moved)
+        for k in np.flatnonzero(steep.any(axis=1)):
+            middle = 0.5 * (t[k + 1] + t[k + 1 + count])
+            near = _APART * (t[k + 1 + count] - t[k + 1])
+            if all(abs(middle - other) > near for other in found):
+                found.append(middle)
+    return np.sort(np.array(found))
+
+
+def with_jumps(arcs: Sequence[Arc], path: Path, of: Sequence[bool]) -> list[Arc]:
+    """Return arcs that end also where inputs jump that are free there."""
+    kept = list[Arc]()
+    T, times = path.t[-1], jumps(path, of)
+    widths = np.diff(path.t)
+    for arc in arcs:
+        start = arc.start
+        free = np.isnan(arc.levels) & np.array(of)
+        for time in times if free.any() and not any(arc.on) else ():
+            width = _APART * widths[min(int(np.searchsorted(path.t, time, 'right')) - 1,
+                                        len(widths) - 1)]
+            if start + min(width, 0.02 * T) < time < arc.end - min(width, 0.02 * T):
+                kept.append(replace(arc, start=start, end=float(time)))
+                start = float(time)
+        kept.append(replace(arc, start=start))
+    return kept
