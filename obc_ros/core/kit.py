@@ -131,6 +131,8 @@ class Kit:
         """Return whether L or V may have several hollows, so that each may have a minimum."""
         if self._uneven is None:
             self._uneven = Uneven(self._smooth)
+        if not self._uneven.curved:
+            return False
         sizes = self.guesser.sizes(problem, self.guesser.line(problem, final_time(problem)))
         return self._uneven(problem, sizes.x, sizes.u)
 

@@ -21,26 +21,24 @@ _DOWN = 1e-6        # of the largest curvature, what counts as downwards
 
 
 class Uneven:
-    """The curvature of L and V of all problems of one structure."""
+    """The curvature of L and V of all problems of one structure; `curved`: where it varies."""
 
     def __init__(self, problem: Problem) -> None:
         both = ca.vertcat(problem.x, problem.u)
-        self._curved = []
+        self.curved = []
         for cost, z in ((problem.L, both), (problem.V, problem.x)):
             curvature = ca.hessian(cost, z)[0]
             if ca.depends_on(curvature, z):
-                self._curved.append(Batch([problem.x, problem.u, problem.p], [curvature], 1))
+                self.curved.append(Batch([problem.x, problem.u, problem.p], [curvature], 1))
 
     def __call__(self, problem: Problem, x_size: Array, u_size: Array) -> bool:
         """Return whether L or V is curved downwards somewhere near x(0), by sizes of x and u."""
-        if not self._curved:
-            return False
         chance = np.random.default_rng(3)
         x = problem.x0 + _REACH * x_size * chance.uniform(-1, 1, (_POINTS, problem.n))
         u = _REACH * u_size * chance.uniform(-1, 1, (_POINTS, problem.m))
         x = np.clip(x, problem.x_lower, problem.x_upper)
         u = np.clip(u, problem.u_lower, problem.u_upper)
-        for curved in self._curved:
+        for curved in self.curved:
             values, = curved(x, u, problem.p_value)
             good = values[np.isfinite(values).all(axis=1)]
             if len(good):
