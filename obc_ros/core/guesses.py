@@ -195,7 +195,6 @@ class Guesser:
             elif noise or problem.final_time.free or number < len(_VARIETY):   # none twice
                 yield self.driven(problem, integrator, inputs, length)
 
-
     def scattered(self, problem: Problem, starts: Iterator[Path]) -> Iterator[Path]:
         """
         Yield lines to final states that are drawn around x(0) where psi leaves them open.

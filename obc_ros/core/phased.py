@@ -68,6 +68,10 @@ class Phased:
     grazing : frozenset of (int, int)
         Numbers of phases and rows whose derivative that inputs enter vanishes on the other side
         of the junction, too, at which this phase begins (phase) or ends (-1 - phase).
+    pushed : ndarray, shape (K, DEGREE, n + l)
+        What bounds of (x, c) that are not held weigh at points, beside the costates.
+    astray : list of (int, int)
+        Numbers of phases and rows whose bound, touched where the phase begins, pulls.
 
     """
 
@@ -452,7 +456,7 @@ class _Solve:
                       self._pushed(found, lam_g, x, lam), astray)
 
     def _pushed(self, found: dict[str, Any], lam_g: Array, x: Array, lam: Array) -> Array:
-        """Return the multipliers of bounds at points, as `Phased` has them."""
+        """Return what bounds weigh at points, as `Phased` has it."""
         n, K, d, program = self.problem.n, self.K, DEGREE, self.program
         size = np.append(np.abs(x).max(axis=0), np.zeros(program.bounds.count - n))
         for row in np.flatnonzero(program.bounds.orders[n:] > 0) + n:
