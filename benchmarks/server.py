@@ -11,13 +11,14 @@ import timing  # isort: skip - before numpy
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
+import os
 from pathlib import Path
 from statistics import median
 import subprocess
 import sys
 import tempfile
 import time
-from typing import Any
+from typing import Any, NoReturn
 
 from _endless import endless
 from _machine import children
@@ -149,7 +150,7 @@ def crowd() -> None:
     timing.require('requests without answer', count - len(waits), 0)
 
 
-def be_client() -> int:
+def be_client() -> NoReturn:
     """Ask as ten clients at once and print how long each answer took."""
     rclpy.init()
     executor = SingleThreadedExecutor()
@@ -172,7 +173,7 @@ def be_client() -> int:
                 if future.done() and index not in took and future.result().success:
                     took[index] = time.monotonic() - begun
         print(*took.values(), flush=True)
-    return 0
+    os._exit(0)  # one in some hundreds that leaves the graph with others stands still for ever
 
 
 def endurance(client: Client, server: int) -> None:
@@ -223,4 +224,6 @@ def main() -> int:
 
 
 if __name__ == '__main__':
-    sys.exit(be_client() if '--client' in sys.argv else main())
+    if '--client' in sys.argv:
+        be_client()
+    sys.exit(main())

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from rcl_interfaces.srv import ListParameters
+import support
 
 NODES = ('lqr_node', 'plant_simulator', 'trajectory_server')
 
@@ -24,6 +25,34 @@ def test_sigterm_ends_a_node(spawn: Any, probe: Any, node: str) -> None:
     process.popen.send_signal(signal.SIGTERM)
     assert process.wait(10.0) == 0, process.output()
     assert 'Traceback' not in process.output() and 'Error' not in process.output()
+    # At once; the middleware forgets one that was killed after 20 s.
+    probe.wait_for(lambda: node not in probe.node.get_node_names(), 10.0, f'{node} to be gone')
+
+
+STUCK = """
+import ctypes
+from obc_ros.nodes import main
+from rclpy.node import Node
+class Stuck(Node):
+    def destroy_node(self):
+        ctypes.PyDLL(None).sleep(60)  # in C, with the interpreter's lock
+main.PATIENCE = 0.5
+main.run(lambda: Stuck('stuck'))
+"""
+
+
+def test_a_node_that_cannot_leave_the_graph_ends(probe: Any, domain: int) -> None:
+    """Its traceback says where it stood still."""
+    process = subprocess.Popen([sys.executable, '-c', STUCK], stderr=subprocess.PIPE,
+                               env=support.environment(domain))
+    try:
+        probe.wait_for_node('stuck')
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=20.0)
+    finally:
+        process.kill()
+    assert process.returncode == 1
+    assert b'in destroy_node' in said
 
 
 def test_a_file_that_cannot_be_read(spawn: Any, tmp_path: Any) -> None:

@@ -308,6 +308,8 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         """Leave the plant a command that is safe, and end."""
         self._rest()
         super().destroy_node()
+        # rclpy forgets it; as long as it is there others see the node in the graph.
+        self._state_machine.destroy_when_not_in_use()
 
     # Reports
 

@@ -10,6 +10,7 @@ once: `destroy_node` can still publish, so that a controller can leave its plant
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+import faulthandler
 import os
 from pathlib import Path
 import re
@@ -34,6 +35,9 @@ LAST = 20       # turns of the executor in which what is answered is sent
 
 # What rclpy raises for arguments, files, names and QoS overrides: RCLError is a RuntimeError.
 _UNFIT = (ObcError, RuntimeError, NameValidationException, ParameterException)
+
+
+PATIENCE = 10.0  # [s] with a node that is leaving the graph
 
 
 def run(build: Callable[[], Node]) -> int:
@@ -64,10 +68,13 @@ def run(build: Callable[[], Node]) -> int:
         try:
             _spin(node, stop)
         finally:
+            # Fast DDS never returns if it is just taking in news of another node (docs/reliability
+            # .md), and it keeps the interpreter's lock: only this timer can end the process then.
+            faulthandler.dump_traceback_later(PATIENCE, exit=True, file=2)
             node.destroy_node()
             rclpy.try_shutdown()
-    # Nothing is left to do. One node in some 200 that let the interpreter end stood still after
-    # it, in what the libraries of the middleware do at the end of a process.
+    # Nothing is left to do, and what the libraries do after the interpreter has ended may stand
+    # still in the same way.
     for stream in filter(None, (sys.stdout, sys.stderr)):
         with suppress(OSError, ValueError):   # nobody reads any more
             stream.flush()
