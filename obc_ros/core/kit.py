@@ -78,7 +78,6 @@ class Kit:
             ca.vertcat(problem.x, problem.u))
         self.answers: list[Answered] = []   # the latest last
         self.touched_up = False   # whether answers were polished
-        self._uneven: Uneven | None = None
         self._problem, self._smooth = problem, smooth
         self._pieces: dict[tuple[int, bool, bool], Pieces] = {}
         self._fitters: dict[bool, Fitter] = {}
@@ -127,10 +126,12 @@ class Kit:
         """Return which inputs enter the rate of each row of (x, c)."""
         return deciding(self._smooth)
 
+    @cached_property
+    def _uneven(self) -> Uneven:
+        return Uneven(self._smooth)
+
     def uneven_costs(self, problem: Problem) -> bool:
         """Return whether L or V may have several hollows, so that each may have a minimum."""
-        if self._uneven is None:
-            self._uneven = Uneven(self._smooth)
         if not self._uneven.curved:
             return False
         sizes = self.guesser.sizes(problem, self.guesser.line(problem, final_time(problem)))
