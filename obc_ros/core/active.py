@@ -13,6 +13,7 @@ method, SIAM J. Optim. 13 (2002).
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ Side = NDArray[np.int8]
 _MOST = 20       # steps
 _PATIENCE = 3    # steps without progress
 _LOST = 1.0      # scaled: a residual after which none is hoped for
+_QUADRATIC = 1e-2   # of the residual before: left by a step that shows quadratic convergence
 
 
 def follow(program: Program, bounds: tuple[Array, Array], y: Array, side: Side, goal: Goal,
@@ -51,7 +53,7 @@ def follow(program: Program, bounds: tuple[Array, Array], y: Array, side: Side, 
     row = program.is_row
     fixed = (lower == upper) & ~row
     y = np.where(fixed, lower, y)
-    least, waited, steps, first = np.inf, 0, 0, 1e300
+    least, before, waited, steps, first = np.inf, np.nan, 0, 0, 1e300
     while True:
         y = np.where(side < 0, lower, np.where(side > 0, upper, y))
         there = program.values(y)
@@ -64,8 +66,7 @@ def follow(program: Program, bounds: tuple[Array, Array], y: Array, side: Side, 
         size = max(1.0, float(np.abs(y[row]).max(initial=0.0)) / 100.0)
         if (not free.any() and wrong <= goal.optimal * size
                 and float(np.abs(there.c).max()) <= 0.01 * goal.feasible):
-            sure = program.convex(there, held, np.where(row | held, 1.0, 0.0))
-            return (y, there, steps) if sure else None
+            return (y, there, steps) if _least(program, there, held) else None
         waited = 0 if wrong < 0.7 * least else waited + 1
         least, first = (min(least, wrong), first) if steps else (least, wrong)
         if steps == _MOST or waited > _PATIENCE or watch(there.f, float(np.abs(there.c).max())):
@@ -77,10 +78,20 @@ def follow(program: Program, bounds: tuple[Array, Array], y: Array, side: Side, 
                 held, 1.0, np.where(row, -PROXIMAL, 0.0)))
         if factor is None:
             return None
-        y = y + factor.solve(np.where(held, 0.0, np.where(row, -there.c, -there.slope)))
-        steps += 1
-        side = np.where(held, side, np.where(y < lower, -1, np.where(y > upper, 1, 0))
-                        ).astype(np.int8)
+        step = factor.solve(np.where(held, 0.0, np.where(row, -there.c, -there.slope)))
+        y, steps = y + step, steps + 1
+        met = np.where(held, 0, np.where(y < lower, -1, np.where(y > upper, 1, 0)))
+        # What a step leaves is known once they converge quadratically: it is not looked at.
+        if (not (free.any() or met.any()) and wrong < _QUADRATIC * before
+                and wrong * (wrong / before)**2 <= 1e-3 * min(goal.optimal, goal.feasible)):
+            there = replace(there, f=there.f + float(there.cost_slope @ step))
+            return (y, there, steps) if _least(program, there, held) else None
+        before, side = wrong, (side + met).astype(np.int8)
+
+
+def _least(program: Program, there: Values, held: NDArray[np.bool_]) -> bool:
+    """Return whether the cost has curvature upwards wherever unknowns may move."""
+    return program.convex(there, held, np.where(program.is_row | held, 1.0, 0.0))
 
 
 def _misses(there: Values, but: NDArray[np.bool_]) -> float:

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_SIZES = 16, 64, 256   # rows evaluated at once
-_PAID = 0, 0, 20_000   # rows so far, after which building for so many at once has paid
+# Rows evaluated at once: a few, or all of them up to a number, or many.
+_FEW, _ALL, _MANY = 16, 128, 256
+_PAID = 0, 20_000   # rows so far, after which building for all or for many at once has paid
 
 
 class Columns:
@@ -105,11 +106,9 @@ class ByColumn:
         """Write the results for arguments side by side, (rows, .) or (.,) for all rows alike."""
         count, first = len(result), 0
         self._seen += count
-        paid = [size for size, seen in zip(_SIZES, self._paid, strict=True) if self._seen >= seen]
         while first < count:
-            left = count - first
-            size = next((size for size in paid[:-1] if left <= 2 * size - 16), paid[-1])
-            given, found, evaluate, _ = self._parcel(size)
+            given, found, evaluate, _ = self._parcel(self._size(count - first, first > 0))
+            size = given.shape[1]
             last, row = min(first + size, count), 0
             for argument in arguments:
                 end = row + argument.shape[-1]
@@ -119,6 +118,16 @@ class ByColumn:
             evaluate()
             result[first:last] = found[:, :last - first].T
             first = last
+
+    def _size(self, left: int, begun: bool) -> int:
+        """Return how many of the rows left to evaluate at once, for a remainder as was built."""
+        if self._seen < self._paid[0]:
+            return _FEW
+        if left > _ALL:
+            return _MANY if self._seen >= self._paid[1] else _ALL
+        most = _MANY if begun else left + max(_FEW, left // 3)
+        return min((size for size in self._parcels if left <= size <= most),
+                   default=-(-left // _FEW) * _FEW)
 
     def _parcel(self, size: int) -> tuple[Array, Array, Callable[[], None], Any]:
         if size not in self._parcels:

@@ -26,7 +26,7 @@ from obc_ros.core.problem import Problem
 from obc_ros.core.runge_kutta import A, B, C
 
 Array = NDArray[np.float64]
-_PAID = 0, 3000, 20_000   # rows, as of ByColumn: calls of functions are long to build
+_PAID = 3000, 20_000   # rows, as of ByColumn: calls of functions are long to build
 Symbols = tuple[ca.SX, ...]
 
 
