@@ -9,6 +9,7 @@ boundary value problem finds the kinks from a path nearby, and from those of a n
 """
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +19,19 @@ from obc_ros.core.extremal import Extremal
 from obc_ros.core.kit import Answered, Kit
 from obc_ros.core.mesh import Mesh, Path, uniform
 from obc_ros.core.problem import Problem
+from obc_ros.core.refine import below
 from obc_ros.core.transcription import Outcome, Scales
+
+if TYPE_CHECKING:
+    from obc_ros.core.search import Search
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _LARGEST = 3e7     # entries of the matrices of all intervals
+_KINKED = 4e-3     # relative: how far inputs are from linear on a mesh with their kinks
+_WORSE = 1e-5      # relative: by how much the cost on such a mesh may be larger
+_LONGEST = 32      # intervals at least, of equal lengths
 
 
 def boundary_values(kit: Kit, problem: Problem, outcome: Outcome, course: Extremal,
@@ -99,3 +107,25 @@ def on_points(problem: Problem, found: BoundaryValues, t: Array, arc: Index) -> 
         mesh, path, True, 'extremal', found.cost, 0.0, 0, found.nu, z[:, n:],
         np.zeros((len(t), n)), np.zeros((len(arc), 0, n)), np.zeros((len(t), l)),
         np.zeros((len(arc), 0, l)), np.zeros(0), np.zeros(0), np.zeros(0), 0.0)
+
+
+def on_kinks(search: 'Search', outcome: Outcome, course: Extremal) -> Outcome | None:
+    """Return the outcome on a mesh with a point at each kink of the inputs, if found once."""
+    layout = outcome.mesh.layout
+    if (search.extremal is not None or search.bounded or search.kit.twin
+            or any(search.switching) or len(layout.phases) > 1 or layout.stages):
+        return None
+    found = boundary_values(search.kit, search.stated, outcome, course, search.sizes(outcome),
+                            rough=True)
+    if found is None or len(found.lengths) == 1:
+        return None
+    guide = on_points(search.stated, found, *points(
+        found, _KINKED, outcome.path.t[-1] / _LONGEST))
+    if not search.monitor.allows(guide.mesh.layout.intervals):
+        return None
+    new = search.collocate(guide.mesh, guide.path, near=True, sizes=search.sizes(outcome),
+                           guide=guide)
+    if not new.converged or below(outcome.objective, new.objective, _WORSE):
+        return None
+    search.extremal = found
+    return new

@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 _POINTS = 21
 _SCATTERED = 3.0   # of the size of each state, for final states that are open
 _TURNS = 2 * np.pi, 360.0   # [rad], [deg]
+_DOUBLINGS = 24    # of inputs from 1, up and down, to find what they cost
 
 
 def final_time(problem: Problem) -> float:
@@ -195,23 +196,44 @@ class Guesser:
             elif noise or problem.final_time.free or number < len(_VARIETY):   # none twice
                 yield self.driven(problem, integrator, inputs, length)
 
-    def scattered(self, problem: Problem, starts: Iterator[Path]) -> Iterator[Path]:
+    def scattered(self, problem: Problem, integrator: Integrator, starts: Iterator[Path],
+                  cost: float) -> Iterator[Path]:
         """
         Yield lines to final states that are drawn around x(0) where psi leaves them open.
 
-        Their inputs are those that lead along them, as far as any do.
+        Their inputs are those that lead along them, as far as any do. `cost`: of the best path
+        that is known; where inputs worth as much lead is looked, too.
         """
         line = self.line(problem, final_time(problem))
         _, fixed = self.final_state(problem)
-        room = np.where(fixed, 0.0, self.sizes(problem, line).x)
+        room = np.maximum(_SCATTERED * self.sizes(problem, line).x,
+                          self._reach(problem, integrator, line, cost))
+        room[fixed] = 0.0
         part = np.linspace(0.0, 1.0, _POINTS)[:, None]
         for number in count(1):
             if room.any() and number % 3:
-                away = _SCATTERED * room * (2 * _spread(number, problem.n) - 1)
+                away = room * (2 * _spread(number, problem.n) - 1)
                 x = _inside(line.x + part * away, problem.x_lower, problem.x_upper)
                 yield _path(line.t, x, self._along(problem, line, x))
             else:
                 yield next(starts)
+
+    def _reach(self, problem: Problem, integrator: Integrator, line: Path, cost: float) -> Array:
+        """Return how far (n,) each input alone moves x(T), held where it costs so much."""
+        T, rest = float(line.t[-1]), line.ua[0]
+        sizes = np.exp2(np.arange(-_DOUBLINGS, _DOUBLINGS))[:, None]
+        held = [rest]
+        for way in np.vstack([np.eye(problem.m), -np.eye(problem.m)]):
+            u = _inside(rest + sizes * way, problem.u_lower, problem.u_upper)
+            L = self._all(problem.x0, u, problem.p_value)[0][:, problem.n]
+            dear = ~(T * np.abs(L - L[0]) <= cost)
+            if dear.any() or np.array_equal(u[-1], u[-2]):   # else nothing bounds it
+                held.append(u[max(0, int(np.argmax(np.append(dear, True))) - 1)])
+        t = np.linspace(0.0, T, 10 * _POINTS)
+        ends = np.array([integrator.forward(problem, t, tile, tile)[0][-1] for tile in (
+            np.tile(u, (len(t) - 1, 1)) for u in held)])
+        apart = np.abs(ends[1:] - ends[0])
+        return np.asarray(np.max(np.where(np.isfinite(apart), apart, 0.0), axis=0, initial=0.0))
 
     def _along(self, problem: Problem, line: Path, x: Array) -> Array:
         """Return inputs (21, m) near those of a line under which x moves as it does."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.aligned import boundary_values, neighbouring, on_points, points
+from obc_ros.core.aligned import neighbouring, on_kinks
 from obc_ros.core.arcs import jumping_inputs
 from obc_ros.core.boundary_values import BoundaryValues
 from obc_ros.core.certificate import certify
@@ -17,6 +17,7 @@ from obc_ros.core.familiar import ANOTHER, Familiar
 from obc_ros.core.guesses import joined, scales
 from obc_ros.core.junctions import along_bounds
 from obc_ros.core.kit import Answered, Kit
+from obc_ros.core.lengthening import lengthened
 from obc_ros.core.mesh import Mesh, Path, split, STEPPED, uniform
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.natural import kept
@@ -38,6 +39,7 @@ _PATIENCE = 10_000    # for starts while none converged
 _EXPLORING = (0.15, 0.3)   # part of the work for further starts, of easy and of hard problems
 _HARD = 3000
 _EXPLORED_LEAST, _EXPLORED_MOST = (2, 12, 24), 30   # number of them; last where costs are uneven
+_UNEVEN = 60, 5000    # likewise where costs are uneven: the most, and work for them
 _VAIN = 2, 0.6        # for starts that led nowhere: times the work so far, part of the time left
 _WEARY = 500_000      # work without an answer that holds, after which no further start is tried
 _BELIEVED, _ABSURD = 1e-2, 1e6   # relative: error of a coarse step; cost above the least one
@@ -45,7 +47,6 @@ _MESHES = 1, 2, 4, 6   # finer ones, after which arcs along bounds are solved fo
 _NEAR_BOUNDS = 0.1    # relative cost above the least one, at which that is tried
 _ROUNDS, _PLAIN_ROUNDS = 10, 5   # of finer meshes; of those before curved inputs are held
 _WARM_ROUNDS = 3      # likewise from a neighbour's answer
-_KINKED = 4e-3        # relative: how far inputs are from linear on a mesh with their kinks
 _COARSE_ITERATIONS, _FEW_ITERATIONS, _WARM_ITERATIONS = 150, 12, 100
 _WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
 _DETOUR = 1e-5        # likewise, at which inputs may wind around between points
@@ -155,8 +156,11 @@ class Search:
             if self.intervals <= COARSE and not self.quick:
                 self.reason = self.why_not(self.stated)
             if self.reason or self.monitor.stopped:
-                break
-        return sorted(found, key=lambda outcome: (not outcome.converged, outcome.infeasibility))
+                return sorted(found, key=_nearest)
+        if (longer := lengthened(self, COARSE)) is not None:
+            self.led_somewhere = True
+            return [longer]
+        return sorted(found, key=_nearest)
 
     def believed(self, outcome: Outcome) -> bool:
         """Return whether the cost of a coarse outcome says something."""
@@ -252,7 +256,12 @@ class Search:
     def improve(self, outcome: Outcome, rounds: int) -> Iterator[tuple[Outcome, Extremal]]:
         """Yield better and better outcomes, so many at most."""
         if any(self.switching):
-            outcome = Settling(self, COARSE).settled(outcome)
+            settled = Settling(self, COARSE).settled(outcome)
+            self.held_in_vain = self.believed(outcome) and not self.believed(settled)
+            if self.held_in_vain:   # arcs too long for the steps in them
+                self.switching = (False,) * self.problem.m
+            else:
+                outcome = settled
         above = np.inf
         for turn in range(rounds):
             course = self.course(outcome)
@@ -268,7 +277,7 @@ class Search:
                 return
             if self.kit.twin:
                 self.problem = self.kit.twin.problem(self.stated, turn + 1)
-            if turn and (aligned := self.aligned(outcome, course)) is not None:
+            if turn and (aligned := on_kinks(self, outcome, course)) is not None:
                 outcome = aligned
                 continue
             self.widen_margin(course)
@@ -279,27 +288,6 @@ class Search:
                                      guide=outcome)
             if not outcome.converged:
                 return
-
-    def aligned(self, outcome: Outcome, course: Extremal) -> Outcome | None:
-        """Return the outcome on a mesh with a point at each kink of the inputs, if found once."""
-        layout = outcome.mesh.layout
-        if (self.extremal is not None or self.bounded or self.kit.twin or any(self.switching)
-                or len(layout.phases) > 1 or layout.stages):
-            return None
-        found = boundary_values(self.kit, self.stated, outcome, course, self.sizes(outcome),
-                                rough=True)
-        if found is None or len(found.lengths) == 1:
-            return None
-        guide = on_points(self.stated, found, *points(
-            found, _KINKED, outcome.path.t[-1] / (2 * COARSE)))
-        if not self.monitor.allows(guide.mesh.layout.intervals):
-            return None
-        new = self.collocate(guide.mesh, guide.path, near=True, sizes=self.sizes(outcome),
-                             guide=guide)
-        if not new.converged or below(outcome.objective, new.objective, _CLOSE_ENOUGH[0]):
-            return None
-        self.extremal = found
-        return new
 
     def widen_margin(self, course: Extremal) -> None:
         """Draw bounds of x and of the path in by what the path exceeds them between nodes."""
@@ -453,10 +441,12 @@ class Search:
         """
         kept, spent, uneven = self.last, 0, self.kit.uneven_costs(self.problem)
         if uneven:
-            self.starts = self.kit.guesser.scattered(self.problem, self.starts)
-        for number in range(_EXPLORED_MOST):
+            self.starts = self.kit.guesser.scattered(
+                self.problem, self.kit.integrator, self.starts, abs(floor))
+        for number in range(_UNEVEN[0] if uneven else _EXPLORED_MOST):
             hard = self.work > _HARD
-            enough = number >= _EXPLORED_LEAST[2 if uneven else hard and not self.stages]
+            enough = number >= _EXPLORED_LEAST[2 if uneven else hard and not self.stages] and not (
+                uneven and spent < _UNEVEN[1])
             weary = self.work > _WEARY and not _holds(best)
             if self.monitor.stopped or weary or enough and (
                     spent > _EXPLORING[hard] * self.work or self.familiar.enough()):
@@ -494,6 +484,10 @@ class Search:
         self.switching = tuple(self.may_hold and each for each in self.kit.switching)
         if self.kit.twin:
             self.problem = self.kit.twin.problem(self.stated, 0)
+
+
+def _nearest(outcome: Outcome) -> tuple[bool, float]:
+    return not outcome.converged, outcome.infeasibility
 
 
 def _holds(answer: Solution) -> bool:
