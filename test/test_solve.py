@@ -36,7 +36,8 @@ NAMES = (
     'cstr_kirk', 'abs_off_centre', 'stiff_cubic', 'lee_ramirez', 'double_tank',
     'parallel_reactions', 'jerk_limited', 'goddard_speed_limit', 'missile',
     'terminal_wells', 'downhill_from_a_hump', 'epidemic_weak_lockdown', 'production_to_stock',
-    'snap_limited', 'mars_descent', 'goddard_pressure_limit', 'thrust_in_a_disc')
+    'snap_limited', 'mars_descent', 'goddard_pressure_limit', 'thrust_in_a_disc',
+    'epidemic_beds')
 
 
 def stated(name, **changes):
@@ -99,6 +100,15 @@ def test_double_integrator_in_least_time(start, least, method):
     solution = solve(problem, method=method)
     assert solution.status is Status.SOLVED
     assert solution.objective == pytest.approx(least, abs=1e-9)
+
+
+def test_least_time_along_a_speed_limit_is_exact():
+    """From 0 to rest at 4 with |v|, |u| <= 1: up for 1, along for 3, down for 1."""
+    problem, mapping = stated('di_mintime_speed_limit')
+    solution = solve(problem)
+    assert solution.certificate.holds
+    assert solution.objective == pytest.approx(5.0, abs=1e-9)
+    np.testing.assert_allclose(solution.switching_times, [1, 4], atol=1e-8)
 
 
 def test_arcs_of_a_triple_integrator():

@@ -45,6 +45,7 @@ _WEARY = 500_000      # work without an answer that holds, after which no furthe
 _BELIEVED, _ABSURD = 1e-2, 1e6   # relative: error of a coarse step; cost above the least one
 _MESHES = 1, 2, 4, 6   # finer ones, after which arcs along bounds are solved for
 _NEAR_BOUNDS = 0.1    # relative cost above the least one, at which that is tried
+_AT_ONCE = 45_000     # work for that on the coarse mesh, where inputs may jump
 _ROUNDS, _PLAIN_ROUNDS = 10, 5   # of finer meshes; of those before curved inputs are held
 _WARM_ROUNDS = 3      # likewise from a neighbour's answer
 _COARSE_ITERATIONS, _FEW_ITERATIONS, _WARM_ITERATIONS = 150, 12, 100
@@ -395,6 +396,8 @@ class Search:
 
     def followed_up(self, start: Outcome, rounds: int = _ROUNDS) -> Solution:
         """Return the best answer that improving a coarse outcome gives."""
+        if (found := self.at_once(start)) is not None:
+            return found
         best: Solution | None = None
         nearest = tried = start
         begun = self.work
@@ -422,6 +425,16 @@ class Search:
         if not _holds(best) and nearest is not tried:
             return along_bounds(self, nearest) or best
         return best
+
+    def at_once(self, start: Outcome) -> Solution | None:
+        """Return an answer with arcs along bounds read off a coarse mesh, if it shows them."""
+        if not (start.converged and any(self.switching)):
+            return None
+        whole, self.monitor = self.monitor, self.monitor.part(_AT_ONCE)
+        try:
+            return along_bounds(self, start)
+        finally:
+            self.monitor = whole
 
     def answered(self, outcome: Outcome) -> Answered:
         """Return what a neighbour, or the indirect method, starts from."""
