@@ -55,6 +55,23 @@ def test_a_node_that_cannot_leave_the_graph_ends(probe: Any, domain: int) -> Non
     assert b'in destroy_node' in said
 
 
+STUCK_CLIENT = """
+import ctypes
+from obc_ros.cli.client import _client
+from obc_ros.nodes import main
+main.PATIENCE = 0.5
+with _client(lambda: None) as client:
+    client.node.destroy_node = lambda: ctypes.PyDLL(None).sleep(60)
+"""
+
+
+def test_a_client_that_cannot_leave_the_graph_ends(domain: int) -> None:
+    ended = subprocess.run([sys.executable, '-c', STUCK_CLIENT], stderr=subprocess.PIPE,
+                           env=support.environment(domain), timeout=20.0)
+    assert ended.returncode == 1
+    assert b'in close' in ended.stderr
+
+
 def test_a_file_that_cannot_be_read(spawn: Any, tmp_path: Any) -> None:
     """The sentence names what is wrong, and how lists of numbers are written."""
     missing = spawn('lqr_node', remappings={'1bad': '2bad'})

@@ -19,7 +19,7 @@ from obc_ros.action import SolveOptimalControl
 from obc_ros.cli.processes import Children, find_log_folder, free_domain, isolate
 from obc_ros.core.errors import ObcError
 from obc_ros.nodes.crowds import BURST
-from obc_ros.nodes.main import sentence
+from obc_ros.nodes.main import leaving, sentence
 from rcl_interfaces.srv import GetParameters
 import rclpy
 from rclpy.action import ActionClient, get_action_names_and_types
@@ -193,5 +193,6 @@ def _client(check: Callable[[], None]) -> Iterator[Client]:
     try:
         yield client
     finally:
-        client.close()
-        context.try_shutdown()
+        with leaving():
+            client.close()
+            context.try_shutdown()

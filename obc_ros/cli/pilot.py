@@ -15,6 +15,7 @@ from obc_ros.cli.processes import Children
 from obc_ros.cli.recording import CLOCK, LATCHED, Recorder, stamp
 from obc_ros.core.errors import ObcError
 from obc_ros.msg import Command, LqrDesign, State, Trajectory
+from obc_ros.nodes.main import leaving
 from rcl_interfaces.msg import Log, Parameter, ParameterEvent
 from rcl_interfaces.srv import SetParametersAtomically
 import rclpy
@@ -92,8 +93,9 @@ class Pilot:
     def close(self) -> None:
         """End the node."""
         self._executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self._context)
+        with leaving():
+            self.node.destroy_node()
+            rclpy.shutdown(context=self._context)
 
     @property
     def now(self) -> float:

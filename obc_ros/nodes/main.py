@@ -35,9 +35,22 @@ LAST = 20       # turns of the executor in which what is answered is sent
 
 # What rclpy raises for arguments, files, names and QoS overrides: RCLError is a RuntimeError.
 _UNFIT = (ObcError, RuntimeError, NameValidationException, ParameterException)
-
-
 PATIENCE = 10.0  # [s] with a node that is leaving the graph
+
+
+@contextmanager
+def leaving() -> Iterator[None]:
+    """
+    End the process with status 1 if a node does not leave the graph.
+
+    Fast DDS never returns if it is just taking in news of another node (docs/reliability.md), and
+    it keeps the interpreter's lock: only this timer can end the process then.
+    """
+    faulthandler.dump_traceback_later(PATIENCE, exit=True, file=2)
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
 
 
 def run(build: Callable[[], Node]) -> int:
@@ -68,11 +81,9 @@ def run(build: Callable[[], Node]) -> int:
         try:
             _spin(node, stop)
         finally:
-            # Fast DDS never returns if it is just taking in news of another node (docs/reliability
-            # .md), and it keeps the interpreter's lock: only this timer can end the process then.
-            faulthandler.dump_traceback_later(PATIENCE, exit=True, file=2)
-            node.destroy_node()
-            rclpy.try_shutdown()
+            with leaving():
+                node.destroy_node()
+                rclpy.try_shutdown()
     # Nothing is left to do, and what the libraries do after the interpreter has ended may stand
     # still in the same way.
     for stream in filter(None, (sys.stdout, sys.stderr)):
