@@ -50,6 +50,7 @@ _SAMPLES = 1000, 4000
 _BY_SAMPLES = 'dynamics', 'bounds', 'cost', 'minimum'   # what more samples may take away
 _ALMOST = 30.0        # times its tolerance: such a residual that they may take away
 _ITERATIONS = 150
+_AT_ONCE = 45_000     # work, as in `search`, on what a coarse mesh shows
 
 
 def read(problem: Problem, program: PhasedProgram, outcome: Outcome, value: Array,
@@ -201,6 +202,17 @@ def along_bounds(search: 'Search', outcome: Outcome) -> Solution | None:
             else:
                 off = math.inf
     return None
+
+
+def at_once(search: 'Search', start: Outcome) -> Solution | None:
+    """Return an answer with arcs along bounds near a coarse outcome, if it shows them."""
+    if not (start.converged and any(search.switching)):
+        return None
+    whole, search.monitor = search.monitor, search.monitor.part(_AT_ONCE)
+    try:
+        return along_bounds(search, start)
+    finally:
+        search.monitor = whole
 
 
 def _certified(problem: Problem, program: PhasedProgram, integrator: Integrator, found: Phased

@@ -15,7 +15,7 @@ from obc_ros.core.contradictions import contradiction
 from obc_ros.core.extremal import Extremal
 from obc_ros.core.familiar import ANOTHER, Familiar
 from obc_ros.core.guesses import joined, scales
-from obc_ros.core.junctions import along_bounds
+from obc_ros.core.junctions import along_bounds, at_once
 from obc_ros.core.kit import Answered, Kit
 from obc_ros.core.lengthening import lengthened
 from obc_ros.core.mesh import Mesh, Path, split, STEPPED, uniform
@@ -45,7 +45,6 @@ _WEARY = 500_000      # work without an answer that holds, after which no furthe
 _BELIEVED, _ABSURD = 1e-2, 1e6   # relative: error of a coarse step; cost above the least one
 _MESHES = 1, 2, 4, 6   # finer ones, after which arcs along bounds are solved for
 _NEAR_BOUNDS = 0.1    # relative cost above the least one, at which that is tried
-_AT_ONCE = 45_000     # work for that on the coarse mesh, where inputs may jump
 _ROUNDS, _PLAIN_ROUNDS = 10, 5   # of finer meshes; of those before curved inputs are held
 _WARM_ROUNDS = 3      # likewise from a neighbour's answer
 _COARSE_ITERATIONS, _FEW_ITERATIONS, _WARM_ITERATIONS = 150, 12, 100
@@ -396,7 +395,7 @@ class Search:
 
     def followed_up(self, start: Outcome, rounds: int = _ROUNDS) -> Solution:
         """Return the best answer that improving a coarse outcome gives."""
-        if (found := self.at_once(start)) is not None:
+        if (found := at_once(self, start)) is not None:
             return found
         best: Solution | None = None
         nearest = tried = start
@@ -425,16 +424,6 @@ class Search:
         if not _holds(best) and nearest is not tried:
             return along_bounds(self, nearest) or best
         return best
-
-    def at_once(self, start: Outcome) -> Solution | None:
-        """Return an answer with arcs along bounds read off a coarse mesh, if it shows them."""
-        if not (start.converged and any(self.switching)):
-            return None
-        whole, self.monitor = self.monitor, self.monitor.part(_AT_ONCE)
-        try:
-            return along_bounds(self, start)
-        finally:
-            self.monitor = whole
 
     def answered(self, outcome: Outcome) -> Answered:
         """Return what a neighbour, or the indirect method, starts from."""
