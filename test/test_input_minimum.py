@@ -112,3 +112,25 @@ def test_a_better_input_across_a_constraint_is_no_input():
                      [{'expr': 'u**2', 'lower': None, 'upper': 1}])
     assert gaps(problem, [[1.0]], -1.0, mu=[[0.5]]) == pytest.approx([0.0], abs=1e-12)
     assert gaps(problem, [[-1.0]], -1.0, mu=[[-0.5]])[0] > 1.5
+
+
+def test_a_chord_of_a_disc_gives_away_what_it_is_off_the_circle():
+    # H = 2 u is least at (-1, 0); halfway to it is off by half, whatever the multiplier says.
+    problem = stated(['u', 'w'], 'w', '2*u - w/2', {}, [
+        {'expr': 'u**2 + w**2', 'lower': None, 'upper': 1}])
+    # With lam = 1 the slope of H is (2, 1/2), of size h.
+    h = np.hypot(2.0, 0.5)
+    best = -np.array([2.0, 0.5]) / h
+    for part in (1.0, 0.999, 0.9):
+        assert gaps(problem, [part * best], 1.0, h / 2) == pytest.approx([h * (1 - part)])
+    # Inside the disc H + 2 c is stationary, too: that hides nothing.
+    inside = [-0.5, -0.125]
+    assert gaps(problem, [inside], 1.0, 2.0)[0] >= h * (1 - np.hypot(*inside))
+
+
+def test_a_multiplier_of_a_constraint_that_is_not_met_is_given_away():
+    problem = stated(['u', 'w'], '0', 'u', {'u': [-1, 1], 'w': [-1, 1]}, [
+        {'expr': 'u + w', 'lower': None, 'upper': 1}])
+    # H = u is least at u = -1, where u + w is far from 1.
+    assert gaps(problem, [[-1.0, 0.0]], 1.0) == pytest.approx([0.0])
+    assert gaps(problem, [[-1.0, 0.0]], 1.0, 0.1)[0] == pytest.approx(0.1 * 2.0 + 0.1)

@@ -106,7 +106,8 @@ def on_points(problem: Problem, found: BoundaryValues, t: Array, arc: Index) -> 
     return Outcome(
         mesh, path, True, 'extremal', found.cost, 0.0, 0, found.nu, z[:, n:],
         np.zeros((len(t), n)), np.zeros((len(arc), 0, n)), np.zeros((len(t), l)),
-        np.zeros((len(arc), 0, l)), np.zeros(0), np.zeros(0), np.zeros(0), 0.0)
+        np.zeros((len(arc), 0, l)), np.zeros((len(arc), 2, l)), np.zeros(0), np.zeros(0),
+        np.zeros(0), 0.0)
 
 
 def on_kinks(search: 'Search', outcome: Outcome, course: Extremal) -> Outcome | None:

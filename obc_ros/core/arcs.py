@@ -34,6 +34,7 @@ class Arc:
 
     `on`: for each row of (x, c) the bound on which the arc begins and ends: +1 upper, -1 lower,
     0 none; empty if it is on none. `met`: likewise the bounds touched where the arc begins.
+    `jump`: whether inputs may jump there, with nothing else changed.
     """
 
     start: float
@@ -41,6 +42,7 @@ class Arc:
     levels: tuple[float, ...]
     on: tuple[int, ...] = ()
     met: tuple[int, ...] = ()
+    jump: bool = False
 
 
 @dataclass(frozen=True)

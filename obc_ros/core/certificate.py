@@ -28,7 +28,8 @@ costate        sum over intervals and jumps of max_i s_i |defect of lam_i| / l, 
                dlam/dt = -dH/dx - s - c_x' m less what multipliers of active state bounds and
                path constraints account for, their masses of the right sign
 minimum        max over samples of (H - min over the input set of H) / H0, and 10 times the
-               integral of this difference over c, whichever is larger
+               integral of this difference over c, whichever is larger; where path constraints
+               c <= b hold inputs, of H + m'c with m'(b - c), if it is larger
 transversality max_i s_i |lam_i(T) - dV/dx_i - (nu' dpsi/dx)_i| / l, nu least squares if the
                answer has none; bounds active at T may account for it as in `costate`
 hamiltonian    (max H - min H over samples) / H0, and largest error of the returned H / H0
@@ -219,6 +220,9 @@ class _Judge:
         # A defect of lam is the business of `costate`: here lam passes through its samples.
         lam = course.lam - tau*(course.lam[:, -1:] - self.solution.lam[self.rows + 1, None])
         mu = (1 - tau)*self.intervals.ma[:, None] + tau*self.intervals.mb[:, None]
+        # Of a bound that is none a multiplier says nothing of H.
+        mu = np.clip(mu, np.where(np.isfinite(self.problem.path_lower), -np.inf, 0.0),
+                     np.where(np.isfinite(self.problem.path_upper), np.inf, 0.0))
         return self.functions.minimum.points(
             self.problem, *(array.reshape(mu.shape[0]*mu.shape[1], -1 if array.size else 0)
                             for array in (course.x, course.u, lam, mu)))

@@ -90,13 +90,15 @@ def contacts(problem: Problem, outcome: Outcome, value: Array, margin: Array,
     return found
 
 
-def with_contacts(arcs: Sequence[Arc], found: Sequence[Contact], free: Mask) -> list[Arc]:
+def with_contacts(arcs: Sequence[Arc], found: Sequence[Contact], free: Mask,
+                  mixed: Mask | None = None) -> list[Arc]:
     """
     Return arcs that begin and end where contacts do.
 
     `free` (n + l, m): inputs that follow the bound of a row. What is left of an arc of theirs
     between a contact and the next arc is a jump that a coarse mesh has smeared: it goes to the
-    arc beside it.
+    arc beside it. Of the inputs of rows that are `mixed` (n + l,) those at bounds stay there;
+    where all of them do the row follows.
     """
     T = arcs[-1].end
     times = np.unique([0.0, T] + [arc.end for arc in arcs]
@@ -110,8 +112,13 @@ def with_contacts(arcs: Sequence[Arc], found: Sequence[Contact], free: Mask) -> 
         on = [0] * len(free)
         for each in found:
             if each.start < middle < each.end:
+                follow = np.flatnonzero(free[each.row]).tolist()
+                if mixed is not None and mixed[each.row]:
+                    follow = [i for i in follow if math.isnan(levels[i])]
+                    if not follow:
+                        continue
                 on[each.row] = each.sign
-                for i in np.flatnonzero(free[each.row]):
+                for i in follow:
                     levels[i] = math.nan
         cut.append(Arc(float(start), float(end), tuple(levels), tuple(on)))
     for step in (1, -1):

@@ -7,7 +7,9 @@ H is a sum of terms in separate groups of inputs, found from which inputs dH/du_
 a group where H is affine or quadratic the least value over the box is computed. In any other one
 it is searched for: over a grid of the inputs that enter nonlinearly, the others being chosen best
 at each grid point, over the box or over a window where the box is unbounded. Inputs that share a
-path constraint c(x, u) are one group, searched where the constraint is met.
+path constraint c(x, u) <= b are one group, searched where the constraint is met; and where it
+holds them H is above its least value by at most what H + mu' c is above its own, and mu' (b - c):
+on the chord of a disc between two points of its circle that is what is given away.
 """
 
 from dataclasses import dataclass
@@ -36,12 +38,17 @@ class _Group:
     Inputs, by number, whose terms of H belong together.
 
     `searched` are those of a grid; given them, H is a sum of quadratics in each of the others,
-    or a quadratic if there are none. `constrained`: they share a path constraint.
+    or a quadratic if there are none. `rows`: the path constraints that they share.
     """
 
     inputs: tuple[int, ...]
     searched: tuple[int, ...]
-    constrained: bool
+    rows: tuple[int, ...]
+
+    @property
+    def constrained(self) -> bool:
+        """Return whether path constraints hold the inputs."""
+        return bool(self.rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +135,7 @@ class InputMinimum:
             Of the structure this was built for; its numbers are used.
         at : Points
             Where path constraints hold inputs, the gap of H + mu' c in its quadratic model
-            counts too, if it is larger.
+            with mu' (b - c) counts too, if it is larger.
         searched : ndarray of int
             The points at which groups without closed form are searched over the whole input
             set; at the others they are compared with a better input nearby.
@@ -145,7 +152,9 @@ class InputMinimum:
                 Q = Q * (np.eye(len(index)) * (Q > 0))
             step, value = _descend(at.slope[:, index], Q, at.u[:, index], box)
             gap = -value
-            if group.searched and not group.constrained:
+            if group.constrained:
+                gap = gap + _slack(problem, at, list(group.rows))
+            elif group.searched:
                 moved = at.u.copy()
                 moved[:, index] += np.clip(step, -1e6*box.scale, 1e6*box.scale)
                 gap = at.H - self._value(problem, at.x, moved, at.lam, np.inf)
@@ -253,8 +262,8 @@ def _groups(problem: Problem) -> list[_Group]:
     kinked = _kinked(problem)
     result = []
     for members in sorted({tuple(int(j) for j in np.flatnonzero(row)) for row in groups}):
-        constrained = bool(rows[:, members].any())
-        if constrained or kinked:
+        shared = tuple(int(j) for j in np.flatnonzero(rows[:, members].any(axis=1)))
+        if shared or kinked:
             searched = members
         elif not bent[np.ix_(members, members, members)].any():
             searched = ()
@@ -264,8 +273,15 @@ def _groups(problem: Problem) -> list[_Group]:
                 if not bent[j, j, j] and not linked[j, easy].any() and not linked[easy, j].any():
                     easy.append(j)
             searched = tuple(j for j in members if j not in easy)
-        result.append(_Group(members, searched, constrained))
+        result.append(_Group(members, searched, shared))
     return result
+
+
+def _slack(problem: Problem, at: Points, rows: list[int]) -> Array:
+    """Return mu' (b - c) of some path constraints, (K,), b being the bounds that mu is of."""
+    mu, c = at.mu[:, rows], at.c[:, rows]
+    room = np.where(mu > 0, problem.path_upper[rows] - c, c - problem.path_lower[rows])
+    return np.asarray(np.sum(np.abs(mu) * np.where(mu == 0, 0.0, np.maximum(room, 0.0)), axis=1))
 
 
 def _kinked(problem: Problem) -> bool:

@@ -46,19 +46,55 @@ def jumps(path: Path, of: Sequence[bool]) -> Array:
     return np.sort(np.array(found))
 
 
-def with_jumps(arcs: Sequence[Arc], path: Path, of: Sequence[bool]) -> list[Arc]:
-    """Return arcs that end also where inputs jump that are free there."""
+def with_jumps(arcs: Sequence[Arc], path: Path, of: Sequence[bool],
+               mixed: Sequence[bool] = ()) -> list[Arc]:
+    """
+    Return arcs that end also where inputs jump that are free there.
+
+    On bounds of the state they follow these; not on constraints of inputs, rows that are `mixed`.
+    """
     kept = list[Arc]()
     T, times = path.t[-1], jumps(path, of)
     widths = np.diff(path.t)
     for arc in arcs:
         start = arc.start
         free = np.isnan(arc.levels) & np.array(of)
-        for time in times if free.any() and not any(arc.on) else ():
+        for time in times if free.any() and not _follows(arc, mixed) else ():
             width = _APART * widths[min(int(np.searchsorted(path.t, time, 'right')) - 1,
                                         len(widths) - 1)]
             if start + min(width, 0.02 * T) < time < arc.end - min(width, 0.02 * T):
-                kept.append(replace(arc, start=start, end=float(time)))
+                kept.append(replace(arc, start=start, end=float(time), jump=start > arc.start))
                 start = float(time)
-        kept.append(replace(arc, start=start))
+        kept.append(replace(arc, start=start, jump=start > arc.start))
     return kept
+
+
+def with_steps(path: Path, arcs: Sequence[Arc]) -> Path:
+    """
+    Return a path whose inputs step where arcs begin with a jump, in place of the slope around it.
+
+    A direction that is turned round at once goes through none between: a point that starts on
+    the wrong side stays there.
+    """
+    times = np.array([arc.start for arc in arcs if arc.jump])
+    if not times.size:
+        return path
+    h = np.diff(path.t)
+    width = _APART * h[np.clip(np.searchsorted(path.t, times) - 1, 0, len(h) - 1)]
+    t = np.unique(np.concatenate([path.t, times, times - width, times + width]))
+    t = t[(t >= 0) & (t <= path.t[-1])]
+    t = t[np.append(True, np.diff(t) > 1e-9 * t[-1])]
+    ua, ub = t[:-1].copy(), t[1:].copy()
+    for time, wide in zip(times, width, strict=True):
+        near = 1e-6 * wide
+        ua[(ua >= time - near) & (ua < time + wide)] = time + wide
+        ua[(ua > time - wide) & (ua < time - near)] = time - wide
+        ub[(ub > time - wide) & (ub <= time + near)] = time - wide
+        ub[(ub > time + near) & (ub < time + wide)] = time + wide
+    return Path(t, path.states_at(t), np.zeros((len(t) - 1, 0, path.x.shape[1])),
+                path.inputs_at(ua, after=True), path.inputs_at(ub, after=False), path.durations)
+
+
+def _follows(arc: Arc, mixed: Sequence[bool]) -> bool:
+    """Return whether an arc is on a bound of the state."""
+    return any(on and not (mixed and mixed[row]) for row, on in enumerate(arc.on))

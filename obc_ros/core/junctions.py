@@ -20,7 +20,9 @@ from obc_ros.core.arcs import Arc, find_arcs, opened, Signature, signature
 from obc_ros.core.certificate import certify
 from obc_ros.core.contacts import Contact, contacts, with_contacts
 from obc_ros.core.extremal import Integrator
+from obc_ros.core.jumps import with_jumps, with_steps
 from obc_ros.core.mesh import collocation, lagrange, Path
+from obc_ros.core.mixed import holding, reheld
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.phased import Bounds, DEGREE, Phased, PhasedProgram
 from obc_ros.core.problem import Problem
@@ -40,12 +42,15 @@ _VANISHING = 1e-4     # of T: a phase that is not there
 _GAPS = 0.06, 0.01    # of T: how long what oscillates may be off a bound
 _INTERVALS = 24       # of all phases together, about
 _LEAST = 3            # of a phase
+_COARSE = 1e-4        # residual of the dynamics
+_WORSE = 1.5          # times what was off before: no finer mesh will do
 _FINEST = 8           # times as many, at most
 _NEAR = 1e-5          # of its size: how near its bound a constraint is met
 _MOST = 0.8           # of a contact, for all of it
 _WEIGHS = 1e-5        # beside the costates: what a bound does where it is touched
 _SAME = 1e-5          # relative cost of a path that leaves bounds a little more smoothly
 _DEARER = 1e-3        # relative: by how much an answer may cost more than the path it is read off
+_NO_DEARER = 1e-6     # likewise, than an answer that is known
 _SAMPLES = 1000, 4000
 _BY_SAMPLES = 'dynamics', 'bounds', 'cost', 'minimum'   # what more samples may take away
 _ALMOST = 30.0        # times its tolerance: such a residual that they may take away
@@ -63,13 +68,16 @@ def read(problem: Problem, program: PhasedProgram, outcome: Outcome, value: Arra
     """
     arcs = find_arcs(problem, outcome.path, (True,) * problem.m)
     bounds, T = program.bounds, outcome.path.t[-1]
-    found = _merged(contacts(
-        problem, outcome, value, margin, bounds.orders >= 0, near=_NEAR), gap * T)
+    mixed = bounds.orders == 0
+    found = _merged(contacts(problem, outcome, value, margin, bounds.orders > 0, near=_NEAR)
+                    + holding(outcome, bounds), gap * T)
     found = [each for each in found if not _implied(each, arcs, bounds.deciding[each.row])
              and (each.end - each.start > each.beside / 2
                   or bounds.orders[each.row] and each.end < T)]
     if found:
-        arcs = with_contacts(arcs, found, bounds.deciding)
+        arcs = with_contacts(arcs, found, bounds.deciding, mixed)
+    jumping = bounds.deciding[mixed].any(axis=0) & switching
+    arcs = with_jumps(arcs, outcome.path, jumping.tolist(), mixed.tolist())
     return tidied(_without_smears(arcs, switching, gap * T))
 
 
@@ -120,7 +128,7 @@ def tidied(arcs: list[Arc]) -> list[Arc]:
     for arc in arcs:
         if arc.end - arc.start < _VANISHING * T:
             continue
-        if kept and not arc.met and kept[-1].on == arc.on and np.array_equal(
+        if kept and not (arc.met or arc.jump) and kept[-1].on == arc.on and np.array_equal(
                 kept[-1].levels, arc.levels, equal_nan=True):
             kept[-1] = replace(kept[-1], end=arc.end)
         else:
@@ -130,22 +138,44 @@ def tidied(arcs: list[Arc]) -> list[Arc]:
 
 
 def settled(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Path,
-            sizes: Scales, pinned: Mask, monitor: Monitor, fine: int) -> Phased | None:
-    """Return the path with arcs, without those that vanish; `fine` times as many intervals."""
+            sizes: Scales, pinned: Mask, monitor: Monitor, fine: int, like: Path
+            ) -> Phased | None:
+    """
+    Return the path with arcs, without those that vanish.
+
+    It has `fine` times as many intervals as usual, the shorter the more `like` a path bends.
+    """
     for _ in range(_ROUNDS):
-        T = arcs[-1].end
-        counts = fine * np.array([
-            max(_LEAST, math.ceil(_INTERVALS * (arc.end - arc.start) / T)) for arc in arcs])
-        if monitor.stopped or not monitor.allows(int(counts.sum())):
+        meshes = _meshes(arcs, like, fine)
+        K = sum(len(mesh) for mesh in meshes)
+        if monitor.stopped or not monitor.allows(K):
             return None
-        monitor.limit(_ITERATIONS, int(counts.sum()) * DEGREE)
-        found = program.solve(problem, arcs, counts, guess, sizes, pinned, monitor)
+        monitor.limit(_ITERATIONS, K * DEGREE)
+        found = program.solve(problem, arcs, meshes, guess, sizes, pinned, monitor)
+        short = 1.01 * program.least * np.array([arc.end - arc.start for arc in arcs])
         arcs = found.arcs
         kept = tidied(arcs)
-        if len(kept) == len(arcs):
+        if len(kept) == len(arcs) and np.all(found.durations >= short):
             return _grazing(problem, program, found, sizes, pinned, monitor)
         arcs, guess = kept, as_path(found)
     return None
+
+
+def _meshes(arcs: list[Arc], like: Path, fine: int) -> list[Array]:
+    """Return the lengths of the intervals of each phase, as parts of it, as `settled` says."""
+    h = np.maximum(np.diff(like.t), 1e-300)
+    slope = np.diff(like.x, axis=0) / h[:, None]
+    bends = np.abs(np.diff(slope, axis=0)) / np.maximum(np.ptp(slope, axis=0), 1e-300)
+    bends = np.pad(bends.max(axis=1), 1)
+    weights = (h, np.ones(len(h)), bends[:-1] + bends[1:])
+    share = np.append(0.0, np.cumsum(sum(each / max(each.sum(), 1e-300) for each in weights)))
+    share, like_t, meshes = share / share[-1], like.t * (arcs[-1].end / like.t[-1]), []
+    for arc in arcs:
+        first, last = np.interp([arc.start, arc.end], like_t, share)
+        count = fine * max(_LEAST, math.ceil(_INTERVALS * (last - first)))
+        points = np.interp(np.linspace(first, last, count + 1), share, like_t)
+        meshes.append(np.diff(points) / (points[-1] - points[0]))
+    return meshes
 
 
 def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: Scales,
@@ -154,15 +184,20 @@ def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: Sca
     if not found.converged or not found.grazing or monitor.stopped:
         return found if found.converged else None
     monitor.limit(_ITERATIONS)
-    new = program.solve(problem, found.arcs, found.counts, as_path(found), sizes, pinned, monitor,
+    new = program.solve(problem, found.arcs, found.meshes, as_path(found), sizes, pinned, monitor,
                         found.grazing)
     same = new.converged and len(tidied(new.arcs)) == len(new.arcs) and not below(
         found.cost, new.cost, _SAME)
     return new if same else found
 
 
-def along_bounds(search: 'Search', outcome: Outcome) -> Solution | None:
-    """Return an answer with arcs along bounds near an outcome, if one is certified."""
+def along_bounds(search: 'Search', outcome: Outcome, known: Solution | None = None
+                 ) -> Solution | None:
+    """
+    Return an answer with arcs along bounds near an outcome, if one is certified.
+
+    If one is `known` that is, only one that costs no more.
+    """
     problem, monitor = search.problem, search.monitor
     if not (search.bounded and search.may_hold) or (
             search.quick or search.kit.twin or monitor.stopped):
@@ -171,10 +206,12 @@ def along_bounds(search: 'Search', outcome: Outcome) -> Solution | None:
     value = search.kit.fitter(problem).at(
         problem, outcome.path.x, np.vstack([outcome.path.ua, outcome.path.ub[-1:]]))
     allowed = outcome.objective + _DEARER * abs(outcome.objective)
+    if known is not None and known.certificate and known.certificate.holds:
+        allowed = known.objective + _NO_DEARER * abs(known.objective)
     seen: set[tuple[Signature, int]] = set()
     for gap in _GAPS:
         arcs = read(problem, program, outcome, value, search.margin, search.kit.switching, gap)
-        guess, sizes, fine = outcome.path, search.sizes(outcome), 1
+        guess, sizes, fine = with_steps(outcome.path, arcs), search.sizes(outcome), 1
         off = math.inf
         for turn in range(_ROUNDS):
             if turn and (signature(arcs), fine) in seen:
@@ -182,7 +219,8 @@ def along_bounds(search: 'Search', outcome: Outcome) -> Solution | None:
             if fine > _FINEST or (signature(arcs), fine) in seen:
                 break
             seen.add((signature(arcs), fine))
-            found = settled(problem, program, arcs, guess, sizes, search.pinned, monitor, fine)
+            found = settled(problem, program, arcs, guess, sizes, search.pinned, monitor, fine,
+                            outcome.path)
             if found is None or found.cost > allowed:
                 break
             answer = _certified(problem, program, search.kit.judge, found)
@@ -190,14 +228,17 @@ def along_bounds(search: 'Search', outcome: Outcome) -> Solution | None:
                 search.last = search.answered(outcome)
                 return answer
             assert answer.certificate is not None
+            if answer.certificate.residuals['dynamics'] > _COARSE:
+                fine *= 2   # steps that err so much say nothing of arcs
+                continue
             worst = answer.certificate.worst
             off, before = (answer.certificate.residuals[worst]
                            / answer.certificate.tolerances[worst]), off
-            guess, arcs = as_path(found), reread(
-                problem, program.bounds, search.kit.judge, found, answer)
+            arcs = reread(problem, program.bounds, search.kit.judge, found, answer)
+            guess = with_steps(as_path(found), arcs)
             if signature(arcs) == signature(found.arcs):
                 fine *= 2
-                if off > before:
+                if off > _WORSE * before:
                     break
             else:
                 off = math.inf
@@ -249,9 +290,10 @@ def reread(problem: Problem, bounds: Bounds, integrator: Integrator, found: Phas
     for end in times[np.append(np.diff(times) > 1e-9 * times[-1], True)]:
         middle = (start + end) / 2
         level, on = (next(arc for arc in arcs if arc.end > middle) for arcs in (new, found.arcs))
-        cut.append(Arc(start, float(end), level.levels, on.on))
+        cut.append(Arc(start, float(end), level.levels, on.on,
+                       jump=on.jump and abs(start - on.start) <= 1e-9 * times[-1]))
         start = float(end)
-    return touching(tidied(cut), found, bounds)
+    return touching(reheld(tidied(cut), found, bounds), found, bounds)
 
 
 def touching(arcs: list[Arc], found: Phased, bounds: Bounds) -> list[Arc]:

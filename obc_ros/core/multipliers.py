@@ -7,7 +7,8 @@ The multipliers of a transcription sit on its mesh points; those of Pontryagin's
 density on each arc where a constraint is active, with masses at its ends. Along a given path lam
 is linear in nu, in these densities (piecewise linear here) and masses, and so are dH/du and H:
 the values of the right signs are sought for which dH/du = 0 where inputs are free and H is
-constant, in the sense of least squares.
+constant, in the sense of least squares. Constraints c(u) on inputs alone do not enter dlam/dt:
+there the costates of the transcription stand, and each time says what the density is.
 """
 
 from dataclasses import dataclass, replace
@@ -23,6 +24,7 @@ from obc_ros.core.runge_kutta import step
 from obc_ros.core.transcription import Outcome
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 _GAP = 2            # intervals without multiplier that do not end a contact
 _NEAR = 1e-6        # of its size: how near its bound a constraint is met
@@ -30,6 +32,7 @@ _PERHAPS = 1e-3     # likewise where the transcription has a large multiplier
 _MOST_HATS = 60     # in a contact
 _CONSTANT = 0.1     # weight of dH/dt = 0 beside dH/du = 0
 _RIDGE = 1e-8
+_SWEEPS = 60        # over constraints of inputs that hold at once
 _ROUNDS = 4         # for dH/du of the wrong sign at bounds of inputs
 
 
@@ -86,12 +89,17 @@ class Fitter:
             ca.gradient(problem.V, x), ca.jacobian(problem.psi, x).T])
         self.n, self.m, self.q, self.rows = n, m, problem.q, count
         self._pure = np.array([not ca.depends_on(row, u) for row in ca.vertsplit(rows)])
+        self._of_inputs = np.array([not ca.depends_on(row, x) for row in ca.vertsplit(rows)])
 
     def fit(self, problem: Problem, outcome: Outcome, course: Extremal) -> Extremal:
         """Return the course with the costates and multipliers that fit best."""
         found = self._contacts(problem, outcome, course)
         if not found:
             return course
+        if self._of_inputs[[contact.row for contact in found]].all():
+            density = self._pointwise(problem, course, found)
+            return replace(course, density_x=density[:, :, :self.n],
+                           density_path=density[:, :, self.n:])
         unknowns = self._unknowns(found, course)
         without, each = self._costates(problem, course, unknowns)
         values, wanted = np.zeros(0), np.full((2, len(course.x), self.m), np.nan)
@@ -108,10 +116,40 @@ class Fitter:
         return replace(course, lam=lam[:, 0], lam_end=lam[:, 1], nu=values[:self.q],
                        density_x=density[:, :, :self.n], density_path=density[:, :, self.n:])
 
+    def _pointwise(self, problem: Problem, course: Extremal, found: list[Contact]) -> Array:
+        """Return densities (K, 2, rows) of constraints on inputs for which dH/du is least."""
+        K = len(course.x)
+        density = np.zeros((K, 2, self.rows))
+        limits = np.zeros((2, K, self.rows))
+        for contact in found:
+            side = int(contact.sign > 0)
+            limits[side, contact.first:contact.last, contact.row] = np.copysign(
+                np.inf, contact.sign)
+        size = _sizes(problem, course)
+        for side, x, u, lam in ((0, course.x, course.ua, course.lam),
+                                (1, course.x_end, course.ub, course.lam_end)):
+            _, _, L_u, f_u, c_u, _ = self._shaped(self._point(x, u, problem.p_value))
+            low, high = _at_bounds(problem, u, size)
+            density[:, side] = _pressing(
+                (L_u + np.einsum('knm,kn->km', f_u, lam)) * size, c_u * size, limits, low, high)
+        return density
+
     def values(self, problem: Problem, course: Extremal) -> Array:
         """Return x and c along a course, shape (K + 1, n + l)."""
         x, u = np.vstack([course.x, course.x_end[-1:]]), np.vstack([course.ua, course.ub[-1:]])
         return self.at(problem, x, u)
+
+    def slack(self, problem: Problem, course: Extremal) -> Array:
+        """Return what constraints weigh that hold inputs and are not quite met, (2, K)."""
+        assert course.density_path is not None
+        mixed = np.flatnonzero(~self._pure[self.n:])
+        found = []
+        for side, x, u in ((0, course.x, course.ua), (1, course.x_end, course.ub)):
+            c, mu = self.at(problem, x, u)[:, self.n:], course.density_path[:, side]
+            room = np.where(mu > 0, problem.path_upper - c, c - problem.path_lower)
+            found.append(np.sum(np.abs(mu[:, mixed]) * np.where(
+                mu == 0, 0.0, np.maximum(room, 0.0))[:, mixed], axis=1))
+        return np.stack(found)
 
     def at(self, problem: Problem, x: Array, u: Array) -> Array:
         """Return x and c at some points, shape (K, n + l)."""
@@ -143,10 +181,9 @@ class Fitter:
     def _touched(self, sign: int, row: int, outcome: Outcome, course: Extremal
                  ) -> NDArray[np.bool_]:
         """Return the fine times within intervals in which a constraint on inputs holds them."""
-        node = np.hstack([outcome.node_bounds, outcome.node_path])[:, row]
-        inner = np.concatenate([outcome.inner_bounds, outcome.inner_path], axis=2)[:, :, row]
-        heavy = np.maximum(np.max(sign * inner, axis=1), np.maximum(
-            sign * node[:-1], sign * node[1:]))
+        place = row - self.n
+        heavy = np.max(sign * np.concatenate([outcome.inner_path, outcome.sides_path], axis=1)[
+            :, :, place], axis=1)
         touched = (heavy > 1e-4 * heavy.max()) & (heavy > 0)
         near = np.append(np.repeat(touched, course.parts), touched[-1])
         near[::course.parts][1:] |= touched
@@ -231,9 +268,7 @@ class Fitter:
         """
         without, each = lam
         K, q = len(course.x), self.q
-        span = problem.u_upper - problem.u_lower
-        size = np.where(np.isfinite(span), span, np.maximum(
-            np.abs(course.ua).max(axis=0), 1e-6))
+        size = _sizes(problem, course)
         rows, rights, wrong = [], [], False
         for side, x, u in ((0, course.x, course.ua), (1, course.x_end, course.ub)):
             L, f, L_u, f_u, c_u, _ = self._shaped(self._point(x, u, problem.p_value))
@@ -241,7 +276,7 @@ class Fitter:
             slope = np.einsum('knm,knu->kmu', f_u, each[:, side])
             slope[:, :, q:] += np.einsum('krm,kru->kmu', c_u, density)
             rest = L_u + np.einsum('knm,kn->km', f_u, without[:, side])
-            low, high = u <= problem.u_lower + 1e-6 * size, u >= problem.u_upper - 1e-6 * size
+            low, high = _at_bounds(problem, u, size)
             if last.size:
                 now = rest + slope @ last
                 off = 1e-7 * np.abs(now).max(axis=0)
@@ -261,6 +296,56 @@ class Fitter:
             constant = np.concatenate([np.zeros(K * self.m), np.full(K, -_CONSTANT)] * 2)
             A = np.hstack([A, constant[:, None]])
         return A, b, wrong
+
+
+def _sizes(problem: Problem, course: Extremal) -> Array:
+    """Return what counts as one in each input, (m,)."""
+    span = problem.u_upper - problem.u_lower
+    return np.asarray(np.where(np.isfinite(span), span, np.maximum(
+        np.abs(course.ua).max(axis=0), 1e-6)))
+
+
+def _at_bounds(problem: Problem, u: Array, size: Array) -> tuple[Mask, Mask]:
+    """Return where inputs (K, m) are at their lower and at their upper bounds."""
+    low: Mask = u <= problem.u_lower + 1e-6 * size
+    high: Mask = u >= problem.u_upper - 1e-6 * size
+    return low, high
+
+
+def _pressing(slope: Array, c_u: Array, limits: Array, low: Mask, high: Mask) -> Array:
+    """
+    Return mu (K, r) between limits (2, K, r) for which slope + c_u' mu is least, (K, m).
+
+    Only what is < 0 counts where an input is at its lower bound (`low`), what is > 0 at its upper
+    bound. By sweeps over one row at a time, exact for one row.
+    """
+    mu = np.zeros(c_u.shape[:2])
+    active = np.flatnonzero((limits != 0).any(axis=(0, 1)))
+    for _ in range(_SWEEPS):
+        before = mu.copy()
+        for row in active:
+            column = c_u[:, row]
+            rest = slope + np.einsum('krm,kr->km', c_u, mu) - column * mu[:, row, None]
+            mu[:, row] = np.clip(_least(rest, column, low, high), limits[0, :, row],
+                                 limits[1, :, row])
+        if np.all(np.abs(mu - before) <= 1e-12 * np.abs(mu).max(initial=0.0)):
+            break
+    return mu
+
+
+def _least(rest: Array, column: Array, low: Mask, high: Mask) -> Array:
+    """Return s (K,) for which rest + s column (K, m) is least, in the sense of `_pressing`."""
+    counts, part = np.ones_like(low), np.zeros(len(rest))
+    for _ in range(2 + rest.shape[1]):
+        with np.errstate(invalid='ignore', divide='ignore'):
+            part = -np.sum(counts * rest * column, axis=1) / np.sum(counts * column**2, axis=1)
+        part = np.asarray(np.where(np.isfinite(part), part, 0.0))
+        now = rest + part[:, None] * column
+        new = ~(low & (now > 0) | high & (now < 0) | low & high)
+        if np.array_equal(new, counts):
+            break
+        counts = new
+    return part
 
 
 def _groups(near: NDArray[np.bool_], gap: int) -> list[tuple[int, int]]:

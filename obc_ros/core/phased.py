@@ -36,6 +36,7 @@ Mask = NDArray[np.bool_]
 Grazing = frozenset[tuple[int, int]]
 
 DEGREE = 4
+_LEAST = 0.1      # of its length: how short a phase may become at once
 _ORDERS = 3    # derivatives of a bound that are looked at
 _OUTWARDS = 1e-4   # relative, where a path leaves a bound: it exceeds it by the square
 _OPTIONS: dict[str, object] = {
@@ -55,8 +56,8 @@ class Phased:
     ----------
     arcs : list of Arc
         What holds in each phase.
-    counts : ndarray
-        Intervals of each phase.
+    meshes : list of ndarray
+        Lengths of the intervals of each phase, as parts of it.
     durations : ndarray
         Length of each phase [s].
     x, lam : ndarray, shape (K, DEGREE + 1, n)
@@ -76,7 +77,7 @@ class Phased:
     """
 
     arcs: list[Arc]
-    counts: Index
+    meshes: list[Array]
     durations: Array
     x: Array
     u: Array
@@ -92,12 +93,12 @@ class Phased:
     @property
     def phase_of(self) -> Index:
         """Return the phase of each interval."""
-        return np.repeat(np.arange(len(self.counts)), self.counts)
+        return np.repeat(np.arange(len(self.meshes)), [len(mesh) for mesh in self.meshes])
 
     @property
     def h(self) -> Array:
         """Return the length of each interval [s]."""
-        return (self.durations / self.counts)[self.phase_of]
+        return self.durations[self.phase_of] * np.concatenate(self.meshes)
 
 
 class Bounds:
@@ -127,6 +128,8 @@ class PhasedProgram:
     def __init__(self, problem: Problem, switching: Sequence[bool]) -> None:
         self.problem, self.switching = problem, np.array(switching)
         self.bounds = Bounds(problem)
+        # Inputs of a phase of no length may be any: next to constraints of theirs it stays there.
+        self.least = _LEAST if np.any(self.bounds.orders == 0) else 0.0
         x, u, p = problem.x, problem.u, problem.p
         self._rate = ca.Function('rate', [x, u, p], [problem.f, problem.L, problem.path])
         self._end = ca.Function('end', [x, p], [problem.V, problem.psi])
@@ -150,23 +153,24 @@ class PhasedProgram:
             ca.horzcat(*[ca.gradient(each, x) for each in chain[:-1]])])
             for chain in self.bounds.chains]
 
-    def solve(self, problem: Problem, arcs: Sequence[Arc], counts: Index, guess: Path,
+    def solve(self, problem: Problem, arcs: Sequence[Arc], meshes: list[Array], guess: Path,
               sizes: Scales, pinned: Mask, monitor: Monitor,
               grazing: Grazing = frozenset()) -> Phased:
         """Solve the program of some arcs from a path nearby; `pinned` as in Limits."""
-        return _Solve(self, problem, list(arcs), counts, sizes, pinned, grazing).run(
+        return _Solve(self, problem, list(arcs), meshes, sizes, pinned, grazing).run(
             guess, monitor)
 
 
 class _Solve:
     """One program with its numbers."""
 
-    def __init__(self, program: PhasedProgram, problem: Problem, arcs: list[Arc], counts: Index,
-                 sizes: Scales, pinned: Mask, grazing: Grazing) -> None:
+    def __init__(self, program: PhasedProgram, problem: Problem, arcs: list[Arc],
+                 meshes: list[Array], sizes: Scales, pinned: Mask, grazing: Grazing) -> None:
         self.pinned, self.grazing = pinned, grazing
         self.outwards: dict[tuple[int, int], slice] = {}   # where their rates stand
-        self.program, self.problem, self.arcs, self.counts = program, problem, arcs, counts
-        self.sizes, self.K = sizes, int(counts.sum())
+        self.program, self.problem, self.arcs, self.meshes = program, problem, arcs, meshes
+        counts = np.array([len(mesh) for mesh in meshes])
+        self.sizes, self.K, self.fractions = sizes, int(counts.sum()), np.concatenate(meshes)
         self.phase_of = np.repeat(np.arange(len(counts)), counts)
         self.first = np.append(0, np.cumsum(counts))   # intervals at which phases begin
         self.g: list[ca.MX] = []
@@ -187,10 +191,10 @@ class _Solve:
         problem, program, sizes = self.problem, self.program, self.sizes
         n, m, K, d = problem.n, problem.m, self.K, DEGREE
         self.X, self.U = ca.MX.sym('X', n, 1 + K * d), ca.MX.sym('U', m, K * d)
-        self.T = ca.MX.sym('T', 1, len(self.counts))
+        self.T = ca.MX.sym('T', 1, len(self.meshes))
         x = ca.repmat(sizes.x, 1, 1 + K * d) * self.X
         u = ca.repmat(sizes.u, 1, K * d) * self.U
-        part = sizes.time / self.counts[self.phase_of]
+        part = sizes.time * self.fractions
         h = self.T[self.phase_of.tolist()] * ca.DM(part).T
         h = ca.reshape(ca.repmat(h, d, 1), 1, -1)
         p = problem.p_value
@@ -253,8 +257,8 @@ class _Solve:
         known = self._known_at_end()
         c_low[-1:, known], c_high[-1:, known] = -np.inf, np.inf
         spare = self._spare()
-        x_low[self.K * d - int(self.counts[-1]) * d:, spare] = -np.inf
-        x_high[self.K * d - int(self.counts[-1]) * d:, spare] = np.inf
+        x_low[(self.K - len(self.meshes[-1])) * d:, spare] = -np.inf
+        x_high[(self.K - len(self.meshes[-1])) * d:, spare] = np.inf
         for phase in range(len(self.arcs)):
             self._straighten(u, phase)
             self._begin(u, phase)
@@ -408,8 +412,9 @@ class _Solve:
             u_low[last, known], u_high[last, known] = -np.inf, np.inf
         longest = np.full(len(durations), 4 * durations.sum() / sizes.time)
         bounds = [np.concatenate([x.ravel(), (u / sizes.u).ravel(), T]) for x, u, T in (
-            (self.x_bounds[0], u_low, 0 * longest), (self.x_bounds[1], u_high, longest))]
-        t = np.append(0.0, np.cumsum((durations / self.counts)[self.phase_of]))
+            (self.x_bounds[0], u_low, self.program.least * durations / sizes.time),
+            (self.x_bounds[1], u_high, longest))]
+        t = np.append(0.0, np.cumsum(durations[self.phase_of] * self.fractions))
         times = (t[:-1, None] + np.diff(t)[:, None] * self.program.points[1:]).ravel()
         x = np.vstack([problem.x0, guess.states_at(times)]) / sizes.x
         # Inside of its interval, for the sides of a jump differ.
@@ -427,8 +432,8 @@ class _Solve:
         w, lam_g = found['x'].full().ravel(), found['lam_g'].full().ravel() * sizes.cost
         x = w[:n * (1 + K * d)].reshape(-1, n) * sizes.x
         u = w[n * (1 + K * d):][:m * K * d].reshape(K, d, m) * sizes.u
-        durations = w[-len(self.counts):] * sizes.time
-        h = (durations / self.counts)[self.phase_of]
+        durations = w[-len(self.meshes):] * sizes.time
+        h = durations[self.phase_of] * self.fractions
         raw = lam_g[self.at_defects].reshape(K, d, n) / sizes.x
         lam = np.empty((K, d + 1, n))
         lam[:, 1:] = raw / program.weights[:, None]
@@ -451,7 +456,7 @@ class _Solve:
         astray = [(phase, row) for phase, row, slot in self.at_met
                   if lam_g[slot][0] * self.arcs[phase].met[row] < 0]
         grazing = frozenset(key for key, slot in self.outwards.items() if g[slot][0] > -_OUTWARDS)
-        return Phased(arcs, self.counts, durations, x[places], u, lam, eta, lam_g[self.at_psi],
+        return Phased(arcs, self.meshes, durations, x[places], u, lam, eta, lam_g[self.at_psi],
                       float(found['f']) * sizes.cost, converged, grazing,
                       self._pushed(found, lam_g, x, lam), astray)
 

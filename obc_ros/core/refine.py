@@ -25,6 +25,7 @@ _WORTH = 0.7       # of the most intervals: with more no finer mesh is tried
 EXCEEDED = 2e-8, 2e-6   # of its size: by how much a constraint may be exceeded, or be drawn in
 _EQUAL = 25.0      # times that, for an equality: nothing can be drawn in
 _STRAIGHT = 1e-6   # of its size: by how much an input may be off a straight line
+_CHORDED = 0.5     # of what is given away
 _FOLLOWING = 12   # Newton steps at a point
 
 
@@ -42,19 +43,32 @@ class Judgement:
     """
     What a path gives away.
 
-    `lost` (N,) cost given away in each interval; `kinks` times at which u* meets or leaves a
-    bound; `drift` (N,) by how much H changes within each interval and `spread` from its least
-    to its largest value, relative to the largest sum of its terms.
+    `lost` (N,) cost given away in each interval, `chords` (N,) the part of it by which inputs
+    between two points of a curved constraint are off it; `kinks` times at which u* meets or
+    leaves a bound; `drift` (N,) by how much H changes within each interval and `spread` from its
+    least to its largest value, relative to the largest sum of its terms.
     """
 
     lost: Array
+    chords: Array
     kinks: Array
     drift: Array
     spread: float
 
+    @property
+    def chorded(self) -> bool:
+        """Return whether most of what is given away is so by chords."""
+        return bool(self.chords.sum() > _CHORDED * self.lost.sum())
 
-def judge(problem: Problem, integrator: Integrator, course: Extremal) -> Judgement:
-    """Return what the input of a path gives away."""
+
+def judge(problem: Problem, integrator: Integrator, course: Extremal,
+          slack: Array | None = None) -> Judgement:
+    """
+    Return what the input of a path gives away.
+
+    `slack` (2, K): what path constraints weigh that are not quite met at the start and at the
+    end of each part.
+    """
     # All starts of parts, then all their ends.
     x, u, lam = (np.vstack(pair) for pair in (
         (course.x, course.x_end), (course.ua, course.ub), (course.lam, course.lam_end)))
@@ -65,11 +79,13 @@ def judge(problem: Problem, integrator: Integrator, course: Extremal) -> Judgeme
     gaps, energy = gap.reshape(2, -1), H.reshape(2, -1)
     targets = target.reshape(2, -1, problem.m)
     h = np.diff(course.t)
-    lost = (0.5 * h * (gaps[0] + gaps[1])).reshape(-1, course.parts).sum(axis=1)
+    slack = np.zeros_like(gaps) if slack is None else slack
+    lost, chords = ((0.5 * h * (values[0] + values[1])).reshape(-1, course.parts).sum(axis=1)
+                    for values in (gaps + slack, slack))
     moved = course.lam * (course.x_end - course.x) / np.maximum(h, 1e-300)[:, None]
     size = np.max(np.abs(energy[0] - moved.sum(axis=1)) + np.abs(moved).sum(axis=1))
     H = np.nan_to_num(energy.T.reshape(len(lost), -1) / max(size, 1e-300))
-    return Judgement(lost, _crossings(problem, course.t, targets), np.ptp(H, axis=1),
+    return Judgement(lost, chords, _crossings(problem, course.t, targets), np.ptp(H, axis=1),
                      float(np.ptp(H)))
 
 

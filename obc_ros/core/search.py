@@ -219,7 +219,9 @@ class Search:
         """Return what a course gives away."""
         kept, of, verdict = self._judged
         if verdict is None or kept is not self.problem or of is not course:
-            verdict = judge(self.problem, self.kit.integrator, course)
+            slack = None if course.density_path is None else (
+                self.kit.fitter(self.problem).slack(self.problem, course))
+            verdict = judge(self.problem, self.kit.integrator, course, slack)
             self._judged = self.problem, course, verdict
         return verdict
 
@@ -299,8 +301,9 @@ class Search:
     def finer(self, outcome: Outcome, course: Extremal) -> Mesh:
         """Return a mesh that is finer where the path gives cost away."""
         verdict, N = self.judged(course), len(course.local)
+        share = _LOST[self.bounded] * abs(outcome.objective) / N
         errors = [
-            Error(verdict.lost, _LOST[self.bounded] * abs(outcome.objective) / N, 5.0),
+            Error(verdict.lost - verdict.chords, share, 5.0), Error(verdict.chords, share, 3.0),
             Error(course.local, _STEP_ERROR / N, 7.0), Error(verdict.drift, _DRIFT, 2.0)]
         if self.bounded:
             errors.append(Error(self.exceeded, EXCEEDED[0], 2.0))
@@ -409,10 +412,11 @@ class Search:
                 answer = self.solution(outcome, self.course(outcome))
                 if best is None or _holds(answer) or not _holds(best):
                     best, self.last = answer, self.answered(outcome)
-            nearest = outcome
-            if number in _MESHES and above < _NEAR_BOUNDS and not (best and _holds(best)):
+            nearest, held = outcome, best is not None and _holds(best)
+            chorded = above > _CLOSE_ENOUGH[1] and self.judged(course).chorded
+            if number in _MESHES and above < _NEAR_BOUNDS and (chorded or not held):
                 tried = outcome
-                if (found := along_bounds(self, outcome)) is not None:
+                if (found := along_bounds(self, outcome, best)) is not None:
                     return found
             late = self.work - begun > _FOR_DIGITS * (1 + self.stages)
             if best is not None and _holds(best) and (above < _CLOSE_ENOUGH[self.bounded] or late):

@@ -22,8 +22,9 @@ from obc_ros.core.arcs import (
     signature,
 )
 from obc_ros.core.contacts import contacts, with_contacts
-from obc_ros.core.jumps import with_jumps
+from obc_ros.core.jumps import with_jumps, with_steps
 from obc_ros.core.mesh import uniform
+from obc_ros.core.mixed import sharing
 from obc_ros.core.refine import below
 from obc_ros.core.transcription import Outcome
 
@@ -101,7 +102,7 @@ class Settling:
     def broken(self, arcs: list[Arc], outcome: Outcome) -> list[Arc]:
         """Return arcs that end where inputs jump without coming to a bound."""
         loose = ~(np.isfinite(self.problem.u_lower) | np.isfinite(self.problem.u_upper))
-        of = loose & np.array(self.switching)
+        of = (loose | sharing(self.problem)) & np.array(self.switching)
         return with_jumps(arcs, outcome.path, of) if of.any() else arcs
 
     def touching(self, arcs: list[Arc], outcome: Outcome) -> list[Arc]:
@@ -139,7 +140,7 @@ class Settling:
                 self.problem, mesh.layout).solvable(self.problem, mesh):
             return None
         held = [not np.isnan(arc.levels).any() for arc in arcs]
-        new = search.collocate(mesh, outcome.path, durations, near=True,
+        new = search.collocate(mesh, with_steps(outcome.path, arcs), durations, near=True,
                                sizes=search.sizes(outcome), least=kept * durations * held,
                                most=max(_PATIENT[0], _PATIENT[1] * search.typical))
         allowed = outcome.objective + 1e-5 * abs(outcome.objective)
@@ -160,7 +161,8 @@ class Settling:
         """Return arcs that differ where dH/du says that an input is at the wrong bound."""
         course = self.search.course(outcome)
         x, u = (course.x + course.x_end) / 2, (course.ua + course.ub) / 2
+        mu = None if course.density_path is None else course.density_path.mean(axis=1)
         _, Hu, _ = self.kit.integrator.hamiltonian(
-            self.problem, x, u, (course.lam + course.lam_end) / 2)
+            self.problem, x, u, (course.lam + course.lam_end) / 2, mu)
         arcs = opened(arcs, course.t, Hu, self.problem, self.kit.switching)
         return self.broken(self.touching(arcs, outcome), outcome)

@@ -62,6 +62,9 @@ class Outcome:
         Multipliers of the bounds of x, > 0 at an upper bound.
     node_path, inner_path : ndarray, shape (N + 1, l), (N, s, l)
         Likewise for the path constraints; the last row is that at T.
+    sides_path : ndarray, shape (N, 2, l)
+        Those of the path constraints at the start and at the end of each interval: where a phase
+        ends others hold on either side.
     w, lam_w, lam_g, mu
         Unknowns, multipliers and parameter of the barrier of the program, for a warm start.
 
@@ -80,6 +83,7 @@ class Outcome:
     inner_bounds: Array
     node_path: Array
     inner_path: Array
+    sides_path: Array
     w: Array
     lam_w: Array
     lam_g: Array
@@ -462,10 +466,12 @@ class Transcription:
         first = N * (self.n * (s + 1) + (s + 1) * l)
         local = lam[:first].reshape(N, -1)[:, self.n * (s + 1):].reshape(N, s + 1, l)
         node_path = np.vstack([local[:, 0], np.zeros((1, l))])
+        sides = np.stack([node_path[:-1], node_path[1:]], axis=1)
         if l:
             ends = lam[first + self.q:][:self._program.rows[2]].reshape(-1, l)
             for k, value in zip(self._ends(problem), ends, strict=True):
                 node_path[k + 1] += value
+                sides[k, 1] = value
         violation = float(np.maximum(row_bounds[0] - g, g - row_bounds[1]).max(initial=0.0))
         node_bounds = bounds[self.at_x] / scales.x
         node_bounds[0] = 0.0
@@ -474,4 +480,5 @@ class Transcription:
         return Outcome(
             mesh, path, found.converged, found.status, found.f * scales.cost, violation,
             found.iterations, lam[first:first + self.q], costates, node_bounds,
-            bounds[self.at_inner] / scales.x, node_path, local[:, 1:], w, lam_w, lam_g, found.mu)
+            bounds[self.at_inner] / scales.x, node_path, local[:, 1:], sides, w, lam_w, lam_g,
+            found.mu)

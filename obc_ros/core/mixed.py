@@ -1,0 +1,84 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where path constraints c(x, u) hold inputs: arcs that begin and end as their multipliers do.
+
+How near such a constraint is to its bound says little: a linear input is off the circle that
+holds it between mesh points, or at them. Its multiplier vanishes where it does not hold.
+"""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.arcs import Arc
+from obc_ros.core.contacts import Contact, with_contacts
+from obc_ros.core.mesh import collocation
+from obc_ros.core.phased import Bounds, DEGREE, Phased
+from obc_ros.core.problem import Problem
+from obc_ros.core.transcription import Outcome
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_WEIGHS = 1e-4   # of the largest density: what is not there
+_WRONG = 1e-6    # likewise on an arc, of the wrong sign
+
+
+def sharing(problem: Problem) -> Mask:
+    """Return which inputs path constraints hold, (m,)."""
+    found: Mask = np.zeros(problem.m, dtype=bool)
+    found[ca.jacobian_sparsity(problem.path, problem.u).get_triplet()[1]] = True
+    return found
+
+
+def holding(outcome: Outcome, bounds: Bounds) -> list[Contact]:
+    """Return where constraints on inputs weigh in a transcription."""
+    t, n = outcome.path.t, outcome.path.x.shape[1]
+    h = np.maximum(np.diff(t), 1e-300)
+    weights = np.concatenate([outcome.inner_path, outcome.sides_path], axis=1) / h[:, None, None]
+    found = []
+    for row in np.flatnonzero(bounds.orders[n:] == 0).tolist():
+        least = _WEIGHS * np.abs(weights[:, :, row]).max(initial=0.0)
+        for sign in (1, -1):
+            for first, last in _runs(np.max(sign * weights[:, :, row], axis=1) > least):
+                found.append(Contact(n + row, sign, t[first], t[last + 1], 0.0))
+    return found
+
+
+def reheld(arcs: list[Arc], found: Phased, bounds: Bounds) -> list[Arc]:
+    """Return arcs that are on constraints of inputs where these weigh along phases found."""
+    rows = np.flatnonzero(bounds.orders == 0)
+    points = np.append(0.0, np.cumsum(found.h))
+    t = points[:-1, None] + found.h[:, None] * collocation(DEGREE, 'radau')[0]
+    new: list[Contact] = []
+    changed = False
+    for row in rows.tolist():
+        largest = float(np.abs(found.eta[:, :, row]).max())
+        for phase, arc in enumerate(found.arcs):
+            of = found.phase_of == phase
+            eta, times, h = found.eta[of, :, row].ravel(), t[of].ravel(), found.h[of].max()
+            now = arc.on[row] if arc.on else 0
+            for sign in (now,) if now else (1, -1):
+                heavy = sign * eta > (-_WRONG if now else _WEIGHS) * largest
+                if now and heavy.all():
+                    new.append(Contact(row, sign, arc.start, arc.end, 0.0))
+                    continue
+                for first, last in _runs(heavy):
+                    if last - first >= DEGREE:
+                        new.append(Contact(row, sign, max(times[first] - h / 2, arc.start),
+                                           min(times[last] + h / 2, arc.end), 0.0))
+                        changed = changed or not now
+                changed = changed or bool(now)
+    if not changed:
+        return arcs
+    off = [replace(arc, on=tuple(0 if row in rows else on for row, on in enumerate(arc.on)))
+           for arc in arcs]
+    return with_contacts(off, new, bounds.deciding, bounds.orders == 0) if new else off
+
+
+def _runs(of: Mask) -> list[tuple[int, int]]:
+    """Return the first and the last places of all runs of true entries."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], of, [False]])))
+    return [(int(first), int(last) - 1) for first, last in edges.reshape(-1, 2)]
