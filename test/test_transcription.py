@@ -15,6 +15,7 @@ from obc_ros.core.mesh import HELD, Layout, LINEAR, Mesh, Path, Phase, split, un
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.pieces import Pieces
 from obc_ros.core.refine import Error, finer
+from obc_ros.core.rollouts import nearest
 from obc_ros.core.statement import problem_from_mapping
 from obc_ros.core.transcription import Limits, Transcription
 from obc_ros.core.uneven import Uneven
@@ -270,3 +271,18 @@ def test_lines_are_scattered_over_the_final_states_that_are_open():
     assert np.ptp(ends) > 3 and np.diff(ends).max() < 2
     assert all(path.x[-1, 1] == 2 for k, path in enumerate(paths, 1) if k % 3)
     assert np.all(paths[0].x[0] == problem.x0)
+
+
+def test_inputs_drawn_at_random_lead_near_where_no_line_does():
+    """A point inside of a car's turning circle: a line to it is no path."""
+    problem = problem_from_mapping({
+        'states': ['x', 'y', 'a'], 'inputs': ['w'], 'running_cost': '1',
+        'dynamics': {'x': 'cos(a)', 'y': 'sin(a)', 'a': 'w'},
+        'initial_state': {'x': 0, 'y': 0, 'a': 0}, 'input_bounds': {'w': [-1, 1]},
+        'terminal_constraints': ['x', 'y - 0.5'],
+        'final_time': {'free': True, 'lower': 0.1, 'upper': 30}})
+    paths, integrator = nearest(problem, 4.0), Integrator(problem)
+    assert np.abs(paths[0].x[-1, :2] - [0, 0.5]).max() < 0.15
+    for path in paths[:6]:
+        x, _ = integrator.forward(problem, path.t, path.ua, path.ub)
+        assert np.allclose(x, path.x, atol=1e-4)

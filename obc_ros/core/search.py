@@ -14,7 +14,7 @@ from obc_ros.core.certificate import certify
 from obc_ros.core.contradictions import contradiction
 from obc_ros.core.extremal import Extremal
 from obc_ros.core.familiar import ANOTHER, Familiar
-from obc_ros.core.guesses import joined, scales
+from obc_ros.core.guesses import final_time, joined, scales
 from obc_ros.core.junctions import along_bounds, at_once
 from obc_ros.core.kit import Answered, Kit
 from obc_ros.core.lengthening import lengthened
@@ -23,6 +23,7 @@ from obc_ros.core.monitor import Monitor
 from obc_ros.core.natural import kept
 from obc_ros.core.problem import Problem
 from obc_ros.core.refine import below, drawn_in, Error, EXCEEDED, finer, followed, judge, Judgement
+from obc_ros.core.rollouts import from_rollouts
 from obc_ros.core.settling import Settling
 from obc_ros.core.solution import Solution, Status
 from obc_ros.core.transcription import Limits, Outcome, Scales
@@ -79,7 +80,7 @@ class Search:
         self.intervals, self.typical = COARSE, _COARSE_ITERATIONS
         self.work = 0
         self.starts: Iterator[Path] = iter(())
-        self.familiar = Familiar()
+        self.familiar, self.looked_from = Familiar(), 0   # so many rollouts
         self.periods = np.full(problem.m, np.inf)
         self.last: Answered | None = None
         self.extremal: BoundaryValues | None = None   # of the outcome at hand, once it is found
@@ -156,11 +157,14 @@ class Search:
             if self.intervals <= COARSE and not self.quick:
                 self.reason = self.why_not(self.stated)
             if self.reason or self.monitor.stopped:
-                return sorted(found, key=_nearest)
-        if (longer := lengthened(self, COARSE)) is not None:
-            self.led_somewhere = True
-            return [longer]
-        return sorted(found, key=_nearest)
+                break
+        else:
+            longer = lengthened(self, COARSE)
+            good = [longer] if longer else from_rollouts(self, final_time(self.problem))
+            if good:
+                self.led_somewhere = True
+                return sorted(good, key=lambda outcome: outcome.objective)
+        return sorted(found, key=lambda outcome: (not outcome.converged, outcome.infeasibility))
 
     def believed(self, outcome: Outcome) -> bool:
         """Return whether the cost of a coarse outcome says something."""
@@ -451,8 +455,8 @@ class Search:
                 self.problem, self.kit.integrator, self.starts, abs(floor))
         for number in range(_UNEVEN[0] if uneven else _EXPLORED_MOST):
             hard = self.work > _HARD
-            enough = number >= _EXPLORED_LEAST[2 if uneven else hard and not self.stages] and not (
-                uneven and spent < _UNEVEN[1])
+            least = _EXPLORED_LEAST[2 if uneven else hard and not self.stages]
+            enough = number + self.looked_from >= least and not (uneven and spent < _UNEVEN[1])
             weary = self.work > _WEARY and not _holds(best)
             if self.monitor.stopped or weary or enough and (
                     spent > _EXPLORING[hard] * self.work or self.familiar.enough()):
@@ -490,10 +494,6 @@ class Search:
         self.switching = tuple(self.may_hold and each for each in self.kit.switching)
         if self.kit.twin:
             self.problem = self.kit.twin.problem(self.stated, 0)
-
-
-def _nearest(outcome: Outcome) -> tuple[bool, float]:
-    return not outcome.converged, outcome.infeasibility
 
 
 def _holds(answer: Solution) -> bool:
