@@ -111,6 +111,22 @@ def test_least_time_along_a_speed_limit_is_exact():
     np.testing.assert_allclose(solution.switching_times, [1, 4], atol=1e-8)
 
 
+@pytest.mark.parametrize('name, l', [
+    ('breakwell', 0.1), ('bryson_denham', 1 / 9), ('bryson_denham_tight', 0.05)])
+def test_a_bound_of_the_state_is_reached_and_left_when_it_should_be(name, l):  # noqa: E741
+    """
+    The bound x <= l holds from 3 l to 1 - 3 l, u = -2/(3 l) (1 - t/(3 l)) before, J = 4/(9 l).
+
+    A. E. Bryson, Y.-C. Ho, Applied Optimal Control, section 3.11.
+    """
+    problem, _ = stated(name)
+    solution = solve(problem)
+    assert solution.certificate.holds
+    assert solution.objective == pytest.approx(4 / (9 * l), rel=1e-9)
+    np.testing.assert_allclose(solution.switching_times, [3 * l, 1 - 3 * l], atol=1e-7)
+    np.testing.assert_allclose(solution.lam[0], [2 / (9 * l**2), 2 / (3 * l)], rtol=1e-5)
+
+
 def test_arcs_of_a_triple_integrator():
     """From (1, 0, 0) to rest: 32^(1/3), switches at 1/4 and 3/4 of it."""
     problem, _ = stated('triple_integrator_mintime')

@@ -10,6 +10,7 @@ changes.
 """
 
 from dataclasses import replace
+from itertools import pairwise
 import math
 from typing import TYPE_CHECKING
 
@@ -24,7 +25,7 @@ from obc_ros.core.jumps import with_jumps, with_steps
 from obc_ros.core.mesh import collocation, lagrange, Path
 from obc_ros.core.mixed import holding, reheld
 from obc_ros.core.monitor import Monitor
-from obc_ros.core.phased import Bounds, DEGREE, Phased, PhasedProgram
+from obc_ros.core.phased import Bounds, DEGREE, Grazing, Phased, PhasedProgram
 from obc_ros.core.problem import Problem
 from obc_ros.core.refine import below
 from obc_ros.core.solution import Solution, Status
@@ -46,6 +47,7 @@ _COARSE = 1e-4        # residual of the dynamics
 _WORSE = 1.5          # times what was off before: no finer mesh will do
 _FINEST = 8           # times as many, at most
 _NEAR = 1e-5          # of its size: how near its bound a constraint is met
+_HARDLY = 1e-3        # likewise: how little it leaves its bound between two arcs along it
 _MOST = 0.8           # of a contact, for all of it
 _WEIGHS = 1e-5        # beside the costates: what a bound does where it is touched
 _SAME = 1e-5          # relative cost of a path that leaves bounds a little more smoothly
@@ -55,6 +57,7 @@ _SAMPLES = 1000, 4000
 _BY_SAMPLES = 'dynamics', 'bounds', 'cost', 'minimum'   # what more samples may take away
 _ALMOST = 30.0        # times its tolerance: such a residual that they may take away
 _ITERATIONS = 150
+_NEARLY = 0.1         # relative rate inwards at a junction, at which there may be none
 _AT_ONCE = 45_000     # work, as in `search`, on what a coarse mesh shows
 
 
@@ -156,7 +159,8 @@ def settled(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Pa
         arcs = found.arcs
         kept = tidied(arcs)
         if len(kept) == len(arcs) and np.all(found.durations >= short):
-            return _grazing(problem, program, found, sizes, pinned, monitor)
+            return _grazing(problem, program, found, sizes, pinned, monitor, found.grazing()
+                            ) if found.converged else None
         arcs, guess = kept, as_path(found)
     return None
 
@@ -179,13 +183,13 @@ def _meshes(arcs: list[Arc], like: Path, fine: int) -> list[Array]:
 
 
 def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: Scales,
-             pinned: Mask, monitor: Monitor) -> Phased | None:
-    """Return a path that was found, made to leave bounds as smoothly as it seems to."""
-    if not found.converged or not found.grazing or monitor.stopped:
-        return found if found.converged else None
+             pinned: Mask, monitor: Monitor, where: Grazing) -> Phased:
+    """Return a path that was found, made to come to bounds and leave them smoothly `where`."""
+    if not where or monitor.stopped:
+        return found
     monitor.limit(_ITERATIONS)
-    new = program.solve(problem, found.arcs, found.meshes, as_path(found), sizes, pinned, monitor,
-                        found.grazing)
+    new = program.solve(
+        problem, found.arcs, found.meshes, as_path(found), sizes, pinned, monitor, where)
     same = new.converged and len(tidied(new.arcs)) == len(new.arcs) and not below(
         found.cost, new.cost, _SAME)
     return new if same else found
@@ -224,7 +228,7 @@ def along_bounds(search: 'Search', outcome: Outcome, known: Solution | None = No
             if found is None or found.cost > allowed:
                 break
             answer = _certified(problem, program, search.kit.judge, found)
-            if answer.certificate and answer.certificate.holds:
+            if _holds(answer):
                 search.last = search.answered(outcome)
                 return answer
             assert answer.certificate is not None
@@ -234,15 +238,27 @@ def along_bounds(search: 'Search', outcome: Outcome, known: Solution | None = No
             worst = answer.certificate.worst
             off, before = (answer.certificate.residuals[worst]
                            / answer.certificate.tolerances[worst]), off
-            arcs = reread(problem, program.bounds, search.kit.judge, found, answer)
+            arcs = reread(problem, program.bounds, search.kit.judge, found, answer,
+                          search.kit.fitter(problem).at(problem, answer.x, answer.u))
             guess = with_steps(as_path(found), arcs)
-            if signature(arcs) == signature(found.arcs):
-                fine *= 2
-                if off > _WORSE * before:
-                    break
-            else:
+            if signature(arcs) != signature(found.arcs):
                 off = math.inf
+                continue
+            # When a path comes to a bound smoothly its cost hardly depends on when it does.
+            smooth = _grazing(problem, program, found, sizes, search.pinned, monitor,
+                              found.grazing(_NEARLY))
+            if smooth is not found and _holds(
+                    answer := _certified(problem, program, search.kit.judge, smooth)):
+                search.last = search.answered(outcome)
+                return answer
+            fine *= 2
+            if off > _WORSE * before:
+                break
     return None
+
+
+def _holds(answer: Solution) -> bool:
+    return answer.certificate is not None and answer.certificate.holds
 
 
 def at_once(search: 'Search', start: Outcome) -> Solution | None:
@@ -271,11 +287,12 @@ def _certified(problem: Problem, program: PhasedProgram, integrator: Integrator,
 
 
 def reread(problem: Problem, bounds: Bounds, integrator: Integrator, found: Phased,
-           answer: Solution) -> list[Arc]:
+           answer: Solution, value: Array) -> list[Arc]:
     """
     Return the arcs of a path that was found, changed where it shows that they are not right.
 
-    Inputs whose bound is the wrong one are moved or set free; bounds of the state are touched.
+    Inputs whose bound is the wrong one are moved or set free; bounds of the state are touched, or
+    held where the path, at whose samples (x, c) is `value` (N, n + l), stays on them anyway.
     """
     rows = np.flatnonzero(np.diff(answer.t) > 0)
     x, u, lam = ((values[rows] + values[rows + 1]) / 2 for values in (
@@ -293,11 +310,20 @@ def reread(problem: Problem, bounds: Bounds, integrator: Integrator, found: Phas
         cut.append(Arc(start, float(end), level.levels, on.on,
                        jump=on.jump and abs(start - on.start) <= 1e-9 * times[-1]))
         start = float(end)
-    return touching(reheld(tidied(cut), found, bounds), found, bounds)
+    size = np.abs(value).max(axis=0)
+    room = np.stack([value - np.append(problem.x_lower, problem.path_lower),
+                     np.append(problem.x_upper, problem.path_upper) - value])
+    return touching(reheld(tidied(cut), found, bounds), found, bounds, answer.t,
+                    room <= _HARDLY * size)
 
 
-def touching(arcs: list[Arc], found: Phased, bounds: Bounds) -> list[Arc]:
-    """Return arcs near those found, which touch bounds, or stay on them, where these weigh."""
+def touching(arcs: list[Arc], found: Phased, bounds: Bounds, times: Array, near: Mask
+             ) -> list[Arc]:
+    """
+    Return arcs near those found, which touch bounds, or stay on them, where these weigh.
+
+    `near` (2, N, n + l): whether the path is on lower and on upper bounds at the given times.
+    """
     d = DEGREE
     met = [(arc.start, int(row), arc.met[row]) for phase, arc in enumerate(found.arcs)
            for row in np.flatnonzero(arc.met) if (phase, int(row)) not in found.astray]
@@ -323,6 +349,13 @@ def touching(arcs: list[Arc], found: Phased, bounds: Bounds) -> list[Arc]:
                 else:
                     time = float(t[run] @ weight[run] / weight[run].sum())
                     met.append((time, row, sign))
+    for row, sign in {(row, sign) for _, _, row, sign in held}:
+        spans = sorted((start, end) for start, end, *of in held if of == [row, sign])
+        for (start, left), (again, end) in pairwise(spans):
+            between = near[(sign + 1) // 2, (times > left) & (times < again), row]
+            if between.size and between.all():
+                longer.append(Contact(row, sign, start, end, 0.0))
+                met = [each for each in met if each[1] != row or not start <= each[0] <= end]
     if longer:
         arcs = with_contacts(arcs, longer, bounds.deciding)
     for time, row, sign in met:

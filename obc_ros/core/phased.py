@@ -66,9 +66,9 @@ class Phased:
     eta : ndarray, shape (K, DEGREE, n + l)
         Multipliers of what holds in a phase, or of the path constraints.
     nu : ndarray, shape (q,)
-    grazing : frozenset of (int, int)
-        Numbers of phases and rows whose derivative that inputs enter vanishes on the other side
-        of the junction, too, at which this phase begins (phase) or ends (-1 - phase).
+    outwards : dict of (int, int) to float
+        By numbers of phases and rows, the derivative that inputs enter on the other side of the
+        junction at which this phase begins (phase) or ends (-1 - phase), relative; inwards < 0.
     pushed : ndarray, shape (K, DEGREE, n + l)
         What bounds of (x, c) that are not held weigh at points, beside the costates.
     astray : list of (int, int)
@@ -86,9 +86,13 @@ class Phased:
     nu: Array
     cost: float
     converged: bool
-    grazing: Grazing
+    outwards: dict[tuple[int, int], float]
     pushed: Array
     astray: list[tuple[int, int]]
+
+    def grazing(self, within: float = _OUTWARDS) -> Grazing:
+        """Return where derivatives vanish on the other side of junctions, too, or nearly do."""
+        return frozenset(key for key, rate in self.outwards.items() if rate > -within)
 
     @property
     def phase_of(self) -> Index:
@@ -455,9 +459,9 @@ class _Solve:
         g = found['g'].full().ravel()
         astray = [(phase, row) for phase, row, slot in self.at_met
                   if lam_g[slot][0] * self.arcs[phase].met[row] < 0]
-        grazing = frozenset(key for key, slot in self.outwards.items() if g[slot][0] > -_OUTWARDS)
+        outwards = {key: float(g[slot][0]) for key, slot in self.outwards.items()}
         return Phased(arcs, self.meshes, durations, x[places], u, lam, eta, lam_g[self.at_psi],
-                      float(found['f']) * sizes.cost, converged, grazing,
+                      float(found['f']) * sizes.cost, converged, outwards,
                       self._pushed(found, lam_g, x, lam), astray)
 
     def _pushed(self, found: dict[str, Any], lam_g: Array, x: Array, lam: Array) -> Array:
