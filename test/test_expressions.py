@@ -81,6 +81,7 @@ HOSTILE = {
     'eval(x)': 'not a function',
     'math.sin(x)': 'attributes',
     'x(2)': "'x' is not a function",
+    'max(x, 0)': r"'max' is not a function \(did you mean '\(a \+ b \+ abs",
     '(1)(2)': 'not a function',
     'lambda: x': 'not understood',
     'lambda x': 'not an expression',

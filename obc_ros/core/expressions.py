@@ -69,7 +69,8 @@ _OTHER_SIGNS = {'^': '**', '·': '*', '×': '*', '÷': '/', '−': '-', '–': '
                 '³': '**3', '[': '(', '{': '('}
 _OTHER_NAMES = {'ln': 'log', 'arcsin': 'asin', 'arccos': 'acos', 'arctan': 'atan',
                 'arctan2': 'atan2', 'fabs': 'abs', 'PI': 'pi', 'Pi': 'pi', 'power': '**',
-                'pow': '**', 'log10': 'log(...)/log(10)'}
+                'pow': '**', 'log10': 'log(...)/log(10)', 'max': '(a + b + abs(a - b))/2',
+                'min': '(a + b - abs(a - b))/2', 'hypot': 'sqrt(a**2 + b**2)'}
 
 
 def parse(text: object, symbols: Mapping[str, ca.SX], where: str) -> ca.SX:
