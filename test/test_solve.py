@@ -37,7 +37,8 @@ NAMES = (
     'parallel_reactions', 'jerk_limited', 'goddard_speed_limit', 'missile',
     'terminal_wells', 'downhill_from_a_hump', 'epidemic_weak_lockdown', 'production_to_stock',
     'snap_limited', 'mars_descent', 'goddard_pressure_limit', 'thrust_in_a_disc',
-    'epidemic_beds', 'detumble_mintime', 'disc_with_drag', 'invest_or_produce')
+    'epidemic_beds', 'detumble_mintime', 'disc_with_drag',
+    'friction_circle', 'invest_or_produce')
 
 
 def stated(name, **changes):

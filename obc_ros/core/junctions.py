@@ -23,7 +23,7 @@ from obc_ros.core.contacts import Contact, contacts, with_contacts
 from obc_ros.core.extremal import Integrator
 from obc_ros.core.jumps import with_jumps, with_steps
 from obc_ros.core.mesh import collocation, lagrange, Path
-from obc_ros.core.mixed import holding, reheld
+from obc_ros.core.mixed import holding, on_constraints, reheld
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.phased import Bounds, DEGREE, Grazing, Phased, PhasedProgram
 from obc_ros.core.problem import Problem
@@ -409,6 +409,7 @@ def sampled(problem: Problem, program: PhasedProgram, integrator: Integrator, fo
     x, lam = (np.einsum('sj,kjn->ksn', on_x, values) for values in (found.x, found.lam))
     # Straight lines between samples of u are off it by h^2 / 12 of its bend in the mean.
     u = np.einsum('sj,kjm->ksm', on_u[0] - on_u[2] / (12 * parts**2), found.u)
+    u = on_constraints(problem, program, found, x, u)
     eta = [np.einsum('sj,kjr->ksr', basis, found.eta) / found.h[:, None, None]**order
            for order, basis in enumerate(on_u)]
     density = np.zeros_like(eta[0])

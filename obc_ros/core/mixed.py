@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from obc_ros.core.arcs import Arc
 from obc_ros.core.contacts import Contact, with_contacts
 from obc_ros.core.mesh import collocation
-from obc_ros.core.phased import Bounds, DEGREE, Phased
+from obc_ros.core.phased import Bounds, DEGREE, Phased, PhasedProgram
 from obc_ros.core.problem import Problem
 from obc_ros.core.transcription import Outcome
 
@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _WEIGHS = 1e-4   # of the largest density: what is not there
+_STEPS = 3       # of Newton onto a constraint
 _WRONG = 1e-6    # likewise on an arc, of the wrong sign
 
 
@@ -76,6 +77,34 @@ def reheld(arcs: list[Arc], found: Phased, bounds: Bounds) -> list[Arc]:
     off = [replace(arc, on=tuple(0 if row in rows else on for row, on in enumerate(arc.on)))
            for arc in arcs]
     return with_contacts(off, new, bounds.deciding, bounds.orders == 0) if new else off
+
+
+def on_constraints(problem: Problem, program: PhasedProgram, found: Phased, x: Array, u: Array
+                   ) -> Array:
+    """
+    Return samples of inputs (K, s, m) moved onto the constraint that holds them in each phase.
+
+    Polynomials that meet it at their points only are off it between them.
+    """
+    bounds, u = program.bounds, u.copy()
+    for phase, arc in enumerate(found.arcs):
+        rows = [row for row, on in enumerate(arc.on) if on and bounds.orders[row] == 0]
+        here = np.flatnonzero(found.phase_of == phase)
+        if len(rows) != 1:
+            continue
+        row, free = rows[0], np.isnan(arc.levels)
+        limits = (np.append(problem.x_upper, problem.path_upper) if arc.on[row] > 0 else
+                  np.append(problem.x_lower, problem.path_lower))
+        points, inputs = x[here].reshape(-1, problem.n), u[here].reshape(-1, problem.m)
+        p = ca.repmat(problem.p_value, 1, len(points))
+        value, slopes = (each.map(len(points)) for each in (program.rows, program.rows_u))
+        for _ in range(_STEPS):
+            off = value(points.T, inputs.T, p).full()[row] - limits[row]
+            slope = slopes(points.T, inputs.T, p).full()[row].reshape(-1, problem.m) * free
+            size = np.maximum(np.sum(slope**2, axis=1), 1e-300)
+            inputs = inputs - np.where(size > 1e-12 * size.max(), off / size, 0.0)[:, None] * slope
+        u[here] = inputs.reshape(len(here), -1, problem.m)
+    return u
 
 
 def _runs(of: Mask) -> list[tuple[int, int]]:

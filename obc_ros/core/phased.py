@@ -138,7 +138,9 @@ class PhasedProgram:
         self._rate = ca.Function('rate', [x, u, p], [problem.f, problem.L, problem.path])
         self._end = ca.Function('end', [x, p], [problem.V, problem.psi])
         self.end_slopes = ca.Function('slopes', [x, p], [ca.jacobian(problem.psi, x)])
-        self.rows = ca.Function('rows', [x, u, p], [ca.vertcat(x, problem.path)])
+        rows = ca.vertcat(x, problem.path)
+        self.rows = ca.Function('rows', [x, u, p], [rows])
+        self.rows_u = ca.Function('rows_u', [x, u, p], [ca.jacobian(rows, u)])
         points, self.weights, self.derivative, _ = collocation(DEGREE, 'radau')
         self.points = np.append(0.0, points)
 
@@ -241,7 +243,7 @@ class _Solve:
                 if row < n:
                     x_low[max(a, 1):b + 1, row], x_high[max(a, 1):b + 1, row] = -np.inf, np.inf
                 else:
-                    first = max(a - 1, 0)
+                    first = a if self._meets(phase, int(row)) else max(a - 1, 0)
                     c_low[first:b, row - n], c_high[first:b, row - n] = -np.inf, np.inf
             for row in np.flatnonzero(arc.met if a else ()):
                 bound = (upper if arc.met[row] > 0 else lower)[row]
@@ -270,6 +272,12 @@ class _Solve:
         self.at_path = slice(0, 0)
         if c_low.size:
             self.at_path = self._add(c, c_low.T, c_high.T)
+
+    def _meets(self, phase: int, row: int) -> bool:
+        """Return whether it is the path that meets a constraint of inputs, which are held."""
+        bounds = self.program.bounds
+        return bool(phase and bounds.orders[row] == 0 and not np.isnan(
+            np.array(self.arcs[phase - 1].levels))[bounds.deciding[row]].any())
 
     def _known_at_end(self) -> Mask:
         """Return which path constraints psi alone keeps at their values at T."""
@@ -452,6 +460,9 @@ class _Solve:
         for phase, row, slot in self.at_held:
             span = slice(int(self.first[phase]), int(self.first[phase + 1]))
             eta[span, :, row] = lam_g[slot].reshape(-1, d) / area[span]
+            if self._meets(phase, row):
+                # It says no more there than bounds of inputs where the phase begins.
+                eta[span.start - 1, -1, row] = 0.0
         places = (np.arange(K) * d)[:, None] + np.arange(d + 1)
         ends = np.cumsum(durations)
         arcs = [replace(arc, start=float(end - length), end=float(end))
