@@ -57,6 +57,7 @@ def kept(problem: Problem, astray: Sequence[Array]) -> Problem:
     """
     paths = np.nan_to_num(np.vstack(astray))
     far = paths.min(axis=0) < -_FAR * np.abs(paths).max(axis=0)
-    below = amounts(problem) & far & (problem.x_lower < 0)
+    below = far & (problem.x_lower < 0) & (problem.x0 >= 0)
+    below = below & amounts(problem) if below.any() else below
     return replace(problem, x_lower=np.where(below, 0.0, problem.x_lower),
                    structure='') if below.any() else problem

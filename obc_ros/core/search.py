@@ -161,10 +161,9 @@ class Search:
         else:
             longer = lengthened(self, COARSE)
             good = [longer] if longer else from_rollouts(self, final_time(self.problem))
-            if good:
-                self.led_somewhere = True
-                return sorted(good, key=lambda outcome: outcome.objective)
-        return sorted(found, key=lambda outcome: (not outcome.converged, outcome.infeasibility))
+            found, self.led_somewhere = good or found, bool(good)
+        return sorted(found, key=lambda outcome: (not outcome.converged, (
+            outcome.objective if self.led_somewhere else outcome.infeasibility)))
 
     def believed(self, outcome: Outcome) -> bool:
         """Return whether the cost of a coarse outcome says something."""
@@ -176,8 +175,7 @@ class Search:
 
     def _from_starts(self) -> list[Outcome]:
         found: list[Outcome] = []
-        begun, good = self.work, False
-        most = _STARTS if self.quick else _STARTS_MOST
+        begun, good, most = self.work, False, _STARTS if self.quick else _STARTS_MOST
         for number in range(1, most + 1):
             outcome = self.from_next_start(_COARSE_ITERATIONS, once=good)
             found.append(outcome)
@@ -382,23 +380,25 @@ class Search:
             return Solution(Status.INFEASIBLE, self.reason)
         if not starts or not np.all(np.isfinite(starts[0].path.x)):
             return Solution(Status.NOT_CONVERGED, 'no path was found from any start')
+        astray = starts[:1] if self.led_somewhere else starts   # steps jump over poles
+        if not self.quick and (inside := self.inside(astray)):
+            return inside
         if not (self.led_somewhere or self.quick):
-            if (inside := self.inside(starts)) is not None:
-                return inside
             times, share = _VAIN   # time is left to say why
             self.monitor = self.monitor.part(times * self.work, share * self.monitor.remaining())
         best = self.followed_up(starts[0])
         return best if self.quick else self.explored(best, starts[0].objective)
 
     def inside(self, astray: list[Outcome]) -> Solution | None:
-        """Return an answer found where no amount is negative, if it is certified without that."""
+        """Return a certified answer, or one for a path astray, found where no amount is < 0."""
         problem = kept(self.stated, [outcome.path.x for outcome in astray])
         if problem is self.stated:
             return None
         answer = Search(problem, Kit(problem), self.monitor, with_arcs=self.may_hold).run()
-        answer = replace(answer, certificate=certify(self.stated, answer)) if _holds(
-            answer) else answer
-        return answer if _holds(answer) else None
+        if answer.certificate:
+            answer = replace(answer, certificate=certify(self.stated, answer))
+        fits = answer.certificate.feasible if answer.certificate else self.monitor.stopped
+        return answer if _holds(answer) or self.led_somewhere and fits else None
 
     def followed_up(self, start: Outcome, rounds: int = _ROUNDS) -> Solution:
         """Return the best answer that improving a coarse outcome gives."""
