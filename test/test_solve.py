@@ -38,7 +38,8 @@ NAMES = (
     'terminal_wells', 'downhill_from_a_hump', 'epidemic_weak_lockdown', 'production_to_stock',
     'snap_limited', 'mars_descent', 'goddard_pressure_limit', 'thrust_in_a_disc',
     'epidemic_beds', 'detumble_mintime', 'disc_with_drag',
-    'friction_circle', 'invest_or_produce')
+    'friction_circle', 'invest_or_produce',
+    'terminal_wells_plane', 'dubins_point_inside', 'two_stage_cstr', 'pendulum_long')
 
 
 def stated(name, **changes):
