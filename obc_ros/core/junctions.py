@@ -215,50 +215,60 @@ def along_bounds(search: 'Search', outcome: Outcome, known: Solution | None = No
     seen: set[tuple[Signature, int]] = set()
     for gap in _GAPS:
         arcs = read(problem, program, outcome, value, search.margin, search.kit.switching, gap)
-        guess, sizes, fine = with_steps(outcome.path, arcs), search.sizes(outcome), 1
-        off = math.inf
-        for turn in range(_ROUNDS):
-            if turn and (signature(arcs), fine) in seen:
-                fine *= 2   # what a coarse mesh shows goes to and fro
-            if fine > _FINEST or (signature(arcs), fine) in seen:
-                break
-            seen.add((signature(arcs), fine))
-            found = settled(problem, program, arcs, guess, sizes, search.pinned, monitor, fine,
-                            outcome.path)
-            if found is None or found.cost > allowed:
-                break
-            answer = _certified(problem, program, search.kit.judge, found)
-            if _holds(answer):
-                search.last = search.answered(outcome)
-                return answer
-            assert answer.certificate is not None
-            if answer.certificate.residuals['dynamics'] > _COARSE:
-                fine *= 2   # steps that err so much say nothing of arcs
-                continue
-            worst = answer.certificate.worst
-            off, before = (answer.certificate.residuals[worst]
-                           / answer.certificate.tolerances[worst]), off
-            arcs = reread(problem, program.bounds, search.kit.judge, found, answer,
-                          search.kit.fitter(problem).at(problem, answer.x, answer.u))
-            guess = with_steps(as_path(found), arcs)
-            if signature(arcs) != signature(found.arcs):
-                off = math.inf
-                continue
-            # When a path comes to a bound smoothly its cost hardly depends on when it does.
-            smooth = _grazing(problem, program, found, sizes, search.pinned, monitor,
-                              found.grazing(_NEARLY))
-            if smooth is not found and _holds(
-                    answer := _certified(problem, program, search.kit.judge, smooth)):
-                search.last = search.answered(outcome)
-                return answer
-            fine *= 2
-            if off > _WORSE * before:
-                break
+        if (answer := _settled_on(search, outcome, arcs, allowed, seen)) is not None:
+            search.last = search.answered(outcome)
+            return answer
     return None
 
 
-def _holds(answer: Solution) -> bool:
-    return answer.certificate is not None and answer.certificate.holds
+def _settled_on(search: 'Search', outcome: Outcome, arcs: list[Arc], allowed: float,
+                seen: set[tuple[Signature, int]]) -> Solution | None:
+    """
+    Return an answer with arcs like those given, read anew until it is certified; else None.
+
+    It costs what is `allowed` at most. What was `seen` before is not tried again.
+    """
+    problem, monitor, pinned = search.problem, search.monitor, search.pinned
+    program, judge, fitter = search.kit.phased, search.kit.judge, search.kit.fitter(problem)
+    guess, sizes, fine = with_steps(outcome.path, arcs), search.sizes(outcome), 1
+    off = math.inf
+    for turn in range(_ROUNDS):
+        if turn and (signature(arcs), fine) in seen:
+            fine *= 2   # what a coarse mesh shows goes to and fro
+        if fine > _FINEST or (signature(arcs), fine) in seen:
+            break
+        seen.add((signature(arcs), fine))
+        found = settled(
+            problem, program, arcs, guess, sizes, pinned, monitor, fine, outcome.path)
+        if found is None or found.cost > allowed:
+            break
+        answer = _certified(problem, program, judge, found)
+        assert answer.certificate is not None
+        if answer.certificate.holds:
+            return answer
+        if answer.certificate.residuals['dynamics'] > _COARSE:
+            fine *= 2   # steps that err so much say nothing of arcs
+            continue
+        worst = answer.certificate.worst
+        off, before = (answer.certificate.residuals[worst]
+                       / answer.certificate.tolerances[worst]), off
+        arcs = reread(problem, program.bounds, judge, found, answer,
+                      fitter.at(problem, answer.x, answer.u))
+        guess = with_steps(as_path(found), arcs)
+        if signature(arcs) != signature(found.arcs):
+            off = math.inf
+            continue
+        # When a path comes to a bound smoothly its cost hardly depends on when it does.
+        smooth = _grazing(
+            problem, program, found, sizes, pinned, monitor, found.grazing(_NEARLY))
+        if smooth is not found:
+            answer = _certified(problem, program, judge, smooth)
+            if answer.certificate and answer.certificate.holds:
+                return answer
+        fine *= 2
+        if off > _WORSE * before:
+            break
+    return None
 
 
 def at_once(search: 'Search', start: Outcome) -> Solution | None:
