@@ -129,6 +129,11 @@ def test_a_bound_of_the_state_is_reached_and_left_when_it_should_be(name, l):  #
     np.testing.assert_allclose(solution.lam[0], [2 / (9 * l**2), 2 / (3 * l)], rtol=1e-5)
 
 
+def test_where_nothing_switches_no_time_is_named():
+    """The force turns at a stroke, as a coarse mesh has it, but along its circle."""
+    assert not solve(stated('friction_circle')[0]).switching_times.size
+
+
 def test_arcs_of_a_triple_integrator():
     """From (1, 0, 0) to rest: 32^(1/3), switches at 1/4 and 3/4 of it."""
     problem, _ = stated('triple_integrator_mintime')

@@ -58,6 +58,7 @@ _BY_SAMPLES = 'dynamics', 'bounds', 'cost', 'minimum'   # what more samples may 
 _ALMOST = 30.0        # times its tolerance: such a residual that they may take away
 _ITERATIONS = 150
 _NEARLY = 0.1         # relative rate inwards at a junction, at which there may be none
+_JUMP = 1e-3          # of its size: less of an input between two phases is none
 _AT_ONCE = 45_000     # work, as in `search`, on what a coarse mesh shows
 
 
@@ -444,6 +445,7 @@ def _joined(problem: Problem, integrator: Integrator, found: Phased, t: Array, x
             u: Array, lam: Array, density: Array) -> Solution:
     """Return the samples of all intervals in a row, two at a time where something jumps."""
     K, s = t.shape
+    switches = _switches(found, u)
     t, (x, u, lam, density) = t.ravel(), (
         values.reshape(K * s, -1) for values in (x, u, lam, density))
     t[s::s] = t[s - 1:-1:s]
@@ -461,4 +463,16 @@ def _joined(problem: Problem, integrator: Integrator, found: Phased, t: Array, x
         Status.NOT_CONVERGED, '', found.cost, t, x, u, lam, H, found.nu,
         state_multipliers=density[:, :n],
         path_multipliers=density[:, n:] if problem.path.numel() else None,
-        switching_times=np.cumsum(found.durations)[:-1])
+        switching_times=switches)
+
+
+def _switches(found: Phased, u: Array) -> Array:
+    """Return when what holds changes from phase to phase, or an input (K, s, m) jumps."""
+    first = np.flatnonzero(np.diff(found.phase_of)) + 1
+    jumps = np.abs(u[first, 0] - u[first - 1, -1]) > _JUMP * np.abs(u).max(axis=(0, 1))
+    none = (0,) * found.eta.shape[2]
+    changes = np.array([
+        any(after.met) or (before.on or none) != (after.on or none)
+        or not np.array_equal(before.levels, after.levels, equal_nan=True)
+        for before, after in pairwise(found.arcs)], dtype=bool)
+    return np.asarray(np.cumsum(found.durations)[:-1][changes | jumps.any(axis=1)])
