@@ -17,7 +17,7 @@ import re
 import signal
 import sys
 import threading
-from time import monotonic
+from time import monotonic, sleep
 
 from obc_ros.core.errors import ObcError, shown, StatementError
 from obc_ros.nodes.crowds import be_patient
@@ -36,6 +36,9 @@ LAST = 20       # turns of the executor in which what is answered is sent
 # What rclpy raises for arguments, files, names and QoS overrides: RCLError is a RuntimeError.
 _UNFIT = (ObcError, RuntimeError, NameValidationException, ParameterException)
 PATIENCE = 10.0  # [s] with a node that is leaving the graph
+# [s] for others to take in that its topics are gone, one by one, before the node is: what of this
+# reaches them after the farewell of its participant makes them list the node for ever.
+SETTLE = 0.2
 
 
 @contextmanager
@@ -82,7 +85,9 @@ def run(build: Callable[[], Node]) -> int:
             _spin(node, stop)
         finally:
             with leaving():
-                node.destroy_node()
+                with node.handle:
+                    node.destroy_node()
+                    sleep(SETTLE)
                 rclpy.try_shutdown()
     # Nothing is left to do, and what the libraries do after the interpreter has ended may stand
     # still in the same way.
