@@ -85,7 +85,7 @@ def run(build: Callable[[], Node]) -> int:
             _spin(node, stop)
         finally:
             with leaving():
-                with node.handle:
+                with node.handle:   # what is in use is destroyed after that: the node comes last
                     node.destroy_node()
                     sleep(SETTLE)
                 rclpy.try_shutdown()
