@@ -38,7 +38,8 @@ NAMES = (
     'terminal_wells', 'downhill_from_a_hump', 'epidemic_weak_lockdown', 'production_to_stock',
     'snap_limited', 'mars_descent', 'goddard_pressure_limit', 'thrust_in_a_disc',
     'epidemic_beds', 'detumble_mintime', 'disc_with_drag',
-    'friction_circle', 'invest_or_produce',
+    'friction_circle', 'invest_or_produce', 'power_limit', 'power_and_speed_limit',
+    'jerk_and_braking_limits',
     'terminal_wells_plane', 'dubins_point_inside', 'two_stage_cstr', 'pendulum_long')
 
 
@@ -102,6 +103,20 @@ def test_double_integrator_in_least_time(start, least, method):
     solution = solve(problem, method=method)
     assert solution.status is Status.SOLVED
     assert solution.objective == pytest.approx(least, abs=1e-9)
+
+
+def test_a_constraint_on_inputs_that_holds_nowhere_changes_nothing():
+    """Power of at most 9/10, of which the best path, which is curved, takes less than 0.8."""
+    free = {'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u - v**2/10'},
+            'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 0},
+            'terminal_constraints': ['x - 6', 'v'], 'input_bounds': {'u': [-1, 2]},
+            'final_time': {'free': False, 'value': 6}}
+    without = solve(problem_from_mapping(free))
+    assert np.max(without.u[:, 0] * without.x[:, 1]) < 0.8
+    limited = solve(problem_from_mapping(
+        free | {'path_constraints': [{'expr': 'u*v', 'upper': 0.9}]}))
+    assert limited.status is without.status is Status.SOLVED
+    assert limited.objective == pytest.approx(without.objective, rel=1e-7)
 
 
 def test_least_time_along_a_speed_limit_is_exact():

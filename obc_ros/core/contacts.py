@@ -93,7 +93,7 @@ def contacts(problem: Problem, outcome: Outcome, value: Array, margin: Array,
 def with_contacts(arcs: Sequence[Arc], found: Sequence[Contact], free: Mask,
                   mixed: Mask | None = None) -> list[Arc]:
     """
-    Return arcs that begin and end where contacts do.
+    Return arcs that begin and end where contacts do, on their bounds besides those they are on.
 
     `free` (n + l, m): inputs that follow the bound of a row. What is left of an arc of theirs
     between a contact and the next arc is a jump that a coarse mesh has smeared: it goes to the
@@ -108,8 +108,8 @@ def with_contacts(arcs: Sequence[Arc], found: Sequence[Contact], free: Mask,
     cut = []
     for start, end in zip(times[:-1], times[1:], strict=True):
         middle = 0.5 * (start + end)
-        levels = list(next(arc.levels for arc in arcs if middle < arc.end))
-        on = [0] * len(free)
+        arc = next(arc for arc in arcs if middle < arc.end)
+        levels, on = list(arc.levels), list(arc.on or [0] * len(free))
         for each in found:
             if each.start < middle < each.end:
                 follow = np.flatnonzero(free[each.row]).tolist()

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _WEIGHS = 1e-4   # of the largest density: what is not there
+_NOTHING = 1e-6  # of the mean cost in a second, for a change of its whole size
 _STEPS = 3       # of Newton onto a constraint
 _WRONG = 1e-6    # likewise on an arc, of the wrong sign
 
@@ -34,11 +35,23 @@ def sharing(problem: Problem) -> Mask:
     return found
 
 
-def holding(outcome: Outcome, bounds: Bounds) -> list[Contact]:
-    """Return where constraints on inputs weigh in a transcription."""
+def densities(outcome: Outcome, size: Array) -> Array:
+    """
+    Return what path constraints weigh in each interval of a transcription, (N, points, l).
+
+    What is nothing beside the cost is left out, `size` (l,) being theirs: a method of interior
+    points leaves a little on each.
+    """
+    h = np.maximum(np.diff(outcome.path.t), 1e-300)
+    found = np.concatenate([outcome.inner_path, outcome.sides_path], axis=1) / h[:, None, None]
+    least = _NOTHING * abs(outcome.objective) / (h.sum() * np.maximum(size, 1e-300))
+    return np.asarray(np.where(np.abs(found) > least, found, 0.0))
+
+
+def holding(outcome: Outcome, bounds: Bounds, value: Array) -> list[Contact]:
+    """Return where constraints on inputs weigh, `value` (N + 1, n + l) being that of (x, c)."""
     t, n = outcome.path.t, outcome.path.x.shape[1]
-    h = np.maximum(np.diff(t), 1e-300)
-    weights = np.concatenate([outcome.inner_path, outcome.sides_path], axis=1) / h[:, None, None]
+    weights = densities(outcome, np.abs(value[:, n:]).max(axis=0))
     found = []
     for row in np.flatnonzero(bounds.orders[n:] == 0).tolist():
         least = _WEIGHS * np.abs(weights[:, :, row]).max(initial=0.0)

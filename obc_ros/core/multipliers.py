@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.batch import Batch
 from obc_ros.core.extremal import Extremal
+from obc_ros.core.mixed import densities
 from obc_ros.core.problem import Problem
 from obc_ros.core.runge_kutta import step
 from obc_ros.core.transcription import Outcome
@@ -159,6 +160,7 @@ class Fitter:
         """Return where bounds of x and path constraints are met."""
         value = self.values(problem, course)
         mass = np.hstack([outcome.node_bounds, outcome.node_path])
+        weights = densities(outcome, np.abs(value[:, self.n:]).max(axis=0))
         found = []
         for sign, bound in ((1, np.append(problem.x_upper, problem.path_upper)),
                             (-1, np.append(problem.x_lower, problem.path_lower))):
@@ -171,34 +173,23 @@ class Fitter:
                 near[::course.parts] |= ((heavy > 1e-2 * heavy.max()) & (heavy > 0)
                                          & (distance[::course.parts, row] < _PERHAPS))
                 if not self._pure[row]:
-                    near |= self._touched(sign, int(row), outcome, course)
+                    near |= _touched(sign * weights[:, :, row - self.n], course.parts)
                 runs = _groups(near, _GAP * course.parts)
                 if not self._pure[row]:
                     runs = _parted(runs, outcome, course.parts)
                 found += [Contact(int(row), sign, first, last) for first, last in runs]
         return found
 
-    def _touched(self, sign: int, row: int, outcome: Outcome, course: Extremal
-                 ) -> NDArray[np.bool_]:
-        """Return the fine times within intervals in which a constraint on inputs holds them."""
-        place = row - self.n
-        heavy = np.max(sign * np.concatenate([outcome.inner_path, outcome.sides_path], axis=1)[
-            :, :, place], axis=1)
-        touched = (heavy > 1e-4 * heavy.max()) & (heavy > 0)
-        near = np.append(np.repeat(touched, course.parts), touched[-1])
-        near[::course.parts][1:] |= touched
-        return near
-
     def _unknowns(self, found: list[Contact], course: Extremal) -> _Unknowns:
         K, parts = len(course.x), course.parts
-        densities: list[Array] = []
+        hats: list[Array] = []
         masses: list[Array] = []
         signs: list[int] = []
         places = np.arange(K + 1)
         ends = np.column_stack([places[:-1], places[1:]])
 
         def add(row: int, density: Array | float, mass: Array | float, sign: int) -> None:
-            for kept, shape, values in ((densities, (K, 2), density), (masses, (K + 1,), mass)):
+            for kept, shape, values in ((hats, (K, 2), density), (masses, (K + 1,), mass)):
                 column = np.zeros((*shape, self.rows))
                 column[..., row] = values
                 kept.append(column)
@@ -215,7 +206,7 @@ class Fitter:
             if self._pure[contact.row]:
                 for place in sorted({contact.first, contact.last}):
                     add(contact.row, 0.0, (places == place).astype(float), contact.sign)
-        return _Unknowns(np.stack(densities, axis=3), np.stack(masses, axis=2),
+        return _Unknowns(np.stack(hats, axis=3), np.stack(masses, axis=2),
                          np.array(signs, dtype=float))
 
     def _costates(self, problem: Problem, course: Extremal, unknowns: _Unknowns
@@ -346,6 +337,15 @@ def _least(rest: Array, column: Array, low: Mask, high: Mask) -> Array:
             break
         counts = new
     return part
+
+
+def _touched(weights: Array, parts: int) -> NDArray[np.bool_]:
+    """Return the fine times within intervals in which a constraint on inputs weighs."""
+    heavy = weights.max(axis=1)
+    touched = (heavy > 1e-4 * heavy.max()) & (heavy > 0)
+    near = np.append(np.repeat(touched, parts), touched[-1])
+    near[::parts][1:] |= touched
+    return near
 
 
 def _groups(near: NDArray[np.bool_], gap: int) -> list[tuple[int, int]]:

@@ -69,6 +69,7 @@ class Phased:
     outwards : dict of (int, int) to float
         By numbers of phases and rows, the derivative that inputs enter on the other side of the
         junction at which this phase begins (phase) or ends (-1 - phase), relative; inwards < 0.
+        Of constraints on inputs, the rest of them with the inputs at their bounds there.
     pushed : ndarray, shape (K, DEGREE, n + l)
         What bounds of (x, c) that are not held weigh at points, beside the costates.
     astray : list of (int, int)
@@ -243,8 +244,8 @@ class _Solve:
                 if row < n:
                     x_low[max(a, 1):b + 1, row], x_high[max(a, 1):b + 1, row] = -np.inf, np.inf
                 else:
-                    first = a if self._meets(phase, int(row)) else max(a - 1, 0)
-                    c_low[first:b, row - n], c_high[first:b, row - n] = -np.inf, np.inf
+                    c_low[max(a - 1, 0):b, row - n] = -np.inf
+                    c_high[max(a - 1, 0):b, row - n] = np.inf
             for row in np.flatnonzero(arc.met if a else ()):
                 bound = (upper if arc.met[row] > 0 else lower)[row]
                 self._meet(x, u, int(row), bound, phase)
@@ -273,11 +274,11 @@ class _Solve:
         if c_low.size:
             self.at_path = self._add(c, c_low.T, c_high.T)
 
-    def _meets(self, phase: int, row: int) -> bool:
-        """Return whether it is the path that meets a constraint of inputs, which are held."""
-        bounds = self.program.bounds
-        return bool(phase and bounds.orders[row] == 0 and not np.isnan(
-            np.array(self.arcs[phase - 1].levels))[bounds.deciding[row]].any())
+    def _kept(self, phase: int, row: int) -> bool:
+        """Return whether all inputs that a row decides are at their bounds in a phase."""
+        deciding = self.program.bounds.deciding[row]
+        return 0 <= phase < len(self.arcs) and not np.isnan(
+            np.array(self.arcs[phase].levels))[deciding].any()
 
     def _known_at_end(self) -> Mask:
         """Return which path constraints psi alone keeps at their values at T."""
@@ -347,6 +348,12 @@ class _Solve:
         p, order = self.problem.p_value, int(self.program.bounds.orders[row])
         a, b = (int(k) * DEGREE for k in self.first[phase:phase + 2])
         held, sign = self.program.held[row], self.arcs[phase].on[row]
+        # Inputs at their bounds come to a constraint, or take over from it, by the path.
+        if not order and self._kept(phase - 1, row):
+            self._inside((held(x[:, a], u[:, a - 1], p)[1] - bound) * sign, row, bound, phase)
+        if not order and self._kept(phase + 1, row):
+            self._inside((held(x[:, b], self._first(u, phase + 1), p)[1] - bound) * sign, row,
+                         bound, -1 - phase)
         if order and a and not self._also(phase - 1, row, sign):
             value = np.append(bound, np.zeros(order - 1))[:, None]
             entry = held(x[:, a], u[:, a - 1], p)
@@ -387,7 +394,8 @@ class _Solve:
         """
         size = max(abs(bound), self.size[row]) or 1.0
         rate = size / self.sizes.time**int(self.program.bounds.orders[row])
-        span = (0.0, 0.0) if (place, row) in self.grazing else (-np.inf, _OUTWARDS)
+        most = _OUTWARDS if self.program.bounds.orders[row] else 0.0
+        span = (0.0, 0.0) if (place, row) in self.grazing else (-np.inf, most)
         self.outwards[place, row] = self._add(
             outwards / rate, *(np.full((1, 1), each) for each in span))
 
@@ -460,9 +468,6 @@ class _Solve:
         for phase, row, slot in self.at_held:
             span = slice(int(self.first[phase]), int(self.first[phase + 1]))
             eta[span, :, row] = lam_g[slot].reshape(-1, d) / area[span]
-            if self._meets(phase, row):
-                # It says no more there than bounds of inputs where the phase begins.
-                eta[span.start - 1, -1, row] = 0.0
         places = (np.arange(K) * d)[:, None] + np.arange(d + 1)
         ends = np.cumsum(durations)
         arcs = [replace(arc, start=float(end - length), end=float(end))
