@@ -44,6 +44,13 @@ def answer(problem, t, x, u, lam, objective, **more):
                     hamiltonian=values.full().ravel(), **more)
 
 
+def held_up(problem, u, count=21):
+    """Return the answer of staying at 0 by u against a load of one, costates those of u = 1."""
+    t = np.linspace(0.0, 2.0, count)
+    x, v = (np.float64(u) - 1) * t**2 / 2, (np.float64(u) - 1) * t
+    return answer(problem, t, [x, v], [u], [0.0, -1.0], u**2, nu=np.array([0.0, -1.0]))
+
+
 def failing(problem, solution):
     """Return the names of the conditions that do not hold."""
     certificate = certify(problem, solution)
@@ -447,3 +454,22 @@ def test_the_fault_of_a_path_is_told_apart_from_those_of_its_costates():
     assert (astray.worst, astray.fault, astray.feasible) == ('costate', 'end', False)
     kept = Certificate(dict.fromkeys(TOLERANCES, 9e-7) | {'costate': 2e-6}, tolerances)
     assert (kept.worst, kept.fault, kept.feasible) == ('costate', '', True)
+
+
+@pytest.mark.parametrize('off, faults', [
+    (0.0, set()), (2.0**-50, set()), (-2.0**-40, set()), (1e-4, {'end'})])
+def test_a_system_that_is_held_up_moves_by_rounding_only(off, faults):
+    # v' = a - 1 from rest to the same rest: a has the mean 1, and a = 1 the least mean square.
+    problem = simple(['x', 'v'], ['a'], {'x': 'v', 'v': 'a - 1'}, '0.5*a**2', {'x': 0, 'v': 0}, 2,
+                     terminal_constraints=['x', 'v'])
+    assert failing(problem, held_up(problem, 1 + off)) >= faults
+    assert bool(failing(problem, held_up(problem, 1 + off))) is bool(faults)
+
+
+def test_small_states_that_inputs_mean_are_no_rounding():
+    # a = 1e-11 moves x by 1e-11 within T = 1: half of that is not where it leads.
+    problem = simple(['x', 'v'], ['a'], {'x': 'v', 'v': 'a'}, 'a', {'x': 0, 'v': 0}, 1,
+                     input_bounds={'a': [-1e-11, 1e-11]}, terminal_cost='2*v')
+    t = np.linspace(0.0, 1.0, 21)
+    wrong = answer(problem, t, [-t**2 * 2.5e-12, -t * 5e-12], [-1e-11], [0.0, 2.0], -3e-11)
+    assert 'dynamics' in failing(problem, wrong)

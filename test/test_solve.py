@@ -38,7 +38,7 @@ NAMES = (
     'terminal_wells', 'downhill_from_a_hump', 'epidemic_weak_lockdown', 'production_to_stock',
     'snap_limited', 'mars_descent', 'goddard_pressure_limit', 'thrust_in_a_disc',
     'epidemic_beds', 'detumble_mintime', 'disc_with_drag',
-    'friction_circle', 'invest_or_produce', 'power_limit', 'power_and_speed_limit',
+    'friction_circle', 'invest_or_produce', 'power_limit', 'power_and_speed_limit', 'hover_hold',
     'jerk_and_braking_limits',
     'terminal_wells_plane', 'dubins_point_inside', 'two_stage_cstr', 'pendulum_long')
 
@@ -142,6 +142,14 @@ def test_a_bound_of_the_state_is_reached_and_left_when_it_should_be(name, l):  #
     assert solution.objective == pytest.approx(4 / (9 * l), rel=1e-9)
     np.testing.assert_allclose(solution.switching_times, [3 * l, 1 - 3 * l], atol=1e-7)
     np.testing.assert_allclose(solution.lam[0], [2 / (9 * l**2), 2 / (3 * l)], rtol=1e-5)
+
+
+def test_a_load_is_held_up_by_the_closed_form():
+    # The mean of u from rest to rest over no distance is the load, and so is the best u.
+    solution = solve(simple(['x', 'v'], {'x': 'v', 'v': 'u - 1'}, '0.5*u**2', {'x': 0, 'v': 0},
+                            {'free': False, 'value': 2}, terminal_constraints=['x', 'v']))
+    assert (solution.status, solution.method) == (Status.SOLVED, 'riccati')
+    assert solution.objective == pytest.approx(1.0, rel=1e-12)
 
 
 def test_where_nothing_switches_no_time_is_named():

@@ -9,9 +9,10 @@ Every residual has no unit. With |.| the largest absolute value over time,
     c = integral of |L| + |V(x(T))|,  H0 = max over time of abs L + abs lam' abs f
 
 are what counts as one in x_i, in the cost, in s_i lam_i and in H; where one of them vanishes the
-others give it a floor (`_Scales`). Intervals are between samples; the input of the answer is
-linear or constant in each, as the answer says, and is replayed from the returned x and lam of
-the interval's start (`replay`), or lam from its end where only that is stable: a defect is what is
+others give it a floor (`_Scales`). States that stay at their origin vanish, too, though rounding
+errors of the inputs move them. Intervals are between samples; the input of the answer is linear
+or constant in each, as the answer says, and is replayed from the returned x and lam of the
+interval's start (`replay`), or lam from its end where only that is stable: a defect is what is
 left at the other end. The sum over all intervals is what counts, so that a finer grid does not
 hide an error.
 
@@ -50,7 +51,7 @@ from obc_ros.core.batch import Batch
 from obc_ros.core.input_minimum import InputMinimum, Points
 from obc_ros.core.input_minimum import Scales as InputScales
 from obc_ros.core.problem import Problem
-from obc_ros.core.replay import Integrator, Intervals, PARTS
+from obc_ros.core.replay import Integrator, Intervals, LEAST_COST, PARTS
 from obc_ros.core.solution import Certificate, Solution
 
 Array = NDArray[np.float64]
@@ -65,6 +66,7 @@ TOLERANCES = {
 REPLAY_ERROR = 1e-7   # estimated, of all intervals together
 ACTIVE = 1e-5   # of its scale: how near its bound an active constraint is
 _KEPT = 32
+_ROUNDING = 1e-9, 1e-10   # of the unit of x; of f, relative to what the inputs make of it
 
 
 def certify(problem: Problem, solution: Solution) -> Certificate:
@@ -154,7 +156,8 @@ class _Judge:
         self.intervals = self._intervals()
         self.x_scale = self._x_scale()
         lam = float((np.abs(solution.lam) * self.x_scale).max())
-        scale = np.append(self.x_scale, (lam or 1.0) / self.x_scale)
+        least = 1e-3 * LEAST_COST if lam else 1.0
+        scale = np.append(self.x_scale, max(lam, least) / self.x_scale)
         allowed, lam_end = REPLAY_ERROR / len(self.rows), solution.lam[self.rows + 1]
         run = self.intervals, self.p, scale, allowed
         ahead = functions.integrator.replay(*run)
@@ -232,18 +235,33 @@ class _Judge:
 
     def _x_scale(self) -> Array:
         size = np.abs(self.solution.x).max(axis=0)
+        if size.max() <= _ROUNDING[0] and self._at_rest():
+            size = np.zeros_like(size)
         return np.asarray(np.maximum(size, 1e-2 * min(1.0, float(size.max())) or 1.0))
 
+    def _at_rest(self) -> bool:
+        """Return whether the inputs hold x = 0, where the path starts, but for rounding."""
+        if self.problem.x0.any():
+            return False
+        x, u, f = self.problem.x, self.problem.u, self.problem.f
+        size = ca.SX.sym('size', self.problem.m)
+        load = Batch([x, u, size, self.problem.p], [
+            f, ca.mtimes(ca.fabs(ca.jacobian(f, u)), size)])
+        left, most = load(np.zeros_like(self.solution.x), self.solution.u, self._u_scale(), self.p)
+        return bool(np.all(np.abs(left) <= _ROUNDING[1] * most))
+
+    def _u_scale(self) -> Array:
+        half = 0.5 * (self.problem.u_upper - self.problem.u_lower)
+        size = np.maximum(np.abs(self.solution.u).max(axis=0), 1e-2)
+        return np.where(np.isfinite(half) & (half > 0), half, size)
+
     def _scales(self, lam: float) -> _Scales:
-        problem, solution = self.problem, self.solution
-        u = np.maximum(np.abs(solution.u).max(axis=0), 1e-2)
-        half = 0.5 * (problem.u_upper - problem.u_lower)
-        u = np.where(np.isfinite(half) & (half > 0), half, u)
         running = float(self.intervals.h @ np.abs(self._by_interval(self.points.L)).mean(axis=1))
         spent = running + abs(float(self.end[0][1, 0]))
-        cost = max(spent, 1e-3 * lam, 1e-6)
-        return _Scales(x=self.x_scale, u=u, lam=max(lam, 1e-3 * cost), cost=cost, spent=spent,
-                       H=max(float(self.points.size.max()), 1e-3 * cost / self.duration))
+        cost = max(spent, 1e-3 * lam, LEAST_COST)
+        H = max(float(self.points.size.max()), 1e-3 * cost / self.duration)
+        return _Scales(x=self.x_scale, u=self._u_scale(), lam=max(lam, 1e-3 * cost), H=H,
+                       cost=cost, spent=spent)
 
     def _dynamics(self) -> float:
         if not self.replay.converged:
@@ -265,7 +283,7 @@ class _Judge:
         size, missed = np.abs(psi_x[0].reshape(self.problem.q, -1)) @ self.scales.x, np.abs(psi[0])
         worth = float(np.abs(self.solution.nu) @ missed) if self.solution.nu.size else 0.0
         return max(late, float((missed / np.where(size > 0, size, 1.0)).max()),
-                   1e-3 * worth / max(self.scales.spent, 1e-6))
+                   1e-3 * worth / max(self.scales.spent, LEAST_COST))
 
     def _bounds(self) -> tuple[float, Mask, Mask]:
         """

@@ -54,6 +54,7 @@ FEWEST_STEPS = 2    # in one interval
 _STEPS_BACK = 32    # likewise, there and back
 _AT_ONCE = 256      # intervals, there and back
 _FAR = 1e3          # times its scale: beyond it what is integrated grows without end
+LEAST_COST = 1e-6   # what counts as one in a cost that vanishes
 MOST_STEPS = 2048
 
 
@@ -123,7 +124,7 @@ class Integrator:
         p : ndarray
             Values of the parameters.
         scale : ndarray, shape (2 n,)
-            What counts as one in x and lam; in the cost it is the cost found.
+            What counts as one in x and lam; in the cost it is the cost found, or `LEAST_COST`.
         tolerance : float
             Largest scaled error of an interval.
 
@@ -134,7 +135,7 @@ class Integrator:
         while rows.size and steps > before:
             with np.errstate(all='ignore'):
                 z[rows], error = self._course(intervals.some(rows), p, steps)
-            cost = max(float(np.abs(z[:, -1, -1]).sum()), 1e-300)
+            cost = max(float(np.abs(z[:, -1, -1]).sum()), LEAST_COST)
             error = np.max(error / np.append(scale, cost), axis=1)
             # A course that is not finite is tried again with smaller steps.
             bad = ~(error <= tolerance)
@@ -172,7 +173,7 @@ class Integrator:
             with np.errstate(all='ignore'):
                 for part in np.array_split(left, -(-len(left) // _AT_ONCE)):
                     z[part] = self._both_ways(intervals.some(part), lam_end[part], p, steps)
-                cost = max(float(np.abs(z[:, -1, -1]).sum()), 1e-300)
+                cost = max(float(np.abs(z[:, -1, -1]).sum()), LEAST_COST)
                 error = np.abs(z[left] - before).max(axis=1) / np.append(scale, cost)
             left, steps = left[~(error.max(axis=1) <= tolerance)], 2 * steps
         defect = intervals.lam - z[:, 0, n:2*n]
