@@ -199,6 +199,17 @@ def test_a_cost_without_bound_whose_residuals_are_small_beside_its_size():
     assert 'the cost has no lower bound' in found.message
 
 
+def test_a_cost_that_falls_without_end_beside_a_minimum():
+    """Near x = 0 the integral of u^2 - x^4 is least there; x = r t makes it r^2 - r^4/5."""
+    found = solve(problem_from_mapping({
+        'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'initial_state': {'x': 0},
+        'running_cost': 'u**2 - x**4', 'final_time': {'free': False, 'value': 1}}))
+    assert found.status is Status.NOT_CONVERGED
+    assert found.message.startswith('the cost has no lower bound: ')
+    for cost, r in zip(numbers(found.message)[::2], (10, 100, 1000), strict=True):
+        assert 1.1 * (r**2 - r**4/5) <= cost <= r**2 - r**4/5
+
+
 def test_an_equality_of_inputs_that_holds_between_mesh_points_but_nearly_is_not_impossible():
     block = {'states': ['x', 'y'], 'inputs': ['a', 'b'], 'dynamics': {'x': 'a', 'y': 'b'},
              'running_cost': 'x**2 + y**2 + a**2 + b**2', 'initial_state': {'x': 1, 'y': 2},

@@ -29,8 +29,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.contradictions import contradiction, number, state_bound, terminal
+from obc_ros.core.extremal import Integrator
 from obc_ros.core.ill_posed import growing, wish, without_minimum
-from obc_ros.core.problem import FinalTime, Problem
+from obc_ros.core.problem import FinalTime, Guess, Problem
 from obc_ros.core.relaxation import chattering, relaxed
 from obc_ros.core.solution import Solution
 from obc_ros.core.undefined import kinked, runs_away, undefined
@@ -46,6 +47,7 @@ _EFFORT = 1e-8      # weight of the inputs in problems that would not determine 
 _LATER = 50.0       # times T up to which a least time is looked for
 _BOXES = (10.0, 100.0, 1000.0)
 _IMPULSE, _INSTANT = 0.1, 1e-4   # parts: of the largest input and its integral; of T
+_GUESSED = 101      # values of a guess
 _MORE = 3.0         # times the largest inputs of an answer: where a cheaper one is looked for
 
 
@@ -104,16 +106,16 @@ class _Doubt:
             return Reason(False, sentence)
         kept = found is not None and not self.lost and not _missed(problem, found)
         if kept or problem.q == 0 and not _bounded(problem):
-            return self.mixed(found) or self.without_end()
+            return self.mixed(found) or self.without_end(found)
         nearest = self.best(_elastic(problem))
         if not _is_path(nearest):
             sentence = undefined(problem, nearest.t, nearest.x, nearest.u)
             return Reason(False, sentence) if sentence else (
-                self.not_held() or problem.q and self.too_short(False) or self.without_end()
-                or self.leapt(nearest))
+                self.not_held() or problem.q and self.too_short(False)
+                or self.without_end(found) or self.leapt(nearest))
         missed = _missed(problem, nearest)
         if not missed:
-            return self.without_end()
+            return self.without_end(found)
         shown = self.convex and _nearly_optimal(nearest)
         return self.too_short(shown) or self.missing(missed, shown)
 
@@ -138,9 +140,9 @@ class _Doubt:
         sentence = chattering(self.problem, answer, found) if _certified(answer) else ''
         return Reason(False, sentence) if sentence else None
 
-    def without_end(self) -> Reason | None:
+    def without_end(self, found: Solution | None) -> Reason | None:
         """Return that states, or the cost, grow without end, if they do."""
-        sentence = _unbounded(self.problem, self.certified)
+        sentence = _unbounded(self.problem, self.certified, None if self.lost else found)
         if not sentence and self.lost:
             sentence = runs_away(self.problem, _last(self.problem))
         return Reason(False, sentence) if sentence else None
@@ -405,15 +407,20 @@ def _rows(problem: Problem, answer: Solution) -> tuple[Array, Array]:
         np.abs(answer.x).max(axis=0), sizes.max(axis=0))
 
 
-def _unbounded(problem: Problem, solve: Solver) -> str:
-    """Return a sentence if the cost goes on falling as the inputs are given more room."""
+def _unbounded(problem: Problem, solve: Solver, found: Solution | None) -> str:
+    """
+    Return a sentence if the cost goes on falling as the inputs are given more room.
+
+    Where a path was found its inputs are where the search starts, as far as there is room.
+    """
     free = ~(np.isfinite(problem.u_lower) & np.isfinite(problem.u_upper))
     if not free.any():
         return ''
     size = np.maximum(1.0, np.abs(np.where(np.isfinite(problem.u_lower), problem.u_lower, 0.0)))
     costs, full = [], True
     for room in _BOXES:
-        answer = solve(_boxed(problem, room * size))
+        boxed = _boxed(problem, room * size)
+        answer = solve(boxed if found is None else _guided(boxed, found))
         if not _is_path(answer) or (problem.q and _missed(problem, answer)):
             return ''
         costs.append(float(answer.objective))
@@ -433,6 +440,20 @@ def _boxed(problem: Problem, room: Array) -> Problem:
     """Return a problem with inputs of at most this magnitude."""
     return replace(problem, structure='', u_lower=np.maximum(problem.u_lower, -room),
                    u_upper=np.minimum(problem.u_upper, room))
+
+
+def _guided(problem: Problem, found: Solution) -> Problem:
+    """Return a problem whose guess is where the inputs of a path lead, as far as it has them."""
+    t = np.linspace(0.0, found.t[-1], _GUESSED)
+    u = np.clip(np.column_stack([np.interp(t, found.t, column) for column in found.u.T]),
+                problem.u_lower, problem.u_upper)
+    with np.errstate(all='ignore'):
+        x, _ = Integrator(problem).forward(problem, t, u[:-1], u[1:])
+    if not np.isfinite(x).all():
+        return problem
+    return replace(problem, guess=Guess(
+        dict(zip(problem.states, x.T, strict=True)), dict(zip(problem.inputs, u.T, strict=True)),
+        float(t[-1]) if problem.final_time.free else None))
 
 
 def outgrown(problem: Problem, found: Solution, solve: Solver) -> str:
