@@ -10,7 +10,7 @@ and read again off the path that follows, until they stay the same.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import casadi as ca
@@ -20,11 +20,14 @@ from obc_ros.core.mesh import HELD, Layout, LINEAR, Mesh, Path, Phase
 from obc_ros.core.problem import Problem
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 # For each arc the level of each input, None where it is free, and the bounds that it is on.
 Signature = tuple[tuple[float | None, ...], ...]
 
 _LOWER, _INSIDE, _UPPER = -1, 0, 1
+_SMEAR = 2.0   # of the longest interval: an arc that is none, perhaps
+_MET = 1e-6    # relative: how nearly a constraint is met by inputs at their bounds
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,7 @@ def find_arcs(problem: Problem, path: Path, switching: Sequence[bool],
             spans.append(_unheld(row) if curved is not None and curved[i] else row)
         else:
             spans.append([_Span(0.0, path.t[-1], math.nan)])
-    return join(spans)
+    return admitted(problem, join(spans), _SMEAR * float(np.diff(path.t).max()))
 
 
 def _unheld(spans: list[_Span]) -> list[_Span]:
@@ -110,6 +113,41 @@ def _unheld(spans: list[_Span]) -> list[_Span]:
             free[k] or free[k - 1])
         start = kept.pop().start if joins else span.start
         kept.append(_Span(start, span.end, level))
+    return kept
+
+
+def admitted(problem: Problem, arcs: list[Arc], smear: float) -> list[Arc]:
+    """
+    Return arcs without inputs at bounds that path constraints do not let them have together.
+
+    Of inputs whose sum is one, say, each leaves its bound or comes to it a little before the
+    others do: an arc shorter than a `smear` is none, in a longer one they are free.
+    """
+    rows = [row for row in ca.vertsplit(problem.path) if not ca.depends_on(row, problem.x)]
+    if not rows:
+        return arcs
+    numbers = [k for k, row in enumerate(ca.vertsplit(problem.path))
+               if not ca.depends_on(row, problem.x)]
+    value = ca.Function('c', [problem.u, problem.p], [ca.vertcat(*rows)])
+    lower, upper = problem.path_lower[numbers], problem.path_upper[numbers]
+    entries = ca.jacobian_sparsity(ca.vertcat(*rows), problem.u).get_triplet()
+    enters: Mask = np.zeros((len(rows), problem.m), dtype=bool)
+    enters[entries] = True
+    kept: list[Arc] = []
+    start = 0.0
+    for k, arc in enumerate(arcs):
+        levels = np.array(arc.levels)
+        c = value(levels, problem.p_value).full()[:, 0]   # nan where an input is free
+        wrong = (c < lower - _MET * (1 + np.abs(lower))) | (c > upper + _MET * (1 + np.abs(upper)))
+        end = arc.end
+        last = k + 1 == len(arcs)
+        if wrong.any() and end - start <= smear and (kept or not last):
+            end = start if not kept else end if last else (start + end) / 2
+            kept[-1:] = [replace(each, end=end) for each in kept[-1:]]
+        else:
+            levels[enters[wrong].any(axis=0)] = math.nan
+            kept.append(replace(arc, start=start, levels=tuple(levels.tolist())))
+        start = end
     return kept
 
 
@@ -298,7 +336,7 @@ def opened(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem,
                 row.append(_Span(start, end, level if bad[part[0]] else arc.levels[i]))
                 start = end
         spans.append(_tidy(row, arcs[-1].end))
-    return join(spans)
+    return admitted(problem, join(spans), 0.0)
 
 
 def sloped(arcs: Sequence[Arc], t: Array, Hu: tuple[Array, Array], curved: Sequence[bool]

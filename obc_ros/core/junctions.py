@@ -25,6 +25,7 @@ from obc_ros.core.jumps import with_jumps, with_steps
 from obc_ros.core.mesh import collocation, lagrange, Path
 from obc_ros.core.mixed import holding, on_constraints, reheld
 from obc_ros.core.monitor import Monitor
+from obc_ros.core.multipliers import Fitter
 from obc_ros.core.phased import Bounds, DEGREE, Grazing, Phased, PhasedProgram
 from obc_ros.core.problem import Problem
 from obc_ros.core.refine import below
@@ -243,7 +244,7 @@ def _settled_on(search: 'Search', outcome: Outcome, arcs: list[Arc], allowed: fl
             problem, program, arcs, guess, sizes, pinned, monitor, fine, outcome.path)
         if found is None or found.cost > allowed:
             break
-        answer = _certified(problem, program, judge, found)
+        answer = _certified(problem, program, judge, fitter, found)
         assert answer.certificate is not None
         if answer.certificate.holds:
             return answer
@@ -263,7 +264,7 @@ def _settled_on(search: 'Search', outcome: Outcome, arcs: list[Arc], allowed: fl
         smooth = _grazing(
             problem, program, found, sizes, pinned, monitor, found.grazing(_NEARLY))
         if smooth is not found:
-            answer = _certified(problem, program, judge, smooth)
+            answer = _certified(problem, program, judge, fitter, smooth)
             if answer.certificate and answer.certificate.holds:
                 return answer
         fine *= 2
@@ -283,11 +284,13 @@ def at_once(search: 'Search', start: Outcome) -> Solution | None:
         search.monitor = whole
 
 
-def _certified(problem: Problem, program: PhasedProgram, integrator: Integrator, found: Phased
-               ) -> Solution:
+def _certified(problem: Problem, program: PhasedProgram, integrator: Integrator, fitter: Fitter,
+               found: Phased) -> Solution:
     """Return phases as samples with their certificate; more where these are all it lacks."""
-    for samples in _SAMPLES:
-        answer = sampled(problem, program, integrator, found, samples)
+    free = any(np.isnan(arc.levels).any() for arc in found.arcs)
+    for samples in _SAMPLES if free else _SAMPLES[:1]:   # straight lines say all where none is
+        answer = fitter.pressed(
+            problem, sampled(problem, program, integrator, found, samples))
         certificate = certify(problem, answer)
         worst = certificate.worst
         answer = replace(answer, certificate=certificate)

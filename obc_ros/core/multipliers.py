@@ -22,6 +22,7 @@ from obc_ros.core.extremal import Extremal
 from obc_ros.core.mixed import densities
 from obc_ros.core.problem import Problem
 from obc_ros.core.runge_kutta import step
+from obc_ros.core.solution import Solution
 from obc_ros.core.transcription import Outcome
 
 Array = NDArray[np.float64]
@@ -126,7 +127,7 @@ class Fitter:
             side = int(contact.sign > 0)
             limits[side, contact.first:contact.last, contact.row] = np.copysign(
                 np.inf, contact.sign)
-        size = _sizes(problem, course)
+        size = _sizes(problem, course.ua)
         for side, x, u, lam in ((0, course.x, course.ua, course.lam),
                                 (1, course.x_end, course.ub, course.lam_end)):
             _, _, L_u, f_u, c_u, _ = self._shaped(self._point(x, u, problem.p_value))
@@ -134,6 +135,30 @@ class Fitter:
             density[:, side] = _pressing(
                 (L_u + np.einsum('knm,kn->km', f_u, lam)) * size, c_u * size, limits, low, high)
         return density
+
+    def pressed(self, problem: Problem, answer: Solution) -> Solution:
+        """
+        Return an answer whose constraints on inputs alone weigh what makes dH/du least.
+
+        Where bounds hold all of these inputs, no method says what such a constraint weighs.
+        """
+        mine, mu = np.flatnonzero(self._of_inputs[self.n:]), answer.path_multipliers
+        if not mine.size or mu is None:
+            return answer
+        others = np.setdiff1d(np.arange(mu.shape[1]), mine)
+        c = self.at(problem, answer.x, answer.u)[:, self.n:][:, mine]
+        lower, upper = problem.path_lower[mine], problem.path_upper[mine]
+        near = _NEAR * np.abs(c).max(axis=0)
+        limits = np.stack([np.where(c <= lower + near, -np.inf, 0.0),
+                           np.where(c >= upper - near, np.inf, 0.0)])
+        size = _sizes(problem, answer.u)
+        _, _, L_u, f_u, c_u, _ = self._shaped(self._point(answer.x, answer.u, problem.p_value))
+        slope = L_u + np.einsum('knm,kn->km', f_u, answer.lam) + np.einsum(
+            'krm,kr->km', c_u[:, self.n:][:, others], mu[:, others])
+        mu = mu.copy()
+        mu[:, mine] = _pressing(slope * size, c_u[:, self.n:][:, mine] * size, limits,
+                                *_at_bounds(problem, answer.u, size))
+        return replace(answer, path_multipliers=mu)
 
     def values(self, problem: Problem, course: Extremal) -> Array:
         """Return x and c along a course, shape (K + 1, n + l)."""
@@ -259,7 +284,7 @@ class Fitter:
         """
         without, each = lam
         K, q = len(course.x), self.q
-        size = _sizes(problem, course)
+        size = _sizes(problem, course.ua)
         rows, rights, wrong = [], [], False
         for side, x, u in ((0, course.x, course.ua), (1, course.x_end, course.ub)):
             L, f, L_u, f_u, c_u, _ = self._shaped(self._point(x, u, problem.p_value))
@@ -289,11 +314,11 @@ class Fitter:
         return A, b, wrong
 
 
-def _sizes(problem: Problem, course: Extremal) -> Array:
-    """Return what counts as one in each input, (m,)."""
+def _sizes(problem: Problem, u: Array) -> Array:
+    """Return what counts as one in each input, (m,), of inputs (K, m)."""
     span = problem.u_upper - problem.u_lower
     return np.asarray(np.where(np.isfinite(span), span, np.maximum(
-        np.abs(course.ua).max(axis=0), 1e-6)))
+        np.abs(u).max(axis=0), 1e-6)))
 
 
 def _at_bounds(problem: Problem, u: Array, size: Array) -> tuple[Mask, Mask]:
