@@ -26,7 +26,8 @@ from obc_ros.core.mesh import collocation, lagrange, Path
 from obc_ros.core.mixed import holding, on_constraints, reheld
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.multipliers import Fitter
-from obc_ros.core.phased import Bounds, DEGREE, Grazing, Phased, PhasedProgram
+from obc_ros.core.orders import Bounds
+from obc_ros.core.phased import DEGREE, Grazing, Phased, PhasedProgram
 from obc_ros.core.problem import Problem
 from obc_ros.core.refine import below
 from obc_ros.core.solution import Solution, Status

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from obc_ros.core.arcs import Arc
 from obc_ros.core.mesh import collocation, lagrange, Path
 from obc_ros.core.monitor import Monitor, Watch
+from obc_ros.core.orders import Bounds
 from obc_ros.core.problem import Problem
 from obc_ros.core.transcription import Scales
 
@@ -37,7 +38,6 @@ Grazing = frozenset[tuple[int, int]]
 
 DEGREE = 4
 _LEAST = 0.1      # of its length: how short a phase may become at once
-_ORDERS = 3    # derivatives of a bound that are looked at
 _OUTWARDS = 1e-4   # relative, where a path leaves a bound: it exceeds it by the square
 _OPTIONS: dict[str, object] = {
     'print_level': 0, 'sb': 'yes', 'linear_solver': 'mumps', 'tol': 1e-10,
@@ -104,27 +104,6 @@ class Phased:
     def h(self) -> Array:
         """Return the length of each interval [s]."""
         return self.durations[self.phase_of] * np.concatenate(self.meshes)
-
-
-class Bounds:
-    """The rows of (x, c) of a problem, and their derivatives up to the one that inputs enter."""
-
-    def __init__(self, problem: Problem) -> None:
-        rows = ca.vertcat(problem.x, problem.path)
-        self.count = int(rows.numel())
-        self.orders = np.full(self.count, -1)
-        self.deciding: Mask = np.zeros((self.count, problem.m), dtype=bool)
-        self.chains: list[list[ca.SX]] = []
-        for row, value in enumerate(ca.vertsplit(rows)):
-            chain = [value]
-            for order in range(_ORDERS + 1):
-                if ca.depends_on(chain[-1], problem.u):
-                    self.orders[row] = order
-                    enters = ca.jacobian_sparsity(chain[-1], problem.u).get_triplet()[1]
-                    self.deciding[row, enters] = True
-                    break
-                chain.append(ca.jtimes(chain[-1], problem.x, problem.f))
-            self.chains.append(chain)
 
 
 class PhasedProgram:
@@ -317,8 +296,12 @@ class _Solve:
     def _straighten(self, u: ca.MX, phase: int) -> None:
         """Keep inputs straight where nothing but the cost says what they are: on singular arcs."""
         arc, bounds = self.arcs[phase], self.program.bounds
-        fixed = bounds.deciding[np.flatnonzero(arc.on)].any(axis=0)
-        singular = np.flatnonzero(self.program.switching & np.isnan(arc.levels) & ~fixed)
+        loose = self.program.switching & np.isnan(arc.levels)
+        for row in np.flatnonzero(arc.on):
+            # Of inputs that share a straight constraint the last follows from the others.
+            fixed = np.flatnonzero(bounds.deciding[row] & np.isnan(arc.levels))
+            loose[fixed[-1:] if bounds.straight[row] else fixed] = False
+        singular = np.flatnonzero(loose)
         if not singular.size:
             return
         tau = self.program.points[1:]
