@@ -8,7 +8,7 @@ import numpy as np
 from obc_ros.core.solution import Status
 from obc_ros.core.solve import solve
 from obc_ros.core.statement import problem_from_mapping
-from obc_ros.core.undefined import kinked, runs_away, undefined
+from obc_ros.core.undefined import kinked, level, runs_away, undefined
 import pytest
 
 T = np.linspace(0, 2, 21)
@@ -92,3 +92,42 @@ def test_a_kink_of_states_is_said_and_what_is_said_helps():
     assert answer.status is Status.SOLVED
     # It is dearer than with the kink, by e T at most.
     assert 0 <= answer.objective - found.objective <= 6 * float(advice[2])
+
+
+def test_a_root_that_vanishes_is_said_and_what_is_said_helps():
+    """Torricelli's tank runs empty at T = 2, its costate grows without bound."""
+    mapping = {
+        'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u - sqrt(x)'}, 'running_cost': '1',
+        'initial_state': {'x': 1}, 'terminal_constraints': ['x'], 'input_bounds': {'u': [0, 2]},
+        'final_time': {'free': True, 'lower': 0.1, 'upper': 20}}
+    found = solve(problem_from_mapping(mapping), max_intervals=250)
+    assert found.status is Status.NOT_CONVERGED
+    assert found.message.startswith(
+        'dynamics.x has a root of x, whose slope is infinite where that is 0, as at t = 2 ')
+    e = float(re.search(r'x \+ e in its place, with a small e such as ([0-9.]+), has',
+                        found.message)[1])
+    answer = solve(problem_from_mapping(mapping | {'dynamics': {'x': f'u - sqrt(x + {e})'}}))
+    assert answer.status is Status.SOLVED
+    assert answer.objective == pytest.approx(2 * (np.sqrt(1 + e) - np.sqrt(e)), rel=1e-9)
+
+
+@pytest.mark.parametrize('constraint', ['(x - 1)**2', '(x - 1)**3'])
+def test_a_terminal_constraint_without_a_slope_is_said(constraint):
+    mapping = {
+        'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'running_cost': 'u**2/2',
+        'initial_state': {'x': 0}, 'terminal_constraints': [constraint],
+        'final_time': {'free': False, 'value': 1}}
+    found = solve(problem_from_mapping(mapping))
+    assert found.status is Status.NOT_CONVERGED
+    assert re.match(r'terminal_constraints\[0\], .*, has no slope where it is met', found.message)
+
+
+@pytest.mark.parametrize('constraint, end', [
+    ('x - 1', 1.0), ('x - 1', 0.97), ('x**2 - 1', 0.97), ('x**2 - 1', 1.0), ('x**2 + 1', 0.1),
+    ('exp(x) - 1', 0.2), ('sin(x)', 3.1)])
+def test_of_other_terminal_constraints_nothing_is_said(constraint, end):
+    problem = problem_from_mapping({
+        'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'running_cost': 'u**2/2',
+        'initial_state': {'x': 0}, 'terminal_constraints': [constraint],
+        'final_time': {'free': False, 'value': 1}})
+    assert level(problem, np.array([end])) == ''

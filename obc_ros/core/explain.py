@@ -34,7 +34,7 @@ from obc_ros.core.ill_posed import growing, wish, without_minimum
 from obc_ros.core.problem import FinalTime, Guess, Problem
 from obc_ros.core.relaxation import chattering, relaxed
 from obc_ros.core.solution import Solution
-from obc_ros.core.undefined import kinked, runs_away, undefined
+from obc_ros.core.undefined import kinked, level, runs_away, steep, undefined
 
 Array = NDArray[np.float64]
 Solver = Callable[[Problem], Solution]
@@ -102,7 +102,11 @@ class _Doubt:
             return Reason(False, sentence)
         self.lost = found is None or not _is_path(found)
         if found is not None and _arrives(found) and (
-                sentence := kinked(problem, found.t, found.x, found.u)):
+                sentence := kinked(problem, found.t, found.x, found.u)
+                or steep(problem, found.t, found.x, found.u)):
+            return Reason(False, sentence)
+        if found is not None and not self.lost and (
+                sentence := level(problem, found.x[-1])):
             return Reason(False, sentence)
         kept = found is not None and not self.lost and not _missed(problem, found)
         if kept or problem.q == 0 and not _bounded(problem):

@@ -4,7 +4,8 @@
 Where a path comes to states at which the expressions of its problem have no value, or no slope.
 
 A division by zero, a logarithm or root of what is negative, states that run away in finite time;
-the kink of an absolute value.
+the kink of an absolute value, a root of what vanishes; terminal constraints that are met where
+they have no slope.
 """
 
 from collections.abc import Iterator
@@ -20,6 +21,8 @@ Array = NDArray[np.float64]
 
 _TOUCHED = 1e-6  # of its largest value: what is as near to 0 as it can be told
 _SMALL = 1e-3    # likewise: what a kink may be rounded by
+_NEWTON = 6      # steps
+_MULTIPLE = 0.2, 0.4   # what each leaves towards a root that is none of the first order
 _QUOTED = 80     # letters of an expression
 _FAR = 1e6      # times the size of x(0) and of the bounds: where a state is said to run away
 _TRIALS = 16    # constant inputs that are tried
@@ -84,12 +87,62 @@ def kinked(problem: Problem, t: Array, x: Array, u: Array) -> str:
         at = np.abs(row) <= _TOUCHED * size
         at[1:] |= row[:-1] * row[1:] < 0
         if at.any():
-            what = str(value)
-            what = what if len(what) <= _QUOTED else f'{what[:_QUOTED]}...'
+            what = _quoted(problem, value)
             return (f'{where} has no slope where abs({what}) is 0, as at t = '
                     f'{t[int(np.argmax(at))]:.4g} on the best path that was found: no costates '
                     f'are known there; sqrt(({what})**2 + e**2) in its place, with a small e such '
                     f'as {number(_SMALL * size)}, has a slope')
+    return ''
+
+
+def steep(problem: Problem, t: Array, x: Array, u: Array) -> str:
+    """
+    Return which root of states vanishes on a path, and what to write; '' if none does.
+
+    Its slope is infinite there, and with it dlam/dt. Parameters are those of `undefined`.
+    """
+    found = [(where, operands[0]) for where, operation, operands in _operations(problem)
+             if _root(operation, operands) and ca.depends_on(operands[0], problem.x)]
+    if not found or not t.size or not (np.isfinite(x).all() and np.isfinite(u).all()):
+        return ''
+    for (where, value), row in zip(
+            found, _values(problem, [value for _, value in found], x, u), strict=True):
+        size = float(np.abs(row).max())
+        k = int(np.argmin(np.abs(row)))
+        if size > 0 and abs(row[k]) <= _TOUCHED * size:
+            what = _quoted(problem, value)
+            return (f'{where} has a root of {what}, whose slope is infinite where that is 0, as '
+                    f'at t = {t[k]:.4g} on the best path that was found: no finite costates do '
+                    f'there; {what} + e in its place, with a small e such as '
+                    f'{number(_SMALL * size)}, has a slope')
+    return ''
+
+
+def level(problem: Problem, x: Array) -> str:
+    """
+    Return which terminal constraint has no slope where it is met, next to x(T); '' if none.
+
+    Newton's steps towards a simple root square what is left, those towards a root of order k
+    leave a part (1 - 1/k)^k of it each time, from a quarter up.
+    """
+    if not problem.q or not np.isfinite(x).all():
+        return ''
+    slopes = ca.Function('slopes', [problem.x, problem.p], [
+        problem.psi, ca.densify(ca.jacobian(problem.psi, problem.x))])
+    for row in range(problem.q):
+        there, left = x.copy(), list[float]()
+        for _ in range(_NEWTON):
+            value, slope = (each.full()[row] for each in slopes(there, problem.p_value))
+            left.append(abs(float(value[0])))
+            if not (np.isfinite(slope).all() and slope.any()):
+                break
+            there = there - value * slope / (slope @ slope)
+        parts = [after / before for before, after in zip(left, left[1:], strict=False) if before]
+        if left[0] == 0 and not slope.any() or len(parts) == _NEWTON - 1 and all(
+                _MULTIPLE[0] < part < _MULTIPLE[1] for part in parts):
+            what = _quoted(problem, problem.psi[row])
+            return (f'terminal_constraints[{row}], {what}, has no slope where it is met: no finite multiplier does there; write what is to vanish '
+                    f'itself in its place, as x - 1 in that of (x - 1)**2')
     return ''
 
 
@@ -133,6 +186,20 @@ def runs_away(problem: Problem, T: float) -> str:
             name = problem.states[int(np.argmax(np.abs(course.y[:, -1]) / size))]
     return (f'{name} runs away: with each of {len(corners) + 1} constant inputs within the bounds '
             f'it has grown more than {_FAR:.0e} times by t = {latest:.4g}, before T = {T:.6g}')
+
+
+def _quoted(problem: Problem, value: ca.SX) -> str:
+    """Return an expression in words, its beginning if it is long."""
+    numbers = [k for k, name in enumerate(problem.parameters) if '#' in name]   # as stated
+    what = str(ca.substitute(value, problem.p[numbers], ca.DM(problem.p_value[numbers])))
+    return what if len(what) <= _QUOTED else f'{what[:_QUOTED]}...'
+
+
+def _root(operation: int, operands: list[ca.SX]) -> bool:
+    """Return whether the slope of an operation is infinite where its first operand is 0."""
+    power = operation in (ca.OP_POW, ca.OP_CONSTPOW) and operands[1].is_constant() and (
+        0 < float(operands[1]) < 1)
+    return bool(power or operation == ca.OP_SQRT)
 
 
 def _operations(problem: Problem) -> Iterator[tuple[str, int, list[ca.SX]]]:
