@@ -141,8 +141,9 @@ def level(problem: Problem, x: Array) -> str:
         if left[0] == 0 and not slope.any() or len(parts) == _NEWTON - 1 and all(
                 _MULTIPLE[0] < part < _MULTIPLE[1] for part in parts):
             what = _quoted(problem, problem.psi[row])
-            return (f'terminal_constraints[{row}], {what}, has no slope where it is met: no finite multiplier does there; write what is to vanish '
-                    f'itself in its place, as x - 1 in that of (x - 1)**2')
+            return (f'terminal_constraints[{row}], {what}, has no slope where it is met: no '
+                    f'finite multiplier does there; write what is to vanish itself in its place, '
+                    f'as x - 1 in that of (x - 1)**2')
     return ''
 
 
