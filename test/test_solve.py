@@ -39,7 +39,7 @@ NAMES = (
     'snap_limited', 'mars_descent', 'goddard_pressure_limit', 'thrust_in_a_disc',
     'epidemic_beds', 'detumble_mintime', 'disc_with_drag',
     'friction_circle', 'invest_or_produce', 'power_limit', 'power_and_speed_limit', 'hover_hold',
-    'jerk_and_braking_limits', 'newton_resistance', 'tack_upwind',
+    'jerk_and_braking_limits', 'newton_resistance', 'tack_upwind', 'sphere_geodesic',
     'terminal_wells_plane', 'dubins_point_inside', 'two_stage_cstr', 'pendulum_long')
 
 
@@ -136,6 +136,22 @@ def test_a_load_is_held_up_by_the_closed_form():
                             {'free': False, 'value': 2}, terminal_constraints=['x', 'v']))
     assert (solution.status, solution.method) == (Status.SOLVED, 'riccati')
     assert solution.objective == pytest.approx(1.0, rel=1e-12)
+
+
+@pytest.mark.parametrize('end', [(1, 2), (1, 2, 2), (0, -3), (1e-3, 2e-3)])
+def test_exercise_2_3_as_it_is_stated(end):
+    # The integral of the length of u has no slope at u = 0, and no speed is better than another.
+    names = [f'x{i}' for i in range(len(end))]
+    inputs = [f'u{i}' for i in range(len(end))]
+    solution = solve(problem_from_mapping({
+        'states': names, 'inputs': inputs, 'dynamics': dict(zip(names, inputs, strict=True)),
+        'running_cost': f'sqrt({" + ".join(f"{name}**2" for name in inputs)})',
+        'initial_state': dict.fromkeys(names, 0),
+        'terminal_constraints': [f'{name} - ({value})' for name, value in zip(
+            names, end, strict=True)],
+        'final_time': {'free': False, 'value': 1}}))
+    assert solution.status is Status.SOLVED, solution.message
+    assert solution.objective == pytest.approx(math.hypot(*end), rel=1e-7)
 
 
 def test_where_nothing_switches_no_time_is_named():

@@ -48,6 +48,7 @@ class Guesser:
         self._curved = ca.depends_on(slope, x)
         self._psi = Batch([x, p], [problem.psi, slope], 1)
         self._rest = Batch([x, u, p], [problem.f, ca.jacobian(problem.f, u)], 1)
+        self._slope = Batch([x, u, p], [ca.jacobian(problem.L, u)], 1)
         self._all = Batch([x, u, p], [ca.vertcat(problem.f, problem.L, problem.path)], 1)
         self._last: tuple[Problem, Array, NDArray[np.bool_]] | None = None
 
@@ -150,7 +151,11 @@ class Guesser:
                 column = np.atleast_1d(np.asarray(column, dtype=float))
                 values[:, names.index(name)] = np.interp(
                     s, np.linspace(0.0, 1.0, len(column)), column)
-        return _path(T * s, x, _inside(u, problem.u_lower, problem.u_upper))
+        path = _path(T * s, x, _inside(u, problem.u_lower, problem.u_upper))
+        slope, = self._slope(x, u, problem.p_value)
+        # Where all inputs are 0 the length of their vector has no slope.
+        return path if np.isfinite(slope).all() else _path(
+            T * s, x, self._along(problem, path, x))
 
     def driven(self, problem: Problem, integrator: Integrator, u: Array, T: float) -> Path:
         """Return the path under inputs u (21, m), cut where it leaves all sense."""
