@@ -473,3 +473,27 @@ def test_small_states_that_inputs_mean_are_no_rounding():
     t = np.linspace(0.0, 1.0, 21)
     wrong = answer(problem, t, [-t**2 * 2.5e-12, -t * 5e-12], [-1e-11], [0.0, 2.0], -3e-11)
     assert 'dynamics' in failing(problem, wrong)
+
+
+def sunk(sign, rate=0.7, T=60.0, count=241):
+    """Return x' = x u from 1 under u = -rate, then rate, to `sign`: x(T/2) is 8e-10 for 0.7."""
+    problem = simple(['x'], ['u'], {'x': 'x*u'}, '0', {'x': 1}, T,
+                     terminal_constraints=[f'x - ({sign})'], input_bounds={'u': [-1, 1]})
+    s = np.linspace(0.0, T / 2, count)
+    t, x = np.append(s, T/2 + s), np.append(np.exp(-rate*s), sign * np.exp(rate*(s - T/2)))
+    u = np.repeat([-rate, rate], count)
+    return problem, answer(problem, t, [x], [u], [0.0], 0.0, nu=np.zeros(1))
+
+
+def test_a_state_that_changes_its_sign_where_it_cannot_is_no_path():
+    assert failing(*sunk(1)) == set()
+    assert failing(*sunk(-1)) == {'dynamics'}
+
+
+def test_a_path_along_which_a_system_is_unstable_is_one():
+    # x' = x + u with u = -2 x is x = exp(-t), and any defect grows by exp(30) to the end.
+    problem = simple(['x'], ['u'], {'x': 'x + u'}, '0', {'x': 1}, 30, terminal_constraints=['x'],
+                     input_bounds={'u': [-3, 3]})
+    t = 30 * np.linspace(0.0, 1.0, 10001)**2
+    x = np.exp(-t)
+    assert failing(problem, answer(problem, t, [x], [-2*x], [0.0], 0.0, nu=np.zeros(1))) == set()

@@ -138,6 +138,46 @@ def test_a_load_is_held_up_by_the_closed_form():
     assert solution.objective == pytest.approx(1.0, rel=1e-12)
 
 
+ANY_PATH = {
+    'inverted pendulum': {
+        'states': ['q', 'w'], 'inputs': ['u'], 'dynamics': {'q': 'w', 'w': 'sin(q) + u'},
+        'initial_state': {'q': 1, 'w': 0}, 'terminal_constraints': ['q', 'w'],
+        'input_bounds': {'u': [-1.5, 1.5]}, 'final_time': {'free': False, 'value': 25}},
+    'round a disc': {
+        'states': ['x', 'y'], 'inputs': ['u', 'v'], 'dynamics': {'x': 'u', 'y': 'v'},
+        'initial_state': {'x': -2, 'y': 0}, 'terminal_constraints': ['x - 2', 'y'],
+        'input_bounds': {'u': [-2, 2], 'v': [-2, 2]}, 'final_time': {'free': False, 'value': 5},
+        'path_constraints': [{'expr': 'x**2 + y**2', 'lower': 1}]},
+    'hopping': {
+        'system': 'aircraft', 'initial_state': dict.fromkeys(
+            ('px', 'py', 'theta', 'vx', 'vy', 'omega'), 0),
+        'terminal_constraints': ['px - 1', 'py - 1', 'theta', 'vx', 'vy', 'omega'],
+        'input_bounds': {'f1': [-5, 5], 'f2': [0, 60]},
+        'final_time': {'free': True, 'lower': 1, 'upper': 10}},
+}
+
+
+@pytest.mark.parametrize('name', ANY_PATH)
+def test_any_path_will_do_where_none_costs_anything(name):
+    problem = problem_from_mapping({'running_cost': '0'} | ANY_PATH[name])
+    solution = solve(problem)
+    assert (solution.status, solution.objective) == (Status.SOLVED, 0.0), solution.message
+    _, psi = replayed(problem, solution)
+    np.testing.assert_allclose(psi, 0.0, atol=1e-2 if name == 'inverted pendulum' else 1e-6)
+    x, y = solution.x[:, :2].T
+    assert name != 'round a disc' or np.hypot(x, y).min() > 1 - 1e-6
+
+
+def test_no_path_leads_past_an_equilibrium():
+    # A logistic growth that is harvested comes as near to 0 as 1e-9, but never below.
+    solution = solve(simple(['x'], {'x': 'x*(1 - x) - u*x'}, '0', {'x': 0.5},
+                            {'free': False, 'value': 40}, terminal_constraints=['x + 0.2'],
+                            input_bounds={'u': [0, 3]}))
+    assert solution.status is Status.NOT_CONVERGED
+    assert 'no path was found' in solution.message
+    assert 'one meets them' not in solution.message
+
+
 @pytest.mark.parametrize('end', [(1, 2), (1, 2, 2), (0, -3), (1e-3, 2e-3)])
 def test_exercise_2_3_as_it_is_stated(end):
     # The integral of the length of u has no slope at u = 0, and no speed is better than another.

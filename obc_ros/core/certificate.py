@@ -17,7 +17,9 @@ left at the other end. The sum over all intervals is what counts, so that a fine
 hide an error.
 
 ============== ===============================================================================
-dynamics       sum over intervals of max_i |defect of x_i| / s_i
+dynamics       sum over intervals of max_i |defect of x_i| / s_i; and, where a terminal constraint
+               has no multiplier, so that the costates do not see what is done to meet it, 1e-2 of
+               the change of the inputs that would make up for the defects (`shadowing`)
 start          max_i |x_i(0) - x0_i| / s_i, and |t(0)| / T
 end            max_j |psi_j(x(T))| / (sum_i |dpsi_j/dx_i| s_i), x(T) replayed; for a given T also
                |t(T) - T| / T; and 1e-3 |nu|'|psi(x(T))| / (integral of |L| + |V(x(T))|), for what
@@ -52,6 +54,7 @@ from obc_ros.core.input_minimum import InputMinimum, Points
 from obc_ros.core.input_minimum import Scales as InputScales
 from obc_ros.core.problem import Problem
 from obc_ros.core.replay import Integrator, Intervals, LEAST_COST, PARTS
+from obc_ros.core.shadowing import correction
 from obc_ros.core.solution import Certificate, Solution
 
 Array = NDArray[np.float64]
@@ -66,6 +69,7 @@ TOLERANCES = {
 REPLAY_ERROR = 1e-7   # estimated, of all intervals together
 ACTIVE = 1e-5   # of its scale: how near its bound an active constraint is
 _KEPT = 32
+_FORCELESS = 1e-6  # of the size of lam: multipliers of terminal constraints that bear on nothing
 _ROUNDING = 1e-9, 1e-10   # of the unit of x; of f, relative to what the inputs make of it
 
 
@@ -268,7 +272,27 @@ class _Judge:
             return np.inf
         defect = np.abs(np.diff(self.solution.x, axis=0))
         defect[self.rows] = np.abs(self.replay.x[:, -1] - self.solution.x[self.rows + 1])
-        return float((defect / self.scales.x).max(axis=1).sum())
+        return max(float((defect / self.scales.x).max(axis=1).sum()), 1e-2 * self._correction())
+
+    def _correction(self) -> float:
+        """Return by how much inputs differ from ones that lead to the end, if lam says nothing."""
+        if not self.problem.q:
+            return 0.0
+        slopes = self.end[3][0].reshape(self.problem.q, -1)
+        sizes = np.abs(slopes) @ self.scales.x
+        nu = self.solution.nu
+        if not nu.size:
+            nu = np.linalg.lstsq(slopes.T, self.solution.lam[-1] - self.end[1][1], rcond=None)[0]
+        if not np.any(np.abs(nu) * sizes <= _FORCELESS * self.scales.lam):
+            return 0.0
+        jumps = np.diff(self.solution.x, axis=0)
+        jumps[self.rows] = self.solution.x[self.rows + 1] - self.replay.x[:, -1]
+        after = np.zeros((len(self.rows), self.problem.n))
+        np.add.at(after, np.maximum(np.searchsorted(self.rows, np.arange(len(jumps)), 'right') - 1,
+                                    0), jumps)
+        return correction(
+            self.problem, self.replay.x[:, PARTS // 2], self.replay.u[:, PARTS // 2],
+            self.intervals.h, after, (slopes, np.where(sizes > 0, sizes, 1.0)), self.scales.u)
 
     def _start(self) -> float:
         gap = np.abs(self.solution.x[0] - self.problem.x0) / self.scales.x

@@ -29,11 +29,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.contradictions import contradiction, number, state_bound, terminal
-from obc_ros.core.extremal import Integrator
 from obc_ros.core.ill_posed import growing, wish, without_minimum
-from obc_ros.core.problem import FinalTime, Guess, Problem
+from obc_ros.core.problem import FinalTime, Problem
 from obc_ros.core.relaxation import chattering, relaxed
 from obc_ros.core.solution import Solution
+from obc_ros.core.sweeps import guided, leads_there
 from obc_ros.core.undefined import kinked, level, runs_away, steep, undefined
 
 Array = NDArray[np.float64]
@@ -47,7 +47,6 @@ _EFFORT = 1e-8      # weight of the inputs in problems that would not determine 
 _LATER = 50.0       # times T up to which a least time is looked for
 _BOXES = (10.0, 100.0, 1000.0)
 _IMPULSE, _INSTANT = 0.1, 1e-4   # parts: of the largest input and its integral; of T
-_GUESSED = 101      # values of a guess
 _MORE = 3.0         # times the largest inputs of an answer: where a cheaper one is looked for
 
 
@@ -163,7 +162,8 @@ class _Doubt:
         if not early and not self.convex:
             answer = self.thorough(later)
             early = not _is_path(answer) or answer.t[-1] <= last * (1 + 1e-6)
-        if early and not self.convex and not problem.final_time.free:
+        if early and not self.convex and not problem.final_time.free and (
+                leads_there(problem, answer)):
             return Reason(False, f'no path was found that meets the terminal constraints at T = '
                                  f'{last:.6g}; one meets them at T = {answer.t[-1]:.4g}')
         if early:
@@ -424,7 +424,7 @@ def _unbounded(problem: Problem, solve: Solver, found: Solution | None) -> str:
     costs, full = [], True
     for room in _BOXES:
         boxed = _boxed(problem, room * size)
-        answer = solve(boxed if found is None else _guided(boxed, found))
+        answer = solve(boxed if found is None else guided(boxed, found))
         if not _is_path(answer) or (problem.q and _missed(problem, answer)):
             return ''
         costs.append(float(answer.objective))
@@ -444,20 +444,6 @@ def _boxed(problem: Problem, room: Array) -> Problem:
     """Return a problem with inputs of at most this magnitude."""
     return replace(problem, structure='', u_lower=np.maximum(problem.u_lower, -room),
                    u_upper=np.minimum(problem.u_upper, room))
-
-
-def _guided(problem: Problem, found: Solution) -> Problem:
-    """Return a problem whose guess is where the inputs of a path lead, as far as it has them."""
-    t = np.linspace(0.0, found.t[-1], _GUESSED)
-    u = np.clip(np.column_stack([np.interp(t, found.t, column) for column in found.u.T]),
-                problem.u_lower, problem.u_upper)
-    with np.errstate(all='ignore'):
-        x, _ = Integrator(problem).forward(problem, t, u[:-1], u[1:])
-    if not np.isfinite(x).all():
-        return problem
-    return replace(problem, guess=Guess(
-        dict(zip(problem.states, x.T, strict=True)), dict(zip(problem.inputs, u.T, strict=True)),
-        float(t[-1]) if problem.final_time.free else None))
 
 
 def outgrown(problem: Problem, found: Solution, solve: Solver) -> str:

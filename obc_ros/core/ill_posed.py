@@ -11,7 +11,7 @@ linear       all is affine in x and u, T is fixed, and dH/du = 0 holds for no nu
 Both are proofs. Where H is curved upwards in all inputs without bounds there is nothing to fear.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -71,6 +71,19 @@ def indifferent(problem: Problem) -> float | None:
         L = float(problem.L)
         return L if not L or not problem.final_time.free else None
     return None
+
+
+def of_least_effort(problem: Problem) -> Problem:
+    """
+    Return a problem whose answer is one of a problem of which every path is an answer.
+
+    Effort counts from the middle of the inputs' bounds, or from 0, and time counts, too.
+    """
+    bounded = np.isfinite(problem.u_lower) & np.isfinite(problem.u_upper)
+    low, high = (np.where(bounded, bound, 0.0) for bound in (problem.u_lower, problem.u_upper))
+    half = np.where(high > low, (high - low) / 2, 1.0)
+    return replace(problem, structure='', V=ca.SX(0),
+                   L=1 + ca.sumsqr((problem.u - (low + high) / 2) / half))
 
 
 def _unlimited(problem: Problem) -> Mask:

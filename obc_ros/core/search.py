@@ -46,12 +46,12 @@ _WEARY = 500_000      # work without an answer that holds, after which no furthe
 _BELIEVED, _ABSURD = 1e-2, 1e6   # relative: error of a coarse step; cost above the least one
 _MESHES = 1, 2, 4, 6   # finer ones, after which arcs along bounds are solved for
 _NEAR_BOUNDS = 0.1    # relative cost above the least one, at which that is tried
-_ROUNDS, _PLAIN_ROUNDS = 10, 5   # of finer meshes; of those before curved inputs are held
-_WARM_ROUNDS = 3      # likewise from a neighbour's answer
+# Of finer meshes; of those before curved inputs are held; of those from a neighbour's answer.
+_ROUNDS, _PLAIN_ROUNDS, _WARM_ROUNDS = 10, 5, 3
 _COARSE_ITERATIONS, _FEW_ITERATIONS, _WARM_ITERATIONS = 150, 12, 100
 _WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
 _DETOUR = 1e-5        # likewise, at which inputs may wind around between points
-_CLOSE = 1e-6         # likewise, at which no finer mesh is tried
+_CLOSE = _LEAST = 1e-6   # likewise, at which no finer mesh is tried; what counts as one in J = 0
 _CLOSE_ENOUGH = (1e-5, 2e-6)  # likewise, of a certified answer, without and with such bounds
 _FOR_DIGITS = 8000    # work for finer meshes once a certificate holds
 _LOST = (3e-7, 1e-7)  # relative cost to be given away, without and with bounds of the state
@@ -303,7 +303,7 @@ class Search:
     def finer(self, outcome: Outcome, course: Extremal) -> Mesh:
         """Return a mesh that is finer where the path gives cost away."""
         verdict, N = self.judged(course), len(course.local)
-        share = _LOST[self.bounded] * abs(outcome.objective) / N
+        share = _LOST[self.bounded] * max(abs(outcome.objective), _LEAST) / N
         errors = [
             Error(verdict.lost - verdict.chords, share, 5.0), Error(verdict.chords, share, 3.0),
             Error(course.local, _STEP_ERROR / N, 7.0), Error(verdict.drift, _DRIFT, 2.0)]

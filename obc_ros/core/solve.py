@@ -12,7 +12,7 @@ import numpy as np
 from obc_ros.core.certificate import certify
 from obc_ros.core.errors import shown, StatementError
 from obc_ros.core.explain import convex, explain, outgrown
-from obc_ros.core.ill_posed import indifferent, wish, without_minimum
+from obc_ros.core.ill_posed import indifferent, of_least_effort, wish, without_minimum
 from obc_ros.core.kit import Kit
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.polish import polished, touched_up
@@ -102,6 +102,8 @@ def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
             return replace(judged, method=name)
     if not kit.answers and without_minimum(problem):
         return Solution(Status.NOT_CONVERGED, 'the cost has no minimum', method='arcs')
+    if (L := indifferent(problem)) is not None:
+        return replace(_any_path(problem, L, monitor), method='arcs')
     search = Search(problem, kit, monitor, why_not=partial(_why_not, monitor=monitor))
     answer = search.run()
     if not search.monitor.stopped:
@@ -111,6 +113,16 @@ def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
         if sentence:
             answer = Solution(Status.NOT_CONVERGED, sentence)
     return replace(answer, method='arcs')
+
+
+def _any_path(problem: Problem, L: float, monitor: Monitor) -> Solution:
+    """Return a path of a problem that is indifferent to which one it is: that of least effort."""
+    other = of_least_effort(problem)
+    found = Search(other, Kit(other), monitor, why_not=partial(_why_not, monitor=monitor)).run()
+    if not found.t.size:
+        return found
+    found = _without_multipliers(found, L)
+    return replace(found, objective=L * found.t[-1] + float(problem.V), certificate=None)
 
 
 def _why_not(problem: Problem, monitor: Monitor) -> str:
