@@ -36,3 +36,14 @@ def test_modes_whose_parts_add_up_to_one_switch_together(T):
     assert solution.status is Status.SOLVED
     assert solution.objective == pytest.approx(2.5, abs=1e-9)
     np.testing.assert_allclose(solution.switching_times, [T - 2, T - 1], atol=1e-9)
+
+
+def test_an_equality_whose_sides_are_zero_weighs_all_the_same():
+    """From (1, 1) to x = 2 along rays of the origin only: y = x and twice the cost of x alone."""
+    solution = solve(problem_from_mapping({
+        'states': ['x', 'y'], 'inputs': ['u', 'w'], 'dynamics': {'x': 'u', 'y': 'w'},
+        'running_cost': 'u**2 + w**2', 'initial_state': {'x': 1, 'y': 1},
+        'terminal_constraints': ['x - 2'], 'final_time': {'free': False, 'value': 1},
+        'path_constraints': [{'expr': 'u*y - w*x', 'lower': 0, 'upper': 0}]}), max_intervals=300)
+    assert solution.status is Status.SOLVED
+    assert solution.objective == pytest.approx(2.0, rel=1e-6)

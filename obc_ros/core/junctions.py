@@ -76,7 +76,7 @@ def read(problem: Problem, program: PhasedProgram, outcome: Outcome, value: Arra
     bounds, T = program.bounds, outcome.path.t[-1]
     mixed = bounds.orders == 0
     found = _merged(contacts(problem, outcome, value, margin, bounds.orders > 0, near=_NEAR)
-                    + holding(outcome, bounds, value), gap * T)
+                    + holding(problem, outcome, program), gap * T)
     found = [each for each in found if not _implied(each, arcs, bounds.deciding[each.row])
              and (each.end - each.start > each.beside / 2
                   or bounds.orders[each.row] and each.end < T)]

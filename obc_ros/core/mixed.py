@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _WEIGHS = 1e-4   # of the largest density: what is not there
-_NOTHING = 1e-6  # of the mean cost in a second, for a change of its whole size
+_NOTHING = 1e-6  # of the mean cost in a second, for a change by all of its inputs
 _STEPS = 3       # of Newton onto a constraint
 _WRONG = 1e-6    # likewise on an arc, of the wrong sign
 
@@ -36,23 +36,28 @@ def sharing(problem: Problem) -> Mask:
     return found
 
 
-def densities(outcome: Outcome, size: Array) -> Array:
+def densities(outcome: Outcome, slopes: Array, u: Array) -> Array:
     """
     Return what path constraints weigh in each interval of a transcription, (N, points, l).
 
-    What is nothing beside the cost is left out, `size` (l,) being theirs: a method of interior
-    points leaves a little on each.
+    What is nothing beside the cost is left out: a method of interior points leaves a little on
+    each. `slopes` (K, l, m): by how much inputs `u` (K, m) change them.
     """
+    size = (np.abs(slopes) @ np.abs(u).max(axis=0)).max(axis=0)
     h = np.maximum(np.diff(outcome.path.t), 1e-300)
     found = np.concatenate([outcome.inner_path, outcome.sides_path], axis=1) / h[:, None, None]
     least = _NOTHING * abs(outcome.objective) / (h.sum() * np.maximum(size, 1e-300))
     return np.asarray(np.where(np.abs(found) > least, found, 0.0))
 
 
-def holding(outcome: Outcome, bounds: Bounds, value: Array) -> list[Contact]:
-    """Return where constraints on inputs weigh, `value` (N + 1, n + l) being that of (x, c)."""
-    t, n = outcome.path.t, outcome.path.x.shape[1]
-    weights = densities(outcome, np.abs(value[:, n:]).max(axis=0))
+def holding(problem: Problem, outcome: Outcome, program: PhasedProgram) -> list[Contact]:
+    """Return where constraints on inputs weigh in a transcription."""
+    path, n, bounds = outcome.path, problem.n, program.bounds
+    t, count = path.t, len(path.ua)
+    slopes = program.rows_u.map(count)(
+        path.x[:-1].T, path.ua.T, ca.repmat(problem.p_value, 1, count)).full()
+    slopes = slopes.reshape(bounds.count, count, problem.m)[n:].swapaxes(0, 1)
+    weights = densities(outcome, slopes, path.ua)
     found = []
     for row in np.flatnonzero(bounds.orders[n:] == 0).tolist():
         least = _WEIGHS * np.abs(weights[:, :, row]).max(initial=0.0)

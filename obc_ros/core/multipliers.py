@@ -185,7 +185,8 @@ class Fitter:
         """Return where bounds of x and path constraints are met."""
         value = self.values(problem, course)
         mass = np.hstack([outcome.node_bounds, outcome.node_path])
-        weights = densities(outcome, np.abs(value[:, self.n:]).max(axis=0))
+        slopes = self._shaped(self._point(course.x, course.ua, problem.p_value))[4]
+        weights = densities(outcome, slopes[:, self.n:], course.ua)
         found = []
         for sign, bound in ((1, np.append(problem.x_upper, problem.path_upper)),
                             (-1, np.append(problem.x_lower, problem.path_lower))):
