@@ -208,9 +208,10 @@ def along_bounds(search: 'Search', outcome: Outcome, known: Solution | None = No
     problem, monitor = search.problem, search.monitor
     if not search.may_hold or search.quick or search.kit.twin or monitor.stopped:
         return None
-    program = search.kit.phased
-    if not search.bounded and not leaps(problem, outcome.path, program.bent):
+    if not search.bounded and not (
+            leaps(problem, outcome.path) and search.kit.phased.bent.any()):
         return None
+    program = search.kit.phased
     value = search.kit.fitter(problem).at(
         problem, outcome.path.x, np.vstack([outcome.path.ua, outcome.path.ub[-1:]]))
     allowed = outcome.objective + _DEARER * abs(outcome.objective)
