@@ -2,11 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Path constraints that hold inputs: where they do, where not, and several inputs at once."""
 
+import math
+from pathlib import Path
+
 import numpy as np
 from obc_ros.core.solution import Status
 from obc_ros.core.solve import solve
-from obc_ros.core.statement import problem_from_mapping
+from obc_ros.core.statement import load_file, problem_from_mapping
 import pytest
+from scipy.optimize import brentq
+
+
+def disc(**changes):
+    """Return the problem of thrust in a disc, some keys replaced, and its mapping."""
+    path = Path(__file__).parent / 'problems' / 'thrust_in_a_disc.yaml'
+    mapping = load_file(path)[0] | changes
+    return problem_from_mapping(mapping), mapping
 
 
 def test_a_constraint_on_inputs_that_holds_nowhere_changes_nothing():
@@ -47,3 +58,35 @@ def test_an_equality_whose_sides_are_zero_weighs_all_the_same():
         'path_constraints': [{'expr': 'u*y - w*x', 'lower': 0, 'upper': 0}]}), max_intervals=300)
     assert solution.status is Status.SOLVED
     assert solution.objective == pytest.approx(2.0, rel=1e-6)
+
+
+def test_two_thrusters_of_given_sum():
+    """Full thrust there, full thrust back: held inputs meet the equality of themselves."""
+    solution = solve(problem_from_mapping({
+        'states': ['s', 'v'], 'inputs': ['a', 'b'], 'dynamics': {'s': 'v', 'v': 'a - b'},
+        'running_cost': 1, 'initial_state': {'s': 0, 'v': 0},
+        'terminal_constraints': ['s - 1', 'v'], 'input_bounds': {'a': [0, 1], 'b': [0, 1]},
+        'path_constraints': [{'expr': 'a + b', 'lower': 1, 'upper': 1}],
+        'final_time': {'free': True, 'lower': 0.1, 'upper': 20}}))
+    assert solution.status is Status.SOLVED, solution.message
+    assert solution.objective == pytest.approx(2, abs=1e-7)
+    np.testing.assert_allclose(solution.switching_times, [1], atol=1e-6)
+
+
+def test_thrust_in_a_disc_turns_at_once():
+    """Also in metres and with drag, along a line: x_line' = v, v' = u - v with |u| <= 1."""
+    problem, mapping = disc()
+    found = solve(problem)
+    np.testing.assert_allclose(found.switching_times, [math.sqrt(5)], atol=1e-5)
+    far, _ = disc(terminal_constraints=['x - 6e10', 'y - 8e10', 'vx', 'vy'],
+                    path_constraints=[{'expr': 'ux**2 + uy**2', 'lower': None, 'upper': 1e-6}],
+                    final_time={'free': True, 'lower': 1e5, 'upper': 1e9, 'guess': 1e7})
+    found = solve(far)
+    assert found.status is Status.SOLVED, found.message
+    assert found.objective == pytest.approx(2e7, rel=1e-6)
+    slowed, _ = disc(dynamics=mapping['dynamics'] | {
+        'vx': 'ux - vx', 'vy': 'uy - vy'})
+    found = solve(slowed)
+    switch = brentq(lambda t: t - math.log(2 - math.exp(-t)) - 5, 1, 20)
+    assert found.status is Status.SOLVED, found.message
+    assert found.objective == pytest.approx(switch + math.log(2 - math.exp(-switch)), rel=1e-4)
