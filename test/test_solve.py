@@ -39,7 +39,7 @@ NAMES = (
     'snap_limited', 'mars_descent', 'goddard_pressure_limit', 'thrust_in_a_disc',
     'epidemic_beds', 'detumble_mintime', 'disc_with_drag',
     'friction_circle', 'invest_or_produce', 'power_limit', 'power_and_speed_limit', 'hover_hold',
-    'jerk_and_braking_limits', 'newton_resistance', 'tack_upwind', 'sphere_geodesic',
+    'jerk_and_braking_limits', 'sphere_geodesic',
     'terminal_wells_plane', 'dubins_point_inside', 'two_stage_cstr', 'pendulum_long')
 
 

@@ -15,13 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.arcs import Arc
 from obc_ros.core.mesh import Path
-from obc_ros.core.problem import Problem
 
 Array = NDArray[np.float64]
 
 _JUMP = 0.3        # of the range of an input: what may be a jump
 _BESIDE = 0.25     # of that: what the input does beside it, at most
-_AT = 1e-2         # likewise: how near it is at a bound
 _APART = 1.5       # intervals, closer than which an end of an arc is that jump
 
 
@@ -46,24 +44,6 @@ def jumps(path: Path, of: Sequence[bool]) -> Array:
             if all(abs(middle - other) > near for other in found):
                 found.append(middle)
     return np.sort(np.array(found))
-
-
-def leaps(problem: Problem, path: Path) -> bool:
-    """Return whether any of the inputs jumps, not just from one of its bounds to another."""
-    times = jumps(path, (True,) * problem.m)
-    if not times.size:
-        return False
-    h = np.diff(path.t)
-    h = h[np.clip(np.searchsorted(path.t, times) - 1, 0, len(h) - 1)]
-    size = np.maximum(np.ptp(np.stack([path.ua, path.ub]), axis=(0, 1)), 1e-300)
-    # Before and after, next to the jump and further from it: none is on the slope of another.
-    near, far = (np.stack([path.inputs_at(np.maximum(times - wide * h, 0.0), after=False),
-                           path.inputs_at(np.minimum(times + wide * h, path.t[-1]), after=True)
-                           ]) for wide in (_APART, _APART + 1))
-    inside = [(np.abs(sides - problem.u_lower) > _AT * size) & (
-        np.abs(sides - problem.u_upper) > _AT * size) for sides in (near, far)]
-    return bool(np.any(inside[0] & inside[1] & (
-        np.abs(np.diff(near, axis=0)) > _JUMP * size)))
 
 
 def with_jumps(arcs: Sequence[Arc], path: Path, of: Sequence[bool],

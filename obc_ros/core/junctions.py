@@ -21,7 +21,7 @@ from obc_ros.core.arcs import Arc, find_arcs, opened, Signature, signature
 from obc_ros.core.certificate import certify
 from obc_ros.core.contacts import Contact, contacts, with_contacts
 from obc_ros.core.extremal import Integrator
-from obc_ros.core.jumps import leaps, with_jumps, with_steps
+from obc_ros.core.jumps import with_jumps, with_steps
 from obc_ros.core.mesh import collocation, lagrange, Path
 from obc_ros.core.mixed import holding, on_constraints, reheld
 from obc_ros.core.monitor import Monitor
@@ -65,12 +65,12 @@ _AT_ONCE = 45_000     # work, as in `search`, on what a coarse mesh shows
 
 
 def read(problem: Problem, program: PhasedProgram, outcome: Outcome, value: Array,
-         margin: Array, switching: tuple[bool, ...], gap: float, bounded: bool) -> list[Arc]:
+         margin: Array, switching: tuple[bool, ...], gap: float) -> list[Arc]:
     """
     Return what holds in each span of time of an outcome, `value` (N + 1, n + l) of (x, c).
 
     `gap`: as a part of T, for which a path that oscillates may leave a bound or an input that
-    switches may be between its bounds. `bounded`: whether not only inputs have bounds.
+    switches may be between its bounds.
     """
     arcs = find_arcs(problem, outcome.path, (True,) * problem.m)
     bounds, T = program.bounds, outcome.path.t[-1]
@@ -82,7 +82,7 @@ def read(problem: Problem, program: PhasedProgram, outcome: Outcome, value: Arra
                   or bounds.orders[each.row] and each.end < T)]
     if found:
         arcs = with_contacts(arcs, found, bounds.deciding, mixed)
-    jumping = bounds.deciding[mixed].any(axis=0) & switching if bounded else program.bent
+    jumping = bounds.deciding[mixed].any(axis=0) & switching
     arcs = with_jumps(arcs, outcome.path, jumping.tolist(), mixed.tolist())
     return tidied(_without_smears(arcs, switching, gap * T))
 
@@ -206,10 +206,8 @@ def along_bounds(search: 'Search', outcome: Outcome, known: Solution | None = No
     If one is `known` that is, only one that costs no more.
     """
     problem, monitor = search.problem, search.monitor
-    if not search.may_hold or search.quick or search.kit.twin or monitor.stopped:
-        return None
-    if not search.bounded and not (
-            leaps(problem, outcome.path) and search.kit.phased.bent.any()):
+    if not (search.bounded and search.may_hold) or (
+            search.quick or search.kit.twin or monitor.stopped):
         return None
     program = search.kit.phased
     value = search.kit.fitter(problem).at(
@@ -219,8 +217,7 @@ def along_bounds(search: 'Search', outcome: Outcome, known: Solution | None = No
         allowed = known.objective + _NO_DEARER * abs(known.objective)
     seen: set[tuple[Signature, int]] = set()
     for gap in _GAPS:
-        arcs = read(problem, program, outcome, value, search.margin, search.kit.switching, gap,
-                    search.bounded)
+        arcs = read(problem, program, outcome, value, search.margin, search.kit.switching, gap)
         if (answer := _settled_on(search, outcome, arcs, allowed, seen)) is not None:
             search.last = search.answered(outcome)
             return answer

@@ -115,10 +115,6 @@ class PhasedProgram:
         # Inputs of a phase of no length may be any: next to constraints of theirs it stays there.
         self.least = _LEAST if np.any(self.bounds.orders == 0) else 0.0
         x, u, p = problem.x, problem.u, problem.p
-        lam = ca.SX.sym('lam', problem.n)
-        Huu = ca.hessian(problem.L + ca.dot(lam, problem.f), u)[0]
-        # Inputs between whose values H may have more than one least: they may jump anywhere.
-        self.bent = np.array([ca.depends_on(Huu[:, i], u) for i in range(problem.m)], dtype=bool)
         self._rate = ca.Function('rate', [x, u, p], [problem.f, problem.L, problem.path])
         self._end = ca.Function('end', [x, p], [problem.V, problem.psi])
         self.end_slopes = ca.Function('slopes', [x, p], [ca.jacobian(problem.psi, x)])
