@@ -21,6 +21,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.guesses import Guesser, scales
+from obc_ros.core.limits import Limits
 from obc_ros.core.mesh import uniform
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.one_step import rk4
@@ -28,7 +29,7 @@ from obc_ros.core.problem import Problem
 from obc_ros.core.solution import Solution, Status
 from obc_ros.core.solve import Cache, solve
 from obc_ros.core.statement import problem_from_mapping
-from obc_ros.core.transcription import Limits, Transcription
+from obc_ros.core.transcription import Transcription
 
 Array = NDArray[np.float64]
 

@@ -9,11 +9,12 @@ import numpy as np
 from obc_ros.core.active import follow
 from obc_ros.core.guesses import Guesser, scales
 from obc_ros.core.interior import Goal, Interior, Pattern, solve, Values
+from obc_ros.core.limits import Limits
 from obc_ros.core.mesh import uniform
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.problem import Problem
 from obc_ros.core.statement import problem_from_mapping
-from obc_ros.core.transcription import Limits, Outcome, Transcription
+from obc_ros.core.transcription import Outcome, Transcription
 import pytest
 
 

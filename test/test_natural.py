@@ -18,15 +18,18 @@ def fed_batch(**changes):
         'input_bounds': {'u': [0, 12]}, 'final_time': {'free': False, 'value': 10}} | changes)
 
 
+SEEN = np.array([10.0, 150.0, 20.0])
+
+
 def test_concentrations_and_volumes_are_amounts():
-    assert amounts(fed_batch()).tolist() == [True, True, True]
+    assert amounts(fed_batch(), SEEN).tolist() == [True, True, True]
 
 
 @pytest.mark.parametrize('changes, found', [
     ({'input_bounds': {'u': [-1, 12]}}, [True, False, False]),   # what flows out may be missing
     ({'initial_state': {'b': 1, 's': -0.1, 'v': 10}}, [True, False, True])])
 def test_what_may_become_negative_is_no_amount(changes, found):
-    assert amounts(fed_batch(**changes)).tolist() == found
+    assert amounts(fed_batch(**changes), SEEN).tolist() == found
 
 
 def test_a_position_is_no_amount():
@@ -34,7 +37,17 @@ def test_a_position_is_no_amount():
         'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
         'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 1},
         'final_time': {'free': False, 'value': 1}})
-    assert not amounts(problem).any()
+    assert not amounts(problem, np.ones(2)).any()
+
+
+def test_a_place_is_no_amount_though_a_car_that_hardly_turns_does_not_get_behind_itself():
+    problem = problem_from_mapping({
+        'states': ['x', 'y', 'a'], 'inputs': ['u'],
+        'dynamics': {'x': 'cos(a)', 'y': 'sin(a)', 'a': 'u'}, 'running_cost': 1,
+        'initial_state': {'x': 0.002, 'y': 0, 'a': 0.003}, 'input_bounds': {'u': [-1, 1]},
+        'final_time': {'free': True, 'lower': 0.1, 'upper': 30}})
+    path = np.array([[0.002, 0, 0.003], [-1.5, 1.5, 4.0]])
+    assert kept(problem, [path]) is problem
 
 
 def test_only_what_went_astray_is_kept():

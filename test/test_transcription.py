@@ -11,13 +11,14 @@ from obc_ros.core.blocks import assemble, Block, Piece
 from obc_ros.core.extremal import Integrator
 from obc_ros.core.familiar import Familiar
 from obc_ros.core.guesses import Guesser, scales
+from obc_ros.core.limits import Limits
 from obc_ros.core.mesh import HELD, Layout, LINEAR, Mesh, Path, Phase, split, uniform
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.pieces import Pieces
 from obc_ros.core.refine import Error, finer
 from obc_ros.core.rollouts import nearest
 from obc_ros.core.statement import problem_from_mapping
-from obc_ros.core.transcription import Limits, Transcription
+from obc_ros.core.transcription import Transcription
 from obc_ros.core.uneven import Uneven
 import pytest
 
@@ -228,13 +229,20 @@ def test_no_start_comes_twice():
     assert all(np.abs(a - b).max() > 1e-6 for a, b in combinations(seen, 2))
 
 
+def some_path():
+    """Return a path of one state and one input."""
+    t = np.array([0.0, 1.0])
+    return Path(t, t[:, None], np.zeros((1, 0, 1)), np.ones((1, 1)), np.ones((1, 1)), t[1:])
+
+
 @pytest.mark.parametrize(('minima', 'searches'), [(1, 7), (2, 16), (3, 29)])
 def test_searches_are_enough_once_no_other_minimum_is_expected(minima, searches):
     """Where w (n - 1) / (n - w - 2) comes down to w + 1/2: n = (w + 1/2) (w + 2) - w over 1/2."""
     familiar = Familiar()
     for k in range(searches):
         assert not familiar.enough()
-        familiar.ended((1.0 + k % minima) * (1 + 1e-5 * k), 0.0, True)   # as rough as found
+        cost = (1.0 + k % minima) * (1 + 1e-5 * k)   # as rough as found
+        familiar.ended(cost, 0.0, some_path())
     assert searches == math.ceil(2 * ((minima + 0.5) * (minima + 2) - minima))
     assert familiar.enough()
 
@@ -243,7 +251,7 @@ def test_a_search_shows_by_its_iterates_that_it_brings_nothing_new():
     familiar = Familiar()
     path = [(5.0, 0.3), (3.0, 0.1), (2.0, 1e-9)]
     assert not any(familiar.again(*iterate) for iterate in path)
-    familiar.ended(*path[-1], True)
+    familiar.ended(*path[-1], some_path())
     assert not familiar.again(5.1, 0.3)     # begins elsewhere,
     assert familiar.again(3.0, 0.1)         # and comes to the path of another
     assert familiar.again(2.0001, 1e-7)     # or to where it led;
@@ -257,7 +265,7 @@ def test_a_search_shows_by_its_iterates_that_it_brings_nothing_new():
 def test_costs_with_hollows_are_told_from_others(running_cost, terminal_cost, uneven):
     problem = problem_from_mapping(
         LQ | {'running_cost': running_cost, 'terminal_cost': terminal_cost})
-    assert Uneven(problem)(problem, np.ones(1), np.ones(1)) is uneven
+    assert Uneven(problem)(problem, np.full(1, 3.0), np.full(1, 3.0)) is uneven
 
 
 def test_lines_are_scattered_over_the_final_states_that_are_open():
@@ -266,7 +274,8 @@ def test_lines_are_scattered_over_the_final_states_that_are_open():
         'initial_state': {'x': 1, 'y': 1}, 'terminal_constraints': ['y - 2']})
     guesser = Guesser(problem)
     starts = guesser.starts(problem, Integrator(problem))
-    paths = list(islice(guesser.scattered(problem, Integrator(problem), starts, 1.0), 12))
+    cost = 4.0   # of |u| = 2 for a time of 1
+    paths = list(islice(guesser.scattered(problem, Integrator(problem), starts, cost), 12))
     ends = np.sort([path.x[-1, 0] for k, path in enumerate(paths, 1) if k % 3])
     assert np.ptp(ends) > 3 and np.diff(ends).max() < 2
     assert all(path.x[-1, 1] == 2 for k, path in enumerate(paths, 1) if k % 3)

@@ -3,6 +3,10 @@
 """What searches from several starts led to, and when further ones bring nothing new."""
 
 import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.mesh import Path
+
+Array = NDArray[np.float64]
 
 ANOTHER = 1e-3   # relative cost: what is another minimum on a coarse mesh
 _SAME = 2e-4     # likewise: the same, found twice with an error of half of it
@@ -14,10 +18,12 @@ class Familiar:
     The costs of minima that were found, and the iterates of the searches.
 
     A search is to be ended that comes to an iterate of another, for it goes on like that one, or
-    that is feasible at the cost of a minimum that is known.
+    that is feasible at the cost of a minimum that is known. `spans`: how far states and inputs
+    went on the paths found, None without any.
     """
 
     def __init__(self) -> None:
+        self.spans: tuple[Array, Array] | None = None
         self._costs = list[float]()
         self._iterates = set[tuple[str, str]]()
         self._now = list[tuple[str, str]]()
@@ -28,16 +34,28 @@ class Familiar:
         self._now.append(place)
         return place in self._iterates or self._knows(cost, infeasibility)
 
-    def ended(self, cost: float, infeasibility: float, converged: bool) -> None:
-        """Take note of where the present search ended."""
+    def ended(self, cost: float, infeasibility: float, path: Path | None) -> None:
+        """Take note of where the present search ended, with the path if one was found."""
         self._iterates.update(self._now)
         self._now = []
-        if converged or self._knows(cost, infeasibility):
+        if path is not None:
+            x, u = path.x, np.vstack([path.ua, path.ub])
+            new = np.ptp(x, axis=0), np.maximum(np.ptp(u, axis=0), np.abs(u).max(axis=0))
+            known = self.spans or new
+            self.spans = np.maximum(known[0], new[0]), np.maximum(known[1], new[1])
+        if path is not None or self._knows(cost, infeasibility):
             self._costs.append(cost)
 
     def _knows(self, cost: float, infeasibility: float) -> bool:
         return infeasibility <= _MET and any(
             abs(cost - known) <= _SAME * abs(known) for known in self._costs)
+
+    @property
+    def minima(self) -> int:
+        """Return how many minima were found."""
+        ordered = np.sort(self._costs)
+        apart = int(np.count_nonzero(np.diff(ordered) > ANOTHER * np.abs(ordered[1:])))
+        return min(len(ordered), 1) + apart
 
     def enough(self) -> bool:
         """
@@ -47,6 +65,5 @@ class Familiar:
         C. G. E. Boender, A. H. G. Rinnooy Kan, Bayesian stopping rules for multistart global
         optimization methods, Math. Program. 37 (1987).
         """
-        n, ordered = len(self._costs), np.sort(self._costs)
-        w = 1 + int(np.count_nonzero(np.diff(ordered) > ANOTHER * np.abs(ordered[1:])))
+        n, w = len(self._costs), self.minima
         return n > w + 2 and w * (n - 1) / (n - w - 2) <= w + 0.5

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where a search for an optimal path may start: sensible paths, from a statement alone."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import count, product
 
@@ -18,7 +18,9 @@ from obc_ros.core.transcription import Scales
 Array = NDArray[np.float64]
 
 _POINTS = 21
-_SCATTERED = 3.0   # of the size of each state, for final states that are open
+# Where paths are looked for: times how far inputs take the states; of the sizes of what they do
+# not move.
+_FARTHER, _SCATTERED = 1.5, 3.0
 _TURNS = 2 * np.pi, 360.0   # [rad], [deg]
 _DOUBLINGS = 24    # of inputs from 1, up and down, to find what they cost
 
@@ -49,7 +51,9 @@ class Guesser:
         self._psi = Batch([x, p], [problem.psi, slope], 1)
         self._rest = Batch([x, u, p], [problem.f, ca.jacobian(problem.f, u)], 1)
         self._slope = Batch([x, u, p], [ca.jacobian(problem.L, u)], 1)
+        self._by_x = Batch([x, u, p], [ca.jacobian(problem.f, x)], 1)
         self._all = Batch([x, u, p], [ca.vertcat(problem.f, problem.L, problem.path)], 1)
+        self._V = Batch([x, p], [problem.V], 1) if ca.depends_on(problem.V, x) else None
         self._last: tuple[Problem, Array, NDArray[np.bool_]] | None = None
 
     def final_state(self, problem: Problem) -> tuple[Array, NDArray[np.bool_]]:
@@ -133,11 +137,46 @@ class Guesser:
         moved = path.t[-1] * np.abs(f).max(axis=0)
         limits = np.abs([problem.x_lower, problem.x_upper])
         limit = np.where(np.isfinite(limits), limits, 0.0).max(axis=0)
+        still = ~path.x.any(axis=0)
+        if still.any():
+            moved = np.maximum(moved, self._within_reach(problem, path, found.u))
         guessed = np.where(limit > 0, limit, moved)
-        still = ~path.x.any(axis=0) & np.isfinite(guessed) & (guessed > 0)
-        cost = float(path.t[-1] * np.abs(L).mean())
-        return replace(found, x=np.where(still, _power(guessed), found.x),
-                       cost=float(_power(cost)) if 0 < cost < 1 else 1.0)
+        still &= np.isfinite(guessed) & (guessed > 0)
+        found = replace(found, x=np.where(still, _power(guessed), found.x))
+        cost = float(path.t[-1] * np.abs(L).mean()) or self._beside(problem, path, found)
+        return replace(found, cost=float(_power(cost)) if 0 < cost < 1 else 1.0)
+
+    def _within_reach(self, problem: Problem, path: Path, u_size: Array) -> Array:
+        """
+        Return how far (n,) inputs take each state at first, or in the time of the fastest mode.
+
+        By powers of the linearisation at x(0), so that sizes follow the units of a statement.
+        """
+        x, u, p = path.x[0], path.ua[0], problem.p_value
+        A = self._by_x(x, u, p)[0].reshape(problem.n, problem.n).T
+        B = self._rest(x, u, p)[1].reshape(problem.m, problem.n).T * u_size
+        if not (np.all(np.isfinite(A)) and np.all(np.isfinite(B))):
+            return np.zeros(problem.n)
+        T = path.t[-1] / (1 + path.t[-1] * np.abs(np.linalg.eigvals(A)).max(initial=0.0))
+        moved, found = B * T, np.zeros(problem.n)
+        for k in range(problem.n):
+            found = np.maximum(found, np.abs(moved).max(axis=1, initial=0.0))
+            moved = A @ moved * (T / (k + 2))
+        return found
+
+    def _beside(self, problem: Problem, path: Path, sizes: Scales) -> float:
+        """Return what paths cost about the sizes of states and inputs beside one without L."""
+        n, start, steady = problem.n, path.x[0], path.ua[0]
+        away = np.diag(np.concatenate([sizes.x, sizes.u]))
+        away = np.vstack([away, -away])
+        x = _inside(start + away[:, :n], problem.x_lower, problem.x_upper)
+        u = _inside(steady + away[:, n:], problem.u_lower, problem.u_upper)
+        L = self._all(x, u, problem.p_value)[0][:, n]
+        cost = path.t[-1] * np.abs(L[np.isfinite(L)]).max(initial=0.0)
+        if self._V is not None:
+            V = self._V(np.vstack([start, x]), problem.p_value)[0][:, 0]
+            cost += np.abs(V - V[0])[np.isfinite(V)].max(initial=0.0)
+        return float(cost)
 
     def line(self, problem: Problem, T: float) -> Path:
         """Return the straight line from x0 to psi = 0, with the user's own guesses where given."""
@@ -171,12 +210,14 @@ class Guesser:
         x = x[np.minimum(np.arange(_POINTS), last)]
         return _path(t, _inside(x, problem.x_lower, problem.x_upper), u)
 
-    def starts(self, problem: Problem, integrator: Integrator) -> Iterator[Path]:
+    def starts(self, problem: Problem, integrator: Integrator,
+               spans: Callable[[], tuple[Array, Array] | None] = lambda: None) -> Iterator[Path]:
         """
         Yield starts without end, the most promising first.
 
         The line, paths bent away from it, and paths driven by the inputs of the line or by ones
-        drawn around them; where T is free its guess is stretched, too.
+        drawn around them; where T is free its guess is stretched, too. `spans`: returns how far
+        states and inputs went on paths found since, which says more than a line.
         """
         T = final_time(problem)
         line = self.line(problem, T)
@@ -190,12 +231,20 @@ class Guesser:
             if number and problem.final_time.free:
                 length = float(np.clip(T * 2.0 ** chance.uniform(-1, 1),
                                        problem.final_time.lower, problem.final_time.upper))
-            bend, noise = _VARIETY[number % len(_VARIETY)]
+            known = spans()
+            variety = _VARIETY if known is None or not problem.q else _BENT
+            bend, noise = variety[number % len(variety)]
+            if known is not None:
+                size = np.where(np.isfinite(span) | (known[1] == 0), size, known[1])
             inputs = u + noise * size * _wave(chance, problem.m, knots=True)
             if bend:
-                seen = np.maximum(np.ptp(line.x, axis=0), 0.1 * np.abs(line.x).max(axis=0))
-                seen = np.maximum(seen, 0.3 * seen.max())
-                x = line.x + bend * seen * _wave(chance, problem.n, knots=False)
+                far = np.ptp(line.x, axis=0)
+                if known is None:
+                    far = np.maximum(far, 0.1 * np.abs(line.x).max(axis=0))
+                    far = np.where(far > 0, far, 0.3 * self.sizes(problem, line).x)
+                else:
+                    far = np.maximum(far, known[0])
+                x = line.x + bend * far * _wave(chance, problem.n, knots=False)
                 yield _path(line.t * (length / T), _inside(x, problem.x_lower, problem.x_upper),
                             _inside(inputs, problem.u_lower, problem.u_upper))
             elif noise or problem.final_time.free or number < len(_VARIETY):   # none twice
@@ -211,8 +260,7 @@ class Guesser:
         """
         line = self.line(problem, final_time(problem))
         _, fixed = self.final_state(problem)
-        room = np.maximum(_SCATTERED * self.sizes(problem, line).x,
-                          self._reach(problem, integrator, line, cost))
+        room, _ = self.room(problem, integrator, cost)
         room[fixed] = 0.0
         part = np.linspace(0.0, 1.0, _POINTS)[:, None]
         for number in count(1):
@@ -223,9 +271,15 @@ class Guesser:
             else:
                 yield next(starts)
 
-    def _reach(self, problem: Problem, integrator: Integrator, line: Path, cost: float) -> Array:
-        """Return how far (n,) each input alone moves x(T), held where it costs so much."""
-        T, rest = float(line.t[-1]), line.ua[0]
+    def room(self, problem: Problem, integrator: Integrator, cost: float) -> tuple[Array, Array]:
+        """
+        Return how far (n,) from x(0) and (m,) from rest paths may lead that cost no more.
+
+        As far as each input alone takes the states, held where it costs so much. Their sizes
+        would not do: they are those of a path that may have hardly moved, or begun far away.
+        """
+        line = self.line(problem, final_time(problem))
+        T, rest, found = float(line.t[-1]), line.ua[0], self.sizes(problem, line)
         sizes = np.exp2(np.arange(-_DOUBLINGS, _DOUBLINGS))[:, None]
         held = [rest]
         for way in np.vstack([np.eye(problem.m), -np.eye(problem.m)]):
@@ -238,7 +292,10 @@ class Guesser:
         ends = np.array([integrator.forward(problem, t, tile, tile)[0][-1] for tile in (
             np.tile(u, (len(t) - 1, 1)) for u in held)])
         apart = np.abs(ends[1:] - ends[0])
-        return np.asarray(np.max(np.where(np.isfinite(apart), apart, 0.0), axis=0, initial=0.0))
+        reach = np.max(np.where(np.isfinite(apart), apart, 0.0), axis=0, initial=0.0)
+        x, u = (np.where(most > 0, _FARTHER * most, _SCATTERED * size) for most, size in (
+            (reach, found.x), (np.ptp(held, axis=0), found.u)))
+        return x, u
 
     def _along(self, problem: Problem, line: Path, x: Array) -> Array:
         """Return inputs (21, m) near those of a line under which x moves as it does."""
@@ -255,6 +312,8 @@ class Guesser:
 # How far states are bent away and inputs drawn away from the line, as parts of their sizes;
 # without a bend the states follow from the inputs.
 _VARIETY = ((0.5, 0.0), (0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (0.0, 0.3), (0.5, 0.3))
+# Driven paths lead to an end that is prescribed, if at all, where one was found before.
+_BENT = ((0.5, 0.0), (0.5, 0.3), (0.5, 0.0), (1.0, 0.0))
 
 
 def _spread(number: int, columns: int) -> Array:

@@ -213,7 +213,7 @@ def along_bounds(search: 'Search', outcome: Outcome, known: Solution | None = No
     value = search.kit.fitter(problem).at(
         problem, outcome.path.x, np.vstack([outcome.path.ua, outcome.path.ub[-1:]]))
     allowed = outcome.objective + _DEARER * abs(outcome.objective)
-    if known is not None and known.certificate and known.certificate.holds:
+    if known is not None and known.certified:
         allowed = known.objective + _NO_DEARER * abs(known.objective)
     seen: set[tuple[Signature, int]] = set()
     for gap in _GAPS:
@@ -266,7 +266,7 @@ def _settled_on(search: 'Search', outcome: Outcome, arcs: list[Arc], allowed: fl
             problem, program, found, sizes, pinned, monitor, found.grazing(_NEARLY))
         if smooth is not found:
             answer = _certified(problem, program, judge, fitter, smooth)
-            if answer.certificate and answer.certificate.holds:
+            if answer.certified:
                 return answer
         fine *= 2
         if off > _WORSE * before:

@@ -14,7 +14,7 @@ from obc_ros.core.arcs import switching_inputs
 from obc_ros.core.boundary_values import BoundaryValues
 from obc_ros.core.contacts import deciding
 from obc_ros.core.extremal import Integrator
-from obc_ros.core.guesses import final_time, Guesser
+from obc_ros.core.guesses import Guesser
 from obc_ros.core.indirect import Indirect
 from obc_ros.core.mesh import Layout
 from obc_ros.core.multipliers import Fitter
@@ -87,7 +87,8 @@ class Kit:
 
     def transcription(self, problem: Problem, layout: Layout) -> Transcription:
         """Return the program of a layout, built at most once, or twice where that soon pays."""
-        swift = not layout.stages and self._work + _USUAL * layout.intervals > _WORTH_DERIVING
+        ahead = 0 if (layout, False) in self._transcriptions else _USUAL * layout.intervals
+        swift = not layout.stages and self._work + ahead > _WORTH_DERIVING
         found = self._transcriptions.pop((layout, swift), None)
         if found is None:
             begun = time.monotonic()
@@ -130,12 +131,10 @@ class Kit:
     def _uneven(self) -> Uneven:
         return Uneven(self._smooth)
 
-    def uneven_costs(self, problem: Problem) -> bool:
-        """Return whether L or V may have several hollows, so that each may have a minimum."""
-        if not self._uneven.curved:
-            return False
-        sizes = self.guesser.sizes(problem, self.guesser.line(problem, final_time(problem)))
-        return self._uneven(problem, sizes.x, sizes.u)
+    def uneven_costs(self, problem: Problem, cost: float) -> bool:
+        """Return whether L or V may have hollows, each with a minimum, for paths of a cost."""
+        return bool(self._uneven.curved) and self._uneven(
+            problem, *self.guesser.room(problem, self.integrator, cost))
 
     @cached_property
     def indirect(self) -> Indirect:

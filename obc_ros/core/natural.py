@@ -26,10 +26,15 @@ _ROUNDING = 1e-12      # of the largest rate
 _FAR = 0.05            # of the largest amount: beyond what the errors of steps explain
 
 
-def amounts(problem: Problem) -> NDArray[np.bool_]:
-    """Return which states seem to stay at or above zero by themselves, shape (n,)."""
+def amounts(problem: Problem, size: Array) -> NDArray[np.bool_]:
+    """
+    Return which states seem to stay at or above zero by themselves, shape (n,).
+
+    `size`: the largest values seen of each; x(0) alone may lie at the origin of some map.
+    """
     chance, n = np.random.default_rng(0), problem.n
-    size = np.maximum(np.abs(problem.x0), 1e-2 * max(np.abs(problem.x0).max(), 1e-2))
+    size = np.maximum(size, np.abs(problem.x0))
+    size = np.maximum(size, 1e-2 * max(size.max(), 1e-2))
     x = size * 10 ** chance.uniform(*_RANGE, (_LOOKS, n))
     lower, upper = (np.where(np.isfinite(bound), bound, sign * _INPUT) for bound, sign in (
         (problem.u_lower, -1.0), (problem.u_upper, 1.0)))
@@ -56,8 +61,9 @@ def kept(problem: Problem, astray: Sequence[Array]) -> Problem:
     `astray`: paths (N + 1, n); amounts that are not far below zero on one are left as they are.
     """
     paths = np.nan_to_num(np.vstack(astray))
-    far = paths.min(axis=0) < -_FAR * np.abs(paths).max(axis=0)
+    size = np.abs(paths).max(axis=0)
+    far = paths.min(axis=0) < -_FAR * size
     below = far & (problem.x_lower < 0) & (problem.x0 >= 0)
-    below = below & amounts(problem) if below.any() else below
+    below = below & amounts(problem, size) if below.any() else below
     return replace(problem, x_lower=np.where(below, 0.0, problem.x_lower),
                    structure='') if below.any() else problem

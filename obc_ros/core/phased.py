@@ -403,6 +403,7 @@ class _Solve:
         watch.lower, watch.upper = np.concatenate(self.lower), np.concatenate(self.upper)
         options: dict[str, Any] = {
             'print_time': False, 'error_on_fail': False, 'show_eval_warnings': False,
+            'inputs_check': False,
             'ipopt': _OPTIONS, 'iteration_callback': watch}
         nlp: dict[str, Any] = {'x': w, 'f': self.J, 'g': g}
         solver = ca.nlpsol('phased', 'ipopt', nlp, options)

@@ -9,10 +9,10 @@ all around; those that come nearest are drawn around again (the cross-entropy me
 Rubinstein, Methodol. Comput. Appl. Probab. 1, 1999).
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from itertools import chain, islice
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import chain, islice, pairwise, zip_longest
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,15 +29,16 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _DRAWN, _BEST, _GENERATIONS = 384, 24, 5   # inputs drawn, drawn around again, how often
-_KEPT = 6             # paths of each generation
+_SPANS = 4            # of free times, in each of which the nearest are drawn around again
 _PIECES = 6           # of constant input in each
 _STEPS = 96           # of Runge and Kutta
 _LONGER = 8.0         # times the guess of a free T, and the least part of it
 _SPREAD = 0.4         # of their range: how far around the best is drawn; less each time
 _TYPICAL = 0.8        # of what is seen of a constraint, a quantile
-_NEAR, _LIKE = 0.1, 0.03   # relative: gaps that are near, costs of paths that are alike
+_LIKE = 0.1           # of the largest cost: how far apart costs of paths that are alike are
 _TRIED, _TRIED_MOST = 8, 16   # paths from which a search is started: while none led anywhere
 _INTERVALS, _ITERATIONS = 32, 150
+_VAIN = 3     # in a row that led to nothing new, once there is an answer
 
 
 def from_rollouts(search: 'Search', T: float) -> list[Outcome]:
@@ -56,12 +57,38 @@ def from_rollouts(search: 'Search', T: float) -> list[Outcome]:
         usual = 2 * found[0].iterations if found else _ITERATIONS
         outcome = search.collocate(uniform(problem, _INTERVALS, search.stages), path,
                                    most=min(usual, _ITERATIONS), known=search.familiar)
-        search.familiar.ended(outcome.objective, outcome.infeasibility, outcome.converged)
+        search.familiar.ended(outcome.objective, outcome.infeasibility,
+                              outcome.path if outcome.converged else None)
         if search.believed(outcome):
             found.append(outcome)
     if found:   # where other starts led to nothing, others of these may lead to other minima
         search.intervals, search.starts = _INTERVALS, chain(paths, search.starts)
     return found
+
+
+def interleaved(search: 'Search', starts: Iterator[Path]) -> Iterator[Path]:
+    """
+    Yield starts, each after a path to near psi = 0 that obeys the dynamics and costs less.
+
+    Such paths no more once some of them have led to minima that are known.
+    """
+    problem, last = search.problem, search.last
+    if last is not None and problem.q and not search.kit.twin:
+        path = last.outcome.path
+        u = np.vstack([path.ua, path.ub])
+        low, high, wide = u.min(axis=0), u.max(axis=0), np.ptp(u, axis=0)
+        bounded = replace(
+            problem, u_lower=np.where(np.isfinite(problem.u_lower), problem.u_lower, low - wide),
+            u_upper=np.where(np.isfinite(problem.u_upper), problem.u_upper, high + wide))
+        vain, known = 0, search.familiar.minima
+        for start in nearest(bounded, path.t[-1], last.outcome.objective):
+            yield start
+            vain, known = (0 if search.familiar.minima > known else vain + 1,
+                           search.familiar.minima)
+            yield next(starts)
+            if vain == _VAIN:
+                break
+    yield from starts
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,61 +99,77 @@ class _Drawn:
     length: Array
 
 
-def nearest(problem: Problem, T: float) -> list[Path]:
+def nearest(problem: Problem, T: float, most: float = np.inf) -> list[Path]:
     """
-    Return paths that obey the dynamics from x(0) on and end near psi = 0.
+    Return paths that obey the dynamics from x(0) on and end near psi = 0, at a cost below `most`.
 
     Of those that end nearest the cheaper ones come first, unlike each other.
     """
     final = problem.final_time
     chance = np.random.default_rng(4)
-    least, most = (np.clip([T / _LONGER, T * _LONGER], final.lower, final.upper) if final.free
-                   else (T, T))
+    if final.free:
+        shortest, longest = np.clip([T / _LONGER, T * _LONGER], final.lower, final.upper)
+        spans = np.geomspace(shortest, longest * (1 + 1e-9), _SPANS + 1)
+    else:
+        shortest, longest, spans = T, T, np.array([T * (1 - 1e-9), np.inf])
     shape = _DRAWN, _PIECES, problem.m
     part = chance.choice([0.0, 0.5, 1.0], shape)
     part[::2] = chance.uniform(0, 1, part[::2].shape)
-    drawn = _Drawn(part, np.exp(chance.uniform(np.log(least), np.log(most), _DRAWN)))
-    rolled_out = _Rollouts(problem)
+    drawn = _Drawn(part, np.exp(
+        chance.uniform(np.log(shortest), np.log(longest), _DRAWN)))
+    rolled_out = _Rollouts(problem, spans, most)
     kept: list[tuple[float, float, Path]] = []
     for generation in range(_GENERATIONS):
-        gap, last, cost, paths = rolled_out(drawn)
-        order = np.argsort(gap)[:_BEST]
-        kept += [(gap[k], cost[k], paths(k)) for k in order[:_KEPT]
-                 if np.isfinite(gap[k] + cost[k]) and last[k] > 1]
-        chosen = order[chance.integers(0, len(order), _DRAWN)]
-        ended = drawn.length * (np.maximum(last, 2) / _STEPS if final.free else 1.0)
+        ends, path = rolled_out(drawn)
+        best = [end for span in ends for end in sorted(span)[:_BEST // len(ends)]
+                if np.isfinite(end.gap + end.cost) and end.step > 1]
+        if not best:
+            break
+        kept += [(end.gap, end.cost, path(end)) for end in best]
+        parents = [best[i] for i in chance.integers(0, len(best), _DRAWN)]
+        k, step = np.array([(end.number, end.step) for end in parents]).T
+        used = step / _STEPS if final.free else np.ones(_DRAWN)
+        # Over as long as it took, the pieces that were held then.
+        middle = (used[:, None] * (np.arange(_PIECES) + 0.5)).astype(np.int64)
         width = _SPREAD / 2**generation
         drawn = _Drawn(
-            np.clip(drawn.part[chosen] + width * chance.normal(size=shape), 0, 1),
-            np.clip(ended[chosen] * np.exp(width * chance.normal(size=_DRAWN)), least, most))
+            np.clip(drawn.part[k[:, None], middle] + width * chance.normal(size=shape), 0, 1),
+            np.clip(drawn.length[k] * used * np.exp(width * chance.normal(size=_DRAWN)),
+                    shortest, longest))
     return _unlike(kept)
 
 
 def _unlike(kept: list[tuple[float, float, Path]]) -> list[Path]:
-    """Return paths of (gap, cost, path): in turn the nearest, and the cheapest of near ones."""
-    by_gap = sorted(kept, key=lambda each: each[0])
-    near = max(_NEAR, 2 * by_gap[0][0]) if kept else 0.0
-    cheap: list[tuple[float, float, Path]] = []
-    for each in sorted(kept, key=lambda each: each[1]):
-        if each[0] <= near and not (
-                cheap and abs(each[1] - cheap[-1][1]) <= _LIKE * abs(each[1])):
-            cheap.append(each)
-    inturn = [each for pair in zip(by_gap, cheap, strict=False) for each in pair]
-    return [path for _, _, path in inturn + by_gap[len(cheap):]]
+    """Return paths of (gap, cost, path), in turn the nearest of those that cost about the same."""
+    size = _LIKE * max((abs(cost) for _, cost, _ in kept), default=0.0) or 1.0
+    alike: dict[float, list[tuple[float, Path]]] = {}
+    for gap, cost, path in sorted(kept, key=lambda each: each[0]):
+        alike.setdefault(cost // size, []).append((gap, path))
+    turns = zip_longest(*alike.values())
+    return [each[1] for turn in turns for each in turn if each]
+
+
+class _End(NamedTuple):
+    """Where a path may end: how near to psi = 0, after what cost, which path, at which step."""
+
+    gap: float
+    cost: float
+    number: int
+    step: int
 
 
 class _Rollouts:
-    """What inputs lead to: how near to psi = 0, when, and on which path."""
+    """What inputs lead to: where in each span of time paths come nearest to psi = 0."""
 
-    def __init__(self, problem: Problem) -> None:
-        self._problem = problem
+    def __init__(self, problem: Problem, spans: Array, most: float) -> None:
+        self._problem, self._spans, self._most = problem, spans, most
         self._rate = Batch([problem.x, problem.u, problem.p], [problem.f, problem.L])
         self._ends = Batch([problem.x, problem.p], [problem.psi, problem.V])
         self._size: Array | None = None
 
-    def __call__(self, drawn: _Drawn) -> tuple[Array, Index, Array, Callable[[int], Path]]:
-        """Return the gap (K,), the step (K,) at which it is least, the cost by then, and paths."""
-        problem, final = self._problem, self._problem.final_time
+    def __call__(self, drawn: _Drawn) -> tuple[list[list[_End]], Callable[[_End], Path]]:
+        """Return for each span of time the nearest end of each path, and what returns paths."""
+        problem = self._problem
         u = _inputs(problem, drawn.part)
         x, L = _rolled_out(problem, self._rate, u, drawn.length)
         t = drawn.length[:, None] * np.linspace(0.0, 1.0, _STEPS + 1)
@@ -137,13 +180,17 @@ class _Rollouts:
                 seen = np.where(np.isfinite(ends), np.abs(ends), np.nan)
                 size = np.nanquantile(seen, _TYPICAL, axis=(0, 1))
                 self._size = np.where(size > 0, size, 1.0)
-            off = np.abs(ends / self._size).max(axis=2) + _outside(problem, x)
-        may_end = t >= (final.lower if final.free else final.value) * (1 - 1e-9)
-        off = np.where(np.isfinite(off) & may_end, off, np.inf)
-        last = np.argmin(off, axis=1)
-        each = np.arange(len(off))
-        return (off[each, last], last, L[each, last] + V[each, last, 0],
-                lambda k: _path(t[k], x[k], u[k], int(last[k])))
+            gap = np.abs(ends / self._size).max(axis=2) + _outside(problem, x)
+            cost = L + V[:, :, 0]
+            gap = np.where(np.isfinite(gap) & (cost < self._most), gap, np.inf)
+        found, each = [], np.arange(len(t))
+        for begin, end in pairwise(self._spans):
+            inside = np.where((t >= begin) & (t < end), gap, np.inf)
+            step = np.argmin(inside, axis=1)
+            found.append([_End(*row) for row in zip(
+                inside[each, step].tolist(), cost[each, step].tolist(), each.tolist(),
+                step.tolist(), strict=True)])
+        return found, lambda end: _path(t[end.number], x[end.number], u[end.number], end.step)
 
 
 def _inputs(problem: Problem, part: Array) -> Array:

@@ -12,21 +12,23 @@ from obc_ros.core.arcs import jumping_inputs
 from obc_ros.core.boundary_values import BoundaryValues
 from obc_ros.core.certificate import certify
 from obc_ros.core.contradictions import contradiction
+from obc_ros.core.exploring import explored
 from obc_ros.core.extremal import Extremal
-from obc_ros.core.familiar import ANOTHER, Familiar
+from obc_ros.core.familiar import Familiar
 from obc_ros.core.guesses import final_time, joined, scales
 from obc_ros.core.junctions import along_bounds, at_once
 from obc_ros.core.kit import Answered, Kit
 from obc_ros.core.lengthening import lengthened
+from obc_ros.core.limits import Limits
 from obc_ros.core.mesh import Mesh, Path, split, STEPPED, uniform
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.natural import kept
 from obc_ros.core.problem import Problem
-from obc_ros.core.refine import below, drawn_in, Error, EXCEEDED, finer, followed, judge, Judgement
+from obc_ros.core.refine import drawn_in, Error, EXCEEDED, finer, followed, judge, Judgement
 from obc_ros.core.rollouts import from_rollouts
 from obc_ros.core.settling import Settling
 from obc_ros.core.solution import Solution, Status
-from obc_ros.core.transcription import Limits, Outcome, Scales
+from obc_ros.core.transcription import Outcome, Scales
 
 Array = NDArray[np.float64]
 
@@ -37,12 +39,7 @@ _ROUGH = 1e-4         # relative error of the cost on a coarse mesh
 # Work is counted in iterations times intervals, four times these by collocation, so that what is
 # found does not depend on what else a machine has to do; one is 0.05 ms or so.
 _PATIENCE = 10_000    # for starts while none converged
-_EXPLORING = (0.15, 0.3)   # part of the work for further starts, of easy and of hard problems
-_HARD = 3000
-_EXPLORED_LEAST, _EXPLORED_MOST = (2, 12, 24), 30   # number of them; last where costs are uneven
-_UNEVEN = 60, 5000    # likewise where costs are uneven: the most, and work for them
 _VAIN = 2, 0.6        # for starts that led nowhere: times the work so far, part of the time left
-_WEARY = 500_000      # work without an answer that holds, after which no further start is tried
 _BELIEVED, _ABSURD = 1e-2, 1e6   # relative: error of a coarse step; cost above the least one
 _MESHES = 1, 2, 4, 6   # finer ones, after which arcs along bounds are solved for
 _NEAR_BOUNDS = 0.1    # relative cost above the least one, at which that is tried
@@ -147,7 +144,8 @@ class Search:
         for intervals, stages in levels[:2] if self.quick else levels:
             self.intervals, self.stages = intervals, stages
             self.familiar = Familiar()
-            self.starts = self.kit.guesser.starts(self.problem, self.kit.integrator)
+            self.starts = self.kit.guesser.starts(
+                self.problem, self.kit.integrator, lambda: self.familiar.spans)
             self.periods = self.kit.guesser.periods(self.problem)
             found = self._from_starts()
             good = [outcome for outcome in found if self.believed(outcome)]
@@ -177,7 +175,7 @@ class Search:
         found: list[Outcome] = []
         begun, good, most = self.work, False, _STARTS if self.quick else _STARTS_MOST
         for number in range(1, most + 1):
-            outcome = self.from_next_start(_COARSE_ITERATIONS, once=good)
+            outcome = self.from_next_start(once=good)
             found.append(outcome)
             if not good and self.believed(outcome):
                 good, self.typical = True, outcome.iterations
@@ -187,8 +185,9 @@ class Search:
                 break
         return found
 
-    def from_next_start(self, most: int, *, once: bool, hard: bool = False) -> Outcome:
-        """Return what the coarse mesh gives from the next start in so many iterations."""
+    def from_next_start(self, *, once: bool, hard: bool = False) -> Outcome:
+        """Return what the coarse mesh gives from the next start; with `once` in few iterations."""
+        most = _COARSE_ITERATIONS
         if once:
             most = min(most, max(_FEW_ITERATIONS, round((5 if hard else 2.5) * self.typical)))
         start, rough = next(self.starts), _ROUGH
@@ -199,7 +198,8 @@ class Search:
             start, rough = joined(stepped.path, self.periods), 0.0   # near what it leads to
         outcome = self.collocate(uniform(self.problem, self.intervals, self.stages), start,
                                  most=most, rough=rough, once=once, known=self.familiar)
-        self.familiar.ended(outcome.objective, outcome.infeasibility, outcome.converged)
+        self.familiar.ended(outcome.objective, outcome.infeasibility,
+                            outcome.path if outcome.converged else None)
         return outcome
 
     def course(self, outcome: Outcome, *, stated: bool = False) -> Extremal:
@@ -346,7 +346,7 @@ class Search:
             outcome = self.collocate(guide.mesh, guide.path, near=True, sizes=last.sizes,
                                      most=_WARM_ITERATIONS, guide=guide)
         answer = self.solution(outcome, self.course(outcome)) if outcome.converged else None
-        if answer is not None and _holds(answer):
+        if answer is not None and answer.certified:
             self.last = replace(last, problem=self.stated, outcome=outcome,
                                 extremal=self.extremal)
             self.kit.remember(self.last)
@@ -355,7 +355,7 @@ class Search:
         self.extremal, self.nearby = None, False
         if answer is not None and not self.monitor.stopped:
             answer = self.followed_up(outcome, _WARM_ROUNDS)   # kinks left their mesh points
-            if _holds(answer) and self.last:
+            if answer.certified and self.last:
                 self.kit.remember(self.last)
                 return answer
         self.stages = 3 if self.bounded else 0
@@ -387,7 +387,7 @@ class Search:
             times, share = _VAIN   # time is left to say why
             self.monitor = self.monitor.part(times * self.work, share * self.monitor.remaining())
         best = self.followed_up(starts[0])
-        return best if self.quick else self.explored(best, starts[0].objective)
+        return best if self.quick else explored(self, best, starts[0].objective)
 
     def inside(self, astray: list[Outcome]) -> Solution | None:
         """Return a certified answer, or one for a path astray, found where no amount is < 0."""
@@ -398,7 +398,7 @@ class Search:
         if answer.certificate:
             answer = replace(answer, certificate=certify(self.stated, answer))
         fits = answer.certificate.feasible if answer.certificate else self.monitor.stopped
-        return answer if _holds(answer) or self.led_somewhere and fits else None
+        return answer if answer.certified or self.led_somewhere and fits else None
 
     def followed_up(self, start: Outcome, rounds: int = _ROUNDS) -> Solution:
         """Return the best answer that improving a coarse outcome gives."""
@@ -414,22 +414,23 @@ class Search:
                 self.kit.twin or self.judged(course).spread < _SPREAD)
             if above < _CLOSE or worth or self.monitor.stopped:
                 answer = self.solution(outcome, self.course(outcome))
-                if best is None or _holds(answer) or not _holds(best):
+                if best is None or answer.certified or not best.certified:
                     best, self.last = answer, self.answered(outcome)
-            nearest, held = outcome, best is not None and _holds(best)
+            nearest, held = outcome, best is not None and best.certified
             chorded = above > _CLOSE_ENOUGH[1] and self.judged(course).chorded
             if number in _MESHES and above < _NEAR_BOUNDS and (chorded or not held):
                 tried = outcome
                 if (found := along_bounds(self, outcome, best)) is not None:
                     return found
             late = self.work - begun > _FOR_DIGITS * (1 + self.stages)
-            if best is not None and _holds(best) and (above < _CLOSE_ENOUGH[self.bounded] or late):
+            close = above < _CLOSE_ENOUGH[self.bounded]
+            if best is not None and best.certified and (close or late):
                 break
             if self.quick and number >= 2:
                 break
         if best is None:
             best, self.last = self.solution(outcome, self.course(outcome)), self.answered(outcome)
-        if not _holds(best) and nearest is not tried:
+        if not best.certified and nearest is not tried:
             return along_bounds(self, nearest) or best
         return best
 
@@ -442,51 +443,6 @@ class Search:
         """Return the extremal whose kinks an outcome has at its mesh points, if it is known."""
         return self.extremal if len(outcome.path.durations) == 1 else None
 
-    def explored(self, best: Solution, floor: float) -> Solution:
-        """
-        Return the best answer after some more starts.
-
-        Their number grows with the work that the problem has made so far: what is solved at once
-        is not held up; what is hard, or has uneven costs, is looked at from many sides.
-        """
-        kept, spent, uneven = self.last, 0, self.kit.uneven_costs(self.problem)
-        if uneven:
-            self.starts = self.kit.guesser.scattered(
-                self.problem, self.kit.integrator, self.starts, abs(floor))
-        for number in range(_UNEVEN[0] if uneven else _EXPLORED_MOST):
-            hard = self.work > _HARD
-            least = _EXPLORED_LEAST[2 if uneven else hard and not self.stages]
-            enough = number + self.looked_from >= least and not (uneven and spent < _UNEVEN[1])
-            weary = self.work > _WEARY and not _holds(best)
-            if self.monitor.stopped or weary or enough and (
-                    spent > _EXPLORING[hard] * self.work or self.familiar.enough()):
-                break
-            started = self.work
-            self.reset()
-            outcome = self.from_next_start(
-                _COARSE_ITERATIONS, once=_holds(best), hard=hard or uneven)
-            lower = below(outcome.objective, floor, ANOTHER)
-            if lower and outcome.converged and not self.believed(outcome):
-                mesh = split(outcome.mesh, np.full(self.intervals, 2))
-                outcome = self.collocate(mesh, outcome.path, near=True, most=_COARSE_ITERATIONS)
-                lower = below(outcome.objective, floor, ANOTHER)
-            if (lower or not _holds(best)
-                    and abs(outcome.objective - floor) > ANOTHER * abs(floor)
-                    ) and self.believed(outcome):
-                floor = outcome.objective
-                other = self.followed_up(outcome)
-                # What is cheaper and feasible shows that the other is not the best, proved or not.
-                cheaper = below(other.objective, best.objective, ANOTHER)
-                if (_holds(other) and (cheaper or not _holds(best))
-                        or cheaper and other.certificate and other.certificate.feasible):
-                    best, kept = other, self.last
-            spent += self.work - started
-        self.last = kept
-        if _holds(best) and kept:
-            self.kit.remember(kept if kept.extremal is None else replace(
-                kept, extremal=self.kit.indirect.thinned(self.stated, kept.extremal, kept.sizes)))
-        return best
-
     def reset(self) -> None:
         """Go back to what holds for a coarse mesh."""
         self.extremal = None
@@ -494,7 +450,3 @@ class Search:
         self.switching = tuple(self.may_hold and each for each in self.kit.switching)
         if self.kit.twin:
             self.problem = self.kit.twin.problem(self.stated, 0)
-
-
-def _holds(answer: Solution) -> bool:
-    return answer.certificate is not None and answer.certificate.holds

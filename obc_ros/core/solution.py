@@ -119,3 +119,8 @@ class Solution:
     build_time: float = 0.0
     solve_time: float = 0.0
     certificate: Certificate | None = None
+
+    @property
+    def certified(self) -> bool:
+        """Return whether it has a certificate that holds."""
+        return self.certificate is not None and self.certificate.holds

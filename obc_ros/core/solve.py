@@ -108,7 +108,7 @@ def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
     answer = search.run()
     if not search.monitor.stopped:
         answer = touched_up(search, answer)
-    if answer.certificate and answer.certificate.holds:
+    if answer.certified:
         sentence = outgrown(problem, answer, _attempt(monitor))
         if sentence:
             answer = Solution(Status.NOT_CONVERGED, sentence)

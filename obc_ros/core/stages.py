@@ -153,6 +153,7 @@ class Stages:
             self._squared = values, np.concatenate(parts)[kept]
         return pattern.definite(self._squared[1], self._without[1], diagonal)
 
+    @np.errstate(over='ignore', invalid='ignore')   # steps that lead far away are not taken
     def run(self, w: Array, bounds: tuple[Array, Array], goal: Goal,
             watch: Callable[[float, float], bool], *, near: bool = False,
             multipliers: tuple[Array, Array] | None = None, mu: float = 0.0) -> Found:

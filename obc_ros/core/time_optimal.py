@@ -14,6 +14,7 @@ costate with H = L + lam'f satisfies, is recognised; its costate is given the la
 that leaves room for L.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from time import perf_counter
 from typing import Literal
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 from obc_ros.core import double_integrator
 from obc_ros.core.bang_bang import BangBang
 from obc_ros.core.first_time import directions, final_state, first_time, FirstTime
+from obc_ros.core.guesses import final_time
 from obc_ros.core.least_time_form import Affine, affine, Target, target
 from obc_ros.core.problem import Problem
 from obc_ros.core.reach import exponential, Reach
@@ -133,30 +135,56 @@ def _general(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
     c = plant.c + plant.B @ (problem.u_lower + half)
     driven = np.flatnonzero(half > 0)
     B = (plant.B * half)[:, driven]
-    rows, contradiction = _independent(aim)
+    stated = Reach(plant.A, B, c, problem.x0, aim.C, aim.d)
+    scaled, size, unit = _scaled(stated, final_time(problem))
+    rows, contradiction = _independent(scaled)
     if contradiction:
         return _infeasible('the terminal constraints contradict each other')
-    C, d = rows.T @ aim.C, rows.T @ aim.d
-    whole = Reach(plant.A, B, c, problem.x0, C, d)
-    moved, fixed = directions(plant.A, B, C)
+    whole = replace(scaled, C=rows.T @ scaled.C, d=rows.T @ scaled.d)
+    moved, fixed = directions(whole.A, whole.B, whole.C)
     bounds = problem.final_time
+
+    def in_words(part: Reach) -> str | None:
+        return out_of_reach(problem.states, replace(stated, C=part.C / size, d=part.d))
+
     if fixed.shape[1]:
         meets = _meets_by_itself(whole, fixed, bounds.upper)
         if meets == 'never':
-            return _infeasible(out_of_reach(problem.states, whole) or (
+            return _infeasible(in_words(whole) or (
                 'the inputs do not act on a combination of states that the terminal constraints '
                 f'fix, and by itself it does not meet them by T = {bounds.upper:.10g}'))
         if meets == 'passing':
             return None
-    reach = replace(whole, C=moved.T @ C, d=moved.T @ d)
+    reach = replace(whole, C=moved.T @ whole.C, d=moved.T @ whole.d)
     found = first_time(reach, bounds.lower, bounds.upper)
     if found.answer is None:
-        return _why_not(problem, reach, found) if found.too_short >= bounds.upper else None
-    full = replace(found.answer, nu=rows @ moved @ _multiplier(reach, found.answer))
-    return _solution(problem, replace(whole, C=aim.C, d=aim.d), full, aim, driven)
+        return _why_not(bounds.upper, reach, found, in_words
+                        ) if found.too_short >= bounds.upper else None
+    nu = rows @ moved @ _multiplier(reach, found.answer) / unit
+    return _solution(problem, stated, replace(found.answer, nu=nu), aim, driven)
 
 
-def _independent(aim: Target) -> tuple[Array, bool]:
+def _scaled(stated: Reach, T: float) -> tuple[Reach, Array, Array]:
+    """
+    Return the question with each state in units of how far inputs take it in a time T.
+
+    With the sizes of states and of constraints, powers of 2. What is independent, or moved, is
+    not to depend on the units of a statement.
+    """
+    moved, size = stated.B * T, np.zeros(len(stated.A))
+    for k in range(len(stated.A)):
+        size = np.maximum(size, np.abs(moved).max(axis=1, initial=0.0))
+        moved = stated.A @ moved * (T / (k + 2))
+    for other in (np.abs(stated.x0), T * np.abs(stated.c), np.ones(len(size))):
+        size = np.where(size > 0, size, other)
+    size = np.exp2(np.round(np.log2(np.clip(size, 1e-100, 1e100))))
+    norms = np.linalg.norm(stated.C * size, axis=1)
+    unit = np.exp2(np.round(np.log2(np.where(norms > 0, norms, 1.0))))
+    return Reach(stated.A * size / size[:, None], stated.B / size[:, None], stated.c / size,
+                 stated.x0 / size, stated.C * size / unit[:, None], stated.d / unit), size, unit
+
+
+def _independent(aim: Reach) -> tuple[Array, bool]:
     """Return combinations of the terminal constraints that are independent; whether they clash."""
     U, sizes, _ = np.linalg.svd(aim.C)
     rank = int(np.sum(sizes > 1e-12 * max(sizes[0], 1e-300)))
@@ -177,10 +205,10 @@ def _meets_by_itself(reach: Reach, fixed: Array,
     return 'never' if one_sided.any() else 'passing'
 
 
-def _why_not(problem: Problem, reach: Reach, found: FirstTime) -> Solution:
+def _why_not(upper: float, reach: Reach, found: FirstTime,
+             in_words: Callable[[Reach], str | None]) -> Solution:
     """Return the answer that there is none by the upper bound of T, with the reason."""
-    upper = problem.final_time.upper
-    reason = out_of_reach(problem.states, reach)
+    reason = in_words(reach)
     if reason is None:
         later = first_time(reach, upper, _FARTHER * upper).answer
         if later is not None:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from obc_ros.core.blocks import assemble, Block, Index, Piece, Program
 from obc_ros.core.familiar import Familiar
 from obc_ros.core.interior import Goal
+from obc_ros.core.limits import Limits
 from obc_ros.core.mesh import collocation, gauss_points, HELD, Layout, Mesh, Path, STEPPED
 from obc_ros.core.monitor import Monitor, Watch
 from obc_ros.core.pieces import Pieces
@@ -116,22 +117,6 @@ class Scales:
     u: Array
     time: float
     cost: float
-
-
-@dataclass(frozen=True, eq=False)
-class Limits:
-    """
-    Bounds besides those of the problem.
-
-    `shortest`, `longest` lengths of the phases; `margin` (n + l,) by which the bounds of x and
-    of the path constraints are drawn in; `pinned` (n,) where psi fixes a component of x(T), so
-    that its bounds say nothing.
-    """
-
-    shortest: Array
-    longest: Array
-    margin: Array
-    pinned: NDArray[np.bool_]
 
 
 class Transcription:
@@ -310,11 +295,16 @@ class Transcription:
     def _bounds(self, problem: Problem, mesh: Mesh, scales: Scales, limits: 'Limits'
                 ) -> tuple[Array, Array]:
         size = np.concatenate([scales.x, scales.u, [scales.time]])
-        margin = limits.margin[:self.n]
-        lower, upper = (np.concatenate([x, u, [0.0]]) / size for x, u in (
-            (problem.x_lower + margin, problem.u_lower),
-            (problem.x_upper - margin, problem.u_upper)))
-        lower, upper = lower[self.which], upper[self.which]
+        lower, upper = ((np.concatenate([x, u, [0.0]]) / size)[self.which] for x, u in (
+            (problem.x_lower, problem.u_lower), (problem.x_upper, problem.u_upper)))
+        if limits.margin[:self.n].any():
+            phases = len(self.layout.phases)
+            s = self.times(mesh, np.full(phases, 1 / phases))
+            margin = limits.of_states(problem, s) / scales.x
+            for places, rows in ((self.at_x, margin), (self.at_inner, np.minimum(
+                    margin[:-1], margin[1:])[:, None])):
+                lower[places] += rows
+                upper[places] -= rows
         lower[self.at_x[-1, limits.pinned]] = -np.inf
         upper[self.at_x[-1, limits.pinned]] = np.inf
         mesh.hold(lower, upper, self.at_x, slice(self.n))

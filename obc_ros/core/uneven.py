@@ -16,7 +16,6 @@ from obc_ros.core.problem import Problem
 Array = NDArray[np.float64]
 
 _POINTS = 64
-_REACH = 3.0        # of the sizes of states and inputs: how far around x(0) is looked
 _DOWN = 1e-6        # of the largest curvature, what counts as downwards
 
 
@@ -31,11 +30,11 @@ class Uneven:
             if ca.depends_on(curvature, z):
                 self.curved.append(Batch([problem.x, problem.u, problem.p], [curvature], 1))
 
-    def __call__(self, problem: Problem, x_size: Array, u_size: Array) -> bool:
-        """Return whether L or V is curved downwards somewhere near x(0), by sizes of x and u."""
+    def __call__(self, problem: Problem, x_room: Array, u_room: Array) -> bool:
+        """Return whether L or V is curved downwards somewhere so near to x(0) and to u = 0."""
         chance = np.random.default_rng(3)
-        x = problem.x0 + _REACH * x_size * chance.uniform(-1, 1, (_POINTS, problem.n))
-        u = _REACH * u_size * chance.uniform(-1, 1, (_POINTS, problem.m))
+        x = problem.x0 + x_room * chance.uniform(-1, 1, (_POINTS, problem.n))
+        u = u_room * chance.uniform(-1, 1, (_POINTS, problem.m))
         x = np.clip(x, problem.x_lower, problem.x_upper)
         u = np.clip(u, problem.u_lower, problem.u_upper)
         for curved in self.curved:
@@ -43,7 +42,7 @@ class Uneven:
             good = values[np.isfinite(values).all(axis=1)]
             if len(good):
                 n = round(np.sqrt(good.shape[1]))
-                size = np.append(x_size, u_size)[:n]
+                size = np.append(x_room, u_room)[:n]
                 curvature = good.reshape(-1, n, n) * size[:, None] * size
                 least = np.linalg.eigvalsh(curvature)[:, 0]
                 if least.min() < -_DOWN * np.abs(curvature).max():
