@@ -7,20 +7,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from obc_ros.core.familiar import ANOTHER
+from obc_ros.core.kit import Answered
 from obc_ros.core.mesh import split
 from obc_ros.core.refine import below
 from obc_ros.core.rollouts import interleaved
 from obc_ros.core.solution import Solution
+from obc_ros.core.transcription import Outcome
 
 if TYPE_CHECKING:
     from obc_ros.core.search import Search
 
 _EXPLORING = (0.15, 0.3)   # part of the work for further starts, of easy and of hard problems
 _HARD = 3000
-_LEAST = 2, 6         # number of them, of easy problems, and of hard ones by collocation
+_LEAST_HARD = 6       # number of them, of hard problems by collocation
 # Likewise of those by Runge-Kutta steps that are hard, or have uneven costs, and work for them.
 _MANY, _MOST, _FOR_MANY = 24, 80, 15_000
 _ITERATIONS = 150     # on a mesh on which a lower cost may be believed
+_TIES, _SAME = 6, 2e-4   # followed up although on the coarse mesh they cost a little more
+_SAYS = 0.2           # relative: error of a cost on a coarse mesh that says something
+_RIVALS, _RIVAL = 3, 0.3   # other minima that are kept, costs up to so much above the best
 _WEARY = 500_000      # work without an answer that holds, after which no further start is tried
 
 
@@ -28,8 +33,9 @@ def explored(search: 'Search', best: Solution, floor: float) -> Solution:
     """
     Return the best answer after some more starts.
 
-    Their number grows with the work that the problem has made so far: what is solved at once
-    is not held up; what is hard, or has uneven costs, is looked at from many sides.
+    Their number grows with the work that the problem has made so far: what is solved at once,
+    with one minimum, is not held up; what is hard, or has uneven costs, is looked at from many
+    sides.
     """
     kept, spent, uneven = search.last, 0, search.kit.uneven_costs(search.problem, abs(floor))
     if uneven:
@@ -37,10 +43,13 @@ def explored(search: 'Search', best: Solution, floor: float) -> Solution:
             search.problem, search.kit.integrator, search.starts, abs(floor))
     elif search.work > _HARD:
         search.starts = interleaved(search, search.starts)
+    found, ground = list[Outcome](), floor   # `ground`: of the best, on the coarse mesh
+    ties = [floor]   # coarse costs of what was followed up
     for number in range(_MOST):
         hard = search.work > _HARD
         many = uneven or hard and not search.stages
-        enough = (number >= _MANY and spent >= _FOR_MANY) if many else number >= _LEAST[hard]
+        least = _LEAST_HARD if hard else search.familiar.minima
+        enough = (number >= _MANY and spent >= _FOR_MANY) if many else number >= max(1, least)
         weary = search.work > _WEARY and not best.certified
         if search.monitor.stopped or weary or enough and (
                 spent > _EXPLORING[hard] * search.work or search.familiar.enough()):
@@ -53,20 +62,53 @@ def explored(search: 'Search', best: Solution, floor: float) -> Solution:
             mesh = split(outcome.mesh, np.full(search.intervals, 2))
             outcome = search.collocate(mesh, outcome.path, near=True, most=_ITERATIONS)
             lower = below(outcome.objective, floor, ANOTHER)
-        if (lower or not best.certified
+        tied = (outcome.converged and len(ties) < _TIES and outcome.objective < _tie(best, ground)
+                and all(abs(outcome.objective - other) > _SAME * abs(other) for other in ties))
+        if (lower or tied or not best.certified
                 and abs(outcome.objective - floor) > ANOTHER * abs(floor)
                 ) and search.believed(outcome):
-            floor = outcome.objective
+            ties.append(outcome.objective)
+            floor = min(floor, outcome.objective)
             other = search.followed_up(outcome)
             # What is cheaper and feasible shows that the other is not the best, proved or not.
             cheaper = below(other.objective, best.objective, ANOTHER)
             if (other.certified and (cheaper or not best.certified)
                     or cheaper and other.certificate and other.certificate.feasible):
-                best, kept = other, search.last
+                best, kept, ground = other, search.last, outcome.objective
+        found.append(outcome)
         spent += search.work - started
     search.last = kept
     if best.certified and kept:
-        search.kit.remember(kept if kept.extremal is None else replace(
-            kept, extremal=search.kit.indirect.thinned(search.stated, kept.extremal, kept.sizes)))
+        if kept.extremal:
+            kept = replace(kept, extremal=search.kit.indirect.thinned(
+                search.stated, kept.extremal, kept.sizes))
+        search.kit.remember(replace(
+            kept, rivals=_rivals(found, ground), refined=best.objective / ground if ground else 1))
     return best
 
+
+def _tie(best: Solution, ground: float) -> float:
+    """Return the coarse cost below which finer meshes may lead to less than the best answer."""
+    error = abs(best.objective - ground)
+    return ground + 2 * error if best.certified and error < _SAYS * abs(ground) else -np.inf
+
+
+def _rivals(found: list[Outcome], ground: float) -> tuple[Outcome, ...]:
+    """Return outcomes of other minima whose costs are not much more than the best one's."""
+    rivals: list[Outcome] = []
+    for outcome in sorted(found, key=lambda outcome: outcome.objective):
+        above = outcome.objective - (rivals[-1].objective if rivals else ground)
+        if (outcome.converged and above > ANOTHER * abs(ground)
+                and outcome.objective <= ground + _RIVAL * abs(ground)):
+            rivals.append(outcome)
+    return tuple(rivals[:_RIVALS])
+
+
+def beaten(search: 'Search', last: Answered, answer: Solution) -> bool:
+    """Return whether a rival of a neighbour's answer has come to cost less than its own."""
+    for rival in last.rivals:
+        outcome = search.collocate(rival.mesh, rival.path, near=True, most=_ITERATIONS)
+        if outcome.converged and below(
+                last.refined * outcome.objective, answer.objective, ANOTHER):
+            return True
+    return False

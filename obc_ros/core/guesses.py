@@ -49,11 +49,11 @@ class Guesser:
         slope = ca.jacobian(problem.psi, x)
         self._curved = ca.depends_on(slope, x)
         self._psi = Batch([x, p], [problem.psi, slope], 1)
-        self._rest = Batch([x, u, p], [problem.f, ca.jacobian(problem.f, u)], 1)
-        self._slope = Batch([x, u, p], [ca.jacobian(problem.L, u)], 1)
-        self._by_x = Batch([x, u, p], [ca.jacobian(problem.f, x)], 1)
+        self._rest = Batch([x, u, p], [
+            problem.f, ca.jacobian(problem.f, u), ca.jacobian(problem.f, x),
+            ca.jacobian(problem.L, u)], 1)
         self._all = Batch([x, u, p], [ca.vertcat(problem.f, problem.L, problem.path)], 1)
-        self._V = Batch([x, p], [problem.V], 1) if ca.depends_on(problem.V, x) else None
+        self._V = ca.Function('V', [x, p], [problem.V])
         self._last: tuple[Problem, Array, NDArray[np.bool_]] | None = None
 
     def final_state(self, problem: Problem) -> tuple[Array, NDArray[np.bool_]]:
@@ -100,7 +100,7 @@ class Guesser:
                          1e-2 * (np.where(both, lower, 0) + np.where(both, upper, 0) - 2 * u), 0)
         u = u + nudge
         for _ in range(10):
-            f, slope = (out[0] for out in self._rest(x, u, problem.p_value))
+            f, slope, *_ = (out[0] for out in self._rest(x, u, problem.p_value))
             if not (np.all(np.isfinite(f)) and np.all(np.isfinite(slope))):
                 return u
             move = -np.linalg.pinv(slope.reshape(problem.m, problem.n).T, rcond=1e-6) @ f
@@ -153,8 +153,9 @@ class Guesser:
         By powers of the linearisation at x(0), so that sizes follow the units of a statement.
         """
         x, u, p = path.x[0], path.ua[0], problem.p_value
-        A = self._by_x(x, u, p)[0].reshape(problem.n, problem.n).T
-        B = self._rest(x, u, p)[1].reshape(problem.m, problem.n).T * u_size
+        _, by_u, by_x, _ = (out[0] for out in self._rest(x, u, p))
+        A = by_x.reshape(problem.n, problem.n).T
+        B = by_u.reshape(problem.m, problem.n).T * u_size
         if not (np.all(np.isfinite(A)) and np.all(np.isfinite(B))):
             return np.zeros(problem.n)
         T = path.t[-1] / (1 + path.t[-1] * np.abs(np.linalg.eigvals(A)).max(initial=0.0))
@@ -173,10 +174,8 @@ class Guesser:
         u = _inside(steady + away[:, n:], problem.u_lower, problem.u_upper)
         L = self._all(x, u, problem.p_value)[0][:, n]
         cost = path.t[-1] * np.abs(L[np.isfinite(L)]).max(initial=0.0)
-        if self._V is not None:
-            V = self._V(np.vstack([start, x]), problem.p_value)[0][:, 0]
-            cost += np.abs(V - V[0])[np.isfinite(V)].max(initial=0.0)
-        return float(cost)
+        V = self._V(np.vstack([start, x]).T, problem.p_value).full()[0]
+        return float(cost + np.abs(V - V[0])[np.isfinite(V)].max(initial=0.0))
 
     def line(self, problem: Problem, T: float) -> Path:
         """Return the straight line from x0 to psi = 0, with the user's own guesses where given."""
@@ -191,7 +190,7 @@ class Guesser:
                 values[:, names.index(name)] = np.interp(
                     s, np.linspace(0.0, 1.0, len(column)), column)
         path = _path(T * s, x, _inside(u, problem.u_lower, problem.u_upper))
-        slope, = self._slope(x, u, problem.p_value)
+        *_, slope = self._rest(x, u, problem.p_value)
         # Where all inputs are 0 the length of their vector has no slope.
         return path if np.isfinite(slope).all() else _path(
             T * s, x, self._along(problem, path, x))
@@ -300,7 +299,7 @@ class Guesser:
     def _along(self, problem: Problem, line: Path, x: Array) -> Array:
         """Return inputs (21, m) near those of a line under which x moves as it does."""
         u = np.vstack([line.ua, line.ub[-1:]])
-        f, slope = self._rest(x, u, problem.p_value)
+        f, slope, *_ = self._rest(x, u, problem.p_value)
         missing = np.gradient(x, line.t, axis=0) - f
         slope = slope.reshape(-1, problem.m, problem.n).swapaxes(1, 2)
         if not (np.all(np.isfinite(missing)) and np.all(np.isfinite(slope))):
@@ -312,8 +311,8 @@ class Guesser:
 # How far states are bent away and inputs drawn away from the line, as parts of their sizes;
 # without a bend the states follow from the inputs.
 _VARIETY = ((0.5, 0.0), (0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (0.0, 0.3), (0.5, 0.3))
-# Driven paths lead to an end that is prescribed, if at all, where one was found before.
-_BENT = ((0.5, 0.0), (0.5, 0.3), (0.5, 0.0), (1.0, 0.0))
+# Likewise once there is a path to an end that is prescribed: driven ones lead there, if anywhere.
+_BENT = ((0.5, 0.0), (0.5, 0.0), (0.5, 0.3), (0.5, 0.0), (0.0, 0.3), (1.0, 0.0))
 
 
 def _spread(number: int, columns: int) -> Array:

@@ -254,6 +254,7 @@ class Interior:
         self.base = self.fixed - PROXIMAL * self.row
         self.odd = int(program.is_row.sum()) % 2 == 1
         self.shift = 0.0
+        self.sure = False   # whether the Hessian was found positive without a shift a step ago
 
     def gaps(self, y: Array) -> Array:
         """Return the distances from all bounds, the lower ones first."""
@@ -353,7 +354,8 @@ class Interior:
         while shift <= _LARGEST_SHIFT:
             added = weight + shift * self.free
             factor = None
-            if self.program.convex(now.values, self.fixed, added + 1.0 - self.free):
+            sure, self.sure = self.sure and not shift, False
+            if sure or self.program.convex(now.values, self.fixed, added + 1.0 - self.free):
                 factor = self.program.pattern.factor(
                     now.values.entries, self.place, self.base + added)
             if factor is not None and factor.odd() == self.odd:
@@ -363,8 +365,10 @@ class Interior:
                 bent = float(primal @ right) + float(c @ (step * self.row))
                 pull = max(-float(c @ ((now.y + step) * self.row)), 0.0)
                 if bent + pull >= _CURVATURE * float(primal @ primal):
-                    self.shift = shift or self.shift
+                    self.shift, self.sure = shift or self.shift, not (sure or shift)
                     return step, factor
+            if sure:
+                continue
             shift = (max(1e-8, self.shift / 3) if not shift
                      else shift * (8.0 if self.shift else 100.0))
         return None

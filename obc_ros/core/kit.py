@@ -38,13 +38,20 @@ _NUMBERS = ('x0', 'p_value', 'x_lower', 'x_upper', 'u_lower', 'u_upper', 'path_l
 
 @dataclass(frozen=True, eq=False)
 class Answered:
-    """A problem that was answered, and with what: where its neighbours start."""
+    """
+    A problem that was answered, and with what: where its neighbours start.
+
+    `rivals`: other minima of about the same cost, on a coarse mesh; `refined`: what the cost of
+    the best one is there times that finer meshes bring it to.
+    """
 
     problem: Problem
     outcome: Outcome
     sizes: Scales
     margin: Array
     extremal: BoundaryValues | None = None   # where its kinks are known
+    rivals: tuple[Outcome, ...] = ()
+    refined: float = 1.0
 
     @cached_property
     def numbers(self) -> Array:

@@ -25,7 +25,7 @@ Index = NDArray[np.int64]
 
 _PRECISE, _QUICK = 2e-7, 1e-5   # of its size: how far u may be off u*, alone and after a search
 _FEWEST_SAMPLES, _MOST_SAMPLES = 64, 4000
-_WORTH_IT = 1000   # iterations times intervals
+_WORTH_IT = 800   # iterations times intervals
 _LEAST = 0.5       # [s] without which an answer is left as it is
 _SAME = 1e-9       # of its size: inputs on both sides of a switch that does not jump
 _DEARER = 1e-8     # relative: by how much an answer may seem to cost more

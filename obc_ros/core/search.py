@@ -12,7 +12,7 @@ from obc_ros.core.arcs import jumping_inputs
 from obc_ros.core.boundary_values import BoundaryValues
 from obc_ros.core.certificate import certify
 from obc_ros.core.contradictions import contradiction
-from obc_ros.core.exploring import explored
+from obc_ros.core.exploring import beaten, explored
 from obc_ros.core.extremal import Extremal
 from obc_ros.core.familiar import Familiar
 from obc_ros.core.guesses import final_time, joined, scales
@@ -329,7 +329,7 @@ class Search:
             found, certificate=certify(problem, found))
 
     def warm(self) -> Solution | None:
-        """Return an answer found from that of a neighbour, if it is certified."""
+        """Return a certified answer found from that of a neighbour, if no rival is better."""
         last = None if self.quick else self.kit.neighbour(self.stated)
         if last is None or last.outcome.mesh.layout.intervals > self.monitor.max_intervals:
             return None
@@ -349,15 +349,17 @@ class Search:
         if answer is not None and answer.certified:
             self.last = replace(last, problem=self.stated, outcome=outcome,
                                 extremal=self.extremal)
+        else:
+            self.kit.answers.remove(last)   # nor does it serve the next one
+            self.extremal, self.nearby = None, False
+            if answer is not None and not self.monitor.stopped:   # kinks left their mesh points
+                answer = self.followed_up(outcome, _WARM_ROUNDS)
+                self.last = self.last and replace(
+                    self.last, rivals=last.rivals, refined=last.refined)
+        if answer and answer.certified and self.last and not beaten(self, last, answer):
             self.kit.remember(self.last)
             return answer
-        self.kit.answers.remove(last)   # nor does it serve the next one
         self.extremal, self.nearby = None, False
-        if answer is not None and not self.monitor.stopped:
-            answer = self.followed_up(outcome, _WARM_ROUNDS)   # kinks left their mesh points
-            if answer.certified and self.last:
-                self.kit.remember(self.last)
-                return answer
         self.stages = 3 if self.bounded else 0
         self.reset()
         return None
