@@ -274,8 +274,7 @@ def test_lines_are_scattered_over_the_final_states_that_are_open():
         'initial_state': {'x': 1, 'y': 1}, 'terminal_constraints': ['y - 2']})
     guesser = Guesser(problem)
     starts = guesser.starts(problem, Integrator(problem))
-    cost = 4.0   # of |u| = 2 for a time of 1
-    paths = list(islice(guesser.scattered(problem, Integrator(problem), starts, cost), 12))
+    paths = list(islice(guesser.scattered(problem, Integrator(problem), starts, 1.0), 12))
     ends = np.sort([path.x[-1, 0] for k, path in enumerate(paths, 1) if k % 3])
     assert np.ptp(ends) > 3 and np.diff(ends).max() < 2
     assert all(path.x[-1, 1] == 2 for k, path in enumerate(paths, 1) if k % 3)

@@ -460,7 +460,9 @@ def outgrown(problem: Problem, found: Solution, solve: Solver) -> str:
     largest = np.abs(found.u).max(axis=0)
     room = _MORE * np.maximum(largest, 1e-6 * largest.max())
     other = solve(_boxed(problem, room if largest.any() else np.ones(problem.m)))
-    if not _is_path(other) or problem.q and _missed(problem, other) or (
+    if not _is_path(other):
+        return _unbounded(problem, solve, None)
+    if problem.q and _missed(problem, other) or (
             found.objective - other.objective <= _PART * abs(found.objective)):
         return ''
     return (f'no least cost was found: {found.objective:.4g} with inputs up to '

@@ -22,7 +22,8 @@ _HARD = 3000
 _LEAST_HARD = 6       # number of them, of hard problems by collocation
 # Likewise of those by Runge-Kutta steps that are hard, or have uneven costs, and work for them.
 _MANY, _MOST, _FOR_MANY = 24, 80, 15_000
-_ITERATIONS = 150     # on a mesh on which a lower cost may be believed
+_ITERATIONS = 150     # for a lower cost that is not to be believed yet
+_MET = 1e-5           # infeasibility of a path
 _TIES, _SAME = 6, 2e-4   # followed up although on the coarse mesh they cost a little more
 _SAYS = 0.2           # relative: error of a cost on a coarse mesh that says something
 _RIVALS, _RIVAL = 3, 0.3   # other minima that are kept, costs up to so much above the best
@@ -56,20 +57,18 @@ def explored(search: 'Search', best: Solution, floor: float) -> Solution:
             break
         started = search.work
         search.reset()
-        outcome = search.from_next_start(once=best.certified, hard=hard or uneven)
+        outcome = _pursued(search, floor, search.from_next_start(
+            once=best.certified, hard=hard or uneven))
         lower = below(outcome.objective, floor, ANOTHER)
-        if lower and outcome.converged and not search.believed(outcome):
-            mesh = split(outcome.mesh, np.full(search.intervals, 2))
-            outcome = search.collocate(mesh, outcome.path, near=True, most=_ITERATIONS)
-            lower = below(outcome.objective, floor, ANOTHER)
+        falls = lower and not outcome.converged and outcome.infeasibility <= _MET
         tied = (outcome.converged and len(ties) < _TIES and outcome.objective < _tie(best, ground)
                 and all(abs(outcome.objective - other) > _SAME * abs(other) for other in ties))
-        if (lower or tied or not best.certified
-                and abs(outcome.objective - floor) > ANOTHER * abs(floor)
-                ) and search.believed(outcome):
+        differs = not best.certified and abs(outcome.objective - floor) > ANOTHER * abs(floor)
+        if falls or (lower or tied or differs) and search.believed(outcome):
             ties.append(outcome.objective)
             floor = min(floor, outcome.objective)
-            other = search.followed_up(outcome)
+            other = (search.solution(outcome, search.course(outcome)) if falls
+                     else search.followed_up(outcome))
             # What is cheaper and feasible shows that the other is not the best, proved or not.
             cheaper = below(other.objective, best.objective, ANOTHER)
             if (other.certified and (cheaper or not best.certified)
@@ -85,6 +84,18 @@ def explored(search: 'Search', best: Solution, floor: float) -> Solution:
         search.kit.remember(replace(
             kept, rivals=_rivals(found, ground), refined=best.objective / ground if ground else 1))
     return best
+
+
+def _pursued(search: 'Search', floor: float, outcome: Outcome) -> Outcome:
+    """Return an outcome, or what it leads to where a lower cost is not to be believed yet."""
+    if below(outcome.objective, floor, ANOTHER):
+        if not outcome.converged and outcome.infeasibility <= _MET:   # ended too soon
+            later = search.collocate(outcome.mesh, outcome.path, near=True, most=_ITERATIONS)
+            outcome = later if later.converged else outcome
+        if outcome.converged and not search.believed(outcome):
+            mesh = split(outcome.mesh, np.full(search.intervals, 2))
+            outcome = search.collocate(mesh, outcome.path, near=True, most=_ITERATIONS)
+    return outcome
 
 
 def _tie(best: Solution, ground: float) -> float:

@@ -18,9 +18,7 @@ from obc_ros.core.transcription import Scales
 Array = NDArray[np.float64]
 
 _POINTS = 21
-# Where paths are looked for: times how far inputs take the states; of the sizes of what they do
-# not move.
-_FARTHER, _SCATTERED = 1.5, 3.0
+_SCATTERED = 3.0   # times how far inputs take states, or their sizes: where paths are looked for
 _TURNS = 2 * np.pi, 360.0   # [rad], [deg]
 _DOUBLINGS = 24    # of inputs from 1, up and down, to find what they cost
 
@@ -279,6 +277,7 @@ class Guesser:
         """
         line = self.line(problem, final_time(problem))
         T, rest, found = float(line.t[-1]), line.ua[0], self.sizes(problem, line)
+        cost = max(cost, found.cost)   # paths that cost next to nothing say nothing
         sizes = np.exp2(np.arange(-_DOUBLINGS, _DOUBLINGS))[:, None]
         held = [rest]
         for way in np.vstack([np.eye(problem.m), -np.eye(problem.m)]):
@@ -292,7 +291,7 @@ class Guesser:
             np.tile(u, (len(t) - 1, 1)) for u in held)])
         apart = np.abs(ends[1:] - ends[0])
         reach = np.max(np.where(np.isfinite(apart), apart, 0.0), axis=0, initial=0.0)
-        x, u = (np.where(most > 0, _FARTHER * most, _SCATTERED * size) for most, size in (
+        x, u = (_SCATTERED * np.where(most > 0, most, size) for most, size in (
             (reach, found.x), (np.ptp(held, axis=0), found.u)))
         return x, u
 
