@@ -14,12 +14,13 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.problem import Problem
+from obc_ros.core.problem import Guess, Problem
 from obc_ros.core.solution import Solution
 
 _APART = 1e-2    # of an input's largest value: what counts as two inputs
 _SHARE = 1e-2    # of the time, at least, of each of them
 _LASTING = 1e-2  # of T, at least
+_VALUES = 0.9, 0.1   # quantiles of an input: between what it switches
 _LOOKS = 11      # points of a path, and inputs at each
 _WINDOW = 2.0    # of the largest inputs: how far around them
 _FLAT = 1e-9     # of the largest curvature
@@ -33,9 +34,13 @@ def relaxed(problem: Problem, found: Solution) -> Problem | None:
     v, share = ca.SX.sym('v', problem.m), ca.SX.sym('share')
     rate = ca.Function('rate', [x, u, p], [problem.f, problem.L])
     (f, L), (g, M) = rate.call([x, u, p]), rate.call([x, v, p])
+    inputs = *problem.inputs, *(f'{name}#v' for name in problem.inputs), '#share'
+    # Where an input switches it is a mixture of its high and its low values.
+    high, low = (np.quantile(found.u, part, axis=0) for part in _VALUES)
+    mixed = np.concatenate([high, low, [0.5]])[:, None]
     return replace(
         problem, structure='', u=ca.vertcat(u, v, share), f=(1 - share) * f + share * g,
-        inputs=(*problem.inputs, *(f'{name}#v' for name in problem.inputs), '#share'),
+        inputs=inputs, guess=Guess(u=dict(zip(inputs, mixed, strict=True))),
         L=(1 - share) * L + share * M,
         u_lower=np.concatenate([problem.u_lower, problem.u_lower, [0.0]]),
         u_upper=np.concatenate([problem.u_upper, problem.u_upper, [1.0]]))
