@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _EXPLORING = (0.15, 0.3)   # part of the work for further starts, of easy and of hard problems
 _HARD = 3000
-_LEAST_HARD = 6       # number of them, of hard problems by collocation
+_LEAST_HARD = 12      # number of them, of hard problems by collocation
 # Likewise of those by Runge-Kutta steps that are hard, or have uneven costs, and work for them.
 _MANY, _MOST, _FOR_MANY = 24, 80, 15_000
 _ITERATIONS = 150     # for a lower cost that is not to be believed yet

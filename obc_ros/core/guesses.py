@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from obc_ros.core.batch import Batch
 from obc_ros.core.extremal import Integrator
 from obc_ros.core.mesh import Path
-from obc_ros.core.problem import Problem
+from obc_ros.core.problem import Guess, Problem
 from obc_ros.core.transcription import Scales
 
 Array = NDArray[np.float64]
 
 _POINTS = 21
 _SCATTERED = 3.0   # times how far inputs take states, or their sizes: where paths are looked for
+_ASIDE = 0.3       # of how far inputs take a state: how far a line is bent in it
 _TURNS = 2 * np.pi, 360.0   # [rad], [deg]
 _DOUBLINGS = 24    # of inputs from 1, up and down, to find what they cost
 
@@ -135,11 +136,12 @@ class Guesser:
         moved = path.t[-1] * np.abs(f).max(axis=0)
         limits = np.abs([problem.x_lower, problem.x_upper])
         limit = np.where(np.isfinite(limits), limits, 0.0).max(axis=0)
-        still = ~path.x.any(axis=0)
+        still = ~np.ptp(path.x, axis=0).astype(bool)
         if still.any():
             moved = np.maximum(moved, self._within_reach(problem, path, found.u))
         guessed = np.where(limit > 0, limit, moved)
         still &= np.isfinite(guessed) & (guessed > 0)
+        still &= guessed > np.abs(path.x[0])
         found = replace(found, x=np.where(still, _power(guessed), found.x))
         cost = float(path.t[-1] * np.abs(L).mean()) or self._beside(problem, path, found)
         return replace(found, cost=float(_power(cost)) if 0 < cost < 1 else 1.0)
@@ -223,6 +225,8 @@ class Guesser:
         span = problem.u_upper - problem.u_lower
         size = np.where(np.isfinite(span), span, 1 + np.abs(u[0]))
         yield line
+        if problem.guess.x or problem.guess.u:   # which may be a bad one
+            yield self.line(replace(problem, guess=Guess()), T)
         for number in count():
             length = T
             if number and problem.final_time.free:
@@ -235,17 +239,21 @@ class Guesser:
                 size = np.where(np.isfinite(span) | (known[1] == 0), size, known[1])
             inputs = u + noise * size * _wave(chance, problem.m, knots=True)
             if bend:
-                far = np.ptp(line.x, axis=0)
-                if known is None:
-                    far = np.maximum(far, 0.1 * np.abs(line.x).max(axis=0))
-                    far = np.where(far > 0, far, 0.3 * self.sizes(problem, line).x)
-                else:
-                    far = np.maximum(far, known[0])
+                far = self._sideways(problem, line) if known is None else np.maximum(
+                    np.ptp(line.x, axis=0), known[0])
                 x = line.x + bend * far * _wave(chance, problem.n, knots=False)
                 yield _path(line.t * (length / T), _inside(x, problem.x_lower, problem.x_upper),
                             _inside(inputs, problem.u_lower, problem.u_upper))
             elif noise or problem.final_time.free or number < len(_VARIETY):   # none twice
                 yield self.driven(problem, integrator, inputs, length)
+
+    def _sideways(self, problem: Problem, line: Path) -> Array:
+        """Return how far to bend a line, (n,), if no path is known: what stays on it, in pace."""
+        sizes, far = self.sizes(problem, line), np.ptp(line.x, axis=0)
+        reach = self._within_reach(problem, line, sizes.u)
+        moves = (far > 0) & (reach > 0)
+        reach = reach * np.max(far[moves] / reach[moves]) if moves.any() else reach
+        return np.where(far > 0, far, _ASIDE * np.where(reach > 0, reach, sizes.x))
 
     def scattered(self, problem: Problem, integrator: Integrator, starts: Iterator[Path],
                   cost: float) -> Iterator[Path]:

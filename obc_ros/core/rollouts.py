@@ -68,7 +68,7 @@ def from_rollouts(search: 'Search', T: float) -> list[Outcome]:
 
 def interleaved(search: 'Search', starts: Iterator[Path]) -> Iterator[Path]:
     """
-    Yield starts, each after a path to near psi = 0 that obeys the dynamics and costs less.
+    Yield starts, each after a path to near psi = 0 that obeys the dynamics, and costs less if any.
 
     Such paths no more once some of them have led to minima that are known.
     """
@@ -81,7 +81,8 @@ def interleaved(search: 'Search', starts: Iterator[Path]) -> Iterator[Path]:
             problem, u_lower=np.where(np.isfinite(problem.u_lower), problem.u_lower, low - wide),
             u_upper=np.where(np.isfinite(problem.u_upper), problem.u_upper, high + wide))
         vain, known = 0, search.familiar.minima
-        for start in nearest(bounded, path.t[-1], last.outcome.objective):
+        T = path.t[-1]
+        for start in nearest(bounded, T, last.outcome.objective) or nearest(bounded, T):
             yield start
             vain, known = (0 if search.familiar.minima > known else vain + 1,
                            search.familiar.minima)
