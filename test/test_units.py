@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.problem import Guess
 from obc_ros.core.solution import Status
-from obc_ros.core.solve import solve
+from obc_ros.core.solve import Cache, solve
 from obc_ros.core.statement import load_file, problem_from_mapping
 import pytest
 from scipy.optimize import minimize_scalar
@@ -64,19 +64,32 @@ def test_units(name, units):
         expected['objective'], rel=expected['tolerance'], abs=expected['tolerance'])
 
 
-@pytest.mark.parametrize('x0', [-0.01, 1e-3, 0.01, 0.3])
-def test_an_origin_nearby_does_not_hide_the_wells_further_off(x0):
+def least_among_wells(x0):
     """From x0 a straight line to x(T) costs (x(T) - x0)^2/2: the least over a grid of x(T)."""
-    problem, _ = stated('terminal_wells')
-
     def cost(end):
         return (end - x0)**2 / 2 + 3 * (1 - math.cos(4 * end)) + (end - 2)**2
 
-    best = min(minimize_scalar(cost, (a, a + 0.1), tol=1e-12).fun
-                for a in np.arange(-6, 6, 0.1))
+    return min(minimize_scalar(cost, bounds=(a, a + 0.1), options={'xatol': 1e-10}).fun
+               for a in np.arange(-6, 6, 0.1))
+
+
+@pytest.mark.parametrize('x0', [-0.01, 1e-3, 0.01, 0.3])
+def test_an_origin_nearby_does_not_hide_the_wells_further_off(x0):
+    problem, _ = stated('terminal_wells')
     found = solve(replace(problem, x0=np.array([x0])))
     assert found.status is Status.SOLVED
-    assert found.objective == pytest.approx(best, rel=1e-6)
+    assert found.objective == pytest.approx(least_among_wells(x0), rel=1e-6)
+
+
+def test_a_neighbour_of_which_another_minimum_is_the_best():
+    """From -1.5 the best well is the one near 1.56, from -1.8 that near 0.08."""
+    problem, _ = stated('terminal_wells')
+    cache = Cache()
+    for x0, end in ((-1.5, 1.5), (-1.51, 1.5), (-1.8, 0), (-1.79, 0), (-1.5, 1.5)):
+        found = solve(replace(problem, x0=np.array([x0])), cache=cache)
+        assert found.status is Status.SOLVED
+        assert found.x[-1, 0] == pytest.approx(end, abs=0.1)
+        assert found.objective == pytest.approx(least_among_wells(x0), rel=1e-6)
 
 
 def shortest_to_a_point(x0, goal):

@@ -25,6 +25,7 @@ _MANY, _MOST, _FOR_MANY = 24, 80, 15_000
 _ITERATIONS = 150     # for a lower cost that is not to be believed yet
 _MET = 1e-5           # infeasibility of a path
 _TIES, _SAME = 6, 2e-4   # followed up although on the coarse mesh they cost a little more
+_CHEAPER = 1e-6       # relative: of two answers that are certified
 _SAYS = 0.2           # relative: error of a cost on a coarse mesh that says something
 _RIVALS, _RIVAL = 3, 0.3   # other minima that are kept, costs up to so much above the best
 _WEARY = 500_000      # work without an answer that holds, after which no further start is tried
@@ -70,7 +71,8 @@ def explored(search: 'Search', best: Solution, floor: float) -> Solution:
             other = (search.solution(outcome, search.course(outcome)) if falls
                      else search.followed_up(outcome))
             # What is cheaper and feasible shows that the other is not the best, proved or not.
-            cheaper = below(other.objective, best.objective, ANOTHER)
+            cheaper = below(other.objective, best.objective,
+                            _CHEAPER if other.certified and best.certified else ANOTHER)
             if (other.certified and (cheaper or not best.certified)
                     or cheaper and other.certificate and other.certificate.feasible):
                 best, kept, ground = other, search.last, outcome.objective
