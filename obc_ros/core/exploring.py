@@ -35,9 +35,8 @@ def explored(search: 'Search', best: Solution, floor: float) -> Solution:
     """
     Return the best answer after some more starts.
 
-    Their number grows with the work that the problem has made so far: what is solved at once,
-    with one minimum, is not held up; what is hard, or has uneven costs, is looked at from many
-    sides.
+    Their number grows with the work that the problem has made so far: what is solved at once
+    is not held up; what is hard, or has uneven costs, is looked at from many sides.
     """
     kept, spent, uneven = search.last, 0, search.kit.uneven_costs(search.problem, abs(floor))
     if uneven:
@@ -50,8 +49,8 @@ def explored(search: 'Search', best: Solution, floor: float) -> Solution:
     for number in range(_MOST):
         hard = search.work > _HARD
         many = uneven or hard and not search.stages
-        least = _LEAST_HARD if hard else search.familiar.minima
-        enough = (number >= _MANY and spent >= _FOR_MANY) if many else number >= max(1, least)
+        least = _LEAST_HARD if hard else 1
+        enough = (number >= _MANY and spent >= _FOR_MANY) if many else number >= least
         weary = search.work > _WEARY and not best.certified
         if search.monitor.stopped or weary or enough and (
                 spent > _EXPLORING[hard] * search.work or search.familiar.enough()):

@@ -52,7 +52,6 @@ class Guesser:
             problem.f, ca.jacobian(problem.f, u), ca.jacobian(problem.f, x),
             ca.jacobian(problem.L, u)], 1)
         self._all = Batch([x, u, p], [ca.vertcat(problem.f, problem.L, problem.path)], 1)
-        self._V = ca.Function('V', [x, p], [problem.V])
         self._last: tuple[Problem, Array, NDArray[np.bool_]] | None = None
 
     def final_state(self, problem: Problem) -> tuple[Array, NDArray[np.bool_]]:
@@ -174,7 +173,8 @@ class Guesser:
         u = _inside(steady + away[:, n:], problem.u_lower, problem.u_upper)
         L = self._all(x, u, problem.p_value)[0][:, n]
         cost = path.t[-1] * np.abs(L[np.isfinite(L)]).max(initial=0.0)
-        V = self._V(np.vstack([start, x]).T, problem.p_value).full()[0]
+        cost_of = ca.Function('V', [problem.x, problem.p], [problem.V])
+        V = cost_of(np.vstack([start, x]).T, problem.p_value).full()[0]
         return float(cost + np.abs(V - V[0])[np.isfinite(V)].max(initial=0.0))
 
     def line(self, problem: Problem, T: float) -> Path:

@@ -104,7 +104,7 @@ def nearest(problem: Problem, T: float, most: float = np.inf) -> list[Path]:
     """
     Return paths that obey the dynamics from x(0) on and end near psi = 0, at a cost below `most`.
 
-    Of those that end nearest the cheaper ones come first, unlike each other.
+    In turn the nearest of those that cost about the same.
     """
     final = problem.final_time
     chance = np.random.default_rng(4)
