@@ -13,6 +13,7 @@ from obc_ros.core.batch import Batch
 from obc_ros.core.extremal import Integrator
 from obc_ros.core.mesh import Path
 from obc_ros.core.problem import Guess, Problem
+from obc_ros.core.reach import first_reach
 from obc_ros.core.transcription import Scales
 
 Array = NDArray[np.float64]
@@ -158,11 +159,7 @@ class Guesser:
         if not (np.all(np.isfinite(A)) and np.all(np.isfinite(B))):
             return np.zeros(problem.n)
         T = path.t[-1] / (1 + path.t[-1] * np.abs(np.linalg.eigvals(A)).max(initial=0.0))
-        moved, found = B * T, np.zeros(problem.n)
-        for k in range(problem.n):
-            found = np.maximum(found, np.abs(moved).max(axis=1, initial=0.0))
-            moved = A @ moved * (T / (k + 2))
-        return found
+        return first_reach(A, B, T)
 
     def _beside(self, problem: Problem, path: Path, sizes: Scales) -> float:
         """Return what paths cost about the sizes of states and inputs beside one without L."""

@@ -176,3 +176,12 @@ def _run(steps: Array) -> int:
     """Return how many of the first steps are equal."""
     differ = np.abs(steps - steps[0]) > 1e-9 * steps[0]
     return int(np.argmax(differ)) if differ.any() else len(steps)
+
+
+def first_reach(A: Array, B: Array, T: float) -> Array:
+    """Return how far (n,) inputs of B's sizes take each state in T, by A's powers up to n - 1."""
+    moved, found = B * T, np.zeros(len(A))
+    for k in range(len(A)):
+        found = np.maximum(found, np.abs(moved).max(axis=1, initial=0.0))
+        moved = A @ moved * (T / (k + 2))
+    return found

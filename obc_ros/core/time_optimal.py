@@ -27,7 +27,7 @@ from obc_ros.core.first_time import directions, final_state, first_time, FirstTi
 from obc_ros.core.guesses import final_time
 from obc_ros.core.least_time_form import Affine, affine, Target, target
 from obc_ros.core.problem import Problem
-from obc_ros.core.reach import exponential, Reach
+from obc_ros.core.reach import exponential, first_reach, Reach
 from obc_ros.core.solution import Solution, Status
 from obc_ros.core.unreachable import out_of_reach
 
@@ -171,10 +171,7 @@ def _scaled(stated: Reach, T: float) -> tuple[Reach, Array, Array]:
     With the sizes of states and of constraints, powers of 2. What is independent, or moved, is
     not to depend on the units of a statement.
     """
-    moved, size = stated.B * T, np.zeros(len(stated.A))
-    for k in range(len(stated.A)):
-        size = np.maximum(size, np.abs(moved).max(axis=1, initial=0.0))
-        moved = stated.A @ moved * (T / (k + 2))
+    size = first_reach(stated.A, stated.B, T)
     for other in (np.abs(stated.x0), T * np.abs(stated.c), np.ones(len(size))):
         size = np.where(size > 0, size, other)
     size = np.exp2(np.round(np.log2(np.clip(size, 1e-100, 1e100))))
