@@ -77,6 +77,43 @@ def test_known_minima(statement, x, F, lam, mu):
     np.testing.assert_allclose(found.mu, mu, atol=1e-6)
 
 
+# W. Hock, K. Schittkowski, Test examples for nonlinear programming codes, Springer 1981.
+@pytest.mark.parametrize(('F', 'names', 'cost', 'equalities', 'inequalities', 'bounds'), [
+    pytest.param(-6961.81381, 'xy', '(x - 10)**3 + (y - 20)**3', [],
+                 ['100 - (x - 5)**2 - (y - 5)**2', '(y - 5)**2 + (x - 6)**2 - 82.81'],
+                 {'x': [13, 100], 'y': [0, 100]}, id='19'),
+    pytest.param(-26272.51448, 'xyz', '-32.174*(255*log((x + y + z + 0.03)/(0.09*x + y + z'
+                 ' + 0.03))'
+                 ' + 280*log((y + z + 0.03)/(0.07*y + z + 0.03))'
+                 ' + 290*log((z + 0.03)/(0.13*z + 0.03)))', ['x + y + z - 1'], [],
+                 {name: [0, 1] for name in 'xyz'}, id='62'),
+    pytest.param(5126.4981, 'abcd', '3*a + 1e-6*a**3 + 2*b + 2e-6*b**3/3',
+                 ['1000*sin(-c - 0.25) + 1000*sin(-d - 0.25) + 894.8 - a',
+                  '1000*sin(c - 0.25) + 1000*sin(c - d - 0.25) + 894.8 - b',
+                  '1000*sin(d - 0.25) + 1000*sin(d - c - 0.25) + 1294.8'],
+                 ['c - d - 0.55', 'd - c - 0.55'],
+                 {'a': [0, 1200], 'b': [0, 1200], 'c': [-0.55, 0.55], 'd': [-0.55, 0.55]},
+                 id='74'),
+    pytest.param(-2.91970041, 'abcde', 'a*b*c*d*e', ['a**2 + b**2 + c**2 + d**2 + e**2 - 10',
+                 'b*c - 5*d*e', 'a**3 + b**3 + 1'], [], {}, id='78'),
+    pytest.param(680.6300573, 'abcdefg', '(a - 10)**2 + 5*(b - 12)**2 + c**4 + 3*(d - 11)**2'
+                 ' + 10*e**6 + 7*f**2 + g**4 - 4*f*g - 10*f - 8*g', [],
+                 ['2*a**2 + 3*b**4 + c + 4*d**2 + 5*e - 127',
+                  '7*a + 3*b + 10*c**2 + d - e - 282', '23*a + b**2 + 6*f**2 - 8*g - 196',
+                  '4*a**2 + b**2 - 3*a*b + 2*c**2 + 5*f - 11*g'], {}, id='100'),
+    pytest.param(7049.24802, 'abcdefgh', 'a + b + c', [],
+                 ['0.0025*(d + f) - 1', '0.0025*(e + g - d) - 1', '0.01*(h - e) - 1',
+                  '833.33252*d + 100*a - 83333.333 - a*f', '1250*e + b*d - 1250*d - b*g',
+                  '1250000 + c*e - 2500*e - c*h'],
+                 {'a': [100, 10000], 'b': [1000, 10000], 'c': [1000, 10000],
+                  **{name: [10, 1000] for name in 'defgh'}}, id='106'),
+])
+def test_hock_and_schittkowski(F, names, cost, equalities, inequalities, bounds):
+    found = solved(variables=list(names), cost=cost, equalities=equalities,
+                   inequalities=inequalities, bounds=bounds)
+    assert found.objective == pytest.approx(F, rel=1e-7)
+
+
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10**6), st.integers(2, 5))
 def test_quadratic_programmes(seed, n):
@@ -135,6 +172,9 @@ def test_the_lowest_of_several_minima():
     ({'variables': ['x'], 'cost': 'exp(-x)'}, Status.NOT_CONVERGED, 'is not attained'),
     ({'variables': ['x'], 'cost': 'x', 'equalities': ['x**2']}, Status.NOT_CONVERGED,
      'LICQ fails'),
+    # Hock and Schittkowski 13, a cusp: at its minimum, 1, there are no multipliers.
+    ({'variables': ['x', 'y'], 'cost': '(x - 2)**2 + y**2', 'inequalities': ['y - (1 - x)**3'],
+      'bounds': {'x': [0, None], 'y': [0, None]}}, Status.NOT_CONVERGED, 'LICQ fails'),
 ])
 def test_why_not(statement, status, text):
     found = minimize(statement)

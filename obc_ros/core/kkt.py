@@ -29,6 +29,8 @@ TOLERANCES = {'stationarity': 1e-6, 'feasibility': 1e-7, 'signs': 1e-6, 'complem
 # A constraint or bound this close to its limit may be active.
 _ACTIVE = 1e-6
 _DEPENDENT = 1e-9
+# Terms of multipliers beyond this, relative to grad F, say that gradients come to depend.
+_STRAINED = 1e5
 # A gradient vanishes if it changes sign within this, relative to 1 + |x|.
 _FLAT = 1e-4
 _NEWTON_STEPS = 60
@@ -204,10 +206,20 @@ def multipliers(program: Program, x: Array) -> Point:
         unit = (A / sizes[:, None]).T
         found, _, rank, _ = np.linalg.lstsq(unit, -gradient, rcond=_DEPENDENT)
         if ((found < low) | (found > high)).any():
+            # Nor do multipliers without end make up for what dependent gradients do not span.
+            left, values, right = np.linalg.svd(unit, full_matrices=False)
+            unit = (left[:, :rank] * values[:rank]) @ right[:rank]
             found = lsq_linear(unit, -gradient, (low, high), method='bvls').x
         every[rows] = (found / sizes)[:len(rows)]
         dependent = dependent or bool(rank < len(A))
     return Point(x, every[:k], every[k:], dependent, _has_descent(program.hessian(x, every)))
+
+
+def strained(program: Program, point: Point) -> bool:
+    """Return whether grad l is small only where much larger terms than grad F cancel."""
+    _, _, gradient, J = program.values(point.x)
+    terms = np.abs(np.concatenate((point.lam, point.mu))[:, None] * J)
+    return bool(terms.max(initial=0) > _STRAINED * np.abs(gradient).max())
 
 
 def _vanishing(program: Program, x: Array, J: Array) -> Mask:

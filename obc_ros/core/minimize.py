@@ -150,7 +150,7 @@ def _judged(question: _Question, runs: list[_Run], convex: bool, deadline: float
         if certificate.holds and bottomless is None:
             return found
         failed = failed or replace(found, status=Status.NOT_CONVERGED,
-                                   message=_why_not(point, certificate, F))
+                                   message=_why_not(question.program, point, certificate, F))
     if bottomless is not None:
         return Minimum(Status.NOT_CONVERGED, _bottomless(question, bottomless, failed))
     if failed is not None:
@@ -175,8 +175,11 @@ def _sentence(question: _Question, F: float, point: kkt.Point, convex: bool, sta
     return text
 
 
-def _why_not(point: kkt.Point, certificate: Certificate, F: float) -> str:
+def _why_not(program: kkt.Program, point: kkt.Point, certificate: Certificate, F: float) -> str:
     worst = certificate.worst
+    if worst in ('stationarity', 'attained') and kkt.strained(program, point):
+        return (f'stopped at F = {F:.10g}: towards it the gradients of the active constraints '
+                'become linearly dependent (LICQ fails) and the multipliers grow without end')
     if worst == 'stationarity' and point.dependent:
         return (f'stopped at F = {F:.10g}: the gradients of the active constraints are linearly '
                 'dependent there (LICQ fails) and no multipliers exist')
