@@ -292,6 +292,8 @@ class Search:
                                      guide=outcome)
             if not outcome.converged:
                 return
+            if Settling.vanished(outcome):
+                outcome = Settling(self, COARSE).without_vanishing(outcome)
 
     def widen_margin(self, course: Extremal) -> None:
         """Draw bounds of x and of the path in by what the path exceeds them between nodes."""

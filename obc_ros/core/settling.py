@@ -36,7 +36,8 @@ Array = NDArray[np.float64]
 _ROUNDS = 10
 _CLOSE = 1e-6         # relative cost, for which arcs are moved no more
 _SEEN = 0.98          # of an arc at a bound that was seen to last so long
-_VANISHING = 1e-3     # of T: an arc that may not be there
+_VANISHING, _GONE = 1e-3, 1e-6   # of T: an arc that may not be there; one that is not
+_DEARER = 1e-9, 1e-7  # relative: what a path without them may cost more, on another mesh
 _PATIENT = 200, 8     # iterations for arcs near an outcome; times those of the first coarse mesh
 _PERHAPS, _NEVER = 1, 2   # arcs on bounds also where a finer mesh may meet one; nowhere
 
@@ -153,9 +154,16 @@ class Settling:
             return outcome
         arcs = [arc for arc in self.shown(outcome)
                 if arc.end - arc.start > _VANISHING * T]
-        new = self.with_arcs(closed(arcs, T), outcome, 2.0 * self.coarse)
-        return new if new is not None and new.objective <= outcome.objective * (
-            1 + 1e-9 * np.sign(outcome.objective)) else outcome
+        density = max(2.0 * self.coarse, outcome.mesh.layout.intervals)
+        new = self.with_arcs(closed(arcs, T), outcome, density)
+        dearer = _DEARER[self.vanished(outcome)] * abs(outcome.objective)
+        return outcome if new is None or new.objective > outcome.objective + dearer else new
+
+    @staticmethod
+    def vanished(outcome: Outcome) -> bool:
+        """Return whether a phase has no length left."""
+        durations = outcome.path.durations
+        return bool(durations.min() < _GONE * durations.sum())
 
     def checked(self, arcs: list[Arc], outcome: Outcome) -> list[Arc]:
         """Return arcs that differ where dH/du says that an input is at the wrong bound."""
