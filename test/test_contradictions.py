@@ -4,7 +4,10 @@
 
 import math
 from pathlib import Path
+import re
 
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.contradictions import contradiction
 from obc_ros.core.statement import load_file, problem_from_mapping
@@ -227,3 +230,43 @@ def test_what_an_input_solves_is_not_accused(kind):
         assert said(stated) == ''
         assert said(stated, final_time={
             'free': True, 'lower': 0, 'upper': 1.01 * stated['final_time']['value']}) == ''
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10**6), st.integers(2, 4), st.floats(1.01, 3))
+def test_what_no_input_changes(seed, n, stretch):
+    # x' = (S0 + u S1) x with skew S keeps the length of x; with another part it does not.
+    rng = np.random.default_rng(seed)
+    names = [f'x{i}' for i in range(n)]
+    skew = [M - M.T for M in rng.normal(size=(2, n, n))]
+    x0, end = rng.normal(size=(2, n))
+    end *= np.linalg.norm(x0) / np.linalg.norm(end)
+
+    def sentence(end, growth=0.0):
+        rate = {name: ' + '.join(
+            f'({float(skew[0][i, j] + growth * (i == j == 0))} + ({skew[1][i, j]})*u)*{other}'
+            for j, other in enumerate(names)) for i, name in enumerate(names)}
+        return said(states=names, dynamics=rate, initial_state=dict(zip(
+            names, x0.tolist(), strict=True)), terminal_constraints=[
+                f'{name} - ({value!r})' for name, value in zip(
+                    names, end.tolist(), strict=True)], input_bounds={})
+
+    assert sentence(end) == ''
+    assert sentence(stretch * end, growth=1.0) == ''
+    text, = re.findall(r'constant whatever the inputs are: it is (\S+) at the initial state and '
+                       r'(\S+) where', sentence(stretch * end))
+    assert float(text[1]) == pytest.approx(stretch**2 * float(text[0]), rel=1e-6)
+
+
+@pytest.mark.parametrize(('ends', 'sentence'), [
+    (['S - 0.5', 'I - 0.02', 'R - 0.48'], ''),
+    (['S - 0.5', 'R - 0.6'], ''),   # not by this: I is what is left
+    (['S + R - 1.2', 'I - 0.02'],
+     'S + I + R is constant whatever the inputs are: it is 1 at the initial state and 1.22 where '
+     'the terminal constraints hold'),
+])
+def test_a_closed_population(ends, sentence):
+    assert said(
+        states=['S', 'I', 'R'], initial_state={'S': 0.9, 'I': 0.1, 'R': 0},
+        dynamics={'S': '-S*I/2 - u*S', 'I': 'S*I/2 - I/5', 'R': 'I/5 + u*S'},
+        terminal_constraints=ends) == sentence

@@ -34,7 +34,7 @@ _VALUES = 1001   # of a state between its ends
 def contradiction(problem: Problem) -> str:
     """Return a sentence that says which parts of a problem exclude each other, or ''."""
     for check in (_at_start, _at_end, _path_at_end, _beyond_control, _beyond_reach, _too_soon,
-                  _too_far):
+                  _too_far, _not_conserved):
         for sentence in check(problem):
             return sentence
     return ''
@@ -432,6 +432,17 @@ def _too_far(problem: Problem) -> Iterator[str]:
                 [min(rate.low, 0.0) for rate in rates]))
             high = np.minimum(high, problem.x0 + last * np.array(
                 [max(rate.high, 0.0) for rate in rates]))
+
+
+def _not_conserved(problem: Problem) -> Iterator[str]:
+    """Yield what no input changes and is not the same at the end."""
+    rows = _affine_rows(problem)
+    A, b = (np.zeros((0, problem.n)), np.zeros(0)) if rows is None else (
+        rows.A[rows.affine], rows.b[rows.affine])
+    if (end := _pinned(A, b)) is not None:
+        # Imported where used: no node that only asks for a problem waits for it.
+        from obc_ros.core.conserved import changed
+        yield from changed(problem, A, end[0])
 
 
 def _extent(problem: Problem, row: int, low: Array, high: Array) -> str:

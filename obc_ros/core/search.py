@@ -391,7 +391,11 @@ class Search:
             times, share = _VAIN   # time is left to say why
             self.monitor = self.monitor.part(times * self.work, share * self.monitor.remaining())
         best = self.followed_up(starts[0])
-        return best if self.quick else explored(self, best, starts[0].objective)
+        if self.quick:
+            return best
+        if not (best.certified or self.monitor.stopped) and (reason := contradiction(self.stated)):
+            return Solution(Status.INFEASIBLE, reason)   # by steps with errors there are paths
+        return explored(self, best, starts[0].objective)
 
     def inside(self, astray: list[Outcome]) -> Solution | None:
         """Return a certified answer, or one for a path astray, found where no amount is < 0."""
