@@ -46,6 +46,7 @@ _GAPS = 0.06, 0.01    # of T: how long what oscillates may be off a bound
 _INTERVALS = 24       # of all phases together, about
 _LEAST = 3            # of a phase
 _COARSE = 1e-4        # residual of the dynamics
+_STIFF = 0.1          # times what twice as long steps err by: these err elsewhere
 _WORSE = 1.5          # times what was off before: no finer mesh will do
 _FINEST = 8           # times as many, at most
 _NEAR = 1e-5          # of its size: how near its bound a constraint is met
@@ -144,15 +145,15 @@ def tidied(arcs: list[Arc]) -> list[Arc]:
 
 
 def settled(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Path,
-            sizes: Scales, pinned: Mask, monitor: Monitor, fine: int, like: Path
-            ) -> Phased | None:
+            sizes: Scales, pinned: Mask, monitor: Monitor, fine: int,
+            spread: tuple[Array, Array]) -> Phased | None:
     """
     Return the path with arcs, without those that vanish.
 
-    It has `fine` times as many intervals as usual, the shorter the more `like` a path bends.
+    It has `fine` times as many intervals as usual, `spread` over time as `spread_like` says.
     """
     for _ in range(_ROUNDS):
-        meshes = _meshes(arcs, like, fine)
+        meshes = _meshes(arcs, spread, fine)
         K = sum(len(mesh) for mesh in meshes)
         if monitor.stopped or not monitor.allows(K):
             return None
@@ -168,21 +169,41 @@ def settled(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Pa
     return None
 
 
-def _meshes(arcs: list[Arc], like: Path, fine: int) -> list[Array]:
+def _meshes(arcs: list[Arc], spread: tuple[Array, Array], fine: int) -> list[Array]:
     """Return the lengths of the intervals of each phase, as parts of it, as `settled` says."""
-    h = np.maximum(np.diff(like.t), 1e-300)
-    slope = np.diff(like.x, axis=0) / h[:, None]
-    bends = np.abs(np.diff(slope, axis=0)) / np.maximum(np.ptp(slope, axis=0), 1e-300)
-    bends = np.pad(bends.max(axis=1), 1)
-    weights = (h, np.ones(len(h)), bends[:-1] + bends[1:])
-    share = np.append(0.0, np.cumsum(sum(each / max(each.sum(), 1e-300) for each in weights)))
-    share, like_t, meshes = share / share[-1], like.t * (arcs[-1].end / like.t[-1]), []
+    (t, share), meshes = spread, []
+    t = t * (arcs[-1].end / t[-1])
     for arc in arcs:
-        first, last = np.interp([arc.start, arc.end], like_t, share)
+        first, last = np.interp([arc.start, arc.end], t, share)
         count = fine * max(_LEAST, math.ceil(_INTERVALS * (last - first)))
-        points = np.interp(np.linspace(first, last, count + 1), share, like_t)
+        points = np.interp(np.linspace(first, last, count + 1), share, t)
         meshes.append(np.diff(points) / (points[-1] - points[0]))
     return meshes
+
+
+def spread_like(path: Path) -> tuple[Array, Array]:
+    """Return times and which share of all intervals is to be before each: more where it bends."""
+    h = np.maximum(np.diff(path.t), 1e-300)
+    slope = np.diff(path.x, axis=0) / h[:, None]
+    bends = np.abs(np.diff(slope, axis=0)) / np.maximum(np.ptp(slope, axis=0), 1e-300)
+    bends = np.pad(bends.max(axis=1), 1)
+    return path.t, _shares(h, np.ones(len(h)), bends[:-1] + bends[1:])
+
+
+def spread_by_error(found: Phased) -> tuple[Array, Array]:
+    """Return likewise what makes the highest coefficients of x about the same everywhere."""
+    points = 2 * np.append(0.0, collocation(DEGREE, 'radau')[0]) - 1
+    highest = np.polynomial.legendre.legfit(points, np.eye(DEGREE + 1), DEGREE)[DEGREE]
+    size = np.maximum(np.abs(found.x).max(axis=(0, 1)), 1e-300)
+    error = (np.abs(np.einsum('j,kjn->kn', highest, found.x)) / size).max(axis=1)
+    return np.append(0.0, np.cumsum(found.h)), _shares(
+        found.h, np.ones(len(found.h)), error ** (1 / DEGREE))
+
+
+def _shares(*weights: Array) -> Array:
+    """Return which share of some weights, each (N,), is before each point, (N + 1,)."""
+    share = np.append(0.0, np.cumsum(sum(each / max(each.sum(), 1e-300) for each in weights)))
+    return np.asarray(share / share[-1])
 
 
 def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: Scales,
@@ -234,7 +255,7 @@ def _settled_on(search: 'Search', outcome: Outcome, arcs: list[Arc], allowed: fl
     problem, monitor, pinned = search.problem, search.monitor, search.pinned
     program, judge, fitter = search.kit.phased, search.kit.judge, search.kit.fitter(problem)
     guess, sizes, fine = with_steps(outcome.path, arcs), search.sizes(outcome), 1
-    off = math.inf
+    off, erred, spread = math.inf, math.inf, spread_like(outcome.path)
     for turn in range(_ROUNDS):
         if turn and (signature(arcs), fine) in seen:
             fine *= 2   # what a coarse mesh shows goes to and fro
@@ -242,7 +263,7 @@ def _settled_on(search: 'Search', outcome: Outcome, arcs: list[Arc], allowed: fl
             break
         seen.add((signature(arcs), fine))
         found = settled(
-            problem, program, arcs, guess, sizes, pinned, monitor, fine, outcome.path)
+            problem, program, arcs, guess, sizes, pinned, monitor, fine, spread)
         if found is None or found.cost > allowed:
             break
         answer = _certified(problem, program, judge, fitter, found)
@@ -251,6 +272,11 @@ def _settled_on(search: 'Search', outcome: Outcome, arcs: list[Arc], allowed: fl
             return answer
         if answer.certificate.residuals['dynamics'] > _COARSE:
             fine *= 2   # steps that err so much say nothing of arcs
+            erred, before = answer.certificate.residuals['dynamics'], erred
+            if erred > _STIFF * before:
+                spread = spread_by_error(found)
+                if len(found.arcs) == len(arcs):
+                    arcs, guess = found.arcs, as_path(found)
             continue
         worst = answer.certificate.worst
         off, before = (answer.certificate.residuals[worst]

@@ -67,7 +67,9 @@ def _believed(search: 'Search', mesh: Mesh, path: Path) -> Outcome | None:
         if search.believed(outcome):
             return outcome
         if number < _REFINED - 1:
-            mesh, path = search.finer(outcome, search.course(outcome)), outcome.path
+            course = search.course(outcome)
+            search.widen_margin(course)
+            mesh, path = search.finer(outcome, course), outcome.path
     return None
 
 

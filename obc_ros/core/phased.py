@@ -38,6 +38,7 @@ Grazing = frozenset[tuple[int, int]]
 
 DEGREE = 4
 _LEAST = 0.1      # of its length: how short a phase may become at once
+_LOOKS = np.linspace(0.0, 1.0, 9)[1:-1]   # parts of a phase at which it is looked at
 _OUTWARDS = 1e-4   # relative, where a path leaves a bound: it exceeds it by the square
 _OPTIONS: dict[str, object] = {
     'print_level': 0, 'sb': 'yes', 'linear_solver': 'mumps', 'tol': 1e-10,
@@ -278,10 +279,11 @@ class _Solve:
             held = ~np.isnan(arc.levels)
             for row in np.flatnonzero(bounds.orders == 1):
                 if held[bounds.deciding[row]].all():
-                    at = [k for k, t in enumerate(self.guess.t[:-1]) if arc.start < t < arc.end]
-                    x, u = self.guess.x[at], np.where(held, arc.levels, self.guess.ua[at])
-                    if at and not np.any(self.program.held[int(row)].map(len(at))(
-                            x.T, u.T, ca.repmat(self.problem.p_value, 1, len(at)))[1].full()):
+                    t = arc.start + _LOOKS * (arc.end - arc.start)
+                    x, u = self.guess.states_at(t), self.guess.inputs_at(t, after=True)
+                    u = np.where(held, arc.levels, u)
+                    if not np.any(self.program.held[int(row)].map(len(t))(
+                            x.T, u.T, ca.repmat(self.problem.p_value, 1, len(t)))[1].full()):
                         found.append((phase, int(row)))
         return found
 
