@@ -1,0 +1,76 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Phases of unknown lengths, and long horizons, where the path that shows them is a coarse one."""
+
+import numpy as np
+from obc_ros.core.arcs import Arc
+from obc_ros.core.guesses import scales
+from obc_ros.core.junctions import spread_by_error
+from obc_ros.core.kit import Kit
+from obc_ros.core.lengthening import lengthened
+from obc_ros.core.mesh import collocation, Path
+from obc_ros.core.monitor import Monitor
+from obc_ros.core.phased import DEGREE, Phased, PhasedProgram
+from obc_ros.core.search import Search
+from obc_ros.core.statement import problem_from_mapping
+import pytest
+
+FIXED = {'free': False, 'value': 3}
+
+
+def test_a_full_tank_weighs_only_in_the_end_while_its_inflow_is_shut():
+    """
+    The level V of a tank counts for 3 s: it is filled for 1 s, J = -(1/2 + 2).
+
+    Its bound holds itself while u = 0; were it held at all points, what it weighs would be
+    anything between them. The path that shows the phases has no point in the second one.
+    """
+    problem = problem_from_mapping({
+        'states': ['V'], 'inputs': ['u'], 'dynamics': {'V': 'u'}, 'running_cost': '-V',
+        'initial_state': {'V': 0}, 'input_bounds': {'u': [0, 1]}, 'state_bounds': {'V': [None, 1]},
+        'final_time': FIXED})
+    t, V = np.array([0, 0.6, 1.2, 3]), np.array([[0], [0.6], [1], [1]])
+    u = np.array([[1], [1], [0]])
+    guess = Path(t, V, np.zeros((3, 0, 1)), u, u, np.array([3.0]))
+    arcs = [Arc(0.0, 1.3, (1.0,), (0,)), Arc(1.3, 3.0, (0.0,), (0,))]
+    found = PhasedProgram(problem, (True,)).solve(
+        problem, arcs, [np.full(3, 1 / 3)] * 2, guess, scales(problem, guess),
+        np.zeros(1, dtype=bool), Monitor())
+    assert found.converged
+    assert found.cost == pytest.approx(-2.5, abs=1e-7)
+    assert found.durations == pytest.approx([1, 2], abs=1e-6)
+    inside = found.pushed[3:].reshape(-1)[:-1]
+    assert np.abs(inside).max() < 1e-9
+    # dlam/dt = 1, and u = 1 turns to 0 where lam vanishes.
+    assert found.lam[3:, 0, 0] == pytest.approx([0, 2 / 3, 4 / 3], abs=1e-5)
+
+
+def test_intervals_go_where_steps_err():
+    """Of four steps along exp(-40 t) all but the first err little."""
+    edges = np.linspace(0, 1, 5)
+    tau = np.append(0.0, collocation(DEGREE, 'radau')[0])
+    x = np.exp(-40 * (edges[:-1, None] + 0.25 * tau))[:, :, None]
+    u = np.zeros((4, DEGREE, 1))
+    found = Phased([Arc(0.0, 1.0, (np.nan,), (0,))], [np.full(4, 0.25)], np.ones(1), x, u, x,
+                   np.zeros((4, DEGREE, 1)), np.zeros(0), 0.0, True, {}, u, [])
+    t, share = spread_by_error(found)
+    assert t == pytest.approx(edges)
+    assert share[[0, -1]] == pytest.approx([0, 1])
+    assert share[1] > 0.45 and np.all(np.diff(share) > 0.1)
+
+
+def test_a_long_horizon_with_a_bound_of_the_state_is_found_from_short_ones():
+    """A bound that is not met changes nothing but the method."""
+    pendulum = {
+        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u - 9*sin(x)'},
+        'running_cost': 'x**2 + v**2 + u**2', 'initial_state': {'x': 3, 'v': 0},
+        'final_time': {'free': False, 'value': 40}}
+    costs = []
+    for more in ({}, {'state_bounds': {'v': [-6, None]}}):
+        problem = problem_from_mapping(pendulum | more)
+        search = Search(problem, Kit(problem), Monitor(60.0))
+        search.stages = 3
+        outcome = lengthened(search, 4)
+        assert outcome is not None and outcome.converged
+        costs.append(outcome.objective)
+    assert costs[1] == pytest.approx(costs[0], rel=5e-3)
