@@ -9,6 +9,7 @@ Hessian shows a way down, and from a little along it the method finds what lies 
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,12 @@ def left_behind(work: Interior, end: Iterate, goal: Goal,
             break
         gone = -float((work.moves(way) / end.gap).min(initial=0.0))
         y = end.y + min(_AWAY, 0.9 / max(gone, 1e-300)) * way
-        below = solve(work, work.begin(y, max(end.mu, _MU), _PUSH), goal, watch)
+        begun = work.begin(y, max(end.mu, _MU), _PUSH)
+        below = solve(work, replace(begun), goal, watch)
+        if below.status == 'too slow':   # which is no reason to take a saddle for an answer
+            begun.iterations = below.iterations
+            below = solve(work, begun, replace(goal, most=goal.most + below.iterations, rough=0.0),
+                          watch)
         below.iterations += end.iterations
         if not (below.converged
                 and below.values.f < end.values.f - _LESS * abs(end.values.f)):
