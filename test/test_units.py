@@ -46,6 +46,7 @@ def in_units(problem, *, scale=1.0, shift=0.0, cost=1.0, time=1.0):
     # Saddles of a symmetric problem are told from minima whatever the cost is counted in,
     ('nearest_of_a_parabola', {'cost': 1e-3}),
     ('nearest_of_a_parabola', {'scale': (1000, 0.1)}),
+    ('nearest_of_a_parabola', {'shift': (-1.524, 3.297)}),
     # what inputs reach, whatever states are,
     ('floating_oscillator', {'scale': (0.1, 1, 1000, 10)}),
     ('floating_oscillator', {'scale': (1e-4, 1, 1e6, 10), 'time': 1e3}),
@@ -92,6 +93,17 @@ def test_a_neighbour_of_which_another_minimum_is_the_best():
         assert found.objective == pytest.approx(least_among_wells(x0), rel=1e-6)
 
 
+def test_asked_again_it_starts_from_its_own_answer():
+    """In the units in which that was found: in others it would be another path."""
+    problem, _ = stated('terminal_wells')
+    cache = Cache()
+    first, again = solve(problem, cache=cache), solve(problem, cache=cache)
+    assert again.iterations < first.iterations / 10
+    for x0 in (0.0, 0.1, -0.1, 0.2):
+        found = solve(replace(problem, x0=np.array([x0])), cache=cache)
+        assert found.objective == pytest.approx(least_among_wells(x0), rel=1e-6)
+
+
 def shortest_to_a_point(x0, goal):
     """
     Return the length of a car's shortest path to a point, any heading, unit turning radius.
@@ -124,6 +136,17 @@ def test_a_car_finds_the_shorter_way_to_a_point_inside_of_its_turning_circle(x0)
     assert found.status is Status.SOLVED
     best = shortest_to_a_point(np.array(x0), np.array([0, 0.5]))
     assert found.objective == pytest.approx(best, rel=1e-6)
+
+
+def test_cars_from_further_away_are_not_led_along_the_first_ones_path():
+    problem, _ = stated('dubins_point_inside')
+    cache = Cache()
+    for x0 in ((0, 0, 0), (0.32, -0.97, -0.29), (-1, 0.59, 0.11), (-0.4, -0.44, 0.94)):
+        start = np.array(x0, dtype=float)
+        found = solve(replace(problem, x0=start), cache=cache)
+        assert found.status is Status.SOLVED
+        assert found.objective == pytest.approx(
+            shortest_to_a_point(start, np.array([0, 0.5])), rel=1e-6)
 
 
 def test_a_bound_of_order_three_that_holds_at_the_end_needs_no_luck():

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from obc_ros.core.familiar import ANOTHER
-from obc_ros.core.kit import Answered
+from obc_ros.core.kit import Answered, numbers
 from obc_ros.core.mesh import split
 from obc_ros.core.refine import below
 from obc_ros.core.rollouts import interleaved
@@ -83,7 +83,9 @@ def explored(search: 'Search', best: Solution, floor: float) -> Solution:
             kept = replace(kept, extremal=search.kit.indirect.thinned(
                 search.stated, kept.extremal, kept.sizes))
         search.kit.remember(replace(
-            kept, rivals=_rivals(found, ground), refined=best.objective / ground if ground else 1))
+            kept, rivals=_rivals(found, ground), refined=best.objective / ground if ground else 1,
+            looked=numbers(search.stated)))
+        search.kit.several |= search.familiar.minima > 1
     return best
 
 

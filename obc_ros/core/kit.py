@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 _LAYOUTS_KEPT, _ANSWERS_KEPT = 24, 16
 _NEIGHBOUR = 0.2   # relative change of its numbers up to which a problem is a neighbour
 _ELSEWHERE = 2.0   # likewise of x0, of the largest values of x on the path
+# Of both, from where the best of all minima was looked for: where only one is known, or several.
+_ALONE, _SEVERAL = 1.0, 0.05
 # Iterations times intervals after which the quicker derivatives have paid; usual iterations.
 _WORTH_DERIVING, _USUAL = 1000, 10
 _NUMBERS = ('x0', 'p_value', 'x_lower', 'x_upper', 'u_lower', 'u_upper', 'path_lower',
@@ -42,7 +44,8 @@ class Answered:
     A problem that was answered, and with what: where its neighbours start.
 
     `rivals`: other minima of about the same cost, on a coarse mesh; `refined`: what the cost of
-    the best one is there times that finer meshes bring it to.
+    the best one is there times that finer meshes bring it to. `looked`: the numbers for which the
+    best of all minima was looked for last: far from there another may be the best.
     """
 
     problem: Problem
@@ -52,11 +55,12 @@ class Answered:
     extremal: BoundaryValues | None = None   # where its kinks are known
     rivals: tuple[Outcome, ...] = ()
     refined: float = 1.0
+    looked: Array | None = None
 
     @cached_property
     def numbers(self) -> Array:
         """Return all numbers of the problem."""
-        return _numbers(self.problem)
+        return numbers(self.problem)
 
     @cached_property
     def reach(self) -> Array:
@@ -67,6 +71,11 @@ class Answered:
         n = self.problem.n
         found[:n] = np.maximum(found[:n], _ELSEWHERE * np.abs(self.outcome.path.x).max(axis=0))
         return found
+
+    def serves(self, numbers: Array, several: bool) -> bool:
+        """Return whether for some numbers the best of several minima is likely to be this one."""
+        allowed = (_SEVERAL if several else _ALONE) * self.reach
+        return self.looked is None or not np.any(np.abs(numbers - self.looked) > allowed)
 
 
 class Kit:
@@ -85,6 +94,7 @@ class Kit:
             ca.vertcat(problem.x, problem.u))
         self.answers: list[Answered] = []   # the latest last
         self.touched_up = False   # whether answers were polished
+        self.several = False   # whether several minima were found for some numbers
         self._problem, self._smooth = problem, smooth
         self._pieces: dict[tuple[int, bool, bool], Pieces] = {}
         self._fitters: dict[bool, Fitter] = {}
@@ -119,15 +129,17 @@ class Kit:
 
     def neighbour(self, problem: Problem) -> Answered | None:
         """Return the nearest answer to a problem whose numbers are near, if there is one."""
-        if not self.answers:
-            return None
-        mine, theirs = _numbers(problem), np.stack([answer.numbers for answer in self.answers])
+        mine = numbers(problem)
         with np.errstate(invalid='ignore', divide='ignore'):
-            apart = np.abs(mine - theirs) / np.stack([answer.reach for answer in self.answers])
+            known = [answer for answer in self.answers if answer.serves(mine, self.several)]
+            if not known:
+                return None
+            theirs = np.stack([answer.numbers for answer in known])
+            apart = np.abs(mine - theirs) / np.stack([answer.reach for answer in known])
         most = np.where(mine == theirs, 0.0, apart).max(axis=1)
         # Of equal ones the latest.
         k = len(most) - 1 - int(np.argmin(most[::-1]))
-        return self.answers[k] if most[k] <= 1.0 else None
+        return known[k] if most[k] <= 1.0 else None
 
     @cached_property
     def deciding(self) -> NDArray[np.bool_]:
@@ -160,7 +172,7 @@ class Kit:
         return self._fitters[stated]
 
 
-def _numbers(problem: Problem) -> Array:
+def numbers(problem: Problem) -> Array:
     """Return all numbers of a problem in a row."""
     final = problem.final_time
     return np.concatenate([*(getattr(problem, name) for name in _NUMBERS),

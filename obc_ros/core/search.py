@@ -357,7 +357,7 @@ class Search:
             if answer is not None and not self.monitor.stopped:   # kinks left their mesh points
                 answer = self.followed_up(outcome, _WARM_ROUNDS)
                 self.last = self.last and replace(
-                    self.last, rivals=last.rivals, refined=last.refined)
+                    self.last, rivals=last.rivals, refined=last.refined, looked=last.looked)
         if answer and answer.certified and self.last and not beaten(self, last, answer):
             self.kit.remember(self.last)
             return answer
@@ -444,7 +444,7 @@ class Search:
 
     def answered(self, outcome: Outcome) -> Answered:
         """Return what a neighbour, or the indirect method, starts from."""
-        return Answered(self.stated, outcome, self.sizes(outcome), self.margin,
+        return Answered(self.stated, outcome, outcome.scales or self.sizes(outcome), self.margin,
                         self._extremal(outcome))
 
     def _extremal(self, outcome: Outcome) -> BoundaryValues | None:

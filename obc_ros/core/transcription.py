@@ -68,6 +68,8 @@ class Outcome:
         ends others hold on either side.
     w, lam_w, lam_g, mu
         Unknowns, multipliers and parameter of the barrier of the program, for a warm start.
+    scales : Scales, optional
+        In which these are.
 
     """
 
@@ -89,6 +91,7 @@ class Outcome:
     lam_w: Array
     lam_g: Array
     mu: float
+    scales: 'Scales | None' = None
 
     def pressure(self) -> Array:
         """Return by how much J grows with drawing in each bound of x and of c, (n + l,)."""
@@ -471,4 +474,4 @@ class Transcription:
             mesh, path, found.converged, found.status, found.f * scales.cost, violation,
             found.iterations, lam[first:first + self.q], costates, node_bounds,
             bounds[self.at_inner] / scales.x, node_path, local[:, 1:], sides, w, lam_w, lam_g,
-            found.mu)
+            found.mu, scales)
