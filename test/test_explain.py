@@ -17,6 +17,8 @@ from obc_ros.core.solution import Solution, Status
 from obc_ros.core.solve import solve
 from obc_ros.core.statement import load_file, problem_from_mapping
 import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 PROBLEMS = Path(__file__).parent / 'problems'
 BLOCK = {
@@ -245,3 +247,36 @@ def test_weierstrass():
         'terminal_constraints': ['x - 1'], 'final_time': {'free': False, 'value': 1}})
     assert not found.infeasible
     assert 'goes on falling as inputs may be larger' in found.sentence
+
+
+def test_a_rocket_that_burns_most_by_thrusting_to_and_fro():
+    """
+    ACADO's rocket in least time: less mass is quicker, and it loses 0.01 u^2 also by braking.
+
+    Along its speed limit it would switch between full thrust and full brake without end, so that
+    m = 1 - 0.0121 t all along; the least time is then that of full thrust, the limit and full
+    brake, here by an independent integration.
+    """
+    def fly(start, begin, u, stop):
+        stop.terminal = True
+        path = solve_ivp(
+            lambda t, z: [z[1], (u - 0.2 * z[1]**2) / (1 - 0.0121 * t)], (begin, 20), start,
+            events=stop, rtol=1e-12, atol=1e-12)
+        return path.t[-1], path.y[0, -1]
+
+    reached, way = fly([0, 0], 0, 1.1, lambda t, z: z[1] - 1.7)
+
+    def braked(t):
+        return fly([way + 1.7 * (t - reached), 1.7], t, -1.1, lambda t, z: z[1])
+
+    least = braked(brentq(lambda t: braked(t)[1] - 10, reached, 8, xtol=1e-12))[0]
+    found = solve(problem_from_mapping({
+        'states': ['s', 'v', 'm'], 'inputs': ['u'], 'running_cost': '1',
+        'dynamics': {'s': 'v', 'v': '(u - 0.2*v**2)/m', 'm': '-0.01*u**2'},
+        'initial_state': {'s': 0, 'v': 0, 'm': 1}, 'terminal_constraints': ['s - 10', 'v'],
+        'input_bounds': {'u': [-1.1, 1.1]}, 'state_bounds': {'v': [-0.1, 1.7]},
+        'final_time': {'free': True, 'lower': 5, 'upper': 15}}))
+    assert found.status is Status.NOT_CONVERGED
+    assert found.message.startswith(
+        f'no input attains the least cost: {least:.6g} is approached by switching')
+    assert 'between u = 1.1 and -1.1' in found.message

@@ -118,7 +118,7 @@ class _Doubt:
                 or self.without_end(found) or self.leapt(nearest))
         missed = _missed(problem, nearest)
         if not missed:
-            return self.without_end(found)
+            return self.mixed(found) or self.without_end(found)
         shown = self.convex and _nearly_optimal(nearest)
         return self.too_short(shown) or self.missing(missed, shown)
 
@@ -136,11 +136,13 @@ class _Doubt:
 
     def mixed(self, found: Solution | None) -> Reason | None:
         """Return that the least cost is approached by ever faster switching, if it is."""
-        other = None if found is None or self.lost else relaxed(self.problem, found)
-        if found is None or other is None:
+        other = None if found is None else relaxed(self.problem, found)
+        # Bounds that a path just misses do not matter where mixtures of an input's bounds do.
+        if found is None or other is None or self.lost and other.m > self.problem.m:
             return None
         answer = self.thorough(other)
-        sentence = chattering(self.problem, answer, found) if _certified(answer) else ''
+        sentence = chattering(
+            self.problem, other, answer, found) if _certified(answer) else ''
         return Reason(False, sentence) if sentence else None
 
     def without_end(self, found: Solution | None) -> Reason | None:

@@ -7,15 +7,19 @@ Where L + lam' f is not convex in u, paths that follow a mean of f(x, u) and f(x
 than any that follows f itself; an input that alternates between u and v quickly enough comes as
 near to them as one likes, and none is best. The relaxed problem, with u, v and the share of v as
 inputs, has a minimum then (L. C. Young, Lectures on the Calculus of Variations and Optimal Control
-Theory, 1969).
+Theory, 1969). Where it is concave in an input, mixtures of that input's two bounds are all that is
+needed, and the relaxed problem is linear in their share.
 """
 
 from dataclasses import replace
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 from obc_ros.core.problem import Guess, Problem
 from obc_ros.core.solution import Solution
+
+Array = NDArray[np.float64]
 
 _APART = 1e-2    # of an input's largest value: what counts as two inputs
 _SHARE = 1e-2    # of the time, at least, of each of them
@@ -24,6 +28,10 @@ _VALUES = 0.9, 0.1   # quantiles of an input: between what it switches
 _LOOKS = 11      # points of a path, and inputs at each
 _WINDOW = 2.0    # of the largest inputs: how far around them
 _FLAT = 1e-9     # of the largest curvature
+_NEARLY = 1e-3   # likewise: what of the other sign may be an error of the costates
+_ALONG = 101     # points of a path
+_GUESSED = 101   # likewise, of a guess
+_SHARED = '#share'   # how the name of an input's share ends
 
 
 def relaxed(problem: Problem, found: Solution) -> Problem | None:
@@ -31,6 +39,9 @@ def relaxed(problem: Problem, found: Solution) -> Problem | None:
     x, u, p = problem.x, problem.u, problem.p
     if ca.depends_on(problem.path, u) or _convex(problem, found):
         return None
+    concave = np.flatnonzero(_concave(problem, found))
+    if len(concave) == 1:
+        return _between_bounds(problem, int(concave[0]), found)
     v, share = ca.SX.sym('v', problem.m), ca.SX.sym('share')
     rate = ca.Function('rate', [x, u, p], [problem.f, problem.L])
     (f, L), (g, M) = rate.call([x, u, p]), rate.call([x, v, p])
@@ -44,6 +55,58 @@ def relaxed(problem: Problem, found: Solution) -> Problem | None:
         L=(1 - share) * L + share * M,
         u_lower=np.concatenate([problem.u_lower, problem.u_lower, [0.0]]),
         u_upper=np.concatenate([problem.u_upper, problem.u_upper, [1.0]]))
+
+
+def _between_bounds(problem: Problem, j: int, found: Solution) -> Problem:
+    """Return the problem with an input replaced by the share of its lower bound in mixtures."""
+    x, u, p, share = problem.x, problem.u, problem.p, ca.SX.sym('share')
+    rate = ca.Function('rate', [x, u, p], [problem.f, problem.L])
+    names, inputs, bounds = list(problem.inputs), ca.SX(u), (
+        problem.u_lower.copy(), problem.u_upper.copy())
+    mixed = []
+    for bound in (problem.u_upper, problem.u_lower):
+        held = ca.SX(u)
+        held[j] = bound[j]
+        mixed.append(rate.call([x, held, p]))
+    (f, L), (g, M) = mixed
+    inputs[j], names[j], bounds[0][j], bounds[1][j] = share, f'{names[j]}{_SHARED}', 0.0, 1.0
+    part = (problem.u_upper[j] - found.u[:, j]) / (problem.u_upper[j] - problem.u_lower[j])
+    times = np.linspace(0.0, found.t[-1], _GUESSED)
+    u_guess = {name: np.interp(times, found.t, column) for name, column in zip(
+        names, np.where(np.arange(problem.m) == j, part[:, None], found.u).T, strict=True)}
+    x_guess = {name: np.interp(times, found.t, column)
+               for name, column in zip(problem.states, found.x.T, strict=True)}
+    return replace(
+        problem, structure='', u=inputs, f=(1 - share) * f + share * g, inputs=tuple(names),
+        L=(1 - share) * L + share * M, u_lower=bounds[0], u_upper=bounds[1],
+        guess=Guess(x=x_guess, u=u_guess, final_time=float(found.t[-1])))
+
+
+def _inputs_of(problem: Problem, u: Array, j: int) -> Array:
+    """Return inputs (N, m) of which one is given as the share of its lower bound."""
+    mean = problem.u_upper[j] - u[:, j] * (problem.u_upper[j] - problem.u_lower[j])
+    return np.where(np.arange(problem.m) == j, mean[:, None], u)
+
+
+def _concave(problem: Problem, found: Solution) -> NDArray[np.bool_]:
+    """Return in which inputs between bounds L + lam' f is concave, all along a path, (m,)."""
+    lam = ca.SX.sym('lam', problem.n)
+    H = problem.L + ca.dot(lam, problem.f)
+    curvature = ca.vertcat(*[ca.jacobian(ca.jacobian(H, each), each)
+                             for each in ca.vertsplit(problem.u)])
+    look = ca.Function('curvature', [problem.x, problem.u, lam, problem.p], [curvature])
+    spans = problem.u_upper - problem.u_lower
+    concave = np.isfinite(spans) & (spans > 0)
+    rows = np.linspace(0, len(found.t) - 1, _ALONG).astype(int)
+    values = []
+    for part in np.linspace(0.0, 1.0, _LOOKS):
+        u = np.where(concave, problem.u_lower + part * np.where(concave, spans, 0.0),
+                     found.u[rows])
+        values.append(look(found.x[rows].T, u.T, found.lam[rows].T, problem.p_value).full())
+    each = np.stack(values)   # (looks, m, rows)
+    size = np.abs(each).max(axis=(0, 2))
+    return np.asarray(concave & (size > 0) & np.all(np.isfinite(each), axis=(0, 2))
+                      & np.all(each <= _NEARLY * size[:, None], axis=(0, 2)))
 
 
 def _convex(problem: Problem, found: Solution) -> bool:
@@ -64,10 +127,17 @@ def _convex(problem: Problem, found: Solution) -> bool:
     return True
 
 
-def chattering(problem: Problem, mixed: Solution, found: Solution) -> str:
-    """Return a sentence if the relaxed answer costs less by mixing inputs; '' if not."""
+def chattering(problem: Problem, other: Problem, mixed: Solution, found: Solution) -> str:
+    """Return a sentence if the answer of the relaxed problem costs less by mixing inputs."""
     m, gain = problem.m, found.objective - mixed.objective
-    u, v, share = mixed.u[:, :m], mixed.u[:, m:2*m], mixed.u[:, 2*m]
+    if other.m == m:
+        j = next(k for k, name in enumerate(other.inputs) if name.endswith(_SHARED))
+        if not _concave(problem, replace(mixed, u=_inputs_of(problem, mixed.u, j)))[j]:
+            return ''
+        u, v, share = mixed.u.copy(), mixed.u.copy(), mixed.u[:, j]
+        u[:, j], v[:, j] = problem.u_upper[j], problem.u_lower[j]
+    else:
+        u, v, share = mixed.u[:, :m], mixed.u[:, m:2*m], mixed.u[:, 2*m]
     size = np.maximum(np.abs(u).max(axis=0), np.abs(v).max(axis=0))
     apart = np.abs(u - v) > _APART * size
     mixes = apart.any(axis=1) & (np.abs(share - 0.5) < 0.5 - _SHARE)
@@ -78,6 +148,7 @@ def chattering(problem: Problem, mixed: Solution, found: Solution) -> str:
     k = int(np.flatnonzero(both)[both.sum() // 2])
     pairs = ' and between '.join(
         f'{problem.inputs[i]} = {u[k, i]:.4g} and {v[k, i]:.4g}' for i in np.flatnonzero(apart[k]))
+    best = (f'; the best path found costs {found.objective:.6g}'
+            if found.certificate and found.certificate.feasible else '')
     return (f'no input attains the least cost: {mixed.objective:.6g} is approached by switching '
-            f'faster and faster, at t = {mixed.t[k]:.3g} between {pairs}; the best path found '
-            f'costs {found.objective:.6g}')
+            f'faster and faster, at t = {mixed.t[k]:.3g} between {pairs}{best}')

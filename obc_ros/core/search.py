@@ -5,6 +5,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.aligned import neighbouring, on_kinks
@@ -40,6 +41,8 @@ _ROUGH = 1e-4         # relative error of the cost on a coarse mesh
 # found does not depend on what else a machine has to do; one is 0.05 ms or so.
 _PATIENCE = 10_000    # for starts while none converged
 _VAIN = 2, 0.6        # for starts that led nowhere: times the work so far, part of the time left
+_MIXED = 200_000      # work where inputs seem to mix their bounds, which no path does
+_INSIDE, _LASTING = 1e-2, 0.1   # of its span, and of T: an input between its bounds for long
 _BELIEVED, _ABSURD = 1e-2, 1e6   # relative: error of a coarse step; cost above the least one
 _MESHES = 1, 2, 4, 6   # finer ones, after which arcs along bounds are solved for
 _NEAR_BOUNDS = 0.1    # relative cost above the least one, at which that is tried
@@ -390,12 +393,28 @@ class Search:
         if not (self.led_somewhere or self.quick):
             times, share = _VAIN   # time is left to say why
             self.monitor = self.monitor.part(times * self.work, share * self.monitor.remaining())
+        elif not self.quick and self.mixes(starts[0]):
+            self.monitor = self.monitor.part(self.work + _MIXED, _VAIN[1]*self.monitor.remaining())
         best = self.followed_up(starts[0])
         if self.quick:
             return best
         if not (best.certified or self.monitor.stopped) and (reason := contradiction(self.stated)):
             return Solution(Status.INFEASIBLE, reason)   # by steps with errors there are paths
         return explored(self, best, starts[0].objective)
+
+    def mixes(self, outcome: Outcome) -> bool:
+        """Return whether an input is between its bounds for long where H is concave in it."""
+        problem, course = self.problem, self.course(outcome)
+        if self.kit.twin or any(ca.depends_on(problem.path, u) for u in ca.vertsplit(problem.u)):
+            return False
+        _, _, Huu = self.kit.integrator.hamiltonian(problem, course.x, course.ua, course.lam)
+        curvature, span = np.einsum('kii->ki', Huu), problem.u_upper - problem.u_lower
+        with np.errstate(invalid='ignore'):
+            inside = np.minimum(course.ua - problem.u_lower,
+                                problem.u_upper - course.ua) > _INSIDE * span
+        concave = curvature < -_INSIDE * np.abs(curvature).max(axis=0, initial=0.0)
+        share = np.diff(course.t) @ (inside & concave & np.isfinite(span)) / course.t[-1]
+        return bool(np.any(share > _LASTING))
 
     def inside(self, astray: list[Outcome]) -> Solution | None:
         """Return a certified answer, or one for a path astray, found where no amount is < 0."""
