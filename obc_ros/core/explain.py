@@ -136,7 +136,7 @@ class _Doubt:
 
     def mixed(self, found: Solution | None) -> Reason | None:
         """Return that the least cost is approached by ever faster switching, if it is."""
-        other = None if found is None else relaxed(self.problem, found)
+        other = relaxed(self.problem, found) if found is not None and found.t.size else None
         # Bounds that a path just misses do not matter where mixtures of an input's bounds do.
         if found is None or other is None or self.lost and other.m > self.problem.m:
             return None
