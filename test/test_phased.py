@@ -5,13 +5,13 @@
 import numpy as np
 from obc_ros.core.arcs import Arc
 from obc_ros.core.guesses import scales
-from obc_ros.core.junctions import spread_by_error
 from obc_ros.core.kit import Kit
 from obc_ros.core.lengthening import lengthened
 from obc_ros.core.mesh import collocation, Path
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.phased import DEGREE, Phased, PhasedProgram
 from obc_ros.core.search import Search
+from obc_ros.core.spread import spread_by_error
 from obc_ros.core.statement import problem_from_mapping
 import pytest
 

@@ -31,6 +31,7 @@ from obc_ros.core.phased import DEGREE, Grazing, Phased, PhasedProgram
 from obc_ros.core.problem import Problem
 from obc_ros.core.refine import below
 from obc_ros.core.solution import Solution, Status
+from obc_ros.core.spread import spread_by_error, spread_like
 from obc_ros.core.transcription import Outcome, Scales
 
 if TYPE_CHECKING:
@@ -179,31 +180,6 @@ def _meshes(arcs: list[Arc], spread: tuple[Array, Array], fine: int) -> list[Arr
         points = np.interp(np.linspace(first, last, count + 1), share, t)
         meshes.append(np.diff(points) / (points[-1] - points[0]))
     return meshes
-
-
-def spread_like(path: Path) -> tuple[Array, Array]:
-    """Return times and which share of all intervals is to be before each: more where it bends."""
-    h = np.maximum(np.diff(path.t), 1e-300)
-    slope = np.diff(path.x, axis=0) / h[:, None]
-    bends = np.abs(np.diff(slope, axis=0)) / np.maximum(np.ptp(slope, axis=0), 1e-300)
-    bends = np.pad(bends.max(axis=1), 1)
-    return path.t, _shares(h, np.ones(len(h)), bends[:-1] + bends[1:])
-
-
-def spread_by_error(found: Phased) -> tuple[Array, Array]:
-    """Return likewise what makes the highest coefficients of x about the same everywhere."""
-    points = 2 * np.append(0.0, collocation(DEGREE, 'radau')[0]) - 1
-    highest = np.polynomial.legendre.legfit(points, np.eye(DEGREE + 1), DEGREE)[DEGREE]
-    size = np.maximum(np.abs(found.x).max(axis=(0, 1)), 1e-300)
-    error = (np.abs(np.einsum('j,kjn->kn', highest, found.x)) / size).max(axis=1)
-    return np.append(0.0, np.cumsum(found.h)), _shares(
-        found.h, np.ones(len(found.h)), error ** (1 / DEGREE))
-
-
-def _shares(*weights: Array) -> Array:
-    """Return which share of some weights, each (N,), is before each point, (N + 1,)."""
-    share = np.append(0.0, np.cumsum(sum(each / max(each.sum(), 1e-300) for each in weights)))
-    return np.asarray(share / share[-1])
 
 
 def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: Scales,
