@@ -149,6 +149,17 @@ def test_cars_from_further_away_are_not_led_along_the_first_ones_path():
             shortest_to_a_point(start, np.array([0, 0.5])), rel=1e-6)
 
 
+def test_a_neighbour_that_has_to_wind_takes_the_shorter_of_two_ways():
+    """Begun 1.57 further on it must take a longer way, 13 times as dear, to either side."""
+    problem, _ = stated('lane_change')
+    change = {'x0': np.array([1.57, -2.19, -9.7e-4]), 'p_value': np.array([2.96, 99.64, 2.0])}
+    cache = Cache()
+    solve(problem, cache=cache)
+    again, alone = (solve(replace(problem, **change), cache=kept) for kept in (cache, None))
+    assert again.status is Status.SOLVED
+    assert again.objective == pytest.approx(alone.objective, rel=1e-5)
+
+
 def test_a_bound_of_order_three_that_holds_at_the_end_needs_no_luck():
     """To within what the cost changes with x(0), to first order: dJ/dx0 = lam(0)."""
     problem, expected = stated('robbins')

@@ -48,7 +48,8 @@ _MESHES = 1, 2, 4, 6   # finer ones, after which arcs along bounds are solved fo
 _NEAR_BOUNDS = 0.1    # relative cost above the least one, at which that is tried
 # Of finer meshes; of those before curved inputs are held; of those from a neighbour's answer.
 _ROUNDS, _PLAIN_ROUNDS, _WARM_ROUNDS = 10, 5, 3
-_COARSE_ITERATIONS, _FEW_ITERATIONS, _WARM_ITERATIONS = 150, 12, 100
+_COARSE_ITERATIONS, _FEW_ITERATIONS = 150, 12
+_WARM_ITERATIONS = 15   # what takes more has come far, perhaps past better paths
 _WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
 _DETOUR = 1e-5        # likewise, at which inputs may wind around between points
 _CLOSE = _LEAST = 1e-6   # likewise, at which no finer mesh is tried; what counts as one in J = 0
