@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from obc_ros.core.familiar import ANOTHER
 from obc_ros.core.kit import Answered, numbers
-from obc_ros.core.mesh import split
+from obc_ros.core.mesh import Path, split
 from obc_ros.core.refine import below
-from obc_ros.core.rollouts import interleaved
+from obc_ros.core.rollouts import glance, interleaved
 from obc_ros.core.solution import Solution
 from obc_ros.core.transcription import Outcome
 
@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 
 _EXPLORING = (0.15, 0.3)   # part of the work for further starts, of easy and of hard problems
 _HARD = 3000
-_LEAST_HARD = 12      # number of them, of hard problems by collocation
+_LEAST_HARD = 12      # number of them, of hard problems by collocation, and of rough ones
+_FEW = 2              # minima, beyond which twice as many starts are needed
+_SLOW = 30            # iterations on a coarse mesh, beyond which a problem is rough
+_AFTER = 3            # further starts, once one has led to something better
 # Likewise of those by Runge-Kutta steps that are hard, or have uneven costs, and work for them.
 _MANY, _MOST, _FOR_MANY = 24, 80, 15_000
 _ITERATIONS = 150     # for a lower cost that is not to be believed yet
@@ -28,7 +31,9 @@ _TIES, _SAME = 6, 2e-4   # followed up although on the coarse mesh they cost a l
 _CHEAPER = 1e-6       # relative: of two answers that are certified
 _SAYS = 0.2           # relative: error of a cost on a coarse mesh that says something
 _RIVALS, _RIVAL = 3, 0.3   # other minima that are kept, costs up to so much above the best
-_WEARY = 500_000      # work without an answer that holds, after which no further start is tried
+# Work without an answer that holds, after which no further start is tried; for further starts of
+# rough problems, where as much has not been made before.
+_WEARY, _FOR_ROUGH = 500_000, 3000
 
 
 def explored(search: 'Search', best: Solution, floor: float) -> Solution:
@@ -38,20 +43,27 @@ def explored(search: 'Search', best: Solution, floor: float) -> Solution:
     Their number grows with the work that the problem has made so far: what is solved at once
     is not held up; what is hard, or has uneven costs, is looked at from many sides.
     """
-    kept, spent, uneven = search.last, 0, search.kit.uneven_costs(search.problem, abs(floor))
+    kept, spent, promising = search.last, 0, list[Path]()
+    uneven = search.kit.uneven_costs(search.problem, abs(floor))
     if uneven:
         search.starts = search.kit.guesser.scattered(
             search.problem, search.kit.integrator, search.starts, abs(floor))
-    elif search.work > _HARD:
-        search.starts = interleaved(search, search.starts)
+    else:
+        promising = glance(search)
+        search.starts = interleaved(
+            search, search.starts, promising, lambda: search.work > _HARD or _rough(search))
     found, ground = list[Outcome](), floor   # `ground`: of the best, on the coarse mesh
     ties = [floor]   # coarse costs of what was followed up
+    wanted = 1 + bool(promising)   # starts, more after each that has led to something better
     for number in range(_MOST):
-        hard = search.work > _HARD
+        hard, rough = search.work - spent > _HARD, _rough(search)
         many = uneven or hard and not search.stages
-        least = _LEAST_HARD if hard else 1
+        several = 1 + (search.familiar.minima > _FEW)
+        least = max(several * _LEAST_HARD if hard or rough else 1, wanted)
         enough = (number >= _MANY and spent >= _FOR_MANY) if many else number >= least
         weary = search.work > _WEARY and not best.certified
+        if rough and best.certified and not (hard or uneven):
+            weary = spent > max(_FOR_ROUGH, search.work - spent)
         if search.monitor.stopped or weary or enough and (
                 spent > _EXPLORING[hard] * search.work or search.familiar.enough()):
             break
@@ -75,6 +87,7 @@ def explored(search: 'Search', best: Solution, floor: float) -> Solution:
             if (other.certified and (cheaper or not best.certified)
                     or cheaper and other.certificate and other.certificate.feasible):
                 best, kept, ground = other, search.last, outcome.objective
+                wanted = number + 1 + _AFTER
         found.append(outcome)
         spent += search.work - started
     search.last = kept
@@ -87,6 +100,11 @@ def explored(search: 'Search', best: Solution, floor: float) -> Solution:
             looked=numbers(search.stated)))
         search.kit.several |= search.familiar.minima > 1
     return best
+
+
+def _rough(search: 'Search') -> bool:
+    """Return whether starts have led far or nowhere, or slowly."""
+    return search.typical > _SLOW or search.familiar.rough
 
 
 def _pursued(search: 'Search', floor: float, outcome: Outcome) -> Outcome:

@@ -140,6 +140,11 @@ class Integrator:
             first, ua, ub, np.diff(t)[:, None], problem.p_value)])
         return path[:, :-1], path[:, -1]
 
+    def ends(self, problem: Problem, x: Array) -> tuple[Array, Array]:
+        """Return V (K,) and psi (K, q) at K states."""
+        V, psi, _ = self._end(x, np.zeros(problem.q), problem.p_value)
+        return V[:, 0], psi
+
     def hamiltonian(self, problem: Problem, x: Array, u: Array, lam: Array,
                     mu: Array | None = None) -> tuple[Array, Array, Array]:
         """

@@ -24,7 +24,7 @@ class Familiar:
 
     def __init__(self) -> None:
         self.spans: tuple[Array, Array] | None = None
-        self._costs = list[float]()
+        self._costs, self._astray = list[float](), 0
         self._iterates = set[tuple[str, str]]()
         self._now = list[tuple[str, str]]()
 
@@ -45,10 +45,19 @@ class Familiar:
             self.spans = np.maximum(known[0], new[0]), np.maximum(known[1], new[1])
         if path is not None or self._knows(cost, infeasibility):
             self._costs.append(cost)
+        else:
+            self._astray += 1
 
     def _knows(self, cost: float, infeasibility: float) -> bool:
         return infeasibility <= _MET and any(
             abs(cost - known) <= _SAME * abs(known) for known in self._costs)
+
+    @property
+    def rough(self) -> bool:
+        """Return whether more than a quarter of the searches led nowhere, or to twice the cost."""
+        least = min(self._costs, default=0.0)
+        far = sum(cost - least > abs(least) for cost in self._costs)
+        return 4 * (self._astray + far) > self._astray + len(self._costs)
 
     @property
     def minima(self) -> int:

@@ -36,6 +36,7 @@ _LONGER = 8.0         # times the guess of a free T, and the least part of it
 _SPREAD = 0.4         # of their range: how far around the best is drawn; less each time
 _TYPICAL = 0.8        # of what is seen of a constraint, a quantile
 _LIKE = 0.1           # of the largest cost: how far apart costs of paths that are alike are
+_GLANCE = 32, 5, 2.0   # inputs drawn for a first look, steps for each piece, times a free T
 _TRIED, _TRIED_MOST = 8, 16   # paths from which a search is started: while none led anywhere
 _INTERVALS, _ITERATIONS = 32, 150
 _VAIN = 3     # in a row that led to nothing new, once there is an answer
@@ -66,30 +67,76 @@ def from_rollouts(search: 'Search', T: float) -> list[Outcome]:
     return found
 
 
-def interleaved(search: 'Search', starts: Iterator[Path]) -> Iterator[Path]:
+def interleaved(search: 'Search', starts: Iterator[Path], seen: list[Path],
+                rough: Callable[[], bool]) -> Iterator[Path]:
     """
     Yield starts, each after a path to near psi = 0 that obeys the dynamics, and costs less if any.
 
-    Such paths no more once some of them have led to minima that are known.
+    Such paths no more once some of them have led to minima that are known. `seen`: at a glance;
+    `rough`: whether they are to be looked for longer, and dearer ones, too.
     """
-    problem, last = search.problem, search.last
-    if last is not None and problem.q and not search.kit.twin:
-        path = last.outcome.path
-        u = np.vstack([path.ua, path.ub])
-        low, high, wide = u.min(axis=0), u.max(axis=0), np.ptp(u, axis=0)
-        bounded = replace(
-            problem, u_lower=np.where(np.isfinite(problem.u_lower), problem.u_lower, low - wide),
-            u_upper=np.where(np.isfinite(problem.u_upper), problem.u_upper, high + wide))
-        vain, known = 0, search.familiar.minima
-        T = path.t[-1]
-        for start in nearest(bounded, T, last.outcome.objective) or nearest(bounded, T):
-            yield start
-            vain, known = (0 if search.familiar.minima > known else vain + 1,
-                           search.familiar.minima)
-            yield next(starts)
-            if vain == _VAIN:
-                break
+    vain, known = 0, search.familiar.minima
+    for start in _promising(search, seen, rough):
+        yield start
+        vain, known = 0 if search.familiar.minima > known else vain + 1, search.familiar.minima
+        yield next(starts)
+        if vain == _VAIN:
+            break
     yield from starts
+
+
+def _promising(search: 'Search', seen: list[Path], rough: Callable[[], bool]) -> Iterator[Path]:
+    """Yield what was seen at a glance, and what a longer look shows where that is worth it."""
+    yield from seen[:1]
+    if search.last is not None and search.problem.q and not search.kit.twin and rough():
+        problem, outcome = _within(search.problem, search.last.outcome.path), search.last.outcome
+        T = outcome.path.t[-1]
+        yield from nearest(problem, T, outcome.objective) or nearest(problem, T)
+    yield from seen[1:]
+
+
+def _within(problem: Problem, path: Path) -> Problem:
+    """Return the problem with bounds on its inputs, where it has none twice as far as a path."""
+    u = np.vstack([path.ua, path.ub])
+    low, high, wide = u.min(axis=0), u.max(axis=0), np.ptp(u, axis=0)
+    return replace(
+        problem, u_lower=np.where(np.isfinite(problem.u_lower), problem.u_lower, low - wide),
+        u_upper=np.where(np.isfinite(problem.u_upper), problem.u_upper, high + wide))
+
+
+def glance(search: 'Search') -> list[Path]:
+    """
+    Return some of the paths that `nearest` looks for longer, of inputs at any distance from rest.
+
+    What costs less than the path found last is often near rest.
+    """
+    if search.last is None or search.kit.twin:
+        return []
+    outcome = search.last.outcome
+    problem, T = _within(search.problem, outcome.path), outcome.path.t[-1]
+    count, steps, longer = _GLANCE
+    integrator, chance, final = search.kit.integrator, np.random.default_rng(4), problem.final_time
+    rest = search.kit.guesser.line(problem, T).ua[0]
+    part = chance.choice([0.0, 0.5, 1.0], (count, _PIECES, problem.m))
+    part[::2] = chance.uniform(0, 1, part[::2].shape)
+    away = chance.uniform(0, 1, (count, 1, 1))
+    inputs = np.repeat(rest + away * (_inputs(problem, part) - rest), steps, axis=1)
+    lengths = np.full(count, T)
+    if final.free:
+        lengths = np.clip(T * longer**chance.uniform(-1, 1, count), final.lower, final.upper)
+    t = lengths[:, None] * np.linspace(0.0, 1.0, steps * _PIECES + 1)
+    rolled = [integrator.forward(problem, *each) for each in zip(t, inputs, inputs, strict=True)]
+    x = np.stack([states for states, _ in rolled])
+    V, psi = integrator.ends(problem, x[:, -1])
+    cost = np.array([L[-1] for _, L in rolled]) + V
+    with np.errstate(invalid='ignore', over='ignore'):
+        size = np.nanmedian(np.abs(psi), axis=0)
+        gap = (np.abs(psi) / np.where(size > 0, size, 1.0)).max(axis=1, initial=0.0) + (
+            _outside(problem, x)[:, -1])
+    none = np.zeros((steps * _PIECES, 0, problem.n))
+    return _unlike([
+        (float(gap[k]), float(cost[k]), Path(t[k], x[k], none, inputs[k], inputs[k], t[k, -1:]))
+        for k in np.flatnonzero(np.isfinite(gap) & (cost < outcome.objective))])
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,7 +34,7 @@ from obc_ros.core.transcription import Outcome, Scales
 Array = NDArray[np.float64]
 
 COARSE = 16
-_STARTS, _STARTS_MOST = 2, 6
+_STARTS, _STARTS_MOST = 1, 6
 _COURSES_KEPT = 8
 _ROUGH = 1e-4         # relative error of the cost on a coarse mesh
 # Work is counted in iterations times intervals, four times these by collocation, so that what is
