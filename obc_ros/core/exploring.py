@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _EXPLORING = (0.15, 0.3)   # part of the work for further starts, of easy and of hard problems
 _HARD = 3000
 _LEAST_HARD = 12      # number of them, of hard problems by collocation, and of rough ones
-_FEW = 2              # minima, beyond which twice as many starts are needed
+_FEW = 2              # minima, beyond which rough problems are given twice as many
 _SLOW = 30            # iterations on a coarse mesh, beyond which a problem is rough
 _AFTER = 3            # further starts, once one has led to something better
 # Likewise of those by Runge-Kutta steps that are hard, or have uneven costs, and work for them.
@@ -41,7 +41,8 @@ def explored(search: 'Search', best: Solution, floor: float) -> Solution:
     Return the best answer after some more starts.
 
     Their number grows with the work that the problem has made so far: what is solved at once
-    is not held up; what is hard, or has uneven costs, is looked at from many sides.
+    is not held up; what is hard, has uneven costs or leads starts astray is looked at from many
+    sides.
     """
     kept, spent, promising = search.last, 0, list[Path]()
     uneven = search.kit.uneven_costs(search.problem, abs(floor))
@@ -56,21 +57,13 @@ def explored(search: 'Search', best: Solution, floor: float) -> Solution:
     ties = [floor]   # coarse costs of what was followed up
     wanted = 1 + bool(promising)   # starts, more after each that has led to something better
     for number in range(_MOST):
-        hard, rough = search.work - spent > _HARD, _rough(search)
-        many = uneven or hard and not search.stages
-        several = 1 + (search.familiar.minima > _FEW)
-        least = max(several * _LEAST_HARD if hard or rough else 1, wanted)
-        enough = (number >= _MANY and spent >= _FOR_MANY) if many else number >= least
-        weary = search.work > _WEARY and not best.certified
-        if rough and best.certified and not (hard or uneven):
-            weary = spent > max(_FOR_ROUGH, search.work - spent)
-        if search.monitor.stopped or weary or enough and (
-                spent > _EXPLORING[hard] * search.work or search.familiar.enough()):
+        if search.monitor.stopped or _enough(
+                search, number, spent, wanted, best.certified, uneven=uneven):
             break
         started = search.work
         search.reset()
         outcome = _pursued(search, floor, search.from_next_start(
-            once=best.certified, hard=hard or uneven))
+            once=best.certified, hard=uneven or _hard(search, spent)))
         lower = below(outcome.objective, floor, ANOTHER)
         falls = lower and not outcome.converged and outcome.infeasibility <= _MET
         tied = (outcome.converged and len(ties) < _TIES and outcome.objective < _tie(best, ground)
@@ -100,6 +93,26 @@ def explored(search: 'Search', best: Solution, floor: float) -> Solution:
             looked=numbers(search.stated)))
         search.kit.several |= search.familiar.minima > 1
     return best
+
+
+def _enough(search: 'Search', number: int, spent: int, wanted: int, certified: bool, *,
+            uneven: bool) -> bool:
+    """Return whether so many further starts, with so much work spent on them, will do."""
+    hard, rough, before = _hard(search, spent), _rough(search), search.work - spent
+    if search.work > _WEARY and not certified:
+        return True
+    if rough and certified and not (hard or uneven) and spent > max(_FOR_ROUGH, before):
+        return True
+    if uneven or hard and not search.stages:
+        many = number >= _MANY and spent >= _FOR_MANY
+    else:
+        times = 1 + (search.familiar.minima > _FEW and not hard)
+        many = number >= max(times * _LEAST_HARD if hard or rough else 1, wanted)
+    return many and (spent > _EXPLORING[hard] * search.work or search.familiar.enough())
+
+
+def _hard(search: 'Search', spent: int) -> bool:
+    return search.work - spent > _HARD
 
 
 def _rough(search: 'Search') -> bool:

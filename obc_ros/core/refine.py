@@ -27,6 +27,7 @@ _EQUAL = 25.0      # times that, for an equality: nothing can be drawn in
 _STRAIGHT = 1e-6   # of its size: by how much an input may be off a straight line
 _CHORDED = 0.5     # of what is given away
 _FOLLOWING = 12   # Newton steps at a point
+_NO_LENGTH = 1e-9   # of T
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,7 +276,9 @@ def drawn_in(problem: Problem, value: Array, course: Extremal,
     # Between a bound and a path that bends it grows with h^2: what is seen of one interval
     # holds for those beside it.
     h2 = np.diff(course.t[::course.parts])**2
-    bend = np.pad(relative[:-1].reshape(-1, course.parts).max(axis=1) / h2, 2)
+    seen = h2 > (_NO_LENGTH * course.t[-1])**2   # of phases that vanish nothing is seen
+    bend = relative[:-1].reshape(-1, course.parts).max(axis=1) / np.where(seen, h2, np.inf)
+    bend = np.pad(bend, 2)
     bend = np.lib.stride_tricks.sliding_window_view(bend, 5).max(axis=1)
     return drawn, np.maximum(bend, 0.0) * h2
 

@@ -129,14 +129,17 @@ def glance(search: 'Search') -> list[Path]:
     x = np.stack([states for states, _ in rolled])
     V, psi = integrator.ends(problem, x[:, -1])
     cost = np.array([L[-1] for _, L in rolled]) + V
-    with np.errstate(invalid='ignore', over='ignore'):
-        size = np.nanmedian(np.abs(psi), axis=0)
-        gap = (np.abs(psi) / np.where(size > 0, size, 1.0)).max(axis=1, initial=0.0) + (
-            _outside(problem, x)[:, -1])
+    sound = np.isfinite(x).all(axis=(1, 2)) & np.isfinite(psi).all(axis=1)
+    cheaper = np.flatnonzero(sound & (cost < outcome.objective))
+    if not cheaper.size:
+        return []
+    size = np.median(np.abs(psi[sound]), axis=0)
+    gap = _outside(problem, x[cheaper])[:, -1] + (
+        np.abs(psi[cheaper]) / np.where(size > 0, size, 1.0)).max(axis=1, initial=0.0)
     none = np.zeros((steps * _PIECES, 0, problem.n))
     return _unlike([
-        (float(gap[k]), float(cost[k]), Path(t[k], x[k], none, inputs[k], inputs[k], t[k, -1:]))
-        for k in np.flatnonzero(np.isfinite(gap) & (cost < outcome.objective))])
+        (near, float(cost[k]), Path(t[k], x[k], none, inputs[k], inputs[k], t[k, -1:]))
+        for k, near in zip(cheaper, gap.tolist(), strict=True)])
 
 
 @dataclass(frozen=True, eq=False)
