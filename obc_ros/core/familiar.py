@@ -19,12 +19,14 @@ class Familiar:
 
     A search is to be ended that comes to an iterate of another, for it goes on like that one, or
     that is feasible at the cost of a minimum that is known. `spans`: how far states and inputs
-    went on the paths found, None without any.
+    went on the paths found, None without any. `daring`: whether the present search started where
+    inputs drawn at random lead; that it leads astray says little.
     """
 
     def __init__(self) -> None:
         self.spans: tuple[Array, Array] | None = None
-        self._costs, self._astray = list[float](), 0
+        self.daring = False
+        self._costs, self._sober, self._astray = list[float](), list[float](), 0
         self._iterates = set[tuple[str, str]]()
         self._now = list[tuple[str, str]]()
 
@@ -38,15 +40,21 @@ class Familiar:
         """Take note of where the present search ended, with the path if one was found."""
         self._iterates.update(self._now)
         self._now = []
-        if path is not None:
+        dear = self.daring and self._far(cost)
+        if path is not None and not dear:   # else all bends would be as wild
             x, u = path.x, np.vstack([path.ua, path.ub])
             new = np.ptp(x, axis=0), np.maximum(np.ptp(u, axis=0), np.abs(u).max(axis=0))
             known = self.spans or new
             self.spans = np.maximum(known[0], new[0]), np.maximum(known[1], new[1])
         if path is not None or self._knows(cost, infeasibility):
             self._costs.append(cost)
+            self._sober += [] if self.daring else [cost]
         else:
-            self._astray += 1
+            self._astray += not self.daring
+
+    def _far(self, cost: float) -> bool:
+        least = min(self._costs, default=cost)
+        return cost - least > abs(least)
 
     def _knows(self, cost: float, infeasibility: float) -> bool:
         return infeasibility <= _MET and any(
@@ -55,9 +63,8 @@ class Familiar:
     @property
     def rough(self) -> bool:
         """Return whether more than a quarter of the searches led nowhere, or to twice the cost."""
-        least = min(self._costs, default=0.0)
-        far = sum(cost - least > abs(least) for cost in self._costs)
-        return 4 * (self._astray + far) > self._astray + len(self._costs)
+        far = sum(map(self._far, self._sober))
+        return 4 * (self._astray + far) > self._astray + len(self._sober)
 
     @property
     def minima(self) -> int:

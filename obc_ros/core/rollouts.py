@@ -77,7 +77,9 @@ def interleaved(search: 'Search', starts: Iterator[Path], seen: list[Path],
     """
     vain, known = 0, search.familiar.minima
     for start in _promising(search, seen, rough):
+        search.familiar.daring = True
         yield start
+        search.familiar.daring = False
         vain, known = 0 if search.familiar.minima > known else vain + 1, search.familiar.minima
         yield next(starts)
         if vain == _VAIN:
