@@ -119,8 +119,7 @@ def glance(search: 'Search') -> list[Path]:
     count, steps, longer = _GLANCE
     integrator, chance, final = search.kit.integrator, np.random.default_rng(4), problem.final_time
     rest = search.kit.guesser.line(problem, T).ua[0]
-    part = chance.choice([0.0, 0.5, 1.0], (count, _PIECES, problem.m))
-    part[::2] = chance.uniform(0, 1, part[::2].shape)
+    part = _parts(chance, count, problem.m)
     away = chance.uniform(0, 1, (count, 1, 1))
     inputs = np.repeat(rest + away * (_inputs(problem, part) - rest), steps, axis=1)
     lengths = np.full(count, T)
@@ -165,9 +164,7 @@ def nearest(problem: Problem, T: float, most: float = np.inf) -> list[Path]:
         spans = np.geomspace(shortest, longest * (1 + 1e-9), _SPANS + 1)
     else:
         shortest, longest, spans = T, T, np.array([T * (1 - 1e-9), np.inf])
-    shape = _DRAWN, _PIECES, problem.m
-    part = chance.choice([0.0, 0.5, 1.0], shape)
-    part[::2] = chance.uniform(0, 1, part[::2].shape)
+    part = _parts(chance, _DRAWN, problem.m)
     drawn = _Drawn(part, np.exp(
         chance.uniform(np.log(shortest), np.log(longest), _DRAWN)))
     rolled_out = _Rollouts(problem, spans, most)
@@ -186,7 +183,7 @@ def nearest(problem: Problem, T: float, most: float = np.inf) -> list[Path]:
         middle = (used[:, None] * (np.arange(_PIECES) + 0.5)).astype(np.int64)
         width = _SPREAD / 2**generation
         drawn = _Drawn(
-            np.clip(drawn.part[k[:, None], middle] + width * chance.normal(size=shape), 0, 1),
+            np.clip(drawn.part[k[:, None], middle] + width * chance.normal(size=part.shape), 0, 1),
             np.clip(drawn.length[k] * used * np.exp(width * chance.normal(size=_DRAWN)),
                     shortest, longest))
     return _unlike(kept)
@@ -244,6 +241,13 @@ class _Rollouts:
                 inside[each, step].tolist(), cost[each, step].tolist(), each.tolist(),
                 step.tolist(), strict=True)])
         return found, lambda end: _path(t[end.number], x[end.number], u[end.number], end.step)
+
+
+def _parts(chance: np.random.Generator, count: int, m: int) -> Array:
+    """Return inputs drawn as parts of their range, (count, pieces, m): half at ends or middle."""
+    part = chance.choice([0.0, 0.5, 1.0], (count, _PIECES, m))
+    part[::2] = chance.uniform(0, 1, part[::2].shape)
+    return part
 
 
 def _inputs(problem: Problem, part: Array) -> Array:
