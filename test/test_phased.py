@@ -5,13 +5,16 @@
 import numpy as np
 from obc_ros.core.arcs import Arc
 from obc_ros.core.guesses import scales
+from obc_ros.core.junctions import settled
 from obc_ros.core.kit import Kit
 from obc_ros.core.lengthening import lengthened
 from obc_ros.core.mesh import collocation, Path
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.phased import DEGREE, Phased, PhasedProgram
 from obc_ros.core.search import Search
-from obc_ros.core.spread import spread_by_error
+from obc_ros.core.solution import Status
+from obc_ros.core.solve import solve
+from obc_ros.core.spread import spread_by_error, spread_like
 from obc_ros.core.statement import problem_from_mapping
 import pytest
 
@@ -74,3 +77,70 @@ def test_a_long_horizon_with_a_bound_of_the_state_is_found_from_short_ones():
         assert outcome is not None and outcome.converged
         costs.append(outcome.objective)
     assert costs[1] == pytest.approx(costs[0], rel=5e-3)
+
+
+def test_a_path_touches_an_obstacle_along_its_side():
+    """A path across the disc is cheaper than one that touches it: only tangents are allowed."""
+    found = solve(problem_from_mapping({
+        'states': ['x', 'y', 'th'], 'inputs': ['w'],
+        'dynamics': {'x': 'cos(th)', 'y': 'sin(th)', 'th': 'w'}, 'running_cost': '1 + w**2/5',
+        'initial_state': {'x': -2, 'y': -0.156, 'th': 0},
+        'terminal_constraints': ['x - 2', 'y + 0.277'],
+        'path_constraints': [{'expr': 'x**2 + y**2', 'lower': 0.49}],
+        'final_time': {'free': True, 'lower': 1, 'upper': 20, 'guess': 4}}))
+    assert found.status is Status.SOLVED
+    assert found.certificate.residuals['costate'] < 1e-5
+    touched, = found.switching_times
+    x, y, th = (np.interp(touched, found.t, column) for column in found.x.T)
+    assert x**2 + y**2 == pytest.approx(0.49, abs=1e-8)
+    assert x * np.cos(th) + y * np.sin(th) == pytest.approx(0, abs=1e-6)
+
+
+def test_states_at_samples_follow_from_the_inputs_straight_between_them():
+    """A pendulum turned by 2 rad in 3 s, its rate bounded: not only where intervals end."""
+    problem = problem_from_mapping({
+        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u - sin(x)'},
+        'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 0},
+        'terminal_constraints': ['x - 2', 'v'], 'state_bounds': {'v': [None, 0.85]},
+        'final_time': FIXED})
+    found = solve(problem)
+    assert found.certified
+    assert np.any(found.state_multipliers > 0)
+    assert found.certificate.residuals['dynamics'] < 1e-9
+
+
+def test_no_phase_begins_where_inputs_do_not_jump():
+    """
+    A thrust in a disc that turns to and fro on a coarse path, but by and by on the best one.
+
+    T: of (ux, uy) along (T - t, k), the k and T with x(T) = vy(T) = 1, by quadrature.
+    """
+    problem = problem_from_mapping({
+        'states': ['x', 'vx', 'vy'], 'inputs': ['ux', 'uy'],
+        'dynamics': {'x': 'vx', 'vx': 'ux', 'vy': 'uy'}, 'running_cost': 1,
+        'initial_state': {'x': 0, 'vx': 0, 'vy': 0}, 'terminal_constraints': ['x - 1', 'vy - 1'],
+        'path_constraints': [{'expr': 'ux**2 + uy**2', 'upper': 1}],
+        'final_time': {'free': True, 'lower': 0.1, 'upper': 10, 'guess': 2}})
+    t = np.linspace(0, 2, 9)
+    u = np.where(t[:-1, None] < 1, [0.9, 0.4], [0.4, 0.9])
+    guess = Path(t, np.column_stack([t**2 / 4, t / 2, t / 2]), np.zeros((8, 0, 3)), u, u,
+                 np.array([2.0]))
+    free, on = (np.nan, np.nan), (0, 0, 0, 1)
+    arcs = [Arc(0.0, 1.0, free, on), Arc(1.0, 2.0, free, on, jump=True)]
+    found = settled(problem, PhasedProgram(problem, (True, True)), arcs, guess,
+                    scales(problem, guess), np.zeros(3, dtype=bool), Monitor(), 1,
+                    spread_like(guess))
+    assert len(found.arcs) == 1
+    assert found.cost == pytest.approx(1.55597519, abs=1e-8)
+
+
+def test_a_free_phase_does_not_swallow_the_one_at_a_bound_before_it():
+    """Its input may begin with that bound, at the same cost; one that switches may not."""
+    problem = problem_from_mapping({
+        'states': ['x'], 'inputs': ['u', 's'], 'dynamics': {'x': 'u + s'},
+        'running_cost': 'x**2 + u**2', 'initial_state': {'x': 1},
+        'input_bounds': {'u': [-1, 1], 's': [-1, 1]}, 'final_time': FIXED})
+    program = PhasedProgram(problem, (False, True))
+    arcs = [Arc(0.0, 2.0, (1.0, -1.0), (0,)), Arc(2.0, 2.4, (np.nan, -1.0), (0,)),
+            Arc(2.4, 3.0, (np.nan, 1.0), (0,))]
+    assert program.shortest(arcs) == pytest.approx([1.8, 0, 0])

@@ -131,3 +131,13 @@ def test_of_other_terminal_constraints_nothing_is_said(constraint, end):
         'initial_state': {'x': 0}, 'terminal_constraints': [constraint],
         'final_time': {'free': False, 'value': 1}})
     assert level(problem, np.array([end])) == ''
+
+
+@pytest.mark.parametrize(('where', 'kink'), [(T[-1], True), (T[3], False)])
+def test_a_kink_of_the_terminal_cost_counts_at_the_end_alone(where, kink):
+    problem = problem_from_mapping({
+        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
+        'running_cost': 'u**2', 'terminal_cost': f'abs(x - {where})',
+        'initial_state': {'x': 0, 'v': 1}, 'final_time': {'free': False, 'value': 2}})
+    said = kinked(problem, T, PATH, np.ones((len(T), 1)))
+    assert said.startswith('terminal_cost has no slope where') if kink else said == ''

@@ -11,6 +11,7 @@ and read again off the path that follows, until they stay the same.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 import math
 
 import casadi as ca
@@ -285,6 +286,24 @@ def closed(arcs: Sequence[Arc], T: float) -> list[Arc]:
     return join(rows)
 
 
+def shortest(arcs: Sequence[Arc], curved: Mask, least: float) -> Array:
+    """
+    Return how short arcs may become at once: a part `least` of what they are, or more.
+
+    An input in which H is not linear, `curved`, may begin its free arc with its bound: where it
+    leaves that for good the cost hardly says. An arc at such a bound ends about where it seems to.
+    """
+    lengths = np.array([arc.end - arc.start for arc in arcs])
+    kept = least * lengths
+    for k, pair in enumerate(pairwise(arcs)):
+        held = ~np.isnan([arc.levels for arc in pair])
+        for at, beside in ((0, 1), (1, 0)):
+            if np.any(curved & held[at] & ~held[beside]) and not any(pair[beside].on):
+                of = lengths[k + at]
+                kept[k + at] = max(kept[k + at], of - min(of, lengths[k + beside]) / 2)
+    return kept
+
+
 def signature(arcs: Sequence[Arc]) -> Signature:
     """Return the levels of all arcs and the bounds they are on or touch, comparable."""
     return tuple(tuple(None if math.isnan(v) else v for v in arc.levels) + (
@@ -293,7 +312,7 @@ def signature(arcs: Sequence[Arc]) -> Signature:
 
 
 def opened(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem,
-           judged: Sequence[bool]) -> list[Arc]:
+           judged: Sequence[bool], moving: Sequence[bool]) -> list[Arc]:
     """
     Return arcs with inputs moved or set free where dH/du says that their bound is wrong.
 
@@ -309,6 +328,8 @@ def opened(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem,
         Whose bounds are meant.
     judged : sequence of bool
         For each input whether its bounds are to be judged.
+    moving : sequence of bool
+        For each input whether it moves to its other bound where dH/du is far from zero.
 
     """
     spans: list[list[_Span]] = []
@@ -331,7 +352,7 @@ def opened(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem,
             for part in np.split(np.arange(len(inside)), edges):
                 end = arc.end if part[-1] == len(inside) - 1 else float(t[inside[part[-1]] + 1])
                 if bad[part[0]]:
-                    level = other if (math.isfinite(other) and np.min(slope[part])
+                    level = other if (moving[i] and math.isfinite(other) and np.min(slope[part])
                                       < -1e-3 * largest) else math.nan
                 row.append(_Span(start, end, level if bad[part[0]] else arc.levels[i]))
                 start = end

@@ -140,6 +140,17 @@ class Integrator:
             first, ua, ub, np.diff(t)[:, None], problem.p_value)])
         return path[:, :-1], path[:, -1]
 
+    def forward_each(self, problem: Problem, t: Array, u: Array) -> tuple[Array, Array]:
+        """Return x (R, K + 1, n) and the running costs (R, K + 1) under R inputs held, in turn."""
+        first = np.append(problem.x0, 0.0)
+        after = self._forward.each(first, u, u, np.diff(t)[:, :, None], problem.p_value)
+        path = np.concatenate([np.broadcast_to(first, (len(u), 1, len(first))), after], axis=1)
+        return path[:, :, :-1], path[:, :, -1]
+
+    def stepped(self, problem: Problem, x: Array, ua: Array, ub: Array, h: Array) -> Array:
+        """Return x (K, n) after K steps of lengths h (K,), each from its own x and inputs."""
+        return self._step(x, ua, ub, h[:, None], problem.p_value)[0]
+
     def ends(self, problem: Problem, x: Array) -> tuple[Array, Array]:
         """Return V (K,) and psi (K, q) at K states."""
         V, psi, _ = self._end(x, np.zeros(problem.q), problem.p_value)

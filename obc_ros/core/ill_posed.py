@@ -12,6 +12,7 @@ Both are proofs. Where H is curved upwards in all inputs without bounds there is
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -94,6 +95,7 @@ def _unlimited(problem: Problem) -> Mask:
     return free
 
 
+@lru_cache(maxsize=4)
 def _curvature(problem: Problem) -> _Curvature:
     """Return how H is curved in each input; zero where that depends on where the path is."""
     curved, linear = np.zeros(problem.m), np.zeros(problem.m, dtype=bool)

@@ -14,7 +14,6 @@ from itertools import pairwise
 import math
 from typing import TYPE_CHECKING
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.arcs import Arc, find_arcs, opened, Signature, signature
@@ -22,15 +21,16 @@ from obc_ros.core.certificate import certify
 from obc_ros.core.contacts import Contact, contacts, with_contacts
 from obc_ros.core.extremal import Integrator
 from obc_ros.core.jumps import with_jumps, with_steps
-from obc_ros.core.mesh import collocation, lagrange, Path
-from obc_ros.core.mixed import holding, on_constraints, reheld
+from obc_ros.core.mesh import collocation, Path
+from obc_ros.core.mixed import holding, reheld
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.multipliers import Fitter
 from obc_ros.core.orders import Bounds
+from obc_ros.core.phase_samples import as_path, sampled
 from obc_ros.core.phased import DEGREE, Grazing, Phased, PhasedProgram
 from obc_ros.core.problem import Problem
 from obc_ros.core.refine import below
-from obc_ros.core.solution import Solution, Status
+from obc_ros.core.solution import Solution
 from obc_ros.core.spread import spread_by_error, spread_like
 from obc_ros.core.transcription import Outcome, Scales
 
@@ -61,8 +61,9 @@ _SAMPLES = 1000, 4000
 _BY_SAMPLES = 'dynamics', 'bounds', 'cost', 'minimum'   # what more samples may take away
 _ALMOST = 30.0        # times its tolerance: such a residual that they may take away
 _ITERATIONS = 150
+_LIMIT = 1e-3         # of what may go at once: a phase so near its least length is at it
+_NO_JUMP = 0.05       # of its size: less of an input than what a coarse path shows as a jump
 _NEARLY = 0.1         # relative rate inwards at a junction, at which there may be none
-_JUMP = 1e-3          # of its size: less of an input between two phases is none
 _AT_ONCE = 45_000     # work, as in `search`, on what a coarse mesh shows
 
 
@@ -160,14 +161,44 @@ def settled(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Pa
             return None
         monitor.limit(_ITERATIONS, K * DEGREE)
         found = program.solve(problem, arcs, meshes, guess, sizes, pinned, monitor)
-        short = 1.01 * program.least * np.array([arc.end - arc.start for arc in arcs])
+        smooth = tidied([replace(arc, jump=False) for arc in arcs])
+        if not found.converged and len(smooth) < len(arcs):
+            arcs = smooth
+            continue
+        lengths, shortest = np.array([arc.end - arc.start for arc in arcs]), program.shortest(arcs)
+        short = shortest + np.where(shortest > 0, _LIMIT * (lengths - shortest), 0.0)
         arcs = found.arcs
-        kept = tidied(arcs)
+        kept = tidied(_shrunk(_that_jump(found), program.bounds))
         if len(kept) == len(arcs) and np.all(found.durations >= short):
             return _grazing(problem, program, found, sizes, pinned, monitor, found.grazing()
                             ) if found.converged else None
         arcs, guess = kept, as_path(found)
     return None
+
+
+def _shrunk(arcs: list[Arc], bounds: Bounds) -> list[Arc]:
+    """Return arcs with touches of bounds where arcs along them have vanished."""
+    none = (0,) * bounds.count
+    new = list(arcs)
+    for k, (arc, after) in enumerate(pairwise(arcs)):
+        on = np.where(bounds.orders > 0, arc.on or none, 0) * (np.array(after.on or none) == 0)
+        if arc.end - arc.start < _VANISHING * arcs[-1].end and on.any():
+            met = np.where(on, on, after.met or none)
+            new[k + 1] = replace(after, met=tuple(met.tolist()))
+    return new
+
+
+def _that_jump(found: Phased) -> list[Arc]:
+    """
+    Return the arcs that were found, of which none begins with a jump where inputs do not.
+
+    When nothing else changes, where such a phase begins would be undetermined.
+    """
+    path, size = as_path(found), np.maximum(np.abs(found.u).max(axis=(0, 1)), 1e-300)
+    first = np.cumsum([0] + [len(mesh) for mesh in found.meshes])
+    return [replace(arc, jump=bool(arc.jump and np.any(
+        np.abs(path.ua[k] - path.ub[k - 1]) > _NO_JUMP * size)))
+        for arc, k in zip(found.arcs, first[:-1], strict=True)]
 
 
 def _meshes(arcs: list[Arc], spread: tuple[Array, Array], fine: int) -> list[Array]:
@@ -257,7 +288,7 @@ def _settled_on(search: 'Search', outcome: Outcome, arcs: list[Arc], allowed: fl
         worst = answer.certificate.worst
         off, before = (answer.certificate.residuals[worst]
                        / answer.certificate.tolerances[worst]), off
-        arcs = reread(problem, program.bounds, judge, found, answer,
+        arcs = reread(problem, program, judge, found, answer,
                       fitter.at(problem, answer.x, answer.u))
         guess = with_steps(as_path(found), arcs)
         if signature(arcs) != signature(found.arcs):
@@ -265,7 +296,8 @@ def _settled_on(search: 'Search', outcome: Outcome, arcs: list[Arc], allowed: fl
             continue
         # When a path comes to a bound smoothly its cost hardly depends on when it does.
         smooth = _grazing(
-            problem, program, found, sizes, pinned, monitor, found.grazing(_NEARLY))
+            problem, program, found, sizes, pinned, monitor,
+            found.grazing(_NEARLY, touched=True))
         if smooth is not found:
             answer = _certified(problem, program, judge, fitter, smooth)
             if answer.certified:
@@ -303,13 +335,14 @@ def _certified(problem: Problem, program: PhasedProgram, integrator: Integrator,
     return answer
 
 
-def reread(problem: Problem, bounds: Bounds, integrator: Integrator, found: Phased,
+def reread(problem: Problem, program: PhasedProgram, integrator: Integrator, found: Phased,
            answer: Solution, value: Array) -> list[Arc]:
     """
     Return the arcs of a path that was found, changed where it shows that they are not right.
 
-    Inputs whose bound is the wrong one are moved or set free; bounds of the state are touched, or
-    held where the path, at whose samples (x, c) is `value` (N, n + l), stays on them anyway.
+    Inputs whose bound is the wrong one are moved or, where H is not linear in them, free; bounds
+    of the state are touched, or held where the path, at whose samples (x, c) is `value`
+    (N, n + l), stays on them anyway.
     """
     rows = np.flatnonzero(np.diff(answer.t) > 0)
     x, u, lam = ((values[rows] + values[rows + 1]) / 2 for values in (
@@ -318,7 +351,8 @@ def reread(problem: Problem, bounds: Bounds, integrator: Integrator, found: Phas
     _, Hu, _ = integrator.hamiltonian(
         problem, x, u, lam, None if mu is None else (mu[rows] + mu[rows + 1]) / 2)
     new = opened(found.arcs, np.append(answer.t[rows], answer.t[-1]), Hu, problem,
-                 (True,) * problem.m)
+                 (True,) * problem.m, program.switching.tolist())
+    bounds = program.bounds
     times = np.unique([arc.end for arc in (*found.arcs, *new)])
     cut, start = [], 0.0
     for end in times[np.append(np.diff(times) > 1e-9 * times[-1], True)]:
@@ -396,89 +430,3 @@ def _met(arcs: list[Arc], time: float, row: int, sign: int, count: int) -> list[
         else:
             cut.append(arc)
     return cut
-
-
-def as_path(found: Phased) -> Path:
-    """Return phases as a path between the ends of their intervals."""
-    at = np.append(0.0, np.cumsum(found.h))
-    points = collocation(DEGREE, 'radau')[0]
-    first = _basis(points, np.zeros(1))[0][0]
-    x = np.vstack([found.x[:, 0], found.x[-1:, -1]])
-    return Path(at, x, np.zeros((len(found.x), 0, x.shape[1])),
-                np.einsum('j,kjm->km', first, found.u), found.u[:, -1], found.durations)
-
-
-def _basis(points: Array, tau: Array, derivatives: int = 0) -> list[Array]:
-    """Return Lagrange's polynomials through points at some times, and their derivatives."""
-    return [np.column_stack([np.polyder(each, order)(tau) for each in lagrange(points)])
-            for order in range(derivatives + 1)]
-
-
-def sampled(problem: Problem, program: PhasedProgram, integrator: Integrator, found: Phased,
-            samples: int) -> Solution:
-    """Return phases as samples, with the costates and densities of the stated bounds."""
-    bounds, points = program.bounds, program.points
-    parts = max(2, round(samples / len(found.h)))
-    tau = np.linspace(0.0, 1.0, parts + 1)
-    on_x, = _basis(points, tau)
-    highest = int(bounds.orders.max(initial=0))
-    on_u = _basis(points[1:], tau, max(highest, 2))
-    x, lam = (np.einsum('sj,kjn->ksn', on_x, values) for values in (found.x, found.lam))
-    # Straight lines between samples of u are off it by h^2 / 12 of its bend in the mean.
-    u = np.einsum('sj,kjm->ksm', on_u[0] - on_u[2] / (12 * parts**2), found.u)
-    u = on_constraints(problem, program, found, x, u)
-    eta = [np.einsum('sj,kjr->ksr', basis, found.eta) / found.h[:, None, None]**order
-           for order, basis in enumerate(on_u)]
-    density = np.zeros_like(eta[0])
-    for row in np.flatnonzero(np.abs(found.eta).max(axis=(0, 1)) > 0):
-        order = int(bounds.orders[row])
-        density[:, :, row] = (-1)**order * eta[order][:, :, row]
-        if order:
-            gradients = program.gradients[row].map(x.shape[0] * x.shape[1])(
-                x.reshape(-1, problem.n).T, ca.repmat(problem.p_value, 1, len(x) * (parts + 1)))
-            each = gradients.full().T.reshape(len(x), parts + 1, order, problem.n)
-            for i in range(order):
-                lam = lam + (-1)**i * eta[i][:, :, row, None] * each[:, :, order - 1 - i]
-    sign = np.array([arc.on or (0,) * bounds.count for arc in found.arcs])[found.phase_of]
-    for row in np.flatnonzero(bounds.orders != 0):
-        wanted = sign[:, row][:, None]
-        density[:, :, row] = np.where(density[:, :, row] * wanted > 0, density[:, :, row], 0.0)
-    t = np.append(0.0, np.cumsum(found.h))[:-1, None] + found.h[:, None] * tau
-    return _joined(problem, integrator, found, t, x, u, lam, density)
-
-
-def _joined(problem: Problem, integrator: Integrator, found: Phased, t: Array, x: Array,
-            u: Array, lam: Array, density: Array) -> Solution:
-    """Return the samples of all intervals in a row, two at a time where something jumps."""
-    K, s = t.shape
-    switches = _switches(found, u)
-    t, (x, u, lam, density) = t.ravel(), (
-        values.reshape(K * s, -1) for values in (x, u, lam, density))
-    t[s::s] = t[s - 1:-1:s]
-    u = np.clip(u, problem.u_lower, problem.u_upper)
-    new = np.append(True, np.diff(t) > 0)
-    for values in (u, lam, density):
-        change = np.abs(np.diff(values, axis=0)).max(axis=1)
-        new[1:] |= change > 1e-9 * np.abs(values).max()
-    t, x, u, lam, density = (values[new] for values in (t, x, u, lam, density))
-    if not problem.final_time.free:
-        t = t * (problem.final_time.value / t[-1])
-    H, _, _ = integrator.hamiltonian(problem, x, u, lam)
-    n = problem.n
-    return Solution(
-        Status.NOT_CONVERGED, '', found.cost, t, x, u, lam, H, found.nu,
-        state_multipliers=density[:, :n],
-        path_multipliers=density[:, n:] if problem.path.numel() else None,
-        switching_times=switches)
-
-
-def _switches(found: Phased, u: Array) -> Array:
-    """Return when what holds changes from phase to phase, or an input (K, s, m) jumps."""
-    first = np.flatnonzero(np.diff(found.phase_of)) + 1
-    jumps = np.abs(u[first, 0] - u[first - 1, -1]) > _JUMP * np.abs(u).max(axis=(0, 1))
-    none = (0,) * found.eta.shape[2]
-    changes = np.array([
-        any(after.met) or (before.on or none) != (after.on or none)
-        or not np.array_equal(before.levels, after.levels, equal_nan=True)
-        for before, after in pairwise(found.arcs)], dtype=bool)
-    return np.asarray(np.cumsum(found.durations)[:-1][changes | jumps.any(axis=1)])

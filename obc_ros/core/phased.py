@@ -24,7 +24,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.arcs import Arc
+from obc_ros.core.arcs import Arc, shortest
 from obc_ros.core.mesh import collocation, lagrange, Path
 from obc_ros.core.monitor import Monitor, Watch
 from obc_ros.core.orders import Bounds
@@ -41,7 +41,7 @@ _LEAST = 0.1      # of its length: how short a phase may become at once
 _LOOKS = np.linspace(0.0, 1.0, 9)[1:-1]   # parts of a phase at which it is looked at
 _OUTWARDS = 1e-4   # relative, where a path leaves a bound: it exceeds it by the square
 _OPTIONS: dict[str, object] = {
-    'print_level': 0, 'sb': 'yes', 'linear_solver': 'mumps', 'tol': 1e-10,
+    'print_level': 0, 'sb': 'yes', 'linear_solver': 'mumps', 'tol': 1e-11,
     'mumps_permuting_scaling': 0, 'mumps_pivot_order': 0, 'constr_viol_tol': 1e-10,
     'bound_relax_factor': 0.0, 'honor_original_bounds': 'yes', 'acceptable_tol': 1e-8,
     'mu_init': 1e-4, 'bound_push': 1e-6, 'bound_frac': 1e-6, 'slack_bound_push': 1e-6,
@@ -92,9 +92,16 @@ class Phased:
     pushed: Array
     astray: list[tuple[int, int]]
 
-    def grazing(self, within: float = _OUTWARDS) -> Grazing:
-        """Return where derivatives vanish on the other side of junctions, too, or nearly do."""
-        return frozenset(key for key, rate in self.outwards.items() if rate > -within)
+    def grazing(self, within: float = _OUTWARDS, *, touched: bool = False) -> Grazing:
+        """
+        Return where derivatives vanish on the other side of junctions, too, or nearly do.
+
+        `touched`: also where a bound is touched, which a path may do without.
+        """
+        met = [arc.met or (0,) * self.eta.shape[2] for arc in self.arcs]
+        return frozenset(
+            (place, row) for (place, row), rate in self.outwards.items()
+            if rate > -within and (touched or place < 0 or not met[place][row]))
 
     @property
     def phase_of(self) -> Index:
@@ -124,6 +131,10 @@ class PhasedProgram:
         self.rows_u = ca.Function('rows_u', [x, u, p], [ca.jacobian(rows, u)])
         points, self.weights, self.derivative, _ = collocation(DEGREE, 'radau')
         self.points = np.append(0.0, points)
+
+    def shortest(self, arcs: Sequence[Arc]) -> Array:
+        """Return how short the phases of some arcs may become at once."""
+        return shortest(arcs, ~self.switching, self.least)
 
     @cached_property
     def held(self) -> list[ca.Function]:
@@ -360,10 +371,13 @@ class _Solve:
             u[:, a - 1], self._first(u, phase)))
         level = np.full((1, 1), bound)
         self.at_met.append((phase, row, self._add(before[0][0], level, level)))
-        rates = [each[1] if order == 1 else each[0][1] for each in (before, after)]
         size = (max(abs(bound), self.size[row]) or 1.0) / self.sizes.time
-        self._add(ca.vertcat(-rates[0], rates[1]) * (sign / size), np.full((2, 1), -np.inf),
-                  np.full((2, 1), _OUTWARDS))
+        if order == 1:
+            self._inside(-sign * before[1], row, bound, phase)
+            self._add(after[1] * sign / size, np.full((1, 1), -np.inf),
+                      np.full((1, 1), _OUTWARDS))
+        else:   # a path across the bound is cheaper, one that touches it no minimum by itself
+            self._add(before[0][1] / size, np.zeros((1, 1)), np.zeros((1, 1)))
 
     def _also(self, phase: int, row: int, sign: int) -> bool:
         """Return whether a phase is on a bound of a row."""
@@ -418,7 +432,7 @@ class _Solve:
             u_low[last, known], u_high[last, known] = -np.inf, np.inf
         longest = np.full(len(durations), 4 * durations.sum() / sizes.time)
         bounds = [np.concatenate([x.ravel(), (u / sizes.u).ravel(), T]) for x, u, T in (
-            (self.x_bounds[0], u_low, self.program.least * durations / sizes.time),
+            (self.x_bounds[0], u_low, self.program.shortest(self.arcs) / sizes.time),
             (self.x_bounds[1], u_high, longest))]
         t = np.append(0.0, np.cumsum(durations[self.phase_of] * self.fractions))
         times = (t[:-1, None] + np.diff(t)[:, None] * self.program.points[1:]).ravel()

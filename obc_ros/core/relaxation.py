@@ -29,6 +29,7 @@ _LOOKS = 11      # points of a path, and inputs at each
 _WINDOW = 2.0    # of the largest inputs: how far around them
 _FLAT = 1e-9     # of the largest curvature
 _NEARLY = 1e-3   # likewise: what of the other sign may be an error of the costates
+_GAIN = 1e-6     # relative cost: what certificates leave open
 _ALONG = 101     # points of a path
 _GUESSED = 101   # likewise, of a guess
 _SHARED = '#share'   # how the name of an input's share ends
@@ -143,7 +144,9 @@ def chattering(problem: Problem, other: Problem, mixed: Solution, found: Solutio
     mixes = apart.any(axis=1) & (np.abs(share - 0.5) < 0.5 - _SHARE)
     step = np.diff(mixed.t)
     both = mixes[:-1] & mixes[1:] & (step > 0)
-    if gain <= 0 or float(step[both].sum()) < _LASTING * mixed.t[-1]:
+    # Where a path of the problem itself costs as much, mixtures of two best inputs are no better.
+    least = _GAIN * abs(mixed.objective) if found.certificate and found.certificate.feasible else 0
+    if gain <= least or float(step[both].sum()) < _LASTING * mixed.t[-1]:
         return ''
     k = int(np.flatnonzero(both)[both.sum() // 2])
     pairs = ' and between '.join(

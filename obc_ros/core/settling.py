@@ -59,9 +59,9 @@ class Settling:
         free: Signature = ((None,) * self.problem.m,)
         now, seen, density = free, {free}, 2.0 * self.coarse
         for _ in range(_ROUNDS):
-            arcs = self.shown(outcome)
+            arcs = found = self.shown(outcome)
             if signature(arcs) == now:
-                arcs = self.checked(arcs, outcome)
+                arcs = self.checked(found, outcome)
             shown = signature(arcs)
             elsewhere = moved(arcs, outcome.path.durations, _VANISHING)
             if search.monitor.stopped or shown == now and not elsewhere:
@@ -69,7 +69,9 @@ class Settling:
             if shown == now:
                 new = self.with_arcs(arcs, outcome, density, _SEEN)
                 if new is None or not below(new.objective, outcome.objective, _CLOSE):
-                    break
+                    new, now = self.freed(found, outcome, density, seen)
+                    if new is None:
+                        break
                 outcome = new
                 continue
             if shown in seen:
@@ -78,6 +80,8 @@ class Settling:
                     break
             seen.add(shown)
             new = self.with_arcs(arcs, outcome, density)
+            if new is None and signature(found) == now:
+                new, shown = self.freed(found, outcome, density, seen)
             if new is not None:
                 outcome, now = new, shown
                 continue
@@ -93,6 +97,21 @@ class Settling:
                 break
             outcome, now = new, free
         return self.without_vanishing(outcome)
+
+    def freed(self, found: list[Arc], outcome: Outcome, density: float, seen: set[Signature]
+              ) -> tuple[Outcome | None, Signature]:
+        """
+        Return an outcome whose inputs are free where their bounds are wrong, and its arcs.
+
+        A short singular arc, on a coarse mesh, looks like some between bounds; when the other
+        bound is no better there it is free.
+        """
+        arcs = self.checked(found, outcome, moving=False)
+        shown = signature(arcs)
+        if shown in seen or self.search.monitor.stopped:
+            return None, shown
+        seen.add(shown)
+        return self.with_arcs(arcs, outcome, density), shown
 
     def shown(self, outcome: Outcome) -> list[Arc]:
         """Return the arcs that an outcome shows."""
@@ -165,12 +184,17 @@ class Settling:
         durations = outcome.path.durations
         return bool(durations.min() < _GONE * durations.sum())
 
-    def checked(self, arcs: list[Arc], outcome: Outcome) -> list[Arc]:
-        """Return arcs that differ where dH/du says that an input is at the wrong bound."""
+    def checked(self, arcs: list[Arc], outcome: Outcome, *, moving: bool = True) -> list[Arc]:
+        """
+        Return arcs that differ where dH/du says that an input is at the wrong bound.
+
+        It is at the other one then, or free unless `moving`.
+        """
         course = self.search.course(outcome)
         x, u = (course.x + course.x_end) / 2, (course.ua + course.ub) / 2
         mu = None if course.density_path is None else course.density_path.mean(axis=1)
         _, Hu, _ = self.kit.integrator.hamiltonian(
             self.problem, x, u, (course.lam + course.lam_end) / 2, mu)
-        arcs = opened(arcs, course.t, Hu, self.problem, self.kit.switching)
+        moves = self.kit.switching if moving else (False,) * self.problem.m
+        arcs = opened(arcs, course.t, Hu, self.problem, self.kit.switching, moves)
         return self.broken(self.touching(arcs, outcome), outcome)

@@ -10,6 +10,7 @@ they have no slope.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 
 import casadi as ca
 import numpy as np
@@ -20,6 +21,8 @@ from obc_ros.core.problem import Problem
 Array = NDArray[np.float64]
 
 _TOUCHED = 1e-6  # of its largest value: what is as near to 0 as it can be told
+_NEAR_END = 1e-4   # likewise, where a kink of the terminal cost was rounded in the search
+_AT_END = 'terminal_cost'
 _SMALL = 1e-3    # likewise: what a kink may be rounded by
 _NEWTON = 6      # steps
 _MULTIPLE = 0.2, 0.4   # what each leaves towards a root that is none of the first order
@@ -77,7 +80,8 @@ def kinked(problem: Problem, t: Array, x: Array, u: Array) -> str:
 
     Without a slope there the costate equation says nothing. Parameters are those of `undefined`.
     """
-    found = [(where, operands[0]) for where, operation, operands in _operations(problem)
+    found = [(where, operands[0]) for where, operation, operands in chain(
+                 _operations(problem), ((_AT_END, *each) for each in _done_in(problem, problem.V)))
              if operation == ca.OP_FABS and ca.depends_on(operands[0], problem.x)]
     if not found or not t.size or not (np.isfinite(x).all() and np.isfinite(u).all()):
         return ''
@@ -86,6 +90,8 @@ def kinked(problem: Problem, t: Array, x: Array, u: Array) -> str:
         size = float(np.abs(row).max())
         at = np.abs(row) <= _TOUCHED * size
         at[1:] |= row[:-1] * row[1:] < 0
+        if where == _AT_END:   # whose slope counts there alone; it was rounded on the way to it
+            at[:-1], at[-1] = False, np.abs(row[-1]) <= _NEAR_END * size
         if at.any():
             what = _quoted(problem, value)
             return (f'{where} has no slope where abs({what}) is 0, as at t = '
@@ -211,22 +217,28 @@ def _operations(problem: Problem) -> Iterator[tuple[str, int, list[ca.SX]]]:
     if problem.path.numel():
         named += [(f'path_constraints[{index}]', each)
                   for index, each in enumerate(ca.vertsplit(problem.path))]
-    symbols = [problem.x, problem.u, problem.p]
     for where, expression in named:
-        function = ca.Function('one', symbols, [expression])
-        work: dict[int, ca.SX] = {}
-        for k in range(function.n_instructions()):
-            operation = function.instruction_id(k)
-            inputs, outputs = function.instruction_input(k), function.instruction_output(k)
-            if operation == ca.OP_INPUT:
-                work[outputs[0]] = symbols[inputs[0]][inputs[1]]
-            elif operation == ca.OP_CONST:
-                work[outputs[0]] = ca.SX(function.instruction_constant(k))
-            elif operation != ca.OP_OUTPUT:
-                operands = [work[index] for index in inputs]
-                yield where, operation, operands
-                work[outputs[0]] = (ca.SX.binary(operation, *operands) if len(operands) == 2
-                                    else ca.SX.unary(operation, *operands))
+        for operation, operands in _done_in(problem, expression):
+            yield where, operation, operands
+
+
+def _done_in(problem: Problem, expression: ca.SX) -> Iterator[tuple[int, list[ca.SX]]]:
+    """Yield which operation an expression does on what."""
+    symbols = [problem.x, problem.u, problem.p]
+    function = ca.Function('one', symbols, [expression])
+    work: dict[int, ca.SX] = {}
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        inputs, outputs = function.instruction_input(k), function.instruction_output(k)
+        if operation == ca.OP_INPUT:
+            work[outputs[0]] = symbols[inputs[0]][inputs[1]]
+        elif operation == ca.OP_CONST:
+            work[outputs[0]] = ca.SX(function.instruction_constant(k))
+        elif operation != ca.OP_OUTPUT:
+            operands = [work[index] for index in inputs]
+            yield operation, operands
+            work[outputs[0]] = (ca.SX.binary(operation, *operands) if len(operands) == 2
+                                else ca.SX.unary(operation, *operands))
 
 
 def _suspects(problem: Problem) -> list[_Suspect]:
