@@ -50,6 +50,16 @@ def test_a_place_is_no_amount_though_a_car_that_hardly_turns_does_not_get_behind
     assert kept(problem, [path]) is problem
 
 
+def test_rates_next_to_a_pole_hide_no_others():
+    """What is deviation from rest may become negative, though a rate at x = -0.02 has no end."""
+    problem = problem_from_mapping({
+        'states': ['x', 'y'], 'inputs': ['u'],
+        'dynamics': {'x': '-100*u*x - 0.25*u', 'y': '0.5*(1 - exp(25*x/(x + 0.02))) - y'},
+        'running_cost': 'x**2 + y**2 + u**2', 'initial_state': {'x': 0.0009, 'y': 1},
+        'final_time': {'free': False, 'value': 1}})
+    assert not amounts(problem, np.array([0.0009, 1.0]))[1]
+
+
 def test_only_what_went_astray_is_kept():
     problem = fed_batch()
     good = np.array([[1.0, 150.0, 10.0], [9.0, -0.1, 20.0]])

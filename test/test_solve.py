@@ -470,13 +470,13 @@ def test_the_time_limit_is_kept():
     assert time.monotonic() - begun < 3.0
 
 
-@pytest.mark.parametrize('intervals', [10, 40])
-def test_no_mesh_has_more_than_max_intervals_and_the_answer_says_so(intervals):
+@pytest.mark.parametrize('method, most', [('auto', 10), ('transcription', 40)])
+def test_no_mesh_has_more_than_max_intervals_and_the_answer_says_so(method, most):
     problem, _ = stated('vanderpol_bounded')
-    short = solve(problem, max_intervals=intervals)
+    short = solve(problem, method=method, max_intervals=most)
     assert short.status is Status.NOT_CONVERGED
-    assert f'max_intervals = {intervals}' in short.message
-    assert len(np.unique(short.t)) <= 4 * intervals + 1
+    assert f'max_intervals = {most}' in short.message
+    assert len(np.unique(short.t)) <= 4 * most + 1
     enough = solve(problem, max_intervals=200)
     assert enough.status is Status.SOLVED
     assert 'max_intervals' not in enough.message

@@ -150,20 +150,37 @@ class Chain:
             A single row stands for K equal ones.
 
         """
-        count = len(given[0])
+        return np.asarray(self.each(first, *given)[0])
+
+    def each(self, first: Array, *given: Array) -> Array:
+        """
+        Return z after each step of R courses from the same z, shape (R, K, length of z).
+
+        Parameters
+        ----------
+        first : ndarray
+            z before the first step.
+        *given : ndarray, shape (R, K, length), or one that is repeated to it
+            The first has K rows, and R of them where any has.
+
+        """
+        courses, count = len(given[0]) if given[0].ndim == 3 else 1, given[0].shape[-2]
         rows = -(-count // _FEW) * _FEW
-        w, result = np.zeros((rows, self._inputs[-1])), np.empty((rows, len(first)))
+        w = np.zeros((courses, rows, self._inputs[-1]))
+        result = np.empty((courses, rows, len(first)))
         for (start, end), values in zip(pairwise(self._inputs), given, strict=True):
-            w[:count, start:end] = values
-        now = np.array(first, dtype=float)
+            w[:, :count, start:end] = values
+        begin = np.array(first, dtype=float)
         buffer, trigger = self._parcel
-        for k in range(0, rows, _FEW):
-            buffer.set_arg(0, now.data)
-            buffer.set_arg(1, w[k:k + _FEW].data)
-            buffer.set_res(0, result[k:k + _FEW].data)
-            trigger()
-            now = result[k + _FEW - 1]
-        return result[:count]
+        for course in range(courses):
+            now = begin
+            for k in range(0, rows, _FEW):
+                buffer.set_arg(0, now.data)
+                buffer.set_arg(1, w[course, k:k + _FEW].data)
+                buffer.set_res(0, result[course, k:k + _FEW].data)
+                trigger()
+                now = result[course, k + _FEW - 1]
+        return result[:, :count]
 
 
 def _column(value: ca.SX) -> ca.SX:

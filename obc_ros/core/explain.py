@@ -35,12 +35,14 @@ from obc_ros.core.relaxation import chattering, relaxed
 from obc_ros.core.solution import Solution
 from obc_ros.core.sweeps import guided, leads_there
 from obc_ros.core.undefined import kinked, level, runs_away, steep, undefined
+from obc_ros.core.uneven import convex_paths
 
 Array = NDArray[np.float64]
 Solver = Callable[[Problem], Solution]
 
 # What a certificate may leave of these conditions for a path to count as one.
 _FEASIBLE = {'dynamics': 1e-4, 'start': 1e-5, 'bounds': 1e-4}
+_NEARLY = _FEASIBLE | {'start': 1e-3, 'end': 1e-3, 'bounds': 1e-3}   # for it to be all but one
 _MISSED = 1e-4      # of a constraint's size: beyond the accuracy of an elastic answer
 _PART = 0.1         # of its terms, that Pontryagin's conditions may leave
 _EFFORT = 1e-8      # weight of the inputs in problems that would not determine them otherwise
@@ -85,6 +87,12 @@ def explain(problem: Problem, solve: Solver | None = None, *, thorough: Solver |
     return _Doubt(problem, solve, thorough or solve).reason(found)
 
 
+def too_late(problem: Problem, solve: Solver, thorough: Solver) -> str:
+    """Return that terminal constraints can be met, but not by T, as a certificate shows, or ''."""
+    reason = _Doubt(problem, solve, thorough).too_short(False) if problem.q else None
+    return reason.sentence if reason and reason.infeasible else ''
+
+
 class _Doubt:
     """A problem without a contradiction, and how others are solved in its place."""
 
@@ -92,7 +100,7 @@ class _Doubt:
         self.problem, self.solve = problem, solve
         self.thorough = thorough
         self.lost = True  # whether no path was found that keeps to the problem
-        self.convex = convex(problem)
+        self.convex = convex_paths(problem)
 
     def reason(self, found: Solution | None) -> Reason | None:
         """Return why there is no answer, None if that remains unknown."""
@@ -120,6 +128,8 @@ class _Doubt:
         if not missed:
             return self.mixed(found) or self.without_end(found)
         shown = self.convex and _nearly_optimal(nearest)
+        if not shown and found is not None and _almost(problem, found):
+            return None   # it came nearer
         return self.too_short(shown) or self.missing(missed, shown)
 
     def best(self, other: Problem) -> Solution:
@@ -219,13 +229,6 @@ class _Doubt:
             f'by {certificate.residuals["bounds"]:.1g} of its size'))
 
 
-def convex(problem: Problem) -> bool:
-    """Return whether dynamics and constraints are affine in x and u, and T is given."""
-    z = ca.vertcat(problem.x, problem.u)
-    slopes = ca.jacobian(ca.vertcat(problem.f, problem.psi, problem.path), z)
-    return not problem.final_time.free and not ca.depends_on(slopes, z)
-
-
 def _certified(answer: Solution) -> bool:
     return answer.certificate is not None and answer.certificate.holds
 
@@ -260,6 +263,13 @@ def _arrives(solution: Solution) -> bool:
     return certificate is not None and all(
         certificate.residuals.get(key, 0.0) <= certificate.tolerances.get(key, 0.0)
         for key in ('start', 'end', 'bounds'))
+
+
+def _almost(problem: Problem, found: Solution) -> bool:
+    """Return whether an answer ends as it has to and nearly keeps to the problem on the way."""
+    residuals = found.certificate.residuals if found.certificate else {}
+    return not _missed(problem, found) and all(
+        residuals.get(key, np.inf) <= limit for key, limit in _NEARLY.items())
 
 
 def _time(problem: Problem) -> str:

@@ -3,14 +3,16 @@
 """Further starts, once there is an answer: whether there is a better one elsewhere."""
 
 from dataclasses import replace
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
 from obc_ros.core.familiar import ANOTHER
+from obc_ros.core.horizons import of_other_lengths
 from obc_ros.core.kit import Answered, numbers
 from obc_ros.core.mesh import Path, split
 from obc_ros.core.refine import below
-from obc_ros.core.rollouts import glance, interleaved
+from obc_ros.core.rollouts import glance, interleaved, Seen
 from obc_ros.core.solution import Solution
 from obc_ros.core.transcription import Outcome
 
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
 _EXPLORING = (0.15, 0.3)   # part of the work for further starts, of easy and of hard problems
 _HARD = 3000
 _LEAST_HARD = 12      # number of them, of hard problems by collocation, and of rough ones
+_LEAST_BENT = 8       # likewise where states do not follow inputs in proportion, or T is free
+_BENT, _PARTS = 0.4, 12   # of how far states go, beyond which they do not; steps to find out
 _FEW = 2              # minima, beyond which rough problems are given twice as many
 _SLOW = 30            # iterations on a coarse mesh, beyond which a problem is rough
 _AFTER = 3            # further starts, once one has led to something better
@@ -31,44 +35,51 @@ _TIES, _SAME = 6, 2e-4   # followed up although on the coarse mesh they cost a l
 _CHEAPER = 1e-6       # relative: of two answers that are certified
 _SAYS = 0.2           # relative: error of a cost on a coarse mesh that says something
 _RIVALS, _RIVAL = 3, 0.3   # other minima that are kept, costs up to so much above the best
-# Work without an answer that holds, after which no further start is tried; for further starts of
-# rough problems, where as much has not been made before.
-_WEARY, _FOR_ROUGH = 500_000, 3000
+# Work without an answer that holds, after which no further start is tried once they have made so
+# much; work for further starts of rough problems, where as much has not been made before.
+_WEARY, _FOR_ROUGH = (500_000, 50_000), 3000
 
 
 def explored(search: 'Search', best: Solution, floor: float) -> Solution:
     """
     Return the best answer after some more starts.
 
-    Their number grows with the work that the problem has made so far: what is solved at once
-    is not held up; what is hard, has uneven costs or leads starts astray is looked at from many
-    sides.
+    There are none where no path can be better. Their number grows with the work that the problem
+    has made so far: what is solved at once is not held up; what is hard, has uneven costs or leads
+    starts astray is looked at from many sides.
     """
-    kept, spent, promising = search.last, 0, list[Path]()
+    kept, spent, promising, lengths = search.last, 0, list[Seen](), list[Path]()
+    alone = best.certified and search.kit.convex(search.stated)
+    before, bent = search.work, not alone and _disproportion(search) > _BENT
     uneven = search.kit.uneven_costs(search.problem, abs(floor))
     if uneven:
         search.starts = search.kit.guesser.scattered(
             search.problem, search.kit.integrator, search.starts, abs(floor))
-    else:
+    elif not alone:
         promising = glance(search)
-        search.starts = interleaved(
-            search, search.starts, promising, lambda: search.work > _HARD or _rough(search))
+        lengths = of_other_lengths(search, search.starts, bent)
+        aside = search.work - before
+        search.starts = chain(lengths, interleaved(
+            search, search.starts, promising,
+            lambda: search.work - aside > _HARD or _rough(search), bent))
     found, ground = list[Outcome](), floor   # `ground`: of the best, on the coarse mesh
     ties = [floor]   # coarse costs of what was followed up
-    wanted = 1 + bool(promising)   # starts, more after each that has led to something better
-    for number in range(_MOST):
-        if search.monitor.stopped or _enough(
-                search, number, spent, wanted, best.certified, uneven=uneven):
+    # Starts, more after each that has led to something better.
+    wanted = 1 + len(lengths) + bool(promising)
+    for number in range(0 if alone else _MOST):
+        if search.monitor.stopped or _enough(search, number, (before, spent), wanted,
+                                             best.certified, uneven=uneven, bent=bent):
             break
         started = search.work
         search.reset()
         outcome = _pursued(search, floor, search.from_next_start(
-            once=best.certified, hard=uneven or _hard(search, spent)))
+            once=best.certified, hard=uneven or before > _HARD))
         lower = below(outcome.objective, floor, ANOTHER)
         falls = lower and not outcome.converged and outcome.infeasibility <= _MET
         tied = (outcome.converged and len(ties) < _TIES and outcome.objective < _tie(best, ground)
                 and all(abs(outcome.objective - other) > _SAME * abs(other) for other in ties))
-        differs = not best.certified and abs(outcome.objective - floor) > ANOTHER * abs(floor)
+        differs = not best.certified and all(
+            abs(outcome.objective - other) > ANOTHER * abs(other) for other in ties)
         if falls or (lower or tied or differs) and search.believed(outcome):
             ties.append(outcome.objective)
             floor = min(floor, outcome.objective)
@@ -80,7 +91,7 @@ def explored(search: 'Search', best: Solution, floor: float) -> Solution:
             if (other.certified and (cheaper or not best.certified)
                     or cheaper and other.certificate and other.certificate.feasible):
                 best, kept, ground = other, search.last, outcome.objective
-                wanted = number + 1 + _AFTER
+                wanted = max(wanted, number + 1 + _AFTER)
         found.append(outcome)
         spent += search.work - started
     search.last = kept
@@ -95,24 +106,44 @@ def explored(search: 'Search', best: Solution, floor: float) -> Solution:
     return best
 
 
-def _enough(search: 'Search', number: int, spent: int, wanted: int, certified: bool, *,
-            uneven: bool) -> bool:
-    """Return whether so many further starts, with so much work spent on them, will do."""
-    hard, rough, before = _hard(search, spent), _rough(search), search.work - spent
-    if search.work > _WEARY and not certified:
+def _enough(search: 'Search', number: int, work: tuple[int, int], wanted: int, certified: bool, *,
+            uneven: bool, bent: bool) -> bool:
+    """Return whether so many further starts will do; `work`: before them, and for them."""
+    (before, spent), rough = work, _rough(search)
+    hard = before > _HARD
+    if not certified and search.work > _WEARY[0] and spent > _WEARY[1]:
         return True
-    if rough and certified and not (hard or uneven) and spent > max(_FOR_ROUGH, before):
+    if (rough or bent) and certified and not (hard or uneven) and spent > max(_FOR_ROUGH, before):
         return True
     if uneven or hard and not search.stages:
         many = number >= _MANY and spent >= _FOR_MANY
     else:
         times = 1 + (search.familiar.minima > _FEW and not hard)
-        many = number >= max(times * _LEAST_HARD if hard or rough else 1, wanted)
+        least = _LEAST_HARD if hard or rough else _LEAST_BENT if bent else 1
+        many = number >= max(times * least if least > 1 else 1, wanted)
     return many and (spent > _EXPLORING[hard] * search.work or search.familiar.enough())
 
 
-def _hard(search: 'Search', spent: int) -> bool:
-    return search.work - spent > _HARD
+def _disproportion(search: 'Search') -> float:
+    """
+    Return by how much states are off half of their way where inputs go half of theirs.
+
+    From their means to those of the path found last; relative to how far the states go on it.
+    Where it is small, dynamics bring about no other minima.
+    """
+    if search.last is None:
+        return 0.0
+    path, parts = search.last.outcome.path, np.array([0.0, 0.5, 1.0])
+    first = np.unique(np.linspace(0, len(path.ua), _PARTS + 1).astype(np.int64))
+    t, h = path.t[first], np.diff(path.t)[:, None]
+    u = np.add.reduceat(h * (path.ua + path.ub) / 2, first[:-1])
+    mean, u = u.sum(axis=0) / t[-1], u / np.maximum(np.diff(t), 1e-300)[:, None]
+    (none, half, all_), _ = search.kit.integrator.forward_each(
+        search.problem, np.tile(t, (3, 1)), mean + parts[:, None, None] * (u - mean))
+    with np.errstate(invalid='ignore', over='ignore'):
+        off = np.abs(2 * half - none - all_).max(axis=0)
+        off /= np.maximum(np.ptp(path.x, axis=0), 1e-300)
+    return float(np.nan_to_num(off, nan=np.inf).max(initial=0.0))
 
 
 def _rough(search: 'Search') -> bool:

@@ -10,7 +10,8 @@ Array = NDArray[np.float64]
 
 ANOTHER = 1e-3   # relative cost: what is another minimum on a coarse mesh
 _SAME = 2e-4     # likewise: the same, found twice with an error of half of it
-_MET = 1e-5      # infeasibility
+_MET, _WILD = 1e-5, 1e6   # infeasibility: of a path, and of a start that states explode from
+_CALMER, _CALMEST = 0.5, 0.1   # parts of spans that starts go, after each of those
 
 
 class Familiar:
@@ -18,13 +19,13 @@ class Familiar:
     The costs of minima that were found, and the iterates of the searches.
 
     A search is to be ended that comes to an iterate of another, for it goes on like that one, or
-    that is feasible at the cost of a minimum that is known. `spans`: how far states and inputs
-    went on the paths found, None without any. `daring`: whether the present search started where
-    inputs drawn at random lead; that it leads astray says little.
+    that is feasible at the cost of a minimum that is known. `daring`: whether the present search
+    started where inputs drawn at random lead; that it leads astray says little.
     """
 
     def __init__(self) -> None:
-        self.spans: tuple[Array, Array] | None = None
+        self._seen: tuple[Array, Array] | None = None
+        self._part = 1.0
         self.daring = False
         self._costs, self._sober, self._astray = list[float](), list[float](), 0
         self._iterates = set[tuple[str, str]]()
@@ -44,13 +45,24 @@ class Familiar:
         if path is not None and not dear:   # else all bends would be as wild
             x, u = path.x, np.vstack([path.ua, path.ub])
             new = np.ptp(x, axis=0), np.maximum(np.ptp(u, axis=0), np.abs(u).max(axis=0))
-            known = self.spans or new
-            self.spans = np.maximum(known[0], new[0]), np.maximum(known[1], new[1])
+            known = self._seen or new
+            self._seen = np.maximum(known[0], new[0]), np.maximum(known[1], new[1])
+        if path is None and not (infeasibility < _WILD or self.daring):
+            self._part = max(_CALMER * self._part, _CALMEST)
         if path is not None or self._knows(cost, infeasibility):
             self._costs.append(cost)
             self._sober += [] if self.daring else [cost]
         else:
             self._astray += not self.daring
+
+    @property
+    def spans(self) -> tuple[Array, Array] | None:
+        """
+        Return how far states (n,) and inputs (m,) of a start may go, None without a path.
+
+        As far as on the paths found; less after starts from which states exploded.
+        """
+        return self._seen and (self._part * self._seen[0], self._part * self._seen[1])
 
     def _far(self, cost: float) -> bool:
         least = min(self._costs, default=cost)

@@ -54,6 +54,7 @@ class Guesser:
             ca.jacobian(problem.L, u)], 1)
         self._all = Batch([x, u, p], [ca.vertcat(problem.f, problem.L, problem.path)], 1)
         self._last: tuple[Problem, Array, NDArray[np.bool_]] | None = None
+        self._last_line: tuple[Problem, float, Path] | None = None
 
     def final_state(self, problem: Problem) -> tuple[Array, NDArray[np.bool_]]:
         """Return a state near x0 with psi = 0, and which of its components psi fixes."""
@@ -176,6 +177,12 @@ class Guesser:
 
     def line(self, problem: Problem, T: float) -> Path:
         """Return the straight line from x0 to psi = 0, with the user's own guesses where given."""
+        last = self._last_line
+        if last is None or last[0] is not problem or last[1] != T:
+            last = self._last_line = problem, T, self._line(problem, T)
+        return last[2]
+
+    def _line(self, problem: Problem, T: float) -> Path:
         end, _ = self.final_state(problem)
         s = np.linspace(0.0, 1.0, _POINTS)
         x = problem.x0 + s[:, None] * (end - problem.x0)

@@ -23,7 +23,7 @@ from obc_ros.core.phased import PhasedProgram
 from obc_ros.core.pieces import Pieces
 from obc_ros.core.problem import Problem
 from obc_ros.core.transcription import Outcome, Scales, Transcription
-from obc_ros.core.uneven import Uneven
+from obc_ros.core.uneven import convex_paths, Uneven
 
 Array = NDArray[np.float64]
 
@@ -72,10 +72,12 @@ class Answered:
         found[:n] = np.maximum(found[:n], _ELSEWHERE * np.abs(self.outcome.path.x).max(axis=0))
         return found
 
-    def serves(self, numbers: Array, several: bool) -> bool:
-        """Return whether for some numbers the best of several minima is likely to be this one."""
-        allowed = (_SEVERAL if several else _ALONE) * self.reach
-        return self.looked is None or not np.any(np.abs(numbers - self.looked) > allowed)
+    @cached_property
+    def rows(self) -> Array:
+        """Return its numbers, its reach, and from where the best of all was looked for, or nan."""
+        nowhere = np.full(len(self.numbers), np.nan)
+        return np.stack([self.numbers, self.reach,
+                         nowhere if self.looked is None else self.looked])
 
 
 class Kit:
@@ -129,17 +131,19 @@ class Kit:
 
     def neighbour(self, problem: Problem) -> Answered | None:
         """Return the nearest answer to a problem whose numbers are near, if there is one."""
+        if not self.answers:
+            return None
         mine = numbers(problem)
+        theirs, reach, looked = np.stack([answer.rows for answer in self.answers], axis=1)
         with np.errstate(invalid='ignore', divide='ignore'):
-            known = [answer for answer in self.answers if answer.serves(mine, self.several)]
-            if not known:
-                return None
-            theirs = np.stack([answer.numbers for answer in known])
-            apart = np.abs(mine - theirs) / np.stack([answer.reach for answer in known])
-        most = np.where(mine == theirs, 0.0, apart).max(axis=1)
+            apart = np.where(mine == theirs, 0.0, np.abs(mine - theirs) / reach).max(axis=1)
+            # Further from where it was looked for another of several minima may be the best.
+            allowed = (_SEVERAL if self.several else _ALONE) * reach
+            serves = ~np.any(np.abs(mine - looked) > allowed, axis=1)
+        most = np.where(serves, apart, np.inf)
         # Of equal ones the latest.
         k = len(most) - 1 - int(np.argmin(most[::-1]))
-        return known[k] if most[k] <= 1.0 else None
+        return self.answers[k] if most[k] <= 1.0 else None
 
     @cached_property
     def deciding(self) -> NDArray[np.bool_]:
@@ -154,6 +158,14 @@ class Kit:
         """Return whether L or V may have hollows, each with a minimum, for paths of a cost."""
         return bool(self._uneven.curved) and self._uneven(
             problem, *self.guesser.room(problem, self.integrator, cost))
+
+    def convex(self, problem: Problem) -> bool:
+        """Return whether no path is better than one that satisfies Pontryagin's conditions."""
+        return self._convex_paths and self._uneven.upwards(problem)
+
+    @cached_property
+    def _convex_paths(self) -> bool:
+        return self.affine and not self.twin and convex_paths(self._problem)
 
     @cached_property
     def indirect(self) -> Indirect:

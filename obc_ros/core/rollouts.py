@@ -28,18 +28,37 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_DRAWN, _BEST, _GENERATIONS = 384, 24, 5   # inputs drawn, drawn around again, how often
+
+class _Look(NamedTuple):
+    """How many inputs are drawn, around how many again, how often; steps of Runge and Kutta."""
+
+    drawn: int
+    fittest: int
+    generations: int
+    steps: int
+
+
+class Seen(NamedTuple):
+    """A path, and how near to psi = 0 it ends."""
+
+    gap: float
+    path: Path
+
+
+_LONG, _SHORT = _Look(384, 24, 5, 96), _Look(192, 12, 4, 48)
+
 _SPANS = 4            # of free times, in each of which the nearest are drawn around again
 _PIECES = 6           # of constant input in each
-_STEPS = 96           # of Runge and Kutta
 _LONGER = 8.0         # times the guess of a free T, and the least part of it
 _SPREAD = 0.4         # of their range: how far around the best is drawn; less each time
 _TYPICAL = 0.8        # of what is seen of a constraint, a quantile
-_LIKE = 0.1           # of the largest cost: how far apart costs of paths that are alike are
+_LIKE, _ON_WAY = 0.5, 8   # of how far all paths are apart: of those that are alike; points to see
 _GLANCE = 32, 5, 2.0   # inputs drawn for a first look, steps for each piece, times a free T
 _TRIED, _TRIED_MOST = 8, 16   # paths from which a search is started: while none led anywhere
 _INTERVALS, _ITERATIONS = 32, 150
-_VAIN = 3     # in a row that led to nothing new, once there is an answer
+_NEARER = 3   # halvings of how far half of the inputs are drawn from rest
+_CHEAP = 2    # before dearer ones, which come nearer to psi = 0
+_VAIN = 3, 6  # in a row that led to nothing new, once there is an answer, and where it is bent
 
 
 def from_rollouts(search: 'Search', T: float) -> list[Outcome]:
@@ -67,34 +86,42 @@ def from_rollouts(search: 'Search', T: float) -> list[Outcome]:
     return found
 
 
-def interleaved(search: 'Search', starts: Iterator[Path], seen: list[Path],
-                rough: Callable[[], bool]) -> Iterator[Path]:
+def interleaved(search: 'Search', starts: Iterator[Path], seen: list[Seen],
+                rough: Callable[[], bool], bent: bool) -> Iterator[Path]:
     """
     Yield starts, each after a path to near psi = 0 that obeys the dynamics, and costs less if any.
 
     Such paths no more once some of them have led to minima that are known. `seen`: at a glance;
-    `rough`: whether they are to be looked for longer, and dearer ones, too.
+    `rough`: whether they are to be looked for longer, and dearer ones, too; `bent`: a little
+    longer.
     """
     vain, known = 0, search.familiar.minima
-    for start in _promising(search, seen, rough):
+    for start in _promising(search, seen, rough, bent):
         search.familiar.daring = True
         yield start
         search.familiar.daring = False
         vain, known = 0 if search.familiar.minima > known else vain + 1, search.familiar.minima
         yield next(starts)
-        if vain == _VAIN:
+        if vain == _VAIN[bent]:
             break
     yield from starts
 
 
-def _promising(search: 'Search', seen: list[Path], rough: Callable[[], bool]) -> Iterator[Path]:
+def _promising(search: 'Search', seen: list[Seen], rough: Callable[[], bool],
+               bent: bool) -> Iterator[Path]:
     """Yield what was seen at a glance, and what a longer look shows where that is worth it."""
-    yield from seen[:1]
-    if search.last is not None and search.problem.q and not search.kit.twin and rough():
+    yield from (each.path for each in seen[:1])
+    if search.last is not None and search.problem.q and not search.kit.twin:
         problem, outcome = _within(search.problem, search.last.outcome.path), search.last.outcome
         T = outcome.path.t[-1]
-        yield from nearest(problem, T, outcome.objective) or nearest(problem, T)
-    yield from seen[1:]
+        rest = search.kit.guesser.line(problem, T).ua[0]
+        look = _LONG if rough() else _SHORT if bent else None
+        if look:
+            cheap = iter(nearest(problem, T, outcome.objective, rest, look))
+            yield from islice(cheap, _CHEAP)
+            for pair in zip_longest(nearest(problem, T, np.inf, rest, look), cheap):
+                yield from filter(None, pair)
+    yield from _unlike(seen)[1:]
 
 
 def _within(problem: Problem, path: Path) -> Problem:
@@ -106,9 +133,9 @@ def _within(problem: Problem, path: Path) -> Problem:
         u_upper=np.where(np.isfinite(problem.u_upper), problem.u_upper, high + wide))
 
 
-def glance(search: 'Search') -> list[Path]:
+def glance(search: 'Search') -> list[Seen]:
     """
-    Return some of the paths that `nearest` looks for longer, of inputs at any distance from rest.
+    Return some of what `nearest` looks for longer, of inputs at any distance from rest, in order.
 
     What costs less than the path found last is often near rest.
     """
@@ -118,7 +145,7 @@ def glance(search: 'Search') -> list[Path]:
     problem, T = _within(search.problem, outcome.path), outcome.path.t[-1]
     count, steps, longer = _GLANCE
     integrator, chance, final = search.kit.integrator, np.random.default_rng(4), problem.final_time
-    rest = search.kit.guesser.line(problem, T).ua[0]
+    rest = search.kit.guesser.line(search.problem, T).ua[0]
     part = _parts(chance, count, problem.m)
     away = chance.uniform(0, 1, (count, 1, 1))
     inputs = np.repeat(rest + away * (_inputs(problem, part) - rest), steps, axis=1)
@@ -126,10 +153,9 @@ def glance(search: 'Search') -> list[Path]:
     if final.free:
         lengths = np.clip(T * longer**chance.uniform(-1, 1, count), final.lower, final.upper)
     t = lengths[:, None] * np.linspace(0.0, 1.0, steps * _PIECES + 1)
-    rolled = [integrator.forward(problem, *each) for each in zip(t, inputs, inputs, strict=True)]
-    x = np.stack([states for states, _ in rolled])
+    x, running = integrator.forward_each(problem, t, inputs)
     V, psi = integrator.ends(problem, x[:, -1])
-    cost = np.array([L[-1] for _, L in rolled]) + V
+    cost = running[:, -1] + V
     sound = np.isfinite(x).all(axis=(1, 2)) & np.isfinite(psi).all(axis=1)
     cheaper = np.flatnonzero(sound & (cost < outcome.objective))
     if not cheaper.size:
@@ -138,9 +164,9 @@ def glance(search: 'Search') -> list[Path]:
     gap = _outside(problem, x[cheaper])[:, -1] + (
         np.abs(psi[cheaper]) / np.where(size > 0, size, 1.0)).max(axis=1, initial=0.0)
     none = np.zeros((steps * _PIECES, 0, problem.n))
-    return _unlike([
-        (near, float(cost[k]), Path(t[k], x[k], none, inputs[k], inputs[k], t[k, -1:]))
-        for k, near in zip(cheaper, gap.tolist(), strict=True)])
+    order = np.argsort(gap)
+    return [Seen(float(gap[j]), Path(t[k], x[k], none, inputs[k], inputs[k], t[k, -1:]))
+            for j, k in zip(order, cheaper[order], strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,52 +177,76 @@ class _Drawn:
     length: Array
 
 
-def nearest(problem: Problem, T: float, most: float = np.inf) -> list[Path]:
+def nearest(problem: Problem, T: float, most: float = np.inf, rest: Array | None = None,
+            look: _Look = _LONG) -> list[Path]:
     """
     Return paths that obey the dynamics from x(0) on and end near psi = 0, at a cost below `most`.
 
-    In turn the nearest of those that cost about the same.
+    In turn the nearest of those that cost about the same. `rest`: inputs that cost little, around
+    which they are drawn at any distance.
     """
-    final = problem.final_time
+    final, count = problem.final_time, look.drawn
     chance = np.random.default_rng(4)
     if final.free:
         shortest, longest = np.clip([T / _LONGER, T * _LONGER], final.lower, final.upper)
         spans = np.geomspace(shortest, longest * (1 + 1e-9), _SPANS + 1)
     else:
         shortest, longest, spans = T, T, np.array([T * (1 - 1e-9), np.inf])
-    part = _parts(chance, _DRAWN, problem.m)
+    part = _parts(chance, count, problem.m)
+    if rest is not None:
+        lower, upper = _inputs(problem, np.array([[0.0], [1.0]]))
+        still = (rest - lower) / np.where(upper > lower, upper - lower, 1.0)
+        away = np.where(np.arange(count) % 4 < 2, 2.0 ** -chance.uniform(0, _NEARER, count), 1.0)
+        part = still + away[:, None, None] * (part - still)
     drawn = _Drawn(part, np.exp(
-        chance.uniform(np.log(shortest), np.log(longest), _DRAWN)))
-    rolled_out = _Rollouts(problem, spans, most)
-    kept: list[tuple[float, float, Path]] = []
-    for generation in range(_GENERATIONS):
+        chance.uniform(np.log(shortest), np.log(longest), count)))
+    rolled_out = _Rollouts(problem, spans, most, look.steps)
+    kept: list[Seen] = []
+    for generation in range(look.generations):
         ends, path = rolled_out(drawn)
-        best = [end for span in ends for end in sorted(span)[:_BEST // len(ends)]
+        best = [end for span in ends for end in sorted(span)[:look.fittest // len(ends)]
                 if np.isfinite(end.gap + end.cost) and end.step > 1]
         if not best:
             break
-        kept += [(end.gap, end.cost, path(end)) for end in best]
-        parents = [best[i] for i in chance.integers(0, len(best), _DRAWN)]
+        kept += [Seen(end.gap, path(end)) for end in best]
+        parents = [best[i] for i in chance.integers(0, len(best), count)]
         k, step = np.array([(end.number, end.step) for end in parents]).T
-        used = step / _STEPS if final.free else np.ones(_DRAWN)
+        used = step / look.steps if final.free else np.ones(count)
         # Over as long as it took, the pieces that were held then.
         middle = (used[:, None] * (np.arange(_PIECES) + 0.5)).astype(np.int64)
         width = _SPREAD / 2**generation
         drawn = _Drawn(
             np.clip(drawn.part[k[:, None], middle] + width * chance.normal(size=part.shape), 0, 1),
-            np.clip(drawn.length[k] * used * np.exp(width * chance.normal(size=_DRAWN)),
+            np.clip(drawn.length[k] * used * np.exp(width * chance.normal(size=count)),
                     shortest, longest))
     return _unlike(kept)
 
 
-def _unlike(kept: list[tuple[float, float, Path]]) -> list[Path]:
-    """Return paths of (gap, cost, path), in turn the nearest of those that cost about the same."""
-    size = _LIKE * max((abs(cost) for _, cost, _ in kept), default=0.0) or 1.0
-    alike: dict[float, list[tuple[float, Path]]] = {}
-    for gap, cost, path in sorted(kept, key=lambda each: each[0]):
-        alike.setdefault(cost // size, []).append((gap, path))
-    turns = zip_longest(*alike.values())
-    return [each[1] for turn in turns for each in turn if each]
+def _unlike(kept: list[Seen]) -> list[Path]:
+    """Return paths, in turn the nearest of those that go the same way."""
+    kept = sorted(kept, key=lambda each: each.gap)
+    if not kept:
+        return []
+    way = np.stack([_way(path) for _, path in kept])
+    alike: list[list[int]] = []
+    left = np.arange(len(way))
+    with np.errstate(over='ignore', invalid='ignore'):   # of paths that went far
+        way /= np.maximum(way.std(axis=0).max(axis=0), 1e-300)
+        way = way.reshape(len(way), -1)
+        while left.size:   # the nearest that is left, and all like it
+            near = np.mean((way[left] - way[left[0]])**2, axis=1) < _LIKE**2
+            near[0] = True
+            alike.append(left[near].tolist())
+            left = left[~near]
+    return [kept[k].path for turn in zip_longest(*alike) for k in turn if k is not None]
+
+
+def _way(path: Path) -> Array:
+    """Return states on the way, and how long it takes, (8, n + 1)."""
+    last = len(path.x) - 1
+    way = np.full((_ON_WAY, path.x.shape[1] + 1), np.log(path.t[-1]))
+    way[:, :-1] = path.x[[last * k // _ON_WAY for k in range(1, _ON_WAY + 1)]]
+    return way
 
 
 class _End(NamedTuple):
@@ -211,8 +261,8 @@ class _End(NamedTuple):
 class _Rollouts:
     """What inputs lead to: where in each span of time paths come nearest to psi = 0."""
 
-    def __init__(self, problem: Problem, spans: Array, most: float) -> None:
-        self._problem, self._spans, self._most = problem, spans, most
+    def __init__(self, problem: Problem, spans: Array, most: float, steps: int) -> None:
+        self._problem, self._spans, self._most, self._steps = problem, spans, most, steps
         self._rate = Batch([problem.x, problem.u, problem.p], [problem.f, problem.L])
         self._ends = Batch([problem.x, problem.p], [problem.psi, problem.V])
         self._size: Array | None = None
@@ -221,8 +271,8 @@ class _Rollouts:
         """Return for each span of time the nearest end of each path, and what returns paths."""
         problem = self._problem
         u = _inputs(problem, drawn.part)
-        x, L = _rolled_out(problem, self._rate, u, drawn.length)
-        t = drawn.length[:, None] * np.linspace(0.0, 1.0, _STEPS + 1)
+        x, L = _rolled_out(problem, self._rate, u, drawn.length, self._steps)
+        t = drawn.length[:, None] * np.linspace(0.0, 1.0, self._steps + 1)
         ends, V = (values.reshape(*x.shape[:2], -1) for values in self._ends(
             x.reshape(-1, problem.n), problem.p_value))
         with np.errstate(invalid='ignore', over='ignore'):
@@ -258,13 +308,14 @@ def _inputs(problem: Problem, part: Array) -> Array:
     return np.asarray(lower + (upper - lower) * part)
 
 
-def _rolled_out(problem: Problem, rate: Batch, u: Array, length: Array) -> tuple[Array, Array]:
+def _rolled_out(problem: Problem, rate: Batch, u: Array, length: Array,
+                steps: int) -> tuple[Array, Array]:
     """Return states (K, steps + 1, n) and the running cost under inputs held in turn."""
-    h = length[:, None] / _STEPS
+    h = length[:, None] / steps
     z = np.column_stack([np.tile(problem.x0, (len(u), 1)), np.zeros(len(u))])
     path, n = [z], problem.n
     with np.errstate(all='ignore'):
-        for k in np.arange(_STEPS) * u.shape[1] // _STEPS:
+        for k in np.arange(steps) * u.shape[1] // steps:
             held, p = u[:, k], problem.p_value
             a = np.hstack(rate(z[:, :n], held, p))
             b = np.hstack(rate((z + h / 2 * a)[:, :n], held, p))
@@ -286,6 +337,7 @@ def _outside(problem: Problem, x: Array) -> Array:
 
 def _path(t: Array, x: Array, u: Array, last: int) -> Path:
     """Return the part of a path up to a step."""
-    held = u[np.arange(_STEPS) * len(u) // _STEPS][:last]
+    steps = len(t) - 1
+    held = u[np.arange(steps) * len(u) // steps][:last]
     return Path(t[:last + 1], x[:last + 1], np.zeros((last, 0, x.shape[1])), held, held,
                 t[last:last + 1])

@@ -66,13 +66,15 @@ class Search:
 
     `with_arcs`: whether inputs are held at bounds between switching times. `quick`: one start
     and one mesh more may do, for paths that need not be optimal. `why_not`: returns why there is
-    no path at all, or '', when the first starts have found none.
+    no path at all, or '', when the first starts have found none; `too_late`: likewise when none
+    has.
     """
 
     def __init__(self, problem: Problem, kit: Kit, monitor: Monitor, *, with_arcs: bool = True,
-                 quick: bool = False, why_not: Callable[[Problem], str] = contradiction) -> None:
+                 quick: bool = False, why_not: Callable[[Problem], str] = contradiction,
+                 too_late: Callable[[Problem], str] = lambda _: '') -> None:
         self.stated, self.kit, self.monitor, self.quick = problem, kit, monitor, quick
-        self.why_not = why_not
+        self.why_not, self.too_late = why_not, too_late
         self.problem = problem if kit.twin is None else kit.twin.problem(problem, 0)
         self.may_hold = with_arcs
         self.switching = tuple(with_arcs and each for each in kit.switching)
@@ -151,8 +153,9 @@ class Search:
             self.starts = self.kit.guesser.starts(
                 self.problem, self.kit.integrator, lambda: self.familiar.spans)
             self.periods = self.kit.guesser.periods(self.problem)
-            found = self._from_starts()
-            good = [outcome for outcome in found if self.believed(outcome)]
+            longer = lengthened(self, COARSE) if found and intervals == levels[1][0] else None
+            found = [longer] if longer else self._from_starts()
+            good = [outcome for outcome in found if longer or self.believed(outcome)]
             if good:
                 self.led_somewhere = True
                 return sorted(good, key=lambda outcome: outcome.objective)
@@ -161,9 +164,10 @@ class Search:
             if self.reason or self.monitor.stopped:
                 break
         else:
-            longer = lengthened(self, COARSE)
-            good = [longer] if longer else from_rollouts(self, final_time(self.problem))
+            good = from_rollouts(self, final_time(self.problem))
             found, self.led_somewhere = good or found, bool(good)
+            if not (good or self.quick or self.monitor.stopped):
+                self.reason = self.too_late(self.stated)
         return sorted(found, key=lambda outcome: (not outcome.converged, (
             outcome.objective if self.led_somewhere else outcome.infeasibility)))
 

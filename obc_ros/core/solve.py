@@ -5,13 +5,12 @@
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 import time
 
 import numpy as np
 from obc_ros.core.certificate import certify
 from obc_ros.core.errors import shown, StatementError
-from obc_ros.core.explain import convex, explain, outgrown
+from obc_ros.core.explain import explain, outgrown, too_late
 from obc_ros.core.ill_posed import indifferent, of_least_effort, wish, without_minimum
 from obc_ros.core.kit import Kit
 from obc_ros.core.monitor import Monitor
@@ -22,6 +21,7 @@ from obc_ros.core.search import Search
 from obc_ros.core.solution import MAX_INTERVALS, Report, Solution, Status
 from obc_ros.core.time_optimal import solve_time_optimal
 from obc_ros.core.two_wheeled_time import solve_two_wheeled
+from obc_ros.core.uneven import convex_paths
 
 Method = Callable[[Problem, Kit, Monitor], Solution]
 
@@ -104,7 +104,7 @@ def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
         return Solution(Status.NOT_CONVERGED, 'the cost has no minimum', method='arcs')
     if (L := indifferent(problem)) is not None:
         return replace(_any_path(problem, L, monitor), method='arcs')
-    search = Search(problem, kit, monitor, why_not=partial(_why_not, monitor=monitor))
+    search = _asking(problem, kit, monitor)
     answer = search.run()
     if not search.monitor.stopped:
         answer = touched_up(search, answer)
@@ -118,19 +118,25 @@ def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
 def _any_path(problem: Problem, L: float, monitor: Monitor) -> Solution:
     """Return a path of a problem that is indifferent to which one it is: that of least effort."""
     other = of_least_effort(problem)
-    found = Search(other, Kit(other), monitor, why_not=partial(_why_not, monitor=monitor)).run()
+    found = _asking(other, Kit(other), monitor).run()
     if not found.t.size:
         return found
     found = _without_multipliers(found, L)
     return replace(found, objective=L * found.t[-1] + float(problem.V), certificate=None)
 
 
-def _why_not(problem: Problem, monitor: Monitor) -> str:
-    """Return why a problem has no path, if that is soon shown; else ''."""
-    work, share = _SOON
-    part = monitor.part(work, share * monitor.remaining())
-    reason = explain(problem, _attempt(part) if convex(problem) else None)
-    return reason.sentence if reason and reason.infeasible else ''
+def _asking(problem: Problem, kit: Kit, monitor: Monitor) -> Search:
+    """Return a search that asks why there is no path while it looks for one, if that is quick."""
+    def soon(quick: bool) -> Callable[[Problem], Solution]:
+        work, share = _SOON
+        return _attempt(monitor.part(work, share * monitor.remaining()), quick)
+
+    def why_not(problem: Problem) -> str:
+        reason = explain(problem, soon(quick=True) if convex_paths(problem) else None)
+        return reason.sentence if reason and reason.infeasible else ''
+
+    return Search(problem, kit, monitor, why_not=why_not, too_late=lambda problem: too_late(
+        problem, soon(quick=True), soon(quick=False)))
 
 
 def _attempt(monitor: Monitor, quick: bool = True) -> Callable[[Problem], Solution]:
