@@ -307,6 +307,9 @@ def test_a_paused_plant_in_lockstep_steps_once_it_is_answered():
     bench = Bench(lockstep=True, simulated_stamps=True)
     bench.plant.pause(True, bench.now)
     assert 'no command has answered' in bench.plant.step(bench.now, bench.wall)
+    bench.run(3 * RESEND + 0.01)  # who was to answer may not have been there yet
+    assert bench.plant.resent == 3
+    assert bench.plant.simulator.steps == 0
     assert bench.plant.command(0, [1.0], bench.now) == ''
     assert not bench.poll()
     assert bench.plant.step(bench.now, bench.wall) == ''

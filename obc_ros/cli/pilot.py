@@ -159,13 +159,17 @@ class Pilot:
         """Have the first state answered: time goes on in real time, in lockstep it stands."""
         if real_time:
             self.pause(False)
-        due = 0.0
+        due, reset = 0.0, None
 
         def answered() -> bool:
-            nonlocal due
-            if not real_time and time.monotonic() > due:  # a reset publishes the first state again
-                resetter.call_async(Trigger.Request())
+            nonlocal due, reset
+            if reset and not reset.done():
+                return False
+            if not (real_time or self.commands.stamp) and time.monotonic() > due:
+                # The plant may have heard an answer that nobody else did.
+                reset = resetter.call_async(Trigger.Request())
                 due = time.monotonic() + 0.5
+                return False
             return bool(self.commands.stamp)
 
         resetter = self.node.create_client(Trigger, 'plant_simulator/reset')
@@ -187,9 +191,15 @@ class Pilot:
                       and self.commands.stamp[-1:] >= [due], f'the answer at {now:g} s')
             if now >= moment - 1e-9:
                 return
-            answer = self._ask(self._stepper, Trigger.Request())
-            if answer.success:
-                now = _time(answer.message)
+            now = self._step()
+
+    def _step(self, timeout: float = 20.0) -> float:
+        """Advance the paused plant, once it is answered, by one state; return its time [s]."""
+        deadline = time.monotonic() + timeout
+        while not (answer := self._ask(self._stepper, Trigger.Request())).success:
+            if time.monotonic() > deadline:
+                raise ObcError(f'the plant does not go on: {answer.message}')
+        return _time(answer.message)
 
     def history(self) -> tuple[Array, Array, Array, Array]:
         """Return t [s], x of all states and t [s], u of all commands, from the first state on."""

@@ -157,14 +157,16 @@ class Plant:
 
     def poll(self, now: float, wall: int) -> bool:
         """Advance as far as the time has come; return whether `sample` is to be published."""
-        if self.paused or self.fault:
+        if self.fault:
             return False
-        if self._waits_for_answer():
+        if self._waits_for_answer():  # while paused, too: its time can be stepped
             again = now - self._sent >= RESEND
             if again:
                 self.resent += 1
                 self._sent = now
             return again
+        if self.paused:
+            return False
         if now < self._anchored[0]:  # the clock was set back
             self._anchor(now)
         if now < self._due_time():
@@ -179,10 +181,12 @@ class Plant:
 
     def wait(self, now: float) -> float:
         """Return how long [s] there is nothing to poll for; inf: until something else happens."""
-        if self.paused or self.fault:
+        if self.fault:
             return math.inf
         if self._waits_for_answer():
             return max(0.0, self._sent + RESEND - now)
+        if self.paused:
+            return math.inf
         return max(0.0, self._due_time() - now)
 
     @property

@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 import faulthandler
 import os
 from pathlib import Path
+from random import uniform
 import re
 import signal
 import sys
@@ -39,6 +40,9 @@ PATIENCE = 10.0  # [s] with a node that is leaving the graph
 # [s] for others to take in that its topics are gone, one by one, before the node is: what of this
 # reaches them after the farewell of its participant makes them list the node for ever.
 SETTLE = 0.2
+# [s] for each node in the graph, 1 s at most, in which those that are told to end together leave
+# one by one: the news of another's leaving is what `leaving` is about.
+ROOM = 0.02
 
 
 @contextmanager
@@ -86,8 +90,9 @@ def run(build: Callable[[], Node]) -> int:
         finally:
             with leaving():
                 with node.handle:   # what is in use is destroyed after that: the node comes last
+                    room = _room(node)
                     node.destroy_node()
-                    sleep(SETTLE)
+                    sleep(SETTLE + uniform(0.0, room))
                 rclpy.try_shutdown()
     # Nothing is left to do, and what the libraries do after the interpreter has ended may stand
     # still in the same way.
@@ -95,6 +100,14 @@ def run(build: Callable[[], Node]) -> int:
         with suppress(OSError, ValueError):   # nobody reads any more
             stream.flush()
     os._exit(0)
+
+
+def _room(node: Node) -> float:
+    """Return the time [s] within which a node leaves."""
+    try:
+        return min(ROOM * len(node.get_node_names()), 1.0)
+    except RuntimeError:  # the context was shut down by someone else in this process
+        return 0.0
 
 
 def _refuse(words: list[str]) -> None:
