@@ -41,8 +41,8 @@ class Batch:
                  few: int = _FEW) -> None:
         self._few = few
         # One input and one output: handing over each costs more than an evaluation.
-        self._function = ca.Function('batch', [ca.vertcat(*inputs)], [
-            ca.vertcat(*map(_column, outputs))])
+        self._function = ca.Function('batch', [_stacked(inputs)], [
+            _stacked([*map(_column, outputs)])])
         self._inputs = list(accumulate((symbol.numel() for symbol in inputs), initial=0))
         self._outputs = list(accumulate((output.numel() for output in outputs), initial=0))
         self._seen = 0
@@ -134,7 +134,7 @@ class Chain:
     """
 
     def __init__(self, z: ca.SX, given: Sequence[ca.SX], after: ca.SX) -> None:
-        steps = ca.Function('step', [z, ca.vertcat(*given)], [ca.densify(after)]).mapaccum(_FEW)
+        steps = ca.Function('step', [z, _stacked(given)], [ca.densify(after)]).mapaccum(_FEW)
         self._inputs = list(accumulate((symbol.numel() for symbol in given), initial=0))
         self._parcel: tuple[Any, Any] = steps.buffer()
 
@@ -181,6 +181,11 @@ class Chain:
                 trigger()
                 now = result[course, k + _FEW - 1]
         return result[:, :count]
+
+
+def _stacked(columns: Sequence[ca.SX]) -> ca.SX:
+    """Return columns as one; a single one costs CasADi as much as several."""
+    return columns[0] if len(columns) == 1 else ca.vertcat(*columns)
 
 
 def _column(value: ca.SX) -> ca.SX:

@@ -182,6 +182,13 @@ class Guesser:
             last = self._last_line = problem, T, self._line(problem, T)
         return last[2]
 
+    def rest(self, problem: Problem) -> Array:
+        """Return the input (m,) that lines begin with, of whatever length the last one was."""
+        last = self._last_line
+        path = (last[2] if last is not None and last[0] is problem
+                else self.line(problem, final_time(problem)))
+        return np.asarray(path.ua[0])
+
     def _line(self, problem: Problem, T: float) -> Path:
         end, _ = self.final_state(problem)
         s = np.linspace(0.0, 1.0, _POINTS)

@@ -73,9 +73,9 @@ class Fitter:
         ma, mb = ca.SX.sym('ma', count), ca.SX.sym('mb', count)
         rate = ca.Function('rate', [x, u, p], [problem.f, problem.L, rows])
 
-        def with_rows(x: ca.SX, inputs: ca.SX) -> tuple[ca.SX, ca.SX]:
-            f, L, c = rate(x, inputs[:m], p)
-            return f, L + ca.dot(inputs[m:], c)
+        def with_rows(z: ca.SX, inputs: ca.SX) -> ca.SX:
+            f, L, c = rate(z[:-1], inputs[:m], p)
+            return ca.vertcat(f, L + ca.dot(inputs[m:], c))
 
         end, cost = step(with_rows, x, (ca.vertcat(ua, ma), ca.vertcat(ub, mb)), h)
         back = ca.gradient(cost, x)

@@ -114,7 +114,7 @@ def _promising(search: 'Search', seen: list[Seen], rough: Callable[[], bool],
     if search.last is not None and search.problem.q and not search.kit.twin:
         problem, outcome = _within(search.problem, search.last.outcome.path), search.last.outcome
         T = outcome.path.t[-1]
-        rest = search.kit.guesser.line(problem, T).ua[0]
+        rest = search.kit.guesser.rest(search.problem)
         look = _LONG if rough() else _SHORT if bent else None
         if look:
             cheap = iter(nearest(problem, T, outcome.objective, rest, look))
@@ -145,7 +145,7 @@ def glance(search: 'Search') -> list[Seen]:
     problem, T = _within(search.problem, outcome.path), outcome.path.t[-1]
     count, steps, longer = _GLANCE
     integrator, chance, final = search.kit.integrator, np.random.default_rng(4), problem.final_time
-    rest = search.kit.guesser.line(search.problem, T).ua[0]
+    rest = search.kit.guesser.rest(search.problem)
     part = _parts(chance, count, problem.m)
     away = chance.uniform(0, 1, (count, 1, 1))
     inputs = np.repeat(rest + away * (_inputs(problem, part) - rest), steps, axis=1)

@@ -31,14 +31,15 @@ def rate_of(problem: Problem) -> Rate:
     return rate
 
 
-def step(rate: Rate, x: ca.SX, inputs: tuple[ca.SX, ca.SX], h: ca.SX) -> tuple[ca.SX, ca.SX]:
+def step(rate: Callable[[ca.SX, ca.SX], ca.SX], x: ca.SX, inputs: tuple[ca.SX, ca.SX],
+         h: ca.SX) -> tuple[ca.SX, ca.SX]:
     """
     Return x after a step of length h and the integral of L over it.
 
     Parameters
     ----------
     rate : callable
-        Returns f and L.
+        Returns f with L below it, of x with any number below it and of u.
     x : casadi.SX
         State at the start.
     inputs : pair of casadi.SX
@@ -50,7 +51,7 @@ def step(rate: Rate, x: ca.SX, inputs: tuple[ca.SX, ca.SX], h: ca.SX) -> tuple[c
     start, slopes = ca.vertcat(x, 0), list[ca.SX]()
     for row, u in zip(A, _called(_along(inputs[0].numel()), *inputs), strict=True):
         inner = _called(_after(row, start.numel()), start, h, *slopes)[0] if row else start
-        slopes.append(ca.vertcat(*rate(inner[:-1], u)))
+        slopes.append(rate(inner, u))
     end, = _called(_after(B, start.numel()), start, h, *slopes)
     return end[:-1], end[-1]
 
@@ -83,5 +84,7 @@ def step_of(problem: Problem) -> ca.Function:
     """Return x after a step and the integral of L, of x, both inputs, h and p; made once."""
     ua, ub = ca.SX.sym('ua', problem.m), ca.SX.sym('ub', problem.m)
     h = ca.SX.sym('h')
-    return ca.Function('step', [problem.x, ua, ub, h, problem.p],
-                       [*step(rate_of(problem), problem.x, (ua, ub), h)])
+    rate = ca.Function('rate', [ca.vertcat(problem.x, ca.SX.sym('cost')), problem.u, problem.p],
+                       [ca.vertcat(problem.f, problem.L)])
+    return ca.Function('step', [problem.x, ua, ub, h, problem.p], [
+        *step(lambda z, u: _called(rate, z, u, problem.p)[0], problem.x, (ua, ub), h)])
