@@ -10,11 +10,12 @@ from obc_ros.core.kit import Kit
 from obc_ros.core.lengthening import lengthened
 from obc_ros.core.mesh import collocation, Path
 from obc_ros.core.monitor import Monitor
+from obc_ros.core.phase_samples import sampled
 from obc_ros.core.phased import DEGREE, Phased, PhasedProgram
 from obc_ros.core.search import Search
 from obc_ros.core.solution import Status
 from obc_ros.core.solve import solve
-from obc_ros.core.spread import spread_by_error, spread_like
+from obc_ros.core.spread import spread_as_wanted, spread_by_error, spread_like
 from obc_ros.core.statement import problem_from_mapping
 import pytest
 
@@ -60,6 +61,30 @@ def test_intervals_go_where_steps_err():
     assert t == pytest.approx(edges)
     assert share[[0, -1]] == pytest.approx([0, 1])
     assert share[1] > 0.45 and np.all(np.diff(share) > 0.1)
+    (t, share), count = spread_as_wanted(found)
+    assert t == pytest.approx(edges)
+    assert count * np.diff(share) == pytest.approx([4, 1, 1, 1])
+
+
+def test_costates_that_change_within_an_interval():
+    """
+    V = x(T) behind a lag of 1/40: dlam_x/dt = 40 lam_x, dlam_y/dt = -40 lam_x, u = -lam_y.
+
+    lam_x = exp(-40 (T - t)) and lam_y = 1 - lam_x; of polynomials through the points of the
+    collocation alone that asks for ten times as many intervals.
+    """
+    problem = problem_from_mapping({
+        'states': ['x', 'y'], 'inputs': ['u'], 'dynamics': {'x': '40*(y - x)', 'y': 'u'},
+        'running_cost': 'u**2/2', 'terminal_cost': 'x', 'initial_state': {'x': 0, 'y': 0},
+        'input_bounds': {'u': [-9, 9]}, 'final_time': {'free': False, 'value': 1}})
+    kit = Kit(problem)
+    line = kit.guesser.line(problem, 1.0)
+    found = kit.phased.solve(
+        problem, [Arc(0.0, 1.0, (np.nan,))], [np.full(24, 1 / 24)], line, scales(problem, line),
+        np.zeros(2, dtype=bool), Monitor())
+    answer = sampled(problem, kit.phased, kit.judge, found, 300)
+    lam_x = np.exp(-40 * (1 - answer.t))
+    assert answer.lam == pytest.approx(np.column_stack([lam_x, 1 - lam_x]), abs=2e-5)
 
 
 def test_a_long_horizon_with_a_bound_of_the_state_is_found_from_short_ones():

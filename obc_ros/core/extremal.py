@@ -151,10 +151,19 @@ class Integrator:
         """Return x (K, n) after K steps of lengths h (K,), each from its own x and inputs."""
         return self._step(x, ua, ub, h[:, None], problem.p_value)[0]
 
+    def stepped_back(self, problem: Problem, lam: Array, x: Array, ua: Array, ub: Array,
+                     h: Array) -> Array:
+        """Return lam (K, n) before such steps of what it is after them."""
+        return self._back(lam, x, ua, ub, h[:, None], problem.p_value)[0]
+
     def ends(self, problem: Problem, x: Array) -> tuple[Array, Array]:
         """Return V (K,) and psi (K, q) at K states."""
         V, psi, _ = self._end(x, np.zeros(problem.q), problem.p_value)
         return V[:, 0], psi
+
+    def at_end(self, problem: Problem, x: Array, nu: Array) -> Array:
+        """Return the costate (n,) that transversality asks for at a final state."""
+        return np.asarray(self._end(x[None, :], nu[None, :], problem.p_value)[2][0])
 
     def hamiltonian(self, problem: Problem, x: Array, u: Array, lam: Array,
                     mu: Array | None = None) -> tuple[Array, Array, Array]:
@@ -215,6 +224,22 @@ class Integrator:
             return self._at_nodes(outcome, float(defect.max()), local)
         return Extremal(parts, t, x, x_end, ua, ub, lam, lam_end, float(J + V[0, 0]),
                         float(defect.max()), local, outcome.nu)
+
+    def closed(self, problem: Problem, outcome: Outcome) -> float:
+        """
+        Return the cost of an outcome once the gaps between its steps are closed, to first order.
+
+        A transcription's states miss by a gap at each mesh point where its inputs lead from the
+        one before, and a costate is what a gap is worth. It says which of two outcomes on coarse
+        meshes is better, which their own costs do not.
+        """
+        path, parts = outcome.path, _MANY if outcome.path.inner.shape[1] else 4
+        t, ua, ub = _cut(path, parts)
+        _, x_end, J = self._restarted(problem, path.x, t, ua, ub, parts)
+        ends = x_end[parts - 1::parts]
+        V, psi, _ = self._end(ends[-1:], outcome.nu[None, :], problem.p_value)
+        gaps = outcome.costates[1:-1] * (ends[:-1] - path.x[1:-1])
+        return float(J + V[0, 0] + outcome.nu @ psi[0] + gaps.sum())
 
     @staticmethod
     def _astray(outcome: Outcome, lam: Array, size: Array, parts: int) -> bool:

@@ -31,7 +31,7 @@ from obc_ros.core.phased import DEGREE, Grazing, Phased, PhasedProgram
 from obc_ros.core.problem import Problem
 from obc_ros.core.refine import below
 from obc_ros.core.solution import Solution
-from obc_ros.core.spread import spread_by_error, spread_like
+from obc_ros.core.spread import spread_as_wanted, spread_by_error, spread_like
 from obc_ros.core.transcription import Outcome, Scales
 
 if TYPE_CHECKING:
@@ -50,6 +50,7 @@ _COARSE = 1e-4        # residual of the dynamics
 _STIFF = 0.1          # times what twice as long steps err by: these err elsewhere
 _WORSE = 1.5          # times what was off before: no finer mesh will do
 _FINEST = 8           # times as many, at most
+_GRADED = 3           # times that intervals are cut where costates change, and not all of them
 _NEAR = 1e-5          # of its size: how near its bound a constraint is met
 _HARDLY = 1e-3        # likewise: how little it leaves its bound between two arcs along it
 _MOST = 0.8           # of a contact, for all of it
@@ -147,7 +148,7 @@ def tidied(arcs: list[Arc]) -> list[Arc]:
 
 
 def settled(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Path,
-            sizes: Scales, pinned: Mask, monitor: Monitor, fine: int,
+            sizes: Scales, pinned: Mask, monitor: Monitor, fine: float,
             spread: tuple[Array, Array]) -> Phased | None:
     """
     Return the path with arcs, without those that vanish.
@@ -201,13 +202,13 @@ def _that_jump(found: Phased) -> list[Arc]:
         for arc, k in zip(found.arcs, first[:-1], strict=True)]
 
 
-def _meshes(arcs: list[Arc], spread: tuple[Array, Array], fine: int) -> list[Array]:
+def _meshes(arcs: list[Arc], spread: tuple[Array, Array], fine: float) -> list[Array]:
     """Return the lengths of the intervals of each phase, as parts of it, as `settled` says."""
     (t, share), meshes = spread, []
     t = t * (arcs[-1].end / t[-1])
     for arc in arcs:
         first, last = np.interp([arc.start, arc.end], t, share)
-        count = fine * max(_LEAST, math.ceil(_INTERVALS * (last - first)))
+        count = math.ceil(fine * max(_LEAST, math.ceil(_INTERVALS * (last - first))))
         points = np.interp(np.linspace(first, last, count + 1), share, t)
         meshes.append(np.diff(points) / (points[-1] - points[0]))
     return meshes
@@ -243,7 +244,7 @@ def along_bounds(search: 'Search', outcome: Outcome, known: Solution | None = No
     allowed = outcome.objective + _DEARER * abs(outcome.objective)
     if known is not None and known.certified:
         allowed = known.objective + _NO_DEARER * abs(known.objective)
-    seen: set[tuple[Signature, int]] = set()
+    seen: set[tuple[Signature, float, int]] = set()
     for gap in _GAPS:
         arcs = read(problem, program, outcome, value, search.margin, search.kit.switching, gap)
         if (answer := _settled_on(search, outcome, arcs, allowed, seen)) is not None:
@@ -253,7 +254,7 @@ def along_bounds(search: 'Search', outcome: Outcome, known: Solution | None = No
 
 
 def _settled_on(search: 'Search', outcome: Outcome, arcs: list[Arc], allowed: float,
-                seen: set[tuple[Signature, int]]) -> Solution | None:
+                seen: set[tuple[Signature, float, int]]) -> Solution | None:
     """
     Return an answer with arcs like those given, read anew until it is certified; else None.
 
@@ -261,14 +262,14 @@ def _settled_on(search: 'Search', outcome: Outcome, arcs: list[Arc], allowed: fl
     """
     problem, monitor, pinned = search.problem, search.monitor, search.pinned
     program, judge, fitter = search.kit.phased, search.kit.judge, search.kit.fitter(problem)
-    guess, sizes, fine = with_steps(outcome.path, arcs), search.sizes(outcome), 1
+    guess, sizes, fine, graded = with_steps(outcome.path, arcs), search.sizes(outcome), 1.0, 0
     off, erred, spread = math.inf, math.inf, spread_like(outcome.path)
-    for turn in range(_ROUNDS):
-        if turn and (signature(arcs), fine) in seen:
+    for turn in range(_ROUNDS + _GRADED):
+        if turn and (signature(arcs), fine, graded) in seen:
             fine *= 2   # what a coarse mesh shows goes to and fro
-        if fine > _FINEST or (signature(arcs), fine) in seen:
+        if fine > _FINEST or (signature(arcs), fine, graded) in seen:
             break
-        seen.add((signature(arcs), fine))
+        seen.add((signature(arcs), fine, graded))
         found = settled(
             problem, program, arcs, guess, sizes, pinned, monitor, fine, spread)
         if found is None or found.cost > allowed:
@@ -302,6 +303,10 @@ def _settled_on(search: 'Search', outcome: Outcome, arcs: list[Arc], allowed: fl
             answer = _certified(problem, program, judge, fitter, smooth)
             if answer.certified:
                 return answer
+        if worst == 'costate' and graded < _GRADED:   # it may change within a small part of T
+            (spread, count), graded = spread_as_wanted(found), graded + 1
+            fine = max(fine, count / _INTERVALS)
+            continue
         fine *= 2
         if off > _WORSE * before:
             break

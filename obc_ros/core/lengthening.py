@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 _HALVINGS = 6
 _REFINED, _ITERATIONS = 4, 150   # meshes tried over one horizon, iterations on each
+_WORK = 100_000     # as in `search`, on all of them
 _FINE = 32          # points at which what follows is integrated, in each of its intervals
 _FAR = 10.0         # of the size of the path so far: where what follows is not to be used
 
@@ -38,6 +39,7 @@ def lengthened(search: 'Search', intervals: int) -> Outcome | None:
         return None
     start = search.kit.guesser.line(whole, final.value)
     outcome: Outcome | None = None
+    monitor, search.monitor = search.monitor, search.monitor.part(_WORK)
     try:
         for halvings in range(_HALVINGS, -1, -1):
             length = final.value / 2**halvings
@@ -52,7 +54,7 @@ def lengthened(search: 'Search', intervals: int) -> Outcome | None:
             if outcome is None and halvings < _HALVINGS:
                 break
     finally:
-        search.problem = whole
+        search.problem, search.monitor = whole, monitor
     return outcome
 
 

@@ -83,8 +83,10 @@ def sampled(problem: Problem, program: PhasedProgram, integrator: Integrator, fo
     for row in np.flatnonzero(bounds.orders != 0):
         wanted = sign[:, row][:, None]
         density[:, :, row] = np.where(density[:, :, row] * wanted > 0, density[:, :, row], 0.0)
-    x = _replayed(problem, integrator, x, np.clip(u, problem.u_lower, problem.u_upper),
-                  found.h[:, None] * np.diff(tau, axis=1))
+    u, h = np.clip(u, problem.u_lower, problem.u_upper), found.h[:, None] * np.diff(tau, axis=1)
+    x = _replayed(problem, integrator, x, u, h)
+    lam = np.where(np.abs(density).max(axis=(1, 2))[:, None, None] > 0, lam,
+                   _carried_back(problem, integrator, found, lam, x, u, h))
     t = np.append(0.0, np.cumsum(found.h))[:-1, None] + found.h[:, None] * tau
     return _joined(problem, integrator, found, t, x, u, lam, density)
 
@@ -98,6 +100,26 @@ def _replayed(problem: Problem, integrator: Integrator, x: Array, u: Array, h: A
     with np.errstate(invalid='ignore'):
         near = (np.abs(new - x) <= _OFF * size).all(axis=(1, 2))
     return np.where(near[:, None, None], new, x)
+
+
+def _carried_back(problem: Problem, integrator: Integrator, found: Phased, lam: Array, x: Array,
+                  u: Array, h: Array) -> Array:
+    """
+    Return costates (K, s, n) that lead to the first of the next interval, if from their own.
+
+    At the starts of intervals the costates of a collocation converge with a higher order than
+    inside; at T it is known what they are.
+    """
+    new = lam.copy()
+    new[:-1, -1] = lam[1:, 0]
+    new[-1, -1] = integrator.at_end(problem, x[-1, -1], found.nu)
+    for k in range(h.shape[1] - 1, -1, -1):
+        new[:, k] = integrator.stepped_back(
+            problem, new[:, k + 1], x[:, k], u[:, k], u[:, k + 1], h[:, k])
+    size = np.maximum(np.abs(lam).max(axis=(0, 1)), 1e-300)
+    with np.errstate(invalid='ignore'):
+        near = (np.abs(new[:, 0] - lam[:, 0]) <= _OFF * size).all(axis=1)
+    return np.where(near[:, None, None], new, lam)
 
 
 def _joined(problem: Problem, integrator: Integrator, found: Phased, t: Array, x: Array,

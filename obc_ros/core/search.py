@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import chain
 
 import casadi as ca
 import numpy as np
@@ -150,8 +151,12 @@ class Search:
         for intervals, stages in levels[:2] if self.quick else levels:
             self.intervals, self.stages = intervals, stages
             self.familiar = Familiar()
-            self.starts = self.kit.guesser.starts(
-                self.problem, self.kit.integrator, lambda: self.familiar.spans)
+            # What a coarser mesh led to, if its steps err, may be near what is there.
+            converged = [outcome for outcome in found if outcome.converged]
+            known = [min(converged, key=lambda outcome: outcome.objective).path
+                     ] if converged else []
+            self.starts = chain(known, self.kit.guesser.starts(
+                self.problem, self.kit.integrator, lambda: self.familiar.spans))
             self.periods = self.kit.guesser.periods(self.problem)
             longer = lengthened(self, COARSE) if found and intervals == levels[1][0] else None
             found = [longer] if longer else self._from_starts()

@@ -39,6 +39,7 @@ _SEEN = 0.98          # of an arc at a bound that was seen to last so long
 _VANISHING, _GONE = 1e-3, 1e-6   # of T: an arc that may not be there; one that is not
 _DEARER = 1e-9, 1e-7  # relative: what a path without them may cost more, on another mesh
 _PATIENT = 200, 8     # iterations for arcs near an outcome; times those of the first coarse mesh
+_ROOM = 1e-5          # relative: what a path with arcs may cost more
 _PERHAPS, _NEVER = 1, 2   # arcs on bounds also where a finer mesh may meet one; nowhere
 
 
@@ -163,8 +164,15 @@ class Settling:
         new = search.collocate(mesh, with_steps(outcome.path, arcs), durations, near=True,
                                sizes=search.sizes(outcome), least=kept * durations * held,
                                most=max(_PATIENT[0], _PATIENT[1] * search.typical))
-        allowed = outcome.objective + 1e-5 * abs(outcome.objective)
-        return new if new.converged and new.objective <= allowed else None
+        return new if new.converged and self.no_dearer(new, outcome) else None
+
+    def no_dearer(self, new: Outcome, outcome: Outcome) -> bool:
+        """Return whether an outcome costs no more than another, or would with exact steps."""
+        room = _ROOM * abs(outcome.objective)
+        if new.objective <= outcome.objective + room:
+            return True
+        closed = self.kit.integrator.closed
+        return closed(self.problem, new) <= closed(self.problem, outcome) + room
 
     def without_vanishing(self, outcome: Outcome) -> Outcome:
         """Return the outcome without its shortest arcs, if it costs no more without them."""

@@ -9,6 +9,8 @@ from obc_ros.core.phased import DEGREE, Phased
 
 Array = NDArray[np.float64]
 
+_RESOLVED, _MOST_CUTS = 1e-5, 4   # highest coefficients that are small enough; at once
+
 
 def spread_like(path: Path) -> tuple[Array, Array]:
     """Return times and which share of all intervals is to be before each: more where it bends."""
@@ -21,12 +23,23 @@ def spread_like(path: Path) -> tuple[Array, Array]:
 
 def spread_by_error(found: Phased) -> tuple[Array, Array]:
     """Return likewise what makes the highest coefficients of x about the same everywhere."""
+    return np.append(0.0, np.cumsum(found.h)), _shares(
+        found.h, np.ones(len(found.h)), _highest(found.x).max(axis=1) ** (1 / DEGREE))
+
+
+def spread_as_wanted(found: Phased) -> tuple[tuple[Array, Array], int]:
+    """Return likewise, and how many intervals there are: cut where x or lam are not resolved."""
+    error = np.maximum(_highest(found.x).max(axis=1), _highest(found.lam).max(axis=1))
+    count = np.clip(np.ceil((error / _RESOLVED) ** (1 / DEGREE)), 1, _MOST_CUTS)
+    return (np.append(0.0, np.cumsum(found.h)), _shares(count)), int(count.sum())
+
+
+def _highest(values: Array) -> Array:
+    """Return the highest coefficients in all intervals, (K, n), of their sizes."""
     points = 2 * np.append(0.0, collocation(DEGREE, 'radau')[0]) - 1
     highest = np.polynomial.legendre.legfit(points, np.eye(DEGREE + 1), DEGREE)[DEGREE]
-    size = np.maximum(np.abs(found.x).max(axis=(0, 1)), 1e-300)
-    error = (np.abs(np.einsum('j,kjn->kn', highest, found.x)) / size).max(axis=1)
-    return np.append(0.0, np.cumsum(found.h)), _shares(
-        found.h, np.ones(len(found.h)), error ** (1 / DEGREE))
+    size = np.maximum(np.abs(values).max(axis=(0, 1)), 1e-300)
+    return np.asarray(np.abs(np.einsum('j,kjn->kn', highest, values)) / size)
 
 
 def _shares(*weights: Array) -> Array:
