@@ -2,15 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Further starts, once there is an answer: whether there is a better one elsewhere."""
 
+from collections.abc import Generator, Sequence
+from copy import copy
 from dataclasses import replace
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import cast, TYPE_CHECKING
 
 import numpy as np
 from obc_ros.core.familiar import ANOTHER
 from obc_ros.core.horizons import of_other_lengths
 from obc_ros.core.kit import Answered, numbers
-from obc_ros.core.mesh import Path, split
+from obc_ros.core.mesh import Path, split, uniform
 from obc_ros.core.refine import below
 from obc_ros.core.rollouts import glance, interleaved, Seen
 from obc_ros.core.solution import Solution
@@ -24,6 +26,7 @@ _HARD = 3000
 _LEAST_HARD = 12      # number of them, of hard problems by collocation, and of rough ones
 _LEAST_BENT = 8       # likewise where states do not follow inputs in proportion, or T is free
 _BENT, _PARTS = 0.4, 12   # of how far states go, beyond which they do not; steps to find out
+_LONG, _LOOKS = 60_000, 3   # work for a path, after which so many starts are looked at
 _FEW = 2              # minima, beyond which rough problems are given twice as many
 _SLOW = 30            # iterations on a coarse mesh, beyond which a problem is rough
 _AFTER = 3            # further starts, once one has led to something better
@@ -31,6 +34,7 @@ _AFTER = 3            # further starts, once one has led to something better
 _MANY, _MOST, _FOR_MANY = 24, 80, 15_000
 _ITERATIONS = 150     # for a lower cost that is not to be believed yet
 _MET = 1e-5           # infeasibility of a path
+_ERRS, _FINER = 1e-2, 4   # relative: such an error of coarse costs; times as many intervals
 _TIES, _SAME = 6, 2e-4   # followed up although on the coarse mesh they cost a little more
 _CHEAPER = 1e-6       # relative: of two answers that are certified
 _SAYS = 0.2           # relative: error of a cost on a coarse mesh that says something
@@ -38,11 +42,49 @@ _RIVALS, _RIVAL = 3, 0.3   # other minima that are kept, costs up to so much abo
 # Work without an answer that holds, after which no further start is tried once they have made so
 # much; work for further starts of rough problems, where as much has not been made before.
 _WEARY, _FOR_ROUGH = (500_000, 50_000), 3000
+_LAVISH = 150_000   # work for further starts, once there is an answer that holds
 
 
-def explored(search: 'Search', best: Solution, floor: float) -> Solution:
+def ended(work: Generator[None, None, Solution]) -> Solution:
+    """Return what work at leisure leads to."""
+    while True:
+        try:
+            next(work)
+        except StopIteration as end:
+            return cast('Solution', end.value)
+
+
+def started(search: 'Search', first: Outcome) -> tuple[Solution, float]:
     """
-    Return the best answer after some more starts.
+    Return the answer that a coarse outcome leads to, or one that costs less, and its coarse cost.
+
+    A path that winds between obstacles may need meshes that take a minute where another one is
+    found at once: after some work a few starts are looked at, before finer meshes.
+    """
+    begun, work = search.work, search.following(first)
+    try:
+        while search.work - begun <= _LONG:
+            next(work)
+    except StopIteration as end:
+        return cast('Solution', end.value), first.objective
+    beside, cheapest = copy(search), first
+    for _ in range(_LOOKS):
+        beside.reset()
+        outcome = beside.from_next_start(once=True, hard=True)
+        if below(outcome.objective, cheapest.objective, ANOTHER) and beside.believed(outcome):
+            cheapest = outcome
+    other = None if cheapest is first else beside.followed_up(cheapest)
+    search.work = beside.work
+    if other is None or not other.certified:
+        return ended(work), first.objective
+    search.last = beside.last
+    return other, cheapest.objective
+
+
+def explored(search: 'Search', best: Solution, floor: float,
+             others: Sequence[Outcome] = ()) -> Solution:
+    """
+    Return the best answer after some more starts, and after what others have led to.
 
     There are none where no path can be better. Their number grows with the work that the problem
     has made so far: what is solved at once is not held up; what is hard, has uneven costs or leads
@@ -65,22 +107,24 @@ def explored(search: 'Search', best: Solution, floor: float) -> Solution:
     found, ground = list[Outcome](), floor   # `ground`: of the best, on the coarse mesh
     ties = [floor]   # coarse costs of what was followed up
     # Starts, more after each that has led to something better.
-    wanted = 1 + len(lengths) + bool(promising)
+    wanted = 1 + len(others) + len(lengths) + bool(promising)
     for number in range(0 if alone else _MOST):
         if search.monitor.stopped or _enough(search, number, (before, spent), wanted,
                                              best.certified, uneven=uneven, bent=bent):
             break
         started = search.work
         search.reset()
-        outcome = _pursued(search, floor, search.from_next_start(
-            once=best.certified, hard=uneven or before > _HARD))
+        outcome = others[number] if number < len(others) else _pursued(
+            search, floor, search.from_next_start(
+                once=best.certified, hard=uneven or before > _HARD))
         lower = below(outcome.objective, floor, ANOTHER)
         falls = lower and not outcome.converged and outcome.infeasibility <= _MET
         tied = (outcome.converged and len(ties) < _TIES and outcome.objective < _tie(best, ground)
                 and all(abs(outcome.objective - other) > _SAME * abs(other) for other in ties))
         differs = not best.certified and all(
             abs(outcome.objective - other) > ANOTHER * abs(other) for other in ties)
-        if falls or (lower or tied or differs) and search.believed(outcome):
+        if falls or (lower or tied or differs) and search.believed(outcome) and (
+                differs or _may_be_better(search, outcome, best, kept, ground, lower=lower)):
             ties.append(outcome.objective)
             floor = min(floor, outcome.objective)
             other = (search.solution(outcome, search.course(outcome)) if falls
@@ -111,7 +155,7 @@ def _enough(search: 'Search', number: int, work: tuple[int, int], wanted: int, c
     """Return whether so many further starts will do; `work`: before them, and for them."""
     (before, spent), rough = work, _rough(search)
     hard = before > _HARD
-    if not certified and search.work > _WEARY[0] and spent > _WEARY[1]:
+    if spent > _LAVISH if certified else search.work > _WEARY[0] and spent > _WEARY[1]:
         return True
     if (rough or bent) and certified and not (hard or uneven) and spent > max(_FOR_ROUGH, before):
         return True
@@ -167,6 +211,27 @@ def _tie(best: Solution, ground: float) -> float:
     """Return the coarse cost below which finer meshes may lead to less than the best answer."""
     error = abs(best.objective - ground)
     return ground + 2 * error if best.certified and error < _SAYS * abs(ground) else -np.inf
+
+
+def _may_be_better(search: 'Search', outcome: Outcome, best: Solution, kept: Answered | None,
+                   ground: float, *, lower: bool) -> bool:
+    """
+    Return whether an outcome may be better on a finer mesh, too, where coarse costs err.
+
+    `lower`: whether it is on the coarse one.
+    """
+    if kept is None or abs(best.objective - ground) <= _ERRS * abs(ground) or (
+            outcome.mesh.layout.intervals > search.intervals):
+        return True
+    mesh = uniform(search.problem, _FINER * search.intervals, search.stages)
+    if not search.monitor.allows(mesh.layout.intervals):
+        return True
+    known, new = (search.collocate(mesh, path, path.t[-1:], near=True, most=_ITERATIONS)
+                  for path in (kept.outcome.path, outcome.path))
+    if not (known.converged and new.converged):
+        return lower
+    apart, error = new.objective - known.objective, abs(best.objective - known.objective)
+    return _SAME * abs(known.objective) < abs(apart) and apart < 2 * error
 
 
 def _rivals(found: list[Outcome], ground: float) -> tuple[Outcome, ...]:

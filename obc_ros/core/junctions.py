@@ -21,7 +21,7 @@ from obc_ros.core.certificate import certify
 from obc_ros.core.contacts import Contact, contacts, with_contacts
 from obc_ros.core.extremal import Integrator
 from obc_ros.core.jumps import with_jumps, with_steps
-from obc_ros.core.mesh import collocation, Path
+from obc_ros.core.mesh import collocation, Path, uniform
 from obc_ros.core.mixed import holding, reheld
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.multipliers import Fitter
@@ -66,6 +66,8 @@ _LIMIT = 1e-3         # of what may go at once: a phase so near its least length
 _NO_JUMP = 0.05       # of its size: less of an input than what a coarse path shows as a jump
 _NEARLY = 0.1         # relative rate inwards at a junction, at which there may be none
 _AT_ONCE = 45_000     # work, as in `search`, on what a coarse mesh shows
+_PATIENCE = 100_000   # likewise, at least, on what any mesh shows
+_FINER = 2, 4         # times as many intervals, on which that is tried again
 
 
 def read(problem: Problem, program: PhasedProgram, outcome: Outcome, value: Array,
@@ -227,6 +229,12 @@ def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: Sca
     return new if same else found
 
 
+def _may_have_arcs(search: 'Search') -> bool:
+    """Return whether arcs along bounds are to be looked for."""
+    return search.bounded and search.may_hold and not (
+        search.quick or search.kit.twin or search.monitor.stopped)
+
+
 def along_bounds(search: 'Search', outcome: Outcome, known: Solution | None = None
                  ) -> Solution | None:
     """
@@ -234,9 +242,8 @@ def along_bounds(search: 'Search', outcome: Outcome, known: Solution | None = No
 
     If one is `known` that is, only one that costs no more.
     """
-    problem, monitor = search.problem, search.monitor
-    if not (search.bounded and search.may_hold) or (
-            search.quick or search.kit.twin or monitor.stopped):
+    problem = search.problem
+    if not _may_have_arcs(search):
         return None
     program = search.kit.phased
     value = search.kit.fitter(problem).at(
@@ -245,12 +252,16 @@ def along_bounds(search: 'Search', outcome: Outcome, known: Solution | None = No
     if known is not None and known.certified:
         allowed = known.objective + _NO_DEARER * abs(known.objective)
     seen: set[tuple[Signature, float, int]] = set()
-    for gap in _GAPS:
-        arcs = read(problem, program, outcome, value, search.margin, search.kit.switching, gap)
-        if (answer := _settled_on(search, outcome, arcs, allowed, seen)) is not None:
-            search.last = search.answered(outcome)
-            return answer
-    return None
+    whole, search.monitor = search.monitor, search.monitor.part(max(_PATIENCE, search.work))
+    try:
+        for gap in _GAPS:
+            arcs = read(problem, program, outcome, value, search.margin, search.kit.switching, gap)
+            if (answer := _settled_on(search, outcome, arcs, allowed, seen)) is not None:
+                search.last = search.answered(outcome)
+                return answer
+        return None
+    finally:
+        search.monitor = whole
 
 
 def _settled_on(search: 'Search', outcome: Outcome, arcs: list[Arc], allowed: float,
@@ -314,12 +325,24 @@ def _settled_on(search: 'Search', outcome: Outcome, arcs: list[Arc], allowed: fl
 
 
 def at_once(search: 'Search', start: Outcome) -> Solution | None:
-    """Return an answer with arcs along bounds near a coarse outcome, if it shows them."""
-    if not (start.converged and any(search.switching)):
+    """
+    Return an answer with arcs along bounds near a coarse outcome, if it shows them.
+
+    Where a path only touches a bound, or turns for a short time, a finer mesh may show it.
+    """
+    if not (start.converged and any(search.switching) and _may_have_arcs(search)):
         return None
-    whole, search.monitor = search.monitor, search.monitor.part(_AT_ONCE)
+    whole, outcome, problem = search.monitor, start, search.problem
     try:
-        return along_bounds(search, start)
+        for finer in (1, *_FINER):
+            search.monitor = whole.part(_AT_ONCE)
+            mesh = uniform(problem, finer * start.mesh.layout.intervals, search.stages)
+            if finer > 1 and whole.allows(mesh.layout.intervals):
+                new = search.collocate(mesh, outcome.path, near=True, sizes=search.sizes(outcome))
+                outcome = new if new.converged else outcome
+            if (answer := along_bounds(search, outcome)) is not None:
+                return answer
+        return None
     finally:
         search.monitor = whole
 

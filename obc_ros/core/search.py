@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """From a statement to an extremal: starts, arcs, a finer mesh, until a certificate holds."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, count
 
 import casadi as ca
 import numpy as np
@@ -14,7 +14,7 @@ from obc_ros.core.arcs import jumping_inputs
 from obc_ros.core.boundary_values import BoundaryValues
 from obc_ros.core.certificate import certify
 from obc_ros.core.contradictions import contradiction
-from obc_ros.core.exploring import beaten, explored
+from obc_ros.core.exploring import beaten, ended, explored, started
 from obc_ros.core.extremal import Extremal
 from obc_ros.core.familiar import Familiar
 from obc_ros.core.guesses import final_time, joined, scales
@@ -31,6 +31,7 @@ from obc_ros.core.rollouts import from_rollouts
 from obc_ros.core.settling import Settling
 from obc_ros.core.solution import Solution, Status
 from obc_ros.core.transcription import Outcome, Scales
+from obc_ros.core.ways import started_around
 
 Array = NDArray[np.float64]
 
@@ -186,15 +187,18 @@ class Search:
 
     def _from_starts(self) -> list[Outcome]:
         found: list[Outcome] = []
-        begun, good, most = self.work, False, _STARTS if self.quick else _STARTS_MOST
-        for number in range(1, most + 1):
+        begun, good, ways = self.work, False, 0
+        for number in count(1):
             outcome = self.from_next_start(once=good)
             found.append(outcome)
             if not good and self.believed(outcome):
                 good, self.typical = True, outcome.iterations
+            if number == 1 and not (self.quick and good):
+                ways = started_around(self, outcome)
             patient = self.work - begun < _PATIENCE * (1 + self.stages)
-            if (self.monitor.stopped or self.quick and good
-                    or number >= _STARTS and (good or not patient)):
+            most = _STARTS if self.quick else _STARTS_MOST
+            if (self.monitor.stopped or self.quick and good or number >= ways + (
+                    _STARTS if good or not patient else most)):
                 break
         return found
 
@@ -405,12 +409,12 @@ class Search:
             self.monitor = self.monitor.part(times * self.work, share * self.monitor.remaining())
         elif not self.quick and self.mixes(starts[0]):
             self.monitor = self.monitor.part(self.work + _MIXED, _VAIN[1]*self.monitor.remaining())
-        best = self.followed_up(starts[0])
         if self.quick:
-            return best
+            return self.followed_up(starts[0])
+        best, floor = started(self, starts[0])
         if not (best.certified or self.monitor.stopped) and (reason := contradiction(self.stated)):
             return Solution(Status.INFEASIBLE, reason)   # by steps with errors there are paths
-        return explored(self, best, starts[0].objective)
+        return explored(self, best, floor, starts[1:])
 
     def mixes(self, outcome: Outcome) -> bool:
         """Return whether an input is between its bounds for long where H is concave in it."""
@@ -439,6 +443,10 @@ class Search:
 
     def followed_up(self, start: Outcome, rounds: int = _ROUNDS) -> Solution:
         """Return the best answer that improving a coarse outcome gives."""
+        return ended(self.following(start, rounds))
+
+    def following(self, start: Outcome, rounds: int = _ROUNDS) -> Generator[None, None, Solution]:
+        """Return what `followed_up` does, at leisure: yield after each mesh."""
         if (found := at_once(self, start)) is not None:
             return found
         best: Solution | None = None
@@ -465,6 +473,7 @@ class Search:
                 break
             if self.quick and number >= 2:
                 break
+            yield
         if best is None:
             best, self.last = self.solution(outcome, self.course(outcome)), self.answered(outcome)
         if not best.certified and nearest is not tried:

@@ -38,7 +38,7 @@ _CLOSE = 1e-6         # relative cost, for which arcs are moved no more
 _SEEN = 0.98          # of an arc at a bound that was seen to last so long
 _VANISHING, _GONE = 1e-3, 1e-6   # of T: an arc that may not be there; one that is not
 _DEARER = 1e-9, 1e-7  # relative: what a path without them may cost more, on another mesh
-_PATIENT = 200, 8     # iterations for arcs near an outcome; times those of the first coarse mesh
+_PATIENT = 200        # iterations for arcs near an outcome
 _ROOM = 1e-5          # relative: what a path with arcs may cost more
 _PERHAPS, _NEVER = 1, 2   # arcs on bounds also where a finer mesh may meet one; nowhere
 
@@ -163,7 +163,7 @@ class Settling:
         held = [not np.isnan(arc.levels).any() for arc in arcs]
         new = search.collocate(mesh, with_steps(outcome.path, arcs), durations, near=True,
                                sizes=search.sizes(outcome), least=kept * durations * held,
-                               most=max(_PATIENT[0], _PATIENT[1] * search.typical))
+                               most=_PATIENT)
         return new if new.converged and self.no_dearer(new, outcome) else None
 
     def no_dearer(self, new: Outcome, outcome: Outcome) -> bool:
