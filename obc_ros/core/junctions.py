@@ -67,7 +67,7 @@ _NO_JUMP = 0.05       # of its size: less of an input than what a coarse path sh
 _NEARLY = 0.1         # relative rate inwards at a junction, at which there may be none
 _AT_ONCE = 45_000     # work, as in `search`, on what a coarse mesh shows
 _PATIENCE = 100_000   # likewise, at least, on what any mesh shows
-_FINER = 2, 4         # times as many intervals, on which that is tried again
+_FINER = 4, 2         # times as many intervals, on which that is tried again
 
 
 def read(problem: Problem, program: PhasedProgram, outcome: Outcome, value: Array,
@@ -290,7 +290,14 @@ def _settled_on(search: 'Search', outcome: Outcome, arcs: list[Arc], allowed: fl
         if answer.certificate.holds:
             return answer
         if answer.certificate.residuals['dynamics'] > _COARSE:
-            fine *= 2   # steps that err so much say nothing of arcs
+            # Steps that err so much say nothing of arcs, but where a bound weighs.
+            touched = touching(problem, found.arcs, found, program.bounds, answer.t,
+                               fitter.at(problem, answer.x, answer.u))
+            if signature(touched) != signature(found.arcs) and (
+                    signature(touched), fine, graded) not in seen:
+                arcs, guess = touched, with_steps(as_path(found), touched)
+                continue
+            fine *= 2
             erred, before = answer.certificate.residuals['dynamics'], erred
             if erred > _STIFF * before:
                 spread = spread_by_error(found)
@@ -389,20 +396,20 @@ def reread(problem: Problem, program: PhasedProgram, integrator: Integrator, fou
         cut.append(Arc(start, float(end), level.levels, on.on,
                        jump=on.jump and abs(start - on.start) <= 1e-9 * times[-1]))
         start = float(end)
-    size = np.abs(value).max(axis=0)
-    room = np.stack([value - np.append(problem.x_lower, problem.path_lower),
-                     np.append(problem.x_upper, problem.path_upper) - value])
-    return touching(reheld(tidied(cut), found, bounds), found, bounds, answer.t,
-                    room <= _HARDLY * size)
+    return touching(problem, reheld(tidied(cut), found, bounds), found, bounds, answer.t, value)
 
 
-def touching(arcs: list[Arc], found: Phased, bounds: Bounds, times: Array, near: Mask
-             ) -> list[Arc]:
+def touching(problem: Problem, arcs: list[Arc], found: Phased, bounds: Bounds, times: Array,
+             value: Array) -> list[Arc]:
     """
     Return arcs near those found, which touch bounds, or stay on them, where these weigh.
 
-    `near` (2, N, n + l): whether the path is on lower and on upper bounds at the given times.
+    `value` (N, n + l): (x, c) at the given times.
     """
+    near = np.stack([
+        value - np.append(problem.x_lower, problem.path_lower),
+        np.append(problem.x_upper, problem.path_upper) - value]) <= _HARDLY * np.abs(
+            value).max(axis=0)
     d = DEGREE
     met = [(arc.start, int(row), arc.met[row]) for phase, arc in enumerate(found.arcs)
            for row in np.flatnonzero(arc.met) if (phase, int(row)) not in found.astray]

@@ -153,7 +153,9 @@ def _in_the_mean(found: BoundaryValues, t: Array, arc: Index) -> tuple[Array, Ar
                 share[end] = np.where(free[meets], share[end], 0.0)
         mass = np.append(length, 0.0) / 2
         mass[1:] += length[:, 0] / 2
-        move = np.where(of, -share / mass[:, None], 0.0)
+        # Between rounded times there may be none.
+        move = np.divide(-share, mass[:, None], out=np.zeros_like(share),
+                         where=of & (mass > 0)[:, None])
         off[rows] = move
         drift[rows[1:]] = np.where(of, np.cumsum(
             length * (move[1:] + move[:-1]) / 2 + 2 * lost, axis=0), 0.0)
