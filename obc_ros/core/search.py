@@ -51,6 +51,7 @@ _NEAR_BOUNDS = 0.1    # relative cost above the least one, at which that is trie
 # Of finer meshes; of those before curved inputs are held; of those from a neighbour's answer.
 _ROUNDS, _PLAIN_ROUNDS, _WARM_ROUNDS = 10, 5, 3
 _COARSE_ITERATIONS, _FEW_ITERATIONS = 150, 12
+_FINER_ITERATIONS, _FINER_WORK = 350, 450_000   # for a finer mesh, from a path near its answer
 _WARM_ITERATIONS = 15   # what takes more has come far, perhaps past better paths
 _WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
 _DETOUR = 1e-5        # likewise, at which inputs may wind around between points
@@ -305,8 +306,9 @@ class Search:
             mesh = self.finer(outcome, course)
             if self.monitor.stopped or not self.monitor.allows(mesh.layout.intervals):
                 return
+            most = _FINER_WORK // (mesh.layout.intervals * (1 + mesh.layout.stages))
             outcome = self.collocate(mesh, outcome.path, near=True, sizes=self.sizes(outcome),
-                                     guide=outcome)
+                                     guide=outcome, most=min(_FINER_ITERATIONS, max(50, most)))
             if not outcome.converged:
                 return
             if Settling.vanished(outcome):

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _SEEN = 81            # points of the line at which obstacles are looked for
-_OBSTACLES, _WAYS = 4, 8   # the worst in the way; the shortest of the ways past them
+_OBSTACLES, _WAYS = 6, 8   # the worst in the way; the shortest of the ways past them
 _ASIDE = 201          # points beside the line, as far as it is long
 _CLEAR = 1.1          # times how far aside an obstacle ends
 _DETOUR = 0.5         # of a line that is free, how far the other side of an obstacle may be
