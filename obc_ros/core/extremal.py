@@ -74,10 +74,11 @@ class Extremal:
     density_path: Array | None = None
 
 
-def _largest(error: Array) -> Array:
-    """Return the largest entry of each row, infinite if one is not a number."""
-    with np.errstate(invalid='ignore'):
-        return np.asarray(np.nan_to_num(np.abs(error).max(axis=1), nan=np.inf, posinf=np.inf))
+def _largest(error: Array, size: Array) -> Array:
+    """Return the largest entry of each row beside its size, infinite if one is not a number."""
+    with np.errstate(invalid='ignore', over='ignore'):   # where states explode
+        return np.asarray(np.nan_to_num(
+            np.abs(error / size).max(axis=1), nan=np.inf, posinf=np.inf))
 
 
 def _cut(path: Path, parts: int) -> tuple[Array, Array, Array]:
@@ -206,14 +207,14 @@ class Integrator:
         t, ua, ub = _cut(path, parts)
         anew, anew_end, J = self._restarted(problem, path.x, t, ua, ub, parts)
         size = np.maximum(np.abs(path.x).max(axis=0), 1e-3 * np.abs(path.x).max() + 1e-12)
-        local = _largest((anew_end[parts - 1::parts] - path.x[1:]) / size)
+        local = _largest(anew_end[parts - 1::parts] - path.x[1:], size)
         x, running = self.forward(problem, t, ua, ub)
-        defect = _largest((x[parts::parts] - path.x[1:]) / size)
+        defect = _largest(x[parts::parts] - path.x[1:], size)
         if local.max() > _STIFF and path.inner.shape[1]:
             # Explicit steps may say more of themselves than of x: many small ones decide.
             t, ua, ub = _cut(path, _MANY)
             _, ends, _ = self._restarted(problem, path.x, t, ua, ub, _MANY)
-            local = _largest((ends[_MANY - 1::_MANY] - path.x[1:]) / size)
+            local = _largest(ends[_MANY - 1::_MANY] - path.x[1:], size)
             return self._at_nodes(outcome, float(defect.max()), local)
         single = bool(defect.max() < 1e-5)
         x, x_end, J = (x[:-1], x[1:], running[-1]) if single else (anew, anew_end, J)

@@ -46,7 +46,8 @@ def densities(outcome: Outcome, slopes: Array, u: Array) -> Array:
     size = (np.abs(slopes) @ np.abs(u).max(axis=0)).max(axis=0)
     h = np.maximum(np.diff(outcome.path.t), 1e-300)
     found = np.concatenate([outcome.inner_path, outcome.sides_path], axis=1) / h[:, None, None]
-    least = _NOTHING * abs(outcome.objective) / (h.sum() * np.maximum(size, 1e-300))
+    with np.errstate(over='ignore'):   # of constraints that inputs do not change
+        least = _NOTHING * abs(outcome.objective) / (h.sum() * np.maximum(size, 1e-300))
     return np.asarray(np.where(np.abs(found) > least, found, 0.0))
 
 
