@@ -4,6 +4,7 @@
 
 import numpy as np
 from obc_ros.core.arcs import Arc
+from obc_ros.core.bangs import at_bounds
 from obc_ros.core.guesses import scales
 from obc_ros.core.junctions import settled
 from obc_ros.core.kit import Kit
@@ -64,6 +65,29 @@ def test_intervals_go_where_steps_err():
     (t, share), count = spread_as_wanted(found)
     assert t == pytest.approx(edges)
     assert count * np.diff(share) == pytest.approx([4, 1, 1, 1])
+
+
+def test_phases_are_cut_where_inputs_come_to_their_bounds():
+    """An input that rests at 1 until t = 1, falls to -1 at t = 2 and rests there until t = 3."""
+    problem = problem_from_mapping({
+        'states': ['x', 'v'], 'inputs': ['u', 'w'], 'dynamics': {'x': 'v', 'v': 'u + w'},
+        'running_cost': 'u**2 + w**2', 'initial_state': {'x': 0, 'v': 0},
+        'input_bounds': {'u': [-1, 1], 'w': [-1, 1]}, 'final_time': FIXED})
+    count, tau = 12, np.append(0.0, collocation(DEGREE, 'radau')[0])
+    t = (np.arange(count)[:, None] + tau) * 3 / count
+    x = np.zeros((*t.shape, 2))
+    u = np.stack([np.clip(3 - 2 * t[:, 1:], -1, 1), np.ones_like(t[:, 1:])], axis=2)
+    nothing = np.zeros((count, DEGREE, 2))
+    free = (np.nan, np.nan)
+    found = Phased([Arc(0.0, 3.0, free)], [np.full(count, 1 / count)], np.full(1, 3.0), x, u, x,
+                   nothing, np.zeros(0), 0.0, True, {}, nothing, [])
+    parts = at_bounds(problem, found, np.array([True, False]), np.zeros((2, 2), dtype=bool))
+    # Where w may not be held it is left free, though it is at its bound throughout.
+    assert [part.end for part in parts] == pytest.approx([1, 2, 3])
+    assert [part.start for part in parts] == pytest.approx([0, 1, 2])
+    assert np.array([part.levels for part in parts])[:, 0] == pytest.approx(
+        [1, np.nan, -1], nan_ok=True)
+    assert np.all(np.isnan([part.levels[1] for part in parts]))
 
 
 def test_costates_that_change_within_an_interval():

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.arcs import Arc, find_arcs, opened, Signature, signature
+from obc_ros.core.bangs import at_bounds
 from obc_ros.core.certificate import certify
 from obc_ros.core.contacts import Contact, contacts, with_contacts
 from obc_ros.core.extremal import Integrator
@@ -385,9 +386,10 @@ def reread(problem: Problem, program: PhasedProgram, integrator: Integrator, fou
     mu = answer.path_multipliers
     _, Hu, _ = integrator.hamiltonian(
         problem, x, u, lam, None if mu is None else (mu[rows] + mu[rows + 1]) / 2)
-    new = opened(found.arcs, np.append(answer.t[rows], answer.t[-1]), Hu, problem,
-                 (True,) * problem.m, program.switching.tolist())
     bounds = program.bounds
+    new = opened(at_bounds(problem, found, program.switching, bounds.deciding),
+                 np.append(answer.t[rows], answer.t[-1]), Hu, problem,
+                 (True,) * problem.m, program.switching.tolist())
     times = np.unique([arc.end for arc in (*found.arcs, *new)])
     cut, start = [], 0.0
     for end in times[np.append(np.diff(times) > 1e-9 * times[-1], True)]:
