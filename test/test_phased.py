@@ -4,7 +4,7 @@
 
 import numpy as np
 from obc_ros.core.arcs import Arc
-from obc_ros.core.bangs import at_bounds
+from obc_ros.core.bangs import at_bounds, at_ends
 from obc_ros.core.guesses import scales
 from obc_ros.core.junctions import settled
 from obc_ros.core.kit import Kit
@@ -12,7 +12,8 @@ from obc_ros.core.lengthening import lengthened
 from obc_ros.core.mesh import collocation, Path
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.phase_samples import sampled
-from obc_ros.core.phased import DEGREE, Phased, PhasedProgram
+from obc_ros.core.phased import PhasedProgram
+from obc_ros.core.phases import DEGREE, Phased
 from obc_ros.core.search import Search
 from obc_ros.core.solution import Status
 from obc_ros.core.solve import solve
@@ -193,3 +194,88 @@ def test_a_free_phase_does_not_swallow_the_one_at_a_bound_before_it():
     arcs = [Arc(0.0, 2.0, (1.0, -1.0), (0,)), Arc(2.0, 2.4, (np.nan, -1.0), (0,)),
             Arc(2.4, 3.0, (np.nan, 1.0), (0,))]
     assert program.shortest(arcs) == pytest.approx([1.8, 0, 0])
+
+
+def test_inputs_that_weigh_nothing_at_the_end_go_on_as_before():
+    """
+    A thrust in a disc for x + y at T = 1: (1, 1) / sqrt(2) throughout, J = -1 / sqrt(2).
+
+    At T the costates of the speeds are zero: there the thrust could be any in the disc, and the
+    path that the phases are read off has it the other way round.
+    """
+    problem = problem_from_mapping({
+        'states': ['x', 'y', 'vx', 'vy'], 'inputs': ['a', 'b'],
+        'dynamics': {'x': 'vx', 'y': 'vy', 'vx': 'a', 'vy': 'b'}, 'running_cost': '0',
+        'terminal_cost': '-x - y', 'initial_state': dict.fromkeys(('x', 'y', 'vx', 'vy'), 0),
+        'input_bounds': {'a': [-2, 2], 'b': [-2, 2]},
+        'path_constraints': [{'expr': 'a**2 + b**2', 'upper': 1}],
+        'final_time': {'free': False, 'value': 1}})
+    t = np.array([0, 0.5, 0.999, 1])
+    x = np.column_stack([t**2 / 2, t**2 / 2, t, t]) / np.sqrt(2)
+    u = np.full((3, 2), np.sqrt(0.5))
+    last = u.copy()
+    last[-1] *= -1
+    guess = Path(t, x, np.zeros((3, 0, 4)), u, last, np.ones(1))
+    kit = Kit(problem)
+    found = kit.phased.solve(
+        problem, [Arc(0.0, 1.0, (np.nan, np.nan), (0, 0, 0, 0, 1))], [np.full(4, 0.25)], guess,
+        scales(problem, guess), np.zeros(4, dtype=bool), Monitor())
+    assert found.converged
+    assert found.cost == pytest.approx(-np.sqrt(0.5), abs=1e-9)
+    assert found.u == pytest.approx(np.full((4, DEGREE, 2), np.sqrt(0.5)), abs=1e-5)
+    # dH/da = lam_vx + 2 eta a = 0, lam_vx = -(1 - t)
+    assert found.eta[:, :, 4] == pytest.approx(
+        (1 - (np.arange(4)[:, None] + collocation(DEGREE, 'radau')[0]) / 4) * np.sqrt(0.5),
+        abs=1e-5)
+
+
+def slopes_of(sign: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return times and slopes of H that vanish from t = 0.1 to t = 2.8 of 3, both ends steep."""
+    t = np.linspace(0, 3, 301)
+    return t, sign * (np.maximum(0.1 - t, 0) - np.minimum(2.8 - t, 0) - 1e-9)
+
+
+@pytest.mark.parametrize(('sign', 'limit', 'level', 'on'), [
+    (1, 5, -2, 0), (-1, 5, 2, 0), (-1, 1, np.nan, 1), (1, 1, np.nan, -1)])
+def test_a_singular_arc_may_begin_and_end_with_a_bang(
+        sign: float, limit: float, level: float, on: int) -> None:
+    """At the bound of the input, or on the path constraint that it meets before."""
+    problem = problem_from_mapping({
+        'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'running_cost': 'x**2',
+        'initial_state': {'x': 0}, 'input_bounds': {'u': [-2, 2]}, 'final_time': FIXED,
+        'path_constraints': [{'expr': 'u + x', 'lower': -limit, 'upper': limit}]})
+    x = np.zeros((4, DEGREE + 1, 1))
+    u = np.zeros((4, DEGREE, 1))
+    eta = np.zeros((4, DEGREE, 2))
+    found = Phased([Arc(0.0, 3.0, (np.nan,))], [np.full(4, 0.25)], np.full(1, 3.0), x, u, x, eta,
+                   np.zeros(0), 0.0, True, {}, eta, [])
+    t, Hu = slopes_of(sign)
+    arcs = at_ends(problem, PhasedProgram(problem, (True,)), found, t, np.zeros((301, 1)),
+                   np.full((301, 1), 0.1), Hu[:, None])
+    assert [arc.end for arc in arcs] == pytest.approx([0.1, 2.8, 3], abs=0.02)
+    assert np.array([arc.levels for arc in arcs])[:, 0] == pytest.approx(
+        [level, np.nan, level], nan_ok=True)
+    assert [arc.on[1] if arc.on else 0 for arc in arcs] == [on, 0, on]
+
+
+def test_a_turn_too_short_for_the_mesh_is_found():
+    """
+    The fastest way along a winding road: v**2 k is limited, k enters H linearly.
+
+    It begins with a turn of 0.26 m of 150, after which the car goes straight.
+    """
+    road = '0.03*sin(s/20)'
+    pace = f'(1 - n*{road})/(v*cos(a))'
+    answer = solve(problem_from_mapping({
+        'states': ['n', 'a', 'v', 's'], 'inputs': ['k', 'c'],
+        'dynamics': {'n': f'v*sin(a)*{pace}', 'a': f'k*v*{pace} - {road}', 'v': f'c*{pace}',
+                     's': '1'},
+        'running_cost': pace, 'initial_state': {'n': 0, 'a': 0, 'v': 10, 's': 0},
+        'input_bounds': {'k': [-0.2, 0.2], 'c': [-8, 4]},
+        'state_bounds': {'n': [-3, 3], 'v': [3, 40], 'a': [-1, 1]},
+        'path_constraints': [{'expr': 'v**2*k', 'lower': -8, 'upper': 8}],
+        'final_time': {'free': False, 'value': 150}}))
+    assert answer.certified, answer.message
+    turned = answer.u[:, 0] * answer.x[:, 2]**2
+    assert turned[answer.t < 0.2] == pytest.approx(8, abs=1e-5)
+    assert np.abs(turned[(answer.t > 0.4) & (answer.t < 9)]).max() < 0.1

@@ -65,6 +65,15 @@ def switching_inputs(problem: Problem) -> tuple[bool, ...]:
         for u in ca.vertsplit(problem.u))
 
 
+def idle_inputs(problem: Problem) -> tuple[bool, ...]:
+    """Return for each input whether it moves nothing, at T, that weighs there or in L."""
+    x, u = problem.x, problem.u
+    lam = ca.jacobian_sparsity(ca.vertcat(problem.V, problem.psi), x).get_triplet()[1]
+    moved = ca.vertcat(problem.L, problem.f[sorted(set(lam))])
+    weighs = ca.jacobian_sparsity(moved, u).get_triplet()[1]
+    return tuple(j not in weighs for j in range(problem.m))
+
+
 def jumping_inputs(problem: Problem, path: Path) -> tuple[bool, ...]:
     """Return for each input whether it goes from bound to bound within an interval or two."""
     jumps = []

@@ -9,7 +9,7 @@ the phases are solved for with their junctions (`phased`), and read off again un
 changes.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 import math
 from typing import TYPE_CHECKING
@@ -17,18 +17,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.arcs import Arc, find_arcs, opened, Signature, signature
-from obc_ros.core.bangs import at_bounds
-from obc_ros.core.certificate import certify
+from obc_ros.core.bangs import at_bounds, at_ends
 from obc_ros.core.contacts import Contact, contacts, with_contacts
 from obc_ros.core.extremal import Integrator
 from obc_ros.core.jumps import with_jumps, with_steps
 from obc_ros.core.mesh import collocation, Path, uniform
 from obc_ros.core.mixed import holding, reheld
 from obc_ros.core.monitor import Monitor
-from obc_ros.core.multipliers import Fitter
 from obc_ros.core.orders import Bounds
-from obc_ros.core.phase_samples import as_path, sampled
-from obc_ros.core.phased import DEGREE, Grazing, Phased, PhasedProgram
+from obc_ros.core.phase_samples import as_path, BY_SAMPLES, certified
+from obc_ros.core.phased import PhasedProgram
+from obc_ros.core.phases import DEGREE, Grazing, Phased
 from obc_ros.core.problem import Problem
 from obc_ros.core.refine import below
 from obc_ros.core.solution import Solution
@@ -49,7 +48,9 @@ _INTERVALS = 24       # of all phases together, about
 _LEAST = 3            # of a phase
 _COARSE = 1e-4        # residual of the dynamics
 _STIFF = 0.1          # times what twice as long steps err by: these err elsewhere
+_STEADY = 0.7         # likewise: it is worth going on
 _WORSE = 1.5          # times what was off before: no finer mesh will do
+_SLOWLY = 0.1         # likewise: steps that resolve a path err less when they are halved
 _FINEST = 8           # times as many, at most
 _GRADED = 3           # times that intervals are cut where costates change, and not all of them
 _NEAR = 1e-5          # of its size: how near its bound a constraint is met
@@ -59,9 +60,6 @@ _WEIGHS = 1e-5        # beside the costates: what a bound does where it is touch
 _SAME = 1e-5          # relative cost of a path that leaves bounds a little more smoothly
 _DEARER = 1e-3        # relative: by how much an answer may cost more than the path it is read off
 _NO_DEARER = 1e-6     # likewise, than an answer that is known
-_SAMPLES = 1000, 4000
-_BY_SAMPLES = 'dynamics', 'bounds', 'cost', 'minimum'   # what more samples may take away
-_ALMOST = 30.0        # times its tolerance: such a residual that they may take away
 _ITERATIONS = 150
 _LIMIT = 1e-3         # of what may go at once: a phase so near its least length is at it
 _NO_JUMP = 0.05       # of its size: less of an input than what a coarse path shows as a jump
@@ -265,6 +263,40 @@ def along_bounds(search: 'Search', outcome: Outcome, known: Solution | None = No
         search.monitor = whole
 
 
+@dataclass
+class _Turn:
+    """What is tried next: arcs, on a mesh `fine` times as fine as usual, from a path nearby."""
+
+    arcs: list[Arc]
+    guess: Path
+    spread: tuple[Array, Array]   # of the intervals
+    fine: float = 1.0
+    graded: int = 0               # how often the mesh was cut where costates change
+    off: float = math.inf         # by how much the worst residual was over its tolerance
+    erred: float = math.inf       # and that of the dynamics
+    led_to: Signature = ()        # arcs, by steps that erred
+
+    @property
+    def key(self) -> tuple[Signature, float, int]:
+        return signature(self.arcs), self.fine, self.graded
+
+    def like(self, found: Phased, arcs: list[Arc]) -> None:
+        """Go on with other arcs than those that were found."""
+        self.arcs, self.guess, self.off = arcs, with_steps(as_path(found), arcs), math.inf
+
+    def finer(self, found: Phased, erred: float, monitor: Monitor) -> None:
+        """Go on with shorter steps, where those that were taken err."""
+        self.fine *= 2
+        again, self.led_to = signature(found.arcs) == self.led_to, signature(found.arcs)
+        if again and erred < _STEADY * self.erred:
+            monitor.extend(_AT_ONCE)
+        if again or erred > _STIFF * self.erred:
+            self.spread = spread_by_error(found)
+            if again or len(found.arcs) == len(self.arcs):
+                self.arcs, self.guess = found.arcs, as_path(found)
+        self.erred = erred
+
+
 def _settled_on(search: 'Search', outcome: Outcome, arcs: list[Arc], allowed: float,
                 seen: set[tuple[Signature, float, int]]) -> Solution | None:
     """
@@ -274,62 +306,71 @@ def _settled_on(search: 'Search', outcome: Outcome, arcs: list[Arc], allowed: fl
     """
     problem, monitor, pinned = search.problem, search.monitor, search.pinned
     program, judge, fitter = search.kit.phased, search.kit.judge, search.kit.fitter(problem)
-    guess, sizes, fine, graded = with_steps(outcome.path, arcs), search.sizes(outcome), 1.0, 0
-    off, erred, spread = math.inf, math.inf, spread_like(outcome.path)
-    for turn in range(_ROUNDS + _GRADED):
-        if turn and (signature(arcs), fine, graded) in seen:
-            fine *= 2   # what a coarse mesh shows goes to and fro
-        if fine > _FINEST or (signature(arcs), fine, graded) in seen:
+    turn, sizes = _Turn(arcs, with_steps(outcome.path, arcs), spread_like(outcome.path)), (
+        search.sizes(outcome))
+    for number in range(_ROUNDS + _GRADED):
+        if number and turn.key in seen:
+            turn.fine *= 2   # what a coarse mesh shows goes to and fro
+        if turn.fine > _FINEST or turn.key in seen:
             break
-        seen.add((signature(arcs), fine, graded))
-        found = settled(
-            problem, program, arcs, guess, sizes, pinned, monitor, fine, spread)
+        seen.add(turn.key)
+        found = settled(problem, program, turn.arcs, turn.guess, sizes, pinned, monitor,
+                        turn.fine, turn.spread)
         if found is None or found.cost > allowed:
             break
-        answer = _certified(problem, program, judge, fitter, found)
+        answer = certified(problem, program, judge, fitter, found)
         assert answer.certificate is not None
         if answer.certificate.holds:
             return answer
-        if answer.certificate.residuals['dynamics'] > _COARSE:
+        value = fitter.at(problem, answer.x, answer.u)
+        erred = answer.certificate.residuals['dynamics']
+        if erred > _COARSE:
             # Steps that err so much say nothing of arcs, but where a bound weighs.
-            touched = touching(problem, found.arcs, found, program.bounds, answer.t,
-                               fitter.at(problem, answer.x, answer.u))
+            touched = touching(problem, found.arcs, found, program.bounds, answer.t, value)
             if signature(touched) != signature(found.arcs) and (
-                    signature(touched), fine, graded) not in seen:
-                arcs, guess = touched, with_steps(as_path(found), touched)
-                continue
-            fine *= 2
-            erred, before = answer.certificate.residuals['dynamics'], erred
-            if erred > _STIFF * before:
-                spread = spread_by_error(found)
-                if len(found.arcs) == len(arcs):
-                    arcs, guess = found.arcs, as_path(found)
+                    signature(touched), turn.fine, turn.graded) not in seen:
+                turn.like(found, touched)
+            else:
+                turn.finer(found, erred, monitor)
             continue
-        worst = answer.certificate.worst
-        off, before = (answer.certificate.residuals[worst]
-                       / answer.certificate.tolerances[worst]), off
-        arcs = reread(problem, program, judge, found, answer,
-                      fitter.at(problem, answer.x, answer.u))
-        guess = with_steps(as_path(found), arcs)
-        if signature(arcs) != signature(found.arcs):
-            off = math.inf
+        new = reread(problem, program, judge, found, answer, value)
+        if signature(new) != signature(found.arcs):
+            turn.like(found, new)
             continue
         # When a path comes to a bound smoothly its cost hardly depends on when it does.
-        smooth = _grazing(
-            problem, program, found, sizes, pinned, monitor,
-            found.grazing(_NEARLY, touched=True))
-        if smooth is not found:
-            answer = _certified(problem, program, judge, fitter, smooth)
-            if answer.certified:
-                return answer
-        if worst == 'costate' and graded < _GRADED:   # it may change within a small part of T
-            (spread, count), graded = spread_as_wanted(found), graded + 1
-            fine = max(fine, count / _INTERVALS)
-            continue
-        fine *= 2
-        if off > _WORSE * before:
+        smooth = _grazing(problem, program, found, sizes, pinned, monitor,
+                          found.grazing(_NEARLY, touched=True))
+        if smooth is not found and (
+                better := certified(problem, program, judge, fitter, smooth)).certified:
+            return better
+        turn.arcs, turn.guess = new, with_steps(as_path(found), new)
+        if not _resolved(turn, problem, program, judge, found, answer, seen):
             break
     return None
+
+
+def _resolved(turn: _Turn, problem: Problem, program: PhasedProgram, judge: Integrator,
+              found: Phased, answer: Solution, seen: set[tuple[Signature, float, int]]) -> bool:
+    """Go on where arcs stay what they are and the certificate lacks something; or do not."""
+    assert answer.certificate is not None
+    worst = answer.certificate.worst
+    turn.off, before = (answer.certificate.residuals[worst]
+                        / answer.certificate.tolerances[worst]), turn.off
+    if turn.off > _SLOWLY * before:
+        _, Hu, _ = judge.hamiltonian(problem, answer.x, answer.u, answer.lam,
+                                     answer.path_multipliers)
+        ended = at_ends(problem, program, found, answer.t, answer.x, answer.u, Hu)
+        if (signature(ended), turn.fine, turn.graded) not in seen:
+            turn.like(found, ended)
+            return True
+    if worst == 'costate' and turn.graded < _GRADED:   # it may change within a small part of T
+        turn.spread, count = spread_as_wanted(found)
+        turn.graded, turn.fine = turn.graded + 1, max(turn.fine, count / _INTERVALS)
+        return True
+    turn.fine *= 2
+    if worst in BY_SAMPLES:
+        turn.spread = spread_by_error(found)
+    return turn.off <= _WORSE * before
 
 
 def at_once(search: 'Search', start: Outcome) -> Solution | None:
@@ -353,22 +394,6 @@ def at_once(search: 'Search', start: Outcome) -> Solution | None:
         return None
     finally:
         search.monitor = whole
-
-
-def _certified(problem: Problem, program: PhasedProgram, integrator: Integrator, fitter: Fitter,
-               found: Phased) -> Solution:
-    """Return phases as samples with their certificate; more where these are all it lacks."""
-    free = any(np.isnan(arc.levels).any() for arc in found.arcs)
-    for samples in _SAMPLES if free else _SAMPLES[:1]:   # straight lines say all where none is
-        answer = fitter.pressed(
-            problem, sampled(problem, program, integrator, found, samples))
-        certificate = certify(problem, answer)
-        worst = certificate.worst
-        answer = replace(answer, certificate=certificate)
-        if certificate.holds or worst not in _BY_SAMPLES or (
-                certificate.residuals[worst] > _ALMOST * certificate.tolerances[worst]):
-            break
-    return answer
 
 
 def reread(problem: Problem, program: PhasedProgram, integrator: Integrator, found: Phased,

@@ -16,7 +16,8 @@ from obc_ros.core.arcs import Arc
 from obc_ros.core.contacts import Contact, with_contacts
 from obc_ros.core.mesh import collocation
 from obc_ros.core.orders import Bounds
-from obc_ros.core.phased import DEGREE, Phased, PhasedProgram
+from obc_ros.core.phased import PhasedProgram
+from obc_ros.core.phases import DEGREE, Phased
 from obc_ros.core.problem import Problem
 from obc_ros.core.transcription import Outcome
 

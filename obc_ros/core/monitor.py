@@ -54,6 +54,9 @@ class Monitor:
         """
         return _Part(self, work, min(time_limit, self.remaining()))
 
+    def extend(self, work: int) -> None:
+        """Let parts of the work go on for so much longer: it leads somewhere."""
+
     def remaining(self) -> float:
         """Return the time left [s]."""
         return self.deadline - time.monotonic()
@@ -80,6 +83,10 @@ class _Part(Monitor):
     def limit(self, iterations: int, each: int = 1) -> None:
         super().limit(iterations, each)
         self._whole.limit(iterations, each)
+
+    def extend(self, work: int) -> None:
+        self._left += work
+        self._whole.extend(work)
 
     def step(self, cost: float, infeasibility: float) -> bool:
         self._whole.step(cost, infeasibility)

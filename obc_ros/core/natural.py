@@ -56,7 +56,8 @@ def amounts(problem: Problem, size: Array) -> NDArray[np.bool_]:
 
 
 def _never_falls(rate: Array) -> bool:
-    return bool(np.all(rate >= -_ROUNDING * np.quantile(np.abs(rate), _MOST)))
+    with np.errstate(invalid='ignore'):   # rates may be infinite
+        return bool(np.all(rate >= -_ROUNDING * np.quantile(np.abs(rate), _MOST)))
 
 
 def kept(problem: Problem, astray: Sequence[Array]) -> Problem:

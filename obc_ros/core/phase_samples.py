@@ -7,21 +7,29 @@ At the ends of its intervals a collocation is more exact than between them: the 
 are those that the inputs, straight from one to the next, lead to from the start of each interval.
 """
 
+from dataclasses import replace
 from itertools import pairwise
+import math
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from obc_ros.core.certificate import certify
 from obc_ros.core.extremal import Integrator
 from obc_ros.core.mesh import collocation, lagrange, Path
 from obc_ros.core.mixed import on_constraints
-from obc_ros.core.phased import DEGREE, Phased, PhasedProgram
+from obc_ros.core.multipliers import Fitter
+from obc_ros.core.phased import PhasedProgram
+from obc_ros.core.phases import DEGREE, Phased
 from obc_ros.core.problem import Problem
 from obc_ros.core.solution import Solution, Status
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+BY_SAMPLES = 'dynamics', 'bounds', 'cost', 'minimum'   # what more samples may take away
+_SAMPLES = 1000, 4000, 16_000
+_ALMOST = 100.0       # times its tolerance: such a residual that they may take away
 _JUMP = 1e-3          # of its size: less of an input between two phases is none
 _UNEVEN = 15.0        # times as many samples as usual where inputs bend most
 _OFF = 1e-4           # of its size: steps that leave a collocation so far err themselves
@@ -89,6 +97,21 @@ def sampled(problem: Problem, program: PhasedProgram, integrator: Integrator, fo
                    _carried_back(problem, integrator, found, lam, x, u, h))
     t = np.append(0.0, np.cumsum(found.h))[:-1, None] + found.h[:, None] * tau
     return _joined(problem, integrator, found, t, x, u, lam, density)
+
+
+def certified(problem: Problem, program: PhasedProgram, integrator: Integrator, fitter: Fitter,
+              found: Phased) -> Solution:
+    """Return phases as samples with their certificate; more where these are all it lacks."""
+    free, off = any(np.isnan(arc.levels).any() for arc in found.arcs), math.inf
+    for samples in _SAMPLES if free else _SAMPLES[:1]:   # straight lines say all where none is
+        answer = fitter.pressed(
+            problem, sampled(problem, program, integrator, found, samples))
+        certificate = certify(problem, answer)
+        answer, worst = replace(answer, certificate=certificate), certificate.worst
+        off, before = certificate.residuals[worst] / certificate.tolerances[worst], off
+        if certificate.holds or worst not in BY_SAMPLES or off > min(_ALMOST, before / 2):
+            break
+    return answer
 
 
 def _replayed(problem: Problem, integrator: Integrator, x: Array, u: Array, h: Array) -> Array:

@@ -16,30 +16,27 @@ the Radau points of each interval, free to jump from phase to phase; within its 
 smooth, and converges with the order of the collocation.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.arcs import Arc, shortest
+from obc_ros.core.arcs import Arc, idle_inputs, shortest
 from obc_ros.core.mesh import collocation, lagrange, Path
 from obc_ros.core.monitor import Monitor, Watch
 from obc_ros.core.orders import Bounds
+from obc_ros.core.phases import DEGREE, Grazing, OUTWARDS, Phased
 from obc_ros.core.problem import Problem
 from obc_ros.core.transcription import Scales
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-Grazing = frozenset[tuple[int, int]]
 
-DEGREE = 4
 _LEAST = 0.1      # of its length: how short a phase may become at once
 _LOOKS = np.linspace(0.0, 1.0, 9)[1:-1]   # parts of a phase at which it is looked at
-_OUTWARDS = 1e-4   # relative, where a path leaves a bound: it exceeds it by the square
 _OPTIONS: dict[str, object] = {
     'print_level': 0, 'sb': 'yes', 'linear_solver': 'mumps', 'tol': 1e-11,
     'mumps_permuting_scaling': 0, 'mumps_pivot_order': 0, 'constr_viol_tol': 1e-10,
@@ -48,78 +45,12 @@ _OPTIONS: dict[str, object] = {
     'slack_bound_frac': 1e-6}
 
 
-@dataclass(frozen=True, eq=False)
-class Phased:
-    """
-    A path on phases, K intervals of DEGREE points each.
-
-    Attributes
-    ----------
-    arcs : list of Arc
-        What holds in each phase.
-    meshes : list of ndarray
-        Lengths of the intervals of each phase, as parts of it.
-    durations : ndarray
-        Length of each phase [s].
-    x, lam : ndarray, shape (K, DEGREE + 1, n)
-        At the start and at the points of each interval; lam as without the bounds held.
-    u : ndarray, shape (K, DEGREE, m)
-    eta : ndarray, shape (K, DEGREE, n + l)
-        Multipliers of what holds in a phase, or of the path constraints.
-    nu : ndarray, shape (q,)
-    outwards : dict of (int, int) to float
-        By numbers of phases and rows, the derivative that inputs enter on the other side of the
-        junction at which this phase begins (phase) or ends (-1 - phase), relative; inwards < 0.
-        Of constraints on inputs, the rest of them with the inputs at their bounds there.
-    pushed : ndarray, shape (K, DEGREE, n + l)
-        What bounds of (x, c) that are not held weigh at points, beside the costates.
-    astray : list of (int, int)
-        Numbers of phases and rows whose bound, touched where the phase begins, pulls.
-
-    """
-
-    arcs: list[Arc]
-    meshes: list[Array]
-    durations: Array
-    x: Array
-    u: Array
-    lam: Array
-    eta: Array
-    nu: Array
-    cost: float
-    converged: bool
-    outwards: dict[tuple[int, int], float]
-    pushed: Array
-    astray: list[tuple[int, int]]
-
-    def grazing(self, within: float = _OUTWARDS, *, touched: bool = False) -> Grazing:
-        """
-        Return where derivatives vanish on the other side of junctions, too, or nearly do.
-
-        `touched`: also where a bound is touched, which a path may do without.
-        """
-        met = [arc.met or (0,) * self.eta.shape[2] for arc in self.arcs]
-        return frozenset(
-            (place, row) for (place, row), rate in self.outwards.items()
-            if rate > -within and (touched or place < 0 or not met[place][row]))
-
-    @property
-    def phase_of(self) -> Index:
-        """Return the phase of each interval."""
-        return np.repeat(np.arange(len(self.meshes)), [len(mesh) for mesh in self.meshes])
-
-    @property
-    def h(self) -> Array:
-        """Return the length of each interval [s]."""
-        return self.durations[self.phase_of] * np.concatenate(self.meshes)
-
-
 class PhasedProgram:
     """The nonlinear programs of one structure, for any arcs."""
 
     def __init__(self, problem: Problem, switching: Sequence[bool]) -> None:
         self.problem, self.switching = problem, np.array(switching)
-        self.bounds = Bounds(problem)
+        self.bounds, self.idle = Bounds(problem), np.array(idle_inputs(problem))
         # Inputs of a phase of no length may be any: next to constraints of theirs it stays there.
         self.least = _LEAST if np.any(self.bounds.orders == 0) else 0.0
         x, u, p = problem.x, problem.u, problem.p
@@ -260,6 +191,7 @@ class _Solve:
         for phase in range(len(self.arcs)):
             self._straighten(u, phase)
             self._begin(u, phase)
+        self._bend(u, self._idle, [self.K - 1], DEGREE - 2)
         self.x_bounds = x_low / self.sizes.x, x_high / self.sizes.x
         self.at_path = slice(0, 0)
         if c_low.size:
@@ -308,21 +240,44 @@ class _Solve:
 
     def _straighten(self, u: ca.MX, phase: int) -> None:
         """Keep inputs straight where nothing but the cost says what they are: on singular arcs."""
+        intervals = range(int(self.first[phase]), int(self.first[phase + 1]))
+        self._bend(u, self._loose(phase), intervals, 1)
+
+    def _loose(self, phase: int) -> Mask:
+        """Return which inputs are singular in a phase."""
         arc, bounds = self.arcs[phase], self.program.bounds
         loose = self.program.switching & np.isnan(arc.levels)
         for row in np.flatnonzero(arc.on):
             # Of inputs that share a straight constraint the last follows from the others.
             fixed = np.flatnonzero(bounds.deciding[row] & np.isnan(arc.levels))
             loose[fixed[-1:] if bounds.straight[row] else fixed] = False
-        singular = np.flatnonzero(loose)
-        if not singular.size:
-            return
-        tau = self.program.points[1:]
-        bent = np.linalg.svd(np.vstack([np.ones(DEGREE), tau]))[2][2:]
-        for k in range(int(self.first[phase]), int(self.first[phase + 1])):
-            values = u[singular.tolist(), k * DEGREE:(k + 1) * DEGREE]
+        return np.asarray(loose)
+
+    def _bend(self, u: ca.MX, inputs: Mask, intervals: Iterable[int], degree: int) -> None:
+        """Keep inputs polynomials of a degree, at most, in some intervals."""
+        powers = np.vander(self.program.points[1:], degree + 1).T
+        bent, rows = np.linalg.svd(powers)[2][degree + 1:], np.flatnonzero(inputs)
+        for k in intervals if rows.size else ():
+            values = u[rows.tolist(), k * DEGREE:(k + 1) * DEGREE]
             none = np.zeros((1, 1))
-            self._add(ca.mtimes(values, bent.T) / ca.DM(self.sizes.u[singular]), none, none)
+            self._add(ca.mtimes(values, bent.T) / ca.DM(self.sizes.u[rows]), none, none)
+
+    @cached_property
+    def _idle(self) -> Mask:
+        """
+        Return which free inputs nothing at all decides at T, the last of the points.
+
+        They go on as before: what they are at that point alone, on a path constraint or off it,
+        would be anything.
+        """
+        arc, bounds = self.arcs[-1], self.program.bounds
+        free = np.isnan(arc.levels)
+        idle: Mask = self.program.idle & free & ~self._loose(-1)
+        for row in np.flatnonzero(arc.on):
+            decided = bounds.deciding[row] & free
+            if bounds.orders[row] or not idle[decided].all():
+                idle = idle & ~decided
+        return idle
 
     def _first(self, u: ca.MX, phase: int) -> ca.MX:
         """Return the inputs where a phase begins, which is none of Radau's points, (m,)."""
@@ -358,6 +313,9 @@ class _Solve:
         if order and phase + 1 < len(self.arcs) and not self._also(phase + 1, row, sign):
             self._inside(held(x[:, b], self._first(u, phase + 1), p)[1] * sign, row, bound,
                          -1 - phase)
+        deciding = self.program.bounds.deciding[row]
+        if b == self.K * DEGREE and not order and self._idle[deciding].any():
+            b -= 1
         last = held.map(b - a)(x[:, a + 1:b + 1], u[:, a:b], ca.repmat(p, 1, b - a))[1]
         level = np.full((1, 1), 0.0 if order else bound)
         self.at_held.append((phase, row, self._add(last, level, level)))
@@ -375,7 +333,7 @@ class _Solve:
         if order == 1:
             self._inside(-sign * before[1], row, bound, phase)
             self._add(after[1] * sign / size, np.full((1, 1), -np.inf),
-                      np.full((1, 1), _OUTWARDS))
+                      np.full((1, 1), OUTWARDS))
         else:   # a path across the bound is cheaper, one that touches it no minimum by itself
             self._add(before[0][1] / size, np.zeros((1, 1)), np.zeros((1, 1)))
 
@@ -393,7 +351,7 @@ class _Solve:
         """
         size = max(abs(bound), self.size[row]) or 1.0
         rate = size / self.sizes.time**int(self.program.bounds.orders[row])
-        most = _OUTWARDS if self.program.bounds.orders[row] else 0.0
+        most = OUTWARDS if self.program.bounds.orders[row] else 0.0
         span = (0.0, 0.0) if (place, row) in self.grazing else (-np.inf, most)
         self.outwards[place, row] = self._add(
             outwards / rate, *(np.full((1, 1), each) for each in span))
@@ -467,7 +425,8 @@ class _Solve:
             eta[:, :, n:] = mixed * lam_g[self.at_path].reshape(K, d, -1) / area[:, :, None]
         for phase, row, slot in self.at_held:
             span = slice(int(self.first[phase]), int(self.first[phase + 1]))
-            eta[span, :, row] = lam_g[slot].reshape(-1, d) / area[span]
+            eta[span, :, row] = np.resize(
+                np.append(lam_g[slot], 0.0), area[span].shape) / area[span]
         places = (np.arange(K) * d)[:, None] + np.arange(d + 1)
         ends = np.cumsum(durations)
         arcs = [replace(arc, start=float(end - length), end=float(end))

@@ -5,7 +5,7 @@
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.mesh import collocation, Path
-from obc_ros.core.phased import DEGREE, Phased
+from obc_ros.core.phases import DEGREE, Phased
 
 Array = NDArray[np.float64]
 
