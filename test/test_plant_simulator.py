@@ -191,14 +191,13 @@ def test_reset_pause_and_step(spawn, probe):
     assert answer.success
     told = float(re.fullmatch(r'paused at t = ([0-9.]+) s', answer.message)[1])
 
-    def quiet():   # what was on its way has come
-        count = len(states)
-        probe.spin_for(0.2)
-        return len(states) == count
-
-    probe.wait_for(quiet, what='no state while it is paused')
+    # what was on its way has to come
+    probe.wait_for(lambda: told - 0.02 < nanoseconds(states[-1].header.stamp) * 1e-9,
+                   what='the last state before the plant was paused')
     count, last = len(states), states[-1]
-    assert told - 0.02 < nanoseconds(last.header.stamp) * 1e-9 < told + 1e-3
+    assert nanoseconds(last.header.stamp) * 1e-9 < told + 1e-3
+    probe.spin_for(0.2)
+    assert len(states) == count
     for k in range(1, 4):
         assert probe.call(Trigger, f'{NODE}/step').success
         probe.wait_for(lambda: len(states) == count + k)  # noqa: B023 - called at once
