@@ -34,6 +34,7 @@ _ELSEWHERE = 2.0   # likewise of x0, of the largest values of x on the path
 _ALONE, _SEVERAL = 1.0, 0.05
 # Iterations times intervals after which the quicker derivatives have paid; usual iterations.
 _WORTH_DERIVING, _USUAL = 1000, 10
+_AGAIN = 4   # times the work for a structure's later answers: what is asked twice is asked on
 _NUMBERS = ('x0', 'p_value', 'x_lower', 'x_upper', 'u_lower', 'u_upper', 'path_lower',
             'path_upper')
 
@@ -123,7 +124,8 @@ class Kit:
 
     def worked(self, iterations: int, layout: Layout) -> None:
         """Take note of iterations of a program."""
-        self._work += 0 if layout.stages else iterations * layout.intervals
+        weight = _AGAIN if self.answers else 1
+        self._work += 0 if layout.stages else weight * iterations * layout.intervals
 
     def remember(self, answer: Answered) -> None:
         """Keep an answer for its neighbours."""
