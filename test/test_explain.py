@@ -280,3 +280,76 @@ def test_a_rocket_that_burns_most_by_thrusting_to_and_fro():
     assert found.message.startswith(
         f'no input attains the least cost: {least:.6g} is approached by switching')
     assert 'between u = 1.1 and -1.1' in found.message
+
+
+CELL = {
+    'states': ['x', 'v', 'E'], 'inputs': ['a'], 'dynamics': {'x': 'v', 'v': 'a', 'E': '-a**2 - 0.1'},
+    'running_cost': '1', 'initial_state': {'x': 0, 'v': 0, 'E': 1},
+    'terminal_constraints': ['x - 10', 'v'], 'input_bounds': {'a': [-3, 3]},
+    'state_bounds': {'E': [0, None]}, 'final_time': {'free': False, 'value': 10}}
+
+
+def test_too_little_charge():
+    """Of rest to rest over d in T: the integral of a^2 is 12 d^2 / T^3 at least: here 1.2, and 1."""
+    found = solve(problem_from_mapping(CELL))
+    assert found.status is Status.INFEASIBLE
+    sentence, left = found.message.rsplit(' is ', 1)
+    assert sentence == ('state bound E >= 0 and the terminal constraints exclude each other: E '
+                        'only falls, and where they are met at T = 10 it')
+    assert left.endswith(' at most')
+    assert numbers(left) == pytest.approx([-1.2], rel=1e-5)
+    assert solve(problem_from_mapping(CELL | {
+        'initial_state': {'x': 0, 'v': 0, 'E': 2.21}})).certified
+
+
+def test_too_little_fuel():
+    """Of a rocket without weight: m(T) is m(0) exp(-v(T) / 30), and m divides on the way."""
+    found = solve(problem_from_mapping({
+        'states': ['v', 'm'], 'inputs': ['F'], 'dynamics': {'v': 'F/m', 'm': '-F/30'},
+        'running_cost': 'F**2', 'initial_state': {'v': 0, 'm': 10},
+        'terminal_constraints': ['v - 20'], 'input_bounds': {'F': [0, 40]},
+        'state_bounds': {'m': [6, None]}, 'final_time': {'free': True, 'lower': 1, 'upper': 9}}))
+    assert found.status is Status.INFEASIBLE
+    assert 'm only falls, and where they are met by T = 9' in found.message
+    assert numbers(found.message)[-1] == pytest.approx(10 * math.exp(-2 / 3), rel=1e-5)
+
+
+def test_too_small_a_tank():
+    """Of a solution that is made stronger by adding: (1 - c) V stays what it is, 1."""
+    found = solve(problem_from_mapping({
+        'states': ['V', 'c'], 'inputs': ['q'], 'dynamics': {'V': 'q', 'c': 'q/V*(1 - c)'},
+        'running_cost': 'q**2', 'initial_state': {'V': 1, 'c': 0},
+        'terminal_constraints': ['c - 0.8'], 'input_bounds': {'q': [0, 1]},
+        'state_bounds': {'V': [0, 3]}, 'final_time': {'free': False, 'value': 10}}))
+    assert found.status is Status.INFEASIBLE
+    assert 'V only rises' in found.message
+    assert numbers(found.message)[-1] == pytest.approx(5, rel=1e-5)
+
+
+@pytest.mark.parametrize(('T', 'sentence', 'value'), [
+    (20, 'by T = 20 no path meets the terminal constraints: the nearest ends with x = ', 70),
+    (25.5, 'the terminal constraints cannot be met by T = 25.5: the least time is ', 26)])
+def test_too_short_a_time_within_limits_of_speed_and_acceleration(T, sentence, value):
+    """Starting and braking take 6 each within these limits, 5 wide: x gets 5 (T - 6) far."""
+    found = solve(problem_from_mapping({
+        'states': ['x', 'v', 'a'], 'inputs': ['j'], 'dynamics': {'x': 'v', 'v': 'a', 'a': 'j'},
+        'running_cost': 'j**2', 'initial_state': {'x': 0, 'v': 0, 'a': 0},
+        'terminal_constraints': ['x - 100', 'v', 'a'], 'input_bounds': {'j': [-1, 1]},
+        'state_bounds': {'v': [-5, 5], 'a': [-1, 1]}, 'final_time': {'free': False, 'value': T}}))
+    assert found.status is Status.INFEASIBLE
+    assert found.message.startswith(sentence)
+    assert numbers(found.message[len(sentence):])[0] == pytest.approx(value, rel=1e-4)
+
+
+def test_a_goal_inside_an_obstacle_that_leaves_the_heading_open():
+    found = explain(problem_from_mapping({
+        'states': ['x', 'y', 'heading'], 'inputs': ['v', 'w'],
+        'dynamics': {'x': 'v*cos(heading)', 'y': 'v*sin(heading)', 'heading': 'w'},
+        'running_cost': 'v**2 + w**2', 'initial_state': {'x': 0, 'y': 0, 'heading': 0},
+        'terminal_constraints': ['x - 4', 'y - 1'],
+        'path_constraints': [{'expr': '(x - 4)**2 + (y - 1.2)**2', 'lower': 1}],
+        'final_time': {'free': False, 'value': 10}}))
+    assert found is not None
+    assert found.infeasible
+    assert found.sentence == ('path_constraints[0] is 0.04 at the state that the terminal '
+                              'constraints demand and has to be >= 1')

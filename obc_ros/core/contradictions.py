@@ -99,18 +99,19 @@ def _at_start(problem: Problem) -> Iterator[str]:
             if excess > slack:
                 yield (f'initial state {name} = {number(value)} and state bound '
                        f'{state_bound(problem, index, upper)} exclude each other')
-    yield from _path_at(problem, problem.x0, 'at the initial state')
+    yield from _path_at(problem, problem.x0, 'at the initial state', np.ones(problem.n, bool))
 
 
-def _path_at(problem: Problem, x: Array, where: str) -> Iterator[str]:
-    """Yield what path constraints no input meets at a state."""
+def _path_at(problem: Problem, x: Array, where: str, known: Mask) -> Iterator[str]:
+    """Yield what path constraints no input meets at a state of which so much is known."""
     rate = ca.jacobian(problem.path, problem.u)
     at = ca.Function('path', [problem.x, problem.u, problem.p],
                      [problem.path, ca.densify(rate)])
     middle = np.clip(np.zeros(problem.m), problem.u_lower, problem.u_upper)
     c, slopes = (value.full() for value in at(x, middle, problem.p_value))
     for row in range(problem.path.numel()):
-        if ca.depends_on(rate[row, :], problem.u):
+        uses = ca.jacobian_sparsity(problem.path[row], problem.x).get_triplet()[1]
+        if ca.depends_on(rate[row, :], problem.u) or not known[uses].all():
             continue
         low, high = _range(slopes[row], float(c[row, 0]) - slopes[row] @ middle,
                            problem.u_lower, problem.u_upper)
@@ -219,8 +220,8 @@ def _path_at_end(problem: Problem) -> Iterator[str]:
     if end is None:
         return
     x, pinned = end
-    if pinned.all():
-        yield from _path_at(problem, x, 'at the state that the terminal constraints demand')
+    yield from _path_at(
+        problem, x, 'at the state that the terminal constraints demand', pinned)
     yield from _in_between(problem, x, pinned)
 
 

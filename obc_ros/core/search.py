@@ -69,15 +69,15 @@ class Search:
 
     `with_arcs`: whether inputs are held at bounds between switching times. `quick`: one start
     and one mesh more may do, for paths that need not be optimal. `why_not`: returns why there is
-    no path at all, or '', when the first starts have found none; `too_late`: likewise when none
+    no path at all, or '', when the first starts have found none; `not_enough`: likewise when none
     has.
     """
 
     def __init__(self, problem: Problem, kit: Kit, monitor: Monitor, *, with_arcs: bool = True,
                  quick: bool = False, why_not: Callable[[Problem], str] = contradiction,
-                 too_late: Callable[[Problem], str] = lambda _: '') -> None:
+                 not_enough: Callable[[Problem], str] = lambda _: '') -> None:
         self.stated, self.kit, self.monitor, self.quick = problem, kit, monitor, quick
-        self.why_not, self.too_late = why_not, too_late
+        self.why_not, self.not_enough = why_not, not_enough
         self.problem = problem if kit.twin is None else kit.twin.problem(problem, 0)
         self.may_hold = with_arcs
         self.switching = tuple(with_arcs and each for each in kit.switching)
@@ -174,7 +174,7 @@ class Search:
             good = from_rollouts(self, final_time(self.problem))
             found, self.led_somewhere = good or found, bool(good)
             if not (good or self.quick or self.monitor.stopped):
-                self.reason = self.too_late(self.stated)
+                self.reason = self.not_enough(self.stated)
         return sorted(found, key=lambda outcome: (not outcome.converged, (
             outcome.objective if self.led_somewhere else outcome.infeasibility)))
 

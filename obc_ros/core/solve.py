@@ -10,10 +10,11 @@ import time
 import numpy as np
 from obc_ros.core.certificate import certify
 from obc_ros.core.errors import shown, StatementError
-from obc_ros.core.explain import explain, outgrown, too_late
+from obc_ros.core.explain import explain, not_enough
 from obc_ros.core.ill_posed import indifferent, of_least_effort, wish, without_minimum
 from obc_ros.core.kit import Kit
 from obc_ros.core.monitor import Monitor
+from obc_ros.core.outgrown import outgrown
 from obc_ros.core.polish import polished, touched_up
 from obc_ros.core.problem import Problem
 from obc_ros.core.riccati import solve_lq
@@ -135,14 +136,20 @@ def _asking(problem: Problem, kit: Kit, monitor: Monitor) -> Search:
         reason = explain(problem, soon(quick=True) if convex_paths(problem) else None)
         return reason.sentence if reason and reason.infeasible else ''
 
-    return Search(problem, kit, monitor, why_not=why_not, too_late=lambda problem: too_late(
+    return Search(problem, kit, monitor, why_not=why_not, not_enough=lambda problem: not_enough(
         problem, soon(quick=True), soon(quick=False)))
 
 
 def _attempt(monitor: Monitor, quick: bool = True) -> Callable[[Problem], Solution]:
-    """Return what solves a problem in another's place."""
-    return lambda other: Search(
-        other, Kit(other), monitor.part(_ATTEMPT), quick=quick).run()
+    """Return what solves a problem in another's place, and judges what it leaves half done."""
+    def attempt(other: Problem) -> Solution:
+        part = monitor.part(_ATTEMPT)
+        begun = not part.stopped
+        found = Search(other, Kit(other), part, quick=quick).run()
+        unjudged = begun and part.stopped == 'spent' and found.t.size and not found.certificate
+        return replace(found, certificate=certify(other, found)) if unjudged else found
+
+    return attempt
 
 
 METHODS: dict[str, Method] = {

@@ -33,7 +33,7 @@ _PATIENCE = 4000   # evaluations of f for each of them: stiff systems do not run
 
 
 @dataclass(frozen=True)
-class _Suspect:
+class Suspect:
     """Something in an expression that must not vanish, or must not be negative."""
 
     where: str
@@ -54,12 +54,12 @@ def undefined(problem: Problem, t: Array, x: Array, u: Array) -> str:
         The path; between its points a divisor that changes its sign is taken to vanish.
 
     """
-    suspects = _suspects(problem)
-    if not suspects or not t.size or not (np.isfinite(x).all() and np.isfinite(u).all()):
+    found = suspects(problem)
+    if not found or not t.size or not (np.isfinite(x).all() and np.isfinite(u).all()):
         return ''
-    values = _values(problem, [each.value for each in suspects], x, u)
+    values = _values(problem, [each.value for each in found], x, u)
     first: tuple[int, str] | None = None
-    for each, row in zip(suspects, values, strict=True):
+    for each, row in zip(found, values, strict=True):
         bad = ~np.isfinite(row) | ((row == 0) if each.may_be_negative else (row < 0))
         if each.may_be_negative:
             bad[1:] |= (row[:-1] * row[1:] < 0) & (t[1:] > t[:-1])
@@ -241,7 +241,7 @@ def _done_in(problem: Problem, expression: ca.SX) -> Iterator[tuple[int, list[ca
                                 else ca.SX.unary(operation, *operands))
 
 
-def _suspects(problem: Problem) -> list[_Suspect]:
+def suspects(problem: Problem) -> list[Suspect]:
     """Return the divisors, and the arguments of logarithms and roots, of all expressions."""
     found = [each for where, operation, operands in _operations(problem)
              for each in _of(operation, operands, where)]
@@ -254,17 +254,17 @@ def _values(problem: Problem, expressions: list[ca.SX], x: Array, u: Array) -> A
     return np.asarray(look.map(len(x))(x.T, u.T, ca.repmat(problem.p_value, 1, len(x))).full())
 
 
-def _of(operation: int, operands: list[ca.SX], where: str) -> list[_Suspect]:
+def _of(operation: int, operands: list[ca.SX], where: str) -> list[Suspect]:
     """Return what one operation asks of its operands."""
     if operation == ca.OP_DIV:
-        return [_Suspect(where, operands[1], 'divides by zero', True)]
+        return [Suspect(where, operands[1], 'divides by zero', True)]
     if operation == ca.OP_INV:
-        return [_Suspect(where, operands[0], 'divides by zero', True)]
+        return [Suspect(where, operands[0], 'divides by zero', True)]
     if operation == ca.OP_LOG:
-        return [_Suspect(where, operands[0], 'has the logarithm of a number below 0', False)]
+        return [Suspect(where, operands[0], 'has the logarithm of a number below 0', False)]
     if operation in (ca.OP_POW, ca.OP_CONSTPOW) and operands[1].is_constant() and (
             float(operands[1]) % 1.0):
-        return [_Suspect(where, operands[0], 'has a broken power of a number below 0', False)]
+        return [Suspect(where, operands[0], 'has a broken power of a number below 0', False)]
     if operation == ca.OP_SQRT:
-        return [_Suspect(where, operands[0], 'has the root of a number below 0', False)]
+        return [Suspect(where, operands[0], 'has the root of a number below 0', False)]
     return []
