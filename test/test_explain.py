@@ -9,6 +9,7 @@ import re
 
 import numpy as np
 from obc_ros.core.certificate import certify
+from obc_ros.core.enclosed import lowest
 from obc_ros.core.explain import explain
 from obc_ros.core.kit import Kit
 from obc_ros.core.monitor import Monitor
@@ -283,14 +284,15 @@ def test_a_rocket_that_burns_most_by_thrusting_to_and_fro():
 
 
 CELL = {
-    'states': ['x', 'v', 'E'], 'inputs': ['a'], 'dynamics': {'x': 'v', 'v': 'a', 'E': '-a**2 - 0.1'},
+    'states': ['x', 'v', 'E'], 'inputs': ['a'],
+    'dynamics': {'x': 'v', 'v': 'a', 'E': '-a**2 - 0.1'},
     'running_cost': '1', 'initial_state': {'x': 0, 'v': 0, 'E': 1},
     'terminal_constraints': ['x - 10', 'v'], 'input_bounds': {'a': [-3, 3]},
     'state_bounds': {'E': [0, None]}, 'final_time': {'free': False, 'value': 10}}
 
 
 def test_too_little_charge():
-    """Of rest to rest over d in T: the integral of a^2 is 12 d^2 / T^3 at least: here 1.2, and 1."""
+    """Of rest to rest over d in T: the integral of a^2 is 12 d^2 / T^3 at least, here 1.2."""
     found = solve(problem_from_mapping(CELL))
     assert found.status is Status.INFEASIBLE
     sentence, left = found.message.rsplit(' is ', 1)
@@ -353,3 +355,54 @@ def test_a_goal_inside_an_obstacle_that_leaves_the_heading_open():
     assert found.infeasible
     assert found.sentence == ('path_constraints[0] is 0.04 at the state that the terminal '
                               'constraints demand and has to be >= 1')
+
+
+def test_a_path_constraint_that_holds_nowhere():
+    found = explain(problem_from_mapping(LAG | {
+        'terminal_constraints': [], 'path_constraints': [
+            {'expr': 'sin(x) + u**2', 'lower': None, 'upper': -2}]}))
+    assert found is not None
+    assert found.infeasible
+    assert found.sentence == ('path_constraints[0] is at least -1 whatever states and inputs are, '
+                              'and has to be <= -2')
+
+
+def test_too_little_vaccine():
+    """
+    No state bound says that the susceptible are not below 0: that follows.
+
+    From S = 1 to 1/2 without a disease takes 1/2, given at once or little by little.
+    """
+    found = solve(problem_from_mapping({
+        'states': ['S', 'c'], 'inputs': ['u'], 'dynamics': {'S': '-u*S', 'c': 'u*S'},
+        'running_cost': 'u**2', 'initial_state': {'S': 1, 'c': 0},
+        'terminal_constraints': ['S - 0.5'], 'input_bounds': {'u': [0, 1]},
+        'state_bounds': {'c': [None, 0.4]}, 'final_time': {'free': False, 'value': 5}}))
+    assert found.status is Status.INFEASIBLE
+    assert 'c only rises' in found.message
+    assert numbers(found.message)[-1] == pytest.approx(0.5, rel=1e-5)
+
+
+def test_states_that_turn_back_at_zero():
+    def lower(dynamics, x0):
+        return lowest(problem_from_mapping({
+            'states': list(dynamics), 'inputs': ['u'], 'dynamics': dynamics, 'running_cost': 'u',
+            'initial_state': x0, 'input_bounds': {'u': [0, 1]},
+            'final_time': {'free': False, 'value': 1}})).tolist()
+
+    epidemic = {'S': '-0.3*S*I - u*S', 'I': '0.3*S*I - 0.1*I'}
+    assert lower(epidemic, {'S': 1, 'I': 0}) == [0, 0]
+    assert lower(epidemic, {'S': -1, 'I': 1}) == [-math.inf, 0]
+    assert lower({'x': 'v', 'v': 'u'}, {'x': 1, 'v': 0}) == [0, 0]
+    assert lower({'x': 'v', 'v': 'u - 0.1'}, {'x': 1, 'v': 0}) == [-math.inf, -math.inf]
+
+
+def test_what_lies_below_zero():
+    # A logistic growth that is harvested comes as near to 0 as 1e-9, but never below.
+    found = explain(problem_from_mapping(LAG | {
+        'dynamics': {'x': 'x*(1 - x) - u*x'}, 'initial_state': {'x': 0.5},
+        'terminal_constraints': ['x + 0.2']}))
+    assert found is not None
+    assert found.infeasible
+    assert found.sentence == ('the terminal constraint x = -0.2 holds nowhere, as no input takes '
+                              'x below 0: it is missed by at least 0.2')

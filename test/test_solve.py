@@ -170,9 +170,9 @@ def test_any_path_will_do_where_none_costs_anything(name):
 
 
 def test_no_path_leads_past_an_equilibrium():
-    # A logistic growth that is harvested comes as near to 0 as 1e-9, but never below.
-    solution = solve(simple(['x'], {'x': 'x*(1 - x) - u*x'}, '0', {'x': 0.5},
-                            {'free': False, 'value': 40}, terminal_constraints=['x + 0.2'],
+    # A logistic growth that is harvested comes as near to 1 as 1e-9, but never below.
+    solution = solve(simple(['x'], {'x': '(x - 1)*(2 - x - u)'}, '0', {'x': 1.5},
+                            {'free': False, 'value': 40}, terminal_constraints=['x - 0.8'],
                             input_bounds={'u': [0, 3]}))
     assert solution.status is Status.NOT_CONVERGED
     assert 'no path was found' in solution.message

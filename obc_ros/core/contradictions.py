@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.intervals import enclosure
 from obc_ros.core.least_time_form import affine
 from obc_ros.core.problem import FinalTime, Problem
 from obc_ros.core.replay import Integrator, Intervals
@@ -405,34 +404,10 @@ def _too_soon(problem: Problem) -> Iterator[str]:
 
 
 def _too_far(problem: Problem) -> Iterator[str]:
-    """
-    Yield terminal constraints that hold nowhere within the bounds, or nowhere within reach.
-
-    A state whose rate keeps within bounds wherever the path may be keeps within bounds itself,
-    and so perhaps do others then.
-    """
-    last = problem.final_time.upper if problem.final_time.free else problem.final_time.value
-    symbols = [problem.x, problem.u, problem.p]
-    f, psi = ca.Function('f', symbols, [problem.f]), ca.Function('psi', symbols, [problem.psi])
-    u, p = (problem.u_lower, problem.u_upper), (problem.p_value, problem.p_value)
-    low, high = problem.x_lower, problem.x_upper
-    # Of linear systems more can be said, and is: by when.
-    curved = bool(problem.q) and affine(problem) is None
-    for within in ('within its bounds', 'within reach')[:1 + curved]:
-        for row, found in enumerate(enclosure(psi, [(low, high), u, p])):
-            margin = 1e-6 * (1 + sum(abs(each) for each in (found.low, found.high)
-                                     if np.isfinite(each)))
-            if found.low > margin or found.high < -margin:
-                more = '' if within == 'within its bounds' else _extent(problem, row, low, high)
-                nearest = found.low if found.low > 0 else found.high
-                yield (f'the terminal constraint {terminal(problem, row)} holds nowhere'
-                       f'{more}: it is missed by at least {number(abs(nearest))}')
-        for _ in range(problem.n):
-            rates = enclosure(f, [(low, high), u, p])
-            low = np.maximum(low, problem.x0 + last * np.array(
-                [min(rate.low, 0.0) for rate in rates]))
-            high = np.minimum(high, problem.x0 + last * np.array(
-                [max(rate.high, 0.0) for rate in rates]))
+    """Yield what holds nowhere within the bounds, or nowhere within reach."""
+    # Imported where used: no node that only asks for a problem waits for it.
+    from obc_ros.core.enclosed import nowhere
+    yield from nowhere(problem)
 
 
 def _not_conserved(problem: Problem) -> Iterator[str]:
@@ -444,19 +419,6 @@ def _not_conserved(problem: Problem) -> Iterator[str]:
         # Imported where used: no node that only asks for a problem waits for it.
         from obc_ros.core.conserved import changed
         yield from changed(problem, A, end[0])
-
-
-def _extent(problem: Problem, row: int, low: Array, high: Array) -> str:
-    """Return how far the states of a terminal constraint get, in words."""
-    used = np.zeros(problem.n, dtype=bool)
-    used[ca.jacobian_sparsity(problem.psi[row], problem.x).get_triplet()[1]] = True
-    final = problem.final_time
-    parts = [f'{name} stays between {number(float(low[k]))} and {number(float(high[k]))}'
-             for k, name in enumerate(problem.states)
-             if used[k] and np.isfinite([low[k], high[k]]).all()]
-    by = final.upper if final.free else final.value
-    how_far = f' ({", ".join(parts)})' if parts else ''
-    return f' within reach by T = {by:.6g}{how_far}'
 
 
 def _reachable(A: Array, B: Array) -> Array:

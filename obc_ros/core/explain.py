@@ -47,8 +47,10 @@ from obc_ros.core.sweeps import leads_there
 from obc_ros.core.undefined import kinked, level, runs_away, steep, undefined
 from obc_ros.core.uneven import convex_paths
 
-_NEARLY = FEASIBLE | {'start': 1e-3, 'end': 1e-3, 'bounds': 1e-3}   # for it to be all but one
-_ROUGHLY = 1e-2     # of the same: a path by steps with errors
+# Of what a certificate may leave: for a path but for little, and but for its steps as well.
+_NEARLY = FEASIBLE | {'start': 1e-3, 'end': 1e-3, 'bounds': 1e-3}
+_ROUGHLY = _NEARLY | {'dynamics': 1e-2}
+_WIDE = 1e-2        # of its bounds: where a path may go that shows what is out of reach
 _PART = 0.1         # of its terms, that Pontryagin's conditions may leave
 _LATER = 50.0       # times T up to which a least time is looked for
 
@@ -148,7 +150,7 @@ class _Doubt:
 
         There what cannot be had within wider bounds cannot be had within narrower ones.
         """
-        return is_path(answer, _ROUGHLY) if self.convex else is_path(answer)
+        return is_path(answer, _WIDE) if self.convex else is_path(answer)
 
     def certified(self, other: Problem) -> Solution:
         """Return an answer, with more care where its certificate does not hold at once."""
@@ -281,8 +283,7 @@ def _roughly(solution: Solution) -> bool:
     """Return whether an answer would be a path that meets the constraints, but for its steps."""
     certificate = solution.certificate
     return certificate is not None and all(
-        certificate.residuals.get(key, 0.0) <= _ROUGHLY
-        for key in ('dynamics', 'start', 'end', 'bounds'))
+        certificate.residuals.get(key, 0.0) <= limit for key, limit in _ROUGHLY.items())
 
 
 def _almost(problem: Problem, found: Solution) -> bool:

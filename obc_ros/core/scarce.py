@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 from obc_ros.core.contradictions import number, state_bound
-from obc_ros.core.intervals import enclosure
+from obc_ros.core.enclosed import steady
 from obc_ros.core.nearest import shortfall, Solver, without_bound
 from obc_ros.core.problem import Problem
 from obc_ros.core.undefined import suspects
@@ -34,14 +34,11 @@ class Supply:
 
 def supplies(problem: Problem) -> Iterator[Supply]:
     """Yield the bounded states that change in one direction only."""
-    f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f])
-    rates = enclosure(f, [(problem.x_lower, problem.x_upper), (problem.u_lower, problem.u_upper),
-                          (problem.p_value, problem.p_value)])
-    for index, rate in enumerate(rates):
-        for upper, bound, steady in (
+    for index, rate in enumerate(steady(problem)):
+        for upper, bound, one_way in (
                 (False, problem.x_lower[index], rate.high <= 0),
                 (True, problem.x_upper[index], rate.low >= 0)):
-            if np.isfinite(bound) and steady:
+            if np.isfinite(bound) and one_way:
                 freed = _freed(problem, index, upper, bound)
                 yield Supply(index, upper, replace(
                     freed, L=ca.SX(0), V=(1 if upper else -1) * problem.x[index]))
