@@ -9,6 +9,7 @@ from itertools import chain
 from typing import cast, TYPE_CHECKING
 
 import numpy as np
+from obc_ros.core.branches import on_best_branch
 from obc_ros.core.familiar import ANOTHER
 from obc_ros.core.horizons import of_other_lengths
 from obc_ros.core.kit import Answered, numbers
@@ -61,6 +62,7 @@ def started(search: 'Search', first: Outcome) -> tuple[Solution, float]:
     A path that winds between obstacles may need meshes that take a minute where another one is
     found at once: after some work a few starts are looked at, before finer meshes.
     """
+    first = on_best_branch(search, first)
     begun, work = search.work, search.following(first)
     try:
         while search.work - begun <= _LONG:

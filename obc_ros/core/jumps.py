@@ -14,12 +14,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.arcs import Arc
-from obc_ros.core.mesh import Path
+from obc_ros.core.mesh import LINEAR, Path
+from obc_ros.core.transcription import Outcome
 
 Array = NDArray[np.float64]
 
 _JUMP = 0.3        # of the range of an input: what may be a jump
 _BESIDE = 0.25     # of that: what the input does beside it, at most
+_LEVEL = 0.01      # of the range of an input on the path: what is no jump
 _APART = 1.5       # intervals, closer than which an end of an arc is that jump
 
 
@@ -98,3 +100,16 @@ def with_steps(path: Path, arcs: Sequence[Arc]) -> Path:
 def _follows(arc: Arc, mixed: Sequence[bool]) -> bool:
     """Return whether an arc is on a bound of the state."""
     return any(on and not (mixed and mixed[row]) for row, on in enumerate(arc.on))
+
+
+def switching_times(outcome: Outcome) -> Array:
+    """Return the times at which phases meet, but where neither inputs jump nor arcs end."""
+    mesh, path = outcome.mesh, outcome.path
+    ends = np.cumsum(path.durations)[:-1]
+    if mesh.on is not None and mesh.on.any():
+        return np.asarray(ends)
+    first = np.flatnonzero(np.diff(mesh.layout.phase_of)) + 1
+    free = np.array([set(phase.modes) == {LINEAR} for phase in mesh.layout.phases])
+    size = np.ptp(np.stack([path.ua, path.ub]), axis=(0, 1))
+    level = np.all(np.abs(path.ua[first] - path.ub[first - 1]) <= _LEVEL * size, axis=1)
+    return np.asarray(ends[~(level & free[:-1] & free[1:])])

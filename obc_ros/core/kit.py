@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.arcs import switching_inputs
 from obc_ros.core.boundary_values import BoundaryValues
+from obc_ros.core.branches import branching
 from obc_ros.core.contacts import deciding
 from obc_ros.core.extremal import Integrator
 from obc_ros.core.guesses import Guesser
@@ -151,6 +152,11 @@ class Kit:
     def deciding(self) -> NDArray[np.bool_]:
         """Return which inputs enter the rate of each row of (x, c)."""
         return deciding(self._smooth)
+
+    @cached_property
+    def branching(self) -> NDArray[np.bool_]:
+        """Return in which inputs H may have several least points."""
+        return branching(self._smooth)
 
     @cached_property
     def _uneven(self) -> Uneven:

@@ -18,6 +18,7 @@ from obc_ros.core.exploring import beaten, ended, explored, started
 from obc_ros.core.extremal import Extremal
 from obc_ros.core.familiar import Familiar
 from obc_ros.core.guesses import final_time, joined, scales
+from obc_ros.core.jumps import switching_times
 from obc_ros.core.junctions import along_bounds, at_once
 from obc_ros.core.kit import Answered, Kit
 from obc_ros.core.lengthening import lengthened
@@ -271,7 +272,7 @@ class Search:
         if not self.monitor.allows(mesh.layout.intervals):
             return outcome
         start = replace(outcome.path, ua=u[:-1], ub=u[1:])
-        new = self.collocate(mesh, start, sizes=self.sizes(outcome))
+        new = self.collocate(mesh, start, start.t[-1:], sizes=self.sizes(outcome))
         better = new.converged and self.given_away(new, self.course(new)) < above
         return new if better else outcome
 
@@ -341,9 +342,8 @@ class Search:
             outcome = self.kit.twin.back(outcome, problem)
             course = self.course(outcome, stated=True)
         known = self._extremal(outcome)
-        arcs = outcome.path.durations if known is None else known.lengths
-        found = replace(self.kit.judge.samples(problem, course),
-                        switching_times=np.cumsum(arcs)[:-1],
+        times = np.cumsum(known.lengths)[:-1] if known else switching_times(outcome)
+        found = replace(self.kit.judge.samples(problem, course), switching_times=times,
                         iterations=self.monitor.iterations)
         # Judging a path that is no answer may take long: not when the time is up.
         return found if self.monitor.stopped else replace(
