@@ -14,8 +14,11 @@ WELLS = {
     'states': ['t'], 'inputs': ['u'], 'dynamics': {'t': '1'},
     'running_cost': '4*(u**2 - 1)**2 - (t - 1)*u', 'initial_state': {'t': 0},
     'input_bounds': {'u': [-2, 2]}, 'final_time': {'free': False, 'value': 2}}
-FIRST, SECOND, THIRD = '(1 - v)*exp(-8*(u - 1)**2)', '0.4*exp(-8*(u - 3)**2)', (
-    '0.2*exp(-8*(u - 5)**2)')
+
+
+def hump(u, at):
+    """Return what a gear adds, a number or its text."""
+    return f'exp(-8*({u} - {at})**2)' if isinstance(u, str) else np.exp(-8 * (u - at)**2)
 
 
 def least(function, wells):
@@ -38,22 +41,31 @@ def test_two_wells_of_which_the_deeper_one_changes(as_state):
     assert found.switching_times == pytest.approx([1], abs=1e-6)
 
 
-@pytest.mark.parametrize(('gears', 'T', 'shifts'), [
-    ((FIRST, SECOND), 5, 1),
-    ((FIRST, '(0.5 - 0.2*v)*exp(-8*(u - 3)**2)', THIRD), 15, 2)])
-def test_gears(gears, T, shifts):
-    """More speed at once leaves more later: the best gear is the one that pulls most."""
-    rate = ' + '.join((*gears, '-0.02*v'))
-    pull = eval(f'lambda u, v: {rate}', {'exp': np.exp})
+def two_gears(v):
+    """Return how much each of two gears pulls at full."""
+    return (1, 1 - v), (3, 0.4)
 
+
+def three_gears(v):
+    """Likewise of three."""
+    return (1, 1 - v), (3, 0.5 - 0.2 * v), (5, 0.2)
+
+
+@pytest.mark.parametrize(('gears', 'text', 'T', 'shifts'), [
+    (two_gears, ('1 - v', '0.4'), 5, 1),
+    (three_gears, ('1 - v', '0.5 - 0.2*v', '0.2'), 15, 2)])
+def test_gears(gears, text, T, shifts):
+    """More speed at once leaves more later: the best gear is the one that pulls most."""
     def most(v):
-        return -least(lambda u: -pull(u, v), (1, 3, 5)[:len(gears)])
+        return -0.02 * v - least(
+            lambda u: -sum(full * hump(u, at) for at, full in gears(v)), (1, 3, 5)[:len(text)])
 
     path = solve_ivp(lambda t, z: [z[1], most(z[1])], (0, T), [0, 0], rtol=1e-10, atol=1e-10)
     found = solve(problem_from_mapping({
-        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': rate},
+        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': ' + '.join((
+            *(f'({full})*{hump("u", 2 * k + 1)}' for k, full in enumerate(text)), '-0.02*v'))},
         'running_cost': '0', 'terminal_cost': '-x', 'initial_state': {'x': 0, 'v': 0},
-        'input_bounds': {'u': [0, 2 * len(gears)]}, 'final_time': {'free': False, 'value': T}}))
+        'input_bounds': {'u': [0, 2 * len(text)]}, 'final_time': {'free': False, 'value': T}}))
     assert found.certified, found.message
     assert -found.objective == pytest.approx(path.y[0, -1], rel=1e-6)
     assert len(found.switching_times) == shifts
