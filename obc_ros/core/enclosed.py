@@ -15,6 +15,7 @@ from obc_ros.core.contradictions import number, terminal
 from obc_ros.core.intervals import enclosure, Interval
 from obc_ros.core.least_time_form import affine
 from obc_ros.core.problem import Problem
+from obc_ros.core.undefined import roots
 
 Array = NDArray[np.float64]
 
@@ -26,9 +27,10 @@ def lowest(problem: Problem) -> Array:
     Return values that the states stay above, shape (n,): their bounds, or 0 where they turn back.
 
     Where dx_i/dt >= 0 whenever x_i = 0 and the others that turn back are not negative, no path
-    from x(0) >= 0 has x_i < 0 (M. Nagumo, 1942): amounts, populations, concentrations.
+    from x(0) >= 0 has x_i < 0 (M. Nagumo, 1942): amounts, populations, concentrations. Not so
+    where the rate has a root of x_i: -sqrt(abs(x)) is 0 at 0 and leads on from there.
     """
-    stays = problem.x0 >= 0
+    stays = (problem.x0 >= 0) & ~_rooted(problem)
     while stays.any():
         before, low = stays.copy(), np.where(stays, 0.0, problem.x_lower)
         for i in np.flatnonzero(before):
@@ -94,6 +96,13 @@ def _values(problem: Problem, expressions: ca.SX, low: Array, high: Array) -> li
     function = ca.Function('values', [problem.x, problem.u, problem.p], [ca.densify(expressions)])
     return enclosure(function, [(low, high), (problem.u_lower, problem.u_upper),
                                 (problem.p_value, problem.p_value)])
+
+
+def _rooted(problem: Problem) -> NDArray[np.bool_]:
+    """Return which states stand under a root in a rate, shape (n,)."""
+    under = [value for where, value in roots(problem) if where.startswith('dynamics.')]
+    return np.array([any(ca.depends_on(value, x) for value in under)
+                     for x in ca.vertsplit(problem.x)])
 
 
 def _rates(problem: Problem, low: Array, high: Array) -> list[Interval]:

@@ -155,7 +155,7 @@ class _Doubt:
     def certified(self, other: Problem) -> Solution:
         """Return an answer, with more care where its certificate does not hold at once."""
         answer = self.solve(other)
-        return answer if _certified(answer) else self.thorough(other)
+        return answer if answer.certified else self.thorough(other)
 
     def mixed(self, found: Solution | None) -> Reason | None:
         """Return that the least cost is approached by ever faster switching, if it is."""
@@ -165,7 +165,7 @@ class _Doubt:
             return None
         answer = self.thorough(other)
         sentence = chattering(
-            self.problem, other, answer, found) if _certified(answer) else ''
+            self.problem, other, answer, found) if answer.certified else ''
         return Reason(False, sentence) if sentence else None
 
     def without_end(self, found: Solution | None) -> Reason | None:
@@ -196,7 +196,7 @@ class _Doubt:
         if early:
             return None
         least = float(answer.t[-1])
-        if _certified(answer):
+        if answer.certified:
             return Reason(True, f'the terminal constraints cannot be met by T = {last:.6g}: the '
                                 f'least time is {number(least)}')
         if shown:
@@ -248,10 +248,6 @@ class _Doubt:
             f'no path was found that meets the terminal constraints and keeps to '
             f'{" and ".join(names)} all the way: the nearest exceeds a bound between mesh points '
             f'by {certificate.residuals["bounds"]:.1g} of its size'))
-
-
-def _certified(answer: Solution) -> bool:
-    return answer.certificate is not None and answer.certificate.holds
 
 
 def _nearly_optimal(answer: Solution) -> bool:

@@ -103,7 +103,7 @@ def _follows(arc: Arc, mixed: Sequence[bool]) -> bool:
 
 
 def switching_times(outcome: Outcome) -> Array:
-    """Return the times at which phases meet, but where neither inputs jump nor arcs end."""
+    """Return the times at which phases meet and inputs jump, or come to bounds or leave them."""
     mesh, path = outcome.mesh, outcome.path
     ends = np.cumsum(path.durations)[:-1]
     if mesh.on is not None and mesh.on.any():

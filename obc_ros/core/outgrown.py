@@ -8,19 +8,17 @@ boxed        |u| <= 10, 100, 1000: whether the cost falls without end.
 `obc_ros.core.ill_posed` proves so much of what is linear; here other problems are solved.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.ill_posed import growing, wish
-from obc_ros.core.nearest import is_path, shortfall
+from obc_ros.core.nearest import is_path, shortfall, Solver
 from obc_ros.core.problem import Problem
 from obc_ros.core.solution import Solution
 from obc_ros.core.sweeps import guided
 
 Array = NDArray[np.float64]
-Solver = Callable[[Problem], Solution]
 
 _BOXES = (10.0, 100.0, 1000.0)
 _PART = 0.1         # of a cost: what counts as much less

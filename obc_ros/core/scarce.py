@@ -68,8 +68,7 @@ def too_little(problem: Problem, solve: Solver) -> str:
     """
     for supply in supplies(problem):
         answer = solve(supply.problem)
-        if answer.certificate is None or not answer.certificate.holds or shortfall(
-                supply.problem, answer):
+        if not answer.certified or shortfall(supply.problem, answer):
             continue
         left = float(answer.x[-1, supply.index])
         bound = float((problem.x_upper if supply.upper else problem.x_lower)[supply.index])

@@ -107,8 +107,7 @@ def steep(problem: Problem, t: Array, x: Array, u: Array) -> str:
 
     Its slope is infinite there, and with it dlam/dt. Parameters are those of `undefined`.
     """
-    found = [(where, operands[0]) for where, operation, operands in _operations(problem)
-             if _root(operation, operands) and ca.depends_on(operands[0], problem.x)]
+    found = [*roots(problem)]
     if not found or not t.size or not (np.isfinite(x).all() and np.isfinite(u).all()):
         return ''
     for (where, value), row in zip(
@@ -200,6 +199,13 @@ def _quoted(problem: Problem, value: ca.SX) -> str:
     numbers = [k for k, name in enumerate(problem.parameters) if '#' in name]   # as stated
     what = str(ca.substitute(value, problem.p[numbers], ca.DM(problem.p_value[numbers])))
     return what if len(what) <= _QUOTED else f'{what[:_QUOTED]}...'
+
+
+def roots(problem: Problem) -> Iterator[tuple[str, ca.SX]]:
+    """Yield where roots of states are taken, and of what: their slopes are infinite at 0."""
+    for where, operation, operands in _operations(problem):
+        if _root(operation, operands) and ca.depends_on(operands[0], problem.x):
+            yield where, operands[0]
 
 
 def _root(operation: int, operands: list[ca.SX]) -> bool:
