@@ -50,6 +50,15 @@ def test_a_place_is_no_amount_though_a_car_that_hardly_turns_does_not_get_behind
     assert kept(problem, [path]) is problem
 
 
+def test_a_place_is_no_amount_where_bounds_of_a_heading_are_whole_turns():
+    problem = problem_from_mapping({
+        'states': ['x', 'y'], 'inputs': ['b'], 'dynamics': {'x': 'cos(b) + 0.8', 'y': 'sin(b)'},
+        'running_cost': '-y*(cos(b) + 0.8)', 'initial_state': {'x': 0, 'y': 0},
+        'input_bounds': {'b': [-6.283185307179586, 6.283185307179586]},
+        'terminal_constraints': ['x', 'y'], 'final_time': {'free': False, 'value': 3}})
+    assert not amounts(problem, np.ones(2)).any()
+
+
 def test_rates_next_to_a_pole_hide_no_others():
     """What is deviation from rest may become negative, though a rate at x = -0.02 has no end."""
     problem = problem_from_mapping({

@@ -35,6 +35,7 @@ _AFTER = 3            # further starts, once one has led to something better
 _MANY, _MOST, _FOR_MANY = 24, 80, 15_000
 _ITERATIONS = 150     # for a lower cost that is not to be believed yet
 _MET = 1e-5           # infeasibility of a path
+_SPLITS = 2           # of meshes, until a lower cost is believed
 _ERRS, _FINER = 1e-2, 4   # relative: such an error of coarse costs; times as many intervals
 _TIES, _SAME = 6, 2e-4   # followed up although on the coarse mesh they cost a little more
 _CHEAPER = 1e-6       # relative: of two answers that are certified
@@ -99,9 +100,10 @@ def explored(search: 'Search', best: Solution, floor: float,
     if uneven:
         search.starts = search.kit.guesser.scattered(
             search.problem, search.kit.integrator, search.starts, abs(floor))
-    elif not alone:
-        promising = glance(search)
-        lengths = of_other_lengths(search, search.starts, bent)
+    if not (alone or uneven and search.problem.q):
+        promising = glance(search, bent or uneven)
+        if not uneven:
+            lengths = of_other_lengths(search, search.starts, bent)
         aside = search.work - before
         search.starts = chain(lengths, interleaved(
             search, search.starts, promising,
@@ -131,11 +133,7 @@ def explored(search: 'Search', best: Solution, floor: float,
             floor = min(floor, outcome.objective)
             other = (search.solution(outcome, search.course(outcome)) if falls
                      else search.followed_up(outcome))
-            # What is cheaper and feasible shows that the other is not the best, proved or not.
-            cheaper = below(other.objective, best.objective,
-                            _CHEAPER if other.certified and best.certified else ANOTHER)
-            if (other.certified and (cheaper or not best.certified)
-                    or cheaper and other.certificate and other.certificate.feasible):
+            if _to_be_told(other, best):
                 best, kept, ground = other, search.last, outcome.objective
                 wanted = max(wanted, number + 1 + _AFTER)
         found.append(outcome)
@@ -150,6 +148,25 @@ def explored(search: 'Search', best: Solution, floor: float,
             looked=numbers(search.stated)))
         search.kit.several |= search.familiar.minima > 1
     return best
+
+
+def _to_be_told(other: Solution, best: Solution) -> bool:
+    """
+    Return whether another answer is to be told instead of the best one so far.
+
+    What is cheaper and feasible shows that the other is not the best, proved or not.
+    """
+    def cheaper(one: Solution, than: Solution) -> bool:
+        both = one.certified and than.certified
+        return below(one.objective, than.objective, _CHEAPER if both else ANOTHER)
+
+    def feasible(one: Solution) -> bool:
+        return bool(one.certificate and one.certificate.feasible)
+
+    if cheaper(other, best):
+        return other.certified or feasible(other)
+    return other.certified and not best.certified and not (
+        feasible(best) and cheaper(best, other))
 
 
 def _enough(search: 'Search', number: int, work: tuple[int, int], wanted: int, certified: bool, *,
@@ -203,8 +220,10 @@ def _pursued(search: 'Search', floor: float, outcome: Outcome) -> Outcome:
         if not outcome.converged and outcome.infeasibility <= _MET:   # ended too soon
             later = search.collocate(outcome.mesh, outcome.path, near=True, most=_ITERATIONS)
             outcome = later if later.converged else outcome
-        if outcome.converged and not search.believed(outcome):
-            mesh = split(outcome.mesh, np.full(search.intervals, 2))
+        for _ in range(_SPLITS):
+            if not outcome.converged or search.believed(outcome):
+                break
+            mesh = split(outcome.mesh, np.full(outcome.mesh.layout.intervals, 2))
             outcome = search.collocate(mesh, outcome.path, near=True, most=_ITERATIONS)
     return outcome
 
@@ -245,13 +264,3 @@ def _rivals(found: list[Outcome], ground: float) -> tuple[Outcome, ...]:
                 and outcome.objective <= ground + _RIVAL * abs(ground)):
             rivals.append(outcome)
     return tuple(rivals[:_RIVALS])
-
-
-def beaten(search: 'Search', last: Answered, answer: Solution) -> bool:
-    """Return whether a rival of a neighbour's answer has come to cost less than its own."""
-    for rival in last.rivals:
-        outcome = search.collocate(rival.mesh, rival.path, near=True, most=_ITERATIONS)
-        if outcome.converged and below(
-                last.refined * outcome.objective, answer.objective, ANOTHER):
-            return True
-    return False

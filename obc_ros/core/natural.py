@@ -38,8 +38,10 @@ def amounts(problem: Problem, size: Array) -> NDArray[np.bool_]:
     x = size * 10 ** chance.uniform(*_RANGE, (_LOOKS, n))
     lower, upper = (np.where(np.isfinite(bound), bound, sign * _INPUT) for bound, sign in (
         (problem.u_lower, -1.0), (problem.u_upper, 1.0)))
-    u = lower + (upper - lower) * chance.integers(0, 3, (_LOOKS, problem.m)) / 2
+    part = chance.integers(0, 3, (_LOOKS, problem.m)) / 2
     sign = chance.choice([-1.0, 1.0], (_LOOKS, n))
+    part[::2] = chance.uniform(0, 1, part[::2].shape)   # ends and middle of turns look alike
+    u = lower + (upper - lower) * part
     rate = Batch([problem.x, problem.u, problem.p], [problem.f])
     found = problem.x0 >= 0
     while found.any():

@@ -39,7 +39,7 @@ class Twin:
     kinks: ca.Function
     rounded: bool
 
-    def problem(self, stated: Problem, turn: int) -> Problem:
+    def problem(self, stated: Problem, turn: int = -1) -> Problem:
         """Return the smooth problem with the numbers of a stated one, sharper at every turn."""
         f, L, path, psi, V = self.expressions
         eps = _ROUNDNESS[min(turn, len(_ROUNDNESS) - 1)]

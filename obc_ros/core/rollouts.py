@@ -53,7 +53,12 @@ _LONGER = 8.0         # times the guess of a free T, and the least part of it
 _SPREAD = 0.4         # of their range: how far around the best is drawn; less each time
 _TYPICAL = 0.8        # of what is seen of a constraint, a quantile
 _LIKE, _ON_WAY = 0.5, 8   # of how far all paths are apart: of those that are alike; points to see
-_GLANCE = 32, 5, 2.0   # inputs drawn for a first look, steps for each piece, times a free T
+_GLANCE = 32          # inputs drawn for a first look, where an end is prescribed
+# Where none is: how many, of how many kinds of path, and how many around each of these, again.
+_OPEN = (384, 4, 48), (1152, 8, 48)
+_GENERATIONS, _AMONG = 2, 24  # how often; and so many times the kinds are looked at
+_STEPS, _STRETCH = 5, 2.0  # steps for each piece, times a free T
+_FINER = 4            # times as many steps, to believe it
 _TRIED, _TRIED_MOST = 8, 16   # paths from which a search is started: while none led anywhere
 _INTERVALS, _ITERATIONS = 32, 150
 _NEARER = 3   # halvings of how far half of the inputs are drawn from rest
@@ -133,40 +138,86 @@ def _within(problem: Problem, path: Path) -> Problem:
         u_upper=np.where(np.isfinite(problem.u_upper), problem.u_upper, high + wide))
 
 
-def glance(search: 'Search') -> list[Seen]:
+def glance(search: 'Search', bent: bool) -> list[Seen]:
     """
     Return some of what `nearest` looks for longer, of inputs at any distance from rest, in order.
 
-    What costs less than the path found last is often near rest.
+    What costs less than the path found last is often near rest. Where no end is prescribed all
+    paths lead somewhere: what lies behind the cheapest of each kind, where `bent` whatever it
+    costs.
     """
     if search.last is None or search.kit.twin:
         return []
-    outcome = search.last.outcome
-    problem, T = _within(search.problem, outcome.path), outcome.path.t[-1]
-    count, steps, longer = _GLANCE
-    integrator, chance, final = search.kit.integrator, np.random.default_rng(4), problem.final_time
-    rest = search.kit.guesser.rest(search.problem)
+    problem, chance = _within(search.problem, search.last.outcome.path), np.random.default_rng(4)
+    most, T = search.last.outcome.objective, float(search.last.outcome.path.t[-1])
+    if problem.q:
+        led = _Led(search, problem, _glanced(search, problem, T, chance, _GLANCE), _STEPS)
+        return [Seen(float(led.gap[k]), led.path(k)) for k in led.order(most)]
+    count, kinds, children = _OPEN[bent]
+    led = _Led(search, problem, _glanced(search, problem, T, chance, count), _STEPS)
+    best = led.kinds(kinds)
+    for generation in range(_GENERATIONS if best.size else 0):
+        led = _Led(search, problem, led.drawn.around(
+            problem, np.repeat(best, children), _SPREAD / 2**generation, chance), _STEPS)
+        best = led.best_of_each(children)
+    if not best.size:
+        return []
+    # Coarse steps jump over poles, beyond which nothing costs much.
+    led = _Led(search, problem, led.drawn.only(best), _FINER * _STEPS)
+    return [Seen(float(led.gap[k]), led.path(k)) for k in led.order(np.inf if bent else most)]
+
+
+def _glanced(search: 'Search', problem: Problem, T: float, chance: np.random.Generator,
+             count: int) -> '_Drawn':
+    """Return inputs at any distance from rest; half of them at none where psi is open."""
+    rest = _part_at(problem, search.kit.guesser.rest(search.problem))
     part = _parts(chance, count, problem.m)
     away = chance.uniform(0, 1, (count, 1, 1))
-    inputs = np.repeat(rest + away * (_inputs(problem, part) - rest), steps, axis=1)
-    lengths = np.full(count, T)
+    if not problem.q:
+        away[::2] = 1.0   # the cheapest often keep to bounds
+    length, final = np.full(count, T), problem.final_time
     if final.free:
-        lengths = np.clip(T * longer**chance.uniform(-1, 1, count), final.lower, final.upper)
-    t = lengths[:, None] * np.linspace(0.0, 1.0, steps * _PIECES + 1)
-    x, running = integrator.forward_each(problem, t, inputs)
-    V, psi = integrator.ends(problem, x[:, -1])
-    cost = running[:, -1] + V
-    sound = np.isfinite(x).all(axis=(1, 2)) & np.isfinite(psi).all(axis=1)
-    cheaper = np.flatnonzero(sound & (cost < outcome.objective))
-    if not cheaper.size:
-        return []
-    size = np.median(np.abs(psi[sound]), axis=0)
-    gap = _outside(problem, x[cheaper])[:, -1] + (
-        np.abs(psi[cheaper]) / np.where(size > 0, size, 1.0)).max(axis=1, initial=0.0)
-    none = np.zeros((steps * _PIECES, 0, problem.n))
-    order = np.argsort(gap)
-    return [Seen(float(gap[j]), Path(t[k], x[k], none, inputs[k], inputs[k], t[k, -1:]))
-            for j, k in zip(order, cheaper[order], strict=True)]
+        length = np.clip(length * _STRETCH**chance.uniform(-1, 1, count), final.lower, final.upper)
+    return _Drawn(rest + away * (part - rest), length)
+
+
+class _Led:
+    """What inputs lead to by the steps of a search: at what cost, and how far off."""
+
+    def __init__(self, search: 'Search', problem: Problem, drawn: '_Drawn', steps: int) -> None:
+        self.drawn, integrator = drawn, search.kit.integrator
+        self._u = np.repeat(_inputs(problem, drawn.part), steps, axis=1)
+        self._t = drawn.length[:, None] * np.linspace(0.0, 1.0, steps * _PIECES + 1)
+        self._x, running = integrator.forward_each(problem, self._t, self._u)
+        V, psi = integrator.ends(problem, self._x[:, -1])
+        sound = np.isfinite(self._x).all(axis=(1, 2)) & np.isfinite(psi).all(axis=1)
+        self._cost = np.where(sound, running[:, -1] + V, np.inf)
+        size = np.median(np.abs(psi[sound]), axis=0) if sound.any() else np.ones(problem.q)
+        with np.errstate(invalid='ignore', over='ignore'):
+            self.gap = _outside(problem, self._x)[:, -1] + (
+                np.abs(psi) / np.where(size > 0, size, 1.0)).max(axis=1, initial=0.0)
+
+    def order(self, most: float) -> Index:
+        """Return which cost less than `most`: the nearest first, of these the cheapest."""
+        cheaper = np.flatnonzero(self._cost < most)
+        return cheaper[np.lexsort((self._cost[cheaper], self.gap[cheaper]))]
+
+    def kinds(self, most: int) -> Index:
+        """Return the cheapest of each kind of path, so many at most, among the cheapest."""
+        order = self.order(np.inf)[:_AMONG * most]
+        seen = [Seen(float(rank), self.path(k)) for rank, k in enumerate(order)]
+        return np.array([order[int(each.gap)] for each, *_ in _alike(seen)[:most]], dtype=np.int64)
+
+    def best_of_each(self, many: int) -> Index:
+        """Return the cheapest of so many in turn, inside of the bounds of the state."""
+        dear = np.where(self.gap > 0, np.inf, self._cost).reshape(-1, many)
+        best = np.argmin(dear, axis=1) + many * np.arange(len(dear))
+        return np.asarray(best[np.isfinite(dear.ravel()[best])])
+
+    def path(self, k: int) -> Path:
+        """Return the path under one of the inputs."""
+        none = np.zeros((self._u.shape[1], 0, self._x.shape[2]))
+        return Path(self._t[k], self._x[k], none, self._u[k], self._u[k], self._t[k, -1:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,6 +226,21 @@ class _Drawn:
 
     part: Array
     length: Array
+
+    def only(self, rows: Index) -> '_Drawn':
+        """Return some of the inputs."""
+        return _Drawn(self.part[rows], self.length[rows])
+
+    def around(self, problem: Problem, rows: Index, width: float,
+               chance: np.random.Generator) -> '_Drawn':
+        """Return inputs drawn around those of these rows, for other times where T is free."""
+        final = problem.final_time
+        noise = width * chance.normal(size=(len(rows), *self.part.shape[1:]))
+        length = self.length[rows]
+        if final.free:
+            longer = np.exp(width * chance.normal(size=len(rows)))
+            length = np.clip(length * longer, final.lower, final.upper)
+        return _Drawn(np.clip(self.part[rows] + noise, 0, 1), length)
 
 
 def nearest(problem: Problem, T: float, most: float = np.inf, rest: Array | None = None,
@@ -194,8 +260,7 @@ def nearest(problem: Problem, T: float, most: float = np.inf, rest: Array | None
         shortest, longest, spans = T, T, np.array([T * (1 - 1e-9), np.inf])
     part = _parts(chance, count, problem.m)
     if rest is not None:
-        lower, upper = _inputs(problem, np.array([[0.0], [1.0]]))
-        still = (rest - lower) / np.where(upper > lower, upper - lower, 1.0)
+        still = _part_at(problem, rest)
         away = np.where(np.arange(count) % 4 < 2, 2.0 ** -chance.uniform(0, _NEARER, count), 1.0)
         part = still + away[:, None, None] * (part - still)
     drawn = _Drawn(part, np.exp(
@@ -224,11 +289,16 @@ def nearest(problem: Problem, T: float, most: float = np.inf, rest: Array | None
 
 def _unlike(kept: list[Seen]) -> list[Path]:
     """Return paths, in turn the nearest of those that go the same way."""
+    return [each.path for turn in zip_longest(*_alike(kept)) for each in turn if each is not None]
+
+
+def _alike(kept: list[Seen]) -> list[list[Seen]]:
+    """Return paths parted by the way they go, the nearest first."""
     kept = sorted(kept, key=lambda each: each.gap)
+    alike: list[list[Seen]] = []
     if not kept:
-        return []
+        return alike
     way = np.stack([_way(path) for _, path in kept])
-    alike: list[list[int]] = []
     left = np.arange(len(way))
     with np.errstate(over='ignore', invalid='ignore'):   # of paths that went far
         way /= np.maximum(way.std(axis=0).max(axis=0), 1e-300)
@@ -236,9 +306,9 @@ def _unlike(kept: list[Seen]) -> list[Path]:
         while left.size:   # the nearest that is left, and all like it
             near = np.mean((way[left] - way[left[0]])**2, axis=1) < _LIKE**2
             near[0] = True
-            alike.append(left[near].tolist())
+            alike.append([kept[k] for k in left[near]])
             left = left[~near]
-    return [kept[k].path for turn in zip_longest(*alike) for k in turn if k is not None]
+    return alike
 
 
 def _way(path: Path) -> Array:
@@ -306,6 +376,12 @@ def _inputs(problem: Problem, part: Array) -> Array:
     lower = np.where(np.isfinite(problem.u_lower), problem.u_lower, middle - 2.0)
     upper = np.where(np.isfinite(problem.u_upper), problem.u_upper, middle + 2.0)
     return np.asarray(lower + (upper - lower) * part)
+
+
+def _part_at(problem: Problem, u: Array) -> Array:
+    """Return an input (m,) as part of its range."""
+    lower, upper = _inputs(problem, np.array([[0.0], [1.0]]))
+    return np.asarray((u - lower) / np.where(upper > lower, upper - lower, 1.0))
 
 
 def _rolled_out(problem: Problem, rate: Batch, u: Array, length: Array,

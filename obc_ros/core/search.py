@@ -9,12 +9,12 @@ from itertools import chain, count
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.aligned import neighbouring, on_kinks
+from obc_ros.core.aligned import on_kinks
 from obc_ros.core.arcs import jumping_inputs
 from obc_ros.core.boundary_values import BoundaryValues
 from obc_ros.core.certificate import certify
 from obc_ros.core.contradictions import contradiction
-from obc_ros.core.exploring import beaten, ended, explored, started
+from obc_ros.core.exploring import ended, explored, started
 from obc_ros.core.extremal import Extremal
 from obc_ros.core.familiar import Familiar
 from obc_ros.core.guesses import final_time, joined, scales
@@ -26,8 +26,9 @@ from obc_ros.core.limits import Limits
 from obc_ros.core.mesh import Mesh, Path, split, STEPPED, uniform
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.natural import kept
+from obc_ros.core.neighbours import beside_neighbour
 from obc_ros.core.problem import Problem
-from obc_ros.core.refine import drawn_in, Error, EXCEEDED, finer, followed, judge, Judgement
+from obc_ros.core.refine import below, drawn_in, Error, EXCEEDED, finer, followed, judge, Judgement
 from obc_ros.core.rollouts import from_rollouts
 from obc_ros.core.settling import Settling
 from obc_ros.core.solution import Solution, Status
@@ -49,11 +50,10 @@ _INSIDE, _LASTING = 1e-2, 0.1   # of its span, and of T: an input between its bo
 _BELIEVED, _ABSURD = 1e-2, 1e6   # relative: error of a coarse step; cost above the least one
 _MESHES = 1, 2, 4, 6   # finer ones, after which arcs along bounds are solved for
 _NEAR_BOUNDS = 0.1    # relative cost above the least one, at which that is tried
-# Of finer meshes; of those before curved inputs are held; of those from a neighbour's answer.
-_ROUNDS, _PLAIN_ROUNDS, _WARM_ROUNDS = 10, 5, 3
+# Of finer meshes; of those before curved inputs are held.
+_ROUNDS, _PLAIN_ROUNDS = 10, 5
 _COARSE_ITERATIONS, _FEW_ITERATIONS = 150, 12
 _FINER_ITERATIONS, _FINER_WORK = 350, 450_000   # for a finer mesh, from a path near its answer
-_WARM_ITERATIONS = 15   # what takes more has come far, perhaps past better paths
 _WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
 _DETOUR = 1e-5        # likewise, at which inputs may wind around between points
 _CLOSE = _LEAST = 1e-6   # likewise, at which no finer mesh is tried; what counts as one in J = 0
@@ -215,6 +215,8 @@ class Search:
             steps = uniform(self.problem, self.intervals, self.stages, STEPPED)
             stepped = self.collocate(steps, start, most=_COARSE_ITERATIONS)
             start, rough = joined(stepped.path, self.periods), 0.0   # near what it leads to
+        # Where no end is prescribed, cheap paths drawn at random deserve more than one method.
+        once = once and not (self.familiar.daring and not self.problem.q)
         outcome = self.collocate(uniform(self.problem, self.intervals, self.stages), start,
                                  most=most, rough=rough, once=once, known=self.familiar)
         self.familiar.ended(outcome.objective, outcome.infeasibility,
@@ -273,7 +275,9 @@ class Search:
             return outcome
         start = replace(outcome.path, ua=u[:-1], ub=u[1:])
         new = self.collocate(mesh, start, start.t[-1:], sizes=self.sizes(outcome))
-        better = new.converged and self.given_away(new, self.course(new)) < above
+        nearby = new.converged and not below(
+            outcome.objective, new.objective, max(above, _WORTH_A_LOOK))
+        better = nearby and self.given_away(new, self.course(new)) < above
         return new if better else outcome
 
     def improve(self, outcome: Outcome, rounds: int) -> Iterator[tuple[Outcome, Extremal]]:
@@ -349,42 +353,6 @@ class Search:
         return found if self.monitor.stopped else replace(
             found, certificate=certify(problem, found))
 
-    def warm(self) -> Solution | None:
-        """Return a certified answer found from that of a neighbour, if no rival is better."""
-        last = None if self.quick else self.kit.neighbour(self.stated)
-        if last is None or last.outcome.mesh.layout.intervals > self.monitor.max_intervals:
-            return None
-        if self.kit.twin:
-            self.problem = self.kit.twin.problem(self.stated, _ROUNDS)
-        start, self.margin = last.outcome, last.margin
-        self.stages = start.mesh.layout.stages
-        near = neighbouring(self.kit, self.stated, last)
-        if near is None:
-            outcome = self.collocate(start.mesh, start.path, near=True, sizes=last.sizes,
-                                     most=_WARM_ITERATIONS, warm=start)
-        else:
-            (self.extremal, guide), self.nearby = near, True
-            outcome = self.collocate(guide.mesh, guide.path, near=True, sizes=last.sizes,
-                                     most=_WARM_ITERATIONS, guide=guide)
-        answer = self.solution(outcome, self.course(outcome)) if outcome.converged else None
-        if answer is not None and answer.certified:
-            self.last = replace(last, problem=self.stated, outcome=outcome,
-                                extremal=self.extremal)
-        else:
-            self.kit.answers.remove(last)   # nor does it serve the next one
-            self.extremal, self.nearby = None, False
-            if answer is not None and not self.monitor.stopped:   # kinks left their mesh points
-                answer = self.followed_up(outcome, _WARM_ROUNDS)
-                self.last = self.last and replace(
-                    self.last, rivals=last.rivals, refined=last.refined, looked=last.looked)
-        if answer and answer.certified and self.last and not beaten(self, last, answer):
-            self.kit.remember(self.last)
-            return answer
-        self.extremal, self.nearby = None, False
-        self.stages = 3 if self.bounded else 0
-        self.reset()
-        return None
-
     def given_away(self, outcome: Outcome, course: Extremal) -> float:
         """Return an estimate of the cost above the least one, relative; infinite if it is bad."""
         if not outcome.converged or course.defect > 1e-3 and course.local.max() > 1e-4:
@@ -396,8 +364,8 @@ class Search:
 
     def run(self) -> Solution:
         """Return the best answer found, with its certificate; without a path if there is none."""
-        if (warm := self.warm()) is not None:
-            return warm
+        if (known := beside_neighbour(self)) is not None:
+            return known
         starts = self.coarse()
         if self.reason:
             return Solution(Status.INFEASIBLE, self.reason)

@@ -1,0 +1,65 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""An answer from that of a neighbour: the same problem with a little other numbers."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from obc_ros.core.aligned import neighbouring
+from obc_ros.core.familiar import ANOTHER
+from obc_ros.core.kit import Answered
+from obc_ros.core.refine import below
+from obc_ros.core.solution import Solution
+
+if TYPE_CHECKING:
+    from obc_ros.core.search import Search
+
+_ITERATIONS, _ROUNDS = 15, 3   # what takes more has come far, perhaps past better paths; meshes
+_RIVAL_ITERATIONS = 150
+
+
+def beside_neighbour(search: 'Search') -> Solution | None:
+    """Return a certified answer found from that of a neighbour, if no rival is better."""
+    last = None if search.quick else search.kit.neighbour(search.stated)
+    if last is None or last.outcome.mesh.layout.intervals > search.monitor.max_intervals:
+        return None
+    if search.kit.twin:
+        search.problem = search.kit.twin.problem(search.stated)   # the sharpest
+    start, search.margin = last.outcome, last.margin
+    search.stages = start.mesh.layout.stages
+    near = neighbouring(search.kit, search.stated, last)
+    if near is None:
+        outcome = search.collocate(start.mesh, start.path, near=True, sizes=last.sizes,
+                                   most=_ITERATIONS, warm=start)
+    else:
+        (search.extremal, guide), search.nearby = near, True
+        outcome = search.collocate(guide.mesh, guide.path, near=True, sizes=last.sizes,
+                                   most=_ITERATIONS, guide=guide)
+    answer = search.solution(outcome, search.course(outcome)) if outcome.converged else None
+    if answer is not None and answer.certified:
+        search.last = replace(last, problem=search.stated, outcome=outcome,
+                              extremal=search.extremal)
+    else:
+        search.kit.answers.remove(last)   # nor does it serve the next one
+        search.extremal, search.nearby = None, False
+        if answer is not None and not search.monitor.stopped:   # kinks left their mesh points
+            answer = search.followed_up(outcome, _ROUNDS)
+            search.last = search.last and replace(
+                search.last, rivals=last.rivals, refined=last.refined, looked=last.looked)
+    if answer and answer.certified and search.last and not beaten(search, last, answer):
+        search.kit.remember(search.last)
+        return answer
+    search.extremal, search.nearby = None, False
+    search.stages = 3 if search.bounded else 0
+    search.reset()
+    return None
+
+
+def beaten(search: 'Search', last: Answered, answer: Solution) -> bool:
+    """Return whether a rival of a neighbour's answer has come to cost less than its own."""
+    for rival in last.rivals:
+        outcome = search.collocate(rival.mesh, rival.path, near=True, most=_RIVAL_ITERATIONS)
+        if outcome.converged and below(
+                last.refined * outcome.objective, answer.objective, ANOTHER):
+            return True
+    return False
