@@ -57,8 +57,8 @@ _GLANCE = 32          # inputs drawn for a first look, where an end is prescribe
 # Where none is: how many, of how many kinds of path, and how many around each of these, again.
 _OPEN = (384, 4, 48), (1152, 8, 48)
 _GENERATIONS, _AMONG = 2, 24  # how often; and so many times the kinds are looked at
-_STEPS, _STRETCH = 5, 2.0  # steps for each piece, times a free T
-_FINER = 4            # times as many steps, to believe it
+_STEPS, _STRETCH = (5, 10, 20), 2.0   # steps for each piece; times a free T
+_FINER, _AGREE = 4, 0.3   # times as many steps, to believe it; else there are to be more
 _TRIED, _TRIED_MOST = 8, 16   # paths from which a search is started: while none led anywhere
 _INTERVALS, _ITERATIONS = 32, 150
 _NEARER = 3   # halvings of how far half of the inputs are drawn from rest
@@ -151,20 +151,34 @@ def glance(search: 'Search', bent: bool) -> list[Seen]:
     problem, chance = _within(search.problem, search.last.outcome.path), np.random.default_rng(4)
     most, T = search.last.outcome.objective, float(search.last.outcome.path.t[-1])
     if problem.q:
-        led = _Led(search, problem, _glanced(search, problem, T, chance, _GLANCE), _STEPS)
-        return [Seen(float(led.gap[k]), led.path(k)) for k in led.order(most)]
-    count, kinds, children = _OPEN[bent]
-    led = _Led(search, problem, _glanced(search, problem, T, chance, count), _STEPS)
+        led = _Led(search, problem, _glanced(search, problem, T, chance, _GLANCE), _STEPS[0])
+        return led.seen(most)
+    seen = list[Seen]()
+    for steps in _STEPS if bent else _STEPS[:1]:
+        drawn = _glanced(search, problem, T, chance, _OPEN[bent][0])
+        coarse = _drawn_again(search, problem, drawn, steps, chance, *_OPEN[bent][1:])
+        if coarse is None:
+            break
+        # Coarse steps jump over poles, beyond which nothing costs much.
+        led = _Led(search, problem, coarse.drawn, _FINER * steps)
+        seen = led.seen(np.inf if bent else most)
+        if led.agrees(coarse):
+            break
+    return seen
+
+
+def _drawn_again(search: 'Search', problem: Problem, drawn: '_Drawn', steps: int,
+                 chance: np.random.Generator, kinds: int, children: int) -> '_Led | None':
+    """Return what the best of each kind of path leads to, drawn around again; None if nothing."""
+    led = _Led(search, problem, drawn, steps)
     best = led.kinds(kinds)
-    for generation in range(_GENERATIONS if best.size else 0):
+    for generation in range(_GENERATIONS):
+        if not best.size:
+            return None
         led = _Led(search, problem, led.drawn.around(
-            problem, np.repeat(best, children), _SPREAD / 2**generation, chance), _STEPS)
+            problem, np.repeat(best, children), _SPREAD / 2**generation, chance), steps)
         best = led.best_of_each(children)
-    if not best.size:
-        return []
-    # Coarse steps jump over poles, beyond which nothing costs much.
-    led = _Led(search, problem, led.drawn.only(best), _FINER * _STEPS)
-    return [Seen(float(led.gap[k]), led.path(k)) for k in led.order(np.inf if bent else most)]
+    return _Led(search, problem, led.drawn.only(best), steps) if best.size else None
 
 
 def _glanced(search: 'Search', problem: Problem, T: float, chance: np.random.Generator,
@@ -213,6 +227,16 @@ class _Led:
         dear = np.where(self.gap > 0, np.inf, self._cost).reshape(-1, many)
         best = np.argmin(dear, axis=1) + many * np.arange(len(dear))
         return np.asarray(best[np.isfinite(dear.ravel()[best])])
+
+    def agrees(self, other: '_Led') -> bool:
+        """Return whether other steps lead to nearly the same, beside how far costs are apart."""
+        with np.errstate(invalid='ignore'):   # of costs without end
+            error = np.nan_to_num(np.abs(self._cost - other._cost), nan=np.inf)
+            return bool(np.median(error) <= _AGREE * np.nan_to_num(np.ptp(self._cost)))
+
+    def seen(self, most: float) -> list[Seen]:
+        """Return the paths that cost less than `most`, in order."""
+        return [Seen(float(self.gap[k]), self.path(k)) for k in self.order(most)]
 
     def path(self, k: int) -> Path:
         """Return the path under one of the inputs."""
