@@ -93,21 +93,12 @@ def explored(search: 'Search', best: Solution, floor: float,
     has made so far: what is solved at once is not held up; what is hard, has uneven costs or leads
     starts astray is looked at from many sides.
     """
-    kept, spent, promising, lengths = search.last, 0, list[Seen](), list[Path]()
+    kept, spent = search.last, 0
     alone = best.certified and search.kit.convex(search.stated)
     before, bent = search.work, not alone and _disproportion(search) > _BENT
     uneven = search.kit.uneven_costs(search.problem, abs(floor))
-    if uneven:
-        search.starts = search.kit.guesser.scattered(
-            search.problem, search.kit.integrator, search.starts, abs(floor))
-    if not (alone or uneven and search.problem.q):
-        promising = glance(search, bent or uneven)
-        if not uneven:
-            lengths = of_other_lengths(search, search.starts, bent)
-        aside = search.work - before
-        search.starts = chain(lengths, interleaved(
-            search, search.starts, promising,
-            lambda: search.work - aside > _HARD or _rough(search), bent))
+    promising, lengths = ([], []) if alone else _lined_up(
+        search, floor, uneven=uneven, bent=bent)
     found, ground = list[Outcome](), floor   # `ground`: of the best, on the coarse mesh
     ties = [floor]   # coarse costs of what was followed up
     # Starts, more after each that has led to something better.
@@ -131,8 +122,11 @@ def explored(search: 'Search', best: Solution, floor: float,
                 differs or _may_be_better(search, outcome, best, kept, ground, lower=lower)):
             ties.append(outcome.objective)
             floor = min(floor, outcome.objective)
-            other = (search.solution(outcome, search.course(outcome)) if falls
-                     else search.followed_up(outcome))
+            if falls:
+                other = search.solution(outcome, search.course(outcome))
+                search.last = search.answered(outcome)
+            else:
+                other = search.followed_up(outcome)
             if _to_be_told(other, best):
                 best, kept, ground = other, search.last, outcome.objective
                 wanted = max(wanted, number + 1 + _AFTER)
@@ -148,6 +142,25 @@ def explored(search: 'Search', best: Solution, floor: float,
             looked=numbers(search.stated)))
         search.kit.several |= search.familiar.minima > 1
     return best
+
+
+def _lined_up(search: 'Search', floor: float, *, uneven: bool,
+              bent: bool) -> tuple[list[Seen], list[Path]]:
+    """Line up further starts; return the promising ones, and those of other lengths."""
+    problem, begun, lengths = search.problem, search.work, list[Path]()
+    if uneven:
+        search.starts = search.kit.guesser.scattered(
+            problem, search.kit.integrator, search.starts, abs(floor))
+        if problem.q:
+            return [], lengths
+    promising = glance(search, bent or uneven)
+    if not uneven:
+        lengths = of_other_lengths(search, search.starts, bent)
+    aside = search.work - begun
+    search.starts = chain(lengths, interleaved(
+        search, search.starts, promising,
+        lambda: search.work - aside > _HARD or _rough(search), bent))
+    return promising, lengths
 
 
 def _to_be_told(other: Solution, best: Solution) -> bool:

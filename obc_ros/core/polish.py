@@ -86,7 +86,7 @@ def _better(search: Search, answer: Solution, found: BoundaryValues, wanted: flo
     """Return the answer made of boundary values if its certificate holds, else the other."""
     new = _sampled(search, found, wanted)
     judged = answer.certificate
-    if judged is not None and judged.holds:
+    if judged is not None and judged.feasible:
         # An extremal costs no more than a path beside it, but for the errors of that path.
         error = _DEARER + judged.residuals['dynamics'] + judged.residuals['end']
         if new.objective > answer.objective + error * abs(answer.objective):
