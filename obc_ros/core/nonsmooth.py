@@ -40,7 +40,7 @@ class Twin:
     rounded: bool
 
     def problem(self, stated: Problem, turn: int = -1) -> Problem:
-        """Return the smooth problem with the numbers of a stated one, sharper at every turn."""
+        """Return the smooth problem with a stated one's numbers, sharper each turn; the last."""
         f, L, path, psi, V = self.expressions
         eps = _ROUNDNESS[min(turn, len(_ROUNDNESS) - 1)]
         lower, upper, inputs = [], [], []
