@@ -15,7 +15,7 @@ import sys
 from obc_ros.cli.share import share_directory
 from obc_ros.core.errors import ObcError
 
-HELPERS = ('timing',)  # not a benchmark: what they have in common
+HELPERS = ('baseline', 'timing')  # no benchmarks: a comparison by hand, what all have in common
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

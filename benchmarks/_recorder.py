@@ -1,0 +1,97 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+A plugin of pytest for `baseline`: records every answer and every regulator that a test asks for.
+
+``pytest -p _recorder`` writes them to the file that the variable OBC_ROS_RECORD names. A record is
+called after its test and the number of the call within it.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from functools import wraps
+import json
+import os
+from pathlib import Path
+import time
+from typing import Any
+
+import numpy as np
+from obc_ros.core import explain as explaining
+from obc_ros.core import lqr as regulators
+from obc_ros.core import solve as solver
+from obc_ros.core.errors import ObcError
+import pytest
+
+MOST = 20  # calls of one test: a property asks for hundreds of examples
+
+_records: dict[str, dict[str, Any]] = {}
+_calls: Counter[str] = Counter()
+_test = ''
+
+
+def answer(found: Any) -> dict[str, Any]:
+    """Return what is compared of a Solution."""
+    return {
+        'verdict': found.status.name.lower(),
+        'cost': float(found.objective) if found.t.size else None,
+        'certificate': found.certificate.residuals if found.certificate else None,
+        'message': found.message}
+
+
+def regulator(design: Any) -> dict[str, Any]:
+    """Return what is compared of an LqrDesign."""
+    return {'verdict': 'designed', 'cost': float(np.trace(design.P)), 'certificate': None,
+            'message': ''}
+
+
+def reason(found: Any) -> dict[str, Any]:
+    """Return what is compared of the Reason why a problem has no answer."""
+    verdict = 'unknown' if found is None else 'infeasible' if found.infeasible else 'explained'
+    return {'verdict': verdict, 'cost': None, 'certificate': None,
+            'message': found.sentence if found else ''}
+
+
+def recorded(function: Callable[..., Any], record: Callable[[Any], dict[str, Any]]
+             ) -> Callable[..., Any]:
+    """Return a function that notes what it returns, and the errors of this package."""
+    @wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        begun, known = time.process_time(), {'verdict': 'failed', 'cost': None,
+                                             'certificate': None, 'message': ''}
+        try:
+            result = function(*args, **kwargs)
+            known = record(result)
+            return result
+        except ObcError as error:
+            known |= {'verdict': 'refused', 'message': str(error)}
+            raise
+        finally:
+            _calls[_test] += 1
+            if _test and _calls[_test] <= MOST:
+                _records[f'{_test}#{_calls[_test]}'] = {
+                    **known, 'time': time.process_time() - begun}
+
+    return call
+
+
+solver.solve = recorded(solver.solve, answer)
+explaining.explain = recorded(explaining.explain, reason)
+regulators.lqr = recorded(regulators.lqr, regulator)
+regulators.dlqr = recorded(regulators.dlqr, regulator)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Name the test whose calls are noted."""
+    global _test
+    _test = item.nodeid
+    try:
+        return (yield)
+    finally:
+        _test = ''
+
+
+def pytest_sessionfinish() -> None:
+    """Write the records."""
+    Path(os.environ['OBC_ROS_RECORD']).write_text(json.dumps(_records), encoding='utf-8')
