@@ -9,7 +9,10 @@ import re
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
+from obc_ros.core.conserved import changed
 from obc_ros.core.contradictions import contradiction
+from obc_ros.core.solution import Status
+from obc_ros.core.solve import solve
 from obc_ros.core.statement import load_file, problem_from_mapping
 import pytest
 from scipy.integrate import solve_ivp
@@ -270,3 +273,70 @@ def test_a_closed_population(ends, sentence):
         states=['S', 'I', 'R'], initial_state={'S': 0.9, 'I': 0.1, 'R': 0},
         dynamics={'S': '-S*I/2 - u*S', 'I': 'S*I/2 - I/5', 'R': 'I/5 + u*S'},
         terminal_constraints=ends) == sentence
+
+
+DESCENT = {
+    'states': ['z', 'v'], 'inputs': ['a'], 'dynamics': {'z': 'v', 'v': 'a - 10'},
+    'running_cost': 'a**2', 'initial_state': {'z': 4, 'v': -1},
+    'terminal_constraints': ['z', 'v'], 'input_bounds': {'a': [5, 15]},
+    'final_time': {'free': True, 'lower': 0.1, 'upper': 10}}
+
+
+def test_bounds_far_from_zero_make_no_quantity_constant():
+    """10 z + v^2 is constant under a = 5 only, which is not the only input."""
+    assert said(DESCENT) == ''
+    found = solve(problem_from_mapping(DESCENT))
+    assert found.status is Status.SOLVED, found.message
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(1, 1e4), st.floats(1e-3, 10), st.sampled_from((-1.0, 1.0)), st.floats(0.1, 20))
+def test_no_quantity_is_constant_under_inputs_on_one_side(near, width, side, drift):
+    bounds = sorted([side * near, side * (near + width)])
+    stated = problem_from_mapping(DESCENT | {
+        'dynamics': {'z': 'v', 'v': f'a + {drift!r}'}, 'input_bounds': {'a': bounds}})
+    assert list(changed(stated)) == []
+    stated = problem_from_mapping(DESCENT | {
+        'dynamics': {'z': 'a*v', 'v': f'a*v + {drift!r}'}, 'input_bounds': {'a': bounds}})
+    assert list(changed(stated)) == []
+
+
+@pytest.mark.parametrize(('dynamics', 'end', 'quantity'), [
+    # An input without a choice: what is constant under it is constant.
+    ({'x': 'v', 'v': 'u - 10'}, ['x', 'v'], '10*x + v**2'),
+    ({'x': '-0.3*x*u + 0.1*v', 'v': '0.3*u*x - 0.1*v'}, ['x', 'v - 3'], 'x + v'),
+    ({'x': 'u*sin(v)**2', 'v': '-u*(1 - cos(v)**2)'}, ['x', 'v - 3'], 'x + v'),
+    ({'x': 'u*v/(1 + x**2)', 'v': '-x*u/(1 + x**2)'}, ['x', 'v - 3'], 'x**2 + v**2'),
+    ({'x': 'u', 'v': 'u/x*(1 - v)'}, ['x - 2', 'v - 3'], 'x*v'),
+    ({'x': 'u*sqrt(1 + v)', 'v': '-2*u*sqrt(1 + v)*(1 + v)/(1 + v)'}, ['x', 'v - 3'], 'x + v'),
+])
+def test_identities_are_proved(dynamics, end, quantity):
+    bounds = {'u': [5, 5] if quantity.startswith('10') else [0, 1]}
+    found = list(changed(problem_from_mapping(BLOCK | {
+        'dynamics': dynamics, 'initial_state': {'x': 1, 'v': 0.5}, 'terminal_constraints': end,
+        'input_bounds': bounds})))
+    assert found
+    assert all('is constant whatever the inputs are' in each for each in found)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10**6), st.floats(1e-9, 1e-3))
+def test_what_is_nearly_constant_is_not_called_constant(seed, drift):
+    rng = np.random.default_rng(seed)
+    s, r, d = rng.normal(size=3).tolist()
+    assert list(changed(problem_from_mapping(BLOCK | {
+        'dynamics': {'x': f'({s!r})*v*u + ({drift!r})*u*x', 'v': f'-({s!r})*x*u'},
+        'initial_state': {'x': r, 'v': d}, 'terminal_constraints': [f'x - {2*abs(r) + 1}', 'v'],
+    }))) == []
+
+
+def test_terminal_constraints_that_leave_a_line():
+    """x^2 + v^2 = 1 is met on all lines that cross the circle; not so where x = v = 1."""
+    turn = {'dynamics': {'x': 'u*v', 'v': '-u*x'}, 'initial_state': {'x': 1, 'v': 0}}
+    for end in (['x - v'], ['x + v - 1'], ['0.1*x + 0.2*v - 0.1', 'x + 2*v - 1'], ['x**2 - v']):
+        assert list(changed(problem_from_mapping(BLOCK | turn | {
+            'terminal_constraints': end}))) == []
+    [found] = changed(problem_from_mapping(BLOCK | turn | {'terminal_constraints': [
+        'x - v', 'x + v - 2', 'x**3 - 1']}))
+    assert found.startswith('x**2 + v**2 is constant whatever the inputs are: it is 1 at the '
+                            'initial state and 2 where')

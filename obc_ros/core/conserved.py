@@ -4,17 +4,35 @@
 What no input changes: polynomials of degree 2 in the states that are constant along every path.
 
 A quaternion keeps its length, a closed population its number. Of the polynomials c'phi(x) those
-are constant for which c'(dphi/dx) f(x, u) vanishes for all x and u, which is a set of linear
-equations for c once it is asked at more points than there are monomials.
+are constant for which c'(dphi/dx) f(x, u) vanishes for all x and u.
+
+Random states and inputs propose which monomials belong together: a set of linear equations for c,
+asked at more points than there are monomials. Exact arithmetic disposes (`obc_ros.core.rational`):
+the rates of these monomials become polynomials with rational coefficients, and only c for which
+their sum is identically 0 is a finding. Likewise the value of c'phi where the terminal
+constraints hold is a finding only if c'phi is, as a polynomial, the same on all of that set.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
 from itertools import combinations_with_replacement
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.problem import Problem
+from obc_ros.core.rational import (
+    affine_parts,
+    Algebra,
+    constant,
+    null_space,
+    Polynomial,
+    polynomials,
+    rational,
+    reduced,
+    Row,
+    TooHardError,
+)
 
 Array = NDArray[np.float64]
 Monomial = tuple[int, ...]
@@ -22,40 +40,159 @@ Monomial = tuple[int, ...]
 _MOST = 24       # states, beyond which it is not asked
 _NULL = 1e-10    # relative: a singular value that is none
 _FAR = 1e-6      # relative: far above what rounding and a certificate leave open
+_WELL = 1e-7     # relative: a singular value of the terminal constraints that counts as one
 _NOISE = 1e-8    # relative: a coefficient that is none
+_REACH = 3.0     # of inputs without a bound, in units of 1 + |the other bound|
 _SEED = 5
 
 
-def changed(problem: Problem, A: Array, end: Array) -> Iterator[str]:
-    """
-    Yield what has another value at the end than at the start though no input changes it.
-
-    `A` (k, n): rows of the affine terminal constraints; `end` (n,): a state that meets them.
-    """
+def changed(problem: Problem) -> Iterator[str]:
+    """Yield what has another value at the end than at the start though no input changes it."""
     states = range(problem.n)
-    if problem.n <= _MOST:
-        yield from _changed(problem, A, end, [(i,) for i in states])
-        yield from _changed(problem, A, end, [
-            *((i,) for i in states), *combinations_with_replacement(states, 2)])
+    if not problem.q or problem.n > _MOST:
+        return
+    try:
+        end = _End(problem)
+        rates = _exact_rates(problem)
+    except TooHardError:
+        return
+    if not end.rows or not end.is_clear:
+        return
+    yield from _changed(problem, end, rates, [(i,) for i in states])
+    yield from _changed(problem, end, rates, [
+        *((i,) for i in states), *combinations_with_replacement(states, 2)])
 
 
-def _changed(problem: Problem, A: Array, end: Array, monomials: list[Monomial]
-             ) -> Iterator[str]:
+class _End:
+    """
+    The states x + N y at which the affine terminal constraints hold, exactly.
+
+    `is_clear`: the rank of the constraints is beyond doubt, and they do not exclude each other.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        psi = ca.Function('psi', [problem.x, problem.p], [ca.densify(problem.psi)])
+        n = problem.n
+        _, found = polynomials(psi, [[None] * n, problem.p_value])
+        parts = [part for each in found if (part := affine_parts(each, n))]
+        # The constant is column n: A x + b = 0 as a row (A, b).
+        self.rows = [{k: value for k, value in enumerate([*row, rest]) if value}
+                     for row, rest in parts]
+        pivots = reduced(self.rows)
+        A = np.array([[float(value) for value in row] for row, _ in parts]).reshape(-1, n)
+        sizes = np.linalg.svd(A / np.maximum(np.abs(A).max(axis=1, keepdims=True, initial=0.0),
+                                             1e-300), compute_uv=False)
+        rank = int(np.sum(sizes > _WELL * sizes.max(initial=0.0)))
+        self.is_clear = n not in pivots and rank == len(pivots)
+        self.x = [-pivots[k].get(n, Fraction(0)) if k in pivots else Fraction(0)
+                  for k in range(n)]
+        free = null_space([{k: value for k, value in row.items() if k < n}
+                           for row in self.rows], n)
+        algebra = Algebra(len(free))
+        self.states: list[Polynomial] = []   # in terms of y
+        for k in range(n):
+            value = constant(self.x[k])
+            for number, direction in enumerate(free):
+                if k in direction:
+                    value = algebra.add(value, algebra.generator(number), direction[k])
+            self.states.append(value)
+        self.algebra = algebra
+
+    def values(self, monomials: Sequence[Monomial]) -> list[Polynomial]:
+        """Return monomials of x where the constraints hold, as polynomials of y."""
+        found = []
+        for each in monomials:
+            value = constant(1)
+            for k in each:
+                value = self.algebra.multiply(value, self.states[k])
+            found.append(value)
+        return found
+
+
+def _exact_rates(problem: Problem) -> tuple[Algebra, list[Polynomial]]:
+    """Return f as polynomials; the first symbols are the states."""
+    f = ca.Function('f', [problem.x, problem.u, problem.p], [ca.densify(problem.f)])
+    held = [float(low) if low == high else None
+            for low, high in zip(problem.u_lower, problem.u_upper, strict=True)]
+    return polynomials(f, [[None] * problem.n, held, problem.p_value])
+
+
+def _changed(problem: Problem, end: _End, rates: tuple[Algebra, list[Polynomial]],
+             monomials: list[Monomial]) -> Iterator[str]:
     """Yield those that are sums of the given monomials."""
     constants, size = _constants(problem, monomials)
+    if not len(constants):
+        return
     # Of the constants those that are the same at all states that meet the constraints.
-    free = np.linalg.svd(A)[2][np.linalg.matrix_rank(A):]
+    point = np.array([float(value) for value in end.x])
+    free = np.array([[float(part) for part in _direction(end, k)] for k in range(problem.n)])
     rng = np.random.default_rng(_SEED)
-    others = end + rng.normal(size=(len(monomials), len(free))) @ free * (1 + np.abs(end).max())
-    varied = (_values(others, monomials) - _values(end[None], monomials)) @ constants.T
-    constants = _readable(_null(varied / (1 + np.abs(varied).max(initial=0))) @ constants, size)
-    before, after = (_values(x[None], monomials)[0] for x in (problem.x0, end))
-    for c in constants:
-        gap = float(c @ (after - before))
-        if abs(gap) > _FAR * float(np.abs(c) @ (1 + np.abs(before))):
-            yield (f'{_text(problem, c, monomials)} is constant whatever the inputs are: it is '
-                   f'{float(c @ before):.9g} at the initial state and {float(c @ after):.9g} '
-                   'where the terminal constraints hold')
+    others = point + rng.normal(size=(len(monomials), free.shape[1])) @ free.T * (
+        1 + np.abs(point).max())
+    varied = (_values(others, monomials) - _values(point[None], monomials)) @ constants.T
+    proposed = _readable(_null(varied / (1 + np.abs(varied).max(initial=0))) @ constants, size)
+    for c in proposed:
+        kept = [monomials[k] for k in np.flatnonzero(c)]
+        try:
+            found = _proved(end, rates, kept)
+        except TooHardError:
+            continue
+        for coefficients in found:
+            yield from _compared(problem, end, coefficients, kept)
+
+
+def _direction(end: _End, k: int) -> list[Fraction]:
+    """Return how a state changes with each y."""
+    return [end.states[k].get(((number, 1),), Fraction(0))
+            for number in range(end.algebra.symbols)]
+
+
+def _proved(end: _End, rates: tuple[Algebra, list[Polynomial]], monomials: list[Monomial]
+            ) -> list[Row]:
+    """Return coefficients of sums that are constant along every path and at every end."""
+    algebra, f = rates
+    changes = []
+    for each in monomials:
+        total: Polynomial = {}
+        for k, i in enumerate(each):
+            term = f[i]
+            for other in each[:k] + each[k + 1:]:
+                term = algebra.multiply(term, algebra.generator(other))
+            total = algebra.add(total, term)
+        changes.append(total)
+    ends = [{term: value for term, value in each.items() if term}
+            for each in end.values(monomials)]
+    rows: list[Row] = []
+    for columns in (algebra.cleared(changes), ends):
+        terms = dict.fromkeys(term for each in columns for term in each)
+        rows += [{k: each[term] for k, each in enumerate(columns) if term in each}
+                 for term in terms]
+    return null_space(rows, len(monomials))
+
+
+def _compared(problem: Problem, end: _End, c: Row, monomials: list[Monomial]) -> Iterator[str]:
+    """Yield a sentence if a constant differs at the end from what it is at the start."""
+    if len(c) < 1:
+        return
+    lead = max(c.values(), key=abs)
+    c = {k: value / lead for k, value in c.items()}
+    x0 = [rational(value) for value in problem.x0]
+    terms_before = [value * _product(x0, monomials[k]) for k, value in c.items()]
+    terms_after = [value * _product(end.x, monomials[k]) for k, value in c.items()]
+    before, after = sum(terms_before, Fraction(0)), sum(terms_after, Fraction(0))
+    size = sum((abs(each) for each in (*terms_before, *terms_after, *c.values())), Fraction(0))
+    if abs(after - before) > rational(_FAR) * size:
+        numbers = np.array([float(c.get(k, 0)) for k in range(len(monomials))])
+        yield (f'{_text(problem, numbers, monomials)} is constant whatever the inputs are: it is '
+               f'{float(before):.9g} at the initial state and {float(after):.9g} '
+               'where the terminal constraints hold')
+
+
+def _product(x: Sequence[Fraction], monomial: Monomial) -> Fraction:
+    value = Fraction(1)
+    for k in monomial:
+        value *= x[k]
+    return value
 
 
 def _values(x: Array, monomials: list[Monomial]) -> Array:
@@ -89,13 +226,24 @@ def _rates(problem: Problem, monomials: list[Monomial], rng: np.random.Generator
     """Return d/dt of monomials at random states and inputs, a row for each."""
     count = 3 * len(monomials)
     x = problem.x0 + (1 + np.abs(problem.x0)) * rng.uniform(-1, 1, (count, problem.n))
-    u = np.clip(rng.normal(size=(count, problem.m)), problem.u_lower, problem.u_upper)
+    u = _inputs(problem, rng, count)
     f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f]).map(count)(
         x.T, u.T, ca.repmat(problem.p_value, 1, count)).full().T
     rates = np.column_stack([
         sum(f[:, i] * np.prod(x[:, each[:k] + each[k + 1:]], axis=1)
             for k, i in enumerate(each)) for each in monomials])
     return np.asarray(rates[np.isfinite(rates).all(axis=1)])
+
+
+def _inputs(problem: Problem, rng: np.random.Generator, count: int) -> Array:
+    """Return random inputs, shape (count, m), over all of their intervals."""
+    low, high = problem.u_lower, problem.u_upper
+    with np.errstate(invalid='ignore'):
+        span = np.where(np.isfinite(low) & np.isfinite(high), high - low, _REACH * (
+            1 + np.minimum(np.abs(low), np.abs(high))))
+    span = np.where(np.isfinite(span), span, _REACH)
+    first = np.where(np.isfinite(low), low, np.where(np.isfinite(high), high - span, -span / 2))
+    return np.asarray(first + span * rng.uniform(0, 1, (count, problem.m)))
 
 
 def _readable(constants: Array, size: Array) -> Array:
