@@ -3,7 +3,7 @@
 """What is built for the structure of a problem, and kept for the next one that has it."""
 
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 import time
 
@@ -22,7 +22,7 @@ from obc_ros.core.multipliers import Fitter
 from obc_ros.core.nonsmooth import twin
 from obc_ros.core.phased import PhasedProgram
 from obc_ros.core.pieces import Pieces
-from obc_ros.core.problem import Problem
+from obc_ros.core.problem import Problem, SYMBOLIC
 from obc_ros.core.transcription import Outcome, Scales, Transcription
 from obc_ros.core.uneven import convex_paths, Uneven
 
@@ -83,7 +83,12 @@ class Answered:
 
 
 class Kit:
-    """What was built for one structure, kept for the next problem that has it."""
+    """
+    What was built for one structure, kept for the next problem that has it.
+
+    All of it is made of the symbols of the problem it was built for: `restated` puts another
+    problem of the structure in these symbols before anything here is used with it.
+    """
 
     def __init__(self, problem: Problem) -> None:
         begun = time.monotonic()
@@ -105,6 +110,10 @@ class Kit:
         self._transcriptions: OrderedDict[tuple[Layout, bool], Transcription] = OrderedDict()
         self._work = 0   # iterations times intervals of Runge-Kutta steps
         self.build_time = time.monotonic() - begun
+
+    def restated(self, problem: Problem) -> Problem:
+        """Return a problem of the structure with its own numbers and the symbols of this kit."""
+        return replace(problem, **{name: getattr(self._problem, name) for name in SYMBOLIC})
 
     def transcription(self, problem: Problem, layout: Layout) -> Transcription:
         """Return the program of a layout, built at most once, or twice where that soon pays."""

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+SYMBOLIC = 'x', 'u', 'p', 'f', 'L', 'V', 'psi', 'path'   # the same for one structure
+
 
 @dataclass(frozen=True)
 class FinalTime:

@@ -52,8 +52,8 @@ class Cache:
         self._size = size
         self._kits: OrderedDict[str, Kit] = OrderedDict()
 
-    def kit(self, problem: Problem) -> Kit:
-        """Return the kit of a problem's structure."""
+    def prepared(self, problem: Problem) -> tuple[Problem, Kit]:
+        """Return the kit of a problem's structure, and the problem in the symbols of the kit."""
         key = problem.structure
         kit = self._kits.pop(key, None) if key else None
         if kit is None:
@@ -62,7 +62,7 @@ class Cache:
             self._kits[key] = kit
             if len(self._kits) > self._size:
                 self._kits.popitem(last=False)
-        return kit
+        return kit.restated(problem), kit
 
 
 def _special(answer: Callable[[Problem], Solution | None], what: str) -> Method:
@@ -199,7 +199,7 @@ def solve(problem: Problem, *, method: str = 'auto', time_limit: float = 60.0,
             f"method '{shown(method)}' is unknown; there are {', '.join(METHODS)}")
     begun = time.monotonic()
     monitor = Monitor(time_limit, report, max_intervals)
-    kit = (cache or Cache(1)).kit(problem)
+    problem, kit = (cache or Cache(1)).prepared(problem)
     found = METHODS[method](problem, kit, monitor)
     if found.status is not Status.INFEASIBLE and (found.certificate or not monitor.stopped):
         found = _judged(problem, found)

@@ -1,0 +1,89 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The same question again with other numbers: in one cache, and each alone.
+
+Every problem file is solved as it stands and with three changes of its parameters and its initial
+state, by 1 + 1e-3 r with r drawn from [-1, 1]: all four one after the other in one cache, and each
+without one. Required: nothing is raised, the verdicts are the same, and two certified costs differ
+by no more than the certificates allow.
+"""
+
+import timing  # isort: skip - before numpy
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+import sys
+import traceback
+from typing import Any
+
+import numpy as np
+from obc_ros.core.problem import Problem
+from obc_ros.core.solution import Solution, Status
+from obc_ros.core.solve import Cache, solve
+from obc_ros.core.statement import load_file, problem_from_mapping
+
+PROBLEMS = Path(__file__).resolve().parent.parent / 'test' / 'problems'
+CHANGES = 3
+SIZE = 1e-3
+SAME = 1e-5   # relative: what the condition of the Hamiltonian's minimum lets a cost be too high
+
+
+def main() -> int:
+    """Solve, compare and print; return the exit status."""
+    args = timing.arguments('repeats of problems with other numbers', first=0, last=10**6)
+    files = sorted(PROBLEMS.glob('*.yaml'))[int(args.first):int(args.last)]
+    faults = 0
+    for file in files:
+        for mapping in load_file(file):
+            found = list(compared(mapping))
+            faults += len(found)
+            print(f'{mapping["name"]}: {"; ".join(found) or "the same"}', flush=True)
+    timing.require(f'{len(files)} files, differences', faults, 0)
+    return timing.finish()
+
+
+def compared(mapping: dict[str, Any]) -> Iterator[str]:
+    """Yield in words what differs between answers from one cache and answers alone."""
+    cache = Cache()
+    pairs = zip(variants(mapping), variants(mapping), strict=True)
+    for number, (one, other) in enumerate(pairs):
+        for word in differences(answered(one, cache), answered(other, None)):
+            yield f'{number}: {word}'
+
+
+def variants(mapping: dict[str, Any]) -> Iterator[Problem]:
+    """Yield the problem as it stands and with its changes, each read anew."""
+    chance = np.random.default_rng(0)
+    yield problem_from_mapping(mapping)
+    for _ in range(CHANGES):
+        problem = problem_from_mapping(mapping)
+        x0, p = (value * (1 + SIZE * chance.uniform(-1, 1, len(value)))
+                 for value in (problem.x0, problem.p_value))
+        yield replace(problem, x0=np.clip(x0, problem.x_lower, problem.x_upper), p_value=p)
+
+
+def answered(problem: Problem, cache: Cache | None) -> Solution | str:
+    """Return the answer, or what was raised."""
+    try:
+        return solve(problem, cache=cache)
+    except Exception as error:  # whatever it is, it is what is looked for here
+        traceback.print_exc()
+        return f'{type(error).__name__}: {str(error).splitlines()[0]}'
+
+
+def differences(shared: Solution | str, alone: Solution | str) -> Iterator[str]:
+    """Yield what was raised, or how two answers differ."""
+    if isinstance(shared, str) or isinstance(alone, str):
+        yield from (each for each in (shared, alone) if isinstance(each, str))
+    elif shared.status is not alone.status:
+        yield (f'{shared.status.value} in one cache ({shared.message}), '
+               f'{alone.status.value} alone ({alone.message})')
+    elif shared.status is Status.SOLVED and abs(shared.objective - alone.objective) > SAME * max(
+            abs(shared.objective), abs(alone.objective)):
+        yield f'cost {shared.objective:.8g} in one cache, {alone.objective:.8g} alone'
+
+
+if __name__ == '__main__':
+    sys.exit(main())
