@@ -7,8 +7,11 @@ ros2 launch obc_ros fleet.launch.py vehicles:=10 scenario:=vehicle prefix:=robot
 
 starts /robot1 to /robot10. Stamps are those of the clock on the wall, which all share, or of the
 /clock that another simulator publishes (use_sim_time:=true). The nodes keep to this machine unless
-the environment, or discovery_range:=SUBNET, says otherwise.
+the environment, or discovery_range:=SUBNET, says otherwise. An argument that is not understood is
+answered before any node starts.
 """
+
+from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironmentVariable
@@ -16,17 +19,23 @@ from launch.conditions import IfCondition
 from launch.substitutions import EnvironmentVariable, LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
-from launch_ros.substitutions import FindPackageShare
 
-SCENARIO = [FindPackageShare('obc_ros'), '/config/', LaunchConfiguration('scenario'), '.yaml']
+CONFIG = Path(__file__).resolve().parents[1] / 'config'
+SCENARIOS = sorted(each.stem for each in CONFIG.glob('*.yaml'))
+SCENARIO = [f'{CONFIG}/', LaunchConfiguration('scenario'), '.yaml']
 ARGUMENTS = (
     ('vehicles', '10', 'how many'),
-    ('scenario', 'vehicle', 'which file of config/: aircraft, vehicle or vehicle_lateral'),
+    ('scenario', 'vehicle', 'which file of config/', SCENARIOS),
     ('params_file', SCENARIO, 'parameters in place of those of the scenario: any of any node'),
     ('namespace', '', 'namespace of the whole fleet'),
     ('prefix', 'vehicle', 'what each namespace is called, before its number from 1 on'),
     ('use_sim_time', 'false', 'take time from /clock'),
     ('plant', 'true', 'start the simulated plants; false on robots'),
+    ('state_source', '', 'topic of the states, in place of that of the parameter files',
+     ['', 'state', 'odom']),
+    ('command_sink', '', 'topic of the commands, in place of that of the parameter files',
+     ['', 'command', 'cmd_vel', 'wrench']),
+    ('respawn', 'false', 'start a node again, 1 s after it has ended unasked'),
     ('discovery_range',
      EnvironmentVariable('ROS_AUTOMATIC_DISCOVERY_RANGE', default_value='LOCALHOST'),
      'who may find the nodes: LOCALHOST, or SUBNET for other machines'),
@@ -38,30 +47,41 @@ IN_COMPANY = {'lockstep': False, 'publish_clock': False, 'speed': 1.0}
 def generate_launch_description() -> LaunchDescription:
     """Return the nodes of all vehicles."""
     return LaunchDescription([
-        *(DeclareLaunchArgument(name, default_value=default, description=text)
-          for name, default, text in ARGUMENTS),
+        *(DeclareLaunchArgument(name, default_value=default, description=text,
+                                choices=choices[0] if choices else None)
+          for name, default, text, *choices in ARGUMENTS),
         SetEnvironmentVariable(
             'ROS_AUTOMATIC_DISCOVERY_RANGE', LaunchConfiguration('discovery_range')),
         OpaqueFunction(function=_vehicles)])
 
 
 def _vehicles(context: LaunchContext) -> list[Node]:
-    """Return the nodes, once it is known how many."""
-    given = LaunchConfiguration('vehicles').perform(context)
+    """Return the nodes, once the arguments are known."""
+
+    def text(name: str) -> str:
+        return LaunchConfiguration(name).perform(context)
+
+    def is_true(name: str) -> bool:
+        return IfCondition(LaunchConfiguration(name)).evaluate(context)
+
+    given = text('vehicles')
     if not given.isdecimal() or not 1 <= int(given) <= 100:
         raise ValueError(f'vehicles:={given}: wanted a number from 1 to 100')
-    files = ParameterFile(SCENARIO), ParameterFile(LaunchConfiguration('params_file'))
-    names = [LaunchConfiguration(name).perform(context) for name in ('namespace', 'prefix')]
-    prefix = '/'.join(filter(None, names))
+    if not Path(text('params_file')).is_file():
+        raise ValueError(f'params_file:={text("params_file")}: there is no such file')
+    files = ParameterFile(SCENARIO), ParameterFile(text('params_file'))
+    prefix = '/'.join(filter(None, map(text, ('namespace', 'prefix'))))
     sim_time = {'use_sim_time': ParameterValue(
         LaunchConfiguration('use_sim_time'), value_type=bool)}
+    topics = {name: ParameterValue(LaunchConfiguration(name), value_type=str)
+              for name in ('state_source', 'command_sink') if text(name)}
+    options = {'respawn': is_true('respawn'), 'respawn_delay': 1.0}
 
-    def node(executable: str, vehicle: int, *parameters: object, **options: object) -> Node:
-        return Node(package='obc_ros', executable=executable, name=executable, output='screen',
-                    namespace=f'{prefix}{vehicle}', parameters=[*files, sim_time, *parameters],
-                    **options)
+    def node(name: str, vehicle: int, parameters: dict[str, object]) -> Node:
+        return Node(package='obc_ros', executable=name, name=name, output='screen',
+                    namespace=f'{prefix}{vehicle}',
+                    parameters=[*files, {**sim_time, **parameters}], **options)
 
     return [each for vehicle in range(1, int(given) + 1) for each in (
-        node('plant_simulator', vehicle, IN_COMPANY,
-             condition=IfCondition(LaunchConfiguration('plant'))),
-        node('lqr_node', vehicle))]
+        *([node('plant_simulator', vehicle, IN_COMPANY)] if is_true('plant') else ()),
+        node('lqr_node', vehicle, topics))]

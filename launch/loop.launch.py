@@ -6,25 +6,35 @@ One loop: plant_simulator, lqr_node and trajectory_server.
 ros2 launch obc_ros loop.launch.py scenario:=aircraft namespace:=robot1 use_sim_time:=true
 
 The nodes keep to this machine unless the environment, or discovery_range:=SUBNET, says otherwise.
+An argument that is not understood is answered before any node starts.
 """
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, SetEnvironmentVariable
+from pathlib import Path
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironmentVariable
 from launch.conditions import IfCondition
 from launch.substitutions import EnvironmentVariable, LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
-from launch_ros.substitutions import FindPackageShare
 
-SCENARIO = [FindPackageShare('obc_ros'), '/config/', LaunchConfiguration('scenario'), '.yaml']
+CONFIG = Path(__file__).resolve().parents[1] / 'config'
+SCENARIOS = sorted(each.stem for each in CONFIG.glob('*.yaml'))
+SCENARIO = [f'{CONFIG}/', LaunchConfiguration('scenario'), '.yaml']
 ARGUMENTS = (
-    ('scenario', 'aircraft', 'which file of config/: aircraft, vehicle or vehicle_lateral'),
+    ('scenario', 'aircraft', 'which file of config/', SCENARIOS),
     ('params_file', SCENARIO, 'parameters in place of those of the scenario: any of any node'),
     ('namespace', '', 'namespace of the whole loop'),
     ('use_sim_time', 'false', 'take time from /clock'),
     ('speed', '1.0', 'simulated seconds a second; 0: as fast as it can'),
     ('lockstep', 'false', 'each step of the plant waits for its command'),
     ('plant', 'true', 'start the simulated plant; false on a robot'),
+    ('server', 'true', 'start the trajectory server'),
+    ('state_source', '', 'topic of the states, in place of that of the parameter files',
+     ['', 'state', 'odom']),
+    ('command_sink', '', 'topic of the commands, in place of that of the parameter files',
+     ['', 'command', 'cmd_vel', 'wrench']),
+    ('respawn', 'false', 'start a node again, 1 s after it has ended unasked'),
     ('discovery_range',
      EnvironmentVariable('ROS_AUTOMATIC_DISCOVERY_RANGE', default_value='LOCALHOST'),
      'who may find the nodes: LOCALHOST, or SUBNET for other machines'),
@@ -33,27 +43,43 @@ ARGUMENTS = (
 
 def generate_launch_description() -> LaunchDescription:
     """Return the three nodes with the parameters of a scenario."""
-    files = ParameterFile(SCENARIO), ParameterFile(LaunchConfiguration('params_file'))
+    return LaunchDescription([
+        *(DeclareLaunchArgument(name, default_value=default, description=text,
+                                choices=choices[0] if choices else None)
+          for name, default, text, *choices in ARGUMENTS),
+        SetEnvironmentVariable(
+            'ROS_AUTOMATIC_DISCOVERY_RANGE', LaunchConfiguration('discovery_range')),
+        OpaqueFunction(function=_nodes)])
+
+
+def _nodes(context: LaunchContext) -> list[Node]:
+    """Return the nodes, once the arguments are known."""
+    given = LaunchConfiguration('params_file').perform(context)
+    if not Path(given).is_file():
+        raise ValueError(f'params_file:={given}: there is no such file')
+    files = ParameterFile(SCENARIO), ParameterFile(given)
 
     def argument(name: str, value_type: type) -> ParameterValue:
         return ParameterValue(LaunchConfiguration(name), value_type=value_type)
+
+    def is_true(name: str) -> bool:
+        return IfCondition(LaunchConfiguration(name)).evaluate(context)
 
     sim_time = {'use_sim_time': argument('use_sim_time', bool)}
     plant = {
         'speed': argument('speed', float),
         'lockstep': argument('lockstep', bool),
         'publish_clock': argument('use_sim_time', bool)}
+    topics = {name: argument(name, str) for name in ('state_source', 'command_sink')
+              if LaunchConfiguration(name).perform(context)}
+    options = {'respawn': is_true('respawn'), 'respawn_delay': 1.0}
 
-    def node(name: str, *parameters: object, **options: object) -> Node:
+    def node(name: str, parameters: dict[str, ParameterValue]) -> Node:
         return Node(package='obc_ros', executable=name, name=name, output='screen',
                     namespace=LaunchConfiguration('namespace'),
-                    parameters=[*files, sim_time, *parameters], **options)
+                    parameters=[*files, {**sim_time, **parameters}], **options)
 
-    return LaunchDescription([
-        *(DeclareLaunchArgument(name, default_value=default, description=text)
-          for name, default, text in ARGUMENTS),
-        SetEnvironmentVariable(
-            'ROS_AUTOMATIC_DISCOVERY_RANGE', LaunchConfiguration('discovery_range')),
-        node('plant_simulator', plant, condition=IfCondition(LaunchConfiguration('plant'))),
-        node('lqr_node'),
-        node('trajectory_server')])
+    return [
+        *([node('plant_simulator', plant)] if is_true('plant') else ()),
+        node('lqr_node', topics),
+        *([node('trajectory_server', {})] if is_true('server') else ())]

@@ -3,7 +3,7 @@
 """
 What launch files import, as far as those of this package use it: launch is in no wheel.
 
-A launch file is read with it to the nodes that it describes.
+A launch file is read with it to the nodes that it describes; see `launched`.
 """
 
 from collections.abc import Iterator, Mapping
@@ -29,6 +29,7 @@ class Started:
     files: tuple[Path, ...]
     values: dict[str, Any]
     environment: dict[str, str]
+    respawn: bool
 
 
 class _Given:
@@ -39,22 +40,28 @@ class _Given:
 
     def perform(self, context: Mapping[str, str]) -> str:
         """Return the text that it stands for."""
-        match type(self).__name__:
-            case 'FindPackageShare':  # of this package, whose root is laid out like it
-                return str(ROOT)
-            case 'EnvironmentVariable':
-                return os.environ.get(self.args[0], str(self.named['default_value']))
+        if type(self).__name__ == 'EnvironmentVariable':
+            return os.environ.get(self.args[0], str(self.named['default_value']))
         return context[self.args[0]]
+
+    def evaluate(self, context: Mapping[str, str]) -> bool:
+        """Return whether an IfCondition holds."""
+        text = self.args[0].perform(context).strip().lower()
+        if text not in ('true', '1', 'false', '0'):
+            raise ValueError(f"wanted 'true' or 'false', got '{text}'")
+        return text in ('true', '1')
+
+
+def arguments_of(file: str) -> tuple[Any, ...]:
+    """Return the table of the arguments of a launch file: name, default, text, choices if any."""
+    with _imported():
+        return tuple(_module(file).ARGUMENTS)
 
 
 def nodes(file: str, **arguments: str) -> list[Started]:
     """Return the nodes that a launch file of this package starts with some arguments."""
     with _imported() as made:
-        spec = importlib.util.spec_from_file_location('launch_file', ROOT / 'launch' / file)
-        assert spec and spec.loader
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        entities = module.generate_launch_description().args[0]
+        entities = _module(file).generate_launch_description().args[0]
     context: dict[str, str] = {}
     variables: dict[str, str] = {}
     found: list[Started] = []
@@ -63,20 +70,25 @@ def nodes(file: str, **arguments: str) -> list[Started]:
         if kind == 'DeclareLaunchArgument':
             name = each.args[0]
             context[name] = arguments.get(name) or _text(each.named['default_value'], context)
+            choices = each.named['choices']
+            if choices is not None and context[name] not in choices:
+                raise ValueError(f'Argument "{name}" provided value "{context[name]}" is not '
+                                 f'valid. Valid options are: {choices}')
         elif kind == 'SetEnvironmentVariable':
             variables[each.args[0]] = each.args[1].perform(context)
         elif kind == 'OpaqueFunction':
             found += [_started(node, context, variables)
-                      for node in each.named['function'](context) if _is_wanted(node, context)]
-        elif kind == 'Node' and _is_wanted(each, context):
-            found.append(_started(each, context, variables))
+                      for node in each.named['function'](context)]
     assert set(arguments) <= set(context), f'{file} takes {sorted(context)}'
     return found
 
 
-def _is_wanted(node: _Given, context: Mapping[str, str]) -> bool:
-    condition = node.named.get('condition')
-    return condition is None or condition.args[0].perform(context) == 'true'
+def _module(file: str) -> Any:
+    spec = importlib.util.spec_from_file_location('launch_file', ROOT / 'launch' / file)
+    assert spec and spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def _started(node: _Given, context: Mapping[str, str], variables: dict[str, str]) -> Started:
@@ -88,7 +100,7 @@ def _started(node: _Given, context: Mapping[str, str], variables: dict[str, str]
             files.append(Path(_text(each.args[0], context)))
     return Started(
         node.named['executable'], node.named['name'], _text(node.named['namespace'], context),
-        tuple(files), values, variables)
+        tuple(files), values, variables, node.named['respawn'])
 
 
 def _text(value: Any, context: Mapping[str, str]) -> str:

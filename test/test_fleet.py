@@ -6,12 +6,15 @@ from pathlib import Path
 import signal
 from typing import Any
 
-from launch_stand_in import nodes
+from launch_stand_in import arguments_of, ROOT
+from launched import nodes, RefusedError
 from lqr_bench import Heard
+from obc_ros.nodes.lqr_topics import SINKS, SOURCES
 import pytest
 import yaml
 
 VEHICLES = 10
+FILES = ('loop.launch.py', 'fleet.launch.py')
 
 
 def test_what_a_loop_starts() -> None:
@@ -22,16 +25,71 @@ def test_what_a_loop_starts() -> None:
     assert {each.namespace for each in loop} == {'robot1'}
     assert loop[0].values == {'use_sim_time': False, 'speed': 2.0, 'lockstep': False,
                               'publish_clock': False}
-    assert len(nodes('loop.launch.py', plant='false')) == 2
+    assert [each.executable for each in nodes('loop.launch.py', plant='false')] == [
+        'lqr_node', 'trajectory_server']
+    assert [each.executable for each in nodes('loop.launch.py', server='false')] == [
+        'plant_simulator', 'lqr_node']
     for scenario in ('aircraft', 'vehicle', 'vehicle_lateral'):
         for each in nodes('loop.launch.py', scenario=scenario):
             given = yaml.safe_load(each.files[0].read_text(encoding='utf-8'))
             assert given[f'/**/{each.name}']['ros__parameters']
             assert each.files == (each.files[0],) * 2
-    for file in ('loop.launch.py', 'fleet.launch.py'):
-        for each in nodes(file, params_file='tuned.yaml'):
-            assert each.files[0].parent.name == 'config'
-            assert each.files[1:] == (Path('tuned.yaml'),)
+
+
+@pytest.mark.parametrize('file', FILES)
+def test_parameters_in_place_of_those_of_the_scenario(file: str, tmp_path: Path) -> None:
+    """They come after those of the scenario, and a node keeps the last that it is given."""
+    tuned = tmp_path / 'tuned.yaml'
+    tuned.write_text('/**: {ros__parameters: {workers: 2}}')
+    for each in nodes(file, params_file=str(tuned)):
+        assert each.files[0].parent.name == 'config'
+        assert each.files[1:] == (tuned,)
+
+
+@pytest.mark.parametrize('file', FILES)
+@pytest.mark.parametrize(('arguments', 'sentence'), [
+    ({'scenario': 'nonsense'},
+     r'"scenario".* "nonsense".*\[\'aircraft\', \'vehicle\', \'vehicle_lateral\'\]'),
+    ({'scenario': '../config/aircraft'}, r'\[\'aircraft\', \'vehicle\', \'vehicle_lateral\'\]'),
+    ({'params_file': 'missing.yaml'}, 'params_file:=missing.yaml: there is no such file'),
+    ({'params_file': '.'}, 'params_file:=.: there is no such file'),
+    ({'plant': 'maybe'}, 'maybe'),
+    ({'respawn': 'maybe'}, 'maybe'),
+    ({'command_sink': 'cmd_val'}, "'command', 'cmd_vel', 'wrench'"),
+    ({'state_source': 'imu'}, "'state', 'odom'"),
+])
+def test_refuses_before_a_node_starts(file: str, arguments: dict[str, str], sentence: str
+                                      ) -> None:
+    """What is not understood starts no other plant than the one that was meant."""
+    with pytest.raises(RefusedError, match=sentence):
+        nodes(file, **arguments)
+
+
+def test_scenarios_are_the_files_of_config() -> None:
+    """A file that is added is a scenario, and the error above names it."""
+    for file in FILES:
+        listed = next(each for each in arguments_of(file) if each[0] == 'scenario')[3]
+        assert listed == sorted(each.stem for each in (ROOT / 'config').glob('*.yaml'))
+
+
+@pytest.mark.parametrize('file', FILES)
+def test_topics_of_the_controller(file: str) -> None:
+    """They go to lqr_node, and only when they are given: a parameter file may name others."""
+    asked = {'command_sink': 'cmd_vel', 'state_source': 'odom'}
+    for each in nodes(file, **asked):
+        assert asked.items() <= each.values.items() or each.executable != 'lqr_node'
+        assert not asked.keys() & each.values.keys() or each.executable == 'lqr_node'
+    for each in nodes(file):
+        assert not asked.keys() & each.values.keys()
+    choices = {each[0]: each[3] for each in arguments_of(file) if len(each) > 3}
+    assert choices['command_sink'] == ['', *SINKS] and choices['state_source'] == ['', *SOURCES]
+
+
+@pytest.mark.parametrize(('file', 'some'), zip(FILES, ({}, {'vehicles': '2'}), strict=True))
+def test_nodes_are_started_again_when_asked(file: str, some: dict[str, str]) -> None:
+    """All of them; by default none."""
+    assert all(each.respawn for each in nodes(file, respawn='true', **some))
+    assert not any(each.respawn for each in nodes(file, **some))
 
 
 def test_what_a_fleet_starts() -> None:
@@ -45,11 +103,11 @@ def test_what_a_fleet_starts() -> None:
     assert len(nodes('fleet.launch.py')) == 2 * VEHICLES
     assert len(nodes('fleet.launch.py', plant='false')) == VEHICLES
     for wrong in ('0', '-1', 'many', '101'):
-        with pytest.raises(ValueError, match='wanted a number from 1 to 100'):
+        with pytest.raises(RefusedError, match='wanted a number from 1 to 100'):
             nodes('fleet.launch.py', vehicles=wrong)
 
 
-@pytest.mark.parametrize('file', ['loop.launch.py', 'fleet.launch.py'])
+@pytest.mark.parametrize('file', FILES)
 def test_it_keeps_to_this_machine_unless_told_otherwise(file: str) -> None:
     """Nobody else on the network finds the nodes."""
     for told, wanted in (({}, 'LOCALHOST'), ({'discovery_range': 'SUBNET'}, 'SUBNET')):
