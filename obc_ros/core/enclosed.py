@@ -12,14 +12,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.contradictions import number, terminal
-from obc_ros.core.intervals import enclosure, Interval
+from obc_ros.core.intervals import enclosure, Interval, plus, times
 from obc_ros.core.least_time_form import affine
 from obc_ros.core.problem import Problem
-from obc_ros.core.undefined import roots
+from obc_ros.core.undefined import steep_operands
 
 Array = NDArray[np.float64]
 
-_MARGIN = 1e-6   # of the ends of an interval: rounding is not directed
+_MARGIN = 1e-6   # of the ends of an interval: what a certificate leaves open
 
 
 def lowest(problem: Problem) -> Array:
@@ -28,7 +28,8 @@ def lowest(problem: Problem) -> Array:
 
     Where dx_i/dt >= 0 whenever x_i = 0 and the others that turn back are not negative, no path
     from x(0) >= 0 has x_i < 0 (M. Nagumo, 1942): amounts, populations, concentrations. Not so
-    where the rate has a root of x_i: -sqrt(abs(x)) is 0 at 0 and leads on from there.
+    where the rate has a root of x_i, or another function with an infinite slope: -sqrt(abs(x)) is
+    0 at 0 and leads on from there.
     """
     stays = (problem.x0 >= 0) & ~_rooted(problem)
     while stays.any():
@@ -70,11 +71,16 @@ def nowhere(problem: Problem) -> Iterator[str]:
                 yield (f'the terminal constraint {terminal(problem, row)} holds nowhere'
                        f'{more}: it is missed by at least {number(abs(nearest))}')
         for _ in range(problem.n):
-            rates = _rates(problem, low, high)
-            low = np.maximum(low, problem.x0 + last * np.array(
-                [min(rate.low, 0.0) for rate in rates]))
-            high = np.minimum(high, problem.x0 + last * np.array(
-                [max(rate.high, 0.0) for rate in rates]))
+            reached = [_after(float(x), rate, last) for x, rate in zip(
+                problem.x0, _rates(problem, low, high), strict=True)]
+            low = np.maximum(low, [each.low for each in reached])
+            high = np.minimum(high, [each.high for each in reached])
+
+
+def _after(x: float, rate: Interval, last: float) -> Interval:
+    """Return where a state is between 0 and `last` that starts at x and has such a rate."""
+    moved = times(Interval(last, last), Interval(min(rate.low, 0.0), max(rate.high, 0.0)))
+    return plus(Interval(x, x), moved)
 
 
 def _path(problem: Problem, low: Array, high: Array) -> Iterator[str]:
@@ -99,8 +105,8 @@ def _values(problem: Problem, expressions: ca.SX, low: Array, high: Array) -> li
 
 
 def _rooted(problem: Problem) -> NDArray[np.bool_]:
-    """Return which states stand under a root in a rate, shape (n,)."""
-    under = [value for where, value in roots(problem) if where.startswith('dynamics.')]
+    """Return on which states a function with an infinite slope is done in a rate, shape (n,)."""
+    under = [value for where, value in steep_operands(problem) if where.startswith('dynamics.')]
     return np.array([any(ca.depends_on(value, x) for value in under)
                      for x in ca.vertsplit(problem.x)])
 

@@ -208,6 +208,20 @@ def roots(problem: Problem) -> Iterator[tuple[str, ca.SX]]:
             yield where, operands[0]
 
 
+def steep_operands(problem: Problem) -> Iterator[tuple[str, ca.SX]]:
+    """
+    Yield where operations whose slope is infinite somewhere are done, and on what.
+
+    Beside roots these are logarithms, inverse sines and cosines, and powers that are no numbers:
+    of differential equations with them more than one path may come from a state.
+    """
+    steep = ca.OP_SQRT, ca.OP_LOG, ca.OP_ASIN, ca.OP_ACOS
+    for where, operation, operands in _operations(problem):
+        power = operation in (ca.OP_POW, ca.OP_CONSTPOW) and not operands[1].is_constant()
+        if power or operation in steep or _root(operation, operands):
+            yield where, operands[0]
+
+
 def _root(operation: int, operands: list[ca.SX]) -> bool:
     """Return whether the slope of an operation is infinite where its first operand is 0."""
     power = operation in (ca.OP_POW, ca.OP_CONSTPOW) and operands[1].is_constant() and (
