@@ -122,6 +122,19 @@ def test_a_terminal_constraint_without_a_slope_is_said(constraint):
     assert re.match(r'terminal_constraints\[0\], .*, has no slope where it is met', found.message)
 
 
+@pytest.mark.parametrize('off', [0.0, 1e-16, -1e-15, 1e-12, 1e-7, 1e-4, -0.02])
+@pytest.mark.parametrize('constraint', [
+    '(x - 1)**2', '(x - 1)**3', '(x - 1)**5', 'x**3 - 3*x**2 + 3*x - 1', '(x - y)**2',
+    '(x - 1)**2 + (y - 1)**2'])
+def test_a_root_without_a_slope_is_known_however_near_the_path_ends(constraint, off):
+    """How many digits of the root a search has found is up to rounding; the order is not."""
+    problem = problem_from_mapping({
+        'states': ['x', 'y'], 'inputs': ['u'], 'dynamics': {'x': 'u', 'y': 'x'},
+        'running_cost': 'u**2/2', 'initial_state': {'x': 0, 'y': 1},
+        'terminal_constraints': [constraint], 'final_time': {'free': False, 'value': 1}})
+    assert level(problem, np.array([1 + off, 1])).startswith('terminal_constraints[0], ')
+
+
 @pytest.mark.parametrize('constraint, end', [
     ('x - 1', 1.0), ('x - 1', 0.97), ('x**2 - 1', 0.97), ('x**2 - 1', 1.0), ('x**2 + 1', 0.1),
     ('exp(x) - 1', 0.2), ('sin(x)', 3.1)])

@@ -25,6 +25,7 @@ _NEAR_END = 1e-4   # likewise, where a kink of the terminal cost was rounded in 
 _AT_END = 'terminal_cost'
 _SMALL = 1e-3    # likewise: what a kink may be rounded by
 _NEWTON = 6      # steps
+_BESIDE = 1e-2   # of the largest state: how far from x(T) they begin
 _MULTIPLE = 0.2, 0.4   # what each leaves towards a root that is none of the first order
 _QUOTED = 80     # letters of an expression
 _FAR = 1e6      # times the size of x(0) and of the bounds: where a state is said to run away
@@ -128,14 +129,19 @@ def level(problem: Problem, x: Array) -> str:
     Return which terminal constraint has no slope where it is met, next to x(T); '' if none.
 
     Newton's steps towards a simple root square what is left, those towards a root of order k
-    leave a part (1 - 1/k)^k of it each time, from a quarter up.
+    leave a part (1 - 1/k)^k of it each time, from a quarter up. They begin beside x(T), where
+    what is left is far above rounding.
     """
     if not problem.q or not np.isfinite(x).all():
         return ''
     slopes = ca.Function('slopes', [problem.x, problem.p], [
         problem.psi, ca.densify(ca.jacobian(problem.psi, problem.x))])
+    size = float(np.abs(x).max()) or 1.0
     for row in range(problem.q):
-        there, left = x.copy(), list[float]()
+        slope = slopes(x, problem.p_value)[1].full()[row]
+        if not (np.isfinite(slope).all() and slope.any()):
+            slope = np.arange(1.0, problem.n + 1.0)   # level there: any direction that leaves it
+        there, left = x + _BESIDE * size * slope / np.abs(slope).max(), list[float]()
         for _ in range(_NEWTON):
             value, slope = (each.full()[row] for each in slopes(there, problem.p_value))
             left.append(abs(float(value[0])))
@@ -143,7 +149,7 @@ def level(problem: Problem, x: Array) -> str:
                 break
             there = there - value * slope / (slope @ slope)
         parts = [after / before for before, after in zip(left, left[1:], strict=False) if before]
-        if left[0] == 0 and not slope.any() or len(parts) == _NEWTON - 1 and all(
+        if len(parts) == _NEWTON - 1 and all(
                 _MULTIPLE[0] < part < _MULTIPLE[1] for part in parts):
             what = _quoted(problem, problem.psi[row])
             return (f'terminal_constraints[{row}], {what}, has no slope where it is met: no '
