@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Fixtures of every test that runs nodes: `domain`, `spawn`, `probe`.
+Fixtures of every test that runs nodes: `domain`, `spawn`, `probe`, `terminal`.
 
 A test that asks for one of them carries the marker ``nodes``; the output of the processes it
 spawned is attached to its report when it fails. A test that asks for `clock` carries ``alone`` and
@@ -19,6 +19,7 @@ from obc_ros.cli.processes import free_domain
 from obc_ros.nodes.middleware import choose_profile
 import pytest
 import support
+from words import Terminal, WORDS
 
 os.environ.update(support.ISOLATED)
 for _name in support.FOREIGN:
@@ -103,6 +104,15 @@ def probe(domain: int) -> Iterator[support.Probe]:
     probe = support.Probe(domain)
     yield probe
     probe.close()
+
+
+@pytest.fixture(params=WORDS)
+def terminal(request: pytest.FixtureRequest, domain: int, tmp_path: Path) -> Iterator[Terminal]:
+    """Return a terminal for `obc`, and one for `ros2` where that is; its daemon is ended."""
+    terminal = Terminal(request.param, domain, tmp_path)
+    yield terminal
+    if terminal.word == 'ros2':
+        terminal.say('daemon', 'stop')
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import time
 from _endless import endless  # of benchmarks/
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
-from obc_ros.cli import client, results, terminal
+from obc_ros.cli import client, graph, results, terminal
 from obc_ros.cli.cases import Case
 from obc_ros.cli.obc import main
 from obc_ros.cli.questions import Question
@@ -224,7 +224,7 @@ def test_a_server_of_its_own_that_is_killed_is_said(obc):
 
 
 def test_a_server_that_has_disappeared_is_given_up(probe, clock, monkeypatch):
-    monkeypatch.setattr(client, 'SILENCE', 0.2)
+    monkeypatch.setattr(graph, 'SILENCE', 0.2)
     lonely = client.Client(probe.context, lambda: None)
     begun = time.monotonic()
     with pytest.raises(client.ServerLostError, match='does not answer any more'):

@@ -67,10 +67,11 @@ def test_a_node_that_cannot_leave_the_graph_ends(probe: Any, domain: int) -> Non
 
 STUCK_CLIENT = """
 import ctypes
-from obc_ros.cli.client import _client
+from obc_ros.cli.client import Client
+from obc_ros.cli.graph import joined
 from obc_ros.nodes import main
 main.PATIENCE = 0.5
-with _client(lambda: None) as client:
+with joined(lambda: None, Client) as client:
     client.node.destroy_node = lambda: ctypes.PyDLL(None).sleep(60)
 """
 

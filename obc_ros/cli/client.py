@@ -12,18 +12,15 @@ import os
 from pathlib import Path
 import socket
 import tempfile
-import time
 from typing import Any
 
 from obc_ros.action import SolveOptimalControl
-from obc_ros.cli.processes import Children, find_log_folder, free_domain, isolate
-from obc_ros.core.errors import ObcError
+from obc_ros.cli.graph import Graph, joined, ServerLostError
+from obc_ros.cli.processes import Children, free_domain, isolate
 from obc_ros.nodes.crowds import BURST
-from obc_ros.nodes.main import leaving, sentence
 from rcl_interfaces.srv import GetParameters
 import rclpy
 from rclpy.action import ActionClient, get_action_names_and_types
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import parameter_value_to_python
 
 ACTION = 'obc_ros/action/SolveOptimalControl'
@@ -31,14 +28,9 @@ LOOK = 1.0       # [s] in which a server is looked for when nobody is on this ma
 LOOK_HERE = 4.0  # [s] when somebody is: Fast DDS announces itself anew after 3 s
 PARTICIPANTS = 32
 START = 20.0     # [s] in which one of our own has started
-SILENCE = 5.0    # [s] after which a server that has disappeared is given up
 
 
-class ServerLostError(ObcError):
-    """The server has disappeared."""
-
-
-class Client:
+class Client(Graph):
     """
     Requests to one trajectory server.
 
@@ -46,67 +38,25 @@ class Client:
     """
 
     def __init__(self, context: rclpy.Context, check: Callable[[], None]) -> None:
-        self.node = rclpy.create_node('obc', context=context, use_global_arguments=False)
-        self._executor = SingleThreadedExecutor(context=context)
-        self._executor.add_node(self.node)
-        self._check = check
-        self.server = ''
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self._executor.shutdown()
-        self.node.destroy_node()
+        super().__init__(context, check, 'obc')
 
     def find(self, timeout: float) -> bool:
         """Look for a server for `timeout` seconds; return whether there is one."""
-        deadline = time.monotonic() + timeout
-        while not self.server and time.monotonic() < deadline:
-            self.spin()
+        def look() -> str:
             found = sorted(name for name, types in get_action_names_and_types(self.node)
                            if ACTION in types)
-            self.server = found[0].rpartition('/')[0] if found else ''
+            return found[0].rpartition('/')[0] if found else ''
+
+        self.server = self.until(look, timeout)
         return bool(self.server)
 
-    def spin(self, check: bool = True) -> None:
-        """Handle what has come in, waiting for it a little."""
-        if check:
-            self._check()
-        self._executor.spin_once(timeout_sec=0.02)
-
-    def wait(self, ready: Callable[[], bool], available: Callable[[], bool]) -> None:
-        """
-        Spin until `ready`.
-
-        Raises
-        ------
-        ServerLostError
-            If the server's end has not been `available` for a while.
-
-        """
-        seen = time.monotonic()
-        while not ready():
-            self.spin()
-            now = time.monotonic()
-            if available():
-                seen = now
-            elif now > seen + SILENCE:
-                raise ServerLostError(f'the server {self.server} does not answer any more')
-
-    def call(self, service_type: Any, name: str, request: Any) -> Any:
+    def ask(self, service_type: Any, name: str, request: Any) -> Any:
         """Return the response of the server's service `name`."""
-        client = self.node.create_client(
-            service_type, f'{self.server}/{name}', qos_profile=BURST)
-        try:
-            self.wait(client.service_is_ready, client.service_is_ready)
-            future = client.call_async(request)
-            self.wait(future.done, client.service_is_ready)
-            return future.result()
-        finally:
-            self.node.destroy_client(client)
+        return self.call(service_type, f'{self.server}/{name}', request)
 
     def parameter(self, name: str) -> Any:
         """Return the value of a parameter of the server."""
-        values = self.call(GetParameters, 'get_parameters', GetParameters.Request(names=[name]))
+        values = self.ask(GetParameters, 'get_parameters', GetParameters.Request(names=[name]))
         return parameter_value_to_python(values.values[0])
 
     def action(self) -> ActionClient:
@@ -141,7 +91,7 @@ def connected(*parameters: str) -> Iterator[Client]:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='obc_')))
         children = stack.enter_context(Children(folder))
         look = LOOK_HERE if _somebody_here() else LOOK
-        with _client(children.check) as client:
+        with joined(children.check, Client) as client:
             if client.find(look):
                 yield client
                 return
@@ -162,7 +112,7 @@ def served(children: Children, *parameters: str) -> Iterator[Client]:
     """
     children.start('trajectory_server', *(
         word for each in parameters for word in ('-p', each)))
-    with _client(children.check) as client:
+    with joined(children.check, Client) as client:
         if not client.find(START):
             raise ServerLostError(f'no trajectory_server appears within {START:g} s')
         yield client
@@ -179,20 +129,3 @@ def _somebody_here() -> bool:
             except (OSError, OverflowError):  # it is held, or no domain has it
                 return True
     return False
-
-
-@contextmanager
-def _client(check: Callable[[], None]) -> Iterator[Client]:
-    context = rclpy.Context()
-    find_log_folder()
-    try:
-        rclpy.init(args=[], context=context)
-    except RuntimeError as error:  # RCLError, for an environment that rcl does not take
-        raise ObcError(sentence(error)) from error
-    client = Client(context, check)
-    try:
-        yield client
-    finally:
-        with leaving():
-            client.close()
-            context.try_shutdown()

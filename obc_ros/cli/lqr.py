@@ -42,7 +42,7 @@ def _design(asked: list[Case]) -> None:
         from obc_ros.srv import DesignLqr
         with connected() as client:
             for case in asked:
-                response = client.call(DesignLqr, 'design_lqr', _request(DesignLqr, case.given))
+                response = client.ask(DesignLqr, 'design_lqr', _request(DesignLqr, case.given))
                 status, _, words = response.message.partition(': ')
                 if response.success:
                     case.design, status, words = response.design, 'solved', response.message

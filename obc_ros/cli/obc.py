@@ -28,6 +28,10 @@ SUBCOMMANDS = {
     'gallery': 'work every example and exercise of the chapter beside its closed form',
     'bench': 'run the benchmarks',
 }
+# With the words and arguments of `ros2`: modules of obc_ros.cli.ros2.
+ROS2 = {
+    'param': 'parameters of running nodes: list, get, set, describe, dump, load',
+}
 
 
 class Version(argparse.Action):
@@ -41,8 +45,13 @@ class Version(argparse.Action):
 
 def available() -> dict[str, str]:
     """Return the subcommands whose module is installed, with one line of help each."""
-    return {name: text for name, text in SUBCOMMANDS.items()
-            if util.find_spec(f'obc_ros.cli.{name}')}
+    return {name: text for name, text in {**SUBCOMMANDS, **ROS2}.items()
+            if util.find_spec(_module(name))}
+
+
+def _module(name: str) -> str:
+    """Return the module of a subcommand."""
+    return f'obc_ros.cli.{"ros2." if name in ROS2 else ""}{name}'
 
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
@@ -53,20 +62,28 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """
     parser = argparse.ArgumentParser(
         prog='obc', description='Optimal control by request: LQR and certified trajectories.',
-        epilog='exit status: 0 everything asked was done, 1 it could not be, '
-               '2 the question is malformed')
+        epilog=_epilog(), formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         '--version', action=Version, nargs=0, help='print the version and exit')
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
     used = next((word for word in arguments if not word.startswith('-')), None)
     for name, text in available().items():
+        listed = {} if name in ROS2 else {'help': text}  # the epilog lists the others
         command = commands.add_parser(
-            name, help=text, description=f'{text[:1].upper()}{text[1:]}.')
+            name, description=f'{text[:1].upper()}{text[1:]}.', **listed)
         if name == used:
-            module = import_module(f'obc_ros.cli.{name}')
+            module = import_module(_module(name))
             module.add_arguments(command)
             command.set_defaults(run=module.run, command=name)
     return parser.parse_args(arguments)
+
+
+def _epilog() -> str:
+    """Return what the help says after the commands of this package."""
+    rows = ''.join(f'    {name:20}{text}\n' for name, text in ROS2.items())
+    return ('the commands of ros2, with its words and arguments, for where it is not installed:\n'
+            f'{rows}\nexit status: 0 everything asked was done, 1 it could not be, '
+            '2 the question is malformed')
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,0 +1,246 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""`obc param`: list, get, set, describe, dump and load the parameters of running nodes."""
+
+import argparse
+from array import array
+from difflib import get_close_matches
+from pathlib import Path
+import re
+import sys
+from typing import Any
+
+from obc_ros.cli.graph import Graph, joined
+from obc_ros.cli.ros2.verbs import add_node, add_verbs, run_verb
+from obc_ros.core.errors import ObcError, shown
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rclpy.parameter import (
+    get_parameter_value,
+    parameter_dict_from_yaml_file,
+    parameter_value_to_python,
+)
+import yaml
+
+# What `get` and `describe` call each type.
+TYPES = {
+    ParameterType.PARAMETER_NOT_SET: ('', 'not set'),
+    ParameterType.PARAMETER_BOOL: ('Boolean value is:', 'boolean'),
+    ParameterType.PARAMETER_INTEGER: ('Integer value is:', 'integer'),
+    ParameterType.PARAMETER_DOUBLE: ('Double value is:', 'double'),
+    ParameterType.PARAMETER_STRING: ('String value is:', 'string'),
+    ParameterType.PARAMETER_BYTE_ARRAY: ('Byte values are:', 'byte array'),
+    ParameterType.PARAMETER_BOOL_ARRAY: ('Boolean values are:', 'boolean array'),
+    ParameterType.PARAMETER_INTEGER_ARRAY: ('Integer values are:', 'integer array'),
+    ParameterType.PARAMETER_DOUBLE_ARRAY: ('Double values are:', 'double array'),
+    ParameterType.PARAMETER_STRING_ARRAY: ('String values are:', 'string array'),
+}
+run = run_verb
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verbs."""
+    add_verbs(parser, {
+        'list': ('list the parameters of a node, or of all', _list_arguments, list_names),
+        'get': ('get a parameter', _get_arguments, get),
+        'set': ('set a parameter; the node judges it before anything happens',
+                _set_arguments, set_value),
+        'describe': ('show type, unit and range of parameters', _describe_arguments, describe),
+        'dump': ('print all parameters of a node as a parameter file', add_node, dump),
+        'load': ('set the parameters that a file has', _load_arguments, load)})
+
+
+def _list_arguments(parser: argparse.ArgumentParser) -> None:
+    add_node(parser, optional=True)
+    parser.add_argument('--filter', metavar='REGEX', help='only names that match')
+    parser.add_argument('--param-prefixes', nargs='+', default=[], metavar='PREFIX',
+                        help='only parameters of these groups')
+    parser.add_argument('--param-type', action='store_true', help='print the types as well')
+
+
+def _get_arguments(parser: argparse.ArgumentParser) -> None:
+    add_node(parser)
+    parser.add_argument('parameter_name', help='name of the parameter')
+    parser.add_argument('--hide-type', action='store_true', help='print the value alone')
+
+
+def _set_arguments(parser: argparse.ArgumentParser) -> None:
+    add_node(parser)
+    parser.add_argument('parameter_name', help='name of the parameter')
+    parser.add_argument('value', help='in YAML: 0.5, "[1, 2, 3]", bryson')
+
+
+def _describe_arguments(parser: argparse.ArgumentParser) -> None:
+    add_node(parser)
+    parser.add_argument('parameter_names', nargs='+', help='names of the parameters')
+
+
+def _load_arguments(parser: argparse.ArgumentParser) -> None:
+    add_node(parser)
+    parser.add_argument('parameter_file', type=Path, help='as `dump` prints it')
+    parser.add_argument('--no-use-wildcard', action='store_true',
+                        help='leave out what the file has for all nodes (/**)')
+
+
+def list_names(args: argparse.Namespace) -> int:
+    """Print the names of parameters."""
+    try:
+        pattern = re.compile(args.filter or '')
+    except re.error as error:
+        raise ObcError(f'--filter {args.filter}: {error}') from error
+    with joined() as graph:
+        if args.node_name:
+            nodes = [graph.find_node(args.node_name, args.timeout)]
+        else:
+            nodes = graph.settle(lambda: graph.nodes(args.include_hidden_nodes), args.spin_time)
+        for node in nodes:
+            if not graph.has_service(f'{node}/list_parameters', args.timeout):
+                continue  # it has none, by its own wish
+            names = [each for each in _names(graph, node, args.param_prefixes)
+                     if pattern.match(each)]
+            if names and not args.node_name:
+                print(f'{node}:')
+            types = {each.name: TYPES[each.type][1] for each in _descriptors(graph, node, names)
+                     } if args.param_type else {}
+            for name in names:
+                print(f'  {name} (type: {types[name]})' if args.param_type else f'  {name}')
+    return 0
+
+
+def get(args: argparse.Namespace) -> int:
+    """Print the value of a parameter."""
+    with joined() as graph:
+        node = graph.find_node(args.node_name, args.timeout)
+        [value] = _values(graph, node, [args.parameter_name]) or [ParameterValue()]
+        if value.type == ParameterType.PARAMETER_NOT_SET:
+            print('None' if args.hide_type else 'Parameter not set.')
+            return _unknown(graph, node, [args.parameter_name])
+    plain = _plain(value)
+    print(plain) if args.hide_type else print(TYPES[value.type][0], plain)
+    return 0
+
+
+def set_value(args: argparse.Namespace) -> int:
+    """Set a parameter; print what the node says."""
+    value = get_parameter_value(args.value)
+    with joined() as graph:
+        node = graph.find_node(args.node_name, args.timeout)
+        [result] = graph.call(SetParameters, f'{node}/set_parameters', SetParameters.Request(
+            parameters=[Parameter(name=args.parameter_name, value=value)])).results
+    return _tell(result, 'Set parameter successful', 'Setting parameter failed')
+
+
+def describe(args: argparse.Namespace) -> int:
+    """Print what a node says of some of its parameters."""
+    with joined() as graph:
+        node = graph.find_node(args.node_name, args.timeout)
+        found = [each for each in _descriptors(graph, node, args.parameter_names) if each.name]
+        for each in found:
+            _describe(each)
+        missing = sorted({*args.parameter_names} - {each.name for each in found})
+        return _unknown(graph, node, missing) if missing else 0
+
+
+def dump(args: argparse.Namespace) -> int:
+    """Print all parameters of a node as a file that `--params-file` takes."""
+    with joined() as graph:
+        node = graph.find_node(args.node_name, args.timeout)
+        names = _names(graph, node)
+        values = _values(graph, node, names)
+    tree: dict[str, Any] = {}
+    for name, value in zip(names, values, strict=True):
+        *groups, last = name.split('.')
+        branch = tree
+        for group in groups:
+            branch = branch.setdefault(group, {})
+        branch[last] = _plain(value)
+    print(yaml.safe_dump({node: {'ros__parameters': tree}}, default_flow_style=False))
+    return 0
+
+
+def load(args: argparse.Namespace) -> int:
+    """Set the parameters that a file has, one by one; print what the node says of each."""
+    with joined() as graph:
+        node = graph.find_node(args.node_name, args.timeout)
+        wanted = list(_of_file(args.parameter_file, node, not args.no_use_wildcard).values())
+        results = graph.call(SetParameters, f'{node}/set_parameters', SetParameters.Request(
+            parameters=wanted)).results
+    return max([_tell(result, f'Set parameter {each.name} successful',
+                      f'Set parameter {each.name} failed')
+                for each, result in zip(wanted, results, strict=True)], default=0)
+
+
+def _of_file(path: Path, node: str, wildcard: bool) -> dict[str, Parameter]:
+    """Return the parameters that a file has for a node, or for another one if it has but one."""
+    try:
+        keys = list(yaml.safe_load(path.read_text(encoding='utf-8')).keys())
+        name = node.rpartition('/')[2]
+        own = [key for key in keys if key in (node, node[1:], name, f'/**/{name}')]
+        others = [key for key in keys if key != '/**']
+        if not own and len(others) > 1:
+            raise ObcError(f'{path} has nothing for {node}, only for {", ".join(others)}')
+        found: dict[str, Parameter] = parameter_dict_from_yaml_file(
+            str(path), wildcard, own or others)
+    except (yaml.YAMLError, UnicodeError, RuntimeError, TypeError, AttributeError) as error:
+        raise ObcError(f'{path} is no parameter file: {error}') from error
+    return found
+
+
+def _names(graph: Graph, node: str, prefixes: list[str] | None = None) -> list[str]:
+    request = ListParameters.Request(prefixes=prefixes or [])
+    return sorted(graph.call(ListParameters, f'{node}/list_parameters', request).result.names)
+
+
+def _values(graph: Graph, node: str, names: list[str]) -> list[ParameterValue]:
+    request = GetParameters.Request(names=names)
+    return list(graph.call(GetParameters, f'{node}/get_parameters', request).values)
+
+
+def _descriptors(graph: Graph, node: str, names: list[str]) -> list[Any]:
+    request = DescribeParameters.Request(names=names)
+    return list(graph.call(
+        DescribeParameters, f'{node}/describe_parameters', request).descriptors)
+
+
+def _plain(value: ParameterValue) -> Any:
+    """Return a value as Python prints it."""
+    plain = parameter_value_to_python(value)
+    return list(plain) if isinstance(plain, (array, tuple)) else plain
+
+
+def _tell(result: Any, done: str, failed: str) -> int:
+    """Print what came of a change; return the exit status."""
+    what, stream = (done, sys.stdout) if result.successful else (failed, sys.stderr)
+    print(f'{what}: {result.reason}' if result.reason else what, file=stream)
+    return 0 if result.successful else 1
+
+
+def _describe(descriptor: Any) -> None:
+    print('Parameter name:', descriptor.name)
+    print('  Type:', TYPES[descriptor.type][1])
+    if descriptor.description:
+        print('  Description:', descriptor.description)
+    print('  Constraints:')
+    if descriptor.read_only:
+        print('    Read only: true')
+    for each in [*descriptor.floating_point_range, *descriptor.integer_range][:1]:
+        print('    Min value:', each.from_value)
+        print('    Max value:', each.to_value)
+        if each.step:
+            print('    Step:', each.step)
+    if descriptor.additional_constraints:
+        print('    Additional constraints:', descriptor.additional_constraints)
+
+
+def _unknown(graph: Graph, node: str, names: list[str]) -> int:
+    """Say that a node has no such parameters, and which it has; return the exit status."""
+    known = _names(graph, node)
+    for name in names:
+        if name in known:
+            print(f"'{name}' of {node} has no value", file=sys.stderr)
+            continue
+        near = ' or '.join(get_close_matches(name, known))
+        print(f"{node} has no parameter '{shown(name)}'"
+              + (f'; did you mean {near}?' if near else f': see obc param list {node}'),
+              file=sys.stderr)
+    return 1

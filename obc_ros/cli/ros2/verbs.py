@@ -1,0 +1,56 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the commands share: their verbs, and the arguments that `ros2` takes with most of them."""
+
+import argparse
+from collections.abc import Callable, Mapping
+
+from obc_ros.cli.graph import keep_to_this_machine, LOOK, QUIET
+
+Verb = tuple[str, Callable[[argparse.ArgumentParser], None], Callable[[argparse.Namespace], int]]
+
+
+def add_verbs(parser: argparse.ArgumentParser, verbs: Mapping[str, Verb]) -> None:
+    """Declare verbs: for each its line of help, `add_arguments(parser)` and `run(args)`."""
+    found = parser.add_subparsers(title='verbs', metavar='VERB', required=True)
+    for name, (text, add_arguments, run) in verbs.items():
+        verb = found.add_parser(name, help=text, description=f'{text[:1].upper()}{text[1:]}.')
+        add_arguments(verb)
+        verb.set_defaults(verb=run)
+
+
+def run_verb(args: argparse.Namespace) -> int:
+    """Run the verb of a command; return the exit status."""
+    keep_to_this_machine()
+    run: Callable[[argparse.Namespace], int] = args.verb
+    return run(args)
+
+
+def add_direct(parser: argparse.ArgumentParser) -> None:
+    """Declare what `ros2` takes of every look at the graph."""
+    parser.add_argument('--spin-time', type=seconds, default=QUIET, metavar='S',
+                        help='look until there has been no news for S seconds '
+                             '(default: %(default)g)')
+    parser.add_argument('--no-daemon', action='store_true',
+                        help='for `ros2`: here there is no daemon')
+
+
+def add_node(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
+    """Declare the name of a node, and how long it is waited for."""
+    if optional:
+        parser.add_argument('node_name', nargs='?', help='name of the node (default: all)')
+    else:
+        parser.add_argument('node_name', help='name of the node: /lqr_node')
+    parser.add_argument('--timeout', type=seconds, default=LOOK, metavar='N',
+                        help='wait for the node for N seconds (default: %(default)g)')
+    parser.add_argument('--include-hidden-nodes', action='store_true',
+                        help='nodes whose names begin with _ as well')
+    add_direct(parser)
+
+
+def seconds(text: str) -> float:
+    """Return a number above 0."""
+    value = float(text)
+    if not 0.0 < value < float('inf'):
+        raise argparse.ArgumentTypeError(f"'{text}' is no number of seconds above 0")
+    return value
