@@ -21,14 +21,28 @@ def error(P, exact):
 
 
 @pytest.mark.parametrize('P1', [0.0, 1.0, 10.0, 1e6])
-def test_aircraft_has_twelve_digits(P1):
+def test_aircraft_is_as_exact_as_its_condition_allows(P1):
+    """
+    The errors are at most n^3 eps times the condition of the equation.
+
+    The data of the Riccati equation are A, G = B Qu^-1 B', Qx and P1, each rounded once: as many
+    digits as the condition takes of them no method gives back. n^3 counts the roundings of
+    products of matrices. An error made at one time is carried on to all earlier ones, so the
+    condition is the largest on the way from the end. For P1 up to 10 it is below 5 and the bound
+    is 2.5e-13. P1 = 1e6 meets a G of rank 2: there it is 7000.
+    """
     A, B = aircraft()
-    t = np.linspace(0, 5, 501)
-    P, K = finite_horizon(A, B, np.eye(6), np.eye(2), P1 * np.eye(6), t, 5.0)
-    for k in (0, 137, 400, 497, 499):
-        exact = high_precision.riccati(A, B, np.eye(6), np.eye(2), P1 * np.eye(6), 5.0 - t[k])
-        assert error(P[k], exact) <= 1e-12
-        assert error(K[k], B.T @ exact) <= 1e-12
+    t, n, worst = np.linspace(0, 5, 501), 6, np.zeros(2)
+    cost = np.eye(n), np.eye(2), P1 * np.eye(n)
+    P, K = finite_horizon(A, B, *cost, t, 5.0)
+    for k in (499, 497, 400, 137, 0):
+        exact = high_precision.riccati(A, B, *cost, 5.0 - t[k])
+        worst = np.maximum(worst, high_precision.riccati_condition(
+            A, B, cost[0], cost[2], 5.0 - t[k]))
+        bound = n**3 * np.finfo(float).eps * worst
+        assert P1 > 10 or bound.max() < 2.5e-13
+        assert error(P[k], exact) <= bound[0]
+        assert error(K[k], B.T @ exact) <= bound[1]
     assert P[-1] == pytest.approx(P1 * np.eye(6), rel=1e-15)
 
 
