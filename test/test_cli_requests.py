@@ -27,7 +27,7 @@ pytestmark = pytest.mark.nodes
 
 PROBLEMS = Path(__file__).parent / 'problems'
 KEYS = ['name', 'status', 'message', 'objective', 't', 'x', 'u', 'lam', 'interpolation',
-        'switching_times', 'certificate', 'solve_time', 'build_time', 'iterations']
+        'switching_times', 'certificate', 'optimality', 'solve_time', 'build_time', 'iterations']
 SCALAR = {
     'name': 'scalar', 'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'},
     'running_cost': 'u**2', 'terminal_cost': 'x**2', 'initial_state': {'x': 1},
@@ -93,6 +93,8 @@ def test_solved_and_certified_is_0(obc, tmp_path):
                    for each, bound in certificate['tolerances'].items())
         assert (tmp_path / f'{name}.png').read_bytes().startswith(b'\x89PNG')
         assert name in output
+        assert answer['optimality']['kind'] == 'global'
+        assert f"global ({answer['optimality']['reason']})" in output
     assert found['di_mintime_rest']['switching_times'] == pytest.approx([1.0], abs=1e-3)
 
 
@@ -150,6 +152,20 @@ def test_malformed_is_2_and_has_its_json(tmp_path, capsys, content, words):
     assert answer['message'] in output
     assert answer['objective'] is None
     assert answer['certificate'] == {'holds': False, 'residuals': {}, 'tolerances': {}}
+    assert answer['optimality'] == {'kind': '', 'reason': '', 'starts': 0, 'minima': []}
+
+
+def test_the_minima_that_were_met_are_told(obc):
+    text = (PROBLEMS / 'aircraft_5.yaml').read_text()
+    status, found, output = obc('solve', {'aircraft_5.yaml': text})
+    assert status == 0, output
+    answer = found['aircraft_5']
+    known = answer['optimality']
+    assert known['kind'] == 'local'
+    assert known['minima'][0] == answer['objective']
+    assert known['minima'] == sorted(known['minima'])
+    assert known['minima'][:2] == pytest.approx([1.0832, 1.2271], rel=5e-3)
+    assert f"local, best of {len(known['minima'])}" in output
 
 
 def test_a_missing_file_and_a_good_one(obc):

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 from obc_ros.core import answers
 from obc_ros.core.errors import StatementError
-from obc_ros.core.solution import Certificate, Solution, Status
+from obc_ros.core.solution import Certificate, Optimality, Solution, Status
 from obc_ros.core.statement import load_file, problem_from_mapping
 from obc_ros.core.wire import pack, Packet, unpack
 from obc_ros.msg import NamedBounds, NamedExpression, NamedValues, OptimalControlProblem
@@ -119,6 +119,7 @@ def solution_of(problem, **changes):
         'switching_times': np.array([0.25]), 'method': 'm', 'iterations': np.int64(7),
         'build_time': 0.5, 'solve_time': 0.25,
         'certificate': Certificate({'start': 0.0, 'end': 1e-9}, {'start': 1e-6, 'end': 1e-6}),
+        'optimality': Optimality('local', 'why', 4, (1.5, 2.5)),
         **changes})
 
 
@@ -148,6 +149,16 @@ def test_an_answer_survives_pipe_and_message():
     assert certificate.conditions == ['start', 'end']
     assert [*certificate.residuals, *certificate.tolerances] == [0.0, 1e-9, 1e-6, 1e-6]
     assert certificate.sentence.startswith('all 2 conditions hold')
+    known = response.optimality
+    assert (known.kind, known.reason, known.starts, known.minima.tolist()) == (
+        'local', 'why', 4, [1.5, 2.5])
+
+
+def test_what_is_proved_to_be_the_best_is_told_with_a_plan_too():
+    _, response = answered(PlanMotion.Response(), optimality=Optimality('global', 'convex'))
+    assert (response.optimality.kind, response.optimality.reason) == ('global', 'convex')
+    _, response = answered(PlanMotion.Response(), optimality=None)
+    assert response.optimality.kind == ''
 
 
 @pytest.mark.parametrize('changes', [

@@ -36,18 +36,21 @@ class Question(Asked):
             'name': self.name, 'status': self.status, 'message': self.message, 'objective': None,
             't': [], 'x': {}, 'u': {}, 'lam': {}, 'interpolation': 'linear', 'switching_times': [],
             'certificate': {'holds': False, 'residuals': {}, 'tolerances': {}},
+            'optimality': {'kind': '', 'reason': '', 'starts': 0, 'minima': []},
             'solve_time': None, 'build_time': None, 'iterations': 0}
         return found | (_answer(self.result) if self.result else {})
 
 
 def _answer(result: Any) -> dict[str, Any]:
     """Return what the server's answer says."""
-    path, certificate = result.trajectory, result.certificate
+    path, certificate, known = result.trajectory, result.certificate, result.optimality
     answer = {
         'certificate': {
             'holds': certificate.holds,
             'residuals': dict(zip(certificate.conditions, certificate.residuals, strict=True)),
             'tolerances': dict(zip(certificate.conditions, certificate.tolerances, strict=True))},
+        'optimality': {'kind': known.kind, 'reason': known.reason, 'starts': known.starts,
+                       'minima': known.minima.tolist()},
         'solve_time': result.solve_time, 'build_time': result.build_time,
         'iterations': result.iterations}
     if path.t:

@@ -5,13 +5,14 @@
 import argparse
 import math
 from pathlib import Path
+from typing import Any
 
 from obc_ros.cli import results, terminal
 from obc_ros.cli.questions import Question
 from obc_ros.core.errors import ObcError, shown
 from obc_ros.core.workers import LONGEST, SHORTEST
 
-HEADER = ('problem', 'status', 'cost', 'certificate', 'method', 'time')
+HEADER = ('problem', 'status', 'cost', 'certificate', 'optimum', 'method', 'time')
 COLOURS = dict.fromkeys(('solved', 'holds'), 'green') | dict.fromkeys(
     ('infeasible', 'not_converged', 'timed_out', 'cancelled', 'malformed'), 'red')
 
@@ -89,11 +90,18 @@ def _show(asked: list[Question]) -> None:
 def _row(question: Question) -> tuple[str, ...]:
     result = question.result
     if not result or not result.trajectory.t:
-        return question.label, question.status, '', '', '', _time(question.took)
+        return question.label, question.status, '', '', '', '', _time(question.took)
     certificate = result.certificate
     verdict = 'holds' if certificate.holds else certificate.sentence
-    return (question.label, question.status, f'{result.objective:.10g}', verdict, result.method,
-            _time(question.took))
+    return (question.label, question.status, f'{result.objective:.10g}', verdict,
+            _optimum(result.optimality), result.method, _time(question.took))
+
+
+def _optimum(known: Any) -> str:
+    """Return an Optimality message in a few words."""
+    if known.kind != 'local':
+        return known.kind and f'{known.kind} ({known.reason})'
+    return f'local, best of {len(known.minima)}' if len(known.minima) > 1 else 'local, 1 met'
 
 
 def _time(seconds: float) -> str:

@@ -13,6 +13,7 @@ from functools import lru_cache
 import json
 import math
 import time
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -24,7 +25,7 @@ from obc_ros.core.errors import ObcError, RefusedDesignError, StatementError
 from obc_ros.core.minimize import minimize
 from obc_ros.core.planning import Motion, registered, statement
 from obc_ros.core.problem import Problem
-from obc_ros.core.solution import Certificate, MAX_INTERVALS, Report, Solution, Status
+from obc_ros.core.solution import Certificate, MAX_INTERVALS, Optimality, Report, Solution, Status
 from obc_ros.core.solve import Cache, solve
 from obc_ros.core.statement import problem_from_mapping
 from obc_ros.core.system import Signal, System
@@ -53,7 +54,8 @@ def solution_packet(problem: Problem, solution: Solution, system: str) -> Packet
          'method': solution.method, 'iterations': int(solution.iterations),
          'build_time': float(solution.build_time), 'solve_time': float(solution.solve_time),
          'system': system, 'states': problem.states, 'inputs': problem.inputs,
-         'certificate': _conditions(solution.certificate)},
+         'certificate': _conditions(solution.certificate),
+         'optimality': _optimality(solution.optimality)},
         {name: getattr(solution, name)
          for name in ('t', 'x', 'u', 'lam', 'hamiltonian', 'nu', 'switching_times')})
 
@@ -63,6 +65,12 @@ def _conditions(certificate: Certificate | None) -> dict[str, dict[str, float]] 
         return None
     return {name: {key: float(value) for key, value in getattr(certificate, name).items()}
             for name in ('residuals', 'tolerances')}
+
+
+def _optimality(found: Optimality | None) -> dict[str, Any] | None:
+    return None if found is None else {
+        'kind': found.kind, 'reason': found.reason, 'starts': int(found.starts),
+        'minima': list(map(float, found.minima))}
 
 
 def _solve(request: Packet, time_limit: float, report: Report) -> Packet:

@@ -14,9 +14,10 @@ from obc_ros.core.familiar import ANOTHER
 from obc_ros.core.horizons import of_other_lengths
 from obc_ros.core.kit import Answered, numbers
 from obc_ros.core.mesh import Path, split, uniform
+from obc_ros.core.optimality import local
 from obc_ros.core.refine import below
 from obc_ros.core.rollouts import glance, interleaved, Seen
-from obc_ros.core.solution import Solution
+from obc_ros.core.solution import MOST_MINIMA, Solution
 from obc_ros.core.transcription import Outcome
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ def started(search: 'Search', first: Outcome) -> tuple[Solution, float]:
         if below(outcome.objective, cheapest.objective, ANOTHER) and beside.believed(outcome):
             cheapest = outcome
     other = None if cheapest is first else beside.followed_up(cheapest)
-    search.work = beside.work
+    search.work, search.tried = beside.work, beside.tried
     if other is None or not other.certified:
         return ended(work), first.objective
     search.last = beside.last
@@ -101,6 +102,7 @@ def explored(search: 'Search', best: Solution, floor: float,
         search, floor, uneven=uneven, bent=bent)
     found, ground = list[Outcome](), floor   # `ground`: of the best, on the coarse mesh
     ties = [floor]   # coarse costs of what was followed up
+    refined = [best.objective] if best.certified else []   # and those that it led to
     # Starts, more after each that has led to something better.
     wanted = 1 + len(others) + len(lengths) + bool(promising)
     for number in range(0 if alone else _MOST):
@@ -127,19 +129,21 @@ def explored(search: 'Search', best: Solution, floor: float,
                 search.last = search.answered(outcome)
             else:
                 other = search.followed_up(outcome)
+            refined += [other.objective] if other.certified else []
             if _to_be_told(other, best):
                 best, kept, ground = other, search.last, outcome.objective
                 wanted = max(wanted, number + 1 + _AFTER)
         found.append(outcome)
         spent += search.work - started
-    search.last = kept
+    search.last, search.minima = kept, refined + _others(search, found, ties, ground)
     if best.certified and kept:
         if kept.extremal:
             kept = replace(kept, extremal=search.kit.indirect.thinned(
                 search.stated, kept.extremal, kept.sizes))
         search.kit.remember(replace(
             kept, rivals=_rivals(found, ground), refined=best.objective / ground if ground else 1,
-            looked=numbers(search.stated)))
+            looked=numbers(search.stated),
+            optimality=local(search.tried, best.objective, search.minima)))
         search.kit.several |= search.familiar.minima > 1
     return best
 
@@ -266,6 +270,24 @@ def _may_be_better(search: 'Search', outcome: Outcome, best: Solution, kept: Ans
         return lower
     apart, error = new.objective - known.objective, abs(best.objective - known.objective)
     return _SAME * abs(known.objective) < abs(apart) and apart < 2 * error
+
+
+def _others(search: 'Search', found: list[Outcome], followed: list[float],
+            ground: float) -> list[float]:
+    """
+    Return the costs of minima that were not followed up, on the mesh on which they were met.
+
+    `followed`: coarse costs of those that were; `ground`: that of the best of them.
+    """
+    costs: list[float] = []
+    for outcome in sorted(found, key=lambda outcome: outcome.objective):
+        cost, known = outcome.objective, [*followed, *costs]
+        if len(costs) == MOST_MINIMA or search.monitor.stopped:
+            break
+        if cost > ground and all(abs(cost - other) > ANOTHER * abs(other) for other in known) and (
+                search.believed(outcome)):
+            costs.append(cost)
+    return costs
 
 
 def _rivals(found: list[Outcome], ground: float) -> tuple[Outcome, ...]:

@@ -23,6 +23,7 @@ from obc_ros.core.nonsmooth import twin
 from obc_ros.core.phased import PhasedProgram
 from obc_ros.core.pieces import Pieces
 from obc_ros.core.problem import Problem, SYMBOLIC
+from obc_ros.core.solution import Optimality
 from obc_ros.core.transcription import Outcome, Scales, Transcription
 from obc_ros.core.uneven import convex_paths, Uneven
 
@@ -47,7 +48,8 @@ class Answered:
 
     `rivals`: other minima of about the same cost, on a coarse mesh; `refined`: what the cost of
     the best one is there times that finer meshes bring it to. `looked`: the numbers for which the
-    best of all minima was looked for last: far from there another may be the best.
+    best of all minima was looked for last: far from there another may be the best. `optimality`:
+    what that search has shown.
     """
 
     problem: Problem
@@ -58,6 +60,7 @@ class Answered:
     rivals: tuple[Outcome, ...] = ()
     refined: float = 1.0
     looked: Array | None = None
+    optimality: Optimality | None = None
 
     @cached_property
     def numbers(self) -> Array:

@@ -23,7 +23,7 @@ from obc_ros.core import stretches
 from obc_ros.core.care import balancing
 from obc_ros.core.lq_form import LqForm
 from obc_ros.core.norms import norm, TINY
-from obc_ros.core.solution import Solution, Status
+from obc_ros.core.solution import Optimality, Solution, Status
 from scipy.linalg import expm, lapack
 
 Array = NDArray[np.float64]
@@ -99,7 +99,8 @@ def solve_form(form: LqForm, x0: Array, T: float, names: tuple[str, ...]) -> Sol
     return Solution(
         Status.SOLVED, 'the closed form by the Riccati differential equation',
         objective=float(value + rest * T + form.terminal_cost), t=t, x=x, u=u, lam=lam,
-        hamiltonian=_hamiltonian(form, x, u, lam), nu=nu, method='riccati')
+        hamiltonian=_hamiltonian(form, x, u, lam), nu=nu, method='riccati',
+        optimality=Optimality('global', 'linear quadratic'))
 
 
 def _extended(form: LqForm) -> _Extended:

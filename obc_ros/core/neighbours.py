@@ -5,11 +5,13 @@
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
 from obc_ros.core.aligned import neighbouring
 from obc_ros.core.familiar import ANOTHER
-from obc_ros.core.kit import Answered
+from obc_ros.core.kit import Answered, numbers
+from obc_ros.core.optimality import local
 from obc_ros.core.refine import below
-from obc_ros.core.solution import Solution
+from obc_ros.core.solution import Optimality, Solution
 
 if TYPE_CHECKING:
     from obc_ros.core.search import Search
@@ -46,20 +48,33 @@ def beside_neighbour(search: 'Search') -> Solution | None:
             answer = search.followed_up(outcome, _ROUNDS)
             search.last = search.last and replace(
                 search.last, rivals=last.rivals, refined=last.refined, looked=last.looked)
-    if answer and answer.certified and search.last and not beaten(search, last, answer):
-        search.kit.remember(search.last)
-        return answer
+    costs = rivals(search, last) if answer and answer.certified and search.last else None
+    if answer and search.last and costs is not None and not beaten(answer, costs):
+        known = last.optimality
+        if known is None or not np.array_equal(last.numbers, numbers(search.stated)):
+            known = beside(answer, costs)
+        search.kit.remember(replace(search.last, optimality=known))
+        return replace(answer, optimality=known)
     search.extremal, search.nearby = None, False
     search.stages = 3 if search.bounded else 0
     search.reset()
     return None
 
 
-def beaten(search: 'Search', last: Answered, answer: Solution) -> bool:
+def rivals(search: 'Search', last: Answered) -> list[float]:
+    """Return what the rivals of a neighbour's answer cost here, as on the meshes of its own."""
+    outcomes = [search.collocate(rival.mesh, rival.path, near=True, most=_RIVAL_ITERATIONS)
+                for rival in last.rivals]
+    return [last.refined * outcome.objective for outcome in outcomes if outcome.converged]
+
+
+def beaten(answer: Solution, costs: list[float]) -> bool:
     """Return whether a rival of a neighbour's answer has come to cost less than its own."""
-    for rival in last.rivals:
-        outcome = search.collocate(rival.mesh, rival.path, near=True, most=_RIVAL_ITERATIONS)
-        if outcome.converged and below(
-                last.refined * outcome.objective, answer.objective, ANOTHER):
-            return True
-    return False
+    return any(below(cost, answer.objective, ANOTHER) for cost in costs)
+
+
+def beside(answer: Solution, costs: list[float]) -> Optimality:
+    """Return what following an answer and its rivals from a neighbour has shown."""
+    found = local(1 + len(costs), answer.objective, costs)
+    return replace(found, reason=f'{found.reason}, each an answer to the same problem with '
+                                 'other numbers')

@@ -79,6 +79,7 @@ def from_rollouts(search: 'Search', T: float) -> list[Outcome]:
         if tried or search.monitor.stopped or not search.monitor.allows(_INTERVALS):
             break
         search.looked_from += 1
+        search.tried += 1
         usual = 2 * found[0].iterations if found else _ITERATIONS
         outcome = search.collocate(uniform(problem, _INTERVALS, search.stages), path,
                                    most=min(usual, _ITERATIONS), known=search.familiar)

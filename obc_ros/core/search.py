@@ -27,6 +27,7 @@ from obc_ros.core.mesh import Mesh, Path, split, STEPPED, uniform
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.natural import kept
 from obc_ros.core.neighbours import beside_neighbour
+from obc_ros.core.optimality import local
 from obc_ros.core.problem import Problem
 from obc_ros.core.refine import below, drawn_in, Error, EXCEEDED, finer, followed, judge, Judgement
 from obc_ros.core.rollouts import from_rollouts
@@ -88,6 +89,7 @@ class Search:
         self.work = 0
         self.starts: Iterator[Path] = iter(())
         self.familiar, self.looked_from = Familiar(), 0   # so many rollouts
+        self.tried, self.minima = 0, list[float]()   # starts; costs of other minima than the best
         self.periods = np.full(problem.m, np.inf)
         self.last: Answered | None = None
         self.extremal: BoundaryValues | None = None   # of the outcome at hand, once it is found
@@ -207,6 +209,7 @@ class Search:
     def from_next_start(self, *, once: bool, hard: bool = False) -> Outcome:
         """Return what the coarse mesh gives from the next start; with `once` in few iterations."""
         most = _COARSE_ITERATIONS
+        self.tried += 1
         if once:
             most = min(most, max(_FEW_ITERATIONS, round((5 if hard else 2.5) * self.typical)))
         start, rough = next(self.starts), _ROUGH
@@ -364,6 +367,11 @@ class Search:
 
     def run(self) -> Solution:
         """Return the best answer found, with its certificate; without a path if there is none."""
+        found = self._run()
+        return found if found.optimality else replace(
+            found, optimality=local(self.tried, found.objective, self.minima))
+
+    def _run(self) -> Solution:
         if (known := beside_neighbour(self)) is not None:
             return known
         starts = self.coarse()

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+MOST_MINIMA = 8       # costs of local minima that an answer lists
 MAX_INTERVALS = 2000  # that an answer's mesh has at most where nothing else is asked for
 
 # Called as report(phase, iteration, cost, infeasibility) while a solver works; True asks to stop.
@@ -74,6 +75,31 @@ class Certificate:
         return self.residuals[key] / self.tolerances[key]
 
 
+@dataclass(frozen=True)
+class Optimality:
+    """
+    How good a certified answer is among all paths of its problem.
+
+    Attributes
+    ----------
+    kind : str
+        'global': no path costs less, which is proved. 'local': no path was met that costs less.
+    reason : str
+        The proof, or what was searched, in words.
+    starts : int
+        Starts of the search; 0 where none was needed.
+    minima : tuple of float
+        Costs of distinct local minima that were met, at most `MOST_MINIMA`, the cheapest first:
+        that of this answer. The others have the cost of the mesh on which they were met.
+
+    """
+
+    kind: str
+    reason: str
+    starts: int = 0
+    minima: tuple[float, ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class Solution:
     """
@@ -98,6 +124,8 @@ class Solution:
         Of u between samples: 'linear' or 'zoh' (constant from each sample on).
     switching_times : ndarray
         Where an input jumps or changes its arc [s].
+    optimality : Optimality, or None
+        Of a certified answer: whether it is proved to be the best; None of any other.
 
     """
 
@@ -119,6 +147,7 @@ class Solution:
     build_time: float = 0.0
     solve_time: float = 0.0
     certificate: Certificate | None = None
+    optimality: Optimality | None = None
 
     @property
     def certified(self) -> bool:

@@ -14,6 +14,7 @@ from obc_ros.core.explain import explain, not_enough
 from obc_ros.core.ill_posed import indifferent, of_least_effort, wish, without_minimum
 from obc_ros.core.kit import Kit
 from obc_ros.core.monitor import Monitor
+from obc_ros.core.optimality import told
 from obc_ros.core.outgrown import outgrown
 from obc_ros.core.polish import polished, touched_up
 from obc_ros.core.problem import Problem
@@ -205,6 +206,7 @@ def solve(problem: Problem, *, method: str = 'auto', time_limit: float = 60.0,
         found = _judged(problem, found)
     found = _ended(problem, found, monitor, time_limit, method)
     built, kit.build_time = kit.build_time, 0.0
+    found = told(problem, found)
     return replace(found, method=found.method or method, iterations=monitor.iterations,
                    build_time=built, solve_time=time.monotonic() - begun - built)
 

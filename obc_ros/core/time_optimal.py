@@ -28,7 +28,7 @@ from obc_ros.core.guesses import final_time
 from obc_ros.core.least_time_form import Affine, affine, Target, target
 from obc_ros.core.problem import Problem
 from obc_ros.core.reach import exponential, first_reach, Reach
-from obc_ros.core.solution import Solution, Status
+from obc_ros.core.solution import Optimality, Solution, Status
 from obc_ros.core.unreachable import out_of_reach
 
 Array = NDArray[np.float64]
@@ -126,7 +126,8 @@ def _arcs_solution(
     return Solution(
         Status.SOLVED, _sentence(arcs.T, len(switches)), aim.rate * arcs.T + aim.V, t, x, u, lam,
         aim.rate + slope, nu=np.linalg.solve(aim.C.T, lam[-1]), interpolation='zoh',
-        switching_times=switches)
+        switching_times=switches,
+        optimality=Optimality('global', 'closed form of the double integrator'))
 
 
 def _general(problem: Problem, aim: Target, plant: Affine) -> Solution | None:

@@ -27,7 +27,7 @@ from obc_ros.core.errors import StatementError
 from obc_ros.core.least_time_form import Target, target
 from obc_ros.core.problem import Problem
 from obc_ros.core.reeds_shepp import Path, shortest_path
-from obc_ros.core.solution import Solution, Status
+from obc_ros.core.solution import Optimality, Solution, Status
 
 Array = NDArray[np.float64]
 Order = tuple[int, ...]
@@ -36,8 +36,7 @@ _METHOD = 'reeds_shepp'
 # Largest step between samples [rad of turn, or radii of length].
 _STEP = 0.05
 _MAX_SAMPLES = 200
-# States and inputs where dynamics are compared with the robot's.
-_PROBES = ((0.3, -1.1, 0.7, 1.3, -0.4), (2.1, 0.9, -1.9, -0.6, 1.7), (-1.4, 0.2, 2.6, 0.8, 0.5))
+_DEPTH = 8   # of expressions that are compared
 
 
 def least_time(start: Sequence[float] | Array, goal: Sequence[float] | Array, max_speed: float,
@@ -127,7 +126,8 @@ def _drive(path: Path, L: float, M: float) -> Solution:
     return Solution(
         Status.SOLVED, _sentence(path, T), T, np.concatenate(t), states, inputs, lam,
         1 + inputs[:, 0] * p + inputs[:, 1] * lam[:, 2], nu=lam[-1],
-        interpolation='zoh', switching_times=ends, method=_METHOD)
+        interpolation='zoh', switching_times=ends, method=_METHOD,
+        optimality=Optimality('global', 'shortest path (Reeds-Shepp)'))
 
 
 def _sentence(path: Path, T: float) -> str:
@@ -196,14 +196,12 @@ def _recognise(problem: Problem) -> tuple[Target, Order, Order] | None:
     aim = target(problem)
     if aim is None or np.linalg.matrix_rank(aim.C) < 3:
         return None
-    f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f])
-    xs, us = np.array(_PROBES)[:, :3], np.array(_PROBES)[:, 3:]
-    slopes = np.array([f(*point, problem.p_value).full().ravel()
-                       for point in zip(xs, us, strict=True)])
+    f = ca.substitute(problem.f, problem.p, ca.DM(problem.p_value))
     for order in permutations(range(3)):
         for inputs in permutations(range(2)):
-            theta, (v, omega) = xs[:, order[2]], us[:, inputs].T
-            wanted = np.column_stack((v * np.cos(theta), v * np.sin(theta), omega))
-            if np.allclose(slopes[:, order], wanted, rtol=1e-12, atol=1e-12):
+            theta, v, omega = problem.x[order[2]], problem.u[inputs[0]], problem.u[inputs[1]]
+            wanted = v * ca.cos(theta), v * ca.sin(theta), omega
+            if all(ca.is_equal(f[row], slope, _DEPTH)
+                   for row, slope in zip(order, wanted, strict=True)):
                 return aim, order, inputs
     return None

@@ -47,7 +47,7 @@ class Uneven:
     def upwards(self, problem: Problem) -> bool:
         """Return whether L and V are quadratic and curved downwards in no direction."""
         return not self.curved and all(
-            _semidefinite(curvature(problem.p_value).full()) for curvature in self._constant)
+            semidefinite(curvature(problem.p_value).full()) for curvature in self._constant)
 
     def __call__(self, problem: Problem, x_room: Array, u_room: Array) -> bool:
         """Return whether L or V is curved downwards somewhere so near to x(0) and to u = 0."""
@@ -72,7 +72,8 @@ class Uneven:
         return False
 
 
-def _semidefinite(H: Array) -> bool:
+def semidefinite(H: Array) -> bool:
+    """Return whether a symmetric matrix is positive semidefinite, but for rounding."""
     size = np.sqrt(np.maximum(np.diag(H), 0.0))
     none = size == 0
     size = np.where(none, 1.0, size)

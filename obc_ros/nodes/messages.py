@@ -26,6 +26,7 @@ from obc_ros.msg import (
     NamedExpression,
     NamedValues,
     OptimalControlProblem,
+    Optimality,
     PathConstraint,
     Trajectory,
 )
@@ -275,6 +276,7 @@ def fill_answer(response: Any, packet: Packet) -> None:
     """
     plain = dict(packet.plain)
     response.certificate = certificate_message(plain.pop('certificate', None))
+    response.optimality = Optimality(**plain.pop('optimality', None) or {})
     response.success = plain['status'] == 'solved' and response.certificate.holds
     for name in set(response.get_fields_and_field_types()) & set(plain):
         setattr(response, name, plain[name])
