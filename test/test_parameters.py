@@ -13,8 +13,8 @@ from obc_ros.nodes.conversions import system_parameters
 from obc_ros.nodes.parameters import Entry, group, parameter, Parameters, Value
 import pytest
 from rcl_interfaces.msg import Parameter as ParameterMsg
-from rcl_interfaces.msg import ParameterValue
-from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, SetParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -34,6 +34,7 @@ class Settings:
     steps: int = parameter(10, 'number of steps', lower=1)
     lockstep: bool = parameter(False, 'wait for the command')
     on_stale: str = parameter('hold', 'what to do', choices=('equilibrium', 'hold', 'silent'))
+    integral: tuple[str, ...] = parameter((), 'names of states', texts=True)
     gust: float = parameter(0.0, 'gust', name='disturbance.gust')
 
 
@@ -89,6 +90,16 @@ def test_starts_with_defaults(judged: Judged) -> None:
     ('Qx', 3.5, (3.5,)),
     ('Qx', '[1, 0.5]', (1.0, 0.5)),
     ('Qx', '[[1, 0.5], [0.5, 2]]', (1.0, 0.5, 0.5, 2.0)),
+    ('Qx', '1e-09', (1e-9,)),
+    ('Qx', ['1e-09', '2'], (1e-9, 2.0)),
+    ('Qx', '[1e-09, 1.0]', (1e-9, 1.0)),
+    ('Qx', ' [ [1, 0.5] , [0.5, 2] ] ', (1.0, 0.5, 0.5, 2.0)),
+    ('u_max', ['inf', 'inf'], (math.inf, math.inf)),
+    ('rate', '1e-09', 1e-9),
+    ('steps', '3', 3),
+    ('integral', 'px', ('px',)),
+    ('integral', ['px', 'py'], ('px', 'py')),
+    ('integral', [], ()),
     ('x_max', [], ()),
     ('u_max', [math.inf, 1.0], (math.inf, 1.0)),
     ('rate', 200, 200.0),
@@ -111,8 +122,9 @@ def test_accepts(judged: Judged, name: str, value: Any, kept: Any) -> None:
     told = judged.node.get_parameter(name)
     assert told.value == (list(kept) if isinstance(kept, tuple) else kept) or (
         list(told.value) == list(kept))
-    if kept != () and isinstance(kept, tuple):
-        assert told.type_ is Parameter.Type.DOUBLE_ARRAY
+    if isinstance(kept, tuple):
+        assert told.type_ is (Parameter.Type.STRING_ARRAY if name == 'integral' else
+                              Parameter.Type.DOUBLE_ARRAY)
 
 
 @pytest.mark.parametrize(('name', 'value', 'sentence'), [
@@ -125,7 +137,19 @@ def test_accepts(judged: Judged, name: str, value: Any, kept: Any) -> None:
     ('u_max', [math.nan], 'u_max[0] = nan: wanted a finite number'),
     ('Qu', [1.0, -0.1], 'Qu[1] = -0.1: wanted at least 0'),
     ('rate', -1, 'rate = -1: wanted at least 0 Hz'),
-    ('rate', '200', 'rate: wanted a number, got a string'),
+    ('rate', 'fast', 'rate: wanted a number, got a string'),
+    ('rate', '-1e-09', 'rate = -1e-09: wanted at least 0 Hz'),
+    ('rate', 'nan', 'rate = nan: wanted a finite number'),
+    ('delay', 1.5, 'delay = 1.5: wanted between 0 and 1 s'),
+    ('delay', '-inf', 'delay = -inf: wanted a finite number'),
+    ('Qx', ['1', 'x'], 'Qx: wanted a list of numbers, got a list of strings'),
+    ('Qx', '[1 2, 3]', 'Qx: wanted a list of numbers, got a string'),
+    ('Qx', '1 2', 'Qx: wanted a list of numbers, got a string'),
+    ('steps', '3.5', 'steps: wanted a whole number, got a string'),
+    ('steps', '0', 'steps = 0: wanted at least 1'),
+    ('steps', '9' * 30, 'steps: wanted a whole number of 64 bits'),
+    ('lockstep', 'maybe', 'lockstep: wanted true or false, got a string'),
+    ('on_stale', 1, 'on_stale: wanted a string, got a whole number'),
     ('rate', [1.0], 'rate: wanted a number, got a list of numbers'),
     ('steps', 1.5, 'steps: wanted a whole number, got a number'),
     ('steps', 0, 'steps = 0: wanted at least 1'),
@@ -189,6 +213,54 @@ def test_over_services(judged: Judged, probe: Any) -> None:
     assert probe.get_parameters('/lqr_node', 'Qx', 'Qu') == {'Qx': [2.0, 3.0], 'Qu': [1.0]}
     assert not probe.set_parameters_atomically('/lqr_node', Qx=[4, 3], Qu=[-1.0]).successful
     assert probe.get_parameters('/lqr_node', 'Qx') == {'Qx': [2.0, 3.0]}
+
+
+def test_bounds_that_a_tool_shows(judged: Judged, probe: Any) -> None:
+    """Ranges of numbers, also of those bounded on one side: what sliders are made of."""
+    def described(name: str) -> Any:
+        request = DescribeParameters.Request(names=[name])
+        return probe.call(
+            DescribeParameters, '/lqr_node/describe_parameters', request).descriptors[0]
+
+    for name, lower, upper in (('delay', 0.0, 1.0), ('rate', 0.0, math.inf)):
+        between, = described(name).floating_point_range
+        assert (between.from_value, between.to_value, between.step) == (lower, upper, 0.0)
+    between, = described('steps').integer_range
+    assert (between.from_value, between.to_value, between.step) == (1, 2**63 - 1, 0)
+    for name in ('disturbance.gust', 'Qu', 'lockstep', 'on_stale'):
+        assert not described(name).floating_point_range and not described(name).integer_range
+    for value in (0.0, 1.0, 1, '0.5'):
+        assert probe.set_parameters('/lqr_node', delay=value)[0].successful
+    for value in (1.0000001, -1e-300, 'x'):
+        result, = probe.set_parameters('/lqr_node', delay=value)
+        assert not result.successful and 'delay' in result.reason and 'wanted' in result.reason
+        assert judged.refused.pop() == result.reason
+    assert described('delay').type == ParameterType.PARAMETER_DOUBLE  # whatever was refused
+
+
+def test_read_only_may_be_set_to_what_it_is(judged: Judged, probe: Any) -> None:
+    """So that a file with all parameters can be loaded; another value is refused."""
+    for name, value in (('system', 'aircraft'), ('start_type_description_service', True)):
+        assert probe.set_parameters('/lqr_node', **{name: value})[0].successful
+        assert probe.set_parameters_atomically('/lqr_node', **{name: value}).successful
+    assert not judged.adopted
+    results = probe.set_parameters('/lqr_node', system='vehicle', rate=5.0)
+    assert [each.successful for each in results] == [False, True]
+    assert 'system' in results[0].reason
+    assert probe.set_parameters_atomically('/lqr_node', system='aircraft', rate=6.0).successful
+    assert not probe.set_parameters_atomically('/lqr_node', system='vehicle', rate=7.0).successful
+    assert judged.parameters.settings.rate == 6.0
+
+
+def test_set_together_if_acceptable_together(judged: Judged, probe: Any) -> None:
+    """In any order, and taken up once; what is refused is reported once."""
+    assert probe.set_parameters('/lqr_node', Qx=[98.0, 1.0])[0].successful
+    results = probe.set_parameters('/lqr_node', Qu=[50.0], Qx=[1.0, 1.0])
+    assert [each.successful for each in results] == [True, True]
+    assert len(judged.adopted) == 2 and judged.adopted[-1].Qu == (50.0,)
+    results = probe.set_parameters('/lqr_node', Qu=[-1.0], rate=5.0)
+    assert [each.successful for each in results] == [False, True]
+    assert judged.refused == [results[0].reason] and len(judged.adopted) == 3
 
 
 @pytest.mark.parametrize('service', [SetParameters, SetParametersAtomically])

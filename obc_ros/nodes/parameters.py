@@ -26,8 +26,13 @@ from typing import Any, Generic, TypeVar
 
 from obc_ros.core.errors import ObcError, shown, StatementError
 from obc_ros.nodes.guards import guard
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
-from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from obc_ros.nodes.parameter_services import serve
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -52,7 +57,9 @@ _GOT = {
 }
 _SCALARS = (Parameter.Type.INTEGER, Parameter.Type.DOUBLE)
 _LISTS = (Parameter.Type.INTEGER_ARRAY, Parameter.Type.DOUBLE_ARRAY)
-# A list that mixes 1 and 0.5, or a list of rows, reaches a node as a string.
+_INTEGERS = -2**63, 2**63 - 1  # what a ROS parameter holds
+# A list that mixes 1 and 0.5, or a list of rows, reaches a node as a string; so does 1e-09, which
+# is no number in YAML 1.1.
 _ROWS = re.compile(r'\[(\[[^\[\]]*\],?)+\]|\[[^\[\]]*\]')
 
 
@@ -84,9 +91,16 @@ class Entry:
             description=f'{self.description} [{self.unit}]' if self.unit else self.description,
             additional_constraints=self._constraint(), read_only=self.read_only,
             dynamic_typing=True)  # so that integers pass; the type is checked here, in words
-        if self.type is Parameter.Type.DOUBLE and math.isfinite(self.lower + self.upper):
+        if self.lower == -math.inf and self.upper == math.inf:
+            return descriptor
+        if self.type is Parameter.Type.DOUBLE:
             descriptor.floating_point_range = [
                 FloatingPointRange(from_value=self.lower, to_value=self.upper)]
+        elif self.type is Parameter.Type.INTEGER:
+            least, most = _INTEGERS
+            descriptor.integer_range = [IntegerRange(
+                from_value=math.ceil(max(self.lower, least)),
+                to_value=math.floor(min(self.upper, most)))]
         return descriptor
 
     def value(self, given: Parameter) -> Value:
@@ -124,12 +138,20 @@ class Entry:
                 return tuple(map(float, value))
             if got in _SCALARS:
                 return (float(value),)
-            if got is Parameter.Type.STRING and (rows := _numbers(value)) is not None:
-                return rows
+            if (numbers := _numbers(got, value)) is not None:
+                return numbers
+        elif wanted is Parameter.Type.STRING_ARRAY:
+            if got is Parameter.Type.STRING_ARRAY:
+                return tuple(value)
+            if got is Parameter.Type.STRING:
+                return (value,)
         elif wanted is Parameter.Type.DOUBLE and got in _SCALARS:
             return float(value)
+        elif wanted in _SCALARS and got is Parameter.Type.STRING:
+            if (number := _number(value, wanted is Parameter.Type.INTEGER)) is not None:
+                return number
         elif wanted is got:
-            return tuple(value) if wanted is Parameter.Type.STRING_ARRAY else value
+            return value
         raise StatementError(f'{self.name}: wanted {_WANTED[wanted]}, got {_GOT[got]}')
 
     def _constraint(self) -> str:
@@ -152,6 +174,8 @@ class Entry:
     def _check_number(self, name: str, value: float) -> None:
         if math.isnan(value) or (self.finite and math.isinf(value)):
             raise StatementError(f'{name} = {value}: wanted a finite number')
+        if isinstance(value, int) and not _INTEGERS[0] <= value <= _INTEGERS[1]:
+            raise StatementError(f'{name}: wanted a whole number of 64 bits')
         if not self.lower <= value <= self.upper:
             raise StatementError(f'{name} = {value:g}: wanted {self._constraint()} {self.unit}'
                                  .rstrip())
@@ -176,8 +200,9 @@ def parameter(
     Parameters
     ----------
     default : bool, int, float, str or tuple
-        Its type is the parameter's; a tuple is one of numbers. Integers, a single number for a
-        list, and a list of rows are accepted where numbers are wanted.
+        Its type is the parameter's; a tuple is one of numbers. Integers, numbers written as
+        strings, a single number for a list, and a list of rows are accepted where numbers are
+        wanted, a single string for a list of strings.
     description, unit : str
         What it means, and the unit that is appended to it.
     name : str
@@ -254,7 +279,8 @@ class Parameters(Generic[Settings, Candidate]):
         self._entries: dict[str, Entry] = {}
         self._values: dict[str, Value] = {}
         self._pending: tuple[dict[str, Value], Settings, Candidate] | None = None
-        self._is_declared = True  # what comes to `_on_set` without `_normalise` is
+        self._asked: list[Parameter] = []  # as they came, before `_normalise`
+        self._is_attempt = False  # whose refusal is not reported
         # rclpy has no public list of the values given by files and arguments
         self._overrides: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
         for entry in self._rows():
@@ -265,9 +291,7 @@ class Parameters(Generic[Settings, Candidate]):
         node.add_pre_set_parameters_callback(self._normalise)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._post_set)
-        for service in node.services:
-            if service.srv_type in (SetParameters, SetParametersAtomically):
-                service.callback = _guarded(service.callback)
+        serve(node, self._is_kept, self._attempt)
         guard(node)
 
     def _rows(self) -> Iterable[Entry]:
@@ -312,34 +336,61 @@ class Parameters(Generic[Settings, Candidate]):
         return self._table(**arguments)
 
     def _normalise(self, changes: list[Parameter]) -> list[Parameter]:
-        """Keep numbers as doubles, whatever type they came as; leave the rest to the judge."""
-        self._is_declared = False
+        """
+        Keep numbers as doubles, whatever type they came as.
+
+        In place of what cannot be, rclpy is given the present value: it would refuse others in
+        words of its own, and unheard. `_on_set` looks at what was asked.
+        """
+        self._asked = changes
         return [self._normal(change) for change in changes]
 
     def _normal(self, change: Parameter) -> Parameter:
         entry = self._entries.get(change.name)
-        if entry is None or change.type_ in (entry.type, Parameter.Type.NOT_SET):
+        if entry is None:
             return change
         try:
-            return entry.ros(entry.value(change))
+            if change.type_ is not Parameter.Type.NOT_SET:
+                return entry.ros(entry.value(change))
         except StatementError:
-            return change
+            pass
+        return entry.ros(self._values[change.name])
 
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
-        self._pending = None
-        if self._is_declared:
+        asked, self._asked, self._pending = self._asked, [], None
+        if [each.name for each in asked] != [each.name for each in changes]:
             return SetParametersResult(successful=True)  # by rclpy: a QoS override, say
-        self._is_declared = True
         try:
-            if ours := self._read(changes):
+            if ours := self._read(asked):
                 values = {**self._values, **ours}
                 settings = self._assembled(values)
                 self._pending = values, settings, self._judge(settings)
         except (ObcError, ArithmeticError) as error:
-            if self._refused is not None:
+            if self._refused is not None and not self._is_attempt:
                 self._refused(str(error))
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+    def _attempt(self, changes: list[Parameter]) -> SetParametersResult:
+        """Set all or none; a refusal is in the result only."""
+        self._is_attempt = True
+        try:
+            return self._node.set_parameters_atomically(changes)
+        finally:
+            self._is_attempt = False
+
+    def _is_kept(self, given: Parameter) -> bool:
+        """Return whether a parameter is read-only and has the given value already."""
+        name, node = given.name, self._node
+        if not node.has_parameter(name) or not node.describe_parameter(name).read_only:
+            return False
+        entry = self._entries.get(name)
+        if entry is None:
+            return bool(given.value == node.get_parameter(name).value)
+        try:
+            return entry.value(given) == self._values[name]
+        except StatementError:
+            return False
 
     def _post_set(self, changes: list[Parameter]) -> None:
         if self._pending is not None:
@@ -361,25 +412,6 @@ class Parameters(Generic[Settings, Candidate]):
         return values
 
 
-def _guarded(callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """Return a parameter service that answers a value type that does not exist; rclpy raises."""
-    types = {each.value for each in Parameter.Type}
-
-    def answer(request: Any, response: Any) -> Any:
-        for each in request.parameters:
-            if each.value.type not in types:
-                refusal = SetParametersResult(
-                    reason=f'{shown(each.name)}: there is no parameter type {each.value.type}')
-                if isinstance(response, SetParameters.Response):
-                    response.results = [refusal] * len(request.parameters)
-                else:
-                    response.result = refusal
-                return response
-        return callback(request, response)
-
-    return answer
-
-
 def _renamed(entry: Entry, name: str) -> Entry:
     return Entry(**{**vars(entry), 'name': name})
 
@@ -398,12 +430,28 @@ def _hint(name: str, known: Iterable[str]) -> str:
     return f"; did you mean '{close[0]}'?" if close else ''
 
 
-def _numbers(text: str) -> tuple[float, ...] | None:
-    """Return the numbers of '[1, 0.5]' or '[[1, 0], [0, 1]]', or None."""
-    text = ''.join(text.split())
-    if not _ROWS.fullmatch(text):
+def _number(text: str, is_whole: bool) -> float | None:
+    """Return the number that a text is, or None."""
+    try:
+        return int(text) if is_whole else float(text)
+    except ValueError:
         return None
-    rows = [row.split(',') for row in re.findall(r'\[([^\[\]]*)\]', text)]
+
+
+def _numbers(got: Parameter.Type, value: Any) -> tuple[float, ...] | None:
+    """Return the numbers of '[1, 0.5]', '[[1, 0], [0, 1]]', '1e-9' or ['1e-9', '2'], or None."""
+    if got is Parameter.Type.STRING:
+        text, rows = ' '.join(value.split()), [[value]]
+        if text.startswith('['):
+            for mark in '[],':
+                text = text.replace(f' {mark}', mark).replace(f'{mark} ', mark)
+            if not _ROWS.fullmatch(text):
+                return None
+            rows = [row.split(',') for row in re.findall(r'\[([^\[\]]*)\]', text)]
+    elif got is Parameter.Type.STRING_ARRAY:
+        rows = [value]
+    else:
+        return None
     if len({len(row) for row in rows}) != 1:
         return None
     try:

@@ -1,0 +1,96 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The services that set parameters of a node, where rclpy raises or refuses without need.
+
+- A value type that does not exist is answered; rclpy raises.
+- A read-only parameter may be set to the value that it has, so that a file with all parameters of
+  a node, as ``ros2 param dump`` writes it, can be loaded again.
+- Parameters that are acceptable together are set together, whatever their order in the request,
+  and the node takes them up once. If they are not, each is tried by itself.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from obc_ros.core.errors import shown
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+TYPES = {each.value for each in Parameter.Type}
+
+IsKept = Callable[[Parameter], bool]
+Attempt = Callable[[list[Parameter]], SetParametersResult]
+
+
+def serve(node: Node, is_kept: IsKept, attempt: Attempt) -> None:
+    """
+    Have the services of a node answer as said above.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Before it spins.
+    is_kept : callable
+        Returns whether a parameter is read-only and has the given value already.
+    attempt : callable
+        Sets all of the given parameters or none, and reports no refusal but in its result.
+
+    """
+    for service in node.services:
+        if service.srv_type is SetParameters:
+            service.callback = _one_by_one(service.callback, is_kept, attempt)
+        elif service.srv_type is SetParametersAtomically:
+            service.callback = _together(service.callback, is_kept)
+
+
+def _one_by_one(callback: Callable[[Any, Any], Any], is_kept: IsKept, attempt: Attempt
+                ) -> Callable[[Any, Any], Any]:
+    def answer(request: SetParameters.Request, response: SetParameters.Response) -> Any:
+        given = list(request.parameters)
+        if refusal := _unknown_type(given):
+            response.results = [refusal] * len(given)
+            return response
+        kept = [is_kept(Parameter.from_parameter_msg(each)) for each in given]
+        changes = [each for each, same in zip(given, kept, strict=True) if not same]
+        if len(changes) > 1 and attempt(
+                [Parameter.from_parameter_msg(each) for each in changes]).successful:
+            response.results = [_done()] * len(given)
+            return response
+        request.parameters = changes
+        results = iter(callback(request, response).results)
+        response.results = [_done() if same else next(results) for same in kept]
+        return response
+
+    return answer
+
+
+def _together(callback: Callable[[Any, Any], Any], is_kept: IsKept) -> Callable[[Any, Any], Any]:
+    def answer(request: SetParametersAtomically.Request,
+               response: SetParametersAtomically.Response) -> Any:
+        given = list(request.parameters)
+        if refusal := _unknown_type(given):
+            response.result = refusal
+            return response
+        request.parameters = [
+            each for each in given if not is_kept(Parameter.from_parameter_msg(each))]
+        if given and not request.parameters:
+            response.result = _done()
+            return response
+        return callback(request, response)
+
+    return answer
+
+
+def _unknown_type(given: list[Any]) -> SetParametersResult | None:
+    for each in given:
+        if each.value.type not in TYPES:
+            return SetParametersResult(
+                reason=f'{shown(each.name)}: there is no parameter type {each.value.type}')
+    return None
+
+
+def _done() -> SetParametersResult:
+    return SetParametersResult(successful=True)

@@ -1,0 +1,90 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""What `ros2 param dump` prints of a node can be loaded and started with, and nothing changes."""
+
+from pathlib import Path
+from typing import Any
+
+from launch_stand_in import ROOT
+import pytest
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+import yaml
+
+NODES = ('plant_simulator', 'lqr_node', 'trajectory_server')
+SCENARIOS = sorted(each.stem for each in (ROOT / 'config').glob('*.yaml'))
+
+
+def dump(probe: Any, node: str, file: Path) -> dict[str, Any]:
+    """Write the parameters of a node as `ros2 param dump` does, and return them."""
+    names = sorted(probe.call(ListParameters, f'{node}/list_parameters').result.names)
+    values = probe.call(
+        GetParameters, f'{node}/get_parameters', GetParameters.Request(names=names)).values
+    parameters: dict[str, Any] = {}
+    for name, value in zip(names, map(parameter_value_to_python, values), strict=True):
+        *above, last = name.split('.')
+        inner = parameters
+        for each in above:
+            inner = inner.setdefault(each, {})
+        inner[last] = value
+    file.write_text(yaml.dump({node: {'ros__parameters': parameters}}, default_flow_style=False))
+    return parameters
+
+
+def load(probe: Any, node: str, file: Path) -> dict[str, str]:
+    """Load a file as `ros2 param load` does; return the reason of each refusal."""
+    names = list(parameter_dict_from_yaml_file(str(file), use_wildcard=True))
+    client = AsyncParameterClient(probe.node, node)
+    probe.wait_for(client.services_are_ready, what=f'parameter services of {node}')
+    future = client.load_parameter_file(str(file), use_wildcard=True)
+    results = probe.wait_for(future.done) and future.result().results
+    return {name: each.reason for name, each in zip(names, results, strict=True)
+            if not each.successful}
+
+
+@pytest.mark.parametrize('scenario', ['', *SCENARIOS])
+@pytest.mark.parametrize('executable', NODES)
+def test_dump_and_load(spawn: Any, probe: Any, tmp_path: Path, executable: str, scenario: str
+                       ) -> None:
+    """All parameters are taken, none changes; a node that is started with them has the same."""
+    given = ['--ros-args', '--params-file', str(ROOT / 'config' / f'{scenario}.yaml'), '--']
+    spawn(executable, arguments=given if scenario else (), namespace='/one')
+    first, second = tmp_path / 'first.yaml', tmp_path / 'second.yaml'
+    parameters = dump(probe, f'/one/{executable}', first)
+    assert load(probe, f'/one/{executable}', first) == {}
+    dump(probe, f'/one/{executable}', second)
+    assert second.read_text() == first.read_text()
+    other = tmp_path / 'other.yaml'
+    other.write_text(first.read_text().replace('/one/', '/two/'))
+    spawn(executable, arguments=['--ros-args', '--params-file', str(other), '--'],
+          namespace='/two')
+    again = dump(probe, f'/two/{executable}', second)
+    for each in (parameters, again):  # named by topics, which are in the namespace
+        each.pop('qos_overrides', None)
+    assert again == parameters
+
+
+def test_what_was_tuned_is_loaded_into_a_new_node(spawn: Any, probe: Any, tmp_path: Path) -> None:
+    """Numbers that YAML reads as words, one word for a list, infinity, lists of whole numbers."""
+    tuned = {
+        'integral': ['px'], 'Qi': [1e-9], 'Qx': [1e-9, 1.0, 1.0, 1.0, 1.0, 1.0],
+        'Qu': [1, 2], 'rate': 100.0, 'delay': 1e-9, 'stability': 1e-9,
+        'x_limits': [float('inf')] * 5 + [1e9], 'transition_time': 1e-9, 'frame_id': 'map'}
+    spawn('lqr_node', name='tuned')
+    results = probe.set_parameters('/tuned', **tuned)
+    assert [each.reason for each in results] == [''] * len(tuned)
+    file = tmp_path / 'tuned.yaml'
+    parameters = dump(probe, '/tuned', file)
+    assert {name: parameters[name] for name in tuned} == tuned
+    spawn('lqr_node', name='fresh')
+    assert load(probe, '/fresh', file) == {}
+    assert dump(probe, '/fresh', file) == parameters
+    for line, kept in (('integral: py', ['py']), ('integral: []\n    Qi: []', []),
+                       ('integral: [px]\n    Qi: 2', ['px'])):
+        file.write_text(f'/fresh:\n  ros__parameters:\n    {line}\n')
+        assert load(probe, '/fresh', file) == {}
+        assert probe.get_parameters('/fresh', 'integral') == {'integral': kept}
+    file.write_text('/fresh:\n  ros__parameters:\n    Qx: [1, 1, 1, 1, 1, 2]\n    rate: .nan\n')
+    assert load(probe, '/fresh', file) == {'rate': 'rate = nan: wanted a finite number'}
+    assert probe.get_parameters('/fresh', 'Qx') == {'Qx': [1.0, 1.0, 1.0, 1.0, 1.0, 2.0]}
