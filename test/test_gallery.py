@@ -5,7 +5,6 @@
 from collections.abc import Iterator
 from contextlib import ExitStack
 from html.parser import HTMLParser
-import importlib
 import json
 import os
 from pathlib import Path
@@ -21,6 +20,7 @@ from obc_ros.cli.gallery_entries.all import ENTRIES
 from obc_ros.cli.gallery_entries.entry import Answer, Entry, Row, UnansweredError
 from obc_ros.cli.obc import main
 from obc_ros.cli.processes import Children, free_domain, isolate
+from obc_ros.cli.yaml_messages import fill
 from obc_ros.nodes.messages import statement
 from obc_ros.srv import DesignLqr, SolveOptimalControl
 import pytest
@@ -231,14 +231,14 @@ def test_commands_say_what_was_asked() -> None:
     given = yaml.safe_load(shlex.split(
         ros2.service_call('solve', SolveOptimalControl, request))[-1])
     assert given['method'] == 'arcs'
-    again = statement(_message(SolveOptimalControl.Request(), given).problem)
+    again = statement(fill(SolveOptimalControl.Request(), given).problem)
     assert again == statement(request.problem)
     case = {'A': [[0, 1], [0, 0]], 'B': [[0], [1]], 'Qx': [1, 0], 'Qu': [0.1]}
     request = desks.design_request(case)
     command = ros2.service_call('design_lqr', DesignLqr, request)
     assert shlex.split(command)[:5] == [
         'ros2', 'service', 'call', '/trajectory_server/design_lqr', 'obc_ros/srv/DesignLqr']
-    assert _message(DesignLqr.Request(), yaml.safe_load(shlex.split(command)[-1])) == request
+    assert fill(DesignLqr.Request(), yaml.safe_load(shlex.split(command)[-1])) == request
 
 
 def test_a_reference_is_published_from_its_file(tmp_path: Path) -> None:
@@ -248,22 +248,7 @@ def test_a_reference_is_published_from_its_file(tmp_path: Path) -> None:
     command = ros2.publish('reference', reference, folder / 'flat.yaml')
     assert command.endswith('"$(cat recordings/loop/flat.yaml)"')
     given = yaml.safe_load((folder / 'flat.yaml').read_text())
-    again = _message(type(reference)(), given)
+    again = fill(type(reference)(), given)
     assert np.allclose(again.x, reference.x, atol=1e-9) and len(again.t) == len(reference.t)
     assert again.header.stamp.nanosec == 0  # it begins when it is heard
     assert (folder / 'flat.yaml').stat().st_size < 120_000  # what a shell takes as one argument
-
-
-def _message(message: object, values: dict[str, object]) -> object:
-    """Fill a message from a mapping, as `ros2 service call` does."""
-    for name, value in values.items():
-        kind = message.get_fields_and_field_types()[name]
-        if isinstance(value, dict):
-            _message(getattr(message, name), value)
-        elif isinstance(value, list) and value and isinstance(value[0], dict):
-            module = importlib.import_module('obc_ros.msg')
-            of = getattr(module, kind.split('/')[-1].rstrip('>').split('>')[0])
-            setattr(message, name, [_message(of(), each) for each in value])
-        else:
-            setattr(message, name, value)
-    return message

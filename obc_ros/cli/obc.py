@@ -31,6 +31,12 @@ SUBCOMMANDS = {
 # With the words and arguments of `ros2`: modules of obc_ros.cli.ros2.
 ROS2 = {
     'param': 'parameters of running nodes: list, get, set, describe, dump, load',
+    'service': 'services: call, list',
+    'topic': 'topics: list, info, echo, hz, pub',
+    'action': 'actions: send_goal',
+    'interface': 'messages, services and actions: show',
+    'lifecycle': 'states of lifecycle nodes: get, set',
+    'node': 'running nodes: list',
 }
 
 

@@ -1,0 +1,38 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""`obc node`: list the nodes that run."""
+
+import argparse
+import sys
+
+from obc_ros.cli.graph import joined
+from obc_ros.cli.ros2.verbs import add_direct, add_verbs, run_verb
+
+run = run_verb
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verbs."""
+    add_verbs(parser, {'list': ('list the nodes that run', _arguments, list_nodes)})
+
+
+def _arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('-a', '--all', action='store_true',
+                        help='nodes whose names begin with _ as well')
+    parser.add_argument('-c', '--count-nodes', action='store_true', help='print how many')
+    add_direct(parser)
+
+
+def list_nodes(args: argparse.Namespace) -> int:
+    """Print the full names of the nodes."""
+    with joined() as graph:
+        found = graph.settle(lambda: graph.nodes(hidden=args.all), args.spin_time)
+    if args.count_nodes:
+        print(len(found))
+        return 0
+    if len(set(found)) < len(found):
+        print('WARNING: Be aware that there are nodes in the graph that share an exact name, '
+              'which can have unintended side effects.', file=sys.stderr)
+    for name in found:
+        print(name)
+    return 0

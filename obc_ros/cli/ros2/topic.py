@@ -1,0 +1,316 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""`obc topic`: list topics, see who is at their ends, hear, time and publish messages."""
+
+import argparse
+from collections import deque
+from collections.abc import Sequence
+from functools import partial
+import statistics
+import sys
+import time
+from typing import Any
+
+from obc_ros.cli.graph import Graph, joined, LOOK
+from obc_ros.cli.ros2.verbs import add_direct, add_verbs, run_verb, seconds
+from obc_ros.cli.yaml_messages import FieldError, fill, find_type, parse, to_yaml
+from obc_ros.core.errors import ObcError, shown
+from rclpy.qos import (
+    DurabilityPolicy,
+    QoSDurabilityPolicy,
+    QoSProfile,
+    QoSReliabilityPolicy,
+    ReliabilityPolicy,
+)
+from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
+
+TRUNCATED = 128  # entries of sequences and characters of texts that are printed by default
+DEPTH = 10       # messages that wait to be printed
+WINDOW = 10000   # messages that a rate is taken of
+run = run_verb
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verbs."""
+    add_verbs(parser, {
+        'list': ('list the topics', _list_arguments, list_topics),
+        'info': ('say who publishes and who subscribes', _info_arguments, info),
+        'echo': ('print messages', _echo_arguments, echo),
+        'hz': ('print at which rate messages come', _hz_arguments, hz),
+        'pub': ('publish a message', _pub_arguments, pub)})
+
+
+def _list_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('-t', '--show-types', action='store_true', help='print the types as well')
+    parser.add_argument('-c', '--count-topics', action='store_true', help='print how many')
+    parser.add_argument('--include-hidden-topics', action='store_true',
+                        help='topics with a part that begins with _ as well')
+    add_direct(parser)
+
+
+def _info_arguments(parser: argparse.ArgumentParser) -> None:
+    _add_topic(parser)
+    parser.add_argument('-v', '--verbose', action='store_true', help='nodes and QoS as well')
+    add_direct(parser)
+
+
+def _echo_arguments(parser: argparse.ArgumentParser) -> None:
+    _add_topic(parser)
+    parser.add_argument('message_type', nargs='?', help='its type (default: found)')
+    _add_qos(parser)
+    parser.add_argument('--once', action='store_true', help='print one message and end')
+    parser.add_argument('--timeout', type=seconds, metavar='N', help='end after N seconds')
+    parser.add_argument('--field', metavar='A.B', help='print one field')
+    parser.add_argument('-f', '--full-length', action='store_true',
+                        help='print all of long sequences and texts')
+    parser.add_argument('-l', '--truncate-length', type=int, default=TRUNCATED, metavar='N',
+                        help='print N of them (default: %(default)d)')
+    parser.add_argument('--no-arr', action='store_true', help='leave sequences out')
+    parser.add_argument('--no-str', action='store_true', help='leave texts out')
+    add_direct(parser)
+
+
+def _hz_arguments(parser: argparse.ArgumentParser) -> None:
+    _add_topic(parser)
+    parser.add_argument('-w', '--window', type=int, default=WINDOW, metavar='N',
+                        help='of the last N messages (default: %(default)d)')
+    add_direct(parser)
+
+
+def _pub_arguments(parser: argparse.ArgumentParser) -> None:
+    _add_topic(parser)
+    parser.add_argument('message_type', help='its type: obc_ros/msg/Trajectory')
+    given = parser.add_mutually_exclusive_group()
+    given.add_argument('values', nargs='?', default='{}',
+                       help="fields in YAML: '{a: 1, b: [1, 2]}' (default: none)")
+    given.add_argument('--stdin', action='store_true', help='read them from the standard input')
+    often = parser.add_mutually_exclusive_group()
+    often.add_argument('-1', '--once', action='store_true', help='one message')
+    often.add_argument('-t', '--times', type=int, default=0, metavar='N', help='N messages')
+    parser.add_argument('-r', '--rate', type=seconds, default=1.0, metavar='N',
+                        help='N messages a second (default: %(default)g)')
+    parser.add_argument('-w', '--wait-matching-subscriptions', type=int, metavar='N',
+                        help='wait for N subscriptions (default: 1 where messages are counted, '
+                             'else 0)')
+    parser.add_argument('--max-wait-time-secs', type=seconds, metavar='N',
+                        help='wait for them no longer than N seconds')
+    parser.add_argument('--keep-alive', type=seconds, default=0.1, metavar='N',
+                        help='stay for N seconds after the last message (default: %(default)g)')
+    _add_qos(parser)
+
+
+def _add_topic(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('topic_name', help='name of the topic: /command')
+
+
+def _add_qos(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--qos-depth', type=int, metavar='N', help='messages that are kept')
+    parser.add_argument('--qos-reliability', choices=QoSReliabilityPolicy.short_keys(),
+                        help='whether messages are sent again that were lost')
+    parser.add_argument('--qos-durability', choices=QoSDurabilityPolicy.short_keys(),
+                        help='whether those who come late get what was sent')
+
+
+def list_topics(args: argparse.Namespace) -> int:
+    """Print the names of the topics."""
+    with joined() as graph:
+        found = graph.settle(lambda: [
+            (name, types) for name, types in sorted(graph.node.get_topic_names_and_types())
+            if args.include_hidden_topics or not topic_or_service_is_hidden(name)],
+            args.spin_time)
+    if args.count_topics:
+        print(len(found))
+        return 0
+    for name, types in found:
+        print(f'{name} [{", ".join(types)}]' if args.show_types else name)
+    return 0
+
+
+def info(args: argparse.Namespace) -> int:
+    """Print the ends of a topic."""
+    topic = _full(args.topic_name)
+    end = '\n\n' if args.verbose else '\n'
+    with joined() as graph:
+        _type_name(graph, topic)
+        node = graph.node
+        graph.settle(lambda: [str(each) for each in (
+            *node.get_publishers_info_by_topic(topic),
+            *node.get_subscriptions_info_by_topic(topic))], args.spin_time)
+        print(f'Type: {_type_name(graph, topic)}', end=end)
+        for what, ends in (('Publisher', node.get_publishers_info_by_topic(topic)),
+                           ('Subscription', node.get_subscriptions_info_by_topic(topic))):
+            print(f'{what} count: {len(ends)}', end=end)
+            for each in ends if args.verbose else ():
+                print(each, end=end)
+    return 0
+
+
+def echo(args: argparse.Namespace) -> int:
+    """Print the messages of a topic, or one of their fields."""
+    topic = _full(args.topic_name)
+    path = _path(args.field)
+    options = {'truncate': None if args.full_length else max(args.truncate_length, 0),
+               'no_arr': args.no_arr, 'no_str': args.no_str}
+    wrong: list[ObcError] = []
+    count = 0
+
+    def tell(message: Any) -> None:
+        nonlocal count
+        if wrong or (args.once and count):
+            return
+        try:
+            value = _field(message, path)
+        except ObcError as error:
+            wrong.append(error)
+            return
+        count += 1
+        if hasattr(value, 'get_fields_and_field_types'):
+            print(to_yaml(value, **options), end='---\n', flush=True)
+        else:
+            print(value, end='\n---\n', flush=True)
+
+    with joined() as graph:
+        kind = find_type(args.message_type or _type_name(graph, topic), 'msg')
+        _field(kind(), path)
+        graph.node.create_subscription(kind, topic, tell, _fitting(graph, topic, args))
+        graph.until(lambda: wrong or (args.once and count), args.timeout or float('inf'))
+    if wrong:
+        raise wrong[0]
+    return 0
+
+
+def hz(args: argparse.Namespace) -> int:
+    """Print once a second at which rate the messages of a topic come."""
+    topic = _full(args.topic_name)
+    times: deque[int] = deque(maxlen=max(args.window, 1) + 1)  # [ns]
+    with joined() as graph:
+        kind = find_type(_type_name(graph, topic, float('inf')), 'msg')
+        profile = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        graph.node.create_subscription(
+            kind, topic, lambda _: times.append(time.monotonic_ns()), profile, raw=True)
+        told = 0
+        while True:
+            graph.until(partial(_is_due, times, told), float('inf'))
+            if told:
+                _tell_rate(times)
+            told = times[-1]
+
+
+def _is_due(times: Sequence[int], told: int) -> bool:
+    """Return whether a second has passed since the rate was told."""
+    return len(times) > 1 and times[-1] >= told + 10**9
+
+
+def _tell_rate(times: Sequence[int]) -> None:
+    steps = [(after - before) * 1e-9 for before, after
+             in zip(list(times)[:-1], list(times)[1:], strict=True)]
+    print(f'average rate: {1.0 / statistics.fmean(steps):.3f}\n'
+          f'\tmin: {min(steps):.3f}s max: {max(steps):.3f}s '
+          f'std dev: {statistics.pstdev(steps):.5f}s window: {len(steps)}', flush=True)
+
+
+def pub(args: argparse.Namespace) -> int:
+    """Publish a message, once or at a rate."""
+    topic = _full(args.topic_name)
+    kind = find_type(args.message_type, 'msg')
+    given = sys.stdin.read() if args.stdin else args.values
+    times = 1 if args.once else args.times
+    wanted = args.wait_matching_subscriptions
+    wanted = int(times > 0) if wanted is None else wanted
+    with joined() as graph:
+        message = _filled(kind, given, graph)
+        publisher = graph.node.create_publisher(kind, topic, _own(args))
+        if publisher.get_subscription_count() < wanted:
+            print(f'Waiting for at least {wanted} matching subscription(s)...', flush=True)
+        if not graph.until(lambda: publisher.get_subscription_count() >= wanted,
+                           args.max_wait_time_secs or float('inf')):
+            raise ObcError(f'Timed out waiting for subscribers: {topic} has '
+                           f'{publisher.get_subscription_count()} of {wanted}')
+        print('publisher: beginning loop', flush=True)
+        count = 0
+        while True:
+            count += 1
+            print(f'publishing #{count}: {message!r}\n', flush=True)
+            publisher.publish(message)
+            if count == times:
+                break
+            graph.until(lambda: False, 1.0 / args.rate)
+            message = _filled(kind, given, graph)
+        graph.until(lambda: False, args.keep_alive)
+    return 0
+
+
+def _filled(kind: Any, given: str, graph: Graph) -> Any:
+    try:
+        return fill(kind(), parse(given), now=graph.node.get_clock().now().to_msg())
+    except FieldError as error:
+        raise ObcError(f'Failed to populate field: {error}') from error
+
+
+def _full(topic: str) -> str:
+    return topic if topic.startswith('/') else f'/{topic}'
+
+
+def _type_name(graph: Graph, topic: str, timeout: float = LOOK) -> str:
+    """Return the type of a topic, once it is there."""
+    def look() -> Any:
+        return dict(graph.node.get_topic_names_and_types()).get(topic)
+
+    types = look() or graph.until(look, min(timeout, 1.0))
+    if not types and timeout > 1.0:
+        print(f'WARNING: topic [{topic}] does not appear to be published yet', file=sys.stderr,
+              flush=True)
+        types = graph.until(look, timeout - 1.0)
+    if not types:
+        there = [name for name, _ in graph.node.get_topic_names_and_types()]
+        raise ObcError(f'Could not determine the type for the passed topic: no {topic} within '
+                       f'{timeout:g} s; there is {", ".join(sorted(there)) or "none"}')
+    if len(types) > 1:
+        raise ObcError(f"{topic} has more than one type: {', '.join(types)}; name one of them")
+    return str(types[0])
+
+
+def _fitting(graph: Graph, topic: str, args: argparse.Namespace) -> QoSProfile:
+    """Return what all publishers of a topic offer; what is asked for goes before that."""
+    ends = graph.until(partial(graph.node.get_publishers_info_by_topic, topic), LOOK)
+    offers = [each.qos_profile for each in ends]
+    profile = QoSProfile(depth=args.qos_depth or DEPTH)
+    profile.reliability = ReliabilityPolicy.BEST_EFFORT
+    if offers and all(each.reliability == ReliabilityPolicy.RELIABLE for each in offers):
+        profile.reliability = ReliabilityPolicy.RELIABLE
+    if offers and all(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in offers):
+        profile.durability = DurabilityPolicy.TRANSIENT_LOCAL
+    return _override(profile, args)
+
+
+def _own(args: argparse.Namespace) -> QoSProfile:
+    return _override(QoSProfile(depth=args.qos_depth or DEPTH), args)
+
+
+def _override(profile: QoSProfile, args: argparse.Namespace) -> QoSProfile:
+    if args.qos_reliability:
+        profile.reliability = QoSReliabilityPolicy.get_from_short_key(args.qos_reliability)
+    if args.qos_durability:
+        profile.durability = QoSDurabilityPolicy.get_from_short_key(args.qos_durability)
+    return profile
+
+
+def _path(field: str | None) -> list[str]:
+    if field is None:
+        return []
+    path = [each for each in field.split('.') if each]
+    if not path:
+        raise ObcError(f"Invalid field value '{shown(field)}'")
+    return path
+
+
+def _field(message: Any, path: list[str]) -> Any:
+    """Return the field of a message that a path leads to."""
+    value = message
+    for name in path:
+        fields = getattr(value, 'get_fields_and_field_types', dict)()
+        if name not in fields:
+            raise ObcError(f"Invalid field '{'.'.join(map(shown, path))}': no '{shown(name)}'"
+                           + (f'; wanted {", ".join(fields)}' if fields else ''))
+        value = getattr(value, name)
+    return value
