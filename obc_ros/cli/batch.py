@@ -55,10 +55,10 @@ class Batch:
     """Problems on their way through one server."""
 
     def __init__(self, client: Client, questions: Sequence[Question], time_limit: float,
-                 lines: Lines) -> None:
+                 lines: Lines, method: str = '') -> None:
         self._client = client
         self._waiting = deque(questions)
-        self._time_limit = time_limit
+        self._time_limit, self._method = time_limit, method
         self._lines = lines
         self._flights: list[Flight] = []
         self._action = client.action()
@@ -80,7 +80,7 @@ class Batch:
     def _send(self, question: Question) -> None:
         goal = SolveOptimalControl.Goal(
             problem=problem_message(question.mapping, question.problem.guess),
-            time_limit=self._time_limit)
+            method=self._method or question.problem.method, time_limit=self._time_limit)
         self._lines.update(question.label, 'sent')
         self._flights.append(Flight(question, time.monotonic(), self._action.send_goal_async(
             goal, lambda message: self._report(question, message.feedback))))

@@ -9,7 +9,8 @@ from typing import Any
 
 from obc_ros.cli import results, terminal
 from obc_ros.cli.questions import Question
-from obc_ros.core.errors import ObcError, shown
+from obc_ros.core.errors import ObcError, shown, StatementError
+from obc_ros.core.methods import method_of, NAMES
 from obc_ros.core.workers import LONGEST, SHORTEST
 
 HEADER = ('problem', 'status', 'cost', 'certificate', 'optimum', 'method', 'time')
@@ -22,6 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     results.add_arguments(parser, 'problems')
     parser.add_argument('--time-limit', metavar='S', type=_seconds, default=0.0,
                         help="seconds for each problem (the server's own limit if left out)")
+    parser.add_argument('--method', metavar='NAME', type=_method,
+                        help=f"{', '.join(NAMES)}; in place of the key 'method' of the files")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -30,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
     asked = results.read(Question, args.files)
     answerable = [question for question in asked if question.problem]
     if answerable:
-        _solve(answerable, args.time_limit)
+        _solve(answerable, args.time_limit, args.method or '')
     try:
         _show(asked)
     finally:  # also when nobody reads what is printed
@@ -51,7 +54,14 @@ def _seconds(text: str) -> float:
     return seconds
 
 
-def _solve(asked: list[Question], time_limit: float) -> None:
+def _method(name: str) -> str:
+    try:
+        return method_of(name)
+    except StatementError as error:
+        raise argparse.ArgumentTypeError(str(error).removeprefix('method: ')) from None
+
+
+def _solve(asked: list[Question], time_limit: float, method: str) -> None:
     """Have a server answer the questions; each has a status afterwards."""
     from obc_ros.cli.processes import InterruptedByUserError
     # Of a server of its own: what is asked for may take longer than its default.
@@ -60,7 +70,7 @@ def _solve(asked: list[Question], time_limit: float) -> None:
         from obc_ros.cli.batch import Batch  # ROS only when there is a question
         from obc_ros.cli.client import connected
         with connected(*parameters) as client, terminal.progress() as lines:
-            Batch(client, asked, time_limit, lines).work()
+            Batch(client, asked, time_limit, lines, method).work()
     except (InterruptedByUserError, KeyboardInterrupt) as error:
         _end(asked, 'cancelled', str(error) or 'ended by SIGINT')
     except ObcError as error:

@@ -76,7 +76,7 @@ def _optimality(found: Optimality | None) -> dict[str, Any] | None:
 def _solve(request: Packet, time_limit: float, report: Report) -> Packet:
     plain = request.plain
     problem = problem_from_mapping(plain['statement'])
-    solution = solve(problem, method=plain['method'] or 'auto', time_limit=time_limit,
+    solution = solve(problem, method=plain['method'], time_limit=time_limit,
                      report=report, cache=_cache(plain['cache_size']),
                      max_intervals=plain.get('max_intervals', MAX_INTERVALS))
     return solution_packet(problem, solution, plain['statement'].get('system', ''))

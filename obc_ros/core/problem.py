@@ -69,6 +69,8 @@ class Problem:
         For each state, whether it wraps; used for guesses only.
     structure : str
         Equal for two problems that differ in numbers only.
+    method : str
+        That is to answer it, one of `methods.NAMES`.
 
     """
 
@@ -96,6 +98,7 @@ class Problem:
     guess: Guess = field(default_factory=Guess)
     angles: tuple[bool, ...] = ()
     structure: str = ''
+    method: str = 'auto'
 
     @property
     def n(self) -> int:

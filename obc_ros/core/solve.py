@@ -9,10 +9,10 @@ import time
 
 import numpy as np
 from obc_ros.core.certificate import certify
-from obc_ros.core.errors import shown, StatementError
 from obc_ros.core.explain import explain, not_enough
 from obc_ros.core.ill_posed import indifferent, of_least_effort, wish, without_minimum
 from obc_ros.core.kit import Kit
+from obc_ros.core.methods import method_of
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.optimality import told
 from obc_ros.core.outgrown import outgrown
@@ -168,7 +168,7 @@ METHODS: dict[str, Method] = {
 }
 
 
-def solve(problem: Problem, *, method: str = 'auto', time_limit: float = 60.0,
+def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
           report: Report | None = None, cache: Cache | None = None,
           max_intervals: int = MAX_INTERVALS) -> Solution:
     """
@@ -179,7 +179,7 @@ def solve(problem: Problem, *, method: str = 'auto', time_limit: float = 60.0,
     problem : Problem
         A checked statement.
     method : str
-        One of METHODS.
+        One of METHODS; that of the problem if left out.
     time_limit : float
         [s]
     report : callable, optional
@@ -195,9 +195,7 @@ def solve(problem: Problem, *, method: str = 'auto', time_limit: float = 60.0,
         If the method is unknown.
 
     """
-    if method not in METHODS:
-        raise StatementError(
-            f"method '{shown(method)}' is unknown; there are {', '.join(METHODS)}")
+    method = method_of(method or problem.method)
     begun = time.monotonic()
     monitor = Monitor(time_limit, report, max_intervals)
     problem, kit = (cache or Cache(1)).prepared(problem)

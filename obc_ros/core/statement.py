@@ -21,6 +21,7 @@ from obc_ros.core import expressions, systems
 from obc_ros.core.errors import ObcError, shown, StatementError
 from obc_ros.core.expressions import check_name, describe, near, number
 from obc_ros.core.files import entries
+from obc_ros.core.methods import method_of
 from obc_ros.core.parts import (
     bounds_of,
     check_keys,
@@ -38,7 +39,7 @@ Array = NDArray[np.float64]
 FOR_THE_SOLVER = (
     'name', 'system', 'states', 'inputs', 'parameters', 'dynamics', 'running_cost',
     'terminal_cost', 'initial_state', 'terminal_constraints', 'input_bounds', 'state_bounds',
-    'path_constraints', 'final_time', 'initial_guess')
+    'path_constraints', 'final_time', 'initial_guess', 'method')
 
 MAX_TEXT = 200_000     # characters of all expressions together
 MAX_VALUES = 10_000    # values of a guess
@@ -102,6 +103,7 @@ def problem_from_mapping(mapping: object) -> Problem:
         x0=_initial_state(given, plant), x_lower=x_lower, x_upper=x_upper, u_lower=u_lower,
         u_upper=u_upper, path_lower=path_lower, path_upper=path_upper, final_time=final_time,
         guess=_guess(given, plant, final_time), angles=plant.angles,
+        method=method_of(given.get('method')),
         structure=_structure(functions, bounds, final_time))
     _defined_at_start(problem, functions)
     return problem

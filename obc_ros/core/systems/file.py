@@ -35,7 +35,7 @@ PLANT = ('name', 'states', 'inputs', 'parameters', 'dynamics', 'input_bounds', '
          *OF_A_PLANT)
 TASK = (
     'running_cost', 'terminal_cost', 'initial_state', 'terminal_constraints', 'path_constraints',
-    'final_time', 'initial_guess')
+    'final_time', 'initial_guess', 'method')
 FOR_PEOPLE = ('title', 'source', 'tags', 'notes', 'difficulty', 'kind', 'expected')
 PLANES = ('horizontal', 'vertical')
 
