@@ -232,6 +232,22 @@ def test_all_that_is_imported_is_a_dependency():
             assert wheels & required or module in brought, f'{name(path)}: {module}'
 
 
+def test_every_dependency_is_used():
+    """By what is installed or a field of an interface; generated code needs its runtime."""
+    folders = tuple(ROOT / folder for folder in ('obc_ros', 'launch', 'benchmarks'))
+    modules = {module.split('.')[0] for path in PYTHON for module in imports(path)
+               if any(path.is_relative_to(folder) for folder in folders)}
+    fields = {found for file in INTERFACES for found in re.findall(
+        r'^([a-z_]+)/[A-Z]', file.read_text(encoding='utf-8'), re.MULTILINE)}
+    used = modules | fields | {'rosidl_default_runtime'}
+    keys = {ROSDEP_KEYS.get(module, module) for module in used}
+    declared = {element.text for element in PACKAGE if element.tag in ('depend', 'exec_depend')}
+    assert declared <= keys, f'package.xml: {sorted(declared - keys)}'
+    wheels = used | {f'ros-{each.replace("_", "-")}' for each in used} | {'PyYAML'}
+    required = {re.split(r'[\[<>=~; ]', line)[0] for line in PROJECT['project']['dependencies']}
+    assert required <= wheels, f'pyproject.toml: {sorted(required - wheels)}'
+
+
 @pytest.mark.parametrize('distribution', ['jazzy', 'kilted'])
 def test_every_wheel_is_pinned(distribution):
     for part in (distribution, 'run', 'test', 'develop', 'docs'):
