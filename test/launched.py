@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What a launch file of this package starts: as launch tells where it is installed, or a stand-in.
+What a launch file of this package starts: as launch tells where that is, or `obc launch`.
 
 launch runs the file with executables of the nodes' names that write down what they are given.
 """
@@ -15,9 +15,10 @@ import sys
 import tempfile
 from typing import Any
 
-import launch_stand_in
-from launch_stand_in import ROOT, Started
+from obc_ros.cli.ros2.launch_file import LaunchFile, Started
+from obc_ros.core.errors import ObcError
 
+ROOT = Path(__file__).resolve().parents[1]
 EXECUTABLES = ('plant_simulator', 'lqr_node', 'trajectory_server')
 VARIABLE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 # Ends once every node has been started again, where they are.
@@ -77,8 +78,8 @@ def nodes(file: str, **arguments: str) -> list[Started]:
         found = _launched(file, arguments)
     else:
         try:
-            found = launch_stand_in.nodes(file, **arguments)
-        except ValueError as error:
+            found = LaunchFile(ROOT / 'launch' / file).nodes(arguments)
+        except ObcError as error:
             raise RefusedError(str(error)) from error
     return sorted(found, key=lambda each: (
         len(each.namespace), each.namespace, EXECUTABLES.index(each.executable)))
@@ -118,6 +119,6 @@ def _started(record: dict[str, Any], respawn: bool) -> Started:
         if path.name.startswith('launch_params_'):
             values.update(next(iter(content.values()))['ros__parameters'])
     return Started(
-        record['executable'], record['name'], record['namespace'],
+        'obc_ros', record['executable'], record['name'], record['namespace'],
         tuple(path for path, _ in files if not path.name.startswith('launch_params_')), values,
         {VARIABLE: record['range']}, respawn)

@@ -6,15 +6,21 @@ from pathlib import Path
 import signal
 from typing import Any
 
-from launch_stand_in import arguments_of, ROOT
-from launched import nodes, RefusedError
+from launched import nodes, RefusedError, ROOT
 from lqr_bench import Heard
+from obc_ros.cli.ros2.launch_file import LaunchFile
 from obc_ros.nodes.lqr_topics import SINKS, SOURCES
 import pytest
 import yaml
 
 VEHICLES = 10
 FILES = ('loop.launch.py', 'fleet.launch.py')
+
+
+def choices_of(file: str) -> dict[str, list[str]]:
+    """Return what the arguments of a launch file may be, where that is listed."""
+    return {each.name: list(each.choices) for each in LaunchFile(ROOT / 'launch' / file).arguments
+            if each.choices is not None}
 
 
 def test_what_a_loop_starts() -> None:
@@ -68,7 +74,7 @@ def test_refuses_before_a_node_starts(file: str, arguments: dict[str, str], sent
 def test_scenarios_are_the_files_of_config() -> None:
     """A file that is added is a scenario, and the error above names it."""
     for file in FILES:
-        listed = next(each for each in arguments_of(file) if each[0] == 'scenario')[3]
+        listed = choices_of(file)['scenario']
         assert listed == sorted(each.stem for each in (ROOT / 'config').glob('*.yaml'))
 
 
@@ -81,7 +87,7 @@ def test_topics_of_the_controller(file: str) -> None:
         assert not asked.keys() & each.values.keys() or each.executable == 'lqr_node'
     for each in nodes(file):
         assert not asked.keys() & each.values.keys()
-    choices = {each[0]: each[3] for each in arguments_of(file) if len(each) > 3}
+    choices = choices_of(file)
     assert choices['command_sink'] == ['', *SINKS] and choices['state_source'] == ['', *SOURCES]
 
 

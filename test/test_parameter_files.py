@@ -5,7 +5,7 @@
 from pathlib import Path
 from typing import Any
 
-from launch_stand_in import ROOT
+from launched import ROOT
 import pytest
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_python

@@ -37,6 +37,8 @@ ROS2 = {
     'interface': 'messages, services and actions: show',
     'lifecycle': 'states of lifecycle nodes: get, set',
     'node': 'running nodes: list',
+    'run': 'one node: obc run obc_ros lqr_node --ros-args -p system:=aircraft',
+    'launch': 'a loop or a fleet: obc launch obc_ros loop.launch.py scenario:=vehicle',
 }
 
 

@@ -1,0 +1,47 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""`obc run`: run an executable of a package in place of this command."""
+
+import argparse
+import os
+from pathlib import Path
+import sys
+
+from obc_ros.cli.graph import keep_to_this_machine
+from obc_ros.core.errors import ObcError, shown
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument('package_name', help='obc_ros')
+    parser.add_argument('executable_name', help='lqr_node, plant_simulator, trajectory_server')
+    parser.add_argument('argv', nargs=argparse.REMAINDER,
+                        help='what it is given: --ros-args -p system:=aircraft')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Become the executable."""
+    keep_to_this_machine()
+    path = find_executable(args.package_name, args.executable_name)
+    sys.stdout.flush()
+    os.execv(path, [str(path), *args.argv])
+
+
+def find_executable(package: str, name: str) -> Path:
+    """
+    Return the path of an executable of a package, in a sourced workspace or this environment.
+
+    Raises
+    ------
+    ObcError
+        If there is none, with those that the package has.
+
+    """
+    prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
+    folders = [Path(prefix) / 'lib' / package for prefix in filter(None, prefixes)]
+    there = {path.name: path for folder in reversed(folders) if folder.is_dir()
+             for path in folder.iterdir() if path.is_file() and os.access(path, os.X_OK)}
+    if name not in there:
+        raise ObcError(f"No executable found: '{shown(package)}' has no '{shown(name)}'; "
+                       f'it has {", ".join(sorted(there)) or "none"}')
+    return there[name]
