@@ -20,16 +20,15 @@ from itertools import combinations_with_replacement
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from obc_ros.core.ends import affine_end, End
 from obc_ros.core.problem import Problem
 from obc_ros.core.rational import (
-    affine_parts,
     Algebra,
     constant,
     null_space,
     Polynomial,
     polynomials,
     rational,
-    reduced,
     Row,
     TooHardError,
 )
@@ -40,7 +39,6 @@ Monomial = tuple[int, ...]
 _MOST = 24       # states, beyond which it is not asked
 _NULL = 1e-10    # relative: a singular value that is none
 _FAR = 1e-6      # relative: far above what rounding and a certificate leave open
-_WELL = 1e-7     # relative: a singular value of the terminal constraints that counts as one
 _NOISE = 1e-8    # relative: a coefficient that is none
 _REACH = 3.0     # of inputs without a bound, in units of 1 + |the other bound|
 _SEED = 5
@@ -51,55 +49,36 @@ def changed(problem: Problem) -> Iterator[str]:
     states = range(problem.n)
     if not problem.q or problem.n > _MOST:
         return
+    end = affine_end(problem)
+    if end is None or not end.is_clear:
+        return
     try:
-        end = _End(problem)
         rates = _exact_rates(problem)
     except TooHardError:
         return
-    if not end.rows or not end.is_clear:
-        return
-    yield from _changed(problem, end, rates, [(i,) for i in states])
-    yield from _changed(problem, end, rates, [
+    surface = _Surface(end)
+    yield from _changed(problem, surface, rates, [(i,) for i in states])
+    yield from _changed(problem, surface, rates, [
         *((i,) for i in states), *combinations_with_replacement(states, 2)])
 
 
-class _End:
-    """
-    The states x + N y at which the affine terminal constraints hold, exactly.
+class _Surface:
+    """The states at which the affine terminal constraints hold, as polynomials of y."""
 
-    `is_clear`: the rank of the constraints is beyond doubt, and they do not exclude each other.
-    """
-
-    def __init__(self, problem: Problem) -> None:
-        psi = ca.Function('psi', [problem.x, problem.p], [ca.densify(problem.psi)])
-        n = problem.n
-        _, found = polynomials(psi, [[None] * n, problem.p_value])
-        parts = [part for each in found if (part := affine_parts(each, n))]
-        # The constant is column n: A x + b = 0 as a row (A, b).
-        self.rows = [{k: value for k, value in enumerate([*row, rest]) if value}
-                     for row, rest in parts]
-        pivots = reduced(self.rows)
-        A = np.array([[float(value) for value in row] for row, _ in parts]).reshape(-1, n)
-        sizes = np.linalg.svd(A / np.maximum(np.abs(A).max(axis=1, keepdims=True, initial=0.0),
-                                             1e-300), compute_uv=False)
-        rank = int(np.sum(sizes > _WELL * sizes.max(initial=0.0)))
-        self.is_clear = n not in pivots and rank == len(pivots)
-        self.x = [-pivots[k].get(n, Fraction(0)) if k in pivots else Fraction(0)
-                  for k in range(n)]
-        free = null_space([{k: value for k, value in row.items() if k < n}
-                           for row in self.rows], n)
-        algebra = Algebra(len(free))
-        self.states: list[Polynomial] = []   # in terms of y
-        for k in range(n):
-            value = constant(self.x[k])
-            for number, direction in enumerate(free):
+    def __init__(self, end: End) -> None:
+        self.x, self.directions = end.x, end.directions
+        self.algebra = Algebra(len(end.directions))
+        self.states: list[Polynomial] = []
+        for k, start in enumerate(end.x):
+            value = constant(start)
+            for number, direction in enumerate(end.directions):
                 if k in direction:
-                    value = algebra.add(value, algebra.generator(number), direction[k])
+                    value = self.algebra.add(
+                        value, self.algebra.generator(number), direction[k])
             self.states.append(value)
-        self.algebra = algebra
 
     def values(self, monomials: Sequence[Monomial]) -> list[Polynomial]:
-        """Return monomials of x where the constraints hold, as polynomials of y."""
+        """Return monomials of x as polynomials of y."""
         found = []
         for each in monomials:
             value = constant(1)
@@ -117,7 +96,7 @@ def _exact_rates(problem: Problem) -> tuple[Algebra, list[Polynomial]]:
     return polynomials(f, [[None] * problem.n, held, problem.p_value])
 
 
-def _changed(problem: Problem, end: _End, rates: tuple[Algebra, list[Polynomial]],
+def _changed(problem: Problem, end: _Surface, rates: tuple[Algebra, list[Polynomial]],
              monomials: list[Monomial]) -> Iterator[str]:
     """Yield those that are sums of the given monomials."""
     constants, size = _constants(problem, monomials)
@@ -125,7 +104,8 @@ def _changed(problem: Problem, end: _End, rates: tuple[Algebra, list[Polynomial]
         return
     # Of the constants those that are the same at all states that meet the constraints.
     point = np.array([float(value) for value in end.x])
-    free = np.array([[float(part) for part in _direction(end, k)] for k in range(problem.n)])
+    free = np.array([[float(direction.get(k, 0)) for direction in end.directions]
+                     for k in range(problem.n)]).reshape(problem.n, -1)
     rng = np.random.default_rng(_SEED)
     others = point + rng.normal(size=(len(monomials), free.shape[1])) @ free.T * (
         1 + np.abs(point).max())
@@ -141,13 +121,7 @@ def _changed(problem: Problem, end: _End, rates: tuple[Algebra, list[Polynomial]
             yield from _compared(problem, end, coefficients, kept)
 
 
-def _direction(end: _End, k: int) -> list[Fraction]:
-    """Return how a state changes with each y."""
-    return [end.states[k].get(((number, 1),), Fraction(0))
-            for number in range(end.algebra.symbols)]
-
-
-def _proved(end: _End, rates: tuple[Algebra, list[Polynomial]], monomials: list[Monomial]
+def _proved(end: _Surface, rates: tuple[Algebra, list[Polynomial]], monomials: list[Monomial]
             ) -> list[Row]:
     """Return coefficients of sums that are constant along every path and at every end."""
     algebra, f = rates
@@ -170,7 +144,7 @@ def _proved(end: _End, rates: tuple[Algebra, list[Polynomial]], monomials: list[
     return null_space(rows, len(monomials))
 
 
-def _compared(problem: Problem, end: _End, c: Row, monomials: list[Monomial]) -> Iterator[str]:
+def _compared(problem: Problem, end: _Surface, c: Row, monomials: list[Monomial]) -> Iterator[str]:
     """Yield a sentence if a constant differs at the end from what it is at the start."""
     if len(c) < 1:
         return

@@ -10,30 +10,32 @@ against what is demanded of it; and the least time of a linear system with bound
 the time that there is.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from obc_ros.core.ends import affine_end, End
+from obc_ros.core.intervals import enclosure, Interval, plus, times
 from obc_ros.core.least_time_form import affine
 from obc_ros.core.problem import FinalTime, Problem
-from obc_ros.core.replay import Integrator, Intervals
+from obc_ros.core.rational import null_space, rational
 from obc_ros.core.solution import Status
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Relative size of what counts as a contradiction: far above rounding, far below intention.
+# Relative size of what counts as a contradiction: far below intention. Rounding is bounded.
 _SLACK = 1e-9
-_TIMES = 100
-_VALUES = 1001   # of a state between its ends
+_MISSED = 1e-6     # likewise, where a certificate leaves something open
+_VALUES = 1001     # of a state between its ends
 
 
 def contradiction(problem: Problem) -> str:
     """Return a sentence that says which parts of a problem exclude each other, or ''."""
-    for check in (_at_start, _at_end, _path_at_end, _beyond_control, _beyond_reach, _too_soon,
-                  _too_far, _not_conserved):
+    for check in CHECKS:
         for sentence in check(problem):
             return sentence
     return ''
@@ -98,30 +100,41 @@ def _at_start(problem: Problem) -> Iterator[str]:
             if excess > slack:
                 yield (f'initial state {name} = {number(value)} and state bound '
                        f'{state_bound(problem, index, upper)} exclude each other')
-    yield from _path_at(problem, problem.x0, 'at the initial state', np.ones(problem.n, bool))
+    yield from _path_at(problem, (problem.x0, problem.x0), 'at the initial state',
+                        np.ones(problem.n, bool))
 
 
-def _path_at(problem: Problem, x: Array, where: str, known: Mask) -> Iterator[str]:
+def _path_at(problem: Problem, box: tuple[Array, Array], where: str, known: Mask
+             ) -> Iterator[str]:
     """Yield what path constraints no input meets at a state of which so much is known."""
     rate = ca.jacobian(problem.path, problem.u)
-    at = ca.Function('path', [problem.x, problem.u, problem.p],
-                     [problem.path, ca.densify(rate)])
-    middle = np.clip(np.zeros(problem.m), problem.u_lower, problem.u_upper)
-    c, slopes = (value.full() for value in at(x, middle, problem.p_value))
+    symbols = [problem.x, problem.u, problem.p]
+    p, u = (problem.p_value, problem.p_value), (problem.u_lower, problem.u_upper)
+    middle = np.clip(np.zeros(problem.m), *u)
     for row in range(problem.path.numel()):
         uses = ca.jacobian_sparsity(problem.path[row], problem.x).get_triplet()[1]
         if ca.depends_on(rate[row, :], problem.u) or not known[uses].all():
             continue
-        low, high = _range(slopes[row], float(c[row, 0]) - slopes[row] @ middle,
-                           problem.u_lower, problem.u_upper)
-        slack = _SLACK * (1 + abs(c[row, 0]))
-        fixed = not slopes[row].any()
-        for excess, sign, bound, value in (
-                (low - problem.path_upper[row], '<=', problem.path_upper[row], low),
-                (problem.path_lower[row] - high, '>=', problem.path_lower[row], high)):
+        # Affine in u: the value at one input and the slopes say all.
+        [value] = enclosure(ca.Function('value', symbols, [problem.path[row]]),
+                            [box, (middle, middle), p])
+        slopes = enclosure(ca.Function('slopes', symbols, [ca.densify(rate[row, :]).T]),
+                           [box, (middle, middle), p])
+        total, fixed = value, True
+        for k, slope in enumerate(slopes):
+            if slope.low or slope.high:
+                fixed = False
+                total = plus(total, times(slope, plus(
+                    Interval(float(u[0][k]), float(u[1][k])),
+                    Interval(-float(middle[k]), -float(middle[k])))))
+        slack = _SLACK * (1 + max(abs(value.low), abs(value.high)))
+        for excess, sign, bound, seen in (
+                (total.low - problem.path_upper[row], '<=', problem.path_upper[row], total.low),
+                (problem.path_lower[row] - total.high, '>=', problem.path_lower[row],
+                 total.high)):
             if excess > slack:
                 extent = 'is' if fixed else 'is at least' if sign == '<=' else 'is at most'
-                yield (f'path_constraints[{row}] {extent} {number(value)} {where} and has to be '
+                yield (f'path_constraints[{row}] {extent} {number(seen)} {where} and has to be '
                        f'{sign} {number(bound)}')
 
 
@@ -133,18 +146,24 @@ def _range(a: Array, b: float, lower: Array, upper: Array) -> tuple[float, float
 
 
 def _at_end(problem: Problem) -> Iterator[str]:
-    rows = _affine_rows(problem)
-    if rows is None:
+    end = affine_end(problem)
+    if end is None:
         return
-    for row in np.flatnonzero(rows.affine):
-        a, b = rows.A[row], float(rows.b[row])
+    for row, parts in end.rows.items():
+        a = np.array([float(parts.get(k, 0)) for k in range(problem.n)])
+        b = float(parts.get(problem.n, 0))
         low, high = _range(a, b, problem.x_lower, problem.x_upper)
-        slack = _SLACK * (1 + abs(b))
+        used = a != 0
+        ends = a[used] * np.array([problem.x_lower, problem.x_upper])[:, used]
+        slack = _SLACK * (1 + abs(b) + np.abs(ends[np.isfinite(ends)]).sum())
         if low > slack or high < -slack:
-            yield _against_bounds(problem, int(row), a, low > slack)
-    yield from _against_each_other(problem, rows)
-    yield from _where_pinned(problem, rows)
-    yield from _together_against_bounds(problem, rows)
+            yield _against_bounds(problem, row, a, low > slack)
+    if end.clash is not None:
+        names = [terminal(problem, k) for k in sorted(end.clash.weights)]
+        yield (f'{names[0]} holds at no state' if len(names) == 1 else
+               f'terminal constraints {", ".join(names[:-1])} and {names[-1]} exclude each other')
+    yield from _where_pinned(problem, end)
+    yield from _together_against_bounds(problem, end)
 
 
 def _against_bounds(problem: Problem, row: int, a: Array, over: bool) -> str:
@@ -155,55 +174,73 @@ def _against_bounds(problem: Problem, row: int, a: Array, over: bool) -> str:
             f'{terminal(problem, row)} exclude each other')
 
 
-def _against_each_other(problem: Problem, rows: _Rows) -> Iterator[str]:
-    kept = [int(row) for row in np.flatnonzero(rows.affine)]
-    for count, row in enumerate(kept):
-        before = kept[:count]
-        if not before:
-            if not rows.A[row].any() and abs(rows.b[row]) > _SLACK:
-                yield f'terminal_constraints[{row}] holds at no state'
-            continue
-        weights = np.linalg.lstsq(rows.A[before].T, rows.A[row], rcond=None)[0]
-        left = rows.A[row] - weights @ rows.A[before]
-        gap = rows.b[row] - weights @ rows.b[before]
-        if np.abs(left).max() <= _SLACK * (1 + np.abs(rows.A[row]).max()) and (
-                abs(gap) > _SLACK * (1 + np.abs(rows.b[[*before, row]]).max())):
-            involved = [k for k, w in zip(before, weights, strict=True) if abs(w) > 1e-9]
-            names = [terminal(problem, k) for k in (*involved, row)]
-            yield (f'terminal constraints {", ".join(names[:-1])} and {names[-1]} '
-                   'exclude each other')
+def _box(end: End) -> tuple[Array, Array]:
+    """Return a box around a state at which the terminal constraints hold, but for a little."""
+    x = np.array([float(value) for value in end.x])
+    return x - _SLACK * (1 + np.abs(x)), x + _SLACK * (1 + np.abs(x))
 
 
-def _where_pinned(problem: Problem, rows: _Rows) -> Iterator[str]:
+def _where_pinned(problem: Problem, end: End) -> Iterator[str]:
     """Yield curved terminal constraints that do not hold where the affine ones hold."""
-    end = None if rows.affine.all() else _pinned(rows.A[rows.affine], rows.b[rows.affine])
-    if end is None:
+    if not end.is_clear or len(end.rows) == problem.q:
         return
-    x, pinned = end
-    psi = ca.Function('psi', [problem.x, problem.p], [problem.psi])(x, problem.p_value).full()
-    for row in map(int, np.flatnonzero(~rows.affine)):
+    pinned, box = end.pinned(), _box(end)
+    x = 0.5 * (box[0] + box[1])
+    for row in set(range(problem.q)) - set(end.rows):
         used = np.zeros(problem.n, dtype=bool)
         used[ca.jacobian_sparsity(problem.psi[row], problem.x).get_triplet()[1]] = True
-        value, size = float(psi[row, 0]), 1 + np.abs(x).max()
-        if pinned[used].all() and abs(value) > 1e-6 * size**2:
+        if not pinned[used].all():
+            continue
+        psi = ca.Function('psi', [problem.x, problem.p], [problem.psi[row]])
+        [value] = enclosure(psi, [box, (problem.p_value, problem.p_value)])
+        size = _MISSED * (1 + float(np.abs(x).max()))**2
+        if value.low > size or value.high < -size:
             where = ', '.join(f'{name} = {number(float(x[index]))}' for index, name in enumerate(
                 problem.states) if used[index])
-            yield (f'terminal_constraints[{row}] is {number(value)} and not 0 where the other '
-                   f'terminal constraints hold ({where})')
+            yield (f'terminal_constraints[{row}] is {number(0.5 * (value.low + value.high))} and '
+                   f'not 0 where the other terminal constraints hold ({where})')
 
 
-def _together_against_bounds(problem: Problem, rows: _Rows) -> Iterator[str]:
-    index = np.flatnonzero(rows.affine)
+def _together_against_bounds(problem: Problem, end: End) -> Iterator[str]:
+    """
+    Yield affine terminal constraints that hold together at no state within its bounds.
+
+    What is missed least proposes a sum of them; it is a proof if that sum is above 0 by interval
+    arithmetic, without the states that have no bound on the side in question (J. Farkas, 1902).
+    """
     finite = np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)
-    if len(index) < 2 or not finite.any() or np.any(problem.x_lower >= problem.x_upper):
+    if len(end.rows) < 2 or not finite.any() or np.any(problem.x_lower >= problem.x_upper):
         return
     # Imported where used: no node that only asks for a problem waits for it.
     from scipy.optimize import lsq_linear
-    A, b = rows.A[index], rows.b[index]
-    nearest = lsq_linear(A, -b, (problem.x_lower, problem.x_upper), tol=1e-12)
-    miss = A @ nearest.x + b
-    if np.abs(miss).max() > 1e-6 * (1 + np.abs(b).max() + np.abs(A).max()):
-        names = ', '.join(terminal(problem, int(row)) for row in index[np.abs(miss) > 1e-7])
+    n, rows = problem.n, list(end.rows)
+    A = np.array([[float(end.rows[row].get(k, 0)) for k in range(n)] for row in rows])
+    b = np.array([float(end.rows[row].get(n, 0)) for row in rows])
+    unit = 1 / np.maximum(np.abs(A).max(axis=1), 1e-300)
+    nearest = lsq_linear(A * unit[:, None], -b * unit, (problem.x_lower, problem.x_upper),
+                         tol=1e-12)
+    y = unit * (A * unit[:, None] @ nearest.x + b * unit)
+    kept = nearest.active_mask != 0
+    free = [k for k in range(n) if not kept[k] and not np.isfinite(
+        [problem.x_lower[k], problem.x_upper[k]]).all()]
+    basis = null_space([{j: end.rows[row][k] for j, row in enumerate(rows) if k in end.rows[row]}
+                        for k in free], len(rows))
+    if not basis or not np.isfinite(y).all() or not y.any():
+        return
+    spanned = np.array([[float(each.get(j, 0)) for j in range(len(rows))] for each in basis])
+    parts = np.linalg.lstsq(spanned.T, y, rcond=None)[0]
+    weights = [sum((rational(part) * each.get(j, Fraction(0)) for part, each in zip(
+        parts.tolist(), basis, strict=True)), Fraction(0)) for j in range(len(rows))]
+    total = [sum((weight * end.rows[row].get(k, Fraction(0)) for weight, row in zip(
+        weights, rows, strict=True)), Fraction(0)) for k in range(n + 1)]
+    terms = [float(each) * (low if each > 0 else high) for each, low, high in zip(
+        total, problem.x_lower, problem.x_upper, strict=False) if each]
+    reach = np.abs(np.where(np.isfinite([problem.x_lower, problem.x_upper]),
+                            [problem.x_lower, problem.x_upper], 0.0)).max(axis=0)
+    size = np.abs([float(weight) for weight in weights]) @ (np.abs(A) @ reach + np.abs(b))
+    if sum(terms) + float(total[n]) > _MISSED * size:
+        names = ', '.join(terminal(problem, row) for row, weight in zip(
+            rows, weights, strict=True) if weight)
         bounds = ', '.join(
             state_bound(problem, i, bool(nearest.active_mask[i] > 0))
             for i in map(int, np.flatnonzero(nearest.active_mask)))
@@ -211,29 +248,13 @@ def _together_against_bounds(problem: Problem, rows: _Rows) -> Iterator[str]:
 
 
 def _path_at_end(problem: Problem) -> Iterator[str]:
-    rows = _affine_rows(problem)
-    if rows is None or not problem.path.numel():
+    end = affine_end(problem) if problem.path.numel() else None
+    if end is None or not end.is_clear:
         return
-    A, b = rows.A[rows.affine], rows.b[rows.affine]
-    end = _pinned(A, b)
-    if end is None:
-        return
-    x, pinned = end
+    pinned = end.pinned()
     yield from _path_at(
-        problem, x, 'at the state that the terminal constraints demand', pinned)
-    yield from _in_between(problem, x, pinned)
-
-
-def _pinned(A: Array, b: Array) -> tuple[Array, Mask] | None:
-    """Return a state with A x + b = 0 (n,), and which parts of it all such states share."""
-    if not len(A):
-        return None
-    found, _, rank, _ = np.linalg.lstsq(A, -b, rcond=None)
-    x = np.asarray(found, dtype=np.float64)
-    if np.abs(A @ x + b).max() > 1e-9 * (1 + np.abs(b).max()):
-        return None
-    pinned: Mask = np.abs(np.linalg.svd(A)[2][rank:]).max(axis=0, initial=0.0) < 1e-9
-    return x, pinned
+        problem, _box(end), 'at the state that the terminal constraints demand', pinned)
+    yield from _in_between(problem, np.array([float(value) for value in end.x]), pinned)
 
 
 def _in_between(problem: Problem, end: Array, pinned: Mask) -> Iterator[str]:
@@ -251,8 +272,8 @@ def _in_between(problem: Problem, end: Array, pinned: Mask) -> Iterator[str]:
         c = path.map(_VALUES)(x.T, np.zeros((problem.m, _VALUES)), ca.repmat(
             problem.p_value, 1, _VALUES)).full()[row]
         excess = np.maximum(c - problem.path_upper[row], problem.path_lower[row] - c)
-        worst = int(np.argmax(excess))
-        if excess[worst] > 1e-6 * (1 + np.abs(c).max()):
+        worst = int(np.argmax(np.where(np.isfinite(excess), excess, -np.inf)))
+        if excess[worst] > _MISSED * (1 + np.abs(c[np.isfinite(c)]).max(initial=0.0)):
             sign, bound = (('<=', problem.path_upper[row]) if c[worst] > problem.path_upper[row]
                            else ('>=', problem.path_lower[row]))
             name = problem.states[index]
@@ -262,125 +283,26 @@ def _in_between(problem: Problem, end: Array, pinned: Mask) -> Iterator[str]:
                    f'{number(float(end[index]))}')
 
 
-def _times(problem: Problem) -> Array:
-    """Return the times at which the end may be."""
-    final = problem.final_time
-    if not final.free:
-        return np.array([final.value])
-    return np.linspace(final.lower, final.upper, _TIMES + 1)
+def _words(problem: Problem) -> list[str]:
+    """Return the bounds of each state, the lower one first, and the terminal constraints."""
+    return [state_bound(problem, index, upper) for index in range(problem.n)
+            for upper in (False, True)] + [terminal(problem, row) for row in range(problem.q)]
 
 
 def _beyond_control(problem: Problem) -> Iterator[str]:
     """Yield what is demanded of states that no input enters, directly or through others."""
-    driven = _driven(problem)
-    uses = np.zeros((problem.q, problem.n), dtype=bool)
-    uses[ca.jacobian_sparsity(problem.psi, problem.x).get_triplet()] = True
-    bounded = np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)
-    decided = ~uses[:, driven].any(axis=1)
-    if driven.all() or not (bounded[~driven].any() or decided.any()):
-        return
-    t = np.unique(np.append(0.0, _times(problem)))
-    x = _course(problem, t, driven)
-    if not np.isfinite(x[:, ~driven]).all():
-        return
-    latest = _times(problem)[0]
-    nothing = 'no input' if _movable(problem).all() else 'no input that may change'
-    for index in map(int, np.flatnonzero(~driven)):
-        for upper, excess in ((True, x[:, index] - problem.x_upper[index]),
-                              (False, problem.x_lower[index] - x[:, index])):
-            bad = np.flatnonzero(excess > 1e-6 * (1 + np.abs(x[:, index]).max()))
-            if bad.size and t[bad[0]] <= latest:
-                yield (f'{nothing} enters {problem.states[index]}: it leaves state bound '
-                       f'{state_bound(problem, index, upper)} by t = {number(t[bad[0]])}')
-    psi = ca.Function('psi', [problem.x, problem.p], [problem.psi]).map(len(t))(
-        x.T, ca.repmat(problem.p_value, 1, len(t))).full()
-    for row in map(int, np.flatnonzero(decided)):
-        names = ', '.join(problem.states[index] for index in np.flatnonzero(uses[row]))
-        yield from _missed(problem, f'{nothing} enters {names}', terminal(problem, row),
-                           psi[row, np.isin(t, _times(problem))], x[-1, uses[row]])
-
-
-def _missed(problem: Problem, reason: str, wanted: str, values: Array,
-            there: Array | None = None) -> Iterator[str]:
-    """Yield a sentence if values over the admissible final times keep away from zero."""
-    size = 1e-6 * (1 + np.abs(values).max())
-    if not (np.all(values > size) or np.all(values < -size)):
-        return
-    final = problem.final_time
-    if final.free:
-        yield (f'{reason}: {wanted} holds at no T from {number(final.lower)} to '
-               f'{number(final.upper)}')
-    elif there is not None and len(there) == 1:
-        yield (f'{reason}: at T = {number(final.value)} it is {number(there[0])}, and the '
-               f'terminal constraint {wanted} cannot be met')
-    else:
-        yield (f'{reason}: at T = {number(final.value)} the terminal constraint {wanted} is '
-               f'missed by {number(abs(float(values[-1])))}')
-
-
-def _movable(problem: Problem) -> Mask:
-    """Return which inputs have a choice, shape (m,)."""
-    movable: Mask = problem.u_lower < problem.u_upper
-    return movable
-
-
-def _driven(problem: Problem) -> Mask:
-    """Return which states an input enters, directly or through other states."""
-    def pattern(symbols: ca.SX) -> Mask:
-        found = np.zeros((problem.n, symbols.numel()), dtype=bool)
-        found[ca.jacobian_sparsity(problem.f, symbols).get_triplet()] = True
-        return found
-
-    driven = pattern(problem.u)[:, _movable(problem)].any(axis=1)
-    through = pattern(problem.x)
-    for _ in range(problem.n):
-        driven = driven | (through & driven).any(axis=1)
-    return np.asarray(driven)
-
-
-def _course(problem: Problem, t: Array, driven: Mask) -> Array:
-    """Return x at times t, shape (K, n); the states that inputs enter are of no account."""
-    n, empty = problem.n, np.zeros((1, problem.path.numel()))
-    u, none = np.clip(np.zeros((1, problem.m)), problem.u_lower, problem.u_upper), np.zeros((1, n))
-    # Without a cost, whose integral may be undefined where the states themselves are not.
-    integrator = Integrator(replace(problem, L=ca.SX(0)))
-    scale = np.append(np.where(driven, np.inf, 1 + np.abs(problem.x0)), np.full(n, np.inf))
-    found = [problem.x0]
-    for h in np.diff(t):
-        course = integrator.replay(Intervals(
-            np.array([h]), found[-1][None], none, u, u, none, none, empty, empty),
-            problem.p_value, scale, 1e-10)
-        found.append(course.x[0, -1])
-    return np.array(found)
+    # Imported where used: no node that only asks for a problem waits for it.
+    from obc_ros.core.autonomous import states_missed
+    yield from states_missed(problem, _words(problem))
 
 
 def _beyond_reach(problem: Problem) -> Iterator[str]:
     """Yield what is demanded of modes of a linear system that no input reaches."""
-    system, rows = affine(problem), _affine_rows(problem)
-    if system is None or rows is None or not rows.affine.any():
-        return
-    movable = _movable(problem)
-    V = _reachable(system.A, system.B[:, movable])
-    if V.shape[1] == problem.n:
-        return
-    C = rows.A[rows.affine]
-    U, sizes, _ = np.linalg.svd(C @ V)
-    rank = int(np.sum(sizes > 1e-9 * max(1.0, float(np.abs(C).max()))))
-    combinations = U[:, rank:].T
-    if not len(combinations):
-        return
-    t = _times(problem)
-    c = system.c + system.B[:, ~movable] @ problem.u_lower[~movable]
-    x = _free_motion(system.A, c, problem.x0, t)
-    values = combinations @ (C @ x.T + rows.b[rows.affine][:, None])
-    for eta, value in zip(combinations, values, strict=True):
-        w = eta @ C
-        modes = _modes(system.A, V)
-        involved = [terminal(problem, int(row)) for row, e in zip(
-            np.flatnonzero(rows.affine), eta, strict=True) if abs(e) > 1e-9]
-        if np.abs(w).max() > 1e-9:
-            yield from _missed(problem, f'the inputs do not reach {modes} of A',
-                               ' with '.join(involved), value)
+    end = affine_end(problem) if affine(problem) is not None else None
+    if end is not None and end.clash is None:
+        # Imported where used: no node that only asks for a problem waits for it.
+        from obc_ros.core.autonomous import combinations_missed
+        yield from combinations_missed(problem, end, _words(problem))
 
 
 def _too_soon(problem: Problem) -> Iterator[str]:
@@ -418,36 +340,7 @@ def _not_conserved(problem: Problem) -> Iterator[str]:
         yield from changed(problem)
 
 
-def _reachable(A: Array, B: Array) -> Array:
-    """Return an orthonormal basis, shape (n, r), of the states that inputs reach."""
-    V = np.zeros((len(A), 0))
-    new = B / max(float(np.abs(B).max(initial=0.0)), 1e-300)
-    scale = max(float(np.linalg.norm(A)), 1e-300)
-    while new.shape[1]:
-        new = new - V @ (V.T @ new)
-        new = new - V @ (V.T @ new)
-        U, sizes, _ = np.linalg.svd(new, full_matrices=False)
-        new = U[:, sizes > 1e-10 * max(1.0, float(sizes[0]))]
-        V = np.hstack([V, new])
-        new = A @ new / scale
-    return V
-
-
-def _modes(A: Array, V: Array) -> str:
-    W = np.linalg.svd(V, full_matrices=True)[0][:, V.shape[1]:]
-    values = sorted(np.linalg.eigvals(W.T @ A @ W), key=lambda s: (-s.real, s.imag))
-    shown = [f'{s.real + 0.0:+.4g}' + (f' {s.imag:+.4g}j' if abs(s.imag) > 1e-9 else '')
-             for s in values]
-    if len(shown) == 1:
-        return f'the mode at {shown[0]}'
-    return f'the modes at {", ".join(shown)}'
-
-
-def _free_motion(A: Array, c: Array, x0: Array, t: Array) -> Array:
-    """Return x at times t, shape (K, n), for dx/dt = A x + c."""
-    from scipy.linalg import expm
-    n = len(A)
-    Z = np.zeros((n + 1, n + 1))
-    Z[:n, :n], Z[:n, n] = A, c
-    z = np.append(x0, 1.0)
-    return np.array([(expm(Z * time) @ z)[:n] for time in t])
+# In the order in which a sentence is looked for.
+CHECKS: tuple[Callable[[Problem], Iterator[str]], ...] = (
+    _at_start, _at_end, _path_at_end, _beyond_control, _beyond_reach, _too_soon, _too_far,
+    _not_conserved)

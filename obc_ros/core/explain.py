@@ -15,11 +15,10 @@ sparing      the most that may be left of a state that only falls: whether there
 relaxed      mixtures of two inputs: whether the cost falls while the input switches ever faster;
 boxed        |u| <= 10, 100, 1000: whether the cost falls without end.
 
-A problem is called infeasible when that is shown. Where dynamics and constraints are affine and T
-is given, the elastic and the soft problem are convex: what is left in them is left by every
-input. Others may have minima that are not the least ones; of them it is believed if the least
-time, or the least use of what is short, found from several starts and certified, is too much, and
-else the sentence says what was found and no more.
+A problem is called infeasible when that is proved: by `contradictions`, or, where dynamics and
+constraints are affine, T is given and inputs are bounded, by weights of the constraints that add
+up to what no input achieves (`obc_ros.core.separation`). What was only searched for is said as
+such: other problems may have minima that are not the least ones.
 """
 
 from dataclasses import dataclass, replace
@@ -42,6 +41,7 @@ from obc_ros.core.outgrown import unbounded
 from obc_ros.core.problem import FinalTime, Problem
 from obc_ros.core.relaxation import chattering, relaxed
 from obc_ros.core.scarce import too_little
+from obc_ros.core.separation import excluded
 from obc_ros.core.solution import Solution
 from obc_ros.core.sweeps import leads_there
 from obc_ros.core.undefined import kinked, level, runs_away, steep, undefined
@@ -53,6 +53,7 @@ _ROUGHLY = _NEARLY | {'dynamics': 1e-2}
 _WIDE = 1e-2        # of its bounds: where a path may go that shows what is out of reach
 _PART = 0.1         # of its terms, that Pontryagin's conditions may leave
 _LATER = 50.0       # times T up to which a least time is looked for
+_UNPROVED = 'infeasibility is not proved'
 
 
 @dataclass(frozen=True)
@@ -90,14 +91,6 @@ def explain(problem: Problem, solve: Solver | None = None, *, thorough: Solver |
     return _Doubt(problem, solve, thorough or solve).reason(found)
 
 
-def not_enough(problem: Problem, solve: Solver, thorough: Solver) -> str:
-    """Return that there is too little time or supply to meet the terminal constraints, or ''."""
-    if not problem.q:
-        return ''
-    reason = _Doubt(problem, solve, thorough).too_short(False)
-    return reason.sentence if reason and reason.infeasible else too_little(problem, thorough)
-
-
 class _Doubt:
     """A problem without a contradiction, and how others are solved in its place."""
 
@@ -106,6 +99,14 @@ class _Doubt:
         self.thorough = thorough
         self.lost = True  # whether no path was found that keeps to the problem
         self.convex = convex_paths(problem)
+        self._shown: bool | None = None
+
+    @property
+    def shown(self) -> bool:
+        """Whether it is proved that no path meets all constraints."""
+        if self._shown is None:
+            self._shown = self.convex and excluded(self.problem)
+        return self._shown
 
     def reason(self, found: Solution | None) -> Reason | None:
         """Return why there is no answer, None if that remains unknown."""
@@ -127,15 +128,14 @@ class _Doubt:
         if not self.keeps(nearest):
             sentence = undefined(problem, nearest.t, nearest.x, nearest.u)
             return Reason(False, sentence) if sentence else (
-                self.not_held() or problem.q and (self.too_short(False) or self.too_little())
+                self.not_held() or problem.q and (self.too_short() or self.too_little())
                 or self.without_end(found) or self.leapt(nearest))
         missed = shortfall(problem, nearest)
         if not missed:
             return self.mixed(found) or self.without_end(found)
-        shown = self.convex and _nearly_optimal(nearest)
-        if not shown and found is not None and _almost(problem, found):
+        if found is not None and _almost(problem, found) and not self.shown:
             return None   # it came nearer
-        return self.too_short(shown) or self.too_little() or self.missing(missed, shown)
+        return self.too_short() or self.too_little() or self.missing(missed)
 
     def best(self, other: Problem) -> Solution:
         """Return an answer that is a path; of a convex problem the best one but for a little."""
@@ -175,7 +175,7 @@ class _Doubt:
             sentence = runs_away(self.problem, _last(self.problem))
         return Reason(False, sentence) if sentence else None
 
-    def too_short(self, shown: bool) -> Reason | None:
+    def too_short(self) -> Reason | None:
         """Return that the terminal constraints can be met, but only later."""
         problem, last = self.problem, _last(self.problem)
         guess = FinalTime(free=True, lower=1e-3 * last, upper=_LATER * last, guess=2 * last)
@@ -196,33 +196,36 @@ class _Doubt:
         if early:
             return None
         least = float(answer.t[-1])
-        if answer.certified:
+        found = number(least) if answer.certified else f'about {least:.3g}'
+        if self.shown:
             return Reason(True, f'the terminal constraints cannot be met by T = {last:.6g}: the '
-                                f'least time is {number(least)}')
-        if shown:
-            return Reason(True, f'the terminal constraints cannot be met by T = {last:.6g}: the '
-                                f'least time is about {least:.3g}')
+                                f'least time is {found}')
         return Reason(False, f'no path was found that meets the terminal constraints by T = '
-                             f'{last:.6g}: the quickest takes about {least:.3g}')
+                             f'{last:.6g}: the quickest takes {found}; {_UNPROVED}')
 
     def too_little(self) -> Reason | None:
         """Return that the terminal constraints take more of a state than there is."""
         sentence = too_little(self.problem, self.thorough)
-        return Reason(True, sentence) if sentence else None
+        if not sentence:
+            return None
+        return Reason(True, sentence) if self.shown else Reason(
+            False, f'no path was found that keeps to all constraints: {sentence}; {_UNPROVED}')
 
-    def missing(self, missed: str, shown: bool) -> Reason:
+    def missing(self, missed: str) -> Reason:
         """Return what of the terminal constraints is out of reach, and for which bound."""
         problem = self.problem
         blamed = to_blame(problem, self.solve)
-        if blamed and shown:
+        if blamed and self.shown:
             name, without = blamed
             return Reason(True, (
                 f'{name} and the terminal constraints exclude each other {_time(problem)}: with '
                 f'it the path ends at best with {missed}; without it {without}'))
         more = f'; without {blamed[0]} {blamed[1]}' if blamed else ''
-        what = 'no path meets' if shown else 'no path was found that meets'
-        return Reason(shown, f'{_time(problem)} {what} the terminal constraints: the nearest ends '
-                             f'with {missed}{more}')
+        what = 'no path meets' if self.shown else 'no path was found that meets'
+        doubt = '' if self.shown else f'; {_UNPROVED}'
+        return Reason(self.shown, (
+            f'{_time(problem)} {what} the terminal constraints: the nearest ends with '
+            f'{missed}{more}{doubt}'))
 
     def not_held(self) -> Reason | None:
         """Return which state bound or path constraint cannot be held."""
@@ -231,9 +234,8 @@ class _Doubt:
         if not found:
             return None
         name, how = found
-        shown = self.convex and _nearly_optimal(answer)
-        return Reason(True, f'{name} cannot be held: {how}') if shown else Reason(
-            False, f'no path was found that keeps to {name}: {how}')
+        return Reason(True, f'{name} cannot be held: {how}') if self.shown else Reason(
+            False, f'no path was found that keeps to {name}: {how}; {_UNPROVED}')
 
     def leapt(self, nearest: Solution) -> Reason | None:
         """Return that a path keeps to bounds at mesh points only, as it leaps over a wall."""

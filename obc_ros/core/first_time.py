@@ -254,7 +254,10 @@ def _level(reach: Reach, T: float, gap: Array, eta: Array) -> BangBang | None:
     n = len(reach.x0)
     rest = Reach(reach.A, reach.B, np.zeros(n), np.zeros(n), reach.C, gap)
     guess = switches(rest, T, eta)
-    level = np.full(len(guess.level), max(1 / rest.reached(T, eta), 1e-12))
+    reached = rest.reached(T, eta)
+    if not reached > 0:   # the inputs do nothing along this direction that doubles show
+        return None
+    level = np.full(len(guess.level), max(1 / reached, 1e-12))
     return polish(rest, replace(guess, level=level), 'level')
 
 

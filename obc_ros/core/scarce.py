@@ -56,14 +56,15 @@ def _freed(problem: Problem, index: int, upper: bool, bound: float) -> Problem:
 
 def too_little(problem: Problem, solve: Solver) -> str:
     """
-    Return which supply does not suffice for the terminal constraints, with numbers, or ''.
+    Return which supply seems not to suffice for the terminal constraints, with numbers, or ''.
 
     Parameters
     ----------
     problem : Problem
         The one that has no answer.
     solve : callable
-        Returns a Solution for a problem, with care; what its certificate holds for is believed.
+        Returns a Solution for a problem, with care. A certificate shows an extremal, so that there
+        may be a better one: the finding is no proof.
 
     """
     for supply in supplies(problem):
@@ -78,8 +79,8 @@ def too_little(problem: Problem, solve: Solver) -> str:
             final = problem.final_time
             by = f'{"by" if final.free else "at"} T = ' + number(
                 final.upper if final.free else final.value)
-            return (f'state bound {state_bound(problem, supply.index, supply.upper)} and the '
-                    f'terminal constraints exclude each other: {name} only '
-                    f'{"rises" if supply.upper else "falls"}, and where they are met {by} it is '
-                    f'{number(left)} at {"least" if supply.upper else "most"}')
+            return (f'{name} only {"rises" if supply.upper else "falls"}, and where the '
+                    f'terminal constraints are met {by} it is {number(left)} at '
+                    f'{"least" if supply.upper else "most"}, beyond state bound '
+                    f'{state_bound(problem, supply.index, supply.upper)}')
     return ''

@@ -71,15 +71,13 @@ class Search:
 
     `with_arcs`: whether inputs are held at bounds between switching times. `quick`: one start
     and one mesh more may do, for paths that need not be optimal. `why_not`: returns why there is
-    no path at all, or '', when the first starts have found none; `not_enough`: likewise when none
-    has.
+    no path at all, or '', when the first starts have found none.
     """
 
     def __init__(self, problem: Problem, kit: Kit, monitor: Monitor, *, with_arcs: bool = True,
-                 quick: bool = False, why_not: Callable[[Problem], str] = contradiction,
-                 not_enough: Callable[[Problem], str] = lambda _: '') -> None:
+                 quick: bool = False, why_not: Callable[[Problem], str] = contradiction) -> None:
         self.stated, self.kit, self.monitor, self.quick = problem, kit, monitor, quick
-        self.why_not, self.not_enough = why_not, not_enough
+        self.why_not = why_not
         self.problem = problem if kit.twin is None else kit.twin.problem(problem, 0)
         self.may_hold = with_arcs
         self.switching = tuple(with_arcs and each for each in kit.switching)
@@ -176,8 +174,6 @@ class Search:
         else:
             good = from_rollouts(self, final_time(self.problem))
             found, self.led_somewhere = good or found, bool(good)
-            if not (good or self.quick or self.monitor.stopped):
-                self.reason = self.not_enough(self.stated)
         return sorted(found, key=lambda outcome: (not outcome.converged, (
             outcome.objective if self.led_somewhere else outcome.infeasibility)))
 

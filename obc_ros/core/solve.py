@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 from obc_ros.core.certificate import certify
-from obc_ros.core.explain import explain, not_enough
+from obc_ros.core.explain import explain
 from obc_ros.core.ill_posed import indifferent, of_least_effort, wish, without_minimum
 from obc_ros.core.kit import Kit
 from obc_ros.core.methods import method_of
@@ -137,8 +137,7 @@ def _asking(problem: Problem, kit: Kit, monitor: Monitor) -> Search:
         reason = explain(problem, soon(quick=True) if convex_paths(problem) else None)
         return reason.sentence if reason and reason.infeasible else ''
 
-    return Search(problem, kit, monitor, why_not=why_not, not_enough=lambda problem: not_enough(
-        problem, soon(quick=True), soon(quick=False)))
+    return Search(problem, kit, monitor, why_not=why_not)
 
 
 def _attempt(monitor: Monitor, quick: bool = True) -> Callable[[Problem], Solution]:

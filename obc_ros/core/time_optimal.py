@@ -23,11 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core import double_integrator
 from obc_ros.core.bang_bang import BangBang
-from obc_ros.core.first_time import directions, final_state, first_time, FirstTime
+from obc_ros.core.first_time import directions, final_state, first_time
 from obc_ros.core.guesses import final_time
 from obc_ros.core.least_time_form import Affine, affine, Target, target
 from obc_ros.core.problem import Problem
 from obc_ros.core.reach import exponential, first_reach, Reach
+from obc_ros.core.separation import never_met
 from obc_ros.core.solution import Optimality, Solution, Status
 from obc_ros.core.unreachable import out_of_reach
 
@@ -38,6 +39,8 @@ _METHOD = 'time_optimal'
 _SAMPLES, _MOST_SAMPLES = 17, 200
 # Times the upper bound of T up to which a least time is looked for, to name it.
 _FARTHER = 64.0
+# Part of a least time in closed form by which too short a one has to be shorter.
+_CLEARLY = 1e-7
 # Multiplier of an abnormal costate, beside the one that balances L.
 _ABNORMAL = 1e7
 
@@ -56,8 +59,9 @@ def solve_time_optimal(problem: Problem) -> Solution | None:
     Solution or None
         None if the problem is not of this form (L a constant > 0, V constant, f affine, psi
         affine, T free, u bounded, x free), if T is held up by its lower bound, or if the least
-        time is not found. Status ``infeasible`` says why in words. Inputs are constant between
-        samples ('zoh'); at a switch the time stands twice.
+        time is not found. Status ``infeasible`` says why in words, and is proved for all T
+        between the bounds (`obc_ros.core.separation`); what is not is ``not_converged``. Inputs
+        are constant between samples ('zoh'); at a switch the time stands twice.
 
     """
     began = perf_counter()
@@ -95,7 +99,7 @@ def _double_integrator(problem: Problem, aim: Target, plant: Affine) -> Solution
     if arcs is None or bounds.lower > arcs.T:
         return None
     if bounds.upper < arcs.T:
-        return _too_short(bounds.upper, arcs.T)
+        return _too_short(bounds.upper, arcs.T, bounds.upper < arcs.T * (1 - _CLEARLY))
     inputs = dict(zip(accelerations, limits, strict=True))
     return _arcs_solution(aim, arcs, (i, j), (a, b, ci, cj), (x0, final), inputs)
 
@@ -138,12 +142,16 @@ def _general(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
     B = (plant.B * half)[:, driven]
     stated = Reach(plant.A, B, c, problem.x0, aim.C, aim.d)
     scaled, size, unit = _scaled(stated, final_time(problem))
+    bounds = problem.final_time
+
+    def none(reason: str) -> Solution:
+        return _none(reason, never_met(scaled, bounds.lower, bounds.upper))
+
     rows, contradiction = _independent(scaled)
     if contradiction:
-        return _infeasible('the terminal constraints contradict each other')
+        return none('the terminal constraints contradict each other')
     whole = replace(scaled, C=rows.T @ scaled.C, d=rows.T @ scaled.d)
     moved, fixed = directions(whole.A, whole.B, whole.C)
-    bounds = problem.final_time
 
     def in_words(part: Reach) -> str | None:
         return out_of_reach(problem.states, replace(stated, C=part.C / size, d=part.d))
@@ -151,16 +159,16 @@ def _general(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
     if fixed.shape[1]:
         meets = _meets_by_itself(whole, fixed, bounds.upper)
         if meets == 'never':
-            return _infeasible(in_words(whole) or (
+            return none(in_words(whole) or (
                 'the inputs do not act on a combination of states that the terminal constraints '
                 f'fix, and by itself it does not meet them by T = {bounds.upper:.10g}'))
-        if meets == 'passing':
+        if meets == 'passing' or not moved.shape[1]:
             return None
     reach = replace(whole, C=moved.T @ whole.C, d=moved.T @ whole.d)
     found = first_time(reach, bounds.lower, bounds.upper)
     if found.answer is None:
-        return _why_not(bounds.upper, reach, found, in_words
-                        ) if found.too_short >= bounds.upper else None
+        return none(_why_not(bounds.upper, reach, in_words)
+                    ) if found.too_short >= bounds.upper else None
     nu = rows @ moved @ _multiplier(reach, found.answer) / unit
     return _solution(problem, stated, replace(found.answer, nu=nu), aim, driven)
 
@@ -203,26 +211,31 @@ def _meets_by_itself(reach: Reach, fixed: Array,
     return 'never' if one_sided.any() else 'passing'
 
 
-def _why_not(upper: float, reach: Reach, found: FirstTime,
-             in_words: Callable[[Reach], str | None]) -> Solution:
-    """Return the answer that there is none by the upper bound of T, with the reason."""
+def _why_not(upper: float, reach: Reach, in_words: Callable[[Reach], str | None]) -> str:
+    """Return why there is no answer by the upper bound of T, as far as is known."""
     reason = in_words(reach)
     if reason is None:
         later = first_time(reach, upper, _FARTHER * upper).answer
-        if later is not None:
-            return _too_short(upper, later.T)
-        reason = (f'the terminal constraints cannot be met by T = {upper:.10g}: the inputs, '
-                  'within their bounds, do not reach that far')
-    return _infeasible(reason)
+        reason = _out_of_time(upper, later.T) if later is not None else (
+            f'the terminal constraints cannot be met by T = {upper:.10g}: the inputs, '
+            'within their bounds, do not reach that far')
+    return reason
 
 
-def _too_short(upper: float, least: float) -> Solution:
-    return _infeasible(f'the terminal constraints cannot be met by T = {upper:.10g}: '
-                       f'the least time is {least:.10g}')
+def _out_of_time(upper: float, least: float) -> str:
+    return (f'the terminal constraints cannot be met by T = {upper:.10g}: '
+            f'the least time is {least:.10g}')
 
 
-def _infeasible(message: str) -> Solution:
-    return Solution(Status.INFEASIBLE, message, method=_METHOD)
+def _too_short(upper: float, least: float, clearly: bool) -> Solution:
+    return _none(_out_of_time(upper, least), clearly)
+
+
+def _none(reason: str, proved: bool) -> Solution:
+    """Return the answer that there is none, or that none was found."""
+    return Solution(Status.INFEASIBLE, reason, method=_METHOD) if proved else Solution(
+        Status.NOT_CONVERGED, f'no path was found; infeasibility is not proved ({reason})',
+        method=_METHOD)
 
 
 def _multiplier(reach: Reach, answer: BangBang) -> Array:

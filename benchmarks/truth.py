@@ -1,0 +1,166 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whether what is said of a problem is true: random problems of which something is known beforehand.
+
+Every finder of proofs is asked about problems that a path keeps to, without waiting for a search
+to fail, for an answer that is found would hide a false proof; a sample of them is solved in full.
+Problems that no path keeps to must not be solved, and none may be certified above the least cost
+where that is known. `_truths.py` says how they are made.
+"""
+
+import sys
+
+import timing  # isort: skip - before numpy
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+import time
+
+import _truths
+import numpy as np
+from obc_ros.core.contradictions import CHECKS
+from obc_ros.core.errors import StatementError
+from obc_ros.core.ill_posed import without_minimum
+from obc_ros.core.problem import Problem
+from obc_ros.core.riccati import solve_lq
+from obc_ros.core.solution import Solution, Status
+from obc_ros.core.solve import solve
+from obc_ros.core.statement import problem_from_mapping
+from obc_ros.core.time_optimal import solve_time_optimal
+from obc_ros.core.two_wheeled_time import solve_two_wheeled
+from obc_ros.core.undefined import undefined
+
+ABOVE = 1e-5      # relative: of a certified cost over the least one
+LIMIT = 2.0       # [s] for one problem that is solved
+EVERY = 200       # of the feasible problems one is solved
+TOLD = 5          # false findings of a kind that are printed in full
+Special = Callable[[Problem], Solution | None]
+SPECIAL: tuple[Special, ...] = (solve_lq, solve_time_optimal, solve_two_wheeled)
+# Of what the messages say that a problem with a finite least cost must not be told.
+FALSE = ('no lower bound', 'undefined', 'divides by zero', 'cannot be')
+
+
+@dataclass
+class Tally:
+    """What was asked and what was said."""
+
+    asked: Counter[str] = field(default_factory=Counter)
+    found: Counter[str] = field(default_factory=Counter)
+    false: list[str] = field(default_factory=list)
+
+    def accuse(self, kind: str, what: str, mapping: _truths.Mapping) -> None:
+        """Count a false finding, and print the first ones."""
+        self.false.append(f'{kind}: {what}')
+        if len(self.false) <= TOLD:
+            print(f'FALSE: {what}\n{mapping}', flush=True)
+
+
+def findings(truth: _truths.Truth, problem: Problem) -> Iterator[tuple[str, str]]:
+    """Yield what the finders say of a problem, each with its name."""
+    for check in CHECKS:
+        for sentence in check(problem):
+            yield check.__name__.strip('_'), sentence
+            break
+    if sentence := without_minimum(problem):
+        yield 'without_minimum', sentence
+    if sentence := undefined(problem, truth.t, truth.x, truth.u):
+        yield 'undefined', sentence
+    for special in SPECIAL:
+        answer = special(problem)
+        if answer is not None and answer.status is Status.INFEASIBLE:
+            yield special.__name__, answer.message
+
+
+def ask_feasible(count: int, rng: np.random.Generator, until: float) -> Tally:
+    """Ask all finders about problems with a path; solve a sample of them."""
+    tally = Tally()
+    for number in _counted('feasible', count, until, tally):
+        truth = _truths.feasible(rng)
+        try:
+            problem = problem_from_mapping(truth.mapping)
+        except StatementError as error:   # a constraint that depends on no state
+            tally.found[f'refused: {str(error)[:40]}'] += 1
+            continue
+        tally.asked[truth.kind] += 1
+        try:
+            for name, sentence in findings(truth, problem):
+                tally.accuse(truth.kind, f'{name}: {sentence}', truth.mapping)
+        except Exception as error:   # a finder that fails is one that a worker dies of
+            tally.accuse(truth.kind, f'{type(error).__name__}: {error}', truth.mapping)
+        if number % EVERY == 0:
+            answer = solve(problem, time_limit=LIMIT)
+            tally.found[answer.status.value] += 1
+            if answer.status is Status.INFEASIBLE or any(
+                    word in answer.message for word in FALSE):
+                tally.accuse(truth.kind, f'solve: {answer.message}', truth.mapping)
+    return tally
+
+
+def ask_infeasible(count: int, rng: np.random.Generator, until: float) -> Tally:
+    """Solve problems without a path."""
+    tally = Tally()
+    for _ in _counted('infeasible', count, until, tally):
+        kind, mapping = _truths.infeasible(rng)
+        answer = solve(problem_from_mapping(mapping), time_limit=LIMIT)
+        tally.asked[kind] += 1
+        tally.found[answer.status.value] += 1
+        if answer.status is Status.SOLVED or answer.certified:
+            tally.accuse(kind, f'solved at {answer.objective:.6g}', mapping)
+    return tally
+
+
+def ask_convex(count: int, rng: np.random.Generator, until: float) -> Tally:
+    """Solve problems whose least cost is known."""
+    tally = Tally()
+    for _ in _counted('convex', count, until, tally):
+        kind, mapping, least = _truths.convex(rng)
+        answer = solve(problem_from_mapping(mapping), time_limit=LIMIT)
+        tally.asked[kind] += 1
+        tally.found[answer.status.value] += 1
+        if answer.status is Status.INFEASIBLE:
+            tally.accuse(kind, answer.message, mapping)
+        elif answer.certified and answer.objective - least > ABOVE * max(abs(least), 1e-6):
+            tally.accuse(kind, f'{answer.objective:.9g}, least {least:.9g}', mapping)
+    return tally
+
+
+def _counted(what: str, count: int, until: float, tally: Tally) -> Iterator[int]:
+    """Yield numbers while there is time, and say now and then how far it is."""
+    said = time.monotonic()
+    for number in range(count):
+        if time.monotonic() > until:
+            return
+        if time.monotonic() > said + 10:
+            said = time.monotonic()
+            print(f'  {what}: {number} of {count}, {len(tally.false)} false', flush=True)
+        yield number
+
+
+def report(what: str, tally: Tally) -> None:
+    """Print a tally."""
+    timing.table(f'{what}: {sum(tally.asked.values())} problems', ('kind', 'problems', 'false'), [
+        (kind, number, sum(each.startswith(f'{kind}:') for each in tally.false))
+        for kind, number in sorted(tally.asked.items())])
+    if tally.found:
+        print('  answers: ' + ', '.join(f'{number} {status}' for status, number in sorted(
+            tally.found.items())))
+    timing.require(f'{what}: false', len(tally.false), 0)
+
+
+def main() -> int:
+    """Ask, print and return the exit status."""
+    args = timing.arguments('random problems of which something is known beforehand',
+                            feasible=2000, infeasible=200, convex=200, seed=1, seconds=0)
+    parts = {'feasible': (ask_feasible, args.feasible),
+             'infeasible': (ask_infeasible, args.infeasible),
+             'convex': (ask_convex, args.convex)}
+    for number, (what, (ask, count)) in enumerate(parts.items()):
+        until = time.monotonic() + args.seconds / len(parts) if args.seconds else np.inf
+        report(what, ask(count, np.random.default_rng([args.seed, number]), until))
+    return timing.finish()
+
+
+if __name__ == '__main__':
+    sys.exit(main())
