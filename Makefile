@@ -7,7 +7,9 @@ VENV ?= $(if $(filter jazzy,$(DISTRO)),.venv,.venv-$(DISTRO))
 BIN := $(VENV)/bin
 SYSTEM ?= aircraft
 
-PIP := $(BIN)/python -m pip --disable-pip-version-check -qq
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+# What takes minutes shows what it does, and for how long.
+SHOWN := $(BIN)/python requirements/progress.py
 REQUIRED := requirements/$(DISTRO).txt requirements/run.txt requirements/test.txt
 # Python files are no prerequisite: the installation is editable, a change is seen at once.
 SOURCES := setup.py pyproject.toml package.xml CMakeLists.txt cmake resource \
@@ -55,8 +57,8 @@ $(BIN)/python:
 	@$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.requirements: $(REQUIRED) | $(BIN)/python
-	@echo 'obc_ros: ROS 2 $(DISTRO) and pinned packages into $(VENV) (half a minute)'
-	@$(PIP) install $(addprefix -r ,$(REQUIRED))
+	@$(SHOWN) 'ROS 2 $(DISTRO) and pinned packages into $(VENV) (a minute or two)' \
+		$(PIP) install --progress-bar off $(addprefix -r ,$(REQUIRED))
 	@touch $@
 
 .venv-docs/.requirements: requirements/docs.txt
@@ -66,11 +68,11 @@ $(VENV)/.requirements: $(REQUIRED) | $(BIN)/python
 	@touch $@
 
 $(VENV)/.obc_ros: $(VENV)/.requirements $(SOURCES)
-	@echo 'obc_ros: messages, services, action (half a minute at first)'
-	@$(PIP) install --no-deps --no-build-isolation --editable .
+	@$(SHOWN) 'messages, services, action (a minute at first)' \
+		$(PIP) install --no-deps --no-build-isolation --editable .
 	@touch $@
 
 $(VENV)/.develop: $(VENV)/.obc_ros requirements/develop.txt
-	@$(PIP) install -r requirements/develop.txt -r requirements/run.txt
+	@$(PIP) -qq install -r requirements/develop.txt -r requirements/run.txt
 	@$(BIN)/pre-commit install
 	@touch $@

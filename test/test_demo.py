@@ -6,8 +6,11 @@ import os
 from pathlib import Path
 import re
 import signal
+import subprocess
+from typing import Any
 
 import numpy as np
+from obc_ros.cli.obc import main
 from obc_ros.cli.report import step_figures
 import pytest
 from rosbags.highlevel import AnyReader
@@ -90,13 +93,38 @@ def test_in_real_time_when_asked(tmp_path: Path, domain: int) -> None:
         tmp_path / 'log', domain)
     try:
         flying(demo)
-        probe = support.Probe(int(re.search(r'domain (\d+)', demo.output())[1]))
+        assert f'three nodes over DDS, domain {domain}, this machine only' in demo.output()
+        line = re.search(r'ROS_DOMAIN_ID=\d+ \S+/obc param get /lqr_node Qx', demo.output())[0]
+        told = subprocess.run(line, shell=True, capture_output=True, text=True, timeout=60)
+        assert told.stdout.startswith('Double values are: [1.0, '), told
+        probe = support.Probe(domain)
         assert probe.get_parameters('/plant_simulator', 'speed', 'lockstep') == {
             'speed': 1.0, 'lockstep': False}
         probe.close()
         assert demo.interrupt(15.0) == 1
     finally:
         demo.end()
+
+
+def test_it_joins_no_loop_that_runs(spawn: Any, domain: int, tmp_path: Path) -> None:
+    """Its commands would go to that plant too."""
+    spawn('plant_simulator').wait_for_output('until the first command')
+    demo = support.Process(
+        [support.find('obc'), 'demo', 'aircraft', '--out', str(tmp_path / 'out')],
+        tmp_path / 'log', domain)
+    try:
+        assert demo.wait(60.0) == 1
+        assert f'ROS_DOMAIN_ID={domain} has a loop already (/state, /command)' in demo.output()
+    finally:
+        demo.end()
+
+
+def test_a_domain_that_is_none_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                       capsys: pytest.CaptureFixture[str]) -> None:
+    for named in ('-1', '233', 'x', '1.5'):
+        monkeypatch.setenv('ROS_DOMAIN_ID', named)
+        assert main(['demo', 'aircraft', '--out', str(tmp_path)]) == 1
+        assert f'ROS_DOMAIN_ID={named}: wanted a number from 0 to 232' in capsys.readouterr().err
 
 
 @pytest.mark.nodes

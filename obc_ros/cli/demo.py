@@ -10,20 +10,25 @@ Exercise 2.10.
 """
 
 import argparse
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from functools import partial
+import os
 from pathlib import Path
 import sys
 import time
 
+from obc_ros.cli.client import somebody_here
+from obc_ros.cli.graph import Graph, joined, keep_to_this_machine, LOOK
 from obc_ros.cli.pilot import Pilot
 from obc_ros.cli.processes import alone_in, Children, free_domain, isolate
 from obc_ros.cli.recording import Recorder
 from obc_ros.cli.share import share_directory
-from obc_ros.core.errors import ObcError
+from obc_ros.core.errors import ObcError, shown
 
 BACKLOG = 1000  # commands kept for the recorder, which may fall behind; by default one
+LAST_DOMAIN = 232  # its ports are the last that there are
 HEAD_START = 1.0  # [s] of simulated time in which the plant has heard that it is to pause
 
 
@@ -59,11 +64,53 @@ def run(args: argparse.Namespace) -> int:
     """Run a demonstration; return the exit status."""
     from obc_ros.cli import demo_aircraft, demo_vehicle
     scenario = {'aircraft': demo_aircraft, 'vehicle': demo_vehicle}[args.scenario]
-    with alone_in(args.out), free_domain() as domain:
+    with alone_in(args.out), _own_domain() as domain:
         isolate(domain)
-        print(f'{args.scenario}: three nodes over DDS, domain {domain}, this machine only',
-              flush=True)
-        return scenario.run(args.out, args.real_time)
+        obc = sys.argv[0] if Path(sys.argv[0]).name == 'obc' else 'obc'
+        print(f'{args.scenario}: three nodes over DDS, domain {domain}, this machine only; '
+              'while it lasts, in another terminal:\n'
+              f'  ROS_DOMAIN_ID={domain} {obc} param get /lqr_node Qx', flush=True)
+        status = scenario.run(args.out, args.real_time)
+    print('a loop that stays, to tune by hand:\n'
+          f'  {obc} launch obc_ros loop.launch.py scenario:={args.scenario}    '
+          '# until Ctrl-C; in another terminal:\n'
+          f'  {obc} param get /lqr_node Qx')
+    return status
+
+
+@contextmanager
+def _own_domain() -> Iterator[int]:
+    """
+    Yield the domain that the environment names, or else one that nobody uses.
+
+    Raises
+    ------
+    ObcError
+        If the one that is named is none, or has a loop already: its commands would reach another
+        plant than the one that is simulated.
+
+    """
+    named = os.environ.get('ROS_DOMAIN_ID', '')
+    if not named:
+        with free_domain() as domain:
+            yield domain
+        return
+    if not named.isdecimal() or int(named) > LAST_DOMAIN:
+        raise ObcError(f'ROS_DOMAIN_ID={shown(named)}: wanted a number from 0 to {LAST_DOMAIN}')
+    if somebody_here():
+        keep_to_this_machine()
+        with joined() as graph:
+            if graph.until(partial(_ends, graph), LOOK):
+                raise ObcError(
+                    f'ROS_DOMAIN_ID={named} has a loop already ({", ".join(_ends(graph))}), which '
+                    'would take the commands of this one; unset ROS_DOMAIN_ID, or choose another')
+    yield int(named)
+
+
+def _ends(graph: Graph) -> list[str]:
+    """Return the topics of a loop that somebody writes or reads."""
+    return [topic for topic in ('/state', '/command')
+            if graph.node.count_publishers(topic) or graph.node.count_subscribers(topic)]
 
 
 def fly(flight: Flight, out: Path, real_time: bool,
