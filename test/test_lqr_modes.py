@@ -123,7 +123,8 @@ def test_a_vehicle_that_changes_its_speed(spawn: Any, probe: Any) -> None:
     """The gain follows the speed that is commanded; a reference goes from 1 to 30 m/s."""
     bench = Bench(spawn, probe, system='vehicle', Qx=[1.0, 1.0, 0.1], Qu=[1.0, 1.0],
                   setpoint_input=[1.0, 0.0], stability=0.5, schedule='v',
-                  schedule_range=[1.0, 40.0], transition_time=0.5)
+                  schedule_range=[1.0, 40.0], transition_time=0.5,
+                  start_tolerance=[1.0, 0.2, 0.2])
     x, worst = np.array([0.0, 0.4, 0.0]), 0.0
     move = closed_loop('vehicle', x)
     for k in range(300):
@@ -270,7 +271,8 @@ def test_example_2_5_at_20_hz_with_50_ms_of_delay(spawn: Any, probe: Any) -> Non
 def test_slalom_of_1_m_and_1_hz(spawn: Any, probe: Any) -> None:
     """Flat feedforward and gains along it: driven to millimetres, joined in the middle."""
     bench = Bench(spawn, probe, BEST_EFFORT, system='vehicle_lateral', weights='bryson',
-                  x_max=[0.1, 0.1], u_max=[0.2], transition_time=0.2)
+                  x_max=[0.1, 0.1], u_max=[0.2], transition_time=0.2,
+                  start_tolerance=[0.3, 0.5])
     t = np.linspace(0.0, 6.0, 3_001)
     x, u = lateral_reference(*slalom(t), 10.0, 2.0)
     publisher = probe.publisher(Trajectory, 'reference', LATCHED)
@@ -289,7 +291,7 @@ def test_slalom_of_1_m_and_1_hz(spawn: Any, probe: Any) -> None:
 def test_a_reference_replaced_while_it_runs_and_its_end(spawn: Any, probe: Any) -> None:
     """With transition_time no command jumps: at its beginning, in the middle, at its end."""
     bench = Bench(spawn, probe, system='double_integrator', Qx=[4.0, 1.0], Qu=[1.0],
-                  transition_time=0.5)
+                  transition_time=0.5, start_tolerance=[3.0, 3.0])
     publisher = probe.publisher(Trajectory, 'reference', LATCHED)
     move, place = closed_loop('double_integrator', [0.0, 0.0]), np.zeros(2)
     t = np.linspace(0.0, 2.0, 21)

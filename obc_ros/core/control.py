@@ -12,19 +12,52 @@ ENVELOPE = ('stop', *STALE)
 
 @dataclass(eq=False)
 class Reference:
-    """When a reference begins: stamp [ns] of its t = 0, or None until the first state after it."""
+    """
+    When a reference begins, and what has become of it.
+
+    Attributes
+    ----------
+    begin : int or None
+        Stamp [ns] of its t = 0; None until the first state after it.
+    duration : float
+        [s]
+    refused : str
+        Why it is not followed; empty: it is.
+    is_judged : bool
+        Whether it was compared with the state where it is taken up.
+    told : str
+        What was told of it last: '', 'begun' or 'ended'.
+
+    """
 
     begin: int | None
     duration: float
+    refused: str = ''
+    is_judged: bool = False
+    told: str = ''
 
 
 @dataclass(frozen=True, eq=False)
 class Leg:
-    """A reference with the law along it, and the one that goes on from its end."""
+    """
+    A reference with the law along it, and the one that goes on from its end.
+
+    Attributes
+    ----------
+    reference : Reference
+    along, after : Law
+    allowed : tuple of (float, float)
+        (n,) bounds of x - xr inside which it is taken up; empty: any.
+    units : tuple of str
+        (n,) of the states.
+
+    """
 
     reference: Reference
     along: Law
     after: Law
+    allowed: tuple[tuple[float, float], ...] = ()
+    units: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,6 +29,10 @@ class RefusedDesignError(ObcError):
     """A feedback design was asked for that cannot be proved to stabilise."""
 
 
+class RefusedReferenceError(ObcError):
+    """A reference was given that the plant cannot take up or follow."""
+
+
 def shown(text: str, longest: int | None = 60) -> str:
     """
     Return a text from outside as a message has it.

@@ -13,21 +13,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 import math
 from operator import add, mul, sub
-from typing import NamedTuple
 
+from obc_ros.core import legs
 from obc_ros.core.control import Control, Prediction, Schedule
-from obc_ros.core.regulator import feedback, Law, Point, Regulator, Settling
+from obc_ros.core.legs import Running, set_point
+from obc_ros.core.regulator import feedback, Law, Point, Regulator
 from obc_ros.core.stamps import age, NS, Order
 
 _AGAIN = 1.0  # [s] until the same thing is told again
-
-
-class _Running(NamedTuple):
-    """The law in force, the stamp [ns] of its t = 0, and whether it is that of the set point."""
-
-    law: Law
-    origin: int
-    is_setpoint: bool = False
 
 
 class Loop:
@@ -46,7 +39,11 @@ class Loop:
         Of what has happened: answered, saturated, skipped, repeated, late, restarted, stale,
         outside, and each reason of dropping a state (size, finite, old, ahead, command).
     news : collections.deque of str
-        What should be told, oldest first; the same thing at most once a second.
+        What is wrong and should be told, oldest first; the same thing at most once a second.
+    events : collections.deque of str
+        What else should be told: references taken up and ended, states that are back.
+    refused : collections.deque of str
+        Why references were not taken up.
     stamp : int or None
         Of the last state in order [ns].
     x, command : sequence of float or None
@@ -64,7 +61,7 @@ class Loop:
 
     def __init__(self, control: Control) -> None:
         self.counts: Counter[str] = Counter()
-        self.news: deque[str] = deque(maxlen=100)
+        self.news, self.events, self.refused = (deque[str](maxlen=100) for _ in range(3))
         self.stamp: int | None = None
         self.x: Sequence[float] | None = None
         self.command: list[float] | None = None
@@ -73,11 +70,12 @@ class Loop:
         self.is_stale = self.is_outside = False
         self.lag: float | None = None
         self._control = self._next = control
-        self._followed, self._order = _set_point(control, control.regulator, 0), Order()
+        self._followed, self._order = set_point(control, control.regulator, 0), Order()
         self._seen = self._spoken = self._now = -math.inf
         self._told: dict[str, float] = {}
         self._excess: Sequence[float] = ()
         self._since: int | None = None
+        self._reported: Law | None = None
         self._jump: list[float] | None = None
         self._past: deque[list[float]] = deque()
         self._measured: float | None = None
@@ -123,12 +121,17 @@ class Loop:
         if not (self._is_usable(x, measured, now) and self._is_timely(stamp, clock, now)
                 and self._is_in_order(stamp)):
             return None
+        if self.is_stale:
+            self._tell('back', f'states are back after {now - self._seen:.3g} s', self.events)
         self.x, self._seen, self.is_stale, self._measured = x, now, False, measured
         if not self._order.is_due(stamp, self._next.rules.period):
             self.counts['skipped'] += 1
             return None
-        if self._next is not self._control:
-            self._take_over(self._next, stamp, x)
+        new = self._next
+        if not self.stopped and legs.has_unjudged(new.legs):
+            self.refused.extend(legs.judge(new, *self._expected(self._control, stamp, x)))
+        if new is not self._control:
+            self._take_over(new, stamp, x)
         u = self._decide(self._control, stamp, x)
         if u is None:
             return None
@@ -231,6 +234,9 @@ class Loop:
             before = self._going_on(stamp, x)
             self._followed = ahead
             self._smooth(control, before, stamp, x)
+        if ahead.law is not self._reported:
+            self._reported = ahead.law
+            self.events.extend(legs.events(control.legs, ahead.law))
         here = self._point(control, now, stamp)
         error = control.limits.error(x, here.x)
         if control.rules.x_limits and self._is_beyond(control, error):
@@ -249,14 +255,14 @@ class Loop:
             self._remember(control.prediction, u, stamp)
         return u
 
-    def _input(self, control: Control, ahead: _Running, stamp: int, x: Sequence[float]
+    def _input(self, control: Control, ahead: Running, stamp: int, x: Sequence[float]
                ) -> list[float]:
         """Return what a law would command for a state, without limits."""
         now = ahead if control.prediction is None else self._running(control, stamp)
         here = self._point(control, now, stamp)
         return self._law(control, here, control.limits.error(x, here.x), now, ahead, stamp)
 
-    def _law(self, control: Control, here: Point, e: list[float], now: _Running, ahead: _Running,
+    def _law(self, control: Control, here: Point, e: list[float], now: Running, ahead: Running,
              stamp: int) -> list[float]:
         """Return the input of the law `ahead`, unlimited; e is the error from `here` of `now`."""
         point = here
@@ -275,27 +281,31 @@ class Loop:
                 u[j] -= self._w[j] + sum(map(mul, row, z))
         return u
 
-    def _ahead(self, control: Control, stamp: int) -> _Running:
+    def _ahead(self, control: Control, stamp: int) -> Running:
         """Return the law in force when an answer to a stamp acts."""
         delay = control.prediction.delay if control.prediction is not None else 0
         return self._running(control, stamp + delay)
 
-    def _running(self, control: Control, stamp: int) -> _Running:
+    def _running(self, control: Control, stamp: int) -> Running:
         """Return the law in force at a stamp."""
-        for leg in reversed(control.legs):
-            begin = leg.reference.begin
-            if begin is None:
-                return _Running(leg.along, stamp)
-            end = begin + round(leg.reference.duration / NS)
-            if stamp >= end:
-                return _Running(leg.after, end)
-            if stamp >= begin:
-                return _Running(leg.along, begin)
+        if running := legs.in_force(control.legs, stamp):
+            return running
         if control is self._control:
             return self._setpoint
-        return _set_point(control, *self._moved(control, stamp))
+        return set_point(control, *self._moved(control, stamp))
 
-    def _point(self, control: Control, running: _Running, stamp: int) -> Point:
+    def _expected(self, control: Control, stamp: int, x: Sequence[float]
+                  ) -> tuple[int, Sequence[float]]:
+        """Return the stamp at which an answer acts, and the state (n,) then."""
+        if control.prediction is None:
+            return stamp, x
+        later, now = stamp + control.prediction.delay, self._running(control, stamp)
+        here = self._point(control, now, stamp)
+        e, _ = self._predict(control.prediction, control.limits.error(x, here.x), here.u,
+                             len(control.C))
+        return later, list(map(add, self._point(control, now, later).x, e))
+
+    def _point(self, control: Control, running: Running, stamp: int) -> Point:
         """Return where the plant should be at a stamp, and the gain there."""
         point = running.law.at((stamp - running.origin) * NS)
         schedule = control.schedule
@@ -339,11 +349,12 @@ class Loop:
 
     def _begin(self, control: Control) -> None:
         """Forget the run."""
+        legs.forget(control.legs)
         self._regulator = control.regulator
-        self._setpoint = _set_point(control, control.regulator, 0)
+        self._setpoint = set_point(control, control.regulator, 0)
         self._followed = self._setpoint
         self._w = [0.0] * len(control.regulator.u)
-        self._excess = ()
+        self._excess, self._reported = (), None
         self._jump, self._jumped = None, 0
         self._resting = True
         self._past.clear()
@@ -366,13 +377,11 @@ class Loop:
 
     def _hold(self, control: Control, regulator: Regulator, origin: int) -> None:
         """Make a regulator that of the set point."""
-        self._regulator, self._setpoint = regulator, _set_point(control, regulator, origin)
+        self._regulator, self._setpoint = regulator, set_point(control, regulator, origin)
 
     def _follow(self, control: Control, stamp: int) -> None:
         """Take note of the law in force; what has no beginning yet begins now."""
-        for leg in control.legs:
-            if leg.reference.begin is None:
-                leg.reference.begin = stamp
+        legs.begin_now(control.legs, stamp)
         self._followed = self._ahead(control, stamp)
 
     def _take_over(self, new: Control, stamp: int, x: Sequence[float]) -> None:
@@ -400,7 +409,7 @@ class Loop:
         """Return the regulator of `new` with its set point where it is, and the stamp of t = 0."""
         old = self._control
         moved = self._regulator.at((stamp - self._setpoint.origin) * NS).x
-        if old.legs and not new.legs:  # go on from the end of a reference
+        if legs.accepted(old.legs) and not new.legs:  # go on from the end of a reference
             here = self._point(old, self._running(old, stamp), stamp).x
             moves = map(any, zip(old.regulator.drift, new.regulator.drift, strict=True))
             moved = tuple([h if v else m for h, m, v in zip(here, moved, moves, strict=True)])
@@ -418,7 +427,7 @@ class Loop:
         return (old.horizon is None or new.horizon is None
                 or old.horizon.time != new.horizon.time
                 or (old.regulator.x, old.regulator.u) != (new.regulator.x, new.regulator.u)
-                or bool(old.legs) and not new.legs)
+                or bool(legs.accepted(old.legs)) and not new.legs)
 
     def _smooth(self, new: Control, before: Sequence[float], stamp: int, x: Sequence[float]
                 ) -> None:
@@ -485,14 +494,7 @@ class Loop:
         while len(self._past) > len(prediction.Gammas):
             self._past.pop()
 
-    def _tell(self, kind: str, sentence: str) -> None:
+    def _tell(self, kind: str, sentence: str, queue: deque[str] | None = None) -> None:
         if self._now - self._told.get(kind, -math.inf) >= _AGAIN:
             self._told[kind] = self._now
-            self.news.append(sentence)
-
-
-def _set_point(control: Control, regulator: Regulator, origin: int) -> _Running:
-    """Return the law that holds a set point from a stamp on, over the horizon if there is one."""
-    if control.horizon is None:
-        return _Running(regulator, origin, True)
-    return _Running(Settling(regulator, control.horizon.gains), origin, True)
+            (self.news if queue is None else queue).append(sentence)

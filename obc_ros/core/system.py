@@ -139,6 +139,11 @@ class System:
         xdot: Array = self._f(x, u, self.p_value).full().ravel()
         return xdot
 
+    def rates(self, x: Array, u: Array) -> Array:
+        """Return dx/dt, shape (N, n), at states x (N, n) and inputs u (N, m)."""
+        xdot: Array = self._f.map(len(x))(x.T, u.T, np.tile(self.p_value[:, None], len(x))).full()
+        return xdot.T
+
     def jacobians(self, x: Array, u: Array) -> tuple[Array, Array]:
         """Return (df/dx, df/du), shapes (n, n) and (n, m), at state x and input u."""
         fx, fu = self._jacobians(x, u, self.p_value)

@@ -21,10 +21,12 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState
+from obc_ros.core import legs
 from obc_ros.core.design_report import Change, change
 from obc_ros.core.errors import ObcError, shown, StatementError
 from obc_ros.core.following import Course
 from obc_ros.core.loop import Loop
+from obc_ros.core.reference_checks import check
 from obc_ros.msg import LqrDesign, Trajectory
 from obc_ros.nodes import graph, lqr_topics
 from obc_ros.nodes.conversions import nanoseconds
@@ -34,6 +36,7 @@ from obc_ros.nodes.lqr_settings import Candidate, ending, judge, limits, Setting
 from obc_ros.nodes.main import run
 from obc_ros.nodes.own_thread import Apart, OwnThread
 from obc_ros.nodes.parameters import Parameters
+from obc_ros.nodes.throttled_log import ThrottledLog
 from obc_ros.srv import SuggestWeights, TryDesign
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -61,7 +64,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     def __init__(self, **options: Any) -> None:
         super().__init__('lqr_node', allow_undeclared_parameters=True, **options)
         self._is_active = False  # first: rclpy 9 ends a node whose parameters are refused, too
-        self._monitor = Monitor()
+        self._monitor, self._log = Monitor(), ThrottledLog(self)
         self._adopted: Candidate | None = None
         self._courses: tuple[Course, ...] = ()
         self._table = Parameters(
@@ -140,7 +143,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
             if u is not None:
                 self._commands.publish(self._sink.message(u, header.stamp))
                 self._monitor.latencies.append(monotonic() - begun)
-        if loop.news:
+        if loop.news or loop.events or loop.refused:
             self._news.trigger()
 
     def _watch(self) -> float:
@@ -199,16 +202,28 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
                 message, self._adopted.design.plant.system, self._frame, self._courses,
                 self._loop.stamp)
             candidate = judge(self._table.settings, courses)
+            if courses:
+                control = candidate.control
+                check(courses[-1], candidate.design, control.limits, control.legs[-1].allowed)
         except ObcError as error:
-            self._monitor.refused(f'reference: {error}')
-            self.get_logger().warning(f'a reference was refused: {error}')
+            self._refuse_reference(str(error))
             return
+        loop = self._loop
+        if self._is_active and loop.x is not None and not (loop.is_stale or loop.stopped):
+            for reason in legs.judge(candidate.control, loop.stamp, loop.x):
+                self._refuse_reference(reason)
+            if courses and courses[-1].reference.refused:
+                return
         self._courses, self._adopted = courses, candidate
         self._loop.adopt(candidate.control)
-        self.get_logger().info(
-            f'a reference of {courses[-1].reference.duration:g} s, '
+        self._log.info(
+            'reference', f'a reference of {courses[-1].reference.duration:g} s, '
             f'{ending(courses[-1], candidate)}' if courses else
             'no reference is followed')
+
+    def _refuse_reference(self, reason: str) -> None:
+        self._monitor.refused(f'reference: {reason}')
+        self._log.warning('reference', f'a reference was refused: {reason}')
 
     def _publish_design(self) -> None:
         message = design_message(
@@ -256,16 +271,33 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         response.success = True
         response.message = (f'stopped at {list(self._adopted.control.rest)}; the set point is '
                             'held again after ~/start')
+        self._log.warning('stop', f'~/stop: {response.message}')
         return response
 
     def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = True
         response.message = (f'started again; it was stopped {self._loop.stopped}'
                             if self._loop.stopped else 'it was not stopped')
+        self._log.info('start', f'~/start: {response.message}')
         self._loop.start()
         return response
 
     # Lifecycle: rclpy manages publishers only
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Say so; what there is to configure is done at the start."""
+        self._log.info('configure', f'configured; it was {state.label}')
+        return super().on_configure(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Say so; nothing is given up."""
+        self._log.info('cleanup', f'cleaned up; it was {state.label}')
+        return super().on_cleanup(state)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Say so: a transition has failed."""
+        self._log.warning('error', f'a transition failed; it was {state.label}')
+        return super().on_error(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to answer states."""
@@ -275,16 +307,19 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         self._is_active = True
         done = super().on_activate(state)
         self._thread.start()
+        self._log.info('activate', f'activated: states are answered; it was {state.label}')
         return done
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Leave the plant a command that is safe, and be silent."""
         self._rest()
+        self._log.info('deactivate', f'deactivated: states are not answered; it was {state.label}')
         return super().on_deactivate(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Do as `on_deactivate`."""
         self._rest()
+        self._log.info('shutdown', f'shut down; it was {state.label}')
         return super().on_shutdown(state)
 
     def _rest(self) -> None:
@@ -300,7 +335,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         try:
             return self._change_state(request, response)
         except RuntimeError as error:  # RCLError: no such transition from here
-            self.get_logger().warning(f'refused to change state: {error}')
+            self._log.warning('transition', f'refused to change state: {error}')
             response.success = False
             return response
 
@@ -320,8 +355,15 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         self._is_simulated = bool(self.get_parameter('use_sim_time').value)
 
     def _tell_news(self) -> None:
-        while self._loop.news:
-            self.get_logger().warning(self._loop.news.popleft())
+        loop = self._loop
+        while loop.news:
+            self.get_logger().warning(loop.news.popleft())
+        while loop.events:
+            self.get_logger().info(loop.events.popleft())
+        while loop.refused:
+            self._refuse_reference(loop.refused.popleft())
+            self._courses = tuple(
+                each for each in self._courses if not each.reference.refused)
 
     def _diagnose(self) -> None:
         self._tell_news()

@@ -3,7 +3,7 @@
 """The parameters of lqr_node, and the control that they ask for."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import functools
 import math
 from typing import Any
@@ -13,6 +13,7 @@ from obc_ros.core.control import Control, ENVELOPE, Horizon, Leg, Rules, Schedul
 from obc_ros.core.design import Design, design, Plant, plant, Sampling, scheduled
 from obc_ros.core.errors import shown, StatementError
 from obc_ros.core.following import Course, horizon, leg
+from obc_ros.core.reference_checks import allowed_error
 from obc_ros.core.regulator import Gains, Limits, rows, Vector, vector
 from obc_ros.core.weights import count, KINDS, square
 from obc_ros.msg import LqrWeights
@@ -97,6 +98,11 @@ class Settings:
     on_envelope: str = parameter(
         'stop', 'what is done outside x_limits: stop until ~/start, or as on_stale',
         choices=ENVELOPE)
+    start_tolerance: Vector = parameter(
+        (), 'largest distance of each state from a reference that is taken up, in its unit (n '
+        'numbers); one further away is refused, and so is one that the plant would leave by more '
+        'with its inputs. Empty: x_limits, and where those are not given a tenth of the range of '
+        'the state along the reference; a range below 1 counts as 1', lower=0.0, finite=False)
     transition_time: float = parameter(
         0.0, 'time in which the jump of the command at a change decays; 0: it jumps', 's',
         lower=0.0)
@@ -163,13 +169,14 @@ def judge(settings: Settings, courses: tuple[Course, ...] = ()) -> Candidate:
         semidefinite('P1', square('P1', settings.P1, n), n)
     if settings.horizon and settings.schedule:
         raise StatementError('horizon and schedule: wanted one or the other')
+    rules = _rules(settings, found.plant.system.state_names)
     return Candidate(settings, found, Control(
         regulator=found.regulator,
         limits=_limits(settings, found),
         rest=found.plant.rest,
         names=found.plant.system.state_names,
-        rules=_rules(settings, found.plant.system.state_names),
-        legs=tuple(_leg(each, found, settings.P1)[0] for each in courses),
+        rules=rules,
+        legs=tuple(_judged(each, found, settings, rules) for each in courses),
         C=rows(found.C),
         prediction=found.prediction,
         horizon=_horizon(found, settings.horizon, settings.P1) if settings.horizon else None,
@@ -234,6 +241,14 @@ def _sampling(exact: bool, rate: float, sample_time: float, delay: float) -> Sam
     # What is for a sampled design leaves a continuous one alone: it can be set before `design`,
     # and that before a rate which the continuous gain does not bear.
     return Sampling(sample_time or period if exact or delay else period, delay, exact)
+
+
+def _judged(course: Course, found: Design, settings: Settings, rules: Rules) -> Leg:
+    """Return the law along a reference, with what is allowed where it is taken up."""
+    system = found.plant.system
+    return replace(_leg(course, found, settings.P1)[0],
+                   allowed=allowed_error(course, rules.x_limits, settings.start_tolerance),
+                   units=tuple(signal.unit for signal in system.states))
 
 
 @functools.lru_cache(maxsize=4)
@@ -332,6 +347,7 @@ def _rules(settings: Settings, names: tuple[str, ...]) -> Rules:
         if not low < 0.0 < high:
             raise StatementError(f'x_limits of {name}: [{low:g}, {high:g}]; wanted a lower limit '
                                  'below 0, which is no error, and an upper one above it')
+    _sized('start_tolerance', settings.start_tolerance, names)
     return Rules(
         period=round(min(1e9 / settings.rate, 1e18)) if settings.rate else 0,
         state_timeout=settings.state_timeout, on_stale=settings.on_stale, x_limits=bounds,

@@ -138,13 +138,10 @@ def courses(message: Trajectory, system: System, frame: str, present: tuple[Cour
     stamp = nanoseconds(message.header.stamp)
     new = course(system, (message.state_names, message.input_names), message.t, message.x,
                  message.u, message.interpolation, stamp or now)
-    begin = new.reference.begin
     begun = [each for each in present
              if now is not None and each.reference.begin is not None
              and each.reference.begin <= now]
-    if begin is None or now is None or begin <= now:
-        return (new,)
-    return (*begun[-1:], new)
+    return (*begun[-1:], new)  # what is followed goes on if the new one is not taken up
 
 
 def _filler(topic: str, message: Any, system: System) -> Fill:

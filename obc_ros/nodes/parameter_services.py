@@ -8,12 +8,14 @@ The services that set parameters of a node, where rclpy raises or refuses withou
   a node, as ``ros2 param dump`` writes it, can be loaded again.
 - Parameters that are acceptable together are set together, whatever their order in the request,
   and the node takes them up once. If they are not, each is tried by itself.
+- Each refusal is logged with its reason, those by rclpy too.
 """
 
 from collections.abc import Callable
 from typing import Any
 
 from obc_ros.core.errors import shown
+from obc_ros.nodes.throttled_log import ThrottledLog
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
@@ -39,11 +41,12 @@ def serve(node: Node, is_kept: IsKept, attempt: Attempt) -> None:
         Sets all of the given parameters or none, and reports no refusal but in its result.
 
     """
+    log = ThrottledLog(node)
     for service in node.services:
         if service.srv_type is SetParameters:
-            service.callback = _one_by_one(service.callback, is_kept, attempt)
+            service.callback = _logged(_one_by_one(service.callback, is_kept, attempt), log)
         elif service.srv_type is SetParametersAtomically:
-            service.callback = _together(service.callback, is_kept)
+            service.callback = _logged(_together(service.callback, is_kept), log)
 
 
 def _one_by_one(callback: Callable[[Any, Any], Any], is_kept: IsKept, attempt: Attempt
@@ -80,6 +83,23 @@ def _together(callback: Callable[[Any, Any], Any], is_kept: IsKept) -> Callable[
             response.result = _done()
             return response
         return callback(request, response)
+
+    return answer
+
+
+def _logged(callback: Callable[[Any, Any], Any], log: ThrottledLog) -> Callable[[Any, Any], Any]:
+    def answer(request: Any, response: Any) -> Any:
+        names = [each.name for each in request.parameters]
+        answered = callback(request, response)
+        if isinstance(answered, SetParameters.Response):
+            results = answered.results
+        else:
+            names, results = [', '.join(names)], [answered.result]
+        for name, result in zip(names, results, strict=True):
+            if not result.successful:
+                log.warning('refused', f'a change of {shown(name, 100)} was refused: '
+                                       f'{shown(result.reason, 500)}')
+        return answered
 
     return answer
 

@@ -29,6 +29,7 @@ RATE, BEGIN, COURSE, SHOWN = 2 * pi, 0.5, 4.0, 4.0  # [rad/s], [s], [s], [s]
 A = np.array([[0.0, SPEED], [0.0, 0.0]])
 B = np.array([[0.0], [SPEED / LENGTH]])
 OMEGA0 = sqrt(SPEED**2 / LENGTH / sqrt(RHO))  # [rad/s]; zeta is 1 / sqrt(2)
+TOLERANCE = [3.0, 3.0]  # [m], [rad]: more than what the worst of the laws leaves
 LAWS = {'flat': 'flat feedforward', 'linear': 'linear feedforward', 'none': 'feedback alone'}
 GAIN = np.array([[1 / sqrt(RHO), sqrt(2 * LENGTH / sqrt(RHO))]])
 
@@ -63,7 +64,8 @@ def exercise_2_10(desk: Desk) -> Answer:
     with desk.loop('lateral', {
             'system': 'vehicle_lateral', 'x0': [0.0, 0.0], 'publish_rate': 1 / STEP}, {
             'system': 'linear', 'system_parameters.A': A, 'system_parameters.B': B,
-            'setpoint': [1.0, 0.0], 'Qx': [1.0, 0.0], 'Qu': [RHO]}) as loop:
+            'setpoint': [1.0, 0.0], 'Qx': [1.0, 0.0], 'Qu': [RHO],
+            'start_tolerance': TOLERANCE}) as loop:
         step = loop.run(DURATION)
         loop.set('plant_simulator', x0=[1.0, 0.0])
         driven = {name: loop.run(SHOWN, course(name), name) for name in LAWS}
@@ -100,7 +102,9 @@ def exercise_2_10(desk: Desk) -> Answer:
         'steering. The regulator is designed for the linear model; what it drives is the '
         'vehicle itself.',
         "(b) $u = φ_d - K (x - x_d)$, where $θ_d = asin(r'/v)$ and $φ_d = atan(l θ_d'/v)$ follow "
-        'from $r(t)$ by flatness. The course is published as `reference`; it begins at 0.5 s. The '
+        'from $r(t)$ by flatness. The course is published as `reference`; it begins at 0.5 s. A '
+        'plant that is a metre beside it, or that its inputs do not drive along it, would be '
+        'refused; `start_tolerance` allows both. The '
         'slalom is faster than the loop, whose bandwidth is half of 1 Hz: by feedback alone, '
         f'$x_d = (r, 0)$, $φ_d = 0$, the error reaches {worst["none"]:.2f} m; with the '
         f"feedforward of the linear model, $θ_d = r'/v$, $φ_d = l r''/v^2$, "
