@@ -186,7 +186,8 @@ def test_sampled_and_delayed(spawn: Any, probe: Any) -> None:
 
 def test_a_reference_is_followed(spawn: Any, probe: Any) -> None:
     """Joined in the middle, replaced while it runs, held at its end, ended by a set point."""
-    bench = Bench(spawn, probe, system='double_integrator', Qx=[4, 0], Qu=[1])
+    bench = Bench(spawn, probe, system='double_integrator', Qx=[4, 0], Qu=[1],
+                  start_tolerance=[3.0, 2.0])  # the plant of this test jumps
     publisher = probe.publisher(Trajectory, 'reference', LATCHED)
     K = matrix(bench.design(1).k, 1)
     t, dt = np.linspace(0.0, 10.0, 101), 1e-9
@@ -224,7 +225,7 @@ def test_a_reference_from_now_on_and_a_stop(spawn: Any, probe: Any) -> None:
     """Stamp zero begins at once; ~/stop forgets it."""
     bench = Bench(spawn, probe, system='double_integrator')
     publisher = probe.publisher(Trajectory, 'reference', LATCHED)
-    bench.answer([0.0, 0.0], 50.0)
+    bench.answer([0.0, 1.0], 50.0)
     publisher.publish(reference([0.0, 10.0], [[0.0, 1.0], [10.0, 1.0]], [0.0, 0.0]))
     bench.process.wait_for_output('a reference of 10 s')
     assert bench.answer([2.0, 1.0], 52.0) == pytest.approx(0.0, abs=1e-9)

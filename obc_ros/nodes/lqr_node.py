@@ -210,6 +210,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
             return
         loop = self._loop
         if self._is_active and loop.x is not None and not (loop.is_stale or loop.stopped):
+            legs.begin_now(candidate.control.legs, loop.stamp)  # not before its gains were found
             for reason in legs.judge(candidate.control, loop.stamp, loop.x):
                 self._refuse_reference(reason)
             if courses and courses[-1].reference.refused:

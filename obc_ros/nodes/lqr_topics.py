@@ -137,7 +137,7 @@ def courses(message: Trajectory, system: System, frame: str, present: tuple[Cour
                              f"'{shown(frame)}'")
     stamp = nanoseconds(message.header.stamp)
     new = course(system, (message.state_names, message.input_names), message.t, message.x,
-                 message.u, message.interpolation, stamp or now)
+                 message.u, message.interpolation, stamp or None)
     begun = [each for each in present
              if now is not None and each.reference.begin is not None
              and each.reference.begin <= now]
