@@ -23,32 +23,32 @@ def run(title: str, command: Sequence[str]) -> int:
     live = sys.stdout.isatty()
     begun = told = time.monotonic()
     print(f'obc_ros: {title}', flush=True)
-    said: list[str] = []
+    said = b''
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-                          text=True, errors='replace', bufsize=1) as process:
+                          bufsize=0) as process:
         assert process.stdout
         with selectors.DefaultSelector() as selector:
             selector.register(process.stdout, selectors.EVENT_READ)
             while True:
                 if selector.select(0.5):
-                    line = process.stdout.readline()
-                    if not line:
+                    some = process.stdout.read(1 << 16)
+                    if not some:
                         break
-                    said.append(line)
+                    said += some
                 if time.monotonic() - told >= (1.0 if live else 10.0):
                     told = time.monotonic()
                     print(shown(told - begun, said, live), end='' if live else '\n', flush=True)
     clear = '\r\033[K' if live else ''
     if process.returncode:
-        print(f'{clear}{"".join(said)}', file=sys.stderr)
+        print(clear + said.decode(errors='replace'), file=sys.stderr)
     print(f'{clear}obc_ros: {title}: {"failed" if process.returncode else "done"} '
           f'after {time.monotonic() - begun:.0f} s', flush=True)
     return process.returncode
 
 
-def shown(elapsed: float, said: Sequence[str], live: bool) -> str:
+def shown(elapsed: float, said: bytes, live: bool) -> str:
     """Return a line that tells how long it has taken so far, and what was printed last."""
-    last = next((line.strip() for line in reversed(said) if line.strip()), 'begins')
+    last = said.decode(errors='replace').strip().rpartition('\n')[2] or 'begins'
     text = f'obc_ros: {elapsed:4.0f} s  {last}'
     return f'\r\033[K{text[:WIDTH - 1]}' if live else text[:WIDTH]
 

@@ -95,7 +95,7 @@ def test_in_real_time_when_asked(tmp_path: Path, domain: int) -> None:
         flying(demo)
         assert f'three nodes over DDS, domain {domain}, this machine only' in demo.output()
         line = re.search(r'ROS_DOMAIN_ID=\d+ \S+/obc param get /lqr_node Qx', demo.output())[0]
-        told = subprocess.run(line, shell=True, capture_output=True, text=True, timeout=60)
+        told = subprocess.run(['env', *line.split()], capture_output=True, text=True, timeout=60)
         assert told.stdout.startswith('Double values are: [1.0, '), told
         probe = support.Probe(domain)
         assert probe.get_parameters('/plant_simulator', 'speed', 'lockstep') == {
