@@ -172,6 +172,7 @@ class _Judge:
         self.points = self._points()
         # Two rows: where the replay ends, and where the answer does.
         self.end = functions.end(np.stack([self.replay.x[-1, -1], solution.x[-1]]), self.p)
+        self.lam_size = lam
         self.scales = self._scales(lam)
 
     def residuals(self) -> dict[str, float]:
@@ -186,13 +187,14 @@ class _Judge:
         allowed = TOLERANCES['costate']
         if (self.replay.converged and allowed < found['costate']
                 and not found['costate'] > allowed * self.growth()):
-            ahead = self.replay, self.lam_defect, self.points
+            ahead = self.replay, self.lam_defect, self.points, self.scales
             self.replay, self.lam_defect = self.costates_from(back=True)
             self.points = self._points()
+            self.scales = self._scales(self.lam_size)
             other = self._residuals() if self.replay.converged else found
             if other['costate'] < found['costate']:
                 return other
-            self.replay, self.lam_defect, self.points = ahead
+            self.replay, self.lam_defect, self.points, self.scales = ahead
         return found
 
     def _residuals(self) -> dict[str, float]:

@@ -14,13 +14,13 @@ The terminal weight c_i (C x(T) - d)_i^2 is added: it changes nothing where C x(
 the feedback stable on the way, so that no digit is lost over a long horizon.
 """
 
-from dataclasses import dataclass
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core import stretches
 from obc_ros.core.care import balancing
+from obc_ros.core.first_order_hold import Extended, Feedback, follow, hamiltonian
 from obc_ros.core.lq_form import LqForm
 from obc_ros.core.norms import norm, TINY
 from obc_ros.core.solution import Optimality, Solution, Status
@@ -28,41 +28,18 @@ from scipy.linalg import expm, lapack
 
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]
+Path = tuple[Array, Array, Array, Array, Array, float]
 
 _UNREACHED = 1e-12  # relative size of what the input reaches at which it counts as nothing
 _MISSED = 1e-8      # relative miss of a terminal constraint at which it counts as met
 _ROUNDING = 1e-9    # relative size of what may be nothing but rounding
 _DEFECT = 3e-7      # of the dynamics under linear interpolation of u, all intervals together
+_LARGEST_DEFECT = 6e-7  # likewise before it grows, where samples are as many as they may be
 _MOST_GROWTH = 30.0  # of a defect until T that is allowed for; more needs feedback, not samples
-_FEWEST, _MOST = 64, 32768  # samples of a block, of all
+_FEWEST, _MOST = 64, 32768  # samples of a block, of all, of the optimal path
 _MOST_HALVINGS = 24
-_LARGEST_TABLE = 8e6        # numbers kept of P(t)
+_LARGEST_TABLE = 2e5        # numbers of P(t) at these samples
 _MOST_STEPS = 20000         # of the search for a conjugate point
-
-
-@dataclass(frozen=True, eq=False)
-class _Extended:
-    """
-    The problem in z, with the units `scale` (n,) of x, `one` of the constant, `row` (q,) of psi.
-
-    A, G, Q, P1 are (n+1+q, n+1+q), C (q, n+1+q) holds psi = C z.
-    """
-
-    A: Array
-    G: Array
-    Q: Array
-    P1: Array
-    C: Array
-    n: int
-    scale: Array
-    one: float
-    row: Array
-
-    @property
-    def x_block(self) -> tuple[Array, Array, Array, Array]:
-        """Return the parts of A, G, Q, P1 that belong to x."""
-        n = self.n
-        return self.A[:n, :n], self.G[:n, :n], self.Q[:n, :n], self.P1[:n, :n]
 
 
 class _NoAnswerError(Exception):
@@ -92,18 +69,18 @@ def solve_form(form: LqForm, x0: Array, T: float, names: tuple[str, ...]) -> Sol
     extended = _extended(form)
     try:
         P1, unit = _terminal_weight(extended, T)
-        x, u, lam, t, nu, value = _path(form, extended, P1, unit, x0, T, names)
+        x, u, lam, t, nu, value = _path(extended, P1, unit, x0, T, names)
     except _NoAnswerError as no_answer:
         return no_answer.solution
     rest = form.cost - 0.5 * form.r @ np.linalg.solve(form.R, form.r)
     return Solution(
         Status.SOLVED, 'the closed form by the Riccati differential equation',
         objective=float(value + rest * T + form.terminal_cost), t=t, x=x, u=u, lam=lam,
-        hamiltonian=_hamiltonian(form, x, u, lam), nu=nu, method='riccati',
+        hamiltonian=hamiltonian(form, x, u, lam)[1], nu=nu, method='riccati',
         optimality=Optimality('global', 'linear quadratic'))
 
 
-def _extended(form: LqForm) -> _Extended:
+def _extended(form: LqForm) -> Extended:
     n, q = len(form.A), len(form.C)
     right = np.linalg.solve(form.R, np.column_stack([form.N.T, form.r]))
     A = form.A - form.B @ right[:, :n]
@@ -131,10 +108,10 @@ def _extended(form: LqForm) -> _Extended:
     P1[:n, :n] = form.P1 * (d * d[:, None])
     P1[:n, n] = P1[n, :n] = form.p1 * d / one
     P1[n + 1:], P1[:, n + 1:] = rows, rows.T
-    return _Extended(**big, C=rows, n=n, scale=d, one=one, row=row)
+    return Extended(form, **big, C=rows, scale=d, one=one, row=row)
 
 
-def _terminal_weight(extended: _Extended, T: float) -> tuple[Array, Array]:
+def _terminal_weight(extended: Extended, T: float) -> tuple[Array, Array]:
     """
     Return P(T) with the weights c of the terminal constraints, and the roots of c.
 
@@ -184,31 +161,54 @@ def _has_minimum(A: Array, G: Array, Q: Array, P: Array, T: float) -> bool:
     return True
 
 
-def _path(form: LqForm, extended: _Extended, P1: Array, unit: Array, x0: Array, T: float,
-          names: tuple[str, ...]) -> tuple[Array, Array, Array, Array, Array, float]:
-    """Return x, u, lam, t, nu and the cost, on as many samples as linear u needs."""
-    blocks = _blocks(extended, T)
+def _path(extended: Extended, P1: Array, unit: Array, x0: Array, T: float,
+          names: tuple[str, ...]) -> Path:
+    """
+    Return x, u, lam, t, nu and the cost.
+
+    They are samples of the optimal path, as many as linear u needs; where that is too many, as of
+    stiff plants, they are samples of a path that linear u leads along.
+    """
+    form, blocks = extended.form, _blocks(extended, T)
+    start = np.append(x0 / extended.scale, extended.one)
+    feedback = Feedback(extended, P1, blocks)
+    P0 = feedback.costs(0)[0]
+    nu = _multipliers(extended, P0, unit, start, T, names)
+    value = 0.5 * float(np.append(start, nu) @ P0 @ np.append(start, nu))
     most = min(_MOST, _LARGEST_TABLE / len(P1)**2) / len(blocks)
-    count = _FEWEST
-    while True:
-        P = _costs(extended, P1, blocks, count)
-        start = np.append(x0 / extended.scale, extended.one)
-        nu = _multipliers(extended, P[0][0], unit, start, T, names)
-        z = _forward(extended, P, np.append(start, nu), blocks)
-        t = np.array([np.linspace(*block, count + 1) for block in blocks])
-        x = z[..., :extended.n] * extended.scale
-        lam = np.einsum('bkij,bkj->bki', P, z)[..., :extended.n] / extended.scale
-        right = lam @ form.B + x @ form.N + form.r
-        u = -np.linalg.solve(form.R, right.reshape(-1, form.B.shape[1]).T).T.reshape(right.shape)
-        kept, error = _thinned(form, t, x, u)
-        finer = 2 ** max(1, math.ceil(0.5 * math.log2(max(error / _DEFECT, 1.0))))
-        if error <= _DEFECT or 2 * count > most:
-            value = 0.5 * float(z[0, 0] @ P[0][0] @ z[0, 0])
+    largest = 2 ** int(math.log2(max(most, _FEWEST)))
+    held = follow(feedback, start[:-1], nu) if most < _FEWEST else None
+    count, lines = _FEWEST, held is None and most >= _FEWEST
+    while held is None:
+        t, x, u, lam = _samples(extended, P1, blocks, np.append(start, nu), count)
+        kept, error, defect = _thinned(form, t, x, u)
+        # Halving steps quarters both.
+        wanted = count * 2 ** max(1, math.ceil(0.5 * math.log2(max(error / _DEFECT, 1.0))))
+        enough = error <= _DEFECT or count == largest and defect <= _LARGEST_DEFECT
+        if lines and not enough and (
+                count == largest or defect * (count / min(wanted, largest))**2 > _LARGEST_DEFECT):
+            held, lines = follow(feedback, start[:-1], nu), False
+        elif enough or count == largest:
             return x[kept], u[kept], lam[kept], t[kept], nu / extended.row, value
-        count = min(count * finer, 2 ** int(math.log2(most)))
+        else:
+            count = min(wanted, largest)
+    return held.x, held.u, held.lam, held.t, held.nu / extended.row, value
 
 
-def _blocks(extended: _Extended, T: float) -> list[tuple[float, float]]:
+def _samples(extended: Extended, P1: Array, blocks: list[tuple[float, float]], z: Array,
+             count: int) -> tuple[Array, Array, Array, Array]:
+    """Return t, x, u, lam of the optimal path at `count` + 1 times of each block."""
+    form = extended.form
+    P = _costs(extended, P1, blocks, count)
+    path = _forward(extended, P, z, blocks)
+    x = path[..., :extended.n] * extended.scale
+    lam = np.einsum('bkij,bkj->bki', P, path)[..., :extended.n] / extended.scale
+    right = lam @ form.B + x @ form.N + form.r
+    u = -np.linalg.solve(form.R, right.reshape(-1, form.B.shape[1]).T).T.reshape(right.shape)
+    return np.array([np.linspace(*block, count + 1) for block in blocks]), x, u, lam
+
+
+def _blocks(extended: Extended, T: float) -> list[tuple[float, float]]:
     """Halve the horizon towards both ends, where the path has layers as thin as 1 / speed."""
     A, G, Q, _ = extended.x_block
     speed = norm(A) + math.sqrt(norm(G) * norm(Q))
@@ -218,7 +218,7 @@ def _blocks(extended: _Extended, T: float) -> list[tuple[float, float]]:
     return list(zip(times[:-1], times[1:], strict=True))
 
 
-def _costs(extended: _Extended, P1: Array, blocks: list[tuple[float, float]], count: int
+def _costs(extended: Extended, P1: Array, blocks: list[tuple[float, float]], count: int
            ) -> Array:
     """Return P at `count`+1 equally spaced times of each block."""
     P = np.empty((len(blocks), count + 1, *P1.shape))
@@ -230,7 +230,7 @@ def _costs(extended: _Extended, P1: Array, blocks: list[tuple[float, float]], co
     return P
 
 
-def _multipliers(extended: _Extended, P0: Array, unit: Array, start: Array, T: float,
+def _multipliers(extended: Extended, P0: Array, unit: Array, start: Array, T: float,
                  names: tuple[str, ...]) -> Array:
     """Solve P_nunu nu = -(P_nux x0 + P_nu1), or say which constraint the input does not reach."""
     n1 = extended.n + 1
@@ -259,7 +259,7 @@ def _multipliers(extended: _Extended, P0: Array, unit: Array, start: Array, T: f
     return nu
 
 
-def _is_moved(extended: _Extended, way: Array) -> bool:
+def _is_moved(extended: Extended, way: Array) -> bool:
     """Return whether G acts on a combination of constraints, or on one of its derivatives."""
     A, G, *_ = extended.x_block
     row = (way @ extended.C)[:extended.n]
@@ -273,7 +273,7 @@ def _is_moved(extended: _Extended, way: Array) -> bool:
     return False
 
 
-def _out_of_reach(extended: _Extended, way: Array, miss: float, T: float, names: tuple[str, ...]
+def _out_of_reach(extended: Extended, way: Array, miss: float, T: float, names: tuple[str, ...]
                   ) -> str:
     """Name the combination of states at T that the input does not change."""
     n = extended.n
@@ -297,7 +297,7 @@ def _out_of_reach(extended: _Extended, way: Array, miss: float, T: float, names:
             f'T = {T:g} is {there:.6g} whatever the input; wanted is {wanted:.6g}')
 
 
-def _forward(extended: _Extended, P: Array, z: Array, blocks: list[tuple[float, float]]) -> Array:
+def _forward(extended: Extended, P: Array, z: Array, blocks: list[tuple[float, float]]) -> Array:
     """Return z at each time: over a stretch z+ = (I + G P+)^-1 A z."""
     path = np.empty(P.shape[:-1])
     for k, (low, high) in enumerate(blocks):
@@ -310,24 +310,29 @@ def _forward(extended: _Extended, P: Array, z: Array, blocks: list[tuple[float, 
     return path
 
 
-def _thinned(form: LqForm, t: Array, x: Array, u: Array) -> tuple[tuple[Places, ...], float]:
+def _thinned(form: LqForm, t: Array, x: Array, u: Array
+             ) -> tuple[tuple[Places, ...], float, float]:
     """
-    Return the samples (block, place) that linear u needs, and the error with all of them.
+    Return the samples (block, place) that linear u needs, and error and defect with all of them.
 
-    The error is the defect of the dynamics relative to the largest states, grown until T, of all
-    intervals together. A sample is left out when the line between its neighbours passes by it.
+    The defect is that of the dynamics relative to the largest states, of all intervals together;
+    the error is what it has grown to at T. A sample is left out when the line between its
+    neighbours passes by it.
     """
     blocks, count = len(t), t.shape[1] - 1
     size = np.abs(x).max(axis=(0, 1))
     size[size == 0.0] = max(float(size.max()), TINY)
     growth = _growth(form.A * (size / size[:, None]), t)
+    plain = 0.0
     levels = []  # middles of intervals of 2 reach samples, and the error of leaving them out
     reach = 1
     while reach < count:
         middle = np.arange(reach, count, 2 * reach)
         bend = u[:, middle] - 0.5 * (u[:, middle - reach] + u[:, middle + reach])
         length = 2.0 / 3.0 * (t[:, middle + reach] - t[:, middle - reach])
-        defect = np.abs(bend @ form.B.T / size).max(axis=2) * length * growth[:, middle]
+        defect = np.abs(bend @ form.B.T / size).max(axis=2) * length
+        plain = plain or 0.25 * float(defect.sum())
+        defect *= growth[:, middle]
         levels.append((reach, middle, defect))
         reach *= 2
     finest = 0.25 * float(levels[0][2].sum())  # halving the length quarters the bend
@@ -344,25 +349,18 @@ def _thinned(form: LqForm, t: Array, x: Array, u: Array) -> tuple[tuple[Places, 
         if left_out <= max(_DEFECT, 2.0 * finest):
             break
     keep[1:, 0] = False  # it is the last of the block before
-    return np.nonzero(keep), finest
+    return np.nonzero(keep), finest, plain
 
 
 def _growth(A: Array, t: Array) -> Array:
     """Return by how much dx/dt = A x grows from each time until T, at least 1."""
     T = t[-1, -1]
-    step, power, sizes = expm(A * (T / 64)), np.eye(len(A)), [1.0]
-    for _ in range(64):
-        power = step @ power if sizes[-1] < _MOST_GROWTH else power
-        sizes.append(max(1.0, float(np.abs(power).sum(axis=1).max())))
+    with np.errstate(all='ignore'):
+        step, power, sizes = expm(A * (T / 64)), np.eye(len(A)), [1.0]
+        for _ in range(64):
+            power = step @ power if sizes[-1] < _MOST_GROWTH else power
+            size = float(np.abs(power).sum(axis=1).max())
+            sizes.append(max(1.0, size) if math.isfinite(size) else _MOST_GROWTH)
     grown = np.minimum(np.maximum.accumulate(sizes), _MOST_GROWTH)
     growth: Array = np.interp(T - t, np.linspace(0.0, T, 65), grown)
     return growth
-
-
-def _hamiltonian(form: LqForm, x: Array, u: Array, lam: Array) -> Array:
-    """Return H = L + lam'f at each sample."""
-    L = (0.5 * np.einsum('ki,ij,kj->k', x, form.Q, x) + np.einsum('ki,ij,kj->k', x, form.N, u)
-         + 0.5 * np.einsum('ki,ij,kj->k', u, form.R, u) + x @ form.q + u @ form.r + form.cost)
-    f = x @ form.A.T + u @ form.B.T + form.a
-    H: Array = L + np.einsum('ki,ki->k', lam, f)
-    return H

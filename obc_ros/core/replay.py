@@ -12,6 +12,9 @@ densities of the multipliers of state bounds and path constraints. The method is
 Runge-Kutta pair of Dormand and Prince, order 5, in equal steps that are halved until the
 embedded error estimate is small: nothing of how the answer was found enters.
 
+Where f is affine and L quadratic and many steps would be needed, as of stiff plants, matrix
+exponentials take their place (`affine_replay`), which are exact.
+
 Where the states decay so fast within an interval that costates grow beyond all numbers, these are
 integrated from the returned lam at the interval's end back to its start, along the states found
 on the way there: what decays one way decays for the other then, and a defect is what is left at
@@ -19,11 +22,13 @@ the start. Steps are halved until two courses agree.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 import math
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from obc_ros.core.affine_replay import AffineReplay, courses, Rates
 from obc_ros.core.batch import Batch
 from obc_ros.core.problem import Problem
 
@@ -51,6 +56,7 @@ _DENSE = (-12715105075 / 11282082432, 0.0, 87487479700 / 32700410799,
 
 PARTS = 4           # an interval is seen at its quarters
 FEWEST_STEPS = 2    # in one interval
+_MANY_STEPS = 32    # likewise, beyond which exponentials are taken where they can be
 _STEPS_BACK = 32    # likewise, there and back
 _AT_ONCE = 256      # intervals, there and back
 _FAR = 1e3          # times its scale: beyond it what is integrated grows without end
@@ -107,6 +113,7 @@ class Integrator:
     """The right-hand sides for a problem's states, costates and cost, for any numbers."""
 
     def __init__(self, problem: Problem) -> None:
+        self._problem = problem
         lam, s = ca.SX.sym('lam', problem.n), ca.SX.sym('s', problem.n)
         mu = ca.SX.sym('mu', problem.path.numel())
         H = problem.L + ca.dot(lam, problem.f) + ca.dot(mu, problem.path)
@@ -145,6 +152,11 @@ class Integrator:
             wanted = 1.3 * steps * min((worst / tolerance)**0.25, 50.0)
             more = PARTS * max(-(-2*steps // PARTS), math.ceil(wanted / PARTS))
             before, steps = steps, min(more, MOST_STEPS)
+            if rows.size and steps > _MANY_STEPS and (rates := self._rates(intervals, p, scale)):
+                z[rows] = self._exactly(rates, intervals.some(rows), intervals.lam[rows])
+                # Costates that grow that far are followed from the ends.
+                rows = rows[~(np.abs(z[rows, :, :2*n]) <= _FAR * scale).all(axis=(1, 2))]
+                break
         parts = np.linspace(0.0, 1.0, PARTS + 1)[None, :, None]
         u = (1 - parts)*intervals.ua[:, None] + parts*intervals.ub[:, None]
         return Replay(x=z[:, :, :n], lam=z[:, :, n:2*n], u=u, cost=z[:, -1, -1],
@@ -167,6 +179,10 @@ class Integrator:
         if not np.all(x <= far[:n]) or np.all(lam <= far[n:]) and not back:
             return course, course.lam[:, -1] - lam_end
         z = np.full((len(intervals.x), PARTS + 1, 2*n + 1), np.inf)
+        if rates := self._rates(intervals, p, scale):
+            z = self._exactly(rates, intervals, lam_end, back=True)
+            return self._from_ends(course, intervals, z, np.flatnonzero(
+                ~np.isfinite(z).all(axis=(1, 2))))
         left, steps = np.arange(len(z)), _STEPS_BACK
         while left.size and steps <= MOST_STEPS:
             before = z[left]
@@ -176,10 +192,32 @@ class Integrator:
                 cost = max(float(np.abs(z[:, -1, -1]).sum()), LEAST_COST)
                 error = np.abs(z[left] - before).max(axis=1) / np.append(scale, cost)
             left, steps = left[~(error.max(axis=1) <= tolerance)], 2 * steps
+        return self._from_ends(course, intervals, z, left)
+
+    @staticmethod
+    def _from_ends(course: Replay, intervals: Intervals, z: Array, failed: Index
+                   ) -> tuple[Replay, Array]:
+        """Return a course whose costates come from the ends, and what is left at the starts."""
+        n = intervals.x.shape[1]
         defect = intervals.lam - z[:, 0, n:2*n]
         parts = np.linspace(0.0, 1.0, PARTS + 1)[:, None]
         z[:, :, n:2*n] += (1 - parts) * defect[:, None]
-        return Replay(z[:, :, :n], z[:, :, n:2*n], course.u, z[:, -1, -1], left), defect
+        return Replay(z[:, :, :n], z[:, :, n:2*n], course.u, z[:, -1, -1], failed), defect
+
+    @cached_property
+    def _affine(self) -> AffineReplay:
+        return AffineReplay(self._problem)
+
+    def _rates(self, intervals: Intervals, p: Array, scale: Array) -> Rates | None:
+        """Return the matrices of an affine problem; None where it is none."""
+        return self._affine.rates(p, scale[:intervals.x.shape[1]], np.vstack(
+            _inputs(intervals)), intervals.h)
+
+    @staticmethod
+    def _exactly(rates: Rates, intervals: Intervals, lam: Array, *, back: bool = False) -> Array:
+        """Return (x, lam, J) at the quarters, (K, 5, 2 n + 1); lam at the ends if `back`."""
+        with np.errstate(all='ignore'):
+            return courses(rates, intervals.h, intervals.x, _inputs(intervals), lam, PARTS, back)
 
     def growth(self, course: Replay, intervals: Intervals, p: Array, scale: Array) -> float:
         """
@@ -188,6 +226,10 @@ class Integrator:
         In units of `scale`, (2 n,), it is at most exp(h |df/dx|), here with Frobenius' norm, the
         larger one of both ends.
         """
+        if rates := self._rates(intervals, p, scale):
+            n = intervals.x.shape[1]
+            with np.errstate(over='ignore'):
+                return float(np.exp(intervals.h.max() * np.linalg.norm(rates.Y[:n, :n])))
         K, n = intervals.x.shape
         x, u, s, m = (np.concatenate(both) for both in (
             (course.x[:, 0], course.x[:, -1]), (course.u[:, 0], course.u[:, -1]),
@@ -211,8 +253,8 @@ class Integrator:
         x, J, lam = np.empty((steps + 1, K, n)), np.zeros(K), np.empty((steps + 1, K, n))
         f, slopes = np.empty((steps + 1, K, n)), np.empty((len(_C) - 1, K, n + 1))
 
-        first = np.hstack([intervals.ua, intervals.sa, intervals.ma])
-        change = np.hstack([intervals.ub, intervals.sb, intervals.mb]) - first
+        first, last = _inputs(intervals)
+        change = last - first
 
         def rate(step: float, x: Array, lam: Array) -> Array:
             return self._rate.joined(np.hstack([x, lam]), first + step / steps * change, p)
@@ -243,8 +285,8 @@ class Integrator:
         z = np.column_stack([intervals.x, intervals.lam, np.zeros(K)])
         h = intervals.h[:, None] / steps
 
-        first = np.hstack([intervals.ua, intervals.sa, intervals.ma])
-        change = np.hstack([intervals.ub, intervals.sb, intervals.mb]) - first
+        first, last = _inputs(intervals)
+        change = last - first
 
         def rate(tau: float, z: Array) -> Array:
             return self._rate.joined(z[:, :2*n], first + tau*change, p)
@@ -267,6 +309,12 @@ class Integrator:
             if (step + 1) % max(steps // PARTS, 1) == 0:
                 seen.append(z)
         return np.stack(seen, axis=1), total
+
+
+def _inputs(intervals: Intervals) -> tuple[Array, Array]:
+    """Return (u, s, m) at the start and at the end of each interval."""
+    return (np.hstack([intervals.ua, intervals.sa, intervals.ma]),
+            np.hstack([intervals.ub, intervals.sb, intervals.mb]))
 
 
 def _cubic(tau: float, h: Array, x: Array, f: Array) -> Array:
