@@ -90,7 +90,11 @@ def ask_feasible(count: int, rng: np.random.Generator, until: float) -> Tally:
         except Exception as error:   # a finder that fails is one that a worker dies of
             tally.accuse(truth.kind, f'{type(error).__name__}: {error}', truth.mapping)
         if number % EVERY == 0:
-            answer = solve(problem, time_limit=LIMIT)
+            try:
+                answer = solve(problem, time_limit=LIMIT)
+            except Exception as error:
+                tally.accuse(truth.kind, f'solve: {type(error).__name__}: {error}', truth.mapping)
+                continue
             tally.found[answer.status.value] += 1
             if answer.status is Status.INFEASIBLE or any(
                     word in answer.message for word in FALSE):

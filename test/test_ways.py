@@ -98,3 +98,15 @@ def test_the_mirror_image_is_as_good():
     assert found[0].objective == pytest.approx(found[1].objective, rel=1e-9)
     # Without discs px alone takes 2 sqrt(4); the path first found takes 5.37.
     assert 4.0 < found[0].objective < 4.1
+
+
+def test_an_obstacle_beside_a_constraint_on_inputs():
+    """The library died of the second constraint, which has the input in it."""
+    stated = problem_from_mapping({
+        'states': ['x', 'y'], 'inputs': ['a', 'b'], 'dynamics': {'x': 'a', 'y': 'b'},
+        'running_cost': 'a**2 + b**2', 'initial_state': {'x': 0, 'y': 0},
+        'terminal_constraints': ['x - 4', 'y'], 'path_constraints': [
+            {'expr': '(x - 2)**2 + (y - 0.1)**2', 'lower': 0.25},
+            {'expr': 'a**2 + b*x', 'upper': 100}],
+        'final_time': {'free': False, 'value': 4}})
+    assert solve(stated, time_limit=30).certified

@@ -107,8 +107,11 @@ def polish(reach: Reach, guess: BangBang, unknown: Unknown = 'time') -> BangBang
 
     With `unknown` = 'level', T stays and the common level of the inputs is found instead, with
     x0 = 0, c = 0 and nu' d = -1 in place of H = 0. 'abnormal' is 'time' with nu' C f(T) = 0 and
-    |nu| = 1 in place of H = 0: no finite nu satisfies that.
+    |nu| = 1 in place of H = 0: no finite nu satisfies that. Without a target or without inputs
+    there is nothing to solve.
     """
+    if not len(reach.d) or not reach.B.shape[1]:
+        return None
     scaled, back = _scaled(reach, guess.T)
     nu = np.linalg.solve(back.T, guess.nu)
     guess = replace(guess, nu=nu / np.linalg.norm(nu), normal=unknown != 'abnormal')

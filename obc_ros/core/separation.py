@@ -73,6 +73,7 @@ def _direction(reach: Reach, T: float) -> Array | None:
     return eta if multiple < 1 and np.isfinite(eta).all() else None
 
 
+@np.errstate(over='ignore', invalid='ignore')   # where bounds are infinite nothing is proved
 def _separates(reach: Reach, eta: Array, lower: float, upper: float) -> bool:
     """Return whether eta'(d - C x(T)) > 0 whatever the inputs are, for all T of an interval."""
     tau = reach.times(upper, _FINER) if upper else np.zeros(1)
@@ -203,6 +204,7 @@ def _excluded(plant: Affine, x0: Array, T: float, demands: _Demands) -> bool:
     return _proves(plant, x0, T, demands, y)
 
 
+@np.errstate(over='ignore', invalid='ignore')   # likewise
 def _proves(plant: Affine, x0: Array, T: float, demands: _Demands, y: Array) -> bool:
     """Return whether weights y >= 0 of the demands add up to what no input achieves."""
     n, m = plant.B.shape

@@ -69,8 +69,8 @@ def around(problem: Problem, line: Path) -> list[Path]:
         return []
     s = np.linspace(0.0, 1.0, _SEEN)
     x = np.column_stack([np.interp(s * line.t[-1], line.t, column) for column in line.x.T])
-    seen = Batch([problem.x, problem.p], [
-        problem.path, ca.jacobian(problem.path, problem.x).T])
+    path = ca.substitute(problem.path, problem.u, ca.DM.zeros(problem.m))   # other rows have u
+    seen = Batch([problem.x, problem.p], [path, ca.jacobian(path, problem.x).T])
     value, slopes = seen(x, problem.p_value)
     slopes = slopes.reshape(_SEEN, -1, problem.n)
     room = np.minimum(value - problem.path_lower, problem.path_upper - value)
