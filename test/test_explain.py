@@ -33,6 +33,9 @@ LAG = {
     'initial_state': {'x': 0}, 'terminal_constraints': ['x - 2'], 'input_bounds': {'u': [-1, 1]},
     'final_time': {'free': False, 'value': 5}}
 
+# Found by solving problems with larger and larger inputs, which proves nothing.
+FALLS = 'no least cost was found: it falls faster and faster as inputs may be larger, '
+
 
 def quickly(problem):
     """Answer a problem within the time that an explanation may take for one question."""
@@ -169,7 +172,7 @@ def test_a_cost_without_lower_bound():
                    state_bounds={'x': [-1e9, None]})
     assert not found.infeasible
     # The integral of x over [0, 5] under u = -r is -r (4 + exp(-5)).
-    assert found.sentence.startswith('the cost has no lower bound: ')
+    assert found.sentence.startswith(FALLS)
     assert numbers(found.sentence)[::2] == pytest.approx(
         [-r*(4 + math.exp(-5)) for r in (10, 100, 1000)], rel=1e-3)
 
@@ -207,7 +210,7 @@ def test_a_cost_without_bound_whose_residuals_are_small_beside_its_size():
         'initial_state': {'x': 0, 'y': 0}, 'running_cost': 'x*u + y',
         'final_time': {'free': False, 'value': 1}}))
     assert found.status is Status.NOT_CONVERGED
-    assert 'the cost has no lower bound' in found.message
+    assert FALLS in found.message or 'the cost has no lower bound' in found.message
 
 
 def test_a_cost_that_falls_without_end_beside_a_minimum():
@@ -216,7 +219,7 @@ def test_a_cost_that_falls_without_end_beside_a_minimum():
         'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'initial_state': {'x': 0},
         'running_cost': 'u**2 - x**4', 'final_time': {'free': False, 'value': 1}}))
     assert found.status is Status.NOT_CONVERGED
-    assert found.message.startswith('the cost has no lower bound: ')
+    assert found.message.startswith(FALLS)
     for cost, r in zip(numbers(found.message)[::2], (10, 100, 1000), strict=True):
         assert 1.1 * (r**2 - r**4/5) <= cost <= r**2 - r**4/5
 

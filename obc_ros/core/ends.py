@@ -75,7 +75,7 @@ def affine_end(problem: Problem) -> End | None:
             rows[number] = {k: value for k, value in enumerate([*part[0], part[1]]) if value}
     if not rows:
         return None
-    echelon, clash = _eliminated(rows, n)
+    echelon, clash = eliminated(rows, n)
     x = [Fraction(0)] * n
     for pivot in sorted(echelon, reverse=True):   # free states at 0, the others from the last one
         row = echelon[pivot]
@@ -87,8 +87,12 @@ def affine_end(problem: Problem) -> End | None:
     return End(rows, x, directions, clash, clear and clash is None)
 
 
-def _eliminated(rows: dict[int, Row], n: int) -> tuple[dict[int, Row], Clash | None]:
-    """Return rows in echelon form by their pivots, and the first clash that comes out."""
+def eliminated(rows: dict[int, Row], n: int) -> tuple[dict[int, Row], Clash | None]:
+    """
+    Return rows in echelon form by their pivots, and the first clash that comes out.
+
+    `rows`: the constraints A x + b = 0 by their numbers; b is in column n.
+    """
     echelon: dict[int, Row] = {}
     clash = None
     for number, given in rows.items():

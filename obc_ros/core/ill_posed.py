@@ -8,7 +8,9 @@ concave      f is affine in an input u_j without bounds and L falls with its squ
 linear       all is affine in x and u, T is fixed, and dH/du = 0 holds for no nu: the cost changes
              in proportion along some direction that the constraints leave open.
 
-Both are proofs. Where H is curved upwards in all inputs without bounds there is nothing to fear.
+Both are proofs: the curvature in exact arithmetic, the other because a linear system for nu that
+has no solution at some instants has none at all, by a margin of 1e-6. Where H is curved upwards
+in all inputs without bounds there is nothing to fear.
 """
 
 from dataclasses import dataclass, replace
@@ -19,12 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.least_time_form import affine
 from obc_ros.core.problem import Problem
+from obc_ros.core.rational import polynomials, TooHardError
 from obc_ros.core.reach import exponential
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_INSTANTS = 20   # times at which dH/du is looked at
+_INSTANTS = 20   # times at which dH/du is looked at: if it does not vanish there it never does
+_NONE, _CLEAR = 1e-12, 1e-6   # relative: a singular value that is none, and one that is
 
 
 @dataclass(frozen=True)
@@ -105,8 +109,14 @@ def _curvature(problem: Problem) -> _Curvature:
             continue
         second = ca.jacobian(slope[0], u)
         if not ca.depends_on(second, ca.vertcat(problem.x, problem.u)):
-            value = ca.Function('second', [problem.p], [second])(problem.p_value)
-            curved[index], linear[index] = float(value), not float(value)
+            function = ca.Function('second', [problem.p], [ca.densify(second)])
+            try:   # exactly: terms that cancel leave nothing
+                [value] = polynomials(function, [problem.p_value])[1]
+            except TooHardError:
+                continue
+            if set(value) <= {()}:
+                curved[index] = float(value.get((), 0))
+                linear[index] = not value
     return _Curvature(curved, linear)
 
 
@@ -134,10 +144,20 @@ def _linear(problem: Problem, free: Mask) -> str:
     M, r = np.vstack(rows), np.concatenate(wanted)
     if not np.isfinite(M).all() or not np.isfinite(r).all():
         return ''
-    nu = np.linalg.lstsq(M, r, rcond=None)[0] if q else np.zeros(0)
+    M = M / np.where(M.any(axis=0), np.abs(M).max(axis=0), 1.0)   # whatever units psi has
+    if q and not _is_clear(M):
+        return ''
+    nu = np.linalg.lstsq(M, r, rcond=_CLEAR)[0] if q else np.zeros(0)
     left = np.abs(M @ nu - r).reshape(_INSTANTS, -1).max(axis=0)
     if left.max() <= 1e-6 * max(float(np.abs(r).max()), 1e-300):
         return ''
     name = problem.inputs[int(np.flatnonzero(free)[np.argmax(left)])]
     return (f'the cost has no lower bound: it is linear in {name}, which has no bounds, and the '
             'constraints leave it free to grow')
+
+
+def _is_clear(M: Array) -> bool:
+    """Return whether each singular value of a matrix is beyond doubt 0, or is not."""
+    sizes = np.linalg.svd(M, compute_uv=False)
+    part = sizes / max(float(sizes.max(initial=0.0)), 1e-300)
+    return bool(np.all((part <= _NONE) | (part >= _CLEAR)))

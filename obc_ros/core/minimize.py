@@ -17,8 +17,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core import kkt
+from obc_ros.core.ends import eliminated
 from obc_ros.core.errors import shown, StatementError
 from obc_ros.core.expressions import check_name, near, number, parse
+from obc_ros.core.intervals import enclosure
 from obc_ros.core.parts import (
     bounds_of,
     check_keys,
@@ -28,6 +30,7 @@ from obc_ros.core.parts import (
     names_of,
     section_of,
 )
+from obc_ros.core.rational import affine_parts, polynomials, Row, TooHardError
 from obc_ros.core.solution import Certificate, Report, Status
 
 Array = NDArray[np.float64]
@@ -37,6 +40,7 @@ MAX_COUNT = 500       # variables, constraints, parameters
 STARTS = 12           # without a guess, for a problem that is not convex
 _UNBOUNDED = -1e12    # a cost this low, relative to the start's, has no lower bound
 _LEVEL = 1e-7         # costs this close are the same
+_EXCLUDED = 1e-6      # of a constraint: beyond what a certificate leaves open
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +208,7 @@ def _bottomless(question: _Question, run: _Run, local: Minimum | None) -> str:
 
 
 def _infeasible(question: _Question, runs: list[_Run]) -> Minimum:
-    """Return that the constraints exclude each other, with the one that is violated most."""
+    """Return that no point keeps to the constraints, with the one that is violated most."""
     program = question.program
     least, worst = math.inf, ''
     for run in runs:
@@ -217,9 +221,34 @@ def _infeasible(question: _Question, runs: list[_Run]) -> Minimum:
     if not 1e-7 <= least < math.inf:
         return Minimum(Status.NOT_CONVERGED, f'no minimum was found from {len(runs)} starts: '
                                              f'{runs[-1].said.replace("_", " ").lower()}')
-    return Minimum(Status.INFEASIBLE, (
-        f'no point satisfies all constraints: where they are closest to it, from {len(runs)} '
-        f'starts, {worst} is violated by {least:.4g}'))
+    where = (f'where they are closest to it, from {len(runs)} starts, {worst} is violated by '
+             f'{least:.4g}')
+    if _is_excluded(program):
+        return Minimum(Status.INFEASIBLE, f'no point satisfies all constraints: {where}')
+    return Minimum(Status.NOT_CONVERGED, (
+        f'no point was found that satisfies all constraints: {where}; infeasibility is not '
+        'proved'))
+
+
+def _is_excluded(program: kkt.Program) -> bool:
+    """Return whether it is proved, by intervals or exactly, that no point satisfies all."""
+    box = [(program.lower, program.upper)]
+    G, g = (ca.Function('rows', [program.x], [ca.densify(each)])
+            for each in (program.G, program.g))
+    slack = _EXCLUDED
+    if any(each.low > slack or each.high < -slack for each in enclosure(G, box)) or any(
+            each.low > slack for each in enclosure(g, box)):
+        return True
+    n = program.x.numel()
+    try:
+        found = polynomials(G, [[None] * n])[1]
+    except TooHardError:
+        return False
+    rows: dict[int, Row] = {}
+    for index, each in enumerate(found):
+        if part := affine_parts(each, n):
+            rows[index] = {k: value for k, value in enumerate([*part[0], part[1]]) if value}
+    return eliminated(rows, n)[1] is not None
 
 
 def _least_violation(program: kkt.Program, start: Array) -> Array:

@@ -72,7 +72,8 @@ def unbounded(problem: Problem, solve: Solver, found: Solution | None) -> str:
     listed = ', '.join(f'{cost:.4g} with {names} <= {room:g}'
                        for cost, room in zip(costs, _BOXES, strict=True))
     if costs[2] < 0 and first > 0 and second > 3*first:
-        return f'the cost has no lower bound: {listed}'
+        return (f'no least cost was found: it falls faster and faster as inputs may be larger, '
+                f'{listed}')
     if full and first > 0 and second > _PART * abs(costs[1]):
         return f'no least cost was found: it goes on falling as inputs may be larger, {listed}'
     return ''

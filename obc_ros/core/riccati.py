@@ -12,17 +12,19 @@ V(x) = x'P x / 2 + p'x + ..., its linear part and the multipliers nu of C x(T) =
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from obc_ros.core import admissible, stretches
 from obc_ros.core.care import balancing
+from obc_ros.core.contradictions import contradiction
 from obc_ros.core.errors import StatementError
 from obc_ros.core.lq_form import lq_form
 from obc_ros.core.lq_path import solve_form
 from obc_ros.core.problem import Problem
-from obc_ros.core.solution import Solution
+from obc_ros.core.solution import Solution, Status
 from scipy.linalg import lapack
 
 Array = NDArray[np.float64]
@@ -99,8 +101,9 @@ def solve_lq(problem: Problem) -> Solution | None:
     Solution or None
         None when the problem is not linear quadratic (affine terms are welcome, the cost is
         strictly convex in u), has path constraints, or a bound would be active. Status
-        'infeasible' when the input cannot meet the terminal constraints, 'not_converged' when the
-        cost has no minimum (a conjugate point).
+        'infeasible' when exact arithmetic proves that the input cannot meet the terminal
+        constraints, 'not_converged' when that is not proved, or when the cost has no minimum (a
+        conjugate point).
 
     """
     if problem.final_time.free or problem.path.numel():
@@ -109,6 +112,10 @@ def solve_lq(problem: Problem) -> Solution | None:
     if form is None:
         return None
     solution = solve_form(form, problem.x0, problem.final_time.value, problem.states)
+    if solution.status is Status.INFEASIBLE and not contradiction(problem):
+        # What doubles cannot tell from out of reach may be within it.
+        solution = replace(solution, status=Status.NOT_CONVERGED, message=(
+            f'no path was found; infeasibility is not proved ({solution.message})'))
     if not solution.t.size:
         return solution if _is_unbounded(problem) else None
     return solution if _is_unbounded(problem) or _is_within(problem, solution) else None
