@@ -23,26 +23,6 @@ DOCS = ROOT / 'docs'
 PAGES = [ROOT / 'README.md', *sorted(DOCS.glob('*.md'))]
 BLOCK = re.compile(r'^```(?:\{code-block\} )?(\w+)\n(?::caption: (\S+)\n\n)?(.*?)^```$',
                    re.MULTILINE | re.DOTALL)
-# What the tutorial needs of `ros2`, which is not among the wheels and leaves a daemon behind.
-ROS2 = f"""#!{sys.executable}
-import sys
-import rclpy
-from rclpy.parameter import Parameter
-from rclpy.parameter_client import AsyncParameterClient
-import yaml
-
-assert sys.argv[1:3] == ['param', 'set'], sys.argv
-node, name, text = sys.argv[3:]
-rclpy.init()
-own = rclpy.create_node('cli')
-client = AsyncParameterClient(own, node)
-assert client.wait_for_services(timeout_sec=20.0), 'Node not found'
-future = client.set_parameters([Parameter(name, value=yaml.safe_load(text))])
-rclpy.spin_until_future_complete(own, future, timeout_sec=20.0)
-answer = future.result().results[0]
-print('Set parameter successful' if answer.successful else
-      f'Setting parameter failed: {{answer.reason}}')
-"""
 
 
 def blocks(page: str) -> list[tuple[str, str, str]]:
@@ -115,7 +95,8 @@ def test_commands_name_what_there_is(page, sources):
         assert (ROOT / kind / f'{name}.{kind}').is_file(), name
 
 
-def test_the_tutorial_runs_and_prints_what_it_says(domain, tmp_path):
+def test_the_tutorial_runs_and_prints_what_it_says(terminal, domain, tmp_path):
+    """With `ros2` where that is installed, and with `obc` in its place."""
     commands = []
     for language, caption, text in blocks('tutorial.md'):
         if caption:
@@ -128,11 +109,9 @@ def test_the_tutorial_runs_and_prints_what_it_says(domain, tmp_path):
     for name in ('plant_simulator', 'lqr_node', 'obc'):
         (bin_ / name).symlink_to(support.find(name))
     (bin_ / 'python').write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} "$@"\n')
-    (bin_ / 'ros2').write_text(ROS2)
-    for script in bin_.iterdir():
-        if not script.is_symlink():
-            script.chmod(0o755)
-    said = run(tmp_path, domain, [command for command, _ in commands])
+    (bin_ / 'python').chmod(0o755)
+    said = run(tmp_path, domain, [re.sub('^ros2 ', f'{terminal.word} ', command)
+                                  for command, _ in commands])
     checker, options = doctest.OutputChecker(), doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
     for (command, wanted), got in zip(commands, said, strict=True):
         assert checker.check_output(wanted, got, options), f'$ {command}\n{got}\nnot\n{wanted}'
@@ -145,7 +124,8 @@ def run(folder: Path, domain: int, commands: list[str]) -> list[str]:
     mark = '--- next ---'
     # What stays in the background writes to a file, as it would to another terminal.
     lines = [re.sub(r' &$', ' >> log 2>&1 &', command) for command in commands]
-    lines = [f'{line} 2>&1' if line.startswith('ros2') else line for line in lines]
+    lines = [f'{line} 2>&1' if re.match('(obc|ros2) param', line) else line
+             for line in lines]
     script = ''.join(f'{line}\necho {shlex.quote(mark)}\n' for line in lines) + 'wait\n'
     environment = support.environment(domain)
     path = os.pathsep.join([str(folder / 'bin'), environment.get('PATH', '')])

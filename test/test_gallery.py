@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 import json
 import os
 from pathlib import Path
+import re
 import shlex
 
 from matplotlib.figure import Figure
@@ -18,9 +19,10 @@ from obc_ros.cli.gallery_entries import desk as desks
 from obc_ros.cli.gallery_entries import linear, page, regulators, ros2, vehicle
 from obc_ros.cli.gallery_entries.all import ENTRIES
 from obc_ros.cli.gallery_entries.entry import Answer, Entry, Row, UnansweredError
-from obc_ros.cli.obc import main
+from obc_ros.cli.obc import main, parse
 from obc_ros.cli.processes import Children, free_domain, isolate
-from obc_ros.cli.yaml_messages import fill
+from obc_ros.cli.yaml_messages import fill, find_type
+from obc_ros.cli.yaml_messages import parse as parse_yaml
 from obc_ros.nodes.messages import statement
 from obc_ros.srv import DesignLqr, SolveOptimalControl
 import pytest
@@ -61,7 +63,25 @@ def test_every_number_holds(entry: Entry, desk: desks.Desk, out: Path) -> None:
     assert not wrong
     assert record['holds']
     assert record['commands']
+    for command in record['commands']:
+        understood(command, out)
     assert (out / f'{entry.name}.png').stat().st_size > 20_000
+
+
+def understood(command: str, out: Path) -> None:
+    """Parse a command of the page as `obc` does; fill the request or the message that it has."""
+    if command.startswith('#'):
+        return
+    found = re.fullmatch(r'(.*) "\$\(cat (\S+)\)"', command)
+    words = shlex.split(found[1] if found else command)
+    assert words[0] == 'ros2', command
+    if found:
+        words.append((out / found[2]).read_text(encoding='utf-8'))
+    args = parse(words[1:])
+    if args.command == 'service':
+        fill(find_type(args.service_type, 'srv').Request(), parse_yaml(args.values))
+    elif args.command == 'topic' and 'values' in args:
+        fill(find_type(args.message_type, 'msg')(), parse_yaml(args.values))
 
 
 def test_hypotheses_of_theorem_2_2() -> None:

@@ -16,7 +16,8 @@ from typing import Any
 Record = Mapping[str, Any]
 
 _TERMINALS = ('<p>From the folder of this page, every <code>ros2 run</code> in a terminal of '
-              'its own{}:</p>')
+              'its own{}; without a ROS 2 installation with <code>obc</code> in place of '
+              '<code>ros2</code>:</p>')
 _SERVER = ', and <code>ros2 run obc_ros trajectory_server</code> in another'
 _PARTS = re.compile(r'(\$[^$]*\$|`[^`]*`)')
 _TOKEN = re.compile(r'([_^])(\{[^}]*\}|.)|(&\w+;)|([A-Za-z]+)|([\u0370-\u03ff])|(.)', re.DOTALL)
