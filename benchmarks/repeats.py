@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from obc_ros.core.problem import Problem
+from obc_ros.core.replay import LEAST_COST
 from obc_ros.core.solution import Solution, Status
 from obc_ros.core.solve import Cache, solve
 from obc_ros.core.statement import load_file, problem_from_mapping
@@ -81,7 +82,7 @@ def differences(shared: Solution | str, alone: Solution | str) -> Iterator[str]:
         yield (f'{shared.status.value} in one cache ({shared.message}), '
                f'{alone.status.value} alone ({alone.message})')
     elif shared.status is Status.SOLVED and abs(shared.objective - alone.objective) > SAME * max(
-            abs(shared.objective), abs(alone.objective)):
+            abs(shared.objective), abs(alone.objective), LEAST_COST):
         yield f'cost {shared.objective:.8g} in one cache, {alone.objective:.8g} alone'
 
 
