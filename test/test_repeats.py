@@ -50,6 +50,17 @@ def test_least_fuel_of_an_oscillator_again_and_again():
         assert shared.objective == pytest.approx(alone.objective, rel=SAME_COST)
 
 
+def test_a_neighbour_that_contradicts_itself_is_refused_at_once():
+    """An end that is beyond a bound by little, after one that is not."""
+    mapping, cache = load_file(PROBLEMS / 'missile.yaml')[0], Cache()
+    assert solve(problem_from_mapping(mapping), cache=cache).status is Status.SOLVED
+    beyond = {**mapping, 'terminal_constraints': [
+        row.replace('310', '310.2') for row in mapping['terminal_constraints']]}
+    refused = solve(problem_from_mapping(beyond), cache=cache)
+    assert refused.status is Status.INFEASIBLE
+    assert 'exclude each other' in refused.message
+
+
 def variants(name):
     """Yield a problem as it stands and with three changes of its numbers, each read anew."""
     mapping, chance = load_file(PROBLEMS / f'{name}.yaml')[0], np.random.default_rng(0)

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from obc_ros.core.aligned import neighbouring
+from obc_ros.core.contradictions import contradiction
 from obc_ros.core.familiar import ANOTHER
 from obc_ros.core.kit import Answered, numbers
 from obc_ros.core.optimality import local
 from obc_ros.core.refine import below
-from obc_ros.core.solution import Optimality, Solution
+from obc_ros.core.solution import Optimality, Solution, Status
 
 if TYPE_CHECKING:
     from obc_ros.core.search import Search
@@ -41,6 +42,8 @@ def beside_neighbour(search: 'Search') -> Solution | None:
     if answer is not None and answer.certified:
         search.last = replace(last, problem=search.stated, outcome=outcome,
                               extremal=search.extremal)
+    elif reason := contradiction(search.stated):   # what is near has an answer, this has none
+        return Solution(Status.INFEASIBLE, reason)
     else:
         search.kit.answers.remove(last)   # nor does it serve the next one
         search.extremal, search.nearby = None, False
