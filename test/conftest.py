@@ -108,8 +108,10 @@ def probe(domain: int) -> Iterator[support.Probe]:
 
 @pytest.fixture(params=WORDS)
 def terminal(request: pytest.FixtureRequest, domain: int, tmp_path: Path) -> Iterator[Terminal]:
-    """Return a terminal for `obc`, and one for `ros2` where that is; its daemon is ended."""
+    """Return a terminal for `obc`, and one for `ros2` where that is, with its daemon meanwhile."""
     terminal = Terminal(request.param, domain, tmp_path)
+    if terminal.word == 'ros2':  # one that the first line starts knows no nodes yet
+        terminal.say('daemon', 'start')
     yield terminal
     if terminal.word == 'ros2':
         terminal.say('daemon', 'stop')
