@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TwistStamped, WrenchStamped
+from geometry_msgs.msg import Twist, TwistStamped, WrenchStamped
 from lifecycle_msgs.srv import ChangeState, GetState
 from lqr_bench import Bench, BEST_EFFORT, HOVER, LATCHED, matrix, nanoseconds, reference
 from nav_msgs.msg import Odometry
@@ -365,6 +365,25 @@ def test_odometry_in_and_twist_out(spawn: Any, probe: Any) -> None:
     bench.process.wait_for_output("a state in the frame 'map' was dropped: wanted 'odom'")
     bench.report('states', lambda _, values: values['dropped in another frame'] == '2'
                  and values['dropped not finite'] == '1')
+
+
+@pytest.mark.parametrize(('system', 'inputs'), [
+    ('vehicle', lambda v, phi: (v, v / 2.0 * math.tan(phi))),
+    ('two_wheeled', lambda v, omega: (v, omega)),
+])
+def test_twist_without_a_stamp(spawn: Any, probe: Any, system: str, inputs: Any) -> None:
+    """What many bases listen to; its numbers are those of the command that it stands for."""
+    at_rest = {'system': system, 'setpoint': [0.0, 0.0, 0.0], 'setpoint_input': [1.0, 0.0]}
+    bench = Bench(spawn, probe, sink=Twist, commands='cmd_vel', command_sink='cmd_vel',
+                  cmd_vel_stamped=False, **at_rest)
+    assert dict(probe.node.get_topic_names_and_types())['/cmd_vel'] == ['geometry_msgs/msg/Twist']
+    K = matrix(bench.design(1).k, 2)
+    x = np.array([0.0, 0.01, 0.02])
+    bench.send(x)
+    twist = probe.wait_for(lambda: bench.commands or None)[-1]
+    assert (twist.linear.x, twist.angular.z) == pytest.approx(
+        inputs(*(np.array([1.0, 0.0]) - K @ x)), rel=1e-9)
+    assert probe.get_parameters('/lqr_node', 'cmd_vel_stamped') == {'cmd_vel_stamped': False}
 
 
 def test_odometry_of_another_body_is_named() -> None:

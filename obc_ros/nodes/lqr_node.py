@@ -31,6 +31,7 @@ from obc_ros.msg import LqrDesign, Trajectory
 from obc_ros.nodes import graph, lqr_topics
 from obc_ros.nodes.conversions import nanoseconds
 from obc_ros.nodes.design_message import design_message, fill_suggestion, suggestion
+from obc_ros.nodes.hardware import identify
 from obc_ros.nodes.lqr_diagnostics import Monitor
 from obc_ros.nodes.lqr_settings import Candidate, ending, judge, limits, Settings, tried
 from obc_ros.nodes.main import run
@@ -82,7 +83,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         system = self._adopted.design.plant.system
         overrides = QoSOverridingOptions(OVERRIDES)
         self._read = lqr_topics.source(settings.state_source, system)
-        self._sink = lqr_topics.Sink(settings.command_sink, system)
+        self._sink = lqr_topics.Sink(settings.command_sink, system, settings.cmd_vel_stamped)
         self._frame, self._has_speed = settings.frame_id, settings.state_source == 'odom'
         self._look_at_clock()
         self._states = self.create_subscription(
@@ -91,7 +92,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
             qos_overriding_options=overrides)
         self._monitor.topic = self._states.topic_name
         self._commands = self.create_lifecycle_publisher(
-            lqr_topics.SINKS[settings.command_sink], settings.command_sink, SINK,
+            self._sink.type, settings.command_sink, SINK,
             qos_overriding_options=overrides)
         self._references = self.create_subscription(
             Trajectory, 'reference', self._on_reference, LATCHED,
@@ -379,6 +380,8 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         array.status = self._monitor.statuses(
             self.get_fully_qualified_name()[1:], self._loop, self._revision, self._is_active,
             None if error is None else self._adopted.design.cost_to_go(error))
+        identify(array.status, self, self._table.settings.hardware_id,
+                 self._adopted.design.plant.system.name)
         self._diagnostics.publish(array)
 
 

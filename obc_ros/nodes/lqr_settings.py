@@ -18,6 +18,7 @@ from obc_ros.core.regulator import Gains, Limits, rows, Vector, vector
 from obc_ros.core.weights import count, KINDS, square
 from obc_ros.msg import LqrWeights
 from obc_ros.nodes.conversions import chosen_system, system_parameters
+from obc_ros.nodes.hardware import HARDWARE
 from obc_ros.nodes.lqr_topics import SINKS, SOURCES
 from obc_ros.nodes.own_thread import PRIORITY
 from obc_ros.nodes.parameters import group, parameter, Value
@@ -113,8 +114,12 @@ class Settings:
         'command', 'topic that commands go to, with its type: command (Command), cmd_vel '
         '(TwistStamped, the vehicle) or wrench (WrenchStamped, the aircraft)',
         choices=tuple(SINKS), read_only=True)
+    cmd_vel_stamped: bool = parameter(
+        True, 'whether cmd_vel is a TwistStamped; false: a Twist, which has no time',
+        read_only=True)
     frame_id: str = parameter(
         '', "frame of the states; empty: that of the first one's header")
+    hardware_id: str = parameter('', HARDWARE)
     priority: int = parameter(0, PRIORITY, lower=0, upper=99, read_only=True)
     autostart: bool = parameter(
         True, 'whether the node configures and activates itself', read_only=True)

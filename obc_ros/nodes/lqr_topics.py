@@ -11,8 +11,8 @@ topic       type              meaning
 state       State             x
 odom        Odometry          pose, and twist in the child frame; see `conversions`
 command     Command           u
-cmd_vel     TwistStamped      vehicle: linear.x = v, angular.z = (v / l) tan(phi); two_wheeled:
-                              linear.x = v, angular.z = omega
+cmd_vel     TwistStamped, or  vehicle: linear.x = v, angular.z = (v / l) tan(phi); two_wheeled:
+            Twist             linear.x = v, angular.z = omega
 wrench      WrenchStamped     aircraft, at its centre of mass in base_link (x forward, z up):
                               force.x = f1, force.z = f2, torque.y = -r f1 (nose up positive
                               is a rotation about -y)
@@ -25,7 +25,7 @@ import math
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import TwistStamped, WrenchStamped
+from geometry_msgs.msg import Twist, TwistStamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from obc_ros.core.errors import shown, StatementError
 from obc_ros.core.following import Course, course
@@ -84,18 +84,28 @@ class Sink:
         A key of `SINKS`.
     system : System
         Whose inputs they are.
+    is_stamped : bool
+        Whether cmd_vel has a header.
+
+    Attributes
+    ----------
+    type : type
+        Of the messages.
 
     """
 
-    def __init__(self, topic: str, system: System) -> None:
-        self._message = SINKS[topic]()
+    def __init__(self, topic: str, system: System, is_stamped: bool = True) -> None:
+        self.type = Twist if topic == 'cmd_vel' and not is_stamped else SINKS[topic]
+        self._message = self.type()
+        self._header = getattr(self._message, 'header', None)
         self._fill = self._command if topic == 'command' else _filler(topic, self._message, system)
-        if topic != 'command':
-            self._message.header.frame_id = BASE
+        if topic != 'command' and self._header is not None:
+            self._header.frame_id = BASE
 
     def message(self, u: Sequence[float], stamp: Time) -> Any:
         """Return the message for an input (m,); the next call changes it."""
-        self._message.header.stamp = stamp
+        if self._header is not None:
+            self._header.stamp = stamp
         self._fill(u)
         return self._message
 
@@ -146,13 +156,14 @@ def courses(message: Trajectory, system: System, frame: str, present: tuple[Cour
 
 def _filler(topic: str, message: Any, system: System) -> Fill:
     p = {each.name: each.value for each in system.parameters}
+    twist = message if isinstance(message, Twist) else getattr(message, 'twist', None)
 
     def vehicle(u: Sequence[float]) -> None:
-        message.twist.linear.x = u[0]
-        message.twist.angular.z = u[0] / p['l'] * math.tan(u[1])
+        twist.linear.x = u[0]
+        twist.angular.z = u[0] / p['l'] * math.tan(u[1])
 
     def two_wheeled(u: Sequence[float]) -> None:
-        message.twist.linear.x, message.twist.angular.z = u
+        twist.linear.x, twist.angular.z = u
 
     def aircraft(u: Sequence[float]) -> None:
         message.wrench.force.x, message.wrench.force.z = u

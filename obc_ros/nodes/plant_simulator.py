@@ -31,6 +31,7 @@ from obc_ros.core.simulate import Simulator
 from obc_ros.core.system import System
 from obc_ros.msg import Command, State
 from obc_ros.nodes import conversions
+from obc_ros.nodes.hardware import HARDWARE, identify
 from obc_ros.nodes.main import run
 from obc_ros.nodes.messages import doubles
 from obc_ros.nodes.own_thread import Apart, OwnThread, PRIORITY
@@ -100,6 +101,7 @@ class Settings:
         lower=0.0)
     seed: int = parameter(0, 'of the noise', lower=0)
     priority: int = parameter(0, PRIORITY, lower=0, upper=99, read_only=True)
+    hardware_id: str = parameter('', HARDWARE)
     noise: Mapping[str, float] = group(_of_states)
     disturbance: Mapping[str, float] = group(_of_disturbances)
 
@@ -320,7 +322,7 @@ class PlantSimulator(Node):
         level, text = self._health()
         array.status = [DiagnosticStatus(
             name=f'{self.get_fully_qualified_name()[1:]}: plant', level=level, message=text,
-            hardware_id=plant.simulator.system.name, values=[
+            values=[
                 KeyValue(key=key, value=str(value)) for key, value in (
                     ('simulated time [s]', f'{simulated:.9g}'),
                     ('simulated seconds a second', f'{max(factor, 0.0):.3f}'),
@@ -331,6 +333,8 @@ class PlantSimulator(Node):
                     ('commands dropped', plant.dropped.total()),
                     *((f'commands dropped, {reason}', count)
                       for reason, count in sorted(plant.dropped.items())))])]
+        identify(array.status, self, self._settings.settings.hardware_id,
+                 plant.simulator.system.name)
         self._diagnostics.publish(array)
 
     def _health(self) -> tuple[bytes, str]:

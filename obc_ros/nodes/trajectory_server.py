@@ -29,6 +29,7 @@ from obc_ros.msg import Trajectory
 from obc_ros.nodes import messages
 from obc_ros.nodes.crowds import be_patient, BURST
 from obc_ros.nodes.guards import outlive
+from obc_ros.nodes.hardware import identify
 from obc_ros.nodes.main import run
 from obc_ros.nodes.parameters import parameter, Parameters
 from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
@@ -64,6 +65,8 @@ class Settings:
         32, 'structures of problems whose solvers each worker keeps', lower=1, upper=10_000)
     queue_length: int = parameter(
         128, 'requests that may wait for a worker; one more is refused', lower=0, upper=10_000)
+    hardware_id: str = parameter(
+        '', 'hardware_id of the diagnostics; empty: the namespace, or else the name of the node')
 
 
 class TrajectoryServer(Node):
@@ -256,6 +259,7 @@ class TrajectoryServer(Node):
             **{f'requests {name}': self._statuses[name] for name in sorted(self._statuses)}}
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         array = DiagnosticArray(status=[status])
+        identify(array.status, self, self._settings.settings.hardware_id, self.get_name())
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 

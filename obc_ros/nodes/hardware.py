@@ -1,0 +1,30 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a node's diagnostics are about: the field hardware_id of each status (REP 107)."""
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
+
+HARDWARE = ('hardware_id of the diagnostics, such as the name of the robot; empty: the namespace, '
+            'or else the name of the system')
+
+
+def identify(statuses: list[DiagnosticStatus], node: Node, given: str, otherwise: str) -> None:
+    """
+    Set the hardware_id of each status.
+
+    Parameters
+    ----------
+    statuses : list of DiagnosticStatus
+        Changed in place.
+    node : rclpy.node.Node
+        That publishes them.
+    given : str
+        Value of the parameter ``hardware_id``.
+    otherwise : str
+        What it is for a node without that and without a namespace; not empty.
+
+    """
+    hardware = given.strip() or node.get_namespace().strip('/') or otherwise
+    for status in statuses:
+        status.hardware_id = hardware
