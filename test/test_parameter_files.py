@@ -71,12 +71,20 @@ def test_what_was_tuned_is_loaded_into_a_new_node(spawn: Any, probe: Any, tmp_pa
         'integral': ['px'], 'Qi': [1e-9], 'Qx': [1e-9, 1.0, 1.0, 1.0, 1.0, 1.0],
         'Qu': [1, 2], 'rate': 100.0, 'delay': 1e-9, 'stability': 1e-9,
         'x_limits': [float('inf')] * 5 + [1e9], 'transition_time': 1e-9, 'frame_id': 'map'}
+    words = {'hardware_id': '0042', 'frame_id': 'on'}
     spawn('lqr_node', name='tuned')
     results = probe.set_parameters('/tuned', **tuned)
     assert [each.reason for each in results] == [''] * len(tuned)
     file = tmp_path / 'tuned.yaml'
     parameters = dump(probe, '/tuned', file)
     assert {name: parameters[name] for name in tuned} == tuned
+    for name, word in words.items():
+        assert probe.set_parameters('/tuned', **{name: word})[0].successful
+        assert load(probe, '/tuned', (dump(probe, '/tuned', file), file)[1]) == {}
+        assert probe.get_parameters('/tuned', name) == {name: word}
+    assert not probe.set_parameters('/tuned', hardware_id=43)[0].successful
+    assert probe.set_parameters('/tuned', hardware_id='', frame_id='map')[0].successful
+    assert dump(probe, '/tuned', file) == parameters
     spawn('lqr_node', name='fresh')
     assert load(probe, '/fresh', file) == {}
     assert dump(probe, '/fresh', file) == parameters

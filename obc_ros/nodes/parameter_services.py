@@ -4,8 +4,9 @@
 The services that set parameters of a node, where rclpy raises or refuses without need.
 
 - A value type that does not exist is answered; rclpy raises.
-- A read-only parameter may be set to the value that it has, so that a file with all parameters of
-  a node, as ``ros2 param dump`` writes it, can be loaded again.
+- A file with all parameters of a node, as ``ros2 param dump`` writes it, can be loaded again: a
+  read-only parameter may be set to the value that it has, and so may a string that reads as a
+  number.
 - Parameters that are acceptable together are set together, whatever their order in the request,
   and the node takes them up once. If they are not, each is tried by itself.
 - Each refusal is logged with its reason, those by rclpy too.
@@ -36,7 +37,7 @@ def serve(node: Node, is_kept: IsKept, attempt: Attempt) -> None:
     node : rclpy.node.Node
         Before it spins.
     is_kept : callable
-        Returns whether a parameter is read-only and has the given value already.
+        Returns whether a parameter has the given value already and does not take it as it came.
     attempt : callable
         Sets all of the given parameters or none, and reports no refusal but in its result.
 

@@ -34,7 +34,8 @@ from rcl_interfaces.msg import (
     SetParametersResult,
 )
 from rclpy.node import Node
-from rclpy.parameter import Parameter
+from rclpy.parameter import get_parameter_value, Parameter
+from yaml import YAMLError
 
 Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 Settings = TypeVar('Settings')
@@ -380,13 +381,21 @@ class Parameters(Generic[Settings, Candidate]):
             self._is_attempt = False
 
     def _is_kept(self, given: Parameter) -> bool:
-        """Return whether a parameter is read-only and has the given value already."""
+        """
+        Return whether a parameter has the given value already and does not take it as it came.
+
+        It is read-only, or a string such as '0042' that ``ros2 param load`` reads as a number.
+        """
         name, node = given.name, self._node
-        if not node.has_parameter(name) or not node.describe_parameter(name).read_only:
+        if not node.has_parameter(name):
             return False
-        entry = self._entries.get(name)
+        present, entry = node.get_parameter(name), self._entries.get(name)
+        if present.type_ is Parameter.Type.STRING and given.type_ is not Parameter.Type.STRING:
+            return _reads_as(present.value, given)
+        if not node.describe_parameter(name).read_only:
+            return False
         if entry is None:
-            return bool(given.value == node.get_parameter(name).value)
+            return bool(given.value == present.value)
         try:
             return entry.value(given) == self._values[name]
         except StatementError:
@@ -428,6 +437,14 @@ def _hint(name: str, known: Iterable[str]) -> str:
         folded = {each.lower(): each for each in known}
         close = [folded[name.lower()]] if name.lower() in folded else []
     return f"; did you mean '{close[0]}'?" if close else ''
+
+
+def _reads_as(text: str, given: Parameter) -> bool:
+    """Return whether ``ros2`` makes the given value of a text."""
+    try:
+        return bool(get_parameter_value(text) == given.get_parameter_value())
+    except YAMLError:
+        return False
 
 
 def _number(text: str, is_whole: bool) -> float | None:
