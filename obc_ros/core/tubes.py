@@ -27,6 +27,7 @@ _MOST_STEPS = 400
 _MOST_INSTRUCTIONS = 4000   # of all derivatives together
 _HALVINGS, _INFLATED = 30, 6   # of a step; times that a box is made larger for it
 _ROOM = 0.05         # of a box, more than what a step was seen to take
+_SWEEPS = 8          # over all units, to balance them
 _TINY = 1e-200       # beside which the errors of sums that are exactly 0 would be large
 _ROUNDING = 1e-12    # relative, of norms and exponentials in doubles
 
@@ -77,7 +78,7 @@ class Tube:
                 return
             end = t + left if last else t + h
             y, error, during = found
-            size = np.maximum(size, np.abs(y))   # in larger units the error is no larger
+            size = size * max(1.0, float(np.max(np.abs(y) / size)))   # the error is no larger
             radius = error * size
             yield Step(t, end, during, (np.nextafter(y - radius, -inf),
                                         np.nextafter(y + radius, inf)))
@@ -92,7 +93,14 @@ class Tube:
         moved = T * np.abs(np.where(np.isfinite(box), box, 0.0)).max(axis=1)
         size = np.abs(y) + moved
         largest = float(size.max(initial=0.0))
-        return np.where(size > _TINY, size, largest if largest > _TINY else 1.0)
+        size = np.where(size > _TINY, size, largest if largest > _TINY else 1.0)
+        slope = self._slope(y, self._p[0]).full()
+        scaled = slope * size / size[:, None]
+        if not np.isfinite(scaled).all():
+            return np.asarray(size)
+        # In units in which the slopes are balanced an oscillation has no logarithmic norm.
+        balanced = size * _balance(scaled)
+        return np.asarray(balanced * float(np.max(size / balanced)))
 
     def _step(self, y: Array, error: float, size: Array, h: float
               ) -> tuple[Array, float, Box] | None:
@@ -149,6 +157,18 @@ class Tube:
         bound = float(np.linalg.eigvalsh(0.5 * (middle + middle.T))[-1])
         spread = float(np.linalg.norm(radius)) + _ROUNDING * float(np.linalg.norm(middle))
         return bound + spread
+
+
+def _balance(matrix: Array) -> Array:
+    """Return units in which each row is as large as its column, but for the diagonal."""
+    size = np.abs(matrix - np.diag(np.diag(matrix)))
+    units = np.ones(len(matrix))
+    for _ in range(_SWEEPS):
+        for i in range(len(units)):
+            row, column = size[i] @ units / units[i], units[i] * (size[:, i] / units).sum()
+            if row > 0 and column > 0:
+                units[i] *= np.sqrt(row / column)
+    return units
 
 
 def _below(value: float) -> float:
