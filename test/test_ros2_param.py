@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`obc param`: what `ros2 param` does, with its words and its output, over DDS."""
 
+import re
 import subprocess
 import sys
 import time
@@ -44,9 +45,9 @@ def test_parameters_are_listed_and_described(lqr: Any, terminal: Terminal) -> No
     listed = terminal.say('param', 'list', '/lqr_node')
     names = [line.removeprefix('  ') for line in listed.out.splitlines()]
     assert listed.status == 0 and names == sorted(names) and {'Qx', 'Qu', 'setpoint'} < {*names}
-    everywhere = terminal.say('param', 'list', '--param-type').out.splitlines()
-    assert everywhere[0] == '/lqr_node:'
-    assert '  Qx (type: double array)' in everywhere
+    support.wait_for(lambda: re.match(
+        r'/lqr_node:\n(  .*\n)*  Qx \(type: double array\)\n',
+        terminal.say('param', 'list', '--param-type').out), 60.0)
     assert terminal.say('param', 'list', '/lqr_node', '--filter', 'Q[xu]$').out == '  Qu\n  Qx\n'
     described = terminal.say('param', 'describe', '/lqr_node', 'Qx', 'system').out.splitlines()
     assert described[:2] == ['Parameter name: Qx', '  Type: double array']

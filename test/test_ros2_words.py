@@ -33,16 +33,19 @@ def test_services_are_called_and_listed(loop: None, terminal: Terminal) -> None:
     assert said.status == 0
     assert 'requester: making request: std_srvs.srv.Trigger_Request()\n\nresponse:\n' in said.out
     assert "std_srvs.srv.Trigger_Response(success=True, message='stopped at" in said.out
-    listed = terminal.say('service', 'list', '-t').out.splitlines()
-    assert '/lqr_node/stop [std_srvs/srv/Trigger]' in listed and listed == sorted(listed)
+    def listed() -> list[str]:
+        return terminal.say('service', 'list', '-t').out.splitlines()
+
+    support.wait_for(lambda: '/lqr_node/stop [std_srvs/srv/Trigger]' in (lines := listed())
+                     and lines == sorted(lines), 60.0)
     said = terminal.say('service', 'call', '/lqr_node/try_design', 'obc_ros/srv/TryDesign',
                         '{weights: {nothing: 1}}')
     assert said.status == 1 and 'Failed to populate field' in said.err and 'nothing' in said.err
 
 
 def test_topics_are_listed_heard_and_timed(loop: None, terminal: Terminal) -> None:
-    listed = terminal.say('topic', 'list').out.splitlines()
-    assert {'/state', '/command', '/lqr_node/design'} < {*listed}
+    wanted = {'/state', '/command', '/lqr_node/design'}
+    support.wait_for(lambda: wanted < {*terminal.say('topic', 'list').out.splitlines()}, 60.0)
     design = terminal.say('topic', 'echo', '--once', '/lqr_node/design')  # latched: it was before
     assert design.status == 0 and design.out.startswith('header:\n  stamp:\n')
     assert '\nrevision: 1\nsystem: aircraft\nstate_names:\n- px\n' in design.out
@@ -94,13 +97,16 @@ def test_a_goal_is_sent_and_followed(spawn: Any, terminal: Terminal) -> None:
 
 
 def test_states_of_a_node_are_changed(loop: None, terminal: Terminal) -> None:
-    assert terminal.say('lifecycle', 'get', '/lqr_node').out == 'active [3]\n'
+    support.wait_for(
+        lambda: terminal.say('lifecycle', 'get', '/lqr_node').out == 'active [3]\n', 60.0)
     said = terminal.say('lifecycle', 'set', '/lqr_node', 'deactivate')
     assert (said.status, said.out) == (0, 'Transitioning successful\n')
-    assert terminal.say('lifecycle', 'get').out == '/lqr_node: inactive [2]\n'
+    support.wait_for(lambda: terminal.say('lifecycle', 'get').out
+                     == '/lqr_node: inactive [2]\n', 60.0)
     said = terminal.say('lifecycle', 'set', '/lqr_node', 'deactivate')
     assert said.status == 1 and 'Unknown transition requested, available ones are:' in said.err
-    assert terminal.say('node', 'list').out == '/lqr_node\n/plant_simulator\n'
+    support.wait_for(lambda: terminal.say('node', 'list').out
+                     == '/lqr_node\n/plant_simulator\n', 60.0)
 
 
 def test_interfaces_are_shown(terminal: Terminal) -> None:

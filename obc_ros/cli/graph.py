@@ -24,7 +24,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 LOOK = 5.0       # [s] in which a node is found: Fast DDS announces itself anew after 3 s
-QUIET = 1.0      # [s] without news after which everybody has been heard of
+QUIET = 1.5      # [s] without news until a list is told: nodes here announce themselves each 1 s
 SILENCE = 5.0    # [s] after which a server that has disappeared is given up
 NAME = '_obc'    # a hidden node: lists of nodes leave it out
 
