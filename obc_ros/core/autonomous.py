@@ -65,7 +65,8 @@ def states_missed(problem: Problem, words: list[str]) -> Iterator[str]:
             k = int(np.searchsorted(alone, problem.states.index(names[0])))
             where = float(0.5 * (steps[-1].after[0][k] + steps[-1].after[1][k]))
         yield from _missed(problem, f'{nothing} enters {", ".join(names)}',
-                           words[2 * problem.n + row], values, where)
+                           words[2 * problem.n + row], values, where,
+                           _terms(problem, steps, psi))
 
 
 def _left(problem: Problem, alone: NDArray[np.int_], steps: list[Step], nothing: str,
@@ -114,16 +115,20 @@ def combinations_missed(problem: Problem, end: End, words: list[str]) -> Iterato
                    Fraction(0))
         values = [_scaled(_dot(omega, rest, box), 1 / size)
                   for box in _boxes_at_the_end(problem, steps)]
+        terms = abs(float(rest)) / size + max((sum(
+            abs(float(value)) * float(max(abs(box[0][k]), abs(box[1][k])))
+            for k, value in omega.items()) / size
+            for box in _boxes_at_the_end(problem, steps)), default=0.0)
         yield from _missed(problem, f'the inputs do not reach {_names(A)} of A',
-                           ' with '.join(words[2 * n + k] for k in eta), values, None)
+                           ' with '.join(words[2 * n + k] for k in eta), values, None, terms)
 
 
 def _missed(problem: Problem, reason: str, wanted: str, values: list[Interval],
-            there: float | None) -> Iterator[str]:
+            there: float | None, terms: float) -> Iterator[str]:
     """Yield a sentence if what has to vanish does not at any time at which the end may be."""
     if not values:
         return
-    size = _MISSED * (1 + max(max(abs(each.low), abs(each.high)) for each in values))
+    size = _MISSED * (1 + terms + max(max(abs(each.low), abs(each.high)) for each in values))
     if not (all(each.low > size for each in values) or all(each.high < -size for each in values)):
         return
     final = problem.final_time
@@ -157,6 +162,19 @@ def _boxes_at_the_end(problem: Problem, steps: list[Step]) -> list[Box]:
 def _demanded(problem: Problem, steps: list[Step], psi: ca.Function) -> list[Interval]:
     p = problem.p_value, problem.p_value
     return [enclosure(psi, [box, p])[0] for box in _boxes_at_the_end(problem, steps)]
+
+
+def _terms(problem: Problem, steps: list[Step], psi: ca.Function) -> float:
+    """Return the size of what a terminal constraint is the sum of, which may cancel."""
+    p, found = (problem.p_value, problem.p_value), 0.0
+    y = ca.SX.sym('y', psi.size1_in(0))
+    q = ca.SX.sym('q', psi.size1_in(1))
+    slopes = ca.Function('slopes', [y, q], [ca.densify(ca.jacobian(psi(y, q), y)).T])
+    for box in _boxes_at_the_end(problem, steps):
+        most = np.maximum(np.abs(box[0]), np.abs(box[1]))
+        each = [max(abs(one.low), abs(one.high)) for one in enclosure(slopes, [box, p])]
+        found = max(found, float(most @ np.array(each)))
+    return found
 
 
 def _stops(problem: Problem) -> Array:
