@@ -6,7 +6,8 @@ Answers optimal control problems by request, with a certificate.
 Services: ``~/solve`` (SolveOptimalControl), ``~/design_lqr`` (DesignLqr), ``~/minimize``
 (Minimize), ``~/plan`` (PlanMotion). Action: ``~/solve_optimal_control``, the same request as
 ``~/solve`` with feedback and cancel. Publishes ``reference`` (Trajectory, transient local) when a
-plan is to be executed, and ``/diagnostics``. Parameters: see `Settings`.
+plan is to be executed, and ``/diagnostics``. Subscribes to ``state`` (State), from which a plan
+without a start begins. Parameters: see `Settings`.
 
 The work is done in other processes, so that the node always answers.
 """
@@ -21,7 +22,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from obc_ros.action import SolveOptimalControl as SolveAction
-from obc_ros.core.errors import StatementError
+from obc_ros.core.errors import shown, StatementError
 from obc_ros.core.solution import MAX_INTERVALS
 from obc_ros.core.wire import Packet
 from obc_ros.core.workers import Answer, Job, LONGEST, Outcome, Pool, SHORTEST
@@ -32,6 +33,8 @@ from obc_ros.nodes.guards import outlive
 from obc_ros.nodes.hardware import identify
 from obc_ros.nodes.main import run
 from obc_ros.nodes.parameters import parameter, Parameters
+from obc_ros.nodes.present_state import PresentState
+from obc_ros.nodes.throttled_log import ThrottledLog
 from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -45,6 +48,7 @@ ANSWERS = 'obc_ros.core.answers'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 START, LOOK = 10.0, 0.02  # [s] that the services wait for the workers at most, how often to look
 RESULT_TIMEOUT = 30  # [s] that the result of an action is kept for
+LEAD = 500_000_000   # [ns] until a plan that is executed begins: its follower needs gains first
 QUICK = 2_500        # numbers in A up to which a design does not wait behind solves
 STATUS = {Outcome.REFUSED: 'cancelled', Outcome.TIMED_OUT: 'timed_out',
           Outcome.CANCELLED: 'cancelled', Outcome.DIED: 'not_converged'}
@@ -67,6 +71,8 @@ class Settings:
         128, 'requests that may wait for a worker; one more is refused', lower=0, upper=10_000)
     hardware_id: str = parameter(
         '', 'hardware_id of the diagnostics; empty: the namespace, or else the name of the node')
+    state_timeout: float = parameter(
+        0.5, 'age of the last state up to which a plan may begin there', 's', lower=1e-3)
 
 
 class TrajectoryServer(Node):
@@ -85,6 +91,7 @@ class TrajectoryServer(Node):
         self._asked = 0
         self._arrived: deque[tuple[Future, Answer]] = deque()
         self._statuses: Counter[str] = Counter()
+        self._log, self._state = ThrottledLog(self), PresentState(self)
         self._reference = self.create_publisher(Trajectory, 'reference', LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -146,10 +153,24 @@ class TrajectoryServer(Node):
         return response
 
     async def _plan(self, request: Any, response: Any) -> Any:
+        timeout = self._settings.settings.state_timeout
+        if not request.start:
+            try:
+                request.start = self._state.start(timeout)
+            except StatementError as error:
+                messages.fill_answer(response, self._refuse('plan', 'malformed', str(error)))
+                return response
         messages.fill_answer(response, await self._ask('plan', request, request.time_limit))
         if response.success and request.execute:
-            response.trajectory.header.stamp = self.get_clock().now().to_msg()
+            # by the clock of the states, which need not be that of this node
+            now = self._state.stamp(timeout)
+            now = self.get_clock().now().nanoseconds if now is None else now
+            stamp = response.trajectory.header.stamp
+            stamp.sec, stamp.nanosec = divmod(now + LEAD, 10**9)
             self._reference.publish(response.trajectory)
+            self._log.info('reference', f'a plan of {response.trajectory.t[-1]:.4g} s for '
+                           f'{response.trajectory.system} is published on '
+                           f'{self._reference.topic_name}')
         return response
 
     async def _execute(self, goal: Any) -> Any:
@@ -185,7 +206,7 @@ class TrajectoryServer(Node):
             packet = messages.plain_request(kind, request)
             limit = self._limit(time_limit)
         except StatementError as error:
-            return self._count(Packet({'status': 'malformed', 'message': str(error)}))
+            return self._refuse(kind, 'malformed', str(error))
         settings = self._settings.settings
         packet.plain.update(
             cache_size=settings.cache_size, max_intervals=settings.max_intervals)
@@ -205,7 +226,11 @@ class TrajectoryServer(Node):
         if goal:
             del self._jobs[key]
         if answer.outcome is Outcome.ANSWERED:
+            if answer.packet.plain['status'] in ('malformed', 'refused'):
+                self._log_refusal(kind, answer.packet.plain['message'])
             return self._count(answer.packet)
+        if answer.outcome is Outcome.REFUSED:
+            self._log_refusal(kind, answer.message)
         if answer.outcome is Outcome.DIED:
             self.get_logger().error(answer.message)
         return self._count(Packet({'status': STATUS[answer.outcome], 'message': answer.message}))
@@ -226,6 +251,14 @@ class TrajectoryServer(Node):
         while self._arrived:
             future, answer = self._arrived.popleft()
             future.set_result(answer)
+
+    def _refuse(self, kind: str, status: str, reason: str) -> Packet:
+        self._log_refusal(kind, reason)
+        return self._count(Packet({'status': status, 'message': reason}))
+
+    def _log_refusal(self, kind: str, reason: str) -> None:
+        self._log.warning(
+            'refused', f'a request of ~/{kind} was refused: {shown(str(reason), 500)}')
 
     def _count(self, packet: Packet) -> Packet:
         self._statuses[packet.plain['status']] += 1

@@ -1,0 +1,100 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""``~/plan`` without a start: from where the plant is now, over DDS."""
+
+from typing import Any
+
+from lqr_bench import LATCHED
+import numpy as np
+from obc_ros.msg import State, Trajectory
+from obc_ros.srv import PlanMotion
+import pytest
+from rcl_interfaces.msg import Log
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+pytestmark = pytest.mark.nodes
+
+ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def ask(probe: Any, **fields: Any) -> Any:
+    """Return the answer to a plan for the double integrator."""
+    return probe.call(PlanMotion, '/trajectory_server/plan', PlanMotion.Request(
+        system='double_integrator', objective='effort', final_time=3.0, goal=[2.0, 0.0],
+        **fields))
+
+
+def tell(probe: Any, publisher: Any, message: State) -> None:
+    """Publish a state as a plant does, again and again: one alone may come before it is heard."""
+    for _ in range(10):
+        publisher.publish(message)
+        probe.spin_for(0.05)
+
+
+def test_without_a_state_it_is_refused(spawn: Any, probe: Any) -> None:
+    """None has come, or the last one is too old: its age is named. The log says so, too."""
+    spawn('trajectory_server', {'workers': 1, 'state_timeout': 0.3})
+    log = probe.listen(Log, '/rosout', ROSOUT)
+    answer = ask(probe)
+    assert not answer.success and answer.status == 'malformed'
+    assert answer.message == (
+        'start is empty, which means the present state, and no state has come on /state')
+    publisher = probe.publisher(State, 'state')
+    tell(probe, publisher, State(x=[5.0, 0.0]))
+    probe.spin_for(1.0)
+    answer = ask(probe)
+    assert not answer.success
+    assert 'the last state on /state came 1.' in answer.message
+    assert answer.message.endswith(' s ago; wanted at most 0.3 s (state_timeout)')
+    assert ask(probe, start=[0.0, 0.0]).success   # with a start no state is needed
+    tell(probe, publisher, State(x=[1.0, 2.0, 3.0]))
+    answer = ask(probe)
+    assert not answer.success and 'start' in answer.message and '2' in answer.message
+    lines = probe.wait_for(lambda: [
+        each for each in log if 'a request of ~/plan was refused' in each.msg][2:],
+        what='three refusals in the log')
+    assert lines[0].level == Log.WARN and lines[0].name == 'trajectory_server'
+
+
+def test_go_there_from_here_is_one_call(spawn: Any, probe: Any) -> None:
+    """The plant is at 5, where nobody has said so; it goes to 2 and never jumps."""
+    spawn('plant_simulator', {'system': 'double_integrator', 'x0': [5.0, 0.0]})
+    spawn('lqr_node', {'system': 'double_integrator', 'setpoint': [5.0, 0.0]})
+    spawn('trajectory_server', {'workers': 1})
+    log = probe.listen(Log, '/rosout', ROSOUT)
+    plans = probe.listen(Trajectory, 'reference', LATCHED)
+    states = probe.listen(State, 'state', 100)
+    probe.wait_for(lambda: states, what='states')
+    probe.wait_for_node('lqr_node')
+    answer = ask(probe, execute=True)
+    assert answer.success, answer.message
+    path = np.reshape(answer.trajectory.x, (-1, 2))
+    assert path[0] == pytest.approx([5.0, 0.0], abs=1e-6)
+    assert path[-1] == pytest.approx([2.0, 0.0], abs=1e-6)
+    probe.wait_for(lambda: plans, what='the reference')
+    begin = plans[0].header.stamp.sec + plans[0].header.stamp.nanosec * 1e-9
+    for words in ('a plan of 3 s for double_integrator is published on /reference',
+                  'the reference of 3 s is taken up', 'the reference of 3 s has ended'):
+        probe.wait_for(lambda words=words: [each for each in log if words in each.msg],
+                       what=words)
+    times = np.array([each.header.stamp.sec + each.header.stamp.nanosec * 1e-9
+                      for each in states]) - begin
+    x = np.array([each.x for each in states])
+    assert times[0] < 0.0 and times[-1] >= 3.0
+    during = (times >= 0.0) & (times <= 3.0)
+    expected = np.interp(times[during], answer.trajectory.t, path[:, 0])
+    assert np.abs(x[during, 0] - expected).max() < 0.05
+    assert not [each.msg for each in log if 'refused' in each.msg]
+
+
+def test_a_plan_begins_by_the_clock_of_the_states(spawn: Any, probe: Any) -> None:
+    """A simulation's stamps are not those of the server's clock."""
+    spawn('trajectory_server', {'workers': 1, 'state_timeout': 30.0})
+    publisher = probe.publisher(State, 'state')
+    heard = probe.listen(Trajectory, 'reference', LATCHED)
+    message = State(x=[5.0, 0.0])
+    message.header.stamp.sec, message.header.stamp.nanosec = 41, 750_000_000
+    tell(probe, publisher, message)
+    assert ask(probe, execute=True).success
+    probe.wait_for(lambda: heard, what='the reference')
+    assert (heard[0].header.stamp.sec, heard[0].header.stamp.nanosec) == (42, 250_000_000)
