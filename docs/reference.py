@@ -64,7 +64,7 @@ class Parameters(Directive):
         self.state.document.settings.env.note_reread()
         rows = parameters(self.root, TABLES[self.arguments[0]])
         return [table(('parameter', 'default', 'meaning'), (24, 16, 60), [
-            (nodes.literal('', row.name), *_shown(row.default), nodes.Text(meaning(row)))
+            (nodes.literal('', row.name), *_shown(row), nodes.Text(meaning(row)))
             for row in rows])]
 
 
@@ -79,10 +79,24 @@ def meaning(row: Row) -> str:
         text += f'; at least {row.lower:g}'
     elif math.isfinite(row.upper):
         text += f'; at most {row.upper:g}'
+    if row.used_when:
+        text += f'; used with {" or ".join(map(condition, row.used_when))}'
     return text + ('; fixed at the start' if row.read_only else '')
 
 
-def _shown(default: Any) -> tuple[nodes.Node]:
+def condition(given: tuple[Any, ...]) -> str:
+    """Return a condition on another parameter, in words; see `obc_ros.nodes.use`."""
+    name, *wanted = given
+    if not wanted:
+        return f'one of {name}' if name.endswith('*') else str(name)
+    return f'{name} = {" or ".join(str(each).lower() for each in wanted)}'
+
+
+def _shown(row: Row) -> tuple[nodes.Node]:
+    if row.default_when:
+        other, value = row.default_when
+        return (nodes.Text(f'{row.default}; {value} with {condition(other)}'),)
+    default = row.default
     if default is None:
         return (nodes.Text('of the system'),)
     if default in ((), ''):

@@ -51,6 +51,8 @@ class Row:
     upper: float = math.inf
     choices: tuple[str, ...] = ()
     read_only: bool = False
+    used_when: tuple[tuple[Any, ...], ...] = ()
+    default_when: tuple[tuple[Any, ...], Any] | None = None
 
 
 def interface(file: Path) -> Interface:

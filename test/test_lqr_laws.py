@@ -79,7 +79,7 @@ def test_the_exact_discretisation_and_the_prediction(spawn: Any, probe: Any) -> 
 def test_gains_along_a_curve_are_those_of_the_riccati_equation(spawn: Any, probe: Any) -> None:
     """The vehicle on a bend, faster and faster: u = ud - K(t) (x - xd), P by (2.7) from P1."""
     Qx, Qu, P1, T, length = [1.0, 2.0, 0.5], [1.0, 3.0], [5.0, 4.0, 3.0], 4.0, 2.0
-    bench = Bench(spawn, probe, system='vehicle', Qx=Qx, Qu=Qu, P1=P1)
+    bench = Bench(spawn, probe, system='vehicle', setpoint_input=[10.0, 0.0], Qx=Qx, Qu=Qu, P1=P1)
     t = np.linspace(0.0, T, 401)
     v, theta, dtheta = 3.0 + t, 0.5 * np.sin(t), 0.5 * np.cos(t)
     phi = np.arctan(length * dtheta / v)

@@ -151,7 +151,7 @@ def test_a_vehicle_that_changes_its_speed(spawn: Any, probe: Any) -> None:
 
 
 def test_limits_with_brysons_rule(spawn: Any, probe: Any) -> None:
-    """There u_max is a scale; u_limits limits whatever the weights, and is told so."""
+    """There u_max is a scale; u_limits limits whatever the weights."""
     bench = Bench(spawn, probe, weights='bryson', x_max=[0.1] * 6, u_max=[5.0, 2.0])
     np.testing.assert_allclose(matrix(bench.design(1).qu, 2), np.diag([1 / 25.0, 1 / 4.0]))
     free = bench.answer([1.0, -1.0, 0.0, 0.0, 0.0, 0.0])
@@ -160,14 +160,16 @@ def test_limits_with_brysons_rule(spawn: Any, probe: Any) -> None:
     limited = bench.answer([1.0, -1.0, 0.0, 0.0, 0.0, 0.0])
     np.testing.assert_allclose(limited, np.clip(free, [-3.0, 30.0], [3.0, 41.0]))
     assert bench.set(weights='matrices').successful
-    assert bench.set(u_max=[2.0, 40.0]).successful
+    assert probe.get_parameters('/lqr_node', 'u_max') == {'u_max': []}
     assert (np.abs(bench.answer([9.0, -9.0, 0.0, 0.0, 0.0, 0.0])) <= [3.0, 41.0]).all()
-    for limits, words in (([1.0, 2.0], 'u_limits has 2 numbers; wanted 4, lower and upper of f1'),
-                          ([-1.0, 1.0, 0.0, 39.0], 'f2 = 39.2 holds the set point, outside the '),
-                          ([1.0, -1.0, 0.0, 50.0], 'f1: the lower of u_limits = 1 is not below')):
+    for limits, words in (([1.0] * 3, 'u_limits has 3 numbers; wanted 2, the largest size of eac'),
+                          ([-1.0, 1.0, 0.0, 39.0], 'f2 = 39.2 holds the set point, outside u_li'),
+                          ([1.0, -1.0, 0.0, 50.0], 'u_limits of f1: the lower, 1, is not below')):
         assert words in bench.set(u_limits=limits).reason
-    assert bench.set(u_limits=[]).successful
+    assert bench.set(u_limits=[2.0, 40.0]).successful
     assert bench.answer([9.0, -9.0, 0.0, 0.0, 0.0, 0.0])[1] == 40.0
+    assert bench.set(u_limits=[]).successful
+    assert bench.answer([9.0, -9.0, 0.0, 0.0, 0.0, 0.0])[1] > 41.0
 
 
 PLAIN: dict[str, Any] = {'weights': 'matrices', 'Qx': [], 'Qu': [], 'cross': [], 'stability': 0.0}
@@ -234,14 +236,15 @@ def test_a_slow_rate_one_by_one(spawn: Any, probe: Any) -> None:
     refusal = 'held for 0.2 s (spectral radius'
     answer = bench.set(rate=5.0)
     assert refusal in answer.reason
-    assert 'set sample_time = 0.2 and design = sampled first' in answer.reason
-    for wanted in ({'sample_time': 0.2}, {'design': 'sampled'}, {'rate': 5.0}):
+    assert 'set design = sampled with sample_time = 0.2 first, both with' in answer.reason
+    for wanted in ({'sample_time': 0.2, 'design': 'sampled'}, {'rate': 5.0}):
         assert bench.set(**wanted).successful, wanted
     sampled = probe.call(TryDesign, '/lqr_node/try_design', TryDesign.Request()).design
     assert (sampled.design, sampled.sample_time) == ('sampled', 0.2)
     assert refusal in bench.set(design='continuous').reason
-    for back in ({'rate': 0.0}, {'design': 'continuous'}, {'sample_time': 0.0}):
+    for back in ({'rate': 0.0}, {'design': 'continuous'}):
         assert bench.set(**back).successful, back
+    assert probe.get_parameters('/lqr_node', 'sample_time') == {'sample_time': 0.0}
 
 
 # What a robot is sold with
@@ -345,11 +348,11 @@ def test_what_is_tried_is_what_comes(spawn: Any, probe: Any) -> None:
 def test_any_order_of_single_sets(spawn: Any, probe: Any) -> None:
     """From one valid choice to another, one parameter after the other, in three orders."""
     bench = Bench(spawn, probe)
-    end = {'Qx': [2.0] * 6, 'Qu': [3.0, 4.0], 'x_max': [0.5] * 6, 'u_max': [4.0, 60.0],
+    end = {'Qx': [2.0] * 6, 'Qu': [3.0, 4.0], 'u_limits': [4.0, 60.0],
            'setpoint': [1.0, 2.0, 0.0, 0.0, 0.0, 0.0], 'rate': 50.0, 'stability': 0.1}
     final = []
     for order in (list(end), list(reversed(end)), sorted(end)):
-        assert bench.set(Qx=[], Qu=[], x_max=[], u_max=[], setpoint=[], rate=0.0,
+        assert bench.set(Qx=[], Qu=[], u_limits=[], setpoint=[], rate=0.0,
                          stability=0.0).successful
         for name in order:
             assert bench.set(**{name: end[name]}).successful, (order, name)

@@ -67,11 +67,19 @@ REFUSED = [
     ({'weights': 'output', 'H': [1.0, 2.0]}, 'H has 2 numbers; wanted a multiple of 6'),
     ({'rho': -1.0}, 'rho = -1: wanted at least 0'),
     ({'setpoint': [0.0] * 5}, 'set point of aircraft: wanted 6 numbers'),
-    ({'setpoint': [0.0, 0.0, 0.5, 0.0, 0.0, 0.0], 'u_max': [1.0, 1.0]}, 'no input holds'),
+    ({'setpoint': [0.0, 0.0, 0.5, 0.0, 0.0, 0.0], 'u_limits': [1.0, 1.0]}, 'no input holds'),
     ({'setpoint': [0.0, 0.0, 0.0, 1.0, 0.0, 0.0]}, 'no input holds the aircraft'),
-    ({'u_max': [1.0, 1.0]}, 'f2 = 39.2 holds the set point, outside u_min = -inf and u_max = 1'),
-    ({'u_min': [1.0, 1.0], 'u_max': [1.0, 50.0]}, 'f1: u_min = 1 is not below u_max = 1'),
-    ({'u_min': [1.0]}, 'u_min has 1 number; wanted 2 (f1, f2)'),
+    ({'u_limits': [1.0, 1.0]}, 'f2 = 39.2 holds the set point, outside u_limits of [-1, 1]'),
+    ({'u_limits': [1.0, 1.0, 1.0, 50.0]}, 'u_limits of f1: the lower, 1, is not below the upper'),
+    ({'u_limits': [1.0]}, 'u_limits has 1 number; wanted 2, the largest size of each, or 4'),
+    ({'u_limits': [1.0, -50.0]}, 'u_limits of f2: -50; wanted a size above 0'),
+    ({'u_limits': [1.0, math.nan]}, 'u_limits[1] = nan: wanted a finite number'),
+    ({'u_min': [1.0, 1.0]}, "no parameter 'u_min'; u_min limits nothing, as limits are u_limits "
+     'alone: write u_limits: [1.0, .inf, 1.0, .inf]'),
+    ({'u_max': [1.0, 50.0]}, 'u_max is not used with weights = matrices; set weights to bryson '
+     'first, or both with set_parameters_atomically; u_max limits nothing, as limits are u_limits '
+     'alone: write u_limits: [-.inf, 1.0, -.inf, 50.0]'),
+    ({'setpoint_input': [0.0, 30.0]}, 'setpoint_input: f2 = 30 is not used, as the set point'),
     ({'rate': -1.0}, 'rate = -1: wanted at least 0 Hz'),
     ({'on_stale': 'panic'}, "on_stale = 'panic': wanted 'equilibrium' or 'hold' or 'silent'"),
     ({'x_limits': [1.0, 2.0]}, 'x_limits has 2 numbers; wanted 6 or 12'),
@@ -107,7 +115,7 @@ def test_each_refusal_says_why(spawn: Any, probe: Any) -> None:
 def test_bryson_one_by_one(spawn: Any, probe: Any) -> None:
     """As in five minutes of tuning: what is not given yet is 1 each."""
     bench = Bench(spawn, probe)
-    for values in ({'x_max': [0.1, 0.1, 0.1, 1.0, 1.0, 1.0]}, {'weights': 'bryson'},
+    for values in ({'weights': 'bryson'}, {'x_max': [0.1, 0.1, 0.1, 1.0, 1.0, 1.0]},
                    {'u_max': [5, 5]}):
         result = bench.set(**values)
         assert result.successful, result.reason
@@ -126,18 +134,17 @@ def test_all_or_none(spawn: Any, probe: Any) -> None:
                      u_max=[5, 50]).successful
     np.testing.assert_allclose(
         matrix(bench.design(2).qx, 6), np.diag([1, 1, 4, 0.25, 0.25, 1]))
-    assert bench.set(H=[1, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0]).successful
-    assert bench.set(weights='output', rho=4).successful
-    np.testing.assert_allclose(matrix(bench.design(4).qu, 2), 4 * np.eye(2))
+    assert bench.set(weights='output', H=[1, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0], rho=4).successful
+    np.testing.assert_allclose(matrix(bench.design(3).qu, 2), 4 * np.eye(2))
     results = probe.set_parameters('/lqr_node', weights='matrices', Qx=[-1.0] * 6, Qu=[2.0, 2.0])
     assert [each.successful for each in results] == [True, False, True]
-    np.testing.assert_allclose(matrix(bench.design(6).qu, 2), 2 * np.eye(2))
+    np.testing.assert_allclose(matrix(bench.design(5).qu, 2), 2 * np.eye(2))
 
 
 def test_values_at_the_start(spawn: Any, probe: Any) -> None:
     """A file's values go the same way."""
     bench = Bench(spawn, probe, system='double_integrator', Qx=[4, 0], Qu=[1],
-                  setpoint=[1, 0], u_max=[0.5])
+                  setpoint=[1, 0], u_limits=[0.5])
     design = bench.design(1)
     np.testing.assert_allclose(design.k, [2.0, 2.0], rtol=1e-10)  # Example 2.4, q = 2
     np.testing.assert_allclose(bench.answer([1.1, 0.0]), [-0.2], rtol=1e-10)

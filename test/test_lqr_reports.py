@@ -22,7 +22,7 @@ X = [0.3, -0.2, 0.1, 0.05, -0.04, 0.02]
 @pytest.mark.alone
 def test_diagnostics_at_1_hz(spawn: Any, probe: Any) -> None:
     """Rate, state age, latency, share at a limit, revision and last refusal, once a second."""
-    bench = Bench(spawn, probe, u_min=[-1.0, 30.0], u_max=[1.0, 50.0])
+    bench = Bench(spawn, probe, u_limits=[-1.0, 1.0, 30.0, 50.0])
     assert bench.set(Qx=[2.0] * 6).successful
     assert not bench.set(Qu=[1.0, -1.0]).successful
     arrived: list[float] = []

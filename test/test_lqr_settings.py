@@ -46,7 +46,7 @@ ANY = strategies.one_of(
     strategies.fixed_dictionaries({'cross': lists(12, 11, of=wild)}),
     strategies.fixed_dictionaries({'Qx': lists(6, of=wild), 'Qu': lists(2, of=wild)}),
     strategies.fixed_dictionaries({'setpoint': lists(6, 5, of=wild)}),
-    strategies.fixed_dictionaries({'u_max': lists(2, 3, of=wild)}),
+    strategies.fixed_dictionaries({'u_limits': lists(2, 3, 4, of=wild)}),
     strategies.fixed_dictionaries({'stability': wild}),
     strategies.fixed_dictionaries({'horizon': weights, 'P1': lists(6, 2, of=wild)}),
     strategies.fixed_dictionaries({'integral': strategies.sampled_from(

@@ -337,7 +337,8 @@ def test_odometry_in_and_twist_out(spawn: Any, probe: Any) -> None:
     """The vehicle is driven by what robots speak; frames are checked."""
     bench = Bench(spawn, probe, message=Odometry, topic='odom', sink=TwistStamped,
                   commands='cmd_vel', system='vehicle', state_source='odom',
-                  command_sink='cmd_vel')
+                  command_sink='cmd_vel', setpoint_input=[10.0, 0.0], transition_time=0.0,
+                  u_limits=[0.0, 20.0, -0.6, 0.6])
     K = matrix(bench.design(1).k, 2)
     stamp = 0
 
@@ -400,7 +401,8 @@ def test_odometry_of_another_body_is_named() -> None:
 def test_wrench_out(spawn: Any, probe: Any) -> None:
     """The aircraft's forces as a wrench in the frame of its body."""
     bench = Bench(spawn, probe, sink=WrenchStamped, commands='wrench', command_sink='wrench',
-                  frame_id='map', **{'qos_overrides./state.subscription.depth': 10})
+                  frame_id='map', u_limits=[20.0, 60.0], transition_time=0.0,
+                  **{'qos_overrides./state.subscription.depth': 10})
     K = matrix(bench.design(1).k, 2)
     bench.send(X, frame='odom')
     bench.send(X, 2.0, frame='map')

@@ -215,8 +215,9 @@ CONFIGURATIONS = {
     'plant_simulator': ({'publish_clock': True}, {'use_sim_time': True, 'system': 'vehicle'}),
     'lqr_node': (
         {'use_sim_time': True},
-        {'state_source': 'odom', 'command_sink': 'wrench'},
-        {'system': 'vehicle', 'state_source': 'odom', 'command_sink': 'cmd_vel'}),
+        {'state_source': 'odom', 'command_sink': 'wrench', 'unlimited': True},
+        {'system': 'vehicle', 'state_source': 'odom', 'command_sink': 'cmd_vel',
+         'setpoint_input': [1.0, 0.0], 'u_limits': [0.0, 2.0, -0.5, 0.5]}),
     'trajectory_server': ({'workers': 1, 'use_sim_time': True},)}
 
 

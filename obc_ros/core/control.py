@@ -141,6 +141,8 @@ class Rules:
         'stop' (latched) or as `on_stale`.
     transition_time : float
         Time [s] in which the jump of a change decays; 0: it is not smoothed.
+    from_rest : bool
+        Whether the first command is such a change, from the input at rest.
     stamp_timeout : float
         Difference of a state's stamp to the clock [s] beyond which it is dropped; 0: any.
 
@@ -152,6 +154,7 @@ class Rules:
     x_limits: tuple[tuple[float, float], ...] = ()
     on_envelope: str = 'stop'
     transition_time: float = 0.0
+    from_rest: bool = False
     stamp_timeout: float = 0.0
 
 

@@ -273,7 +273,8 @@ def _gain(A: Array, B: Array, cost: Weights, sampling: Sampling) -> LqrDesign:
         found = lqr(A, B, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability)
         if period:
             _check_held(A, B, found.K, sampling,
-                        f'set sample_time = {period:g} and design = sampled first')
+                        f'set design = sampled with sample_time = {period:g} first, both with '
+                        'set_parameters_atomically')
     except (np.linalg.LinAlgError, OverflowError) as error:  # numbers near the ends of a double
         raise RefusedDesignError(
             f'no gain can be computed with numbers of such sizes: {error}') from None

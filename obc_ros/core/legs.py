@@ -32,6 +32,14 @@ def accepted(legs: Sequence[Leg]) -> list[Leg]:
     return [leg for leg in legs if not leg.reference.refused]
 
 
+def begins_anew(old: Control, new: Control) -> bool:
+    """Return whether the horizon of `new`, in place of `old`, begins at its first state."""
+    return (old.horizon is None or new.horizon is None
+            or old.horizon.time != new.horizon.time
+            or (old.regulator.x, old.regulator.u) != (new.regulator.x, new.regulator.u)
+            or bool(accepted(old.legs)) and not new.legs)
+
+
 def in_force(legs: Sequence[Leg], stamp: int) -> Running | None:
     """Return the law of the last reference that has begun at a stamp [ns]; None: none has."""
     for leg in reversed(legs):

@@ -31,7 +31,8 @@ class Loop:
     another, each of them being one assignment.
 
     A set point that moves starts where the plant is, in the states that it moves along, whenever
-    the law begins or resumes; what a later change leaves as it was moves on.
+    the law begins or resumes, and again until a transition to it has ended; what a later change
+    leaves as it was moves on.
 
     Attributes
     ----------
@@ -228,6 +229,9 @@ class Loop:
             return self._instead('equilibrium')
         if self._resting:
             self._resume(control, stamp, x)
+        elif self._is_entering and self._followed is self._setpoint:
+            self._place(control, stamp, x, self._setpoint.origin)
+            self._followed = self._setpoint
         now = self._running(control, stamp)
         ahead = now if control.prediction is None else self._ahead(control, stamp)
         if ahead.law is not self._followed.law:  # a reference has begun or ended
@@ -355,7 +359,7 @@ class Loop:
         self._followed = self._setpoint
         self._w = [0.0] * len(control.regulator.u)
         self._excess, self._reported = (), None
-        self._jump, self._jumped = None, 0
+        self._jump, self._jumped, self._is_entering = None, 0, False
         self._resting = True
         self._past.clear()
         self._sent: int | None = None
@@ -367,13 +371,17 @@ class Loop:
         self._w = [0.0] * len(self._w)
         self._since = None
         self._past.clear()
-        drift = self._regulator.drift
-        now = self._regulator.at((stamp - self._setpoint.origin) * NS).x
-        here = [own if v else xr for own, xr, v in zip(x, now, drift, strict=True)]
-        self._hold(control, replace(self._regulator, x=tuple(here)), stamp)
+        self._place(control, stamp, x, stamp)
         self._follow(control, stamp)
-        if self.command is not None:
-            self._smooth(control, self.command, stamp, x)
+        before = self.command or (list(control.rest) if control.rules.from_rest else None)
+        if before is not None:
+            self._smooth(control, before, stamp, x)
+        self._is_entering = self._jump is not None
+
+    def _place(self, control: Control, stamp: int, x: Sequence[float], origin: int) -> None:
+        """Let a set point that moves be where the plant is; `origin`: stamp of its t = 0."""
+        here = self._regulator.beside(x, (stamp - self._setpoint.origin) * NS)
+        self._hold(control, replace(here, x=here.at((origin - stamp) * NS).x), origin)
 
     def _hold(self, control: Control, regulator: Regulator, origin: int) -> None:
         """Make a regulator that of the set point."""
@@ -416,18 +424,10 @@ class Loop:
         x = [is_now if wanted == before else wanted for wanted, before, is_now in zip(
             new.regulator.x, old.regulator.x, moved, strict=True)]
         regulator = replace(new.regulator, x=tuple(x))
-        if new.horizon is None or self._begins_anew(new):
+        if new.horizon is None or legs.begins_anew(old, new):
             return regulator, stamp
         origin = self._setpoint.origin
         return replace(regulator, x=regulator.at((origin - stamp) * NS).x), origin
-
-    def _begins_anew(self, new: Control) -> bool:
-        """Return whether the horizon of `new` begins at its first state."""
-        old = self._control
-        return (old.horizon is None or new.horizon is None
-                or old.horizon.time != new.horizon.time
-                or (old.regulator.x, old.regulator.u) != (new.regulator.x, new.regulator.u)
-                or bool(legs.accepted(old.legs)) and not new.legs)
 
     def _smooth(self, new: Control, before: Sequence[float], stamp: int, x: Sequence[float]
                 ) -> None:
@@ -442,7 +442,7 @@ class Loop:
         time = self._control.rules.transition_time
         s = (stamp - self._jumped) * NS / time if time else 1.0
         if self._jump is None or s >= 1.0:
-            self._jump = None
+            self._jump, self._is_entering = None, False
             return
         left = 1.0 - s * s * (3.0 - 2.0 * s)
         for j, jump in enumerate(self._jump):

@@ -9,7 +9,7 @@ law runs at every state.
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from operator import mul, sub
 from typing import Any, NamedTuple, Protocol
@@ -68,6 +68,11 @@ class Regulator:
             return Point(tuple([a + v * t for a, v in zip(self.x, self.drift, strict=True)]),
                          self.u, self.K, self.Ki)
         return Point(self.x, self.u, self.K, self.Ki)
+
+    def beside(self, x: Sequence[float], t: float) -> 'Regulator':
+        """Return the regulator from time t [s] on, moving on from the state x (n,) then."""
+        here = [own if v else xr for own, xr, v in zip(x, self.at(t).x, self.drift, strict=True)]
+        return replace(self, x=tuple(here))
 
 
 @dataclass(frozen=True, eq=False)

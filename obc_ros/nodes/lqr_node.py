@@ -33,7 +33,7 @@ from obc_ros.nodes.conversions import nanoseconds
 from obc_ros.nodes.design_message import design_message, fill_suggestion, suggestion
 from obc_ros.nodes.hardware import identify
 from obc_ros.nodes.lqr_diagnostics import Monitor
-from obc_ros.nodes.lqr_settings import Candidate, ending, judge, limits, Settings, tried
+from obc_ros.nodes.lqr_settings import Candidate, ending, former, judge, opening, Settings, tried
 from obc_ros.nodes.main import run
 from obc_ros.nodes.own_thread import Apart, OwnThread
 from obc_ros.nodes.parameters import Parameters
@@ -69,7 +69,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         self._adopted: Candidate | None = None
         self._courses: tuple[Course, ...] = ()
         self._table = Parameters(
-            self, Settings, self._judge, self._adopt, self._monitor.refused)
+            self, Settings, self._judge, self._adopt, self._monitor.refused, opening, former)
         self._adopted, self._revision, self._change = self._table.candidate, 1, Change()
         self._loop = Loop(self._adopted.control)
         self._create_topics(self._table.settings)
@@ -189,6 +189,12 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     def _adopt(self, candidate: Candidate) -> None:
         before, self._courses = self._adopted, self._courses_of(candidate.settings)
         self._adopted = candidate
+        if candidate.settings.frame_id != before.settings.frame_id:
+            self._frame = candidate.settings.frame_id
+        if candidate.design.plant.system is not before.design.plant.system:
+            self._sink = lqr_topics.Sink(
+                candidate.settings.command_sink, candidate.design.plant.system,
+                candidate.settings.cmd_vel_stamped)
         if candidate.gains != before.gains:
             self._revision += 1
             self._change = change(
@@ -251,7 +257,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
             found = suggestion(request, self._adopted.design.plant)
             fill_suggestion(response, found)
             response.design = self._tried({
-                **limits(self._table.settings), 'weights': 'matrices', 'cross': (),
+                'weights': 'matrices', 'cross': (),
                 'stability': 0.0, 'Qx': tuple(response.qx), 'Qu': tuple(response.qu)})
         except ObcError as error:
             response.success, response.message = False, str(error)

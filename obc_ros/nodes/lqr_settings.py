@@ -13,15 +13,18 @@ from obc_ros.core.control import Control, ENVELOPE, Horizon, Leg, Rules, Schedul
 from obc_ros.core.design import Design, design, Plant, plant, Sampling, scheduled
 from obc_ros.core.errors import shown, StatementError
 from obc_ros.core.following import Course, horizon, leg
+from obc_ros.core.input_limits import check_all_limited, former_limits, input_limits
 from obc_ros.core.reference_checks import allowed_error
 from obc_ros.core.regulator import Gains, Limits, rows, Vector, vector
+from obc_ros.core.set_point import check_set_point, described
 from obc_ros.core.weights import count, KINDS, square
 from obc_ros.msg import LqrWeights
 from obc_ros.nodes.conversions import chosen_system, system_parameters
 from obc_ros.nodes.hardware import HARDWARE
-from obc_ros.nodes.lqr_topics import SINKS, SOURCES
+from obc_ros.nodes.lqr_topics import ROBOTS, Sink, SINKS, SOURCES
 from obc_ros.nodes.own_thread import PRIORITY
 from obc_ros.nodes.parameters import group, parameter, Value
+from obc_ros.nodes.use import is_used
 
 DESIGNS = ('continuous', 'sampled')
 
@@ -34,41 +37,43 @@ class Settings:
         'aircraft', 'registered system, or path of a YAML file', read_only=True)
     system_parameters: Mapping[str, Value] = group(system_parameters)
     setpoint: Vector = parameter(
-        (), 'state to hold (n numbers, SI units, radians); empty: that of the system')
+        (), 'state to hold (n numbers, SI units, radians); empty: that of the system, unless it '
+        'moves')
     setpoint_input: Vector = parameter(
-        (), 'input there, where the state leaves it open (m numbers); empty: that of the system')
+        (), 'input there, where the state leaves it open (m numbers); empty: that of the system, '
+        'unless the set point moves by it')
     weights: str = parameter('matrices', 'how the cost is chosen', choices=KINDS)
     Qx: Vector = parameter(
-        (), 'state weight: n numbers (a diagonal) or n*n row by row; empty: identity')
+        (), 'state weight: n numbers (a diagonal) or n*n row by row; empty: identity',
+        used_when=(('weights', 'matrices'),))
     Qu: Vector = parameter(
-        (), 'input weight: m numbers (a diagonal) or m*m row by row; empty: identity')
+        (), 'input weight: m numbers (a diagonal) or m*m row by row; empty: identity',
+        used_when=(('weights', 'matrices'),))
     cross: Vector = parameter((), "cross weight N of 2 x'N u: n*m numbers row by row; empty: none")
     x_max: Vector = parameter(
-        (), 'bryson: largest acceptable error of each state, in its unit; empty: 1 each',
-        finite=False)
+        (), 'largest acceptable error of each state, in its unit; empty: 1 each', finite=False,
+        used_when=(('weights', 'bryson'),))
     u_max: Vector = parameter(
-        (), 'upper limit of each input, in its unit; empty: those of the system. With weights '
-        'bryson it is the largest acceptable deviation of each input, which larger errors may '
-        'exceed (empty: 1 each), and no limit: u_limits limits in any case', finite=False)
-    u_min: Vector = parameter(
-        (), 'lower limit of each input, in its unit; empty: those of the system', finite=False)
-    u_limits: Vector = parameter(
-        (), 'lower and upper limit of each input (2 m numbers), whatever the weights, in place of '
-        'u_min and u_max; empty: those', finite=False)
-    H: Vector = parameter((), 'output: p*n numbers row by row of z = H x, kept small')
-    rho: float = parameter(1.0, "output: weight of u'u against z'z", lower=0.0)
+        (), 'largest acceptable deviation of each input, in its unit, which larger errors may '
+        'exceed: u_limits limits; empty: 1 each', finite=False, used_when=(('weights', 'bryson'),))
+    H: Vector = parameter(
+        (), 'p*n numbers row by row of the output z = H x, which is kept small',
+        used_when=(('weights', 'output'),))
+    rho: float = parameter(
+        1.0, "weight of u'u against z'z", lower=0.0, used_when=(('weights', 'output'),))
     stability: float = parameter(
         0.0, 'prescribed degree of stability: poles left of its negative', '1/s', lower=0.0)
     integral: tuple[str, ...] = parameter(
         (), 'names of the states with integral action', texts=True)
-    Qi: Vector = parameter((), 'weights of the integrals; empty: 1 each')
+    Qi: Vector = parameter(
+        (), 'weights of the integrals; empty: 1 each', used_when=(('integral',),))
     design: str = parameter('continuous', 'plant that the gain is designed for', choices=DESIGNS)
     rate: float = parameter(
         0.0, 'largest rate of commands, by the stamps of the states; 0: answer every state',
         'Hz', lower=0.0)
     sample_time: float = parameter(
         0.0, 'period that a sampled design, or one with a delay, is for; 0: that of rate', 's',
-        lower=0.0)
+        lower=0.0, used_when=(('design', 'sampled'), ('delay',)))
     delay: float = parameter(
         0.0, 'known time until a command takes effect', 's', lower=0.0)
     horizon: float = parameter(
@@ -83,7 +88,8 @@ class Settings:
         'odom or else as it was commanded, or a parameter of the system that odom measures as the '
         'speed ahead (v of vehicle_lateral); empty: none')
     schedule_range: Vector = parameter(
-        (), 'lowest and highest value of the variable; beyond them the nearest gain is used')
+        (), 'lowest and highest value of the variable; beyond them the nearest gain is used',
+        used_when=(('schedule',),))
     state_timeout: float = parameter(
         0.5, 'age of the last good state at which on_stale acts; 0: never', 's', lower=0.0)
     stamp_timeout: float = parameter(
@@ -92,21 +98,26 @@ class Settings:
         'another epoch, more than an hour away, tell no age', 's', lower=0.0)
     on_stale: str = parameter(
         'equilibrium', 'what is commanded while no state comes: the equilibrium input (at rest), '
-        'the last command again, or nothing', choices=STALE)
+        'the last command again, or nothing', choices=STALE,
+        used_when=(('state_timeout',),))
+    u_limits: Vector = parameter(
+        (), 'limits of the inputs, in their units: the largest size of each (m numbers), within '
+        "those of the system; or lower and upper of each (2 m numbers), in place of the system's. "
+        'An infinite one is that of the system; empty: those of the system', finite=False)
+    unlimited: bool = parameter(
+        False, 'whether inputs of a robot may go without limits',
+        used_when=(('command_sink', *ROBOTS),))
     x_limits: Vector = parameter(
         (), 'largest error of each state (n numbers), or lower and upper of each (2 n), beyond '
         'which on_envelope acts; empty: none', finite=False)
     on_envelope: str = parameter(
         'stop', 'what is done outside x_limits: stop until ~/start, or as on_stale',
-        choices=ENVELOPE)
+        choices=ENVELOPE, used_when=(('x_limits',),))
     start_tolerance: Vector = parameter(
         (), 'largest distance of each state from a reference that is taken up, in its unit (n '
         'numbers); one further away is refused, and so is one that the plant would leave by more '
         'with its inputs. Empty: x_limits, and where those are not given a tenth of the range of '
         'the state along the reference; a range below 1 counts as 1', lower=0.0, finite=False)
-    transition_time: float = parameter(
-        0.0, 'time in which the jump of the command at a change decays; 0: it jumps', 's',
-        lower=0.0)
     state_source: str = parameter(
         'state', 'topic that states come from, with its type: state (State) or odom (Odometry)',
         choices=tuple(SOURCES), read_only=True)
@@ -116,7 +127,11 @@ class Settings:
         choices=tuple(SINKS), read_only=True)
     cmd_vel_stamped: bool = parameter(
         True, 'whether cmd_vel is a TwistStamped; false: a Twist, which has no time',
-        read_only=True)
+        read_only=True, used_when=(('command_sink', 'cmd_vel'),))
+    transition_time: float = parameter(
+        0.0, 'time in which the jump of the command at a change decays, and that of a robot from '
+        'rest to its first command; 0: it jumps', 's', lower=0.0,
+        default_when=(('command_sink', *ROBOTS), 1.0))
     frame_id: str = parameter(
         '', "frame of the states; empty: that of the first one's header")
     hardware_id: str = parameter('', HARDWARE)
@@ -169,6 +184,8 @@ def judge(settings: Settings, courses: tuple[Course, ...] = ()) -> Candidate:
 
     """
     found = _design(*(_key(getattr(settings, name)) for name in _DESIGN))
+    Sink(settings.command_sink, found.plant.system)  # refuses inputs that it does not carry
+    check_set_point(found.plant, settings.setpoint, settings.setpoint_input)
     if settings.P1:
         n = found.plant.system.n
         semidefinite('P1', square('P1', settings.P1, n), n)
@@ -177,7 +194,7 @@ def judge(settings: Settings, courses: tuple[Course, ...] = ()) -> Candidate:
     rules = _rules(settings, found.plant.system.state_names)
     return Candidate(settings, found, Control(
         regulator=found.regulator,
-        limits=_limits(settings, found),
+        limits=_limits(settings, found.plant),
         rest=found.plant.rest,
         names=found.plant.system.state_names,
         rules=rules,
@@ -188,6 +205,41 @@ def judge(settings: Settings, courses: tuple[Course, ...] = ()) -> Candidate:
         schedule=_table(settings, found)[0] if settings.schedule else None))
 
 
+def former(given: Mapping[str, Any], values: Mapping[str, Value]) -> str:
+    """
+    Return what to write for u_min and u_max where they are given as limits, which they once were.
+
+    Parameters
+    ----------
+    given : mapping
+        Values by name as they came, whatever their type.
+    values : mapping
+        All parameters by name.
+
+    """
+    names = [name for name in ('u_min', 'u_max') if name in given
+             and not (name == 'u_max' and (values['weights'] == 'bryson' or not values['u_max']))]
+    if not names:
+        return ''
+    system = chosen_system(str(values['system']), {
+        name.partition('.')[2]: value for name, value in values.items()
+        if name.startswith('system_parameters.')})
+    return former_limits(system, {name: given[name] for name in names})
+
+
+def opening(candidate: Candidate) -> str:
+    """Return what a node is about to do: plant, set point, limits, topics and frame."""
+    settings, held = candidate.settings, candidate.design.plant
+    limits = candidate.control.limits
+    bounds = zip(held.system.inputs, limits.lower, limits.upper, strict=True)
+    return '; '.join((
+        f'system: {held.system.name}', *described(held),
+        'limits: ' + ', '.join(f'{signal.name} in [{low:g}, {high:g}] {signal.unit}'.rstrip()
+                               for signal, low, high in bounds),
+        f'source: {settings.state_source}', f'sink: {settings.command_sink}',
+        f'frame: {settings.frame_id or "that of the first state"}'))
+
+
 def ending(course: Course, candidate: Candidate) -> str:
     """Return what happens at the end of a reference."""
     return _leg(course, candidate.design, candidate.settings.P1)[1]
@@ -195,20 +247,16 @@ def ending(course: Course, candidate: Candidate) -> str:
 
 def tried(weights: LqrWeights, now: Settings) -> dict[str, Any]:
     """Return the settings that a message asks for; its empty fields leave them as they are."""
-    kind = weights.weights or now.weights
     given: dict[str, Any] = {
         'weights': weights.weights, 'rho': weights.rho, 'stability': weights.stability,
         **{name: tuple(getattr(weights, name.lower())) for name in (
-            'Qx', 'Qu', 'cross', 'x_max', 'H')}}
-    if kind == 'bryson':  # elsewhere the setting u_max is a limit
-        given['u_max'] = tuple(weights.u_max)
+            'Qx', 'Qu', 'cross', 'x_max', 'u_max', 'H')}}
     found = {name: value for name, value in given.items() if value not in ('', 0.0, ())}
-    return found if kind == 'bryson' else {**limits(now), **found}
-
-
-def limits(now: Settings) -> dict[str, Any]:
-    """Return the settings of limits that hold with other weights than those of Bryson's rule."""
-    return {'u_max': ()} if now.weights == 'bryson' else {}
+    kind = {'weights': weights.weights or now.weights}
+    for name, row in Settings.__dataclass_fields__.items():
+        if name in found and not is_used(row.metadata['entry'].used_when, kind):
+            raise StatementError(f'{name} is not used with weights = {kind["weights"]}')
+    return found
 
 
 _PLANT = ('system', 'system_parameters', 'setpoint', 'setpoint_input')
@@ -315,28 +363,11 @@ def _plant_at(found: Design, name: str, index: int, setpoint: Vector, setpoint_i
     return at
 
 
-def _limits(settings: Settings, found: Design) -> Limits:
-    system, ue = found.plant.system, found.plant.equilibrium.u
-    lower = _sized('u_min', settings.u_min, system.input_names) or vector(system.u_min)
-    upper = vector(system.u_max)
-    if settings.weights != 'bryson':
-        upper = _sized('u_max', settings.u_max, system.input_names) or upper
-    names = ('u_min', 'u_max')
-    if settings.u_limits:
-        if len(settings.u_limits) != 2 * system.m:
-            raise StatementError(f'u_limits has {count(len(settings.u_limits))}; wanted '
-                                 f'{2 * system.m}, lower and upper of '
-                                 f'{", ".join(system.input_names)}')
-        lower, upper = settings.u_limits[::2], settings.u_limits[1::2]
-        names = ('the lower of u_limits', 'the upper of u_limits')
-    for name, low, value, high in zip(system.input_names, lower, ue, upper, strict=True):
-        if not low < high:
-            raise StatementError(f'{name}: {names[0]} = {low:g} is not below {names[1]} = '
-                                 f'{high:g}')
-        if not low <= value <= high:
-            raise StatementError(f'{name} = {value:.6g} holds the set point, outside {names[0]} = '
-                                 f'{low:g} and {names[1]} = {high:g}')
-    angles = tuple(i for i, is_angle in enumerate(system.angles) if is_angle)
+def _limits(settings: Settings, held: Plant) -> Limits:
+    angles = tuple(i for i, is_angle in enumerate(held.system.angles) if is_angle)
+    lower, upper = input_limits(held, settings.u_limits)
+    if settings.command_sink in ROBOTS and not settings.unlimited:
+        check_all_limited(held, settings.u_limits, lower, upper, settings.command_sink)
     return Limits(lower, upper, angles)
 
 
@@ -357,6 +388,7 @@ def _rules(settings: Settings, names: tuple[str, ...]) -> Rules:
         period=round(min(1e9 / settings.rate, 1e18)) if settings.rate else 0,
         state_timeout=settings.state_timeout, on_stale=settings.on_stale, x_limits=bounds,
         on_envelope=settings.on_envelope, transition_time=settings.transition_time,
+        from_rest=settings.command_sink in ROBOTS,
         stamp_timeout=settings.stamp_timeout)
 
 

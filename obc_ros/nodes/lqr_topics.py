@@ -35,6 +35,7 @@ from obc_ros.nodes.conversions import BASE, nanoseconds, OdometryMap
 
 SOURCES = {'state': State, 'odom': Odometry}
 SINKS = {'command': Command, 'cmd_vel': TwistStamped, 'wrench': WrenchStamped}
+ROBOTS = ('cmd_vel', 'wrench')  # sinks that no simulated plant of this package hears
 
 
 class FrameError(StatementError):

@@ -8,7 +8,8 @@ The services that set parameters of a node, where rclpy raises or refuses withou
   read-only parameter may be set to the value that it has, and so may a string that reads as a
   number.
 - Parameters that are acceptable together are set together, whatever their order in the request,
-  and the node takes them up once. If they are not, each is tried by itself.
+  and the node takes them up once. If they are not, each is tried by itself, after those that make
+  it used.
 - Each refusal is logged with its reason, those by rclpy too.
 """
 
@@ -28,7 +29,7 @@ IsKept = Callable[[Parameter], bool]
 Attempt = Callable[[list[Parameter]], SetParametersResult]
 
 
-def serve(node: Node, is_kept: IsKept, attempt: Attempt) -> None:
+def serve(node: Node, is_kept: IsKept, attempt: Attempt, depth: Callable[[str], int]) -> None:
     """
     Have the services of a node answer as said above.
 
@@ -40,18 +41,20 @@ def serve(node: Node, is_kept: IsKept, attempt: Attempt) -> None:
         Returns whether a parameter has the given value already and does not take it as it came.
     attempt : callable
         Sets all of the given parameters or none, and reports no refusal but in its result.
+    depth : callable
+        Returns how many parameters in a row have to be set before one of a name is used.
 
     """
     log = ThrottledLog(node)
     for service in node.services:
         if service.srv_type is SetParameters:
-            service.callback = _logged(_one_by_one(service.callback, is_kept, attempt), log)
+            service.callback = _logged(_one_by_one(service.callback, is_kept, attempt, depth), log)
         elif service.srv_type is SetParametersAtomically:
             service.callback = _logged(_together(service.callback, is_kept), log)
 
 
-def _one_by_one(callback: Callable[[Any, Any], Any], is_kept: IsKept, attempt: Attempt
-                ) -> Callable[[Any, Any], Any]:
+def _one_by_one(callback: Callable[[Any, Any], Any], is_kept: IsKept, attempt: Attempt,
+                depth: Callable[[str], int]) -> Callable[[Any, Any], Any]:
     def answer(request: SetParameters.Request, response: SetParameters.Response) -> Any:
         given = list(request.parameters)
         if refusal := _unknown_type(given):
@@ -63,8 +66,10 @@ def _one_by_one(callback: Callable[[Any, Any], Any], is_kept: IsKept, attempt: A
                 [Parameter.from_parameter_msg(each) for each in changes]).successful:
             response.results = [_done()] * len(given)
             return response
-        request.parameters = changes
-        results = iter(callback(request, response).results)
+        order = sorted(range(len(changes)), key=lambda index: depth(changes[index].name))
+        request.parameters = [changes[index] for index in order]
+        answers = callback(request, response).results
+        results = (answers[order.index(index)] for index in range(len(order)))
         response.results = [_done() if same else next(results) for same in kept]
         return response
 

@@ -15,224 +15,29 @@ The table is a frozen dataclass whose fields are made by `parameter` and `group`
 A change has two moments. *Judge* builds the candidate from all proposed values together with the
 present ones, or raises ObcError; nothing has changed then. *Adopt* receives the candidate that
 was judged, once every parameter is set. The same judge looks at the values a node starts with.
+
+A parameter that has no effect under the present settings (`used_when`) is at its default. Another
+value for it is refused, at the start too; a change that takes its use away sets it back.
 """
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields, MISSING
-import difflib
-import math
-import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import fields, MISSING, replace
 from typing import Any, Generic, TypeVar
 
 from obc_ros.core.errors import ObcError, shown, StatementError
 from obc_ros.nodes.guards import guard
 from obc_ros.nodes.parameter_services import serve
-from rcl_interfaces.msg import (
-    FloatingPointRange,
-    IntegerRange,
-    ParameterDescriptor,
-    SetParametersResult,
-)
+from obc_ros.nodes.parameter_table import Entry, group, hint, parameter
+from obc_ros.nodes.use import condition_holds, depth, idle, is_used, Value
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import get_parameter_value, Parameter
 from yaml import YAMLError
 
-Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
+__all__ = ['Entry', 'group', 'parameter', 'Parameters', 'Value']
+
 Settings = TypeVar('Settings')
 Candidate = TypeVar('Candidate')
-
-_WANTED = {
-    Parameter.Type.BOOL: 'true or false',
-    Parameter.Type.INTEGER: 'a whole number',
-    Parameter.Type.DOUBLE: 'a number',
-    Parameter.Type.DOUBLE_ARRAY: 'a list of numbers',
-    Parameter.Type.STRING: 'a string',
-    Parameter.Type.STRING_ARRAY: 'a list of strings',
-}
-_GOT = {
-    **_WANTED,
-    Parameter.Type.NOT_SET: 'nothing',
-    Parameter.Type.BYTE_ARRAY: 'bytes',
-    Parameter.Type.BOOL_ARRAY: 'a list of true and false',
-    Parameter.Type.INTEGER_ARRAY: 'a list of whole numbers',
-}
-_SCALARS = (Parameter.Type.INTEGER, Parameter.Type.DOUBLE)
-_LISTS = (Parameter.Type.INTEGER_ARRAY, Parameter.Type.DOUBLE_ARRAY)
-_INTEGERS = -2**63, 2**63 - 1  # what a ROS parameter holds
-# A list that mixes 1 and 0.5, or a list of rows, reaches a node as a string; so does 1e-09, which
-# is no number in YAML 1.1.
-_ROWS = re.compile(r'\[(\[[^\[\]]*\],?)+\]|\[[^\[\]]*\]')
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One row of the table: a parameter, what it means and what it may be."""
-
-    name: str
-    default: Value
-    description: str
-    unit: str = ''
-    lower: float = -math.inf
-    upper: float = math.inf
-    choices: tuple[str, ...] = ()
-    read_only: bool = False
-    finite: bool = True
-    texts: bool = False
-
-    @property
-    def type(self) -> Parameter.Type:
-        """Return the ROS type that values are kept as."""
-        if isinstance(self.default, tuple):
-            return Parameter.Type.STRING_ARRAY if self.texts else Parameter.Type.DOUBLE_ARRAY
-        return Parameter.Type.from_parameter_value(self.default)
-
-    def descriptor(self) -> ParameterDescriptor:
-        """Return what tools show of this parameter."""
-        descriptor = ParameterDescriptor(
-            description=f'{self.description} [{self.unit}]' if self.unit else self.description,
-            additional_constraints=self._constraint(), read_only=self.read_only,
-            dynamic_typing=True)  # so that integers pass; the type is checked here, in words
-        if self.lower == -math.inf and self.upper == math.inf:
-            return descriptor
-        if self.type is Parameter.Type.DOUBLE:
-            descriptor.floating_point_range = [
-                FloatingPointRange(from_value=self.lower, to_value=self.upper)]
-        elif self.type is Parameter.Type.INTEGER:
-            least, most = _INTEGERS
-            descriptor.integer_range = [IntegerRange(
-                from_value=math.ceil(max(self.lower, least)),
-                to_value=math.floor(min(self.upper, most)))]
-        return descriptor
-
-    def value(self, given: Parameter) -> Value:
-        """
-        Return the value of a ROS parameter.
-
-        Raises
-        ------
-        StatementError
-            If its type, its range or one of its numbers is not what is wanted.
-
-        """
-        value = self._converted(given)
-        if isinstance(value, str):
-            self._check_choice(value)
-        elif self.type is Parameter.Type.DOUBLE_ARRAY:
-            for index, number in enumerate(value):
-                self._check_number(f'{self.name}[{index}]', number)
-        elif not isinstance(value, (bool, tuple)):
-            self._check_number(self.name, value)
-        return value
-
-    def ros(self, value: Value) -> Parameter:
-        """Return a value as a ROS parameter of this entry's type."""
-        return Parameter(
-            self.name, self.type, list(value) if isinstance(value, tuple) else value)
-
-    def _converted(self, given: Parameter) -> Value:
-        wanted, got, value = self.type, given.type_, given.value
-        empty = not isinstance(value, str) and hasattr(value, '__len__') and len(value) == 0
-        if isinstance(self.default, tuple) and (empty or got is Parameter.Type.NOT_SET):
-            return ()  # an empty list carries no type
-        if wanted is Parameter.Type.DOUBLE_ARRAY:
-            if got in _LISTS:
-                return tuple(map(float, value))
-            if got in _SCALARS:
-                return (float(value),)
-            if (numbers := _numbers(got, value)) is not None:
-                return numbers
-        elif wanted is Parameter.Type.STRING_ARRAY:
-            if got is Parameter.Type.STRING_ARRAY:
-                return tuple(value)
-            if got is Parameter.Type.STRING:
-                return (value,)
-        elif wanted is Parameter.Type.DOUBLE and got in _SCALARS:
-            return float(value)
-        elif wanted in _SCALARS and got is Parameter.Type.STRING:
-            if (number := _number(value, wanted is Parameter.Type.INTEGER)) is not None:
-                return number
-        elif wanted is got:
-            return value
-        raise StatementError(f'{self.name}: wanted {_WANTED[wanted]}, got {_GOT[got]}')
-
-    def _constraint(self) -> str:
-        if self.choices:
-            return _listed(self.choices)
-        if self.lower == -math.inf and self.upper == math.inf:
-            return ''
-        if self.upper == math.inf:
-            return f'at least {self.lower:g}'
-        if self.lower == -math.inf:
-            return f'at most {self.upper:g}'
-        return f'between {self.lower:g} and {self.upper:g}'
-
-    def _check_choice(self, value: str) -> None:
-        if self.choices and value not in self.choices:
-            raise StatementError(
-                f"{self.name} = '{shown(value)}': wanted {_listed(self.choices)}"
-                f'{_hint(value, self.choices)}')
-
-    def _check_number(self, name: str, value: float) -> None:
-        if math.isnan(value) or (self.finite and math.isinf(value)):
-            raise StatementError(f'{name} = {value}: wanted a finite number')
-        if isinstance(value, int) and not _INTEGERS[0] <= value <= _INTEGERS[1]:
-            raise StatementError(f'{name}: wanted a whole number of 64 bits')
-        if not self.lower <= value <= self.upper:
-            raise StatementError(f'{name} = {value:g}: wanted {self._constraint()} {self.unit}'
-                                 .rstrip())
-
-
-def parameter(
-    default: Value,
-    description: str,
-    unit: str = '',
-    *,
-    name: str = '',
-    lower: float = -math.inf,
-    upper: float = math.inf,
-    choices: tuple[str, ...] = (),
-    read_only: bool = False,
-    finite: bool = True,
-    texts: bool = False,
-) -> Any:
-    """
-    Return a field of a table that is one ROS parameter.
-
-    Parameters
-    ----------
-    default : bool, int, float, str or tuple
-        Its type is the parameter's; a tuple is one of numbers. Integers, numbers written as
-        strings, a single number for a list, and a list of rows are accepted where numbers are
-        wanted, a single string for a list of strings.
-    description, unit : str
-        What it means, and the unit that is appended to it.
-    name : str
-        The parameter's name where it is not the field's, such as ``noise.position``.
-    lower, upper : float
-        Bounds of the number, or of each number of a list.
-    choices : tuple of str
-        The only strings that are accepted.
-    read_only : bool
-        Whether it is fixed once the node has started.
-    finite : bool
-        Whether infinity is refused; NaN always is.
-    texts : bool
-        Whether a tuple is one of strings.
-
-    """
-    entry = Entry(name, default, description, unit, lower, upper, choices, read_only, finite,
-                  texts)
-    return field(default=default, metadata={'entry': entry})
-
-
-def group(members: Callable[[Mapping[str, Value]], Iterable[Entry]]) -> Any:
-    """
-    Return a field of a table that holds all parameters ``FIELD.*`` by their last name.
-
-    `members` gets the values declared so far by parameter name, and yields an entry for each
-    member, named without the prefix; what it has yielded is declared before it goes on.
-    """
-    return field(default_factory=dict, metadata={'group': members})
 
 
 class Parameters(Generic[Settings, Candidate]):
@@ -252,6 +57,11 @@ class Parameters(Generic[Settings, Candidate]):
         for the values at the start: use `candidate`.
     refused : callable, optional
         Told the sentence of each refusal.
+    opening : callable, optional
+        Returns the first line of the node's log, of the candidate at the start.
+    former : callable, optional
+        Returns what to write in place of parameters by the meaning that they once had, or an empty
+        sentence. It gets the values that were given, of unknown names too, and all values by name.
 
     Attributes
     ----------
@@ -274,8 +84,10 @@ class Parameters(Generic[Settings, Candidate]):
         judge: Callable[[Settings], Candidate],
         adopt: Callable[[Candidate], None],
         refused: Callable[[str], None] | None = None,
+        opening: Callable[[Candidate], str] | None = None,
+        former: Callable[[Mapping[str, Any], Mapping[str, Value]], str] = lambda *_: '',
     ) -> None:
-        self._node, self._table = node, table
+        self._node, self._table, self._former = node, table, former
         self._judge, self._adopt, self._refused = judge, adopt, refused
         self._entries: dict[str, Entry] = {}
         self._values: dict[str, Value] = {}
@@ -286,13 +98,18 @@ class Parameters(Generic[Settings, Candidate]):
         self._overrides: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
         for entry in self._rows():
             self._declare(entry)
-        self._report_unknown()
-        self.settings = self._assembled(self._values)
-        self.candidate = judge(self.settings)
+        try:
+            self._check_start()
+            self.settings = self._assembled(self._values)
+            self.candidate = judge(self.settings)
+            if opening is not None:
+                node.get_logger().info(opening(self.candidate))
+        finally:
+            self._report_unknown()
         node.add_pre_set_parameters_callback(self._normalise)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._post_set)
-        serve(node, self._is_kept, self._attempt)
+        serve(node, self._is_kept, self._attempt, lambda name: depth(self._entries, name))
         guard(node)
 
     def _rows(self) -> Iterable[Entry]:
@@ -305,6 +122,8 @@ class Parameters(Generic[Settings, Candidate]):
                 yield entry if entry.name else _renamed(entry, each.name)
 
     def _declare(self, entry: Entry) -> None:
+        if entry.default_when and condition_holds(entry.default_when[0], self._values):
+            entry = replace(entry, default=entry.default_when[1])
         name, value = entry.name, entry.default
         if name in self._overrides:
             value = entry.value(self._overrides[name])
@@ -313,14 +132,27 @@ class Parameters(Generic[Settings, Candidate]):
         if value == () and not entry.read_only:
             self._node.set_parameters([entry.ros(value)])  # an empty list was declared as bytes
 
+    def _check_start(self) -> None:
+        """Refuse values at the start that would have no effect."""
+        given = {name: each.value for name, each in self._overrides.items()}
+        if advice := self._former(given, self._values):
+            raise StatementError(advice)
+        for name in self._idle(self._values):
+            raise StatementError(idle(self._entries, name, self._values, is_start=True))
+
+    def _idle(self, values: Mapping[str, Value]) -> Iterator[str]:
+        """Yield the parameters that have no effect and other values than their defaults."""
+        return (name for name, entry in self._entries.items()
+                if values[name] != entry.default and not is_used(entry.used_when, values))
+
     def _report_unknown(self) -> None:
         """Name what was given at the start and is nobody's parameter; files are often shared."""
         others = [name for name in self._overrides
                   if not (self._node.has_parameter(name) or name.startswith('qos_overrides.'))]
         for name in others:
-            if hint := _hint(name, self._entries):
+            if near := hint(name, self._entries):
                 self._node.get_logger().warning(
-                    f"no parameter '{shown(name)}': it has no effect{hint}")
+                    f"no parameter '{shown(name)}': it has no effect{near}")
         if others:
             self._node.get_logger().info(
                 f'given but not parameters of this node: {shown(", ".join(sorted(others)), 300)}')
@@ -341,10 +173,24 @@ class Parameters(Generic[Settings, Candidate]):
         Keep numbers as doubles, whatever type they came as.
 
         In place of what cannot be, rclpy is given the present value: it would refuse others in
-        words of its own, and unheard. `_on_set` looks at what was asked.
+        words of its own, and unheard. `_on_set` looks at what was asked. What loses its use by
+        the changes goes back to its default along with them.
         """
-        self._asked = changes
-        return [self._normal(change) for change in changes]
+        self._asked = [*changes, *self._lost(changes)]
+        return [self._normal(change) for change in self._asked]
+
+    def _lost(self, changes: list[Parameter]) -> list[Parameter]:
+        """Return the defaults of what loses its use by changes."""
+        lost: dict[str, Value] = {}
+        try:
+            ours = self._read(changes)
+        except StatementError:
+            return []
+        while new := {name: self._entries[name].default
+                      for name in self._idle({**self._values, **ours, **lost})
+                      if name not in ours} if ours else {}:
+            lost |= new
+        return [self._entries[name].ros(value) for name, value in lost.items()]
 
     def _normal(self, change: Parameter) -> Parameter:
         entry = self._entries.get(change.name)
@@ -363,9 +209,7 @@ class Parameters(Generic[Settings, Candidate]):
             return SetParametersResult(successful=True)  # by rclpy: a QoS override, say
         try:
             if ours := self._read(asked):
-                values = {**self._values, **ours}
-                settings = self._assembled(values)
-                self._pending = values, settings, self._judge(settings)
+                self._pending = self._judged(ours)
         except (ObcError, ArithmeticError) as error:
             if self._refused is not None and not self._is_attempt:
                 self._refused(str(error))
@@ -401,10 +245,30 @@ class Parameters(Generic[Settings, Candidate]):
         except StatementError:
             return False
 
+    def _judged(self, ours: Mapping[str, Value]) -> tuple[dict[str, Value], Settings, Candidate]:
+        """Return what changes lead to, or raise ObcError."""
+        values = {**self._values, **ours}
+        for name in self._idle(values):
+            raise StatementError(
+                idle(self._entries, name, values) + self._advice({name: values[name]}, values))
+        settings = self._assembled(values)
+        return values, settings, self._judge(settings)
+
+    def _advice(self, given: Mapping[str, Any], values: Mapping[str, Value]) -> str:
+        advice = self._former(given, values)
+        return advice and f'; {advice}'
+
     def _post_set(self, changes: list[Parameter]) -> None:
         if self._pending is not None:
+            before = self._values
             (self._values, self.settings, candidate), self._pending = self._pending, None
             self._adopt(candidate)
+            lost = [name for name, entry in self._entries.items()
+                    if self._values[name] == entry.default != before[name]
+                    and not is_used(entry.used_when, self._values)]
+            if lost:
+                self._node.get_logger().info(
+                    f'{", ".join(lost)}: not used any more, back at the default')
 
     def _read(self, changes: list[Parameter]) -> dict[str, Value]:
         values: dict[str, Value] = {}
@@ -412,8 +276,10 @@ class Parameters(Generic[Settings, Candidate]):
             entry = self._entries.get(change.name)
             if entry is None:
                 if not self._node.has_parameter(change.name):
+                    advice = self._advice({change.name: change.value}, self._values)
                     raise StatementError(
-                        f"no parameter '{shown(change.name)}'{_hint(change.name, self._entries)}")
+                        f"no parameter '{shown(change.name)}'"
+                        f'{advice or hint(change.name, self._entries)}')
             elif change.type_ is Parameter.Type.NOT_SET:
                 raise StatementError(f'{shown(change.name)} cannot be deleted, only set')
             else:
@@ -425,53 +291,9 @@ def _renamed(entry: Entry, name: str) -> Entry:
     return Entry(**{**vars(entry), 'name': name})
 
 
-def _listed(choices: tuple[str, ...]) -> str:
-    return ' or '.join(f"'{choice}'" for choice in choices)
-
-
-def _hint(name: str, known: Iterable[str]) -> str:
-    # two of three letters say more than half of eight
-    cutoff = 0.5 if len(name) <= 3 else 0.65
-    close = difflib.get_close_matches(name[:100], known, n=1, cutoff=cutoff)
-    if not close:
-        folded = {each.lower(): each for each in known}
-        close = [folded[name.lower()]] if name.lower() in folded else []
-    return f"; did you mean '{close[0]}'?" if close else ''
-
-
 def _reads_as(text: str, given: Parameter) -> bool:
     """Return whether ``ros2`` makes the given value of a text."""
     try:
         return bool(get_parameter_value(text) == given.get_parameter_value())
     except YAMLError:
         return False
-
-
-def _number(text: str, is_whole: bool) -> float | None:
-    """Return the number that a text is, or None."""
-    try:
-        return int(text) if is_whole else float(text)
-    except ValueError:
-        return None
-
-
-def _numbers(got: Parameter.Type, value: Any) -> tuple[float, ...] | None:
-    """Return the numbers of '[1, 0.5]', '[[1, 0], [0, 1]]', '1e-9' or ['1e-9', '2'], or None."""
-    if got is Parameter.Type.STRING:
-        text, rows = ' '.join(value.split()), [[value]]
-        if text.startswith('['):
-            for mark in '[],':
-                text = text.replace(f' {mark}', mark).replace(f'{mark} ', mark)
-            if not _ROWS.fullmatch(text):
-                return None
-            rows = [row.split(',') for row in re.findall(r'\[([^\[\]]*)\]', text)]
-    elif got is Parameter.Type.STRING_ARRAY:
-        rows = [value]
-    else:
-        return None
-    if len({len(row) for row in rows}) != 1:
-        return None
-    try:
-        return tuple(float(number) for row in rows for number in row)
-    except ValueError:
-        return None

@@ -59,8 +59,10 @@ def _of_disturbances(values: Mapping[str, Any]) -> Iterator[Entry]:
         unit = f'{signal.unit or "1"}/s'
         yield Entry(f'constant.{signal.name}', 0.0, 'added to the derivative', unit)
         yield Entry(f'gust.{signal.name}', 0.0, 'height of a gust, 1 - cos in time', unit)
-    yield Entry('gust_start', 0.0, 'simulated time at which the gust begins', 's')
-    yield Entry('gust_duration', 1.0, 'how long the gust is', 's', lower=1e-6)
+    yield Entry('gust_start', 0.0, 'simulated time at which the gust begins', 's',
+                used_when=(('disturbance.gust.*',),))
+    yield Entry('gust_duration', 1.0, 'how long the gust is', 's', lower=1e-6,
+                used_when=(('disturbance.gust.*',),))
 
 
 def _system(values: Mapping[str, Any]) -> System:
@@ -91,15 +93,15 @@ class Settings:
     integrator: str = parameter('rk4', 'fixed steps of dt, or adaptive ones', choices=INTEGRATORS)
     tolerance: float = parameter(
         1e-9, 'of the adaptive integrator: error in a simulated second', '1/s',
-        lower=SMALLEST_TOLERANCE, upper=1.0)
+        lower=SMALLEST_TOLERANCE, upper=1.0, used_when=(('integrator', 'adaptive'),))
     actuator_lag: tuple[float, ...] = parameter(
         (), 'time constant of each input, or one for all; 0: none', 's', lower=0.0)
     input_delay: float = parameter(
         0.0, 'from a command to its effect', 's', lower=0.0, upper=1e3)
     command_timeout: float = parameter(
         0.0, 'simulated time without a command until the equilibrium input; 0: never', 's',
-        lower=0.0)
-    seed: int = parameter(0, 'of the noise', lower=0)
+        lower=0.0, used_when=(('lockstep', False),))
+    seed: int = parameter(0, 'of the noise', lower=0, used_when=(('noise.*',),))
     priority: int = parameter(0, PRIORITY, lower=0, upper=99, read_only=True)
     hardware_id: str = parameter('', HARDWARE)
     noise: Mapping[str, float] = group(_of_states)
