@@ -12,7 +12,7 @@ from obc_ros.core.certificate import certify
 from obc_ros.core.explain import explain
 from obc_ros.core.ill_posed import indifferent, of_least_effort, wish, without_minimum
 from obc_ros.core.kit import Kit
-from obc_ros.core.methods import method_of
+from obc_ros.core.methods import AUTO, method_of
 from obc_ros.core.monitor import Monitor
 from obc_ros.core.optimality import told
 from obc_ros.core.outgrown import outgrown
@@ -44,6 +44,7 @@ _ATTEMPT = 150_000      # likewise, for one problem solved in the other's place
 _SOON = 60_000, 0.2     # likewise, and part of the time left, while an answer may still be found
 _NO_PATH = 1e-2         # residual of the dynamics, beyond what a finer mesh takes away
 _LEAST = 0.5            # [s] without which no reason is looked for
+_JUDGING = 0.05, 0.5    # part of the time limit, and at most [s], for the certificate of a path
 
 
 class Cache:
@@ -110,10 +111,6 @@ def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
     answer = search.run()
     if not search.monitor.stopped:
         answer = touched_up(search, answer)
-    if answer.certified:
-        sentence = outgrown(problem, answer, _attempt(monitor))
-        if sentence:
-            answer = Solution(Status.NOT_CONVERGED, sentence)
     return replace(answer, method='arcs')
 
 
@@ -196,12 +193,20 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
     """
     method = method_of(method or problem.method)
     begun = time.monotonic()
-    monitor = Monitor(time_limit, report, max_intervals)
+    part, most = _JUDGING
+    monitor = Monitor(time_limit - min(part * time_limit, most), report, max_intervals)
     problem, kit = (cache or Cache(1)).prepared(problem)
     found = METHODS[method](problem, kit, monitor)
-    if found.status is not Status.INFEASIBLE and (found.certificate or not monitor.stopped):
+    late = monitor.stopped and (monitor.stopped == 'cancelled' or not np.isfinite(found.objective))
+    if found.status is not Status.INFEASIBLE and (found.certificate or not late):
         found = _judged(problem, found)
-    found = _ended(problem, found, monitor, time_limit, method)
+    sentence = outgrown(problem, found, _attempt(monitor)) if (
+        method == AUTO and found.method == 'arcs' and found.certified
+        and indifferent(problem) is None) else ''
+    if sentence:
+        found = _without_least(problem, found, sentence, monitor, time_limit)
+    else:
+        found = _ended(problem, found, monitor, time_limit, method)
     built, kit.build_time = kit.build_time, 0.0
     found = told(problem, found)
     return replace(found, method=found.method or method, iterations=monitor.iterations,
@@ -219,10 +224,33 @@ def _judged(problem: Problem, found: Solution) -> Solution:
     if certificate.holds:
         message = found.message or 'the certificate holds'
         return replace(found, status=Status.SOLVED, message=message, certificate=certificate)
+    found = replace(found, status=Status.NOT_CONVERGED, certificate=certificate)
+    return replace(found, message=_uncertified(found))
+
+
+def _uncertified(found: Solution) -> str:
+    """Return the cost of a path and why it is not certified; of what is no path what is wrong."""
+    certificate = found.certificate
+    if certificate is None:
+        return f'cost {found.objective:.8g}, not certified because it was not judged'
     worst = certificate.worst
-    message = (f'{_FAULTS[worst]}: residual {certificate.residuals[worst]:.1e}, '
-               f'allowed {certificate.tolerances[worst]:.0e}')
-    return replace(found, status=Status.NOT_CONVERGED, message=message, certificate=certificate)
+    fault = (f'{_FAULTS[worst]}: residual {certificate.residuals[worst]:.1e}, '
+             f'allowed {certificate.tolerances[worst]:.0e}')
+    if not certificate.feasible:
+        return fault
+    return f'cost {found.objective:.8g}, not certified because {fault}'
+
+
+def _without_least(problem: Problem, found: Solution, sentence: str, monitor: Monitor,
+                   time_limit: float) -> Solution:
+    """Return an answer that larger inputs undercut: a path whose certificate says nothing."""
+    none = Solution(Status.NOT_CONVERGED, sentence, method=found.method)
+    ended = _ended(problem, none, monitor, time_limit, AUTO)
+    if ended.status is Status.INFEASIBLE:
+        return ended
+    return replace(found, status=ended.status, certificate=None, message=(
+        f'{ended.message}; cost {found.objective:.8g}, not certified because larger inputs may '
+        'cost less'))
 
 
 def _without_multipliers(found: Solution, L: float) -> Solution:
@@ -235,15 +263,15 @@ def _without_multipliers(found: Solution, L: float) -> Solution:
 def _ended(problem: Problem, found: Solution, monitor: Monitor, time_limit: float,
            method: str) -> Solution:
     """Return a solution whose status says how the work ended, and why without an answer."""
+    path = f'; {_uncertified(found)}' if found.t.size and not found.certified else ''
     if monitor.stopped == 'cancelled':
-        return replace(found, status=Status.CANCELLED, message='cancelled on request')
+        return replace(found, status=Status.CANCELLED, message=f'cancelled on request{path}')
     if found.status in (Status.SOLVED, Status.INFEASIBLE):
         return found
     if monitor.stopped == 'timed_out':
-        best = f'; the best path so far costs {found.objective:.6g}' if found.t.size else ''
         advice = wish(problem)
         return replace(found, status=Status.TIMED_OUT, message=(
-            f'no certified answer within {time_limit:g} s{best}{advice and "; "}{advice}'))
+            f'no certified answer within {time_limit:g} s{path}{advice and "; "}{advice}'))
     if method in ('riccati', 'time_optimal') or found.method == 'riccati':
         return found
     if monitor.short:
@@ -266,5 +294,7 @@ def _explained(problem: Problem, found: Solution, monitor: Monitor) -> Solution:
             sentence = f'no path was found that meets all constraints; in the nearest {sentence}'
         return replace(found, message='; '.join(filter(None, (sentence, wish(problem)))))
     if not reason.infeasible:
-        return replace(found, message=reason.sentence)
+        is_path = found.certificate is not None and found.certificate.feasible
+        return replace(found, message='; '.join(
+            [reason.sentence, *([_uncertified(found)] if is_path else [])]))
     return Solution(Status.INFEASIBLE, reason.sentence)
