@@ -3,9 +3,11 @@
 """Meshes with points where inputs come to bounds, and neighbours that are found from these."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
+from obc_ros.core.aligned import points
 from obc_ros.core.solve import Cache, solve
 from obc_ros.core.statement import problem_from_mapping
 import pytest
@@ -25,6 +27,20 @@ def lane_change(phi=0.1):
         'terminal_constraints': ['px - 100', 'py - 2', 'theta'],
         'input_bounds': {'v': [8, 12], 'phi': [-phi, phi]},
         'final_time': {'free': False, 'value': 10}})
+
+
+@pytest.mark.parametrize('slope', [1.0, 1e20, np.inf, np.nan])
+def test_of_an_extremal_that_is_no_path_no_mesh_without_end_is_made(slope):
+    """Where an indirect method has strayed slopes of 1e20 asked for 500 TiB of points."""
+    strayed = SimpleNamespace(
+        u=np.ones((6, 2, 1)), du=np.array([[[0.0], [slope]]] * 6), h=np.full(6, 0.5),
+        arc_of=np.array([0, 0, 0, 1, 1, 1]))
+    t, arc = points(strayed, 1e-4, 0.1, 1000)
+    assert t[0] == 0
+    assert t[-1] == pytest.approx(3)
+    assert np.all(np.diff(t) > 0)
+    assert 30 <= len(arc) <= 1002
+    assert set(arc) == {0, 1}
 
 
 def pulled(T):

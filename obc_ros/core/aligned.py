@@ -59,16 +59,20 @@ def _with_slopes(kit: Kit, problem: Problem, arcs: Sequence[Arc], course: Extrem
     return sloped(arcs, course.t, (slopes[0], slopes[1]), [not each for each in kit.switching])
 
 
-def points(found: BoundaryValues, error: float, longest: float) -> tuple[Array, Index]:
+def points(found: BoundaryValues, error: float, longest: float, most: int
+           ) -> tuple[Array, Index]:
     """
     Return mesh points, shape (N + 1,), and the arc of each interval between them.
 
     Inputs are linear in each interval but for a part `error` of their size; none is longer than
-    `longest`.
+    `longest`. Where that takes more than `most` intervals, and one for each arc, all are longer:
+    what an indirect method has led to may be no path, with slopes of any size.
     """
     size = np.maximum(np.abs(found.u).max(axis=(0, 1)), 1e-300)
     bend = np.abs(np.diff(found.du, axis=1)[:, 0]) * found.h[:, None] / size
     parts = np.maximum(np.sqrt(bend.max(axis=1) / (12 * error)), found.h / longest)
+    parts = np.minimum(np.nan_to_num(parts, nan=most), most)
+    parts *= min(1.0, most / parts.sum())
     total = np.append(0.0, np.cumsum(parts))
     ends = total[np.append(0, np.flatnonzero(np.diff(found.arc_of, append=-1)) + 1)]
     arc, inner = cut_evenly(ends, np.ceil(np.diff(ends)))
@@ -121,7 +125,7 @@ def on_kinks(search: 'Search', outcome: Outcome, course: Extremal) -> Outcome | 
     if found is None or len(found.lengths) == 1:
         return None
     guide = on_points(search.stated, found, *points(
-        found, _KINKED, outcome.path.t[-1] / _LONGEST))
+        found, _KINKED, outcome.path.t[-1] / _LONGEST, 2 * search.monitor.max_intervals))
     if not search.monitor.allows(guide.mesh.layout.intervals):
         return None
     new = search.collocate(guide.mesh, guide.path, near=True, sizes=search.sizes(outcome),

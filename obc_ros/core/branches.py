@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.arcs import Arc, arc_mesh
+from obc_ros.core.arcs import Arc, arc_mesh, moved
 from obc_ros.core.extremal import Extremal
-from obc_ros.core.jumps import jumps, with_jumps, with_steps
+from obc_ros.core.jumps import jumps, with_steps
 from obc_ros.core.mesh import gauss_points, Path
 from obc_ros.core.problem import Problem
 from obc_ros.core.refine import below
@@ -36,10 +36,12 @@ _GLANCE = 8           # intervals that are looked at before all of them
 _WORTH = 1e-3         # relative to the cost: what another least point has to promise
 _SHARES = 0.0, 0.3, 0.7   # of the largest gap, above which inputs are moved
 _ROUNDS = 3           # each from the path that the one before has led to
+_SETTLING = 6         # likewise, of phases that begin anew where inputs still slope
 _STEPS = 40           # for the longest interval, to roll out
 _ITERATIONS = 150
 _SAME = 1e-6          # relative cost
 _VANISHING, _JUMP = 1e-3, 0.05   # parts: of T, a phase without length; of an input's range
+_BESIDE = 1.5         # intervals from the end of a phase, within which a slope belongs to it
 
 
 def branching(problem: Problem) -> Mask:
@@ -154,36 +156,44 @@ def _leaps(search: 'Search', outcome: Outcome) -> bool:
 
 
 def _with_jumps(search: 'Search', outcome: Outcome) -> Outcome:
-    """Return an outcome, or one with phases that begin where its inputs jump, and nowhere else."""
-    problem, of = search.problem, search.kit.branching.tolist()
-    arcs = _apart(search, outcome)
-    if len(arcs) == len(outcome.path.durations):
-        arcs = with_jumps(arcs, outcome.path, of)
-    while len(arcs) != len(outcome.path.durations):
-        path = outcome.path
+    """
+    Return an outcome, or one with phases that begin where its inputs jump, and nowhere else.
+
+    The point beside the end of a phase may be at the least point of H that belongs to the other
+    side, and stays there: a slope over an interval. The phase then begins anew in that interval.
+    """
+    for _ in range(_SETTLING):
+        path, arcs = outcome.path, _apart(search, outcome)
+        if len(arcs) == len(path.durations) and not moved(arcs, path.durations, _VANISHING):
+            break
         mesh, durations = arc_mesh(
-            problem, arcs, search.stages, len(path.ua) / path.t[-1])
+            search.problem, arcs, search.stages, len(path.ua) / path.t[-1])
         if not search.monitor.allows(mesh.layout.intervals):
             break
         new = search.collocate(mesh, with_steps(path, arcs), durations, near=True,
                                sizes=search.sizes(outcome), most=_ITERATIONS)
         if not new.converged or below(outcome.objective, new.objective, _SAME):
             break
-        outcome, arcs = new, _apart(search, new)
+        outcome = new
     return outcome
 
 
 def _apart(search: 'Search', outcome: Outcome) -> list[Arc]:
-    """Return the phases of an outcome without those that have no length, and jumps of nothing."""
+    """Return arcs that begin where inputs jump: at the ends of phases, or in slopes."""
     problem, path, here = search.problem, outcome.path, search.kit.branching
     first = np.flatnonzero(np.diff(outcome.mesh.layout.phase_of)) + 1
     ends, least = path.t[first], _VANISHING * path.t[-1]
-    span = (problem.u_upper - problem.u_lower)[here]
-    arcs, start, free = list[Arc](), 0.0, (math.nan,) * problem.m
+    span, found = (problem.u_upper - problem.u_lower)[here], jumps(path, here.tolist())
+    times = found.tolist()
     for group in filter(len, np.split(first, np.flatnonzero(np.diff(ends) > least) + 1)):
         jump = path.ua[group[-1], here] - path.ub[group[0] - 1, here]
         end = float(path.t[group].mean())
-        if least < end < path.t[-1] - least and np.any(np.abs(jump) > _JUMP * span):
+        near = _BESIDE * max(path.t[group[-1] + 1] - end, end - path.t[group[0] - 1])
+        if np.any(np.abs(jump) > _JUMP * span) and np.all(np.abs(found - end) > near):
+            times.append(end)
+    arcs, start, free = list[Arc](), 0.0, (math.nan,) * problem.m
+    for end in sorted(times):
+        if start + least < end < path.t[-1] - least:
             arcs.append(Arc(start, end, free, jump=start > 0))
             start = end
     return [*arcs, Arc(start, float(path.t[-1]), free, jump=start > 0)]

@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 LINEAR, STEPPED, HELD = 'linear', 'stepped', 'held'
+_SAME_TIME = 1e-10   # of T: times that differ by rounding only
 
 
 @dataclass(frozen=True)
@@ -134,9 +135,15 @@ class Path:
         return np.column_stack([np.interp(times, t, column) for column in x.T])
 
     def inputs_at(self, times: Array, after: bool) -> Array:
-        """Return inputs at any times; `after` a jump or before it."""
-        found = (np.searchsorted(self.t, times, 'right') if after
-                 else np.searchsorted(self.t, times, 'left'))
+        """
+        Return inputs at any times; `after` a jump or before it.
+
+        A time that is a mesh point up to rounding is that point: else the last bit of a sum of
+        lengths says which side of a jump is taken.
+        """
+        same = _SAME_TIME * self.t[-1]
+        found = (np.searchsorted(self.t, times + same, 'right') if after
+                 else np.searchsorted(self.t, times - same, 'left'))
         k = np.clip(found - 1, 0, len(self.ua) - 1)
         length = np.maximum(self.t[k + 1] - self.t[k], 1e-300)
         part = np.clip((times - self.t[k]) / length, 0.0, 1.0)[:, None]

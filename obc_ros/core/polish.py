@@ -99,9 +99,7 @@ def _better(search: Search, answer: Solution, found: BoundaryValues, wanted: flo
 def _sampled(search: Search, found: BoundaryValues, wanted: float) -> Solution:
     """Return boundary values as samples, with those at both ends of each arc."""
     problem, longest = search.stated, found.lengths.sum() / _FEWEST_SAMPLES
-    points_, of = points(found, wanted, longest)
-    if len(of) > _MOST_SAMPLES:
-        points_, of = points(found, wanted * (len(of) / _MOST_SAMPLES)**2, longest)
+    points_, of = points(found, wanted, longest, _MOST_SAMPLES)
     # Where the start of each interval, and the end of each arc, stand in a row.
     starts, last = np.arange(len(of)) + of, np.flatnonzero(np.diff(of, append=-1))
     t, arc = np.empty(len(of) + len(last)), np.empty(len(of) + len(last), dtype=np.int64)
