@@ -1,0 +1,144 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whether answers hang on rounding: the problems of test/problems in the last bits of arithmetic.
+
+Each is solved under several kernels of OpenBLAS, which round matrix products differently, and with
+every number of its statement times 1 + 1e-12 r, r uniform in [-1, 1]. Verdicts that change are
+told, and costs of certified answers that differ by more than a certificate allows. What ran out of
+time says nothing and is counted apart.
+"""
+
+import timing  # isort: skip - before numpy
+
+import argparse
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+from obc_ros.core.certificate import TOLERANCES
+from obc_ros.core.replay import LEAST_COST
+
+PROBLEMS = Path(__file__).parent.parent / 'test' / 'problems'
+WORKER = Path(__file__).with_name('_rounding.py')
+OWN = 'own'   # the kernel that OpenBLAS picks for the machine
+KERNELS = OWN, 'Haswell', 'Nehalem'
+SECONDS = 60.0
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A way to round: a kernel of OpenBLAS, and the seed that changes numbers, 0 for none."""
+
+    kernel: str
+    seed: int
+
+    def __str__(self) -> str:
+        return f'{self.kernel}, numbers changed by {self.seed}' if self.seed else self.kernel
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What came out: the status of the solution, or how the process died; the cost."""
+
+    status: str
+    cost: float
+
+    def differs(self, other: 'Verdict') -> str:
+        """Return how a verdict differs from another, '' if it does not."""
+        if 'timed_out' in (self.status, other.status):
+            return ''
+        if self.status != other.status:
+            return f'{other.status} -> {self.status}'
+        allowed = TOLERANCES['cost'] * max(abs(other.cost), LEAST_COST)
+        if self.status == 'solved' and abs(self.cost - other.cost) > allowed:
+            return f'cost {other.cost:.10g} -> {self.cost:.10g}'
+        return ''
+
+
+def main() -> int:
+    """Measure and print; return the exit status."""
+    args = _arguments()
+    names = args.only or sorted(path.stem for path in PROBLEMS.glob('*.yaml'))
+    variants = [*(Variant(kernel, 0) for kernel in args.kernels), *(
+        Variant(args.kernels[0], seed) for seed in range(1, args.seeds + 1))]
+    found = verdicts(names, variants, args.seconds)
+    told = [(name, *each) for name in names for each in differences(found[name])]
+    late = sum(each.status == 'timed_out' for of in found.values() for each in of.values())
+    rows = [(variant, len(names), *_counted([found[name][variant] for name in names]),
+             sum(each[1] == variant for each in told)) for variant in variants]
+    timing.table(f'{len(names)} problems, at most {args.seconds:g} s each', (
+        'rounding', 'problems', 'solved', 'timed out', 'other', 'differ'), rows)
+    if told:
+        timing.table(f'beside {variants[0]}', ('problem', 'rounding', 'what changes'), told)
+    print(f'  {late} of {len(names) * len(variants)} ran out of time and are not compared')
+    timing.require('problems whose answers hang on rounding', len({each[0] for each in told}), 0)
+    return timing.finish()
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=(__doc__ or '').strip().split('\n')[0])
+    parser.add_argument('--peers', action='store_true', help='there are none')
+    parser.add_argument('--kernels', nargs='+', default=KERNELS, metavar='NAME', help=(
+        f'of OpenBLAS, as in OPENBLAS_CORETYPE, or {OWN}; default: {" ".join(KERNELS)}'))
+    parser.add_argument('--seeds', type=int, default=1, metavar='N',
+                        help='so many times numbers are changed; default: 1')
+    parser.add_argument('--only', nargs='+', metavar='NAME', help='which problems; default: all')
+    parser.add_argument('--seconds', type=float, default=SECONDS, metavar='N',
+                        help=f'that one answer may take; default: {SECONDS:g}')
+    return parser.parse_args()
+
+
+def verdicts(names: Sequence[str], variants: Sequence[Variant], seconds: float
+             ) -> dict[str, dict[Variant, Verdict]]:
+    """Return what comes out of each problem in each way to round; one for each processor."""
+    jobs = list(product(names, variants))
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        done = pool.map(lambda job: verdict(*job, seconds), jobs)
+        found: dict[str, dict[Variant, Verdict]] = {name: {} for name in names}
+        for (name, variant), each in zip(jobs, done, strict=True):
+            found[name][variant] = each
+    return found
+
+
+def verdict(name: str, variant: Variant, seconds: float) -> Verdict:
+    """Return what comes out of one problem in a process of its own."""
+    environment = dict(os.environ)
+    environment.pop('OPENBLAS_CORETYPE', None)
+    if variant.kernel != OWN:
+        environment['OPENBLAS_CORETYPE'] = variant.kernel
+    done = subprocess.run(
+        [sys.executable, str(WORKER), f'{seconds:g}', str(variant.seed),
+         str(PROBLEMS / f'{name}.yaml')], env=environment, capture_output=True, text=True)
+    if done.returncode:
+        last = (done.stderr.strip().splitlines() or [''])[-1]
+        return Verdict(f'died with {done.returncode}: {last[:80]}', float('nan'))
+    line = json.loads(done.stdout.splitlines()[-1])
+    return Verdict(line['status'], line['cost'])
+
+
+def differences(of: dict[Variant, Verdict]) -> Iterator[tuple[Variant, str]]:
+    """Yield which ways to round change the verdict of the first one, and how."""
+    first, *others = of
+    if of[first].status.startswith('died'):
+        yield first, of[first].status
+    for variant in others:
+        if said := of[variant].differs(of[first]):
+            yield variant, said
+
+
+def _counted(of: Sequence[Verdict]) -> tuple[int, int, int]:
+    """Return how many were solved, how many ran out of time, and all others."""
+    solved, late = (sum(each.status == status for each in of)
+                    for status in ('solved', 'timed_out'))
+    return solved, late, len(of) - solved - late
+
+
+if __name__ == '__main__':
+    sys.exit(main())
