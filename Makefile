@@ -6,6 +6,10 @@ PYTHON ?= python3
 VENV ?= $(if $(filter jazzy,$(DISTRO)),.venv,.venv-$(DISTRO))
 BIN := $(VENV)/bin
 SYSTEM ?= aircraft
+# OpenBLAS picks a kernel for the processor; each rounds matrix products in its own way.
+KERNEL ?= $(shell grep -qw avx512f /proc/cpuinfo && echo Haswell || echo Nehalem)
+SOLVER := $(addsuffix .py,$(addprefix test/test_,branches riccati undefined rounding aligned care \
+	dlqr margins sampled closed_forms settling horizons lq minimize time_optimal interior))
 
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 # What takes minutes shows what it does, and for how long.
@@ -20,7 +24,7 @@ SOURCES := setup.py pyproject.toml package.xml CMakeLists.txt cmake resource \
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH
 unexport ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION _ROS_WHEELS_BOOTSTRAP_COMPLETE VIRTUAL_ENV
 
-.PHONY: help setup develop demo test lint bench docs clean
+.PHONY: help setup develop demo test kernel lint bench docs clean
 .DELETE_ON_ERROR:
 
 help: ## say what there is to make
@@ -36,6 +40,9 @@ demo: setup ## the set-up, then the loop in flight (SYSTEM=aircraft|vehicle)
 
 test: setup ## the set-up and every test, two at a time
 	$(BIN)/pytest -n 2 --dist worksteal $(ARGS)
+
+kernel: setup ## the solver's tests with another kernel of OpenBLAS (KERNEL=Haswell|Nehalem|...)
+	OPENBLAS_CORETYPE=$(KERNEL) $(BIN)/pytest -n 2 --dist worksteal -m 'not nodes' $(ARGS) $(SOLVER)
 
 lint: setup ## ruff, and mypy on the numerical core
 	$(BIN)/ruff check .
