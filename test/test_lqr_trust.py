@@ -376,7 +376,7 @@ def test_twist_without_a_stamp(spawn: Any, probe: Any, system: str, inputs: Any)
     """What many bases listen to; its numbers are those of the command that it stands for."""
     at_rest = {'system': system, 'setpoint': [0.0, 0.0, 0.0], 'setpoint_input': [1.0, 0.0]}
     bench = Bench(spawn, probe, sink=Twist, commands='cmd_vel', command_sink='cmd_vel',
-                  cmd_vel_stamped=False, **at_rest)
+                  cmd_vel_stamped=False, unlimited=True, transition_time=0.0, **at_rest)
     assert dict(probe.node.get_topic_names_and_types())['/cmd_vel'] == ['geometry_msgs/msg/Twist']
     K = matrix(bench.design(1).k, 2)
     x = np.array([0.0, 0.01, 0.02])

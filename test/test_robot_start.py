@@ -47,6 +47,8 @@ UNLIMITED = 'command_sink = cmd_vel goes to a robot, whose inputs need limits, a
      'limits are u_limits alone: write u_limits: [-5.0, .inf, 0.0, .inf]'),
     ({'weights': 'bryson', 'Qx': [1.0] * 6}, 'Qx is not used with weights = bryson; write weights:'
      ' matrices as well, or leave Qx out'),
+    ({'cmd_vel_stamped': False}, 'cmd_vel_stamped is not used with command_sink = command; write '
+     'command_sink: cmd_vel as well, or leave cmd_vel_stamped out'),
 ])
 def test_a_start_that_would_surprise_is_refused(spawn: Any, tmp_path: Path, parameters: Any,
                                                 sentence: str) -> None:
