@@ -38,7 +38,7 @@ _LARGEST_DEFECT = 6e-7  # likewise before it grows, where samples are as many as
 _MOST_GROWTH = 30.0  # of a defect until T that is allowed for; more needs feedback, not samples
 _FEWEST, _MOST = 64, 32768  # samples of a block, of all, of the optimal path
 _MOST_HALVINGS = 24
-_LARGEST_TABLE = 2e5        # numbers of P(t) at these samples
+_LARGEST_TABLE = 4e5        # numbers of P(t) at these samples
 _MOST_STEPS = 20000         # of the search for a conjugate point
 
 
