@@ -36,6 +36,7 @@ from obc_ros.nodes.main import run
 from obc_ros.nodes.messages import doubles
 from obc_ros.nodes.own_thread import Apart, OwnThread, PRIORITY
 from obc_ros.nodes.parameters import Entry, group, parameter, Parameters
+from obc_ros.nodes.throttled_log import ThrottledLog
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -157,6 +158,7 @@ class PlantSimulator(Node):
         super().__init__('plant_simulator', allow_undeclared_parameters=True, **options)
         # first: rclpy 9 ends a node whose parameters are refused, too
         self._thread: OwnThread | None = None
+        self._log = ThrottledLog(self)
         self._settings = Parameters(self, Settings, self._judge, self._adopt)
         settings, candidate = self._settings.settings, self._settings.candidate
         self._follows = self.get_parameter('use_sim_time').value and not settings.simulated_stamps
@@ -250,6 +252,7 @@ class PlantSimulator(Node):
             self._publish()
         self._thread.wake()
         response.success, response.message = True, f'at {_listed(self._x0)}'
+        self._log.info('reset', f'~/reset: {response.message}')
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
@@ -259,6 +262,7 @@ class PlantSimulator(Node):
         response.success = True
         response.message = (f'{"paused" if request.data else "running"} at '
                             f't = {self._plant.simulator.time:.9g} s')
+        self._log.info('pause', f'~/pause: {response.message}')
         return response
 
     def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
