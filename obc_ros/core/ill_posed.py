@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.least_time_form import affine
 from obc_ros.core.problem import Problem
-from obc_ros.core.rational import polynomials, TooHardError
+from obc_ros.core.rational import affine_parts, Polynomial, polynomials, TooHardError
 from obc_ros.core.reach import exponential
 
 Array = NDArray[np.float64]
@@ -109,33 +109,51 @@ def _curvature(problem: Problem) -> _Curvature:
             continue
         second = ca.jacobian(slope[0], u)
         if not ca.depends_on(second, ca.vertcat(problem.x, problem.u)):
-            function = ca.Function('second', [problem.p], [ca.densify(second)])
-            try:   # exactly: terms that cancel leave nothing
-                [value] = polynomials(function, [problem.p_value])[1]
+            try:
+                [L] = _exact(problem, problem.L)
             except TooHardError:
                 continue
-            if set(value) <= {()}:
-                curved[index] = float(value.get((), 0))
-                linear[index] = not value
+            curved[index] = float(L.get(((problem.n + index, 2),), 0))
+            linear[index] = not curved[index]
     return _Curvature(curved, linear)
+
+
+def _exact(problem: Problem, expressions: ca.SX) -> list[Polynomial]:
+    """
+    Return expressions as polynomials of (x, u), from the text as it stands.
+
+    Terms that cancel leave nothing. CasADi adds the constants of derivatives up in doubles, so
+    that the second derivative of 0.3 u^2 - 0.2 u^2 - 0.1 u^2 is below 0 there.
+    """
+    function = ca.Function('exact', [problem.x, problem.u, problem.p], [ca.densify(expressions)])
+    return polynomials(
+        function, [[None] * problem.n, [None] * problem.m, problem.p_value])[1]
 
 
 def _linear(problem: Problem, free: Mask) -> str:
     """Return a sentence if no multiplier nu makes dH/du vanish for the free inputs."""
-    system = affine(problem)
     bounded = np.isfinite([problem.x_lower, problem.x_upper]).any() or problem.path.numel()
     slopes = ca.jacobian(ca.vertcat(problem.L, problem.V, problem.psi),
                          ca.vertcat(problem.x, problem.u))
-    if (system is None or bounded or problem.final_time.free
+    if (affine(problem) is None or bounded or problem.final_time.free
             or ca.depends_on(slopes, ca.vertcat(problem.x, problem.u))):
         return ''
     n, q, T = problem.n, problem.q, problem.final_time.value
-    numbers = ca.Function('slopes', [problem.p], [ca.densify(slopes)])(problem.p_value).full()
-    L_x, L_u, V_x, psi_x = numbers[0, :n], numbers[0, n:], numbers[1, :n], numbers[2:, :n]
+    try:
+        parts = [affine_parts(each, n + problem.m) for each in _exact(
+            problem, ca.vertcat(problem.f, problem.L, problem.V, problem.psi))]
+    except TooHardError:
+        return ''
+    if None in parts:
+        return ''
+    numbers = np.array([[float(each) for each in part[0]] for part in parts if part])
+    A, B_all = numbers[:n, :n], numbers[:n, n:]
+    L_x, L_u, V_x = numbers[n, :n], numbers[n, n:], numbers[n + 1, :n]
+    psi_x = numbers[n + 2:, :n]
     # With tau = T - t to go, d/dtau (lam, 1) = [[A', L_x], [0, 0]] (lam, 1).
     Z = np.zeros((n + 1, n + 1))
-    Z[:n, :n], Z[:n, n] = system.A.T, L_x
-    B = system.B[:, free].T
+    Z[:n, :n], Z[:n, n] = A.T, L_x
+    B = B_all[:, free].T
     rows, wanted = [], []
     for tau in np.linspace(0.0, T, _INSTANTS):
         flow = exponential(Z * tau)
