@@ -225,7 +225,8 @@ def test_a_plant_takes_clocks_that_jump(spawn, probe):
 
 def test_a_full_disk_ends_the_recording_and_not_the_loop(spawn, probe, tmp_path, capsys):
     """The recording is written to a device that is always full."""
-    spawn('plant_simulator', {**NODES['plant_simulator'], 'lockstep': True, 'speed': 0.0})
+    spawn('plant_simulator', {'system': 'aircraft', 'x0': [0.0] * 6, 'lockstep': True,
+                              'speed': 0.0})
     spawn('lqr_node', NODES['lqr_node'])
     (tmp_path / 'flight').mkdir()
     (tmp_path / 'flight' / 'flight_0.mcap').symlink_to('/dev/full')

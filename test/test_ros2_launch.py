@@ -36,13 +36,14 @@ def typed(request: pytest.FixtureRequest, domain: int, tmp_path: Path) -> Any:
 
 def test_a_loop_is_launched_tuned_and_ended(typed: Any, probe: Any, tmp_path: Path) -> None:
     """The lines of the pages: a loop, a parameter, Ctrl-C; then with what was tuned."""
-    (tmp_path / 'tuned.yaml').write_text('/**/lqr_node: {ros__parameters: {Qx: [2.0, 1.0, 1.0]}}')
+    (tmp_path / 'tuned.yaml').write_text(
+        '/**/lqr_node: {ros__parameters: {x_max: [2.0, 1.0, 1.0]}}')
     loop = typed('launch', 'obc_ros', 'loop.launch.py', 'scenario:=vehicle', 'namespace:=car1',
                  f'params_file:={tmp_path / "tuned.yaml"}', 'speed:=2.0')
     for name in NODES:
         probe.wait_for_node(name)
     loop.wait_for_output('car1.lqr_node]: revision 1: vehicle')
-    assert list(probe.get_parameters('/car1/lqr_node', 'Qx')['Qx']) == [2.0, 1.0, 1.0]
+    assert list(probe.get_parameters('/car1/lqr_node', 'x_max')['x_max']) == [2.0, 1.0, 1.0]
     assert probe.get_parameters('/car1/plant_simulator', 'speed', 'lockstep', 'publish_clock') == {
         'speed': 2.0, 'lockstep': False, 'publish_clock': False}
     said = loop.output()

@@ -50,7 +50,8 @@ def test_example_2_5_at_20_hz_and_50_ms_of_delay() -> None:
     """The continuous gain is unstable there; the sampled design with prediction flies."""
     at = plant(systems.get('aircraft'))
     continuous = design(at, EXAMPLE_2_5)
-    with pytest.raises(RefusedDesignError, match='held for 0.3 s .* design = sampled first'):
+    with pytest.raises(RefusedDesignError, match=(
+            'held for 0.3 s .* set design = sampled with sample_time = 0.3 first')):
         design(at, EXAMPLE_2_5, sampling=Sampling(0.3))
     found = design(at, EXAMPLE_2_5, sampling=Sampling(0.05, 0.05, exact=True))
     sizes = fly(found, 0.05, 0.05)

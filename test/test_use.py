@@ -84,7 +84,8 @@ PLANT: dict[str, tuple[Any, Values]] = {
     'disturbance.gust_duration': (2.0, {'disturbance.gust.vx': 0.1})}
 SERVER: dict[str, tuple[Any, Values]] = {
     'workers': (3, {}), 'time_limit': (5.0, {}), 'max_intervals': (100, {}),
-    'cache_size': (3, {}), 'queue_length': (3, {}), 'hardware_id': ('h1', {})}
+    'cache_size': (3, {}), 'queue_length': (3, {}), 'hardware_id': ('h1', {}),
+    'state_timeout': (0.2, {})}
 TRIED = {'lqr_node': LQR, 'plant_simulator': PLANT, 'trajectory_server': SERVER}
 CASES = [(node, name) for node, table in TRIED.items() for name in table]
 # Those that have an effect under a condition only, and what is set at the start so that they have
