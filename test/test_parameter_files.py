@@ -34,7 +34,8 @@ def dump(probe: Any, node: str, file: Path) -> dict[str, Any]:
 
 def load(probe: Any, node: str, file: Path) -> dict[str, str]:
     """Load a file as `ros2 param load` does; return the reason of each refusal."""
-    names = list(parameter_dict_from_yaml_file(str(file), use_wildcard=True))
+    names = list(parameter_dict_from_yaml_file(
+        str(file), use_wildcard=True, target_nodes=[node]))
     client = AsyncParameterClient(probe.node, node)
     probe.wait_for(client.services_are_ready, what=f'parameter services of {node}')
     future = client.load_parameter_file(str(file), use_wildcard=True)
@@ -86,6 +87,8 @@ def test_what_was_tuned_is_loaded_into_a_new_node(spawn: Any, probe: Any, tmp_pa
     assert probe.set_parameters('/tuned', hardware_id='', frame_id='map')[0].successful
     assert dump(probe, '/tuned', file) == parameters
     spawn('lqr_node', name='fresh')
+    # Kilted loads what is for the node that is asked, Jazzy what is for any.
+    file.write_text(file.read_text().replace('/tuned:', '/fresh:'))
     assert load(probe, '/fresh', file) == {}
     assert dump(probe, '/fresh', file) == parameters
     for line, kept in (('integral: py', ['py']), ('integral: []\n    Qi: []', []),
