@@ -22,8 +22,9 @@ dynamics       sum over intervals of max_i |defect of x_i| / s_i; and, where a t
                the change of the inputs that would make up for the defects (`shadowing`)
 start          max_i |x_i(0) - x0_i| / s_i, and |t(0)| / T
 end            max_j |psi_j(x(T))| / (sum_i |dpsi_j/dx_i| s_i), x(T) replayed; for a given T also
-               |t(T) - T| / T; and 1e-3 |nu|'|psi(x(T))| / (integral of |L| + |V(x(T))|), for what
-               is met in the limit only costs without end to meet more closely
+               |t(T) - T| / T; and w = |nu|'|psi(x(T))|, by which the cost of an end that is
+               missed differs from that of one that is met: 0.1 w / (the unit of the cost), and
+               1e-3 w / (integral of |L| + |V(x(T))|), where costates of any size are that unit
 bounds         largest excess of u at samples, of x and of the path constraints at samples and,
                by cubic interpolation of the replay, between them; over the constraint's scale,
                for c(x, u) = 0 the largest sum of |dc_j/dx_i| s_i and |dc_j/du_i| |u_i|
@@ -309,6 +310,7 @@ class _Judge:
         size, missed = np.abs(psi_x[0].reshape(self.problem.q, -1)) @ self.scales.x, np.abs(psi[0])
         worth = float(np.abs(self.solution.nu) @ missed) if self.solution.nu.size else 0.0
         return max(late, float((missed / np.where(size > 0, size, 1.0)).max()),
+                   0.1 * worth / self.scales.cost,
                    1e-3 * worth / max(self.scales.spent, LEAST_COST))
 
     def _bounds(self) -> tuple[float, Mask, Mask]:
