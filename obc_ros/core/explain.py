@@ -64,7 +64,7 @@ class Reason:
     sentence: str
 
 
-def explain(problem: Problem, solve: Solver | None = None, *, thorough: Solver | None = None,
+def explain(problem: Problem, solve: Solver | None = None, thorough: Solver | None = None, *,
             found: Solution | None = None) -> Reason | None:
     """
     Return why a problem has no answer, or None if no reason was found.
@@ -91,6 +91,11 @@ def explain(problem: Problem, solve: Solver | None = None, *, thorough: Solver |
     return _Doubt(problem, solve, thorough or solve).reason(found)
 
 
+def proved_infeasible(problem: Problem) -> bool:
+    """Return whether weights of the constraints prove that no path meets them all."""
+    return convex_paths(problem) and excluded(problem)
+
+
 class _Doubt:
     """A problem without a contradiction, and how others are solved in its place."""
 
@@ -105,7 +110,7 @@ class _Doubt:
     def shown(self) -> bool:
         """Whether it is proved that no path meets all constraints."""
         if self._shown is None:
-            self._shown = self.convex and excluded(self.problem)
+            self._shown = proved_infeasible(self.problem)
         return self._shown
 
     def reason(self, found: Solution | None) -> Reason | None:

@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 from obc_ros.core.certificate import certify
-from obc_ros.core.explain import explain
+from obc_ros.core.explain import explain, proved_infeasible
 from obc_ros.core.ill_posed import indifferent, of_least_effort, wish, without_minimum
 from obc_ros.core.kit import Kit
 from obc_ros.core.methods import AUTO, method_of
@@ -23,7 +23,6 @@ from obc_ros.core.search import Search
 from obc_ros.core.solution import MAX_INTERVALS, Report, Solution, Status
 from obc_ros.core.time_optimal import solve_time_optimal
 from obc_ros.core.two_wheeled_time import solve_two_wheeled
-from obc_ros.core.uneven import convex_paths
 
 Method = Callable[[Problem, Kit, Monitor], Solution]
 
@@ -41,7 +40,6 @@ _FAULTS = {
 }
 _EXPLAINING = 400_000   # work, as in `search`, for a reason at most
 _ATTEMPT = 150_000      # likewise, for one problem solved in the other's place
-_SOON = 60_000, 0.2     # likewise, and part of the time left, while an answer may still be found
 _NO_PATH = 1e-2         # residual of the dynamics, beyond what a finer mesh takes away
 _LEAST = 0.5            # [s] without which no reason is looked for
 _JUDGING = 0.05, 0.5    # part of the time limit, and at most [s], for the certificate of a path
@@ -125,16 +123,19 @@ def _any_path(problem: Problem, L: float, monitor: Monitor) -> Solution:
 
 
 def _asking(problem: Problem, kit: Kit, monitor: Monitor) -> Search:
-    """Return a search that asks why there is no path while it looks for one, if that is quick."""
-    def soon(quick: bool) -> Callable[[Problem], Solution]:
-        work, share = _SOON
-        return _attempt(monitor.part(work, share * monitor.remaining()), quick)
-
+    """Return a search that asks for a proof that there is no path while it has found none."""
     def why_not(problem: Problem) -> str:
-        reason = explain(problem, soon(quick=True) if convex_paths(problem) else None)
+        solvers = _explaining(monitor) if proved_infeasible(problem) else ()
+        reason = explain(problem, *solvers)
         return reason.sentence if reason and reason.infeasible else ''
 
     return Search(problem, kit, monitor, why_not=why_not)
+
+
+def _explaining(monitor: Monitor) -> tuple[Callable[[Problem], Solution], ...]:
+    """Return the quick and the thorough solver of `explain`, which share one amount of work."""
+    part = monitor.part(_EXPLAINING)
+    return _attempt(part), _attempt(part, quick=False)
 
 
 def _attempt(monitor: Monitor, quick: bool = True) -> Callable[[Problem], Solution]:
@@ -286,8 +287,7 @@ def _explained(problem: Problem, found: Solution, monitor: Monitor) -> Solution:
     if monitor.remaining() < _LEAST:
         return found
     monitor.phase = 'explanation'
-    part = monitor.part(_EXPLAINING)
-    reason = explain(problem, _attempt(part), found=found, thorough=_attempt(part, quick=False))
+    reason = explain(problem, *_explaining(monitor), found=found)
     if reason is None or monitor.stopped == 'cancelled':
         sentence = found.message
         if found.certificate and found.certificate.residuals['dynamics'] > _NO_PATH:
