@@ -235,14 +235,17 @@ def test_wrong_hamiltonian():
 
 def test_another_start():
     problem, solution = scalar()
-    assert failing(replace(problem, x0=problem.x0 + 1e-4), solution) == {'start'}
+    # What makes up for it costs 1e-4 lam(0).
+    assert failing(replace(problem, x0=problem.x0 + 1e-4), solution) == {'start', 'cost'}
+    assert certify(replace(problem, x0=problem.x0 + 1e-4), solution).fault == 'start'
 
 
 def test_an_end_that_is_missed():
     problem, solution = moon_lander()
     shifted = stated('moon_lander', terminal_constraints=['h - 0.001', 'v'])
     assert failing(problem, solution) == set()
-    assert failing(shifted, solution) == {'end'}
+    assert failing(shifted, solution) == {'end', 'cost'}
+    assert certify(shifted, solution).fault == 'end'
 
 
 def test_an_end_that_is_met_in_the_limit_only():

@@ -22,9 +22,8 @@ dynamics       sum over intervals of max_i |defect of x_i| / s_i; and, where a t
                the change of the inputs that would make up for the defects (`shadowing`)
 start          max_i |x_i(0) - x0_i| / s_i, and |t(0)| / T
 end            max_j |psi_j(x(T))| / (sum_i |dpsi_j/dx_i| s_i), x(T) replayed; for a given T also
-               |t(T) - T| / T; and w = |nu|'|psi(x(T))|, by which the cost of an end that is
-               missed differs from that of one that is met: 0.1 w / (the unit of the cost), and
-               1e-3 w / (integral of |L| + |V(x(T))|), where costates of any size are that unit
+               |t(T) - T| / T; and 1e-3 |nu|'|psi(x(T))| / (integral of |L| + |V(x(T))|), for what
+               is met in the limit only costs without end to meet more closely
 bounds         largest excess of u at samples, of x and of the path constraints at samples and,
                by cubic interpolation of the replay, between them; over the constraint's scale,
                for c(x, u) = 0 the largest sum of |dc_j/dx_i| s_i and |dc_j/du_i| |u_i|
@@ -39,7 +38,10 @@ transversality max_i s_i |lam_i(T) - dV/dx_i - (nu' dpsi/dx)_i| / l, nu least sq
 hamiltonian    (max H - min H over samples) / H0, and largest error of the returned H / H0
 final_time     for a free T: |H(T)| / H0, or only its wrong sign (H > 0 at the upper end of the
                admissible times, H < 0 at the lower), and the excess of T / T
-cost           |integral of L + V(x(T)) - objective| / c, both replayed
+cost           e / c, e = |integral of L + V(x(T)) - objective|, both replayed; and
+               0.1 (e + g) / max(integral of |L| + |V(x(T))|, 1e-4 l), g being what it costs, to
+               first order, to make up for what is missed: |nu|'|psi(x(T))| + |lam(0)'(x(0) - x0)
+               + sum of lam'(defects of x)|
 ============== ===============================================================================
 """
 
@@ -71,6 +73,8 @@ REPLAY_ERROR = 1e-7   # estimated, of all intervals together
 ACTIVE = 1e-5   # of its scale: how near its bound an active constraint is
 _KEPT = 32
 _FORCELESS = 1e-6  # of the size of lam: multipliers of terminal constraints that bear on nothing
+_PART_OF_COST = 0.1  # of the tolerance of 'cost': a cost is right to 1e-5, to first order
+_ABNORMAL = 1e-4   # of l: costates that are so much larger than the cost belong to no cost at all
 _ROUNDING = 1e-9, 1e-10   # of the unit of x; of f, relative to what the inputs make of it
 
 
@@ -273,8 +277,7 @@ class _Judge:
     def _dynamics(self) -> float:
         if not self.replay.converged:
             return np.inf
-        defect = np.abs(np.diff(self.solution.x, axis=0))
-        defect[self.rows] = np.abs(self.replay.x[:, -1] - self.solution.x[self.rows + 1])
+        defect = np.abs(self._jumps())
         return max(float((defect / self.scales.x).max(axis=1).sum()), 1e-2 * self._correction())
 
     def _correction(self) -> float:
@@ -283,13 +286,9 @@ class _Judge:
             return 0.0
         slopes = self.end[3][0].reshape(self.problem.q, -1)
         sizes = np.abs(slopes) @ self.scales.x
-        nu = self.solution.nu
-        if not nu.size:
-            nu = np.linalg.lstsq(slopes.T, self.solution.lam[-1] - self.end[1][1], rcond=None)[0]
-        if not np.any(np.abs(nu) * sizes <= _FORCELESS * self.scales.lam):
+        if not np.any(np.abs(self._nu()) * sizes <= _FORCELESS * self.scales.lam):
             return 0.0
-        jumps = np.diff(self.solution.x, axis=0)
-        jumps[self.rows] = self.solution.x[self.rows + 1] - self.replay.x[:, -1]
+        jumps = self._jumps()
         after = np.zeros((len(self.rows), self.problem.n))
         np.add.at(after, np.maximum(np.searchsorted(self.rows, np.arange(len(jumps)), 'right') - 1,
                                     0), jumps)
@@ -310,15 +309,10 @@ class _Judge:
         size, missed = np.abs(psi_x[0].reshape(self.problem.q, -1)) @ self.scales.x, np.abs(psi[0])
         worth = float(np.abs(self.solution.nu) @ missed) if self.solution.nu.size else 0.0
         return max(late, float((missed / np.where(size > 0, size, 1.0)).max()),
-                   0.1 * worth / self.scales.cost,
                    1e-3 * worth / max(self.scales.spent, LEAST_COST))
 
     def _bounds(self) -> tuple[float, Mask, Mask]:
-        """
-        Return the largest excess, and which constraints (x, path) are active in each interval.
-
-        The masks have shape (K, n + l).
-        """
+        """Return the largest excess, and which constraints are active, (K, n + l): x, path."""
         problem, at = self.problem, self.points
         value, slope = np.hstack([at.x, at.c]), at.f
         if problem.path.numel():
@@ -386,8 +380,7 @@ class _Judge:
         """
         Return the part of each costate defect that no admissible multiplier accounts for.
 
-        `defect` (K, n) is lam before less lam after; `mass` (K, n + l) is what the multipliers'
-        densities account for already, positive at upper bounds.
+        `defect` (K, n): lam before less after; `mass` (K, n + l): what multipliers account for.
         """
         n = self.problem.n
         rest = defect * (self.scales.x / self.scales.lam)
@@ -438,12 +431,7 @@ class _Judge:
         _, V_x, _, psi_x = self.end
         rest = solution.lam[-1] - V_x[1]
         if q:
-            scale = self.scales.x
-            columns = psi_x[1].reshape(q, -1).T
-            nu = solution.nu
-            if not nu.size:
-                nu = np.linalg.lstsq(columns * scale[:, None], rest * scale, rcond=None)[0]
-            rest = rest - columns @ nu
+            rest = rest - psi_x[1].reshape(q, -1).T @ self._nu()
         return float(self._unexplained(
             rest[None], solution.x[-1:], self.intervals.ub[-1:], upper[None], lower[None],
             np.zeros((1, len(upper))))[0])
@@ -469,8 +457,29 @@ class _Judge:
         return max(wrong, outside)
 
     def _cost(self) -> float:
-        J = float(self.replay.cost.sum() + self.end[0][0, 0])
-        return abs(J - self.solution.objective) / self.scales.cost
+        error = abs(self.replay.cost.sum() + self.end[0][0, 0] - self.solution.objective)
+        unit = max(self.scales.spent, _ABNORMAL * self.scales.lam, LEAST_COST)
+        return max(float(error) / self.scales.cost, _PART_OF_COST * float(error + self._owed()) / unit)
+
+    def _owed(self) -> float:
+        """Return what it costs, to first order, to make up for what start, path and end miss."""
+        lam, missed = self.solution.lam, self.solution.x[0] - self.problem.x0
+        end = float(np.abs(self._nu()) @ np.abs(self.end[2][0])) if self.problem.q else 0.0
+        return end + abs(float(lam[0] @ missed + np.sum(lam[1:] * self._jumps())))
+
+    def _jumps(self) -> Array:
+        """Return the defects of x, (N - 1, n): samples less where the replay ends."""
+        jumps = np.diff(self.solution.x, axis=0)
+        jumps[self.rows] = self.solution.x[self.rows + 1] - self.replay.x[:, -1]
+        return np.asarray(jumps)
+
+    def _nu(self) -> Array:
+        """Return the multipliers of the terminal constraints (q,): least squares if none."""
+        if self.solution.nu.size:
+            return self.solution.nu
+        slopes = self.end[3][1].reshape(self.problem.q, -1) * self.scales.x
+        rest = (self.solution.lam[-1] - self.end[1][1]) * self.scales.x
+        return np.asarray(np.linalg.lstsq(slopes.T, rest, rcond=None)[0])
 
 
 def _highest(value: Array, slope: Array, h: Array) -> Array:
