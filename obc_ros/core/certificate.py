@@ -73,8 +73,8 @@ REPLAY_ERROR = 1e-7   # estimated, of all intervals together
 ACTIVE = 1e-5   # of its scale: how near its bound an active constraint is
 _KEPT = 32
 _FORCELESS = 1e-6  # of the size of lam: multipliers of terminal constraints that bear on nothing
-_PART_OF_COST = 0.1  # of the tolerance of 'cost': a cost is right to 1e-5, to first order
-_ABNORMAL = 1e-4   # of l: costates that are so much larger than the cost belong to no cost at all
+# A cost is right to 1e-5, to first order; costates 1e4 times as large belong to no cost at all.
+_OF_COST, _ABNORMAL = 0.1, 1e-4
 _ROUNDING = 1e-9, 1e-10   # of the unit of x; of f, relative to what the inputs make of it
 
 
@@ -449,17 +449,16 @@ class _Judge:
             return 0.0
         outside = max(final.lower - T, T - final.upper, 0.0) / self.duration
         H = float(self.points.H[-1]) / self.scales.H
-        wrong = abs(H)
-        if final.upper * (1 - 1e-9) <= T:
-            wrong = max(H, 0.0)
+        wrong = max(H, 0.0) if final.upper * (1 - 1e-9) <= T else abs(H)
         if final.lower * (1 + 1e-9) >= T:
             wrong = max(-H, 0.0) if final.lower < final.upper else 0.0
         return max(wrong, outside)
 
     def _cost(self) -> float:
-        error = abs(self.replay.cost.sum() + self.end[0][0, 0] - self.solution.objective)
+        J = float(self.replay.cost.sum() + self.end[0][0, 0])
+        error, owed = abs(J - self.solution.objective), self._owed()
         unit = max(self.scales.spent, _ABNORMAL * self.scales.lam, LEAST_COST)
-        return max(float(error) / self.scales.cost, _PART_OF_COST * float(error + self._owed()) / unit)
+        return max(error / self.scales.cost, _OF_COST * (error + owed) / unit)
 
     def _owed(self) -> float:
         """Return what it costs, to first order, to make up for what start, path and end miss."""
