@@ -256,9 +256,11 @@ def _refine(A: Array, F: Array, Q: Array, start: _Iterate) -> _Iterate:
     terms = terms + terms.T + np.abs(narrow) @ np.abs(F @ F.T) @ np.abs(narrow) + np.abs(Q)
     lost = len(A) * float(np.finfo(wide).eps) * min(
         norm(_sensitivity(M, terms)), norm(terms) * norm(X))
+    # Where G is large in directions that cancel in P G P, all that rounding of P leaves is of
+    # the size of the terms within this product.
     R, size = _residual(A, F @ F.T, Q, narrow)
     error = step + EPS + lost / (norm(narrow) + TINY)
-    return _Iterate(narrow, norm(R) / size, error, X)
+    return _Iterate(narrow, norm(R) / max(size, norm(terms)), error, X)
 
 
 def _sensitivity(M: Array, C: Array) -> Array:
