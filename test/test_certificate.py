@@ -229,23 +229,21 @@ def test_wrong_cost():
 
 def test_wrong_hamiltonian():
     problem, solution = moon_lander()
-    assert failing(problem, replace(
-        solution, hamiltonian=solution.hamiltonian + 0.01)) == {'hamiltonian'}
+    wrong = replace(solution, hamiltonian=solution.hamiltonian + 0.01)
+    assert failing(problem, wrong) == {'hamiltonian'}
 
 
 def test_another_start():
     problem, solution = scalar()
-    # What makes up for it costs 1e-4 lam(0).
-    assert failing(replace(problem, x0=problem.x0 + 1e-4), solution) == {'start', 'cost'}
-    assert certify(replace(problem, x0=problem.x0 + 1e-4), solution).fault == 'start'
+    far = replace(problem, x0=problem.x0 + 1e-4)   # what makes up for it costs 1e-4 lam(0)
+    assert (failing(far, solution), certify(far, solution).fault) == ({'start', 'cost'}, 'start')
 
 
 def test_an_end_that_is_missed():
     problem, solution = moon_lander()
-    shifted = stated('moon_lander', terminal_constraints=['h - 0.001', 'v'])
+    far = stated('moon_lander', terminal_constraints=['h - 0.001', 'v'])
     assert failing(problem, solution) == set()
-    assert failing(shifted, solution) == {'end', 'cost'}
-    assert certify(shifted, solution).fault == 'end'
+    assert (failing(far, solution), certify(far, solution).fault) == ({'end', 'cost'}, 'end')
 
 
 def test_an_end_that_is_met_in_the_limit_only():
