@@ -6,6 +6,7 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
+from obc_ros.core import boundary_equations
 from obc_ros.core.solution import Status
 from obc_ros.core.solve import Cache, solve
 from obc_ros.core.statement import load_file, problem_from_mapping
@@ -119,3 +120,12 @@ def test_asked_twice_the_answer_is_as_good():
     assert len(again.t) == len(once.t)
     np.testing.assert_allclose(again.lam, once.lam, atol=1e-9)
     np.testing.assert_allclose(again.u, once.u, atol=1e-9)
+
+
+def test_intervals_that_fit_into_memory_at_once_do_not_matter(monkeypatch):
+    """Matrices of many states are made for some intervals at a time: what comes of it is equal."""
+    _, whole = answered('vanderpol_bounded')
+    monkeypatch.setattr(boundary_equations, '_AT_ONCE', 1)
+    _, alone = answered('vanderpol_bounded')
+    np.testing.assert_array_equal(alone.t, whole.t)
+    np.testing.assert_allclose(alone.lam, whole.lam, rtol=1e-12, atol=1e-14)

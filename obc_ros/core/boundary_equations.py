@@ -30,6 +30,7 @@ Index = NDArray[np.int64]
 TOLERANCE, _ENOUGH = 1e-12, 1e-8   # scaled residuals: where to end, and what must be reached
 _STAGES = 3
 _MOST_STEPS = 12
+_AT_ONCE = 2_000_000   # numbers of the matrices of condensed intervals: 16 MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,26 +324,39 @@ class Equations:
         Return the steps at Gauss points and at the end of each interval.
 
         As functions of the step at its start, of that of the length of its arc, and 1: the
-        first (N, s 2n, 2n + 2), those at the end in three parts.
+        first (N, s 2n, 2n + 2), those at the end in three parts. So many intervals at once that
+        the matrices, which take the square of the states, fit into memory.
         """
         N, s, two_n = now.y.shape
+        rates = (inner.F.reshape(N, s, two_n), inner.total.reshape(N, s, two_n, two_n),
+                 np.einsum('kzj,kj->kz', inner.F_u, inner.move).reshape(N, s, two_n))
         h = (self.fractions * now.theta[self.arc_of])[:, None, None]
-        F = inner.F.reshape(N, s, two_n)
-        total = inner.total.reshape(N, s, two_n, two_n)
-        moved = np.einsum('kzj,kj->kz', inner.F_u, inner.move).reshape(N, s, two_n)
+        count = max(1, _AT_ONCE // (s * two_n)**2)
+        parts = [self._condensed_some(
+            h[k:k + count], self.fractions[k:k + count], left[2][k:k + count],
+            left[3][k:k + count], *(each[k:k + count] for each in rates))
+            for k in range(0, N, count)]
+        stages, over, by_length, rest = map(np.concatenate, zip(*parts, strict=True))
+        return stages, over, by_length, rest
+
+    def _condensed_some(self, h: Array, fractions: Array, left: Array, left_at_end: Array,
+                        F: Array, total: Array, moved: Array
+                        ) -> tuple[Array, Array, Array, Array]:
+        """Return the same for some intervals."""
+        N, s, two_n = F.shape
         matrix = -np.einsum('ij,kjzw->kizjw', self.a, h[..., None] * total).reshape(
             N, s * two_n, s * two_n)
         matrix[:, np.arange(s * two_n), np.arange(s * two_n)] += 1.0
         right = np.zeros((N, s, two_n, two_n + 2))
         right[:, :, np.arange(two_n), np.arange(two_n)] = 1.0
-        right[..., -2] = self.fractions[:, None, None] * np.einsum('ij,kjz->kiz', self.a, F)
-        right[..., -1] = left[2] + h * np.einsum('ij,kjz->kiz', self.a, moved)
+        right[..., -2] = fractions[:, None, None] * np.einsum('ij,kjz->kiz', self.a, F)
+        right[..., -1] = left + h * np.einsum('ij,kjz->kiz', self.a, moved)
         stages = np.linalg.solve(matrix, right.reshape(N, s * two_n, -1))
         weighted = (self.b[:, None, None] * total).transpose(0, 2, 1, 3)
         ends = h * (weighted.reshape(N, two_n, -1) @ stages)
         ends[:, np.arange(two_n), np.arange(two_n)] += 1.0
-        by_length = ends[:, :, -2] + self.fractions[:, None] * np.einsum('j,kjz->kz', self.b, F)
-        rest = ends[:, :, -1] + left[3] + h[:, :, 0] * np.einsum('j,kjz->kz', self.b, moved)
+        by_length = ends[:, :, -2] + fractions[:, None] * np.einsum('j,kjz->kz', self.b, F)
+        rest = ends[:, :, -1] + left_at_end + h[:, :, 0] * np.einsum('j,kjz->kz', self.b, moved)
         return stages, ends[:, :, :-2], by_length, rest
 
     def result(self, now: Unknowns, residual: float) -> BoundaryValues:
