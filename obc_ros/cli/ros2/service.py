@@ -3,13 +3,13 @@
 """`obc service`: call services, and list those that there are."""
 
 import argparse
+from functools import partial
 import sys
 
 from obc_ros.cli.graph import joined, LOOK
-from obc_ros.cli.ros2.verbs import add_direct, add_verbs, run_verb, seconds
+from obc_ros.cli.ros2.verbs import add_list, add_verbs, list_names, run_verb, seconds
 from obc_ros.cli.yaml_messages import FieldError, fill, find_type, parse
 from obc_ros.core.errors import ObcError
-from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
 run = run_verb
 
@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {
         'call': ('call a service and print its answer', _call_arguments, call),
-        'list': ('list the services', _list_arguments, list_services)})
+        'list': ('list the services', partial(add_list, what='services'), list_services)})
 
 
 def _call_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,14 +30,6 @@ def _call_arguments(parser: argparse.ArgumentParser) -> None:
     given.add_argument('--stdin', action='store_true', help='read them from the standard input')
     parser.add_argument('--timeout', type=seconds, default=LOOK, metavar='N',
                         help='wait for the service for N seconds (default: %(default)g)')
-
-
-def _list_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('-t', '--show-types', action='store_true', help='print the types as well')
-    parser.add_argument('-c', '--count-services', action='store_true', help='print how many')
-    parser.add_argument('--include-hidden-services', action='store_true',
-                        help='services with a part that begins with _ as well')
-    add_direct(parser)
 
 
 def call(args: argparse.Namespace) -> int:
@@ -67,14 +59,4 @@ def call(args: argparse.Namespace) -> int:
 
 def list_services(args: argparse.Namespace) -> int:
     """Print the names of the services."""
-    with joined() as graph:
-        found = graph.settle(lambda: [
-            (name, types) for name, types in sorted(graph.node.get_service_names_and_types())
-            if args.include_hidden_services or not topic_or_service_is_hidden(name)],
-            args.spin_time)
-    if args.count_services:
-        print(len(found))
-        return 0
-    for name, types in found:
-        print(f'{name} [{", ".join(types)}]' if args.show_types else name)
-    return 0
+    return list_names(args, lambda node: node.get_service_names_and_types())

@@ -12,7 +12,7 @@ import time
 from typing import Any
 
 from obc_ros.cli.graph import Graph, joined, LOOK
-from obc_ros.cli.ros2.verbs import add_direct, add_verbs, run_verb, seconds
+from obc_ros.cli.ros2.verbs import add_direct, add_list, add_verbs, list_names, run_verb, seconds
 from obc_ros.cli.yaml_messages import FieldError, fill, find_type, parse, to_yaml
 from obc_ros.core.errors import ObcError, shown
 from rclpy.qos import (
@@ -22,7 +22,6 @@ from rclpy.qos import (
     QoSReliabilityPolicy,
     ReliabilityPolicy,
 )
-from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
 TRUNCATED = 128  # entries of sequences and characters of texts that are printed by default
 DEPTH = 10       # messages that wait to be printed
@@ -33,19 +32,11 @@ run = run_verb
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {
-        'list': ('list the topics', _list_arguments, list_topics),
+        'list': ('list the topics', partial(add_list, what='topics'), list_topics),
         'info': ('say who publishes and who subscribes', _info_arguments, info),
         'echo': ('print messages', _echo_arguments, echo),
         'hz': ('print at which rate messages come', _hz_arguments, hz),
         'pub': ('publish a message', _pub_arguments, pub)})
-
-
-def _list_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('-t', '--show-types', action='store_true', help='print the types as well')
-    parser.add_argument('-c', '--count-topics', action='store_true', help='print how many')
-    parser.add_argument('--include-hidden-topics', action='store_true',
-                        help='topics with a part that begins with _ as well')
-    add_direct(parser)
 
 
 def _info_arguments(parser: argparse.ArgumentParser) -> None:
@@ -113,17 +104,7 @@ def _add_qos(parser: argparse.ArgumentParser) -> None:
 
 def list_topics(args: argparse.Namespace) -> int:
     """Print the names of the topics."""
-    with joined() as graph:
-        found = graph.settle(lambda: [
-            (name, types) for name, types in sorted(graph.node.get_topic_names_and_types())
-            if args.include_hidden_topics or not topic_or_service_is_hidden(name)],
-            args.spin_time)
-    if args.count_topics:
-        print(len(found))
-        return 0
-    for name, types in found:
-        print(f'{name} [{", ".join(types)}]' if args.show_types else name)
-    return 0
+    return list_names(args, lambda node: node.get_topic_names_and_types())
 
 
 def info(args: argparse.Namespace) -> int:

@@ -3,9 +3,11 @@
 """What the commands share: their verbs, and the arguments that `ros2` takes with most of them."""
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
-from obc_ros.cli.graph import keep_to_this_machine, LOOK, QUIET
+from obc_ros.cli.graph import joined, keep_to_this_machine, LOOK, QUIET
+from rclpy.node import Node
+from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
 Verb = tuple[str, Callable[[argparse.ArgumentParser], None], Callable[[argparse.Namespace], int]]
 
@@ -33,6 +35,31 @@ def add_direct(parser: argparse.ArgumentParser) -> None:
                              '(default: %(default)g)')
     parser.add_argument('--no-daemon', action='store_true',
                         help='for `ros2`: here there is no daemon')
+
+
+def add_list(parser: argparse.ArgumentParser, what: str) -> None:
+    """Declare how names are listed; `what`: topics or services."""
+    parser.add_argument('-t', '--show-types', action='store_true', help='print the types as well')
+    parser.add_argument('-c', f'--count-{what}', dest='count', action='store_true',
+                        help='print how many')
+    parser.add_argument(f'--include-hidden-{what}', dest='include_hidden', action='store_true',
+                        help=f'{what} with a part that begins with _ as well')
+    add_direct(parser)
+
+
+def list_names(args: argparse.Namespace,
+               look: Callable[[Node], Sequence[tuple[str, Sequence[str]]]]) -> int:
+    """Print the names that a node sees, once there is no news; see `add_list`."""
+    with joined() as graph:
+        found = graph.settle(lambda: [
+            (name, types) for name, types in sorted(look(graph.node))
+            if args.include_hidden or not topic_or_service_is_hidden(name)], args.spin_time)
+    if args.count:
+        print(len(found))
+        return 0
+    for name, types in found:
+        print(f'{name} [{", ".join(types)}]' if args.show_types else name)
+    return 0
 
 
 def add_node(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
