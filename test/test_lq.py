@@ -92,6 +92,19 @@ def test_terminal_constraint_keeps_all_digits_over_long_horizons(T):
     assert certify(problem, solution).holds
 
 
+@pytest.mark.parametrize(('a', 'b', 'drawn', 'T'), [
+    (0.57, -5.5e-4, 2.6e-6, 0.57), (0.99, -0.13, 6e-4, 2.3), (-3.0, 1e-3, 1e-4, 4.0)])
+def test_a_small_cost_of_a_given_end_keeps_its_digits(a, b, drawn, T):
+    """The end is nearly met without an input: J = miss^2 / (2 W), W what a unit input reaches."""
+    drift = 4 * math.exp(a * T)
+    reached = b * b * math.expm1(2 * a * T) / (2 * a)
+    answer = solve_lq(statement(
+        parameters={'a': a, 'b': b, 'c': 0}, final_time={'free': False, 'value': T},
+        terminal_constraints=[f'x - ({drift + drawn!r})']))
+    miss = (drift + drawn) - drift
+    assert answer.objective == pytest.approx(0.5 * miss**2 / reached, rel=1e-6)
+
+
 def test_double_integrator_at_rest_in_the_origin():
     problem = chain(terminal_constraints=['x', 'y'])
     solution = solve_lq(problem)

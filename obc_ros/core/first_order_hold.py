@@ -307,7 +307,16 @@ def _errors(form: LqForm, t: Array, x: Array, u: Array, lam: Array, bends: Array
 
 def hamiltonian(form: LqForm, x: Array, u: Array, lam: Array) -> tuple[Array, Array, Array]:
     """Return L, H = L + lam'f and |L| + |lam|'|f| at each sample."""
-    L = (0.5 * np.einsum('ki,ki->k', x @ form.Q, x) + np.einsum('ki,ki->k', x @ form.N, u)
-         + 0.5 * np.einsum('ki,ki->k', u @ form.R, u) + x @ form.q + u @ form.r + form.cost)
+    L = running_cost(form, x, u)
     terms = lam * (x @ form.A.T + u @ form.B.T + form.a)
     return L, L + terms.sum(axis=1), np.abs(L) + np.abs(terms).sum(axis=1)
+
+
+def running_cost(form: LqForm, x: Array, u: Array) -> Array:
+    """Return L at each sample."""
+    L: Array = (
+        0.5 * np.einsum('...i,...i->...', x @ form.Q, x)
+        + np.einsum('...i,...i->...', x @ form.N, u)
+        + 0.5 * np.einsum('...i,...i->...', u @ form.R, u)
+        + x @ form.q + u @ form.r + form.cost)
+    return L
