@@ -115,6 +115,9 @@ def test_nodes_that_end_by_themselves_end_the_launch(domain: int, tmp_path: Path
     ('launch obc_ros fleet.launch.py vehicles:=0', 'wanted a number from 1 to 100'),
     ('launch obc_ros nothing.launch.py', 'it has fleet.launch.py, loop.launch.py'),
     ('launch obc_ros', 'which launch file?'),
+    ('launch loop scenario:=nonsense',
+     "Valid options are: ['aircraft', 'vehicle', 'vehicle_lateral']"),
+    ('launch fleet vehicles:=0', 'wanted a number from 1 to 100'),
     ('launch nowhere loop.launch.py', "package 'nowhere' is not installed"),
     ('run obc_ros nothing', "'obc_ros' has no 'nothing'; it has lqr_node"),
     ('run nowhere lqr_node', "'nowhere' has no 'lqr_node'; it has none")])

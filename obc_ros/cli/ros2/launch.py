@@ -28,13 +28,15 @@ from obc_ros.cli.share import share_directory
 from obc_ros.core.errors import ObcError, shown
 import yaml
 
+OWN = ('loop', 'fleet')  # launch files of this package that need no more than their names
 PATIENCE = 5.0  # [s] from SIGINT to SIGKILL
 LOOK = 0.2      # [s] between looks at what has ended
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument('package_name', help='obc_ros, or the path of a launch file')
+    parser.add_argument(
+        'package_name', help='obc_ros, the path of a launch file, or just: loop, fleet')
     parser.add_argument('words', nargs='*', metavar='launch_file NAME:=VALUE',
                         help='loop.launch.py or fleet.launch.py, and its arguments')
     parser.add_argument('-s', '--show-args', '--show-arguments', action='store_true',
@@ -47,10 +49,12 @@ def run(args: argparse.Namespace) -> int:
     words = list(args.words)
     if Path(args.package_name).is_file():
         path = Path(args.package_name)
+    elif args.package_name in OWN:
+        path = _find('obc_ros', f'{args.package_name}.launch.py')
     elif words:
         path = _find(args.package_name, words.pop(0))
     else:
-        raise ObcError('which launch file? obc launch obc_ros loop.launch.py')
+        raise ObcError('which launch file? obc launch loop, or obc launch PACKAGE FILE')
     file = LaunchFile(path)
     if args.show_args:
         _show(file)
