@@ -3,8 +3,9 @@
 """
 Every `ros2` line of the pages is typed at a running loop, and does what the page says.
 
-With `obc` in place of `ros2`, and with `ros2` where that is installed. The tutorial and the
-gallery have tests of their own; `ros2 security` of reliability.md needs a ROS 2 installation.
+Pages may write `obc` in place of `ros2`. Each line is typed with `obc`, and with `ros2` where
+that is installed. The tutorial and the gallery have tests of their own; `ros2 security` of
+reliability.md needs a ROS 2 installation.
 """
 
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ import shlex
 import signal
 import subprocess
 
+from obc_ros.cli.obc import ROS2
 import pytest
 import support
 from support import Process
@@ -26,8 +28,10 @@ PAGES = ['README.md', 'docs/workspace.md', 'docs/tuning.md', 'docs/parameters.md
          'docs/problems.md', 'docs/faq.md', 'docs/interfaces.md']
 LOOP = 'ros2 launch obc_ros loop.launch.py scenario:=aircraft'
 STAYS = ('launch', 'run')      # goes on until it is ended
+# The subcommands of `ros2` that `obc` has too.
+WORD = f'ros2|obc(?= (?:{"|".join(ROS2)}) )'
 # A line of a console block, or a span of code; NODE and NAME stand for something.
-LINE = re.compile(r'^ *(?:\$ )?(ros2 .*)$|`(ros2 \w+ \w+ [^`\n]+)`', re.MULTILINE)
+LINE = re.compile(rf'^ *(?:\$ )?((?:{WORD}) .*)$|`((?:{WORD}) \w+ \w+ [^`\n]+)`', re.MULTILINE)
 
 
 def lines(page: str) -> list[str]:
@@ -51,7 +55,7 @@ def test_lines_do_what_the_page_says(page: str, terminal: Terminal) -> None:
         loop = _Loop(terminal)
         stack.callback(loop.end)
         for line in lines(page):
-            typed = re.sub('^ros2', terminal.word, line)
+            typed = re.sub('^(ros2|obc)', terminal.word, line)
             if line.split()[1] in STAYS:
                 loop.begin(typed)
                 continue
@@ -119,7 +123,7 @@ def _until(shell: 'subprocess.Popen[str]', word: str) -> Iterator[str]:
 def _judge(line: str, status: int, said: str) -> None:
     """Hold what a line has printed against what it is for."""
     told = f'{line}\n{said}'
-    if '# refused' in line:
+    if '# rejected' in line:
         assert 'Setting parameter failed: ' in said, told
         return
     assert status == 0 and 'failed' not in said and 'Traceback' not in said, told
