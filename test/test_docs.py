@@ -15,8 +15,10 @@ import subprocess
 import sys
 
 from obc_ros.core import systems
+from obc_ros.core.statement import problem_from_mapping
 import pytest
 import support
+import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / 'docs'
@@ -89,10 +91,17 @@ def test_the_systems_are_those_that_are_registered():
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
 def test_commands_name_what_there_is(page, sources):
     text = page.read_text(encoding='utf-8')
-    for node, name in re.findall(r'ros2 param \w+ /(\w+) (\w+)', text):
+    for node, name in re.findall(r'(?:ros2|obc) param \w+ /(\w+) (\w+)', text):
         assert name in {row.name for row in sources.parameters(ROOT, sources.TABLES[node])}, name
     for kind, name in re.findall(r'obc_ros/(msg|srv|action)/(\w+)', text):
         assert (ROOT / kind / f'{name}.{kind}').is_file(), name
+
+
+def test_the_examples_are_problems():
+    problems = {caption: problem_from_mapping(yaml.safe_load(text))
+                for language, caption, text in blocks('examples.md') if language == 'yaml'}
+    assert len(problems) > 3
+    assert [f'{each.name}.yaml' for each in problems.values()] == list(problems)
 
 
 def test_the_tutorial_runs_and_prints_what_it_says(terminal, domain, tmp_path):
