@@ -72,6 +72,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
         'publish_clock': argument('use_sim_time', bool)}
     topics = {name: argument(name, str) for name in ('state_source', 'command_sink')
               if LaunchConfiguration(name).perform(context)}
+    source = {name: value for name, value in topics.items() if name == 'state_source'}
     options = {'respawn': is_true('respawn'), 'respawn_delay': 1.0}
 
     def node(name: str, parameters: dict[str, ParameterValue]) -> Node:
@@ -82,4 +83,4 @@ def _nodes(context: LaunchContext) -> list[Node]:
     return [
         *([node('plant_simulator', plant)] if is_true('plant') else ()),
         node('lqr_node', topics),
-        *([node('trajectory_server', {})] if is_true('server') else ())]
+        *([node('trajectory_server', source)] if is_true('server') else ())]

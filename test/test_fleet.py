@@ -9,7 +9,8 @@ from typing import Any
 from launched import nodes, RefusedError, ROOT
 from lqr_bench import Heard
 from obc_ros.cli.ros2.launch_file import LaunchFile
-from obc_ros.nodes.lqr_topics import SINKS, SOURCES
+from obc_ros.nodes.lqr_topics import SINKS
+from obc_ros.nodes.state_sources import SOURCES
 import pytest
 import yaml
 
@@ -80,11 +81,12 @@ def test_scenarios_are_the_files_of_config() -> None:
 
 @pytest.mark.parametrize('file', FILES)
 def test_topics_of_the_controller(file: str) -> None:
-    """They go to lqr_node, and only when they are given: a parameter file may name others."""
+    """They go to those that have them, and only when given: a parameter file may name others."""
     asked = {'command_sink': 'cmd_vel', 'state_source': 'odom'}
+    takes = {'lqr_node': asked, 'trajectory_server': {'state_source': 'odom'}}
     for each in nodes(file, **asked):
-        assert asked.items() <= each.values.items() or each.executable != 'lqr_node'
-        assert not asked.keys() & each.values.keys() or each.executable == 'lqr_node'
+        had = {name: each.values[name] for name in asked if name in each.values}
+        assert had == takes.get(each.executable, {})
     for each in nodes(file):
         assert not asked.keys() & each.values.keys()
     choices = choices_of(file)

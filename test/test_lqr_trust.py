@@ -13,7 +13,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from obc_ros.core import systems
 from obc_ros.msg import Command, LqrWeights, State, Trajectory
-from obc_ros.nodes.lqr_topics import FrameError, source
+from obc_ros.nodes.state_sources import FrameError, source
 from obc_ros.srv import SuggestWeights, TryDesign
 import pytest
 from rclpy.duration import Duration

@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """``~/plan`` without a start: from where the plant is now, over DDS."""
 
+import math
 from typing import Any
 
 from lqr_bench import LATCHED
+from nav_msgs.msg import Odometry
 import numpy as np
 from obc_ros.msg import State, Trajectory
 from obc_ros.srv import PlanMotion
@@ -24,7 +26,27 @@ def ask(probe: Any, **fields: Any) -> Any:
         **fields))
 
 
-def tell(probe: Any, publisher: Any, message: State) -> None:
+def ask_aircraft(probe: Any, final_time: float = 3.0, **fields: Any) -> Any:
+    """Return the answer to a plan for the aircraft, to the origin."""
+    return probe.call(PlanMotion, '/trajectory_server/plan', PlanMotion.Request(
+        system='aircraft', objective='effort', final_time=final_time, goal=[0.0] * 6, **fields))
+
+
+def odometry(px: float, py: float, theta: float, vx: float, vy: float, omega: float,
+             child: str = 'base_link') -> Odometry:
+    """Return the odometry of a body in the vertical plane: px ahead, py up, theta nose up."""
+    message, c, s = Odometry(child_frame_id=child), math.cos(theta), math.sin(theta)
+    message.header.frame_id, message.header.stamp.sec = 'odom', 7
+    message.pose.pose.position.x, message.pose.pose.position.z = px, py
+    message.pose.pose.orientation.w = math.cos(theta / 2)
+    message.pose.pose.orientation.y = -math.sin(theta / 2)   # about y, nose up is negative
+    message.twist.twist.linear.x = c * vx + s * vy
+    message.twist.twist.linear.z = c * vy - s * vx
+    message.twist.twist.angular.y = -omega
+    return message
+
+
+def tell(probe: Any, publisher: Any, message: Any) -> None:
     """Publish a state as a plant does, again and again: one alone may come before it is heard."""
     for _ in range(10):
         publisher.publish(message)
@@ -98,3 +120,66 @@ def test_a_plan_begins_by_the_clock_of_the_states(spawn: Any, probe: Any) -> Non
     assert ask(probe, execute=True).success
     probe.wait_for(lambda: heard, what='the reference')
     assert (heard[0].header.stamp.sec, heard[0].header.stamp.nanosec) == (42, 250_000_000)
+
+
+def test_it_begins_where_odometry_says(spawn: Any, probe: Any) -> None:
+    """Pose and twist become the state as lqr_node reads it; what tells none is refused."""
+    spawn('trajectory_server', {'workers': 1, 'state_source': 'odom', 'state_timeout': 5.0})
+    log = probe.listen(Log, '/rosout', ROSOUT)
+    heard = probe.listen(Trajectory, 'reference', LATCHED)
+    answer = ask_aircraft(probe)
+    assert (answer.success, answer.status) == (False, 'malformed')
+    assert answer.message.endswith('no state has come on /odom')
+    publisher, x = probe.publisher(Odometry, 'odom'), [1.5, 2.0, 0.3, 0.4, -0.2, 0.1]
+    tell(probe, publisher, odometry(*x))
+    tell(probe, publisher, odometry(*[9.0] * 6, child='another_robot'))
+    answer = ask_aircraft(probe, execute=True)
+    assert answer.success, answer.message
+    assert np.reshape(answer.trajectory.x, (-1, 6))[0] == pytest.approx(x, abs=1e-6)
+    stamp = probe.wait_for(lambda: heard, what='the reference')[0].header.stamp
+    assert (stamp.sec, stamp.nanosec) == (7, 500_000_000)   # by the clock of the odometry
+    probe.wait_for(lambda: [each for each in log if "a state was dropped: odometry of "
+                            "'another_robot', after that of 'base_link'" in each.msg],
+                   what='what was dropped')
+    tell(probe, publisher, odometry(*x))
+    answer = ask(probe)
+    assert not answer.success
+    assert answer.message == ('state_source = odom: a pose and a twist do not tell the state of '
+                              'double_integrator (x1, x2)')
+    tell(probe, publisher, odometry(math.nan, *x[1:]))
+    assert 'not finite' in ask_aircraft(probe).message
+    answer = probe.call(PlanMotion, '/trajectory_server/plan', PlanMotion.Request(system='boat'))
+    assert not answer.success and "unknown system 'boat'" in answer.message
+
+
+def test_odometry_that_is_old_is_refused(spawn: Any, probe: Any) -> None:
+    """With its age; a State does not count in its place."""
+    spawn('trajectory_server', {'workers': 1, 'state_source': 'odom', 'state_timeout': 0.3})
+    publisher = probe.publisher(Odometry, 'odom')
+    tell(probe, publisher, odometry(*[0.5] * 6))
+    probe.spin_for(1.0)
+    answer = ask_aircraft(probe)
+    assert (answer.success, answer.status) == (False, 'malformed')
+    assert 'the last state on /odom came 1.' in answer.message
+    assert answer.message.endswith(' s ago; wanted at most 0.3 s (state_timeout)')
+    assert not probe.node.count_subscribers('/state')
+
+
+def test_a_loop_over_odometry_goes_there_from_here(spawn: Any, probe: Any) -> None:
+    """The plant, the controller and the server speak odometry; the plan begins at the plant."""
+    x0 = [0.4, 0.5, 0.0, 0.0, 0.0, 0.0]
+    spawn('plant_simulator', {'x0': x0})
+    spawn('lqr_node', {'state_source': 'odom', 'setpoint': x0,
+                       'start_tolerance': [math.inf] * 6})   # a busy machine is late
+    spawn('trajectory_server', {'workers': 1, 'state_source': 'odom'})
+    log = probe.listen(Log, '/rosout', ROSOUT)
+    states = probe.listen(State, 'state', 100)
+    probe.wait_for(lambda: states, what='states')
+    probe.wait_for_node('lqr_node')
+    answer = ask_aircraft(probe, 6.0, execute=True)
+    assert answer.success, answer.message
+    assert np.reshape(answer.trajectory.x, (-1, 6))[0] == pytest.approx(x0, abs=0.01)
+    probe.wait_for(lambda: [each for each in log if 'the reference of 6 s has ended' in each.msg],
+                   what='the end of the reference')
+    probe.wait_for(lambda: np.abs(states[-1].x).max() < 0.05, what='the goal')
+    assert not [each.msg for each in log if 'refused' in each.msg]

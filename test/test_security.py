@@ -223,7 +223,8 @@ CONFIGURATIONS = {
         {'state_source': 'odom', 'command_sink': 'wrench', 'unlimited': True},
         {'system': 'vehicle', 'state_source': 'odom', 'command_sink': 'cmd_vel',
          'setpoint_input': [1.0, 0.0], 'u_limits': [0.0, 2.0, -0.5, 0.5]}),
-    'trajectory_server': ({'workers': 1, 'use_sim_time': True},)}
+    'trajectory_server': (
+        {'workers': 1, 'use_sim_time': True}, {'workers': 1, 'state_source': 'odom'})}
 
 
 def test_the_policy_allows_what_the_nodes_open_and_nothing_else(spawn, probe):

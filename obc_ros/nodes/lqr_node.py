@@ -28,7 +28,7 @@ from obc_ros.core.following import Course
 from obc_ros.core.loop import Loop
 from obc_ros.core.reference_checks import check
 from obc_ros.msg import LqrDesign, Trajectory
-from obc_ros.nodes import graph, lqr_topics
+from obc_ros.nodes import graph, lqr_topics, state_sources
 from obc_ros.nodes.conversions import nanoseconds
 from obc_ros.nodes.design_message import design_message, fill_suggestion, suggestion
 from obc_ros.nodes.hardware import identify
@@ -82,12 +82,12 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     def _create_topics(self, settings: Settings) -> None:
         system = self._adopted.design.plant.system
         overrides = QoSOverridingOptions(OVERRIDES)
-        self._read = lqr_topics.source(settings.state_source, system)
+        self._read = state_sources.source(settings.state_source, system)
         self._sink = lqr_topics.Sink(settings.command_sink, system, settings.cmd_vel_stamped)
         self._frame, self._has_speed = settings.frame_id, settings.state_source == 'odom'
         self._look_at_clock()
         self._states = self.create_subscription(
-            lqr_topics.SOURCES[settings.state_source], settings.state_source,
+            state_sources.SOURCES[settings.state_source], settings.state_source,
             lambda message: None, SOURCE, callback_group=Apart(),
             qos_overriding_options=overrides)
         self._monitor.topic = self._states.topic_name
@@ -135,7 +135,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         try:
             x = self._read(message)
         except StatementError as error:
-            kind = 'frame' if isinstance(error, lqr_topics.FrameError) else 'finite'
+            kind = 'frame' if isinstance(error, state_sources.FrameError) else 'finite'
             loop.drop(kind, f'a state was dropped: {error}', begun)
         else:
             clock = None if self._is_simulated else time_ns()

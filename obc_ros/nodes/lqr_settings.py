@@ -21,9 +21,10 @@ from obc_ros.core.weights import count, KINDS, square
 from obc_ros.msg import LqrWeights
 from obc_ros.nodes.conversions import chosen_system, system_parameters
 from obc_ros.nodes.hardware import HARDWARE
-from obc_ros.nodes.lqr_topics import ROBOTS, Sink, SINKS, SOURCES
+from obc_ros.nodes.lqr_topics import ROBOTS, Sink, SINKS
 from obc_ros.nodes.own_thread import PRIORITY
 from obc_ros.nodes.parameters import group, parameter, Value
+from obc_ros.nodes.state_sources import SOURCES, STATE_SOURCE
 from obc_ros.nodes.use import is_used
 
 DESIGNS = ('continuous', 'sampled')
@@ -119,8 +120,7 @@ class Settings:
         'with its inputs. Empty: x_limits, and where those are not given a tenth of the range of '
         'the state along the reference; a range below 1 counts as 1', lower=0.0, finite=False)
     state_source: str = parameter(
-        'state', 'topic that states come from, with its type: state (State) or odom (Odometry)',
-        choices=tuple(SOURCES), read_only=True)
+        'state', STATE_SOURCE, choices=tuple(SOURCES), read_only=True)
     command_sink: str = parameter(
         'command', 'topic that commands go to, with its type: command (Command), cmd_vel '
         '(TwistStamped, the vehicle) or wrench (WrenchStamped, the aircraft)',

@@ -1,15 +1,13 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Where lqr_node takes states from and gives commands to: its own messages, or those of robots.
+Where lqr_node gives commands to, its own messages or those of robots, and what it follows.
 
-A `source` turns a message into the state, a `sink` turns the input into a message.
+A `Sink` turns the input into a message; where states come from is in `state_sources`.
 
 ==========  ================  ==========================================================
 topic       type              meaning
 ==========  ================  ==========================================================
-state       State             x
-odom        Odometry          pose, and twist in the child frame; see `conversions`
 command     Command           u
 cmd_vel     TwistStamped, or  vehicle: linear.x = v, angular.z = (v / l) tan(phi); two_wheeled:
             Twist             linear.x = v, angular.z = omega
@@ -26,53 +24,17 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Twist, TwistStamped, WrenchStamped
-from nav_msgs.msg import Odometry
 from obc_ros.core.errors import shown, StatementError
 from obc_ros.core.following import Course, course
 from obc_ros.core.system import System
-from obc_ros.msg import Command, State, Trajectory
-from obc_ros.nodes.conversions import BASE, nanoseconds, OdometryMap
+from obc_ros.msg import Command, Trajectory
+from obc_ros.nodes.conversions import BASE, nanoseconds
 
-SOURCES = {'state': State, 'odom': Odometry}
 SINKS = {'command': Command, 'cmd_vel': TwistStamped, 'wrench': WrenchStamped}
 ROBOTS = ('cmd_vel', 'wrench')  # sinks that no simulated plant of this package hears
 
 
-class FrameError(StatementError):
-    """A message is of another frame than the ones before."""
-
-
-Read = Callable[[Any], Sequence[float]]
 Fill = Callable[[Sequence[float]], None]
-
-
-def source(topic: str, system: System) -> Read:
-    """
-    Return what makes a state (n,) of a message.
-
-    It raises StatementError for a message that tells none.
-    """
-    if topic == 'state':
-        return lambda message: message.x  # type: ignore[no-any-return] # array of double
-    odometry, body = OdometryMap(system), ''
-    if not odometry.readable:
-        raise StatementError(f'state_source = odom: a pose and a twist do not tell the state of '
-                             f'{system.name} ({", ".join(system.state_names)})')
-
-    def state(message: Odometry) -> Sequence[float]:
-        nonlocal body
-        child = message.child_frame_id
-        if child == message.header.frame_id:
-            raise FrameError(
-                f"odometry with child_frame_id = header.frame_id = '{shown(child)}': its twist "
-                'belongs in the frame of the body')
-        if body and child != body:
-            raise FrameError(f"odometry of '{shown(child)}', after that of '{shown(body)}'")
-        x: list[float] = odometry.state(message).tolist()
-        body = child
-        return x
-
-    return state
 
 
 class Sink:

@@ -2,11 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the plant is now, for a node that needs it only when it is asked."""
 
+from collections.abc import Sequence
 from time import monotonic
 from typing import Any
 
 from obc_ros.core.errors import StatementError
-from obc_ros.msg import State
+from obc_ros.core.planning import registered
+from obc_ros.nodes.messages import check_size, parameters
+from obc_ros.nodes.state_sources import Body, conversion, FrameError, SOURCES
+from obc_ros.nodes.throttled_log import ThrottledLog
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
@@ -15,21 +19,43 @@ SOURCE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class PresentState:
-    """The last state of a node's topic ``state``; it is looked at when asked."""
+    """
+    The last state that came to a node; it is looked at when asked.
 
-    def __init__(self, node: Node) -> None:
-        self._message: State | None = None
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Whose topic it is.
+    topic : str
+        A key of `SOURCES`.
+    log : ThrottledLog
+        For what is dropped.
+
+    """
+
+    def __init__(self, node: Node, topic: str, log: ThrottledLog) -> None:
+        self._topic, self._log, self._body = topic, log, Body()
+        self._message: Any = None
         self._came = 0.0
-        self._subscription = node.create_subscription(State, 'state', self._take, SOURCE)
+        self._subscription = node.create_subscription(
+            SOURCES[topic], topic, self._take if topic == 'state' else self._take_odometry, SOURCE)
 
-    def start(self, timeout: float) -> Any:
+    def start(self, request: Any, timeout: float) -> Sequence[float]:
         """
         Return the state (n,).
 
+        Parameters
+        ----------
+        request : PlanMotion.Request
+            Its system is the one that odometry is read for.
+        timeout : float
+            Largest age [s].
+
         Raises
         ------
-        StatementError
-            If none has come, or the last one came longer than `timeout` [s] ago.
+        ObcError
+            If none has come, or the last one came longer than `timeout` ago; for odometry, also if
+            it tells no state of the system, or there is no such system.
 
         """
         topic = self._subscription.topic_name
@@ -41,7 +67,11 @@ class PresentState:
             raise StatementError(f'start is empty, which means the present state, and the last '
                                  f'state on {topic} came {age:.3g} s ago; wanted at most '
                                  f'{timeout:g} s (state_timeout)')
-        return self._message.x
+        if self._topic == 'state':
+            return self._message.x  # type: ignore[no-any-return] # array of double
+        check_size(request)
+        given = parameters('system_parameters', request.system_parameters)
+        return conversion(self._topic, registered(request.system, given))(self._message)
 
     def stamp(self, timeout: float) -> int | None:
         """Return the stamp of the last state [ns]; None: none has come within `timeout` [s]."""
@@ -51,5 +81,14 @@ class PresentState:
         time = int(stamp.sec) * 10**9 + int(stamp.nanosec)
         return time if 0 <= time <= LAST else None
 
-    def _take(self, message: State) -> None:
+    def _take(self, message: Any) -> None:
         self._message, self._came = message, monotonic()
+
+    def _take_odometry(self, message: Any) -> None:
+        try:
+            self._body.check(message)
+        except FrameError as error:
+            self._log.warning('frame', f'a state was dropped: {error}')
+        else:
+            self._body.keep(message)
+            self._take(message)

@@ -6,8 +6,8 @@ Answers optimal control problems by request, with a certificate.
 Services: ``~/solve`` (SolveOptimalControl), ``~/design_lqr`` (DesignLqr), ``~/minimize``
 (Minimize), ``~/plan`` (PlanMotion). Action: ``~/solve_optimal_control``, the same request as
 ``~/solve`` with feedback and cancel. Publishes ``reference`` (Trajectory, transient local) when a
-plan is to be executed, and ``/diagnostics``. Subscribes to ``state`` (State), from which a plan
-without a start begins. Parameters: see `Settings`.
+plan is to be executed, and ``/diagnostics``. Subscribes to ``state`` (State) or ``odom``
+(nav_msgs/Odometry), from which a plan without a start begins. Parameters: see `Settings`.
 
 The work is done in other processes, so that the node always answers.
 """
@@ -22,7 +22,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from obc_ros.action import SolveOptimalControl as SolveAction
-from obc_ros.core.errors import shown, StatementError
+from obc_ros.core.errors import ObcError, shown, StatementError
 from obc_ros.core.solution import MAX_INTERVALS
 from obc_ros.core.wire import Packet
 from obc_ros.core.workers import Answer, Job, LONGEST, Outcome, Pool, SHORTEST
@@ -34,6 +34,7 @@ from obc_ros.nodes.hardware import identify
 from obc_ros.nodes.main import run
 from obc_ros.nodes.parameters import parameter, Parameters
 from obc_ros.nodes.present_state import PresentState
+from obc_ros.nodes.state_sources import SOURCES, STATE_SOURCE
 from obc_ros.nodes.throttled_log import ThrottledLog
 from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
 from rclpy.action import ActionServer, CancelResponse
@@ -73,6 +74,8 @@ class Settings:
         '', 'hardware_id of the diagnostics; empty: the namespace, or else the name of the node')
     state_timeout: float = parameter(
         0.5, 'age of the last state up to which a plan may begin there', 's', lower=1e-3)
+    state_source: str = parameter(
+        'state', STATE_SOURCE, choices=tuple(SOURCES), read_only=True)
 
 
 class TrajectoryServer(Node):
@@ -91,7 +94,8 @@ class TrajectoryServer(Node):
         self._asked = 0
         self._arrived: deque[tuple[Future, Answer]] = deque()
         self._statuses: Counter[str] = Counter()
-        self._log, self._state = ThrottledLog(self), PresentState(self)
+        self._log = ThrottledLog(self)
+        self._state = PresentState(self, self._settings.settings.state_source, self._log)
         self._reference = self.create_publisher(Trajectory, 'reference', LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -156,8 +160,8 @@ class TrajectoryServer(Node):
         timeout = self._settings.settings.state_timeout
         if not request.start:
             try:
-                request.start = self._state.start(timeout)
-            except StatementError as error:
+                request.start = self._state.start(request, timeout)
+            except ObcError as error:
                 messages.fill_answer(response, self._refuse('plan', 'malformed', str(error)))
                 return response
         messages.fill_answer(response, await self._ask('plan', request, request.time_limit))
