@@ -6,6 +6,7 @@ from dataclasses import replace
 import math
 
 import numpy as np
+from obc_ros.core import stretches
 from obc_ros.core.affine_replay import AffineReplay, courses
 from obc_ros.core.certificate import certify
 from obc_ros.core.replay import Integrator, Intervals
@@ -15,7 +16,7 @@ from obc_ros.core.solve import solve
 from obc_ros.core.statement import problem_from_mapping
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.linalg import solve_continuous_are
+from scipy.linalg import expm, solve_continuous_are
 
 
 def stated(dynamics, running_cost, initial_state, T, **more):
@@ -182,6 +183,24 @@ def test_an_unstable_fast_state_is_held(a):
     assert solution.status is Status.SOLVED
     assert solution.objective == pytest.approx(
         scalar_cost(a, a, 1, 1, 2.0) + scalar_cost(-1, 1, 1, 1, 2.0), rel=1e-9)
+
+
+@pytest.mark.parametrize('weight', [1.0, 0.0, -0.2])
+@pytest.mark.parametrize('doublings', [0, 2, 5])
+def test_the_inside_of_stretches_is_what_the_hamiltonian_system_leads_along(weight, doublings):
+    """States given at the start, costates at the end by P, all steps by its exponential."""
+    chance = np.random.default_rng(3)
+    n, steps, step = 3, 32, 0.04
+    A, half = chance.standard_normal((2, n, n))
+    G, Q, P = half @ half.T, weight * np.eye(n), np.diag([2.0, 0.0, 1.0])
+    levels = [stretches.of_plant(A, G, Q, step * 2**k) for k in range(doublings + 1)]
+    x0 = chance.standard_normal(n)
+    x, y = stretches.inside(levels, x0, P, steps)
+    both = np.hstack([x, y])
+    flow = expm(step * np.block([[A, -G], [-Q, -A.T]]))
+    assert x[0] == pytest.approx(x0, rel=1e-12)
+    assert y[-1] == pytest.approx(P @ x[-1], rel=1e-12, abs=1e-12)
+    assert both[1:] == pytest.approx(both[:-1] @ flow.T, rel=1e-10, abs=1e-10)
 
 
 # ---------------------------------------------------------------- the certificate

@@ -87,7 +87,10 @@ class Feedback:
         self.extended, self.P1, self.blocks, self.T = extended, P1, blocks, blocks[-1][1]
         self.halvings = [_FEWEST] * len(blocks)
         self._costs: dict[int, Array] = {}
+        self._laws: dict[int, Array] = {}
+        self._inputs: dict[int, Array] = {}
         self._stretches: dict[int, stretches.Stretch] = {}
+        self._joined: dict[int, bool] = {}
         self._flows: dict[int, Array] = {}
 
     def times(self, block: int) -> Array:
@@ -97,7 +100,8 @@ class Feedback:
     def refine(self, block: int, more: int) -> None:
         """Halve the steps of a block, so many times."""
         self.halvings[block] += more
-        self._costs.pop(block, None)
+        for known in (self._costs, self._laws, self._inputs):
+            known.pop(block, None)
 
     @property
     def size(self) -> int:
@@ -109,17 +113,35 @@ class Feedback:
         if block not in self._costs:
             last = block == len(self.blocks) - 1
             end = self.P1 if last else self.costs(block + 1)[0]
+            halvings = self.halvings[block]
             self._costs[block] = stretches.backward(
-                self._stretch(self._level(block)), end, 2**self.halvings[block])[::-1]
+                self._levels(block, halvings), end, 2**halvings)[::-1]
         return self._costs[block]
 
     def law(self, block: int) -> Array:
         """Return F of u = F z at the ends of the steps of a block, (2^c + 1, m, n+1+q)."""
-        form, scale, n = self.extended.form, self.extended.scale, len(self.extended.scale)
-        right = (form.B / scale[:, None]).T @ self.costs(block)[:, :n]
-        right[:, :, :n] += form.N.T * scale
-        right[:, :, n] += form.r / self.extended.one
-        return np.asarray(-np.linalg.inv(form.R) @ right)
+        if block not in self._laws:
+            form, scale, n = self.extended.form, self.extended.scale, self.extended.n
+            P, B = self.costs(block), np.zeros((len(self.P1), form.B.shape[1]))
+            B[:n] = form.B / scale[:, None]
+            right = np.swapaxes((P.reshape(-1, len(B)) @ B).reshape(*P.shape[:2], -1), 1, 2)
+            right[:, :, :n] += form.N.T * scale
+            right[:, :, n] += form.r / self.extended.one
+            self._laws[block] = -np.linalg.inv(form.R) @ right
+        return self._laws[block]
+
+    def inputs(self, block: int) -> Array:
+        """Return K of u+ = K (x, one, nu, u) for the steps of a block, (2^c, m, n+1+q+m)."""
+        if block not in self._inputs:
+            move, law, n = self.move(block), self.law(block)[1:], self.extended.n
+            (steps, m, size), F = law.shape, law[:, :, :n].reshape(-1, n)
+            led = (F @ move).reshape(steps, m, -1)
+            right = np.zeros((steps, m, size + m))
+            right[:, :, :n + 1], right[:, :, size:] = led[:, :, :n + 1], led[:, :, n + 1:n + 1 + m]
+            right[:, :, n:size] += law[:, :, n:]
+            self._inputs[block] = np.asarray(
+                np.linalg.solve(np.eye(m) - led[:, :, n + 1 + m:], right), np.float64)
+        return self._inputs[block]
 
     def move(self, block: int) -> Array:
         """
@@ -133,10 +155,46 @@ class Feedback:
         slope = flow[:, n + 1 + m:] / step
         return np.hstack([flow[:, :n + 1], flow[:, n + 1:n + 1 + m] - slope, slope])
 
+    def samples(self, z: Array, halvings: int) -> tuple[Array, Array, Array]:
+        """
+        Return t, z and P z along the optimal path, at 2^`halvings` equal steps of each block.
+
+        Shapes (blocks, steps + 1) and twice (blocks, steps + 1, n+1+q).
+        """
+        steps = 2**halvings
+        x, y = np.empty((2, len(self.blocks), steps + 1, len(z)))
+        for block in range(len(self.blocks)):
+            last = block == len(self.blocks) - 1
+            x[block], y[block] = stretches.inside(
+                self._levels(block, halvings), z,
+                self.P1 if last else self.costs(block + 1)[0], steps)
+            z = x[block, -1]
+        return np.array([np.linspace(*block, steps + 1) for block in self.blocks]), x, y
+
+    def _levels(self, block: int, halvings: int) -> list[stretches.Stretch]:
+        """Return the stretch of a block's 2^`halvings` steps, and those of more, as a ladder."""
+        level = self._length(block) + halvings
+        found = [self._stretch(level)]
+        while len(found) <= halvings and self._joins(level - len(found)):
+            found.append(self._stretch(level - len(found)))
+        return found
+
+    def _joins(self, level: int) -> bool:
+        """Return whether two stretches may be joined to one of T 2^-`level`."""
+        if level not in self._joined:
+            half = self._stretch(level + 1)
+            self._joined[level] = (stretches.is_convex(half) or stretches.is_apart(half)
+                                   ) and stretches.keeps_digits(self._stretch(level))
+        return self._joined[level]
+
+    def _length(self, block: int) -> int:
+        """Return k, a block being T 2^-k long."""
+        low, high = self.blocks[block]
+        return round(math.log2(self.T / (high - low)))
+
     def _level(self, block: int) -> int:
         """Return k, the steps of a block being T 2^-k."""
-        low, high = self.blocks[block]
-        return round(math.log2(self.T / (high - low))) + self.halvings[block]
+        return self._length(block) + self.halvings[block]
 
     def _stretch(self, level: int) -> stretches.Stretch:
         e = self.extended
@@ -261,15 +319,12 @@ def _products(matrices: Array, vectors: Array) -> Array:
 
 def _steps(feedback: Feedback, block: int, y: Array) -> Array:
     """Return the columns (x, one, nu, u) at the ends of a block's steps, from those before it."""
-    form, law, move = feedback.extended.form, feedback.law(block)[1:], feedback.move(block)
-    (n, m), size = form.B.shape, len(y)
-    q = size - n - 1 - m
+    move, inputs, (n, m) = (
+        feedback.move(block), feedback.inputs(block), feedback.extended.form.B.shape)
+    q = len(y) - n - 1 - m
     free = np.hstack([move[:, :n + 1], np.zeros((n, q)), move[:, n + 1:n + 1 + m]])
-    held, F = move[:, n + 1 + m:], law[:, :, :n]
-    right = F @ free
-    right[:, :, n:n + 1 + q] += law[:, :, n:]
-    inputs = np.linalg.solve(np.eye(m) - F @ held, right)
-    found = np.empty((len(law), *y.shape))
+    held = move[:, n + 1 + m:]
+    found = np.empty((len(inputs), *y.shape))
     for k, to_input in enumerate(inputs):
         u = to_input @ y
         found[k, :n], found[k, n:n + 1 + q], found[k, n + 1 + q:] = (

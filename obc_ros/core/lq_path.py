@@ -39,7 +39,7 @@ _LARGEST_DEFECT = 6e-7  # likewise before it grows, where samples are as many as
 _MOST_GROWTH = 30.0  # of a defect until T that is allowed for; more needs feedback, not samples
 _FEWEST, _MOST = 64, 32768  # samples of a block, of all, of the optimal path
 _MOST_HALVINGS = 24
-_LARGEST_TABLE = 4e5        # numbers of P(t) at these samples
+_LARGEST_TABLE = 4e5        # samples times numbers of P(t), beyond which lines serve instead
 _MOST_STEPS = 20000         # of the search for a conjugate point
 
 
@@ -179,7 +179,7 @@ def _path(extended: Extended, P1: Array, unit: Array, x0: Array, T: float,
     held = follow(feedback, start[:-1], nu) if most < _FEWEST else None
     count, lines = _FEWEST, held is None and most >= _FEWEST
     while held is None:
-        t, x, u, lam = _samples(extended, P1, blocks, np.append(start, nu), count)
+        t, x, u, lam = _samples(feedback, np.append(start, nu), count)
         kept, error, defect = _thinned(form, t, x, u)
         # Halving steps quarters both.
         wanted = count * 2 ** max(1, math.ceil(0.5 * math.log2(max(error / _DEFECT, 1.0))))
@@ -210,17 +210,15 @@ def _spent(form: LqForm, t: Array, x: Array, u: Array) -> float:
     return float(running.sum() + 0.5 * end @ form.P1 @ end + form.p1 @ end + form.terminal_cost)
 
 
-def _samples(extended: Extended, P1: Array, blocks: list[tuple[float, float]], z: Array,
-             count: int) -> tuple[Array, Array, Array, Array]:
+def _samples(feedback: Feedback, z: Array, count: int) -> tuple[Array, Array, Array, Array]:
     """Return t, x, u, lam of the optimal path at `count` + 1 times of each block."""
-    form = extended.form
-    P = _costs(extended, P1, blocks, count)
-    path = _forward(extended, P, z, blocks)
+    extended, form = feedback.extended, feedback.extended.form
+    t, path, costates = feedback.samples(z, round(math.log2(count)))
     x = path[..., :extended.n] * extended.scale
-    lam = np.einsum('bkij,bkj->bki', P, path)[..., :extended.n] / extended.scale
+    lam = costates[..., :extended.n] / extended.scale
     right = lam @ form.B + x @ form.N + form.r
-    u = -np.linalg.solve(form.R, right.reshape(-1, form.B.shape[1]).T).T.reshape(right.shape)
-    return np.array([np.linspace(*block, count + 1) for block in blocks]), x, u, lam
+    u = -np.linalg.solve(form.R, right.reshape(-1, form.B.shape[1]).T).T
+    return t, x, np.asarray(u, np.float64).reshape(right.shape), lam
 
 
 def _blocks(extended: Extended, T: float) -> list[tuple[float, float]]:
@@ -231,18 +229,6 @@ def _blocks(extended: Extended, T: float) -> list[tuple[float, float]]:
     ends = [T * 0.5**k for k in range(halvings, 0, -1)]
     times = [0.0, *ends, *(T - end for end in reversed(ends[:-1])), T]
     return list(zip(times[:-1], times[1:], strict=True))
-
-
-def _costs(extended: Extended, P1: Array, blocks: list[tuple[float, float]], count: int
-           ) -> Array:
-    """Return P at `count`+1 equally spaced times of each block."""
-    P = np.empty((len(blocks), count + 1, *P1.shape))
-    for k in range(len(blocks) - 1, -1, -1):
-        low, high = blocks[k]
-        stretch = stretches.of_plant(extended.A, extended.G, extended.Q, (high - low) / count)
-        P[k] = stretches.backward(stretch, P1, count)[::-1]
-        P1 = P[k][0]
-    return P
 
 
 def _multipliers(extended: Extended, P0: Array, unit: Array, start: Array, T: float,
@@ -310,19 +296,6 @@ def _out_of_reach(extended: Extended, way: Array, miss: float, T: float, names: 
     text = ' '.join(terms).removeprefix('+ ') or '0'
     return (f'the terminal constraints cannot be met: the input does not reach {text}, which at '
             f'T = {T:g} is {there:.6g} whatever the input; wanted is {wanted:.6g}')
-
-
-def _forward(extended: Extended, P: Array, z: Array, blocks: list[tuple[float, float]]) -> Array:
-    """Return z at each time: over a stretch z+ = (I + G P+)^-1 A z."""
-    path = np.empty(P.shape[:-1])
-    for k, (low, high) in enumerate(blocks):
-        step = (high - low) / (P.shape[1] - 1)
-        A, G, _ = stretches.of_plant(extended.A, extended.G, extended.Q, step)
-        moves = np.linalg.solve(np.eye(len(z)) + G @ P[k, 1:], np.broadcast_to(A, P[k, 1:].shape))
-        path[k, 0] = z
-        for i, move in enumerate(moves):
-            path[k, i + 1] = z = move @ z
-    return path
 
 
 def _thinned(form: LqForm, t: Array, x: Array, u: Array

@@ -78,30 +78,95 @@ def before(stretch: Stretch, P: Array) -> Array:
     return _symmetric(moved + H)
 
 
-def backward(stretch: Stretch, P: Array, steps: int) -> Array:
+def ladder(stretch: Stretch, steps: int) -> list[Stretch]:
     """
-    Return the cost matrices 0, 1, ..., `steps` stretches before the end, shape (steps+1, n, n).
+    Return the stretch of a step, and each joined of two of the one before, within so many steps.
 
-    Each doubling of the stretch moves all matrices found so far at once. A stretch is not doubled
-    where digits would be lost: over unstable modes that the cost does not see, and near a
-    conjugate point when H is indefinite.
+    A stretch is not joined where digits would be lost: over unstable modes that the cost does not
+    see, and near a conjugate point when H is indefinite.
+    """
+    found, identity, convex = [stretch], np.eye(len(stretch[0])), is_convex(stretch)
+    while 2**len(found) <= steps and (convex or is_apart(found[-1])):
+        longer = joined(found[-1], found[-1], identity)
+        if not keeps_digits(longer):
+            break
+        found.append(longer)
+    return found
+
+
+def backward(levels: list[Stretch], P: Array, steps: int) -> Array:
+    """
+    Return the cost matrices 0, 1, ..., `steps` steps before the end, shape (steps+1, n, n).
+
+    Each level, of `ladder`, moves all matrices found so far at once.
     """
     found = np.empty((steps + 1, *P.shape))
     found[0] = P
-    count, reach, identity, joining = 1, 1, np.eye(len(P)), True
-    convex = np.linalg.eigvalsh(stretch[2])[0] >= 0.0
+    count = 1
     while count <= steps:
+        level = min(count.bit_length(), len(levels)) - 1
+        reach = 1 << level
         more = min(reach, steps + 1 - count)
-        found[count:count + more] = before(stretch, found[count - reach:count - reach + more])
+        found[count:count + more] = before(
+            levels[level], found[count - reach:count - reach + more])
         count += more
-        if joining and not convex and count <= steps:
-            joining = np.linalg.eigvals(identity + stretch[1] @ stretch[2]).real.min() > 0.5
-        if joining and count <= steps:
-            longer = joined(stretch, stretch, identity)
-            joining = norm(longer[0]) < _MOST_GROWTH * len(P)
-            if joining:
-                stretch, reach = longer, count
     return found
+
+
+def is_convex(stretch: Stretch) -> bool:
+    """Return whether costs on a stretch are convex, and so on all that are joined of it."""
+    return bool(np.linalg.eigvalsh(stretch[2])[0] >= 0.0)
+
+
+def is_apart(stretch: Stretch) -> bool:
+    """Return whether two such stretches, one after the other, are far from a conjugate point."""
+    _, G, H = stretch
+    return bool(np.linalg.eigvals(np.eye(len(H)) + G @ H).real.min() > 0.5)
+
+
+def keeps_digits(stretch: Stretch) -> bool:
+    """Return whether states grow so little over a joined stretch that no digits are lost."""
+    return norm(stretch[0]) < _MOST_GROWTH * len(stretch[0])
+
+
+def inside(levels: list[Stretch], x: Array, P: Array, steps: int) -> tuple[Array, Array]:
+    """
+    Return states and costates along the optimal path, each of shape (steps + 1, n).
+
+    Between states x and costates y'' at the two ends of a stretch that is joined of two (A, G, H)
+    lie x' = A x - G y' and y' = H x' + A'y'': the same matrices for all stretches of a length.
+
+    Parameters
+    ----------
+    levels : list of tuple of ndarray, shape (n, n)
+        As of `ladder`.
+    x : ndarray, shape (n,)
+        At the start.
+    P : ndarray, shape (n, n)
+        Costates at the end for the states there.
+    steps : int
+        A multiple of the steps of the last level.
+
+    """
+    (A, G, H), identity = levels[-1], np.eye(len(x))
+    reach = 1 << (len(levels) - 1)
+    weights = backward(levels[-1:], P, steps // reach - 1)[::-1]
+    X, Y = np.empty((2, steps + 1, len(x)))
+    X[0] = x
+    for k, weight in zip(range(reach, steps + 1, reach), weights, strict=True):
+        X[k] = x = np.linalg.solve(identity + G @ weight, A @ x)
+        Y[k] = weight @ x
+    Y[0] = H @ X[0] + A.T @ Y[reach]
+    halves = np.array(levels[:-1], np.float64).reshape(-1, 3, *P.shape)
+    A, G, H = halves[:, 0], halves[:, 1], halves[:, 2]
+    ahead = np.linalg.solve(identity + G @ H, np.concatenate([A, G @ np.swapaxes(A, 1, 2)], 2))
+    for k in range(len(halves) - 1, -1, -1):
+        half = reach // 2
+        both = np.hstack([X[:-1:reach], -Y[reach::reach]])
+        X[half::reach] = both @ ahead[k].T
+        Y[half::reach] = X[half::reach] @ H[k] + Y[reach::reach] @ A[k]
+        reach = half
+    return X, Y
 
 
 def doubled(A: Array, G: Array, H: Array) -> Array | None:
@@ -150,7 +215,7 @@ def at(A: Array, G: Array, Q: Array, P1: Array, to_go: Array) -> Array:
     lengths = -np.diff(to_go)[::-1]
     length = (to_go[0] - to_go[-1]) / steps
     if np.abs(lengths - length).max() <= 1e-12 * to_go[0]:
-        return backward(of_plant(A, G, Q, length), P, steps)[::-1]
+        return backward(ladder(of_plant(A, G, Q, length), steps), P, steps)[::-1]
     found = np.empty((steps + 1, *P.shape))
     found[steps] = P
     known: dict[float, Stretch] = {}
