@@ -216,6 +216,82 @@ def test_a_reference_is_judged_by_the_state_when_its_first_command_acts() -> Non
         assert bool(loop.refused) is is_refused
 
 
+# After an outage
+
+
+def resumed(loop: Loop, *states: tuple[float, list[float]]) -> list[list[float] | None]:
+    """Return the answers after an outage, in which on_stale has acted."""
+    assert loop.overdue(states[0][0]) is not None and loop.is_stale
+    return answers(loop, *states)
+
+
+def moving(begin: int = 0, end: float = 4.0, allowed: float = 0.5) -> Leg:
+    """Return the ramp px = t, which may be taken up so far away."""
+    return replace(leg(begin, end), allowed=((-allowed, allowed), (-2.0, 2.0)), units=('m', 'm/s'))
+
+
+def test_a_reference_that_has_left_the_plant_behind_is_given_up() -> None:
+    """The plant stood while no state came. It stands on, and holds the set point after a start."""
+    loop = Loop(control(legs=(moving(),), u=7.0, rest=(7.0,)))
+    answers(loop, (0.0, [0.0, 1.0]), (0.4, [0.4, 1.0]))
+    assert resumed(loop, (1.4, [0.5, 0.0]), (1.5, [1.5, 1.0])) == [[7.0], [7.0]]
+    assert list(loop.refused) == [
+        'after 1 s without a state, px is 0.9 m from 1.4 m of the plan at t = 1.4 s, allowed '
+        '0.5 m; stopped until ~/start']
+    assert loop.stopped.startswith('after 1 s without a state, px is 0.9 m')
+    loop.start()
+    assert answers(loop, (1.6, [0.25, 0.0])) == [[6.75]]
+    assert len(loop.refused) == 1
+
+
+def test_a_reference_that_the_plant_kept_up_with_goes_on() -> None:
+    """As it would have without the outage."""
+    loop, plain = Loop(control(legs=(moving(),))), Loop(control(legs=(moving(),)))
+    before, after = [(0.0, [0.0, 1.0]), (0.4, [0.4, 1.0])], [(1.4, [1.3, 1.1]), (1.5, [1.4, 1.0])]
+    answers(loop, *before)
+    assert resumed(loop, *after) == answers(plain, *before, *after)[2:]
+    assert not loop.refused and not loop.stopped
+
+
+def test_a_gap_that_nobody_noticed_is_an_outage_too() -> None:
+    """Where the machine stood still on_stale could not act."""
+    loop = Loop(control(legs=(moving(),)))
+    answers(loop, (0.4, [0.4, 1.0]), (0.8, [0.0, 1.0]))   # 0.4 s are none
+    assert not loop.stopped
+    answers(loop, (1.4, [0.5, 0.0]))
+    assert loop.stopped.startswith('after 0.6 s without a state, px is 0.9 m from 1.4 m')
+
+
+def test_an_outage_over_the_end_of_a_reference() -> None:
+    """Its end is where the plant should be; one that had ended before is a set point."""
+    loop = Loop(control(legs=(moving(end=2.0),), u=7.0, rest=(7.0,)))
+    answers(loop, (1.0, [1.0, 1.0]))
+    assert resumed(loop, (9.0, [1.0, 0.0])) == [[7.0]]
+    assert 'px is 1 m from 2 m of the plan at t = 2 s' in loop.refused[0]
+    loop = Loop(control(legs=(moving(end=2.0),)))
+    answers(loop, (1.7, [1.7, 1.0]), (2.1, [2.0, 0.0]))
+    assert resumed(loop, (9.0, [1.0, 0.0])) == [[1.5]]    # 0.5 - (1 - 2)
+    assert not loop.refused and not loop.stopped
+
+
+def test_the_next_reference_takes_over_after_an_outage() -> None:
+    """If the plant is near it; else neither it nor the one before is followed."""
+    for px, is_refused in ((5.2, False), (1.0, True)):
+        loop = Loop(control(legs=(moving(), held(S, 5.0)), u=7.0, rest=(7.0,)))
+        answers(loop, (0.4, [0.4, 1.0]))
+        u = resumed(loop, (3.0, [px, 0.0]))
+        assert bool(loop.stopped) is is_refused and len(loop.refused) == 2 * is_refused
+        assert u == [pytest.approx([7.0 if is_refused else -0.6])]
+
+
+def test_a_rate_does_not_skip_the_judgement() -> None:
+    """The first state that is answered after the outage is judged."""
+    loop = Loop(control(legs=(moving(),), rules=Rules(period=S, state_timeout=0.5)))
+    answers(loop, (0.0, [0.0, 1.0]))
+    assert resumed(loop, (0.9, [0.0, 0.0]), (1.0, [0.0, 0.0])) == [None, [0.0]]
+    assert loop.stopped.startswith('after 0.9 s without a state, px is 1 m from 1 m')
+
+
 def test_a_reference_is_judged_again_where_time_begins_again() -> None:
     """A simulation that was reset starts elsewhere."""
     loop = Loop(control(legs=(held(S, 5.0),), rules=Rules(state_timeout=0.5)))

@@ -12,6 +12,7 @@ from obc_ros.msg import Trajectory
 import pytest
 from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_srvs.srv import Trigger
 
 pytestmark = pytest.mark.nodes
 
@@ -135,6 +136,61 @@ def test_a_reference_before_the_first_state_is_judged_by_that(spawn: Any, probe:
     assert np.abs(bench.answer([58.7, 0.0, 0.0], 3.0) - [10.0, 0.0]).max() < 1e-9
     assert warned(probe, log, 'a reference was refused').endswith(
         "px is 58.7 m from the plan's start 0 m, allowed 2 m")
+
+
+# After an outage
+
+
+def lose(bench: Bench) -> None:
+    """Send no state until on_stale commands the input at rest."""
+    seen = len(bench.commands)
+    bench.probe.wait_for(lambda: len(bench.commands) > seen, what='a command without a state')
+    assert not any(bench.commands[seen].u)
+
+
+def test_a_reference_is_judged_again_after_an_outage(spawn: Any, probe: Any) -> None:
+    """The vehicle has stopped meanwhile: the reference is given up; it stands until ~/start."""
+    bench = Bench(spawn, probe, **DRIVE, start_tolerance=[2.0, 1.0, 0.5], state_timeout=0.5)
+    log = listen(probe)
+    bench.ask(np.zeros(3))
+    probe.publisher(Trajectory, 'reference', LATCHED).publish(
+        reference(*straight(100.0, 50.0), 100.0))
+    bench.process.wait_for_output('a reference of 5 s')
+    x, _ = drive(bench, np.array([100.0, 0.2, 0.0]), 100.0, 101.0)
+    bench.process.wait_for_output('the reference of 5 s is taken up')
+    lose(bench)
+    commands = drive(bench, x, 102.0, 102.2)[1]
+    assert (commands == 0.0).all()                # at rest, as while no state came
+    words = warned(probe, log, 'a reference was refused: after ')
+    seconds, rest = words.removeprefix('a reference was refused: after ').split(' s ', 1)
+    assert float(seconds) >= 0.5
+    distance = abs(x[0] - 120.0)
+    assert distance == pytest.approx(10.0, abs=0.2)
+    assert rest == (f'without a state, px is {distance:.4g} m from 120 m of the plan at t = 2 s, '
+                    'allowed 2 m; stopped until ~/start')
+    bench.report('commands', lambda status, _: status.message.startswith(
+        f'stopped: after {seconds} s without a state, px is '))
+    assert rest in refusals(bench, 1)
+    assert probe.call(Trigger, '/lqr_node/start').success
+    first = bench.answer(x, 102.3)                # the set point moves on from where it is
+    assert first[0] == pytest.approx(10.0, abs=1e-6) and abs(first[1]) < 0.2
+    assert not [each for each in log if 'has ended' in each.msg]
+
+
+def test_a_reference_goes_on_after_an_outage(spawn: Any, probe: Any) -> None:
+    """The vehicle has rolled on, and is where the reference is."""
+    bench = Bench(spawn, probe, **DRIVE, start_tolerance=[2.0, 1.0, 0.5], state_timeout=0.5)
+    log = listen(probe)
+    bench.ask(np.zeros(3))
+    probe.publisher(Trajectory, 'reference', LATCHED).publish(
+        reference(*straight(100.0, 50.0), 100.0))
+    bench.process.wait_for_output('a reference of 5 s')
+    drive(bench, np.array([100.0, 0.0, 0.0]), 100.0, 101.0)
+    lose(bench)
+    x, commands = drive(bench, np.array([119.0, 0.0, 0.0]), 102.0, 105.5)
+    assert commands[0][0] > 10.1 and x[0] == pytest.approx(150.0 + 5.0, abs=1.0)
+    bench.process.wait_for_output('the reference of 5 s has ended')
+    assert not [each.msg for each in log if 'refused' in each.msg]
 
 
 # Whether the plant can follow it

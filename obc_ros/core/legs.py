@@ -42,18 +42,20 @@ def begins_anew(old: Control, new: Control) -> bool:
 
 def in_force(legs: Sequence[Leg], stamp: int) -> Running | None:
     """Return the law of the last reference that has begun at a stamp [ns]; None: none has."""
-    for leg in reversed(legs):
-        reference = leg.reference
-        if reference.refused:
-            continue
-        if reference.begin is None:
-            return Running(leg.along, stamp)
-        end = reference.begin + round(reference.duration / NS)
-        if stamp >= end:
-            return Running(leg.after, end)
-        if stamp >= reference.begin:
-            return Running(leg.along, reference.begin)
-    return None
+    leg = last_begun(legs, stamp)
+    if leg is None:
+        return None
+    reference = leg.reference
+    if reference.begin is None:
+        return Running(leg.along, stamp)
+    end = reference.begin + round(reference.duration / NS)
+    return Running(leg.after, end) if stamp >= end else Running(leg.along, reference.begin)
+
+
+def last_begun(legs: Sequence[Leg], stamp: int) -> Leg | None:
+    """Return the last reference that has begun at a stamp [ns] and was not refused."""
+    return next((leg for leg in reversed(legs) if not leg.reference.refused and (
+        leg.reference.begin is None or stamp >= leg.reference.begin)), None)
 
 
 def begin_now(legs: Sequence[Leg], stamp: int) -> None:
@@ -88,13 +90,29 @@ def judge(control: Control, stamp: int, x: Sequence[float]) -> Iterator[str]:
             continue
         reference.is_judged = True
         t = (stamp - begin) * NS
-        wanted = leg.along.at(t).x
-        if leg.allowed:
-            reference.refused = distance(
-                control.limits.error(x, wanted), wanted, min(t, reference.duration), leg.allowed,
-                control.names, leg.units)
+        reference.refused = _distance(control, leg, t, x, leg.along.at(t).x)
         if reference.refused:
             yield reference.refused
+
+
+def judge_again(control: Control, stamp: int, x: Sequence[float]) -> str:
+    """
+    Judge the reference that was followed before states failed to come, once they are back.
+
+    Returns why the state (n,) at a stamp [ns] is too far from where the reference is by then. An
+    empty sentence: it is near enough, or none was followed. A reference that had ended before is
+    held as a set point is, and not judged. One that is too far is given up together with what was
+    followed before it: the plant is at neither.
+    """
+    leg, now = last_begun(control.legs, stamp), in_force(control.legs, stamp)
+    if leg is None or now is None or leg.reference.begin is None or leg.reference.told != 'begun':
+        return ''
+    wanted = now.law.at((stamp - now.origin) * NS).x
+    reason = _distance(control, leg, (stamp - leg.reference.begin) * NS, x, wanted)
+    for each in control.legs:
+        if reason and each.reference.told:
+            each.reference.refused = reason
+    return reason
 
 
 def events(legs: Sequence[Leg], law: Law) -> Iterator[str]:
@@ -107,6 +125,15 @@ def events(legs: Sequence[Leg], law: Law) -> Iterator[str]:
         elif law is leg.after and reference.told != 'ended':
             reference.told = 'ended'
             yield f'the reference of {reference.duration:g} s has ended'
+
+
+def _distance(control: Control, leg: Leg, t: float, x: Sequence[float], wanted: Sequence[float]
+              ) -> str:
+    """Return how far a state is from where a reference is at its time t [s], as `distance`."""
+    if not leg.allowed:
+        return ''
+    return distance(control.limits.error(x, wanted), wanted, min(t, leg.reference.duration),
+                    leg.allowed, control.names, leg.units)
 
 
 def distance(error: Sequence[float], wanted: Sequence[float], t: float, allowed: Bounds,

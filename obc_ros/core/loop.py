@@ -15,9 +15,10 @@ import math
 from operator import add, mul, sub
 
 from obc_ros.core import legs
-from obc_ros.core.control import Control, Prediction, Schedule
+from obc_ros.core.control import Control, Schedule
 from obc_ros.core.legs import Running, set_point
 from obc_ros.core.regulator import feedback, Law, Point, Regulator
+from obc_ros.core.sent import Sent
 from obc_ros.core.stamps import age, NS, Order
 
 _AGAIN = 1.0  # [s] until the same thing is told again
@@ -78,7 +79,7 @@ class Loop:
         self._since: int | None = None
         self._reported: Law | None = None
         self._jump: list[float] | None = None
-        self._past: deque[list[float]] = deque()
+        self._sent = Sent()
         self._measured: float | None = None
         self._begin(control)
 
@@ -122,15 +123,14 @@ class Loop:
         if not (self._is_usable(x, measured, now) and self._is_timely(stamp, clock, now)
                 and self._is_in_order(stamp)):
             return None
-        if self.is_stale:
-            self._tell('back', f'states are back after {now - self._seen:.3g} s', self.events)
+        self._note_outage(now)
         self.x, self._seen, self.is_stale, self._measured = x, now, False, measured
         if not self._order.is_due(stamp, self._next.rules.period):
             self.counts['skipped'] += 1
             return None
         new = self._next
-        if not self.stopped and legs.has_unjudged(new.legs):
-            self.refused.extend(legs.judge(new, *self._expected(self._control, stamp, x)))
+        if not self.stopped:
+            self._judge(new, stamp, x)
         if new is not self._control:
             self._take_over(new, stamp, x)
         u = self._decide(self._control, stamp, x)
@@ -183,6 +183,13 @@ class Loop:
 
     # What came
 
+    def _note_outage(self, now: float) -> None:
+        gap = now - self._seen
+        if self.is_stale:
+            self._tell('back', f'states are back after {gap:.3g} s', self.events)
+        if self.x is not None and 0.0 < self._next.rules.state_timeout <= gap:
+            self._lost = gap
+
     def _is_usable(self, x: Sequence[float], measured: float | None, now: float) -> bool:
         names = self._next.names
         if len(x) != len(names):
@@ -222,6 +229,16 @@ class Loop:
         self.stamp = stamp
         return True
 
+    def _judge(self, new: Control, stamp: int, x: Sequence[float]) -> None:
+        """Judge the references that are taken up, and after an outage the one that is followed."""
+        if legs.has_unjudged(new.legs):
+            self.refused.extend(legs.judge(new, *self._expected(self._control, stamp, x)))
+        if self._lost and (reason := legs.judge_again(new, stamp, x)):
+            reason = f'after {self._lost:.3g} s without a state, {reason}'
+            self.refused.append(f'{reason}; stopped until ~/start')
+            self.stop(reason)
+        self._lost = 0.0
+
     # What to command
 
     def _decide(self, control: Control, stamp: int, x: Sequence[float]) -> list[float] | None:
@@ -256,7 +273,7 @@ class Loop:
         self.counts['saturated'] += bool(clipped)
         self._excess = list(map(sub, raw, u)) if clipped else ()
         if control.prediction is not None:
-            self._remember(control.prediction, u, stamp)
+            self._sent.remember(control.prediction, u, stamp)
         return u
 
     def _input(self, control: Control, ahead: Running, stamp: int, x: Sequence[float]
@@ -272,7 +289,7 @@ class Loop:
         point = here
         z: Sequence[float] = ()
         if control.prediction is not None:
-            e, z = self._predict(control.prediction, e, here.u, len(control.C))
+            e, z = self._sent.predict(control.prediction, e, here.u, len(control.C))
             if control.legs or control.horizon is not None:
                 later = stamp + control.prediction.delay
                 point = self._point(control, ahead, later)
@@ -305,8 +322,8 @@ class Loop:
             return stamp, x
         later, now = stamp + control.prediction.delay, self._running(control, stamp)
         here = self._point(control, now, stamp)
-        e, _ = self._predict(control.prediction, control.limits.error(x, here.x), here.u,
-                             len(control.C))
+        e, _ = self._sent.predict(control.prediction, control.limits.error(x, here.x), here.u,
+                                  len(control.C))
         return later, list(map(add, self._point(control, now, later).x, e))
 
     def _point(self, control: Control, running: Running, stamp: int) -> Point:
@@ -360,9 +377,8 @@ class Loop:
         self._w = [0.0] * len(control.regulator.u)
         self._excess, self._reported = (), None
         self._jump, self._jumped, self._is_entering = None, 0, False
-        self._resting = True
-        self._past.clear()
-        self._sent: int | None = None
+        self._resting, self._lost = True, 0.0
+        self._sent = Sent()
         self.error = self._since = None
 
     def _resume(self, control: Control, stamp: int, x: Sequence[float]) -> None:
@@ -370,7 +386,7 @@ class Loop:
         self._resting = False
         self._w = [0.0] * len(self._w)
         self._since = None
-        self._past.clear()
+        self._sent.forget()
         self._place(control, stamp, x, stamp)
         self._follow(control, stamp)
         before = self.command or (list(control.rest) if control.rules.from_rest else None)
@@ -469,30 +485,6 @@ class Loop:
                 dz = 0.5 * dt * (now + sum(map(mul, row, self.error)))
                 for j, gains in enumerate(here.Ki):
                     self._w[j] += gains[k] * dz
-
-    def _predict(self, prediction: Prediction, e: Sequence[float], ur: Sequence[float], p: int
-                 ) -> tuple[list[float], Sequence[float]]:
-        """Return the error after the delay, and by how much p integrals grow until then."""
-        whole = [*e, *[0.0] * p]
-        ahead = [sum(map(mul, row, whole)) for row in prediction.Phi]
-        for Gamma, u in zip(prediction.Gammas, tuple(self._past), strict=False):
-            du = list(map(sub, u, ur))
-            for i, row in enumerate(Gamma):
-                ahead[i] += sum(map(mul, row, du))
-        return ahead[:len(e)], ahead[len(e):]
-
-    def _remember(self, prediction: Prediction, u: list[float], stamp: int) -> None:
-        """Keep a command that is still to take effect; a missed period repeats the last one."""
-        periods = 1 if self._sent is None else round((stamp - self._sent) / prediction.period)
-        if periods == 0 and self._past:
-            self._past[0] = u  # the same state was answered again
-            return
-        for _ in range(min(periods, len(prediction.Gammas)) - 1):
-            self._past.appendleft(self._past[0] if self._past else u)
-        self._past.appendleft(u)
-        self._sent = stamp
-        while len(self._past) > len(prediction.Gammas):
-            self._past.pop()
 
     def _tell(self, kind: str, sentence: str, queue: deque[str] | None = None) -> None:
         if self._now - self._told.get(kind, -math.inf) >= _AGAIN:

@@ -117,8 +117,10 @@ class Settings:
     start_tolerance: Vector = parameter(
         (), 'largest distance of each state from a reference that is taken up, in its unit (n '
         'numbers); one further away is refused, and so is one that the plant would leave by more '
-        'with its inputs. Empty: x_limits, and where those are not given a tenth of the range of '
-        'the state along the reference; a range below 1 counts as 1', lower=0.0, finite=False)
+        'with its inputs. One that is further away when states are back after state_timeout is '
+        'given up, and the node stops until ~/start. Empty: x_limits, and where those are not '
+        'given a tenth of the range of the state along the reference; a range below 1 counts as 1',
+        lower=0.0, finite=False)
     state_source: str = parameter(
         'state', STATE_SOURCE, choices=tuple(SOURCES), read_only=True)
     command_sink: str = parameter(
