@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The entries that `obc gallery` has worked, as sections of a page.
+The entries that `obc gallery` has computed, as sections of a page.
 
 One directive, with the path of ``gallery.json`` from the root of the package::
 
@@ -35,7 +35,7 @@ class Gallery(Directive):
         env.note_reread()
         file = self.root / self.arguments[0]
         if not file.is_file():
-            return [nodes.paragraph('', 'None has been worked where this site was built.')]
+            return [nodes.paragraph('', 'Not built yet: run `obc gallery`, then `make docs`.')]
         records = json.loads(file.read_text(encoding='utf-8'))['entries']
         figures = os.path.relpath(file.parent, env.srcdir)
         return [_summary(records), *(_section(record, figures) for record in records)]
@@ -44,7 +44,9 @@ class Gallery(Directive):
 def _summary(records: Sequence[Record]) -> nodes.paragraph:
     held = sum(record['holds'] for record in records)
     rows = sum(row['values'] for record in records for row in record['rows'])
-    return nodes.paragraph('', f'{held} of {len(records)} entries hold, {rows} numbers in all.')
+    return nodes.paragraph(
+        '', f'{rows} numbers are compared. All of them are within their tolerances in {held} of '
+        f'{len(records)} entries.')
 
 
 def _section(record: Record, figures: str) -> nodes.section:
@@ -60,7 +62,7 @@ def _body(record: Record, figures: str) -> Iterator[nodes.Node]:
     yield from map(_paragraph, record['statement'])
     if record['erratum']:
         yield nodes.admonition(
-            '', nodes.title('', 'Where the book is wrong'),
+            '', nodes.title('', 'Erratum'),
             *map(_paragraph, filter(None, (record['erratum'], record['finding']))))
     if record['message']:
         yield nodes.paragraph('', record['message'])
@@ -69,8 +71,9 @@ def _body(record: Record, figures: str) -> Iterator[nodes.Node]:
                           alt=f'Figure of {record["label"]}: {plain_text(record["title"])}')
     yield from map(_paragraph, record['notes'])
     if record['rows']:
-        yield table(('quantity', 'measured', 'exact', 'error', 'exact by'), (34, 17, 17, 10, 22),
-                    [tuple(map(_html, _cells(row))) for row in record['rows']])
+        yield table(
+            ('quantity', 'result', 'reference', 'error', 'source of the reference'),
+            (34, 17, 17, 10, 22), [tuple(map(_html, _cells(row))) for row in record['rows']])
     for command in record['commands']:
         yield nodes.literal_block('', command, language='text')
 

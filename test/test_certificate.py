@@ -113,7 +113,7 @@ def bryson_denham(count=401):
 
 
 def straight_pass():
-    """Return Example 2.6 from (0, 0, 0) to (2, 0, 0): singular in u2 (errata 4)."""
+    """Return Example 2.6 from (0, 0, 0) to (2, 0, 0): singular in u2 (docs/errata.md)."""
     problem = simple(
         ['x1', 'x2', 'x3'], ['u1', 'u2'], {'x1': 'u1', 'x2': 'u2', 'x3': 'x2*u1'}, '1',
         {'x1': 0, 'x2': 0, 'x3': 0}, {'free': True, 'lower': 0.1, 'upper': 20},
@@ -124,7 +124,7 @@ def straight_pass():
 
 
 def turn_in_place():
-    """Return Exercise 2.6 without moving: v is singular (errata 8)."""
+    """Return Exercise 2.6 without moving: v is singular (docs/errata.md)."""
     problem = stated('two_wheel_turn_in_place')
     t = np.linspace(0, math.pi/2, 5)
     return problem, answer(problem, t, [0, 0, t], [0, 1], [0, 0, -1], math.pi/2)

@@ -48,7 +48,7 @@ def random_poses(n, box=5, seed=1):
     ((1, 1, pi / 2), 'L+', pi / 2),
     ((1, -1, -pi / 2), 'R+', pi / 2),
     ((-1, 1, -pi / 2), 'L-', pi / 2),
-    ((0, 0, pi / 2), 'L+R-L+', pi / 2),    # errata 8: as long as turning on the spot
+    ((0, 0, pi / 2), 'L+R-L+', pi / 2),    # docs/errata.md: as long as turning on the spot
     ((0, 0, pi), 'L+R-L+', pi),
     ((2, 0, pi), 'L+R-', pi),
     ((2, 2, 0), 'L+R+', pi),

@@ -4,8 +4,8 @@
 The command `obc`: one subcommand for each job, loaded only when it is used.
 
 A subcommand NAME is a module `obc_ros.cli.NAME` with `add_arguments(parser)` and
-`run(args) -> int`, the exit status: 0 when everything asked was done, 1 for a truthful failure,
-2 for a malformed question.
+`run(args) -> int`, the exit status: 0 for success, 1 for a failure or no certified solution, 2
+for invalid input.
 """
 
 import argparse
@@ -22,10 +22,10 @@ from obc_ros.cli.terminal import open_streams
 from obc_ros.core.errors import ObcError
 
 SUBCOMMANDS = {
-    'demo': 'fly the aircraft or drive the vehicle over DDS: table, figures, recording',
-    'solve': 'solve optimal control problems and certify the answers',
+    'demo': 'run a demonstration over DDS: table, figures, recording',
+    'solve': 'solve optimal control problems and certify the solutions',
     'lqr': 'design linear quadratic regulators',
-    'gallery': 'work every example and exercise of the chapter beside its closed form',
+    'gallery': 'compute examples and exercises of the book, compare with references',
     'bench': 'run the benchmarks',
 }
 # With the words and arguments of `ros2`: modules of obc_ros.cli.ros2.
@@ -69,7 +69,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     Only the module of the subcommand that is used is imported.
     """
     parser = argparse.ArgumentParser(
-        prog='obc', description='Optimal control by request: LQR and certified trajectories.',
+        prog='obc', description='Optimal control: LQR and certified trajectories.',
         epilog=_epilog(), formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         '--version', action=Version, nargs=0, help='print the version and exit')
@@ -89,9 +89,9 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
 def _epilog() -> str:
     """Return what the help says after the commands of this package."""
     rows = ''.join(f'    {name:20}{text}\n' for name, text in ROS2.items())
-    return ('the commands of ros2, with its words and arguments, for where it is not installed:\n'
-            f'{rows}\nexit status: 0 everything asked was done, 1 it could not be, '
-            '2 the question is malformed')
+    return ('the commands of ros2, with the same arguments, if ros2 is not installed:\n'
+            f'{rows}\nexit status: 0 success, 1 failure or no certified solution '
+            '(the reason is printed), 2 invalid input')
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

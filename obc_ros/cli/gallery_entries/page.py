@@ -71,21 +71,22 @@ def page(records: Sequence[Record]) -> str:
     numbers = sum(row['values'] for record in records for row in record['rows'])
     held = sum(record['holds'] for record in records)
     head = (
-        f'<h1>Optimal control, worked by running nodes</h1>\n<p>Chapter 2 of R. M. Murray, '
-        '<i>Optimization-Based Control</i> (draft v2.1a, 2010): its examples, theorems and '
-        'exercises, answered by the ROS 2 nodes of obc_ros over DDS and held beside what can be '
-        f'computed without them. {held} of {len(records)} entries hold, {numbers} numbers in '
-        'all.</p>')
+        '<h1>Gallery of obc_ros</h1>\n<p>Examples, theorems and exercises of chapter 2 of R. M. '
+        'Murray, <i>Optimization-Based Control</i> (draft v2.1a, 2010). The ROS 2 nodes of '
+        'obc_ros compute each result over DDS. It is compared with a reference that is computed '
+        f'without them. {numbers} numbers are compared. All of them are within their tolerances '
+        f'in {held} of {len(records)} entries.</p>')
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f'<title>obc_ros: gallery</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n'
         f'<header>\n{head}\n</header>\n<nav>\n{_contents(records)}\n</nav>\n<main>\n'
         + '\n'.join(map(_article, records)) + '\n</main>\n<footer>\n<p>'
-        + markup('An error is the difference over the exact value, or over 1 where that is less '
-                 '(but not where it is called relative); of many values the worst is shown. Made '
-                 'by `obc gallery`; the numbers are in `gallery.json`, the loops are recorded in '
-                 '`recordings`.') + '</p>\n</footer>\n</body>\n</html>\n')
+        + markup('The error is the difference divided by the reference, or by 1 if the reference '
+                 'is below 1 (unless it is marked as relative). Of several values the one with '
+                 'the largest error is shown. `obc gallery` made this page. The numbers are in '
+                 '`gallery.json`, recordings of the loops in `recordings`.')
+        + '</p>\n</footer>\n</body>\n</html>\n')
 
 
 def markup(text: str) -> str:
@@ -129,7 +130,7 @@ def _article(record: Record) -> str:
              *(f'<p>{markup(each)}</p>' for each in record['statement'])]
     if record['erratum']:
         finding = f'<p>{markup(record["finding"])}</p>' if record['finding'] else ''
-        parts.append(f'<div class="erratum"><p><b>Where the book is wrong.</b> '
+        parts.append('<div class="erratum"><p><b>Erratum.</b> '
                      f'{markup(record["erratum"])}</p>{finding}</div>')
     if record['message']:
         parts.append(f'<p class="bad">{html.escape(record["message"])}</p>')
@@ -156,8 +157,8 @@ def _table(rows: Sequence[Record]) -> str:
         f'<td class="number {"good" if row["holds"] else "bad"}">{error(row["error"])}'
         f'{" <small>(relative)</small>" if row["relative"] else ""}</td>'
         f'<td>{markup(row["by"])}</td></tr>' for row in rows)
-    return ('<table>\n<tr><th>quantity</th><th>measured</th><th>exact</th><th>error</th>'
-            f'<th>exact by</th></tr>\n{lines}\n</table>')
+    return ('<table>\n<tr><th>quantity</th><th>result</th><th>reference</th><th>error</th>'
+            f'<th>source of the reference</th></tr>\n{lines}\n</table>')
 
 
 def _many(row: Record) -> str:
