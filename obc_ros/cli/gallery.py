@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from obc_ros.cli.gallery_entries.desk import Desk
     from obc_ros.cli.gallery_entries.entry import Entry
 
-HEADER = ('entry', '', 'numbers', 'worst: measured', 'exact', 'error', 'time')
+HEADER = ('entry', '', 'numbers', 'largest error: result', 'reference', 'error', 'time')
 COLOURS = {'holds': 'green', 'does not hold': 'red'}
 
 
@@ -153,7 +153,7 @@ def _show(records: Sequence[dict[str, Any]]) -> None:
         for row in record['rows']:
             if not row['holds']:
                 print(f'{record["name"]}: {plain_text(row["what"])}: {row["measured"]:.10g}, '
-                      f'exact {row["exact"]:.10g}, error {row["error"]:.1e}')
+                      f'reference {row["exact"]:.10g}, error {row["error"]:.1e}')
 
 
 def _row(record: dict[str, Any]) -> tuple[str, ...]:

@@ -44,7 +44,7 @@ def gain(Qx: list[float], rho: float) -> Array:
 
 
 def example_2_5(desk: Desk) -> Answer:
-    """Answer Example 2.5: fly the linear model and the aircraft itself."""
+    """Answer Example 2.5: fly the linear model and the nonlinear aircraft."""
     A, B = linear_model()
     cases = {rho: (IDENTITY, rho, STEPS) for rho in (1.0, 0.1, 10.0, 1e2, 1e4)}
     cases |= {'printed': (PRINTED, 0.1, LONG), 'meant': (MEANT, 0.1, LONG)}
@@ -76,18 +76,18 @@ def example_2_5(desk: Desk) -> Answer:
                      'Dormand-Prince 8(5,3)')]
     printed = linear['printed']
     return Answer(rows, _draw(linear, whole), (
-        'The states $x, y$ and inputs $u_1 = f_1$, $u_2 = f_2 - mg$ of two running loops: the '
-        'linear model (as in the book, with its axes) and, dotted, the aircraft itself. Weights '
-        'are changed in the running `lqr_node`; each step starts from a reset of the plant.',
-        'The printed weights tilt the aircraft by '
-        f'{np.degrees(np.abs(whole["printed"].x[:, 2])).max():.0f} degrees; the linear model does '
-        'not know that its thrust then no longer carries it: the aircraft itself falls by '
+        'The states $x, y$ and inputs $u_1 = f_1$, $u_2 = f_2 - mg$ of two running loops. Solid: '
+        'the linear model, with the axes as in the book. Dotted: the nonlinear model. The weights '
+        'are changed while `lqr_node` runs; each step begins with a reset of the plant.',
+        'With the weights as printed in the book, the aircraft tilts by '
+        f'{np.degrees(np.abs(whole["printed"].x[:, 2])).max():.0f} degrees. The '
+        'linear model neglects the loss of vertical thrust: the nonlinear model falls by '
         f'{-whole["printed"].x[:, 1].min():.2f} m before it climbs.',
-        'Figure 2.4(b) is shown in both readings of $ρ$. With the weight $2π/9$ or 1.3131 of '
-        '$θ$ the steps differ by at most '
+        'Figure 2.4(b) is shown for $ρ$ as in its legend and as in its caption. The steps with '
+        'the weights $2π/9$ and 1.3131 of $θ$ differ by at most '
         f'{100 * np.abs(printed.x - linear["meant"].x)[:, :2].max():.1f} cm.'),
-        f'Measured in the loop with the printed weights: the first inputs are $u_1 = '
-        f'{printed.u[0, 0]:.1f}$ N and $u_2 = {printed.u[0, 1]:.2f}$ N, where the axis of Figure '
+        f'In the loop with the printed weights, the first inputs are $u_1 = '
+        f'{printed.u[0, 0]:.1f}$ N and $u_2 = {printed.u[0, 1]:.2f}$ N, but the axis of Figure '
         '2.5(b) runs from 0 to 4.')
 
 
@@ -101,7 +101,7 @@ def _fly(loop: Loop, Qx: list[float], rho: float, duration: float) -> Run:
 
 
 def _simulated(K: Array, count: int) -> tuple[Array, Array]:
-    """Return the flight of the aircraft itself, without the nodes."""
+    """Return the flight of the nonlinear model, without the nodes."""
     hover = np.array([0.0, MASS * GRAVITY])
 
     def rate(x: Array, u: Array) -> list[Any]:
@@ -140,7 +140,7 @@ def _draw(linear: dict[Any, Run], whole: dict[Any, Run]) -> Figure:
     tilt.plot(run.t, np.degrees(run.x[:, 2]), color=COLOURS[2], label=r'$\theta$')
     tilt.plot(whole['printed'].t, np.degrees(whole['printed'].x[:, 2]), **EXACT)
     for axes in (a, fall, tilt):
-        axes.plot([], [], label='the aircraft itself', **EXACT)
+        axes.plot([], [], label='nonlinear model', **EXACT)
     for index, text in enumerate('xy'):
         weights.plot(run.t, 100 * (linear['meant'].x - run.x)[:, index], color=COLOURS[index],
                      label=f'${text}$')
@@ -156,15 +156,15 @@ def _draw(linear: dict[Any, Run], whole: dict[Any, Run]) -> Figure:
              'lower right'),
             (b, 'Figure 2.5(a): step, printed weights', both, (0, 15, 0, 1.4),
              (long, np.arange(8) / 5), 'lower right'),
-            (inputs, 'Figure 2.5(b): inputs, its axes', '$u_1$, $u_2$ [N]', (0, 15, 0, 4),
+            (inputs, 'Figure 2.5(b): axes as in the book', '$u_1$, $u_2$ [N]', (0, 15, 0, 4),
              (long, range(5)), 'upper right'),
-            (all_inputs, 'the same inputs, whole', '$u_1$, $u_2$ [N]', (0, 3, -35, 16),
+            (all_inputs, 'inputs of (b), full range', '$u_1$, $u_2$ [N]', (0, 3, -35, 16),
              (range(4), [-30, -20, -10, 0, 10]), 'lower right'),
-            (fall, 'printed weights, in flight', both, (0, 10, -0.9, 1.5),
+            (fall, 'printed weights, both models', both, (0, 10, -0.9, 1.5),
              (range(0, 11, 2), [-0.5, 0, 0.5, 1, 1.5]), 'lower right'),
             (tilt, 'printed weights: tilt', r'$\theta$ [deg]', (0, 3, -60, 60),
              (range(4), [-60, -30, 0, 30, 60]), 'upper right'),
-            (weights, r'weight 1.3131 of $\theta$ less $2\pi/9$', 'difference [cm]',
+            (weights, r'weight of $\theta$: 1.3131 or $2\pi/9$', 'difference [cm]',
              (0, 5, -0.7, 0.4), (range(6), [-0.6, -0.4, -0.2, 0, 0.2, 0.4]), 'lower right')):
         describe(axes, title, 'time $t$ [s]', y, legend=place)
         axes.axis(limits)
@@ -176,8 +176,8 @@ def _draw(linear: dict[Any, Run], whole: dict[Any, Run]) -> Figure:
 EXAMPLE_2_5 = Entry(
     '2.5', 'Thrust vectored aircraft', 'Example 2.5, Figures 2.4 and 2.5', (
         'The aircraft hovers and is asked to move by 1 m in $x$ and in $y$. First with $Q_x = I$, '
-        '$Q_u = ρI$; then with weights that call errors of 1 cm in $x$, 10 cm in $y$ and 5 '
-        'degrees in $θ$ equally bad: $Q_x = diag(100, 1, 2π/9, 0, 0, 0)$, $Q_u = 0.1 I$.',),
+        '$Q_u = ρI$; then with weights that penalise errors of 1 cm in $x$, 10 cm in $y$ and '
+        '5 degrees in $θ$ equally: $Q_x = diag(100, 1, 2π/9, 0, 0, 0)$, $Q_u = 0.1 I$.',),
     example_2_5,
     '5 degrees beside 1 cm and 10 cm, in the ratio of inverse squares with 100 and 1, is the '
     'weight $(0.1/(π/36))^2 = (3.6/π)^2 = 1.3131$; the printed $2π/9$ is 40 degrees in radians. '

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the gallery is made of: entries, and rows of measured beside exact numbers."""
+"""Entries of the gallery, and rows that compare an answer with its reference."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ class UnansweredError(ObcError):
 @dataclass(frozen=True, eq=False)
 class Row:
     """
-    A quantity as the nodes answered it, beside what it must be.
+    A quantity as the nodes answered it, and its reference.
 
     Attributes
     ----------

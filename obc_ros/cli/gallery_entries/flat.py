@@ -230,7 +230,7 @@ def _draw(drift: str, free: Trajectory, best: Trajectory, found: list[Any], powe
         way = _along(dx, t)
         shown = (way, dx(way) + way**3), (x, -lam)
     for x, u in shown:
-        states.plot(t, x, label='exact' if x is shown[0][0] else None, **EXACT)
+        states.plot(t, x, label='reference' if x is shown[0][0] else None, **EXACT)
         inputs.plot(t, u, **EXACT)
     describe(states, 'state', 'time $t$ [s]', '$x(t)$')
     describe(inputs, 'input', 'time $t$ [s]', '$u(t)$ [1/s]')
@@ -245,7 +245,7 @@ def _draw(drift: str, free: Trajectory, best: Trajectory, found: list[Any], powe
 
 def _draw_ends(axes: Axes, many: list[Trajectory], ends: list[float]) -> None:
     axes.loglog(MANY_WEIGHTS, [path.x['x'][-1] for path in many], 'o', markersize=4,
-                color=COLOURS[3], label='of the server')
+                color=COLOURS[3], label='trajectory_server')
     axes.loglog(MANY_WEIGHTS, ends, label='closed form', **EXACT)
     describe(axes, '(a) final state from $x(0) = 1$', 'weight $c$', '$x^*(t_f)$', legend=True)
 
@@ -253,7 +253,7 @@ def _draw_ends(axes: Axes, many: list[Trajectory], ends: list[float]) -> None:
 def _draw_first_integral(axes: Axes, best: Trajectory, E: float) -> None:
     x = np.linspace(0, 1, 101)
     axes.plot(best.x['x'], best.u['u'] - best.x['x']**3, color=COLOURS[2],
-              label='of the server')
+              label='trajectory_server')
     axes.plot(x, np.sqrt(x**6 + E), label=r'$\dot x^2 = x^6 + E$', **EXACT)
     describe(axes, '(d) optimum in the phase plane', '$x$', r'$\dot x$ [1/s]', legend=True)
 

@@ -90,9 +90,9 @@ def example_2_3(desk: Desk) -> Answer:
         Row('$H$ along all paths', np.concatenate([path.hamiltonian for path in paths]),
             np.zeros(sum(path.t.size for path in paths)), '$H = 0$, as $T$ is free')]
     return Answer(rows, _draw_2_3(plain, turning), (
-        'Dots: the starts. Every input is minus the sign of the switching function $λ^T B$, and '
-        'changes it on the black curve. Without damping the oscillator needs a '
-        'switch every half period.',))
+        'Dots: the initial states. The input is minus the sign of the switching function $λ^T B$; '
+        'it changes sign on the switching curve (black). The undamped oscillator switches every '
+        'half period.',))
 
 
 def _costates(paths: list[Trajectory], plain: Array, known: list[tuple[Array, Array]]
@@ -215,10 +215,11 @@ def example_2_6(desk: Desk) -> Answer:
     off = float(np.abs(costates(*LOOPS[0], shown.t)[:, 1] - shown.lam['x2']).max())
     return Answer(rows, _draw_2_6(lines[1], shown, printed), (
         'On the line $λ_2 ≡ λ_3 ≡ 0$: $H$ does not depend on $u_2$, the extremal is singular in '
-        '$u_2$. The least time $ρ$ demands $u_1 ≡ 1$ and nothing more: every $x_2(t)$ with zero '
-        'mean that starts and ends at 0, such as the grey one, takes as long as $u_2 = 0$.',
-        'To (1, 0, 4.25) the path goes round a part of a diamond, the curve that encloses most '
-        'in its time; the inputs switch one after the other.'),
+        '$u_2$. The least time $ρ$ requires only $u_1 ≡ 1$: every $x_2(t)$ with zero mean that '
+        'starts and ends at 0, such as the grey one, takes the same time as $u_2 = 0$.',
+        'The path to (1, 0, 4.25) follows a part of a diamond, the curve that encloses the '
+        'largest area in a given time. The inputs switch one after the other. Dashed grey lines: '
+        'the switching times.'),
         f'On the path to (1, 0, 4.25), $λ_2$ integrated by the printed equation is off by up to '
         f'{np.abs(printed - shown.lam["x2"]).max():.2g}; by the corrected one by '
         f'{scientific(f"{off:.0e}")}.')
@@ -238,10 +239,10 @@ def _printed(path: Trajectory) -> Array:
 
 
 def _draw_2_6(line: Trajectory, loop: Trajectory, printed: Array) -> Figure:
-    figure, ((plane, inputs, costates),) = panels(1, 3, 3.3)
+    figure, ((plane, third), (inputs, costates)) = panels(2, 2, 2.9)
     s = np.linspace(0, 2, 201)
     plane.plot(s, np.interp(s, [0, 0.5, 1.5, 2], [0, 0.5, -0.5, 0]), color='0.7',
-               label='as fast to (2, 0, 0)')
+               label='same time to (2, 0, 0)')
     plane.plot(line.x['x1'], line.x['x2'], color=COLOURS[1], label='to (2, 0, 0)')
     plane.plot(loop.x['x1'], loop.x['x2'], color=COLOURS[0], label='to (1, 0, 4.25)')
     for k in np.searchsorted(loop.t, [0.5, 1.75, 3.25, 4.5]):
@@ -250,23 +251,27 @@ def _draw_2_6(line: Trajectory, loop: Trajectory, printed: Array) -> Figure:
                        arrowprops={'arrowstyle': '-|>', 'color': COLOURS[0]})
     plane.set(aspect='equal')
     plane.set(xticks=[-1, 0, 1, 2], yticks=[0, 1, 2])
-    describe(plane, 'paths', '$x_1$', '$x_2$')
+    describe(plane, 'paths in the plane', '$x_1$', '$x_2$')
     legend_below(figure, plane, 3)
-    for name, colour, shift in (('u1', COLOURS[0], 0.0), ('u2', COLOURS[1], 3.0)):
-        inputs.plot(loop.t, loop.u[name] + shift, color=colour, drawstyle='steps-post')
-        inputs.text(0.1, shift + 0.45, f'$u_{name[1]}$', color=colour)
-    inputs.set_yticks([-1, 0, 1, 2, 3, 4], [f'${value}$' for value in (-1, 0, 1) * 2])
-    describe(inputs, 'inputs to (1, 0, 4.25)', 'time $t$ [s]', '$u_1$ (below), $u_2$ (above)')
+    for path, colour in ((line, COLOURS[1]), (loop, COLOURS[0])):
+        third.plot(path.t, path.x['x3'], color=colour)
+    describe(third, 'third state', 'time $t$ [s]', '$x_3$')
+    for index, style in enumerate(('-', '--')):
+        inputs.plot(loop.t, loop.u[f'u{index + 1}'], style, color=COLOURS[index],
+                    drawstyle='steps-post', label=f'$u_{index + 1}$')
+    inputs.set(ylim=(-1.3, 1.7), yticks=[-1, 0, 1])
+    describe(inputs, 'inputs to (1, 0, 4.25)', 'time $t$ [s]', '$u_1$, $u_2$')
+    inputs.legend(loc='upper center', ncols=2)
     for index, name in enumerate(('x1', 'x2', 'x3')):
         costates.plot(loop.t, loop.lam[name], color=COLOURS[index],
                       label=f'$\\lambda_{index + 1}$')
-    costates.plot(loop.t, printed, '--', color='grey', label='$\\lambda_2$ as printed')
+    costates.plot(loop.t, printed, '--', color='grey', label='$\\lambda_2$ as printed (misprint)')
     for axes in (inputs, costates):
         for time in loop.switching_times:
             axes.axvline(time, **THIN)
     describe(costates, 'costates to (1, 0, 4.25)', 'time $t$ [s]', '$\\lambda$',
              legend='lower left')
-    for axes in (inputs, costates):
+    for axes in (third, inputs, costates):
         axes.set_xlim(0, loop.T)
     return figure
 

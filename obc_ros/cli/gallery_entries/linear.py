@@ -61,10 +61,9 @@ def exercise_2_7(desk: Desk) -> Answer:
         Row('imaginary parts [rad/s]', own.imag, exact.imag, 'eigenvalues of $A - BK$')]
     return Answer(rows, _draw_2_7(systems, designs), (
         f'{SYSTEMS} random observable systems of 2 to 6 states, one input and one output, each '
-        'with its '
-        'own $ρ$ between 0.01 and 100: the optimal feedback has all poles in the left half '
-        'plane. The unobservable subspace is the only place where $x$ could stay without a cost.',
-        ), f'Asked for $A = 1$, $B = 0$, $C = 1$ the server answers: “{refused.message}”.')
+        'with its own $ρ$ between 0.01 and 100. With the optimal feedback, all poles are in the '
+        'left half plane. Only in the unobservable subspace can $x$ stay without a cost.',
+        ), f'For $A = 1$, $B = 0$, $C = 1$, `trajectory_server` answers: “{refused.message}”.')
 
 
 def _draw_2_7(systems: list[Any], designs: list[Regulator]) -> Figure:
@@ -89,7 +88,7 @@ def _draw_2_7(systems: list[Any], designs: list[Regulator]) -> Figure:
                 label='with the optimal feedback')
     slowest.axhline(0, color='black', linewidth=1)
     slowest.set(xlim=(0.2, len(designs) + 0.8), ylim=(-2, 3.6))
-    describe(slowest, 'the pole furthest to the right', 'system', 'real part [rad/s]',
+    describe(slowest, 'rightmost pole', 'system', 'real part [rad/s]',
              legend='upper left')
     return figure
 

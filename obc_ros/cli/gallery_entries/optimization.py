@@ -66,13 +66,15 @@ def example_2_1(desk: Desk) -> Answer:
         Row('$x_1^2 - x_2^2$ on $x_2 = 0$: $x*$, $F$ and $λ*$',
             [*saddle.x, saddle.objective, *saddle.lam], [0.0] * 4, 'the origin')]
     return Answer(rows, _draw_2_1(minima[0], nearest), (
-        'Top left: a function as in Figure 2.1, its three stationary points found by the server '
-        '(on the whole line, on an interval, and of $-F$ on an interval). Top right: Figure '
-        '2.2(a), the least $F$ above the line $G = 0$. Bottom left: the same from above; at $x*$ '
-        'the gradient of $F$ is normal to the line. Bottom right: Figure 2.2(b), the normals of a '
-        'sphere, and the point of it nearest to $p$: $∂F/∂x$ and $∂G/∂x$ are on one line.',),
-        'Asked for the minimum of $x_1^2 - x_2^2$ on $x_2 = 0$ the server answers: '
-        f'“{saddle.message}”. Asked for $min_x (F + λG)$ with $λ = 1$: “{unbounded.message}”.')
+        'Top left: a function as in Figure 2.1 with its three stationary points. '
+        '`trajectory_server` minimises $F$ on the whole line and on an interval, and $-F$ on an '
+        'interval. Top right: Figure 2.2(a), the least $F$ on the line $G = 0$. Bottom left: the '
+        'level lines of $F$; at $x*$ the gradient of $F$ is normal to the line $G = 0$. Bottom '
+        'right: Figure 2.2(b), the normals of a sphere and the point of the sphere nearest to '
+        '$p$, where $∂F/∂x$ and $∂G/∂x$ are collinear.',),
+        'For the minimum of $x_1^2 - x_2^2$ on $x_2 = 0$, `trajectory_server` answers: '
+        f'“{saddle.message}”. For $min_x (F + λG)$ with $λ = 1$ it answers: '
+        f'“{unbounded.message}”.')
 
 
 def _draw_2_1(found: Any, nearest: Any) -> Figure:
@@ -111,18 +113,18 @@ def _draw_surface(axes: Any, found: Any) -> None:
     axes.plot_surface(x1, x2, F0 + (x1 - a)**2 + (x2 - b)**2, color=COLOURS[5], alpha=0.35,
                       linewidth=0, rcount=40, ccount=40)
     axes.plot(s, s, 0 * s, color=COLOURS[1], label='$G(x) = 0$')
-    axes.plot(s, s, F0 + (s - a)**2 + (s - b)**2, color=COLOURS[0], label='$F$ on it')
+    axes.plot(s, s, F0 + (s - a)**2 + (s - b)**2, color=COLOURS[0], label='$F$ on $G(x) = 0$')
     at = found.x[0], found.x[1]
     axes.plot([at[0]] * 2, [at[1]] * 2, [0, found.objective], ':', color='black')
     for height in (0, found.objective):
         axes.plot(*at, height, 'ko', markersize=4)
     axes.text(at[0] + 0.35, at[1] - 0.4, -0.6, '$x^*$')
-    axes.set(xlabel='$x_1$', ylabel='$x_2$', zlim=(0, 20),
-             title='Figure 2.2(a): the constrained minimum')
+    axes.set(xlabel='$x_1$', ylabel='$x_2$', zlim=(0, 20), xticks=[0, 2, 4], yticks=[0, 2, 4],
+             title='Figure 2.2(a): constrained minimum')
     axes.set_zlabel('$F(x)$', labelpad=2)
     axes.view_init(22, -72)
     axes.set_box_aspect((1, 1, 0.85), zoom=1.0)
-    axes.legend(loc='upper left')
+    axes.legend(loc='upper left', bbox_to_anchor=(-0.22, 1.04))
 
 
 def _draw_plane(axes: Any, found: Any) -> None:
@@ -147,7 +149,7 @@ def _draw_plane(axes: Any, found: Any) -> None:
     axes.text(a, b + 0.2, '$(a, b)$', ha='center')
     axes.set(aspect='equal', xlim=(-1.5, 5.5), ylim=(-0.5, 4.5))
     axes.grid(False)
-    describe(axes, 'Figure 2.2(a) from above: level lines of $F$', '$x_1$', '$x_2$')
+    describe(axes, 'Figure 2.2(a): level lines of $F$', '$x_1$', '$x_2$')
 
 
 def _draw_sphere(axes: Any, nearest: Any) -> None:
@@ -173,7 +175,7 @@ def _draw_sphere(axes: Any, nearest: Any) -> None:
         axes.set(**{f'{name}ticks': [0, 0.5, 1]})
     axes.view_init(24, 28)
     axes.set_box_aspect((1, 1, 0.85), zoom=1.0)
-    axes.legend(loc='upper left')
+    axes.legend(loc='upper left', bbox_to_anchor=(-0.22, 1.04))
 
 
 INSTANCES, N, K = 12, 5, 2
@@ -221,9 +223,9 @@ def exercise_2_1(desk: Desk) -> Answer:
             '$|F|/4$')]
     saddles = sum(np.linalg.eigvalsh(each)[0] < 0 for each in Q)
     return Answer(rows, _draw_ex_2_1(multipliers, c, [found.lam for found in curved], exact), (
-        f'(a): {INSTANCES} random $F = Σ c_k G_k$ in $R^{N}$. The server minimises '
-        '$Fx + ½|x|^2$ on the kernel of $G$; the minimum is at 0, and the multipliers say how '
-        '$F$ is spanned.',),
+        f'(a): {INSTANCES} random $F = Σ c_k G_k$ in $R^{N}$. `trajectory_server` minimises '
+        '$Fx + ½|x|^2$ on the kernel of $G$. The minimum is at 0, and the multipliers are '
+        '$-c_k$.',),
         f'In all {saddles} quadratic instances the Hessian of $f + λ^T g$ has a negative '
         'eigenvalue: the constrained minimum is a saddle of it, and neither a minimum nor a '
         'maximum. On the right $f = x_1^2 - x_2^2$ on $x_2 = 0$, where $λ = 0$.')
@@ -246,7 +248,7 @@ def _draw_ex_2_1(measured: Array, c: Array, lam: list[Any], exact: list[Array]) 
                       label=f'$\\lambda_{k + 1}$')
         ends = [wanted.min(), wanted.max()]
         axes.plot(ends, ends, **THIN)
-        describe(axes, title, 'exact multiplier', 'multiplier of the server', legend=True)
+        describe(axes, title, 'reference multiplier', 'trajectory_server', legend=True)
     x1, x2 = np.meshgrid(np.linspace(-1, 1, 100), np.linspace(-1, 1, 100))
     levels = saddle.contour(x1, x2, x1**2 - x2**2, levels=np.linspace(-0.8, 0.8, 9),
                             colors='0.5', linewidths=0.9)
@@ -256,7 +258,7 @@ def _draw_ex_2_1(measured: Array, c: Array, lam: list[Any], exact: list[Array]) 
     saddle.axhline(0, color=COLOURS[1])
     saddle.text(0.95, -0.06, '$g = x_2 = 0$', color=COLOURS[1], ha='right', va='top', bbox=WHITE)
     saddle.plot(0, 0, 'ko')
-    saddle.annotate('least on the line,\na saddle of $f + \\lambda g$', (0, 0), (0, -26),
+    saddle.annotate('minimum on $g = 0$,\nsaddle of $f + \\lambda g$', (0, 0), (0, -26),
                     textcoords='offset points', ha='center', va='top',
                     arrowprops={'arrowstyle': '-', 'linewidth': 0.8}, bbox=WHITE)
     saddle.set(aspect='equal', xticks=[-1, 0, 1], yticks=[-1, 0, 1])

@@ -19,6 +19,9 @@ _TERMINALS = ('<p>From the folder of this page, every <code>ros2 run</code> in a
               'its own{}; without a ROS 2 installation with <code>obc</code> in place of '
               '<code>ros2</code>:</p>')
 _SERVER = ', and <code>ros2 run obc_ros trajectory_server</code> in another'
+ERRORS = ('The error is the difference divided by the reference, or by 1 if the reference is '
+          'below 1 (unless it is marked as relative). Of several values the one with the largest '
+          'error is shown.')
 _PARTS = re.compile(r'(\$[^$]*\$|`[^`]*`)')
 _TOKEN = re.compile(r'([_^])(\{[^}]*\}|.)|(&\w+;)|([A-Za-z]+)|([\u0370-\u03ff])|(.)', re.DOTALL)
 _UPRIGHT = ('arg', 'asin', 'atan', 'cos', 'cosh', 'diag', 'exp', 'for', 'if', 'ln', 'max', 'min',
@@ -82,10 +85,8 @@ def page(records: Sequence[Record]) -> str:
         f'<title>obc_ros: gallery</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n'
         f'<header>\n{head}\n</header>\n<nav>\n{_contents(records)}\n</nav>\n<main>\n'
         + '\n'.join(map(_article, records)) + '\n</main>\n<footer>\n<p>'
-        + markup('The error is the difference divided by the reference, or by 1 if the reference '
-                 'is below 1 (unless it is marked as relative). Of several values the one with '
-                 'the largest error is shown. `obc gallery` made this page. The numbers are in '
-                 '`gallery.json`, recordings of the loops in `recordings`.')
+        + markup(f'{ERRORS} `obc gallery` made this page. The numbers are in `gallery.json`, '
+                 'recordings of the loops in `recordings`.')
         + '</p>\n</footer>\n</body>\n</html>\n')
 
 

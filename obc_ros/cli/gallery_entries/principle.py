@@ -59,10 +59,11 @@ def theorem_2_1(desk: Desk) -> Answer:
             'its value at $t = 0$, shooting'),
         Row('cost $J$', path.J, J, 'shooting')]
     return Answer(rows, _draw(path, (theta, omega, lam1, lam2), grid, H - least), (
-        'Bottom right: how much larger $H$ is with another input, at each time; the optimal input '
-        'lies on the bottom of the valley, and at the edge of $Ω$ where the bottom is outside. '
-        'Dotted: the two point boundary value problem solved by shooting, without the server.',
-        f'The certificate that came with the answer: {path.verdict}.'))
+        'Bottom right: the square root of the excess of $H$ for every other input, at each time. '
+        'The optimal input minimises $H$; where the minimiser is outside $Ω$, it is at the bound '
+        'of $Ω$. Dotted: the two-point boundary value problem, solved by shooting without '
+        '`trajectory_server`.',
+        f'Certificate of the answer: {path.verdict}.'))
 
 
 def hamiltonian(path: Trajectory, u: Array) -> Array:
@@ -129,7 +130,7 @@ def _draw(path: Trajectory, exact: tuple[Array, ...], grid: Array, valley: Array
              legend='lower left')
     describe(inputs, r'input, $\Omega = [-0.6, 0.6]$', 'time $t$ [s]', '$u$ [rad/s$^2$]',
              legend=True)
-    describe(above, 'the minimum of $H$', 'time $t$ [s]', '$u$ [rad/s$^2$]',
+    describe(above, '$H$ over the input', 'time $t$ [s]', '$u$ [rad/s$^2$]',
              legend='lower left')
     for axes in (states, costates, inputs, above):
         axes.set_xlim(0, T)
@@ -142,7 +143,7 @@ THEOREM_2_1 = Entry(
         "$-λ_i' = ∂H/∂x_i$, $ψ(x(T)) = 0$, $λ(T) = ∂V/∂x + ν^T ∂ψ/∂x$, and $H(x*, u*, λ*) ≤ "
         'H(x*, u, λ*)$ for all $u ∈ Ω$.',
         "Here for a pendulum, $θ' = ω$, $ω' = -sin θ + u$ with $|u| ≤ 0.6$, driven from rest to "
-        '$θ(3) = 1$ at the least of $½ ∫ (θ^2 + u^2) dt + 2 ω(3)^2$.'),
+        '$θ(3) = 1$. The cost is $½ ∫ (θ^2 + u^2) dt + 2 ω(3)^2$.'),
     theorem_2_1,
     'The theorem lacks the condition for a free final time, $H = 0$ at $T$, which Example 2.3 and '
     'Exercise 2.6 need, and states the normal form only (cost multiplier 1). In the sketch of its '

@@ -69,9 +69,10 @@ def theorem_2_2(desk: Desk) -> Answer:
             [_finite(A, B, Qx, Qu, starts[-1], T) for T in HORIZONS],
             'Hamiltonian matrix, $J = x^T X_{21} X_{11}^{-1} x$')]
     return Answer(rows, _draw_thm_2_2(found, short, long[-1], motion), (
-        'Left: the least cost of finite horizons grows to $J* = x(0)^T P x(0)$. Middle: the '
-        'optimum over 20 s is the closed loop of the constant gain. Right: any other gain costs '
-        'more; the cost of $K + δD$ for random directions $D$, from the Lyapunov equation.',))
+        'Left: the least cost over a finite horizon increases to $J* = x(0)^T P x(0)$. Middle: '
+        'the optimum over 20 s is the closed loop of the constant gain. Right: the cost of the '
+        'gains $K + δD_i$ for five random directions $D_i$, from the Lyapunov equation; every '
+        'other gain costs more.',))
 
 
 def _finite(A: Array, B: Array, Qx: Array, Qu: Array, x0: Array, T: float) -> float:
@@ -95,7 +96,7 @@ def _draw_thm_2_2(found: Regulator, short: list[Trajectory], long: Trajectory, m
     figure, ((costs, states, gains),) = panels(1, 3)
     T = np.linspace(0.05, 12, 200)
     costs.plot(HORIZONS, [path.J for path in short], 'o', color=COLOURS[0], markersize=4,
-               label='of the server')
+               label='trajectory_server')
     costs.plot(T, [_finite(A, B, H.T @ H, Qu, x0, each) for each in T],
                label='Hamiltonian matrix', **EXACT)
     costs.axhline(best, label='$x(0)^T P\\, x(0)$', color=COLOURS[1], zorder=1)
@@ -111,13 +112,14 @@ def _draw_thm_2_2(found: Regulator, short: list[Trajectory], long: Trajectory, m
     size = np.linspace(-0.4, 0.4, 41)
     for index in range(5):
         D = random.normal(size=found.K.shape)
-        cost = [_cost_of(A, B, H.T @ H, Qu, found.K + d * D, x0) for d in size]
-        gains.plot(size, cost, color=COLOURS[index], linewidth=1,
-                   label=None if index else 'random $D$')
+        cost = np.array([_cost_of(A, B, H.T @ H, Qu, found.K + d * D, x0) for d in size])
+        cost[cost > 1.1 * best] = np.nan  # there is the legend
+        gains.plot(size, cost, color=COLOURS[index], linewidth=1, label=f'$D_{index + 1}$')
     gains.plot(0, best, 'o', color='black', label='$K = Q_u^{-1}B^T P$', zorder=6)
-    gains.set_ylim(0.995 * best, 1.1 * best)
-    describe(gains, 'cost of other gains', '$\\delta$', '$J$ with $K + \\delta D$',
-             legend='upper center')
+    gains.set_ylim(0.995 * best, 1.14 * best)
+    describe(gains, 'cost of other gains', '$\\delta$', '$J$ with $K + \\delta D_i$',
+             legend=False)
+    gains.legend(loc='upper center', ncols=3, columnspacing=0.8, handlelength=1.2)
     return figure
 
 
@@ -136,7 +138,7 @@ DOUBLE = {'A': [[0.0, 1.0], [0.0, 0.0]], 'B': [[0.0], [1.0]]}
 
 
 def example_2_4(desk: Desk) -> Answer:
-    """Answer Example 2.4 over q, and fly its own gain beside the printed one."""
+    """Answer Example 2.4 over q, and compare its gain with the printed one in a loop."""
     found = desk.design_all([{**DOUBLE, 'Qx': [q * q, 0.0], 'Qu': [1.0]} for q in WEIGHTS])
     exact = [double_integrator_regulator(q) for q in WEIGHTS]
     printed = np.array([[1 / Q, sqrt(2 / Q)]])
@@ -170,9 +172,9 @@ def example_2_4(desk: Desk) -> Answer:
         Row('loop with the printed $K$: $u(t)$', wrong.u, ends[1][1],
             'recursion of the sampled loop')]
     return Answer(rows, _draw_2_4(found, right, wrong), (
-        'Left: the gain over $q$, printed and corrected. Right: the two gains in a running loop '
-        f'for $q = {Q:g}$. `lqr_node` has the printed gain when it is given $Q_x = diag(1, 0)$, '
-        '$Q_u = q^2$.',),
+        'Left: the gain over $q$, corrected (solid) and as printed in the book (misprint, '
+        f'dashed). Middle and right: both gains in a running loop for $q = {Q:g}$. With '
+        '$Q_x = diag(1, 0)$ and $Q_u = q^2$, `lqr_node` computes the printed gain.',),
         f'For $q = {Q:g}$ and $x(0) = (1, 0)$ the corrected gain costs {cost:.6f}, the printed '
         f'one {cost_printed:.6f}.')
 
@@ -192,20 +194,20 @@ def _draw_2_4(found: list[Regulator], right: Run, wrong: Run) -> Figure:
     q = np.logspace(-1, 1, 100)
     for index, (own, printed) in enumerate(((q, 1 / q), (np.sqrt(2 * q), np.sqrt(2 / q)))):
         gains.loglog(WEIGHTS, [each.K[0, index] for each in found], 'os'[index],
-                     color=COLOURS[index], label=f'$K_{index + 1}$ of the server')
+                     color=COLOURS[index], label=f'$K_{index + 1}$, trajectory_server')
         gains.loglog(q, own, color=COLOURS[index], linewidth=1,
                      label=('$q$', '$\\sqrt{2q}$')[index])
-        gains.loglog(q, printed, '--', color='0.55', linewidth=1,
-                     label='printed' if index else None)
+        gains.loglog(q, printed, '--', color=COLOURS[index], linewidth=1,
+                     label=('$1/q$', '$\\sqrt{2/q}$')[index] + ' as printed')
     describe(gains, 'gain', 'weight $q$', '$K_1$ [s$^{-2}$], $K_2$ [s$^{-1}$]',
              legend='upper center')
-    gains.set_ylim(0.08, 150)
+    gains.set_ylim(0.08, 3000)
     gains.grid(True, which='major')
     for run, style, text in ((right, '-', '$K = [q, \\sqrt{2q}]$, $J = 4$'),
-                             (wrong, '--', 'printed, $J = 6.125$')):
+                             (wrong, '--', 'as printed, $J = 6.125$')):
         for index, name in enumerate(('x_1', 'x_2')):
             states.plot(run.t, run.x[:, index], style, color=COLOURS[index],
-                        label=f'${name}$' if style == '-' else f'${name}$, printed')
+                        label=f'${name}$' if style == '-' else f'${name}$, as printed')
         inputs.plot(run.t, run.u[:, 0], style, color=COLOURS[2], drawstyle='steps-post',
                     label=text)
     for axes in (states, inputs):

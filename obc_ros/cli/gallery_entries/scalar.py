@@ -64,13 +64,14 @@ def example_2_2(desk: Desk) -> Answer:
         Row('cost $J$ for $c$ from 0.01 to $10^8$', [path.J for path in many],
             [scalar_finite_horizon(A, B, c, X0, [0.0], tf=TF).J for c in MANY_WEIGHTS],
             '$½ P(t_0) x(t_0)^2$', relative=True),
-        Row('$x(t_f)$ when $x(t_f) = 0$ is demanded', limit.x['x'][-1], 0.0, 'the limit $c → ∞$'),
-        Row('cost $J$ when $x(t_f) = 0$ is demanded', limit.J, A * X0**2 / (B**2 * growth),
+        Row('$x(t_f)$ with the constraint $x(t_f) = 0$', limit.x['x'][-1], 0.0,
+            'the limit $c → ∞$'),
+        Row('cost $J$ with the constraint $x(t_f) = 0$', limit.J, A * X0**2 / (B**2 * growth),
             '$a x(t_0)^2 / b^2(1 - e^{-2a(t_f - t_0)})$')]
     return Answer(rows, _draw_2_2(paths, many, limit), (
-        'Coloured: the answers of the server for several weights $c$ of the final state; dotted: '
-        'equations (2.5) and (2.4). As $c$ grows, $x*(t_f)$ falls like $1/c$ and the trajectory '
-        'goes over into the one with $x(t_f) = 0$ demanded (grey, wide).',))
+        'Coloured: the answers of `trajectory_server` for several weights $c$ of the final state. '
+        'Dotted: equations (2.5) and (2.4). As $c$ grows, $x*(t_f)$ decreases like $1/c$, and the '
+        'trajectory tends to the one with the terminal constraint $x(t_f) = 0$ (grey, wide).',))
 
 
 def _draw_2_2(paths: list[Trajectory], many: list[Trajectory], limit: Trajectory) -> Any:
@@ -86,7 +87,7 @@ def _draw_2_2(paths: list[Trajectory], many: list[Trajectory], limit: Trajectory
         axes.plot([], [], label='equations (2.5), (2.4)', **EXACT)
         axes.set_xlim(0, TF)
     ends.loglog(MANY_WEIGHTS, [path.x['x'][-1] for path in many], 'o', markersize=4,
-                color=COLOURS[0], label='of the server')
+                color=COLOURS[0], label='trajectory_server')
     fine = np.logspace(-2, 8, 200)
     ends.loglog(fine, [book_2_5(np.array(TF), c) for c in fine], label='equation (2.5)', **EXACT)
     describe(states, 'state', 'time $t$ [s]', '$x^*(t)$')
@@ -145,8 +146,9 @@ def exercise_2_9(desk: Desk) -> Answer:
         'Equation (2.5) is a difference of numbers of size $e^{at}$: at $t_f = 10$ s no digit of '
         '$x*(t_f)$ is left in double precision. The exact values here are evaluated as a sum of '
         'terms of one sign.'),
-        f'The server answers the infinite horizon with $Q_x = 0$ by: “{refused.message}”. With '
-        f'$x({LONG:g}) = 0$ demanded it finds $P = {infinite.lam["x"][0] / x0:.9g}$.')
+        f'For the infinite horizon with $Q_x = 0$, `trajectory_server` answers: '
+        f'“{refused.message}”. '
+        f'With the constraint $x({LONG:g}) = 0$, $P = {infinite.lam["x"][0] / x0:.9g}$.')
 
 
 def _ratio(path: Trajectory, exact: float) -> tuple[Array, Array]:
@@ -163,10 +165,10 @@ def _draw_2_9(paths: list[Trajectory], distances: Sequence[float]) -> Any:
     t = np.linspace(0, 10, 1001)
     for axes in (short, long):
         axes.plot(t, NINE['x0'] * np.exp(-NINE['a'] * t), label='infinite horizon', **EXACT)
-    short.set(xlim=(0, 1.05), ylim=(0, 30))
-    long.set(xlim=(0, 10), yscale='log', ylim=(1e-10, 20))
-    describe(short, 'the first second, to scale', 'time $t$ [s]', '$x^*(t)$')
-    describe(long, 'all ten seconds', 'time $t$ [s]', '$x^*(t)$, logarithmic')
+    short.set(xlim=(0, 1.05), yscale='log', ylim=(0.3, 40))
+    long.set(xlim=(0, 10), yscale='log', ylim=(1e-9, 100))
+    describe(short, 'the first second', 'time $t$ [s]', '$x^*(t)$')
+    describe(long, 'ten seconds', 'time $t$ [s]', '$x^*(t)$')
     names = [f'{c:g}, {tf:g} s' for c, tf in CURVES]
     away.barh(names, distances, color=COLOURS[:6])
     away.set(xscale='log', xlim=(min(distances) / 10, 30))
@@ -188,10 +190,10 @@ EXAMPLE_2_2 = Entry(
 EXERCISE_2_9 = Entry(
     'exercise-2.9', 'Finite against infinite horizon', 'Exercise 2.9', (
         'Example 2.2 with $a = 2$, $b = 0.5$, $x(t_0) = 4$: the optimal states for $c = 0.1, 10$ '
-        'and $t_f = 0.5, 1, 10$ s, beside the infinite horizon with $x(∞) = 0$, whose answer is '
-        'the feedback $u = -bPx$. Which finite horizon is closest to it, and why?',),
+        'and $t_f = 0.5, 1, 10$ s, compared with the infinite horizon with $x(∞) = 0$, whose '
+        'optimum is the feedback $u = -bPx$. Which finite horizon is closest to it, and why?',),
     exercise_2_9,
     'With $Q_x = 0$ the pair $(A, H)$ is not detectable: Theorem 2.2 does not apply, and $P = 0$ '
     'solves the algebraic Riccati equation too. $P = 2a/b^2$ is right only because $x(∞) = 0$ is '
-    'demanded. And with the factor ½ in $J$ the least cost is $½ P x_0^2$, where Theorem 2.2 has '
+    'imposed. And with the factor ½ in $J$ the least cost is $½ P x_0^2$, where Theorem 2.2 has '
     '$x_0^T P x_0$.')

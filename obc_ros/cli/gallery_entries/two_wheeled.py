@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Exercise 2.6: a two-wheeled robot in least time, and the map of its words over the plane."""
 
+from collections.abc import Iterator
 from math import asin, atan2, cos, hypot, pi, sin, sqrt
 from typing import Any
 
@@ -15,6 +16,7 @@ from obc_ros.cli.gallery_entries.desk import Desk, Trajectory
 from obc_ros.cli.gallery_entries.drawing import describe, panels
 from obc_ros.cli.gallery_entries.entry import Answer, Entry, Row
 from obc_ros.cli.gallery_entries.extremals import least_times
+from scipy.ndimage import distance_transform_edt, label
 
 Array = NDArray[np.float64]
 Goal = tuple[float, float, float]
@@ -22,6 +24,8 @@ Goal = tuple[float, float, float]
 SIDE, POINTS = 3.0, 20  # of the map [m]
 # Middles of squares: off the lines on which words of two or fewer pieces are fastest.
 PLACE = (np.arange(POINTS) + 0.5) * 2 * SIDE / POINTS - SIDE
+LARGE = 8  # squares: a region that holds its label
+ROBOT = np.maximum.outer(np.abs(PLACE), np.abs(PLACE)) < 0.5  # where the robot is drawn
 HEADINGS = (0.0, pi / 2)
 STRAIGHT = ((2.0, 0.0, 0.0), (-1.5, 0.0, 0.0))
 TURNS = ((0.0, 0.0, pi / 2), (0.0, 0.0, -1.0), (0.0, 0.0, 3.0))
@@ -30,6 +34,9 @@ OTHERS = ((0.0, 1.0, 0.0), (-1.0, 2.0, 0.0), (2.0, -1.0, 2.0), (1.0, 0.3, -2.0))
 PRINCIPLE = 'shortest extremal of the maximum principle'
 MIDDLE = 2 * asin(sin(pi / 4) / 2)  # [rad] the middle arc of a turn by 90 degrees
 SHOWN = (TANGENTS[0], OTHERS[0], (-1.0, 2.0, 0.0), (1.0, -1.5, pi / 2), TURNS[0])
+# Paul Tol's light colours: black letters on them can be read by everyone.
+LIGHT = ('#77AADD', '#EEDD88', '#44BB99', '#FFAABB', '#AAAA00', '#99DDFF', '#EE8866', '#DDDDDD',
+         '#BBCC33', '#FFFFFF')
 
 
 def exercise_2_6(desk: Desk) -> Answer:
@@ -59,14 +66,13 @@ def exercise_2_6(desk: Desk) -> Answer:
             Row(f'{name}: $T$ at the mirror image', *_mirrored(goals, paths),
                 'symmetry of the robot')]
     return Answer(rows, _draw(maps, shown), (
-        'Left and middle: which word is fastest from the origin (heading to the right) to each '
-        'goal, with $L = M = 1$. C is a turn, S a line, | a change of direction. Black: lines of '
-        'equal time, every 0.5 s. Right: some of the paths; bold where the robot drives '
-        'backwards.',),
+        'Left and middle: the fastest word from the origin (heading to the right) to each goal, '
+        'with $L = M = 1$. C is a turn, S a straight line, | a change of direction. Black: lines '
+        'of equal time, every 0.5 s. Right: five paths with their words; bold where the robot '
+        'drives backwards.',),
         f'Turning by 90 degrees in place takes {turns[0].T:.9f} s at full speed, with '
         f'switches at {turns[0].switching_times[0]:.6f} and {turns[0].switching_times[1]:.6f} s; '
-        'held to $v = 0$ the server needs '
-        f'{spot.T:.9f} s.')
+        f'with $v = 0$ it takes {spot.T:.9f} s.')
 
 
 def _motion(goal: Goal) -> dict[str, Any]:
@@ -166,37 +172,56 @@ def _draw(maps: list[Any], shown: list[Trajectory]) -> Figure:
     figure, (axes,) = panels(1, 3, 3.3)
     words = sorted({word(path) for _, paths in maps for path in paths},
                    key=lambda text: (len(text.replace('|', '')), text))
-    colours = ['#7FA8D8', '#E8A33D', '#66B79A', '#D98CB3', '#A6D8F0', '#F0E08A', '#C77C5A',
-               '#BFBFBF', '#9A8CC8', '#8CB85C', '#F2B8A0', '#5C8C8C']
     for plot, heading, (_, paths) in zip(axes, HEADINGS, maps, strict=False):
         index, time = (np.reshape(values, (POINTS, POINTS)) for values in (
             [words.index(word(path)) for path in paths], [path.T for path in paths]))
-        plot.pcolormesh(PLACE, PLACE, index, cmap=ListedColormap(colours[:len(words)]),
+        plot.pcolormesh(PLACE, PLACE, index, cmap=ListedColormap(LIGHT[:len(words)]),
                         norm=BoundaryNorm(np.arange(len(words) + 1) - 0.5, len(words)),
                         shading='nearest')
         lines = plot.contour(PLACE, PLACE, time, levels=np.arange(0.5, 8, 0.5), colors='black',
                              linewidths=0.5)
         plot.clabel(lines, lines.levels[1::2], fontsize=7.5, fmt='%g')
+        for text, x, y in _places(index, words):
+            plot.text(x, y, text, fontsize=8.5, ha='center', va='center', zorder=4, bbox={
+                'facecolor': LIGHT[words.index(text)], 'edgecolor': 'none', 'pad': 1})
         _robot(plot, 0.0, 0.0, 0.0)
         plot.set(aspect='equal', xticks=range(-3, 4), yticks=range(-3, 4))
         plot.grid(False)
         degrees = np.degrees(heading)
         describe(plot, f'goal heading $\\theta_f = {degrees:.0f}$°', '$x_f$ [m]', '$y_f$ [m]')
     figure.legend(handles=[Patch(color=colour, label=text)
-                           for colour, text in zip(colours, words, strict=False)],
+                           for colour, text in zip(LIGHT, words, strict=False)],
                   loc='outside lower center', ncols=len(words), columnspacing=1.2,
                   handlelength=1.1)
     for path, colour in zip(shown, COLOURS, strict=False):
         axes[2].plot(path.x['px'], path.x['py'], color=colour)
         back = np.where(path.u['v'] < 0, 1.0, np.nan)
         axes[2].plot(path.x['px'] * back, path.x['py'] * back, color=colour, linewidth=3.2)
-        _robot(axes[2], *(path.x[name][-1] for name in ('px', 'py', 'theta')), colour)
+        x, y, theta = (path.x[name][-1] for name in ('px', 'py', 'theta'))
+        axes[2].text(x + 0.4 * cos(theta) + 0.1, y + 0.4 * sin(theta), word(path), color=colour,
+                     va='center', fontsize=8.5)
+        _robot(axes[2], x, y, theta, colour)
     _robot(axes[2], 0.0, 0.0, 0.0)
     axes[2].plot([], [], color='black', linewidth=3.2, label='backwards')
-    axes[2].set(aspect='equal', xlim=(-1.9, 2.6), ylim=(-1.9, 2.6), xticks=range(-1, 3),
-                yticks=range(-1, 3))
-    describe(axes[2], 'some of the paths', '$x$ [m]', '$y$ [m]', legend='upper right')
+    axes[2].set(aspect='equal', xlim=(-1.6, 3.2), ylim=(-2.0, 2.8), xticks=range(-1, 4),
+                yticks=range(-2, 3))
+    describe(axes[2], 'five paths', '$x$ [m]', '$y$ [m]', legend='upper right')
     return figure
+
+
+def _places(index: Array, words: list[str]) -> Iterator[tuple[str, float, float]]:
+    """Yield each word with the middle (x, y) of its largest region."""
+    for number, text in enumerate(words):
+        regions, _ = label(index == number)
+        sizes = np.bincount(regions.ravel())[1:]
+        if sizes.size and sizes.max() >= LARGE:
+            inside = (regions == 1 + sizes.argmax()) & ~ROBOT
+            # A word is wider than high.
+            depth = distance_transform_edt(np.pad(inside, 1), sampling=(3, 1))[1:-1, 1:-1]
+            deepest = np.argwhere(depth == depth.max())
+            away = np.linalg.norm(deepest - deepest.mean(axis=0), axis=1)
+            row, column = deepest[away.argmin()]
+            yield text, PLACE[column], PLACE[row]
 
 
 def _robot(axes: Any, x: float, y: float, theta: float, colour: str = 'black') -> None:
@@ -210,7 +235,7 @@ EXERCISE_2_6 = Entry(
     'exercise-2.6', 'A two-wheeled robot', 'Exercise 2.6', (
         "$x' = v cos θ$, $y' = v sin θ$, $θ' = ω$ with $|v| ≤ L$, $|ω| ≤ M$, from one "
         'configuration to another in least time. Show that the robot drives at full speed, '
-        'forwards or backwards, straight on or turning as hard as it can.',),
+        'forwards or backwards, along straight lines and turns at the maximum rate.',),
     exercise_2_6,
     'With $θ$ measured from the $x$ axis, $ω = +M$ is the left turn; “hard left ($ω = -M$) or '
     'hard right ($ω = +M$)” is reversed. And “any optimal trajectory” must read “some optimal '

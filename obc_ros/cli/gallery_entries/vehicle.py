@@ -88,7 +88,7 @@ def exercise_2_10(desk: Desk) -> Answer:
             atan(sqrt(2 * (1 + sqrt(2)))), '$atan √(2 + 2√2)$ = 65.5 degrees'),
         Row('(a) step of the vehicle: $y$, $θ$', step.x, wanted[0], 'Dormand-Prince 8(5,3)'),
         Row('(a) step of the vehicle: $φ$ [rad]', step.u, wanted[1], 'Dormand-Prince 8(5,3)')]
-    for name, text in (*LAWS.items(), ('off', 'flat feedforward, 1 m beside')):
+    for name, text in (*LAWS.items(), ('off', 'flat feedforward, start 1 m off')):
         x, u = _followed(name, len(driven[name].t) - 1)
         rows += [Row(f'(b) {text}: $y$, $θ$', driven[name].x, x, 'Dormand-Prince 8(5,3)'),
                  Row(f'(b) {text}: $φ$ [rad]', driven[name].u, u, 'Dormand-Prince 8(5,3)')]
@@ -99,18 +99,18 @@ def exercise_2_10(desk: Desk) -> Answer:
         f'Overshoot {100 * message.overshoot[0]:.2f} %, rise time {message.rise_time[0]:.3f} s, '
         f'crossover at {message.bandwidth[0]:.3f} rad/s, bandwidth {OMEGA0:.3f} rad/s, phase '
         f'margin {np.degrees(message.phase_margin[0]):.1f} degrees. The loop is broken at the '
-        'steering. The regulator is designed for the linear model; what it drives is the '
-        'vehicle itself.',
+        'steering. The regulator is designed for the linear model and drives the '
+        'nonlinear model.',
         "(b) $u = φ_d - K (x - x_d)$, where $θ_d = asin(r'/v)$ and $φ_d = atan(l θ_d'/v)$ follow "
-        'from $r(t)$ by flatness. The course is published as `reference`; it begins at 0.5 s. A '
-        'plant that is a metre beside it, or that its inputs do not drive along it, would be '
-        'refused; `start_tolerance` allows both. The '
-        'slalom is faster than the loop, whose bandwidth is half of 1 Hz: by feedback alone, '
+        'from $r(t)$ by flatness. The course is published as `reference`; it begins at 0.5 s. By '
+        'default `lqr_node` rejects a course that begins 1 m off the state of the plant, or whose '
+        'inputs do not drive the plant along it; `start_tolerance` allows both. The slalom is '
+        'faster than the loop, whose bandwidth is half of 1 Hz: by feedback alone, '
         f'$x_d = (r, 0)$, $φ_d = 0$, the error reaches {worst["none"]:.2f} m; with the '
         f"feedforward of the linear model, $θ_d = r'/v$, $φ_d = l r''/v^2$, "
-        f'{100 * worst["linear"]:.0f} cm; with the flat one {1e3 * worst["flat"]:.0f} mm, what '
-        f'holding the steering for {1e3 * STEP:g} ms leaves. A start beside the course is '
-        'forgotten within two seconds.'))
+        f'{100 * worst["linear"]:.0f} cm; with the flat one {1e3 * worst["flat"]:.0f} mm, the '
+        f'effect of a zero-order hold of {1e3 * STEP:g} ms. A start 1 m off the course is '
+        'corrected within two seconds.'))
 
 
 def wanted_at(t: Array) -> Array:
@@ -171,8 +171,9 @@ def _draw(design: Regulator, step: Run, driven: dict[str, Run], away: dict[str, 
     figure, ((response, magnitude, phase), (path, steering, error)) = panels(2, 3, 2.9)
     t = np.linspace(0, DURATION, 300)
     w = OMEGA0 / sqrt(2)
-    response.plot(step.t, step.x[:, 0], color=COLOURS[0], label='the vehicle')
-    response.plot(t, 1 - np.exp(-w * t) * (np.cos(w * t) + np.sin(w * t)), label='linear', **EXACT)
+    response.plot(step.t, step.x[:, 0], color=COLOURS[0], label='nonlinear model')
+    response.plot(t, 1 - np.exp(-w * t) * (np.cos(w * t) + np.sin(w * t)),
+                  label='linear model', **EXACT)
     response.axhline(1, **THIN)
     response.set(xlim=(0, DURATION), ylim=(0, 1.15))
     describe(response, '(a) step of $y_d$ by 1 m', 'time $t$ [s]', 'position $y$ [m]',
@@ -181,8 +182,8 @@ def _draw(design: Regulator, step: Run, driven: dict[str, Run], away: dict[str, 
     course_t = np.linspace(BEGIN, SHOWN, 500)
     path.plot(course_t, wanted_at(course_t), label='$r(t)$', **EXACT)
     for index, (name, text) in enumerate((
-            ('flat', 'flat'), ('linear', 'linear'), ('none', 'feedback alone'),
-            ('off', 'flat, 1 m beside'))):
+            ('flat', 'flat feedforward'), ('linear', 'linear feedforward'),
+            ('none', 'feedback alone'), ('off', 'flat feedforward, start 1 m off'))):
         run, style = driven[name], {'color': COLOURS[(2, 1, 3, 0)[index]], 'linewidth': 1.1}
         if name in ('flat', 'off'):
             path.plot(run.t, run.x[:, 0], **style)
