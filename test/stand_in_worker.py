@@ -6,13 +6,18 @@ import os
 import time
 
 import numpy as np
+from obc_ros.core import answers
 from obc_ros.core.wire import Packet
 
 SEEN = []
+KEEP = []
 
 
-def answer(kind, request, time_limit, report):
-    """Do what `kind` says."""
+def answer(kind, request, time_limit, report, keep):
+    """Do what `kind` says, after keeping what it says to keep."""
+    KEEP.append(keep)
+    for name in request.plain.get('keep', ()):
+        keep(Packet({'name': name}, request.arrays))
     return globals()[f'do_{kind}'](request, time_limit, report)
 
 
@@ -54,6 +59,16 @@ def do_fail(request, time_limit, report):
 def do_crash(request, time_limit, report):
     """End at once, as after a segmentation fault."""
     os.abort()
+
+
+def do_solve(request, time_limit, report):
+    """Solve a problem, but hang in the middle, once there is a path."""
+    def keep(path):
+        KEEP[-1](path)
+        report('kept', 0, path.plain['objective'], 0.0)
+        time.sleep(1000)
+
+    return answers.answer('solve', request, time_limit, report, keep)
 
 
 def do_pid(request, time_limit, report):

@@ -246,6 +246,27 @@ def test_a_killed_worker_costs_one_request(server, probe):
     probe.wait_for(lambda: diagnostics and int(values(diagnostics[-1])['workers replaced']) >= 1)
 
 
+def test_a_killed_worker_leaves_the_best_path_it_had(server, probe):
+    process = server(workers=1)
+    request = message(load_file(PROBLEMS / 'free_flying_robot.yaml')[0])
+    for seconds in (1.0, 2.0, 4.0, 8.0):
+        goals = Goals(probe)
+        number = goals.send(request)
+        probe.wait_for(lambda: goals.feedback[number]  # noqa: B023 - called at once
+                       and goals.feedback[number][-1].elapsed >= seconds)  # noqa: B023
+        for pid in children(process.pid):
+            os.kill(pid, signal.SIGKILL)
+        found = probe.result(goals.handles[number]).result
+        assert (found.status, found.success) == ('not_converged', False)
+        assert 'SIGKILL' in found.message
+        if len(found.trajectory.t):
+            break
+    assert f'the best path so far: cost {found.objective:.8g}, not' in found.message
+    assert any(residual > tolerance for residual, tolerance in zip(
+        found.certificate.residuals, found.certificate.tolerances, strict=True))
+    assert solve(probe, scalar()[0]).status == 'solved'
+
+
 def test_a_worker_without_memory_costs_one_request(server, probe):
     process = server(workers=1)
     for pid in children(process.pid):

@@ -16,6 +16,7 @@ import time
 from hypothesis import given, settings, strategies
 import numpy as np
 from obc_ros.core import workers
+from obc_ros.core.statement import load_file, problem_from_mapping
 from obc_ros.core.wire import pack, Packet, unpack
 from obc_ros.core.workers import Job, Outcome, Pool
 import pytest
@@ -187,6 +188,41 @@ def test_a_killed_worker_costs_only_its_own_request():
         assert one.answer().outcome is Outcome.DIED
         assert waiting.answer().outcome is Outcome.ANSWERED
         assert other.answer().outcome is Outcome.ANSWERED
+
+
+@pytest.mark.parametrize('kind, outcome', [('crash', Outcome.DIED), ('hang', Outcome.TIMED_OUT)])
+def test_what_a_worker_has_kept_is_answered_when_it_is_ended(kind, outcome):
+    with running() as pool:
+        x = np.arange(6.0).reshape(2, 3)
+        answer = ask(pool, kind, time_limit=1.0, keep=['first', 'last'], arrays={'x': x})
+        assert answer.outcome is outcome
+        assert answer.packet.plain == {'name': 'last'}
+        assert np.array_equal(answer.packet.arrays['x'], x)
+        assert ask(pool, kind, time_limit=1.0).packet.plain == {}
+        assert ask(pool, 'echo', keep=['path'], name='answer').packet.plain['name'] == 'answer'
+
+
+def test_a_worker_killed_in_the_middle_of_a_solve_leaves_its_path():
+    [statement] = load_file(Path(__file__).parent / 'problems' / 'vanderpol_bounded.yaml')
+    with running() as pool:
+        asked = Asked(pool, 'solve', time_limit=60.0, statement=statement, method='auto',
+                      cache_size=1)
+        wait_for(lambda: asked.progress and asked.progress[-1][0] == 'kept')
+        [pid] = pool.pids
+        os.kill(pid, signal.SIGKILL)
+        answer = asked.answer()
+        assert answer.outcome is Outcome.DIED
+        assert 'SIGKILL' in answer.message
+        found, path = answer.packet.plain, answer.packet.arrays
+        assert found['status'] == 'not_converged'
+        assert f'cost {found["objective"]:.8g}, not certified because' in found['message']
+        problem = problem_from_mapping(statement)
+        assert path['x'].shape == (len(path['t']), problem.n)
+        assert path['x'][0] == pytest.approx(problem.x0)
+        residuals, tolerances = (found['certificate'][key] for key in ('residuals', 'tolerances'))
+        assert any(residuals[key] > tolerances[key] for key in tolerances)
+        assert residuals['dynamics'] <= tolerances['dynamics']
+        assert ask(pool, 'echo').outcome is Outcome.ANSWERED
 
 
 def test_an_idle_worker_that_is_killed_costs_nothing():

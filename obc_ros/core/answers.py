@@ -33,15 +33,26 @@ from obc_ros.core.wire import Packet
 
 Array = NDArray[np.float64]
 
+Keep = Callable[[Packet], None]
+
 _caches: dict[int, Cache] = {}
 
 
-def answer(kind: str, request: Packet, time_limit: float, report: Report) -> Packet:
-    """Return the answer to a request; its status is ``malformed`` when the question is."""
+def _forget(path: Packet) -> None:
+    """Keep no path."""
+
+
+def answer(kind: str, request: Packet, time_limit: float, report: Report,
+           keep: Keep = _forget) -> Packet:
+    """
+    Return the answer to a request; its status is ``malformed`` when the question is.
+
+    `keep` is called with the best path so far, as an answer, whenever it is another.
+    """
     try:
         if kind not in KINDS:
             raise StatementError(f'{kind}: this server does not answer such requests')
-        return KINDS[kind](request, time_limit, report)
+        return KINDS[kind](request, time_limit, report, keep)
     except ObcError as error:
         return Packet({'status': 'malformed', 'message': str(error)})
 
@@ -73,16 +84,18 @@ def _optimality(found: Optimality | None) -> dict[str, Any] | None:
         'minima': list(map(float, found.minima))}
 
 
-def _solve(request: Packet, time_limit: float, report: Report) -> Packet:
+def _solve(request: Packet, time_limit: float, report: Report, keep: Keep) -> Packet:
     plain = request.plain
     problem = problem_from_mapping(plain['statement'])
+    system = plain['statement'].get('system', '')
     solution = solve(problem, method=plain['method'], time_limit=time_limit,
                      report=report, cache=_cache(plain['cache_size']),
-                     max_intervals=plain.get('max_intervals', MAX_INTERVALS))
-    return solution_packet(problem, solution, plain['statement'].get('system', ''))
+                     max_intervals=plain.get('max_intervals', MAX_INTERVALS),
+                     keep=lambda path: keep(solution_packet(problem, path, system)))
+    return solution_packet(problem, solution, system)
 
 
-def _minimize(request: Packet, time_limit: float, report: Report) -> Packet:
+def _minimize(request: Packet, time_limit: float, report: Report, keep: Keep) -> Packet:
     found = minimize(request.plain['statement'], time_limit=time_limit, report=report)
     return Packet(
         {'status': found.status.value, 'message': found.message,
@@ -90,7 +103,7 @@ def _minimize(request: Packet, time_limit: float, report: Report) -> Packet:
         {'x': found.x, 'lam': found.lam, 'mu': found.mu})
 
 
-def _plan(request: Packet, time_limit: float, report: Report) -> Packet:
+def _plan(request: Packet, time_limit: float, report: Report, keep: Keep) -> Packet:
     plain, arrays = request.plain, request.arrays
     motion = Motion(plain['system'], arrays['start'], arrays['goal'], plain['objective'],
                     plain['parameters'], arrays['qx'], arrays['qu'], plain['final_time'],
@@ -102,11 +115,12 @@ def _plan(request: Packet, time_limit: float, report: Report) -> Packet:
     problem = problem_from_mapping(statement(motion))
     left = time_limit - (time.monotonic() - begun)
     solution = solve(problem, time_limit=left, report=report, cache=cache,
-                     max_intervals=plain.get('max_intervals', MAX_INTERVALS))
+                     max_intervals=plain.get('max_intervals', MAX_INTERVALS),
+                     keep=lambda path: keep(solution_packet(problem, path, motion.system)))
     return solution_packet(problem, solution, motion.system)
 
 
-def _design_lqr(request: Packet, time_limit: float, report: Report) -> Packet:
+def _design_lqr(request: Packet, time_limit: float, report: Report, keep: Keep) -> Packet:
     plain, arrays = request.plain, request.arrays
     for name in ('sample_time', 'delay'):
         if not 0.0 <= plain[name] < math.inf:
@@ -172,7 +186,7 @@ def _cache(size: int) -> Cache:
     return _caches[size]
 
 
-KINDS: dict[str, Callable[[Packet, float, Report], Packet]] = {
+KINDS: dict[str, Callable[[Packet, float, Report, Keep], Packet]] = {
     'solve': _solve,
     'minimize': _minimize,
     'plan': _plan,

@@ -8,6 +8,7 @@ import time
 
 import casadi as ca
 import numpy as np
+from obc_ros.core.best_path import BestPath
 from obc_ros.core.solution import MAX_INTERVALS, Report
 
 
@@ -17,7 +18,8 @@ class Monitor:
 
     `stopped` is '' while nothing asked to stop, then 'cancelled', 'timed_out' or, for a part of
     the work, 'spent'. A solver that passes `most` iterations is ended without that. No mesh has
-    more than `max_intervals`; `short` says whether one was wanted.
+    more than `max_intervals`; `short` says whether one was wanted. `best`: who wants to know of
+    paths on the way.
     """
 
     def __init__(self, time_limit: float = math.inf, report: Report | None = None,
@@ -29,6 +31,7 @@ class Monitor:
         self.iterations = 0
         self.most = 1_000_000
         self.each = 1
+        self.best: BestPath | None = None
         self._report = report
 
     def limit(self, iterations: int, each: int = 1) -> None:
@@ -78,7 +81,7 @@ class _Part(Monitor):
     def __init__(self, whole: Monitor, work: int, time_limit: float) -> None:
         super().__init__(time_limit, max_intervals=whole.max_intervals)
         self._whole, self._left = whole, work
-        self.phase, self.stopped = whole.phase, whole.stopped
+        self.phase, self.stopped, self.best = whole.phase, whole.stopped, whole.best
 
     def limit(self, iterations: int, each: int = 1) -> None:
         super().limit(iterations, each)

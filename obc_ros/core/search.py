@@ -193,6 +193,7 @@ class Search:
             found.append(outcome)
             if not good and self.believed(outcome):
                 good, self.typical = True, outcome.iterations
+                self.keep(outcome)
             if number == 1 and not (self.quick and good):
                 ways = started_around(self, outcome)
             patient = self.work - begun < _PATIENCE * (1 + self.stages)
@@ -348,9 +349,18 @@ class Search:
         times = np.cumsum(known.lengths)[:-1] if known else switching_times(outcome)
         found = replace(self.kit.judge.samples(problem, course), switching_times=times,
                         iterations=self.monitor.iterations)
-        # Judging a path that is no answer may take long: not when the time is up.
-        return found if self.monitor.stopped else replace(
-            found, certificate=certify(problem, found))
+        if self.monitor.stopped:   # judging a path that is no answer may take long
+            return found
+        found = replace(found, certificate=certify(problem, found))
+        if self.monitor.best:
+            self.monitor.best.take(problem, found)
+        return found
+
+    def keep(self, outcome: Outcome) -> None:
+        """Let a path on the way be known, if one is wanted."""
+        best = self.monitor.best
+        if best and outcome.converged and best.is_due(self.stated):
+            self.solution(outcome, self.course(outcome))
 
     def given_away(self, outcome: Outcome, course: Extremal) -> float:
         """Return an estimate of the cost above the least one, relative; infinite if it is bad."""
@@ -435,6 +445,8 @@ class Search:
                 answer = self.solution(outcome, self.course(outcome))
                 if best is None or answer.certified or not best.certified:
                     best, self.last = answer, self.answered(outcome)
+            else:
+                self.keep(outcome)
             nearest, held = outcome, best is not None and best.certified
             chorded = above > _CLOSE_ENOUGH[1] and self.judged(course).chorded
             if number in _MESHES and above < _NEAR_BOUNDS and (chorded or not held):

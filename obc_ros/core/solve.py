@@ -8,6 +8,7 @@ from dataclasses import replace
 import time
 
 import numpy as np
+from obc_ros.core.best_path import BestPath
 from obc_ros.core.certificate import certify
 from obc_ros.core.explain import explain, proved_infeasible
 from obc_ros.core.ill_posed import indifferent, of_least_effort, wish, without_minimum
@@ -101,6 +102,8 @@ def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
         judged = _judged(problem, found)
         if judged.status is Status.SOLVED:
             return replace(judged, method=name)
+        if monitor.best:
+            monitor.best.take(problem, judged)
     if not kit.answers and without_minimum(problem):
         return Solution(Status.NOT_CONVERGED, 'the cost has no minimum', method='arcs')
     if (L := indifferent(problem)) is not None:
@@ -167,7 +170,8 @@ METHODS: dict[str, Method] = {
 
 def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
           report: Report | None = None, cache: Cache | None = None,
-          max_intervals: int = MAX_INTERVALS) -> Solution:
+          max_intervals: int = MAX_INTERVALS,
+          keep: Callable[[Solution], None] | None = None) -> Solution:
     """
     Answer a problem; the answer is called solved only if its certificate holds.
 
@@ -185,6 +189,9 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
         Keeps what was built, for problems of the same structure.
     max_intervals : int, optional
         No mesh of a transcription has more.
+    keep : callable, optional
+        Called with the best path so far, not converged, whenever it is another; its message says
+        what it costs and what is missing. For who must answer should this process be ended.
 
     Raises
     ------
@@ -197,6 +204,8 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
     part, most = _JUDGING
     monitor = Monitor(time_limit - min(part * time_limit, most), report, max_intervals)
     problem, kit = (cache or Cache(1)).prepared(problem)
+    if keep is not None:
+        monitor.best = BestPath(problem, lambda path: keep(_half_way(path)))
     found = METHODS[method](problem, kit, monitor)
     late = monitor.stopped and (monitor.stopped == 'cancelled' or not np.isfinite(found.objective))
     if found.status is not Status.INFEASIBLE and (found.certificate or not late):
@@ -240,6 +249,13 @@ def _uncertified(found: Solution) -> str:
     if not certificate.feasible:
         return fault
     return f'cost {found.objective:.8g}, not certified because {fault}'
+
+
+def _half_way(path: Solution) -> Solution:
+    """Return a path on the way to an answer, with what is missing in words."""
+    words = (f'cost {path.objective:.8g}, the certificate holds, but the search for a path that '
+             'costs less was not ended' if path.certified else _uncertified(path))
+    return replace(path, status=Status.NOT_CONVERGED, message=words, optimality=None)
 
 
 def _without_least(problem: Problem, found: Solution, sentence: str, monitor: Monitor,

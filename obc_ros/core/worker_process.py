@@ -4,8 +4,8 @@
 A worker: a process of its own that answers one request after another.
 
 Started by `workers.Pool`: ``python -m obc_ros.core.worker_process FD MODULE MEMORY NICE PARENT``.
-MODULE offers ``answer(kind, request, time_limit, report) -> Packet``; it is imported before the
-first request comes, so that no request pays for it.
+MODULE offers ``answer(kind, request, time_limit, report, keep) -> Packet``; it is imported before
+the first request comes, so that no request pays for it.
 """
 
 import ctypes
@@ -50,6 +50,10 @@ class Reporter:
         self.cancelled = self.cancelled or self._channel.receive(timeout=0.0) is not None
         return self.cancelled
 
+    def keep(self, path: Packet) -> None:
+        """Let the pool have what to answer should this process be ended before it answers."""
+        self._channel.send({'path': path.plain}, path.arrays)
+
 
 def die_with_parent(parent: int) -> None:
     """Have the kernel end this process when its parent ends, however that happens."""
@@ -89,9 +93,10 @@ def serve(channel: Channel, module: Any) -> None:
     while (packet := channel.receive()) is not None:
         if 'cancel' in packet.plain:  # it crossed the answer
             continue
+        reporter = Reporter(channel)
         answer: Packet = module.answer(
             packet.plain['kind'], Packet(packet.plain['request'], packet.arrays),
-            packet.plain['time_limit'], Reporter(channel))
+            packet.plain['time_limit'], reporter, reporter.keep)
         channel.send({'answer': answer.plain}, answer.arrays)
 
 

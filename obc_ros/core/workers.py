@@ -3,7 +3,8 @@
 """
 A pool of worker processes that answers requests within their time, whatever happens to a worker.
 
-A worker that dies costs the one request it worked on an answer that says so, and is replaced. A
+A worker that dies costs the one request it worked on an answer that says so, with the best path
+that it has sent, and is replaced. A
 request whose time is over, or that is cancelled, is first asked to stop and then ended with its
 process. No worker outlives the process of the pool.
 """
@@ -50,7 +51,11 @@ class Outcome(str, Enum):
 
 @dataclass(frozen=True)
 class Answer:
-    """What came of a request: the worker's packet when answered, else the reason in words."""
+    """
+    What came of a request: the worker's packet when answered, else the reason in words.
+
+    Then `packet` is what the worker has kept for this, if anything.
+    """
 
     outcome: Outcome
     message: str = ''
@@ -99,8 +104,8 @@ class Pool:
     Parameters
     ----------
     module : str
-        Imported by each worker; its ``answer(kind, request, time_limit, report) -> Packet`` does
-        the work.
+        Imported by each worker; its ``answer(kind, request, time_limit, report, keep) -> Packet``
+        does the work; what `keep` is called with is answered should the worker be ended.
     size : int
         Number of workers.
     queue_length : int
@@ -305,6 +310,7 @@ class _Worker(Thread):
         self.ready = False
         self.failures = 0  # to start, one after another
         self.job: Job | None = None
+        self._kept = Packet({})
         self.seen: OrderedDict[str, None] = OrderedDict()
         self.start()
 
@@ -380,6 +386,7 @@ class _Worker(Thread):
 
     def _work(self, job: Job) -> Answer:
         self._remember(job.affinity)
+        self._kept = Packet({})
         left = max(job.deadline - time.monotonic(), 0.001)
         try:
             self._channel.send(
@@ -388,7 +395,7 @@ class _Worker(Thread):
                 job.request.arrays, timeout=left + GRACE)
             return self._attend(job)
         except (EOFError, OSError):
-            return Answer(Outcome.DIED, self._obituary(self._cause()))
+            return Answer(Outcome.DIED, self._obituary(self._cause()), self._kept)
 
     def _attend(self, job: Job) -> Answer:
         """Pass on progress until there is an answer, or the time is over, or it is cancelled."""
@@ -404,11 +411,14 @@ class _Worker(Thread):
             if 'answer' in packet.plain:
                 return Answer(Outcome.ANSWERED, '', Packet(packet.plain['answer'], packet.arrays))
             if 'died' in packet.plain:
-                return Answer(Outcome.DIED, self._obituary(packet.plain['died']))
-            job.progress(*packet.plain['progress'])
+                return Answer(Outcome.DIED, self._obituary(packet.plain['died']), self._kept)
+            if 'path' in packet.plain:
+                self._kept = Packet(packet.plain['path'], packet.arrays)
+            else:
+                job.progress(*packet.plain['progress'])
         if job.cancelled:
-            return Answer(Outcome.CANCELLED, 'cancelled')
-        return Answer(Outcome.TIMED_OUT, f'no answer within {job.time_limit:g} s')
+            return Answer(Outcome.CANCELLED, 'cancelled', self._kept)
+        return Answer(Outcome.TIMED_OUT, f'no answer within {job.time_limit:g} s', self._kept)
 
     def _cause(self) -> str:
         """Return how the process ended, for it has."""

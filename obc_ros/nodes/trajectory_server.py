@@ -237,7 +237,11 @@ class TrajectoryServer(Node):
             self._log_refusal(kind, answer.message)
         if answer.outcome is Outcome.DIED:
             self.get_logger().error(answer.message)
-        return self._count(Packet({'status': STATUS[answer.outcome], 'message': answer.message}))
+        kept = answer.packet
+        message = '; the best path so far: '.join(
+            filter(None, (answer.message, kept.plain.get('message'))))
+        return self._count(Packet(
+            {**kept.plain, 'status': STATUS[answer.outcome], 'message': message}, kept.arrays))
 
     def _limit(self, time_limit: float) -> float:
         """Return the time limit of a request: its own, but at most the server's."""
