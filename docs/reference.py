@@ -81,7 +81,7 @@ def meaning(row: Row) -> str:
         text += f'; at most {row.upper:g}'
     if row.used_when:
         text += f'; used with {" or ".join(map(condition, row.used_when))}'
-    return text + ('; fixed at the start' if row.read_only else '')
+    return text + ('; read at the start only' if row.read_only else '')
 
 
 def condition(given: tuple[Any, ...]) -> str:
@@ -98,7 +98,7 @@ def _shown(row: Row) -> tuple[nodes.Node]:
         return (nodes.Text(f'{row.default}; {value} with {condition(other)}'),)
     default = row.default
     if default is None:
-        return (nodes.Text('of the system'),)
+        return (nodes.Text('that of the system'),)
     if default in ((), ''):
         return (nodes.Text('empty'),)
     text = str(default).lower() if isinstance(default, bool) else str(default)

@@ -157,7 +157,7 @@ def _row(source: Source, field: str, call: ast.Call) -> Row:
 def _group(source: Source, field: str, members: ast.expr) -> Iterator[Row]:
     """Yield what a group's generator yields; STATE and NAME stand for what a system decides."""
     if not isinstance(members, ast.Name) or members.id == 'system_parameters':
-        yield Row(f'{field}.NAME', None, 'constants of the system, and what it is built of')
+        yield Row(f'{field}.NAME', None, 'parameters and construction options of the system')
         return
     source, function = source.definition(members.id)
     for node in ast.walk(function):

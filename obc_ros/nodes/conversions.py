@@ -58,7 +58,7 @@ def system_parameters(values: Mapping[str, Any]) -> Iterator[Entry]:
     options = systems.options(name)
     for option, default in options.items():
         yield Entry(option, tuple(default) if isinstance(default, (tuple, list)) else default,
-                    f'what {name} is built of')
+                    f'construction option of {name}')
     try:
         system = systems.get(name)
     except DynamicsError:

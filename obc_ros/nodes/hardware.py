@@ -6,7 +6,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
 HARDWARE = ('hardware_id of the diagnostics, such as the name of the robot; empty: the namespace, '
-            'or else the name of the system')
+            'else the name of the system')
 
 
 def identify(statuses: list[DiagnosticStatus], node: Node, given: str, otherwise: str) -> None:

@@ -35,111 +35,113 @@ class Settings:
     """The parameters of lqr_node."""
 
     system: str = parameter(
-        'aircraft', 'registered system, or path of a YAML file', read_only=True)
+        'aircraft', 'name of a registered system, or path of a YAML file', read_only=True)
     system_parameters: Mapping[str, Value] = group(system_parameters)
     setpoint: Vector = parameter(
-        (), 'state to hold (n numbers, SI units, radians); empty: that of the system, unless it '
-        'moves')
+        (), 'state to hold: n numbers in SI units and radians; empty: the default of the system, '
+        'if that is an equilibrium')
     setpoint_input: Vector = parameter(
-        (), 'input there, where the state leaves it open (m numbers); empty: that of the system, '
-        'unless the set point moves by it')
-    weights: str = parameter('matrices', 'how the cost is chosen', choices=KINDS)
+        (), 'input at the set point, if the state does not determine it: m numbers; empty: the '
+        'default of the system, if the set point does not move with it')
+    weights: str = parameter('matrices', 'how the weights are given', choices=KINDS)
     Qx: Vector = parameter(
-        (), 'state weight: n numbers (a diagonal) or n*n row by row; empty: identity',
+        (), 'state weight: n numbers (diagonal) or n*n numbers row by row; empty: identity',
         used_when=(('weights', 'matrices'),))
     Qu: Vector = parameter(
-        (), 'input weight: m numbers (a diagonal) or m*m row by row; empty: identity',
+        (), 'input weight: m numbers (diagonal) or m*m numbers row by row; empty: identity',
         used_when=(('weights', 'matrices'),))
     cross: Vector = parameter((), "cross weight N of 2 x'N u: n*m numbers row by row; empty: none")
     x_max: Vector = parameter(
-        (), 'largest acceptable error of each state, in its unit; empty: 1 each', finite=False,
+        (), 'acceptable error of each state, in its unit; empty: 1 each', finite=False,
         used_when=(('weights', 'bryson'),))
     u_max: Vector = parameter(
-        (), 'largest acceptable deviation of each input, in its unit, which larger errors may '
-        'exceed: u_limits limits; empty: 1 each', finite=False, used_when=(('weights', 'bryson'),))
+        (), 'acceptable deviation of each input, in its unit; a scale, not a limit (see '
+        'u_limits); empty: 1 each', finite=False, used_when=(('weights', 'bryson'),))
     H: Vector = parameter(
-        (), 'p*n numbers row by row of the output z = H x, which is kept small',
+        (), "output matrix of z = H x in the cost z'z + rho u'u: p*n numbers row by row",
         used_when=(('weights', 'output'),))
     rho: float = parameter(
-        1.0, "weight of u'u against z'z", lower=0.0, used_when=(('weights', 'output'),))
+        1.0, "weight of u'u relative to z'z", lower=0.0, used_when=(('weights', 'output'),))
     stability: float = parameter(
-        0.0, 'prescribed degree of stability: poles left of its negative', '1/s', lower=0.0)
+        0.0, 'prescribed degree of stability: the real parts of all poles are below its negative',
+        '1/s', lower=0.0)
     integral: tuple[str, ...] = parameter(
         (), 'names of the states with integral action', texts=True)
     Qi: Vector = parameter(
-        (), 'weights of the integrals; empty: 1 each', used_when=(('integral',),))
-    design: str = parameter('continuous', 'plant that the gain is designed for', choices=DESIGNS)
+        (), 'weights of the integral states; empty: 1 each', used_when=(('integral',),))
+    design: str = parameter('continuous', 'time domain of the design', choices=DESIGNS)
     rate: float = parameter(
-        0.0, 'largest rate of commands, by the stamps of the states; 0: answer every state',
+        0.0, 'maximum rate of commands, by the stamps of the states; 0: one for every state',
         'Hz', lower=0.0)
     sample_time: float = parameter(
-        0.0, 'period that a sampled design, or one with a delay, is for; 0: that of rate', 's',
+        0.0, 'sampling period of the design, if design is sampled or delay is set; 0: 1/rate', 's',
         lower=0.0, used_when=(('design', 'sampled'), ('delay',)))
     delay: float = parameter(
-        0.0, 'known time until a command takes effect', 's', lower=0.0)
+        0.0, 'known time from a command to its effect', 's', lower=0.0)
     horizon: float = parameter(
-        0.0, 'time in which the set point is to be reached, with gains that change over it, from '
-        'when it is given or the law begins; afterwards it is held. 0: the steady gain', 's',
+        0.0, 'time to reach the set point with a time-varying gain, from a change of the set '
+        'point or a start; then the constant gain is used. 0: always the constant gain', 's',
         lower=0.0, upper=1e6)
     P1: Vector = parameter(
-        (), 'weight of the error at the end of the horizon or of a reference: n numbers (a '
-        'diagonal) or n*n row by row; empty: what holding the end from there on costs')
+        (), 'terminal weight of the horizon or of a reference: n numbers (diagonal) or n*n '
+        'numbers row by row; empty: the infinite-horizon cost matrix P at the final set point')
     schedule: str = parameter(
-        '', 'variable that the gain follows: an input (such as v of the vehicle), measured by '
-        'odom or else as it was commanded, or a parameter of the system that odom measures as the '
-        'speed ahead (v of vehicle_lateral); empty: none')
+        '', 'scheduling variable of the gain: an input (such as v of the vehicle), from odom or '
+        'from the last command, or a parameter of the system that odom measures as the forward '
+        'speed (v of vehicle_lateral); empty: none')
     schedule_range: Vector = parameter(
-        (), 'lowest and highest value of the variable; beyond them the nearest gain is used',
+        (), 'minimum and maximum of the scheduling variable; outside, the nearest gain is used',
         used_when=(('schedule',),))
     state_timeout: float = parameter(
-        0.5, 'age of the last good state at which on_stale acts; 0: never', 's', lower=0.0)
+        0.5, 'age of the last valid state at which on_stale acts; 0: never', 's', lower=0.0)
     stamp_timeout: float = parameter(
-        0.5, "difference of a state's stamp to the node's clock beyond which it is dropped, as "
-        'one that is late or of a clock that differs; 0: any. Simulated time, and stamps of '
-        'another epoch, more than an hour away, tell no age', 's', lower=0.0)
+        0.5, "maximum difference of a state's stamp and the node's clock; other states are "
+        "dropped. 0: no check. There is no check in simulated time, and for differences above one "
+        'hour', 's', lower=0.0)
     on_stale: str = parameter(
-        'equilibrium', 'what is commanded while no state comes: the equilibrium input (at rest), '
-        'the last command again, or nothing', choices=STALE,
+        'equilibrium', 'command while no state arrives: the input at rest (equilibrium), the last '
+        'command (hold) or none (silent)', choices=STALE,
         used_when=(('state_timeout',),))
     u_limits: Vector = parameter(
-        (), 'limits of the inputs, in their units: the largest size of each (m numbers), within '
-        "those of the system; or lower and upper of each (2 m numbers), in place of the system's. "
-        'An infinite one is that of the system; empty: those of the system', finite=False)
+        (), 'limits of the inputs, in their units: the maximum absolute value of each (m '
+        'numbers), within the limits of the system; or lower and upper limit of each (2 m '
+        'numbers), in place of those. Infinite: the limit of the system; empty: the limits of the '
+        'system', finite=False)
     unlimited: bool = parameter(
-        False, 'whether inputs of a robot may go without limits',
+        False, 'true: the inputs of a robot need no limits',
         used_when=(('command_sink', *ROBOTS),))
     x_limits: Vector = parameter(
-        (), 'largest error of each state (n numbers), or lower and upper of each (2 n), beyond '
-        'which on_envelope acts; empty: none', finite=False)
+        (), 'maximum absolute error of each state (n numbers), or lower and upper limit of each '
+        '(2 n numbers), outside which on_envelope acts; empty: none', finite=False)
     on_envelope: str = parameter(
-        'stop', 'what is done outside x_limits: stop until ~/start, or as on_stale',
+        'stop', 'action outside x_limits: stop until ~/start, or one of those of on_stale',
         choices=ENVELOPE, used_when=(('x_limits',),))
     start_tolerance: Vector = parameter(
-        (), 'largest distance of each state from a reference that is taken up, in its unit (n '
-        'numbers); one further away is refused, and so is one that the plant would leave by more '
-        'with its inputs. One that is further away when states are back after state_timeout is '
-        'given up, and the node stops until ~/start. Empty: x_limits, and where those are not '
-        'given a tenth of the range of the state along the reference; a range below 1 counts as 1',
+        (), 'maximum distance of each state from a reference, in its unit (n numbers), at the '
+        'start and when its inputs are applied; other references are rejected. If it is exceeded '
+        'when states return after state_timeout, the node stops until ~/start. Empty: x_limits, '
+        'else a tenth of the range of the state along the reference (a range below 1 counts as 1)',
         lower=0.0, finite=False)
     state_source: str = parameter(
         'state', STATE_SOURCE, choices=tuple(SOURCES), read_only=True)
     command_sink: str = parameter(
-        'command', 'topic that commands go to, with its type: command (Command), cmd_vel '
+        'command', 'topic of the commands, with its type: command (Command), cmd_vel '
         '(TwistStamped, the vehicle) or wrench (WrenchStamped, the aircraft)',
         choices=tuple(SINKS), read_only=True)
     cmd_vel_stamped: bool = parameter(
-        True, 'whether cmd_vel is a TwistStamped; false: a Twist, which has no time',
+        True, 'true: cmd_vel is a TwistStamped; false: a Twist, which has no stamp',
         read_only=True, used_when=(('command_sink', 'cmd_vel'),))
     transition_time: float = parameter(
-        0.0, 'time in which the jump of the command at a change decays, and that of a robot from '
-        'rest to its first command; 0: it jumps', 's', lower=0.0,
+        0.0, 'time in which the jump of the command after a change decays, and the time from rest '
+        'to the first command of a robot; 0: the command jumps', 's', lower=0.0,
         default_when=(('command_sink', *ROBOTS), 1.0))
     frame_id: str = parameter(
-        '', "frame of the states; empty: that of the first one's header")
+        '', 'frame_id of the states; empty: that of the first state')
     hardware_id: str = parameter('', HARDWARE)
     priority: int = parameter(0, PRIORITY, lower=0, upper=99, read_only=True)
     autostart: bool = parameter(
-        True, 'whether the node configures and activates itself', read_only=True)
+        True, 'true: the node configures and activates itself; false: it waits for the lifecycle '
+        'services', read_only=True)
 
 
 @dataclass(frozen=True, eq=False)

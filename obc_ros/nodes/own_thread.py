@@ -24,8 +24,8 @@ from rclpy.subscription import Subscription
 
 # A thread that has work waits this long [s] for another's Python code; 5 ms by default.
 SWITCH_INTERVAL = 2e-4
-PRIORITY = ('SCHED_FIFO priority of the process, above all ordinary ones; 0: an ordinary one. '
-            'Its own threads have one less than those of DDS. Needs a limit for rtprio, or root')
+PRIORITY = ('real-time priority (SCHED_FIFO) of the process; 0: none. Threads of the node have '
+            'one less than those of DDS. Needs an rtprio limit, or root')
 
 
 class Apart(CallbackGroup):  # type: ignore[misc] # rclpy's classes are untyped

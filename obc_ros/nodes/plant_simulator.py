@@ -51,18 +51,18 @@ LONGEST_WAIT = 0.5  # [s] until the thread looks around
 
 def _of_states(values: Mapping[str, Any]) -> Iterator[Entry]:
     for signal in _system(values).states:
-        yield Entry(signal.name, 0.0, 'standard deviation of what is published', signal.unit,
+        yield Entry(signal.name, 0.0, 'standard deviation of the measurement noise', signal.unit,
                     lower=0.0, upper=1e9)
 
 
 def _of_disturbances(values: Mapping[str, Any]) -> Iterator[Entry]:
     for signal in _system(values).states:
         unit = f'{signal.unit or "1"}/s'
-        yield Entry(f'constant.{signal.name}', 0.0, 'added to the derivative', unit)
-        yield Entry(f'gust.{signal.name}', 0.0, 'height of a gust, 1 - cos in time', unit)
+        yield Entry(f'constant.{signal.name}', 0.0, 'constant added to the derivative', unit)
+        yield Entry(f'gust.{signal.name}', 0.0, 'peak of a gust in the derivative, 1 - cos', unit)
     yield Entry('gust_start', 0.0, 'simulated time at which the gust begins', 's',
                 used_when=(('disturbance.gust.*',),))
-    yield Entry('gust_duration', 1.0, 'how long the gust is', 's', lower=1e-6,
+    yield Entry('gust_duration', 1.0, 'duration of the gust', 's', lower=1e-6,
                 used_when=(('disturbance.gust.*',),))
 
 
@@ -78,31 +78,33 @@ class Settings:
     """The parameters of the node."""
 
     system: str = parameter(
-        'aircraft', 'registered system or path of a YAML file', read_only=True)
+        'aircraft', 'name of a registered system, or path of a YAML file', read_only=True)
     system_parameters: Mapping[str, Any] = group(conversions.system_parameters)
-    x0: tuple[float, ...] = parameter((), 'initial state; empty: set point of the system')
+    x0: tuple[float, ...] = parameter(
+        (), 'initial state, also after ~/reset; empty: the set point')
     dt: float = parameter(
-        0.001, 'longest step of the integration; the period of publishing is divided evenly', 's',
+        0.001, 'maximum step of the integration; the publishing period is divided evenly', 's',
         lower=1e-6, upper=1e3, read_only=True)
     publish_rate: float = parameter(
-        200.0, 'states in a simulated second', 'Hz', lower=1e-3, upper=1e5, read_only=True)
+        200.0, 'states per simulated second', 'Hz', lower=1e-3, upper=1e5, read_only=True)
     speed: float = parameter(
-        1.0, 'simulated seconds a second; 0: as fast as it can', lower=0.0, upper=1e6)
+        1.0, 'simulated seconds per second; 0: as fast as possible', lower=0.0, upper=1e6)
     lockstep: bool = parameter(
-        False, 'wait after each state for the command that answers it', read_only=True)
-    publish_clock: bool = parameter(False, 'publish simulated time as /clock', read_only=True)
-    integrator: str = parameter('rk4', 'fixed steps of dt, or adaptive ones', choices=INTEGRATORS)
+        False, 'true: after each state, wait for its command', read_only=True)
+    publish_clock: bool = parameter(
+        False, 'true: publish simulated time on /clock', read_only=True)
+    integrator: str = parameter('rk4', 'fixed steps of dt, or adaptive steps', choices=INTEGRATORS)
     tolerance: float = parameter(
-        1e-9, 'of the adaptive integrator: error in a simulated second', '1/s',
+        1e-9, 'error of the adaptive integrator per simulated second', '1/s',
         lower=SMALLEST_TOLERANCE, upper=1.0, used_when=(('integrator', 'adaptive'),))
     actuator_lag: tuple[float, ...] = parameter(
-        (), 'time constant of each input, or one for all; 0: none', 's', lower=0.0)
+        (), 'time constant of each actuator, or one for all; 0: no lag', 's', lower=0.0)
     input_delay: float = parameter(
-        0.0, 'from a command to its effect', 's', lower=0.0, upper=1e3)
+        0.0, 'time from a command to its effect', 's', lower=0.0, upper=1e3)
     command_timeout: float = parameter(
-        0.0, 'simulated time without a command until the equilibrium input; 0: never', 's',
+        0.0, 'simulated time without a command until the input at rest acts; 0: never', 's',
         lower=0.0, used_when=(('lockstep', False),))
-    seed: int = parameter(0, 'of the noise', lower=0, used_when=(('noise.*',),))
+    seed: int = parameter(0, 'seed of the noise', lower=0, used_when=(('noise.*',),))
     priority: int = parameter(0, PRIORITY, lower=0, upper=99, read_only=True)
     hardware_id: str = parameter('', HARDWARE)
     noise: Mapping[str, float] = group(_of_states)

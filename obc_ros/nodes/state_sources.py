@@ -21,7 +21,7 @@ from obc_ros.msg import State
 from obc_ros.nodes.conversions import OdometryMap
 
 SOURCES = {'state': State, 'odom': Odometry}
-STATE_SOURCE = 'topic that states come from, with its type: state (State) or odom (Odometry)'
+STATE_SOURCE = 'topic of the states, with its type: state (State) or odom (Odometry)'
 
 Read = Callable[[Any], Sequence[float]]
 

@@ -61,19 +61,19 @@ Progress = Callable[[str, int, float, float], None]
 class Settings:
     """The parameters of the node."""
 
-    workers: int = parameter(2, 'processes that solve, side by side', lower=1, upper=64)
+    workers: int = parameter(2, 'number of solver processes', lower=1, upper=64)
     time_limit: float = parameter(
-        60.0, 'longest time from a request to its answer', 's', lower=SHORTEST, upper=LONGEST)
+        60.0, 'maximum time from a request to its response', 's', lower=SHORTEST, upper=LONGEST)
     max_intervals: int = parameter(
-        MAX_INTERVALS, 'mesh intervals that a solve may use', lower=10, upper=100_000)
+        MAX_INTERVALS, 'maximum number of mesh intervals of a solution', lower=10, upper=100_000)
     cache_size: int = parameter(
-        32, 'structures of problems whose solvers each worker keeps', lower=1, upper=10_000)
+        32, 'number of problem structures whose solvers each worker keeps', lower=1, upper=10_000)
     queue_length: int = parameter(
-        128, 'requests that may wait for a worker; one more is refused', lower=0, upper=10_000)
+        128, 'maximum number of waiting requests; others are rejected', lower=0, upper=10_000)
     hardware_id: str = parameter(
         '', 'hardware_id of the diagnostics; empty: the namespace, or else the name of the node')
     state_timeout: float = parameter(
-        0.5, 'age of the last state up to which a plan may begin there', 's', lower=1e-3)
+        0.5, 'maximum age of the state at which a plan may begin', 's', lower=1e-3)
     state_source: str = parameter(
         'state', STATE_SOURCE, choices=tuple(SOURCES), read_only=True)
 
