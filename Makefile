@@ -24,12 +24,12 @@ SOURCES := setup.py pyproject.toml package.xml CMakeLists.txt cmake resource \
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH
 unexport ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION _ROS_WHEELS_BOOTSTRAP_COMPLETE VIRTUAL_ENV
 
-.PHONY: help setup develop demo test kernel lint bench docs clean
+.PHONY: help setup develop demo test kernel lint bench gallery docs clean
 .DELETE_ON_ERROR:
 
 help: ## say what there is to make
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 14
-	@echo 'DISTRO=jazzy|kilted VENV=$(VENV) PYTHON=$(PYTHON); ARGS=... goes to demo, test and bench'
+	@echo 'DISTRO=jazzy|kilted VENV=$(VENV) PYTHON=$(PYTHON); ARGS=... goes to demo, test, bench and gallery'
 
 setup: $(VENV)/.obc_ros ## everything into the environment, from pinned packages
 
@@ -50,6 +50,9 @@ lint: setup ## ruff, and mypy on the numerical core
 
 bench: setup ## the benchmarks
 	$(BIN)/obc bench $(ARGS)
+
+gallery: setup ## run the gallery and keep its pages in docs/gallery (ARGS='2.5' for one entry)
+	$(BIN)/python docs/keep_gallery.py $(ARGS)
 
 docs: .venv-docs/.requirements ## the documentation, in out/docs
 	@.venv-docs/bin/sphinx-build -aE -W --keep-going -q -d out/doctrees docs out/docs

@@ -16,7 +16,6 @@ sys.path[:0] = [os.path.abspath('.'), str(ROOT)]
 
 import mathml  # noqa: E402 # beside this file
 import reference  # noqa: E402 # beside this file
-import worked  # noqa: E402 # beside this file
 
 project = 'obc_ros'
 author = 'The obc_ros developers'
@@ -50,12 +49,14 @@ rosdoc2_settings = {'allow_other_extensions': True, 'enable_autodoc': False,
 
 
 def list_others(app: Any, page: str, source: list[str]) -> None:
-    """Have the contents end with the pages that they do not name."""
+    """Add to the contents the pages that they do not name, and to the gallery its pages."""
     if page == 'index':
         named = {line.strip() for line in source[0].splitlines()}
-        others = sorted(app.env.found_docs - named - {page})
+        others = sorted(each for each in app.env.found_docs - named - {page} if '/' not in each)
         source[0] = source[0].replace('   (all others)\n', ''.join(
             f'   {each}\n' for each in others))
+    if page == 'gallery':
+        source[0] += '\n```{toctree}\n:hidden:\n:glob:\n\ngallery/*\n```\n'
 
 
 def setup(app: Any) -> None:
@@ -63,4 +64,3 @@ def setup(app: Any) -> None:
     app.connect('source-read', list_others)
     mathml.setup(app)
     reference.setup(app, ROOT)
-    worked.setup(app, ROOT)
