@@ -3,26 +3,34 @@
 """
 The reference, read from the sources whenever the site is built.
 
-Two directives::
+Three directives::
 
     ```{interfaces} msg
     ```
     ```{parameters} lqr_node
     ```
+    ```{modules} obc_ros/core
+    ```
 
 The first makes a section for each file of a folder of interfaces, from its fields and their
 comments. The second makes the table of a node's parameters from the dataclass `Settings` of its
-module.
+module. The third makes a section for each module of a folder, from the docstrings. All of them add
+to the index.
 """
 
 from collections.abc import Mapping
 import math
 from pathlib import Path
+import re
 from typing import Any
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
-from sources import Interface, interface, parameters, Row, TABLES
+from docutils.statemachine import StringList
+from sources import Interface, interface, Module, modules, parameters, Row, TABLES
+from sphinx import addnodes
+
+KINDS = {'msg': 'message', 'srv': 'service', 'action': 'action'}
 
 
 class Interfaces(Directive):
@@ -40,6 +48,10 @@ class Interfaces(Directive):
     def _section(self, found: Interface) -> nodes.section:
         section = nodes.section(ids=[nodes.make_id(found.name)], names=[found.name.lower()])
         section += nodes.title('', found.name.partition('/')[2])
+        name = found.name.partition('/')[2]
+        names = [f'{name} ({KINDS[self.arguments[0]]})', *(
+            f'{each.name} (field of {name})' for _, fields in found.parts for each in fields)]
+        section += addnodes.index(entries=[entry(section['ids'][0], each) for each in names])
         section += nodes.paragraph('', found.about)
         for part, fields in found.parts:
             if part:
@@ -62,10 +74,48 @@ class Parameters(Directive):
     def run(self) -> list[nodes.Node]:
         """Return the table."""
         self.state.document.settings.env.note_reread()
-        rows = parameters(self.root, TABLES[self.arguments[0]])
-        return [table(('parameter', 'default', 'meaning'), (24, 16, 60), [
-            (nodes.literal('', row.name), *_shown(row), nodes.Text(meaning(row)))
-            for row in rows])]
+        node = self.arguments[0]
+        rows = parameters(self.root, TABLES[node])
+        ids = {row.name: nodes.make_id(f'parameter-{node}-{row.name}') for row in rows}
+        entries = [entry(ids[row.name], f'{row.name} (parameter of {node})') for row in rows]
+        cells = [(nodes.literal('', row.name, ids=[ids[row.name]]), *_shown(row),
+                  nodes.Text(meaning(row))) for row in rows]
+        return [addnodes.index(entries=entries),
+                table(('parameter', 'default', 'meaning'), (24, 16, 60), cells)]
+
+
+class Modules(Directive):
+    """A section for each module of the folder that is named."""
+
+    required_arguments = 1
+    root = Path()
+
+    def run(self) -> list[nodes.Node]:
+        """Return the sections."""
+        self.state.document.settings.env.note_reread()
+        return [self._section(module) for module in modules(self.root, self.arguments[0])]
+
+    def _section(self, module: Module) -> nodes.section:
+        section = nodes.section(ids=[nodes.make_id(f'of-{module.name}')], names=[module.name])
+        section += nodes.title('', '', nodes.literal('', module.name))
+        lines = [f'.. py:module:: {module.name}', '', restructured(module.summary), '']
+        for each in module.members:
+            lines += [f'.. py:{each.kind}:: {each.name}{each.parameters}', '',
+                      f'   {restructured(each.summary)}', '']
+        self.state.nested_parse(StringList(lines, module.name), 0, section)
+        return section
+
+
+def restructured(text: str) -> str:
+    """Return a text of a docstring as reStructuredText in which only backquotes have a meaning."""
+    parts = re.split('`+([^`]*)`+', text)
+    return ''.join(f'``{part}``' if number % 2 else re.sub(r'([*_|\\])', r'\\\1', part)
+                   for number, part in enumerate(parts))
+
+
+def entry(target: str, text: str) -> tuple[str, str, str, str, None]:
+    """Return an entry of the index that points to the element with the id `target`."""
+    return 'single', text, target, '', None
 
 
 def meaning(row: Row) -> str:
@@ -122,6 +172,7 @@ def _cells(cells: tuple[nodes.Node, ...]) -> nodes.row:
 
 def setup(app: Any, root: Path) -> Mapping[str, bool]:
     """Add the directives; they read below `root`."""
-    for name, directive in (('interfaces', Interfaces), ('parameters', Parameters)):
+    for name, directive in (
+            ('interfaces', Interfaces), ('parameters', Parameters), ('modules', Modules)):
         app.add_directive(name, type(directive.__name__, (directive,), {'root': root}))
     return {'parallel_read_safe': True}

@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What the sources say of interfaces and parameters.
+What the sources say of interfaces, parameters and modules.
 
 Modules are parsed, not imported: there need be no ROS where the site is built.
 """
@@ -53,6 +53,25 @@ class Row:
     read_only: bool = False
     used_when: tuple[tuple[Any, ...], ...] = ()
     default_when: tuple[tuple[Any, ...], Any] | None = None
+
+
+@dataclass(frozen=True)
+class Member:
+    """A public function or class of a module, and the first paragraph of its docstring."""
+
+    kind: str
+    name: str
+    parameters: str
+    summary: str
+
+
+@dataclass(frozen=True)
+class Module:
+    """A module of the package, the first paragraph of its docstring, and its members."""
+
+    name: str
+    summary: str
+    members: tuple[Member, ...]
 
 
 def interface(file: Path) -> Interface:
@@ -176,3 +195,29 @@ def _pattern(name: ast.expr) -> str:
         case ast.JoinedStr(values=values):
             return ''.join(map(_pattern, values))
     return 'STATE'
+
+
+def modules(root: Path, folder: str) -> Iterator[Module]:
+    """Yield the modules of a folder of the package that have public members, by their names."""
+    for path in sorted((root / folder).rglob('*.py')):
+        parts = path.relative_to(root).with_suffix('').parts
+        tree = ast.parse(path.read_text(encoding='utf-8'))
+        members = tuple(_member(node) for node in tree.body
+                        if isinstance(node, (ast.FunctionDef, ast.ClassDef))
+                        and not node.name.startswith('_'))
+        if members:
+            yield Module('.'.join(part for part in parts if part != '__init__'), _summary(tree),
+                         members)
+
+
+def _member(node: ast.FunctionDef | ast.ClassDef) -> Member:
+    if isinstance(node, ast.ClassDef):
+        return Member('class', node.name, '', _summary(node))
+    for each in ast.walk(node.args):
+        if isinstance(each, ast.arg):
+            each.annotation = None
+    return Member('function', node.name, f'({ast.unparse(node.args)})', _summary(node))
+
+
+def _summary(node: ast.Module | ast.FunctionDef | ast.ClassDef) -> str:
+    return ' '.join((ast.get_docstring(node) or '').split('\n\n')[0].split())

@@ -6,6 +6,7 @@ from contextlib import suppress
 from dataclasses import fields
 import doctest
 from importlib import import_module, util
+import inspect
 import os
 from pathlib import Path
 import re
@@ -22,7 +23,7 @@ import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / 'docs'
-PAGES = [ROOT / 'README.md', *sorted(DOCS.glob('*.md'))]
+PAGES = [ROOT / 'README.md', *sorted(DOCS.rglob('*.md'))]
 BLOCK = re.compile(r'^```(?:\{code-block\} )?(\w+)\n(?::caption: (\S+)\n\n)?(.*?)^```$',
                    re.MULTILINE | re.DOTALL)
 
@@ -73,6 +74,19 @@ def test_the_interfaces_are_those_of_the_package(kind, sources):
         for part, named in found.parts:
             message = getattr(made, part) if part else made
             assert [each.name for each in named] == list(message.get_fields_and_field_types())
+
+
+def test_the_modules_are_those_of_the_package(sources):
+    kinds = {}
+    for module in sources.modules(ROOT, 'obc_ros/core'):
+        there = import_module(module.name)
+        assert module.summary
+        for member in module.members:
+            kinds[member.name] = member.kind
+            assert inspect.isclass(getattr(there, member.name)) == (member.kind == 'class')
+            assert member.summary, f'{module.name}.{member.name}'
+    assert (kinds['LqrDesign'], kinds['solve'], kinds['certify']) == (
+        'class', 'function', 'function')
 
 
 def test_the_systems_are_those_that_are_registered():
