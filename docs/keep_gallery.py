@@ -79,6 +79,7 @@ def sections(record: Record, stem: str, commit: str) -> Iterator[str]:
     if record['erratum']:
         yield '## Errata of the book'
         yield from map(paragraph, filter(None, (record['erratum'], record['finding'])))
+        yield 'All [errata of the book](../errata.md) are on one page.'
     yield '## Numbers'
     yield paragraph(f'{ERRORS} Computed at commit `{commit}`.')
     yield '\n'.join(['| quantity | result | reference | error | source of the reference |',
@@ -92,6 +93,7 @@ def sections(record: Record, stem: str, commit: str) -> Iterator[str]:
     yield paragraph(' '.join([
         *(note for note, wanted in notes if wanted),
         'Without a ROS 2 installation, write `obc` in place of `ros2`.']))
+    yield 'The [gallery](../gallery.md) lists all entries.'
 
 
 def _row(row: Record) -> str:
