@@ -83,7 +83,7 @@ def sections(record: Record, stem: str, commit: str) -> Iterator[str]:
     yield '## Numbers'
     yield paragraph(f'{ERRORS} Computed at commit `{commit}`.')
     yield '\n'.join(['| quantity | result | reference | error | source of the reference |',
-                     '|---|---|---|---|---|', *map(_row, record['rows'])])
+                     '|---|---:|---:|---:|---|', *map(_row, record['rows'])])
     yield '## Commands'
     yield f'`obc gallery {record["name"]}` computes this page. The same questions with `ros2`:'
     yield '\n'.join(['```text', *record['commands'], '```'])
