@@ -20,10 +20,10 @@ HELPERS = ('baseline', 'timing')  # no benchmarks: a comparison by hand, what al
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `obc bench`."""
-    parser.add_argument('names', nargs='*', metavar='NAME', help='which ones (default: all)')
+    parser.add_argument('names', nargs='*', metavar='NAME', help='benchmarks (default: all)')
     parser.add_argument('--peers', action='store_true',
-                        help='measure optional peers too; those that are missing are named')
-    parser.add_argument('--list', action='store_true', help='only say which ones there are')
+                        help='also measure other tools; those not installed are listed')
+    parser.add_argument('--list', action='store_true', help='list the benchmarks')
 
 
 def run(args: argparse.Namespace) -> int:

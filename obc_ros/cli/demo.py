@@ -53,11 +53,11 @@ class Flight:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `obc demo`."""
-    parser.add_argument('scenario', choices=('aircraft', 'vehicle'), help='what to run')
+    parser.add_argument('scenario', choices=('aircraft', 'vehicle'), help='plant')
     parser.add_argument('--out', type=Path, default=Path('out'), metavar='DIR',
-                        help='where figures and recordings go (default: out)')
+                        help='directory of figures and recordings (default: out)')
     parser.add_argument('--real-time', action='store_true',
-                        help='fly at the speed of the clock on the wall, not in lockstep')
+                        help='run in real time, not in lockstep')
 
 
 def run(args: argparse.Namespace) -> int:

@@ -29,10 +29,10 @@ COLOURS = {'holds': 'green', 'does not hold': 'red'}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `obc gallery`."""
-    parser.add_argument('names', nargs='*', metavar='NAME', help='which ones (default: all)')
+    parser.add_argument('names', nargs='*', metavar='NAME', help='entries (default: all)')
     parser.add_argument('--out', type=Path, default=Path('out/gallery'), metavar='DIR',
-                        help='where page, figures and numbers go (default: out/gallery)')
-    parser.add_argument('--list', action='store_true', help='only say which ones there are')
+                        help='directory of page, figures and numbers (default: out/gallery)')
+    parser.add_argument('--list', action='store_true', help='list the entries')
 
 
 def run(args: argparse.Namespace) -> int:

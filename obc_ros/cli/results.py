@@ -90,9 +90,11 @@ def read(kind: type[Kind], files: Iterable[Path]) -> list[Kind]:
 def add_arguments(parser: argparse.ArgumentParser, what: str) -> None:
     """Describe the files that `what` is asked in, and the folders of the answers."""
     parser.add_argument('files', nargs='+', metavar='FILE', type=Path,
-                        help=f'{what} in YAML, one or a list of them in a file')
-    parser.add_argument('--json', metavar='DIR', type=Path, help='write DIR/NAME.json for each')
-    parser.add_argument('--plot', metavar='DIR', type=Path, help='draw DIR/NAME.png for each')
+                        help=f'YAML file with {what}: one, or a list')
+    parser.add_argument('--json', metavar='DIR', type=Path,
+                        help='write each result to DIR, as JSON')
+    parser.add_argument('--plot', metavar='DIR', type=Path,
+                        help='write a figure of each result to DIR')
 
 
 def make_folders(args: argparse.Namespace) -> None:

@@ -22,9 +22,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command line."""
     results.add_arguments(parser, 'problems')
     parser.add_argument('--time-limit', metavar='S', type=_seconds, default=0.0,
-                        help="seconds for each problem (the server's own limit if left out)")
+                        help='time limit of each problem in seconds (default: that of the server)')
     parser.add_argument('--method', metavar='NAME', type=_method,
-                        help=f"{', '.join(NAMES)}; in place of the key 'method' of the files")
+                        help=f"{', '.join(NAMES)}; overrides the key 'method' of the files")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -27,8 +27,8 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     given = parser.add_mutually_exclusive_group()
     given.add_argument('goal', nargs='?', default='{}',
                        help='fields of the goal in YAML (default: none)')
-    given.add_argument('--stdin', action='store_true', help='read them from the standard input')
-    parser.add_argument('-f', '--feedback', action='store_true', help='print how it goes')
+    given.add_argument('--stdin', action='store_true', help='read the fields from standard input')
+    parser.add_argument('-f', '--feedback', action='store_true', help='print the feedback')
     parser.add_argument('--timeout', type=seconds, default=LOOK, metavar='N',
                         help='wait for the server for N seconds (default: %(default)g)')
 

@@ -30,7 +30,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('type', help='obc_ros/msg/LqrDesign')
     comments = parser.add_mutually_exclusive_group()
     comments.add_argument('--all-comments', action='store_true',
-                          help='comments of the fields of fields as well')
+                          help='include comments of nested fields')
     comments.add_argument('--no-comments', action='store_true', help='no comments')
 
 

@@ -36,7 +36,7 @@ LOOK = 0.2      # [s] between looks at what has ended
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument(
-        'package_name', help='obc_ros, the path of a launch file, or just: loop, fleet')
+        'package_name', help='obc_ros, the path of a launch file, loop or fleet')
     parser.add_argument('words', nargs='*', metavar='launch_file NAME:=VALUE',
                         help='loop.launch.py or fleet.launch.py, and its arguments')
     parser.add_argument('-s', '--show-args', '--show-arguments', action='store_true',

@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {
         'get': ('print the state of a node, or of all', _get_arguments, get),
-        'set': ('have a node change its state', _set_arguments, set_state)})
+        'set': ('change the state of a node', _set_arguments, set_state)})
 
 
 def _get_arguments(parser: argparse.ArgumentParser) -> None:

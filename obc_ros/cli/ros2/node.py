@@ -13,13 +13,13 @@ run = run_verb
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verbs."""
-    add_verbs(parser, {'list': ('list the nodes that run', _arguments, list_nodes)})
+    add_verbs(parser, {'list': ('list the running nodes', _arguments, list_nodes)})
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('-a', '--all', action='store_true',
-                        help='nodes whose names begin with _ as well')
-    parser.add_argument('-c', '--count-nodes', action='store_true', help='print how many')
+                        help='include nodes whose names begin with _')
+    parser.add_argument('-c', '--count-nodes', action='store_true', help='print their number')
     add_direct(parser)
 
 

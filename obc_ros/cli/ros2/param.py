@@ -43,11 +43,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_verbs(parser, {
         'list': ('list the parameters of a node, or of all', _list_arguments, list_names),
         'get': ('get a parameter', _get_arguments, get),
-        'set': ('set a parameter; the node judges it before anything happens',
+        'set': ('set a parameter; the node checks it before applying it',
                 _set_arguments, set_value),
         'describe': ('show type, unit and range of parameters', _describe_arguments, describe),
         'dump': ('print all parameters of a node as a parameter file', add_node, dump),
-        'load': ('set the parameters that a file has', _load_arguments, load)})
+        'load': ('set the parameters of a file', _load_arguments, load)})
 
 
 def _list_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,13 +55,13 @@ def _list_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--filter', metavar='REGEX', help='only names that match')
     parser.add_argument('--param-prefixes', nargs='+', default=[], metavar='PREFIX',
                         help='only parameters of these groups')
-    parser.add_argument('--param-type', action='store_true', help='print the types as well')
+    parser.add_argument('--param-type', action='store_true', help='print the types too')
 
 
 def _get_arguments(parser: argparse.ArgumentParser) -> None:
     add_node(parser)
     parser.add_argument('parameter_name', help='name of the parameter')
-    parser.add_argument('--hide-type', action='store_true', help='print the value alone')
+    parser.add_argument('--hide-type', action='store_true', help='print the value only')
 
 
 def _set_arguments(parser: argparse.ArgumentParser) -> None:
@@ -79,7 +79,7 @@ def _load_arguments(parser: argparse.ArgumentParser) -> None:
     add_node(parser)
     parser.add_argument('parameter_file', type=Path, help='as `dump` prints it')
     parser.add_argument('--no-use-wildcard', action='store_true',
-                        help='leave out what the file has for all nodes (/**)')
+                        help='ignore the parameters that the file has for all nodes (/**)')
 
 
 def list_names(args: argparse.Namespace) -> int:

@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('package_name', help='obc_ros')
     parser.add_argument('executable_name', help='lqr_node, plant_simulator, trajectory_server')
     parser.add_argument('argv', nargs=argparse.REMAINDER,
-                        help='what it is given: --ros-args -p system:=aircraft')
+                        help='its arguments: --ros-args -p system:=aircraft')
 
 
 def run(args: argparse.Namespace) -> int:

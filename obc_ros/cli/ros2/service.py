@@ -17,17 +17,17 @@ run = run_verb
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {
-        'call': ('call a service and print its answer', _call_arguments, call),
+        'call': ('call a service and print the response', _call_arguments, call),
         'list': ('list the services', partial(add_list, what='services'), list_services)})
 
 
 def _call_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('service_name', help='name of the service: /lqr_node/stop')
-    parser.add_argument('service_type', help='its type: std_srvs/srv/Trigger')
+    parser.add_argument('service_type', help='service type: std_srvs/srv/Trigger')
     given = parser.add_mutually_exclusive_group()
     given.add_argument('values', nargs='?', default='{}',
                        help="fields of the request in YAML: '{a: 1, b: [1, 2]}' (default: none)")
-    given.add_argument('--stdin', action='store_true', help='read them from the standard input')
+    given.add_argument('--stdin', action='store_true', help='read the fields from standard input')
     parser.add_argument('--timeout', type=seconds, default=LOOK, metavar='N',
                         help='wait for the service for N seconds (default: %(default)g)')
 

@@ -33,58 +33,58 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {
         'list': ('list the topics', partial(add_list, what='topics'), list_topics),
-        'info': ('say who publishes and who subscribes', _info_arguments, info),
+        'info': ('show publishers and subscribers', _info_arguments, info),
         'echo': ('print messages', _echo_arguments, echo),
-        'hz': ('print at which rate messages come', _hz_arguments, hz),
+        'hz': ('print the rate of messages', _hz_arguments, hz),
         'pub': ('publish a message', _pub_arguments, pub)})
 
 
 def _info_arguments(parser: argparse.ArgumentParser) -> None:
     _add_topic(parser)
-    parser.add_argument('-v', '--verbose', action='store_true', help='nodes and QoS as well')
+    parser.add_argument('-v', '--verbose', action='store_true', help='show nodes and QoS too')
     add_direct(parser)
 
 
 def _echo_arguments(parser: argparse.ArgumentParser) -> None:
     _add_topic(parser)
-    parser.add_argument('message_type', nargs='?', help='its type (default: found)')
+    parser.add_argument('message_type', nargs='?', help='message type (default: looked up)')
     _add_qos(parser)
     parser.add_argument('--once', action='store_true', help='print one message and end')
     parser.add_argument('--timeout', type=seconds, metavar='N', help='end after N seconds')
     parser.add_argument('--field', metavar='A.B', help='print one field')
     parser.add_argument('-f', '--full-length', action='store_true',
-                        help='print all of long sequences and texts')
+                        help='print long sequences and texts in full')
     parser.add_argument('-l', '--truncate-length', type=int, default=TRUNCATED, metavar='N',
-                        help='print N of them (default: %(default)d)')
-    parser.add_argument('--no-arr', action='store_true', help='leave sequences out')
-    parser.add_argument('--no-str', action='store_true', help='leave texts out')
+                        help='print N entries of long ones (default: %(default)d)')
+    parser.add_argument('--no-arr', action='store_true', help='omit sequences')
+    parser.add_argument('--no-str', action='store_true', help='omit texts')
     add_direct(parser)
 
 
 def _hz_arguments(parser: argparse.ArgumentParser) -> None:
     _add_topic(parser)
     parser.add_argument('-w', '--window', type=int, default=WINDOW, metavar='N',
-                        help='of the last N messages (default: %(default)d)')
+                        help='average over the last N messages (default: %(default)d)')
     add_direct(parser)
 
 
 def _pub_arguments(parser: argparse.ArgumentParser) -> None:
     _add_topic(parser)
-    parser.add_argument('message_type', help='its type: obc_ros/msg/Trajectory')
+    parser.add_argument('message_type', help='message type: obc_ros/msg/Trajectory')
     given = parser.add_mutually_exclusive_group()
     given.add_argument('values', nargs='?', default='{}',
                        help="fields in YAML: '{a: 1, b: [1, 2]}' (default: none)")
-    given.add_argument('--stdin', action='store_true', help='read them from the standard input')
+    given.add_argument('--stdin', action='store_true', help='read the fields from standard input')
     often = parser.add_mutually_exclusive_group()
     often.add_argument('-1', '--once', action='store_true', help='one message')
     often.add_argument('-t', '--times', type=int, default=0, metavar='N', help='N messages')
     parser.add_argument('-r', '--rate', type=seconds, default=1.0, metavar='N',
-                        help='N messages a second (default: %(default)g)')
+                        help='N messages per second (default: %(default)g)')
     parser.add_argument('-w', '--wait-matching-subscriptions', type=int, metavar='N',
                         help='wait for N subscriptions (default: 1 where messages are counted, '
                              'else 0)')
     parser.add_argument('--max-wait-time-secs', type=seconds, metavar='N',
-                        help='wait for them no longer than N seconds')
+                        help='wait at most N seconds for them')
     parser.add_argument('--keep-alive', type=seconds, default=0.1, metavar='N',
                         help='stay for N seconds after the last message (default: %(default)g)')
     _add_qos(parser)
@@ -95,11 +95,11 @@ def _add_topic(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_qos(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--qos-depth', type=int, metavar='N', help='messages that are kept')
+    parser.add_argument('--qos-depth', type=int, metavar='N', help='queue depth')
     parser.add_argument('--qos-reliability', choices=QoSReliabilityPolicy.short_keys(),
-                        help='whether messages are sent again that were lost')
+                        help='whether lost messages are sent again')
     parser.add_argument('--qos-durability', choices=QoSDurabilityPolicy.short_keys(),
-                        help='whether those who come late get what was sent')
+                        help='whether late subscribers receive earlier messages')
 
 
 def list_topics(args: argparse.Namespace) -> int:

@@ -34,16 +34,16 @@ def add_direct(parser: argparse.ArgumentParser) -> None:
                         help='look until there has been no news for S seconds '
                              '(default: %(default)g)')
     parser.add_argument('--no-daemon', action='store_true',
-                        help='for `ros2`: here there is no daemon')
+                        help='accepted as by `ros2`; there is no daemon here')
 
 
 def add_list(parser: argparse.ArgumentParser, what: str) -> None:
     """Declare how names are listed; `what`: topics or services."""
-    parser.add_argument('-t', '--show-types', action='store_true', help='print the types as well')
+    parser.add_argument('-t', '--show-types', action='store_true', help='print the types too')
     parser.add_argument('-c', f'--count-{what}', dest='count', action='store_true',
-                        help='print how many')
+                        help='print their number')
     parser.add_argument(f'--include-hidden-{what}', dest='include_hidden', action='store_true',
-                        help=f'{what} with a part that begins with _ as well')
+                        help=f'include {what} with a part that begins with _')
     add_direct(parser)
 
 
@@ -71,7 +71,7 @@ def add_node(parser: argparse.ArgumentParser, *, optional: bool = False) -> None
     parser.add_argument('--timeout', type=seconds, default=LOOK, metavar='N',
                         help='wait for the node for N seconds (default: %(default)g)')
     parser.add_argument('--include-hidden-nodes', action='store_true',
-                        help='nodes whose names begin with _ as well')
+                        help='include nodes whose names begin with _')
     add_direct(parser)
 
 
