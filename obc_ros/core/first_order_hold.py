@@ -26,12 +26,14 @@ from obc_ros.core.norms import norm, TINY
 from scipy.linalg import expm
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 Of = TypeVar('Of')
 
 _FEWEST = 3             # halvings of a block
 _MOST_AT_ONCE = 3       # halvings added in one round
 _ROUNDS = 12
-_LARGEST_TABLE = 4e7    # numbers of P(t) beyond which no step is halved
+_LARGEST_TABLE = 2e7    # numbers of P(t) at all steps (160 MB)
+_MOST_STEPS = 2**18     # of all blocks; with few states these bound time and memory
 _MOST_GROWTH = 20.0     # of the states over a step, on the average of the rows: e^3
 _SHORT = 0.5            # norm of a rate times a step of which the exponential is taken
 _ALLOWED = 1e-5         # a tenth of what the certificate allows; all intervals, as in `_errors`
@@ -103,10 +105,10 @@ class Feedback:
         for known in (self._costs, self._laws, self._inputs):
             known.pop(block, None)
 
-    @property
-    def size(self) -> int:
-        """Return how many numbers P(t) takes at all steps."""
-        return sum(1 << halvings for halvings in self.halvings) * self.P1.size
+    def may_refine(self, more: Index) -> bool:
+        """Return whether steps and memory allow for so many halvings of each block."""
+        steps = sum(1 << int(each) for each in self.halvings + more)
+        return steps <= min(_MOST_STEPS, _LARGEST_TABLE / self.P1.size)
 
     def costs(self, block: int) -> Array:
         """Return P at the ends of the steps of a block, (2^c + 1, n+1+q, n+1+q)."""
@@ -248,8 +250,9 @@ def follow(feedback: Feedback, x0: Array, nu: Array) -> Held | None:
     """
     with np.errstate(all='ignore'):
         for block in range(len(feedback.blocks)):
+            one = (np.arange(len(feedback.blocks)) == block).astype(np.intp)
             while not norm(feedback.move(block)[:, :len(x0)]) <= _MOST_GROWTH * len(x0):
-                if feedback.size > _LARGEST_TABLE:
+                if not feedback.may_refine(one):
                     return None
                 feedback.refine(block, 1)
         for _ in range(_ROUNDS):
@@ -257,15 +260,19 @@ def follow(feedback: Feedback, x0: Array, nu: Array) -> Held | None:
             error = float(held.errors.sum())
             if error <= _ALLOWED:
                 return held
-            if not math.isfinite(error) or feedback.size > _LARGEST_TABLE:
+            if not math.isfinite(error):
                 break
             more = _halvings(held.errors, np.array(feedback.halvings))
+            while not feedback.may_refine(more) and more.max() > 1:
+                more = np.minimum(more, more.max() - 1)
+            if not feedback.may_refine(more):
+                break
             for block in np.flatnonzero(more).tolist():
                 feedback.refine(block, int(more[block]))
     return held if math.isfinite(error) else None
 
 
-def _halvings(errors: Array, halvings: NDArray[np.intp]) -> NDArray[np.intp]:
+def _halvings(errors: Array, halvings: Index) -> Index:
     """
     Return how often the steps of each block are to be halved.
 
