@@ -14,7 +14,7 @@ from obc_ros.core.contradictions import contradiction
 from obc_ros.core.ends import affine_end
 from obc_ros.core.ill_posed import without_minimum
 from obc_ros.core.rational import null_space, polynomials
-from obc_ros.core.reach import Reach
+from obc_ros.core.reach import exponential, Reach
 from obc_ros.core.separation import excluded, never_met
 from obc_ros.core.statement import problem_from_mapping
 from obc_ros.core.tubes import Tube
@@ -129,6 +129,45 @@ def test_what_an_input_reaches_is_never_called_out_of_reach(seed, n, T):
 def test_problems_of_a_double_integrator_are_excluded_just_where_they_are(T, bounds, proved):
     # From rest to rest over 1 in 2 at least; within |v| <= 0.2 in 1/0.2 + 0.2 = 5.2.
     assert excluded(stated(final_time={'free': False, 'value': T}, state_bounds=bounds)) is proved
+
+
+def test_the_exponential_of_states_in_far_units():
+    """What two equal modes drive: entries of 5e17 beside 8e-3, each right in itself."""
+    rate, T, far = 8.478e-3, 152.0, (5.45e17, -7.65e17)
+    found = exponential(T * np.array([[rate, 0, 0], [0, rate, 0], [*far, 0]]))
+    grown, driven = math.exp(rate * T), math.expm1(rate * T) / rate
+    exact = np.array([[grown, 0, 0], [0, grown, 0], [far[0] * driven, far[1] * driven, 1]])
+    assert found == pytest.approx(exact, rel=1e-13)
+
+
+def test_no_direction_is_proved_from_what_rounding_left():
+    """The third state is the difference of two that inputs move alike: its unit is next to 0."""
+    assert contradiction(stated(
+        states=['x', 'y', 'z'], inputs=['w'],
+        initial_state={'x': 7.368741154814138e-08, 'y': 1.0667385307101855,
+                       'z': -6.748415067481089e-05},
+        dynamics={'x': '(1.0303889408765128*(x/8.248645745477532e-08) + w/4917.713094482863)'
+                       '*6.787167092229201e-10',
+                  'y': '(1.0303889408765128*(y/7.88562374950086) + w/4917.713094482863)'
+                       '*0.06488464611740316',
+                  'z': '(x/8.248645745477532e-08 - y/7.88562374950086)*4.991845257597999e-06'},
+        running_cost='1', input_bounds={'w': [-5597.160302843634, 5597.160302843634]},
+        terminal_constraints=['x - 1.6831674194289802e-07', 'y - 1.5010902056524371',
+                              'z - 0.0005755410490978527'],
+        state_bounds={'y': [0.9617255131441544, None], 'z': [-9.53390203493168e-05, None]},
+        final_time={'free': True, 'lower': 26.078324663777007, 'upper': 152.54426893917073}
+    )) == ''
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 4), st.floats(0.2, 5))
+def test_what_rounding_is_measured_by_holds_the_states(seed, n, T):
+    rng = np.random.default_rng(seed)
+    A, B, c, x0 = (rng.normal(size=shape) for shape in ((n, n), (n, 1), n, n))
+    reach = Reach(A, B, c, x0, np.eye(n), x0)
+    for t in np.linspace(0, T, 7):
+        flow = exponential(reach.Z * t)[:n]
+        assert np.all(np.abs(flow) @ np.append(np.abs(x0), [1, 1]) <= reach.sizes(T) * (1 + 1e-9))
 
 
 # ---------------------------------------------------------------- exact arithmetic

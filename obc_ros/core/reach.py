@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 
 # Cells of a grid: at least, at most, and for each period of the fastest mode.
 _CELLS, _MOST_CELLS, _CELLS_PER_PERIOD = 256, 8192, 24
+_PARTS = 32     # of a horizon, in which rounding errors are followed
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +97,26 @@ class Reach:
                 power = power @ power
             done = end + 1
         return rows
+
+    def sizes(self, T: float) -> Array:
+        """
+        Return bounds (n,) of what the terms of x(t), t <= T, add up to on the way to it.
+
+        They are the largest |e^(A (t - s))| |e^(A s)| (|x0|, 1, 1): a rounding error relative to
+        a term at s grows to no more than that. Times are told apart by 1/32 of T.
+        """
+        tau = self.times(T)
+        whole = Reach(self.A, self.B, self.c, self.x0, np.eye(len(self.A)), self.x0)
+        table, (n, m) = np.abs(whole.table(tau)), self.B.shape
+        flow = np.zeros((len(tau), n + m + 1, n + m + 1))
+        flow[:, :n], flow[:, n:, n:] = table, np.eye(m + 1)
+        part = np.minimum(_PARTS * tau / T, _PARTS - 1).astype(int)
+        most = np.array([flow[np.abs(part - k) <= 1].max(axis=0) for k in range(_PARTS)])
+        start = np.concatenate([np.abs(self.x0), np.ones(m + 1)])
+        first = most @ start
+        found: Array = np.max([(most[:_PARTS - k] @ first[k]).max(axis=0)
+                               for k in range(_PARTS)], axis=0)
+        return found[:n]
 
     def gap(self, table: Array) -> Array:
         """Return g at the times of a table, shape (N, q)."""
@@ -166,10 +187,19 @@ class Reach:
 
 
 def exponential(matrix: Array) -> Array:
-    """Return e^matrix."""
-    from scipy.linalg import expm
+    """
+    Return e^matrix, shape (..., n, n), whatever the units of the states.
 
-    return np.asarray(expm(matrix), dtype=float)
+    Scales of 2^k are taken out first, without rounding: where entries differ by many orders of
+    magnitude the largest would cost all digits of the others.
+    """
+    from scipy.linalg import expm, matrix_balance
+
+    sizes = np.abs(matrix).reshape(-1, *matrix.shape[-2:]).max(axis=0)
+    if not np.isfinite(sizes).all():
+        return np.full_like(matrix, np.nan)
+    unit = matrix_balance(sizes, permute=False, separate=True)[1][0]
+    return np.asarray(expm(matrix * unit / unit[:, None]) * unit[:, None] / unit, dtype=float)
 
 
 def _run(steps: Array) -> int:

@@ -13,7 +13,8 @@ linear programme proposes the weights; the inequality, in which every input coun
 those of the programme, is evaluated anew with a bound for the integral. Nothing depends on how
 near the programme came to its optimum.
 
-Numbers are doubles; an inequality counts that holds by more than 1e-9 of the sizes of its terms.
+Numbers are doubles. Rounding is bounded step by step (`Reach.sizes`): an inequality counts that
+holds by more than 1e-9 of the sizes of all terms that lead to it.
 """
 
 from dataclasses import dataclass
@@ -27,7 +28,8 @@ from obc_ros.core.reach import exponential, Reach
 
 Array = NDArray[np.float64]
 
-_MARGIN = 1e-9      # of the sizes of all terms
+_MARGIN = 1e-9      # of the sizes of all terms, on the way to them too
+_ROUNDING = 20 * np.finfo(float).eps   # of a step's terms, for each of as many states
 _FINER = 16         # times as many cells as the programme has
 _PROGRAMMES = 40    # linear ones, for all times at which the end may be
 _SHORTEST = 1e-3    # of the last time: an interval of times that is not halved
@@ -41,7 +43,10 @@ def never_met(reach: Reach, lower: float, upper: float) -> bool:
 
     The interval is halved until one direction separates the target from all that is reached.
     """
-    if not len(reach.d) or reach.poles.real.max(initial=0.0) * upper > _MOST_GROWTH:
+    if not len(reach.d) or not upper or reach.poles.real.max(initial=0.0) * upper > _MOST_GROWTH:
+        return False
+    sizes = reach.sizes(upper)
+    if not np.isfinite(sizes).all():
         return False
     waiting, programmes = [(lower, upper)], 0
     while waiting:
@@ -53,7 +58,7 @@ def never_met(reach: Reach, lower: float, upper: float) -> bool:
             eta = _direction(reach, T)
             if eta is None:
                 return False   # it is met at this time, as far as the programme can tell
-            if _separates(reach, eta, a, b):
+            if _separates(reach, eta, a, b, sizes):
                 break
         else:
             if b - a <= _SHORTEST * upper:
@@ -74,7 +79,7 @@ def _direction(reach: Reach, T: float) -> Array | None:
 
 
 @np.errstate(over='ignore', invalid='ignore')   # where bounds are infinite nothing is proved
-def _separates(reach: Reach, eta: Array, lower: float, upper: float) -> bool:
+def _separates(reach: Reach, eta: Array, lower: float, upper: float, sizes: Array) -> bool:
     """Return whether eta'(d - C x(T)) > 0 whatever the inputs are, for all T of an interval."""
     tau = reach.times(upper, _FINER) if upper else np.zeros(1)
     tau = np.unique(np.append(tau, lower))
@@ -88,9 +93,9 @@ def _separates(reach: Reach, eta: Array, lower: float, upper: float) -> bool:
     slope = np.linalg.norm(w, axis=1) * growth * (
         np.linalg.norm(reach.A @ reach.x0 + reach.c)
         + np.linalg.norm(reach.B, axis=0).sum())
-    terms = np.abs(table).max(axis=0) @ np.concatenate(
-        [np.abs(reach.x0), np.ones(m), np.ones(1)])
-    small = _MARGIN * float(np.abs(eta) @ (np.abs(reach.d) + terms))
+    terms = np.abs(reach.C) @ sizes
+    share = max(_MARGIN, _ROUNDING * len(tau) * len(reach.Z))
+    small = share * float(np.abs(eta) @ (np.abs(reach.d) + terms))
     part = tau >= lower
     least = margin - slope * np.diff(tau, append=tau[-1])
     return bool(np.isfinite(least).all() and np.all(least[part] > small))
@@ -228,5 +233,6 @@ def _proves(plant: Affine, x0: Array, T: float, demands: _Demands, y: Array) -> 
         w = at[-1]
     wanted = float(y @ demands.s)
     least = constant + float(w @ x0) - reached
-    size += float(np.abs(y) @ np.abs(demands.s)) + float(np.abs(w) @ np.abs(x0)) + reached
+    reach = Reach(plant.A, plant.B, plant.c, x0, np.eye(n), x0)
+    size += float(np.abs(y) @ (np.abs(demands.s) + np.abs(demands.S) @ reach.sizes(T))) + reached
     return bool(np.isfinite(least) and least - wanted > 1e3 * _MARGIN * size)
