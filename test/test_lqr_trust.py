@@ -13,7 +13,8 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from obc_ros.core import systems
 from obc_ros.msg import Command, LqrWeights, State, Trajectory
-from obc_ros.nodes.state_sources import FrameError, source
+from obc_ros.nodes.conversions import make_body_reader
+from obc_ros.nodes.state_sources import FrameError
 from obc_ros.srv import SuggestWeights, TryDesign
 import pytest
 from rclpy.duration import Duration
@@ -389,7 +390,7 @@ def test_twist_without_a_stamp(spawn: Any, probe: Any, system: str, inputs: Any)
 
 def test_odometry_of_another_body_is_named() -> None:
     """The twist is one of the body: in no fixed frame, and of the same body each time."""
-    read = source('odom', systems.get('vehicle'))
+    read = make_body_reader('odom', systems.get('vehicle'))
     with pytest.raises(FrameError, match="child_frame_id = header.frame_id = 'odom': its twist"):
         read(odometry(0.0, 0.0, 0.0, child='odom'))
     assert read(odometry(1.0, 2.0, 0.5)) == pytest.approx([1.0, 2.0, 0.5])

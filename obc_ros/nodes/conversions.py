@@ -14,7 +14,7 @@ twist        in the body's frame: (forward, left, 0), or (forward, 0, up); rate 
 ===========  ==================================  =======================================
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 import math
 from typing import Any
 
@@ -26,8 +26,10 @@ from obc_ros.core import systems
 from obc_ros.core.errors import DynamicsError, StatementError
 from obc_ros.core.system import System
 from obc_ros.nodes.parameters import Entry
+from obc_ros.nodes.state_sources import Body
 
 Array = NDArray[np.float64]
+Read = Callable[[Any], Sequence[float]]
 
 ODOM, BASE = 'odom', 'base_link'  # REP 105
 _POSE, _TWIST = ('px', 'py', 'theta'), ('vx', 'vy', 'omega')
@@ -180,3 +182,38 @@ class OdometryMap:
         if not np.isfinite(x).all():
             raise StatementError('the odometry has numbers that are not finite')
         return x
+
+
+def make_state_reader(topic: str, system: System) -> Read:
+    """
+    Return what makes a state (n,) of one message, whatever came before it.
+
+    Raises
+    ------
+    StatementError
+        If the messages of the topic, a key of `SOURCES`, do not tell the state of the system.
+        What is returned raises it for a message that tells none.
+
+    """
+    if topic == 'state':
+        return lambda message: message.x  # type: ignore[no-any-return] # array of double
+    odometry = OdometryMap(system)
+    if not odometry.readable:
+        raise StatementError(f'state_source = odom: a pose and a twist do not tell the state of '
+                             f'{system.name} ({", ".join(system.state_names)})')
+    return lambda message: odometry.state(message).tolist()  # type: ignore[no-any-return]
+
+
+def make_body_reader(topic: str, system: System) -> Read:
+    """Return what makes a state (n,) of each message of a topic; odometry is of one body."""
+    convert, body = make_state_reader(topic, system), Body()
+    if topic == 'state':
+        return convert
+
+    def state(message: Odometry) -> Sequence[float]:
+        body.check(message)
+        x = convert(message)
+        body.keep(message)
+        return x
+
+    return state

@@ -29,7 +29,7 @@ from obc_ros.core.loop import Loop
 from obc_ros.core.reference_checks import check
 from obc_ros.msg import LqrDesign, Trajectory
 from obc_ros.nodes import graph, lqr_topics, state_sources
-from obc_ros.nodes.conversions import nanoseconds
+from obc_ros.nodes.conversions import make_body_reader, nanoseconds
 from obc_ros.nodes.design_message import design_message, fill_suggestion, suggestion
 from obc_ros.nodes.hardware import identify
 from obc_ros.nodes.lqr_diagnostics import Monitor
@@ -82,7 +82,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     def _create_topics(self, settings: Settings) -> None:
         system = self._adopted.design.plant.system
         overrides = QoSOverridingOptions(OVERRIDES)
-        self._read = state_sources.source(settings.state_source, system)
+        self._read = make_body_reader(settings.state_source, system)
         self._sink = lqr_topics.Sink(settings.command_sink, system, settings.cmd_vel_stamped)
         self._frame, self._has_speed = settings.frame_id, settings.state_source == 'odom'
         self._look_at_clock()

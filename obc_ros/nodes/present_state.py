@@ -7,9 +7,8 @@ from time import monotonic
 from typing import Any
 
 from obc_ros.core.errors import StatementError
-from obc_ros.core.planning import registered
 from obc_ros.nodes.messages import check_size, parameters
-from obc_ros.nodes.state_sources import Body, conversion, FrameError, SOURCES
+from obc_ros.nodes.state_sources import Body, FrameError, SOURCES
 from obc_ros.nodes.throttled_log import ThrottledLog
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -69,9 +68,12 @@ class PresentState:
                                  f'{timeout:g} s (state_timeout)')
         if self._topic == 'state':
             return self._message.x  # type: ignore[no-any-return] # array of double
+        # Imported where used: CasADi takes a third of a second, and few ask for plans.
+        from obc_ros.core.planning import registered
+        from obc_ros.nodes.conversions import make_state_reader
         check_size(request)
         given = parameters('system_parameters', request.system_parameters)
-        return conversion(self._topic, registered(request.system, given))(self._message)
+        return make_state_reader(self._topic, registered(request.system, given))(self._message)
 
     def stamp(self, timeout: float) -> int | None:
         """Return the stamp of the last state [ns]; None: none has come within `timeout` [s]."""
