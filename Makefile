@@ -8,8 +8,12 @@ BIN := $(VENV)/bin
 SYSTEM ?= aircraft
 # OpenBLAS picks a kernel for the processor; each rounds matrix products in its own way.
 KERNEL ?= $(shell grep -qw avx512f /proc/cpuinfo && echo Haswell || echo Nehalem)
-SOLVER := $(addsuffix .py,$(addprefix test/test_,branches riccati undefined rounding aligned care \
-	dlqr margins sampled closed_forms settling horizons lq minimize time_optimal interior))
+SOLVER := $(addsuffix .py,$(addprefix test/core/,solver/improve/test_hamiltonian_wells \
+	riccati/test_fixed_horizon solver/proofs/test_singular_expressions solver/test_rounding \
+	solver/improve/test_kink_mesh riccati/test_care lqr/test_dlqr lqr/test_margins lqr/test_sampled \
+	solver/exact/test_closed_forms solver/improve/test_arc_iteration \
+	solver/starts/test_final_time_windows solver/exact/test_riccati solver/nlp/test_minimize \
+	solver/exact/test_time_optimal solver/nlp/test_interior_point))
 
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 # What takes minutes shows what it does, and for how long.

@@ -13,10 +13,11 @@ from typing import Any
 
 import atheris
 
-with atheris.instrument_imports(include=['obc_ros.core', 'obc_ros.nodes.messages']):
-    from obc_ros.core import expressions, statement
-    from obc_ros.core.errors import StatementError
-    from obc_ros.nodes import messages
+with atheris.instrument_imports(include=['obc_ros.core', 'obc_ros.ros.messages']):
+    from obc_ros.core.ocp import statement
+    from obc_ros.core.text import expressions
+    from obc_ros.core.text.errors import StatementError
+    from obc_ros.ros import messages
 
 import casadi as ca
 from obc_ros.msg import (

@@ -17,10 +17,10 @@ import time
 from typing import Any
 
 import numpy as np
-from obc_ros.core import explain as explaining
-from obc_ros.core import lqr as regulators
-from obc_ros.core import solve as solver
-from obc_ros.core.errors import ObcError
+from obc_ros.core.lqr import lqr as regulators
+from obc_ros.core.solver import solve as solver
+from obc_ros.core.solver.diagnosis import explanation as explaining
+from obc_ros.core.text.errors import ObcError
 import pytest
 
 MOST = 20  # calls of one test: a property asks for hundreds of examples

@@ -16,9 +16,9 @@ import sys
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.problem import FinalTime, Problem
-from obc_ros.core.solve import solve
-from obc_ros.core.statement import load_file, problem_from_mapping
+from obc_ros.core.ocp.problem import FinalTime, Problem
+from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.solver.solve import solve
 
 CHANGE = 1e-12   # relative, the largest
 BOUNDS = 'x_lower', 'x_upper', 'u_lower', 'u_upper', 'path_lower', 'path_upper'

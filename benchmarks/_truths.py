@@ -15,7 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.expressions import parse
+from obc_ros.core.text.expressions import parse
 from scipy.linalg import expm
 
 Array = NDArray[np.float64]

@@ -27,9 +27,9 @@ import time
 from typing import Any
 
 import _recorder
-from obc_ros.core.errors import ObcError
-from obc_ros.core.solve import solve
-from obc_ros.core.statement import load_file, problem_from_mapping
+from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.solver.solve import solve
+from obc_ros.core.text.errors import ObcError
 
 TESTS = Path(__file__).resolve().parents[1] / 'test'
 COST = 1e-6     # relative to 1 + the cost: the accuracy that certificates are held to

@@ -22,9 +22,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.problem import Problem
-from obc_ros.core.solve import Cache, solve
-from obc_ros.core.statement import problem_from_mapping
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.solver.solve import Cache, solve
 from optimal_control import end_error, held_step, HOVER, STATE
 
 Array = NDArray[np.float64]

@@ -21,8 +21,8 @@ import _hosts
 from _machine import Stalls, still, told
 from diagnostic_msgs.msg import DiagnosticArray
 from obc_ros.msg import Command, State
-from obc_ros.nodes.conversions import nanoseconds
-from obc_ros.nodes.crowds import BURST
+from obc_ros.ros.conversions import nanoseconds
+from obc_ros.ros.service_qos import BURST
 from obc_ros.srv import DesignLqr
 import rclpy
 from rclpy.executors import SingleThreadedExecutor

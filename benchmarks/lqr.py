@@ -17,11 +17,11 @@ from collections.abc import Callable
 import control
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core import systems
-from obc_ros.core.equilibrium import equilibrium, linearize
-from obc_ros.core.lqr import lqr
-from obc_ros.core.margins import figures
-from obc_ros.core.riccati import finite_horizon
+from obc_ros.core.lqr.lqr import lqr
+from obc_ros.core.lqr.margins import figures
+from obc_ros.core.riccati.fixed_horizon import finite_horizon
+from obc_ros.core.systems import registry
+from obc_ros.core.systems.equilibrium import equilibrium, linearize
 from scipy.linalg import expm, solve_continuous_lyapunov
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ WIDE = np.longdouble
 def main() -> int:
     """Measure and print; return the exit status."""
     args = timing.arguments('linear quadratic regulators')
-    aircraft = systems.get('aircraft')
+    aircraft = registry.get('aircraft')
     at = equilibrium(aircraft)
     pvtol = linearize(aircraft, at.x, at.u)
     stationary('aircraft, n = 6', pvtol, 0.3, args.peers)

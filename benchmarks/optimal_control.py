@@ -20,16 +20,16 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.guesses import Guesser, scales
-from obc_ros.core.limits import Limits
-from obc_ros.core.mesh import uniform
-from obc_ros.core.monitor import Monitor
-from obc_ros.core.one_step import rk4
-from obc_ros.core.problem import Problem
-from obc_ros.core.solution import Solution, Status
-from obc_ros.core.solve import Cache, solve
-from obc_ros.core.statement import problem_from_mapping
-from obc_ros.core.transcription import Transcription
+from obc_ros.core.numerics.explicit_steps import rk4
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Solution, Status
+from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.solver.nlp.progress import Monitor
+from obc_ros.core.solver.solve import Cache, solve
+from obc_ros.core.solver.starts.initial_guess import Guesser, scales
+from obc_ros.core.solver.transcription.mesh import uniform
+from obc_ros.core.solver.transcription.program import Transcription
+from obc_ros.core.solver.transcription.tightening import Limits
 
 Array = NDArray[np.float64]
 

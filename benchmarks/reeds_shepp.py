@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.reeds_shepp import lengths, shortest_path
+from obc_ros.core.solver.exact.reeds_shepp import lengths, shortest_path
 
 Array = NDArray[np.float64]
 

@@ -19,11 +19,11 @@ import traceback
 from typing import Any
 
 import numpy as np
-from obc_ros.core.problem import Problem
-from obc_ros.core.replay import LEAST_COST
-from obc_ros.core.solution import Solution, Status
-from obc_ros.core.solve import Cache, solve
-from obc_ros.core.statement import load_file, problem_from_mapping
+from obc_ros.core.ocp.certificate.replay import LEAST_COST
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Solution, Status
+from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.solver.solve import Cache, solve
 
 PROBLEMS = Path(__file__).resolve().parent.parent / 'test' / 'problems'
 CHANGES = 3

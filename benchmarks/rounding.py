@@ -22,8 +22,8 @@ from pathlib import Path
 import subprocess
 import sys
 
-from obc_ros.core.certificate import TOLERANCES
-from obc_ros.core.replay import LEAST_COST
+from obc_ros.core.ocp.certificate.certificate import TOLERANCES
+from obc_ros.core.ocp.certificate.replay import LEAST_COST
 
 PROBLEMS = Path(__file__).parent.parent / 'test' / 'problems'
 WORKER = Path(__file__).with_name('_rounding.py')

@@ -25,13 +25,13 @@ from _machine import children
 from obc_ros.action import SolveOptimalControl
 from obc_ros.cli.client import Client, START
 from obc_ros.cli.processes import Children, free_domain, isolate
-from obc_ros.core import answers
-from obc_ros.core.statement import problem_from_mapping
+from obc_ros.core.ocp.statement import problem_from_mapping
 from obc_ros.msg import LqrWeights
-from obc_ros.nodes import messages
-from obc_ros.nodes.crowds import BURST
+from obc_ros.ros import messages
+from obc_ros.ros.service_qos import BURST
 from obc_ros.srv import DesignLqr
 from obc_ros.srv import SolveOptimalControl as Solve
+from obc_ros.workers import requests
 from rcl_interfaces.srv import GetParameters
 import rclpy
 from rclpy.action import ActionClient
@@ -88,7 +88,7 @@ def latency(client: Client) -> None:
     solve = Caller(client, Solve, 'solve', scalar())
 
     def in_process() -> object:
-        return answers.answer('solve', plain, 60.0, lambda *_: False)
+        return requests.answer('solve', plain, 60.0, lambda *_: False)
 
     times = timing.measure({
         'get_parameters (the floor)': Caller(client, GetParameters, 'get_parameters', asked),

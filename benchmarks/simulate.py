@@ -18,10 +18,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core import systems
-from obc_ros.core.conditions import Conditions, Gust
-from obc_ros.core.equilibrium import equilibrium, linearize
-from obc_ros.core.simulate import Simulator
+from obc_ros.core.closed_loop.simulation_settings import Conditions, Gust
+from obc_ros.core.closed_loop.simulator import Simulator
+from obc_ros.core.systems import registry
+from obc_ros.core.systems.equilibrium import equilibrium, linearize
 from scipy.linalg import solve_continuous_are
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ DT = 1e-3
 STEPS = 1000   # timed together: one second of flight
 PERIOD = 5     # steps from one command to the next at 200 Hz
 U = (0.01, 39.2)
-AIRCRAFT = systems.get('aircraft')
+AIRCRAFT = registry.get('aircraft')
 
 
 def main() -> int:

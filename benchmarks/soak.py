@@ -25,7 +25,7 @@ from _machine import children, memory, Stalls, still, told, zombies
 from diagnostic_msgs.msg import DiagnosticArray
 from obc_ros.cli.processes import die_with_parent, free_domain, isolate
 from obc_ros.msg import Command
-from obc_ros.nodes.crowds import BURST
+from obc_ros.ros.service_qos import BURST
 from obc_ros.srv import DesignLqr
 from rcl_interfaces.srv import SetParametersAtomically
 import rclpy

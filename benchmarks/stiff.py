@@ -17,10 +17,10 @@ import sys
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.problem import Problem
-from obc_ros.core.solution import Solution, Status
-from obc_ros.core.solve import solve
-from obc_ros.core.statement import problem_from_mapping
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Solution, Status
+from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.solver.solve import solve
 
 Mapping = dict[str, object]
 

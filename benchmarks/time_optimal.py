@@ -18,11 +18,11 @@ from math import acos, factorial, sqrt
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.certificate import certify
-from obc_ros.core.problem import Problem
-from obc_ros.core.solution import Solution
-from obc_ros.core.statement import problem_from_mapping
-from obc_ros.core.time_optimal import solve_time_optimal
+from obc_ros.core.ocp.certificate.certificate import certify
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Solution
+from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
 
 Array = NDArray[np.float64]
 

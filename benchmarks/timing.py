@@ -23,7 +23,7 @@ import time
 from types import TracebackType
 from typing import Any
 
-from obc_ros.core.errors import ObcError
+from obc_ros.core.text.errors import ObcError
 
 Clock = Callable[[], float]
 

@@ -20,17 +20,17 @@ import time
 
 import _truths
 import numpy as np
-from obc_ros.core.contradictions import CHECKS
-from obc_ros.core.errors import StatementError
-from obc_ros.core.ill_posed import without_minimum
-from obc_ros.core.problem import Problem
-from obc_ros.core.riccati import solve_lq
-from obc_ros.core.solution import Solution, Status
-from obc_ros.core.solve import solve
-from obc_ros.core.statement import problem_from_mapping
-from obc_ros.core.time_optimal import solve_time_optimal
-from obc_ros.core.two_wheeled_time import solve_two_wheeled
-from obc_ros.core.undefined import undefined
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Solution, Status
+from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.solver.exact.riccati import solve_lq
+from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
+from obc_ros.core.solver.exact.two_wheeled import solve_two_wheeled
+from obc_ros.core.solver.proofs.contradictions import CHECKS
+from obc_ros.core.solver.proofs.existence import without_minimum
+from obc_ros.core.solver.proofs.singular_expressions import undefined
+from obc_ros.core.solver.solve import solve
+from obc_ros.core.text.errors import StatementError
 
 ABOVE = 1e-5      # relative: of a certified cost over the least one
 LIMIT = 2.0       # [s] for one problem that is solved

@@ -19,8 +19,8 @@ import sys
 import textwrap
 from typing import Any
 
-from obc_ros.cli.gallery_entries.all import ENTRIES
-from obc_ros.cli.gallery_entries.page import ERRORS, markup, plain_text
+from obc_ros.cli.gallery.entries.all import ENTRIES
+from obc_ros.cli.gallery.page import ERRORS, markup, plain_text
 from PIL import Image
 
 Record = Mapping[str, Any]

@@ -16,7 +16,7 @@ import signal
 
 from hypothesis import settings
 from obc_ros.cli.processes import free_domain
-from obc_ros.nodes.middleware import choose_profile
+from obc_ros.ros.middleware import choose_profile
 import pytest
 import support
 from words import Terminal, WORDS

@@ -16,7 +16,7 @@ import tempfile
 from typing import Any
 
 from obc_ros.cli.ros2.launch_file import LaunchFile, Started
-from obc_ros.core.errors import ObcError
+from obc_ros.core.text.errors import ObcError
 
 ROOT = Path(__file__).resolve().parents[1]
 EXECUTABLES = ('plant_simulator', 'lqr_node', 'trajectory_server')

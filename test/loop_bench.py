@@ -4,9 +4,9 @@
 
 import math
 
-from obc_ros.core.control import Control, Leg, Reference, Rules
-from obc_ros.core.loop import Loop
-from obc_ros.core.regulator import Limits, Point, Regulator
+from obc_ros.core.closed_loop.control import Control, Leg, Reference, Rules
+from obc_ros.core.closed_loop.feedback import Limits, Point, Regulator
+from obc_ros.core.closed_loop.loop import Loop
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -6,8 +6,8 @@ import os
 import time
 
 import numpy as np
-from obc_ros.core import answers
-from obc_ros.core.wire import Packet
+from obc_ros.workers import requests
+from obc_ros.workers.wire import Packet
 
 SEEN = []
 KEEP = []
@@ -68,7 +68,7 @@ def do_solve(request, time_limit, report):
         report('kept', 0, path.plain['objective'], 0.0)
         time.sleep(1000)
 
-    return answers.answer('solve', request, time_limit, report, keep)
+    return requests.answer('solve', request, time_limit, report, keep)
 
 
 def do_pid(request, time_limit, report):

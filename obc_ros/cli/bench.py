@@ -12,8 +12,8 @@ from pathlib import Path
 import subprocess
 import sys
 
-from obc_ros.cli.share import share_directory
-from obc_ros.core.errors import ObcError
+from obc_ros.cli.share_folders import share_directory
+from obc_ros.core.text.errors import ObcError
 
 HELPERS = ('baseline', 'timing')  # no benchmarks: a comparison by hand, what all have in common
 

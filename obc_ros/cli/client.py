@@ -15,9 +15,9 @@ import tempfile
 from typing import Any
 
 from obc_ros.action import SolveOptimalControl
-from obc_ros.cli.graph import Graph, joined, ServerLostError
 from obc_ros.cli.processes import Children, free_domain, isolate
-from obc_ros.nodes.crowds import BURST
+from obc_ros.cli.ros_graph import Graph, joined, ServerLostError
+from obc_ros.ros.service_qos import BURST
 from rcl_interfaces.srv import GetParameters
 import rclpy
 from rclpy.action import ActionClient, get_action_names_and_types

@@ -12,12 +12,10 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
-from numpy.typing import NDArray
-from obc_ros.cli.questions import Question
-from obc_ros.core.errors import ObcError
-from obc_ros.core.problem import Problem
-
-Array = NDArray[np.float64]
+from obc_ros.cli.ask.problem_requests import Question
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.text.errors import ObcError
 
 # Okabe and Ito's colours, told apart by everyone; then the dashes change.
 COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000')

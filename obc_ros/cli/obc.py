@@ -3,7 +3,7 @@
 """
 The command `obc`: one subcommand for each job, loaded only when it is used.
 
-A subcommand NAME is a module `obc_ros.cli.NAME` with `add_arguments(parser)` and
+A subcommand is a module of `obc_ros.cli` with `add_arguments(parser)` and
 `run(args) -> int`, the exit status: 0 for success, 1 for a failure or no certified solution, 2
 for invalid input.
 """
@@ -19,7 +19,7 @@ import sys
 
 from obc_ros.cli import leave
 from obc_ros.cli.terminal import open_streams
-from obc_ros.core.errors import ObcError
+from obc_ros.core.text.errors import ObcError
 
 SUBCOMMANDS = {
     'demo': 'run a demonstration over DDS: table, figures, recording',
@@ -28,6 +28,9 @@ SUBCOMMANDS = {
     'gallery': 'compute examples and exercises of the book, compare with references',
     'bench': 'run the benchmarks',
 }
+# Where a subcommand is that has a folder.
+MODULES = {'demo': 'demo.command', 'solve': 'ask.solve', 'lqr': 'ask.lqr',
+           'gallery': 'gallery.command'}
 # With the words and arguments of `ros2`: modules of obc_ros.cli.ros2.
 ROS2 = {
     'param': 'parameters of running nodes: list, get, set, describe, dump, load',
@@ -59,7 +62,7 @@ def available() -> dict[str, str]:
 
 def _module(name: str) -> str:
     """Return the module of a subcommand."""
-    return f'obc_ros.cli.{"ros2." if name in ROS2 else ""}{name}'
+    return f'obc_ros.cli.{f"ros2.{name}" if name in ROS2 else MODULES.get(name, name)}'
 
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:

@@ -23,8 +23,8 @@ import time
 from types import FrameType, TracebackType
 from typing import ClassVar
 
-from obc_ros.core.errors import ObcError
-from obc_ros.nodes.middleware import choose_profile
+from obc_ros.core.text.errors import ObcError
+from obc_ros.ros.middleware import choose_profile
 
 PR_SET_PDEATHSIG = 1
 DOMAINS = range(1, 102)  # the ports of higher domains reach into Linux's ephemeral range

@@ -17,8 +17,8 @@ from pathlib import Path
 import re
 from typing import Any, TypeVar
 
-from obc_ros.core.errors import DynamicsError, ObcError, shown, StatementError
-from obc_ros.core.files import entries
+from obc_ros.core.text.errors import DynamicsError, ObcError, shown, StatementError
+from obc_ros.core.text.yaml_files import entries
 
 Entry = dict[str, Any] | StatementError
 

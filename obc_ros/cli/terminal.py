@@ -9,7 +9,7 @@ import os
 import sys
 from typing import Protocol
 
-from obc_ros.core.errors import shown
+from obc_ros.core.text.errors import shown
 
 
 def open_streams() -> None:

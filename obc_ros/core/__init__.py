@@ -1,3 +1,3 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The numerical core: dynamics -> problem -> solution -> certificate; knows no ROS."""
+"""Optimal control as numbers: plants, regulators, problems, answers, certificates; no ROS."""

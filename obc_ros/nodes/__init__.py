@@ -11,7 +11,7 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
     os.environ.setdefault(_name, '1')
 
 # A process that is a node heeds signals while it still loads its modules, and without a traceback;
-# `main.run` takes over from here.
+# `executor.run` takes over from here.
 _started = sys.argv[0] if sys.argv[0] != '-m' else sys.orig_argv[sys.orig_argv.index('-m') + 1]
 if _started.replace('.', '/').rpartition('/')[2] in (
         'lqr_node', 'plant_simulator', 'trajectory_server'):

@@ -4,10 +4,10 @@
 State feedback u = ue - K (x - xe), designed from the weights in its parameters.
 
 Subscribes to ``state`` (State) or ``odom`` (nav_msgs/Odometry) and ``reference`` (Trajectory).
-Publishes ``command`` (Command, or see `lqr_topics`), ``~/design`` (LqrDesign, transient local) and
+Publishes ``command`` (Command, or see `topics`), ``~/design`` (LqrDesign, transient local) and
 ``/diagnostics``. Services: ``~/stop``, ``~/start`` (std_srvs/Trigger), ``~/try_design``
 (TryDesign), ``~/suggest_weights`` (SuggestWeights), and those of a lifecycle node. Parameters: see
-`lqr_settings.Settings`.
+`settings.Settings`.
 
 States are answered by a thread of their own; everything else belongs to the executor. A change
 reaches that thread as one assignment.
@@ -21,23 +21,24 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState
-from obc_ros.core import legs
-from obc_ros.core.design_report import Change, change
-from obc_ros.core.errors import ObcError, shown, StatementError
-from obc_ros.core.following import Course
-from obc_ros.core.loop import Loop
-from obc_ros.core.reference_checks import check
+from obc_ros.core.closed_loop import references
+from obc_ros.core.closed_loop.loop import Loop
+from obc_ros.core.lqr.design.reference_checks import check
+from obc_ros.core.lqr.design.reference_tracking import Course
+from obc_ros.core.lqr.design.report import Change, change
+from obc_ros.core.text.errors import ObcError, shown, StatementError
 from obc_ros.msg import LqrDesign, Trajectory
-from obc_ros.nodes import graph, lqr_topics, state_sources
-from obc_ros.nodes.conversions import make_body_reader, nanoseconds
-from obc_ros.nodes.design_message import design_message, fill_suggestion, suggestion
-from obc_ros.nodes.hardware import identify
-from obc_ros.nodes.lqr_diagnostics import Monitor
-from obc_ros.nodes.lqr_settings import Candidate, ending, former, judge, opening, Settings, tried
-from obc_ros.nodes.main import run
-from obc_ros.nodes.own_thread import Apart, OwnThread
-from obc_ros.nodes.parameters import Parameters
-from obc_ros.nodes.throttled_log import ThrottledLog
+from obc_ros.nodes.lqr import topic_peers, topics
+from obc_ros.nodes.lqr.design_message import design_message, fill_suggestion, suggestion
+from obc_ros.nodes.lqr.diagnostics import Monitor
+from obc_ros.nodes.lqr.settings import Candidate, ending, former, judge, opening, Settings, tried
+from obc_ros.ros import state_sources
+from obc_ros.ros.conversions import make_body_reader, nanoseconds
+from obc_ros.ros.executor import run
+from obc_ros.ros.hardware_id import identify
+from obc_ros.ros.parameters.node_parameters import Parameters
+from obc_ros.ros.subscription_thread import Apart, OwnThread
+from obc_ros.ros.throttled_log import ThrottledLog
 from obc_ros.srv import SuggestWeights, TryDesign
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -83,7 +84,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         system = self._adopted.design.plant.system
         overrides = QoSOverridingOptions(OVERRIDES)
         self._read = make_body_reader(settings.state_source, system)
-        self._sink = lqr_topics.Sink(settings.command_sink, system, settings.cmd_vel_stamped)
+        self._sink = topics.Sink(settings.command_sink, system, settings.cmd_vel_stamped)
         self._frame, self._has_speed = settings.frame_id, settings.state_source == 'odom'
         self._look_at_clock()
         self._states = self.create_subscription(
@@ -112,7 +113,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         if not 0 < deadline < INFINITE:
             return []
         return SubscriptionEventCallbacks(
-            deadline=self._on_deadline, incompatible_qos=lambda _: None,  # `graph` names it
+            deadline=self._on_deadline, incompatible_qos=lambda _: None,  # `ros_graph` names it
             use_default_callbacks=False).create_event_handlers(
                 self._states.callback_group, self._states.handle, self._states.topic_name)
 
@@ -192,7 +193,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         if candidate.settings.frame_id != before.settings.frame_id:
             self._frame = candidate.settings.frame_id
         if candidate.design.plant.system is not before.design.plant.system:
-            self._sink = lqr_topics.Sink(
+            self._sink = topics.Sink(
                 candidate.settings.command_sink, candidate.design.plant.system,
                 candidate.settings.cmd_vel_stamped)
         if candidate.gains != before.gains:
@@ -205,7 +206,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     def _on_reference(self, message: Trajectory) -> None:
         """Follow a reference from its beginning on; one without samples ends what is followed."""
         try:
-            courses = lqr_topics.courses(
+            courses = topics.courses(
                 message, self._adopted.design.plant.system, self._frame, self._courses,
                 self._loop.stamp)
             candidate = judge(self._table.settings, courses)
@@ -217,8 +218,9 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
             return
         loop = self._loop
         if self._is_active and loop.x is not None and not (loop.is_stale or loop.stopped):
-            legs.begin_now(candidate.control.legs, loop.stamp)  # not before its gains were found
-            for reason in legs.judge(candidate.control, loop.stamp, loop.x):
+            # Not before its gains were found.
+            references.begin_now(candidate.control.legs, loop.stamp)
+            for reason in references.judge(candidate.control, loop.stamp, loop.x):
                 self._refuse_reference(reason)
             if courses and courses[-1].reference.refused:
                 return
@@ -376,7 +378,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     def _diagnose(self) -> None:
         self._tell_news()
         self._look_at_clock()
-        for sentence in self._monitor.found(graph.faults(
+        for sentence in self._monitor.found(topic_peers.faults(
                 self, [self._states.topic_name, self._commands.topic_name],
                 [self._references.topic_name])):
             self.get_logger().warning(sentence)

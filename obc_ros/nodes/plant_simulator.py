@@ -4,7 +4,7 @@
 A plant that is not there: integrates a system under the commands it hears.
 
 Publishes ``state`` (State); ``odom`` (nav_msgs/Odometry) of a body in a plane, see
-`obc_ros.nodes.conversions`; ``/clock`` when asked or when speed is 0; ``/diagnostics``. Subscribes
+`conversions`; ``/clock`` when asked or when speed is 0; ``/diagnostics``. Subscribes
 to ``command`` (Command). Services: ``~/reset`` (Trigger) to x0, time and noise begin anew;
 ``~/pause`` (SetBool); ``~/step`` (Trigger), to the next state of a paused plant. Parameters: see
 `Settings`.
@@ -24,19 +24,24 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from nav_msgs.msg import Odometry
-from obc_ros.core.conditions import Conditions, Gust, INTEGRATORS, SMALLEST_TOLERANCE
-from obc_ros.core.errors import StatementError
-from obc_ros.core.plant import grid, Pacing, Plant
-from obc_ros.core.simulate import Simulator
-from obc_ros.core.system import System
+from obc_ros.core.closed_loop.paced_plant import grid, Pacing, Plant
+from obc_ros.core.closed_loop.simulation_settings import (
+    Conditions,
+    Gust,
+    INTEGRATORS,
+    SMALLEST_TOLERANCE,
+)
+from obc_ros.core.closed_loop.simulator import Simulator
+from obc_ros.core.systems.system import System
+from obc_ros.core.text.errors import StatementError
 from obc_ros.msg import Command, State
-from obc_ros.nodes import conversions
-from obc_ros.nodes.hardware import HARDWARE, identify
-from obc_ros.nodes.main import run
-from obc_ros.nodes.messages import doubles
-from obc_ros.nodes.own_thread import Apart, OwnThread, PRIORITY
-from obc_ros.nodes.parameters import Entry, group, parameter, Parameters
-from obc_ros.nodes.throttled_log import ThrottledLog
+from obc_ros.ros import conversions
+from obc_ros.ros.executor import run
+from obc_ros.ros.hardware_id import HARDWARE, identify
+from obc_ros.ros.messages import doubles
+from obc_ros.ros.parameters.node_parameters import Entry, group, parameter, Parameters
+from obc_ros.ros.subscription_thread import Apart, OwnThread, PRIORITY
+from obc_ros.ros.throttled_log import ThrottledLog
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from time import monotonic
 from typing import Any
 
-from obc_ros.core.errors import StatementError
-from obc_ros.nodes.messages import check_size, parameters
-from obc_ros.nodes.state_sources import Body, FrameError, SOURCES
-from obc_ros.nodes.throttled_log import ThrottledLog
+from obc_ros.core.text.errors import StatementError
+from obc_ros.ros.messages import check_size, parameters
+from obc_ros.ros.state_sources import Body, FrameError, SOURCES
+from obc_ros.ros.throttled_log import ThrottledLog
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
@@ -69,8 +69,8 @@ class PresentState:
         if self._topic == 'state':
             return self._message.x  # type: ignore[no-any-return] # array of double
         # Imported where used: CasADi takes a third of a second, and few ask for plans.
-        from obc_ros.core.planning import registered
-        from obc_ros.nodes.conversions import make_state_reader
+        from obc_ros.core.solver.motion_planning import registered
+        from obc_ros.ros.conversions import make_state_reader
         check_size(request)
         given = parameters('system_parameters', request.system_parameters)
         return make_state_reader(self._topic, registered(request.system, given))(self._message)

@@ -22,21 +22,21 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from obc_ros.action import SolveOptimalControl as SolveAction
-from obc_ros.core.errors import ObcError, shown, StatementError
-from obc_ros.core.solution import MAX_INTERVALS
-from obc_ros.core.wire import Packet
-from obc_ros.core.workers import Answer, Job, LONGEST, Outcome, Pool, SHORTEST
+from obc_ros.core.ocp.solution import MAX_INTERVALS
+from obc_ros.core.text.errors import ObcError, shown, StatementError
 from obc_ros.msg import Trajectory
-from obc_ros.nodes import messages
-from obc_ros.nodes.crowds import be_patient, BURST
-from obc_ros.nodes.guards import outlive
-from obc_ros.nodes.hardware import identify
-from obc_ros.nodes.main import run
-from obc_ros.nodes.parameters import parameter, Parameters
 from obc_ros.nodes.present_state import PresentState
-from obc_ros.nodes.state_sources import SOURCES, STATE_SOURCE
-from obc_ros.nodes.throttled_log import ThrottledLog
+from obc_ros.ros import messages
+from obc_ros.ros.callback_guards import outlive
+from obc_ros.ros.executor import run
+from obc_ros.ros.hardware_id import identify
+from obc_ros.ros.parameters.node_parameters import parameter, Parameters
+from obc_ros.ros.service_qos import be_patient, BURST
+from obc_ros.ros.state_sources import SOURCES, STATE_SOURCE
+from obc_ros.ros.throttled_log import ThrottledLog
 from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
+from obc_ros.workers.pool import Answer, Job, LONGEST, Outcome, Pool, SHORTEST
+from obc_ros.workers.wire import Packet
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
@@ -45,7 +45,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 
-ANSWERS = 'obc_ros.core.answers'
+ANSWERS = 'obc_ros.workers.requests'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 START, LOOK = 10.0, 0.02  # [s] that the services wait for the workers at most, how often to look
 RESULT_TIMEOUT = 30  # [s] that the result of an action is kept for

@@ -7,10 +7,10 @@ import sys
 from typing import Any
 
 from action_msgs.msg import GoalStatus
-from obc_ros.cli.graph import Graph, joined, LOOK
 from obc_ros.cli.ros2.verbs import add_verbs, run_verb, seconds
-from obc_ros.cli.yaml_messages import FieldError, fill, find_type, parse, to_yaml
-from obc_ros.core.errors import ObcError
+from obc_ros.cli.ros2.yaml_messages import FieldError, fill, find_type, parse, to_yaml
+from obc_ros.cli.ros_graph import Graph, joined, LOOK
+from obc_ros.core.text.errors import ObcError
 from rclpy.action import ActionClient, get_action_names_and_types
 
 run = run_verb

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import re
 
 from obc_ros.cli.ros2.verbs import add_verbs
-from obc_ros.cli.share import share_directory
-from obc_ros.core.errors import ObcError, shown
+from obc_ros.cli.share_folders import share_directory
+from obc_ros.core.text.errors import ObcError, shown
 
 # A field or a constant: its type, of which a package or a capital tells a message.
 FIELD = re.compile(r'\s*(?P<type>(?:\w+/)?[A-Z]\w*|\w+/\w+)(?:\[[^]]*\])?\s+\w')

@@ -20,12 +20,12 @@ import tempfile
 import time
 from typing import Any
 
-from obc_ros.cli.graph import keep_to_this_machine
 from obc_ros.cli.processes import die_with_parent, find_log_folder
 from obc_ros.cli.ros2.launch_file import LaunchFile, Started
 from obc_ros.cli.ros2.run import find_executable
-from obc_ros.cli.share import share_directory
-from obc_ros.core.errors import ObcError, shown
+from obc_ros.cli.ros_graph import keep_to_this_machine
+from obc_ros.cli.share_folders import share_directory
+from obc_ros.core.text.errors import ObcError, shown
 import yaml
 
 OWN = ('loop', 'fleet')  # launch files of this package that need no more than their names

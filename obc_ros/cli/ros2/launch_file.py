@@ -17,7 +17,7 @@ import sys
 from types import ModuleType
 from typing import Any
 
-from obc_ros.core.errors import ObcError, shown
+from obc_ros.core.text.errors import ObcError, shown
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ import argparse
 import sys
 
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
-from obc_ros.cli.graph import Graph, joined, LOOK
 from obc_ros.cli.ros2.verbs import add_node, add_verbs, run_verb
-from obc_ros.core.errors import ObcError, shown
+from obc_ros.cli.ros_graph import Graph, joined, LOOK
+from obc_ros.core.text.errors import ObcError, shown
 
 run = run_verb
 

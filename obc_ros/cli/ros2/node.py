@@ -5,8 +5,8 @@
 import argparse
 import sys
 
-from obc_ros.cli.graph import joined
 from obc_ros.cli.ros2.verbs import add_direct, add_verbs, run_verb
+from obc_ros.cli.ros_graph import joined
 
 run = run_verb
 

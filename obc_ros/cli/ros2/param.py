@@ -10,9 +10,9 @@ import re
 import sys
 from typing import Any
 
-from obc_ros.cli.graph import Graph, joined
 from obc_ros.cli.ros2.verbs import add_node, add_verbs, run_verb
-from obc_ros.core.errors import ObcError, shown
+from obc_ros.cli.ros_graph import Graph, joined
+from obc_ros.core.text.errors import ObcError, shown
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.parameter import (

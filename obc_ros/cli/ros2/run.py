@@ -7,8 +7,8 @@ import os
 from pathlib import Path
 import sys
 
-from obc_ros.cli.graph import keep_to_this_machine
-from obc_ros.core.errors import ObcError, shown
+from obc_ros.cli.ros_graph import keep_to_this_machine
+from obc_ros.core.text.errors import ObcError, shown
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

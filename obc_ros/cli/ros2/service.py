@@ -6,10 +6,10 @@ import argparse
 from functools import partial
 import sys
 
-from obc_ros.cli.graph import joined, LOOK
 from obc_ros.cli.ros2.verbs import add_list, add_verbs, list_names, run_verb, seconds
-from obc_ros.cli.yaml_messages import FieldError, fill, find_type, parse
-from obc_ros.core.errors import ObcError
+from obc_ros.cli.ros2.yaml_messages import FieldError, fill, find_type, parse
+from obc_ros.cli.ros_graph import joined, LOOK
+from obc_ros.core.text.errors import ObcError
 
 run = run_verb
 

@@ -11,10 +11,10 @@ import sys
 import time
 from typing import Any
 
-from obc_ros.cli.graph import Graph, joined, LOOK
 from obc_ros.cli.ros2.verbs import add_direct, add_list, add_verbs, list_names, run_verb, seconds
-from obc_ros.cli.yaml_messages import FieldError, fill, find_type, parse, to_yaml
-from obc_ros.core.errors import ObcError, shown
+from obc_ros.cli.ros2.yaml_messages import FieldError, fill, find_type, parse, to_yaml
+from obc_ros.cli.ros_graph import Graph, joined, LOOK
+from obc_ros.core.text.errors import ObcError, shown
 from rclpy.qos import (
     DurabilityPolicy,
     QoSDurabilityPolicy,

@@ -5,7 +5,7 @@
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 
-from obc_ros.cli.graph import joined, keep_to_this_machine, LOOK, QUIET
+from obc_ros.cli.ros_graph import joined, keep_to_this_machine, LOOK, QUIET
 from rclpy.node import Node
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import casadi as ca
-from obc_ros.core import expressions
-from obc_ros.core.errors import ObcError, shown, StatementError
-from obc_ros.core.expressions import check_name, describe, near, number
-from obc_ros.core.files import read_yaml
-from obc_ros.core.parts import (
+from obc_ros.core.systems.system import define, Parameter, Signal, System
+from obc_ros.core.text import expressions
+from obc_ros.core.text.errors import ObcError, shown, StatementError
+from obc_ros.core.text.expressions import check_name, describe, near, number
+from obc_ros.core.text.fields import (
     bounds_of,
     check_keys,
     check_unique,
@@ -27,7 +27,7 @@ from obc_ros.core.parts import (
     names_of,
     section_of,
 )
-from obc_ros.core.system import define, Parameter, Signal, System
+from obc_ros.core.text.yaml_files import read_yaml
 
 OF_A_PLANT = ('units', 'angles', 'setpoint', 'setpoint_input', 'parameter_bounds', 'plane',
               'description')

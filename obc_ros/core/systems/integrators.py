@@ -6,8 +6,8 @@ from itertools import combinations
 from typing import Any
 
 import casadi as ca
-from obc_ros.core.errors import DynamicsError
-from obc_ros.core.system import define, Signal, System
+from obc_ros.core.systems.system import define, Signal, System
+from obc_ros.core.text.errors import DynamicsError
 
 MAX_M = 50
 

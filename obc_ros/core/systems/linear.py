@@ -8,11 +8,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
-from obc_ros.core.errors import DynamicsError
-from obc_ros.core.system import define, Signal, System
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.systems.system import define, Signal, System
+from obc_ros.core.text.errors import DynamicsError
 
-Array = NDArray[np.float64]
 Matrix = Array | Sequence[float] | Sequence[Sequence[float]]
 
 MAX_STATES = 200

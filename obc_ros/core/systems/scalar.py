@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The systems with one state of Example 2.2 and Exercises 2.4, 2.5 and 2.9."""
 
-from obc_ros.core.system import define, Parameter, Signal, System
+from obc_ros.core.systems.system import define, Parameter, Signal, System
 
 
 def system() -> System:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
-from obc_ros.core.system import define, Parameter, Signal, System
+from obc_ros.core.systems.system import define, Parameter, Signal, System
 
 
 def system() -> System:

@@ -7,7 +7,7 @@ from math import inf
 from typing import Any
 
 import casadi as ca
-from obc_ros.core.system import define, Parameter, Signal, System
+from obc_ros.core.systems.system import define, Parameter, Signal, System
 
 STEERING_LIMIT = 0.6  # [rad]
 # Exercise 2.10 sets no limit, and its slalom of 1 m and 1 Hz needs 0.67 rad at 10 m/s.

@@ -1,0 +1,113 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Many problems through one server's action, as many at a time as it has workers."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+import time
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from obc_ros.action import SolveOptimalControl
+from obc_ros.cli.ask.problem_requests import Question
+from obc_ros.cli.client import Client
+from obc_ros.cli.processes import InterruptedByUserError
+from obc_ros.cli.terminal import Lines
+from obc_ros.ros.messages import problem_message
+
+CANCEL = 2.0  # [s] in which cancelled requests are answered
+
+
+@dataclass
+class Flight:
+    """A problem that the server has, as far as that has come: goal sent, accepted, answered."""
+
+    question: Question
+    begun: float
+    sent: Any
+    goal: Any = None
+    answer: Any = None
+
+    def advance(self) -> bool:
+        """Take the next step if it can be taken; return whether the problem is answered."""
+        if self.goal is None and self.sent.done():
+            self.goal = self.sent.result()
+            if self.goal.accepted:
+                self.answer = self.goal.get_result_async()
+            else:
+                self.question.end('not_converged', 'the server does not take the request')
+        if self.answer and self.answer.done():
+            self._take(self.answer.result())
+        return bool(self.question.status)
+
+    def _take(self, answer: Any) -> None:
+        self.question.took = time.monotonic() - self.begun
+        if answer.status == GoalStatus.STATUS_UNKNOWN:
+            self.question.end('not_converged', 'the server has lost the request')
+        else:
+            self.question.result = answer.result
+            self.question.end(answer.result.status, answer.result.message)
+
+
+class Batch:
+    """Problems on their way through one server."""
+
+    def __init__(self, client: Client, questions: Sequence[Question], time_limit: float,
+                 lines: Lines, method: str = '') -> None:
+        self._client = client
+        self._waiting = deque(questions)
+        self._time_limit, self._method = time_limit, method
+        self._lines = lines
+        self._flights: list[Flight] = []
+        self._action = client.action()
+
+    def work(self) -> None:
+        """Send and wait until all are answered; cancel what is in flight when interrupted."""
+        abreast = self._client.parameter('workers')
+        try:
+            while self._waiting or self._flights:
+                while self._waiting and len(self._flights) < abreast:
+                    self._send(self._waiting.popleft())
+                self._client.wait(self._advance, self._action.server_is_ready)
+        except InterruptedByUserError:
+            self._cancel()
+            raise
+        finally:
+            self._action.destroy()
+
+    def _send(self, question: Question) -> None:
+        goal = SolveOptimalControl.Goal(
+            problem=problem_message(question.mapping, question.problem.guess),
+            method=self._method or question.problem.method, time_limit=self._time_limit)
+        self._lines.update(question.label, 'sent')
+        self._flights.append(Flight(question, time.monotonic(), self._action.send_goal_async(
+            goal, lambda message: self._report(question, message.feedback))))
+
+    def _report(self, question: Question, feedback: Any) -> None:
+        numbers = (('cost', feedback.cost), ('infeasibility', feedback.infeasibility))
+        self._lines.update(question.label, ', '.join(
+            [feedback.phase, f'iteration {feedback.iteration}',
+             *(f'{name} {value:.4g}' for name, value in numbers if not math.isnan(value))]))
+
+    def _advance(self) -> bool:
+        """Take up what has come in; return whether a problem has been answered."""
+        done = [flight for flight in self._flights if flight.advance()]
+        for flight in done:
+            self._flights.remove(flight)
+            self._lines.end(flight.question.label,
+                            f'{flight.question.status}, {flight.question.message}')
+        return bool(done)
+
+    def _cancel(self) -> None:
+        """Have the server stop, and take what it says to that."""
+        asked: set[int] = set()
+        deadline = time.monotonic() + CANCEL
+        while self._flights and time.monotonic() < deadline:
+            for flight in self._flights:
+                if flight.goal and id(flight) not in asked:
+                    asked.add(id(flight))
+                    flight.goal.cancel_goal_async()
+            self._client.spin(check=False)
+            self._advance()

@@ -1,0 +1,101 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``obc lqr``: plants and weights in, proved gains out."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from obc_ros.cli import results, terminal
+from obc_ros.cli.ask.regulator_requests import Case
+from obc_ros.core.lqr.design.report import matrices
+from obc_ros.core.text.errors import ObcError, shown
+
+HEADER = ('case', 'status', 'gain K', 'poles')
+COLOURS = {'solved': 'green', 'refused': 'red', 'malformed': 'red'}
+WIDEST = 60  # characters of a cell
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command line."""
+    results.add_arguments(parser, 'cases')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Design all regulators of all files; return the exit status."""
+    results.make_folders(args)
+    asked = results.read(Case, args.files)
+    answerable = [case for case in asked if case.given]
+    if answerable:
+        _design(answerable)
+    try:
+        _show(asked)
+    finally:  # also when nobody reads what is printed
+        results.save(asked, args, _draw)
+    return results.exit_status(case.status for case in asked)
+
+
+def _design(asked: list[Case]) -> None:
+    """Have a server answer the cases; each has a status afterwards."""
+    try:
+        from obc_ros.cli.client import connected  # ROS only when there is a question
+        from obc_ros.srv import DesignLqr
+        with connected() as client:
+            for case in asked:
+                response = client.ask(DesignLqr, 'design_lqr', _request(DesignLqr, case.given))
+                status, _, words = response.message.partition(': ')
+                if response.success:
+                    case.design, status, words = response.design, 'solved', response.message
+                elif status != 'malformed':
+                    status, words = 'refused', words or response.message
+                case.end(status, words)
+    except (ObcError, KeyboardInterrupt) as error:
+        for case in asked:
+            if not case.status:
+                case.end('refused', str(error) or 'ended by SIGINT')
+
+
+def _show(asked: list[Case]) -> None:
+    terminal.table(HEADER, [_row(case) for case in asked], COLOURS)
+    for case in asked:
+        if case.message:
+            print(shown(f'{case.label}: {case.message}', None))
+
+
+def _draw(path: Path, case: Case) -> None:
+    if case.design:
+        from obc_ros.cli.ask import regulator_figures  # matplotlib and control take a second
+        regulator_figures.draw(path, case)
+
+
+def _request(service: Any, given: Any) -> Any:
+    from obc_ros.msg import LqrWeights
+    from obc_ros.ros.messages import doubles, named_expressions
+
+    def numbers(*keys: str) -> dict[str, Any]:
+        return {key.lower(): doubles(given[key]) for key in keys if key in given}
+
+    plain = {key: given[key] for key in ('system', 'sample_time', 'delay') if key in given}
+    return service.Request(
+        system_parameters=named_expressions(given.get('parameters', {})),
+        weights=LqrWeights(
+            weights=given['weights'],
+            **numbers('Qx', 'Qu', 'cross', 'x_max', 'u_max', 'H'),
+            **{key: given[key] for key in ('rho', 'stability') if key in given}),
+        **plain, **numbers('A', 'B', 'setpoint', 'setpoint_input'))
+
+
+def _row(case: Case) -> tuple[str, ...]:
+    if not case.design:
+        return case.label, case.status, '', ''
+    told = matrices(case.design)
+    gain = '; '.join(' '.join(f'{entry:.5g}' for entry in row) for row in told.K)
+    return case.label, case.status, _short(gain), _short(', '.join(map(_pole, told.poles)))
+
+
+def _pole(pole: complex) -> str:
+    return f'{pole.real:.4g}' + (f'{pole.imag:+.4g}j' if pole.imag else '')
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= WIDEST else text[:WIDEST - 3] + '...'

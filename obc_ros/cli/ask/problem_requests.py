@@ -1,0 +1,69 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The problems of files: each a question with a name, and what came of it."""
+
+from dataclasses import dataclass, field
+import math
+from typing import Any
+
+from obc_ros.cli.results import Asked
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.statement import problem_from_mapping
+
+
+@dataclass(eq=False)
+class Question(Asked):
+    """
+    A problem.
+
+    `problem` is None when the question is malformed; `result` is what the server said, None when
+    it was not asked or said nothing; `took` is the time [s] from sending to the answer.
+    """
+
+    mapping: dict[str, Any] = field(default_factory=dict)
+    problem: Problem | None = None
+    result: Any = None
+    took: float = math.nan
+
+    def take(self, entry: dict[str, Any]) -> None:
+        """Keep the statement and the problem that it is."""
+        self.mapping = entry
+        self.problem = problem_from_mapping(entry)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what ``NAME.json`` holds; without an answer all numbers are null or empty."""
+        found: dict[str, Any] = {
+            'name': self.name, 'status': self.status, 'message': self.message, 'objective': None,
+            't': [], 'x': {}, 'u': {}, 'lam': {}, 'interpolation': 'linear', 'switching_times': [],
+            'certificate': {'holds': False, 'residuals': {}, 'tolerances': {}},
+            'optimality': {'kind': '', 'reason': '', 'starts': 0, 'minima': []},
+            'solve_time': None, 'build_time': None, 'iterations': 0}
+        return found | (_answer(self.result) if self.result else {})
+
+
+def _answer(result: Any) -> dict[str, Any]:
+    """Return what the server's answer says."""
+    path, certificate, known = result.trajectory, result.certificate, result.optimality
+    answer = {
+        'certificate': {
+            'holds': certificate.holds,
+            'residuals': dict(zip(certificate.conditions, certificate.residuals, strict=True)),
+            'tolerances': dict(zip(certificate.conditions, certificate.tolerances, strict=True))},
+        'optimality': {'kind': known.kind, 'reason': known.reason, 'starts': known.starts,
+                       'minima': known.minima.tolist()},
+        'solve_time': result.solve_time, 'build_time': result.build_time,
+        'iterations': result.iterations}
+    if path.t:
+        n, m = len(path.state_names), len(path.input_names)
+        answer |= {
+            'objective': result.objective, 't': path.t.tolist(),
+            'x': _columns(path.state_names, path.x, n), 'u': _columns(path.input_names, path.u, m),
+            'lam': _columns(path.state_names, path.lam, n) if path.lam else {},
+            'interpolation': path.interpolation,
+            'switching_times': path.switching_times.tolist()}
+    return answer
+
+
+def _columns(names: list[str], values: Any, width: int) -> dict[str, list[float]]:
+    """Return the columns of row-major values by name."""
+    return {name: values[index::width].tolist() for index, name in enumerate(names)}

@@ -1,0 +1,170 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The figure of a regulator: steps, frequency responses, root locus against the input weight."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+import numpy as np
+from obc_ros.cli.ask.regulator_requests import Case
+from obc_ros.cli.figures import COLOURS, FEW, save, STYLE, symbol, THIN
+from obc_ros.core.lqr.design.report import matrices
+from obc_ros.core.lqr.lqr import lqr
+from obc_ros.core.lqr.sampled import held, sampled_lqr
+from obc_ros.core.lqr.weights import Weights
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.text.errors import RefusedDesignError
+from scipy.linalg import expm
+
+SAMPLES = 400
+SHOWN = 200                            # samples that a step shows one by one
+SETTLING = 6.0                         # time constants of the slowest pole that a step shows
+WEIGHTS = np.logspace(-3.0, 3.0, 121)  # factors of Qu in the root locus
+
+
+def draw(path: Path, case: Case) -> None:
+    """
+    Draw the design of a case into the file `path`.
+
+    Raises
+    ------
+    ObcError
+        If the file cannot be written.
+
+    """
+    with matplotlib.rc_context(STYLE):
+        save(figure(case), path)
+
+
+def figure(case: Case) -> Figure:
+    """Return the figure of a case that has a design: step, magnitude, root locus, phase."""
+    A, B, Qx, Qu, K, _, poles = matrices(case.design)
+    design, given = case.design, case.given or {}
+    cross = np.reshape(given['cross'], B.shape) if 'cross' in given else None
+    loop = Loop(A, B, K, poles, design.sample_time, design.delay)
+    drawn = Figure(figsize=(10.0, 7.5), layout='constrained')
+    step, magnitude, locus, phase = drawn.subplots(2, 2).ravel()
+    drawn.suptitle(case.message if case.message.startswith(f'{case.name}:')
+                   else f'{case.name}: {case.message}')
+    _steps(step, loop, design.state_names)
+    _frequency(magnitude, phase, loop, design.input_names)
+    _locus(locus, loop, Weights(Qx, Qu, cross, given.get('stability', 0.0)))
+    return drawn
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """A plant dx/dt = A x + B u, its gain, and the poles in the s plane."""
+
+    A: Array
+    B: Array
+    K: Array
+    poles: Array
+    period: float
+    delay: float
+
+    @property
+    def plant(self) -> tuple[Array, Array]:
+        """Return A and B of the plant as the gain sees it: of held inputs, if it is sampled."""
+        return held(self.A, self.B, self.period) if self.period else (self.A, self.B)
+
+
+def constant(A: Array, B: Array) -> Iterator[int]:
+    """Yield the states whose set points a constant input holds: A e_i is in the range of B."""
+    for i, column in enumerate(A.T):
+        left = column + B @ np.linalg.lstsq(B, -column, rcond=None)[0]
+        if np.abs(left).max() <= 1e-9 * max(1.0, np.abs(column).max()):
+            yield i
+
+
+def _steps(axes: Axes, loop: Loop, names: list[str]) -> None:
+    """Draw x_i after a unit step of its set point, u = ue - K (x - xe)."""
+    axes.set_title('unit step of each set point that an input can hold')
+    A, B = loop.plant
+    length, M = SETTLING / -loop.poles.real.max(), A - B @ loop.K
+    count = max(2, min(10_000, round(length / loop.period))) if loop.period else SAMPLES
+    dt = loop.period or length / SAMPLES
+    transition = M if loop.period else expm(M * dt)
+    powers = [np.eye(len(A))]
+    for _ in range(count):
+        powers.append(transition @ powers[-1])
+    states = list(constant(loop.A, loop.B))
+    for index, i in enumerate(states):
+        axes.plot(loop.delay + dt * np.arange(count + 1), 1.0 - np.array(powers)[:, i, i],
+                  label=f'${symbol(names[i])}$', color=COLOURS[index % len(COLOURS)],
+                  marker='.' if count < SHOWN else '')
+    axes.axhline(1.0, **THIN)
+    axes.set_xlabel('time [s]')
+    axes.set_ylabel('state')
+    axes.set_xlim(0.0, loop.delay + dt * count)
+    _legend(axes, len(states))
+
+
+def _frequency(magnitude: Axes, phase: Axes, loop: Loop, names: list[str]) -> None:
+    """Draw the loop of each input, opened at the plant with the other loops closed."""
+    (A, B), K, size = loop.plant, loop.K, np.abs(loop.poles)
+    top = np.pi / loop.period if loop.period else size.max() * 1e2
+    w = np.geomspace(min(size.min() * 1e-2, top * 1e-2), top, SAMPLES)
+    s = np.exp(1j * w * loop.period) if loop.period else 1j * w
+    for j, name in enumerate(names):
+        others = [k for k in range(len(names)) if k != j]
+        opened = s[:, None, None] * np.eye(len(A)) - A + B[:, others] @ K[others]
+        gain = (K[j] @ np.linalg.solve(opened, B[:, [j]]))[:, 0]
+        style = {'color': COLOURS[j % len(COLOURS)], 'label': f'${symbol(name)}$'}
+        magnitude.loglog(w, np.abs(gain), **style)
+        angle = np.rad2deg(np.unwrap(np.angle(gain)))
+        # a regulator crosses 1 for the last time between -180 and 0 degrees
+        crossing = angle[np.flatnonzero(np.abs(gain) >= 1.0)[-1]] if (
+            np.abs(gain) >= 1.0).any() else angle[-1]
+        phase.semilogx(w, angle - 360.0 * np.round((crossing + 90.0) / 360.0), **style)
+    magnitude.axhline(1.0, **THIN)
+    phase.axhline(-180.0, **THIN)
+    magnitude.set_title('loop of each input, the others closed')
+    magnitude.set_ylabel('magnitude')
+    phase.set_ylabel('phase [deg]')
+    phase.set_xlabel('frequency [rad/s]')
+    magnitude.sharex(phase)
+    _legend(magnitude, len(names))
+
+
+def _locus(axes: Axes, loop: Loop, weights: Weights) -> None:
+    """Draw the closed-loop poles for the input weight rho Qu."""
+    found = [(rho, pole) for rho in WEIGHTS
+             for pole in _poles(loop, replace(weights, Qu=rho * weights.Qu))]
+    rho = np.log10([rho for rho, _ in found])
+    s = np.array([pole for _, pole in found])
+    points = axes.scatter(s.real, s.imag, c=rho, s=6, cmap='viridis')
+    axes.plot(loop.poles.real, loop.poles.imag, 'x', color='black', label=r'$\rho = 1$')
+    axes.axvline(0.0, **THIN)
+    reach = 2.0 * np.abs(loop.poles).max()
+    height = 1.2 * np.abs(s.imag[s.real > -reach]).max(initial=0.1 * reach)
+    axes.set_xlim(-reach, 0.1 * reach)
+    axes.set_ylim(-min(reach, height), min(reach, height))
+    axes.set_title(r'poles for the input weight $\rho Q_u$')
+    axes.set_xlabel('real part [rad/s]')
+    axes.set_ylabel('imaginary part [rad/s]')
+    axes.legend(loc='upper left')
+    # below, so that the axes of the left column stay as wide as each other
+    axes.figure.colorbar(points, ax=axes, location='bottom', aspect=40,
+                         label=r'$\log_{10} \rho$')
+
+
+def _poles(loop: Loop, weights: Weights) -> Array:
+    """Return the closed-loop poles in the s plane, equivalent ones of a sampled loop."""
+    try:
+        if not loop.period:
+            return lqr(loop.A, loop.B, weights.Qx, weights.Qu, cross=weights.cross,
+                       stability=weights.stability).E
+        z = sampled_lqr(loop.A, loop.B, weights, loop.period).design.E
+    except RefusedDesignError:  # so extreme a weight has no design that can be proved
+        return np.zeros(0)
+    return np.log(z[np.abs(z) > 1e-12]) / loop.period
+
+
+def _legend(axes: Axes, count: int) -> None:
+    if 0 < count <= FEW:
+        axes.legend()

@@ -1,0 +1,151 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Cases of linear quadratic regulators, as they stand in files.
+
+Either ``A`` and ``B`` (lists of rows), or ``system`` with ``parameters``, ``setpoint`` and
+``setpoint_input``. Weights: ``Qx`` and ``Qu`` (lists of rows, or a diagonal), or ``weights:
+bryson`` with ``x_max`` and ``u_max``, or ``weights: output`` with ``H`` and ``rho``; besides
+``cross`` and ``stability``. Every number may be an expression.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from obc_ros.cli.results import Asked
+from obc_ros.core.lqr.design.report import matrices
+from obc_ros.core.lqr.weights import KINDS
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.solver.motion_planning import registered
+from obc_ros.core.systems.file import FOR_PEOPLE
+from obc_ros.core.text.errors import StatementError
+from obc_ros.core.text.expressions import describe, near, number
+from obc_ros.core.text.fields import check_keys
+
+PLANT = ('A', 'B')
+SYSTEM = ('parameters', 'setpoint', 'setpoint_input')
+LISTS = ('cross', 'x_max', 'u_max', 'H')
+NUMBERS = ('rho', 'stability', 'sample_time', 'delay')
+KEYS = ('name', 'system', *PLANT, *SYSTEM, 'weights', 'Qx', 'Qu', *LISTS, *NUMBERS)
+
+
+@dataclass(eq=False)
+class Case(Asked):
+    """
+    A regulator that is asked for.
+
+    `given` holds what is asked, by the keys of the file: arrays, numbers and names; it is None
+    when the case is malformed. `design` is the server's LqrDesign, None when there is none.
+    """
+
+    given: dict[str, Any] | None = None
+    design: Any = field(default=None, repr=False)
+
+    def take(self, entry: dict[str, Any]) -> None:
+        """Keep what is asked."""
+        self.given = checked(entry)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what ``NAME.json`` holds; matrices are empty without a design."""
+        found: dict[str, Any] = {'name': self.name, 'status': self.status,
+                                 'message': self.message, 'K': [], 'P': [], 'poles': []}
+        if self.design:
+            told = matrices(self.design)
+            found |= {'K': told.K.tolist(), 'P': told.P.tolist(),
+                      'poles': [[pole.real, pole.imag] for pole in told.poles.tolist()]}
+        return found
+
+
+def checked(mapping: Mapping[Any, Any]) -> dict[str, Any]:
+    """
+    Return what a case asks for, by key: flat arrays, numbers and names.
+
+    Raises
+    ------
+    StatementError, DynamicsError
+        If a key is unknown, a number or a matrix is not as wanted, or the system is unknown.
+
+    """
+    check_keys(mapping, KEYS, FOR_PEOPLE)
+    given = {key: value for key, value in mapping.items() if key in KEYS and value is not None}
+    n, m = _system(given) if 'system' in given else _plant(given)
+    found = {key: given[key] for key in ('system', 'parameters') if key in given}
+    found |= {key: _matrix(key, given[key]).ravel() for key in PLANT if key in given}
+    found |= {key: _weight(key, given[key], size)
+              for key, size in (('Qx', n), ('Qu', m)) if key in given}
+    found |= {key: _matrix(key, given[key]).ravel()
+              for key in (*LISTS, 'setpoint', 'setpoint_input') if key in given}
+    found |= {key: number(given[key], {}, key) for key in NUMBERS if key in given}
+    found['weights'] = given.get('weights', 'matrices')
+    if found['weights'] not in KINDS:
+        raise StatementError(f'weights: wanted one of {", ".join(KINDS)}, found '
+                             f'{describe(found["weights"])}{near(str(found["weights"]), KINDS)}')
+    for key in ('Qx', 'Qu') if found['weights'] == 'matrices' else ():
+        if key not in found:
+            raise StatementError(f'{key}: missing; wanted a list of rows or a diagonal')
+    return found
+
+
+def _system(given: Mapping[str, Any]) -> tuple[int, int]:
+    """Return the numbers of states and inputs of the system that is named."""
+    for key in PLANT:
+        if key in given:
+            raise StatementError(f"{key}: the system says this already; give either 'system' or "
+                                 "'A' and 'B'")
+    parameters = given.get('parameters', {})
+    if not isinstance(given['system'], str):
+        raise StatementError(f'system: wanted a name, found {describe(given["system"])}')
+    if not isinstance(parameters, Mapping) or not all(isinstance(key, str) for key in parameters):
+        raise StatementError('parameters: wanted a mapping of names to numbers, found '
+                             f'{describe(parameters)}')
+    system = registered(given['system'], parameters)
+    return system.n, system.m
+
+
+def _plant(given: Mapping[str, Any]) -> tuple[int, int]:
+    """Return the numbers of states and inputs of A and B."""
+    for key in PLANT:
+        if key not in given:
+            raise StatementError(f"{key}: missing; wanted a list of rows (or 'system')")
+    for key in SYSTEM:
+        if key in given:
+            raise StatementError(f"{key}: goes with 'system', not with 'A' and 'B'")
+    A, B = (_matrix(key, given[key]) for key in PLANT)
+    if A.shape[0] != A.shape[1]:
+        raise StatementError(f'A: wanted as many columns as rows, found {A.shape[0]} rows of '
+                             f'{A.shape[1]}')
+    if len(B) != len(A):
+        raise StatementError(f'B: wanted {len(A)} rows as A has, found {len(B)}')
+    return B.shape
+
+
+def _weight(key: str, value: Any, n: int) -> Array:
+    """Return n*n numbers, or n of a diagonal."""
+    M = _matrix(key, value)
+    is_diagonal = M.size == n and not _has_rows(value)
+    if M.shape != (n, n) and not is_diagonal:
+        raise StatementError(f'{key}: wanted {n} rows of {n}, or a diagonal of {n} numbers, '
+                             f'found {M.shape[0]} of {M.shape[1]}')
+    return M.ravel()
+
+
+def _matrix(key: str, value: Any) -> Array:
+    """Return the matrix of a list of rows, of one row, or of a number."""
+    rows = value if isinstance(value, (list, tuple)) else [value]
+    if not _has_rows(rows):
+        rows = [rows]
+    for index, row in enumerate(rows):
+        if not isinstance(row, (list, tuple)):
+            raise StatementError(f'{key}[{index}]: wanted a row of numbers, found {describe(row)}')
+        if len(row) != len(rows[0]) or not row:
+            raise StatementError(f'{key}[{index}]: wanted a row of {len(rows[0]) or "numbers"}, '
+                                 f'found one of {len(row)}')
+    return np.array([[number(entry, {}, f'{key}[{i}][{j}]') for j, entry in enumerate(row)]
+                     for i, row in enumerate(rows)])
+
+
+def _has_rows(value: Any) -> bool:
+    return isinstance(value, (list, tuple)) and any(
+        isinstance(row, (list, tuple)) for row in value)

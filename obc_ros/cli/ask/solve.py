@@ -1,0 +1,118 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The command ``obc solve``: problem files in, certified answers out."""
+
+import argparse
+import math
+from pathlib import Path
+from typing import Any
+
+from obc_ros.cli import results, terminal
+from obc_ros.cli.ask.problem_requests import Question
+from obc_ros.core.ocp.method_names import method_of, NAMES
+from obc_ros.core.text.errors import ObcError, shown, StatementError
+from obc_ros.workers.pool import LONGEST, SHORTEST
+
+HEADER = ('problem', 'status', 'cost', 'certificate', 'optimum', 'method', 'time')
+COLOURS = dict.fromkeys(('solved', 'holds'), 'green') | dict.fromkeys(
+    ('infeasible', 'not_converged', 'timed_out', 'cancelled', 'malformed'), 'red')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command line."""
+    results.add_arguments(parser, 'problems')
+    parser.add_argument('--time-limit', metavar='S', type=_seconds, default=0.0,
+                        help='time limit of each problem in seconds (default: that of the server)')
+    parser.add_argument('--method', metavar='NAME', type=_method,
+                        help=f"{', '.join(NAMES)}; overrides the key 'method' of the files")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Solve all problems of all files; return the exit status."""
+    results.make_folders(args)
+    asked = results.read(Question, args.files)
+    answerable = [question for question in asked if question.problem]
+    if answerable:
+        _solve(answerable, args.time_limit, args.method or '')
+    try:
+        _show(asked)
+    finally:  # also when nobody reads what is printed
+        results.save(asked, args, _draw)
+    return results.exit_status(
+        'solved' if question.result and question.result.success else
+        'malformed' if question.status == 'malformed' else 'unanswered' for question in asked)
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not 0.0 < seconds <= LONGEST:
+        raise argparse.ArgumentTypeError(
+            f"wanted a positive number of seconds, at most {LONGEST:g}, found '{text}'")
+    return seconds
+
+
+def _method(name: str) -> str:
+    try:
+        return method_of(name)
+    except StatementError as error:
+        raise argparse.ArgumentTypeError(str(error).removeprefix('method: ')) from None
+
+
+def _solve(asked: list[Question], time_limit: float, method: str) -> None:
+    """Have a server answer the questions; each has a status afterwards."""
+    from obc_ros.cli.processes import InterruptedByUserError
+    # Of a server of its own: what is asked for may take longer than its default.
+    parameters = [f'time_limit:={max(time_limit, SHORTEST)}'] if time_limit else []
+    try:
+        from obc_ros.cli.ask.batch import Batch  # ROS only when there is a question
+        from obc_ros.cli.client import connected
+        with connected(*parameters) as client, terminal.progress() as lines:
+            Batch(client, asked, time_limit, lines, method).work()
+    except (InterruptedByUserError, KeyboardInterrupt) as error:
+        _end(asked, 'cancelled', str(error) or 'ended by SIGINT')
+    except ObcError as error:
+        _end(asked, 'not_converged', str(error))
+
+
+def _end(asked: list[Question], status: str, message: str) -> None:
+    """Note what came of all that have no answer."""
+    for question in asked:
+        if not question.status:
+            question.end(status, message)
+
+
+def _draw(path: Path, question: Question) -> None:
+    if question.result and question.result.trajectory.t:
+        from obc_ros.cli import figures  # matplotlib takes a second
+        figures.draw(path, question)
+
+
+def _show(asked: list[Question]) -> None:
+    terminal.table(HEADER, [_row(question) for question in asked], COLOURS)
+    for question in asked:
+        if question.status != 'solved' and question.message:
+            print(shown(f'{question.label}: {question.message}', None))
+
+
+def _row(question: Question) -> tuple[str, ...]:
+    result = question.result
+    if not result or not result.trajectory.t:
+        return question.label, question.status, '', '', '', '', _time(question.took)
+    certificate = result.certificate
+    verdict = 'holds' if certificate.holds else certificate.sentence
+    return (question.label, question.status, f'{result.objective:.10g}', verdict,
+            _optimum(result.optimality), result.method, _time(question.took))
+
+
+def _optimum(known: Any) -> str:
+    """Return an Optimality message in a few words."""
+    if known.kind != 'local':
+        return known.kind and f'{known.kind} ({known.reason})'
+    return f'local, best of {len(known.minima)}' if len(known.minima) > 1 else 'local, 1 met'
+
+
+def _time(seconds: float) -> str:
+    return '' if math.isnan(seconds) else f'{seconds:.3f} s'

@@ -1,0 +1,87 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+`obc demo`: the whole loop over DDS, three nodes in three processes, recorded and drawn.
+
+aircraft: hover, a step with Qx = I, the weights of Example 2.5 set while it flies, a second
+step, a gust, and a change that must be refused.
+vehicle: a lane change that trajectory_server plans and lqr_node follows, then the slalom of
+Exercise 2.10.
+"""
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+import os
+from pathlib import Path
+import sys
+
+from obc_ros.cli.client import somebody_here
+from obc_ros.cli.processes import alone_in, free_domain, isolate
+from obc_ros.cli.ros_graph import Graph, joined, keep_to_this_machine, LOOK
+from obc_ros.core.text.errors import ObcError, shown
+
+LAST_DOMAIN = 232  # its ports are the last that there are
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `obc demo`."""
+    parser.add_argument('scenario', choices=('aircraft', 'vehicle'), help='plant')
+    parser.add_argument('--out', type=Path, default=Path('out'), metavar='DIR',
+                        help='directory of figures and recordings (default: out)')
+    parser.add_argument('--real-time', action='store_true',
+                        help='run in real time, not in lockstep')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run a demonstration; return the exit status."""
+    from obc_ros.cli.demo import aircraft, vehicle
+    scenario = {'aircraft': aircraft, 'vehicle': vehicle}[args.scenario]
+    with alone_in(args.out), _own_domain() as domain:
+        isolate(domain)
+        obc = sys.argv[0] if Path(sys.argv[0]).name == 'obc' else 'obc'
+        print(f'{args.scenario}: three nodes over DDS, domain {domain}, this machine only; '
+              'while it lasts, in another terminal:\n'
+              f'  ROS_DOMAIN_ID={domain} {obc} param get /lqr_node Qx', flush=True)
+        status = scenario.run(args.out, args.real_time)
+    print('a loop that stays, to tune by hand:\n'
+          f'  {obc} launch obc_ros loop.launch.py scenario:={args.scenario}    '
+          '# until Ctrl-C; in another terminal:\n'
+          f'  {obc} param get /lqr_node Qx')
+    return status
+
+
+@contextmanager
+def _own_domain() -> Iterator[int]:
+    """
+    Yield the domain that the environment names, or else one that nobody uses.
+
+    Raises
+    ------
+    ObcError
+        If the one that is named is none, or has a loop already: its commands would reach another
+        plant than the one that is simulated.
+
+    """
+    named = os.environ.get('ROS_DOMAIN_ID', '')
+    if not named:
+        with free_domain() as domain:
+            yield domain
+        return
+    if not named.isdecimal() or int(named) > LAST_DOMAIN:
+        raise ObcError(f'ROS_DOMAIN_ID={shown(named)}: wanted a number from 0 to {LAST_DOMAIN}')
+    if somebody_here():
+        keep_to_this_machine()
+        with joined() as graph:
+            if graph.until(partial(_ends, graph), LOOK):
+                raise ObcError(
+                    f'ROS_DOMAIN_ID={named} has a loop already ({", ".join(_ends(graph))}), which '
+                    'would take the commands of this one; unset ROS_DOMAIN_ID, or choose another')
+    yield int(named)
+
+
+def _ends(graph: Graph) -> list[str]:
+    """Return the topics of a loop that somebody writes or reads."""
+    return [topic for topic in ('/state', '/command')
+            if graph.node.count_publishers(topic) or graph.node.count_subscribers(topic)]

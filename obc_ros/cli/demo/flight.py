@@ -1,0 +1,122 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""One flight of a demonstration: its nodes, its recording, and what happens in it."""
+
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+import sys
+import time
+
+from obc_ros.cli.flight_client import Pilot
+from obc_ros.cli.processes import Children
+from obc_ros.cli.recording import Recorder
+from obc_ros.cli.share_folders import share_directory
+from obc_ros.core.text.errors import ObcError
+
+BACKLOG = 1000  # commands kept for the recorder, which may fall behind; by default one
+
+HEAD_START = 1.0  # [s] of simulated time in which the plant has heard that it is to pause
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something to do when the simulated time [s] has come."""
+
+    at: float
+    what: str
+    act: Callable[[Pilot], str]
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One run of the loop: its configuration file, its length [s] and what happens in it."""
+
+    name: str
+    config: str
+    duration: float
+    events: Sequence[Event]
+
+
+def fly(flight: Flight, out: Path, real_time: bool,
+        conclude: Callable[[Pilot, float], int]) -> int:
+    """Run one flight with its nodes and recording; `conclude(pilot, wall)` makes the report."""
+    config = share_directory('obc_ros') / 'config' / flight.config
+    pace = ['-p', 'speed:=1.0', '-p', 'lockstep:=false'] if real_time else []
+    # In lockstep two flights are the same to the bit: nothing goes by the clock on the wall.
+    timeless = ['-p', 'use_sim_time:=true'] + ([] if real_time else ['-p', 'state_timeout:=0.0'])
+    recorded = ['-p', f'qos_overrides./command.publisher.depth:={BACKLOG}']
+    with (Children(out / 'log') as children, Recorder(out / 'log' / flight.name) as journal,
+          Recorder(out / flight.name, ordered=not real_time) as recorder):
+        parameters = ['--params-file', str(config)]
+        children.start('plant_simulator', *parameters, *pace)
+        children.start('trajectory_server', *parameters)
+        with closing(Pilot(children, recorder, journal)) as pilot:
+            pilot.wait(lambda: bool(pilot.states.stamp), 'the first state')
+            # Time stands still until everybody has found everybody.
+            pilot.pause(True)
+            children.start('lqr_node', *parameters, *timeless, *recorded)
+            pilot.wait(lambda: bool(pilot.designs) and pilot.hears('command'), 'lqr_node')
+            wall = time.monotonic()
+            pilot.begin(real_time)
+            progress = Progress(pilot, flight, exact=not real_time)
+            for event in flight.events:
+                progress.until(event.at)
+                progress.say(event.what, event.act(pilot))
+            progress.until(flight.duration)
+            progress.done()
+            status = conclude(pilot, time.monotonic() - wall)
+    return 1 if recorder.fault else status
+
+
+class Progress:
+    """One line that shows where the flight is, and one for each event."""
+
+    def __init__(self, pilot: Pilot, flight: Flight, exact: bool) -> None:
+        self._pilot = pilot
+        self._exact = exact
+        self._duration = flight.duration
+        self._live = sys.stdout.isatty()
+
+    def until(self, moment: float) -> None:
+        """Wait until the simulated time [s] has come, showing it; in lockstep it stops there."""
+        # A step of the simulation takes well under a second even on a busy machine.
+        timeout = 30.0 + 5.0 * self._duration
+        early = moment - HEAD_START if self._exact else moment
+        if self._exact and self._pilot.now < early:
+            self._pilot.pause(False)
+        self._pilot.wait(lambda: self._pilot.now >= early, f't = {moment:g} s', timeout,
+                         self._show if self._live else lambda: None)
+        if self._exact:
+            self._pilot.reach(moment)
+
+    def _show(self) -> None:
+        pilot = self._pilot
+        if pilot.states.stamp:
+            position = ', '.join(f'{value:6.2f}' for value in pilot.x[:2])
+            revision = pilot.designs[-1].revision if pilot.designs else 0
+            print(f'\r  t = {pilot.now:5.1f} of {self._duration:g} s   position ({position}) m'
+                  f'   K revision {revision}', end='', flush=True)
+
+    def say(self, what: str, outcome: str) -> None:
+        """Tell one event and what came of it."""
+        clear = '\r\033[K' if self._live else ''
+        print(f'{clear}  t = {self._pilot.now:5.1f} s  {what}{": " if outcome else ""}{outcome}',
+              flush=True)
+
+    def done(self) -> None:
+        """End the line."""
+        if self._live:
+            print('\r\033[K', end='')
+
+
+def set_parameters(node: str, values: dict[str, object], *, refused: bool = False
+                   ) -> Callable[[Pilot], str]:
+    """Return an act that sets parameters and fails unless the answer is the expected one."""
+    def act(pilot: Pilot) -> str:
+        done, reason = pilot.set_parameters(node, values)
+        if done == refused:
+            raise ObcError(f'{node} {"accepted" if done else "refused"} {values}: {reason}')
+        return f'refused: {reason}' if refused else ''
+    return act

@@ -1,0 +1,122 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The vehicle: a planned lane change that is followed, and the slalom of Exercise 2.10."""
+
+from array import array
+from pathlib import Path
+
+import matplotlib as mpl
+from obc_ros.core.numerics.arrays import Array
+
+mpl.use('Agg')
+import matplotlib.pyplot as plt
+import numpy as np
+from obc_ros.cli import terminal
+from obc_ros.cli.demo.flight import Event, Flight, fly
+from obc_ros.cli.demo.report import loop_rows
+from obc_ros.cli.flight_client import Pilot
+from obc_ros.core.systems.courses import lateral_reference, slalom
+from obc_ros.core.text.errors import ObcError
+from obc_ros.msg import NamedBounds, Trajectory
+from obc_ros.srv import PlanMotion
+
+SPEED, LENGTH = 10.0, 2.0  # [m/s], the v_d of Exercise 2.10, and the wheelbase [m]
+AMPLITUDE, FREQUENCY, COURSE = 1.0, 1.0, 6.0  # [m], [Hz], [s] of slalom
+AHEAD = 1.0  # [s] between asking for a plan and its beginning
+
+
+def run(out: Path, real_time: bool) -> int:
+    """Drive both courses, report, draw; return the exit status."""
+    planned: list[Trajectory] = []
+    course: list[Trajectory] = []
+    change = Flight('lane_change', 'vehicle.yaml', 14.0, (
+        Event(1.0, 'plan a lane change of 4 m within 100 m', lambda pilot: _plan(pilot, planned)),
+    ))
+    weaving = Flight('slalom', 'vehicle_lateral.yaml', 2.0 + COURSE, (
+        Event(1.0, f'slalom of {AMPLITUDE:g} m and {FREQUENCY:g} Hz at {SPEED:g} m/s',
+              lambda pilot: _slalom(pilot, course)),))
+    status = fly(change, out, real_time, lambda pilot, wall: _conclude(
+        pilot, wall, planned[0], 1, 'lane change', out))
+    return status or fly(weaving, out, real_time, lambda pilot, wall: _conclude(
+        pilot, wall, course[0], 0, 'slalom', out))
+
+
+def _plan(pilot: Pilot, planned: list[Trajectory]) -> str:
+    """Ask for a plan from where the vehicle will be, and publish it as the reference."""
+    # Seconds of a simulation in a hurry pass while the server works: it has to wait.
+    pilot.pause(True)
+    begin = pilot.states.stamp[-1] + int(AHEAD * 1e9)
+    px = float(pilot.x[0]) + SPEED * AHEAD
+    answer = pilot.call(PlanMotion, 'trajectory_server/plan', PlanMotion.Request(
+        system='vehicle', start=[px, -2.0, 0.0], goal=[px + 100.0, 2.0, 0.0], objective='effort',
+        final_time=10.0, input_bounds=[
+            NamedBounds(name='v', lower='8', upper='12'),
+            NamedBounds(name='phi', lower='-0.1', upper='0.1')]))
+    if not answer.success:
+        raise ObcError(f'no plan: {answer.message}')
+    planned.append(_publish(pilot, answer.trajectory, begin))
+    pilot.pause(False)
+    return answer.message
+
+
+def _slalom(pilot: Pilot, course: list[Trajectory]) -> str:
+    """Publish y = r(t) with the angle and steering that follow it exactly (flatness)."""
+    t = np.linspace(0.0, COURSE, int(COURSE * 500) + 1)
+    x, phi = lateral_reference(*slalom(t, AMPLITUDE, FREQUENCY, end=COURSE), SPEED, LENGTH)
+    pilot.pause(True)
+    trajectory = Trajectory(
+        system='vehicle_lateral', state_names=['py', 'theta'], input_names=['phi'],
+        t=array('d', t), x=array('d', x.ravel()), u=array('d', phi.ravel()),
+        interpolation='linear')
+    course.append(_publish(pilot, trajectory, pilot.states.stamp[-1] + int(0.2e9)))
+    pilot.pause(False)
+    return f'steering up to {np.abs(phi).max():.2f} rad'
+
+
+def _publish(pilot: Pilot, trajectory: Trajectory, begin: int) -> Trajectory:
+    """Publish a reference; time must stand still until lqr_node has its gains along it."""
+    trajectory.header.stamp.sec, trajectory.header.stamp.nanosec = divmod(begin, 10**9)
+    said = len(pilot.said)
+    pilot.publisher.publish(trajectory)
+    pilot.wait(lambda: any(each.name.endswith('lqr_node') and 'reference' in each.msg
+                           for each in pilot.said[said:]), 'lqr_node to take the reference')
+    return trajectory
+
+
+def _conclude(pilot: Pilot, wall: float, reference: Trajectory, lateral: int, name: str,
+              out: Path) -> int:
+    t, x, tu, u = pilot.history()
+    begin = (reference.header.stamp.sec * 10**9 + reference.header.stamp.nanosec
+             - pilot.states.stamp[0]) * 1e-9
+    times = np.asarray(reference.t) + begin
+    wanted = np.asarray(reference.x).reshape(times.size, -1)
+    during = (t >= times[0]) & (t <= times[-1])
+    error = x[during, lateral] - np.interp(t[during], times, wanted[:, lateral])
+    heading = x[during, lateral + 1] - np.interp(t[during], times, wanted[:, lateral + 1])
+    terminal.table((name, ''), [
+        ('largest lateral error', f'{1e3 * np.abs(error).max():.2f} mm'),
+        ('lateral error at the end', f'{1e3 * abs(error[-1]):.2f} mm'),
+        ('largest heading error', f'{1e3 * np.abs(heading).max():.2f} mrad'),
+        ('largest steering angle', f'{np.abs(u[:, -1]).max():.3f} rad'),
+        *loop_rows(pilot, wall)])
+    path = out / f'{name.replace(" ", "_")}.png'
+    _draw(name, (times, wanted[:, lateral]), (t, x[:, lateral]), (t[during], error),
+          (tu, u[:, -1]), path)
+    print(f'figure {path}')
+    return 0
+
+
+def _draw(name: str, wanted: tuple[Array, Array], driven: tuple[Array, Array],
+          error: tuple[Array, Array], steering: tuple[Array, Array], path: Path) -> None:
+    figure, axes = plt.subplots(3, 1, figsize=(8, 8), sharex=True, layout='constrained')
+    axes[0].plot(*driven, label='driven')
+    axes[0].plot(*wanted, '--', label='reference')
+    axes[0].set(ylabel='lateral position py [m]')
+    axes[0].legend()
+    axes[1].plot(error[0], 1e3 * error[1])
+    axes[1].set(ylabel='lateral error [mm]')
+    axes[2].step(*steering, where='post')
+    axes[2].set(ylabel='steering angle phi [rad]', xlabel='time [s]')
+    figure.suptitle(f'Vehicle at {SPEED:g} m/s: {name}, three nodes over DDS')
+    figure.savefig(path, dpi=130)
+    plt.close(figure)

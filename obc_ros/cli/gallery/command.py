@@ -1,0 +1,41 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+`obc gallery`: the chapter's examples, theorems and exercises, answered by running nodes.
+
+``DIR/index.html`` is the page, ``DIR/NAME.png`` the figure of an entry, ``DIR/gallery.json`` its
+numbers; what is there of other entries stays. Loops are recorded in ``DIR/recordings``.
+"""
+
+import argparse
+from pathlib import Path
+import sys
+
+from obc_ros.cli.processes import alone_in
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `obc gallery`."""
+    parser.add_argument('names', nargs='*', metavar='NAME', help='entries (default: all)')
+    parser.add_argument('--out', type=Path, default=Path('out/gallery'), metavar='DIR',
+                        help='directory of page, figures and numbers (default: out/gallery)')
+    parser.add_argument('--list', action='store_true', help='list the entries')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Work the entries; 0 if every number of theirs holds, 1 if not, 2 for an unknown name."""
+    from obc_ros.cli.gallery.entries.all import ENTRIES  # matplotlib takes a second
+    known = {entry.name: entry for entry in ENTRIES}
+    unknown = [name for name in args.names if name not in known]
+    if unknown:
+        print(f"obc gallery: no entry '{unknown[0]}'; there are {', '.join(known)}",
+              file=sys.stderr)
+        return 2
+    if args.list:
+        width = max(map(len, known))
+        print('\n'.join(f'{name:{width}}  {entry.title}' for name, entry in known.items()))
+        return 0
+    chosen = [entry for name, entry in known.items() if not args.names or name in args.names]
+    from obc_ros.cli.gallery.records import work_and_write  # nor is ROS needed before
+    with alone_in(args.out):
+        return work_and_write(chosen, args.out, list(known))

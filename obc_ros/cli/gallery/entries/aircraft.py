@@ -1,0 +1,183 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Example 2.5: the thrust vectored aircraft, Figures 2.4 and 2.5, flown in loops of nodes."""
+
+from math import pi
+from typing import Any
+
+from matplotlib.figure import Figure
+import numpy as np
+from obc_ros.cli.figures import COLOURS, THIN
+from obc_ros.cli.gallery.drawing import describe, EXACT, panels
+from obc_ros.cli.gallery.entry import Answer, Entry, Row
+from obc_ros.cli.gallery.exact_loops import sampled_loop, simulated_loop
+from obc_ros.cli.gallery.loop import Loop, Run
+from obc_ros.cli.gallery.runner import Desk, regulator
+from obc_ros.core.numerics.arrays import Array
+from scipy.linalg import solve_continuous_are
+
+MASS, INERTIA, ARM, GRAVITY, DAMPING = 4.0, 0.0475, 0.25, 9.8, 0.05
+STEP = 0.02  # [s] from state to state
+GOAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+CAPTION, LEGEND = (1.0, 1e2, 1e4), (0.1, 1.0, 10.0)  # rho as the caption and the legend say
+IDENTITY = [1.0] * 6
+PRINTED = [100.0, 1.0, 2 * pi / 9, 0.0, 0.0, 0.0]
+MEANT = [100.0, 1.0, (3.6 / pi)**2, 0.0, 0.0, 0.0]
+STEPS, LONG = 10.0, 15.0  # [s] of Figures 2.4 and 2.5
+
+
+def linear_model() -> tuple[Array, Array]:
+    """Return A and B at hover."""
+    A, B = np.zeros((6, 6)), np.zeros((6, 2))
+    A[:3, 3:] = np.eye(3)
+    A[3, 2], A[3, 3], A[4, 4] = -GRAVITY, -DAMPING / MASS, -DAMPING / MASS
+    B[3, 0], B[4, 1], B[5, 0] = 1 / MASS, 1 / MASS, ARM / INERTIA
+    return A, B
+
+
+def gain(Qx: list[float], rho: float) -> Array:
+    """Return K of u = -K x, without the server."""
+    A, B = linear_model()
+    return B.T @ solve_continuous_are(A, B, np.diag(Qx), rho * np.eye(2)) / rho
+
+
+def example_2_5(desk: Desk) -> Answer:
+    """Answer Example 2.5: fly the linear model and the nonlinear aircraft."""
+    A, B = linear_model()
+    cases = {rho: (IDENTITY, rho, STEPS) for rho in (1.0, 0.1, 10.0, 1e2, 1e4)}
+    cases |= {'printed': (PRINTED, 0.1, LONG), 'meant': (MEANT, 0.1, LONG)}
+    plant = {'system': 'linear', 'system_parameters.A': A, 'system_parameters.B': B}
+    with desk.loop('linear', {**plant, 'x0': [0.0] * 6, 'publish_rate': 1 / STEP},
+                   {**plant, 'setpoint': GOAL, 'Qx': IDENTITY, 'Qu': [1.0, 1.0]}) as loop:
+        linear = {name: _fly(loop, *case) for name, case in cases.items()}
+    with desk.loop('aircraft', {'system': 'aircraft', 'publish_rate': 1 / STEP},
+                   {'system': 'aircraft', 'setpoint': GOAL, 'Qx': IDENTITY,
+                    'Qu': [1.0, 1.0]}) as loop:
+        whole = {name: _fly(loop, *cases[name]) for name in (1.0, 'printed')}
+        model = regulator(loop.design)
+    rows = [
+        Row('linearization: $A$', model.A, A, 'Newton, at hover'),
+        Row('linearization: $B$', model.B, B, 'Newton, at hover'),
+        Row('printed weights: $K$', model.K, gain(PRINTED, 0.1),
+            'SciPy, `solve_continuous_are`')]
+    for name, (Qx, rho, _) in cases.items():
+        run, text = linear[name], _text(name)
+        x, u = sampled_loop(A, B, gain(Qx, rho), -GOAL, STEP, len(run.t) - 1)
+        rows += [Row(f'{text}, linear: $x(t)$', run.x, GOAL + x, 'recursion, SciPy gain'),
+                 Row(f'{text}, linear: $u(t)$', run.u, u, 'recursion, SciPy gain')]
+    for name in whole:
+        Qx, rho, _ = cases[name]
+        run = whole[name]
+        x, u = _simulated(gain(Qx, rho), len(run.t) - 1)
+        rows += [Row(f'{_text(name)}, aircraft: $x(t)$', run.x, x, 'Dormand-Prince 8(5,3)'),
+                 Row(f'{_text(name)}, aircraft: inputs [N]', run.u, u,
+                     'Dormand-Prince 8(5,3)')]
+    printed = linear['printed']
+    return Answer(rows, _draw(linear, whole), (
+        'The states $x, y$ and inputs $u_1 = f_1$, $u_2 = f_2 - mg$ of two running loops. Solid: '
+        'the linear model, with the axes as in the book. Dotted: the nonlinear model. The weights '
+        'are changed while `lqr_node` runs; each step begins with a reset of the plant.',
+        'With the weights as printed in the book, the aircraft tilts by '
+        f'{np.degrees(np.abs(whole["printed"].x[:, 2])).max():.0f} degrees. The '
+        'linear model neglects the loss of vertical thrust: the nonlinear model falls by '
+        f'{-whole["printed"].x[:, 1].min():.2f} m before it climbs.',
+        'Figure 2.4(b) is shown for $ρ$ as in its legend and as in its caption. The steps with '
+        'the weights $2π/9$ and 1.3131 of $θ$ differ by at most '
+        f'{100 * np.abs(printed.x - linear["meant"].x)[:, :2].max():.1f} cm.'),
+        f'In the loop with the printed weights, the first inputs are $u_1 = '
+        f'{printed.u[0, 0]:.1f}$ N and $u_2 = {printed.u[0, 1]:.2f}$ N, but the axis of Figure '
+        '2.5(b) runs from 0 to 4.')
+
+
+def _fly(loop: Loop, Qx: list[float], rho: float, duration: float) -> Run:
+    changes = {'Qx': Qx} if list(loop.design.qx[::7]) != Qx else {}
+    if loop.design.qu[0] != rho:
+        changes['Qu'] = [rho, rho]
+    if changes:
+        loop.set(**changes)
+    return loop.run(duration)
+
+
+def _simulated(K: Array, count: int) -> tuple[Array, Array]:
+    """Return the flight of the nonlinear model, without the nodes."""
+    hover = np.array([0.0, MASS * GRAVITY])
+
+    def rate(x: Array, u: Array) -> list[Any]:
+        _, _, theta, vx, vy, omega = x
+        c, s = np.cos(theta), np.sin(theta)
+        return [vx, vy, omega, (u[0] * c - u[1] * s - DAMPING * vx) / MASS,
+                (u[0] * s + u[1] * c - DAMPING * vy) / MASS - GRAVITY, ARM * u[0] / INERTIA]
+
+    return simulated_loop(rate, lambda _, x: hover - K @ (x - GOAL), np.zeros(6), STEP, count)
+
+
+def _text(name: float | str) -> str:
+    return {'printed': 'printed weights', 'meant': 'weight 1.3131 of $θ$'}.get(
+        str(name), f'$Q_x = I$, $ρ = {name:g}$' if isinstance(name, float) else '')
+
+
+def _draw(linear: dict[Any, Run], whole: dict[Any, Run]) -> Figure:
+    figure, ((a, legend, caption), (b, inputs, all_inputs), (fall, tilt, weights)) = panels(
+        3, 3, 2.55)
+    for axes, name in ((a, 1.0), (b, 'printed'), (fall, 'printed')):
+        for index, text in enumerate('xy'):
+            axes.plot(linear[name].t, linear[name].x[:, index], color=COLOURS[index],
+                      label=f'${text}$')
+            if axes is not b:
+                axes.plot(whole[name].t, whole[name].x[:, index], **EXACT)
+    for axes, values in ((legend, LEGEND), (caption, CAPTION)):
+        for index, rho in enumerate(values):
+            exponent = round(np.log10(rho))
+            axes.plot(linear[rho].t, linear[rho].x[:, 0], color=COLOURS[index],
+                      label=rf'$\rho = 10^{exponent}$' if rho > 50 else rf'$\rho = {rho:g}$')
+    run = linear['printed']
+    for axes in (inputs, all_inputs):
+        for index in range(2):
+            axes.plot(run.t, run.u[:, index], color=COLOURS[index], drawstyle='steps-post',
+                      label=f'$u_{index + 1}$')
+    tilt.plot(run.t, np.degrees(run.x[:, 2]), color=COLOURS[2], label=r'$\theta$')
+    tilt.plot(whole['printed'].t, np.degrees(whole['printed'].x[:, 2]), **EXACT)
+    for axes in (a, fall, tilt):
+        axes.plot([], [], label='nonlinear model', **EXACT)
+    for index, text in enumerate('xy'):
+        weights.plot(run.t, 100 * (linear['meant'].x - run.x)[:, index], color=COLOURS[index],
+                     label=f'${text}$')
+    both, one = 'position $x$, $y$ [m]', 'position $x$ [m]'
+    step = range(0, 11, 2), [0, 0.5, 1, 1.5]
+    long = [0, 5, 10, 15]
+    for axes, title, y, limits, ticks, place in (
+            (a, 'Figure 2.4(a): step, $Q_x = I$, $Q_u = I$', both, (0, 10, 0, 1.5), step,
+             'lower right'),
+            (legend, r'Figure 2.4(b), $\rho$ as in its legend', one, (0, 10, 0, 1.5), step,
+             'lower right'),
+            (caption, r'Figure 2.4(b), $\rho$ as in its caption', one, (0, 10, 0, 1.5), step,
+             'lower right'),
+            (b, 'Figure 2.5(a): step, printed weights', both, (0, 15, 0, 1.4),
+             (long, np.arange(8) / 5), 'lower right'),
+            (inputs, 'Figure 2.5(b): axes as in the book', '$u_1$, $u_2$ [N]', (0, 15, 0, 4),
+             (long, range(5)), 'upper right'),
+            (all_inputs, 'inputs of (b), full range', '$u_1$, $u_2$ [N]', (0, 3, -35, 16),
+             (range(4), [-30, -20, -10, 0, 10]), 'lower right'),
+            (fall, 'printed weights, both models', both, (0, 10, -0.9, 1.5),
+             (range(0, 11, 2), [-0.5, 0, 0.5, 1, 1.5]), 'lower right'),
+            (tilt, 'printed weights: tilt', r'$\theta$ [deg]', (0, 3, -60, 60),
+             (range(4), [-60, -30, 0, 30, 60]), 'upper right'),
+            (weights, r'weight of $\theta$: 1.3131 or $2\pi/9$', 'difference [cm]',
+             (0, 5, -0.7, 0.4), (range(6), [-0.6, -0.4, -0.2, 0, 0.2, 0.4]), 'lower right')):
+        describe(axes, title, 'time $t$ [s]', y, legend=place)
+        axes.axis(limits)
+        axes.set(xticks=ticks[0], yticks=ticks[1])
+        axes.axhline(1.0 if y in (both, one) else 0.0, **THIN)
+    return figure
+
+
+EXAMPLE_2_5 = Entry(
+    '2.5', 'Thrust vectored aircraft', 'Example 2.5, Figures 2.4 and 2.5', (
+        'The aircraft hovers and is asked to move by 1 m in $x$ and in $y$. First with $Q_x = I$, '
+        '$Q_u = ρI$; then with weights that penalise errors of 1 cm in $x$, 10 cm in $y$ and '
+        '5 degrees in $θ$ equally: $Q_x = diag(100, 1, 2π/9, 0, 0, 0)$, $Q_u = 0.1 I$.',),
+    example_2_5,
+    '5 degrees beside 1 cm and 10 cm, in the ratio of inverse squares with 100 and 1, is the '
+    'weight $(0.1/(π/36))^2 = (3.6/π)^2 = 1.3131$; the printed $2π/9$ is 40 degrees in radians. '
+    'The caption of Figure 2.4(b) says $ρ = 1, 10^2, 10^4$, its legend 0.1, 1, 10. And '
+    '$Q_u = 0.1 I$ does not single out the sideways force, as the text says.')

@@ -1,0 +1,294 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Least time: Example 2.3 (bang-bang control) and Example 2.6 (the nonholonomic integrator)."""
+
+from math import pi, sqrt
+from typing import Any
+
+from matplotlib.figure import Figure
+import numpy as np
+from obc_ros.cli.figures import COLOURS, THIN
+from obc_ros.cli.gallery.drawing import describe, legend_below, panels
+from obc_ros.cli.gallery.entry import Answer, Entry, Row
+from obc_ros.cli.gallery.page import scientific
+from obc_ros.cli.gallery.runner import Desk, Trajectory
+from obc_ros.core.numerics.arrays import Array
+from scipy.interpolate import CubicHermiteSpline
+
+STARTS = tuple((r * np.cos(angle), r * np.sin(angle))
+               for r in (1.0, 2.5) for angle in np.arange(12) * pi / 6 + 0.2)
+# The oscillator's starts by the first input, the number of switches and the first and last arc.
+ARCS = ((1, 0, 0.0, 2.0), (-1, 1, 1.0, 2.5), (1, 1, 2.0, 0.7), (-1, 2, 0.5, 1.5),
+        (1, 2, 2.8, 2.9), (-1, 3, 1.7, 0.4), (1, 4, 1.2, 2.2), (-1, 5, 2.4, 1.1))
+FREE = {'free': True, 'lower': 0.01, 'upper': 50}
+
+
+def double_integrator(x: float, v: float) -> tuple[float, float, float]:
+    """Return the least time to the origin, when the input changes its sign, and to what."""
+    side = 1.0 if x + v * abs(v) / 2 > 0 else -1.0
+    root = sqrt(side * x + v * v / 2)
+    return side * v + 2 * root, side * v + root, side
+
+
+def oscillator(first: int, switches: int, begin: float, end: float) -> tuple[Array, Array]:
+    """
+    Return the state from which these arcs lead to the origin, and the times between them.
+
+    Arcs but the first and the last take half a period; going back in time the state turns about
+    (u, 0), counter-clockwise.
+    """
+    lengths = [end] + [pi] * (switches - 1) + ([begin] if switches else [])
+    x, u = np.zeros(2), first * (-1.0)**switches
+    for length in lengths:
+        c, s = np.cos(length), np.sin(length)
+        x = np.array([u, 0]) + np.array([[c, -s], [s, c]]) @ (x - [u, 0])
+        u = -u
+    return x, np.cumsum(lengths[::-1])
+
+
+def example_2_3(desk: Desk) -> Answer:
+    """Answer Example 2.3 for two systems and many starts."""
+    common = {'running_cost': '1', 'terminal_constraints': ['x1', 'x2'],
+              'input_bounds': {'u': [-1, 1]}, 'final_time': FREE}
+    plain = desk.solve_all([{
+        'system': 'double_integrator', 'initial_state': {'x1': x, 'x2': v}, **common}
+        for x, v in STARTS])
+    known = [oscillator(*arcs) for arcs in ARCS]
+    turning = desk.solve_all([{
+        'states': ['x1', 'x2'], 'inputs': ['u'], 'dynamics': {'x1': 'x2', 'x2': '-x1 + u'},
+        'initial_state': {'x1': float(x), 'x2': float(v)}, **common} for (x, v), _ in known])
+    exact = np.array([double_integrator(x, v) for x, v in STARTS])
+    at = np.array([[np.interp(path.switching_times[0], path.t, path.x[name])
+                    for name in ('x1', 'x2')] for path in plain])
+    v = np.array(STARTS)[:, 1] - exact[:, 2] * exact[:, 1]
+    paths, switching = [*plain, *turning], [*plain, *turning[1:]]
+    lam = np.concatenate(_costates(switching, exact, known))
+    away = np.abs(lam) > 1e-6
+    rows = [
+        Row(f'double integrator, {len(STARTS)} starts: least time $T$ [s]',
+            [path.T for path in plain], exact[:, 0], '$± v_0 + 2 √(± x_0 + v_0^2/2)$'),
+        Row('double integrator: the switching time [s]',
+            [path.switching_times[0] for path in plain], exact[:, 1],
+            '$± v_0 + √(± x_0 + v_0^2/2)$'),
+        Row('double integrator: $x$, $v$ at the switch', at,
+            np.column_stack([-v * np.abs(v) / 2, v]), 'the switching curve $x = -½ v|v|$'),
+        Row(f'oscillator, {len(ARCS)} starts: least time $T$ [s]', [path.T for path in turning],
+            [times[-1] for _, times in known], 'arcs put together backwards from the origin'),
+        Row('oscillator: all switching times [s]',
+            np.concatenate([path.switching_times for path in turning]),
+            np.concatenate([times[:-1] for _, times in known]), 'the same arcs'),
+        Row('$λ^T B$ along the paths that switch',
+            np.concatenate([path.lam['x2'] for path in switching]), lam,
+            'a line, a sine; 0 at the switches, $-u$ at $T$'),
+        Row('$u = -sgn(λ^T B)$ along them',
+            np.concatenate([path.u['u'] for path in switching])[away], -np.sign(lam[away]),
+            'Example 2.3'),
+        Row('$u$ along the one that does not switch', turning[0].u['u'],
+            np.full(turning[0].t.size, ARCS[0][0]), 'its start is on an arc to the origin'),
+        Row('$H$ along all paths', np.concatenate([path.hamiltonian for path in paths]),
+            np.zeros(sum(path.t.size for path in paths)), '$H = 0$, as $T$ is free')]
+    return Answer(rows, _draw_2_3(plain, turning), (
+        'Dots: the initial states. The input is minus the sign of the switching function $λ^T B$; '
+        'it changes sign on the switching curve (black). The undamped oscillator switches every '
+        'half period.',))
+
+
+def _costates(paths: list[Trajectory], plain: Array, known: list[tuple[Array, Array]]
+              ) -> list[Array]:
+    """Return the costate of x2 on each path: with its second derivative 0, or minus itself."""
+    found = [-last * (path.t - switch) / (T - switch)
+             for (T, switch, last), path in zip(plain, paths, strict=False)]
+    for (first, switches, *_), (_, times), path in zip(
+            ARCS[1:], known[1:], paths[len(plain):], strict=True):
+        *_, switch, T = times
+        found.append(-first * (-1)**switches * np.sin(path.t - switch) / np.sin(T - switch))
+    return found
+
+
+def _draw_2_3(plain: list[Trajectory], turning: list[Trajectory]) -> Figure:
+    figure, ((left, middle, right),) = panels(1, 3, 3.3, width_ratios=(1, 1, 1.1))
+    for axes, paths in ((left, plain), (middle, turning)):
+        for path in paths:
+            for sign, colour in ((-1, COLOURS[0]), (1, COLOURS[1])):
+                x1, x2, u = smooth(path)
+                part = np.where(u * sign > 0, 1.0, np.nan)
+                axes.plot(x1 * part, x2 * part, color=colour, linewidth=0.9)
+            axes.plot(path.x['x1'][0], path.x['x2'][0], '.', color='black', markersize=4)
+    for text, colour in (('$u = -1$', COLOURS[0]), ('$u = +1$', COLOURS[1])):
+        left.plot([], [], color=colour, label=text)
+    v = np.linspace(-2.6, 2.6, 201)
+    left.plot(-v * np.abs(v) / 2, v, color='black', label='switching curve')
+    left.set(xlim=(-4, 4), ylim=(-3.2, 3.2))
+    angle = np.linspace(0, pi, 100)
+    for k in range(5):
+        for side in (1, -1):
+            middle.plot(side * (2 * k + 1 + np.cos(angle)), -side * np.sin(angle), color='black')
+    middle.set(aspect='equal', xlim=(-10, 10), ylim=(-11, 11), xticks=[-8, -4, 0, 4, 8],
+               yticks=[-8, -4, 0, 4, 8])
+    describe(left, 'double integrator', '$x_1$ [m]', '$x_2$ [m/s]')
+    describe(middle, 'oscillator $\\ddot x + x = u$', '$x_1$', '$x_2$')
+    path = turning[-1]
+    right.plot(path.t, path.u['u'], color=COLOURS[2], drawstyle='steps-post', label='$u(t)$')
+    right.plot(path.t, path.lam['x2'], color=COLOURS[4], label='$\\lambda^T B$')
+    right.plot(path.t, path.hamiltonian, color=COLOURS[3], label='$H$')
+    for time in path.switching_times:
+        right.axvline(time, **THIN)
+    describe(right, 'oscillator with five switches', 'time $t$ [s]',
+             '$u$, $\\lambda^T B$, $H$')
+    right.set(xlim=(0, path.T), ylim=(-1.3, 1.7))
+    right.legend(loc='upper center', ncols=3, columnspacing=1.2)
+    legend_below(figure, left, 3)
+    return figure
+
+
+def smooth(path: Trajectory) -> tuple[Array, Array, Array]:
+    """Return x1, x2 and u at many times, by the cubics with the values x1 and the slopes x2."""
+    knots, index = np.unique(path.t, return_index=True)
+    spline = CubicHermiteSpline(knots, path.x['x1'][index], path.x['x2'][index])
+    t = np.unique(np.concatenate([np.linspace(0, path.T, 400), path.switching_times,
+                                  path.switching_times - 1e-9]))
+    return spline(t), spline(t, 1), path.u['u'][np.searchsorted(path.t, t, 'right') - 1]
+
+
+LINES = (0.5, 2.0, 3.0)
+LOOPS = ((1.0, 1.0), (2.0, 0.5), (0.5, 1.5))  # a and d of `diamond`
+AREAS = (0.5, 2.0)
+
+
+def diamond(a: float, d: float) -> tuple[float, float, list[float]]:
+    """
+    Return x3(T), T and the switching times of the way round a diamond to (a, 0, x3).
+
+    With |u1|, |u2| <= 1 a curve of duration T encloses most between itself and the x1 axis along
+    a diamond with sides in the directions (1, 1) and (1, -1) (the isoperimetric inequality of the
+    norm max(|u1|, |u2|)): back by d, up to the top, down, and back by d.
+    """
+    r = d + a / 2
+    return 2 * r * r - a * a / 4, 2 * (r + d), [d, d + r, d + 2 * r]
+
+
+def costates(a: float, d: float, t: Array) -> Array:
+    """
+    Return the costates, shape (N, 3), on the way round a diamond.
+
+    They are minus the derivatives of T by the end in front of them. lambda_1 + lambda_3 x2 is 0
+    at x2 = d, where u1 switches, and lambda_2 at x1 = a/2, where u2 does; H = 0 is their scale.
+    """
+    r = d + a / 2
+    x1 = np.interp(t, [0, d, d + 2 * r, 2 * (r + d)], [0, -d, 2 * r - d, a])
+    return np.column_stack([np.full(t.size, d), x1 - a / 2, np.full(t.size, -1)]) / r
+
+
+def example_2_6(desk: Desk) -> Answer:
+    """Answer Example 2.6: the singular line, and paths that switch."""
+    lines = desk.solve_all([_nonholonomic(rho, 0.0) for rho in LINES])
+    exact = [diamond(a, d) for a, d in LOOPS]
+    loops = desk.solve_all([
+        _nonholonomic(a, x3) for (a, _), (x3, _, _) in zip(LOOPS, exact, strict=True)])
+    closed = desk.solve_all([_nonholonomic(0.0, area) for area in AREAS], show=0)
+    rows = []
+    for rho, path in zip(LINES, lines, strict=True):
+        rows += [
+            Row(f'line of $ρ = {rho:g}$: least time $T$ [s]', path.T, rho, '$ρ$'),
+            Row(f'line of $ρ = {rho:g}$: $u_1(t)$', path.u['u1'], np.ones(path.t.size), '1'),
+            Row(f'line of $ρ = {rho:g}$: costates',
+                np.stack([path.lam[name] for name in ('x1', 'x2', 'x3')]),
+                np.outer([-1.0, 0.0, 0.0], np.ones(path.t.size)), '$(-1, 0, 0)$')]
+    for (a, d), (x3, T, times), path in zip(LOOPS, exact, loops, strict=True):
+        rows += [
+            Row(f'to $({a:g}, 0, {x3:g})$: least time $T$ [s]', path.T, T,
+                'isoperimetric inequality'),
+            Row(f'to $({a:g}, 0, {x3:g})$: switching times [s]', path.switching_times, times,
+                'corners of the diamond'),
+            Row(f'to $({a:g}, 0, {x3:g})$: costates',
+                np.column_stack([path.lam[name] for name in ('x1', 'x2', 'x3')]),
+                costates(a, d, path.t), '$(d, x_1 - a/2, -1) / (d + a/2)$; $d$ is how far back')]
+    shown, paths = loops[0], [*lines, *loops, *closed]
+    rows += [
+        Row('back to $(0, 0, x_3)$: least time $T$ [s]', [path.T for path in closed],
+            [2 * sqrt(2 * area) for area in AREAS], '$2 √(2|x_3|)$'),
+        Row('$H$ along all paths', np.concatenate([p.hamiltonian for p in paths]),
+            np.zeros(sum(p.t.size for p in paths)), '$H = 0$, as $T$ is free')]
+    printed = _printed(shown)
+    off = float(np.abs(costates(*LOOPS[0], shown.t)[:, 1] - shown.lam['x2']).max())
+    return Answer(rows, _draw_2_6(lines[1], shown, printed), (
+        'On the line $λ_2 ≡ λ_3 ≡ 0$: $H$ does not depend on $u_2$, the extremal is singular in '
+        '$u_2$. The least time $ρ$ requires only $u_1 ≡ 1$: every $x_2(t)$ with zero mean that '
+        'starts and ends at 0, such as the grey one, takes the same time as $u_2 = 0$.',
+        'The path to (1, 0, 4.25) follows a part of a diamond, the curve that encloses the '
+        'largest area in a given time. The inputs switch one after the other. Dashed grey lines: '
+        'the switching times.'),
+        f'On the path to (1, 0, 4.25), $λ_2$ integrated by the printed equation is off by up to '
+        f'{np.abs(printed - shown.lam["x2"]).max():.2g}; by the corrected one by '
+        f'{scientific(f"{off:.0e}")}.')
+
+
+def _nonholonomic(x1: float, x3: float) -> dict[str, Any]:
+    return {'system': 'nonholonomic_integrator', 'running_cost': '1', 'final_time': FREE,
+            'initial_state': {'x1': 0, 'x2': 0, 'x3': 0},
+            'terminal_constraints': [f'x1 - {x1!r}', 'x2', f'x3 - {x3!r}']}
+
+
+def _printed(path: Trajectory) -> Array:
+    """Return lambda_2 by the printed equation, lambda_2' = lambda_3 x_2."""
+    slope = path.lam['x3'] * path.x['x2']
+    steps = np.diff(path.t) * (slope[1:] + slope[:-1]) / 2
+    return path.lam['x2'][0] + np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _draw_2_6(line: Trajectory, loop: Trajectory, printed: Array) -> Figure:
+    figure, ((plane, third), (inputs, costates)) = panels(2, 2, 2.9)
+    s = np.linspace(0, 2, 201)
+    plane.plot(s, np.interp(s, [0, 0.5, 1.5, 2], [0, 0.5, -0.5, 0]), color='0.7',
+               label='same time to (2, 0, 0)')
+    plane.plot(line.x['x1'], line.x['x2'], color=COLOURS[1], label='to (2, 0, 0)')
+    plane.plot(loop.x['x1'], loop.x['x2'], color=COLOURS[0], label='to (1, 0, 4.25)')
+    for k in np.searchsorted(loop.t, [0.5, 1.75, 3.25, 4.5]):
+        plane.annotate('', (loop.x['x1'][k], loop.x['x2'][k]),
+                       (loop.x['x1'][k - 1], loop.x['x2'][k - 1]),
+                       arrowprops={'arrowstyle': '-|>', 'color': COLOURS[0]})
+    plane.set(aspect='equal')
+    plane.set(xticks=[-1, 0, 1, 2], yticks=[0, 1, 2])
+    describe(plane, 'paths in the plane', '$x_1$', '$x_2$')
+    legend_below(figure, plane, 3)
+    for path, colour in ((line, COLOURS[1]), (loop, COLOURS[0])):
+        third.plot(path.t, path.x['x3'], color=colour)
+    describe(third, 'third state', 'time $t$ [s]', '$x_3$')
+    for index, style in enumerate(('-', '--')):
+        inputs.plot(loop.t, loop.u[f'u{index + 1}'], style, color=COLOURS[index],
+                    drawstyle='steps-post', label=f'$u_{index + 1}$')
+    inputs.set(ylim=(-1.3, 1.7), yticks=[-1, 0, 1])
+    describe(inputs, 'inputs to (1, 0, 4.25)', 'time $t$ [s]', '$u_1$, $u_2$')
+    inputs.legend(loc='upper center', ncols=2)
+    for index, name in enumerate(('x1', 'x2', 'x3')):
+        costates.plot(loop.t, loop.lam[name], color=COLOURS[index],
+                      label=f'$\\lambda_{index + 1}$')
+    costates.plot(loop.t, printed, '--', color='grey', label='$\\lambda_2$ as printed (misprint)')
+    for axes in (inputs, costates):
+        for time in loop.switching_times:
+            axes.axvline(time, **THIN)
+    describe(costates, 'costates to (1, 0, 4.25)', 'time $t$ [s]', '$\\lambda$',
+             legend='lower left')
+    for axes in (third, inputs, costates):
+        axes.set_xlim(0, loop.T)
+    return figure
+
+
+EXAMPLE_2_3 = Entry(
+    '2.3', 'Bang-bang control', 'Example 2.3', (
+        "Bring $x' = Ax + Bu$, $|u| ≤ 1$, to the origin in least time. $H = 1 + λ^T(Ax + Bu)$ is "
+        'least for $u = -sgn(λ^T B)$: the input is always at one of its limits. Here for the '
+        'double integrator from 24 starts and for an undamped oscillator from 8.',),
+    example_2_3,
+    'The example uses $H = 0$ along the path, which follows from the free final time; Theorem 2.1 '
+    'does not list this condition.')
+EXAMPLE_2_6 = Entry(
+    '2.6', 'Nonholonomic integrator', 'Example 2.6, equation (2.10)', (
+        "Least time for $x_1' = u_1$, $x_2' = u_2$, $x_3' = x_2 u_1$, $|u_i| ≤ 1$. From the "
+        'origin to $(ρ, 0, 0)$ the way is a straight line on which the maximum principle leaves '
+        'one input open; to other points the inputs switch.',),
+    example_2_6,
+    "From $H = 1 + λ_1 u_1 + λ_2 u_2 + λ_3 x_2 u_1$ follow $λ_2' = -λ_3 u_1$ (printed: "
+    "$λ_2' = λ_3 x_2$) and $u_1 = -sgn(λ_1 + λ_3 x_2)$ (printed with $u_1$ on both sides). The "
+    'extremal on the line is not abnormal: with $λ = (-1, 0, 0)$ the cost has the multiplier 1 '
+    'and $H = 0$. It is singular in $u_2$.')

@@ -1,0 +1,198 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The linear system with one state: Example 2.2 and Exercise 2.9."""
+
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+from obc_ros.cli.figures import COLOURS, THIN
+from obc_ros.cli.gallery.drawing import describe, EXACT, legend_below, panels
+from obc_ros.cli.gallery.entry import Answer, Entry, Row
+from obc_ros.cli.gallery.loop import UnansweredError
+from obc_ros.cli.gallery.runner import design_request, Desk, Trajectory
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.solver.exact.closed_forms import scalar_finite_horizon, scalar_infinite_horizon
+from obc_ros.srv import DesignLqr
+
+WEIGHTS = (0.1, 1.0, 10.0, 100.0)
+MANY_WEIGHTS = tuple(np.logspace(-2, 8, 21))
+A, B, X0, TF = 1.0, 1.0, 1.0, 1.0
+
+
+def statement(a: float, b: float, x0: float, tf: float, c: float | None) -> dict[str, Any]:
+    """Return the problem of Example 2.2; `c` None for x(tf) = 0."""
+    end = ({'terminal_constraints': ['x']} if c is None else {'terminal_cost': 'c*x**2/2'})
+    return {'system': 'scalar', 'parameters': {'a': a, 'b': b} | ({} if c is None else {'c': c}),
+            'running_cost': 'u**2/2', **end, 'initial_state': {'x': x0},
+            'final_time': {'free': False, 'value': tf}}
+
+
+def book_2_4(t: Array, c: float) -> Array:
+    """Return u*(t) as equation (2.4) has it."""
+    s = 2 * A - B**2 * c * (1 - np.exp(2 * A * TF))
+    return -2 * A * B * c * np.exp(A * (2 * TF - t)) * X0 / s
+
+
+def book_2_5(t: Array, c: float) -> Array:
+    """Return x*(t) as equation (2.5) has it."""
+    s = 2 * A - B**2 * c * (1 - np.exp(2 * A * TF))
+    return (X0 * np.exp(A * t) + B**2 * c * np.exp(A * TF) * X0 / s
+            * (np.exp(A * (TF - t)) - np.exp(A * (t + TF))))
+
+
+def example_2_2(desk: Desk) -> Answer:
+    """Answer Example 2.2 for several c, and for the limit."""
+    paths = desk.solve_all([statement(A, B, X0, TF, c) for c in WEIGHTS])
+    many = desk.solve_all([statement(A, B, X0, TF, c) for c in MANY_WEIGHTS], show=0)
+    limit = desk.solve(**statement(A, B, X0, TF, None))
+    rows = []
+    for c, path in zip(WEIGHTS, paths, strict=True):
+        rows += [Row(f'$x*(t)$, $c = {c:g}$', path.x['x'], book_2_5(path.t, c), 'equation (2.5)'),
+                 Row(f'$u*(t)$, $c = {c:g}$', path.u['u'], book_2_4(path.t, c), 'equation (2.4)')]
+    costate = paths[2].lam['x'], 10.0 * book_2_5(np.array(TF), 10.0) * np.exp(
+        A * (TF - paths[2].t))
+    growth = 1 - np.exp(-2 * A * TF)
+    ends = np.array([path.x['x'][-1] for path in many])
+    rows += [
+        Row('costate $λ(t)$, $c = 10$', *costate, '$c x(t_f) e^{a(t_f - t)}$'),
+        Row('$x*(t_f)$ for $c$ from 0.01 to $10^8$', ends,
+            [2 * A * np.exp(A * TF) * X0 / (2 * A + B**2 * c * np.expm1(2 * A * TF))
+             for c in MANY_WEIGHTS], 'equation (2.5) at $t_f$', relative=True),
+        Row('cost $J$ for $c$ from 0.01 to $10^8$', [path.J for path in many],
+            [scalar_finite_horizon(A, B, c, X0, [0.0], tf=TF).J for c in MANY_WEIGHTS],
+            '$½ P(t_0) x(t_0)^2$', relative=True),
+        Row('$x(t_f)$ with the constraint $x(t_f) = 0$', limit.x['x'][-1], 0.0,
+            'the limit $c → ∞$'),
+        Row('cost $J$ with the constraint $x(t_f) = 0$', limit.J, A * X0**2 / (B**2 * growth),
+            '$a x(t_0)^2 / b^2(1 - e^{-2a(t_f - t_0)})$')]
+    return Answer(rows, _draw_2_2(paths, many, limit), (
+        'Coloured: the answers of `trajectory_server` for several weights $c$ of the final state. '
+        'Dotted: equations (2.5) and (2.4). As $c$ grows, $x*(t_f)$ decreases like $1/c$, and the '
+        'trajectory tends to the one with the terminal constraint $x(t_f) = 0$ (grey, wide).',))
+
+
+def _draw_2_2(paths: list[Trajectory], many: list[Trajectory], limit: Trajectory) -> Any:
+    figure, ((states, inputs, ends),) = panels(1, 3)
+    t = np.linspace(0, TF, 200)
+    for c, path, colour in zip(WEIGHTS, paths, COLOURS, strict=False):
+        states.plot(path.t, path.x['x'], color=colour, label=f'$c = {c:g}$')
+        inputs.plot(path.t, path.u['u'], color=colour, label=f'$c = {c:g}$')
+        states.plot(t, book_2_5(t, c), **EXACT)
+        inputs.plot(t, book_2_4(t, c), **EXACT)
+    for axes, values in ((states, limit.x['x']), (inputs, limit.u['u'])):
+        axes.plot(limit.t, values, color='0.8', linewidth=4, zorder=1, label='$x(t_f) = 0$')
+        axes.plot([], [], label='equations (2.5), (2.4)', **EXACT)
+        axes.set_xlim(0, TF)
+    ends.loglog(MANY_WEIGHTS, [path.x['x'][-1] for path in many], 'o', markersize=4,
+                color=COLOURS[0], label='trajectory_server')
+    fine = np.logspace(-2, 8, 200)
+    ends.loglog(fine, [book_2_5(np.array(TF), c) for c in fine], label='equation (2.5)', **EXACT)
+    describe(states, 'state', 'time $t$ [s]', '$x^*(t)$')
+    describe(inputs, 'input', 'time $t$ [s]', '$u^*(t)$ [1/s]')
+    describe(ends, 'final state', 'weight $c$', '$x^*(t_f)$', legend=True)
+    legend_below(figure, states, 6)
+    figure.suptitle(f'$\\dot x = ax + bu$,  $a = {A:g}$ s$^{{-1}}$,  $b = {B:g}$,  '
+                    f'$x(0) = {X0:g}$,  $t_f = {TF:g}$ s')
+    return figure
+
+
+NINE = {'a': 2.0, 'b': 0.5, 'x0': 4.0}
+CURVES = tuple(product((0.1, 10.0), (0.5, 1.0, 10.0)))
+LONG = 20.0  # [s] e^(-2 a LONG) is below all that a double tells from 0
+
+
+def exercise_2_9(desk: Desk) -> Answer:
+    """Answer Exercise 2.9: the six curves and the infinite horizon."""
+    a, b, x0 = NINE.values()
+    paths = desk.solve_all([statement(**NINE, tf=tf, c=c) for c, tf in CURVES])
+    infinite = desk.solve(**statement(**NINE, tf=LONG, c=None))
+    case = {'A': [[a]], 'B': [[b]], 'Qx': [0.0], 'Qu': [1.0]}
+    refused, = desk.ask([design_request(case)], DesignLqr)
+    if refused.success:
+        raise UnansweredError('a gain was given for $Q_x = 0$, which sees no state')
+    rows, distances = [], []
+    for (c, tf), path in zip(CURVES, paths, strict=True):
+        exact = scalar_finite_horizon(a, b, c, x0, path.t, tf=tf)
+        far = scalar_infinite_horizon(a, b, x0, path.t).x
+        name = f'$c = {c:g}$, $t_f = {tf:g}$ s'
+        rows.append(Row(f'$x*(t)$, {name}', path.x['x'], exact.x, 'Example 2.2',
+                        relative=True))
+        distances.append((np.abs(path.x['x'] - far).max(), np.abs(exact.x - far).max()))
+        rows.append(Row(f'cost $J$, {name}', path.J, exact.J, '$½ P(t_0) x(t_0)^2$'))
+    P = 2 * a / b**2
+    rows += [
+        Row('infinite horizon: $x*(t)$', infinite.x['x'], x0 * np.exp(-a * infinite.t),
+            '$x(t_0) e^{-at}$'),
+        Row('infinite horizon: $P = λ(t_0) / x(t_0)$', infinite.lam['x'][0] / x0, P, '$2a/b^2$'),
+        Row('infinite horizon: $-u(t)/x(t) = bP$ while $t < 5$ s',
+            *_ratio(infinite, b * P), '$2a/b$'),
+        Row('infinite horizon: cost $J$', infinite.J, P * x0**2 / 2, '$½ P x(t_0)^2$')]
+    measured, wanted = zip(*distances, strict=True)
+    c, tf = CURVES[int(np.argmin(measured))]
+    rows += [
+        Row('distance $max |x* - x*_∞|$ of each curve', measured, wanted, 'the closed forms',
+            relative=True),
+        Row('closest: its $c$ and $t_f$', [c, tf], CURVES[int(np.argmin(wanted))],
+            'the least of the closed forms')]
+    return Answer(rows, _draw_2_9(paths, measured), (
+        f'Closest to the infinite horizon: $c = {c:g}$, $t_f = {tf:g}$ s. The gain is that of the '
+        'infinite horizon until the end is a few $1/a$ away, and a long horizon leaves most of '
+        'the way before that; the larger $c$ then keeps $x$ nearer to 0. With a short horizon '
+        'and a small $c$ it is cheaper to pay for the final state than for the input, and $x$ '
+        'grows.',
+        'Equation (2.5) is a difference of numbers of size $e^{at}$: at $t_f = 10$ s no digit of '
+        '$x*(t_f)$ is left in double precision. The exact values here are evaluated as a sum of '
+        'terms of one sign.'),
+        f'For the infinite horizon with $Q_x = 0$, `trajectory_server` answers: '
+        f'“{refused.message}”. '
+        f'With the constraint $x({LONG:g}) = 0$, $P = {infinite.lam["x"][0] / x0:.9g}$.')
+
+
+def _ratio(path: Trajectory, exact: float) -> tuple[Array, Array]:
+    early = path.t < 5.0
+    return -path.u['u'][early] / path.x['x'][early], np.full(early.sum(), exact)
+
+
+def _draw_2_9(paths: list[Trajectory], distances: Sequence[float]) -> Any:
+    figure, ((short, long, away),) = panels(1, 3, 3.3, width_ratios=(1.2, 1.2, 1))
+    for (c, tf), path, colour in zip(CURVES, paths, COLOURS, strict=False):
+        for axes in (short, long):
+            axes.plot(path.t, path.x['x'], color=colour, linestyle='-' if c > 1 else '--',
+                      label=f'$c = {c:g}$, $t_f = {tf:g}$ s')
+    t = np.linspace(0, 10, 1001)
+    for axes in (short, long):
+        axes.plot(t, NINE['x0'] * np.exp(-NINE['a'] * t), label='infinite horizon', **EXACT)
+    short.set(xlim=(0, 1.05), yscale='log', ylim=(0.3, 40))
+    long.set(xlim=(0, 10), yscale='log', ylim=(1e-9, 100))
+    describe(short, 'the first second', 'time $t$ [s]', '$x^*(t)$')
+    describe(long, 'ten seconds', 'time $t$ [s]', '$x^*(t)$')
+    names = [f'{c:g}, {tf:g} s' for c, tf in CURVES]
+    away.barh(names, distances, color=COLOURS[:6])
+    away.set(xscale='log', xlim=(min(distances) / 10, 30))
+    away.invert_yaxis()
+    away.axvline(min(distances), **THIN)
+    legend_below(figure, short, 4)
+    describe(away, 'distance from $x^*_\\infty$', '$\\max_t |x^* - x^*_\\infty|$',
+             '$c$, $t_f$')
+    figure.suptitle('$\\dot x = ax + bu$,  $a = 2$ s$^{-1}$,  $b = 0.5$,  $x(t_0) = 4$')
+    return figure
+
+
+EXAMPLE_2_2 = Entry(
+    '2.2', 'Scalar linear system', 'Example 2.2, equations (2.3) to (2.5)', (
+        "Minimise $J = ½ ∫ u^2 dt + ½ c x(t_f)^2$ for $x' = ax + bu$, $x(t_0)$ and $t_f$ given. "
+        'The maximum principle gives $u* = -bλ$ with $λ(t) = c x*(t_f) e^{a(t_f - t)}$, and from '
+        'it the input (2.4) and the state (2.5). What becomes of $x*(t_f)$ when $c → ∞$?',),
+    example_2_2)
+EXERCISE_2_9 = Entry(
+    'exercise-2.9', 'Finite against infinite horizon', 'Exercise 2.9', (
+        'Example 2.2 with $a = 2$, $b = 0.5$, $x(t_0) = 4$: the optimal states for $c = 0.1, 10$ '
+        'and $t_f = 0.5, 1, 10$ s, compared with the infinite horizon with $x(∞) = 0$, whose '
+        'optimum is the feedback $u = -bPx$. Which finite horizon is closest to it, and why?',),
+    exercise_2_9,
+    'With $Q_x = 0$ the pair $(A, H)$ is not detectable: Theorem 2.2 does not apply, and $P = 0$ '
+    'solves the algebraic Riccati equation too. $P = 2a/b^2$ is right only because $x(∞) = 0$ is '
+    'imposed. And with the factor ½ in $J$ the least cost is $½ P x_0^2$, where Theorem 2.2 has '
+    '$x_0^T P x_0$.')

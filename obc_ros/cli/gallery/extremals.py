@@ -1,0 +1,169 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The least times of Exercise 2.6 from the maximum principle, for L = M = 1; no list of words.
+
+Places are complex, x + i y. With the constant (lambda_1, lambda_2) = r (cos alpha, sin alpha) and
+the inputs that minimise H,
+
+    H = 1 - r |cos(theta - alpha)| - |lambda_3| = 0,
+
+v changes its sign where |lambda_3| = 1 and omega where lambda_3 = 0.
+
+- r < 1: lambda_3 has no zero. The robot turns one way only, and T is how far: `_one_way`.
+- r > 1: the two kinds of change take turns, u = asin(1/r) apart: `_rows`.
+- r = 1: so they do with u = pi/2, but where omega changes the robot may drive straight on first,
+  and then turn to either side: `_lines`.
+
+For r >= 1 all arcs between the first and the last follow from one number, u or the length of the
+line. It is a root of the distance between the centres of the first and of the last arc's circle,
+all of which are searched for. First and last arc then follow from the two headings. What is found
+in this way are paths to the goal, and all extremals are among them: T is that of the shortest.
+
+Optimal paths have at most two arcs of length u (Sussmann and Tang, 1991), and one of pi/2 at
+either end of the line. One more of each is tried.
+"""
+
+from collections.abc import Sequence
+from itertools import product
+from math import pi
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from obc_ros.core.numerics.arrays import Array, Complex
+
+BETWEEN, AT_ENDS = 3, 2  # arcs of length u and of pi/2 at most
+U = np.linspace(0.0, pi / 2, 65)  # a sign that changes between two of these is a root
+BISECTIONS = 50
+SIGNS = (1, -1)
+
+
+def least_times(goals: ArrayLike) -> Array:
+    """
+    Return the least times from (0, 0, 0) to goals with |v|, |omega| <= 1.
+
+    Parameters
+    ----------
+    goals : array_like, shape (N, 3)
+        x, y [m] and theta [rad], the latter up to multiples of 2 pi.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        [s]
+
+    """
+    x, y, theta = np.asarray(goals, dtype=float).T
+    goal = x + 1j * y
+    return np.min([_one_way(goal, theta), _rows(goal, theta), _lines(goal, theta)], axis=0)
+
+
+def _one_way(goal: Complex, theta: Array) -> Array:
+    """
+    Return how far to turn, for goals that are reached turning one way; inf for others.
+
+    Turning left for a time T with any |v(t)| <= 1 leads to a convex set of places. Its support
+    function in the direction beta is the integral of |cos(t - beta)|, of which the place leaves
+    least room where the derivative by beta is 0, for one of the signs of the two cosines.
+    """
+    least = np.full(theta.shape, np.inf)
+    left = np.remainder(theta, 2 * pi)
+    for T, place in ((left, goal), (2 * pi - left, goal.conj())):
+        room = np.full(theta.shape, np.inf)
+        for first, last in product(SIGNS, SIGNS):
+            beta = np.angle(place - 1j * first + 1j * last * np.exp(1j * T))
+            support = _swept(T - beta) + _swept(beta)
+            room = np.minimum(room, support - (np.exp(-1j * beta) * place).real)
+        least = np.where(room >= -1e-12, np.minimum(least, T), least)
+    return least
+
+
+def _swept(t: Array) -> Array:
+    """Return the integral of |cos| from 0 to t."""
+    halves = np.rint(t / pi)
+    return np.asarray(2 * halves + (1 - 2 * np.remainder(halves, 2)) * np.sin(t))
+
+
+def _rows(goal: Complex, theta: Array) -> Array:
+    """Return the time of the fastest path whose middle is a row of arcs of one length u."""
+    least = np.full(theta.shape, np.inf)
+    for count, side, way, phase in product(range(1, BETWEEN + 1), SIGNS, SIGNS, range(2)):
+        sides = [side * (-1)**k for k in range(count)]
+        ways = np.array([way * (-1)**((k + phase) // 2) for k in range(count)])
+        ends = _Ends(goal, theta, -sides[0], -sides[-1])
+        # Is the distance between the centres more than that of the middle with arcs u?
+        below = np.abs(ends.offset(*_driven(sides, np.multiply.outer(ways, U)))) < \
+            ends.distance[:, None]
+        index, cell = np.nonzero(below[:, 1:] != below[:, :-1])
+        low, high, begins = U[cell], U[cell + 1], below[index, cell]
+        for _ in range(BISECTIONS):
+            u = (low + high) / 2
+            apart = np.abs(ends.offset(*_driven(sides, np.multiply.outer(ways, u))))
+            before = (apart < ends.distance[index]) == begins
+            low, high = np.where(before, u, low), np.where(before, high, u)
+        middle = _driven(sides, np.multiply.outer(ways, high))
+        np.minimum.at(least, index, count * high + ends.time(*middle, index))
+    return least
+
+
+def _lines(goal: Complex, theta: Array) -> Array:
+    """Return the time of the fastest path with a line, and arcs of pi/2 at its ends."""
+    least = np.full(theta.shape, np.inf)
+    for before, after, side, other, way in product(
+            range(AT_ENDS + 1), range(AT_ENDS + 1), SIGNS, SIGNS, SIGNS):
+        # From the line outwards: the side changes each time, the direction at every cusp.
+        sides = [side * (-1)**k for k in range(before)][::-1]
+        others = [other * (-1)**k for k in range(after)]
+        turns = [way * pi / 2 * (-1)**((k + 1) // 2) for k in range(max(before, after))]
+        start, heading = _driven(sides, turns[:before][::-1])
+        end, turned = _driven(others, turns[:after])
+        ends = _Ends(goal, theta, side * (-1)**before, other * (-1)**after)
+        along, heading = np.exp(1j * heading), heading + turned
+        offset = ends.offset(start + along * end, heading)
+        # |offset + length along| = distance
+        across, ahead = (offset / along).imag, (offset / along).real
+        root = np.sqrt(np.where(ends.distance < abs(across), np.nan, ends.distance**2 - across**2))
+        for length in (root - ahead, -root - ahead):
+            time = np.abs(length) + pi / 2 * (before + after) + ends.time(
+                start + along * (length + end), np.full(theta.shape, heading))
+            least = np.fmin(least, time)
+    return least
+
+
+class _Ends:
+    """
+    The first and the last arc, on given sides, of paths with given poses at start and end.
+
+    Attributes
+    ----------
+    distance : ndarray, shape (N,)
+        Between the centres of their circles.
+
+    """
+
+    def __init__(self, goal: Complex, theta: Array, first: int, last: int) -> None:
+        self._first, self._last = 1j * first, 1j * last
+        self._theta = theta
+        self._between = goal + self._last * np.exp(1j * theta) - self._first
+        self.distance = np.abs(self._between)
+
+    def offset(self, place: Any, heading: Any) -> Any:
+        """Return the vector between the centres, where the middle leads to this pose."""
+        return place + self._last * np.exp(1j * heading) - self._first
+
+    def time(self, place: Complex, heading: Array, index: Any = ...) -> Array:
+        """Return how long the two arcs take around such a middle, for some of the goals."""
+        first = np.angle(self._between[index] * np.conj(self.offset(place, heading)))
+        last = np.angle(np.exp(1j * (self._theta[index] - first - heading)))
+        return np.asarray(np.abs(first) + np.abs(last))
+
+
+def _driven(sides: Sequence[int], lengths: ArrayLike) -> tuple[Any, Any]:
+    """Return where arcs lead to from 0: place and heading; a length < 0 is driven backwards."""
+    place, heading = 0j, 0.0
+    for side, length in zip(sides, np.asarray(lengths), strict=True):
+        turn = side * length
+        place = place + np.exp(1j * heading) * side * (np.exp(1j * turn) - 1) / 1j
+        heading = heading + turn
+    return place, heading

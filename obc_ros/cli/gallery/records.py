@@ -1,0 +1,127 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""What entries came to: worked by running nodes, written as page and numbers."""
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+import json
+from pathlib import Path
+import sys
+import time
+from typing import Any
+
+from obc_ros.cli import figures, terminal
+from obc_ros.cli.client import served, ServerLostError
+from obc_ros.cli.gallery import drawing
+from obc_ros.cli.gallery.entry import Entry
+from obc_ros.cli.gallery.page import page, plain_text
+from obc_ros.cli.gallery.runner import Desk
+from obc_ros.cli.processes import Children, free_domain, InterruptedByUserError, isolate
+from obc_ros.cli.results import plain
+from obc_ros.cli.results import write as write_json
+from obc_ros.core.text.errors import ObcError
+
+HEADER = ('entry', '', 'numbers', 'largest error: result', 'reference', 'error', 'time')
+COLOURS = {'holds': 'green', 'does not hold': 'red'}
+
+
+def work_and_write(chosen: Sequence[Entry], out: Path, order: Sequence[str]) -> int:
+    """Work entries, write and show what they came to; return the exit status."""
+    begun = time.monotonic()
+    records: list[dict[str, Any]] = []
+    status = 0
+    try:
+        work_all(chosen, out, records)
+    except (ObcError, OSError) as error:  # interrupted, or a folder that cannot be written
+        print(f'obc gallery: {error}', file=sys.stderr)
+        status = 1
+    if not records:
+        return status
+    write(out, records, order)
+    _show(records)
+    print(f'{len(records)} entries in {time.monotonic() - begun:.1f} s: '
+          f'{out / "index.html"}')
+    return status or int(not all(record['holds'] for record in records))
+
+
+def work_all(entries: Sequence[Entry], out: Path, records: list[dict[str, Any]]) -> None:
+    """Append the records of entries, worked by nodes on a domain of their own."""
+    with free_domain() as domain:
+        isolate(domain)
+        with (Children(out / 'log') as children, ExitStack() as stack,
+              terminal.progress() as lines):
+            desk = Desk(lambda: stack.enter_context(served(children)), out / 'recordings')
+            for entry in entries:
+                lines.update(entry.name, entry.title)
+                records.append(work(entry, desk, out))
+                lines.end(entry.name, f'{_verdict(records[-1])}, {records[-1]["seconds"]:.1f} s')
+
+
+def work(entry: Entry, desk: Desk, out: Path) -> dict[str, Any]:
+    """Return the record of one entry, its figure drawn; what fails is told in it."""
+    import matplotlib
+    begun = time.monotonic()
+    desk.begin(entry.name)
+    record: dict[str, Any] = {
+        'name': entry.name, 'label': label(entry.name), 'title': entry.title,
+        'source': entry.source, 'statement': list(entry.statement), 'erratum': entry.erratum,
+        'finding': '', 'notes': [], 'rows': [], 'figure': '', 'message': '', 'holds': False}
+    try:
+        with matplotlib.rc_context(drawing.STYLE):
+            answer = entry.run(desk)
+            figures.save(answer.figure, out / f'{entry.name}.png', drawing.DPI)
+    except (InterruptedByUserError, ServerLostError):
+        raise
+    except ObcError as error:
+        record['message'] = str(error)
+    else:
+        record |= {'finding': answer.finding, 'notes': list(answer.notes),
+                   'rows': [row.as_json() for row in answer.rows], 'figure': f'{entry.name}.png'}
+        record['holds'] = bool(record['rows']) and all(row['holds'] for row in record['rows'])
+    return record | {'commands': desk.commands, 'seconds': time.monotonic() - begun}
+
+
+def label(name: str) -> str:
+    """Return the name of an entry as the book has it."""
+    kind, _, number = name.rpartition('-')
+    return f'{(kind or "example").capitalize()} {number}'
+
+
+def write(out: Path, records: Sequence[dict[str, Any]], order: Sequence[str]) -> None:
+    """Write ``gallery.json`` and ``index.html``, with the records that are there of others."""
+    before = out / 'gallery.json'
+    try:
+        known = json.loads(before.read_text(encoding='utf-8'))['entries']
+        found = {record['name']: record for record in known if record['name'] in order}
+        page(known)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):  # none, or of another kind
+        found = {}
+    found |= {record['name']: plain(record) for record in records}
+    entries = [found[name] for name in order if name in found]
+    write_json(out, 'gallery', {'entries': entries})
+    (out / 'index.html').write_text(page(entries), encoding='utf-8')
+
+
+def _verdict(record: dict[str, Any]) -> str:
+    return 'holds' if record['holds'] else 'does not hold'
+
+
+def _show(records: Sequence[dict[str, Any]]) -> None:
+    terminal.table(HEADER, [_row(record) for record in records], COLOURS)
+    for record in records:
+        if record['message']:
+            print(f'{record["name"]}: {record["message"]}')
+        for row in record['rows']:
+            if not row['holds']:
+                print(f'{record["name"]}: {plain_text(row["what"])}: {row["measured"]:.10g}, '
+                      f'reference {row["exact"]:.10g}, error {row["error"]:.1e}')
+
+
+def _row(record: dict[str, Any]) -> tuple[str, ...]:
+    rows = record['rows']
+    took = f'{record["seconds"]:.1f} s'
+    if not rows:
+        return record['name'], _verdict(record), '', '', '', '', took
+    worst = max(rows, key=lambda row: row['error'])
+    return (record['name'], _verdict(record), str(sum(row['values'] for row in rows)),
+            f'{worst["measured"]:.10g}', f'{worst["exact"]:.10g}', f'{worst["error"]:.1e}', took)

@@ -1,0 +1,252 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What an entry works at: the services of a running trajectory server, and loops of nodes.
+
+What is asked is kept as the `ros2` command that asks the same.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from obc_ros.cli.client import Client
+from obc_ros.cli.gallery.loop import column, Loop, run_loop, UnansweredError
+from obc_ros.cli.gallery.ros2_commands import service_call
+from obc_ros.core.lqr.design.report import matrices
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.guess import Guess
+from obc_ros.msg import LqrWeights
+from obc_ros.ros.messages import doubles, named_bounds, named_expressions, problem_message
+from obc_ros.ros.service_qos import BURST
+from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
+
+Values = Mapping[str, Any]
+
+ABREAST = 4  # requests under way: what the server's workers do, and as many that wait
+NAMES = {SolveOptimalControl: 'solve', Minimize: 'minimize', PlanMotion: 'plan',
+         DesignLqr: 'design_lqr'}
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """
+    An optimal trajectory as the server answered it.
+
+    Attributes
+    ----------
+    t, hamiltonian : ndarray, shape (N,)
+    x, u, lam : dict of str to ndarray, shape (N,)
+        By the name of the state or input.
+    nu : ndarray, shape (q,)
+        Multipliers of the terminal constraints; empty for a planned motion.
+    J, T : float
+        Cost and final time [s].
+    switching_times : ndarray
+        [s]
+    message, verdict : str
+        Of the answer and of its certificate.
+
+    """
+
+    t: Array
+    x: dict[str, Array]
+    u: dict[str, Array]
+    lam: dict[str, Array]
+    hamiltonian: Array
+    nu: Array
+    J: float
+    T: float
+    switching_times: Array
+    message: str
+    verdict: str
+
+
+@dataclass(frozen=True, eq=False)
+class Regulator:
+    """A design as the server answered it: A, B, K, P, poles E; `message` has the figures."""
+
+    A: Array
+    B: Array
+    K: Array
+    P: Array
+    E: NDArray[np.complex128]
+    message: Any
+
+    @property
+    def omega0(self) -> float:
+        """Return the natural frequency [rad/s] of the pole that comes first."""
+        return float(abs(self.E[0]))
+
+
+class Desk:
+    """
+    The services of one server, and loops that record into `folder`.
+
+    The server is connected to when it is first asked: entries that only fly do without.
+    """
+
+    def __init__(self, connect: Callable[[], Client], folder: Path) -> None:
+        self._connect = connect
+        self._folder = folder
+        self._services: dict[Any, Any] = {}
+        self._entry = ''
+        self.commands: list[str] = []
+
+    def begin(self, entry: str) -> None:
+        """Begin another entry, with no commands yet."""
+        self._entry, self.commands = entry, []
+
+    @cached_property
+    def _client(self) -> Client:
+        return self._connect()
+
+    def note(self, command: str) -> None:
+        """Keep a command."""
+        self.commands.append(command)
+
+    def ask(self, requests: Iterable[Any], kind: Any, show: int = 1) -> list[Any]:
+        """Return the responses to requests of one service, some at a time."""
+        if kind not in self._services:
+            self._services[kind] = self._client.node.create_client(
+                kind, f'{self._client.server}/{NAMES[kind]}', qos_profile=BURST)
+        service = self._services[kind]
+        self._client.wait(service.service_is_ready, service.service_is_ready)
+        asked = list(requests)
+        for request in asked[:show]:
+            self.note(service_call(NAMES[kind], kind, request))
+        futures: list[Any] = []
+
+        def advance() -> bool:
+            while (len(futures) < len(asked)
+                   and sum(not each.done() for each in futures[-ABREAST:]) < ABREAST):
+                futures.append(service.call_async(asked[len(futures)]))
+            return all(each.done() for each in futures)
+
+        self._client.wait(advance, service.service_is_ready)
+        return [each.result() for each in futures]
+
+    def solve(self, *, method: str = '', show: int = 1, **statement: Any) -> Trajectory:
+        """Return the answer to a problem, given by the keys of a problem file."""
+        return self.solve_all([statement], method=method, show=show)[0]
+
+    def solve_all(self, statements: Sequence[Values], *, method: str = '', show: int = 1
+                  ) -> list[Trajectory]:
+        """
+        Return the answers to problems.
+
+        Raises
+        ------
+        UnansweredError
+            If one of them is not solved and certified.
+
+        """
+        responses = self.ask([solve_request(each, method) for each in statements],
+                             SolveOptimalControl, show)
+        return [_trajectory(each) for each in responses]
+
+    def plan_all(self, motions: Sequence[Values], show: int = 1) -> list[Trajectory]:
+        """Return planned motions, given by the fields of PlanMotion; as `solve_all`."""
+        return [_trajectory(each) for each in self.ask(
+            [plan_request(each) for each in motions], PlanMotion, show)]
+
+    def minimize_all(self, questions: Sequence[Values], show: int = 1) -> list[Any]:
+        """Return minima, given by the fields of Minimize; as `solve_all`."""
+        responses = self.ask([minimize_request(each) for each in questions], Minimize, show)
+        for each in responses:
+            _check(each.success, each)
+        return responses
+
+    def design_all(self, cases: Sequence[Values], show: int = 1) -> list[Regulator]:
+        """
+        Return regulators: `A` and `B` or `system` (and `parameters`), and fields of LqrWeights.
+
+        Raises
+        ------
+        UnansweredError
+            If one of them is refused.
+
+        """
+        responses = self.ask([design_request(each) for each in cases], DesignLqr, show)
+        for each in responses:
+            _check(each.success, each)
+        return [regulator(each.design) for each in responses]
+
+    def loop(self, name: str, plant: Values, regulator: Values) -> AbstractContextManager[Loop]:
+        """Return a loop of `plant_simulator` and `lqr_node` with these parameters."""
+        if any('plant_simulator' in each for each in self.commands):
+            self.note('# Ctrl-C in the terminals of the two nodes; then')
+        return run_loop(self._folder / f'{self._entry}-{name}', plant, regulator, self.note)
+
+
+def solve_request(statement: Values, method: str = '') -> Any:
+    """Return the request of a problem."""
+    return SolveOptimalControl.Request(
+        problem=problem_message({'name': 'problem', **statement}, Guess()), method=method)
+
+
+def minimize_request(question: Values) -> Any:
+    """Return the request of a minimisation."""
+    given = dict(question)
+    return Minimize.Request(
+        parameters=named_expressions(given.pop('parameters', {})),
+        bounds=named_bounds(given.pop('bounds', {})), guess=doubles(given.pop('guess', ())),
+        **given)
+
+
+def plan_request(motion: Values) -> Any:
+    """Return the request of a motion."""
+    given = dict(motion)
+    return PlanMotion.Request(
+        system_parameters=named_expressions(given.pop('system_parameters', {})),
+        input_bounds=named_bounds(given.pop('input_bounds', {})),
+        **{key: doubles(given.pop(key)) for key in ('start', 'goal', 'qx', 'qu') if key in given},
+        **given)
+
+
+def design_request(case: Values) -> Any:
+    """Return the request of a regulator."""
+    given = dict(case)
+    own = {key.lower(): doubles(np.asarray(given.pop(key), dtype=float).ravel())
+           for key in ('A', 'B', 'setpoint', 'setpoint_input') if key in given}
+    own |= {key: given.pop(key) for key in ('system', 'sample_time') if key in given}
+    parameters = named_expressions(given.pop('parameters', {}))
+    return DesignLqr.Request(
+        system_parameters=parameters, **own, weights=LqrWeights(**{
+            key.lower(): _weight(value) for key, value in given.items()}))
+
+
+def _weight(value: ArrayLike) -> Any:
+    return value if isinstance(value, (str, float)) else doubles(
+        np.asarray(value, dtype=float).ravel())
+
+
+def _check(success: bool, response: Any) -> None:
+    if not success:
+        raise UnansweredError(f'the server answers: {response.message}')
+
+
+def _trajectory(response: Any) -> Trajectory:
+    _check(response.success, response)
+    path = response.trajectory
+    n, m = len(path.state_names), len(path.input_names)
+
+    def named(names: Sequence[str], values: Any, width: int) -> dict[str, Array]:
+        return dict(zip(names, column(values, width).T, strict=True))
+
+    return Trajectory(
+        np.array(path.t), named(path.state_names, path.x, n), named(path.input_names, path.u, m),
+        named(path.state_names, path.lam, n), np.array(path.hamiltonian),
+        np.array(getattr(response, 'nu', ())), response.objective, path.t[-1],
+        np.array(path.switching_times), response.message, response.certificate.sentence)
+
+
+def regulator(design: Any) -> Regulator:
+    """Return what an LqrDesign tells."""
+    told = matrices(design)
+    return Regulator(told.A, told.B, told.K, told.P, told.poles, design)

@@ -1,0 +1,235 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The flow of dx/dt = f(x, a(t)) + d(t) between two jumps of the command, compiled.
+
+a is what the actuators deliver, da/dt = (target - a) / lag, and is known in closed form; so is d,
+a constant plus a gust. One step is one CasADi function on buffers, without an object made in
+Python: a step of the aircraft takes half a microsecond.
+
+Times are counted in steps of dt and need not be whole.
+"""
+
+from array import array
+from collections.abc import Callable, Sequence
+import math
+
+import casadi as ca
+from obc_ros.core.closed_loop.simulation_settings import Conditions
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.explicit_steps import dormand_prince, rk4, Slope
+from obc_ros.core.systems.system import System
+from obc_ros.core.text.errors import DynamicsError
+
+Kernel = tuple[Callable[[], None], Callable[[], None]]
+
+_SNAP = 1e-9            # of a step: an event so near to the grid is on it
+_LAST_WHOLE = 2.0**53   # beyond it every double is whole
+_ROUNDING = 1e-15       # relative error of a step that a smaller one does not improve
+_SMALLEST_STEP = 1e-13  # [s]
+_MOST_STEPS = 100_000   # between two jumps; more would keep the caller waiting
+
+
+def snapped(time: float) -> float:
+    """Return a time [steps], on the grid if it is as good as there."""
+    if not abs(time) < _LAST_WHOLE:
+        return time
+    whole = round(time)
+    return float(whole) if abs(time - whole) <= _SNAP else time
+
+
+class Flow:
+    """
+    A state and what drives it.
+
+    Parameters
+    ----------
+    system : System
+        With the parameter values that count.
+    conditions : Conditions
+        Fitted to the system.
+
+    Attributes
+    ----------
+    edges : tuple of float
+        When the gust begins and ends; empty if there is none.
+
+    """
+
+    def __init__(self, system: System, conditions: Conditions) -> None:
+        n, m = system.n, system.m
+        self._system, self._conditions = system, conditions
+        self._buffers = array('d', bytes(8 * n)), array('d', bytes(8 * n))
+        self._here = 0  # which buffer holds the state
+        self._span = array('d', [0.0, conditions.dt])  # time since the drive began, step [s]
+        self._error = array('d', [0.0])
+        gust = conditions.gust
+        # target, delivered when the drive began, disturbance, gust: amplitude, start, duration
+        self._drive = array('d', [*bytes(2 * m), *conditions.disturbance, *gust.amplitude,
+                                  0.0, gust.duration])
+        self._began = 0.0
+        self._proposed = conditions.dt
+        self._lagging = any(conditions.actuator_lag)
+        self.edges = self._edges()
+        self._kernels: dict[bool, Kernel] = {}
+        self._kept: list[object] = []  # kernels hold bare pointers to what is kept here
+
+    @property
+    def x(self) -> 'array[float]':
+        """Return the buffer that holds the state, which the next step may overwrite."""
+        return self._buffers[self._here]
+
+    @x.setter
+    def x(self, x: Sequence[float] | Array) -> None:
+        self._buffers[self._here][:] = array('d', x)
+
+    def restart(self, x: Sequence[float] | Array) -> None:
+        """Begin with a state (n,), without memory of what was before."""
+        self.x = x
+        self._proposed = self._conditions.dt
+
+    def drive(self, now: float, target: Sequence[float]) -> None:
+        """Let the actuators follow a target (m,) from now on."""
+        m = self._system.m
+        if self._lagging:
+            self._drive[m:2 * m] = array('d', self.delivered(now))
+        self._drive[:m] = array('d', target)
+        self._drive[-2] = self._conditions.gust.start - now * self._conditions.dt
+        self._began = now
+
+    def deliver(self, u: Sequence[float] | Array) -> None:
+        """Let the actuators deliver u (m,) where the drive began."""
+        self._drive[self._system.m:2 * self._system.m] = array('d', u)
+
+    def delivered(self, now: float) -> tuple[float, ...]:
+        """Return what the actuators deliver, (m,)."""
+        m = self._system.m
+        s = (now - self._began) * self._conditions.dt
+        return tuple(c + (a - c) * math.exp(-s / lag) if lag else c for c, a, lag in zip(
+            self._drive[:m], self._drive[m:2 * m], self._conditions.actuator_lag, strict=True))
+
+    def _edges(self) -> tuple[float, ...]:
+        gust, dt = self._conditions.gust, self._conditions.dt
+        if not any(gust.amplitude):
+            return ()
+        return snapped(gust.start / dt), snapped((gust.start + gust.duration) / dt)
+
+    def run(self, now: float, stop: float) -> None:
+        """
+        Integrate from now to stop, between which nothing may jump.
+
+        Raises
+        ------
+        DynamicsError
+            If the adaptive integrator finds no step that is small enough.
+
+        """
+        gusty = bool(self.edges) and self.edges[0] <= now < self.edges[1]
+        if gusty not in self._kernels:
+            self._kernels[gusty] = self._compiled(gusty)
+        kernel = self._kernels[gusty]
+        if self._conditions.integrator == 'adaptive':
+            self._adapt(kernel, now, stop)
+        else:
+            self._march(kernel, now, stop, steady=not (gusty or self._lagging))
+
+    def _march(self, kernel: Kernel, now: float, stop: float, steady: bool) -> None:
+        """Take the steps of the grid; the first and last may be parts of one."""
+        while now < stop:
+            whole = int(stop - now) if now == int(now) else 0
+            if whole and steady:
+                self._repeat(kernel, whole)
+                now += whole
+            else:
+                until = now + 1.0 if whole else min(float(int(now) + 1), stop)
+                self._step(kernel, now, until - now)
+                self._here ^= 1
+                now = until
+
+    def _step(self, kernel: Kernel, now: float, length: float) -> None:
+        dt = self._conditions.dt
+        self._span[0], self._span[1] = (now - self._began) * dt, length * dt
+        kernel[self._here]()
+
+    def _repeat(self, kernel: Kernel, count: int) -> None:
+        """Take whole steps during which nothing depends on time."""
+        self._span[1] = self._conditions.dt
+        there, back = kernel[self._here], kernel[self._here ^ 1]
+        for _ in range(count // 2):
+            there()
+            back()
+        if count % 2:
+            there()
+            self._here ^= 1
+
+    def _adapt(self, kernel: Kernel, now: float, stop: float) -> None:
+        """Keep the estimated error of each step below the tolerance times its length [s]."""
+        dt, tolerance = self._conditions.dt, self._conditions.tolerance
+        for _ in range(_MOST_STEPS):
+            if now >= stop:
+                return
+            wanted = self._proposed
+            length = wanted if now + wanted / dt < stop else (stop - now) * dt
+            self._step(kernel, now, length / dt)
+            error, bound = self._error[0], max(tolerance * length, _ROUNDING)
+            if error <= bound:
+                self._here ^= 1
+                now = now + length / dt if length == wanted else stop
+                growth = min(5.0, 0.9 * (bound / max(error, 1e-300))**0.25)
+                # A step that ends where an event is says little about the next one.
+                self._proposed = max(growth * length, 0.0 if length == wanted else wanted)
+                continue
+            shrinkage = 0.9 * (bound / error)**0.25 if math.isfinite(error) else 0.0
+            self._proposed = max(0.2, shrinkage) * length
+            if self._proposed < _SMALLEST_STEP:
+                raise DynamicsError(f'no step above {_SMALLEST_STEP:g} s keeps to the tolerance')
+        raise DynamicsError(f'{_MOST_STEPS} steps are not enough to keep to the tolerance')
+
+    def _compiled(self, gusty: bool) -> Kernel:
+        """Return the step from the first buffer to the second, and the one back."""
+        x = self._system.x
+        span, drive = ca.SX.sym('span', 2), ca.SX.sym('drive', len(self._drive))
+        slope = self._slope(drive, gusty)
+        if self._conditions.integrator == 'adaptive':
+            after, difference = dormand_prince(slope, x, span[0], span[1])
+            error = ca.SX(0)
+            for each in ca.vertsplit(
+                    ca.fabs(difference) / ca.fmax(1.0, ca.fmax(ca.fabs(x), ca.fabs(after)))):
+                error = ca.fmax(error, each)
+            # fmax passes over NaN, a sum does not
+            results = [after, ca.if_else(ca.sum1(difference) == ca.sum1(difference),
+                                         error, math.inf)]
+        else:
+            results = [rk4(slope, x, span[0], span[1])]
+        function = ca.Function('step', [x, span, drive], [ca.densify(each) for each in results])
+        return self._bound(function, 0), self._bound(function, 1)
+
+    def _slope(self, drive: ca.SX, gusty: bool) -> Slope:
+        """Return dx/ds of x and the time s since the drive began."""
+        system, conditions = self._system, self._conditions
+        n, m = system.n, system.m
+        f = ca.Function('f', [system.x, system.u],
+                        [ca.substitute(system.xdot, system.p, ca.DM(system.p_value))])
+        target, before, constant, amplitude, start, duration = ca.vertsplit(
+            drive, [0, m, 2 * m, 2 * m + n, 2 * m + 2 * n, 2 * m + 2 * n + 1, len(self._drive)])
+
+        def slope(x: ca.SX, s: ca.SX) -> ca.SX:
+            delivered = ca.vertcat(*(
+                target[j] + (before[j] - target[j]) * ca.exp(-s / lag) if lag else target[j]
+                for j, lag in enumerate(conditions.actuator_lag)))
+            shape = (1 - ca.cos(2 * math.pi * (s - start) / duration)) / 2 if gusty else 0
+            return f(x, delivered) + constant + amplitude * shape
+
+        return slope
+
+    def _bound(self, function: ca.Function, source: int) -> Callable[[], None]:
+        """Return a call without arguments that steps from one buffer to the other."""
+        buffer, evaluate = function.buffer()
+        for index, values in enumerate((self._buffers[source], self._span, self._drive)):
+            buffer.set_arg(index, memoryview(values))  # type: ignore[call-arg] # as in C++
+        for index, values in enumerate((self._buffers[source ^ 1], self._error)):
+            if index < function.n_out():
+                buffer.set_res(index, memoryview(values))  # type: ignore[call-arg] # likewise
+        self._kept.append(buffer)
+        step: Callable[[], None] = evaluate
+        return step

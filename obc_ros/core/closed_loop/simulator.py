@@ -1,0 +1,218 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+A simulated plant, whose commands are held until the next one.
+
+A command is clipped to the limits, takes effect after the input delay, and is followed by the
+actuators. Nothing here knows a clock: time is the number of steps times dt.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+import math
+
+import numpy as np
+from obc_ros.core.closed_loop.flow import Flow, snapped
+from obc_ros.core.closed_loop.simulation_settings import Conditions
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.systems.equilibrium import equilibrium, numbers
+from obc_ros.core.systems.system import System
+from obc_ros.core.text.errors import DynamicsError, StatementError
+
+Numbers = Sequence[float] | Array
+
+
+class Simulator:
+    """
+    A plant that is advanced by whole steps; the same calls give the same bits.
+
+    Parameters
+    ----------
+    system : System
+    x0 : array, shape (n,), optional
+        Initial state; the system's set point if left out.
+    conditions : Conditions, optional
+    u0 : array, shape (m,), optional
+        What acts until the first command; `resting_input` of x0 if left out.
+
+    Raises
+    ------
+    ObcError
+        If an argument has a wrong length or value.
+
+    Attributes
+    ----------
+    system, conditions
+        As in use; the lists of the conditions have their full length.
+    steps : int
+        Steps since the start.
+    target : tuple of float
+        (m,) the command in effect, within the limits.
+
+    """
+
+    def __init__(self, system: System, x0: Numbers | None = None,
+                 conditions: Conditions | None = None, u0: Numbers | None = None) -> None:
+        self.system = system
+        self.conditions = (conditions or Conditions()).fitted(system)
+        self._flow = Flow(system, self.conditions)
+        self._limits = any(math.isfinite(limit) for limit in (*system.u_min, *system.u_max))
+        self.reset(system.setpoint if x0 is None else x0, u0)
+
+    @property
+    def time(self) -> float:
+        """Return the simulated time [s]."""
+        return self.steps * self.conditions.dt
+
+    @property
+    def x(self) -> Array:
+        """Return a copy of the state, shape (n,)."""
+        return np.array(self._flow.x)
+
+    @property
+    def u(self) -> Array:
+        """Return what the actuators deliver now, shape (m,)."""
+        return np.array(self._flow.delivered(self.steps))
+
+    @property
+    def rest(self) -> tuple[float, ...]:
+        """Return the input (m,) that acts until the first command."""
+        return self._u0
+
+    def slope(self, x: Array) -> Array:
+        """Return dx/dt, shape (n,), of a state x (n,) under the present input and disturbance."""
+        gust = self.conditions.gust
+        return (self.system.f(x, self.u) + self.conditions.disturbance
+                + gust.shape(self.time) * np.array(gust.amplitude))
+
+    def measure(self) -> Array:
+        """Return the state with fresh noise, shape (n,)."""
+        if not any(self.conditions.noise):
+            return self.x
+        noise = np.array(self.conditions.noise)
+        return self.x + noise * self._random.standard_normal(self.system.n)
+
+    def reset(self, x0: Numbers | None = None, u0: Numbers | None = None) -> None:
+        """Go back to the start, or to another one; commands are forgotten and noise repeats."""
+        if x0 is not None:
+            self._x0 = numbers('x0', x0, self.system.state_names)
+            self._u0 = clipped(resting_input(self.system, self._x0) if u0 is None
+                               else numbers('u0', u0, self.system.input_names), self.system)
+        self.steps = 0
+        self.target = self._u0
+        self._waiting: deque[tuple[float, tuple[float, ...]]] = deque()
+        self._random = np.random.default_rng(self.conditions.seed)
+        self._flow.restart(self._x0)
+        self._flow.drive(0, self.target)
+        self._flow.deliver(self.target)
+
+    def configure(self, system: System, conditions: Conditions) -> None:
+        """
+        Change parameters and conditions from now on; state and time stay as they are.
+
+        Raises
+        ------
+        ObcError
+            If a condition has a wrong length or value, or the plant or dt is another one.
+
+        """
+        if (system.state_names, system.input_names, conditions.dt) != (
+                self.system.state_names, self.system.input_names, self.conditions.dt):
+            raise StatementError('another plant or another dt needs another simulator')
+        conditions = conditions.fitted(system)
+        flow = Flow(system, conditions)
+        flow.restart(self.x)
+        flow.drive(self.steps, self.target)
+        flow.deliver(self.u)
+        if conditions.seed != self.conditions.seed:
+            self._random = np.random.default_rng(conditions.seed)
+        self.system, self.conditions, self._flow = system, conditions, flow
+        self._limits = any(math.isfinite(limit) for limit in (*system.u_min, *system.u_max))
+
+    def command(self, u: Numbers) -> None:
+        """
+        Let a command u (m,) arrive now: it is clipped, and takes effect after the input delay.
+
+        Raises
+        ------
+        StatementError
+            If it is not m finite numbers; nothing has changed then.
+
+        """
+        values = self._limited(u)
+        delay = self.conditions.input_delay / self.conditions.dt
+        if delay or self._waiting:
+            # After a change to a shorter delay a command must not overtake an earlier one.
+            earliest = self._waiting[-1][0] if self._waiting else 0.0
+            self._waiting.append((max(snapped(self.steps + delay), earliest), values))
+        else:
+            self._take_effect(self.steps, values)
+
+    def advance(self, steps: int = 1) -> None:
+        """
+        Integrate a number of steps.
+
+        Raises
+        ------
+        DynamicsError
+            If the state leaves the range of numbers; state and time stay as they were.
+
+        """
+        flow, before = self._flow, self._flow.x[:]
+        now, end = float(self.steps), float(self.steps + steps)
+        try:
+            while now < end:
+                stop = end
+                if self._waiting or flow.edges:
+                    self._take_due(now)
+                    stop = min([end, *(at for at, _ in self._waiting),
+                                *(edge for edge in flow.edges if edge > now)])
+                flow.run(now, stop)
+                now = stop
+            self._take_due(now)
+            if not math.isfinite(sum(flow.x)):
+                raise DynamicsError('it leaves the range of numbers')
+        except DynamicsError as error:
+            flow.x = before
+            raise DynamicsError(f'the state cannot be integrated on from t = {self.time:.6g} s: '
+                                f'{error}') from None
+        self.steps += steps
+
+    def _take_due(self, now: float) -> None:
+        while self._waiting and self._waiting[0][0] <= now:
+            self._take_effect(now, self._waiting.popleft()[1])
+
+    def _take_effect(self, now: float, u: tuple[float, ...]) -> None:
+        self._flow.drive(now, u)
+        self.target = u
+
+    def _limited(self, u: Numbers) -> tuple[float, ...]:
+        """Return a command, checked and within the limits of the actuators."""
+        try:
+            values = tuple(map(float, u))
+            sound = len(values) == self.system.m and math.isfinite(sum(values))
+        except (TypeError, ValueError):
+            sound = False
+        if not sound:  # or so large that the sum is not finite
+            values = tuple(numbers('u', u, self.system.input_names))
+        return clipped(values, self.system) if self._limits else values
+
+
+def resting_input(system: System, x: Numbers) -> Array:
+    """
+    Return the input that holds x, or where there is none, the system's set point.
+
+    Where there is none either, its own guess.
+    """
+    for state in (x, None):
+        try:
+            return equilibrium(system, state).u
+        except DynamicsError:
+            continue
+    return np.array(system.setpoint_input)
+
+
+def clipped(u: Numbers, system: System) -> tuple[float, ...]:
+    """Return an input (m,) within the limits of the actuators."""
+    return tuple([min(max(float(value), signal.lower), signal.upper)
+                  for value, signal in zip(u, system.inputs, strict=True)])

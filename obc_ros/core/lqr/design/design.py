@@ -1,0 +1,296 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+From a system, a set point and a cost to the regulator that is proved to hold it.
+
+Linearise at the equilibrium, choose the weights (section 2.5), solve for the gain (section 2.4).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+import functools
+from typing import Any
+
+import numpy as np
+from obc_ros.core.closed_loop.control import Prediction
+from obc_ros.core.closed_loop.feedback import Regulator, rows, Vector, vector
+from obc_ros.core.lqr.gain_schedule import Table, table
+from obc_ros.core.lqr.lqr import lqr, LqrDesign
+from obc_ros.core.lqr.sampled import closed_loop, prediction, sampled_lqr, spectral_radius
+from obc_ros.core.lqr.weights import choose, Weights, with_integrals
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.systems.equilibrium import Equilibrium, equilibrium, linearize
+from obc_ros.core.systems.system import System
+from obc_ros.core.text.errors import DynamicsError, RefusedDesignError, shown, StatementError
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """
+    When a controller acts.
+
+    Attributes
+    ----------
+    period : float
+        Of the commands [s]; 0: not known.
+    delay : float
+        Known time until a command takes effect [s].
+    exact : bool
+        Whether the design is for the sampled plant, not the continuous one.
+
+    """
+
+    period: float = 0.0
+    delay: float = 0.0
+    exact: bool = False
+
+    def __post_init__(self) -> None:
+        if (self.exact or self.delay) and not self.period:
+            what = 'design = sampled' if self.exact else f'delay = {self.delay:g}'
+            raise StatementError(f'{what} needs the period of the commands: set sample_time or '
+                                 'rate')
+
+
+ALWAYS = Sampling()
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """
+    A system linearised at an equilibrium.
+
+    Attributes
+    ----------
+    system : System
+    equilibrium : Equilibrium
+    A, B : ndarray, shape (n, n) and (n, m)
+    rest : tuple of float
+        Input (m,) that keeps the system where it is: ue where the set point stays, and where it
+        moves on the input of the equilibrium at rest there, if there is one.
+
+    """
+
+    system: System
+    equilibrium: Equilibrium
+    A: Array
+    B: Array
+    rest: Vector
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """
+    A feedback that is proved to stabilise a plant at its set point.
+
+    Attributes
+    ----------
+    plant : Plant
+    weights : Weights
+        As chosen, without those of the integrals.
+    lqr : LqrDesign
+        Of the plant, with the integrals of the outputs `C` as further states.
+    C : ndarray, shape (p, n)
+        Outputs with integral action.
+    cost : Weights
+        With those of the integrals.
+    sampling : Sampling
+        When the controller acts.
+
+    """
+
+    plant: Plant
+    weights: Weights
+    lqr: LqrDesign
+    C: Array
+    cost: Weights
+    sampling: Sampling
+
+    @property
+    def K(self) -> Array:
+        """Return the gain of the state, shape (m, n)."""
+        return self.lqr.K[:, :self.plant.system.n]
+
+    @property
+    def Ki(self) -> Array:
+        """Return the gain of the integrals, shape (m, p)."""
+        return self.lqr.K[:, self.plant.system.n:]
+
+    def cost_to_go(self, error: Sequence[float]) -> float:
+        """Return e'P e, the least cost from an error x - xe (n,) on; under the gain it falls."""
+        e = np.array(error)
+        with np.errstate(all='ignore'):  # what has run away is infinite
+            return float(e @ self.lqr.P[:len(e), :len(e)] @ e)
+
+    def augmented(self, A: Array, B: Array) -> tuple[Array, Array]:
+        """Return another linearization with the integrals of this design as further states."""
+        return with_integrals(A, B, self.weights, self.C, np.ones(len(self.C)))[:2] if len(
+            self.C) else (A, B)
+
+    @property
+    def prediction(self) -> Prediction | None:
+        """Return how error and integrals are carried over the delay; None without a delay."""
+        period, delay = self.sampling.period, self.sampling.delay
+        if not delay:
+            return None
+        Phi, Gammas = prediction(*self.augmented(self.plant.A, self.plant.B), period, delay)
+        return Prediction(
+            rows(Phi), tuple(map(rows, Gammas)), round(period * 1e9), round(delay * 1e9))
+
+    @property
+    def regulator(self) -> Regulator:
+        """Return the law about the set point."""
+        at = self.plant.equilibrium
+        return Regulator(vector(at.x), vector(at.u), rows(self.K), vector(at.drift),
+                         rows(self.Ki) if len(self.C) else ())
+
+
+def plant(system: System, setpoint: Sequence[float] = (), setpoint_input: Sequence[float] = ()
+          ) -> Plant:
+    """
+    Linearise a system at a set point.
+
+    Parameters
+    ----------
+    system : System
+        What is linearised.
+    setpoint, setpoint_input : sequence of float
+        As `equilibrium` takes them; empty: the system's own.
+
+    Raises
+    ------
+    DynamicsError
+        If no input within the limits holds the system there.
+
+    """
+    at = equilibrium(system, setpoint or None, setpoint_input or None)
+    A, B = linearize(system, at.x, at.u)
+    return Plant(system, at, A, B, _rest(system, at))
+
+
+def design(plant: Plant, weights: dict[str, Any], integral: Sequence[str] = (),
+           Qi: Sequence[float] = (), sampling: Sampling = ALWAYS) -> Design:
+    """
+    Return the regulator of a plant for a cost.
+
+    Parameters
+    ----------
+    plant : Plant
+        What is held.
+    weights : dict
+        Arguments of `weights.choose`; empty Qx, Qu: identity.
+    integral : sequence of str
+        Names of the states whose integrals are fed back.
+    Qi : sequence of float
+        Weights of these integrals; empty: 1 each.
+    sampling : Sampling
+        When the controller acts, and whether the gain is designed for it.
+
+    Raises
+    ------
+    StatementError
+        If a list has a wrong length or a number is out of range.
+    RefusedDesignError
+        If no gain can be proved to stabilise.
+
+    """
+    n, m = plant.B.shape
+    given = {**weights, 'Qx': weights.get('Qx') or (1.0,) * n,
+             'Qu': weights.get('Qu') or (1.0,) * m}
+    chosen = choose(n, m, **given)
+    A, B, cost, C = plant.A, plant.B, chosen, np.zeros((0, n))
+    if integral:
+        C = np.eye(n)[[_index(plant.system, name) for name in integral]]
+        A, B, cost = with_integrals(A, B, chosen, C, Qi or (1.0,) * len(C))
+    return Design(plant, chosen, _gain(A, B, cost, sampling), C, cost, sampling)
+
+
+def design_again(found: Design, plant: Plant) -> Design:
+    """Return the design of another plant of the same system for the same cost."""
+    return replace(found, plant=plant, lqr=_gain(
+        *found.augmented(plant.A, plant.B), found.cost, found.sampling))
+
+
+def scheduled(found: Design, plant_at: Callable[[float], Plant], lower: float, upper: float
+              ) -> Table:
+    """
+    Return the gains of a design for a range of a variable, those of the integrals as last columns.
+
+    Parameters
+    ----------
+    found : Design
+        The cost, and when the controller acts.
+    plant_at : callable
+        The plant for a value of the variable.
+    lower, upper : float
+        The range.
+
+    Raises
+    ------
+    StatementError
+        If the design is not one in continuous time, or the range is none.
+    ObcError
+        If at a value there is no plant, or no gain that is proved to stabilise.
+
+    """
+    period = found.sampling.period
+    if found.sampling.exact or found.sampling.delay:
+        raise StatementError('schedule: wanted design = continuous and delay = 0')
+
+    @functools.cache
+    def linear(value: float) -> tuple[Array, Array]:
+        at = plant_at(value)
+        return found.augmented(at.A, at.B)
+
+    made = table(linear, found.cost, lower, upper)
+    middles = 0.5 * (made.values[:-1] + made.values[1:])
+    for value in (*made.values, *middles) if period else ():
+        K = np.array([[np.interp(value, made.values, entry) for entry in row]
+                      for row in np.moveaxis(made.K, 0, -1)])
+        _check_held(*linear(float(value)), K, found.sampling, 'wanted a higher rate')
+    return made
+
+
+def _check_held(A: Array, B: Array, K: Array, sampling: Sampling, remedy: str) -> None:
+    """Raise RefusedDesignError where a continuous gain does not bear its period and delay."""
+    period, delay = sampling.period, sampling.delay
+    radius = spectral_radius(closed_loop(
+        A, B, K, period, delay, *prediction(A, B, period, delay)))
+    if not radius < 1.0:
+        late = f' and {delay:g} s late' if delay else ''
+        raise RefusedDesignError(
+            f'the continuous gain is unstable when its input is held for {period:g} s{late} '
+            f'(spectral radius {radius:.3g}); {remedy}')
+
+
+def _gain(A: Array, B: Array, cost: Weights, sampling: Sampling) -> LqrDesign:
+    """Return the gain, proved for the period and the delay as far as they are known."""
+    period, delay = sampling.period, sampling.delay
+    try:
+        if sampling.exact:
+            return sampled_lqr(A, B, cost, period, delay).design
+        found = lqr(A, B, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability)
+        if period:
+            _check_held(A, B, found.K, sampling,
+                        f'set design = sampled with sample_time = {period:g} first, both with '
+                        'set_parameters_atomically')
+    except (np.linalg.LinAlgError, OverflowError) as error:  # numbers near the ends of a double
+        raise RefusedDesignError(
+            f'no gain can be computed with numbers of such sizes: {error}') from None
+    return found
+
+
+def _rest(system: System, at: Equilibrium) -> Vector:
+    if not at.drift.any():
+        return vector(at.u)
+    try:
+        still = equilibrium(system, at.x, np.zeros(system.m))
+    except DynamicsError:
+        return vector(at.u)
+    return vector(at.u if still.drift.any() else still.u)
+
+
+def _index(system: System, name: str) -> int:
+    if name not in system.state_names:
+        raise StatementError(f"integral: there is no state '{shown(name)}' in "
+                             f'{", ".join(system.state_names)}')
+    return system.state_names.index(name)

@@ -1,0 +1,113 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Limits of the inputs, from the numbers that someone typed."""
+
+from collections.abc import Mapping, Sequence
+import math
+from typing import Any
+
+from obc_ros.core.closed_loop.feedback import Vector, vector
+from obc_ros.core.lqr.design.design import Plant
+from obc_ros.core.lqr.weights import count
+from obc_ros.core.systems.system import System
+from obc_ros.core.text.errors import StatementError
+
+
+def input_limits(plant: Plant, given: Sequence[float]) -> tuple[Vector, Vector]:
+    """
+    Return lower and upper limits of the inputs, shape (m,) each.
+
+    Parameters
+    ----------
+    plant : Plant
+        At a set point, whose input has to lie between them.
+    given : sequence of float
+        m numbers: the largest size of each input, within the limits of the system. 2 m numbers:
+        lower and upper limit of each input in turn, in place of the system's; an infinite one is
+        the system's. None: the system's.
+
+    Raises
+    ------
+    StatementError
+        If there are not so many, or they leave no room for the input of the set point.
+
+    """
+    system = plant.system
+    m, own = system.m, list(zip(system.u_min.tolist(), system.u_max.tolist(), strict=True))
+    if len(given) not in (0, m, 2 * m):
+        raise StatementError(
+            f'u_limits has {count(len(given))}; wanted {m}, the largest size of each, or {2 * m}, '
+            f'lower and upper of each, for {", ".join(system.input_names)}')
+    bounds = own
+    if len(given) == m:
+        for name, size in zip(system.input_names, given, strict=True):
+            if not size > 0.0:
+                raise StatementError(f'u_limits of {name}: {size:g}; wanted a size above 0, or '
+                                     f'lower and upper of each input ({2 * m} numbers)')
+        bounds = [(max(low, -size), min(high, size))
+                  for size, (low, high) in zip(given, own, strict=True)]
+    elif given:
+        bounds = [(low if new_low == -math.inf else new_low, high if new_high == math.inf
+                   else new_high) for new_low, new_high, (low, high) in zip(
+                       given[::2], given[1::2], own, strict=True)]
+    source = 'u_limits' if given else f'the limits of {system.name}'
+    for name, value, (low, high) in zip(
+            system.input_names, plant.equilibrium.u, bounds, strict=True):
+        if not low < high:
+            raise StatementError(f'{source} of {name}: the lower, {low:g}, is not below the '
+                                 f'upper, {high:g}')
+        if not low <= value <= high:
+            raise StatementError(f'{name} = {value:.6g} holds the set point, outside {source} of '
+                                 f'[{low:g}, {high:g}]')
+    return vector(low for low, _ in bounds), vector(high for _, high in bounds)
+
+
+def check_all_limited(plant: Plant, given: Sequence[float], lower: Vector, upper: Vector, sink: str
+                      ) -> None:
+    """
+    Check that limits were given, and that every input of a robot has both.
+
+    Raises
+    ------
+    StatementError
+        If not; the sentence shows what to write.
+
+    """
+    free = [signal.name for signal, low, high in zip(
+        plant.system.inputs, lower, upper, strict=True) if not math.isfinite(high - low)]
+    if given and not free:
+        return
+    pairs = ', '.join(
+        str(float(f'{bound:.6g}')) if math.isfinite(bound) else f'{word}_{signal.name}'
+        for signal, low, high in zip(plant.system.inputs, lower, upper, strict=True)
+        for word, bound in (('LOWEST', low), ('HIGHEST', high)))
+    units = ', '.join(f'{signal.name} [{signal.unit or "1"}]' for signal in plant.system.inputs)
+    what = f'u_limits leaves {" and ".join(free)} unlimited' if given else 'u_limits is missing'
+    raise StatementError(
+        f'command_sink = {sink} goes to a robot, whose inputs need limits, and {what}: add '
+        f'u_limits: [{pairs}], lower and upper of {units}, or unlimited: true to go without')
+
+
+def former_limits(system: System, given: Mapping[str, Any]) -> str:
+    """Return what to write in place of u_min and u_max (m numbers each), once limits."""
+    lower, upper = system.u_min.tolist(), system.u_max.tolist()
+    lower = _numbers(given.get('u_min')) or lower
+    upper = _numbers(given.get('u_max')) or upper
+    pairs = ', '.join(f'LOWEST_{name}, HIGHEST_{name}' for name in system.input_names)
+    if len(lower) == len(upper) == system.m:
+        pairs = ', '.join(_yaml(bound) for both in zip(lower, upper, strict=True)
+                          for bound in both)
+    names = ' and '.join(given)
+    return (f'{names} {"limit" if len(given) > 1 else "limits"} nothing, as limits are u_limits '
+            f'alone: write u_limits: [{pairs}]')
+
+
+def _numbers(given: Any) -> list[float]:
+    try:
+        return [float(each) for each in given] if not isinstance(given, str) else []
+    except (TypeError, ValueError):
+        return []
+
+
+def _yaml(value: float) -> str:
+    return str(value).replace('inf', '.inf')

@@ -1,0 +1,148 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whether a reference may be taken up. It is judged like a gain, before it commands anything.
+
+Its inputs must be within the limits. The plant must move along it: the states must change as
+f(x, u) says. The plant must be near its start when it is taken up.
+"""
+
+from collections.abc import Sequence
+import math
+
+import numpy as np
+from obc_ros.core.closed_loop.feedback import Limits
+from obc_ros.core.closed_loop.references import Bounds, is_within, with_unit
+from obc_ros.core.lqr.design.design import Design
+from obc_ros.core.lqr.design.reference_tracking import Course
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.systems.system import System
+from obc_ros.core.text.errors import RefusedReferenceError
+
+PART = 0.1         # of the range of a state along a reference, by which the plant may be off it
+_ROUNDING = 1e-6   # of an input's size: how far a solver's answer may be beyond a limit
+
+
+def allowed_error(along: Course, x_limits: Bounds = (), tolerance: Sequence[float] = ()
+                  ) -> Bounds:
+    """
+    Return by how much the plant may be off a reference that it takes up.
+
+    Parameters
+    ----------
+    along : Course
+        The reference.
+    x_limits : tuple of (float, float)
+        (n,) bounds of the error x - xr inside which the law is used; empty: any.
+    tolerance : sequence of float
+        (n,) largest error of each state, in its unit; empty: `x_limits`, and where those have no
+        bound a tenth of the range of the state along the reference. A range below one unit
+        counts as one unit.
+
+    Returns
+    -------
+    tuple of (float, float)
+        (n,) lower and upper bound of x - xr.
+
+    """
+    if tolerance:
+        return tuple((-each, each) for each in tolerance)
+    with np.errstate(over='ignore'):
+        own = PART * np.maximum(np.ptp(along.x, axis=0), 1.0)
+    default = tuple((-each, each) for each in own.tolist())
+    if not x_limits:
+        return default
+    return tuple(
+        (low if math.isfinite(low) else -each, high if math.isfinite(high) else each)
+        for (low, high), (_, each) in zip(x_limits, default, strict=True))
+
+
+def check(along: Course, found: Design, limits: Limits, allowed: Bounds) -> None:
+    """
+    Refuse a reference that the plant cannot follow.
+
+    Parameters
+    ----------
+    along : Course
+        The reference.
+    found : Design
+        Of the regulator that is to follow it.
+    limits : Limits
+        Of the inputs.
+    allowed : tuple of (float, float)
+        (n,) bounds of x - xr, as of `allowed_error`.
+
+    Raises
+    ------
+    RefusedReferenceError
+        If an input is beyond a limit, or the plant does not move along the reference.
+
+    """
+    system = found.plant.system
+    with np.errstate(all='ignore'):
+        sentences = _beyond_limits(along, system, limits) or _off_dynamics(
+            along, system, allowed, _slowest(found))
+    if sentences:
+        raise RefusedReferenceError('; '.join(sentences))
+
+
+def _beyond_limits(along: Course, system: System, limits: Limits) -> list[str]:
+    sentences = []
+    for j, signal in enumerate(system.inputs):
+        values, low, high = along.u[:, j], limits.lower[j], limits.upper[j]
+        for k, bound, side in ((int(values.argmin()), low, -1.0),
+                               (int(values.argmax()), high, 1.0)):
+            size = max(abs(bound), float(np.abs(values).max()))
+            if side * (values[k] - bound) > _ROUNDING * size:
+                sentences.append(
+                    f'{signal.name} is {with_unit(values[k], signal.unit)} at t = '
+                    f'{along.t[k]:.4g} s, the limit is {with_unit(bound, signal.unit)}')
+    return sentences
+
+
+def _off_dynamics(along: Course, system: System, allowed: Bounds, time: float) -> list[str]:
+    """
+    Return in words which states do not move as f says.
+
+    A loop with the time constant `time` [s] would be off by e, with e' = f - x' - e / time and
+    f - x' constant over each interval.
+    """
+    error, largest, at = np.zeros(system.n), np.zeros(system.n), np.zeros(system.n)
+    steps = np.diff(along.t) / time
+    part = np.where(steps > 0.0, -np.expm1(-steps) / np.where(steps > 0.0, steps, 1.0), 1.0)
+    defects = part[:, None] * _defects(along, system)
+    for k, (defect, fade) in enumerate(zip(defects, np.exp(-steps), strict=True)):
+        error = fade * error + defect
+        grown = ~(np.abs(error) <= np.abs(largest))
+        largest = np.where(grown, error, largest)
+        at = np.where(grown, along.t[k + 1], at)
+    return [
+        f'the plant does not move along it: with its inputs {signal.name} would be '
+        f'{with_unit(abs(e), signal.unit)} off at t = {t:.4g} s, allowed '
+        f'{with_unit(-low if e < 0.0 else high, signal.unit)}'
+        for signal, e, t, (low, high) in zip(system.states, largest, at, allowed, strict=True)
+        if not is_within(float(e), low, high)]
+
+
+def _defects(along: Course, system: System) -> Array:
+    """
+    Return the integral of f - x' over each interval, shape (N - 1, n).
+
+    The integral is that of Simpson's rule, the state in the middle that of Hermite's cubic.
+    """
+    h, x = np.diff(along.t)[:, None], along.x
+    u_begin = along.u[:-1]
+    u_end = u_begin if along.holds else along.u[1:]
+    begin, end = system.rates(x[:-1], u_begin), system.rates(x[1:], u_end)
+    middle = system.rates(0.5 * (x[:-1] + x[1:]) + h / 8.0 * (begin - end),
+                          0.5 * (u_begin + u_end))
+    defects: Array = h / 6.0 * (begin + 4.0 * middle + end) - (x[1:] - x[:-1])
+    return defects
+
+
+def _slowest(found: Design) -> float:
+    """Return the time constant of the slowest pole [s]."""
+    decay, period = -found.lqr.E.real, found.lqr.period
+    if period:
+        decay = -np.log(np.maximum(np.abs(found.lqr.E), 1e-12)) / period
+    return 1.0 / float(decay.min())

@@ -1,0 +1,330 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Following a reference xd(t), ud(t): the cost in terms of (x - xd) and (u - ud).
+
+u = ud(t) - K(t) (x - xd(t)), where K = Qu^-1 (B'P + N') and P solves the Riccati differential
+equation (2.7) along the path, backwards from a terminal weight P1 or from the design that holds
+its end. A set point that is to be reached within a horizon is such a path, too.
+"""
+
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from obc_ros.core.closed_loop.control import Horizon, Leg, Reference
+from obc_ros.core.closed_loop.feedback import (
+    between,
+    Gains,
+    Law,
+    Point,
+    Regulator,
+    Rows,
+    rows,
+    Settling,
+    Vector,
+    vector,
+)
+from obc_ros.core.lqr.design.design import Design, design_again, Plant, plant
+from obc_ros.core.lqr.sampled import discretised
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.riccati import propagation
+from obc_ros.core.systems.equilibrium import linearize, nearest
+from obc_ros.core.systems.system import System
+from obc_ros.core.text.errors import DynamicsError, RefusedDesignError, shown, StatementError
+
+MOST = 200_000  # samples
+_INTERVALS = 300  # of the gain; in between it is interpolated
+# A terminal weight changes the gain fast near the end: there each time to go is so many times
+# the next, and each of the last periods has its gain.
+_CLOSER, _CLOSEST, _PERIODS = 2.0**(1.0 / 3.0), 60, 64
+_AT_REST = 1e-5   # of a state's size: how near to rest an answer ends that is to end at rest
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """
+    A reference that was found to be well formed.
+
+    Attributes
+    ----------
+    reference : Reference
+        When it begins.
+    t, x, u : ndarray, shape (N,), (N, n), (N, m)
+        Samples; a time that stands twice is a jump.
+    holds : bool
+        Whether u is constant from each sample on; linear in between otherwise.
+
+    """
+
+    reference: Reference
+    t: Array
+    x: Array
+    u: Array
+    holds: bool
+
+
+def course(system: System, names: tuple[Sequence[str], Sequence[str]], t: Sequence[float],
+           x: Sequence[float], u: Sequence[float], interpolation: str, begin: int | None
+           ) -> Course:
+    """
+    Return the reference that is given by plain numbers.
+
+    Parameters
+    ----------
+    system : System
+        Whose states and inputs these are.
+    names : tuple of sequence of str
+        Names of states and inputs, in the order of x and u; empty: that of the system.
+    t, x, u : sequence of float
+        N, N*n and N*m numbers, row by row.
+    interpolation : str
+        Of u: 'linear' or 'zoh'; empty: linear.
+    begin : int, optional
+        Stamp of t = 0 [ns]; None: the first state from now on.
+
+    Raises
+    ------
+    StatementError
+        If something does not fit.
+
+    """
+    times = np.array(t, dtype=float)
+    if not 2 <= times.size <= MOST:
+        raise StatementError(f'a reference has {times.size} samples; wanted 2 to {MOST}')
+    if not np.isfinite(times).all() or times[0] < 0.0 or (np.diff(times) < 0.0).any():
+        raise StatementError('t: wanted finite times from 0 on that do not decrease')
+    if times[-1] <= times[0]:
+        raise StatementError('t: the last time is not after the first')
+    if interpolation not in ('', 'linear', 'zoh'):
+        raise StatementError(f"interpolation = '{shown(interpolation)}': wanted 'linear' or 'zoh'")
+    states = _table('x', x, times.size, system.state_names, names[0])
+    inputs = _table('u', u, times.size, system.input_names, names[1])
+    for i, is_angle in enumerate(system.angles):
+        if is_angle:
+            states[:, i] = np.unwrap(states[:, i])
+    return Course(Reference(begin, float(times[-1])), times, states, inputs,
+                  interpolation == 'zoh')
+
+
+def leg(along: Course, found: Design, P1: Array | None = None) -> tuple[Leg, str]:
+    """
+    Return the law along a reference, with the weights of a design, and how it ends in words.
+
+    Parameters
+    ----------
+    along : Course
+        The reference.
+    found : Design
+        Of the same system.
+    P1 : ndarray, shape (n, n), optional
+        Terminal weight; without it the cost goes on with the design that holds the end.
+
+    Raises
+    ------
+    DynamicsError
+        If the system cannot be linearised along it.
+
+    """
+    at_end, after, ending = _end(along, found)
+    grid = _grid(along.t[0], along.t[-1], found)
+    gains = _gains(grid, found, _terminal(at_end, P1), lambda t: linearize(
+        found.plant.system, *_sample(along, t)))
+    path = Path(vector(along.t), rows(along.x), rows(along.u), along.holds, gains)
+    return Leg(along.reference, path, _settling(gains, after, at_end, P1)), ending
+
+
+def horizon(found: Design, time: float, P1: Array | None = None) -> Horizon:
+    """
+    Return the gains that reach a set point within a time, and the one of the design afterwards.
+
+    Parameters
+    ----------
+    found : Design
+        That holds the set point.
+    time : float
+        Horizon T [s].
+    P1 : ndarray, shape (n, n), optional
+        Terminal weight; without it the gain is that of the design from the beginning.
+
+    """
+    plant = found.plant
+    gains = _gains(_grid(0.0, time, found), found, _terminal(found, P1),
+                   lambda _: (plant.A, plant.B))
+    return Horizon(time, _continued(gains, found))
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """
+    The law along a reference.
+
+    Attributes
+    ----------
+    t, x, u, holds
+        As of a `Course`.
+    gains : Gains
+        Against t.
+
+    """
+
+    t: Vector
+    x: Rows
+    u: Rows
+    holds: bool
+    gains: Gains
+
+    def at(self, t: float) -> Point:
+        """Return reference and gain at time t [s]; before the first sample that one."""
+        t = min(max(t, self.t[0]), self.t[-1])
+        k = min(bisect_right(self.t, t), len(self.t) - 1) - 1
+        while self.t[k] == self.t[k + 1]:
+            k -= 1  # the last sample stands twice
+        part = (t - self.t[k]) / (self.t[k + 1] - self.t[k])
+        u = self.u[k] if self.holds else between(self.u[k], self.u[k + 1], part)
+        return Point(between(self.x[k], self.x[k + 1], part), u, *self.gains.at(t))
+
+
+def _end(along: Course, found: Design) -> tuple[Design, Regulator, str]:
+    """Return the design there, the regulator that goes on from the end, and that in words."""
+    system, x = found.plant.system, along.x[-1]
+    try:
+        there = _place(system, along)
+    except DynamicsError as error:
+        return found, found.regulator, f'then the set point is held, as {error}'
+    try:
+        held = design_again(found, there)
+    except RefusedDesignError as error:
+        still = Regulator(
+            vector(x), there.rest, ((0.0,) * system.n,) * system.m, (0.0,) * system.n,
+            ((0.0,) * len(found.C),) * system.m)
+        return found, still, f'then its end is not held but left alone: {error}'
+    return held, held.regulator, 'then its end is held'
+
+
+def _place(system: System, along: Course) -> Plant:
+    """Return the plant at the end of a reference, or at the rest that it was solved to end in."""
+    x, u, size = along.x[-1], along.u[-1], np.abs(along.x).max(axis=0)
+    try:
+        return plant(system, x.tolist(), u.tolist())
+    except DynamicsError:
+        near = nearest(system, x, u)
+        if (np.abs(near.x - x) > _AT_REST * np.maximum(size, 1e-2 * size.max())).any():
+            raise
+        return plant(system, near.x.tolist(), near.u.tolist())
+
+
+def _terminal(found: Design, P1: Array | None) -> Array:
+    """Return the terminal weight of the plant with the integrals."""
+    P, n = found.lqr.P, found.plant.system.n
+    if P1 is None:
+        return P
+    whole = np.zeros_like(P)
+    whole[:n, :n], whole[n:, n:] = P1, P[n:, n:]
+    return whole
+
+
+def _settling(gains: Gains, after: Regulator, at_end: Design, P1: Array | None) -> Law:
+    """Return the regulator, its gain on the way from the last of the path."""
+    if P1 is None or after.K != at_end.regulator.K:
+        return after
+    end = gains.grid[-1]
+    return Settling(after, _continued(
+        Gains((0.0,), *((each[-1],) for each in (gains.K, gains.Ki))), at_end)
+    ) if end else after
+
+
+def _continued(gains: Gains, found: Design) -> Gains:
+    """Return gains that go over to those of a design, as fast as its fastest pole."""
+    speed, period = np.abs(found.lqr.E), found.lqr.period
+    if period:
+        speed = np.abs(np.log(np.maximum(speed, 1e-12))) / period
+    time = max(period, 1.0 / float(speed.max()))
+    last = found.regulator
+    return Gains((*gains.grid, gains.grid[-1] + time), (*gains.K, last.K), (*gains.Ki, last.Ki))
+
+
+def _grid(begin: float, end: float, found: Design) -> Array:
+    """Return the times of the gains: equidistant, and closer towards the end."""
+    length, period = end - begin, found.lqr.period
+    if not period:
+        last = 10.0 * length / _INTERVALS / _CLOSER**np.arange(_CLOSEST)
+        return np.union1d(np.linspace(begin, end, _INTERVALS + 1), end - last)
+    count = int(length / period * (1.0 + 1e-9))
+    stride = max(1, -(-(count - _PERIODS) // _INTERVALS))
+    to_go = np.union1d(np.arange(min(count, _PERIODS) + 1), np.arange(count, 0, -stride))
+    times = end - period * to_go[::-1] if count else (begin, end)
+    return np.array(times, dtype=float)
+
+
+def _gains(grid: Array, found: Design, P1: Array,
+           linear: Callable[[float], tuple[Array, Array]]) -> Gains:
+    """Return the gains at the times of a grid, backwards from P1 at the last."""
+    n, P, gains = found.plant.system.n, P1, []
+    step = _sampled_step if found.lqr.period else _step
+    for k in range(len(grid) - 1, -1, -1):
+        # of an interval its middle, of the end the end
+        is_end = k == len(grid) - 1
+        time = grid[k] if is_end else 0.5 * (grid[k] + grid[k + 1])
+        A, B = found.augmented(*linear(float(time)))
+        P, K = step(A, B, found, P, 0.0 if is_end else float(grid[k + 1] - grid[k]))
+        gains.append(K)
+    if not all(np.isfinite(K).all() for K in gains):
+        raise DynamicsError('the gain along the reference is not finite')
+    gains.reverse()
+    return Gains(vector(grid), tuple(rows(K[:, :n]) for K in gains),
+                 tuple(rows(K[:, n:]) if len(found.C) else () for K in gains))
+
+
+def _step(A: Array, B: Array, found: Design, P: Array, time: float) -> tuple[Array, Array]:
+    """Return P a time [s] earlier, and the gain there."""
+    weights = found.cost
+    N = np.zeros_like(B) if weights.cross is None else weights.cross
+    right = np.linalg.solve(weights.Qu, np.hstack([B.T, N.T]))
+    B_right, N_right = right[:, :len(A)], right[:, len(A):]
+    if time:
+        M = A - B @ N_right + weights.stability * np.eye(len(A))
+        P = propagation.before(propagation.of_plant(
+            M, B @ B_right, weights.Qx - N @ N_right, time), P[None])[0]
+    return P, B_right @ P + N_right
+
+
+def _sampled_step(A: Array, B: Array, found: Design, P: Array, time: float
+                  ) -> tuple[Array, Array]:
+    """Return P a time [s] earlier, in whole periods, and the gain there."""
+    period = found.lqr.period
+    A, B, cost = discretised(A, B, found.cost, period)
+    N = np.zeros_like(B) if cost.cross is None else cost.cross
+    growth, K = np.exp(2.0 * cost.stability * period), None
+    for _ in range(round(time / period)):
+        before, BP = P, growth * B.T @ P
+        right = BP @ A + N.T
+        K = np.linalg.solve(cost.Qu + BP @ B, right)
+        P = growth * A.T @ P @ A + cost.Qx - right.T @ K
+        P = 0.5 * (P + P.T)
+        if np.abs(P - before).max() <= 1e-13 * np.abs(P).max():
+            break
+    BP = growth * B.T @ P
+    return P, np.linalg.solve(cost.Qu + BP @ B, BP @ A + N.T) if K is None else K
+
+
+def _sample(along: Course, t: float) -> tuple[Array, Array]:
+    x = np.array([np.interp(t, along.t, column) for column in along.x.T])
+    if along.holds:
+        return x, along.u[max(0, int(np.searchsorted(along.t, t, 'right')) - 1)]
+    return x, np.array([np.interp(t, along.t, column) for column in along.u.T])
+
+
+def _table(name: str, numbers: Sequence[float], count: int, wanted: tuple[str, ...],
+           given: Sequence[str]) -> Array:
+    if given and sorted(given) != sorted(wanted):
+        raise StatementError(f'{name}: the reference has {shown(", ".join(given), 200)}; wanted '
+                             f'{", ".join(wanted)}')
+    values = np.array(numbers, dtype=float)
+    if values.size != count * len(wanted):
+        raise StatementError(f'{name} has {values.size} numbers; wanted {count} x {len(wanted)}')
+    if not np.isfinite(values).all():
+        raise StatementError(f'{name}: wanted finite numbers')
+    table = values.reshape(count, len(wanted))
+    return table[:, [list(given).index(each) for each in wanted]] if given else table

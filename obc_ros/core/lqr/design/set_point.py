@@ -1,0 +1,96 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is to be known of a set point before a robot is given it: whether it moves, and by what."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.lqr.design.design import Plant
+from obc_ros.core.systems.system import Signal
+from obc_ros.core.text.errors import StatementError
+
+Values = Sequence[float] | NDArray[np.float64]
+
+_SPEEDS = ('m/s', 'rad/s')
+_STILL = 1e-9  # [1/s] below it a rate is what rounding leaves of 0
+_AS_GIVEN = 1e-5  # relative: inputs are told with six digits
+
+
+def check_set_point(plant: Plant, setpoint: Sequence[float], setpoint_input: Sequence[float]
+                    ) -> None:
+    """
+    Check that a set point that moves is asked for, and that the input asked for holds it.
+
+    Parameters
+    ----------
+    plant : Plant
+        At the set point.
+    setpoint, setpoint_input : sequence of float
+        As they were given: n and m numbers; empty: those of the system.
+
+    Raises
+    ------
+    StatementError
+        If the set point moves by a state or an input that is the system's own and was not given,
+        or another input than the one given holds it. The sentence shows what to write.
+
+    """
+    system, at = plant.system, plant.equilibrium
+    for signal, given, value in zip(
+            system.inputs, setpoint_input or at.u, at.u, strict=True):
+        if abs(given - value) > _AS_GIVEN * max(1.0, abs(value)):
+            raise StatementError(
+                f'setpoint_input: {signal.name} = {given:g} is not used, as the set point leaves '
+                f'it no choice: {_told([signal], [value])} holds it; write that, or leave '
+                'setpoint_input out')
+    lines = []
+    by_state, by_input = _movers(plant)
+    if by_state and not setpoint:
+        lines.append(f'setpoint: {_line(at.x)}')
+    if by_input and not setpoint_input:
+        lines.append(f'setpoint_input: {_line(at.u)}')
+    if lines:
+        raise StatementError(
+            f'the set point of {system.name} moves, {_motion(plant)}, which has to be asked for: '
+            f'add {" and ".join(lines)} ({_told(system.states, at.x)}; '
+            f'{_told(system.inputs, at.u)}), or another')
+
+
+def described(plant: Plant) -> tuple[str, str]:
+    """Return the set point xe, with how it moves, and its input ue, in words."""
+    system, at = plant.system, plant.equilibrium
+    motion = f', moving: {_motion(plant)}' if any(_movers(plant)) else ''
+    return f'xe: {_told(system.states, at.x)}{motion}', f'ue: {_told(system.inputs, at.u)}'
+
+
+def _movers(plant: Plant) -> tuple[bool, bool]:
+    """Return whether the set point moves by a state, and whether by an input."""
+    system, at = plant.system, plant.equilibrium
+    fx, fu = system.jacobians(at.x, at.u)
+    moving = abs(at.drift) > _STILL
+    by_state = bool((moving @ (abs(fx * at.x) > _STILL)).any() or _speeds(system.states, at.x))
+    by_input = bool((moving @ (abs(fu * at.u) > _STILL)).any() or _speeds(system.inputs, at.u))
+    return by_state or bool(moving.any()) and not by_input, by_input
+
+
+def _speeds(signals: Sequence[Signal], values: Values) -> list[str]:
+    return [f'{signal.name} = {value:g} {signal.unit}'
+            for signal, value in zip(signals, values, strict=True)
+            if signal.unit in _SPEEDS and abs(value) > _STILL]
+
+
+def _motion(plant: Plant) -> str:
+    system, at = plant.system, plant.equilibrium
+    rates = [f'd{signal.name}/dt = {rate:g} {signal.unit or "1"}/s'
+             for signal, rate in zip(system.states, at.drift, strict=True) if abs(rate) > _STILL]
+    return ', '.join(rates or [*_speeds(system.states, at.x), *_speeds(system.inputs, at.u)])
+
+
+def _told(signals: Sequence[Signal], values: Values) -> str:
+    return ', '.join(f'{signal.name} = {value:.6g} {signal.unit}'.rstrip()
+                     for signal, value in zip(signals, values, strict=True))
+
+
+def _line(values: Values) -> str:
+    return f'[{", ".join(str(float(f"{value:.6g}")) for value in values)}]'

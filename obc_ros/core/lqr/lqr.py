@@ -1,0 +1,231 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The linear quadratic regulator (section 2.4).
+
+Minimise J = integral of x'Qx x + 2 x'N u + u'Qu u over [0, infinity) subject to dx/dt = A x + B u.
+
+A design is returned only with its proof; otherwise the error says in words what stands against it.
+"""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from obc_ros.core.lqr import stabilizability
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.rounding import EPS
+from obc_ros.core.riccati import care, checks, dare
+from obc_ros.core.text.errors import RefusedDesignError, StatementError
+from scipy.linalg import lapack
+
+_LARGEST_RESIDUAL = 1e-8
+_LEAST_ROBUSTNESS = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class LqrDesign:
+    """
+    A state feedback u = -K x that is proved to stabilise, and what it was designed for.
+
+    Attributes
+    ----------
+    A, B : ndarray, shape (n, n) and (n, m)
+        The plant; of the sampled plant when `period` is positive.
+    Qx, Qu : ndarray, shape (n, n) and (m, m)
+        Weights.
+    cross : ndarray, shape (n, m), or None
+        N of 2 x'N u.
+    stability : float
+        Prescribed degree of stability [1/s].
+    K : ndarray, shape (m, n)
+        Gain.
+    P : ndarray, shape (n, n)
+        Riccati solution; J* = x0'P x0.
+    E : ndarray, shape (n,), complex
+        Closed-loop poles, the slowest last; in the z plane when `period` is positive.
+    residual : float
+        Of the Riccati equation, relative to the size of its terms.
+    error : float
+        Estimated bound of the relative error of P made by rounding.
+    robustness : float
+        The closed loop stays stable when each entry of A, B and K is wrong by this many units of
+        rounding (a lower bound).
+    period : float
+        Sampling period [s]; 0: continuous time.
+
+    """
+
+    A: Array
+    B: Array
+    Qx: Array
+    Qu: Array
+    cross: Array | None
+    stability: float
+    K: Array
+    P: Array
+    E: NDArray[np.complex128]
+    residual: float
+    error: float
+    robustness: float
+    period: float = 0.0
+
+
+@np.errstate(all='ignore')  # what overflows is refused: no comparison with nan holds
+def lqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
+        cross: ArrayLike | None = None, stability: float = 0.0, to_rest: bool = False
+        ) -> LqrDesign:
+    """
+    Return the gain that minimises the integral of x'Qx x + 2 x'N u + u'Qu u for dx/dt = A x + B u.
+
+    Parameters
+    ----------
+    A, B : array_like, shape (n, n) and (n, m)
+        Linearization of f at the equilibrium.
+    Qx, Qu : array_like, shape (n, n) and (m, m)
+        Weights; symmetric, Qx >= 0, Qu > 0.
+    cross : array_like, shape (n, m), optional
+        N of 2 x'N u; [[Qx, N], [N', Qu]] >= 0.
+    stability : float
+        Prescribed degree of stability [1/s]: poles left of -stability (Anderson and Moore).
+    to_rest : bool
+        Demand x(infinity) = 0 even of modes that the cost does not see (Exercise 2.9).
+
+    Returns
+    -------
+    LqrDesign
+        ``K`` (m, n), ``P`` (n, n) solving A'P + P A - (P B + N) Qu^-1 (B'P + N') + Qx = 0 (for
+        A + stability I), ``E`` (n,).
+
+    Raises
+    ------
+    StatementError
+        If a matrix has a wrong size, an entry that is no finite number, or is not symmetric.
+    RefusedDesignError
+        If no gain can be proved to stabilise and to be optimal: Qx or Qu not definite, an unstable
+        mode of A out of reach of B or not seen by Qx, or a problem too ill-conditioned. The
+        message names the entry or the mode.
+
+    References
+    ----------
+    Equation (2.9) and Theorem 2.2 (its "Qu = H'H" must read Qx = H'H; stabilisable and detectable
+    is enough).
+
+    """
+    A, B, Qx, Qu, cross = checks.checked(A, B, Qx, Qu, cross)
+    _check_stability(stability)
+    L, Ac, Qc, sees_all = checks.reduced(A, B, Qx, Qu, cross)
+    if stability:
+        Ac = Ac + stability * np.eye(len(A))
+    F = lapack.dtrtrs(L, B.T, lower=1)[0].T
+    solution = care.solve_continuous(Ac, F, Qc)
+    if solution is None:
+        raise RefusedDesignError(stabilizability.why_not(Ac, F, Qc, stability=stability))
+    if not (sees_all or to_rest):
+        unseen = stabilizability.unseen(Ac, F, Qc, stability=stability)
+        if unseen:
+            raise RefusedDesignError(unseen)
+    right = B.T @ solution.P
+    if cross is not None:
+        right += cross.T
+    K = lapack.dpotrs(L, right, lower=1)[0]
+    ratio = solution.scale / solution.scale[:, None]
+    M = (A - B @ K) * ratio
+    if not np.isfinite(M).all():
+        raise RefusedDesignError(stabilizability.TOO_FAR_APART)
+    E = np.sort_complex(_poles(M))
+    if stability:
+        M.flat[::len(A) + 1] += stability
+    robust = care.robustness(M, solution.X, _rounding(A, B, K) * ratio)
+    if not (robust >= _LEAST_ROBUSTNESS and solution.error <= stabilizability.LARGEST_ERROR
+            and solution.residual <= _LARGEST_RESIDUAL and E[-1].real < -stability):
+        raise RefusedDesignError(
+            stabilizability.why_not(Ac, F, Qc, stability=stability, error=solution.error))
+    return LqrDesign(A, B, Qx, Qu, cross, stability, K, solution.P, E, solution.residual,
+                     solution.error, robust)
+
+
+@np.errstate(all='ignore')
+def dlqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
+         cross: ArrayLike | None = None, stability: float = 0.0, period: float = 1.0
+         ) -> LqrDesign:
+    """
+    Return the gain that minimises the sum of x'Qx x + 2 x'N u + u'Qu u for x+ = A x + B u.
+
+    Parameters
+    ----------
+    A, B : array_like, shape (n, n) and (n, m)
+        The sampled plant.
+    Qx, Qu, cross : array_like, shape (n, n), (m, m), (n, m)
+        Weights as for `lqr`.
+    stability : float
+        Prescribed degree of stability [1/s]: poles within exp(-stability period).
+    period : float
+        Sampling period [s].
+
+    Returns
+    -------
+    LqrDesign
+        ``K`` (m, n); ``P`` (n, n) solving A'P A - P + Qx = (A'P B + N) (Qu + B'P B)^-1 (..)', with
+        exp(stability period) times A and B; ``E`` (n,) in the z plane.
+
+    Raises
+    ------
+    StatementError, RefusedDesignError
+        As `lqr`.
+
+    """
+    A, B, Qx, Qu, cross = checks.checked(A, B, Qx, Qu, cross)
+    _check_stability(stability)
+    if not (math.isfinite(period) and period > 0.0):
+        raise StatementError(f'period = {period:g}: wanted a positive number of seconds')
+    growth = math.exp(min(stability * period, 200.0))
+    L, Ac, Qc, sees_all = checks.reduced(A, B, Qx, Qu, cross)
+    Ac = growth * Ac
+    F = growth * lapack.dtrtrs(L, B.T, lower=1)[0].T
+    scale = care.balancing(Ac, F, Qc)
+    ratio = scale / scale[:, None]
+    solution = dare.solve_discrete(Ac * ratio, F / scale[:, None], Qc * (scale * scale[:, None]))
+    if not sees_all:
+        unseen = stabilizability.unseen(Ac, F, Qc, stability=stability, period=period)
+        if unseen:
+            raise RefusedDesignError(unseen)
+    if solution is None:
+        raise RefusedDesignError(
+            stabilizability.why_not(Ac, F, Qc, stability=stability, period=period))
+    P = solution.P / (scale * scale[:, None])
+    BP = growth * growth * B.T @ P
+    right = BP @ A
+    if cross is not None:
+        right += cross.T
+    K = lapack.dposv(Qu + BP @ B, right, lower=1)[1]
+    M = (A - B @ K) * ratio
+    if not np.isfinite(M).all():
+        raise RefusedDesignError(stabilizability.TOO_FAR_APART)
+    E = _poles(M)
+    E = E[np.lexsort((E.imag, E.real, np.abs(E).round(12)))]
+    robust = dare.robustness(growth * M, solution.X, growth * _rounding(A, B, K) * ratio)
+    if not (robust >= _LEAST_ROBUSTNESS and solution.error <= stabilizability.LARGEST_ERROR
+            and solution.residual <= _LARGEST_RESIDUAL and np.abs(E).max() < 1.0 / growth):
+        raise RefusedDesignError(stabilizability.why_not(
+            Ac, F, Qc, stability=stability, period=period, error=solution.error))
+    return LqrDesign(A, B, Qx, Qu, cross, stability, K, P, E, solution.residual,
+                     solution.error, robust, period)
+
+
+def _check_stability(stability: float) -> None:
+    if not (math.isfinite(stability) and stability >= 0.0):
+        raise StatementError(f'stability = {stability:g}: wanted 0 or a positive number')
+
+
+def _rounding(A: Array, B: Array, K: Array) -> Array:
+    """Return a bound of what rounding of A, B, K and their product does to A - B K."""
+    bound: Array = EPS * (np.abs(A) + (B.shape[1] + 2) * (np.abs(B) @ np.abs(K)))
+    return bound
+
+
+def _poles(M: Array) -> NDArray[np.complex128]:
+    wr, wi, _, _, info = lapack.dgeev(M, compute_vl=0, compute_vr=0)
+    poles: NDArray[np.complex128] = wr + 1j * wi
+    return poles if info == 0 else np.full(len(M), complex(math.nan))

@@ -1,0 +1,238 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Regulators for an input that is held over a period and acts late.
+
+The sampled cost is the integral itself: between samples the plant moves under a constant input,
+and x'Qx x + 2 x'N u + u'Qu u is integrated along that motion (Van Loan 1978), here by doubling a
+short piece, in which nothing cancels however stiff the plant. The command given at t_k acts from
+t_k + delay on, for one period: from there the problem is the one without delay, so that the best
+command is -K x(t_k + delay), the state predicted with the commands on their way.
+"""
+
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+from obc_ros.core.lqr.lqr import dlqr, LqrDesign
+from obc_ros.core.lqr.weights import Weights
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.rounding import EPS, norm
+from obc_ros.core.riccati import checks, dare
+from obc_ros.core.text.errors import RefusedDesignError, StatementError
+from scipy.linalg import expm
+
+MOST = 300            # periods that a delay may last; a design for so many takes a second
+_WHOLE = 1e-9         # of a period: nearer to a whole number of periods than this is that number
+_LEAST_ROBUSTNESS = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class SampledDesign:
+    """
+    A feedback u_k = -K (Phi x_k + sum of Gamma_j u_(k-j)), proved for its period and delay.
+
+    Attributes
+    ----------
+    design : LqrDesign
+        The gain for the sampled plant, its weights and poles.
+    delay : float
+        Known time until a command acts [s].
+    Phi : ndarray, shape (n, n)
+        Carries the state over the delay.
+    Gamma : tuple of ndarray, shape (n, m)
+        What the commands on their way do to it: of u_(k-1), u_(k-2), ...
+    loop : ndarray, shape (n + d m, n + d m)
+        The closed loop of (x_k, u_(k-1), ..., u_(k-d)).
+    robustness : float
+        Units of rounding that `loop` bears (a lower bound).
+
+    """
+
+    design: LqrDesign
+    delay: float
+    Phi: Array
+    Gamma: tuple[Array, ...]
+    loop: Array
+    robustness: float
+
+    @property
+    def spectral_radius(self) -> float:
+        """Return the largest modulus of the poles of the loop."""
+        return spectral_radius(self.loop)
+
+
+@np.errstate(all='ignore')  # what overflows is refused
+def sampled_lqr(A: Array, B: Array, weights: Weights, period: float, delay: float = 0.0
+                ) -> SampledDesign:
+    """
+    Return the regulator that minimises the cost of dx/dt = A x + B u with a held and late input.
+
+    Parameters
+    ----------
+    A, B : ndarray, shape (n, n) and (n, m)
+        The plant in continuous time.
+    weights : Weights
+        Its cost in continuous time.
+    period, delay : float
+        [s]; any delay, not only whole periods.
+
+    Raises
+    ------
+    StatementError
+        If the period or the delay cannot be used.
+    RefusedDesignError
+        If a weight is not definite, or no gain, or not the loop with its delay, can be proved to
+        be stable.
+
+    """
+    _check_times(period, delay)
+    # What is refused is what was typed, not what sampling makes of it.
+    checks.reduced(*checks.checked(A, B, weights.Qx, weights.Qu, weights.cross))
+    Ad, Bd, cost = discretised(A, B, weights, period)
+    design = dlqr(Ad, Bd, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability,
+                  period=period)
+    Phi, Gamma = prediction(A, B, period, delay)
+    loop = closed_loop(A, B, design.K, period, delay, Phi, Gamma)
+    X = dare.stein(loop, np.eye(len(loop)))
+    robust = 0.0 if X is None else dare.robustness(loop, X, 4 * EPS * np.abs(loop))
+    if not robust >= _LEAST_ROBUSTNESS:
+        raise RefusedDesignError(
+            f'the loop with period = {period:g} and delay = {delay:g} cannot be proved to be '
+            f'stable: the plant moves too far in that time to be predicted')
+    return SampledDesign(design, delay, Phi, Gamma, loop, robust)
+
+
+def discretised(A: Array, B: Array, weights: Weights, period: float
+                ) -> tuple[Array, Array, Weights]:
+    """
+    Return the plant of held inputs and the weights whose sum is the integral of the cost.
+
+    Parameters
+    ----------
+    A, B : ndarray, shape (n, n) and (n, m)
+        The plant in continuous time.
+    weights : Weights
+        Its cost in continuous time; a degree of stability stays one of the sampled loop.
+    period : float
+        [s]
+
+    Raises
+    ------
+    StatementError
+        If the plant moves beyond the range of numbers within the period.
+
+    """
+    n, m = B.shape
+    motion = np.zeros((n + m, n + m))
+    motion[:n, :n], motion[:n, n:] = A, B
+    cost = np.zeros((n + m, n + m))
+    cost[:n, :n], cost[n:, n:] = weights.Qx, weights.Qu
+    if weights.cross is not None:
+        cost[:n, n:], cost[n:, :n] = weights.cross, weights.cross.T
+    doublings = max(0, math.ceil(math.log2(max(norm(motion) * period, 1e-300)))) + 1
+    if doublings > 60:
+        raise StatementError(f'period = {period:g}: too long for this plant')
+    short = period * 0.5**doublings
+    size = n + m
+    pencil = np.zeros((2 * size, 2 * size))
+    pencil[:size, :size], pencil[:size, size:], pencil[size:, size:] = -motion.T, cost, motion
+    flow = expm(pencil * short)
+    plant = flow[size:, size:]
+    total = plant.T @ flow[:size, size:]
+    for _ in range(doublings):
+        total = total + plant.T @ total @ plant
+        plant = plant @ plant
+    if not (np.isfinite(plant).all() and np.isfinite(total).all()):
+        raise StatementError(f'period = {period:g}: too long for this plant')
+    total = 0.5 * (total + total.T)
+    return plant[:n, :n], plant[:n, n:], replace(
+        weights, Qx=total[:n, :n], Qu=total[n:, n:], cross=total[:n, n:])
+
+
+def held(A: Array, B: Array, time: float) -> tuple[Array, Array]:
+    """Return (Ad, Bd) of dx/dt = A x + B u with u held for a time [s]."""
+    n, m = B.shape
+    M = np.zeros((n + m, n + m))
+    M[:n, :n], M[:n, n:] = A, B
+    flow = expm(M * time)
+    return flow[:n, :n], flow[:n, n:]
+
+
+def prediction(A: Array, B: Array, period: float, delay: float) -> tuple[Array, tuple[Array, ...]]:
+    """
+    Return Phi, Gamma with x(t_k + delay) = Phi x_k + Gamma_1 u_(k-1) + Gamma_2 u_(k-2) + ...
+
+    Parameters
+    ----------
+    A, B : ndarray, shape (n, n) and (n, m)
+        The plant in continuous time.
+    period, delay : float
+        [s]
+
+    """
+    whole, rest = _split(period, delay)
+    carried = np.eye(len(A))
+    gammas: list[Array] = []
+    # The oldest command still acts for the part of a period, the younger ones for a whole one.
+    for length in ([rest] if rest else []) + [period] * whole:
+        step, push = held(A, B, length)
+        gammas = [step @ gamma for gamma in gammas] + [push]
+        carried = step @ carried
+    return carried, tuple(reversed(gammas))
+
+
+def closed_loop(A: Array, B: Array, K: Array, period: float, delay: float,
+                Phi: Array | None = None, Gamma: tuple[Array, ...] = ()) -> Array:
+    """
+    Return the loop of (x_k, u_(k-1), ..., u_(k-d)) under a gain and a delay.
+
+    Without `Phi` the gain acts on x_k as if there were no delay; with it on the predicted state.
+
+    Parameters
+    ----------
+    A, B, K : ndarray, shape (n, n), (n, m), (m, n)
+        The plant in continuous time and the gain.
+    period, delay : float
+        [s]
+    Phi, Gamma : ndarray and tuple of ndarray, optional
+        From `prediction`.
+
+    """
+    n, m = B.shape
+    whole, rest = _split(period, delay)
+    held_back = whole + bool(rest)
+    late, early = held(A, B, rest), held(A, B, period - rest)
+    commands = [-K @ (np.eye(n) if Phi is None else Phi)] + [
+        -K @ gamma for gamma in Gamma] + [np.zeros((m, m))] * (held_back - len(Gamma))
+    u = np.concatenate(commands[:held_back + 1], axis=1)
+    past = [np.concatenate([np.zeros((m, n + j * m)), np.eye(m),
+                            np.zeros((m, (held_back - 1 - j) * m))], axis=1)
+            for j in range(held_back)]
+    newest_first = [u, *past]
+    # In the period from t_k on the command of `held_back` periods ago acts for `rest` seconds.
+    x = np.eye(n, n + held_back * m)
+    x = late[0] @ x + late[1] @ newest_first[held_back]
+    x = early[0] @ x + early[1] @ newest_first[whole]
+    return np.concatenate([x, *newest_first[:held_back]])
+
+
+def spectral_radius(M: Array) -> float:
+    """Return the largest modulus of the eigenvalues of M."""
+    return float(np.abs(np.linalg.eigvals(M)).max())
+
+
+def _split(period: float, delay: float) -> tuple[int, float]:
+    """Return the whole periods in a delay and the rest of it [s]."""
+    whole = math.floor(delay / period + _WHOLE)
+    rest = delay - whole * period
+    return whole, rest if rest > _WHOLE * period else 0.0
+
+
+def _check_times(period: float, delay: float) -> None:
+    if not (math.isfinite(period) and period > 0.0):
+        raise StatementError(f'period = {period:g}: wanted a positive number of seconds')
+    if not (math.isfinite(delay) and delay >= 0.0):
+        raise StatementError(f'delay = {delay:g}: wanted 0 or a positive number of seconds')
+    if delay > MOST * period:
+        raise StatementError(f'delay = {delay:g}: more than {MOST} periods of {period:g} s')

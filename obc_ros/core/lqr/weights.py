@@ -1,0 +1,259 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Choosing the cost of a linear quadratic regulator (section 2.5).
+
+The cost is the integral of x'Qx x + 2 x'N u + u'Qu u. This is the one way from the numbers that
+someone typed to Qx, Qu and N: nothing else turns lists into weights.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.riccati.checks import semidefinite
+from obc_ros.core.text.errors import shown, StatementError
+
+Numbers = Sequence[float] | Sequence[Sequence[float]] | Array
+
+KINDS = ('matrices', 'bryson', 'output')
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """
+    The cost of a linear quadratic regulator.
+
+    Attributes
+    ----------
+    Qx, Qu : ndarray, shape (n, n) and (m, m)
+        State and input weights.
+    cross : ndarray, shape (n, m), or None
+        N of 2 x'N u.
+    stability : float
+        Prescribed degree of stability [1/s]: the cost is weighted with exp(2 stability t), so that
+        the closed-loop poles lie left of -stability.
+
+    """
+
+    Qx: Array
+    Qu: Array
+    cross: Array | None = None
+    stability: float = 0.0
+
+
+def choose(n: int, m: int, *, weights: str = 'matrices', Qx: Numbers = (), Qu: Numbers = (),
+           cross: Numbers = (), x_max: Numbers = (), u_max: Numbers = (), H: Numbers = (),
+           rho: float = 1.0, stability: float = 0.0) -> Weights:
+    """
+    Return the cost that was asked for, from plain lists of numbers.
+
+    Parameters
+    ----------
+    n, m : int
+        Number of states and inputs.
+    weights : str
+        'matrices': from Qx and Qu; 'bryson': from x_max and u_max; 'output': from H and rho.
+        What the chosen kind does not use is ignored, so that one can switch between kinds.
+    Qx, Qu : sequence of float
+        n or n*n, m or m*m numbers: a diagonal, or a full matrix row by row.
+    cross : sequence of float
+        n*m numbers row by row, or none.
+    x_max, u_max : sequence of float
+        n and m numbers, see `from_bryson`.
+    H : sequence of float
+        p*n numbers row by row, see `from_output`.
+    rho : float
+        Input weight of 'output'.
+    stability : float
+        Prescribed degree of stability [1/s].
+
+    Raises
+    ------
+    StatementError
+        If a list has a wrong number of entries, or an entry is no number or out of range. The
+        definiteness of Qx and Qu is judged by the design.
+
+    """
+    if weights == 'matrices':
+        chosen = from_matrices(n, m, Qx, Qu)
+    elif weights == 'bryson':
+        chosen = from_bryson(n, m, x_max, u_max)
+    elif weights == 'output':
+        chosen = from_output(n, m, H, rho)
+    else:
+        raise StatementError(f'weights = {weights!r}: wanted one of {", ".join(KINDS)}')
+    degree = number('stability', stability)
+    if degree < 0.0:
+        raise StatementError(f'stability = {degree:g}: wanted 0 or a positive number')
+    N = _list('cross', cross)
+    if N.size not in (0, n * m):
+        raise StatementError(f'cross has {count(N.size)}; wanted {n * m} (a full matrix row by '
+                             'row)')
+    return replace(chosen, cross=N.reshape(n, m) if N.size else None, stability=degree)
+
+
+def from_matrices(n: int, m: int, Qx: Numbers, Qu: Numbers) -> Weights:
+    """Return the cost with weights Qx (n or n*n numbers) and Qu (m or m*m numbers)."""
+    return Weights(square('Qx', Qx, n), square('Qu', Qu, m))
+
+
+def from_bryson(n: int, m: int, x_max: Numbers, u_max: Numbers) -> Weights:
+    """
+    Return diagonal weights by Bryson's rule: the inverse squares of the largest deviations.
+
+    Parameters
+    ----------
+    n, m : int
+        Number of states and inputs.
+    x_max, u_max : sequence of float
+        Largest acceptable deviation of each state (n numbers; inf: of no concern) and each input
+        (m numbers), each in its own unit.
+
+    Raises
+    ------
+    StatementError
+        If there are not so many, or one is not positive.
+
+    """
+    return Weights(np.diag(_inverse_squares('x_max', x_max, n, may_be_infinite=True)),
+                   np.diag(_inverse_squares('u_max', u_max, m, may_be_infinite=False)))
+
+
+def from_output(n: int, m: int, H: Numbers, rho: float) -> Weights:
+    """
+    Return Qx = H'H and Qu = rho I, which keep the output z = H x small.
+
+    Parameters
+    ----------
+    n, m : int
+        Number of states and inputs.
+    H : sequence of float
+        p*n numbers, row by row, for p outputs.
+    rho : float
+        Input weight against the square of z; positive.
+
+    Raises
+    ------
+    StatementError
+        If the numbers of H are no rows of n, or rho is not positive.
+
+    """
+    rows = _list('H', H)
+    if rows.size == 0 or rows.size % n:
+        raise StatementError(f'H has {count(rows.size)}; wanted a multiple of {n} (rows of {n})')
+    rows = rows.reshape(-1, n)
+    weight = number('rho', rho)
+    if weight <= 0.0:
+        raise StatementError(f'rho = {weight:g}: wanted a positive number')
+    return Weights(rows.T @ rows, weight * np.eye(m))
+
+
+def with_integrals(A: Array, B: Array, weights: Weights, C: Numbers, Qi: Numbers
+                   ) -> tuple[Array, Array, Weights]:
+    """
+    Augment a plant with the integrals of chosen outputs, so that a regulator rejects constants.
+
+    The state becomes (x, xi) with dxi/dt = C x.
+
+    Parameters
+    ----------
+    A, B : ndarray, shape (n, n) and (n, m)
+        The plant.
+    weights : Weights
+        Its cost.
+    C : sequence of float
+        p*n numbers row by row: the outputs to integrate.
+    Qi : sequence of float
+        p or p*p numbers: weight of the integrals.
+
+    Returns
+    -------
+    A, B : ndarray, shape (n+p, n+p) and (n+p, m)
+        The augmented plant.
+    weights : Weights
+        Its cost.
+
+    Raises
+    ------
+    StatementError, RefusedDesignError
+        If a list has a wrong length, or Qi is not positive semidefinite.
+
+    """
+    n, m = B.shape
+    rows = _list('C', C)
+    if rows.size == 0 or rows.size % n:
+        raise StatementError(f'C has {count(rows.size)}; wanted a multiple of {n} (rows of {n})')
+    rows = rows.reshape(-1, n)
+    p = len(rows)
+    augmented_A = np.zeros((n + p, n + p))
+    augmented_A[:n, :n] = A
+    augmented_A[n:, :n] = rows
+    augmented_B = np.zeros((n + p, m))
+    augmented_B[:n] = B
+    Qx = np.zeros((n + p, n + p))
+    Qx[:n, :n] = weights.Qx
+    Qx[n:, n:] = semidefinite('Qi', square('Qi', Qi, p), p)
+    cross = None
+    if weights.cross is not None:
+        cross = np.zeros((n + p, m))
+        cross[:n] = weights.cross
+    return augmented_A, augmented_B, replace(weights, Qx=Qx, cross=cross)
+
+
+def square(name: str, numbers: Numbers, n: int) -> Array:
+    """
+    Return the (n, n) matrix that n (a diagonal) or n*n (row by row) numbers mean.
+
+    Raises
+    ------
+    StatementError
+        If there are neither n nor n*n finite numbers; the message begins with `name`.
+
+    """
+    values = _list(name, numbers)
+    if values.size == n:
+        return np.diag(values)
+    if values.size == n * n:
+        return values.reshape(n, n)
+    wanted = f'{n} (a diagonal) or {n * n} (a full matrix row by row)' if n > 1 else '1'
+    raise StatementError(f'{name} has {count(values.size)}; wanted {wanted}')
+
+
+def number(name: str, value: Any) -> float:
+    """Return a finite float, or say that `name` is none."""
+    return float(_list(name, [value])[0])
+
+
+def _inverse_squares(name: str, numbers: Numbers, n: int, may_be_infinite: bool) -> Array:
+    values = _list(name, numbers, finite=not may_be_infinite)
+    if values.size != n:
+        raise StatementError(f'{name} has {count(values.size)}; wanted {n}')
+    for i, value in enumerate(values):
+        if not value >= 1e-150:
+            raise StatementError(f'{name}[{i}] = {value:g}: wanted a positive number')
+    return 1.0 / values**2
+
+
+def count(size: int) -> str:
+    """Return how many numbers there are, in words."""
+    return '1 number' if size == 1 else f'{size or "no"} numbers'
+
+
+def _list(name: str, numbers: Any, finite: bool = True) -> Array:
+    """Return a flat copy as floats; a number is named by its place when it cannot be used."""
+    try:
+        values = np.array(numbers).ravel()
+    except ValueError as error:
+        raise StatementError(f'{name}: wanted numbers in rows of equal length') from error
+    if values.size == 0:
+        return np.zeros(0)
+    if values.dtype.kind not in 'fiu':
+        raise StatementError(f'{name}: wanted numbers but found {shown(str(numbers))}')
+    values = values.astype(float)
+    if finite and not np.isfinite(values).all():
+        i = int(np.flatnonzero(~np.isfinite(values))[0])
+        raise StatementError(f'{name}[{i}] = {values[i]:g}: wanted a finite number')
+    return values

@@ -1,0 +1,265 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Between which values an expression stays while its symbols stay within bounds: interval arithmetic.
+
+The bounds hold whatever the values are, and are wider than need be where a symbol stands several
+times. Every operation rounds outward: sums by the sign of their error, which is known; products,
+quotients and roots, which IEEE 754 rounds correctly, to the next double unless they are exact;
+functions of the C library, which errs by less than 2 units in the last place, by 4 units.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+from math import inf, nextafter, pi
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+
+_UNITS = 4        # in the last place: beyond the error of any function of the C library
+_FAR = 1e6        # an argument of a wave, beyond which where its turns lie is not asked
+_TURN = 1e-14     # relative: how near a turn of a wave counts as passed
+
+
+@dataclass(frozen=True)
+class Interval:
+    """All numbers from `low` to `high`; they may be infinite."""
+
+    low: float
+    high: float
+
+
+WHOLE = Interval(-inf, inf)
+
+
+def enclosure(function: ca.Function, boxes: list[tuple[Array, Array]]) -> list[Interval]:
+    """
+    Return an interval for each entry of the one output of a function of SX.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        Of columns, made of casadi.SX.
+    boxes : list of (lower, upper)
+        Bounds of each argument, of its shape.
+
+    """
+    work: dict[int, Interval] = {}
+    result = [Interval(0.0, 0.0)] * function.nnz_out(0)
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        inputs, outputs = function.instruction_input(k), function.instruction_output(k)
+        if operation == ca.OP_INPUT:
+            lower, upper = boxes[inputs[0]]
+            work[outputs[0]] = Interval(float(lower[inputs[1]]), float(upper[inputs[1]]))
+        elif operation == ca.OP_CONST:
+            value = float(function.instruction_constant(k))
+            work[outputs[0]] = Interval(value, value)
+        elif operation == ca.OP_OUTPUT:
+            result[outputs[1]] = work[inputs[0]]
+        else:
+            apply = _OPERATIONS.get(operation)
+            found = apply(*(work[index] for index in inputs)) if apply else WHOLE
+            undefined = math.isnan(found.low) or math.isnan(found.high)
+            work[outputs[0]] = WHOLE if undefined else found
+    return result
+
+
+def plus(a: Interval, b: Interval) -> Interval:
+    """Return where sums of numbers of two intervals are."""
+    return Interval(_sum(a.low, b.low, -inf), _sum(a.high, b.high, inf))
+
+
+def times(a: Interval, b: Interval) -> Interval:
+    """Return where products of numbers of two intervals are."""
+    ends = [(x, y) for x in (a.low, a.high) for y in (b.low, b.high)]
+    return Interval(min(_product(x, y, -inf) for x, y in ends),
+                    max(_product(x, y, inf) for x, y in ends))
+
+
+def _sum(x: float, y: float, towards: float) -> float:
+    """Return x + y, rounded towards -inf or inf (D. Knuth: the error of a sum is a double)."""
+    total = x + y
+    if not math.isfinite(total):
+        # an infinite end stays; one that has overflowed is no bound
+        overflowed = math.isfinite(x) and math.isfinite(y) and total != towards
+        return math.copysign(_LARGEST, total) if overflowed else total
+    part = total - x
+    error = (x - (total - part)) + (y - part)
+    off = error > 0 if towards > 0 else error < 0
+    return nextafter(total, towards) if off or error != error else total
+
+
+def _product(x: float, y: float, towards: float) -> float:
+    # 0 * inf is the product of a zero and of something large, not of something infinite
+    if x == 0.0 or y == 0.0:
+        return 0.0
+    value = x * y
+    if abs(x) == 1.0 or abs(y) == 1.0 or math.isinf(x) or math.isinf(y):
+        return value
+    return _outward(value, towards)
+
+
+def _quotient(x: float, y: float, towards: float) -> float:
+    if x == 0.0:
+        return 0.0
+    if math.isinf(y):
+        return 0.0   # of two infinite ends others say all that there is to say
+    value = x / y
+    return value if abs(y) == 1.0 or math.isinf(x) else _outward(value, towards)
+
+
+def _outward(value: float, towards: float, units: int = 1) -> float:
+    """Return a bound of what was rounded to a value."""
+    if math.isinf(value):
+        return value if value == towards else math.copysign(_LARGEST, value)
+    for _ in range(units):
+        value = nextafter(value, towards)
+    return value
+
+
+def _subtract(a: Interval, b: Interval) -> Interval:
+    return plus(a, Interval(-b.high, -b.low))
+
+
+def _divide(a: Interval, b: Interval) -> Interval:
+    if b.low <= 0.0 <= b.high:
+        return WHOLE
+    ends = [(x, y) for x in (a.low, a.high) for y in (b.low, b.high)]
+    return Interval(min(_quotient(x, y, -inf) for x, y in ends),
+                    max(_quotient(x, y, inf) for x, y in ends))
+
+
+def _square(a: Interval) -> Interval:
+    ends = abs(a.low), abs(a.high)
+    least = 0.0 if a.low <= 0.0 <= a.high else min(ends)
+    return Interval(max(0.0, _product(least, least, -inf)),
+                    _product(max(ends), max(ends), inf))
+
+
+def _raised(x: float, n: float, towards: float) -> float:
+    """Return x to a power n > 0, rounded."""
+    if x in (0.0, 1.0) or math.isinf(x):
+        return float(x**n)
+    try:
+        value = float(x**n)
+    except OverflowError:
+        value = math.copysign(inf, x)
+    return _outward(value, towards, _UNITS)
+
+
+def _power(a: Interval, b: Interval) -> Interval:
+    if b.low != b.high or not math.isfinite(b.low):
+        return WHOLE
+    n = b.low
+    if n < 0:
+        return _divide(Interval(1.0, 1.0), _power(a, Interval(-n, -n)))
+    if n == 0:
+        return Interval(1.0, 1.0)
+    if n == 2.0:
+        return _square(a)
+    if n % 2.0 == 0.0:
+        return _power(_square(a), Interval(n / 2, n / 2))
+    if n % 2.0 == 1.0:
+        return Interval(_raised(a.low, n, -inf), _raised(a.high, n, inf))
+    if a.low >= 0:
+        return Interval(max(0.0, _raised(a.low, n, -inf)), _raised(a.high, n, inf))
+    return WHOLE
+
+
+def _wave(function: Callable[[float], float], peak: float) -> Callable[[Interval], Interval]:
+    """Return the enclosure of a wave of period 2 pi between -1 and 1 that is 1 at `peak`."""
+    def enclose(a: Interval) -> Interval:
+        if not a.high - a.low < 2 * pi or max(abs(a.low), abs(a.high)) > _FAR:
+            return Interval(-1.0, 1.0)
+        ends = function(a.low), function(a.high)
+        near = _TURN * (1 + max(abs(a.low), abs(a.high)))
+
+        def passes(at: float) -> bool:
+            turn = at + 2 * pi * math.ceil((a.low - near - at) / (2 * pi))
+            return turn <= a.high + near or turn - 2 * pi >= a.low - near
+        return Interval(
+            -1.0 if passes(peak + pi) else max(-1.0, _outward(min(ends), -inf, _UNITS)),
+            1.0 if passes(peak) else min(1.0, _outward(max(ends), inf, _UNITS)))
+    return enclose
+
+
+def _tangent(a: Interval) -> Interval:
+    near = _TURN * (1 + max(abs(a.low), abs(a.high)))
+    if not max(abs(a.low), abs(a.high)) < _FAR:
+        return WHOLE
+    branch = math.floor((a.low - near) / pi + 0.5)
+    if branch != math.floor((a.high + near) / pi + 0.5):
+        return WHOLE
+    return Interval(_outward(math.tan(a.low), -inf, _UNITS),
+                    _outward(math.tan(a.high), inf, _UNITS))
+
+
+def _rising(function: Callable[[float], float], within: tuple[float, float] = (-inf, inf),
+            among: tuple[float, float] = (-inf, inf), units: int = _UNITS
+            ) -> Callable[[Interval], Interval]:
+    """Return the enclosure of what rises `within` bounds and has its values `among` others."""
+    def value(x: float, towards: float) -> float:
+        try:
+            found = function(x)
+        except OverflowError:
+            found = math.copysign(inf, x)
+        except ValueError:   # log(0)
+            return -inf
+        if found == 0.0 == x or math.isinf(found):
+            return found
+        return _outward(found, towards, units)
+
+    def enclose(a: Interval) -> Interval:
+        low, high = max(a.low, within[0]), min(a.high, within[1])
+        if low > high:
+            return WHOLE   # it is defined nowhere
+        return Interval(max(among[0], value(low, -inf)), min(among[1], value(high, inf)))
+    return enclose
+
+
+def _falling(function: Callable[[float], float], within: tuple[float, float],
+             among: tuple[float, float]) -> Callable[[Interval], Interval]:
+    rising = _rising(lambda x: function(-x), (-within[1], -within[0]), among)
+    return lambda a: rising(Interval(-a.high, -a.low))
+
+
+def _size(a: Interval) -> Interval:
+    ends = abs(a.low), abs(a.high)
+    return Interval(0.0 if a.low <= 0.0 <= a.high else min(ends), max(ends))
+
+
+_LARGEST = float(np.finfo(np.float64).max)
+_PI = nextafter(pi, inf)
+_HYPERBOLIC = _rising(math.cosh, (0.0, inf), (1.0, inf))
+
+_OPERATIONS: dict[int, Callable[..., Interval]] = {
+    ca.OP_ADD: plus,
+    ca.OP_SUB: _subtract,
+    ca.OP_MUL: times,
+    ca.OP_DIV: _divide,
+    ca.OP_NEG: lambda a: Interval(-a.high, -a.low),
+    ca.OP_TWICE: lambda a: plus(a, a),
+    ca.OP_INV: lambda a: _divide(Interval(1.0, 1.0), a),
+    ca.OP_SQ: _square,
+    ca.OP_POW: _power,
+    ca.OP_CONSTPOW: _power,
+    ca.OP_SQRT: _rising(math.sqrt, (0.0, inf), (0.0, inf), 1),
+    ca.OP_EXP: _rising(math.exp, among=(0.0, inf)),
+    ca.OP_LOG: _rising(math.log, (0.0, inf)),
+    ca.OP_TANH: _rising(math.tanh, among=(-1.0, 1.0)),
+    ca.OP_SINH: _rising(math.sinh),
+    ca.OP_COSH: lambda a: _HYPERBOLIC(_size(a)),
+    ca.OP_ATAN: _rising(math.atan, among=(-_PI / 2, _PI / 2)),
+    ca.OP_ASIN: _rising(math.asin, (-1.0, 1.0), (-_PI / 2, _PI / 2)),
+    ca.OP_ACOS: _falling(math.acos, (-1.0, 1.0), (0.0, _PI)),
+    ca.OP_TAN: _tangent,
+    ca.OP_SIN: _wave(math.sin, pi / 2),
+    ca.OP_COS: _wave(math.cos, 0.0),
+    ca.OP_FABS: _size,
+    ca.OP_FMIN: lambda a, b: Interval(min(a.low, b.low), min(a.high, b.high)),
+    ca.OP_FMAX: lambda a, b: Interval(max(a.low, b.low), max(a.high, b.high)),
+    ca.OP_ATAN2: lambda y, x: Interval(-_PI, _PI),
+}

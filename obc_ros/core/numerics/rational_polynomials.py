@@ -1,0 +1,289 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Expressions as polynomials with rational coefficients, in exact arithmetic.
+
+Two expressions that have the same polynomial are equal wherever both are defined. Functions such
+as sin, and inverses of sums, count as further symbols. Of these it is known that the squares of
+sin and cos add up to 1, that the square of a root is what stands under it, and that an inverse
+times its sum is 1. Other identities are not seen, so that expressions with different polynomials
+may be equal, too.
+
+A number is read as the shortest decimal that gives it, which is how it was written: 0.1 is 1/10.
+"""
+
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from math import isfinite
+
+import casadi as ca
+from obc_ros.core.numerics.arrays import Array
+
+# Generators with their exponents, in the order of the generators.
+Monomial = tuple[tuple[int, int], ...]
+Polynomial = dict[Monomial, Fraction]
+Row = dict[int, Fraction]
+
+_MOST_TERMS = 3000
+_MOST_POWER = 12
+_ONE: Monomial = ()
+
+
+class TooHardError(Exception):
+    """An expression has a number that is not finite, or too many terms."""
+
+
+def rational(value: float) -> Fraction:
+    """Return the number that a double stands for, as it is written."""
+    if not isfinite(value):
+        raise TooHardError
+    return Fraction(repr(float(value)))
+
+
+class Algebra:
+    """The symbols that some polynomials share; `symbols` of them come first."""
+
+    def __init__(self, symbols: int) -> None:
+        self.symbols = symbols
+        self._known: dict[object, int] = {}
+        self._kinds: dict[int, tuple[int, Polynomial, int]] = {}   # operation, operand, partner
+        self._next = symbols
+
+    def generator(self, index: int) -> Polynomial:
+        """Return a symbol."""
+        return {((index, 1),): Fraction(1)}
+
+    def add(self, a: Polynomial, b: Polynomial, factor: Fraction = Fraction(1)) -> Polynomial:
+        """Return a + factor b."""
+        total = dict(a)
+        for monomial, value in b.items():
+            new = total.get(monomial, Fraction(0)) + factor * value
+            if new:
+                total[monomial] = new
+            else:
+                total.pop(monomial, None)
+        if len(total) > _MOST_TERMS:
+            raise TooHardError
+        return total
+
+    def multiply(self, a: Polynomial, b: Polynomial) -> Polynomial:
+        """Return a b."""
+        if len(a) * len(b) > 10 * _MOST_TERMS:
+            raise TooHardError
+        total: Polynomial = {}
+        for left, x in a.items():
+            for right, y in b.items():
+                powers = dict(left)
+                for generator, exponent in right:
+                    powers[generator] = powers.get(generator, 0) + exponent
+                term = tuple(sorted((g, e) for g, e in powers.items() if e))
+                total = self.add(total, self._reduced(term, x * y))
+        return total
+
+    def power(self, a: Polynomial, exponent: int) -> Polynomial:
+        """Return a to a whole power."""
+        if abs(exponent) > _MOST_POWER:
+            raise TooHardError
+        base, total = a if exponent >= 0 else self.inverse(a), constant(1)
+        for _ in range(abs(exponent)):
+            total = self.multiply(total, base)
+        return total
+
+    def inverse(self, a: Polynomial) -> Polynomial:
+        """Return 1 / a."""
+        if not a:
+            raise TooHardError
+        if len(a) == 1:
+            [(monomial, value)] = a.items()
+            return self._reduced(tuple((g, -e) for g, e in monomial), 1 / value)
+        lead = a[max(a)]
+        scaled = {monomial: value / lead for monomial, value in a.items()}
+        return {((self._atom(ca.OP_INV, scaled), 1),): 1 / lead}
+
+    def apply(self, operation: int, operands: Sequence[Polynomial]) -> Polynomial:
+        """Return what an operation of CasADi makes of polynomials."""
+        simple = _SIMPLE.get(operation)
+        if simple:
+            return simple(self, *operands)
+        if operation in (ca.OP_POW, ca.OP_CONSTPOW) and set(operands[1]) <= {_ONE}:
+            exponent = operands[1].get(_ONE, Fraction(0))
+            if exponent.denominator == 1:
+                return self.power(operands[0], int(exponent))
+            if exponent.denominator == 2 and abs(exponent.numerator) <= _MOST_POWER:
+                return self.power(self.apply(ca.OP_SQRT, operands[:1]), exponent.numerator)
+        if operation == ca.OP_TAN:
+            return self.multiply(self.apply(ca.OP_SIN, operands),
+                                 self.inverse(self.apply(ca.OP_COS, operands)))
+        if operation in (ca.OP_SIN, ca.OP_COS) and operands[0]:
+            [a] = operands
+            if a[max(a)] < 0:
+                value = self.apply(operation, [negative(a)])
+                return value if operation == ca.OP_COS else negative(value)
+        if len(operands) == 1:
+            return self.generator(self._atom(operation, operands[0]))
+        key = (operation, *(frozenset(each.items()) for each in operands))
+        return self.generator(self._index(key))
+
+    def cleared(self, polynomials: Sequence[Polynomial]) -> list[Polynomial]:
+        """Return polynomials times a common factor that leaves no inverse of a sum in them."""
+        found = list(polynomials)
+        for generator in sorted(self._kinds, reverse=True):   # later ones hold earlier ones
+            operation, operand, _ = self._kinds[generator]
+            most = max((dict(term).get(generator, 0) for each in found for term in each),
+                       default=0)
+            if operation == ca.OP_INV and most > 0:
+                found = [self._without(each, generator, operand, most) for each in found]
+        return found
+
+    def _without(self, a: Polynomial, generator: int, operand: Polynomial, most: int
+                 ) -> Polynomial:
+        total: Polynomial = {}
+        for term, value in a.items():
+            rest = tuple(each for each in term if each[0] != generator)
+            missing = most - dict(term).get(generator, 0)
+            total = self.add(total, self.multiply({rest: value}, self.power(operand, missing)))
+        return total
+
+    def _index(self, key: object) -> int:
+        if key not in self._known:
+            self._known[key] = self._next
+            self._next += 1
+        return self._known[key]
+
+    def _atom(self, operation: int, operand: Polynomial) -> int:
+        """Return the generator of a function of a polynomial."""
+        key = frozenset(operand.items())
+        index = self._index((operation, key))
+        partner = self._index((ca.OP_COS, key)) if operation == ca.OP_SIN else -1
+        if operation == ca.OP_SIN:
+            self._kinds.setdefault(partner, (ca.OP_COS, operand, -1))
+        self._kinds.setdefault(index, (operation, operand, partner))
+        return index
+
+    def _reduced(self, term: Monomial, value: Fraction) -> Polynomial:
+        """Return a monomial with the squares of sines and roots replaced."""
+        for k, (generator, exponent) in enumerate(term):
+            operation, operand, partner = self._kinds.get(generator, (-1, {}, -1))
+            rest: Polynomial = {term[:k] + term[k + 1:]: value}
+            if operation == ca.OP_SIN and exponent > 1:
+                square = self.add(constant(1), {((partner, 2),): Fraction(1)}, Fraction(-1))
+                left = self.power(self.generator(generator), exponent - 2)
+                return self.multiply(self.multiply(rest, left), square)
+            if operation == ca.OP_SQRT and exponent > 1:
+                left = self.power(self.generator(generator), exponent - 2)
+                return self.multiply(self.multiply(rest, left), operand)
+            if operation == ca.OP_INV and exponent < 0:
+                return self.multiply(rest, self.power(operand, -exponent))
+        return {term: value}
+
+
+def constant(value: int | Fraction) -> Polynomial:
+    """Return a number as a polynomial."""
+    return {_ONE: Fraction(value)} if value else {}
+
+
+def negative(a: Polynomial) -> Polynomial:
+    """Return -a."""
+    return {monomial: -value for monomial, value in a.items()}
+
+
+_SIMPLE: dict[int, Callable[..., Polynomial]] = {
+    ca.OP_ADD: lambda algebra, a, b: algebra.add(a, b),
+    ca.OP_SUB: lambda algebra, a, b: algebra.add(a, b, Fraction(-1)),
+    ca.OP_MUL: lambda algebra, a, b: algebra.multiply(a, b),
+    ca.OP_DIV: lambda algebra, a, b: algebra.multiply(a, algebra.inverse(b)),
+    ca.OP_NEG: lambda algebra, a: negative(a),
+    ca.OP_TWICE: lambda algebra, a: algebra.add(a, a),
+    ca.OP_INV: lambda algebra, a: algebra.inverse(a),
+    ca.OP_SQ: lambda algebra, a: algebra.multiply(a, a),
+}
+
+
+def polynomials(function: ca.Function, values: Sequence[Sequence[float | None] | Array]
+                ) -> tuple[Algebra, list[Polynomial]]:
+    """
+    Return the entries of the one output of a function of SX as polynomials.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        Of columns.
+    values : sequence of sequences
+        The numbers of each argument; None for a symbol, which are counted through.
+
+    Raises
+    ------
+    TooHardError
+        If there are too many terms, or a number is not finite.
+
+    """
+    place = {(i, k): number for number, (i, k) in enumerate(
+        (i, k) for i, column in enumerate(values) for k, value in enumerate(column)
+        if value is None)}
+    algebra = Algebra(len(place))
+    work: dict[int, Polynomial] = {}
+    result: list[Polynomial] = [{} for _ in range(function.nnz_out(0))]
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        inputs, outputs = function.instruction_input(k), function.instruction_output(k)
+        if operation == ca.OP_INPUT:
+            value = values[inputs[0]][inputs[1]]
+            work[outputs[0]] = (algebra.generator(place[inputs[0], inputs[1]]) if value is None
+                                else constant(rational(value)))
+        elif operation == ca.OP_CONST:
+            work[outputs[0]] = constant(rational(float(function.instruction_constant(k))))
+        elif operation == ca.OP_OUTPUT:
+            result[outputs[1]] = work[inputs[0]]
+        else:
+            work[outputs[0]] = algebra.apply(operation, [work[index] for index in inputs])
+    return algebra, result
+
+
+def affine_parts(a: Polynomial, symbols: int) -> tuple[list[Fraction], Fraction] | None:
+    """Return the coefficients of the symbols and the constant of a polynomial of degree 1."""
+    row, rest = [Fraction(0)] * symbols, Fraction(0)
+    for monomial, value in a.items():
+        if monomial == _ONE:
+            rest = value
+        elif len(monomial) == 1 and monomial[0][1] == 1 and monomial[0][0] < symbols:
+            row[monomial[0][0]] = value
+        else:
+            return None
+    return row, rest
+
+
+def reduced(rows: Sequence[Row]) -> dict[int, Row]:
+    """Return rows by their pivots, each the only one with an entry there, by elimination."""
+    found: dict[int, Row] = {}
+    for given in rows:
+        row = dict(given)
+        for pivot in [column for column in row if column in found]:
+            row = _less(row, found[pivot], row[pivot])
+        if not row:
+            continue
+        pivot = min(row)
+        row = {column: value / row[pivot] for column, value in row.items()}
+        for other, each in found.items():
+            if pivot in each:
+                found[other] = _less(each, row, each[pivot])
+        found[pivot] = row
+    return found
+
+
+def null_space(rows: Sequence[Row], columns: int) -> list[Row]:
+    """Return a basis of the vectors that rows take to zero."""
+    found = reduced(rows)
+    return [{free: Fraction(1)} | {pivot: -row[free] for pivot, row in found.items()
+                                   if free in row}
+            for free in range(columns) if free not in found]
+
+
+def _less(row: Row, other: Row, factor: Fraction) -> Row:
+    result = dict(row)
+    for column, value in other.items():
+        new = result.get(column, Fraction(0)) - factor * value
+        if new:
+            result[column] = new
+        else:
+            result.pop(column, None)
+    return result

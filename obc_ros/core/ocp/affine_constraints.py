@@ -1,0 +1,129 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Where the affine terminal constraints of a problem hold, in exact arithmetic."""
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Mask
+from obc_ros.core.numerics.rational_polynomials import (
+    affine_parts,
+    null_space,
+    polynomials,
+    Row,
+    TooHardError,
+)
+from obc_ros.core.ocp.problem import Problem
+
+_WELL = 1e-7        # relative: a singular value of the terminal constraints that counts as one
+_SLACK = 1e-9       # relative: a gap that is one
+_EQUILIBRATED = 4   # times that rows and columns are scaled before these are compared
+
+
+@dataclass(frozen=True)
+class Clash:
+    """A sum of terminal constraints that is 0 = gap; `weights` of each, by its number."""
+
+    weights: dict[int, Fraction]
+    gap: Fraction
+
+
+@dataclass(frozen=True)
+class End:
+    """
+    The states x + N y at which all affine terminal constraints hold.
+
+    Attributes
+    ----------
+    rows : dict of int to Row
+        The constraints A x + b = 0 by their numbers; b is in column n.
+    x : list of Fraction
+        A state that meets them, shape (n,), unless there is a clash.
+    directions : list of Row
+        A basis of the directions that the constraints leave free.
+    clash : Clash or None
+        What makes them exclude each other.
+    is_clear : bool
+        Whether it is beyond doubt which directions the constraints leave free: where rows are
+        all but dependent, states far away meet them but for a little.
+
+    """
+
+    rows: dict[int, Row]
+    x: list[Fraction]
+    directions: list[Row]
+    clash: Clash | None
+    is_clear: bool
+
+    def pinned(self) -> Mask:
+        """Return which states have one value only, shape (n,)."""
+        pinned = np.ones(len(self.x), dtype=bool)
+        pinned[[k for direction in self.directions for k in direction]] = False
+        return pinned
+
+
+def affine_end(problem: Problem) -> End | None:
+    """Return where the affine terminal constraints hold, None if there are none to speak of."""
+    n = problem.n
+    psi = ca.Function('psi', [problem.x, problem.p], [ca.densify(problem.psi)])
+    try:
+        found = polynomials(psi, [[None] * n, problem.p_value])[1] if problem.q else []
+    except TooHardError:
+        return None
+    rows: dict[int, Row] = {}
+    for number, each in enumerate(found):
+        if part := affine_parts(each, n):
+            rows[number] = {k: value for k, value in enumerate([*part[0], part[1]]) if value}
+    if not rows:
+        return None
+    echelon, clash = eliminated(rows, n)
+    x = [Fraction(0)] * n
+    for pivot in sorted(echelon, reverse=True):   # free states at 0, the others from the last one
+        row = echelon[pivot]
+        x[pivot] = -(row.get(n, Fraction(0)) + sum((
+            value * x[k] for k, value in row.items() if pivot < k < n), Fraction(0))) / row[pivot]
+    directions = null_space([{k: value for k, value in row.items() if k < n}
+                             for row in rows.values()], n)
+    clear = _rank(rows, n) == n - len(directions)
+    return End(rows, x, directions, clash, clear and clash is None)
+
+
+def eliminated(rows: dict[int, Row], n: int) -> tuple[dict[int, Row], Clash | None]:
+    """
+    Return rows in echelon form by their pivots, and the first clash that comes out.
+
+    `rows`: the constraints A x + b = 0 by their numbers; b is in column n.
+    """
+    echelon: dict[int, Row] = {}
+    clash = None
+    for number, given in rows.items():
+        row = given | {n + 1 + number: Fraction(1)}   # behind the constant: what it is a sum of
+        for pivot in range(n):
+            if pivot in row and pivot in echelon:
+                other = echelon[pivot]
+                factor = row[pivot] / other[pivot]
+                row = {k: value for k in {*row, *other} if (
+                    value := row.get(k, Fraction(0)) - factor * other.get(k, Fraction(0)))}
+        pivot = min((k for k in row if k < n), default=n)
+        if pivot < n:
+            echelon[pivot] = row
+        elif n in row and clash is None:
+            weights = {k - n - 1: value for k, value in row.items() if k > n}
+            size = sum((abs(value * rows[k].get(n, Fraction(0)))
+                        for k, value in weights.items()), Fraction(0))
+            if abs(row[n]) > Fraction(_SLACK) * size:
+                clash = Clash(weights, row[n])
+    return echelon, clash
+
+
+def _rank(rows: dict[int, Row], n: int) -> int:
+    """Return how many of the rows are independent by a margin, whatever their units."""
+    A = np.array([[float(row.get(k, 0)) for k in range(n)] for row in rows.values()])
+    for _ in range(_EQUILIBRATED):
+        for axis in (0, 1):
+            size = np.abs(A).max(axis=axis, keepdims=True)
+            A = A / np.sqrt(np.where(size > 0, size, 1.0))
+    sizes = np.linalg.svd(A, compute_uv=False)
+    return int(np.sum(sizes > _WELL * sizes.max(initial=0.0)))

@@ -1,0 +1,496 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Pontryagin's conditions (Theorem 2.1) for an answer, from the problem and the answer alone.
+
+Every residual has no unit. With |.| the largest absolute value over time,
+
+    s_i = |x_i|,  l = max_i s_i |lam_i|,
+    c = integral of |L| + |V(x(T))|,  H0 = max over time of abs L + abs lam' abs f
+
+are what counts as one in x_i, in the cost, in s_i lam_i and in H; where one of them vanishes the
+others give it a floor (`_Scales`). States that stay at their origin vanish, too, though rounding
+errors of the inputs move them. Intervals are between samples; the input of the answer is linear
+or constant in each, as the answer says, and is replayed from the returned x and lam of the
+interval's start (`replay`), or lam from its end where only that is stable: a defect is what is
+left at the other end. The sum over all intervals is what counts, so that a finer grid does not
+hide an error.
+
+============== ===============================================================================
+dynamics       sum over intervals of max_i |defect of x_i| / s_i; and, where a terminal constraint
+               has no multiplier, so that the costates do not see what is done to meet it, 1e-2 of
+               the change of the inputs that would make up for the defects (`defect_correction`)
+start          max_i |x_i(0) - x0_i| / s_i, and |t(0)| / T
+end            max_j |psi_j(x(T))| / (sum_i |dpsi_j/dx_i| s_i), x(T) replayed; for a given T also
+               |t(T) - T| / T; and 1e-3 |nu|'|psi(x(T))| / (integral of |L| + |V(x(T))|), for what
+               is met in the limit only costs without end to meet more closely
+bounds         largest excess of u at samples, of x and of the path constraints at samples and,
+               by cubic interpolation of the replay, between them; over the constraint's scale,
+               for c(x, u) = 0 the largest sum of |dc_j/dx_i| s_i and |dc_j/du_i| |u_i|
+costate        sum over intervals and jumps of max_i s_i |defect of lam_i| / l, the defect of
+               dlam/dt = -dH/dx - s - c_x' m less what multipliers of active state bounds and
+               path constraints account for, their masses of the right sign
+minimum        max over samples of (H - min over the input set of H) / H0, and 10 times the
+               integral of this difference over c, whichever is larger; where path constraints
+               c <= b hold inputs, of H + m'c with m'(b - c), if it is larger
+transversality max_i s_i |lam_i(T) - dV/dx_i - (nu' dpsi/dx)_i| / l, nu least squares if the
+               answer has none; bounds active at T may account for it as in `costate`
+hamiltonian    (max H - min H over samples) / H0, and largest error of the returned H / H0
+final_time     for a free T: |H(T)| / H0, or only its wrong sign (H > 0 at the upper end of the
+               admissible times, H < 0 at the lower), and the excess of T / T
+cost           e / c, e = |integral of L + V(x(T)) - objective|, both replayed; and
+               0.1 (e + g) / max(integral of |L| + |V(x(T))|, 1e-4 l), g being what it costs, to
+               first order, to make up for what is missed: |nu|'|psi(x(T))| + |lam(0)'(x(0) - x0)
+               + sum of lam'(defects of x)|
+============== ===============================================================================
+"""
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from functools import partial
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.vectorized import Batch
+from obc_ros.core.ocp.certificate.defect_correction import correction
+from obc_ros.core.ocp.certificate.hamiltonian_minimum import InputMinimum, Points
+from obc_ros.core.ocp.certificate.hamiltonian_minimum import Scales as InputScales
+from obc_ros.core.ocp.certificate.replay import Integrator, Intervals, LEAST_COST, PARTS
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Certificate, Solution
+
+# A coarse mesh, a local minimum of H or a wrong multiplier are far above these, an answer whose
+# cost is right to six digits is below.
+TOLERANCES = {
+    'dynamics': 1e-6, 'start': 1e-6, 'end': 1e-6, 'bounds': 1e-6, 'costate': 1e-4,
+    'minimum': 1e-4, 'transversality': 1e-4, 'hamiltonian': 1e-4, 'final_time': 1e-4,
+    'cost': 1e-6}
+REPLAY_ERROR = 1e-7   # estimated, of all intervals together
+ACTIVE = 1e-5   # of its scale: how near its bound an active constraint is
+_KEPT = 32
+_FORCELESS = 1e-6  # of the size of lam: multipliers of terminal constraints that bear on nothing
+# A cost is right to 1e-5, to first order; costates 1e4 times as large belong to no cost at all.
+_OF_COST, _ABNORMAL = 0.1, 1e-4
+_ROUNDING = 1e-9, 1e-10   # of the unit of x; of f, relative to what the inputs make of it
+
+
+def certify(problem: Problem, solution: Solution) -> Certificate:
+    """
+    Return the residuals of the necessary conditions that an answer leaves.
+
+    Nothing but `problem` and the answer's t, x, u, lam, nu, hamiltonian, objective, interpolation
+    and multipliers is used. An answer whose arrays do not fit together, or are not finite, has
+    infinite residuals.
+    """
+    keys = [key for key in TOLERANCES if key != 'final_time' or problem.final_time.free]
+    tolerances = {key: TOLERANCES[key] for key in keys}
+    if not _fits(problem, solution):
+        return Certificate(dict.fromkeys(keys, np.inf), tolerances)
+    found = _Judge(problem, solution, _functions(problem)).residuals()
+    return Certificate({key: float(found[key]) if np.isfinite(found[key]) else np.inf
+                        for key in keys}, tolerances)
+
+
+class _Functions:
+    """What of a problem's structure is evaluated, built once."""
+
+    def __init__(self, problem: Problem) -> None:
+        x, u, p = problem.x, problem.u, problem.p
+        self.integrator = Integrator(problem)
+        self.minimum = InputMinimum(problem)
+        self.end = Batch([x, p], [problem.V, ca.gradient(problem.V, x), problem.psi,
+                                  ca.jacobian(problem.psi, x).T])
+        if problem.path.numel():
+            rate = ca.SX.sym('rate', problem.m)
+            path_x = ca.jacobian(problem.path, x)
+            self.path_x = Batch([x, u, p], [path_x.T])
+            self.path_u = Batch([x, u, p], [ca.jacobian(problem.path, u).T])
+            self.path_rate = Batch([x, u, rate, p], [
+                ca.mtimes(path_x, problem.f) + ca.mtimes(ca.jacobian(problem.path, u), rate)])
+
+
+_cache: OrderedDict[str, _Functions] = OrderedDict()
+
+
+def _functions(problem: Problem) -> _Functions:
+    if not problem.structure:
+        return _Functions(problem)
+    if problem.structure not in _cache:
+        _cache[problem.structure] = _Functions(problem)
+        if len(_cache) > _KEPT:
+            _cache.popitem(last=False)
+    _cache.move_to_end(problem.structure)
+    return _cache[problem.structure]
+
+
+def _fits(problem: Problem, solution: Solution) -> bool:
+    """Return whether the arrays of an answer have their shapes and are finite and in order."""
+    N = len(solution.t)
+    shapes = [(solution.t, (N,)), (solution.x, (N, problem.n)), (solution.u, (N, problem.m)),
+              (solution.lam, (N, problem.n)), (solution.hamiltonian, (N,))]
+    if solution.state_multipliers is not None:
+        shapes.append((solution.state_multipliers, (N, problem.n)))
+    if solution.path_multipliers is not None:
+        shapes.append((solution.path_multipliers, (N, problem.path.numel())))
+    if solution.nu.size:
+        shapes.append((solution.nu, (problem.q,)))
+    return (N >= 2 and solution.interpolation in ('linear', 'zoh')
+            and all(np.shape(array) == shape and bool(np.all(np.isfinite(array)))
+                    for array, shape in shapes)
+            and bool(np.all(np.diff(solution.t) >= 0)) and solution.t[-1] > solution.t[0])
+
+
+@dataclass(frozen=True, eq=False)
+class _Scales:
+    x: Array
+    u: Array
+    lam: float
+    H: float
+    cost: float
+    spent: float
+
+
+class _Judge:
+    """One answer beside its problem; a method for each condition."""
+
+    def __init__(self, problem: Problem, solution: Solution, functions: _Functions) -> None:
+        self.problem, self.solution, self.functions = problem, solution, functions
+        self.p = problem.p_value
+        self.duration = float(solution.t[-1] - solution.t[0])
+        self.rows = np.flatnonzero(np.diff(solution.t) > 0)
+        self.intervals = self._intervals()
+        self.x_scale = self._x_scale()
+        lam = float((np.abs(solution.lam) * self.x_scale).max())
+        least = 1e-3 * LEAST_COST if lam else 1.0
+        scale = np.append(self.x_scale, max(lam, least) / self.x_scale)
+        allowed, lam_end = REPLAY_ERROR / len(self.rows), solution.lam[self.rows + 1]
+        run = self.intervals, self.p, scale, allowed
+        ahead = functions.integrator.replay(*run)
+        self.costates_from = partial(functions.integrator.there_and_back, ahead,
+                                     self.intervals, lam_end, *run[1:])
+        self.growth = partial(functions.integrator.growth, ahead, *run[:3])
+        self.replay, self.lam_defect = self.costates_from()
+        self.points = self._points()
+        # Two rows: where the replay ends, and where the answer does.
+        self.end = functions.end(np.stack([self.replay.x[-1, -1], solution.x[-1]]), self.p)
+        self.lam_size = lam
+        self.scales = self._scales(lam)
+
+    def residuals(self) -> dict[str, float]:
+        """
+        Return all residuals.
+
+        Where states decay fast costates grow from the starts of intervals, and their rounding
+        errors with them: what is left there counts if it is less where it does not grow, at the
+        starts. That is looked at where it may be little enough.
+        """
+        found = self._residuals()
+        allowed = TOLERANCES['costate']
+        if (self.replay.converged and allowed < found['costate']
+                and not found['costate'] > allowed * self.growth()):
+            ahead = self.replay, self.lam_defect, self.points, self.scales
+            self.replay, self.lam_defect = self.costates_from(back=True)
+            self.points = self._points()
+            self.scales = self._scales(self.lam_size)
+            other = self._residuals() if self.replay.converged else found
+            if other['costate'] < found['costate']:
+                return other
+            self.replay, self.lam_defect, self.points, self.scales = ahead
+        return found
+
+    def _residuals(self) -> dict[str, float]:
+        with np.errstate(all='ignore'):
+            excess, upper_active, lower_active = self._bounds()
+            return {
+                'dynamics': self._dynamics(),
+                'start': self._start(),
+                'end': self._end(),
+                'bounds': excess,
+                'costate': self._costate(upper_active, lower_active),
+                'minimum': self._minimum(),
+                'transversality': self._transversality(upper_active[-1], lower_active[-1]),
+                'hamiltonian': self._hamiltonian(),
+                'final_time': self._final_time(),
+                'cost': self._cost(),
+            }
+
+    def _intervals(self) -> Intervals:
+        solution, k = self.solution, self.rows
+        ends = k if solution.interpolation == 'zoh' else k + 1
+        none = np.zeros((len(solution.t), self.problem.path.numel()))
+        s, m = solution.state_multipliers, solution.path_multipliers
+        s, m = np.zeros_like(solution.x) if s is None else s, none if m is None else m
+        return Intervals(
+            h=np.diff(solution.t)[k], x=solution.x[k], lam=solution.lam[k], ua=solution.u[k],
+            ub=solution.u[ends], sa=s[k], sb=s[k + 1], ma=m[k], mb=m[k + 1])
+
+    def _points(self) -> Points:
+        """Return H and what belongs to it at the quarters of all intervals."""
+        course, tau = self.replay, np.linspace(0, 1, PARTS + 1)[None, :, None]
+        # A defect of lam is the business of `costate`: here lam passes through its samples.
+        lam = course.lam - tau*(course.lam[:, -1:] - self.solution.lam[self.rows + 1, None])
+        mu = (1 - tau)*self.intervals.ma[:, None] + tau*self.intervals.mb[:, None]
+        # Of a bound that is none a multiplier says nothing of H.
+        mu = np.clip(mu, np.where(np.isfinite(self.problem.path_lower), -np.inf, 0.0),
+                     np.where(np.isfinite(self.problem.path_upper), np.inf, 0.0))
+        return self.functions.minimum.points(
+            self.problem, *(array.reshape(mu.shape[0]*mu.shape[1], -1 if array.size else 0)
+                            for array in (course.x, course.u, lam, mu)))
+
+    def _by_interval(self, values: Array) -> Array:
+        return np.asarray(values.reshape(len(self.rows), PARTS + 1))
+
+    def _x_scale(self) -> Array:
+        size = np.abs(self.solution.x).max(axis=0)
+        if size.max() <= _ROUNDING[0] and self._at_rest():
+            size = np.zeros_like(size)
+        return np.asarray(np.maximum(size, 1e-2 * min(1.0, float(size.max())) or 1.0))
+
+    def _at_rest(self) -> bool:
+        """Return whether the inputs hold x = 0, where the path starts, but for rounding."""
+        if self.problem.x0.any():
+            return False
+        x, u, f = self.problem.x, self.problem.u, self.problem.f
+        size = ca.SX.sym('size', self.problem.m)
+        load = Batch([x, u, size, self.problem.p], [
+            f, ca.mtimes(ca.fabs(ca.jacobian(f, u)), size)])
+        left, most = load(np.zeros_like(self.solution.x), self.solution.u, self._u_scale(), self.p)
+        return bool(np.all(np.abs(left) <= _ROUNDING[1] * most))
+
+    def _u_scale(self) -> Array:
+        half = 0.5 * (self.problem.u_upper - self.problem.u_lower)
+        size = np.maximum(np.abs(self.solution.u).max(axis=0), 1e-2)
+        return np.where(np.isfinite(half) & (half > 0), half, size)
+
+    def _scales(self, lam: float) -> _Scales:
+        running = float(self.intervals.h @ np.abs(self._by_interval(self.points.L)).mean(axis=1))
+        spent = running + abs(float(self.end[0][1, 0]))
+        cost = max(spent, 1e-3 * lam, LEAST_COST)
+        H = max(float(self.points.size.max()), 1e-3 * cost / self.duration)
+        return _Scales(x=self.x_scale, u=self._u_scale(), lam=max(lam, 1e-3 * cost), H=H,
+                       cost=cost, spent=spent)
+
+    def _dynamics(self) -> float:
+        if not self.replay.converged:
+            return np.inf
+        defect = np.abs(self._jumps())
+        return max(float((defect / self.scales.x).max(axis=1).sum()), 1e-2 * self._correction())
+
+    def _correction(self) -> float:
+        """Return by how much inputs differ from ones that lead to the end, if lam says nothing."""
+        if not self.problem.q:
+            return 0.0
+        slopes = self.end[3][0].reshape(self.problem.q, -1)
+        sizes = np.abs(slopes) @ self.scales.x
+        if not np.any(np.abs(self._nu()) * sizes <= _FORCELESS * self.scales.lam):
+            return 0.0
+        jumps = self._jumps()
+        after = np.zeros((len(self.rows), self.problem.n))
+        np.add.at(after, np.maximum(np.searchsorted(self.rows, np.arange(len(jumps)), 'right') - 1,
+                                    0), jumps)
+        return correction(
+            self.problem, self.replay.x[:, PARTS // 2], self.replay.u[:, PARTS // 2],
+            self.intervals.h, after, (slopes, np.where(sizes > 0, sizes, 1.0)), self.scales.u)
+
+    def _start(self) -> float:
+        gap = np.abs(self.solution.x[0] - self.problem.x0) / self.scales.x
+        return max(float(gap.max()), abs(float(self.solution.t[0])) / self.duration)
+
+    def _end(self) -> float:
+        final = self.problem.final_time
+        late = 0.0 if final.free else abs(float(self.solution.t[-1]) - final.value) / final.value
+        _, _, psi, psi_x = self.end
+        if not self.problem.q:
+            return late
+        size, missed = np.abs(psi_x[0].reshape(self.problem.q, -1)) @ self.scales.x, np.abs(psi[0])
+        worth = float(np.abs(self.solution.nu) @ missed) if self.solution.nu.size else 0.0
+        return max(late, float((missed / np.where(size > 0, size, 1.0)).max()),
+                   1e-3 * worth / max(self.scales.spent, LEAST_COST))
+
+    def _bounds(self) -> tuple[float, Mask, Mask]:
+        """Return the largest excess, and which constraints are active, (K, n + l): x, path."""
+        problem, at = self.problem, self.points
+        value, slope = np.hstack([at.x, at.c]), at.f
+        if problem.path.numel():
+            rate = (self.intervals.ub - self.intervals.ua) / self.intervals.h[:, None]
+            slope = np.hstack([slope, self.functions.path_rate(
+                at.x, at.u, np.repeat(rate, PARTS + 1, axis=0), self.p)[0]])
+        lower = np.concatenate([problem.x_lower, problem.path_lower])
+        upper = np.concatenate([problem.x_upper, problem.path_upper])
+        size = np.concatenate([self.scales.x, np.abs(at.c).max(axis=0)])
+        u_size = np.abs(self.scales.u)
+        for bound in (lower, upper):
+            size = np.maximum(size, np.where(np.isfinite(bound), np.abs(bound), 0.0))
+        zero = (problem.path_lower == 0) & (problem.path_upper == 0)
+        if zero.any():
+            size[problem.n:] = np.where(zero, self._terms(), size[problem.n:])
+        for bound in (problem.u_lower, problem.u_upper):
+            u_size = np.maximum(u_size, np.where(np.isfinite(bound), np.abs(bound), 0.0))
+        size = np.where(size > 0, size, 1.0)
+        u_excess = np.maximum(problem.u_lower - self.solution.u,
+                              self.solution.u - problem.u_upper)
+        excess = float((u_excess / u_size).max(initial=0.0))
+        K = len(self.rows)
+        upper_active = np.zeros((K, len(size)), dtype=bool)
+        lower_active = np.zeros((K, len(size)), dtype=bool)
+        h = self.intervals.h / PARTS
+        for row in np.flatnonzero(np.isfinite(lower) | np.isfinite(upper)):
+            g, dg = self._by_interval(value[:, row]), self._by_interval(slope[:, row])
+            high, low = _highest(g, dg, h), -_highest(-g, -dg, h)
+            over = np.maximum(high - upper[row], lower[row] - low) / size[row]
+            excess = max(excess, float(over.max()))
+            # What exceeds a bound is still active there.
+            upper_active[:, row] = high >= upper[row] - ACTIVE*size[row]
+            lower_active[:, row] = low <= lower[row] + ACTIVE*size[row]
+        return excess, upper_active, lower_active
+
+    def _terms(self) -> Array:
+        """Return the largest sum of the terms of each path constraint, (l,)."""
+        at, u = self.points, np.abs(self.solution.u).max(axis=0)
+        x_slope, u_slope = (np.abs(slope(at.x, at.u, self.p)[0]).reshape(
+            len(at.x), -1, len(size)) for slope, size in (
+                (self.functions.path_x, self.scales.x), (self.functions.path_u, u)))
+        return np.asarray((x_slope @ self.scales.x + u_slope @ u).max(axis=0))
+
+    def _costate(self, upper: Mask, lower: Mask) -> float:
+        solution, k, held = self.solution, self.rows, self.intervals
+        if not self.replay.converged:
+            return np.inf
+        h = held.h[:, None]
+        mass = np.hstack([0.5*h*(held.sa + held.sb), 0.5*h*(held.ma + held.mb)])
+        left = self._unexplained(self.lam_defect, solution.x[k + 1], held.ub, upper, lower, mass)
+        total = float(left.sum())
+        jumps = np.flatnonzero(np.diff(solution.t) == 0)
+        if jumps.size:
+            # A jump is next to the interval that ends there, and to the one that begins.
+            after = np.minimum(np.searchsorted(k, jumps), len(k) - 1)
+            before = np.maximum(np.searchsorted(k, jumps) - 1, 0)
+            total += float(self._unexplained(
+                solution.lam[jumps] - solution.lam[jumps + 1], solution.x[jumps],
+                solution.u[jumps], upper[before] | upper[after], lower[before] | lower[after],
+                np.zeros((len(jumps), mass.shape[1]))).sum())
+        return total
+
+    def _unexplained(self, defect: Array, x: Array, u: Array, upper: Mask, lower: Mask,
+                     mass: Array) -> Array:
+        """
+        Return the part of each costate defect that no admissible multiplier accounts for.
+
+        `defect` (K, n): lam before less after; `mass` (K, n + l): what multipliers account for.
+        """
+        n = self.problem.n
+        rest = defect * (self.scales.x / self.scales.lam)
+        possible = np.flatnonzero(upper.any(axis=0) | lower.any(axis=0) | mass.any(axis=0))
+        lost = np.zeros(len(rest))
+        columns = {int(row): self._column(int(row), x, u) for row in possible}
+        for row, column in columns.items():
+            # Mass where the constraint is not active is a wrong multiplier.
+            size = np.abs(column).max(axis=1)
+            lost += size * np.where(upper[:, row], 0.0, np.maximum(mass[:, row], 0.0))
+            lost += size * np.where(lower[:, row], 0.0, np.maximum(-mass[:, row], 0.0))
+        extra = np.zeros((len(rest), n + self.problem.path.numel()))
+        for _ in range(20 if len(columns) > 1 else 1):
+            for row, column in columns.items():
+                norm = np.maximum(np.einsum('ki,ki->k', column, column), 1e-300)
+                wanted = extra[:, row] + np.einsum('ki,ki->k', rest, column) / norm
+                least = np.where(lower[:, row], -np.inf, np.where(
+                    upper[:, row], -np.maximum(mass[:, row], 0.0), 0.0))
+                most = np.where(upper[:, row], np.inf, np.where(
+                    lower[:, row], np.maximum(-mass[:, row], 0.0), 0.0))
+                new = np.clip(wanted, least, most)
+                rest = rest - (new - extra[:, row])[:, None] * column
+                extra[:, row] = new
+        return np.asarray(np.abs(rest).max(axis=1) + lost)
+
+    def _column(self, row: int, x: Array, u: Array) -> Array:
+        """Return the scaled gradient of a state bound or path constraint, shape (K, n)."""
+        n = self.problem.n
+        if row < n:
+            column = np.zeros((len(x), n))
+            column[:, row] = 1.0
+        else:
+            column = self.functions.path_x(x, u, self.p)[0][:, (row - n)*n:(row - n + 1)*n]
+        return np.asarray(column * (self.scales.x / self.scales.lam))
+
+    def _minimum(self) -> float:
+        first = np.arange(len(self.rows)) * (PARTS + 1)
+        gap = self._by_interval(self.functions.minimum.gap(
+            self.problem, self.points, np.append(first, len(self.points.x) - 1),
+            InputScales(self.scales.u, self.scales.H)))
+        samples = gap[:, :1] if self.solution.interpolation == 'zoh' else gap[:, [0, -1]]
+        given_away = float(self.intervals.h @ (gap @ (np.array([7, 32, 12, 32, 7]) / 90)))
+        scale = max(self.scales.cost, 1e-3 * self.scales.H * self.duration)
+        return max(float(samples.max()) / self.scales.H, 10.0 * given_away / scale)
+
+    def _transversality(self, upper: Mask, lower: Mask) -> float:
+        q, solution = self.problem.q, self.solution
+        _, V_x, _, psi_x = self.end
+        rest = solution.lam[-1] - V_x[1]
+        if q:
+            rest = rest - psi_x[1].reshape(q, -1).T @ self._nu()
+        return float(self._unexplained(
+            rest[None], solution.x[-1:], self.intervals.ub[-1:], upper[None], lower[None],
+            np.zeros((1, len(upper))))[0])
+
+    def _hamiltonian(self) -> float:
+        H, given = self._by_interval(self.points.H)[:, [0, -1]], self.solution.hamiltonian
+        error = np.abs(H - np.column_stack([given[self.rows], given[self.rows + 1]]))
+        if self.solution.interpolation == 'zoh':
+            H, error = H[:, 0], error[:, 0]
+        return float(max(np.ptp(H), error.max()) / self.scales.H)
+
+    def _final_time(self) -> float:
+        final, T = self.problem.final_time, float(self.solution.t[-1])
+        if not final.free:
+            return 0.0
+        outside = max(final.lower - T, T - final.upper, 0.0) / self.duration
+        H = float(self.points.H[-1]) / self.scales.H
+        wrong = max(H, 0.0) if final.upper * (1 - 1e-9) <= T else abs(H)
+        if final.lower * (1 + 1e-9) >= T:
+            wrong = max(-H, 0.0) if final.lower < final.upper else 0.0
+        return max(wrong, outside)
+
+    def _cost(self) -> float:
+        J = float(self.replay.cost.sum() + self.end[0][0, 0])
+        error, owed = abs(J - self.solution.objective), self._owed()
+        unit = max(self.scales.spent, _ABNORMAL * self.scales.lam, LEAST_COST)
+        return max(error / self.scales.cost, _OF_COST * (error + owed) / unit)
+
+    def _owed(self) -> float:
+        """Return what it costs, to first order, to make up for what start, path and end miss."""
+        lam, missed = self.solution.lam, self.solution.x[0] - self.problem.x0
+        end = float(np.abs(self._nu()) @ np.abs(self.end[2][0])) if self.problem.q else 0.0
+        return end + abs(float(lam[0] @ missed + np.sum(lam[1:] * self._jumps())))
+
+    def _jumps(self) -> Array:
+        """Return the defects of x, (N - 1, n): samples less where the replay ends."""
+        jumps = np.diff(self.solution.x, axis=0)
+        jumps[self.rows] = self.solution.x[self.rows + 1] - self.replay.x[:, -1]
+        return np.asarray(jumps)
+
+    def _nu(self) -> Array:
+        """Return the multipliers of the terminal constraints (q,): least squares if none."""
+        if self.solution.nu.size:
+            return self.solution.nu
+        slopes = self.end[3][1].reshape(self.problem.q, -1) * self.scales.x
+        rest = (self.solution.lam[-1] - self.end[1][1]) * self.scales.x
+        return np.asarray(np.linalg.lstsq(slopes.T, rest, rcond=None)[0])
+
+
+def _highest(value: Array, slope: Array, h: Array) -> Array:
+    """
+    Return the largest value of the cubics through samples, shape (K,).
+
+    `value`, `slope` (K, parts + 1) at equally spaced times, `h` (K,) apart.
+    """
+    a, b = value[:, :-1], value[:, 1:]
+    da, db = slope[:, :-1] * h[:, None], slope[:, 1:] * h[:, None]
+    # The cubic's derivative in tau is q0 + 2 q1 tau + 3 q2 tau^2.
+    q1, q2 = 3*(b - a) - 2*da - db, 2*(a - b) + da + db
+    root = np.sqrt(np.maximum(q1**2 - 3*q2*da, 0.0))
+    # The maximum, in the form that does not cancel for small q2.
+    bottom = root - q1
+    tau = np.clip(np.where(bottom > 0, da / np.where(bottom > 0, bottom, 1.0), 0.0), 0.0, 1.0)
+    inner = a + tau*(da + tau*(q1 + tau*q2))
+    return np.asarray(np.maximum(value.max(axis=1), inner.max(axis=1)))

@@ -1,0 +1,326 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What the input of an answer does between the answer's own samples.
+
+Over each interval [t_k, t_k + h] the equations
+
+    dx/dt = f(x, u),   dlam/dt = -dH/dx - s - c_x' m,   dJ/dt = L(x, u)
+
+are integrated from the returned x_k and lam_k under the returned input, with s and m the
+densities of the multipliers of state bounds and path constraints. The method is the explicit
+Runge-Kutta pair of Dormand and Prince, order 5, in equal steps that are halved until the
+embedded error estimate is small: nothing of how the answer was found enters.
+
+Where f is affine and L quadratic and many steps would be needed, as of stiff plants, matrix
+exponentials take their place (`affine_replay`), which are exact.
+
+Where the states decay so fast within an interval that costates grow beyond all numbers, these are
+integrated from the returned lam at the interval's end back to its start, along the states found
+on the way there: what decays one way decays for the other then, and a defect is what is left at
+the start. Steps are halved until two courses agree.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+import math
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array, Index
+from obc_ros.core.numerics.vectorized import Batch
+from obc_ros.core.ocp.certificate.affine_replay import AffineReplay, courses, Rates
+from obc_ros.core.ocp.problem import Problem
+
+# J. R. Dormand, P. J. Prince, A family of embedded Runge-Kutta formulae,
+# J. Comput. Appl. Math. 6 (1980), RK5(4)7M.
+_C = (0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0)
+_A = (
+    (),
+    (1 / 5,),
+    (3 / 40, 9 / 40),
+    (44 / 45, -56 / 15, 32 / 9),
+    (19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729),
+    (9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656),
+    (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84),
+)
+_ERROR = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
+# E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, II.6: the course
+# within a step, of order 4.
+_DENSE = (-12715105075 / 11282082432, 0.0, 87487479700 / 32700410799,
+          -10690763975 / 1880347072, 701980252875 / 199316789632, -1453857185 / 822651844,
+          69997945 / 29380423)
+
+PARTS = 4           # an interval is seen at its quarters
+FEWEST_STEPS = 2    # in one interval
+_MANY_STEPS = 32    # likewise, beyond which exponentials are taken where they can be
+_STEPS_BACK = 32    # likewise, there and back
+_AT_ONCE = 256      # intervals, there and back
+_FAR = 1e3          # times its scale: beyond it what is integrated grows without end
+LEAST_COST = 1e-6   # what counts as one in a cost that vanishes
+MOST_STEPS = 2048
+
+
+@dataclass(frozen=True, eq=False)
+class Intervals:
+    """
+    The intervals of an answer: where each starts, and its input and multiplier densities.
+
+    `h` (K,); `x`, `lam` (K, n) at the start; `ua`, `ub` (K, m), `sa`, `sb` (K, n) and `ma`, `mb`
+    (K, l) at the start and at the end, linear in between.
+    """
+
+    h: Array
+    x: Array
+    lam: Array
+    ua: Array
+    ub: Array
+    sa: Array
+    sb: Array
+    ma: Array
+    mb: Array
+
+    def some(self, rows: Index) -> 'Intervals':
+        """Return the intervals of these numbers."""
+        return Intervals(**{name: values[rows] for name, values in vars(self).items()})
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """
+    The course of each interval at its quarters 0, 1/4, 1/2, 3/4, 1.
+
+    `x`, `lam` (K, 5, n), `u` (K, 5, m), `cost` (K,) the integral of L over each interval,
+    `failed` the intervals whose error estimates stayed above the limit.
+    """
+
+    x: Array
+    lam: Array
+    u: Array
+    cost: Array
+    failed: Index
+
+    @property
+    def converged(self) -> bool:
+        """Return whether all error estimates came below the limit."""
+        return not self.failed.size
+
+
+class Integrator:
+    """The right-hand sides for a problem's states, costates and cost, for any numbers."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        lam, s = ca.SX.sym('lam', problem.n), ca.SX.sym('s', problem.n)
+        mu = ca.SX.sym('mu', problem.path.numel())
+        H = problem.L + ca.dot(lam, problem.f) + ca.dot(mu, problem.path)
+        self._rate = Batch([ca.vertcat(problem.x, lam), ca.vertcat(problem.u, s, mu), problem.p],
+                           [problem.f, -ca.gradient(H, problem.x) - s, problem.L])
+
+    def replay(self, intervals: Intervals, p: Array, scale: Array, tolerance: float) -> Replay:
+        """
+        Return the course of every interval.
+
+        Parameters
+        ----------
+        intervals : Intervals
+            Starts, inputs and multiplier densities.
+        p : ndarray
+            Values of the parameters.
+        scale : ndarray, shape (2 n,)
+            What counts as one in x and lam; in the cost it is the cost found, or `LEAST_COST`.
+        tolerance : float
+            Largest scaled error of an interval.
+
+        """
+        K, n = intervals.x.shape
+        z = np.empty((K, PARTS + 1, 2*n + 1))
+        rows, steps, before = np.arange(K), FEWEST_STEPS, 0
+        while rows.size and steps > before:
+            with np.errstate(all='ignore'):
+                z[rows], error = self._course(intervals.some(rows), p, steps)
+            cost = max(float(np.abs(z[:, -1, -1]).sum()), LEAST_COST)
+            error = np.max(error / np.append(scale, cost), axis=1)
+            # A course that is not finite is tried again with smaller steps.
+            bad = ~(error <= tolerance)
+            rows, error = rows[bad], error[bad]
+            worst = float(error.max(initial=0.0)) if np.all(np.isfinite(error)) else np.inf
+            # The estimate goes down with the fourth power of the number of steps.
+            wanted = 1.3 * steps * min((worst / tolerance)**0.25, 50.0)
+            more = PARTS * max(-(-2*steps // PARTS), math.ceil(wanted / PARTS))
+            before, steps = steps, min(more, MOST_STEPS)
+            if rows.size and steps > _MANY_STEPS and (rates := self._rates(intervals, p, scale)):
+                z[rows] = self._exactly(rates, intervals.some(rows), intervals.lam[rows])
+                # Costates that grow that far are followed from the ends.
+                rows = rows[~(np.abs(z[rows, :, :2*n]) <= _FAR * scale).all(axis=(1, 2))]
+                break
+        parts = np.linspace(0.0, 1.0, PARTS + 1)[None, :, None]
+        u = (1 - parts)*intervals.ua[:, None] + parts*intervals.ub[:, None]
+        return Replay(x=z[:, :, :n], lam=z[:, :, n:2*n], u=u, cost=z[:, -1, -1],
+                      failed=rows)
+
+    def there_and_back(self, course: Replay, intervals: Intervals, lam_end: Array, p: Array,
+                       scale: Array, tolerance: float, *, back: bool = False
+                       ) -> tuple[Replay, Array]:
+        """
+        Return a course with costates from the ends if they grow without end from the starts.
+
+        Parameters are those of `replay`, whose answer is `course`; `lam_end` (K, n) are the
+        returned costates at the ends, `back` whether they are taken from there anyway. The
+        second, (K, n), is what is left of lam in each interval: at its end, or at its start where
+        that is where the course goes.
+        """
+        n, failed, far = intervals.x.shape[1], course.failed, _FAR * scale
+        x, lam = (np.abs(part[failed]).max(axis=(0, 1)) if failed.size else np.zeros(n)
+                  for part in (course.x, course.lam))
+        if not np.all(x <= far[:n]) or np.all(lam <= far[n:]) and not back:
+            return course, course.lam[:, -1] - lam_end
+        z = np.full((len(intervals.x), PARTS + 1, 2*n + 1), np.inf)
+        if rates := self._rates(intervals, p, scale):
+            z = self._exactly(rates, intervals, lam_end, back=True)
+            return self._from_ends(course, intervals, z, np.flatnonzero(
+                ~np.isfinite(z).all(axis=(1, 2))))
+        left, steps = np.arange(len(z)), _STEPS_BACK
+        while left.size and steps <= MOST_STEPS:
+            before = z[left]
+            with np.errstate(all='ignore'):
+                for part in np.array_split(left, -(-len(left) // _AT_ONCE)):
+                    z[part] = self._both_ways(intervals.some(part), lam_end[part], p, steps)
+                cost = max(float(np.abs(z[:, -1, -1]).sum()), LEAST_COST)
+                error = np.abs(z[left] - before).max(axis=1) / np.append(scale, cost)
+            left, steps = left[~(error.max(axis=1) <= tolerance)], 2 * steps
+        return self._from_ends(course, intervals, z, left)
+
+    @staticmethod
+    def _from_ends(course: Replay, intervals: Intervals, z: Array, failed: Index
+                   ) -> tuple[Replay, Array]:
+        """Return a course whose costates come from the ends, and what is left at the starts."""
+        n = intervals.x.shape[1]
+        defect = intervals.lam - z[:, 0, n:2*n]
+        parts = np.linspace(0.0, 1.0, PARTS + 1)[:, None]
+        z[:, :, n:2*n] += (1 - parts) * defect[:, None]
+        return Replay(z[:, :, :n], z[:, :, n:2*n], course.u, z[:, -1, -1], failed), defect
+
+    @cached_property
+    def _affine(self) -> AffineReplay:
+        return AffineReplay(self._problem)
+
+    def _rates(self, intervals: Intervals, p: Array, scale: Array) -> Rates | None:
+        """Return the matrices of an affine problem; None where it is none."""
+        return self._affine.rates(p, scale[:intervals.x.shape[1]], np.vstack(
+            _inputs(intervals)), intervals.h)
+
+    @staticmethod
+    def _exactly(rates: Rates, intervals: Intervals, lam: Array, *, back: bool = False) -> Array:
+        """Return (x, lam, J) at the quarters, (K, 5, 2 n + 1); lam at the ends if `back`."""
+        with np.errstate(all='ignore'):
+            return courses(rates, intervals.h, intervals.x, _inputs(intervals), lam, PARTS, back)
+
+    def growth(self, course: Replay, intervals: Intervals, p: Array, scale: Array) -> float:
+        """
+        Return the most by which a defect of lam grows from the start of an interval to its end.
+
+        In units of `scale`, (2 n,), it is at most exp(h |df/dx|), here with Frobenius' norm, the
+        larger one of both ends.
+        """
+        if rates := self._rates(intervals, p, scale):
+            n = intervals.x.shape[1]
+            with np.errstate(over='ignore'):
+                return float(np.exp(intervals.h.max() * np.linalg.norm(rates.Y[:n, :n])))
+        K, n = intervals.x.shape
+        x, u, s, m = (np.concatenate(both) for both in (
+            (course.x[:, 0], course.x[:, -1]), (course.u[:, 0], course.u[:, -1]),
+            (intervals.sa, intervals.sb), (intervals.ma, intervals.mb)))
+        given = np.hstack([u, s, m])
+
+        def rate(lam: Array) -> Array:
+            state = np.hstack([x, np.broadcast_to(lam, x.shape)])
+            return self._rate.joined(state, given, p)[:, n:2*n]
+
+        with np.errstate(all='ignore'):
+            none = rate(np.zeros(n))   # the equation is linear in lam
+            slopes = np.stack([rate(row) - none for row in np.diag(scale[n:])], axis=1) / scale[n:]
+            size = np.linalg.norm(slopes, axis=(1, 2)).reshape(2, K).max(axis=0)
+            return float(np.exp(np.max(intervals.h * size)))
+
+    def _both_ways(self, intervals: Intervals, lam_end: Array, p: Array, steps: int) -> Array:
+        """Return (x, lam, J) at the quarters, (K, 5, 2 n + 1), in equal steps there and back."""
+        K, n = intervals.x.shape
+        h = intervals.h[:, None] / steps
+        x, J, lam = np.empty((steps + 1, K, n)), np.zeros(K), np.empty((steps + 1, K, n))
+        f, slopes = np.empty((steps + 1, K, n)), np.empty((len(_C) - 1, K, n + 1))
+
+        first, last = _inputs(intervals)
+        change = last - first
+
+        def rate(step: float, x: Array, lam: Array) -> Array:
+            return self._rate.joined(np.hstack([x, lam]), first + step / steps * change, p)
+
+        x[0], none = intervals.x, np.zeros((K, n))
+        for k in range(steps):
+            for i in range(len(_C) - 1):
+                now = x[k] + h*_sum(_A[i], slopes)[:, :n] if i else x[k]
+                slopes[i] = np.delete(rate(k + _C[i], now, none), slice(n, 2*n), axis=1)
+            f[k] = slopes[0, :, :n]
+            end = h*_sum(_A[-1], slopes)
+            x[k + 1], J = x[k] + end[:, :n], J + end[:, n]
+        f[steps], lam[steps] = rate(steps, x[steps], none)[:, :n], lam_end
+        back = np.empty((len(_C) - 1, K, n))
+        for k in range(steps - 1, -1, -1):
+            for i in range(len(_C) - 1):
+                now = lam[k + 1] + h*_sum(_A[i], back) if i else lam[k + 1]
+                between = _cubic(1 - _C[i], h, x[k:k + 2], f[k:k + 2])
+                back[i] = -rate(k + 1 - _C[i], between, now)[:, n:2*n]
+            lam[k] = lam[k + 1] + h*_sum(_A[-1], back)
+        quarters = np.arange(PARTS + 1) * (steps // PARTS)
+        cost = np.broadcast_to(J, (PARTS + 1, K))[:, :, None]
+        return np.concatenate([x[quarters], lam[quarters], cost], axis=2).swapaxes(0, 1)
+
+    def _course(self, intervals: Intervals, p: Array, steps: int) -> tuple[Array, Array]:
+        """Return z = (x, lam, J) at the quarters, and the sum of the steps' error estimates."""
+        K, n = intervals.x.shape
+        z = np.column_stack([intervals.x, intervals.lam, np.zeros(K)])
+        h = intervals.h[:, None] / steps
+
+        first, last = _inputs(intervals)
+        change = last - first
+
+        def rate(tau: float, z: Array) -> Array:
+            return self._rate.joined(z[:, :2*n], first + tau*change, p)
+
+        seen, total = [z], np.zeros_like(z)
+        slopes = np.empty((len(_C), *z.shape))
+        slopes[0] = rate(0.0, z)
+        for step in range(steps):
+            for i in range(1, len(_C)):
+                end = z + h*_sum(_A[i], slopes)
+                slopes[i] = rate((step + _C[i])/steps, end)
+            total += np.abs(h*_sum(_ERROR, slopes))
+            if steps < PARTS:
+                half = end - z
+                bend = h*slopes[0] - half
+                seen.append(z + (half + (bend + (half - h*slopes[-1] - bend
+                                                 + h*_sum(_DENSE, slopes)/2)/2)/2)/2)
+            # The last row of the pair is its step, and its slope the next one's first.
+            z, slopes[0] = end, slopes[-1]
+            if (step + 1) % max(steps // PARTS, 1) == 0:
+                seen.append(z)
+        return np.stack(seen, axis=1), total
+
+
+def _inputs(intervals: Intervals) -> tuple[Array, Array]:
+    """Return (u, s, m) at the start and at the end of each interval."""
+    return (np.hstack([intervals.ua, intervals.sa, intervals.ma]),
+            np.hstack([intervals.ub, intervals.sb, intervals.mb]))
+
+
+def _cubic(tau: float, h: Array, x: Array, f: Array) -> Array:
+    """Return the cubic through two values with their slopes, at the part tau of a step."""
+    return np.asarray(x[0] + tau * (h*f[0] + tau * (
+        3*(x[1] - x[0]) - h*(2*f[0] + f[1]) + tau*(2*(x[0] - x[1]) + h*(f[0] + f[1])))))
+
+
+def _sum(weights: tuple[float, ...], slopes: Array) -> Array:
+    """Return the sum of the first slopes, shape (., K, length), by weight."""
+    count = len(weights)
+    return np.asarray(np.dot(weights, slopes[:count].reshape(count, -1))).reshape(slopes.shape[1:])

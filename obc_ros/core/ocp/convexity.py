@@ -1,0 +1,273 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whether a problem is convex, shown by the rules of disciplined convex programming.
+
+An expression is a sum. Its terms with constant second derivatives are taken together: their matrix
+decides. Each other term is read from its leaves on: curvature and sign of an operation follow from
+those of its arguments (M. Grant, S. Boyd, Y. Ye, Disciplined convex programming, 2006). No point
+is evaluated, so that what is called convex is convex everywhere within the bounds; what the rules
+do not cover is called nothing.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.ocp.nonconvexity import semidefinite
+from obc_ros.core.ocp.problem import Problem
+
+_MOST_TERMS = 2000   # of a sum; where parts of it are shared they may be as many as 2 to the depth
+
+
+@dataclass(frozen=True)
+class Shape:
+    """
+    What is known of an expression over a convex set.
+
+    `convex`, `concave`: both for what is affine. `above`, `below`: whether it is >= 0, <= 0.
+    """
+
+    convex: bool = False
+    concave: bool = False
+    above: bool = False
+    below: bool = False
+
+    @property
+    def affine(self) -> bool:
+        """Return whether it is affine."""
+        return self.convex and self.concave
+
+    def negative(self) -> 'Shape':
+        """Return the shape of its negative."""
+        return Shape(self.concave, self.convex, self.below, self.above)
+
+    def times(self, factor: float) -> 'Shape':
+        """Return the shape of a multiple."""
+        return self.negative() if factor < 0 else self
+
+
+def convex_problem(problem: Problem) -> bool:
+    """
+    Return whether a path that satisfies Pontryagin's conditions is shown to be the best.
+
+    The final time is given; dynamics and terminal constraints are affine; costs are convex, as are
+    path constraints, each of the states alone or of the inputs alone (O. L. Mangasarian,
+    Sufficient conditions for the optimal control of nonlinear systems, SIAM J. Control 4, 1966).
+    """
+    z, values = ca.vertcat(problem.x, problem.u), ca.DM(problem.p_value)
+    f, psi, path, L, V = (ca.substitute(expression, problem.p, values) for expression in (
+        problem.f, problem.psi, problem.path, problem.L, problem.V))
+    if problem.final_time.free or ca.depends_on(ca.jacobian(ca.vertcat(f, psi), z), z):
+        return False
+    reader = _Reader(problem)
+    if not (reader.read(L).convex and reader.read(V).convex):
+        return False
+    for row, c in enumerate(ca.vertsplit(path)):
+        shape = reader.read(c)
+        if (np.isfinite(problem.path_upper[row]) and not shape.convex
+                or np.isfinite(problem.path_lower[row]) and not shape.concave
+                or ca.depends_on(c, problem.x) and ca.depends_on(c, problem.u)):
+            return False
+    return True
+
+
+class _Reader:
+    """The shapes of expressions of the states and inputs of a problem, within their bounds."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._x, self._u = problem.x, problem.u
+        self._z = ca.vertcat(problem.x, problem.u)
+        lower = np.concatenate([problem.x_lower, problem.u_lower])
+        upper = np.concatenate([problem.x_upper, problem.u_upper])
+        # With the expressions: while they live, no other one has their hash.
+        self._known = {
+            symbol.element_hash(): (symbol, Shape(True, True, low >= 0.0, high <= 0.0))
+            for symbol, low, high in zip(ca.vertsplit(self._z), lower, upper, strict=True)}
+
+    def read(self, expression: ca.SX) -> Shape:
+        """Return the shape of a sum."""
+        if self._is_quadratic(expression):
+            return self._quadratic(expression)
+        terms: list[tuple[float, ca.SX]] = []
+        try:
+            if not _split(1.0, expression, terms):
+                return Shape()
+            quadratic, found = ca.SX(0), _ZERO
+            for factor, term in terms:
+                if self._is_quadratic(term):
+                    quadratic += factor * term
+                else:
+                    found = _add(found, self._shape(term).times(factor))
+            return _add(found, self._quadratic(quadratic))
+        except RecursionError:   # too long to be read
+            return Shape()
+
+    def _is_quadratic(self, expression: ca.SX) -> bool:
+        """Return whether second derivatives are constant, and no slope jumps, as that of abs."""
+        slope = ca.gradient(expression, self._z)
+        return not (ca.depends_on(ca.jacobian(slope, self._z), self._z)
+                    or _jumps(slope, self._z))
+
+    def _quadratic(self, expression: ca.SX) -> Shape:
+        """Return the shape of an expression with constant second derivatives."""
+        H = ca.DM(ca.hessian(expression, self._z)[0]).full()
+        if not np.isfinite(H).all():
+            return Shape()
+        return Shape(semidefinite(H), semidefinite(-H))
+
+    def _shape(self, term: ca.SX) -> Shape:
+        key = term.element_hash()
+        if key not in self._known:
+            self._known[key] = term, self._operation(term)
+        return self._known[key][1]
+
+    def _operation(self, term: ca.SX) -> Shape:
+        if term.is_constant():
+            return _constant(float(term))
+        if term.is_symbolic():
+            return Shape()
+        operation, first = term.op(), term.dep(0)
+        if operation in _BINARY:
+            second = term.dep(1)
+            return _BINARY[operation](self._shape(first), self._shape(second))
+        if operation in (ca.OP_MUL, ca.OP_DIV):
+            return self._product(operation, first, term.dep(1))
+        if operation in (ca.OP_POW, ca.OP_CONSTPOW):
+            exponent = term.dep(1)
+            return (_power(self._shape(first), float(exponent)) if exponent.is_constant()
+                    else Shape())
+        if operation == ca.OP_FABS:   # its slope jumps: see `_apart`
+            return _absolute(self._shape(first)) if self._apart(first) else Shape(above=True)
+        if operation == ca.OP_SQRT and self._is_norm(first):
+            return Shape(convex=True, above=True)
+        apply = _UNARY.get(operation)
+        return apply(self._shape(first)) if apply else Shape()
+
+    def _product(self, operation: int, first: ca.SX, second: ca.SX) -> Shape:
+        a, b = self._shape(first), self._shape(second)
+        if second.is_constant():
+            factor = float(second)
+            if operation == ca.OP_DIV:
+                return a.times(factor) if factor else Shape()
+            return a.times(factor)
+        if first.is_constant():
+            inverse = _power(b, -1.0) if operation == ca.OP_DIV else b
+            return inverse.times(float(first))
+        base, exponent = _monomial(first)
+        same, more = _monomial(second)
+        if operation == ca.OP_MUL and base.element_hash() == same.element_hash():
+            return _power(self._shape(base), exponent + more)
+        above = a.above and b.above or a.below and b.below
+        return Shape(above=above, below=a.above and b.below or a.below and b.above)
+
+    def _apart(self, term: ca.SX) -> bool:
+        """
+        Return whether a term depends on states alone or on inputs alone.
+
+        Where the slope of another one jumps its parts by x and by u go together, which
+        Pontryagin's conditions do not ask for.
+        """
+        return not (ca.depends_on(term, self._x) and ca.depends_on(term, self._u))
+
+    def _is_norm(self, square: ca.SX) -> bool:
+        """Return whether an expression is the square of the norm of affine expressions."""
+        if not (self._is_quadratic(square) and self._apart(square)):
+            return False
+        H, slope = ca.hessian(square, self._z)
+        at_zero = ca.substitute(ca.vertcat(square, slope), self._z, ca.SX.zeros(self._z.shape))
+        value = ca.DM(at_zero).full().ravel()
+        whole = np.block([[ca.DM(H).full() / 2, value[1:, None] / 2],
+                          [value[None, 1:] / 2, value[:1, None]]])
+        return bool(np.isfinite(whole).all()) and semidefinite(whole)
+
+
+_ZERO = Shape(True, True, True, True)
+
+
+def _jumps(slope: ca.SX, z: ca.SX) -> bool:
+    """Return whether an expression has the sign of another in it."""
+    function = ca.Function('slope', [z], [slope])
+    return any(function.instruction_id(k) == ca.OP_SIGN
+               for k in range(function.n_instructions()))
+
+
+def _split(factor: float, term: ca.SX, found: list[tuple[float, ca.SX]]) -> bool:
+    """Collect the terms of a sum with their factors; return whether there are not too many."""
+    if len(found) > _MOST_TERMS:
+        return False
+    operation = -1 if term.is_leaf() else term.op()
+    if operation in (ca.OP_NEG, ca.OP_TWICE):
+        return _split((2.0 if operation == ca.OP_TWICE else -1.0) * factor, term.dep(0), found)
+    if operation in (ca.OP_ADD, ca.OP_SUB):
+        sign = -1.0 if operation == ca.OP_SUB else 1.0
+        return _split(factor, term.dep(0), found) and _split(sign * factor, term.dep(1), found)
+    if operation == ca.OP_MUL and term.dep(0).is_constant():
+        return _split(factor * float(term.dep(0)), term.dep(1), found)
+    if operation == ca.OP_MUL and term.dep(1).is_constant():
+        return _split(factor * float(term.dep(1)), term.dep(0), found)
+    if operation == ca.OP_DIV and term.dep(1).is_constant() and float(term.dep(1)):
+        return _split(factor / float(term.dep(1)), term.dep(0), found)
+    found.append((factor, term))
+    return True
+
+
+def _monomial(term: ca.SX) -> tuple[ca.SX, float]:
+    """Return a base and its exponent; CasADi writes x**3 as x*sq(x)."""
+    if term.is_leaf():
+        return term, 1.0
+    if term.op() == ca.OP_SQ:
+        base, exponent = _monomial(term.dep(0))
+        return base, 2.0 * exponent
+    if term.op() == ca.OP_MUL:
+        (base, exponent), (other, more) = _monomial(term.dep(0)), _monomial(term.dep(1))
+        if base.element_hash() == other.element_hash():
+            return base, exponent + more
+    return term, 1.0
+
+
+def _constant(value: float) -> Shape:
+    return Shape(True, True, value >= 0.0, value <= 0.0)
+
+
+def _add(a: Shape, b: Shape) -> Shape:
+    return Shape(a.convex and b.convex, a.concave and b.concave, a.above and b.above,
+                 a.below and b.below)
+
+
+def _power(a: Shape, exponent: float) -> Shape:
+    """Return the shape of a to a constant power."""
+    even = exponent % 2.0 == 0.0
+    if exponent == 1.0:
+        return a
+    if exponent > 1.0:
+        rises = a.above and a.convex
+        falls = even and a.below and a.concave
+        return Shape(even and a.affine or rises or falls, above=even or a.above)
+    if 0.0 < exponent < 1.0:   # undefined where a < 0
+        return Shape(concave=a.concave, above=True)
+    if exponent == 0.0:
+        return _constant(1.0)
+    return Shape(a.concave and a.above, above=even or a.above)
+
+
+def _absolute(a: Shape) -> Shape:
+    convex = a.affine or a.convex and a.above or a.concave and a.below
+    return Shape(convex, above=True)
+
+
+_BINARY: dict[int, Callable[[Shape, Shape], Shape]] = {
+    ca.OP_ADD: _add,
+    ca.OP_SUB: lambda a, b: _add(a, b.negative()),
+}
+_UNARY: dict[int, Callable[[Shape], Shape]] = {
+    ca.OP_NEG: Shape.negative,
+    ca.OP_SQ: lambda a: _power(a, 2.0),
+    ca.OP_TWICE: lambda a: a,
+    ca.OP_INV: lambda a: _power(a, -1.0),
+    ca.OP_SQRT: lambda a: _power(a, 0.5),
+    ca.OP_EXP: lambda a: Shape(a.convex, above=True),
+    ca.OP_LOG: lambda a: Shape(concave=a.concave),
+    ca.OP_COSH: lambda a: replace(_absolute(a), above=True),
+}

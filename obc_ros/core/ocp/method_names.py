@@ -1,0 +1,30 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The names of the methods that answer a problem; `solve` has the methods."""
+
+from obc_ros.core.text.errors import shown, StatementError
+from obc_ros.core.text.expressions import describe, near
+
+AUTO = 'auto'
+NAMES = (AUTO, 'riccati', 'time_optimal', 'reeds_shepp', 'transcription', 'arcs', 'indirect')
+
+
+def method_of(value: object) -> str:
+    """
+    Return a method's name, 'auto' for none.
+
+    Raises
+    ------
+    StatementError
+        If there is no such method.
+
+    """
+    if value is None or value == '':
+        return AUTO
+    if not isinstance(value, str):
+        raise StatementError(f'method: wanted a name, found {describe(value)}; '
+                             f'there are {", ".join(NAMES)}')
+    if value not in NAMES:
+        raise StatementError(f"method: '{shown(value)}' is unknown{near(value, NAMES)}; "
+                             f'there are {", ".join(NAMES)}')
+    return value

@@ -1,0 +1,79 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whether costs have hollows and hills, between which a path that is best nearby need not be best.
+
+Where L and V are quadratic, or curved upwards all over, minima that are not the least one come of
+dynamics and bounds alone. Where their curvature changes sign each hollow may have one. Where
+dynamics and constraints are affine besides, and T is given, no path is better than one that
+satisfies Pontryagin's conditions (O. L. Mangasarian, Sufficient conditions for the optimal control
+of nonlinear systems, SIAM J. Control 4, 1966).
+"""
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.vectorized import Batch
+from obc_ros.core.ocp.problem import Problem
+
+_POINTS, _HALVINGS = 64, 4
+_DOWN = 1e-6        # of the largest curvature, what counts as downwards
+_ROUNDING = 1e-12   # likewise, in units in which all curvatures along axes are 1
+
+
+def convex_paths(problem: Problem) -> bool:
+    """Return whether mixtures of paths are paths: all but the costs is affine, T is given."""
+    z = ca.vertcat(problem.x, problem.u)
+    slopes = ca.jacobian(ca.vertcat(problem.f, problem.psi, problem.path), z)
+    return not problem.final_time.free and not ca.depends_on(slopes, z)
+
+
+class Uneven:
+    """The curvature of L and V of all problems of one structure; `curved`: where it varies."""
+
+    def __init__(self, problem: Problem) -> None:
+        both = ca.vertcat(problem.x, problem.u)
+        self.curved = []
+        self._constant = list[ca.Function]()
+        for cost, z in ((problem.L, both), (problem.V, problem.x)):
+            curvature = ca.hessian(cost, z)[0]
+            if ca.depends_on(curvature, z):
+                self.curved.append(Batch([problem.x, problem.u, problem.p], [curvature], 1))
+            else:
+                self._constant.append(ca.Function('curvature', [problem.p], [curvature]))
+
+    def upwards(self, problem: Problem) -> bool:
+        """Return whether L and V are quadratic and curved downwards in no direction."""
+        return not self.curved and all(
+            semidefinite(curvature(problem.p_value).full()) for curvature in self._constant)
+
+    def __call__(self, problem: Problem, x_room: Array, u_room: Array) -> bool:
+        """Return whether L or V is curved downwards somewhere so near to x(0) and to u = 0."""
+        chance = np.random.default_rng(3)
+        x = chance.uniform(-1, 1, (_POINTS, problem.n))
+        u = chance.uniform(-1, 1, (_POINTS, problem.m))
+        nearer = 2.0 ** -chance.integers(1, _HALVINGS + 1, (_POINTS, 1))   # hollows may be small
+        x = problem.x0 + x_room * np.vstack([x, nearer * x])
+        u = u_room * np.vstack([u, nearer * u])
+        x = np.clip(x, problem.x_lower, problem.x_upper)
+        u = np.clip(u, problem.u_lower, problem.u_upper)
+        for curved in self.curved:
+            values, = curved(x, u, problem.p_value)
+            good = values[np.isfinite(values).all(axis=1)]
+            if len(good):
+                n = round(np.sqrt(good.shape[1]))
+                size = np.append(x_room, u_room)[:n]
+                curvature = good.reshape(-1, n, n) * size[:, None] * size
+                least = np.linalg.eigvalsh(curvature)[:, 0]
+                if least.min() < -_DOWN * np.abs(curvature).max():
+                    return True
+        return False
+
+
+def semidefinite(H: Array) -> bool:
+    """Return whether a symmetric matrix is positive semidefinite, but for rounding."""
+    size = np.sqrt(np.maximum(np.diag(H), 0.0))
+    none = size == 0
+    size = np.where(none, 1.0, size)
+    H = H / size / size[:, None]
+    return not H[none].any() and bool(np.linalg.eigvalsh(H)[0] >= -_ROUNDING)

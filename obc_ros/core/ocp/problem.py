@@ -1,0 +1,102 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The optimal control problem of section 2.2.
+
+Minimise J = integral of L(x, u) over [0, T] + V(x(T))
+subject to dx/dt = f(x, u), x(0) = x0, psi(x(T)) = 0, u in a box,
+and besides the book: x in a box, path constraints, T given or free.
+"""
+
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.guess import Guess
+
+SYMBOLIC = 'x', 'u', 'p', 'f', 'L', 'V', 'psi', 'path'   # the same for one structure
+
+
+@dataclass(frozen=True)
+class FinalTime:
+    """The final time T [s]: `value` when fixed; within [lower, upper], near `guess`, when free."""
+
+    free: bool
+    value: float = np.nan
+    lower: float = np.nan
+    upper: float = np.nan
+    guess: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """
+    A checked statement: symbols, expressions in them, and numbers.
+
+    Numbers that a user would vary (parameters, x0, bounds, T) are kept out of the expressions,
+    so that two problems with the same `structure` can share a solver.
+
+    Attributes
+    ----------
+    states, inputs, parameters : tuple of str
+        Names, in the order of x (n,), u (m,) and p (k,).
+    x, u, p : casadi.SX
+        Symbols, columns.
+    f, L, V, psi : casadi.SX
+        dx/dt (n, 1), running cost, terminal cost (of x), terminal constraints (q, 1) (of x).
+    path : casadi.SX
+        Path constraints c(x, u), shape (l, 1), path_lower <= c <= path_upper.
+    p_value, x0 : ndarray
+        Values of p (k,) and of x(0) (n,).
+    x_lower, x_upper, u_lower, u_upper, path_lower, path_upper : ndarray
+        Bounds; -inf and inf for none.
+    angles : tuple of bool
+        For each state, whether it wraps; used for guesses only.
+    structure : str
+        Equal for two problems that differ in numbers only.
+    method : str
+        That is to answer it, one of `method_names.NAMES`.
+
+    """
+
+    name: str
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    parameters: tuple[str, ...]
+    x: ca.SX = field(repr=False)
+    u: ca.SX = field(repr=False)
+    p: ca.SX = field(repr=False)
+    f: ca.SX = field(repr=False)
+    L: ca.SX = field(repr=False)
+    V: ca.SX = field(repr=False)
+    psi: ca.SX = field(repr=False)
+    path: ca.SX = field(repr=False)
+    p_value: Array
+    x0: Array
+    x_lower: Array
+    x_upper: Array
+    u_lower: Array
+    u_upper: Array
+    path_lower: Array
+    path_upper: Array
+    final_time: FinalTime
+    guess: Guess = field(default_factory=Guess)
+    angles: tuple[bool, ...] = ()
+    structure: str = ''
+    method: str = 'auto'
+
+    @property
+    def n(self) -> int:
+        """Return the number of states."""
+        return len(self.states)
+
+    @property
+    def m(self) -> int:
+        """Return the number of inputs."""
+        return len(self.inputs)
+
+    @property
+    def q(self) -> int:
+        """Return the number of terminal constraints."""
+        return int(self.psi.numel())

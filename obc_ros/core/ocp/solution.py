@@ -1,0 +1,153 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+An answer to an optimal control problem, and the judgement of it.
+
+The costates have the sign of H = L + lam' f; dlam/dt = -dH/dx, and at T
+lam = dV/dx + nu' dpsi/dx.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+
+MOST_MINIMA = 8       # costs of local minima that an answer lists
+MAX_INTERVALS = 2000  # that an answer's mesh has at most where nothing else is asked for
+
+# Called as report(phase, iteration, cost, infeasibility) while a solver works; True asks to stop.
+Report = Callable[[str, int, float, float], bool]
+
+
+class Status(str, Enum):
+    """How a request ended."""
+
+    SOLVED = 'solved'
+    INFEASIBLE = 'infeasible'
+    NOT_CONVERGED = 'not_converged'
+    TIMED_OUT = 'timed_out'
+    CANCELLED = 'cancelled'
+    MALFORMED = 'malformed'
+
+
+_FEASIBLE = ('dynamics', 'start', 'end', 'bounds', 'cost')
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """
+    One scaled residual for each necessary condition, and the tolerance it was held to.
+
+    `residuals` and `tolerances` share their keys: dynamics, start, end, bounds, costate, minimum,
+    transversality, hamiltonian, final_time (free T only), cost. A residual that cannot be
+    computed is infinite.
+    """
+
+    residuals: dict[str, float]
+    tolerances: dict[str, float]
+
+    @property
+    def holds(self) -> bool:
+        """Return whether every residual is within its tolerance."""
+        return all(self.residuals[key] <= self.tolerances[key] for key in self.tolerances)
+
+    @property
+    def feasible(self) -> bool:
+        """Return whether the path keeps to the problem, extremal or not."""
+        return not self.fault
+
+    @property
+    def worst(self) -> str:
+        """Return the condition with the largest residual relative to its tolerance."""
+        return max(self.tolerances, key=self._size)
+
+    @property
+    def fault(self) -> str:
+        """Return the worst condition for being a path of the problem that fails; '' for none."""
+        broken = [key for key in _FEASIBLE if not self.residuals[key] <= self.tolerances[key]]
+        return max(broken, key=self._size, default='')
+
+    def _size(self, key: str) -> float:
+        return self.residuals[key] / self.tolerances[key]
+
+
+@dataclass(frozen=True)
+class Optimality:
+    """
+    How good a certified answer is among all paths of its problem.
+
+    Attributes
+    ----------
+    kind : str
+        'global': no path costs less, which is proved. 'local': no path was met that costs less.
+    reason : str
+        The proof, or what was searched, in words.
+    starts : int
+        Starts of the search; 0 where none was needed.
+    minima : tuple of float
+        Costs of distinct local minima that were met, at most `MOST_MINIMA`, the cheapest first:
+        that of this answer. The others have the cost of the mesh on which they were met.
+
+    """
+
+    kind: str
+    reason: str
+    starts: int = 0
+    minima: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """
+    States, inputs and costates on a grid, with the cost and how it was found.
+
+    Attributes
+    ----------
+    t : ndarray, shape (N,)
+        Times [s], not decreasing; a time that stands twice is a jump (before, after).
+    x, u, lam : ndarray, shape (N, n), (N, m), (N, n)
+        States, inputs, costates.
+    hamiltonian : ndarray, shape (N,)
+        H = L + lam' f along the path.
+    nu : ndarray, shape (q,)
+        Multipliers of the terminal constraints.
+    state_multipliers : ndarray, shape (N, n), or None
+        Density of the multipliers of the state bounds in dlam/dt = -dH/dx - state_multipliers
+        (> 0 at an upper bound, < 0 at a lower one); None without state bounds.
+    path_multipliers : ndarray, shape (N, l), or None
+        Likewise for the path constraints: H is augmented by path_multipliers' c(x, u).
+    interpolation : str
+        Of u between samples: 'linear' or 'zoh' (constant from each sample on).
+    switching_times : ndarray
+        Where an input jumps or changes its arc [s].
+    optimality : Optimality, or None
+        Of a certified answer: whether it is proved to be the best; None of any other.
+
+    """
+
+    status: Status
+    message: str
+    objective: float = np.nan
+    t: Array = field(default_factory=lambda: np.zeros(0))
+    x: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    u: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    lam: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    hamiltonian: Array = field(default_factory=lambda: np.zeros(0))
+    nu: Array = field(default_factory=lambda: np.zeros(0))
+    state_multipliers: Array | None = None
+    path_multipliers: Array | None = None
+    interpolation: str = 'linear'
+    switching_times: Array = field(default_factory=lambda: np.zeros(0))
+    method: str = ''
+    iterations: int = 0
+    build_time: float = 0.0
+    solve_time: float = 0.0
+    certificate: Certificate | None = None
+    optimality: Optimality | None = None
+
+    @property
+    def certified(self) -> bool:
+        """Return whether it has a certificate that holds."""
+        return self.certificate is not None and self.certificate.holds

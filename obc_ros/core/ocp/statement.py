@@ -1,0 +1,442 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+From a statement, as in a file or a request, to a checked Problem.
+
+A fault is reported with the key where it stands, what was found and what is wanted; the first
+one found ends the reading. A statement that is well formed but has no answer passes.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+import hashlib
+import math
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.guess import Guess
+from obc_ros.core.ocp.method_names import method_of
+from obc_ros.core.ocp.problem import FinalTime, Problem
+from obc_ros.core.systems import registry
+from obc_ros.core.systems.file import FOR_PEOPLE, OF_A_PLANT
+from obc_ros.core.text import expressions
+from obc_ros.core.text.errors import ObcError, shown, StatementError
+from obc_ros.core.text.expressions import check_name, describe, near, number
+from obc_ros.core.text.fields import (
+    bounds_of,
+    check_keys,
+    limits,
+    list_of,
+    mapping_of,
+    names_of,
+    section_of,
+)
+from obc_ros.core.text.yaml_files import entries
+
+FOR_THE_SOLVER = (
+    'name', 'system', 'states', 'inputs', 'parameters', 'dynamics', 'running_cost',
+    'terminal_cost', 'initial_state', 'terminal_constraints', 'input_bounds', 'state_bounds',
+    'path_constraints', 'final_time', 'initial_guess', 'method')
+
+MAX_TEXT = 200_000     # characters of all expressions together
+MAX_VALUES = 10_000    # values of a guess
+
+
+@dataclass(frozen=True)
+class _Plant:
+    """The system of a statement: names, symbols, numbers and dx/dt."""
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    angles: tuple[bool, ...]
+    x: dict[str, ca.SX]
+    u: dict[str, ca.SX]
+    p: dict[str, ca.SX]
+    values: dict[str, float]
+    f: ca.SX
+    u_lower: Array
+    u_upper: Array
+
+
+def problem_from_mapping(mapping: object) -> Problem:
+    """
+    Return the problem that a mapping of the keys of a problem file states.
+
+    What only a plant has, such as units, is left aside, so that one file can be both.
+
+    Parameters are symbols in the problem, and so are the numbers in its terminal constraints
+    (exponents apart), which follow the named parameters in `p`: a problem with other parameters,
+    initial state, goal, bounds or final time has the same `structure`.
+
+    Raises
+    ------
+    StatementError
+        If the statement is malformed; the text begins with the key at fault.
+
+    """
+    given = mapping_of(mapping, 'problem')
+    check_keys(given, FOR_THE_SOLVER, OF_A_PLANT + FOR_PEOPLE)
+    _bounded_text(given)
+    plant = _registered_plant(given) if given.get('system') is not None else _own_plant(given)
+    names = plant.x | plant.u | plant.p
+    L = expressions.parse(_or_zero(given, 'running_cost'), names, 'running_cost')
+    V = expressions.parse(_or_zero(given, 'terminal_cost'), names, 'terminal_cost')
+    _states_only(V, plant, 'terminal_cost')
+    psi, literals = _terminal_constraints(given, plant)
+    path, path_lower, path_upper = _path_constraints(given, plant)
+    x_lower, x_upper = _bounds(given, 'state_bounds', plant.states, plant.values)
+    u_lower, u_upper = _bounds(given, 'input_bounds', plant.inputs, plant.values,
+                               plant.u_lower, plant.u_upper)
+    final_time = _final_time(given, plant.values)
+    symbols = {'x': _column(plant.x.values()), 'u': _column(plant.u.values()),
+               'p': _column([*plant.p.values(), *(symbol for symbol, _ in literals)])}
+    bounds = (x_lower, x_upper, u_lower, u_upper, path_lower, path_upper)
+    functions = ca.Function('problem', list(symbols.values()), [plant.f, L, path, V, psi])
+    problem = Problem(
+        name=_name(given), states=plant.states, inputs=plant.inputs,
+        parameters=(*plant.p, *(symbol.name() for symbol, _ in literals)),
+        **symbols, f=plant.f, L=L, V=V, psi=psi, path=path,
+        p_value=np.array([*plant.values.values(), *(value for _, value in literals)]),
+        x0=_initial_state(given, plant), x_lower=x_lower, x_upper=x_upper, u_lower=u_lower,
+        u_upper=u_upper, path_lower=path_lower, path_upper=path_upper, final_time=final_time,
+        guess=_guess(given, plant, final_time), angles=plant.angles,
+        method=method_of(given.get('method')),
+        structure=_structure(functions, bounds, final_time))
+    _defined_at_start(problem, functions)
+    return problem
+
+
+def load_file(path: str | Path) -> list[dict[str, Any]]:
+    """
+    Return the mappings that a YAML file holds: one, or a list of them.
+
+    A mapping without `name` is given the name of the file (and its number in a list).
+
+    Raises
+    ------
+    StatementError
+        If the file cannot be read, is too long, is not YAML, or has a key twice, or if an entry
+        is no mapping.
+
+    """
+    mappings = []
+    for _, entry in entries(path):
+        if isinstance(entry, StatementError):
+            raise entry
+        mappings.append(entry)
+    return mappings
+
+
+def _short(value: object) -> str:
+    return shown(str(value))
+
+
+def _column(rows: Iterable[ca.SX]) -> ca.SX:
+    return ca.vertcat(ca.SX(0, 1), *rows)
+
+
+def _or_zero(given: Mapping[Any, Any], key: str) -> object:
+    value = given.get(key)
+    return 0 if value is None else value
+
+
+def _name(given: Mapping[Any, Any]) -> str:
+    name = given.get('name', 'problem')
+    if not isinstance(name, str) or len(name) > 200 or not name.isprintable():
+        raise StatementError(f'name: wanted a short text, found {describe(name)}')
+    return name or 'problem'
+
+
+def _bounded_text(given: Mapping[Any, Any]) -> None:
+    """Refuse expressions that are too long together, before any of them is read."""
+    total = 0
+    for key in ('dynamics', 'parameters', 'terminal_constraints', 'path_constraints'):
+        value = given.get(key)
+        parts = value.values() if isinstance(value, Mapping) else (
+            value if isinstance(value, (list, tuple)) else ())
+        for part in parts:
+            part = part.get('expr') if isinstance(part, Mapping) else part
+            total += len(part) if isinstance(part, str) else 0
+    if total > MAX_TEXT:
+        raise StatementError(f'problem: its expressions have {total} characters together; '
+                             f'at most {MAX_TEXT} are read')
+
+
+def _unknown(name: object, known: tuple[str, ...], where: str, what: str) -> StatementError:
+    return StatementError(f"{where}: '{_short(name)}' is not {what}{near(str(name), known)}; "
+                          f"there {'is' if len(known) == 1 else 'are'} "
+                          f"{_short(', '.join(known)) or 'none'}")
+
+
+def _own_plant(given: Mapping[Any, Any]) -> _Plant:
+    """Return the plant whose states, inputs and dynamics the statement gives."""
+    states, inputs = names_of(given, 'states'), names_of(given, 'inputs')
+    for name in inputs:
+        if name in states:
+            raise StatementError(f"inputs: '{name}' is both a state and an input")
+    x = {name: ca.SX.sym(name) for name in states}
+    u = {name: ca.SX.sym(name) for name in inputs}
+    values: dict[str, float] = {}
+    for name, value in section_of(given, 'parameters').items():
+        values[_parameter(name, states, inputs)] = number(value, values, f'parameters.{name}')
+    p = {name: ca.SX.sym(name) for name in values}
+    if given.get('dynamics') is None:
+        raise StatementError('dynamics: missing; wanted an equation for each state')
+    equations = mapping_of(given['dynamics'], 'dynamics')
+    for name in equations:
+        if name not in states:
+            raise _unknown(name, states, f'dynamics.{_short(name)}', 'a state')
+    for name in states:
+        if name not in equations:
+            raise StatementError(f"dynamics: no equation for the state '{name}'")
+    f = _column([expressions.parse(equations[name], x | u | p, f'dynamics.{name}')
+                 for name in states])
+    unlimited = np.full(len(inputs), np.inf)
+    return _Plant(states, inputs, (False,) * len(states), x, u, p, values, f,
+                  -unlimited, unlimited)
+
+
+def _parameter(name: object, states: tuple[str, ...], inputs: tuple[str, ...]) -> str:
+    name = check_name(name, 'parameters')
+    if name in states or name in inputs:
+        raise StatementError(f"parameters: '{name}' is both a parameter and "
+                             f"{'a state' if name in states else 'an input'}")
+    return name
+
+
+def _registered_plant(given: Mapping[Any, Any]) -> _Plant:
+    """Return the plant that the key `system` names, with the statement's parameters."""
+    for key in ('states', 'inputs', 'dynamics'):
+        if given.get(key):
+            raise StatementError(f'{key}: the system says this already; '
+                                 "give either 'system' or 'states', 'inputs' and 'dynamics'")
+    name = given['system']
+    if not isinstance(name, str):
+        raise StatementError(f'system: wanted a name, found {describe(name)}')
+    section = section_of(given, 'parameters')
+    try:
+        options = {key: _option(section[key], f'parameters.{key}')
+                   for key in registry.options(name) if key in section}
+        system = registry.registered(name, options)
+    except ObcError as error:
+        raise StatementError(f'system: {error}') from None
+    values = {parameter.name: parameter.value for parameter in system.parameters}
+    own = tuple(values)
+    waiting = set(section)
+    for key, value in section.items():
+        if key not in options:
+            key = _parameter(key, system.state_names, system.input_names)
+            known = {name: values[name] for name in values if name not in waiting}
+            values[key] = number(value, known, f'parameters.{key}')
+            waiting.discard(key)
+    try:
+        system = system.with_parameters({key: values[key] for key in own if key in section})
+    except ObcError as error:
+        raise StatementError(f'parameters: {error}') from None
+    p = dict(zip(own, ca.vertsplit(system.p), strict=True))
+    p |= {key: ca.SX.sym(key) for key in values if key not in p}
+    return _Plant(
+        system.state_names, system.input_names, system.angles,
+        dict(zip(system.state_names, ca.vertsplit(system.x), strict=True)),
+        dict(zip(system.input_names, ca.vertsplit(system.u), strict=True)),
+        p, values, system.xdot, system.u_min, system.u_max)
+
+
+def _option(value: object, where: str) -> object:
+    """Return what a system is built of: rows of numbers, or a number, whole if it is."""
+    if isinstance(value, (list, tuple)):
+        return value
+    plain = number(value, {}, where)
+    return int(plain) if plain.is_integer() else plain
+
+
+def _states_only(expression: ca.SX, plant: _Plant, where: str) -> None:
+    for name, symbol in plant.u.items():
+        if ca.depends_on(expression, symbol):
+            raise StatementError(f"{where}: '{name}' is an input; what holds at the final time "
+                                 'is said of states (and parameters) only')
+
+
+def _terminal_constraints(given: Mapping[Any, Any],
+                          plant: _Plant) -> tuple[ca.SX, list[tuple[ca.SX, float]]]:
+    """Return psi, its numbers made symbols, and these symbols with their values."""
+    value = given.get('terminal_constraints')
+    rows: list[ca.SX] = []
+    literals: list[tuple[ca.SX, float]] = []
+    for index, text in enumerate([] if value is None else list_of(value, 'terminal_constraints')):
+        where = f'terminal_constraints[{index}]'
+        row = expressions.parse(text, plant.x | plant.u | plant.p, where)
+        _states_only(row, plant, where)
+        if not any(ca.depends_on(row, symbol) for symbol in plant.x.values()):
+            raise StatementError(f"{where}: '{_short(text)}' does not depend on any state")
+        row, found = expressions.parse_lifted(text, plant.x | plant.p, where)
+        rows.append(row)
+        literals.extend(found)
+    return _column(rows), literals
+
+
+def _bounds(given: Mapping[Any, Any], key: str, names: tuple[str, ...],
+            values: Mapping[str, float], lower: Array | None = None,
+            upper: Array | None = None) -> tuple[Array, Array]:
+    low = np.full(len(names), -np.inf) if lower is None else lower.copy()
+    high = np.full(len(names), np.inf) if upper is None else upper.copy()
+    for name, value in section_of(given, key).items():
+        where = f'{key}.{_short(name)}'
+        if name not in names:
+            raise _unknown(name, names, where, f'a{"n" * (key == "input_bounds")} '
+                                               f'{key.removesuffix("_bounds")}')
+        if value is not None:
+            index = names.index(name)
+            low[index], high[index] = bounds_of(value, values, where)
+    return low, high
+
+
+def _path_constraints(given: Mapping[Any, Any], plant: _Plant) -> tuple[ca.SX, Array, Array]:
+    value = given.get('path_constraints')
+    rows, lower, upper = [], [], []
+    names = plant.x | plant.u
+    for index, entry in enumerate([] if value is None else list_of(value, 'path_constraints')):
+        where = f'path_constraints[{index}]'
+        entry = mapping_of(entry, where)
+        check_keys(entry, ('expr', 'lower', 'upper'), where=where)
+        if entry.get('expr') is None:
+            raise StatementError(f'{where}: expr is missing')
+        row = expressions.parse(entry['expr'], names | plant.p, f'{where}.expr')
+        if not any(ca.depends_on(row, symbol) for symbol in names.values()):
+            raise StatementError(f'{where}.expr: depends on no state and no input')
+        low, high = limits(entry.get('lower'), entry.get('upper'), plant.values, where)
+        if math.isinf(low) and math.isinf(high):
+            raise StatementError(f'{where}: wanted a lower or an upper bound, found neither')
+        rows.append(row)
+        lower.append(low)
+        upper.append(high)
+    return _column(rows), np.array(lower), np.array(upper)
+
+
+def _initial_state(given: Mapping[Any, Any], plant: _Plant) -> Array:
+    wanted = f"a number for each state: {{{', '.join(f'{name}: 0' for name in plant.states[:9])}}}"
+    if given.get('initial_state') is None:
+        raise StatementError(f'initial_state: missing; wanted {wanted}')
+    start = mapping_of(given['initial_state'], 'initial_state', wanted)
+    for name in start:
+        if name not in plant.states:
+            raise _unknown(name, plant.states, f'initial_state.{_short(name)}', 'a state')
+    for name in plant.states:
+        if name not in start:
+            raise StatementError(f"initial_state: no value for the state '{name}'")
+    return np.array([number(start[name], plant.values, f'initial_state.{name}')
+                     for name in plant.states])
+
+
+def _final_time(given: Mapping[Any, Any], values: Mapping[str, float]) -> FinalTime:
+    forms = '{free: false, value: 5} or {free: true, lower: 0.1, upper: 20}'
+    if given.get('final_time') is None:
+        raise StatementError(f'final_time: missing; wanted {forms}')
+    entry = mapping_of(given['final_time'], 'final_time', forms)
+    check_keys(entry, ('free', 'value', 'lower', 'upper', 'guess'), where='final_time')
+    free = entry.get('free')
+    if not isinstance(free, bool):
+        raise StatementError(f'final_time.free: wanted true or false, found {describe(free)}')
+    wanted, unwanted = (('lower', 'upper'), ('value',)) if free else (
+        ('value',), ('lower', 'upper', 'guess'))
+    for key in wanted:
+        if entry.get(key) is None:
+            raise StatementError(f'final_time.{key}: missing')
+    for key in unwanted:
+        if entry.get(key) is not None:
+            raise StatementError(f'final_time.{key}: the final time is '
+                                 f'{"free" if free else "given"}; wanted {" and ".join(wanted)}')
+    found = {key: number(entry[key], values, f'final_time.{key}')
+             for key in (*wanted, 'guess') if entry.get(key) is not None}
+    if not free:
+        return FinalTime(free=False, value=_positive(found['value'], 'final_time.value'))
+    upper = _positive(found['upper'], 'final_time.upper')
+    if found['lower'] < 0:
+        raise StatementError(f"final_time.lower: {found['lower']:g} is negative")
+    if found['lower'] > upper:
+        raise StatementError(f"final_time: the bounds cross: lower {found['lower']:g} > "
+                             f'upper {upper:g}')
+    guess = found.get('guess')
+    if guess is not None:
+        guess = min(max(_positive(guess, 'final_time.guess'), found['lower']), upper)
+    return FinalTime(free=True, lower=found['lower'], upper=upper, guess=guess)
+
+
+def _positive(value: float, where: str) -> float:
+    if value <= 0:
+        raise StatementError(f'{where}: a final time is > 0, found {value:g}')
+    return value
+
+
+def _guess(given: Mapping[Any, Any], plant: _Plant, final_time: FinalTime) -> Guess:
+    entry = section_of(given, 'initial_guess')
+    check_keys(entry, ('states', 'inputs', 'final_time'), where='initial_guess')
+    final = entry.get('final_time')
+    if final is not None:
+        final = _positive(number(final, plant.values, 'initial_guess.final_time'),
+                          'initial_guess.final_time')
+        if final_time.free:
+            final = min(max(final, final_time.lower), final_time.upper)
+    return Guess(x=_profiles(entry, 'states', plant.states, plant.values),
+                 u=_profiles(entry, 'inputs', plant.inputs, plant.values), final_time=final)
+
+
+def _profiles(entry: Mapping[Any, Any], key: str, names: tuple[str, ...],
+              values: Mapping[str, float]) -> dict[str, Array]:
+    found = {}
+    part = entry.get(key)
+    for name, value in ({} if part is None else mapping_of(part, f'initial_guess.{key}')).items():
+        where = f'initial_guess.{key}.{_short(name)}'
+        if name not in names:
+            raise _unknown(name, names, where, f'one of the {key}')
+        several = isinstance(value, (list, tuple))
+        numbers = list_of(value if several else [value], where, most=MAX_VALUES)
+        if not numbers:
+            raise StatementError(f'{where}: the list is empty')
+        found[name] = np.array([number(item, values, where) for item in numbers])
+    return found
+
+
+def _structure(functions: ca.Function, bounds: tuple[Array, ...], final_time: FinalTime) -> str:
+    """Return a hash of the expressions, of which bounds there are, and of whether T is free."""
+    digest = hashlib.sha256(functions.serialize().encode())
+    for lower, upper in zip(bounds[::2], bounds[1::2], strict=True):
+        digest.update(np.isfinite(lower).tobytes() + np.isfinite(upper).tobytes()
+                      + (lower == upper).tobytes())
+    digest.update(b'free' if final_time.free else b'given')
+    return digest.hexdigest()
+
+
+def _defined_at_start(problem: Problem, functions: ca.Function) -> None:
+    """Refuse a problem whose f, L or path constraints are undefined at x(0) for every input."""
+    worst: list[str] = []
+    for u in _trial_inputs(problem):
+        f, L, path, _, _ = (value.full().ravel()
+                            for value in functions(problem.x0, u, problem.p_value))
+        undefined = [f'dynamics.{name}' for name, value in zip(problem.states, f, strict=True)
+                     if not np.isfinite(value)]
+        undefined += ['running_cost'] * (not np.isfinite(L[0]))
+        undefined += [f'path_constraints[{index}]' for index, value in enumerate(path)
+                      if not np.isfinite(value)]
+        if not undefined:
+            return
+        worst = worst or undefined
+    start = ', '.join(f'{name} = {value:g}'
+                      for name, value in zip(problem.states, problem.x0, strict=True))
+    raise StatementError(f'{worst[0]}: undefined at the initial state ({_short(start)}): '
+                         'its value there is not a finite number')
+
+
+def _trial_inputs(problem: Problem) -> list[Array]:
+    lower, upper = problem.u_lower, problem.u_upper
+    clipped = [np.clip(np.full(problem.m, value), lower, upper) for value in (0.0, 1.0, -1.0)]
+    boxed = np.isfinite(lower) & np.isfinite(upper)
+    middle = clipped[0].copy()
+    middle[boxed] = 0.5 * lower[boxed] + 0.5 * upper[boxed]
+    guess = np.array([problem.guess.u[name][0] if name in problem.guess.u else middle[index]
+                      for index, name in enumerate(problem.inputs)])
+    mixed = np.clip(np.linspace(0.3, 0.9, problem.m), lower, upper)
+    return [guess, middle, *clipped, mixed]

@@ -1,0 +1,61 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers, bounds and terminal constraints of a problem in words."""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.ocp.problem import Problem
+
+
+def number(value: float) -> str:
+    """Return a number as a person writes it."""
+    return f'{value:.6g}' if abs(value) > 1e-12 else '0'
+
+
+def terminal(problem: Problem, row: int) -> str:
+    """Return a terminal constraint in words, ``x = 2`` where it is that simple."""
+    rows = affine_rows(problem)
+    if rows is None or not rows.affine[row]:
+        return f'terminal_constraints[{row}]'
+    names = [(name, a) for name, a in zip(problem.states, rows.A[row], strict=True) if a]
+    if len(names) == 1:
+        return f'{names[0][0]} = {number(-rows.b[row] / names[0][1])}'
+    return f'{_sum(names)} = {number(-rows.b[row])}'
+
+
+def state_bound(problem: Problem, index: int, upper: bool) -> str:
+    """Return a state bound in words, ``v <= 1``."""
+    bound = (problem.x_upper if upper else problem.x_lower)[index]
+    return f'{problem.states[index]} {"<=" if upper else ">="} {number(bound)}'
+
+
+@dataclass(frozen=True, eq=False)
+class AffineRows:
+    """Terminal constraints A x + b = 0 where they are affine; shapes (q, n), (q,), (q,)."""
+
+    A: Array
+    b: Array
+    affine: Mask
+
+
+def _sum(terms: list[tuple[str, float]]) -> str:
+    text = ''
+    for name, a in terms:
+        factor = '' if abs(a) == 1 else f'{number(abs(a))}*'
+        text += f' {"-" if a < 0 else "+"} {factor}{name}'
+    return text[3:] if text.startswith(' + ') else '-' + text[3:]
+
+
+def affine_rows(problem: Problem) -> AffineRows | None:
+    """Return the terminal constraints, and which of them are affine; None if there are none."""
+    if not problem.q:
+        return None
+    slope = ca.jacobian(problem.psi, problem.x)
+    bent = np.array([ca.depends_on(slope[row, :], problem.x) for row in range(problem.q)])
+    at_zero = ca.Function('rows', [problem.x, problem.p], [ca.densify(slope), problem.psi])
+    A, b = (value.full() for value in at_zero(np.zeros(problem.n), problem.p_value))
+    good = ~bent & np.isfinite(A).all(axis=1) & np.isfinite(b[:, 0])
+    return AffineRows(A, b[:, 0], good)

@@ -1,0 +1,302 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The algebraic Riccati equation (2.9), solved with a proof.
+
+A'P + P A - P G P + Q = 0, G = B Qu^-1 B'
+
+The stabilising solution comes from the stable invariant subspace of the Hamiltonian matrix
+(Laub 1979), in scaled coordinates, and is corrected by Newton's method (Kleinman 1968). The proof
+is a Lyapunov matrix X of the closed loop: it bounds the distance to instability and the error
+of P.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+from typing import NamedTuple
+
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.rounding import borne_by_modes, COMFORTABLE, EPS, norm, TINY
+from obc_ros.core.riccati import dare, propagation
+from scipy.linalg import lapack
+
+
+@dataclass(frozen=True, eq=False)
+class RiccatiSolution:
+    """
+    The stabilising solution of a Riccati equation and what is known of it.
+
+    Attributes
+    ----------
+    P : ndarray, shape (n, n)
+        The solution, symmetric.
+    residual : float
+        Of the equation, relative to the size of its terms.
+    error : float
+        Estimated bound of the error of P by rounding, relative to P, in scaled coordinates.
+    X : ndarray, shape (n, n)
+        Lyapunov matrix of the closed loop M in scaled coordinates: M'X + X M = -I
+        (discrete: M'X M - X = -I).
+    scale : ndarray, shape (n,)
+        Powers of 2; x = scale * z are the scaled coordinates.
+
+    """
+
+    P: Array
+    residual: float
+    error: float
+    X: Array
+    scale: Array
+
+
+def solve_continuous(A: Array, F: Array, Q: Array) -> RiccatiSolution | None:
+    """
+    Return the stabilising solution of A'P + P A - P F F'P + Q = 0.
+
+    Parameters
+    ----------
+    A, Q : ndarray, shape (n, n)
+        Q symmetric.
+    F : ndarray, shape (n, m)
+        Any factor of G = F F', such as B L'^-1 with Qu = L L'.
+
+    Returns
+    -------
+    RiccatiSolution or None
+        None when the Hamiltonian matrix has no stable subspace of dimension n within rounding: an
+        unstable mode is out of reach, or a mode on the imaginary axis does not appear in Q.
+        Otherwise it is as good as its `error` says; whether a gain made of it stabilises is for
+        `robustness` to say.
+
+    References
+    ----------
+    A. J. Laub, A Schur method for solving algebraic Riccati equations, IEEE TAC 24, 1979.
+    D. L. Kleinman, On an iterative technique for Riccati equation computations, IEEE TAC 13,
+    1968.
+
+    """
+    H = np.empty((2 * len(A), 2 * len(A)), order='F')
+    scale = balancing(A, F, Q, H)
+    A = A * (scale / scale[:, None])
+    F = F / scale[:, None]
+    Q = Q * (scale * scale[:, None])
+    G = F @ F.T
+    found = _by_doubling(A, G, Q) if len(A) >= _LARGE else None
+    if found is None or not found.error <= _WANTED_ERROR:
+        found = _by_schur(A, G, Q, H)
+    if found is not None and _WANTED_ERROR < found.error < math.inf:
+        found = _refine(A, F, Q, found)
+    if found is None or not math.isfinite(found.error):
+        return None
+    P = found.P / (scale * scale[:, None])
+    return RiccatiSolution(P, found.residual, found.error, found.X, scale)
+
+
+def balancing(A: Array, F: Array, Q: Array, H: Array | None = None) -> Array:
+    """
+    Return the powers of 2 d (n,) for which x = diag(d) z balances the Hamiltonian matrix.
+
+    `H` is room (2 n, 2 n) to work in.
+    """
+    n = len(A)
+    if H is None:
+        H = np.empty((2 * n, 2 * n), order='F')
+    H[:n, :n] = A
+    H[:n, n:] = F @ F.T
+    H[n:, :n] = Q
+    H[n:, n:] = A.T
+    if not np.isfinite(H).all():
+        return np.ones(n)
+    scale = lapack.dgebal(H, scale=1, permute=0)[3]
+    d: Array = np.exp2(np.rint(0.5 * np.log2(scale[:n] / scale[n:])))
+    return d
+
+
+_LARGE = 40  # states from which on doubling, all products of matrices, is faster than Schur
+_REFINEMENTS = 12
+_WANTED_ERROR = 1e-10  # of a bound that is some hundred times the error
+
+
+def _is_stable(re: float, im: float) -> bool:
+    return re < 0.0
+
+
+def _inverse(M: Array) -> Array | None:
+    lu, pivots, info = lapack.dgetrf(M)
+    if info:
+        return None
+    inverse: Array = lapack.dgetri(lu, pivots)[0]
+    return inverse
+
+
+class _Iterate(NamedTuple):
+    """What RiccatiSolution says, in scaled coordinates."""
+
+    P: Array
+    residual: float
+    error: float
+    X: Array
+
+
+def _by_schur(A: Array, G: Array, Q: Array, H: Array) -> _Iterate | None:
+    """Return the solution spanned by the stable subspace; `H` is room to work in."""
+    n = len(A)
+    H[:n, :n] = A
+    np.negative(G, out=H[:n, n:])
+    np.negative(Q, out=H[n:, :n])
+    np.negative(A.T, out=H[n:, n:])
+    if not np.isfinite(H).all():
+        return None
+    T, stable, _, _, U, _, info = lapack.dgees(
+        _is_stable, H, sort_t=1, lwork=6 * n if n < 30 else 64 * n, overwrite_a=1)
+    if stable != n or 0 < info <= 2 * n:
+        return None
+    T, V = T[:n, :n], U[:n, :n]
+    W = _inverse(V)
+    if W is None:
+        return None
+    P = U[n:, :n].dot(W)
+    return _newton(A, G, Q, 0.5 * (P + P.T), lambda C: _lyapunov(C, T, V, W))
+
+
+def _by_doubling(A: Array, G: Array, Q: Array) -> _Iterate | None:
+    """
+    Return the solution of the discrete equation that the Cayley transform makes of this one.
+
+    E. K.-W. Chu, H.-Y. Fan, W.-W. Lin, A structure-preserving doubling algorithm for
+    continuous-time algebraic Riccati equations, Linear Algebra and its Applications 396, 2005.
+    """
+    n = len(A)
+    identity = np.eye(n)
+    speed = math.sqrt((norm(A)**2 + norm(G) * norm(Q)) / n)
+    if not 0.0 < speed < math.inf:
+        return None
+    try:
+        left = np.linalg.inv(A - speed * identity)
+        right = np.linalg.inv((A - speed * identity).T + Q @ left @ G)
+        P = propagation.doubled(identity + 2.0 * speed * right.T, 2.0 * speed * left @ G @ right,
+                                2.0 * speed * right @ Q @ left)
+        if P is None:
+            return None
+        M = A - G @ P
+        back = np.linalg.inv(M - speed * identity)
+    except np.linalg.LinAlgError:
+        return None
+    step = identity + 2.0 * speed * back
+
+    def lyapunov(C: Array) -> Array:
+        X = dare.stein(step, 2.0 * speed * back.T @ C @ back)
+        return np.full_like(C, math.nan) if X is None else X
+
+    return _newton(A, G, Q, P, lyapunov)
+
+
+def _newton(A: Array, G: Array, Q: Array, P: Array, lyapunov: Callable[[Array], Array]
+            ) -> _Iterate:
+    """Correct P once; lyapunov(C) solves M'X + X M = -C for M = A - G P."""
+    R, terms = _residual(A, G, Q, P)
+    before = norm(R) / terms
+    corrected = P + lyapunov(R)
+    R, terms = _residual(A, G, Q, corrected)
+    after = norm(R) / terms
+    if not after <= before:
+        corrected, after = P, before
+    X = lyapunov(np.eye(len(A)))
+    error = (after + len(A) * EPS) * terms * norm(X) / (norm(corrected) + TINY)
+    return _Iterate(corrected, after, error, X)
+
+
+def _residual(A: Array, G: Array, Q: Array, P: Array) -> tuple[Array, float]:
+    """Return A'P + P A - P G P + Q and the size of its terms."""
+    PA = P.dot(A)  # of small matrices `dot` takes half the time of `@`
+    PGP = P.dot(G).dot(P)
+    R: Array = PA + PA.T - PGP + Q
+    return R, 2.0 * norm(PA) + norm(PGP) + norm(Q) + TINY
+
+
+def _lyapunov(C: Array, T: Array, V: Array, W: Array) -> Array:
+    """Return X with M'X + X M = -C for M = V T W, T quasi-triangular and W = V^-1."""
+    Y: Array
+    Y, size, _ = lapack.dtrsyl(T, T, V.T.dot(C).dot(V), trana='T')
+    X = W.T.dot(Y).dot(W)
+    half: Array = X * (-0.5 / size)
+    return half + half.T
+
+
+def _refine(A: Array, F: Array, Q: Array, start: _Iterate) -> _Iterate:
+    """
+    Continue with Newton's method, the residual in extended precision.
+
+    The error is then the size of the last correction, and what rounding of the residual can do.
+    """
+    wide = np.longdouble
+    P, F_wide, A_wide, Q_wide = (M.astype(wide) for M in (start.P, F, A, Q))
+    G_wide = F_wide @ F_wide.T
+    X, step = start.X, math.inf
+    for _ in range(_REFINEMENTS):
+        M = (A_wide - G_wide @ P).astype(float)
+        T, _, wr, _, V, _, info = lapack.dgees(_is_stable, M, lwork=64 * len(A))
+        if info or not wr.max() < 0.0:
+            return start
+        PA = P @ A_wide
+        R = (PA + PA.T - P @ G_wide @ P + Q_wide).astype(float)
+        correction = _lyapunov(0.5 * (R + R.T), T, V, V.T)
+        size = norm(correction) / (norm(P.astype(float)) + TINY)
+        if not size < step:
+            break
+        P, step, X = P + correction, size, _lyapunov(np.eye(len(A)), T, V, V.T)
+        if step <= EPS:
+            break
+    narrow = P.astype(float)
+    terms = np.abs(narrow) @ np.abs(A)
+    terms = terms + terms.T + np.abs(narrow) @ np.abs(F @ F.T) @ np.abs(narrow) + np.abs(Q)
+    lost = len(A) * float(np.finfo(wide).eps) * min(
+        norm(_sensitivity(M, terms)), norm(terms) * norm(X))
+    # Where G is large in directions that cancel in P G P, all that rounding of P leaves is of
+    # the size of the terms within this product.
+    R, size = _residual(A, F @ F.T, Q, narrow)
+    error = step + EPS + lost / (norm(narrow) + TINY)
+    return _Iterate(narrow, norm(R) / max(size, norm(terms)), error, X)
+
+
+def _sensitivity(M: Array, C: Array) -> Array:
+    """Return a bound of |X| for M'X + X M = E and all |E| <= C, entry by entry."""
+    modes, V = np.linalg.eig(M)
+    if not modes.real.max() < 0.0:
+        return np.full_like(M, math.inf)
+    size, inverse = np.abs(V), np.abs(np.linalg.inv(V))
+    inner = (size.T @ C @ size) / np.abs(modes.real + modes.real[:, None])
+    bound: Array = inverse.T @ inner @ inverse
+    return bound
+
+
+def robustness(M: Array, X: Array, rounding: Array) -> float:
+    """
+    Return how many times the perturbations |E| <= rounding the matrix M can bear and stay stable.
+
+    A lower bound; 0: nothing is proved.
+
+    Parameters
+    ----------
+    M, X : ndarray, shape (n, n)
+        X should solve M'X + X M = -I; how well it does is checked.
+    rounding : ndarray, shape (n, n)
+        Bound of the absolute error of each entry of M.
+
+    """
+    bound = _by_lyapunov(M, X, rounding)
+    return bound if bound > COMFORTABLE else max(
+        bound, borne_by_modes(M, lambda modes: -modes.real, rounding))
+
+
+def _by_lyapunov(M: Array, X: Array, rounding: Array) -> float:
+    """Bound the robustness by (M + E)'X + X (M + E) < 0."""
+    if lapack.dpotrf(X)[1]:
+        return 0.0
+    S = X @ M
+    S += S.T
+    S.flat[::len(M) + 1] += 1.0
+    left = 1.0 - norm(S) - 4.0 * len(M) * EPS * norm(X) * norm(M)
+    return max(0.0, left / (2.0 * norm(X) * max(norm(rounding), TINY)))

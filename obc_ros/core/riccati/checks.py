@@ -1,0 +1,157 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The matrices of a linear quadratic problem: taken when they fit, refused in words otherwise."""
+
+from typing import Any
+
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.rounding import EPS
+from obc_ros.core.text.errors import RefusedDesignError, StatementError
+from scipy.linalg import lapack
+
+LARGEST = 400  # states; far beyond it one request would block its server for minutes
+LARGEST_NUMBER = 1e100  # products of four stay finite
+
+
+def checked(A: Any, B: Any, Qx: Any, Qu: Any, cross: Any
+            ) -> tuple[Array, Array, Array, Array, Array | None]:
+    """
+    Return float copies of matrices that fit.
+
+    Raises
+    ------
+    StatementError
+        If one is no matrix of finite numbers, of another size than A (n, n) and B (n, m) ask for,
+        or not symmetric (Qx, Qu), or if there are more than `LARGEST` states or inputs.
+
+    """
+    A, B = _matrix('A', A), _matrix('B', B)
+    n, m = len(A), B.shape[1]
+    _check_size('A', A, (n, n))
+    _check_size('B', B, (n, m))
+    if not n or not m:
+        raise StatementError('A and B: wanted at least one state and one input')
+    if n > LARGEST or m > LARGEST:
+        raise StatementError(f'{max(n, m)} states or inputs: at most {LARGEST} are taken')
+    Qx, Qu = _symmetric('Qx', Qx, n), _symmetric('Qu', Qu, m)
+    if cross is not None:
+        cross = _matrix('cross', cross)
+        _check_size('cross', cross, (n, m))
+    return A, B, Qx, Qu, cross
+
+
+def _matrix(name: str, M: Any) -> Array:
+    try:
+        given = np.array(M)
+    except ValueError as error:
+        raise StatementError(f'{name}: wanted rows of equal length') from error
+    if given.dtype.kind not in 'fiu':
+        raise StatementError(f'{name}: wanted a matrix of real numbers')
+    if given.ndim != 2:
+        raise StatementError(f'{name}: expected a matrix (rows, columns) but found {given.shape}')
+    matrix: Array = given.astype(float, copy=False)
+    # The sum of squares is quickest; it is nan when one of them is.
+    if not np.vdot(matrix, matrix) <= LARGEST_NUMBER**2 and not (
+            np.abs(matrix) <= LARGEST_NUMBER).all():
+        i, j = np.argwhere(~(np.abs(matrix) <= LARGEST_NUMBER))[0]
+        raise StatementError(f'{name}[{i}, {j}] = {matrix[i, j]:g}: wanted a finite number of at '
+                             f'most {LARGEST_NUMBER:g}')
+    return matrix
+
+
+def _check_size(name: str, M: Array, shape: tuple[int, int]) -> None:
+    if M.shape != shape:
+        raise StatementError(f'{name}: expected {shape} but found {M.shape}')
+
+
+def _symmetric(name: str, M: Any, n: int) -> Array:
+    matrix = _matrix(name, M)
+    _check_size(name, matrix, (n, n))
+    if (matrix != matrix.T).any():
+        size = np.sqrt(np.abs(matrix.diagonal()))
+        wrong = np.abs(matrix - matrix.T) > 1e-10 * (size * size[:, None] + np.abs(matrix))
+        if wrong.any():
+            i, j = np.argwhere(wrong)[0]
+            raise StatementError(f'{name}[{i}, {j}] = {matrix[i, j]:g} but {name}[{j}, {i}] = '
+                                 f'{matrix[j, i]:g}: {name} must be symmetric')
+        matrix = 0.5 * (matrix + matrix.T)
+    return matrix
+
+
+def reduced(A: Array, B: Array, Qx: Array, Qu: Array, cross: Array | None
+            ) -> tuple[Array, Array, Array, bool]:
+    """
+    Check the weights and remove the cross term.
+
+    Returns
+    -------
+    L : ndarray, shape (m, m)
+        Qu = L L'.
+    A, Q : ndarray, shape (n, n)
+        A - B Qu^-1 N' and Qx - N Qu^-1 N'.
+    sees_all : bool
+        Whether Q is positive definite, so that every mode is seen.
+
+    """
+    L = _definite('Qu', Qu)
+    Q = Qx
+    if cross is not None:
+        right = lapack.dpotrs(L, cross.T, lower=1)[0]
+        A = A - B @ right
+        Q = Qx - cross @ right
+        Q = 0.5 * (Q + Q.T)
+    root, info = lapack.dpotrf(Q, lower=1)
+    diagonal = Q.diagonal()
+    sees_all = info == 0 and bool((root.diagonal()**2 > 1e-10 * diagonal).all())
+    if not sees_all:
+        what = 'Qx' if cross is None else 'the matrix of Qx, cross and Qu'
+        _check_semidefinite('Qx', Qx, Q, what)
+    return L, A, Q, sees_all
+
+
+def _definite(name: str, M: Array) -> Array:
+    """Return the lower Cholesky factor, or say why there is none."""
+    L: Array
+    L, info = lapack.dpotrf(M, lower=1)
+    diagonal = M.diagonal()
+    if info or (L.diagonal()**2 <= 4 * len(M) * EPS * diagonal).any():
+        for i, value in enumerate(diagonal):
+            if value <= 0.0:
+                raise RefusedDesignError(
+                    f'{name}[{i}] = {value:g}: {name} must be positive definite')
+        least = _least_eigenvalue(M)
+        raise RefusedDesignError(f'{name} is no positive definite matrix: scaled to a unit '
+                                 f'diagonal it has the eigenvalue {least:.3g}')
+    return L
+
+
+def _check_semidefinite(name: str, M: Array, reduced: Array, what: str) -> None:
+    """Refuse M if `reduced`, M less what the cross term takes, is not positive semidefinite."""
+    for i, value in enumerate(M.diagonal()):
+        if value < 0.0:
+            raise RefusedDesignError(
+                f'{name}[{i}] = {value:g}: {name} must be positive semidefinite')
+    for i, j in np.argwhere(np.abs(M) > 0.0):
+        if M[i, i] == 0.0 and i != j:
+            raise RefusedDesignError(f'{name}[{i}, {j}] = {M[i, j]:g} but {name}[{i}, {i}] = 0: '
+                                     f'{name} must be positive semidefinite')
+    # What is left of M has the rounding of M: it is seen in the units of M.
+    size = np.sqrt(np.where(M.diagonal() > 0.0, M.diagonal(), 1.0))
+    least = float(np.linalg.eigvalsh(reduced / size / size[:, None])[0])
+    if least < -1e-12 * len(M):
+        raise RefusedDesignError(f'{what} must be positive semidefinite: scaled to a unit '
+                                 f'diagonal it has the eigenvalue {least:.3g}')
+
+
+def _least_eigenvalue(M: Array) -> float:
+    size = np.sqrt(M.diagonal())
+    return float(np.linalg.eigvalsh(M / size / size[:, None])[0])
+
+
+def semidefinite(name: str, M: Any, n: int) -> Array:
+    """Return M (n, n), symmetric and positive semidefinite, or say why not."""
+    matrix = _symmetric(name, M, n)
+    if lapack.dpotrf(matrix)[1]:
+        _check_semidefinite(name, matrix, matrix, name)
+    return matrix

@@ -1,0 +1,141 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The discrete algebraic Riccati equation, solved by doubling the horizon, with a proof.
+
+P = A'P (I + G P)^-1 A + Q, G = B Qu^-1 B', for x+ = A x + B u and the sum of x'Qx x + u'Qu u
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.rounding import borne_by_modes, COMFORTABLE, EPS, norm, TINY
+from obc_ros.core.riccati.propagation import doubled
+from scipy.linalg import lapack
+
+_LONGEST = 60  # doublings: 1e18 steps
+
+
+class DiscreteSolution(NamedTuple):
+    """
+    The solution of the discrete Riccati equation and what is known of it.
+
+    Attributes
+    ----------
+    P : ndarray, shape (n, n)
+    residual : float
+        Of the equation, relative to the size of its terms.
+    error : float
+        Estimated bound of the error of P by rounding, relative to P.
+    X : ndarray, shape (n, n)
+        M'X M - X = -I for the closed loop M.
+
+    """
+
+    P: Array
+    residual: float
+    error: float
+    X: Array
+
+
+def solve_discrete(A: Array, F: Array, Q: Array) -> DiscreteSolution | None:
+    """
+    Return the solution of P = A'P (I + F F'P)^-1 A + Q that is the least cost.
+
+    It stabilises when every mode of A that does not decay is within reach of F and seen by Q.
+
+    Parameters
+    ----------
+    A, Q : ndarray, shape (n, n)
+        Q symmetric, positive semidefinite.
+    F : ndarray, shape (n, m)
+        Any factor of G = B Qu^-1 B' = F F'.
+
+    Returns
+    -------
+    DiscreteSolution or None
+        None when the cost grows without bound or the closed loop does not decay.
+
+    References
+    ----------
+    E. K.-W. Chu, H.-Y. Fan, W.-W. Lin, C.-S. Wang, Structure-preserving algorithms for periodic
+    discrete-time algebraic Riccati equations, International Journal of Control 77, 2004.
+
+    """
+    P = doubled(A, F @ F.T, Q)
+    if P is None:
+        return None
+    M, K, X = A, F.T, P
+    step = math.inf
+    for _ in range(5):
+        right = F.T @ P
+        inner = right @ F
+        inner.flat[::len(inner) + 1] += 1.0
+        K = lapack.dposv(inner, right @ A, lower=1)[1]
+        M = A - F @ K
+        sums = stein(M, np.eye(len(A)))
+        if sums is None:
+            return None
+        X = sums
+        correction = stein(M, _residual(M, K, Q, P)[0])
+        if correction is None or not norm(correction) < 0.5 * step:
+            break
+        P, step = P + correction, norm(correction)
+        if step <= len(A) * EPS * norm(P):
+            break
+    R, terms = _residual(M, K, Q, P)
+    error = (norm(R) + len(A) * EPS * terms) * norm(X) / (norm(P) + TINY)
+    return DiscreteSolution(P, norm(R) / terms, error, X) if math.isfinite(error) else None
+
+
+def _residual(M: Array, K: Array, Q: Array, P: Array) -> tuple[Array, float]:
+    """Return M'P M + K'K + Q - P, the defect of P as the cost of the gain K, and its scale."""
+    moved = M.T @ P @ M
+    spent = K.T @ K
+    R = moved + spent + Q - P
+    return 0.5 * (R + R.T), norm(moved) + norm(spent) + norm(Q) + norm(P) + TINY
+
+
+def stein(M: Array, C: Array) -> Array | None:
+    """Return X with X - M'X M = C, the sum of M'^k C M^k; None when it does not converge."""
+    X = C
+    for _ in range(_LONGEST):
+        more = M.T @ X @ M
+        X = X + more
+        size = norm(more)
+        if size <= 0.1 * EPS * norm(X):
+            return X
+        if not size < 1e200:
+            return None
+        M = M @ M
+    return None
+
+
+def robustness(M: Array, X: Array, rounding: Array) -> float:
+    """
+    Return how many times the perturbations |E| <= rounding the matrix M can bear and stay stable.
+
+    A lower bound, from (M + E)'X (M + E) < X or from the modes; 0: nothing is proved.
+
+    Parameters
+    ----------
+    M, X : ndarray, shape (n, n)
+        X should solve M'X M - X = -I; how well it does is checked.
+    rounding : ndarray, shape (n, n)
+        Bound of the absolute error of each entry of M.
+
+    """
+    bound = 0.0
+    if not lapack.dpotrf(X)[1]:
+        XM = X @ M
+        S = M.T @ XM - X
+        S.flat[::len(M) + 1] += 1.0
+        left = 1.0 - norm(S) - 4.0 * len(M) * EPS * norm(X) * (1.0 + norm(M)**2)
+        if left > 0.0:
+            size = norm(XM)
+            reach = left / (size + math.sqrt(size * size + norm(X) * left))
+            bound = reach / max(norm(rounding), TINY)
+    return bound if bound > COMFORTABLE else max(
+        bound, borne_by_modes(M, lambda modes: 1.0 - np.abs(modes), rounding))

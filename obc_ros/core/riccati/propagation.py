@@ -1,0 +1,225 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Stretches of time of a linear quadratic problem, and how they join.
+
+Three matrices (A, G, H) say all of a stretch: from the state x at its start and the costate y at
+its end follow the state A x - G y at its end and the costate H x + A'y at its start. With the
+terminal weight P, y = P x(end), its least cost is half of x'(H + A'P (I + G P)^-1 A) x. Two
+stretches after each other are such three matrices again, so that each joining doubles the horizon;
+with H and P positive semidefinite nothing in it grows, however long the horizon and however
+unstable the plant.
+"""
+
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.rounding import EPS, norm
+from scipy.linalg import expm
+
+Stretch = tuple[Array, Array, Array]
+
+_LONGEST = 60  # doublings: 1e18 steps
+_MOST_GROWTH = 30.0  # of the state over a joined stretch: its square is lost of the digits
+_SHORT = 0.5  # norm of the Hamiltonian matrix times the length of which the exponential is taken
+
+
+def of_plant(A: Array, G: Array, Q: Array, length: float) -> Stretch:
+    """
+    Return the stretch of dx/dt = A x - G y, dy/dt = -Q x - A'y over `length` seconds.
+
+    The exponential of this Hamiltonian matrix is taken over a time so short that neither x nor y
+    grows much; joining does the rest.
+    """
+    n = len(A)
+    H = np.empty((2 * n, 2 * n))
+    H[:n, :n], H[:n, n:], H[n:, :n], H[n:, n:] = A, -G, -Q, -A.T
+    doublings = max(0, int(np.ceil(np.log2(max(norm(H) * length, 1e-300) / _SHORT))))
+    flow = expm(H * (length * 0.5**doublings))
+    back = np.linalg.inv(flow[n:, n:])
+    stretch = (back.T, _symmetric(-flow[:n, n:] @ back), _symmetric(-back @ flow[n:, :n]))
+    identity = np.eye(n)
+    for _ in range(doublings):
+        stretch = joined(stretch, stretch, identity)
+    return stretch
+
+
+def joined(first: Stretch, second: Stretch, identity: Array) -> Stretch:
+    """Return the stretch that is `first` and then `second`; leading axes are batches."""
+    A1, G1, H1 = first
+    A2, G2, H2 = second
+    n = len(identity)
+    W = np.linalg.solve(identity + G1 @ H2, np.concatenate([A1, G1], axis=-1))
+    moved, spread = W[..., :n], W[..., n:]
+    G = G2 + A2 @ spread @ np.swapaxes(A2, -1, -2)
+    H = H1 + np.swapaxes(A1, -1, -2) @ H2 @ moved
+    return A2 @ moved, _symmetric(G), _symmetric(H)
+
+
+def before(stretch: Stretch, P: Array) -> Array:
+    """
+    Return the cost matrices at the start of a stretch for those at its end.
+
+    Parameters
+    ----------
+    stretch : tuple of ndarray, shape (n, n)
+        (A, G, H).
+    P : ndarray, shape (N, n, n)
+        Symmetric.
+
+    """
+    A, G, H = stretch
+    count, n, _ = P.shape
+    rows = P.reshape(-1, n)  # one product of matrices for the whole batch, not one for each
+    inner = (rows @ G).reshape(count, n, n)
+    inner.reshape(count, -1)[:, ::n + 1] += 1.0
+    Y = np.linalg.solve(inner, (rows @ A).reshape(count, n, n))
+    moved = (np.swapaxes(Y, 1, 2).reshape(-1, n) @ A).reshape(count, n, n)
+    return _symmetric(moved + H)
+
+
+def ladder(stretch: Stretch, steps: int) -> list[Stretch]:
+    """
+    Return the stretch of a step, and each joined of two of the one before, within so many steps.
+
+    A stretch is not joined where digits would be lost: over unstable modes that the cost does not
+    see, and near a conjugate point when H is indefinite.
+    """
+    found, identity, convex = [stretch], np.eye(len(stretch[0])), is_convex(stretch)
+    while 2**len(found) <= steps and (convex or is_apart(found[-1])):
+        longer = joined(found[-1], found[-1], identity)
+        if not keeps_digits(longer):
+            break
+        found.append(longer)
+    return found
+
+
+def backward(levels: list[Stretch], P: Array, steps: int) -> Array:
+    """
+    Return the cost matrices 0, 1, ..., `steps` steps before the end, shape (steps+1, n, n).
+
+    Each level, of `ladder`, moves all matrices found so far at once.
+    """
+    found = np.empty((steps + 1, *P.shape))
+    found[0] = P
+    count = 1
+    while count <= steps:
+        level = min(count.bit_length(), len(levels)) - 1
+        reach = 1 << level
+        more = min(reach, steps + 1 - count)
+        found[count:count + more] = before(
+            levels[level], found[count - reach:count - reach + more])
+        count += more
+    return found
+
+
+def is_convex(stretch: Stretch) -> bool:
+    """Return whether costs on a stretch are convex, and so on all that are joined of it."""
+    return bool(np.linalg.eigvalsh(stretch[2])[0] >= 0.0)
+
+
+def is_apart(stretch: Stretch) -> bool:
+    """Return whether two such stretches, one after the other, are far from a conjugate point."""
+    _, G, H = stretch
+    return bool(np.linalg.eigvals(np.eye(len(H)) + G @ H).real.min() > 0.5)
+
+
+def keeps_digits(stretch: Stretch) -> bool:
+    """Return whether states grow so little over a joined stretch that no digits are lost."""
+    return norm(stretch[0]) < _MOST_GROWTH * len(stretch[0])
+
+
+def inside(levels: list[Stretch], x: Array, P: Array, steps: int) -> tuple[Array, Array]:
+    """
+    Return states and costates along the optimal path, each of shape (steps + 1, n).
+
+    Between states x and costates y'' at the two ends of a stretch that is joined of two (A, G, H)
+    lie x' = A x - G y' and y' = H x' + A'y'': the same matrices for all stretches of a length.
+
+    Parameters
+    ----------
+    levels : list of tuple of ndarray, shape (n, n)
+        As of `ladder`.
+    x : ndarray, shape (n,)
+        At the start.
+    P : ndarray, shape (n, n)
+        Costates at the end for the states there.
+    steps : int
+        A multiple of the steps of the last level.
+
+    """
+    (A, G, H), identity = levels[-1], np.eye(len(x))
+    reach = 1 << (len(levels) - 1)
+    weights = backward(levels[-1:], P, steps // reach - 1)[::-1]
+    X, Y = np.empty((2, steps + 1, len(x)))
+    X[0] = x
+    for k, weight in zip(range(reach, steps + 1, reach), weights, strict=True):
+        X[k] = x = np.linalg.solve(identity + G @ weight, A @ x)
+        Y[k] = weight @ x
+    Y[0] = H @ X[0] + A.T @ Y[reach]
+    halves = np.array(levels[:-1], np.float64).reshape(-1, 3, *P.shape)
+    A, G, H = halves[:, 0], halves[:, 1], halves[:, 2]
+    ahead = np.linalg.solve(identity + G @ H, np.concatenate([A, G @ np.swapaxes(A, 1, 2)], 2))
+    for k in range(len(halves) - 1, -1, -1):
+        half = reach // 2
+        both = np.hstack([X[:-1:reach], -Y[reach::reach]])
+        X[half::reach] = both @ ahead[k].T
+        Y[half::reach] = X[half::reach] @ H[k] + Y[reach::reach] @ A[k]
+        reach = half
+    return X, Y
+
+
+def doubled(A: Array, G: Array, H: Array) -> Array | None:
+    """
+    Return the least cost matrix over ever longer horizons made of the stretch (A, G, H).
+
+    None when it grows without bound.
+    """
+    identity = np.eye(len(A))
+    for _ in range(_LONGEST):
+        A, G, H_next = joined((A, G, H), (A, G, H), identity)
+        step = norm(H_next - H)
+        if not step < np.inf:
+            return None
+        H = H_next
+        if step <= EPS * norm(H):
+            return H
+    return None
+
+
+def _symmetric(M: Array) -> Array:
+    half: Array = 0.5 * M
+    return half + np.swapaxes(half, -1, -2)
+
+
+def at(A: Array, G: Array, Q: Array, P1: Array, to_go: Array) -> Array:
+    """
+    Return the solutions of the Riccati differential equation at given times before the end.
+
+    Parameters
+    ----------
+    A, G, Q, P1 : ndarray, shape (n, n)
+        -dP/dt = P A + A'P - P G P + Q, P = P1 at the end.
+    to_go : ndarray, shape (N,)
+        [s], decreasing, not negative.
+
+    Returns
+    -------
+    ndarray, shape (N, n, n)
+
+    """
+    P = P1 if to_go[-1] == 0.0 else before(of_plant(A, G, Q, to_go[-1]), P1[None])[0]
+    steps = len(to_go) - 1
+    if not steps:
+        return P[None].copy()
+    lengths = -np.diff(to_go)[::-1]
+    length = (to_go[0] - to_go[-1]) / steps
+    if np.abs(lengths - length).max() <= 1e-12 * to_go[0]:
+        return backward(ladder(of_plant(A, G, Q, length), steps), P, steps)[::-1]
+    found = np.empty((steps + 1, *P.shape))
+    found[steps] = P
+    known: dict[float, Stretch] = {}
+    for k, length in enumerate(lengths.tolist()):
+        if length not in known:
+            known[length] = of_plant(A, G, Q, length)
+        found[steps - 1 - k] = before(known[length], found[steps - k][None])[0]
+    return found

@@ -1,0 +1,360 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The optimal path of a linear quadratic problem with terminal constraints, without shooting.
+
+The state is extended to z = (x, 1, nu): what is affine in the problem and C x(T) = d, whose
+multipliers nu are constants, are then quadratic in z, and one matrix P(t) holds the value function
+z'P z / 2, which is least in u and stationary in nu:
+
+    -dP/dt = P A + A'P - P G P + Q, P(T) = [[P1, p1, C'], [p1', 0, -d'], [C, -d, 0]]
+    P_nunu nu = -(P_nux x0 + P_nu1)
+
+The terminal weight c_i (C x(T) - d)_i^2 is added: it changes nothing where C x(T) = d, but keeps
+the feedback stable on the way, so that no digit is lost over a long horizon.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.rounding import norm, TINY
+from obc_ros.core.ocp.solution import Optimality, Solution, Status
+from obc_ros.core.riccati import propagation
+from obc_ros.core.riccati.care import balancing
+from obc_ros.core.riccati.first_order_hold import (
+    Extended,
+    Feedback,
+    follow,
+    hamiltonian,
+    running_cost,
+)
+from obc_ros.core.riccati.problem_matrices import LqForm
+from scipy.integrate import romb
+from scipy.linalg import expm, lapack
+
+Places = NDArray[np.intp]
+Path = tuple[Array, Array, Array, Array, Array, float]
+
+_UNREACHED = 1e-12  # relative size of what the input reaches at which it counts as nothing
+_MISSED = 1e-8      # relative miss of a terminal constraint at which it counts as met
+_ROUNDING = 1e-9    # relative size of what may be nothing but rounding
+_DEFECT = 3e-7      # of the dynamics under linear interpolation of u, all intervals together
+_LARGEST_DEFECT = 6e-7  # likewise before it grows, where samples are as many as they may be
+_MOST_GROWTH = 30.0  # of a defect until T that is allowed for; more needs feedback, not samples
+_FEWEST, _MOST = 64, 32768  # samples of a block, of all, of the optimal path
+_MOST_HALVINGS = 24
+_LARGEST_TABLE = 4e5        # samples times numbers of P(t), beyond which lines serve instead
+_MOST_STEPS = 20000         # of the search for a conjugate point
+
+
+class _NoAnswerError(Exception):
+    """Why there is no optimal path; the solution to return."""
+
+    def __init__(self, status: Status, message: str) -> None:
+        super().__init__(message)
+        self.solution = Solution(status, message, method='riccati')
+
+
+def solve_form(form: LqForm, x0: Array, T: float, names: tuple[str, ...]) -> Solution:
+    """
+    Return the optimal path from x0 over T seconds, or say why there is none.
+
+    Parameters
+    ----------
+    form : LqForm
+        The problem.
+    x0 : ndarray, shape (n,)
+        Initial state.
+    T : float
+        Final time [s].
+    names : tuple of str
+        Of the states, for the words.
+
+    """
+    extended = _extended(form)
+    try:
+        P1, unit = _terminal_weight(extended, T)
+        x, u, lam, t, nu, value = _path(extended, P1, unit, x0, T, names)
+    except _NoAnswerError as no_answer:
+        return no_answer.solution
+    return Solution(
+        Status.SOLVED, 'the closed form by the Riccati differential equation',
+        objective=value, t=t, x=x, u=u, lam=lam,
+        hamiltonian=hamiltonian(form, x, u, lam)[1], nu=nu, method='riccati',
+        optimality=Optimality('global', 'linear quadratic'))
+
+
+def _extended(form: LqForm) -> Extended:
+    n, q = len(form.A), len(form.C)
+    right = np.linalg.solve(form.R, np.column_stack([form.N.T, form.r]))
+    A = form.A - form.B @ right[:, :n]
+    a = form.a - form.B @ right[:, n]
+    Q = form.Q - form.N @ right[:, :n]
+    linear = form.q - form.N @ right[:, n]
+    L = lapack.dpotrf(form.R, lower=1)[0]
+    F = lapack.dtrtrs(L, form.B.T, lower=1)[0].T
+    d = balancing(A, F, Q)
+    A, F, Q, C = A * (d / d[:, None]), F / d[:, None], Q * (d * d[:, None]), form.C * d
+    G = F @ F.T
+    row = np.linalg.norm(C, axis=1)
+    row[row == 0.0] = 1.0
+    speed = norm(A) + math.sqrt(norm(G) * norm(Q)) + TINY
+    one = max(norm(a / d), norm(linear * d)) / speed or 1.0
+    size = n + 1 + q
+    big = {name: np.zeros((size, size)) for name in ('A', 'G', 'Q', 'P1')}
+    big['A'][:n, :n], big['A'][:n, n] = A, a / d / one
+    big['G'][:n, :n] = G
+    big['Q'][:n, :n] = 0.5 * (Q + Q.T)
+    big['Q'][:n, n] = big['Q'][n, :n] = linear * d / one
+    rows = np.zeros((q, size))
+    rows[:, :n], rows[:, n] = C / row[:, None], -form.d / row / one
+    P1 = big['P1']
+    P1[:n, :n] = form.P1 * (d * d[:, None])
+    P1[:n, n] = P1[n, :n] = form.p1 * d / one
+    P1[n + 1:], P1[:, n + 1:] = rows, rows.T
+    return Extended(form, **big, C=rows, scale=d, one=one, row=row)
+
+
+def _terminal_weight(extended: Extended, T: float) -> tuple[Array, Array]:
+    """
+    Return P(T) with the weights c of the terminal constraints, and the roots of c.
+
+    A weight is the inverse of what the input reaches in a short time. If the problem is not convex
+    as it stands, it may be on C x(T) = d: then larger weights make it so.
+    """
+    A, G, Q, P1 = extended.x_block
+    C = extended.C[:, :extended.n]
+    short = min(T, 3.0 / (norm(A) + math.sqrt(norm(G) * norm(Q)) + TINY))
+    reached = np.zeros(len(C))
+    while len(C):
+        spread = propagation.of_plant(A, G, np.zeros_like(Q), short)[1]
+        share = np.einsum('ij,jk,ik->i', C, spread, C) / max(norm(spread), TINY)
+        reached = np.where(share > _UNREACHED, share * norm(spread), 0.0)
+        if share.min() > 1e-6 or short >= T:
+            break
+        short = min(T, 2.0 * short)
+    c = np.divide(1.0, reached, out=np.zeros(len(C)), where=reached > 0.0)
+    convex = _is_semidefinite(Q) and _is_semidefinite(P1)
+    for _ in range(6):
+        if convex or _has_minimum(A, G, Q, P1 + C.T @ (c[:, None] * C), T):
+            full = extended.C
+            return extended.P1 + full.T @ (c[:, None] * full), np.sqrt(c)
+        if not c.any():
+            break
+        c = 100.0 * c
+    raise _NoAnswerError(Status.NOT_CONVERGED, (
+        'the cost has no minimum: within the horizon lies a conjugate point, beyond which the '
+        'input lowers the cost without bound'))
+
+
+def _is_semidefinite(M: Array) -> bool:
+    return bool(np.linalg.eigvalsh(M)[0] >= -1e-12 * norm(M))
+
+
+def _has_minimum(A: Array, G: Array, Q: Array, P: Array, T: float) -> bool:
+    """Return whether P stays finite back to 0: I + G P keeps its positive eigenvalues."""
+    speed = norm(A) + norm(G) + norm(Q)
+    steps = max(1, min(_MOST_STEPS, math.ceil(4.0 * T * speed)))
+    stretch = propagation.of_plant(A, G, Q, T / steps)
+    sizes, vectors = np.linalg.eigh(stretch[1])
+    root = vectors * np.sqrt(np.maximum(sizes, 0.0))
+    for _ in range(steps):
+        if np.linalg.eigvalsh(np.eye(len(A)) + root.T @ P @ root)[0] <= 1e-12:
+            return False
+        P = propagation.before(stretch, P[None])[0]
+    return True
+
+
+def _path(extended: Extended, P1: Array, unit: Array, x0: Array, T: float,
+          names: tuple[str, ...]) -> Path:
+    """
+    Return x, u, lam, t, nu and the cost.
+
+    They are samples of the optimal path, as many as linear u needs; where that is too many, as of
+    stiff plants, they are samples of a path that linear u leads along.
+    """
+    form, blocks = extended.form, _blocks(extended, T)
+    start = np.append(x0 / extended.scale, extended.one)
+    feedback = Feedback(extended, P1, blocks)
+    P0 = feedback.costs(0)[0]
+    nu = _multipliers(extended, P0, unit, start, T, names)
+    most = min(_MOST, _LARGEST_TABLE / len(P1)**2) / len(blocks)
+    largest = 2 ** int(math.log2(max(most, _FEWEST)))
+    held = follow(feedback, start[:-1], nu) if most < _FEWEST else None
+    count, lines = _FEWEST, held is None and most >= _FEWEST
+    while held is None:
+        t, x, u, lam = _samples(feedback, np.append(start, nu), count)
+        kept, error, defect = _thinned(form, t, x, u)
+        # Halving steps quarters both.
+        wanted = count * 2 ** max(1, math.ceil(0.5 * math.log2(max(error / _DEFECT, 1.0))))
+        enough = error <= _DEFECT or count == largest and defect <= _LARGEST_DEFECT
+        if lines and not enough and (
+                count == largest or defect * (count / min(wanted, largest))**2 > _LARGEST_DEFECT):
+            held, lines = follow(feedback, start[:-1], nu), False
+        elif enough or count == largest:
+            return x[kept], u[kept], lam[kept], t[kept], nu / extended.row, _spent(form, t, x, u)
+        else:
+            count = min(wanted, largest)
+    rest = form.cost - 0.5 * float(form.r @ np.linalg.solve(form.R, form.r))
+    z = np.append(start, nu)
+    value = 0.5 * float(z @ P0 @ z) + rest * T + form.terminal_cost
+    return held.x, held.u, held.lam, held.t, held.nu / extended.row, value
+
+
+def _spent(form: LqForm, t: Array, x: Array, u: Array) -> float:
+    """
+    Return the cost of samples of the optimal path, by Romberg's rule in each block.
+
+    z'P z / 2 is the same number, but where little is spent to meet an end it is the difference
+    of terms that are larger by orders of magnitude.
+    """
+    L = running_cost(form, x, u)
+    running = np.array([romb(*block) for block in zip(L, t[:, 1] - t[:, 0], strict=True)])
+    end = x[-1, -1]
+    return float(running.sum() + 0.5 * end @ form.P1 @ end + form.p1 @ end + form.terminal_cost)
+
+
+def _samples(feedback: Feedback, z: Array, count: int) -> tuple[Array, Array, Array, Array]:
+    """Return t, x, u, lam of the optimal path at `count` + 1 times of each block."""
+    extended, form = feedback.extended, feedback.extended.form
+    t, path, costates = feedback.samples(z, round(math.log2(count)))
+    x = path[..., :extended.n] * extended.scale
+    lam = costates[..., :extended.n] / extended.scale
+    right = lam @ form.B + x @ form.N + form.r
+    u = -np.linalg.solve(form.R, right.reshape(-1, form.B.shape[1]).T).T
+    return t, x, np.asarray(u, np.float64).reshape(right.shape), lam
+
+
+def _blocks(extended: Extended, T: float) -> list[tuple[float, float]]:
+    """Halve the horizon towards both ends, where the path has layers as thin as 1 / speed."""
+    A, G, Q, _ = extended.x_block
+    speed = norm(A) + math.sqrt(norm(G) * norm(Q))
+    halvings = min(_MOST_HALVINGS, max(0, math.ceil(math.log2(max(T * speed / 4.0, 1.0)))))
+    ends = [T * 0.5**k for k in range(halvings, 0, -1)]
+    times = [0.0, *ends, *(T - end for end in reversed(ends[:-1])), T]
+    return list(zip(times[:-1], times[1:], strict=True))
+
+
+def _multipliers(extended: Extended, P0: Array, unit: Array, start: Array, T: float,
+                 names: tuple[str, ...]) -> Array:
+    """Solve P_nunu nu = -(P_nux x0 + P_nu1), or say which constraint the input does not reach."""
+    n1 = extended.n + 1
+    if len(P0) == n1:
+        return np.zeros(0)
+    miss = P0[n1:, :n1] @ start
+    size = np.abs(P0[n1:, :n1]) @ np.abs(start)
+    unit = np.where(unit > 0.0, unit, 1.0 / np.maximum(size, TINY))
+    reach = -P0[n1:, n1:] * (unit * unit[:, None])
+    reach[unit == 0.0] = 0.0
+    shares, ways = np.linalg.eigh(reach)
+    for share, way in zip(shares, ways.T, strict=True):
+        if share > _UNREACHED:
+            continue
+        if abs(way @ (unit * miss)) > _MISSED * (np.abs(way) @ (unit * size)):
+            if _is_moved(extended, way * unit):
+                raise _NoAnswerError(Status.NOT_CONVERGED, (
+                    'the input reaches the terminal constraints, but what it does to them within '
+                    f'T = {T:g} is lost in the accuracy of numbers: take T, or the unit of time, '
+                    'nearer to how fast the states move'))
+            raise _NoAnswerError(Status.INFEASIBLE, _out_of_reach(
+                extended, way * unit, float(way @ (unit * miss)), T, names))
+    open_ways = ways[:, shares > _UNREACHED]
+    inner = open_ways.T @ (unit * miss) / shares[shares > _UNREACHED]
+    nu: Array = unit * (open_ways @ inner)
+    return nu
+
+
+def _is_moved(extended: Extended, way: Array) -> bool:
+    """Return whether G acts on a combination of constraints, or on one of its derivatives."""
+    A, G, *_ = extended.x_block
+    row = (way @ extended.C)[:extended.n]
+    size = np.abs(way) @ np.abs(extended.C)[:, :extended.n]
+    for _ in range(extended.n):
+        moved, most = np.abs(row @ G), size @ np.abs(G)
+        if np.any(moved > _ROUNDING * most):
+            return True
+        row, size = row @ A, size @ np.abs(A)
+        row, size = (part / max(float(size.max()), TINY) for part in (row, size))
+    return False
+
+
+def _out_of_reach(extended: Extended, way: Array, miss: float, T: float, names: tuple[str, ...]
+                  ) -> str:
+    """Name the combination of states at T that the input does not change."""
+    n = extended.n
+    along = way @ extended.C
+    coefficients = along[:n] / extended.scale
+    largest = int(np.abs(coefficients).argmax())
+    unit = coefficients[largest] or 1.0
+    wanted = 0.0 - along[n] * extended.one / unit
+    there = wanted + miss / unit
+    if abs(there) < 1e-12 * abs(wanted):
+        there = 0.0
+    if abs(along[:n]).max() <= 1e-12 * (abs(way) @ abs(extended.C[:, :n])).max():
+        return 'the terminal constraints cannot be met: they contradict each other'
+    terms = []
+    for value, name in zip(coefficients / unit, names, strict=True):
+        if abs(value) > 1e-9:
+            size = '' if abs(abs(value) - 1.0) < 1e-12 else f'{abs(value):.4g} '
+            terms.append(f'{"-" if value < 0.0 else "+"} {size}{name}')
+    text = ' '.join(terms).removeprefix('+ ') or '0'
+    return (f'the terminal constraints cannot be met: the input does not reach {text}, which at '
+            f'T = {T:g} is {there:.6g} whatever the input; wanted is {wanted:.6g}')
+
+
+def _thinned(form: LqForm, t: Array, x: Array, u: Array
+             ) -> tuple[tuple[Places, ...], float, float]:
+    """
+    Return the samples (block, place) that linear u needs, and error and defect with all of them.
+
+    The defect is that of the dynamics relative to the largest states, of all intervals together;
+    the error is what it has grown to at T. A sample is left out when the line between its
+    neighbours passes by it.
+    """
+    blocks, count = len(t), t.shape[1] - 1
+    size = np.abs(x).max(axis=(0, 1))
+    size[size == 0.0] = max(float(size.max()), TINY)
+    growth = _growth(form.A * (size / size[:, None]), t)
+    plain = 0.0
+    levels = []  # middles of intervals of 2 reach samples, and the error of leaving them out
+    reach = 1
+    while reach < count:
+        middle = np.arange(reach, count, 2 * reach)
+        bend = u[:, middle] - 0.5 * (u[:, middle - reach] + u[:, middle + reach])
+        length = 2.0 / 3.0 * (t[:, middle + reach] - t[:, middle - reach])
+        defect = np.abs(bend @ form.B.T / size).max(axis=2) * length
+        plain = plain or 0.25 * float(defect.sum())
+        defect *= growth[:, middle]
+        levels.append((reach, middle, defect))
+        reach *= 2
+    finest = 0.25 * float(levels[0][2].sum())  # halving the length quarters the bend
+    ends = max(1, count * blocks // _FEWEST)
+    for share in (1e-2, 1e-3, 1e-4, 1e-5, 0.0):
+        keep = np.zeros((blocks, count + 1), dtype=bool)
+        keep[:, ::ends] = keep[:, [0, -1]] = True
+        left_out = finest
+        for reach, middle, defect in levels:
+            half = reach // 2
+            children = keep[:, middle - half] | keep[:, middle + half] if half else False
+            keep[:, middle] |= (defect > share * _DEFECT) | children
+            left_out += float(defect[~keep[:, middle]].sum())
+        if left_out <= max(_DEFECT, 2.0 * finest):
+            break
+    keep[1:, 0] = False  # it is the last of the block before
+    return np.nonzero(keep), finest, plain
+
+
+def _growth(A: Array, t: Array) -> Array:
+    """Return by how much dx/dt = A x grows from each time until T, at least 1."""
+    T = t[-1, -1]
+    with np.errstate(all='ignore'):
+        step, power, sizes = expm(A * (T / 64)), np.eye(len(A)), [1.0]
+        for _ in range(64):
+            power = step @ power if sizes[-1] < _MOST_GROWTH else power
+            size = float(np.abs(power).sum(axis=1).max())
+            sizes.append(max(1.0, size) if math.isfinite(size) else _MOST_GROWTH)
+    grown = np.minimum(np.maximum.accumulate(sizes), _MOST_GROWTH)
+    growth: Array = np.interp(T - t, np.linspace(0.0, T, 65), grown)
+    return growth

@@ -1,0 +1,439 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The equations of Pontryagin's boundary value problem for given arcs, and Newton's method.
+
+In a step the inputs go first, then the Gauss points of each interval, all intervals at once;
+what is left links neighbouring mesh points (a banded matrix) with nu and the lengths of the arcs.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+import math
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.numerics.arrays import Array, Index
+from obc_ros.core.numerics.collocation import collocation, gauss_points
+from obc_ros.core.numerics.vectorized import Batch
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
+from obc_ros.core.solver.adjoint.costates import Extremal
+from obc_ros.core.solver.arcs.input_arcs import Arc
+from obc_ros.core.solver.transcription.program import Scales
+from scipy.linalg import LinAlgError, solve_banded
+
+TOLERANCE, _ENOUGH = 1e-12, 1e-8   # scaled residuals: where to end, and what must be reached
+_STAGES = 3
+_MOST_STEPS = 12
+_AT_ONCE = 2_000_000   # numbers of the matrices of condensed intervals: 16 MB
+
+
+@dataclass(frozen=True, eq=False)
+class _Rates:
+    """
+    What holds at K points, scaled.
+
+    F (K, 2n) = dz/dt, H, L (K,), dH/du `Hu`, and `off` (K, m), by how much the equation of each
+    input is not met; du = `gain` dz + `move` meets it. F_z, F_u and B = dHu/dz, Huu (K, ., .).
+    """
+
+    F: Array
+    H: Array
+    L: Array
+    Hu: Array
+    off: Array
+    gain: Array
+    move: Array
+    F_z: Array
+    F_u: Array
+    B: Array
+    Huu: Array
+
+    @property
+    def total(self) -> Array:
+        """Return dF/dz with the inputs that follow z."""
+        return self.F_z + self.F_u @ self.gain
+
+    @property
+    def H_z(self) -> Array:
+        """Return dH/dz with the inputs that follow z, (K, 2n)."""
+        n = self.F.shape[1] // 2
+        partial = np.hstack([-self.F[:, n:], self.F[:, :n]])
+        return np.asarray(partial + np.einsum('kj,kjz->kz', self.Hu, self.gain))
+
+
+class Hamiltonian:
+    """The right-hand sides of a problem's structure, for any arcs and numbers."""
+
+    def __init__(self, problem: Problem) -> None:
+        n, m = problem.n, problem.m
+        x, u, p, lam = problem.x, problem.u, problem.p, ca.SX.sym('lam', n)
+        H = problem.L + ca.dot(lam, problem.f)
+        Hx, Hu = ca.gradient(H, x), ca.gradient(H, u)
+        self._sizes = 2 * n, m
+        self._rates = Batch([x, lam, u, p], [
+            ca.vertcat(problem.f, -Hx), H, problem.L, Hu, ca.jacobian(problem.f, x).T,
+            ca.jacobian(Hx, x).T, ca.jacobian(Hu, ca.vertcat(x, lam)).T, ca.jacobian(Hu, u).T])
+        nu = ca.SX.sym('nu', problem.q)
+        last = ca.gradient(problem.V + ca.dot(nu, problem.psi), x)
+        self._end = Batch([x, nu, p], [
+            problem.psi, ca.jacobian(problem.psi, x).T, last, ca.jacobian(last, x).T,
+            problem.V], 1)
+
+    def rates(self, problem: Problem, scales: Scales, z: Array, u: Array, free: NDArray[np.bool_],
+              level: Array) -> _Rates:
+        """Return what holds at scaled points with inputs free or at their (scaled) levels."""
+        n, (two_n, m) = problem.n, self._sizes
+        size = np.concatenate([scales.x, scales.cost / scales.x])
+        x_lam = z * size
+        F, H, L, Hu, fx, Hxx, B, Huu = self._rates(
+            x_lam[:, :n], x_lam[:, n:], u * scales.u, problem.p_value)
+        K, time, cost = len(z), scales.time, scales.cost
+        F, Hu = F * (time / size), Hu * (scales.u * time / cost)
+        H, L = H[:, 0] * time / cost, L[:, 0] * time / cost
+        B = B.reshape(K, m, two_n) * (time / cost * np.outer(scales.u, size))
+        Huu = Huu.reshape(K, m, m) * (time / cost * np.outer(scales.u, scales.u))
+        fx = fx.reshape(K, n, n) * (time * np.outer(1 / scales.x, scales.x))
+        F_z = np.zeros((K, two_n, two_n))
+        F_z[:, :n, :n], F_z[:, n:, n:] = fx, -fx.transpose(0, 2, 1)
+        F_z[:, n:, :n] = -Hxx.reshape(K, n, n) * (time / cost * np.outer(scales.x, scales.x))
+        F_u = np.concatenate([B[:, :, n:], -B[:, :, :n]], axis=2).transpose(0, 2, 1)
+        off = np.where(free, Hu, u - level)
+        whole = np.where(free[:, :, None], Huu, np.eye(m))
+        right = np.concatenate([np.where(free[:, :, None], B, 0.0), off[:, :, None]], axis=2)
+        solved = -_solved(whole, right)
+        return _Rates(F, H, L, Hu, off, solved[:, :, :-1], solved[:, :, -1], F_z, F_u, B, Huu)
+
+    def end(self, problem: Problem, scales: Scales, z: Array, nu: Array) -> tuple[Array, ...]:
+        """Return psi and dpsi/dx, lam(T) as it should be and its derivative, and V, scaled."""
+        n, q, sx, cost = problem.n, problem.q, scales.x, scales.cost
+        psi, psi_x, last, last_x, V = self._end(
+            (z[:n] * sx)[None], (nu * cost)[None], problem.p_value)
+        return (psi[0], psi_x[0].reshape(q, n) * sx, last[0] * sx / cost,
+                last_x[0].reshape(n, n) * np.outer(sx, sx) / cost, V[0] / cost)
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """
+    Scaled z (N + 1, 2n) at mesh points; y (N, s, 2n) and u (N, s, m) at Gauss points.
+
+    `at_ends` (P, 2, m): u at the end of each arc and at the start of the next; `theta`: the
+    lengths of the P arcs and nu.
+    """
+
+    z: Array
+    y: Array
+    u: Array
+    at_ends: Array
+    theta: Array
+
+    def moved(self, part: float, step: 'Unknowns') -> 'Unknowns':
+        """Return the unknowns after a part of a step."""
+        return Unknowns(**{name: values + part * getattr(step, name)
+                            for name, values in vars(self).items()})
+
+
+# The rates at Gauss points and at the ends of arcs, and the unknowns that they are at.
+_Linear = tuple[_Rates, _Rates, Unknowns]
+
+
+class Equations:
+    """The equations for given arcs, and Newton's method."""
+
+    def __init__(self, parts: Hamiltonian, problem: Problem, arcs: Sequence[Arc], scales: Scales,
+                 fractions: Array, arc_of: Index) -> None:
+        self.parts, self.problem, self.arcs, self.scales = parts, problem, arcs, scales
+        self.fractions, self.arc_of = fractions, arc_of
+        self.size = np.concatenate([scales.x, scales.cost / scales.x])
+        levels = np.array([arc.levels for arc in arcs])
+        self.free, self.level = np.isnan(levels), np.nan_to_num(levels) / scales.u
+        # The input that switches at the end of each arc but the last.
+        self.switches = np.argmax((self.free[:-1] != self.free[1:])
+                                  | (self.level[:-1] != self.level[1:]), axis=1)
+        self.ends = np.append(np.flatnonzero(np.diff(self.arc_of)) + 1, len(self.arc_of))
+        _, weights, derivative, _ = collocation(_STAGES)
+        self.a, self.b = np.linalg.inv(derivative[:, 1:]), weights
+
+    def on(self, fractions: Array, arc_of: Index) -> 'Equations':
+        """Return the equations on other intervals."""
+        return Equations(self.parts, self.problem, self.arcs, self.scales, fractions, arc_of)
+
+    def solve(self, now: Unknowns, tolerance: float = TOLERANCE) -> BoundaryValues | None:
+        """Return what Newton's method makes of a start; None if it ends elsewhere."""
+        try:
+            left, linear = self._equations(now)
+            norm = before = math.inf
+            for _ in range(_MOST_STEPS):
+                norm, before = _norm(left), norm
+                # Near rounding errors steps gain no more.
+                if not norm > tolerance or norm < _ENOUGH and norm > 0.1 * before:
+                    break
+                step = self._step(left, linear)
+                for part in (1.0, 0.5, 0.25, 0.1):
+                    trial = now.moved(part, step)
+                    after, again = self._equations(trial)
+                    if _norm(after) < norm:
+                        now, left, linear = trial, after, again
+                        break
+                else:
+                    break
+            norm = _norm(left)
+            good = norm < max(tolerance, _ENOUGH) and bool(np.all(now.theta[:len(self.arcs)] > 0))
+            return self.result(now, norm) if good else None
+        except (LinAlgError, ValueError):
+            return None  # a singular matrix, as on singular arcs; numbers that are not finite
+
+    def defects(self, found: BoundaryValues) -> Array:
+        """Return by how much each interval may be off, relative, from the slope in its middle."""
+        N = len(found.h)
+        z, u = (values / size for values, size in zip(
+            found.at(np.arange(N), np.full(N, 0.5)), (self.size, self.scales.u), strict=True))
+        u = u + self._rates(z, u, self.arc_of).move
+        h = found.h[:, None]
+        slope = (15 / 8 * np.diff(found.z, axis=1)[:, 0] - 7 / 16 * h * found.dz.sum(axis=1)
+                 + h**2 / 32 * np.diff(found.ddz, axis=1)[:, 0]) / self.size
+        off = slope - h / self.scales.time * self._rates(z, u, self.arc_of).F
+        return np.asarray(np.abs(off).max(axis=1))
+
+    def near(self, found: BoundaryValues) -> Unknowns:
+        """Return the unknowns of a solution on other intervals."""
+        h = self.fractions * found.lengths[self.arc_of]
+        t = np.append(0.0, np.cumsum(h))[:-1]
+        z, _ = found.at(*found.where(t, self.arc_of))
+        inner = (t[:, None] + h[:, None] * gauss_points(_STAGES)).ravel()
+        y, u = found.at(*found.where(inner, np.repeat(self.arc_of, _STAGES)))
+        N, scales = len(h), self.scales
+        last = np.flatnonzero(np.diff(found.arc_of, append=-1))
+        following = np.append(found.u[last[:-1] + 1, 0], found.u[-1:, 1], axis=0)
+        return Unknowns(
+            np.vstack([z, found.z[-1:, 1]]) / self.size, (y / self.size).reshape(N, _STAGES, -1),
+            (u / scales.u).reshape(N, _STAGES, -1),
+            np.stack([found.u[last, 1], following], axis=1) / scales.u,
+            np.append(found.lengths / scales.time, found.nu / scales.cost))
+
+    def start(self, course: Extremal) -> Unknowns:
+        """Return the unknowns that follow a course."""
+        n, scales = self.problem.n, self.scales
+        lengths = np.array([arc.end - arc.start for arc in self.arcs])
+        h = self.fractions * lengths[self.arc_of]
+        t = np.append(0.0, np.cumsum(h))
+        known = np.vstack([np.hstack([course.x, course.lam]), np.hstack(
+            [course.x_end[-1:], course.lam_end[-1:]])]) / self.size
+        middle, u = (course.t[:-1] + course.t[1:]) / 2, (course.ua + course.ub) / 2 / scales.u
+
+        def at(times: Array, seen: Array, values: Array) -> Array:
+            return np.stack([np.interp(times, seen, column) for column in values.T], axis=-1)
+
+        inner = t[:-1, None] + h[:, None] * gauss_points(_STAGES)
+        inputs = np.where(self.free[self.arc_of][:, None], at(inner, middle, u),
+                          self.level[self.arc_of][:, None])
+        ends, off = np.cumsum(lengths), 1e-6 * t[-1]
+        at_ends = np.stack([at(ends - off, middle, u), at(ends + off, middle, u)], axis=1)
+        z = at(t, course.t, known)
+        z[0, :n] = self.problem.x0 / scales.x
+        return Unknowns(z, at(inner, course.t, known), inputs, at_ends, np.append(
+            lengths / scales.time, course.nu / scales.cost))
+
+    def _equations(self, now: Unknowns) -> tuple[list[Array], _Linear]:
+        """Return what is left of each group of equations, and the rates at all points."""
+        N, P = len(self.arc_of), len(self.arcs)
+        rows = np.repeat(self.arc_of, _STAGES)
+        inner = self._rates(now.y.reshape(N * _STAGES, -1), now.u.reshape(N * _STAGES, -1), rows)
+        following = np.minimum(np.arange(P) + 1, P - 1)
+        sides = self._rates(np.repeat(now.z[self.ends], 2, axis=0),
+                            now.at_ends.reshape(2 * P, -1),
+                            np.column_stack([np.arange(P), following]).ravel())
+        h = (self.fractions * now.theta[self.arc_of])[:, None]
+        F = inner.F.reshape(now.y.shape)
+        stages = now.z[:-1, None] + h[:, None] * np.einsum('ij,kjz->kiz', self.a, F) - now.y
+        nodes = now.z[:-1] + h * np.einsum('j,kjz->kz', self.b, F) - now.z[1:]
+        psi, _, last, _, _ = self.parts.end(
+            self.problem, self.scales, now.z[-1], now.theta[P:])
+        border = np.concatenate([psi, self._switches(now, sides)[0]])
+        left = [inner.off, sides.off, stages, nodes,
+                self.problem.x0 / self.scales.x - now.z[0, :self.problem.n],
+                last - now.z[-1, self.problem.n:], border]
+        return left, (inner, sides, now)
+
+    def _rates(self, z: Array, u: Array, arc: Index) -> _Rates:
+        return self.parts.rates(self.problem, self.scales, z, u, self.free[arc], self.level[arc])
+
+    def _switches(self, now: Unknowns, sides: _Rates) -> tuple[Array, Array]:
+        """
+        Return what is left of the equations of the lengths, and its derivatives by z at the ends.
+
+        At the end of each arc but the last: H does not jump, or dH/du = 0 of an input that
+        comes to a bound or leaves it. At T: H = 0, or the lengths sum up to T.
+        """
+        P, final, H_z = len(self.arcs), self.problem.final_time, sides.H_z
+        H = sides.H + np.einsum('kj,kj->k', sides.Hu, sides.move)
+        values, slopes = np.empty(P), np.zeros((P, now.z.shape[1]))
+        b, i = np.arange(P - 1), self.switches
+        jumps = self.free[b, i] == self.free[b + 1, i]
+        held = 2 * b + self.free[b, i]
+        comes = sides.Hu[held, i] + np.einsum('kj,kj->k', sides.Huu[held, i], sides.move[held])
+        comes_z = sides.B[held, i] + np.einsum('kj,kjz->kz', sides.Huu[held, i], sides.gain[held])
+        values[:-1] = np.where(jumps, H[2 * b] - H[2 * b + 1], comes)
+        slopes[:-1] = np.where(jumps[:, None], H_z[2 * b] - H_z[2 * b + 1], comes_z)
+        if final.free:
+            values[-1], slopes[-1] = H[-2], H_z[-2]
+        else:
+            values[-1] = now.theta[:P].sum() - final.value / self.scales.time
+        return values, slopes
+
+    def _step(self, left: list[Array], linear: _Linear) -> Unknowns:
+        """Return Newton's step."""
+        inner, sides, now = linear
+        n, P = self.problem.n, len(self.arcs)
+        stages, over, by_length, rest = self._condensed(left, inner, now)
+        psi, psi_x, _, last_x, _ = self.parts.end(
+            self.problem, self.scales, now.z[-1], now.theta[P:])
+        N, two_n = len(over), 2 * n
+        right = np.zeros(((N + 1) * two_n, 1 + len(now.theta)))
+        right[:n, 0], right[-n:, 0] = left[4], left[5]
+        right[n:-n, 0] = rest.ravel()
+        k = np.arange(N)
+        body = right[n:-n].reshape(N, two_n, -1)
+        body[k, :, 1 + self.arc_of] = by_length
+        right[-n:, 1 + P:] = psi_x.T
+        found = _banded(over, last_x, right).reshape(N + 1, two_n, -1)
+        values, slopes = self._switches(now, sides)
+        ends = np.einsum('pz,pzc->pc', slopes, found[self.ends])
+        if not self.problem.final_time.free:
+            ends[-1, 1:P + 1] += 1.0
+        border = np.vstack([psi_x @ found[-1, :n], ends])
+        theta = np.linalg.solve(border[:, 1:], -np.append(psi, values) - border[:, 0])
+        z = found[:, :, 0] + found[:, :, 1:] @ theta
+        y = (stages[:, :, :-2] @ z[:-1, :, None])[:, :, 0] + stages[:, :, -1]
+        y += stages[:, :, -2] * theta[self.arc_of][:, None]
+        y = y.reshape(now.y.shape)
+        u = np.einsum('kjz,kz->kj', inner.gain, y.reshape(-1, two_n)) + inner.move
+        at_ends = np.einsum('kjz,kz->kj', sides.gain,
+                            np.repeat(z[self.ends], 2, axis=0)) + sides.move
+        return Unknowns(z, y, u.reshape(now.u.shape), at_ends.reshape(now.at_ends.shape), theta)
+
+    def _condensed(self, left: list[Array], inner: _Rates, now: Unknowns
+                   ) -> tuple[Array, Array, Array, Array]:
+        """
+        Return the steps at Gauss points and at the end of each interval.
+
+        As functions of the step at its start, of that of the length of its arc, and 1: the
+        first (N, s 2n, 2n + 2), those at the end in three parts. So many intervals at once that
+        the matrices, which take the square of the states, fit into memory.
+        """
+        N, s, two_n = now.y.shape
+        rates = (inner.F.reshape(N, s, two_n), inner.total.reshape(N, s, two_n, two_n),
+                 np.einsum('kzj,kj->kz', inner.F_u, inner.move).reshape(N, s, two_n))
+        h = (self.fractions * now.theta[self.arc_of])[:, None, None]
+        count = max(1, _AT_ONCE // (s * two_n)**2)
+        parts = [self._condensed_some(
+            h[k:k + count], self.fractions[k:k + count], left[2][k:k + count],
+            left[3][k:k + count], *(each[k:k + count] for each in rates))
+            for k in range(0, N, count)]
+        stages, over, by_length, rest = map(np.concatenate, zip(*parts, strict=True))
+        return stages, over, by_length, rest
+
+    def _condensed_some(self, h: Array, fractions: Array, left: Array, left_at_end: Array,
+                        F: Array, total: Array, moved: Array
+                        ) -> tuple[Array, Array, Array, Array]:
+        """Return the same for some intervals."""
+        N, s, two_n = F.shape
+        matrix = -np.einsum('ij,kjzw->kizjw', self.a, h[..., None] * total).reshape(
+            N, s * two_n, s * two_n)
+        matrix[:, np.arange(s * two_n), np.arange(s * two_n)] += 1.0
+        right = np.zeros((N, s, two_n, two_n + 2))
+        right[:, :, np.arange(two_n), np.arange(two_n)] = 1.0
+        right[..., -2] = fractions[:, None, None] * np.einsum('ij,kjz->kiz', self.a, F)
+        right[..., -1] = left + h * np.einsum('ij,kjz->kiz', self.a, moved)
+        stages = np.linalg.solve(matrix, right.reshape(N, s * two_n, -1))
+        weighted = (self.b[:, None, None] * total).transpose(0, 2, 1, 3)
+        ends = h * (weighted.reshape(N, two_n, -1) @ stages)
+        ends[:, np.arange(two_n), np.arange(two_n)] += 1.0
+        by_length = ends[:, :, -2] + fractions[:, None] * np.einsum('j,kjz->kz', self.b, F)
+        rest = ends[:, :, -1] + left_at_end + h[:, :, 0] * np.einsum('j,kjz->kz', self.b, moved)
+        return stages, ends[:, :, :-2], by_length, rest
+
+    def result(self, now: Unknowns, residual: float) -> BoundaryValues:
+        """Return what the unknowns say at the ends of all intervals."""
+        P, N, scales = len(self.arcs), len(self.arc_of), self.scales
+        lengths = now.theta[:P] * scales.time
+        h = self.fractions * lengths[self.arc_of]
+        z = np.stack([now.z[:-1], now.z[1:]], axis=1)
+        # Inputs at the ends of intervals: from those at the Gauss points, then by Newton.
+        u = np.einsum('ej,kjm->kem', _outer(), now.u).reshape(2 * N, -1)
+        arcs = np.repeat(self.arc_of, 2)
+        for _ in range(4):
+            ends = self._rates(z.reshape(2 * N, -1), u, arcs)
+            u = u + ends.move
+            if np.abs(ends.move).max() < TOLERANCE:
+                break
+        size = self.size
+        dz = ends.F * size / scales.time
+        ddz = np.einsum('kzw,kw->kz', ends.total, ends.F) * size / scales.time**2
+        du = np.einsum('kjz,kz->kj', ends.gain, ends.F) * scales.u / scales.time
+        inner = self._rates(now.y.reshape(N * _STAGES, -1), now.u.reshape(N * _STAGES, -1),
+                            np.repeat(self.arc_of, _STAGES))
+        *_, V = self.parts.end(self.problem, scales, now.z[-1], now.theta[P:])
+        cost = (inner.L.reshape(N, -1) @ self.b) @ h / scales.time + V[0]
+        by_u = ends.F_u * np.outer(size, 1 / (scales.u * scales.time))
+        return BoundaryValues(
+            self.arc_of, h, lengths, np.array([arc.levels for arc in self.arcs]), z * size,
+            dz.reshape(z.shape), ddz.reshape(z.shape), u.reshape(N, 2, -1) * scales.u,
+            du.reshape(N, 2, -1), by_u.reshape(N, 2, len(size), -1),
+            now.theta[P:] * scales.cost, float(cost * scales.cost), residual)
+
+
+@cache
+def _outer() -> Array:
+    """Return the values at 0 and 1 of the polynomials that are 1 at one Gauss point."""
+    return np.array([np.linalg.solve(np.vander(gauss_points(_STAGES)).T, power)
+                     for power in np.vander([0.0, 1.0], _STAGES)])
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    """Return the solutions for matrices (K, m, m), of one or two rows by Cramer's rule."""
+    m = matrix.shape[1]
+    if m > 2:
+        return np.asarray(np.linalg.solve(matrix, right))
+    det = (matrix[:, 0, 0] if m == 1 else
+           matrix[:, 0, 0] * matrix[:, 1, 1] - matrix[:, 0, 1] * matrix[:, 1, 0])
+    if not det.all():
+        raise LinAlgError('Singular matrix')
+    if m == 2:
+        turned = np.stack([matrix[:, 1, 1], -matrix[:, 0, 1], -matrix[:, 1, 0],
+                           matrix[:, 0, 0]], axis=1).reshape(-1, 2, 2)
+        right = turned @ right
+    return np.asarray(right / det[:, None, None])
+
+
+def _norm(left: list[Array]) -> float:
+    return math.sqrt(sum(float(np.vdot(part, part)) for part in left))
+
+
+def _banded(over: Array, last_x: Array, right: Array) -> Array:
+    """
+    Return the steps at all mesh points for each column on the right.
+
+    x_0 is given, z_(k+1) - over_k z_k (N, 2n, 2n) too, and lam_N - last_x x_N.
+    """
+    N, two_n, _ = over.shape
+    n = two_n // 2
+    half = 3 * n - 1
+    bands = np.zeros((2 * half + 1, (N + 1) * two_n))
+
+    def put(row: Array, column: Array, values: Array | float) -> None:
+        bands[half + row - column, column] = values
+
+    first, each = np.arange(n), np.arange(two_n)
+    put(first, first, 1.0)
+    base = two_n * np.arange(N)[:, None, None]
+    put(n + base + each[:, None], base + each, -over)
+    put((n + base[:, 0] + each), (base[:, 0] + two_n + each), 1.0)
+    end = N * two_n
+    put(end + n + first[:, None], end + first, -last_x)
+    put(end + n + first, end + n + first, 1.0)
+    return np.asarray(solve_banded((half, half), bands, right))

@@ -1,0 +1,299 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+States and costates along a given input, with the Hamiltonian.
+
+dx/dt = f(x, u) forward from x(0); dlam/dt = -dH/dx backward from lam(T) = dV/dx + nu' dpsi/dx,
+both by Runge-Kutta steps of order 6 in equal parts of each interval of the input. Where the
+system is so unstable that the errors of a single sweep are seen, the sweeps start anew at every
+mesh point from what the transcription found there.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.vectorized import Batch, Chain
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Solution, Status
+from obc_ros.core.solver.transcription.mesh import Path
+from obc_ros.core.solver.transcription.program import Outcome
+from obc_ros.core.solver.transcription.runge_kutta import step_of
+
+_COURSES = 64   # so many at most are faster one after the other than side by side
+_STIFF = 1e-4   # relative error of an interval
+_MANY = 64
+_SAMPLES = 64   # intervals whose ends are samples enough
+
+
+@dataclass(frozen=True, eq=False)
+class Extremal:
+    """
+    States, inputs and costates on a fine grid of K parts, `parts` in each interval.
+
+    Attributes
+    ----------
+    t : ndarray, shape (K + 1,)
+    x, x_end : ndarray, shape (K, n)
+        State at the start and at the end of each part.
+    ua, ub : ndarray, shape (K, m)
+        Input at the start and at the end of each part.
+    lam, lam_end : ndarray, shape (K, n)
+        Costate at the start and at the end of each part; it jumps in between by the masses of
+        multipliers.
+    cost : float
+        J.
+    defect : float
+        Largest difference between the states of a single sweep and those of the transcription,
+        relative to the size of each state.
+    local : ndarray, shape (N,)
+        Likewise for sweeps that start anew at each mesh point, in each interval.
+    nu : ndarray, shape (q,)
+    density_x, density_path : ndarray, shape (K, 2, n), (K, 2, l), or None
+        Densities of the multipliers of the bounds of x and of the path constraints, at the start
+        and at the end of each part.
+
+    """
+
+    parts: int
+    t: Array
+    x: Array
+    x_end: Array
+    ua: Array
+    ub: Array
+    lam: Array
+    lam_end: Array
+    cost: float
+    defect: float
+    local: Array
+    nu: Array
+    density_x: Array | None = None
+    density_path: Array | None = None
+
+
+def _largest(error: Array, size: Array) -> Array:
+    """Return the largest entry of each row beside its size, infinite if one is not a number."""
+    with np.errstate(invalid='ignore', over='ignore'):   # where states explode
+        return np.asarray(np.nan_to_num(
+            np.abs(error / size).max(axis=1), nan=np.inf, posinf=np.inf))
+
+
+def _cut(path: Path, parts: int) -> tuple[Array, Array, Array]:
+    """Return times and inputs of a path with each interval in equal parts."""
+    c = np.arange(parts)[:, None] / parts
+    t = np.append((path.t[:-1, None] + np.diff(path.t)[:, None] * c[:, 0]).ravel(), path.t[-1])
+    a, b = path.ua[:, None, :], path.ub[:, None, :]
+    ua, ub = ((a + (b - a) * part).reshape(-1, path.ua.shape[1]) for part in (c, c + 1 / parts))
+    return t, ua, ub
+
+
+class Integrator:
+    """Runge-Kutta steps of a problem's dynamics, cost and costates, for any numbers."""
+
+    def __init__(self, problem: Problem) -> None:
+        x, u, p, lam = problem.x, problem.u, problem.p, ca.SX.sym('lam', problem.n)
+        ua, ub = ca.SX.sym('ua', problem.m), ca.SX.sym('ub', problem.m)
+        h = ca.SX.sym('h')
+        self._symbols = lam, x, ua, ub, h, p
+        end, cost = self._end_and_cost = step_of(problem).call([x, ua, ub, h, p])
+        mu = ca.SX.sym('mu', int(problem.path.numel()))
+        H = problem.L + ca.dot(lam, problem.f)
+        Hu = ca.gradient(H + ca.dot(mu, problem.path), u)
+        nu = ca.SX.sym('nu', problem.q)
+        self._step = Batch([x, ua, ub, h, p], [end, cost], 16)
+        self._end = Batch([x, nu, p], [
+            problem.V, problem.psi, ca.gradient(problem.V + ca.dot(nu, problem.psi), x)], 1)
+        self._hamiltonian = Batch([x, u, lam, mu, p], [H, Hu, ca.jacobian(Hu, u)])
+
+    @cached_property
+    def _forward(self) -> Chain:
+        """Return the step of x and the cost so far."""
+        _, x, ua, ub, h, p = self._symbols
+        end, cost = self._end_and_cost
+        total = ca.SX.sym('total')
+        return Chain(ca.vertcat(x, total), [ua, ub, h, p], ca.vertcat(end, total + cost))
+
+    @cached_property
+    def _earlier(self) -> ca.SX:
+        """Return lam at the start of a step."""
+        end, cost = self._end_and_cost
+        return ca.gradient(ca.dot(self._symbols[0], end) + cost, self._symbols[1])
+
+    @cached_property
+    def _backward(self) -> Chain:
+        """Return the step of lam with its jump."""
+        lam, *given = self._symbols
+        jump = ca.SX.sym('jump', lam.numel())
+        return Chain(lam, [*given, jump], self._earlier + jump)
+
+    @cached_property
+    def _back(self) -> Batch:
+        """Return the step of lam for many intervals at once."""
+        return Batch(self._symbols, [self._earlier])
+
+    def forward(self, problem: Problem, t: Array, ua: Array, ub: Array) -> tuple[Array, Array]:
+        """Return x (K + 1, n) and the running cost (K + 1,) from x0 under linear inputs."""
+        first = np.append(problem.x0, 0.0)
+        path = np.vstack([first, self._forward(
+            first, ua, ub, np.diff(t)[:, None], problem.p_value)])
+        return path[:, :-1], path[:, -1]
+
+    def forward_each(self, problem: Problem, t: Array, u: Array) -> tuple[Array, Array]:
+        """Return x (R, K + 1, n) and the running costs (R, K + 1) under R inputs held, in turn."""
+        if len(u) <= _COURSES:
+            first = np.append(problem.x0, 0.0)
+            after = self._forward.each(first, u, u, np.diff(t)[:, :, None], problem.p_value)
+            path = np.concatenate([np.broadcast_to(first, (len(u), 1, len(first))), after], axis=1)
+            return path[:, :, :-1], path[:, :, -1]
+        x, cost = [np.tile(problem.x0, (len(u), 1))], [np.zeros((len(u), 1))]
+        for held, h in zip(u.swapaxes(0, 1), np.diff(t).T, strict=True):
+            end, more = self._step(x[-1], held, held, h[:, None], problem.p_value)
+            x.append(end)
+            cost.append(cost[-1] + more)
+        return np.stack(x, axis=1), np.hstack(cost)
+
+    def stepped(self, problem: Problem, x: Array, ua: Array, ub: Array, h: Array) -> Array:
+        """Return x (K, n) after K steps of lengths h (K,), each from its own x and inputs."""
+        return self._step(x, ua, ub, h[:, None], problem.p_value)[0]
+
+    def stepped_back(self, problem: Problem, lam: Array, x: Array, ua: Array, ub: Array,
+                     h: Array) -> Array:
+        """Return lam (K, n) before such steps of what it is after them."""
+        return self._back(lam, x, ua, ub, h[:, None], problem.p_value)[0]
+
+    def ends(self, problem: Problem, x: Array) -> tuple[Array, Array]:
+        """Return V (K,) and psi (K, q) at K states."""
+        V, psi, _ = self._end(x, np.zeros(problem.q), problem.p_value)
+        return V[:, 0], psi
+
+    def at_end(self, problem: Problem, x: Array, nu: Array) -> Array:
+        """Return the costate (n,) that transversality asks for at a final state."""
+        return np.asarray(self._end(x[None, :], nu[None, :], problem.p_value)[2][0])
+
+    def hamiltonian(self, problem: Problem, x: Array, u: Array, lam: Array,
+                    mu: Array | None = None) -> tuple[Array, Array, Array]:
+        """
+        Return H (K,), and dH/du (K, m) and d2H/du2 (K, m, m) with mu' c added, at K points.
+
+        mu (K, l): multipliers of the path constraints; none are taken as 0.
+        """
+        if mu is None:
+            mu = np.zeros(int(problem.path.numel()))
+        H, Hu, Huu = self._hamiltonian(x, u, lam, mu, problem.p_value)
+        return H[:, 0], Hu, Huu.reshape(-1, problem.m, problem.m)
+
+    def samples(self, problem: Problem, course: Extremal) -> Solution:
+        """Return a course as samples, two at a time where something jumps."""
+        t = np.column_stack([course.t[:-1], course.t[1:]]).ravel()
+        x, u, lam = (np.stack(pair, axis=1).reshape(len(t), -1) for pair in (
+            (course.x, course.x_end), (course.ua, course.ub), (course.lam, course.lam_end)))
+        u = np.clip(u, problem.u_lower, problem.u_upper)
+        densities = [None if d is None else d.reshape(len(t), -1)
+                     for d in (course.density_x, course.density_path)]
+        new = np.append(True, np.diff(t) > 0)
+        for values in (u, lam, *densities):
+            if values is not None and values.size:
+                change = np.abs(np.diff(values, axis=0)).max(axis=1)
+                new[1:] |= change > 1e-12 * np.abs(values).max()
+        many = densities[0] is None and len(course.local) >= _SAMPLES
+        if problem.path.numel() or many:
+            # A linear input meets a constraint c(x, u) once or twice in an interval.
+            new &= (np.isin(np.arange(len(t)) % (2 * course.parts), (0, 2 * course.parts - 1)))
+        densities = [d if d is None else d[new] for d in densities]
+        t, x, u, lam = t[new], x[new], u[new], lam[new]
+        H, _, _ = self.hamiltonian(problem, x, u, lam)
+        return Solution(Status.NOT_CONVERGED, '', course.cost, t, x, u, lam, H, course.nu,
+                        state_multipliers=densities[0], path_multipliers=densities[1])
+
+    def extremal(self, problem: Problem, outcome: Outcome, parts: int) -> Extremal:
+        """Return states and costates under the input of an outcome, in parts of its intervals."""
+        path = outcome.path
+        t, ua, ub = _cut(path, parts)
+        anew, anew_end, J = self._restarted(problem, path.x, t, ua, ub, parts)
+        size = np.maximum(np.abs(path.x).max(axis=0), 1e-3 * np.abs(path.x).max() + 1e-12)
+        local = _largest(anew_end[parts - 1::parts] - path.x[1:], size)
+        x, running = self.forward(problem, t, ua, ub)
+        defect = _largest(x[parts::parts] - path.x[1:], size)
+        if local.max() > _STIFF and path.inner.shape[1]:
+            # Explicit steps may say more of themselves than of x: many small ones decide.
+            t, ua, ub = _cut(path, _MANY)
+            _, ends, _ = self._restarted(problem, path.x, t, ua, ub, _MANY)
+            local = _largest(ends[_MANY - 1::_MANY] - path.x[1:], size)
+            return self._at_nodes(outcome, float(defect.max()), local)
+        single = bool(defect.max() < 1e-5)
+        x, x_end, J = (x[:-1], x[1:], running[-1]) if single else (anew, anew_end, J)
+        V, _, last = self._end(x_end[-1:], outcome.nu[None, :], problem.p_value)
+        lam, lam_end = self._costates(
+            problem, outcome, (t, x, ua, ub), last[0], parts, single)
+        if not single and path.inner.shape[1] and self._astray(outcome, lam, size, parts):
+            return self._at_nodes(outcome, float(defect.max()), local)
+        return Extremal(parts, t, x, x_end, ua, ub, lam, lam_end, float(J + V[0, 0]),
+                        float(defect.max()), local, outcome.nu)
+
+    def closed(self, problem: Problem, outcome: Outcome) -> float:
+        """
+        Return the cost of an outcome once the gaps between its steps are closed, to first order.
+
+        A transcription's states miss by a gap at each mesh point where its inputs lead from the
+        one before, and a costate is what a gap is worth. It says which of two outcomes on coarse
+        meshes is better, which their own costs do not.
+        """
+        path, parts = outcome.path, _MANY if outcome.path.inner.shape[1] else 4
+        t, ua, ub = _cut(path, parts)
+        _, x_end, J = self._restarted(problem, path.x, t, ua, ub, parts)
+        ends = x_end[parts - 1::parts]
+        V, psi, _ = self._end(ends[-1:], outcome.nu[None, :], problem.p_value)
+        gaps = outcome.costates[1:-1] * (ends[:-1] - path.x[1:-1])
+        return float(J + V[0, 0] + outcome.nu @ psi[0] + gaps.sum())
+
+    @staticmethod
+    def _astray(outcome: Outcome, lam: Array, size: Array, parts: int) -> bool:
+        """Return whether explicit steps from node to node lead to other costates."""
+        found, swept = outcome.costates[:-1], lam[::parts] + outcome.masses(parts)[:-1:parts]
+        with np.errstate(all='ignore'):
+            gap = (np.abs(swept - found) * size).max() / max((np.abs(found) * size).max(), 1e-300)
+        return not gap <= _STIFF
+
+    def _at_nodes(self, outcome: Outcome, defect: float, local: Array) -> Extremal:
+        """Return what the collocation found, where explicit steps are too unstable to check it."""
+        path = outcome.path
+        costates, mass = outcome.costates, outcome.masses(1)
+        return Extremal(1, path.t, path.x[:-1], path.x[1:], path.ua, path.ub,
+                        (costates - mass)[:-1], costates[1:], outcome.objective, defect, local,
+                        outcome.nu)
+
+    def _restarted(self, problem: Problem, nodes: Array, t: Array, ua: Array, ub: Array,
+                   parts: int) -> tuple[Array, Array, float]:
+        h, K = np.diff(t)[:, None], len(ua)
+        x, x_end, J = np.empty((K, problem.n)), np.empty((K, problem.n)), 0.0
+        now = nodes[:-1]
+        for part in range(parts):
+            here = slice(part, None, parts)
+            x[here] = now
+            now, cost = self._step(now, ua[here], ub[here], h[here], problem.p_value)
+            x_end[here] = now
+            J += float(cost.sum())
+        return x, x_end, J
+
+    def _costates(self, problem: Problem, outcome: Outcome,
+                  course: tuple[Array, Array, Array, Array], last: Array, parts: int,
+                  single: bool) -> tuple[Array, Array]:
+        """Return costates at the starts and at the ends of all parts."""
+        t, x, ua, ub = course
+        h, mass = np.diff(t), outcome.masses(parts)
+        if single:
+            lam = self._backward(last, x[::-1], ua[::-1], ub[::-1], h[::-1, None],
+                                 problem.p_value, mass[-2::-1])[::-1]
+            # The sweep goes from before one jump to before the next.
+            return lam - mass[:-1], np.vstack([lam[1:], last])
+        lam, lam_end = np.empty_like(x), np.empty_like(x)
+        now = np.vstack([outcome.costates[1:-1], last])
+        for part in range(parts - 1, -1, -1):
+            here = slice(part, None, parts)
+            lam_end[here] = now
+            lam[here], = self._back(now, x[here], ua[here], ub[here], h[here, None],
+                                    problem.p_value)
+            now = lam[here] + mass[:-1][here]
+        return lam, lam_end

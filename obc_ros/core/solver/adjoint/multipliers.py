@@ -1,0 +1,407 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Costates and multipliers of the bounds of the state and of path constraints, along a given path.
+
+The multipliers of a transcription sit on its mesh points; those of Pontryagin's principle are a
+density on each arc where a constraint is active, with masses at its ends. Along a given path lam
+is linear in nu, in these densities (piecewise linear here) and masses, and so are dH/du and H:
+the values of the right signs are sought for which dH/du = 0 where inputs are free and H is
+constant, in the sense of least squares. Constraints c(u) on inputs alone do not enter dlam/dt:
+there the costates of the transcription stand, and each time says what the density is.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.vectorized import Batch
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Solution
+from obc_ros.core.solver.adjoint.costates import Extremal
+from obc_ros.core.solver.arcs.mixed_constraints import densities
+from obc_ros.core.solver.transcription.program import Outcome
+from obc_ros.core.solver.transcription.runge_kutta import step
+
+_GAP = 2            # intervals without multiplier that do not end a contact
+_NEAR = 1e-6        # of its size: how near its bound a constraint is met
+_PERHAPS = 1e-3     # likewise where the transcription has a large multiplier
+_MOST_HATS = 60     # in a contact
+_CONSTANT = 0.1     # weight of dH/dt = 0 beside dH/du = 0
+_RIDGE = 1e-8
+_SWEEPS = 60        # over constraints of inputs that hold at once
+_ROUNDS = 4         # for dH/du of the wrong sign at bounds of inputs
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A constraint active from one fine time to another; +1 at its upper bound, else -1."""
+
+    row: int
+    sign: int
+    first: int
+    last: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Unknowns:
+    """
+    What lam is linear in: nu, then the density hats and the masses of all contacts.
+
+    `density` (K, 2, rows, count): values at the start and the end of each part; `mass`
+    (K + 1, rows, count): values at the times between them.
+    """
+
+    density: Array
+    mass: Array
+    signs: Array
+
+
+class Fitter:
+    """Costates and multipliers for all problems of one structure."""
+
+    def __init__(self, problem: Problem) -> None:
+        n, m, x, u, p = problem.n, problem.m, problem.x, problem.u, problem.p
+        rows = ca.vertcat(x, problem.path)
+        count = int(rows.numel())
+        ua, ub, h = ca.SX.sym('ua', m), ca.SX.sym('ub', m), ca.SX.sym('h')
+        ma, mb = ca.SX.sym('ma', count), ca.SX.sym('mb', count)
+        rate = ca.Function('rate', [x, u, p], [problem.f, problem.L, rows])
+
+        def with_rows(z: ca.SX, inputs: ca.SX) -> ca.SX:
+            f, L, c = rate(z[:-1], inputs[:m], p)
+            return ca.vertcat(f, L + ca.dot(inputs[m:], c))
+
+        end, cost = step(with_rows, x, (ca.vertcat(ua, ma), ca.vertcat(ub, mb)), h)
+        back = ca.gradient(cost, x)
+        none = [ca.SX.zeros(count), ca.SX.zeros(count)]
+        self._part = Batch([x, ua, ub, h, p], ca.substitute(
+            [ca.jacobian(end, x).T, back, ca.jacobian(back, ma).T, ca.jacobian(back, mb).T],
+            [ma, mb], none))
+        self._point = Batch([x, u, p], [
+            problem.L, problem.f, ca.gradient(problem.L, u), ca.jacobian(problem.f, u).T,
+            ca.jacobian(rows, u).T, ca.jacobian(rows, x).T])
+        self._value = Batch([x, u, p], [rows])
+        self._last = Batch([x, p], [
+            ca.gradient(problem.V, x), ca.jacobian(problem.psi, x).T])
+        self.n, self.m, self.q, self.rows = n, m, problem.q, count
+        self._pure = np.array([not ca.depends_on(row, u) for row in ca.vertsplit(rows)])
+        self._of_inputs = np.array([not ca.depends_on(row, x) for row in ca.vertsplit(rows)])
+
+    def fit(self, problem: Problem, outcome: Outcome, course: Extremal) -> Extremal:
+        """Return the course with the costates and multipliers that fit best."""
+        found = self._contacts(problem, outcome, course)
+        if not found:
+            return course
+        if self._of_inputs[[contact.row for contact in found]].all():
+            density = self._pointwise(problem, course, found)
+            return replace(course, density_x=density[:, :, :self.n],
+                           density_path=density[:, :, self.n:])
+        unknowns = self._unknowns(found, course)
+        without, each = self._costates(problem, course, unknowns)
+        values, wanted = np.zeros(0), np.full((2, len(course.x), self.m), np.nan)
+        for _ in range(_ROUNDS):
+            A, b, wrong = self._equations(problem, course, unknowns, (without, each),
+                                          values, wanted)
+            if values.size and not wrong:
+                break
+            if not (np.all(np.isfinite(A)) and np.all(np.isfinite(b))):
+                return course
+            values = _least_squares(A, b, unknowns.signs, self.q)[:each.shape[3]]
+        lam = without + each @ values
+        density = unknowns.density @ values[self.q:]
+        return replace(course, lam=lam[:, 0], lam_end=lam[:, 1], nu=values[:self.q],
+                       density_x=density[:, :, :self.n], density_path=density[:, :, self.n:])
+
+    def _pointwise(self, problem: Problem, course: Extremal, found: list[Contact]) -> Array:
+        """Return densities (K, 2, rows) of constraints on inputs for which dH/du is least."""
+        K = len(course.x)
+        density = np.zeros((K, 2, self.rows))
+        limits = np.zeros((2, K, self.rows))
+        for contact in found:
+            side = int(contact.sign > 0)
+            limits[side, contact.first:contact.last, contact.row] = np.copysign(
+                np.inf, contact.sign)
+        size = _sizes(problem, course.ua)
+        for side, x, u, lam in ((0, course.x, course.ua, course.lam),
+                                (1, course.x_end, course.ub, course.lam_end)):
+            _, _, L_u, f_u, c_u, _ = self._shaped(self._point(x, u, problem.p_value))
+            low, high = _at_bounds(problem, u, size)
+            density[:, side] = _pressing(
+                (L_u + np.einsum('knm,kn->km', f_u, lam)) * size, c_u * size, limits, low, high)
+        return density
+
+    def pressed(self, problem: Problem, answer: Solution) -> Solution:
+        """
+        Return an answer whose constraints on inputs alone weigh what makes dH/du least.
+
+        Where bounds hold all of these inputs, no method says what such a constraint weighs.
+        """
+        mine, mu = np.flatnonzero(self._of_inputs[self.n:]), answer.path_multipliers
+        if not mine.size or mu is None:
+            return answer
+        others = np.setdiff1d(np.arange(mu.shape[1]), mine)
+        c = self.at(problem, answer.x, answer.u)[:, self.n:][:, mine]
+        lower, upper = problem.path_lower[mine], problem.path_upper[mine]
+        near = _NEAR * np.abs(c).max(axis=0)
+        limits = np.stack([np.where(c <= lower + near, -np.inf, 0.0),
+                           np.where(c >= upper - near, np.inf, 0.0)])
+        size = _sizes(problem, answer.u)
+        _, _, L_u, f_u, c_u, _ = self._shaped(self._point(answer.x, answer.u, problem.p_value))
+        slope = L_u + np.einsum('knm,kn->km', f_u, answer.lam) + np.einsum(
+            'krm,kr->km', c_u[:, self.n:][:, others], mu[:, others])
+        mu = mu.copy()
+        mu[:, mine] = _pressing(slope * size, c_u[:, self.n:][:, mine] * size, limits,
+                                *_at_bounds(problem, answer.u, size))
+        return replace(answer, path_multipliers=mu)
+
+    def values(self, problem: Problem, course: Extremal) -> Array:
+        """Return x and c along a course, shape (K + 1, n + l)."""
+        x, u = np.vstack([course.x, course.x_end[-1:]]), np.vstack([course.ua, course.ub[-1:]])
+        return self.at(problem, x, u)
+
+    def slack(self, problem: Problem, course: Extremal) -> Array:
+        """Return what constraints weigh that hold inputs and are not quite met, (2, K)."""
+        assert course.density_path is not None
+        mixed = np.flatnonzero(~self._pure[self.n:])
+        found = []
+        for side, x, u in ((0, course.x, course.ua), (1, course.x_end, course.ub)):
+            c, mu = self.at(problem, x, u)[:, self.n:], course.density_path[:, side]
+            room = np.where(mu > 0, problem.path_upper - c, c - problem.path_lower)
+            found.append(np.sum(np.abs(mu[:, mixed]) * np.where(
+                mu == 0, 0.0, np.maximum(room, 0.0))[:, mixed], axis=1))
+        return np.stack(found)
+
+    def at(self, problem: Problem, x: Array, u: Array) -> Array:
+        """Return x and c at some points, shape (K, n + l)."""
+        return self._value(x, u, problem.p_value)[0]
+
+    def _contacts(self, problem: Problem, outcome: Outcome, course: Extremal) -> list[Contact]:
+        """Return where bounds of x and path constraints are met."""
+        value = self.values(problem, course)
+        mass = np.hstack([outcome.node_bounds, outcome.node_path])
+        slopes = self._shaped(self._point(course.x, course.ua, problem.p_value))[4]
+        weights = densities(outcome, slopes[:, self.n:], course.ua)
+        found = []
+        for sign, bound in ((1, np.append(problem.x_upper, problem.path_upper)),
+                            (-1, np.append(problem.x_lower, problem.path_lower))):
+            size = np.maximum(np.abs(value).max(axis=0),
+                              np.where(np.isfinite(bound), np.abs(bound), 0.0))
+            distance = np.abs(value - bound) / np.where(size > 0, size, 1.0)
+            for row in np.flatnonzero(np.isfinite(bound)):
+                near = distance[:, row] <= _NEAR
+                heavy = np.maximum(sign * mass[:, row], 0.0)
+                near[::course.parts] |= ((heavy > 1e-2 * heavy.max()) & (heavy > 0)
+                                         & (distance[::course.parts, row] < _PERHAPS))
+                if not self._pure[row]:
+                    near |= _touched(sign * weights[:, :, row - self.n], course.parts)
+                runs = _groups(near, _GAP * course.parts)
+                if not self._pure[row]:
+                    runs = _parted(runs, outcome, course.parts)
+                found += [Contact(int(row), sign, first, last) for first, last in runs]
+        return found
+
+    def _unknowns(self, found: list[Contact], course: Extremal) -> _Unknowns:
+        K, parts = len(course.x), course.parts
+        hats: list[Array] = []
+        masses: list[Array] = []
+        signs: list[int] = []
+        places = np.arange(K + 1)
+        ends = np.column_stack([places[:-1], places[1:]])
+
+        def add(row: int, density: Array | float, mass: Array | float, sign: int) -> None:
+            for kept, shape, values in ((hats, (K, 2), density), (masses, (K + 1,), mass)):
+                column = np.zeros((*shape, self.rows))
+                column[..., row] = values
+                kept.append(column)
+            signs.append(sign)
+
+        for contact in found:
+            count = min((contact.last - contact.first) // parts, _MOST_HATS) + 2
+            knots = np.unique(np.linspace(
+                contact.first, contact.last, count).round().astype(int))
+            inside = (ends[:, :1] >= contact.first) & (ends[:, 1:] <= contact.last)
+            if len(knots) > 1:
+                for unit in np.eye(len(knots)):
+                    add(contact.row, inside * np.interp(ends, knots, unit), 0.0, contact.sign)
+            if self._pure[contact.row]:
+                for place in sorted({contact.first, contact.last}):
+                    add(contact.row, 0.0, (places == place).astype(float), contact.sign)
+        return _Unknowns(np.stack(hats, axis=3), np.stack(masses, axis=2),
+                         np.array(signs, dtype=float))
+
+    def _costates(self, problem: Problem, course: Extremal, unknowns: _Unknowns
+                  ) -> tuple[Array, Array]:
+        """
+        Return what lam is without and with one of each unknown, shapes (K, 2, n), (K, 2, n, .).
+
+        The second axis: at the start and at the end of each part.
+        """
+        n, q, K = self.n, self.q, len(course.x)
+        step_x, source, from_a, from_b = self._part(
+            course.x, course.ua, course.ub, np.diff(course.t)[:, None], problem.p_value)
+        step_x = step_x.reshape(K, n, n)
+        response = sum(np.einsum('knr,kru->knu', part.reshape(K, n, self.rows), density)
+                       for part, density in ((from_a, unknowns.density[:, 0]),
+                                             (from_b, unknowns.density[:, 1])))
+        V_x, psi_x = self._last(course.x_end[-1:], problem.p_value)
+        drops = np.einsum('krn,kru->knu', self._points(problem, course)[5], unknowns.mass)
+        without, each = np.empty((K, 2, n)), np.empty((K, 2, n, q + drops.shape[2]))
+        now = V_x[0]
+        slope = np.hstack([psi_x.reshape(q, n).T, drops[-1]])
+        for k in range(K - 1, -1, -1):
+            without[k, 1], each[k, 1] = now, slope
+            now = step_x[k].T @ now + source[k]
+            slope = step_x[k].T @ slope
+            slope[:, q:] += response[k]
+            without[k, 0], each[k, 0] = now, slope
+            slope = slope.copy()
+            slope[:, q:] += drops[k]
+        return without, each
+
+    def _points(self, problem: Problem, course: Extremal) -> tuple[Array, ...]:
+        """Return L, f, L_u, f_u, c_u, c_x at the starts of all parts and at T."""
+        x, u = np.vstack([course.x, course.x_end[-1:]]), np.vstack([course.ua, course.ub[-1:]])
+        return self._shaped(self._point(x, u, problem.p_value))
+
+    def _shaped(self, values: tuple[Array, ...]) -> tuple[Array, ...]:
+        n, m, r = self.n, self.m, self.rows
+        return tuple(value.reshape(-1, *shape) for value, shape in zip(
+            values, ((), (n,), (m,), (n, m), (r, m), (r, n)), strict=True))
+
+    def _equations(self, problem: Problem, course: Extremal, unknowns: _Unknowns,
+                   lam: tuple[Array, Array], last: Array, wanted: Array
+                   ) -> tuple[Array, Array, bool]:
+        """
+        Return A, b of A @ unknowns = b, and whether the `last` values have wrong signs.
+
+        dH/du = 0 where inputs are free, and is to be on the right side where it was on the wrong
+        one at a bound: `wanted` (2, K, m) keeps what was asked for there. H is constant.
+        """
+        without, each = lam
+        K, q = len(course.x), self.q
+        size = _sizes(problem, course.ua)
+        rows, rights, wrong = [], [], False
+        for side, x, u in ((0, course.x, course.ua), (1, course.x_end, course.ub)):
+            L, f, L_u, f_u, c_u, _ = self._shaped(self._point(x, u, problem.p_value))
+            density = unknowns.density[:, side]
+            slope = np.einsum('knm,knu->kmu', f_u, each[:, side])
+            slope[:, :, q:] += np.einsum('krm,kru->kmu', c_u, density)
+            rest = L_u + np.einsum('knm,kn->km', f_u, without[:, side])
+            low, high = _at_bounds(problem, u, size)
+            if last.size:
+                now = rest + slope @ last
+                off = 1e-7 * np.abs(now).max(axis=0)
+                bad = low & ~high & (now < -off) | high & ~low & (now > off)
+                wrong |= bool(bad.any())
+                wanted[side][bad] = -np.clip(now, -1e3 * off, 1e3 * off)[bad]
+            target = np.where(low | high, wanted[side], 0.0)
+            weight = np.isfinite(target) * size
+            rows.append((slope * weight[:, :, None]).reshape(K * self.m, -1))
+            rights.append(((np.nan_to_num(target) - rest) * weight).ravel())
+            rows.append(_CONSTANT * np.einsum('kn,knu->ku', f, each[:, side]))
+            rights.append(-_CONSTANT * (L + np.einsum('kn,kn->k', f, without[:, side])))
+        A, b = np.vstack(rows), np.concatenate(rights)
+        final = problem.final_time
+        if not final.free or course.t[-1] > final.upper * (1 - 1e-9):
+            # H is constant but not zero: one more unknown.
+            constant = np.concatenate([np.zeros(K * self.m), np.full(K, -_CONSTANT)] * 2)
+            A = np.hstack([A, constant[:, None]])
+        return A, b, wrong
+
+
+def _sizes(problem: Problem, u: Array) -> Array:
+    """Return what counts as one in each input, (m,), of inputs (K, m)."""
+    span = problem.u_upper - problem.u_lower
+    return np.asarray(np.where(np.isfinite(span), span, np.maximum(
+        np.abs(u).max(axis=0), 1e-6)))
+
+
+def _at_bounds(problem: Problem, u: Array, size: Array) -> tuple[Mask, Mask]:
+    """Return where inputs (K, m) are at their lower and at their upper bounds."""
+    low: Mask = u <= problem.u_lower + 1e-6 * size
+    high: Mask = u >= problem.u_upper - 1e-6 * size
+    return low, high
+
+
+def _pressing(slope: Array, c_u: Array, limits: Array, low: Mask, high: Mask) -> Array:
+    """
+    Return mu (K, r) between limits (2, K, r) for which slope + c_u' mu is least, (K, m).
+
+    Only what is < 0 counts where an input is at its lower bound (`low`), what is > 0 at its upper
+    bound. By sweeps over one row at a time, exact for one row.
+    """
+    mu = np.zeros(c_u.shape[:2])
+    active = np.flatnonzero((limits != 0).any(axis=(0, 1)))
+    for _ in range(_SWEEPS):
+        before = mu.copy()
+        for row in active:
+            column = c_u[:, row]
+            rest = slope + np.einsum('krm,kr->km', c_u, mu) - column * mu[:, row, None]
+            mu[:, row] = np.clip(_least(rest, column, low, high), limits[0, :, row],
+                                 limits[1, :, row])
+        if np.all(np.abs(mu - before) <= 1e-12 * np.abs(mu).max(initial=0.0)):
+            break
+    return mu
+
+
+def _least(rest: Array, column: Array, low: Mask, high: Mask) -> Array:
+    """Return s (K,) for which rest + s column (K, m) is least, in the sense of `_pressing`."""
+    counts, part = np.ones_like(low), np.zeros(len(rest))
+    for _ in range(2 + rest.shape[1]):
+        with np.errstate(invalid='ignore', divide='ignore'):
+            part = -np.sum(counts * rest * column, axis=1) / np.sum(counts * column**2, axis=1)
+        part = np.asarray(np.where(np.isfinite(part), part, 0.0))
+        now = rest + part[:, None] * column
+        new = ~(low & (now > 0) | high & (now < 0) | low & high)
+        if np.array_equal(new, counts):
+            break
+        counts = new
+    return part
+
+
+def _touched(weights: Array, parts: int) -> NDArray[np.bool_]:
+    """Return the fine times within intervals in which a constraint on inputs weighs."""
+    heavy = weights.max(axis=1)
+    touched = (heavy > 1e-4 * heavy.max()) & (heavy > 0)
+    near = np.append(np.repeat(touched, parts), touched[-1])
+    near[::parts][1:] |= touched
+    return near
+
+
+def _groups(near: NDArray[np.bool_], gap: int) -> list[tuple[int, int]]:
+    """Return first and last places of the groups of true entries, at most `gap` apart."""
+    merged: list[list[int]] = []
+    for place in np.flatnonzero(near):
+        if merged and place <= merged[-1][1] + gap:
+            merged[-1][1] = int(place)
+        else:
+            merged.append([int(place), int(place)])
+    return [(first, last) for first, last in merged]
+
+
+def _parted(runs: list[tuple[int, int]], outcome: Outcome, parts: int) -> list[tuple[int, int]]:
+    """Return runs that end where arcs do: with an input its multiplier has a kink or jump."""
+    ends = parts * np.cumsum([phase.intervals for phase in outcome.mesh.layout.phases])[:-1]
+    return [pair for first, last in runs for pair in pairwise(
+        [first, *(int(end) for end in ends if first < end < last), last])]
+
+
+def _least_squares(A: Array, b: Array, signs: Array, free: int) -> Array:
+    """Return the least squares solution whose entries after the first `free` have given signs."""
+    from scipy.optimize import lsq_linear  # 0.2 s to import, needed by few problems
+
+    size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    size = np.where(size > 1e-12 * size.max(), size, 1.0)
+    extra = A.shape[1] - free - len(signs)
+    lower = np.concatenate([np.full(free, -np.inf), np.where(signs > 0, 0.0, -np.inf),
+                            np.full(extra, -np.inf)])
+    upper = np.concatenate([np.full(free, np.inf), np.where(signs > 0, np.inf, 0.0),
+                            np.full(extra, np.inf)])
+    ridge = _RIDGE * np.eye(A.shape[1])
+    result = lsq_linear(np.vstack([A / size, ridge]),
+                        np.concatenate([b, np.zeros(A.shape[1])]), (lower, upper), method='bvls')
+    return np.asarray(result.x / size)

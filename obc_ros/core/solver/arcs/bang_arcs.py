@@ -1,0 +1,116 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Inputs that are at their bounds for a part of a phase in which they are free.
+
+A polynomial that comes to a bound and stays there bends where it does, which steps do not follow:
+the part at the bound is an arc of its own. Where a path comes to a singular arc, or leaves it,
+such a part may be shorter than a step: there H still depends on the input.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.solver.arcs.input_arcs import Arc
+from obc_ros.core.solver.arcs.phase_program import PhasedProgram
+from obc_ros.core.solver.arcs.phases import Phased
+
+_AT = 1e-6        # of its span: how near its bound an input is at it
+_GAINS = 1e-5     # of H: what an input gains at its bound that is to be there
+_LARGEST = 0.3    # of the largest slope of H in a phase: it is steep where that begins
+_SHORT = 0.2      # of a phase: the longest part that is at a bound at one end of it
+
+
+def at_bounds(problem: Problem, found: Phased, switching: NDArray[np.bool_],
+              deciding: NDArray[np.bool_]) -> list[Arc]:
+    """
+    Return the arcs of a path that was found, cut where inputs come to their bounds in them.
+
+    Of the inputs in `switching`, shape (m,); where a bound of (x, c) is held, those which it
+    decides (`deciding`, shape (n + l, m)) are left alone.
+    """
+    span = problem.u_upper - problem.u_lower
+    ends = np.cumsum(found.h)
+    arcs: list[Arc] = []
+    for phase, arc in enumerate(found.arcs):
+        of = np.flatnonzero(found.phase_of == phase)
+        free = np.isnan(arc.levels) & switching & np.isfinite(span)
+        if arc.on:
+            free &= ~deciding[np.flatnonzero(arc.on)].any(axis=0)
+        u = found.u[of]
+        at = np.full(u.shape[::2], np.nan)
+        for bound in (problem.u_lower, problem.u_upper):
+            here = np.all(np.abs(u - bound) <= _AT * span, axis=1) & free
+            at = np.where(here, bound, at)
+        edges = np.flatnonzero(np.any((at[1:] != at[:-1]) & ~(
+            np.isnan(at[1:]) & np.isnan(at[:-1])), axis=1))
+        start = arc.start
+        for part in np.split(np.arange(len(of)), edges + 1):
+            end = arc.end if part[-1] == len(of) - 1 else float(ends[of[part[-1]]])
+            levels = np.where(np.isnan(at[part[0]]), arc.levels, at[part[0]])
+            arcs.append(replace(arc, start=start, end=end, levels=tuple(levels.tolist()),
+                                met=arc.met if start == arc.start else (),
+                                jump=arc.jump and start == arc.start))
+            start = end
+    return arcs
+
+
+def at_ends(problem: Problem, program: PhasedProgram, found: Phased, t: Array, x: Array, u: Array,
+            Hu: Array) -> list[Arc]:
+    """
+    Return the arcs of a path that was found, cut where it may come to a singular one by a bang.
+
+    At samples t (N,), x (N, n) and u (N, m) of it H has slopes Hu (N, m) with respect to inputs
+    [costs per second and input]: where a singular arc begins or ends they vanish, unless the
+    input is to be at a bound there, up to where Hu changes its sign.
+    """
+    deciding, span = program.bounds.deciding, problem.u_upper - problem.u_lower
+    arcs: list[Arc] = []
+    worth = np.abs(Hu) * np.where(np.isfinite(span), span, 0.0)
+    least = _GAINS * np.abs(Hu * u).sum(axis=1).max()
+    for arc in found.arcs:
+        rows = np.flatnonzero((t > arc.start) & (t < arc.end))
+        singular = program.switching & np.isnan(arc.levels) & np.isfinite(span)
+        if arc.on:
+            singular &= ~deciding[np.flatnonzero(arc.on)].any(axis=0)
+        parts = [arc]
+        for j in np.flatnonzero(singular) if rows.size else ():
+            for at in rows, rows[::-1]:
+                slope, first = Hu[at, j], at[0]
+                change = t[at[np.argmax(slope * slope[0] <= 0)]]   # t[first] if there is none
+                here = parts[0 if first == rows[0] else -1]
+                if worth[first, j] < max(least, _LARGEST * worth[rows, j].max()) or not (
+                        0 < abs(change - t[first]) < _SHORT * (here.end - here.start)):
+                    continue
+                bang = _bang(problem, program, here, int(j), x[first], u[first],
+                             upper=bool(slope[0] < 0))
+                if first == rows[0]:
+                    parts[:1] = [replace(bang, end=float(change)),
+                                 replace(here, start=float(change), met=(), jump=False)]
+                else:
+                    parts[-1:] = [replace(here, end=float(change)),
+                                  replace(bang, start=float(change), met=(), jump=False)]
+        arcs.extend(parts)
+    return arcs
+
+
+def _bang(problem: Problem, program: PhasedProgram, arc: Arc, j: int, x: Array, u: Array, *,
+          upper: bool) -> Arc:
+    """Return an arc with an input at its bound, or on the path constraint that is met before."""
+    bounds, there = program.bounds, u.copy()
+    there[j] = (problem.u_upper if upper else problem.u_lower)[j]
+    value = program.rows(x, there, problem.p_value).full().ravel()[problem.n:]
+    for row in np.flatnonzero((bounds.orders == 0) & bounds.deciding[:, j]):
+        c = value[row - problem.n]
+        sign = int(c > problem.path_upper[row - problem.n]) - int(
+            c < problem.path_lower[row - problem.n])
+        if sign:
+            on = np.array(arc.on or (0,) * bounds.count)
+            on[row] = sign
+            return replace(arc, on=tuple(on.tolist()))
+    levels = np.array(arc.levels)
+    levels[j] = there[j]
+    return replace(arc, levels=tuple(levels.tolist()))

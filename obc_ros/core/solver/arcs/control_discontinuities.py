@@ -1,0 +1,113 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where inputs jump that are not held at bounds, and arcs that end there.
+
+Of thrust in a disc the direction turns at once, and where H has two least points the input goes
+from one to the other. On a mesh that is a slope over an interval or two, which no finer mesh takes
+away; between arcs of unknown lengths it is a jump.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.solver.arcs.input_arcs import Arc
+from obc_ros.core.solver.transcription.mesh import LINEAR, Path
+from obc_ros.core.solver.transcription.program import Outcome
+
+_JUMP = 0.3        # of the range of an input: what may be a jump
+_BESIDE = 0.25     # of that: what the input does beside it, at most
+_LEVEL = 0.01      # of the range of an input on the path: what is no jump
+_APART = 1.5       # intervals, closer than which an end of an arc is that jump
+
+
+def jumps(path: Path, of: Sequence[bool]) -> Array:
+    """Return the times at which some of the inputs `of` jump, or slope as steeply as they can."""
+    t, chosen = path.t, np.array(of, dtype=bool)
+    u = np.stack([path.ua, path.ub])[:, :, chosen]
+    size = np.maximum(np.ptp(u, axis=(0, 1)), 1e-300)
+    within = np.abs(u[1] - u[0]) / size
+    between = np.abs(u[0, 1:] - u[1, :-1]) / size
+    found = list(t[1:-1][(between > _JUMP).any(axis=1)])
+    # What an input does in the intervals before, in and after one or two that are next to it.
+    for count in (1, 2):
+        if len(within) < count + 2:
+            break
+        moved = sum(within[k:len(within) - count - 1 + k] for k in range(1, count + 1))
+        beside = np.maximum(within[:len(moved)], within[count + 1:count + 1 + len(moved)])
+        steep = (moved > _JUMP) & (beside < _BESIDE * moved)
+        for k in np.flatnonzero(steep.any(axis=1)):
+            middle = 0.5 * (t[k + 1] + t[k + 1 + count])
+            near = _APART * (t[k + 1 + count] - t[k + 1])
+            if all(abs(middle - other) > near for other in found):
+                found.append(middle)
+    return np.sort(np.array(found))
+
+
+def with_jumps(arcs: Sequence[Arc], path: Path, of: Sequence[bool],
+               mixed: Sequence[bool] = ()) -> list[Arc]:
+    """
+    Return arcs that end also where inputs jump that are free there.
+
+    On bounds of the state they follow these; not on constraints of inputs, rows that are `mixed`.
+    """
+    kept = list[Arc]()
+    T, times = path.t[-1], jumps(path, of)
+    widths = np.diff(path.t)
+    for arc in arcs:
+        start = arc.start
+        free = np.isnan(arc.levels) & np.array(of)
+        for time in times if free.any() and not _follows(arc, mixed) else ():
+            width = _APART * widths[min(int(np.searchsorted(path.t, time, 'right')) - 1,
+                                        len(widths) - 1)]
+            if start + min(width, 0.02 * T) < time < arc.end - min(width, 0.02 * T):
+                kept.append(replace(arc, start=start, end=float(time), jump=start > arc.start))
+                start = float(time)
+        kept.append(replace(arc, start=start, jump=start > arc.start))
+    return kept
+
+
+def with_steps(path: Path, arcs: Sequence[Arc]) -> Path:
+    """
+    Return a path whose inputs step where arcs begin with a jump, in place of the slope around it.
+
+    A direction that is turned round at once goes through none between: a point that starts on
+    the wrong side stays there.
+    """
+    times = np.array([arc.start for arc in arcs if arc.jump])
+    if not times.size:
+        return path
+    h = np.diff(path.t)
+    width = _APART * h[np.clip(np.searchsorted(path.t, times) - 1, 0, len(h) - 1)]
+    t = np.unique(np.concatenate([path.t, times, times - width, times + width]))
+    t = t[(t >= 0) & (t <= path.t[-1])]
+    t = t[np.append(True, np.diff(t) > 1e-9 * t[-1])]
+    ua, ub = t[:-1].copy(), t[1:].copy()
+    for time, wide in zip(times, width, strict=True):
+        near = 1e-6 * wide
+        ua[(ua >= time - near) & (ua < time + wide)] = time + wide
+        ua[(ua > time - wide) & (ua < time - near)] = time - wide
+        ub[(ub > time - wide) & (ub <= time + near)] = time - wide
+        ub[(ub > time + near) & (ub < time + wide)] = time + wide
+    return Path(t, path.states_at(t), np.zeros((len(t) - 1, 0, path.x.shape[1])),
+                path.inputs_at(ua, after=True), path.inputs_at(ub, after=False), path.durations)
+
+
+def _follows(arc: Arc, mixed: Sequence[bool]) -> bool:
+    """Return whether an arc is on a bound of the state."""
+    return any(on and not (mixed and mixed[row]) for row, on in enumerate(arc.on))
+
+
+def switching_times(outcome: Outcome) -> Array:
+    """Return the times at which phases meet and inputs jump, or come to bounds or leave them."""
+    mesh, path = outcome.mesh, outcome.path
+    ends = np.cumsum(path.durations)[:-1]
+    if mesh.on is not None and mesh.on.any():
+        return np.asarray(ends)
+    first = np.flatnonzero(np.diff(mesh.layout.phase_of)) + 1
+    free = np.array([set(phase.modes) == {LINEAR} for phase in mesh.layout.phases])
+    size = np.ptp(np.stack([path.ua, path.ub]), axis=(0, 1))
+    level = np.all(np.abs(path.ua[first] - path.ub[first - 1]) <= _LEVEL * size, axis=1)
+    return np.asarray(ends[~(level & free[:-1] & free[1:])])

@@ -1,0 +1,407 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Arcs of an optimal path: where each input that enters H linearly is at a bound, and where not.
+
+Between switching times such an input is held at a bound (bang) or left free (singular, or on a
+bound of the state). The switching times become the unknown lengths of phases, so that a jump is
+a jump and not a slope over an interval; which arcs there are is read off a path found before,
+and read again off the path that follows, until they stay the same.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+import math
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.solver.transcription.mesh import HELD, Layout, LINEAR, Mesh, Path, Phase
+
+# For each arc the level of each input, None where it is free, and the bounds that it is on.
+Signature = tuple[tuple[float | None, ...], ...]
+
+_LOWER, _INSIDE, _UPPER = -1, 0, 1
+_SMEAR = 2.0   # of the longest interval: an arc that is none, perhaps
+_MET = 1e-6    # relative: how nearly a constraint is met by inputs at their bounds
+
+
+@dataclass(frozen=True)
+class Arc:
+    """
+    A span of time and the value of each input in it; nan where the input is free.
+
+    `on`: for each row of (x, c) the bound on which the arc begins and ends: +1 upper, -1 lower,
+    0 none; empty if it is on none. `met`: likewise the bounds touched where the arc begins.
+    `jump`: whether inputs may jump there, with nothing else changed.
+    """
+
+    start: float
+    end: float
+    levels: tuple[float, ...]
+    on: tuple[int, ...] = ()
+    met: tuple[int, ...] = ()
+    jump: bool = False
+
+
+@dataclass(frozen=True)
+class _Span:
+    start: float
+    end: float
+    level: float
+
+
+def jumping_inputs(problem: Problem, path: Path) -> tuple[bool, ...]:
+    """Return for each input whether it goes from bound to bound within an interval or two."""
+    jumps = []
+    for i in range(problem.m):
+        lower, upper = problem.u_lower[i], problem.u_upper[i]
+        if not math.isfinite(upper - lower):
+            jumps.append(False)
+            continue
+        u = np.append(path.ua[:, i], path.ub[-1, i])
+        low, high = (u <= lower + 1e-3 * (upper - lower)), (u >= upper - 1e-3 * (upper - lower))
+        near = np.zeros(len(u), dtype=bool)
+        for shift in (1, 2):
+            near[:-shift] |= low[:-shift] & high[shift:] | high[:-shift] & low[shift:]
+        jumps.append(bool(near.any()))
+    return tuple(jumps)
+
+
+def find_arcs(problem: Problem, path: Path, switching: Sequence[bool],
+              curved: Sequence[bool] | None = None) -> list[Arc]:
+    """
+    Return the arcs that a path shows, in order of time.
+
+    Inputs that are not `switching` are free. One that is `curved`, in which H is not linear, may
+    come to a bound without a jump: next to where it is free it is not held.
+    """
+    spans = []
+    for i, switches in enumerate(switching):
+        bounded = math.isfinite(problem.u_lower[i]) or math.isfinite(problem.u_upper[i])
+        if switches and bounded:
+            t = np.column_stack([path.t[:-1], path.t[1:]]).ravel()
+            u = np.column_stack([path.ua[:, i], path.ub[:, i]]).ravel()
+            row = _spans(t, u, problem.u_lower[i], problem.u_upper[i])
+            spans.append(_unheld(row) if curved is not None and curved[i] else row)
+        else:
+            spans.append([_Span(0.0, path.t[-1], math.nan)])
+    return admitted(problem, join(spans), _SMEAR * float(np.diff(path.t).max()))
+
+
+def _unheld(spans: list[_Span]) -> list[_Span]:
+    """Return spans with those next to a free one free, too; where they meet stays."""
+    free = [math.isnan(span.level) for span in spans]
+    kept: list[_Span] = []
+    for k, span in enumerate(spans):
+        beside = any(free[max(k - 1, 0):k + 2])
+        level = math.nan if beside else span.level
+        joins = kept and math.isnan(level) and math.isnan(kept[-1].level) and (
+            free[k] or free[k - 1])
+        start = kept.pop().start if joins else span.start
+        kept.append(_Span(start, span.end, level))
+    return kept
+
+
+def admitted(problem: Problem, arcs: list[Arc], smear: float) -> list[Arc]:
+    """
+    Return arcs without inputs at bounds that path constraints do not let them have together.
+
+    Of inputs whose sum is one, say, each leaves its bound or comes to it a little before the
+    others do: an arc shorter than a `smear` is none, in a longer one they are free.
+    """
+    rows = [row for row in ca.vertsplit(problem.path) if not ca.depends_on(row, problem.x)]
+    if not rows:
+        return arcs
+    numbers = [k for k, row in enumerate(ca.vertsplit(problem.path))
+               if not ca.depends_on(row, problem.x)]
+    value = ca.Function('c', [problem.u, problem.p], [ca.vertcat(*rows)])
+    lower, upper = problem.path_lower[numbers], problem.path_upper[numbers]
+    entries = ca.jacobian_sparsity(ca.vertcat(*rows), problem.u).get_triplet()
+    enters: Mask = np.zeros((len(rows), problem.m), dtype=bool)
+    enters[entries] = True
+    kept: list[Arc] = []
+    start = 0.0
+    for k, arc in enumerate(arcs):
+        levels = np.array(arc.levels)
+        c = value(levels, problem.p_value).full()[:, 0]   # nan where an input is free
+        wrong = (c < lower - _MET * (1 + np.abs(lower))) | (c > upper + _MET * (1 + np.abs(upper)))
+        end = arc.end
+        last = k + 1 == len(arcs)
+        if wrong.any() and end - start <= smear and (kept or not last):
+            end = start if not kept else end if last else (start + end) / 2
+            kept[-1:] = [replace(each, end=end) for each in kept[-1:]]
+        else:
+            levels[enters[wrong].any(axis=0)] = math.nan
+            kept.append(replace(arc, start=start, levels=tuple(levels.tolist())))
+        start = end
+    return kept
+
+
+def join(spans: Sequence[Sequence[_Span]]) -> list[Arc]:
+    """Return arcs that end where the span of any input ends."""
+    ends = sorted({span.end for row in spans for span in row})
+    arcs, start = [], 0.0
+    for end in ends:
+        middle = (start + end) / 2
+        levels = tuple(next((s.level for s in row if s.end > middle), row[-1].level)
+                       for row in spans)
+        if end > start:
+            arcs.append(Arc(start, end, levels))
+            start = end
+    return arcs
+
+
+def _spans(t: Array, u: Array, lower: float, upper: float) -> list[_Span]:
+    """Return where an input is at its bounds and where free, jumps cleared of their slopes."""
+    size = upper - lower if math.isfinite(upper - lower) else max(1e-9, np.ptp(u))
+    status = np.where(u <= lower + 1e-3 * size, _LOWER,
+                      np.where(u >= upper - 1e-3 * size, _UPPER, _INSIDE))
+    edges = np.flatnonzero(np.diff(status)) + 1
+    runs = [(int(part[0]), int(part[-1])) for part in np.split(np.arange(len(t)), edges)]
+    level = {_LOWER: lower, _UPPER: upper, _INSIDE: math.nan}
+    found: list[_Span] = []
+    for first, last in runs:
+        here = level[int(status[first])]
+        if status[first] != _INSIDE:
+            found.append(_Span(t[first], t[last], here))
+            continue
+        before, after = max(first - 1, 0), min(last + 1, len(t) - 1)
+        if len(np.unique(t[first:last + 1])) > 2 or not math.isfinite(upper - lower):
+            start, end = t[first], t[last]
+            if before < first and t[before] < start:
+                start = _leaves(t[before:last + 1], u[before:last + 1])
+                found[-1] = _Span(found[-1].start, start, found[-1].level)
+            if after > last and t[after] > end:
+                end = -_leaves(-t[first:after + 1][::-1], u[first:after + 1][::-1])
+            found.append(_Span(start, end, here))
+            continue
+        window = slice(before, after + 1)
+        found.extend(_jump(t[window], u[window], lower, upper, status[before], status[after]))
+    return _tidy(found, t[-1])
+
+
+def _leaves(t: Array, u: Array) -> float:
+    """Return when an input that starts at a bound jumps to the values that follow."""
+    times = np.unique(t)
+    end = times[min(2, len(times) - 1)]
+    inside = t <= end
+    later = u[np.flatnonzero(inside)[-1]]
+    if u[0] == later:
+        return float(end)
+    area = np.trapezoid(u[inside], t[inside]) - later * (end - t[0])
+    return float(np.clip(t[0] + area / (u[0] - later), t[0], end))
+
+
+def _jump(t: Array, u: Array, lower: float, upper: float, before: int, after: int
+          ) -> list[_Span]:
+    """Return the spans at the bounds that hold the same area as a short slope between them."""
+    a, b = t[0], t[-1]
+    part = (np.trapezoid(u, t) / max(b - a, 1e-300) - lower) / (upper - lower)
+    if before == _INSIDE:
+        before = -after
+    if after == _INSIDE:
+        after = -before
+    if before == _LOWER and after == _UPPER:
+        return [_Span(a, b - part * (b - a), lower), _Span(b - part * (b - a), b, upper)]
+    if before == _UPPER and after == _LOWER:
+        return [_Span(a, a + part * (b - a), upper), _Span(a + part * (b - a), b, lower)]
+    base, pulse = (lower, upper) if before == _LOWER else (upper, lower)
+    width = (part if before == _LOWER else 1 - part) * (b - a)
+    if width < 0.1 * (b - a):
+        return [_Span(a, b, base)]
+    middle = (a + b) / 2
+    return [_Span(a, middle - width / 2, base),
+            _Span(middle - width / 2, middle + width / 2, pulse),
+            _Span(middle + width / 2, b, base)]
+
+
+def _tidy(spans: list[_Span], T: float) -> list[_Span]:
+    """Return spans without gaps, equal neighbours as one and none shorter than 1e-7 T."""
+    kept: list[_Span] = []
+    for span in spans:
+        start = kept[-1].end if kept else 0.0
+        if span.end - start <= 1e-7 * T:
+            continue
+        same = kept and (kept[-1].level == span.level
+                         or math.isnan(kept[-1].level) and math.isnan(span.level))
+        if same:
+            kept[-1] = _Span(kept[-1].start, span.end, span.level)
+        else:
+            kept.append(_Span(start, span.end, span.level))
+    kept[-1] = _Span(kept[-1].start, T, kept[-1].level)
+    return kept
+
+
+def arc_mesh(problem: Problem, arcs: Sequence[Arc], stages: int, density: float,
+             least: tuple[int, int] = (3, 8)) -> tuple[Mesh, Array]:
+    """
+    Return a mesh with one phase for each arc, and the lengths of the arcs.
+
+    Parameters
+    ----------
+    problem : Problem
+        Whose inputs they are.
+    arcs : sequence of Arc
+        Without gaps.
+    stages : int
+        Gauss points in each interval.
+    density : float
+        Intervals in each second.
+    least : pair of int
+        Intervals in an arc without and with a free input, at least.
+
+    """
+    phases = []
+    for arc in arcs:
+        free = [math.isnan(level) for level in arc.levels]
+        count = max(least[any(free)], math.ceil(density * (arc.end - arc.start)))
+        phases.append(Phase(count, tuple(LINEAR if f else HELD for f in free),
+                            (False,) * problem.m))
+    layout = Layout(tuple(phases), stages, problem.final_time.free)
+    fractions = np.concatenate([np.full(p.intervals, 1.0 / p.intervals) for p in phases])
+    held = np.array([[0.0 if math.isnan(v) else v for v in arc.levels] for arc in arcs])
+    on = np.array([arc.on or (0,) * (problem.n + int(problem.path.numel())) for arc in arcs])
+    return Mesh(layout, fractions, held, on), np.array([arc.end - arc.start for arc in arcs])
+
+
+def closed(arcs: Sequence[Arc], T: float) -> list[Arc]:
+    """Return arcs over [0, T] without gaps, equal neighbours as one."""
+    rows = [_tidy([_Span(arc.start, arc.end, arc.levels[i]) for arc in arcs], T)
+            for i in range(len(arcs[0].levels))]
+    return join(rows)
+
+
+def shortest(arcs: Sequence[Arc], curved: Mask, least: float) -> Array:
+    """
+    Return how short arcs may become at once: a part `least` of what they are, or more.
+
+    An input in which H is not linear, `curved`, may begin its free arc with its bound: where it
+    leaves that for good the cost hardly says. An arc at such a bound ends about where it seems to.
+    """
+    lengths = np.array([arc.end - arc.start for arc in arcs])
+    kept = least * lengths
+    for k, pair in enumerate(pairwise(arcs)):
+        held = ~np.isnan([arc.levels for arc in pair])
+        for at, beside in ((0, 1), (1, 0)):
+            if np.any(curved & held[at] & ~held[beside]) and not any(pair[beside].on):
+                of = lengths[k + at]
+                kept[k + at] = max(kept[k + at], of - min(of, lengths[k + beside]) / 2)
+    return kept
+
+
+def signature(arcs: Sequence[Arc]) -> Signature:
+    """Return the levels of all arcs and the bounds they are on or touch, comparable."""
+    return tuple(tuple(None if math.isnan(v) else v for v in arc.levels) + (
+        arc.on if any(arc.on) else ()) + ((None, *arc.met) if any(arc.met) else ())
+        for arc in arcs)
+
+
+def opened(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem,
+           judged: Sequence[bool], moving: Sequence[bool]) -> list[Arc]:
+    """
+    Return arcs with inputs moved or set free where dH/du says that their bound is wrong.
+
+    Parameters
+    ----------
+    arcs : sequence of Arc
+        As found.
+    t : ndarray, shape (K + 1,)
+        Fine times.
+    Hu : ndarray, shape (K, m)
+        dH/du in each part of time.
+    problem : Problem
+        Whose bounds are meant.
+    judged : sequence of bool
+        For each input whether its bounds are to be judged.
+    moving : sequence of bool
+        For each input whether it moves to its other bound where dH/du is far from zero.
+
+    """
+    spans: list[list[_Span]] = []
+    middle = (t[:-1] + t[1:]) / 2
+    for i in range(problem.m):
+        largest = float(np.max(np.abs(Hu[:, i]), initial=0.0))
+        row: list[_Span] = []
+        for arc in arcs:
+            level = arc.levels[i]
+            inside = np.flatnonzero((middle > arc.start) & (middle < arc.end))
+            if math.isnan(level) or not len(inside) or not judged[i]:
+                row.append(_Span(arc.start, arc.end, level))
+                continue
+            sign = 1.0 if level == problem.u_lower[i] else -1.0
+            slope = sign * Hu[inside, i]
+            bad = slope < -1e-4 * largest
+            edges = np.flatnonzero(np.diff(bad)) + 1
+            start = arc.start
+            other = problem.u_upper[i] if sign > 0 else problem.u_lower[i]
+            for part in np.split(np.arange(len(inside)), edges):
+                end = arc.end if part[-1] == len(inside) - 1 else float(t[inside[part[-1]] + 1])
+                if bad[part[0]]:
+                    level = other if (moving[i] and math.isfinite(other) and np.min(slope[part])
+                                      < -1e-3 * largest) else math.nan
+                row.append(_Span(start, end, level if bad[part[0]] else arc.levels[i]))
+                start = end
+        spans.append(_tidy(row, arcs[-1].end))
+    return admitted(problem, join(spans), 0.0)
+
+
+def sloped(arcs: Sequence[Arc], t: Array, Hu: tuple[Array, Array], curved: Sequence[bool]
+           ) -> list[Arc]:
+    """
+    Return arcs with a free one wherever an input does not jump but slopes from bound to bound.
+
+    Parameters
+    ----------
+    arcs : sequence of Arc
+        As found; slopes that are shorter than an interval look like jumps.
+    t : ndarray, shape (K,)
+        Times.
+    Hu : pair of ndarray, shape (K, m)
+        dH/du there with the input at its lower and at its upper bound.
+    curved : sequence of bool
+        For each input whether H is not linear in it.
+
+    """
+    rows = []
+    for i, bends in enumerate(curved):
+        row = _tidy([_Span(arc.start, arc.end, arc.levels[i]) for arc in arcs], arcs[-1].end)
+        rows.append(_sloped(row, t, Hu[0][:, i], Hu[1][:, i]) if bends else row)
+    return join(rows)
+
+
+def _sloped(row: list[_Span], t: Array, at_lower: Array, at_upper: Array) -> list[_Span]:
+    """Return the spans of an input with a free one where it leaves a bound before it jumps."""
+    lower = min(span.level for span in row)
+    kept, start = [], 0.0
+    for span, after in zip(row, row[1:], strict=False):
+        kept.append(_Span(start, span.end, span.level))
+        start = span.end
+        if math.isnan(span.level) or math.isnan(after.level):
+            continue
+        first, last = (at_lower, at_upper) if span.level == lower else (at_upper, at_lower)
+        leaves, comes = _vanishes(t, first, span.end), _vanishes(t, last, span.end)
+        if kept[-1].start < leaves < comes < after.end:
+            kept[-1] = _Span(kept[-1].start, leaves, span.level)
+            kept.append(_Span(leaves, comes, math.nan))
+            start = comes
+    return [*kept, _Span(start, row[-1].end, row[-1].level)]
+
+
+def _vanishes(t: Array, values: Array, near: float) -> float:
+    """Return when values vanish next to a time; nan if they do not."""
+    changes = np.flatnonzero(values[:-1] * values[1:] < 0)
+    if not len(changes):
+        return math.nan
+    a, b = values[changes], values[changes + 1]
+    zeros = t[changes] + (t[changes + 1] - t[changes]) * a / (a - b)
+    return float(zeros[np.argmin(np.abs(zeros - near))])
+
+
+def moved(arcs: Sequence[Arc], durations: Array, least: float) -> bool:
+    """Return whether arcs end elsewhere than as many phases, by a part of T."""
+    ends = np.cumsum(durations)
+    return len(arcs) == len(ends) and bool(np.any(np.abs(
+        np.array([arc.end for arc in arcs]) - ends) > least * ends[-1]))

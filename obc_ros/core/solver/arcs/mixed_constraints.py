@@ -1,0 +1,124 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where path constraints c(x, u) hold inputs: arcs that begin and end as their multipliers do.
+
+How near such a constraint is to its bound says little: a linear input is off the circle that
+holds it between mesh points, or at them. Its multiplier vanishes where it does not hold.
+"""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.collocation import collocation
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.solver.arcs.constraint_orders import Bounds
+from obc_ros.core.solver.arcs.input_arcs import Arc
+from obc_ros.core.solver.arcs.phase_program import PhasedProgram
+from obc_ros.core.solver.arcs.phases import DEGREE, Phased
+from obc_ros.core.solver.arcs.state_contacts import Contact, with_contacts
+from obc_ros.core.solver.transcription.program import Outcome
+
+_WEIGHS = 1e-4   # of the largest density: what is not there
+_NOTHING = 1e-6  # of the mean cost in a second, for a change by all of its inputs
+_STEPS = 3       # of Newton onto a constraint
+_WRONG = 1e-6    # likewise on an arc, of the wrong sign
+
+
+def densities(outcome: Outcome, slopes: Array, u: Array) -> Array:
+    """
+    Return what path constraints weigh in each interval of a transcription, (N, points, l).
+
+    What is nothing beside the cost is left out: a method of interior points leaves a little on
+    each. `slopes` (K, l, m): by how much inputs `u` (K, m) change them.
+    """
+    size = (np.abs(slopes) @ np.abs(u).max(axis=0)).max(axis=0)
+    h = np.maximum(np.diff(outcome.path.t), 1e-300)
+    found = np.concatenate([outcome.inner_path, outcome.sides_path], axis=1) / h[:, None, None]
+    with np.errstate(over='ignore'):   # of constraints that inputs do not change
+        least = _NOTHING * abs(outcome.objective) / (h.sum() * np.maximum(size, 1e-300))
+    return np.asarray(np.where(np.abs(found) > least, found, 0.0))
+
+
+def holding(problem: Problem, outcome: Outcome, program: PhasedProgram) -> list[Contact]:
+    """Return where constraints on inputs weigh in a transcription."""
+    path, n, bounds = outcome.path, problem.n, program.bounds
+    t, count = path.t, len(path.ua)
+    slopes = program.rows_u.map(count)(
+        path.x[:-1].T, path.ua.T, ca.repmat(problem.p_value, 1, count)).full()
+    slopes = slopes.reshape(bounds.count, count, problem.m)[n:].swapaxes(0, 1)
+    weights = densities(outcome, slopes, path.ua)
+    found = []
+    for row in np.flatnonzero(bounds.orders[n:] == 0).tolist():
+        least = _WEIGHS * np.abs(weights[:, :, row]).max(initial=0.0)
+        for sign in (1, -1):
+            for first, last in _runs(np.max(sign * weights[:, :, row], axis=1) > least):
+                found.append(Contact(n + row, sign, t[first], t[last + 1], 0.0))
+    return found
+
+
+def reheld(arcs: list[Arc], found: Phased, bounds: Bounds) -> list[Arc]:
+    """Return arcs that are on constraints of inputs where these weigh along phases found."""
+    rows = np.flatnonzero(bounds.orders == 0)
+    points = np.append(0.0, np.cumsum(found.h))
+    t = points[:-1, None] + found.h[:, None] * collocation(DEGREE, 'radau')[0]
+    new: list[Contact] = []
+    changed = False
+    for row in rows.tolist():
+        largest = float(np.abs(found.eta[:, :, row]).max())
+        for phase, arc in enumerate(found.arcs):
+            of = found.phase_of == phase
+            eta, times, h = found.eta[of, :, row].ravel(), t[of].ravel(), found.h[of].max()
+            now = arc.on[row] if arc.on else 0
+            for sign in (now,) if now else (1, -1):
+                heavy = sign * eta > (-_WRONG if now else _WEIGHS) * largest
+                if now and heavy.all():
+                    new.append(Contact(row, sign, arc.start, arc.end, 0.0))
+                    continue
+                for first, last in _runs(heavy):
+                    if last - first >= DEGREE:
+                        new.append(Contact(row, sign, max(times[first] - h / 2, arc.start),
+                                           min(times[last] + h / 2, arc.end), 0.0))
+                        changed = changed or not now
+                changed = changed or bool(now)
+    if not changed:
+        return arcs
+    off = [replace(arc, on=tuple(0 if row in rows else on for row, on in enumerate(arc.on)))
+           for arc in arcs]
+    return with_contacts(off, new, bounds.deciding, bounds.orders == 0) if new else off
+
+
+def on_constraints(problem: Problem, program: PhasedProgram, found: Phased, x: Array, u: Array
+                   ) -> Array:
+    """
+    Return samples of inputs (K, s, m) moved onto the constraint that holds them in each phase.
+
+    Polynomials that meet it at their points only are off it between them.
+    """
+    bounds, u = program.bounds, u.copy()
+    for phase, arc in enumerate(found.arcs):
+        rows = [row for row, on in enumerate(arc.on) if on and bounds.orders[row] == 0]
+        here = np.flatnonzero(found.phase_of == phase)
+        if len(rows) != 1:
+            continue
+        row, free = rows[0], np.isnan(arc.levels)
+        limits = (np.append(problem.x_upper, problem.path_upper) if arc.on[row] > 0 else
+                  np.append(problem.x_lower, problem.path_lower))
+        points, inputs = x[here].reshape(-1, problem.n), u[here].reshape(-1, problem.m)
+        p = ca.repmat(problem.p_value, 1, len(points))
+        value, slopes = (each.map(len(points)) for each in (program.rows, program.rows_u))
+        for _ in range(_STEPS):
+            off = value(points.T, inputs.T, p).full()[row] - limits[row]
+            slope = slopes(points.T, inputs.T, p).full()[row].reshape(-1, problem.m) * free
+            size = np.maximum(np.sum(slope**2, axis=1), 1e-300)
+            inputs = inputs - np.where(size > 1e-12 * size.max(), off / size, 0.0)[:, None] * slope
+        u[here] = inputs.reshape(len(here), -1, problem.m)
+    return u
+
+
+def _runs(of: Mask) -> list[tuple[int, int]]:
+    """Return the first and the last places of all runs of true entries."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], of, [False]])))
+    return [(int(first), int(last) - 1) for first, last in edges.reshape(-1, 2)]

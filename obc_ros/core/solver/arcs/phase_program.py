@@ -1,0 +1,457 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Collocation on phases of unknown lengths, in each of which is known what holds.
+
+Where a path runs along c(x) = b, whose q-th derivative is the first that inputs enter, the
+derivatives below it are b, 0, ..., 0 at the start of the phase and the q-th is 0 in all of it:
+held at points only, c itself would leave the inputs free to oscillate between them. With eta the
+multiplier of the q-th derivative and lam~ the costates beside it, those of c(x) <= b itself are
+
+    lam = lam~ + eta d(c^(q-1))/dx - eta' d(c^(q-2))/dx + ...,  density (-1)^q eta^(q)
+
+(R. F. Hartl, S. P. Sethi, R. G. Vickson, A survey of the maximum principles for optimal control
+problems with state constraints, SIAM Review 37, 1995, section 5). Inputs are polynomials between
+the Radau points of each interval, free to jump from phase to phase; within its phase all is
+smooth, and converges with the order of the collocation.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.collocation import collocation, lagrange
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.structure import idle_inputs
+from obc_ros.core.solver.arcs.constraint_orders import Bounds
+from obc_ros.core.solver.arcs.input_arcs import Arc, shortest
+from obc_ros.core.solver.arcs.phases import DEGREE, Grazing, OUTWARDS, Phased
+from obc_ros.core.solver.nlp.progress import Monitor, Watch
+from obc_ros.core.solver.transcription.mesh import Path
+from obc_ros.core.solver.transcription.program import Scales
+
+_LEAST = 0.1      # of its length: how short a phase may become at once
+_LOOKS = np.linspace(0.0, 1.0, 9)[1:-1]   # parts of a phase at which it is looked at
+_OPTIONS: dict[str, object] = {
+    'print_level': 0, 'sb': 'yes', 'linear_solver': 'mumps', 'tol': 1e-11,
+    'mumps_permuting_scaling': 0, 'mumps_pivot_order': 0, 'constr_viol_tol': 1e-10,
+    'bound_relax_factor': 0.0, 'honor_original_bounds': 'yes', 'acceptable_tol': 1e-8,
+    'mu_init': 1e-4, 'bound_push': 1e-6, 'bound_frac': 1e-6, 'slack_bound_push': 1e-6,
+    'slack_bound_frac': 1e-6}
+
+
+class PhasedProgram:
+    """The nonlinear programs of one structure, for any arcs."""
+
+    def __init__(self, problem: Problem, switching: Sequence[bool]) -> None:
+        self.problem, self.switching = problem, np.array(switching)
+        self.bounds, self.idle = Bounds(problem), np.array(idle_inputs(problem))
+        # Inputs of a phase of no length may be any: next to constraints of theirs it stays there.
+        self.least = _LEAST if np.any(self.bounds.orders == 0) else 0.0
+        x, u, p = problem.x, problem.u, problem.p
+        self._rate = ca.Function('rate', [x, u, p], [problem.f, problem.L, problem.path])
+        self._end = ca.Function('end', [x, p], [problem.V, problem.psi])
+        self.end_slopes = ca.Function('slopes', [x, p], [ca.jacobian(problem.psi, x)])
+        rows = ca.vertcat(x, problem.path)
+        self.rows = ca.Function('rows', [x, u, p], [rows])
+        self.rows_u = ca.Function('rows_u', [x, u, p], [ca.jacobian(rows, u)])
+        points, self.weights, self.derivative, _ = collocation(DEGREE, 'radau')
+        self.points = np.append(0.0, points)
+
+    def shortest(self, arcs: Sequence[Arc]) -> Array:
+        """Return how short the phases of some arcs may become at once."""
+        return shortest(arcs, ~self.switching, self.least)
+
+    @cached_property
+    def held(self) -> list[ca.Function]:
+        """Return for each row its derivatives: those without inputs, and the one with them."""
+        x, u, p = self.problem.x, self.problem.u, self.problem.p
+        return [ca.Function('held', [x, u, p], [ca.vertcat(*chain[:-1]), chain[-1]])
+                for chain in self.bounds.chains]
+
+    @cached_property
+    def gradients(self) -> list[ca.Function]:
+        """Return for each row the gradients of its derivatives without inputs, (n, order)."""
+        x, p = self.problem.x, self.problem.p
+        return [ca.Function('gradients', [x, p], [
+            ca.horzcat(*[ca.gradient(each, x) for each in chain[:-1]])])
+            for chain in self.bounds.chains]
+
+    def solve(self, problem: Problem, arcs: Sequence[Arc], meshes: list[Array], guess: Path,
+              sizes: Scales, pinned: Mask, monitor: Monitor,
+              grazing: Grazing = frozenset()) -> Phased:
+        """Solve the program of some arcs from a path nearby; `pinned` as in Limits."""
+        return _Solve(self, problem, list(arcs), meshes, sizes, pinned, grazing).run(
+            guess, monitor)
+
+
+class _Solve:
+    """One program with its numbers."""
+
+    def __init__(self, program: PhasedProgram, problem: Problem, arcs: list[Arc],
+                 meshes: list[Array], sizes: Scales, pinned: Mask, grazing: Grazing) -> None:
+        self.pinned, self.grazing = pinned, grazing
+        self.outwards: dict[tuple[int, int], slice] = {}   # where their rates stand
+        self.program, self.problem, self.arcs, self.meshes = program, problem, arcs, meshes
+        counts = np.array([len(mesh) for mesh in meshes])
+        self.sizes, self.K, self.fractions = sizes, int(counts.sum()), np.concatenate(meshes)
+        self.phase_of = np.repeat(np.arange(len(counts)), counts)
+        self.first = np.append(0, np.cumsum(counts))   # intervals at which phases begin
+        self.g: list[ca.MX] = []
+        self.lower: list[Array] = []
+        self.upper: list[Array] = []
+
+    def _add(self, g: ca.MX, lower: Array, upper: Array) -> slice:
+        """Add constraints, (rows, columns); return where their multipliers stand."""
+        start = sum(len(each) for each in self.lower)
+        self.g.append(ca.vec(g))
+        shape = int(g.shape[0]), int(g.shape[1])
+        for kept, values in ((self.lower, lower), (self.upper, upper)):
+            kept.append(np.broadcast_to(values, shape).ravel(order='F'))
+        return slice(start, start + shape[0] * shape[1])
+
+    def build(self) -> None:
+        """Write the program down."""
+        problem, program, sizes = self.problem, self.program, self.sizes
+        n, m, K, d = problem.n, problem.m, self.K, DEGREE
+        self.X, self.U = ca.MX.sym('X', n, 1 + K * d), ca.MX.sym('U', m, K * d)
+        self.T = ca.MX.sym('T', 1, len(self.meshes))
+        x = ca.repmat(sizes.x, 1, 1 + K * d) * self.X
+        u = ca.repmat(sizes.u, 1, K * d) * self.U
+        part = sizes.time * self.fractions
+        h = self.T[self.phase_of.tolist()] * ca.DM(part).T
+        h = ca.reshape(ca.repmat(h, d, 1), 1, -1)
+        p = problem.p_value
+        f, L, c = program._rate.map(K * d)(x[:, 1:], u, ca.repmat(p, 1, K * d))
+        starts = (np.arange(K) * d).tolist()
+        slopes = [sum(program.derivative[j, r] * x[:, [s + r for s in starts]]
+                      for r in range(d + 1)) for j in range(d)]
+        order = (np.arange(d) * K + np.arange(K)[:, None]).ravel()
+        slope = ca.horzcat(*slopes)[:, order.tolist()]
+        scaled = (ca.repmat(h, n, 1) * f - slope) / ca.repmat(sizes.x, 1, K * d)
+        self.at_defects = self._add(scaled, np.zeros((1, 1)), np.zeros((1, 1)))
+        weights = np.tile(program.weights, K)
+        V, psi = program._end(x[:, -1], p)
+        self.J = (ca.dot(ca.DM(weights), (h * L).T) + V) / sizes.cost
+        self._hold(x, u, c)
+        none = np.zeros((1, 1))
+        self.at_psi = self._add(psi, none, none) if problem.q else slice(0, 0)
+        final = problem.final_time
+        span = (final.lower, final.upper) if final.free else (final.value, final.value)
+        self._add(ca.sum2(self.T), *(np.full((1, 1), each / sizes.time) for each in span))
+
+    def _hold(self, x: ca.MX, u: ca.MX, c: ca.MX) -> None:
+        """Add what holds in phases, and bounds where it does not."""
+        problem, d = self.problem, DEGREE
+        upper = np.append(problem.x_upper, problem.path_upper)
+        lower = np.append(problem.x_lower, problem.path_lower)
+        n = problem.n
+        x_low = np.tile(problem.x_lower, (1 + self.K * d, 1))
+        x_high = np.tile(problem.x_upper, (1 + self.K * d, 1))
+        x_low[0] = x_high[0] = problem.x0
+        c_low = np.tile(problem.path_lower, (self.K * d, 1))
+        c_high = np.tile(problem.path_upper, (self.K * d, 1))
+        self.at_held: list[tuple[int, int, slice]] = []   # phase, row, multipliers
+        self.at_met: list[tuple[int, int, slice]] = []
+        for phase, arc in enumerate(self.arcs):
+            a, b = int(self.first[phase]) * d, int(self.first[phase + 1]) * d
+            for row in np.flatnonzero(arc.on):
+                bound = (upper if arc.on[row] > 0 else lower)[row]
+                self._on(x, u, int(row), bound, phase)
+                if row < n:
+                    x_low[max(a, 1):b + 1, row], x_high[max(a, 1):b + 1, row] = -np.inf, np.inf
+                else:
+                    c_low[max(a - 1, 0):b, row - n] = -np.inf
+                    c_high[max(a - 1, 0):b, row - n] = np.inf
+            for row in np.flatnonzero(arc.met if a else ()):
+                bound = (upper if arc.met[row] > 0 else lower)[row]
+                self._meet(x, u, int(row), bound, phase)
+                if row < n:
+                    x_low[a, row], x_high[a, row] = -np.inf, np.inf
+                else:
+                    c_low[a - 1, row - n], c_high[a - 1, row - n] = -np.inf, np.inf
+        for phase, constant in self._constant():
+            a, b = (int(k) * d for k in self.first[phase:phase + 2])
+            # Held where it ends: what it weighs there holds the inputs at their bounds before.
+            if constant < n:
+                x_low[max(a, 1):b, constant], x_high[max(a, 1):b, constant] = -np.inf, np.inf
+            else:
+                c_low[max(a - 1, 0):b - 1, constant - n] = -np.inf
+                c_high[max(a - 1, 0):b - 1, constant - n] = np.inf
+        known = self._known_at_end()
+        c_low[-1:, known], c_high[-1:, known] = -np.inf, np.inf
+        spare = self._spare()
+        x_low[(self.K - len(self.meshes[-1])) * d:, spare] = -np.inf
+        x_high[(self.K - len(self.meshes[-1])) * d:, spare] = np.inf
+        for phase in range(len(self.arcs)):
+            self._straighten(u, phase)
+            self._begin(u, phase)
+        self._bend(u, self._idle, [self.K - 1], DEGREE - 2)
+        self.x_bounds = x_low / self.sizes.x, x_high / self.sizes.x
+        self.at_path = slice(0, 0)
+        if c_low.size:
+            self.at_path = self._add(c, c_low.T, c_high.T)
+
+    def _kept(self, phase: int, row: int) -> bool:
+        """Return whether all inputs that a row decides are at their bounds in a phase."""
+        deciding = self.program.bounds.deciding[row]
+        return 0 <= phase < len(self.arcs) and not np.isnan(
+            np.array(self.arcs[phase].levels))[deciding].any()
+
+    def _known_at_end(self) -> Mask:
+        """Return which path constraints psi alone keeps at their values at T."""
+        problem, program = self.problem, self.program
+        known = np.zeros(program.bounds.count - problem.n, dtype=bool)
+        end = self.guess.x[-1]
+        for row in np.flatnonzero(program.bounds.orders[problem.n:] > 0) if problem.q else ():
+            slope = program.gradients[int(row) + problem.n](end, problem.p_value).full()[:, 0]
+            psi_x = program.end_slopes(end, problem.p_value).full()
+            rest = slope - psi_x.T @ np.linalg.lstsq(psi_x.T, slope, rcond=None)[0]
+            known[row] = np.abs(rest).max() <= 1e-9 * np.abs(slope).max()
+        return known
+
+    def _constant(self) -> list[tuple[int, int]]:
+        """Return phases and rows that stay what they are when these begin, by inputs held."""
+        bounds, found = self.program.bounds, []
+        for phase, arc in enumerate(self.arcs):
+            held = ~np.isnan(arc.levels)
+            for row in np.flatnonzero(bounds.orders == 1):
+                if held[bounds.deciding[row]].all():
+                    t = arc.start + _LOOKS * (arc.end - arc.start)
+                    x, u = self.guess.states_at(t), self.guess.inputs_at(t, after=True)
+                    u = np.where(held, arc.levels, u)
+                    if not np.any(self.program.held[int(row)].map(len(t))(
+                            x.T, u.T, ca.repmat(self.problem.p_value, 1, len(t)))[1].full()):
+                        found.append((phase, int(row)))
+        return found
+
+    def _spare(self) -> Mask:
+        """Return which states come to rest where psi wants them, by inputs held in the end."""
+        free = np.isnan(self.arcs[-1].levels)
+        bounds = self.program.bounds
+        moved = (bounds.deciding & free).any(axis=1) | (bounds.orders != 1)
+        spare: Mask = self.pinned & ~moved[:self.problem.n]
+        return spare
+
+    def _straighten(self, u: ca.MX, phase: int) -> None:
+        """Keep inputs straight where nothing but the cost says what they are: on singular arcs."""
+        intervals = range(int(self.first[phase]), int(self.first[phase + 1]))
+        self._bend(u, self._loose(phase), intervals, 1)
+
+    def _loose(self, phase: int) -> Mask:
+        """Return which inputs are singular in a phase."""
+        arc, bounds = self.arcs[phase], self.program.bounds
+        loose = self.program.switching & np.isnan(arc.levels)
+        for row in np.flatnonzero(arc.on):
+            # Of inputs that share a straight constraint the last follows from the others.
+            fixed = np.flatnonzero(bounds.deciding[row] & np.isnan(arc.levels))
+            loose[fixed[-1:] if bounds.straight[row] else fixed] = False
+        return np.asarray(loose)
+
+    def _bend(self, u: ca.MX, inputs: Mask, intervals: Iterable[int], degree: int) -> None:
+        """Keep inputs polynomials of a degree, at most, in some intervals."""
+        powers = np.vander(self.program.points[1:], degree + 1).T
+        bent, rows = np.linalg.svd(powers)[2][degree + 1:], np.flatnonzero(inputs)
+        for k in intervals if rows.size else ():
+            values = u[rows.tolist(), k * DEGREE:(k + 1) * DEGREE]
+            none = np.zeros((1, 1))
+            self._add(ca.mtimes(values, bent.T) / ca.DM(self.sizes.u[rows]), none, none)
+
+    @cached_property
+    def _idle(self) -> Mask:
+        """
+        Return which free inputs nothing at all decides at T, the last of the points.
+
+        They go on as before: what they are at that point alone, on a path constraint or off it,
+        would be anything.
+        """
+        arc, bounds = self.arcs[-1], self.program.bounds
+        free = np.isnan(arc.levels)
+        idle: Mask = self.program.idle & free & ~self._loose(-1)
+        for row in np.flatnonzero(arc.on):
+            decided = bounds.deciding[row] & free
+            if bounds.orders[row] or not idle[decided].all():
+                idle = idle & ~decided
+        return idle
+
+    def _first(self, u: ca.MX, phase: int) -> ca.MX:
+        """Return the inputs where a phase begins, which is none of Radau's points, (m,)."""
+        first = [each(0.0) for each in lagrange(self.program.points[1:])]
+        a = int(self.first[phase]) * DEGREE
+        return ca.mtimes(u[:, a:a + DEGREE], ca.DM(first))
+
+    def _begin(self, u: ca.MX, phase: int) -> None:
+        """Keep inputs in their bounds where a phase begins."""
+        lower, upper, size = self.problem.u_lower, self.problem.u_upper, self.sizes.u
+        free = np.flatnonzero(np.isnan(self.arcs[phase].levels) & (
+            np.isfinite(lower) | np.isfinite(upper)) & ~self._free(phase))
+        if free.size:
+            self._add((self._first(u, phase) / ca.DM(size))[free.tolist()],
+                      (lower / size)[free, None], (upper / size)[free, None])
+
+    def _on(self, x: ca.MX, u: ca.MX, row: int, bound: float, phase: int) -> None:
+        """Hold a row at its bound in a phase."""
+        p, order = self.problem.p_value, int(self.program.bounds.orders[row])
+        a, b = (int(k) * DEGREE for k in self.first[phase:phase + 2])
+        held, sign = self.program.held[row], self.arcs[phase].on[row]
+        # Inputs at their bounds come to a constraint, or take over from it, by the path.
+        if not order and self._kept(phase - 1, row):
+            self._inside((held(x[:, a], u[:, a - 1], p)[1] - bound) * sign, row, bound, phase)
+        if not order and self._kept(phase + 1, row):
+            self._inside((held(x[:, b], self._first(u, phase + 1), p)[1] - bound) * sign, row,
+                         bound, -1 - phase)
+        if order and a and not self._also(phase - 1, row, sign):
+            value = np.append(bound, np.zeros(order - 1))[:, None]
+            entry = held(x[:, a], u[:, a - 1], p)
+            self._add(entry[0], value, value)
+            self._inside(entry[1] * sign * (-1)**order, row, bound, phase)
+        if order and phase + 1 < len(self.arcs) and not self._also(phase + 1, row, sign):
+            self._inside(held(x[:, b], self._first(u, phase + 1), p)[1] * sign, row, bound,
+                         -1 - phase)
+        deciding = self.program.bounds.deciding[row]
+        if b == self.K * DEGREE and not order and self._idle[deciding].any():
+            b -= 1
+        last = held.map(b - a)(x[:, a + 1:b + 1], u[:, a:b], ca.repmat(p, 1, b - a))[1]
+        level = np.full((1, 1), 0.0 if order else bound)
+        self.at_held.append((phase, row, self._add(last, level, level)))
+
+    def _meet(self, x: ca.MX, u: ca.MX, row: int, bound: float, phase: int) -> None:
+        """Touch the bound of a row where a phase begins."""
+        p, order = self.problem.p_value, int(self.program.bounds.orders[row])
+        a, sign, held = int(self.first[phase]) * DEGREE, self.arcs[phase].met[row], (
+            self.program.held[row])
+        before, after = (held(x[:, a], each, p) for each in (
+            u[:, a - 1], self._first(u, phase)))
+        level = np.full((1, 1), bound)
+        self.at_met.append((phase, row, self._add(before[0][0], level, level)))
+        size = (max(abs(bound), self.size[row]) or 1.0) / self.sizes.time
+        if order == 1:
+            self._inside(-sign * before[1], row, bound, phase)
+            self._add(after[1] * sign / size, np.full((1, 1), -np.inf),
+                      np.full((1, 1), OUTWARDS))
+        else:   # a path across the bound is cheaper, one that touches it no minimum by itself
+            self._add(before[0][1] / size, np.zeros((1, 1)), np.zeros((1, 1)))
+
+    def _also(self, phase: int, row: int, sign: int) -> bool:
+        """Return whether a phase is on a bound of a row."""
+        on = self.arcs[phase].on
+        return bool(on) and on[row] == sign
+
+    def _inside(self, outwards: ca.MX, row: int, bound: float, place: int) -> None:
+        """
+        Let a path come to a bound, or leave it, from inside: between points it might not.
+
+        By a little less than that: inputs at their bounds may leave it no other way. Where they
+        do, what is to be zero is held there, and their bounds are not.
+        """
+        size = max(abs(bound), self.size[row]) or 1.0
+        rate = size / self.sizes.time**int(self.program.bounds.orders[row])
+        most = OUTWARDS if self.program.bounds.orders[row] else 0.0
+        span = (0.0, 0.0) if (place, row) in self.grazing else (-np.inf, most)
+        self.outwards[place, row] = self._add(
+            outwards / rate, *(np.full((1, 1), each) for each in span))
+
+    def _free(self, place: int) -> Mask:
+        """Return which inputs are known where a phase begins or ends without their bounds."""
+        rows = [row for where, row in self.grazing if where == place]
+        return np.asarray(self.program.bounds.deciding[rows].any(axis=0))
+
+    def run(self, guess: Path, monitor: Monitor) -> Phased:
+        """Return the path that the program leads to."""
+        self.guess = guess
+        count = len(guess.x)
+        self.size = np.abs(self.program.rows.map(count)(
+            guess.x.T, np.vstack([guess.ua, guess.ub[-1:]]).T,
+            ca.repmat(self.problem.p_value, 1, count)).full()).max(axis=1)
+        self.build()
+        problem, sizes, K, d = self.problem, self.sizes, self.K, DEGREE
+        w = ca.vertcat(ca.vec(self.X), ca.vec(self.U), ca.vec(self.T))
+        g = ca.vertcat(*self.g)
+        watch = Watch(int(w.numel()), int(g.numel()), 0)
+        watch.monitor, watch.cost_scale = monitor, sizes.cost
+        watch.lower, watch.upper = np.concatenate(self.lower), np.concatenate(self.upper)
+        options: dict[str, Any] = {
+            'print_time': False, 'error_on_fail': False, 'show_eval_warnings': False,
+            'inputs_check': False,
+            'ipopt': _OPTIONS, 'iteration_callback': watch}
+        nlp: dict[str, Any] = {'x': w, 'f': self.J, 'g': g}
+        solver = ca.nlpsol('phased', 'ipopt', nlp, options)
+        durations = np.array([arc.end - arc.start for arc in self.arcs])
+        levels = np.array([arc.levels for arc in self.arcs])[np.repeat(self.phase_of, d)]
+        u_low = np.where(np.isnan(levels), problem.u_lower, levels)
+        u_high = np.where(np.isnan(levels), problem.u_upper, levels)
+        for phase, last in enumerate(self.first[1:] * d - 1):
+            known = self._free(-1 - phase) & np.isnan(self.arcs[phase].levels)
+            u_low[last, known], u_high[last, known] = -np.inf, np.inf
+        longest = np.full(len(durations), 4 * durations.sum() / sizes.time)
+        bounds = [np.concatenate([x.ravel(), (u / sizes.u).ravel(), T]) for x, u, T in (
+            (self.x_bounds[0], u_low, self.program.shortest(self.arcs) / sizes.time),
+            (self.x_bounds[1], u_high, longest))]
+        t = np.append(0.0, np.cumsum(durations[self.phase_of] * self.fractions))
+        times = (t[:-1, None] + np.diff(t)[:, None] * self.program.points[1:]).ravel()
+        x = np.vstack([problem.x0, guess.states_at(times)]) / sizes.x
+        # Inside of its interval, for the sides of a jump differ.
+        inside = times - 1e-6 * np.tile(np.append(np.zeros(d - 1), 1.0), K) * np.repeat(
+            np.diff(t), d)
+        u = np.clip(guess.inputs_at(inside, after=True), u_low, u_high) / sizes.u
+        found: dict[str, Any] = solver(
+            x0=np.concatenate([x.ravel(), u.ravel(), durations / sizes.time]), lbx=bounds[0],
+            ubx=bounds[1], lbg=watch.lower, ubg=watch.upper)
+        return self._phased(found, bool(solver.stats()['success']))
+
+    def _phased(self, found: dict[str, Any], converged: bool) -> Phased:
+        problem, sizes, K, d = self.problem, self.sizes, self.K, DEGREE
+        n, m, program = problem.n, problem.m, self.program
+        w, lam_g = found['x'].full().ravel(), found['lam_g'].full().ravel() * sizes.cost
+        x = w[:n * (1 + K * d)].reshape(-1, n) * sizes.x
+        u = w[n * (1 + K * d):][:m * K * d].reshape(K, d, m) * sizes.u
+        durations = w[-len(self.meshes):] * sizes.time
+        h = durations[self.phase_of] * self.fractions
+        raw = lam_g[self.at_defects].reshape(K, d, n) / sizes.x
+        lam = np.empty((K, d + 1, n))
+        lam[:, 1:] = raw / program.weights[:, None]
+        # What the first point of an interval is worth: from the row of the derivatives at 0.
+        lam[:, 0] = -np.einsum('j,kjn->kn', program.derivative[:, 0], raw)
+        area = h[:, None] * program.weights + 1e-300
+        eta = np.zeros((K, d, program.bounds.count))
+        if problem.path.numel():
+            # Where rows do not bound inputs their multipliers are masses, not densities.
+            mixed = program.bounds.orders[n:] == 0
+            eta[:, :, n:] = mixed * lam_g[self.at_path].reshape(K, d, -1) / area[:, :, None]
+        for phase, row, slot in self.at_held:
+            span = slice(int(self.first[phase]), int(self.first[phase + 1]))
+            eta[span, :, row] = np.resize(
+                np.append(lam_g[slot], 0.0), area[span].shape) / area[span]
+        places = (np.arange(K) * d)[:, None] + np.arange(d + 1)
+        ends = np.cumsum(durations)
+        arcs = [replace(arc, start=float(end - length), end=float(end))
+                for arc, end, length in zip(self.arcs, ends, durations, strict=True)]
+        g = found['g'].full().ravel()
+        astray = [(phase, row) for phase, row, slot in self.at_met
+                  if lam_g[slot][0] * self.arcs[phase].met[row] < 0]
+        outwards = {key: float(g[slot][0]) for key, slot in self.outwards.items()}
+        return Phased(arcs, self.meshes, durations, x[places], u, lam, eta, lam_g[self.at_psi],
+                      float(found['f']) * sizes.cost, converged, outwards,
+                      self._pushed(found, lam_g, x, lam), astray)
+
+    def _pushed(self, found: dict[str, Any], lam_g: Array, x: Array, lam: Array) -> Array:
+        """Return what bounds weigh at points, as `Phased` has it."""
+        n, K, d, program = self.problem.n, self.K, DEGREE, self.program
+        size = np.append(np.abs(x).max(axis=0), np.zeros(program.bounds.count - n))
+        for row in np.flatnonzero(program.bounds.orders[n:] > 0) + n:
+            slope = program.gradients[int(row)].map(K)(
+                x[d::d].T, ca.repmat(self.problem.p_value, 1, K)).full()
+            slope = np.abs(slope.reshape(n, K, -1)[:, :, 0])
+            size[row] = (slope * size[:n, None]).sum(axis=0).max()
+        lam_x = found['lam_x'].full().ravel()[n:n * (1 + K * d)] * self.sizes.cost
+        weights = np.zeros((K, d, len(size)))
+        weights[:, :, :n] = lam_x.reshape(K, d, n) / self.sizes.x
+        if len(size) > n:
+            weights[:, :, n:] = lam_g[self.at_path].reshape(K, d, -1)
+        weights[-1, -1] = 0.0   # what psi says there is not known from it
+        largest = (np.abs(lam).max(axis=(0, 1)) * size[:n]).max()
+        return np.asarray(weights * size * (program.bounds.orders > 0) / (largest or 1.0))

@@ -1,0 +1,139 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Arcs along bounds of the state: where a path meets one whose rate the inputs decide.
+
+Such an arc is a phase that begins and ends on its bound. Between arcs with inputs at their bounds
+that fixes when it begins and ends; as a part of a longer phase it would be followed by inputs
+that are linear across the jumps at its ends.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.solver.arcs.input_arcs import Arc
+from obc_ros.core.solver.transcription.program import Outcome
+
+_NEAR = 1e-6     # of its size: how near its bound a constraint is met
+_BESIDE = 2.5    # intervals of the mesh, in which a jump at the end of a contact is smeared
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A row of (x, c) at its upper bound (+1) or at its lower one (-1), in a span of time."""
+
+    row: int
+    sign: int
+    start: float
+    end: float
+    beside: float
+
+
+def contacts(problem: Problem, outcome: Outcome, value: Array, margin: Array,
+             decided: Mask, *, perhaps: bool = False, near: float = _NEAR) -> list[Contact]:
+    """
+    Return where a path is on bounds of the state, from its mesh points.
+
+    `value` (N + 1, n + l) of x and of the path constraints there; `margin` by which the bounds
+    are drawn in; `decided` which of them an input decides, and may hold. `perhaps`: also where
+    a path turns back within an interval of a bound. An arc that begins and ends on a bound stays
+    on it: next to nothing may be won by leaving it for a while.
+    """
+    found = []
+    t, N = outcome.path.t, len(outcome.path.t) - 1
+    on = np.zeros((N, value.shape[1]), dtype=np.int64) if outcome.mesh.on is None else (
+        outcome.mesh.on[outcome.mesh.layout.phase_of])
+    lower = np.append(problem.x_lower, problem.path_lower) + margin
+    upper = np.append(problem.x_upper, problem.path_upper) - margin
+    for row in np.flatnonzero(decided & (lower < upper)):
+        for sign, bound in ((1, upper[row]), (-1, lower[row])):
+            if not math.isfinite(bound):
+                continue
+            size = max(float(np.abs(value[:, row]).max()), abs(bound))
+            room = sign * (bound - value[:, row])
+            close = room <= near * (size or 1.0)
+            close[:-1] |= on[:, row] == sign
+            close[1:] |= on[:, row] == sign
+            if perhaps:
+                step = np.diff(room)
+                close[1:-1] |= (step[:-1] <= 0) & (step[1:] >= 0) & (
+                    room[1:-1] <= np.maximum(-step[:-1], step[1:]))
+            places = np.flatnonzero(close)
+            for run in np.split(places, np.flatnonzero(np.diff(places) > 1) + 1):
+                if not run.size or run[-1] == 0 or run[0] == N:
+                    continue
+                first, last = int(run[0]), int(run[-1])
+                h = max(t[first] - t[max(first - 1, 0)], t[min(last + 1, N)] - t[last])
+                wide = 0.25 * h if first == last else 0.0
+                found.append(Contact(int(row), sign, max(t[first] - wide, 0.0),
+                                     min(t[last] + wide, t[-1]), _BESIDE * h))
+    return found
+
+
+def with_contacts(arcs: Sequence[Arc], found: Sequence[Contact], free: Mask,
+                  mixed: Mask | None = None) -> list[Arc]:
+    """
+    Return arcs that begin and end where contacts do, on their bounds besides those they are on.
+
+    `free` (n + l, m): inputs that follow the bound of a row. What is left of an arc of theirs
+    between a contact and the next arc is a jump that a coarse mesh has smeared: it goes to the
+    arc beside it. Of the inputs of rows that are `mixed` (n + l,) those at bounds stay there;
+    where all of them do the row follows.
+    """
+    T = arcs[-1].end
+    times = np.unique([0.0, T] + [arc.end for arc in arcs]
+                      + [time for each in found for time in (each.start, each.end)])
+    times = times[np.append(True, np.diff(times) > 1e-7 * T)]
+    times[-1] = T
+    cut = []
+    for start, end in zip(times[:-1], times[1:], strict=True):
+        middle = 0.5 * (start + end)
+        arc = next(arc for arc in arcs if middle < arc.end)
+        levels, on = list(arc.levels), list(arc.on or [0] * len(free))
+        for each in found:
+            if each.start < middle < each.end:
+                follow = np.flatnonzero(free[each.row]).tolist()
+                if mixed is not None and mixed[each.row]:
+                    follow = [i for i in follow if math.isnan(levels[i])]
+                    if not follow:
+                        continue
+                on[each.row] = each.sign
+                for i in follow:
+                    levels[i] = math.nan
+        cut.append(Arc(float(start), float(end), tuple(levels), tuple(on)))
+    for step in (1, -1):
+        cut = _unsmeared(cut[::step], found, free)[::step]
+    return _joined(cut)
+
+
+def _unsmeared(arcs: list[Arc], found: Sequence[Contact], free: Mask) -> list[Arc]:
+    """Return arcs, in either order, with smeared jumps before contacts held as before them."""
+    beside = max(each.beside for each in found)
+    result = arcs[:1]
+    for k in range(1, len(arcs)):
+        arc, before = arcs[k], result[-1]
+        after = arcs[k + 1] if k + 1 < len(arcs) else None
+        levels = list(arc.levels)
+        if after and any(after.on) and not any(arc.on) and not any(before.on) and (
+                arc.end - arc.start < beside):
+            for i in np.flatnonzero(free[np.flatnonzero(after.on)].any(axis=0)):
+                if math.isnan(levels[i]):
+                    levels[i] = before.levels[i]
+        result.append(Arc(arc.start, arc.end, tuple(levels), arc.on))
+    return result
+
+
+def _joined(arcs: Sequence[Arc]) -> list[Arc]:
+    """Return arcs with neighbours that are the same as one."""
+    kept: list[Arc] = []
+    for arc in arcs:
+        if kept and kept[-1].on == arc.on and np.array_equal(
+                kept[-1].levels, arc.levels, equal_nan=True):
+            kept[-1] = Arc(kept[-1].start, arc.end, arc.levels, arc.on)
+        else:
+            kept.append(arc)
+    return kept

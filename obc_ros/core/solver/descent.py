@@ -1,0 +1,492 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""From a statement to an extremal: starts, arcs, a finer mesh, until a certificate holds."""
+
+from collections.abc import Callable, Generator, Iterator
+from dataclasses import replace
+from itertools import chain, count
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.certificate.certificate import certify
+from obc_ros.core.ocp.least_time_form import final_time
+from obc_ros.core.ocp.positivity import kept
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Solution, Status
+from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
+from obc_ros.core.solver.adjoint.costates import Extremal
+from obc_ros.core.solver.adjoint.mesh_refinement import (
+    below,
+    drawn_in,
+    Error,
+    EXCEEDED,
+    finer,
+    followed,
+    judge,
+    Judgement,
+)
+from obc_ros.core.solver.arcs.control_discontinuities import switching_times
+from obc_ros.core.solver.arcs.input_arcs import jumping_inputs
+from obc_ros.core.solver.improve.arc_iteration import Settling
+from obc_ros.core.solver.improve.kink_mesh import on_kinks
+from obc_ros.core.solver.improve.state_arcs import along_bounds, at_once
+from obc_ros.core.solver.nlp.progress import Monitor
+from obc_ros.core.solver.program_cache import Answered, Kit
+from obc_ros.core.solver.proofs.contradictions import contradiction
+from obc_ros.core.solver.proofs.optimality import local
+from obc_ros.core.solver.starts.cross_entropy import from_rollouts
+from obc_ros.core.solver.starts.horizon_continuation import lengthened
+from obc_ros.core.solver.starts.initial_guess import joined, scales
+from obc_ros.core.solver.starts.multistart import ended, explored, started
+from obc_ros.core.solver.starts.neighbour import beside_neighbour
+from obc_ros.core.solver.starts.obstacle_homotopy import started_around
+from obc_ros.core.solver.transcription.local_minima import Familiar
+from obc_ros.core.solver.transcription.mesh import Mesh, Path, split, STEPPED, uniform
+from obc_ros.core.solver.transcription.program import Outcome, Scales
+from obc_ros.core.solver.transcription.tightening import Limits
+
+COARSE = 16
+_STARTS, _STARTS_MOST = 1, 6
+_COURSES_KEPT = 8
+_ROUGH = 1e-4         # relative error of the cost on a coarse mesh
+# Work is counted in iterations times intervals, four times these by collocation, so that what is
+# found does not depend on what else a machine has to do; one is 0.05 ms or so.
+_PATIENCE = 10_000    # for starts while none converged
+_VAIN = 2, 0.6        # for starts that led nowhere: times the work so far, part of the time left
+_MIXED = 200_000      # work where inputs seem to mix their bounds, which no path does
+_INSIDE, _LASTING = 1e-2, 0.1   # of its span, and of T: an input between its bounds for long
+_BELIEVED, _ABSURD = 1e-2, 1e6   # relative: error of a coarse step; cost above the least one
+_MESHES = 1, 2, 4, 6   # finer ones, after which arcs along bounds are solved for
+_NEAR_BOUNDS = 0.1    # relative cost above the least one, at which that is tried
+# Of finer meshes; of those before curved inputs are held.
+_ROUNDS, _PLAIN_ROUNDS = 10, 5
+_COARSE_ITERATIONS, _FEW_ITERATIONS = 150, 12
+_FINER_ITERATIONS, _FINER_WORK = 350, 450_000   # for a finer mesh, from a path near its answer
+_WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
+_DETOUR = 1e-5        # likewise, at which inputs may wind around between points
+_CLOSE = _LEAST = 1e-6   # likewise, at which no finer mesh is tried; what counts as one in J = 0
+_CLOSE_ENOUGH = (1e-5, 2e-6)  # likewise, of a certified answer, without and with such bounds
+_FOR_DIGITS = 8000    # work for finer meshes once a certificate holds
+_LOST = (3e-7, 1e-7)  # relative cost to be given away, without and with bounds of the state
+_DRIFT, _SPREAD = 2e-5, 1.5e-4   # relative change of H: in an interval, past all certificates
+_STEP_ERROR = 3e-8    # relative, of all intervals together
+
+
+class Search:
+    """
+    One problem, its kit and what was found so far.
+
+    `with_arcs`: whether inputs are held at bounds between switching times. `quick`: one start
+    and one mesh more may do, for paths that need not be optimal. `why_not`: returns why there is
+    no path at all, or '', when the first starts have found none.
+    """
+
+    def __init__(self, problem: Problem, kit: Kit, monitor: Monitor, *, with_arcs: bool = True,
+                 quick: bool = False, why_not: Callable[[Problem], str] = contradiction) -> None:
+        self.stated, self.kit, self.monitor, self.quick = problem, kit, monitor, quick
+        self.why_not = why_not
+        self.problem = problem if kit.twin is None else kit.twin.problem(problem, 0)
+        self.may_hold = with_arcs
+        self.switching = tuple(with_arcs and each for each in kit.switching)
+        self.reason, self.held_in_vain = '', False
+        self.led_somewhere = False   # whether the cost of a coarse mesh was to be believed
+        self.intervals, self.typical = COARSE, _COARSE_ITERATIONS
+        self.work = 0
+        self.starts: Iterator[Path] = iter(())
+        self.familiar, self.looked_from = Familiar(), 0   # so many rollouts
+        self.tried, self.minima = 0, list[float]()   # starts; costs of other minima than the best
+        self.periods = np.full(problem.m, np.inf)
+        self.last: Answered | None = None
+        self.extremal: BoundaryValues | None = None   # of the outcome at hand, once it is found
+        self.nearby = False   # whether it was found from that of a neighbour
+        self._courses: dict[Outcome, tuple[Problem, Extremal]] = {}
+        self._judged: tuple[Problem | None, Extremal | None, Judgement | None] = None, None, None
+        self.bounded = bool(problem.path.numel() or np.any(
+            np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)))
+        self.stages = 3 if self.bounded else 0
+        self.margin = np.zeros(problem.n + int(problem.path.numel()))
+        self.exceeded = np.zeros(0)   # by how much in each interval, relative
+        self.pinned = (kit.guesser.final_state(self.problem)[1] if self.bounded
+                       else np.zeros(problem.n, dtype=bool))
+
+    def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
+                  near: bool = False, sizes: Scales | None = None, most: int = 500,
+                  warm: Outcome | None = None, guide: Outcome | None = None,
+                  rough: float = 0.0, once: bool = False, known: Familiar | None = None,
+                  least: Array | float = 0.0) -> Outcome:
+        """
+        Solve the transcription on a mesh from a path, in at most `most` iterations.
+
+        `rough`: relative error of the cost that will do. `once`: try the faster method only.
+        `known`: what need not be found again.
+        `near`: the path is nearly an answer; phases are then kept from vanishing. `warm`: the
+        outcome of a neighbour on this mesh. `guide`: one nearby on another mesh.
+        """
+        problem, final = self.problem, self.problem.final_time
+        program = self.kit.transcription(problem, mesh.layout)
+        if sizes is None:
+            sizes = self.kit.guesser.sizes(problem, start)
+        if durations is None:
+            durations = start.durations
+        usual = durations.sum() / mesh.layout.intervals
+        shortest = np.maximum(np.where(durations < 2 * usual, 0.0, 0.25 * durations), least)
+        longest = np.maximum(4.0 * durations, 4.0 * usual)
+        if len(durations) == 1:
+            shortest, longest = np.array([final.lower]), np.array([final.upper])
+        limits = Limits(shortest, longest, self.margin, self.pinned)
+        w = program.start(mesh, start, durations, sizes) if warm is None else warm.w
+        each = mesh.layout.intervals * (1 + mesh.layout.stages)
+        self.monitor.limit(most, each)
+        outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor, near=near,
+                                multipliers=(warm.lam_w, warm.lam_g) if warm else None,
+                                guide=guide, rough=rough, once=once, known=known)
+        if near and not outcome.converged and not self.monitor.stopped:
+            self.monitor.limit(most, each)
+            outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor)
+        self.work += outcome.iterations * each
+        self.kit.worked(outcome.iterations, mesh.layout)
+        return outcome
+
+    def coarse(self) -> list[Outcome]:
+        """
+        Return what a coarse mesh gives from several starts, the least cost first.
+
+        Costs found with too large an error of the steps are not to be believed; where no start
+        does without, the mesh is made finer and stiffly accurate.
+        """
+        most = self.monitor.max_intervals
+        levels = [(min(COARSE, most), self.stages)] + [
+            (intervals, 3) for intervals in (2 * COARSE, 4 * COARSE) if intervals <= most]
+        found: list[Outcome] = []
+        for intervals, stages in levels[:2] if self.quick else levels:
+            self.intervals, self.stages = intervals, stages
+            self.familiar = Familiar()
+            # What a coarser mesh led to, if its steps err, may be near what is there.
+            converged = [outcome for outcome in found if outcome.converged]
+            known = [min(converged, key=lambda outcome: outcome.objective).path
+                     ] if converged else []
+            self.starts = chain(known, self.kit.guesser.starts(
+                self.problem, self.kit.integrator, lambda: self.familiar.spans))
+            self.periods = self.kit.guesser.periods(self.problem)
+            longer = lengthened(self, COARSE) if found and intervals == levels[1][0] else None
+            found = [longer] if longer else self._from_starts()
+            good = [outcome for outcome in found if longer or self.believed(outcome)]
+            if good:
+                self.led_somewhere = True
+                return sorted(good, key=lambda outcome: outcome.objective)
+            if self.intervals <= COARSE and not self.quick:
+                self.reason = self.why_not(self.stated)
+            if self.reason or self.monitor.stopped:
+                break
+        else:
+            good = from_rollouts(self, final_time(self.problem))
+            found, self.led_somewhere = good or found, bool(good)
+        return sorted(found, key=lambda outcome: (not outcome.converged, (
+            outcome.objective if self.led_somewhere else outcome.infeasibility)))
+
+    def believed(self, outcome: Outcome) -> bool:
+        """Return whether the cost of a coarse outcome says something."""
+        if not outcome.converged:
+            return False
+        course = self.course(outcome)
+        return bool(course.local.max() < _BELIEVED and self.judged(course).lost.sum()
+                    < _ABSURD * max(abs(outcome.objective), 1.0))
+
+    def _from_starts(self) -> list[Outcome]:
+        found: list[Outcome] = []
+        begun, good, ways = self.work, False, 0
+        for number in count(1):
+            outcome = self.from_next_start(once=good)
+            found.append(outcome)
+            if not good and self.believed(outcome):
+                good, self.typical = True, outcome.iterations
+                self.keep(outcome)
+            if number == 1 and not (self.quick and good):
+                ways = started_around(self, outcome)
+            patient = self.work - begun < _PATIENCE * (1 + self.stages)
+            most = _STARTS if self.quick else _STARTS_MOST
+            if (self.monitor.stopped or self.quick and good or number >= ways + (
+                    _STARTS if good or not patient else most)):
+                break
+        return found
+
+    def from_next_start(self, *, once: bool, hard: bool = False) -> Outcome:
+        """Return what the coarse mesh gives from the next start; with `once` in few iterations."""
+        most = _COARSE_ITERATIONS
+        self.tried += 1
+        if once:
+            most = min(most, max(_FEW_ITERATIONS, round((5 if hard else 2.5) * self.typical)))
+        start, rough = next(self.starts), _ROUGH
+        if np.isfinite(self.periods).any():
+            # Linear from one whole turn to another, angles as inputs make much of coarse steps.
+            steps = uniform(self.problem, self.intervals, self.stages, STEPPED)
+            stepped = self.collocate(steps, start, most=_COARSE_ITERATIONS)
+            start, rough = joined(stepped.path, self.periods), 0.0   # near what it leads to
+        # Where no end is prescribed, cheap paths drawn at random deserve more than one method.
+        once = once and not (self.familiar.daring and not self.problem.q)
+        outcome = self.collocate(uniform(self.problem, self.intervals, self.stages), start,
+                                 most=most, rough=rough, once=once, known=self.familiar)
+        self.familiar.ended(outcome.objective, outcome.infeasibility,
+                            outcome.path if outcome.converged else None)
+        return outcome
+
+    def course(self, outcome: Outcome, *, stated: bool = False) -> Extremal:
+        """Return states and costates under the input of an outcome."""
+        problem = self.stated if stated else self.problem
+        kept, course = self._courses.get(outcome, (None, None))
+        if course is not None and kept is problem:
+            return course
+        integrator = self.kit.judge if stated else self.kit.integrator
+        course = integrator.extremal(problem, outcome, 4 if self.stages else 2)
+        if self.bounded:
+            course = self.kit.fitter(problem, stated).fit(problem, outcome, course)
+        if len(self._courses) >= _COURSES_KEPT:
+            self._courses.clear()
+        self._courses[outcome] = problem, course
+        return course
+
+    def judged(self, course: Extremal) -> Judgement:
+        """Return what a course gives away."""
+        kept, of, verdict = self._judged
+        if verdict is None or kept is not self.problem or of is not course:
+            slack = None if course.density_path is None else (
+                self.kit.fitter(self.problem).slack(self.problem, course))
+            verdict = judge(self.problem, self.kit.integrator, course, slack)
+            self._judged = self.problem, course, verdict
+        return verdict
+
+    def sizes(self, outcome: Outcome) -> Scales:
+        """Return the scales of a path that was found, its cost among them."""
+        cost = abs(outcome.objective)
+        return replace(scales(self.problem, outcome.path), cost=cost if cost > 0 else 1.0)
+
+    def rethought(self, outcome: Outcome, course: Extremal, above: float) -> Outcome:
+        """Return the outcome, or a better one: with arcs if inputs jump, else without detours."""
+        jumping = jumping_inputs(self.problem, outcome.path)
+        if self.may_hold and any(jumping) and not self.held_in_vain:
+            free, self.switching = self.switching, jumping
+            new = Settling(self, COARSE).settled(outcome)
+            self.held_in_vain = new.objective > outcome.objective and (
+                self.given_away(new, self.course(new)) >= above)
+            self.switching = free if self.held_in_vain else jumping
+            return outcome if self.held_in_vain else new
+        if self.bounded or above < _DETOUR:
+            return outcome
+        return self.unwound(outcome, course, above)
+
+    def unwound(self, outcome: Outcome, course: Extremal, above: float) -> Outcome:
+        """Return the outcome, or one without the detours that its inputs make between points."""
+        u = followed(self.problem, self.kit.integrator, course)
+        mesh = split(uniform(self.problem, COARSE, self.stages), np.full(COARSE, 4))
+        if not self.monitor.allows(mesh.layout.intervals):
+            return outcome
+        start = replace(outcome.path, ua=u[:-1], ub=u[1:])
+        new = self.collocate(mesh, start, start.t[-1:], sizes=self.sizes(outcome))
+        nearby = new.converged and not below(
+            outcome.objective, new.objective, max(above, _WORTH_A_LOOK))
+        better = nearby and self.given_away(new, self.course(new)) < above
+        return new if better else outcome
+
+    def improve(self, outcome: Outcome, rounds: int) -> Iterator[tuple[Outcome, Extremal]]:
+        """Yield better and better outcomes, so many at most."""
+        if any(self.switching):
+            settled = Settling(self, COARSE).settled(outcome)
+            self.held_in_vain = self.believed(outcome) and not self.believed(settled)
+            if self.held_in_vain:   # arcs too long for the steps in them
+                self.switching = (False,) * self.problem.m
+            else:
+                outcome = settled
+        above = np.inf
+        for turn in range(rounds):
+            course = self.course(outcome)
+            above, before = self.given_away(outcome, course), above
+            stalled = turn and above > _CLOSE and above > 0.3 * before
+            if (stalled or turn == _PLAIN_ROUNDS) and not any(self.switching):
+                if above < _CLOSE:
+                    yield outcome, course
+                outcome = self.rethought(outcome, course, above)
+                course = self.course(outcome)
+            yield outcome, course
+            if turn == rounds - 1:
+                return
+            if self.kit.twin:
+                self.problem = self.kit.twin.problem(self.stated, turn + 1)
+            if turn and (aligned := on_kinks(self, outcome, course)) is not None:
+                outcome = aligned
+                continue
+            self.widen_margin(course)
+            mesh = self.finer(outcome, course)
+            if self.monitor.stopped or not self.monitor.allows(mesh.layout.intervals):
+                return
+            most = _FINER_WORK // (mesh.layout.intervals * (1 + mesh.layout.stages))
+            outcome = self.collocate(mesh, outcome.path, near=True, sizes=self.sizes(outcome),
+                                     guide=outcome, most=min(_FINER_ITERATIONS, max(50, most)))
+            if not outcome.converged:
+                return
+            if Settling.vanished(outcome):
+                outcome = Settling(self, COARSE).without_vanishing(outcome)
+
+    def widen_margin(self, course: Extremal) -> None:
+        """Draw bounds of x and of the path in by what the path exceeds them between nodes."""
+        if not self.bounded:
+            return
+        value = self.kit.fitter(self.problem).values(self.problem, course)
+        self.margin, self.exceeded = drawn_in(self.problem, value, course, self.margin)
+
+    def finer(self, outcome: Outcome, course: Extremal) -> Mesh:
+        """Return a mesh that is finer where the path gives cost away."""
+        verdict, N = self.judged(course), len(course.local)
+        share = _LOST[self.bounded] * max(abs(outcome.objective), _LEAST) / N
+        errors = [
+            Error(verdict.lost - verdict.chords, share, 5.0), Error(verdict.chords, share, 3.0),
+            Error(course.local, _STEP_ERROR / N, 7.0), Error(verdict.drift, _DRIFT, 2.0)]
+        if self.bounded:
+            errors.append(Error(self.exceeded, EXCEEDED[0], 2.0))
+        longest = outcome.path.t[-1] / (2 * COARSE)
+        return finer(outcome.mesh, outcome.path, verdict.kinks, errors, longest,
+                     self.monitor.max_intervals)
+
+    def solution(self, outcome: Outcome, course: Extremal) -> Solution:
+        """Return an outcome as samples, with its certificate."""
+        problem = self.stated
+        if self.kit.twin:
+            outcome = self.kit.twin.back(outcome, problem)
+            course = self.course(outcome, stated=True)
+        known = self._extremal(outcome)
+        times = np.cumsum(known.lengths)[:-1] if known else switching_times(outcome)
+        found = replace(self.kit.judge.samples(problem, course), switching_times=times,
+                        iterations=self.monitor.iterations)
+        if self.monitor.stopped:   # judging a path that is no answer may take long
+            return found
+        found = replace(found, certificate=certify(problem, found))
+        if self.monitor.best:
+            self.monitor.best.take(problem, found)
+        return found
+
+    def keep(self, outcome: Outcome) -> None:
+        """Let a path on the way be known, if one is wanted."""
+        best = self.monitor.best
+        if best and outcome.converged and best.is_due(self.stated):
+            self.solution(outcome, self.course(outcome))
+
+    def given_away(self, outcome: Outcome, course: Extremal) -> float:
+        """Return an estimate of the cost above the least one, relative; infinite if it is bad."""
+        if not outcome.converged or course.defect > 1e-3 and course.local.max() > 1e-4:
+            return np.inf
+        lost = self.judged(course).lost.sum()
+        if self.margin.any():
+            lost += outcome.pressure() @ self.margin
+        return float(lost / max(abs(outcome.objective), 1e-3))
+
+    def run(self) -> Solution:
+        """Return the best answer found, with its certificate; without a path if there is none."""
+        found = self._run()
+        return found if found.optimality else replace(
+            found, optimality=local(self.tried, found.objective, self.minima))
+
+    def _run(self) -> Solution:
+        if (known := beside_neighbour(self)) is not None:
+            return known
+        starts = self.coarse()
+        if self.reason:
+            return Solution(Status.INFEASIBLE, self.reason)
+        if not starts or not np.all(np.isfinite(starts[0].path.x)):
+            return Solution(Status.NOT_CONVERGED, 'no path was found from any start')
+        astray = starts[:1] if self.led_somewhere else starts   # steps jump over poles
+        if not self.quick and (inside := self.inside(astray)):
+            return inside
+        if not (self.led_somewhere or self.quick):
+            times, share = _VAIN   # time is left to say why
+            self.monitor = self.monitor.part(times * self.work, share * self.monitor.remaining())
+        elif not self.quick and self.mixes(starts[0]):
+            self.monitor = self.monitor.part(self.work + _MIXED, _VAIN[1]*self.monitor.remaining())
+        if self.quick:
+            return self.followed_up(starts[0])
+        best, floor = started(self, starts[0])
+        if not (best.certified or self.monitor.stopped) and (reason := contradiction(self.stated)):
+            return Solution(Status.INFEASIBLE, reason)   # by steps with errors there are paths
+        return explored(self, best, floor, starts[1:])
+
+    def mixes(self, outcome: Outcome) -> bool:
+        """Return whether an input is between its bounds for long where H is concave in it."""
+        problem, course = self.problem, self.course(outcome)
+        if self.kit.twin or any(ca.depends_on(problem.path, u) for u in ca.vertsplit(problem.u)):
+            return False
+        _, _, Huu = self.kit.integrator.hamiltonian(problem, course.x, course.ua, course.lam)
+        curvature, span = np.einsum('kii->ki', Huu), problem.u_upper - problem.u_lower
+        with np.errstate(invalid='ignore'):
+            inside = np.minimum(course.ua - problem.u_lower,
+                                problem.u_upper - course.ua) > _INSIDE * span
+        concave = curvature < -_INSIDE * np.abs(curvature).max(axis=0, initial=0.0)
+        share = np.diff(course.t) @ (inside & concave & np.isfinite(span)) / course.t[-1]
+        return bool(np.any(share > _LASTING))
+
+    def inside(self, astray: list[Outcome]) -> Solution | None:
+        """Return a certified answer, or one for a path astray, found where no amount is < 0."""
+        problem = kept(self.stated, [outcome.path.x for outcome in astray])
+        if problem is self.stated:
+            return None
+        answer = Search(problem, Kit(problem), self.monitor, with_arcs=self.may_hold).run()
+        if answer.certificate:
+            answer = replace(answer, certificate=certify(self.stated, answer))
+        fits = answer.certificate.feasible if answer.certificate else self.monitor.stopped
+        return answer if answer.certified or self.led_somewhere and fits else None
+
+    def followed_up(self, start: Outcome, rounds: int = _ROUNDS) -> Solution:
+        """Return the best answer that improving a coarse outcome gives."""
+        return ended(self.following(start, rounds))
+
+    def following(self, start: Outcome, rounds: int = _ROUNDS) -> Generator[None, None, Solution]:
+        """Return what `followed_up` does, at leisure: yield after each mesh."""
+        if (found := at_once(self, start)) is not None:
+            return found
+        best: Solution | None = None
+        nearest = tried = start
+        begun = self.work
+        for number, (outcome, course) in enumerate(self.improve(start, rounds)):
+            above = self.given_away(outcome, course)
+            # A certificate allows more than what one more mesh often takes away at once.
+            worth = number and above < _WORTH_A_LOOK and (
+                self.kit.twin or self.judged(course).spread < _SPREAD)
+            if above < _CLOSE or worth or self.monitor.stopped:
+                answer = self.solution(outcome, self.course(outcome))
+                if best is None or answer.certified or not best.certified:
+                    best, self.last = answer, self.answered(outcome)
+            else:
+                self.keep(outcome)
+            nearest, held = outcome, best is not None and best.certified
+            chorded = above > _CLOSE_ENOUGH[1] and self.judged(course).chorded
+            if number in _MESHES and above < _NEAR_BOUNDS and (chorded or not held):
+                tried = outcome
+                if (found := along_bounds(self, outcome, best)) is not None:
+                    return found
+            late = self.work - begun > _FOR_DIGITS * (1 + self.stages)
+            close = above < _CLOSE_ENOUGH[self.bounded]
+            if best is not None and best.certified and (close or late):
+                break
+            if self.quick and number >= 2:
+                break
+            yield
+        if best is None:
+            best, self.last = self.solution(outcome, self.course(outcome)), self.answered(outcome)
+        if not best.certified and nearest is not tried:
+            return along_bounds(self, nearest) or best
+        return best
+
+    def answered(self, outcome: Outcome) -> Answered:
+        """Return what a neighbour, or the indirect method, starts from."""
+        return Answered(self.stated, outcome, outcome.scales or self.sizes(outcome), self.margin,
+                        self._extremal(outcome))
+
+    def _extremal(self, outcome: Outcome) -> BoundaryValues | None:
+        """Return the extremal whose kinks an outcome has at its mesh points, if it is known."""
+        return self.extremal if len(outcome.path.durations) == 1 else None
+
+    def reset(self) -> None:
+        """Go back to what holds for a coarse mesh."""
+        self.extremal = None
+        self.margin, self.held_in_vain = np.zeros_like(self.margin), False
+        self.switching = tuple(self.may_hold and each for each in self.kit.switching)
+        if self.kit.twin:
+            self.problem = self.kit.twin.problem(self.stated, 0)

@@ -1,0 +1,307 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Why a problem has no answer, in the words of who asked, with numbers.
+
+What `contradictions` and `existence` prove comes first. Then other problems are solved in its
+place:
+
+elastic      by how much the terminal constraints are missed at least; then also with one state
+             bound, path constraint or input bound left out at a time: the one without which
+             nothing is missing is to blame;
+soft         which state bound or path constraint cannot be held, when, and by how much;
+least time   L = 1, T free: whether the time is too short;
+sparing      the most that may be left of a state that only falls: whether there is enough of it;
+relaxed      mixtures of two inputs: whether the cost falls while the input switches ever faster;
+boxed        |u| <= 10, 100, 1000: whether the cost falls without end.
+
+A problem is called infeasible when that is proved: by `contradictions`, or, where dynamics and
+constraints are affine, T is given and inputs are bounded, by weights of the constraints that add
+up to what no input achieves (`weak_duality`). What was only searched for is said as
+such: other problems may have minima that are not the least ones.
+"""
+
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.ocp.nonconvexity import convex_paths
+from obc_ros.core.ocp.problem import FinalTime, Problem
+from obc_ros.core.ocp.solution import Solution
+from obc_ros.core.ocp.wording import number, state_bound
+from obc_ros.core.solver.diagnosis.feasibility import (
+    elastic,
+    FEASIBLE,
+    is_path,
+    not_held,
+    shortfall,
+    soft,
+    Solver,
+    to_blame,
+)
+from obc_ros.core.solver.diagnosis.forward_check import leads_there
+from obc_ros.core.solver.diagnosis.monotone_resources import too_little
+from obc_ros.core.solver.diagnosis.relaxed_controls import chattering, relaxed
+from obc_ros.core.solver.diagnosis.unboundedness import unbounded
+from obc_ros.core.solver.exact.weak_duality import excluded
+from obc_ros.core.solver.proofs.contradictions import contradiction
+from obc_ros.core.solver.proofs.existence import without_minimum
+from obc_ros.core.solver.proofs.singular_expressions import (
+    kinked,
+    level,
+    runs_away,
+    steep,
+    undefined,
+)
+
+# Of what a certificate may leave: for a path but for little, and but for its steps as well.
+_NEARLY = FEASIBLE | {'start': 1e-3, 'end': 1e-3, 'bounds': 1e-3}
+_ROUGHLY = _NEARLY | {'dynamics': 1e-2}
+_WIDE = 1e-2        # of its bounds: where a path may go that shows what is out of reach
+_PART = 0.1         # of its terms, that Pontryagin's conditions may leave
+_LATER = 50.0       # times T up to which a least time is looked for
+_UNPROVED = 'infeasibility is not proved'
+
+
+@dataclass(frozen=True)
+class Reason:
+    """A sentence, and whether it says that nothing satisfies the problem's constraints."""
+
+    infeasible: bool
+    sentence: str
+
+
+def explain(problem: Problem, solve: Solver | None = None, thorough: Solver | None = None, *,
+            found: Solution | None = None) -> Reason | None:
+    """
+    Return why a problem has no answer, or None if no reason was found.
+
+    Parameters
+    ----------
+    problem : Problem
+        The one that was not answered.
+    solve : callable, optional
+        Returns a Solution with its certificate for a problem, whether or not the certificate
+        holds; it keeps the time limit. Without it only contradictions are found.
+    thorough : callable, optional
+        Does the same with more care: its certificate is to hold, for the best of several starts.
+    found : Solution, optional
+        The best path that was found for the problem.
+
+    """
+    sentence = contradiction(problem)
+    if sentence:
+        return Reason(True, sentence)
+    sentence = without_minimum(problem)
+    if sentence or solve is None:
+        return Reason(False, sentence) if sentence else None
+    return _Doubt(problem, solve, thorough or solve).reason(found)
+
+
+def proved_infeasible(problem: Problem) -> bool:
+    """Return whether weights of the constraints prove that no path meets them all."""
+    return convex_paths(problem) and excluded(problem)
+
+
+class _Doubt:
+    """A problem without a contradiction, and how others are solved in its place."""
+
+    def __init__(self, problem: Problem, solve: Solver, thorough: Solver) -> None:
+        self.problem, self.solve = problem, solve
+        self.thorough = thorough
+        self.lost = True  # whether no path was found that keeps to the problem
+        self.convex = convex_paths(problem)
+        self._shown: bool | None = None
+
+    @property
+    def shown(self) -> bool:
+        """Whether it is proved that no path meets all constraints."""
+        if self._shown is None:
+            self._shown = proved_infeasible(self.problem)
+        return self._shown
+
+    def reason(self, found: Solution | None) -> Reason | None:
+        """Return why there is no answer, None if that remains unknown."""
+        problem = self.problem
+        if found is not None and (sentence := undefined(problem, found.t, found.x, found.u)):
+            return Reason(False, sentence)
+        self.lost = found is None or not is_path(found)
+        if found is not None and _arrives(found) and (
+                sentence := kinked(problem, found.t, found.x, found.u)
+                or steep(problem, found.t, found.x, found.u)):
+            return Reason(False, sentence)
+        if found is not None and not self.lost and (
+                sentence := level(problem, found.x[-1])):
+            return Reason(False, sentence)
+        kept = found is not None and not self.lost and not shortfall(problem, found)
+        if kept or problem.q == 0 and not _bounded(problem):
+            return self.mixed(found) or self.without_end(found)
+        nearest = self.best(elastic(problem))
+        if not self.keeps(nearest):
+            sentence = undefined(problem, nearest.t, nearest.x, nearest.u)
+            return Reason(False, sentence) if sentence else (
+                self.not_held() or problem.q and (self.too_short() or self.too_little())
+                or self.without_end(found) or self.leapt(nearest))
+        missed = shortfall(problem, nearest)
+        if not missed:
+            return self.mixed(found) or self.without_end(found)
+        if found is not None and _almost(problem, found) and not self.shown:
+            return None   # it came nearer
+        return self.too_short() or self.too_little() or self.missing(missed)
+
+    def best(self, other: Problem) -> Solution:
+        """Return an answer that is a path; of a convex problem the best one but for a little."""
+        answer = self.solve(other)
+        if not self.keeps(answer) or self.convex and not _nearly_optimal(answer):
+            answer = self.thorough(other)
+        return answer
+
+    def keeps(self, answer: Solution) -> bool:
+        """
+        Return whether an answer is a path, a little wide of a convex problem's bounds at most.
+
+        There what cannot be had within wider bounds cannot be had within narrower ones.
+        """
+        return is_path(answer, _WIDE) if self.convex else is_path(answer)
+
+    def certified(self, other: Problem) -> Solution:
+        """Return an answer, with more care where its certificate does not hold at once."""
+        answer = self.solve(other)
+        return answer if answer.certified else self.thorough(other)
+
+    def mixed(self, found: Solution | None) -> Reason | None:
+        """Return that the least cost is approached by ever faster switching, if it is."""
+        other = relaxed(self.problem, found) if found is not None and found.t.size else None
+        # Bounds that a path just misses do not matter where mixtures of an input's bounds do.
+        if found is None or other is None or self.lost and other.m > self.problem.m:
+            return None
+        answer = self.thorough(other)
+        sentence = chattering(
+            self.problem, other, answer, found) if answer.certified else ''
+        return Reason(False, sentence) if sentence else None
+
+    def without_end(self, found: Solution | None) -> Reason | None:
+        """Return that states, or the cost, grow without end, if they do."""
+        sentence = unbounded(self.problem, self.certified, None if self.lost else found)
+        if not sentence and self.lost:
+            sentence = runs_away(self.problem, _last(self.problem))
+        return Reason(False, sentence) if sentence else None
+
+    def too_short(self) -> Reason | None:
+        """Return that the terminal constraints can be met, but only later."""
+        problem, last = self.problem, _last(self.problem)
+        guess = FinalTime(free=True, lower=1e-3 * last, upper=_LATER * last, guess=2 * last)
+        later = replace(problem, L=ca.SX(1), V=ca.SX(0), final_time=guess, structure='')
+        answer = self.solve(later)
+        if not is_path(answer) and _roughly(answer):
+            answer = self.thorough(later)
+        if not is_path(answer) or shortfall(problem, answer):
+            return None
+        early = answer.t[-1] <= last * (1 + 1e-6)
+        if not early and not self.convex:
+            answer = self.thorough(later)
+            early = not is_path(answer) or answer.t[-1] <= last * (1 + 1e-6)
+        if early and not self.convex and not problem.final_time.free and (
+                leads_there(problem, answer)):
+            return Reason(False, f'no path was found that meets the terminal constraints at T = '
+                                 f'{last:.6g}; one meets them at T = {answer.t[-1]:.4g}')
+        if early:
+            return None
+        least = float(answer.t[-1])
+        found = number(least) if answer.certified else f'about {least:.3g}'
+        if self.shown:
+            return Reason(True, f'the terminal constraints cannot be met by T = {last:.6g}: the '
+                                f'least time is {found}')
+        return Reason(False, f'no path was found that meets the terminal constraints by T = '
+                             f'{last:.6g}: the quickest takes {found}; {_UNPROVED}')
+
+    def too_little(self) -> Reason | None:
+        """Return that the terminal constraints take more of a state than there is."""
+        sentence = too_little(self.problem, self.thorough)
+        if not sentence:
+            return None
+        return Reason(True, sentence) if self.shown else Reason(
+            False, f'no path was found that keeps to all constraints: {sentence}; {_UNPROVED}')
+
+    def missing(self, missed: str) -> Reason:
+        """Return what of the terminal constraints is out of reach, and for which bound."""
+        problem = self.problem
+        blamed = to_blame(problem, self.solve)
+        if blamed and self.shown:
+            name, without = blamed
+            return Reason(True, (
+                f'{name} and the terminal constraints exclude each other {_time(problem)}: with '
+                f'it the path ends at best with {missed}; without it {without}'))
+        more = f'; without {blamed[0]} {blamed[1]}' if blamed else ''
+        what = 'no path meets' if self.shown else 'no path was found that meets'
+        doubt = '' if self.shown else f'; {_UNPROVED}'
+        return Reason(self.shown, (
+            f'{_time(problem)} {what} the terminal constraints: the nearest ends with '
+            f'{missed}{more}{doubt}'))
+
+    def not_held(self) -> Reason | None:
+        """Return which state bound or path constraint cannot be held."""
+        answer = self.best(soft(self.problem))
+        found = not_held(self.problem, answer)
+        if not found:
+            return None
+        name, how = found
+        return Reason(True, f'{name} cannot be held: {how}') if self.shown else Reason(
+            False, f'no path was found that keeps to {name}: {how}; {_UNPROVED}')
+
+    def leapt(self, nearest: Solution) -> Reason | None:
+        """Return that a path keeps to bounds at mesh points only, as it leaps over a wall."""
+        certificate = nearest.certificate
+        if certificate is None or certificate.fault != 'bounds':
+            return None
+        names = [state_bound(self.problem, i, upper) for upper, bounds in (
+            (False, self.problem.x_lower), (True, self.problem.x_upper))
+            for i in map(int, np.flatnonzero(np.isfinite(bounds)))]
+        names += [f'path_constraints[{row}]' for row in range(self.problem.path.numel())]
+        return Reason(False, (
+            f'no path was found that meets the terminal constraints and keeps to '
+            f'{" and ".join(names)} all the way: the nearest exceeds a bound between mesh points '
+            f'by {certificate.residuals["bounds"]:.1g} of its size'))
+
+
+def _nearly_optimal(answer: Solution) -> bool:
+    """Return whether a convex problem's cost is the least one but for a part of it."""
+    certificate = answer.certificate
+    return certificate is not None and all(
+        certificate.residuals[key] <= _PART
+        for key in ('costate', 'minimum', 'transversality', 'hamiltonian'))
+
+
+def _last(problem: Problem) -> float:
+    final = problem.final_time
+    return final.upper if final.free else final.value
+
+
+def _bounded(problem: Problem) -> bool:
+    return bool(np.isfinite([problem.x_lower, problem.x_upper]).any() or problem.path.numel())
+
+
+def _arrives(solution: Solution) -> bool:
+    """Return whether constraints are met, whatever else an answer lacks."""
+    certificate = solution.certificate
+    return certificate is not None and all(
+        certificate.residuals.get(key, 0.0) <= certificate.tolerances.get(key, 0.0)
+        for key in ('start', 'end', 'bounds'))
+
+
+def _roughly(solution: Solution) -> bool:
+    """Return whether an answer would be a path that meets the constraints, but for its steps."""
+    certificate = solution.certificate
+    return certificate is not None and all(
+        certificate.residuals.get(key, 0.0) <= limit for key, limit in _ROUGHLY.items())
+
+
+def _almost(problem: Problem, found: Solution) -> bool:
+    """Return whether an answer ends as it has to and nearly keeps to the problem on the way."""
+    residuals = found.certificate.residuals if found.certificate else {}
+    return not shortfall(problem, found) and all(
+        residuals.get(key, np.inf) <= limit for key, limit in _NEARLY.items())
+
+
+def _time(problem: Problem) -> str:
+    return f'by T = {_last(problem):.6g}'

@@ -1,0 +1,186 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What comes nearest to a problem's constraints, and by how much it misses which of them.
+
+elastic      the terminal constraints become the cost sum of psi_j^2: what is left says how much
+             of which constraint is missing;
+soft         state bounds and path constraints become a cost: which one cannot be held, when, and
+             by how much.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Solution
+from obc_ros.core.ocp.structure import switching_inputs
+from obc_ros.core.ocp.wording import number, state_bound, terminal
+
+Solver = Callable[[Problem], Solution]
+Seen = Callable[[Solution], str]
+
+# What a certificate may leave of these conditions for a path to count as one.
+FEASIBLE = {'dynamics': 1e-4, 'start': 1e-5, 'bounds': 1e-4}
+_MISSED = 1e-4      # of a constraint's size: beyond the accuracy of an elastic answer
+_OF_MOST = 1e-2     # of the largest of what is missed: less is not worth a word
+_EFFORT = 1e-8      # weight of the inputs in problems that would not determine them otherwise
+
+
+def is_path(solution: Solution, wide: float = FEASIBLE['bounds']) -> bool:
+    """Return whether an answer, optimal or not, is a path; `wide`: of its bounds, at most."""
+    certificate = solution.certificate
+    return certificate is not None and all(
+        certificate.residuals.get(key, np.inf) <= limit
+        for key, limit in (FEASIBLE | {'bounds': wide}).items())
+
+
+def shortfall(problem: Problem, nearest: Solution) -> str:
+    """Say by how much terminal constraints are missed at the end of a path; '' if none is."""
+    psi = ca.Function('psi', [problem.x, problem.p], [problem.psi])
+    values = psi(nearest.x[-1], problem.p_value).full()[:, 0]
+    part = np.abs(values) / _sizes(problem)
+    parts = []
+    for row in map(int, np.flatnonzero(part > max(_MISSED, _OF_MOST * part.max(initial=0.0)))):
+        wanted = terminal(problem, row)
+        name, _, value = wanted.partition(' = ')
+        if name in problem.states:
+            there = nearest.x[-1, problem.states.index(name)]
+            parts.append(f'{name} = {number(float(there))} instead of {value}')
+        else:
+            parts.append(f'{wanted} missed by {number(abs(float(values[row])))}')
+    return ', '.join(parts)
+
+
+def elastic(problem: Problem) -> Problem:
+    """Return the problem of coming as near as possible to the terminal constraints."""
+    nearest = replace(problem, L=ca.SX(0), psi=ca.SX(0, 1), structure='',
+                      V=ca.sumsqr(problem.psi / _sizes(problem)))
+    boxed = np.isfinite([problem.u_lower, problem.u_upper]).all()
+    # Without a cost of inputs arcs along their bounds are found as such.
+    return nearest if boxed and all(switching_inputs(nearest)) else replace(
+        nearest, L=_effort(problem))
+
+
+def soft(problem: Problem) -> Problem:
+    """Return the problem of breaking state bounds and path constraints as little as possible."""
+    cost = _effort(problem)
+    rows = [*zip(ca.vertsplit(problem.x), problem.x_lower, problem.x_upper, strict=True)]
+    if problem.path.numel():
+        rows += zip(ca.vertsplit(problem.path), problem.path_lower, problem.path_upper,
+                    strict=True)
+    for value, lower, upper in rows:
+        size = max((abs(bound) for bound in (lower, upper) if np.isfinite(bound)), default=1.0)
+        for excess in ((lower - value) if np.isfinite(lower) else None,
+                       (value - upper) if np.isfinite(upper) else None):
+            if excess is not None:
+                cost += ca.fmax(excess / (size or 1.0), 0)**2
+    unlimited = np.full(problem.n, np.inf)
+    return replace(problem, L=cost, V=ca.SX(0), psi=ca.SX(0, 1), path=ca.SX(0, 1), structure='',
+                   path_lower=np.zeros(0), path_upper=np.zeros(0), x_lower=-unlimited,
+                   x_upper=unlimited)
+
+
+def _effort(problem: Problem) -> ca.SX:
+    """Return a small cost of inputs away from the middle of their box."""
+    boxed = np.isfinite(problem.u_lower) & np.isfinite(problem.u_upper)
+    half = np.where(boxed, 0.5*(problem.u_upper - problem.u_lower), 1.0)
+    middle = np.where(boxed, problem.u_lower + half, np.clip(
+        0.0, problem.u_lower, problem.u_upper))
+    return _EFFORT * ca.sumsqr((problem.u - middle) / np.where(half > 0, half, 1.0))
+
+
+def _sizes(problem: Problem) -> Array:
+    """Return what counts as one in each terminal constraint."""
+    slope = ca.Function('slope', [problem.x, problem.p],
+                        [ca.densify(ca.jacobian(problem.psi, problem.x)), problem.psi])
+    psi_x, psi = (value.full() for value in slope(problem.x0, problem.p_value))
+    size = np.maximum(np.abs(psi[:, 0]), np.abs(psi_x) @ np.maximum(np.abs(problem.x0), 1e-2))
+    return np.where(np.isfinite(size) & (size > 0), size, 1.0)
+
+
+def to_blame(problem: Problem, solve: Solver) -> tuple[str, str] | None:
+    """Return the bound that keeps the terminal constraints from being met, and what it is for."""
+    for name, freed, seen in _without(problem):
+        answer = solve(elastic(freed))
+        if is_path(answer) and not shortfall(freed, answer):
+            return name, seen(answer)
+    return None
+
+
+def _without(problem: Problem) -> Iterator[tuple[str, Problem, Seen]]:
+    """Yield the bounds by name, the problem without each, and what a path then does."""
+    for index in range(problem.n):
+        for upper in (True, False):
+            bounds = problem.x_upper if upper else problem.x_lower
+            if np.isfinite(bounds[index]):
+                key = 'x_upper' if upper else 'x_lower'
+                yield (f'state bound {state_bound(problem, index, upper)}',
+                       without_bound(problem, key, index),
+                       _extreme(problem.states[index], index, upper, 'x'))
+    for row in range(problem.path.numel()):
+        yield (f'path_constraints[{row}]',
+               without_bound(without_bound(problem, 'path_lower', row), 'path_upper', row),
+               lambda _: 'they can be met')
+    for index in range(problem.m):
+        for upper in (True, False):
+            bound = (problem.u_upper if upper else problem.u_lower)[index]
+            if np.isfinite(bound):
+                name = problem.inputs[index]
+                yield (f'input bound {name} {"<=" if upper else ">="} {number(bound)}',
+                       without_bound(problem, 'u_upper' if upper else 'u_lower', index),
+                       _extreme(name, index, upper, 'u'))
+
+
+def without_bound(problem: Problem, key: str, index: int) -> Problem:
+    """Return a problem without one bound."""
+    values = getattr(problem, key).copy()
+    values[index] = np.inf if key.endswith('upper') else -np.inf
+    changed: dict[str, Array] = {key: values}
+    # Where a path constraint has no bound left its row remains and says nothing.
+    return replace(problem, structure='', **changed)  # type: ignore[arg-type]  # one of the bounds
+
+
+def _extreme(name: str, index: int, upper: bool, kind: str) -> Seen:
+    def seen(answer: Solution) -> str:
+        values = (answer.x if kind == 'x' else answer.u)[:, index]
+        k = int(np.argmax(values) if upper else np.argmin(values))
+        return f'{name} goes to {values[k]:.4g} at t = {answer.t[k]:.4g}'
+    return seen
+
+
+def not_held(problem: Problem, answer: Solution) -> tuple[str, str] | None:
+    """Return which bound the answer to the soft problem breaks most, and how."""
+    if not is_path(answer):
+        return None
+    rows, terms = _rows(problem, answer)
+    lower = np.concatenate([problem.x_lower, problem.path_lower])
+    upper = np.concatenate([problem.x_upper, problem.path_upper])
+    size = 1e-2 + np.maximum(np.abs(rows).max(axis=0), terms)
+    excess = np.maximum(rows - upper, lower - rows) / size
+    k, row = np.unravel_index(int(np.argmax(excess)), excess.shape)
+    if excess[k, row] <= _MISSED:
+        return None
+    over = rows[k, row] > upper[row]
+    if row < problem.n:
+        name = f'state bound {state_bound(problem, int(row), bool(over))}'
+    else:
+        bound = upper[row] if over else lower[row]
+        name = f'path_constraints[{row - problem.n}] {"<=" if over else ">="} {number(bound)}'
+    first = int(np.argmax(excess[:, row] > _MISSED))
+    return name, (f'the path that comes nearest to it leaves it at t = {answer.t[first]:.3g} and '
+                  f'has {rows[k, row]:.4g} at t = {answer.t[k]:.4g}')
+
+
+def _rows(problem: Problem, answer: Solution) -> tuple[Array, Array]:
+    """Return x and c at the samples of an answer, and the largest size of their terms."""
+    c, z = problem.path, ca.vertcat(problem.x, problem.u)
+    terms = ca.mtimes(ca.fabs(ca.jacobian(c, z)), ca.fabs(z))
+    path = ca.Function('path', [problem.x, problem.u, problem.p], [c, terms]).map(len(answer.t))
+    values, sizes = (np.array(value).T for value in path(
+        answer.x.T, answer.u.T, ca.repmat(problem.p_value, 1, len(answer.t))))
+    return np.hstack([answer.x, values]), np.append(
+        np.abs(answer.x).max(axis=0), sizes.max(axis=0))

@@ -1,0 +1,52 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Where the inputs of a path lead from x(0), whatever its states are said to be."""
+
+from dataclasses import replace
+
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.guess import Guess
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Solution
+from obc_ros.core.solver.adjoint.costates import Integrator
+
+_POINTS = 101   # of a guess
+_PARTS = 16     # of each interval of a path
+_AWAY = 1e-2    # relative: how far from where it is said to end a path may end
+
+
+def guided(problem: Problem, found: Solution) -> Problem:
+    """Return a problem whose guess is where the inputs of a path lead, as far as it has them."""
+    t = np.linspace(0.0, found.t[-1], _POINTS)
+    u = np.clip(np.column_stack([np.interp(t, found.t, column) for column in found.u.T]),
+                problem.u_lower, problem.u_upper)
+    x = _led(problem, t, u[:-1], u[1:])
+    if not np.isfinite(x).all():
+        return problem
+    return replace(problem, guess=Guess(
+        dict(zip(problem.states, x.T, strict=True)), dict(zip(problem.inputs, u.T, strict=True)),
+        float(t[-1]) if problem.final_time.free else None))
+
+
+def leads_there(problem: Problem, found: Solution) -> bool:
+    """
+    Return whether the inputs of a path lead from x(0) to where it ends, nearly.
+
+    Interval by interval, and each from where it is said to begin, states come past points that
+    they cannot pass: x' = x u past 0, by an error that no one sees beside the size of x.
+    """
+    part = np.arange(_PARTS) / _PARTS
+    h = np.diff(found.t)[:, None]
+    a, b = found.u[:-1], found.u[:-1] if found.interpolation == 'zoh' else found.u[1:]
+    t = np.append((found.t[:-1, None] + h * part).ravel(), found.t[-1])
+    ua, ub = ((a[:, None] + (b - a)[:, None] * some[:, None]).reshape(-1, problem.m)
+              for some in (part, part + 1 / _PARTS))
+    end = _led(problem, t, ua, ub)[-1]
+    size = np.abs(found.x).max(axis=0)
+    return bool(np.all(np.abs(end - found.x[-1]) <= _AWAY * np.maximum(size, 1e-2 * size.max())))
+
+
+def _led(problem: Problem, t: Array, ua: Array, ub: Array) -> Array:
+    with np.errstate(all='ignore'):
+        return Integrator(problem).forward(problem, t, ua, ub)[0]

@@ -1,0 +1,157 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whether the least cost is approached only by an input that switches faster and faster.
+
+Where L + lam' f is not convex in u, paths that follow a mean of f(x, u) and f(x, v) can cost less
+than any that follows f itself; an input that alternates between u and v quickly enough comes as
+near to them as one likes, and none is best. The relaxed problem, with u, v and the share of v as
+inputs, has a minimum then (L. C. Young, Lectures on the Calculus of Variations and Optimal Control
+Theory, 1969). Where it is concave in an input, mixtures of that input's two bounds are all that is
+needed, and the relaxed problem is linear in their share.
+"""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.guess import Guess
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Solution
+
+_APART = 1e-2    # of an input's largest value: what counts as two inputs
+_SHARE = 1e-2    # of the time, at least, of each of them
+_LASTING = 1e-2  # of T, at least
+_VALUES = 0.9, 0.1   # quantiles of an input: between what it switches
+_LOOKS = 11      # points of a path, and inputs at each
+_WINDOW = 2.0    # of the largest inputs: how far around them
+_FLAT = 1e-9     # of the largest curvature
+_NEARLY = 1e-3   # likewise: what of the other sign may be an error of the costates
+_GAIN = 1e-6     # relative cost: what certificates leave open
+_ALONG = 101     # points of a path
+_GUESSED = 101   # likewise, of a guess
+_SHARED = '#share'   # how the name of an input's share ends
+
+
+def relaxed(problem: Problem, found: Solution) -> Problem | None:
+    """Return the problem with mixtures of two inputs, or None where they cannot cost less."""
+    x, u, p = problem.x, problem.u, problem.p
+    if ca.depends_on(problem.path, u) or _convex(problem, found):
+        return None
+    concave = np.flatnonzero(_concave(problem, found))
+    if len(concave) == 1:
+        return _between_bounds(problem, int(concave[0]), found)
+    v, share = ca.SX.sym('v', problem.m), ca.SX.sym('share')
+    rate = ca.Function('rate', [x, u, p], [problem.f, problem.L])
+    (f, L), (g, M) = rate.call([x, u, p]), rate.call([x, v, p])
+    inputs = *problem.inputs, *(f'{name}#v' for name in problem.inputs), '#share'
+    # Where an input switches it is a mixture of its high and its low values.
+    high, low = (np.quantile(found.u, part, axis=0) for part in _VALUES)
+    mixed = np.concatenate([high, low, [0.5]])[:, None]
+    return replace(
+        problem, structure='', u=ca.vertcat(u, v, share), f=(1 - share) * f + share * g,
+        inputs=inputs, guess=Guess(u=dict(zip(inputs, mixed, strict=True))),
+        L=(1 - share) * L + share * M,
+        u_lower=np.concatenate([problem.u_lower, problem.u_lower, [0.0]]),
+        u_upper=np.concatenate([problem.u_upper, problem.u_upper, [1.0]]))
+
+
+def _between_bounds(problem: Problem, j: int, found: Solution) -> Problem:
+    """Return the problem with an input replaced by the share of its lower bound in mixtures."""
+    x, u, p, share = problem.x, problem.u, problem.p, ca.SX.sym('share')
+    rate = ca.Function('rate', [x, u, p], [problem.f, problem.L])
+    names, inputs, bounds = list(problem.inputs), ca.SX(u), (
+        problem.u_lower.copy(), problem.u_upper.copy())
+    mixed = []
+    for bound in (problem.u_upper, problem.u_lower):
+        held = ca.SX(u)
+        held[j] = bound[j]
+        mixed.append(rate.call([x, held, p]))
+    (f, L), (g, M) = mixed
+    inputs[j], names[j], bounds[0][j], bounds[1][j] = share, f'{names[j]}{_SHARED}', 0.0, 1.0
+    part = (problem.u_upper[j] - found.u[:, j]) / (problem.u_upper[j] - problem.u_lower[j])
+    times = np.linspace(0.0, found.t[-1], _GUESSED)
+    u_guess = {name: np.interp(times, found.t, column) for name, column in zip(
+        names, np.where(np.arange(problem.m) == j, part[:, None], found.u).T, strict=True)}
+    x_guess = {name: np.interp(times, found.t, column)
+               for name, column in zip(problem.states, found.x.T, strict=True)}
+    return replace(
+        problem, structure='', u=inputs, f=(1 - share) * f + share * g, inputs=tuple(names),
+        L=(1 - share) * L + share * M, u_lower=bounds[0], u_upper=bounds[1],
+        guess=Guess(x=x_guess, u=u_guess, final_time=float(found.t[-1])))
+
+
+def _inputs_of(problem: Problem, u: Array, j: int) -> Array:
+    """Return inputs (N, m) of which one is given as the share of its lower bound."""
+    mean = problem.u_upper[j] - u[:, j] * (problem.u_upper[j] - problem.u_lower[j])
+    return np.where(np.arange(problem.m) == j, mean[:, None], u)
+
+
+def _concave(problem: Problem, found: Solution) -> NDArray[np.bool_]:
+    """Return in which inputs between bounds L + lam' f is concave, all along a path, (m,)."""
+    lam = ca.SX.sym('lam', problem.n)
+    H = problem.L + ca.dot(lam, problem.f)
+    curvature = ca.vertcat(*[ca.jacobian(ca.jacobian(H, each), each)
+                             for each in ca.vertsplit(problem.u)])
+    look = ca.Function('curvature', [problem.x, problem.u, lam, problem.p], [curvature])
+    spans = problem.u_upper - problem.u_lower
+    concave = np.isfinite(spans) & (spans > 0)
+    rows = np.linspace(0, len(found.t) - 1, _ALONG).astype(int)
+    values = []
+    for part in np.linspace(0.0, 1.0, _LOOKS):
+        u = np.where(concave, problem.u_lower + part * np.where(concave, spans, 0.0),
+                     found.u[rows])
+        values.append(look(found.x[rows].T, u.T, found.lam[rows].T, problem.p_value).full())
+    each = np.stack(values)   # (looks, m, rows)
+    size = np.abs(each).max(axis=(0, 2))
+    return np.asarray(concave & (size > 0) & np.all(np.isfinite(each), axis=(0, 2))
+                      & np.all(each <= _NEARLY * size[:, None], axis=(0, 2)))
+
+
+def _convex(problem: Problem, found: Solution) -> bool:
+    """Return whether L + lam' f is convex in u for all lam, along a path and around its inputs."""
+    x, u, p = problem.x, problem.u, problem.p
+    if ca.depends_on(ca.jacobian(problem.f, u), u):
+        return False
+    curvature = ca.hessian(problem.L, u)[0]
+    look = ca.Function('curvature', [x, u, p], [ca.densify(curvature)])
+    size = _WINDOW * np.abs(found.u).max(axis=0) + 1.0
+    for k in np.linspace(0, len(found.t) - 1, _LOOKS).astype(int):
+        for part in np.linspace(-1.0, 1.0, _LOOKS):
+            inputs = np.clip(found.u[k] + part * size, problem.u_lower, problem.u_upper)
+            value = look(found.x[k], inputs, problem.p_value).full()
+            if not np.isfinite(value).all() or np.linalg.eigvalsh(value)[0] < -_FLAT * np.abs(
+                    value).max():
+                return False
+    return True
+
+
+def chattering(problem: Problem, other: Problem, mixed: Solution, found: Solution) -> str:
+    """Return a sentence if the answer of the relaxed problem costs less by mixing inputs."""
+    m, gain = problem.m, found.objective - mixed.objective
+    if other.m == m:
+        j = next(k for k, name in enumerate(other.inputs) if name.endswith(_SHARED))
+        if not _concave(problem, replace(mixed, u=_inputs_of(problem, mixed.u, j)))[j]:
+            return ''
+        u, v, share = mixed.u.copy(), mixed.u.copy(), mixed.u[:, j]
+        u[:, j], v[:, j] = problem.u_upper[j], problem.u_lower[j]
+    else:
+        u, v, share = mixed.u[:, :m], mixed.u[:, m:2*m], mixed.u[:, 2*m]
+    size = np.maximum(np.abs(u).max(axis=0), np.abs(v).max(axis=0))
+    apart = np.abs(u - v) > _APART * size
+    mixes = apart.any(axis=1) & (np.abs(share - 0.5) < 0.5 - _SHARE)
+    step = np.diff(mixed.t)
+    both = mixes[:-1] & mixes[1:] & (step > 0)
+    # Where a path of the problem itself costs as much, mixtures of two best inputs are no better.
+    least = _GAIN * abs(mixed.objective) if found.certificate and found.certificate.feasible else 0
+    if gain <= least or float(step[both].sum()) < _LASTING * mixed.t[-1]:
+        return ''
+    k = int(np.flatnonzero(both)[both.sum() // 2])
+    pairs = ' and between '.join(
+        f'{problem.inputs[i]} = {u[k, i]:.4g} and {v[k, i]:.4g}' for i in np.flatnonzero(apart[k]))
+    best = (f'; the best path found costs {found.objective:.6g}'
+            if found.certificate and found.certificate.feasible else '')
+    return (f'no input attains the least cost: {mixed.objective:.6g} is approached by switching '
+            f'faster and faster, at t = {mixed.t[k]:.3g} between {pairs}{best}')

@@ -1,0 +1,97 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whether the cost goes on falling as the inputs may be larger.
+
+boxed        |u| <= 10, 100, 1000: whether the cost falls without end.
+
+`existence` proves so much of what is linear; here other problems are solved.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Solution
+from obc_ros.core.solver.diagnosis.feasibility import is_path, shortfall, Solver
+from obc_ros.core.solver.diagnosis.forward_check import guided
+from obc_ros.core.solver.proofs.existence import growing, wish
+
+_BOXES = (10.0, 100.0, 1000.0)
+_PART = 0.1         # of a cost: what counts as much less
+_IMPULSE, _INSTANT = 0.1, 1e-4   # parts: of the largest input and its integral; of T
+_MORE = 3.0         # times the largest inputs of an answer: where a cheaper one is looked for
+
+
+def outgrown(problem: Problem, found: Solution, solve: Solver) -> str:
+    """
+    Return a sentence if larger inputs cost much less than those of a certified answer; else ''.
+
+    Where H is linear in an input without bounds, an answer that runs off to infinity has
+    residuals that are small beside its own size.
+    """
+    if not wish(problem):
+        return ''
+    if name := _impulsive(problem, found):
+        return f'no least cost was found: {name} has an impulse, larger and shorter without end'
+    largest = np.abs(found.u).max(axis=0)
+    room = _MORE * np.maximum(largest, 1e-6 * largest.max())
+    other = solve(_boxed(problem, room if largest.any() else np.ones(problem.m)))
+    if not is_path(other):
+        return unbounded(problem, solve, None)
+    if problem.q and shortfall(problem, other) or (
+            found.objective - other.objective <= _PART * abs(found.objective)):
+        return ''
+    return (f'no least cost was found: {found.objective:.4g} with inputs up to '
+            f'{largest.max():.4g}, {other.objective:.4g} with larger ones; {wish(problem)}')
+
+
+def unbounded(problem: Problem, solve: Solver, found: Solution | None) -> str:
+    """
+    Return a sentence if the cost goes on falling as the inputs are given more room.
+
+    Where a path was found its inputs are where the search starts, as far as there is room.
+    """
+    free = ~(np.isfinite(problem.u_lower) & np.isfinite(problem.u_upper))
+    if not free.any():
+        return ''
+    size = np.maximum(1.0, np.abs(np.where(np.isfinite(problem.u_lower), problem.u_lower, 0.0)))
+    costs, full = [], True
+    for room in _BOXES:
+        boxed = _boxed(problem, room * size)
+        answer = solve(boxed if found is None else guided(boxed, found))
+        if not is_path(answer) or (problem.q and shortfall(problem, answer)):
+            return ''
+        costs.append(float(answer.objective))
+        full &= bool((np.abs(answer.u).max(axis=0) >= 0.99 * room * size)[free].any())
+    first, second = costs[0] - costs[1], costs[1] - costs[2]
+    names = ', '.join(f'|{name}|' for name, yes in zip(problem.inputs, free, strict=True) if yes)
+    listed = ', '.join(f'{cost:.4g} with {names} <= {room:g}'
+                       for cost, room in zip(costs, _BOXES, strict=True))
+    if costs[2] < 0 and first > 0 and second > 3*first:
+        return (f'no least cost was found: it falls faster and faster as inputs may be larger, '
+                f'{listed}')
+    if full and first > 0 and second > _PART * abs(costs[1]):
+        return f'no least cost was found: it goes on falling as inputs may be larger, {listed}'
+    return ''
+
+
+def _boxed(problem: Problem, room: Array) -> Problem:
+    """Return a problem with inputs of at most this magnitude."""
+    return replace(problem, structure='', u_lower=np.maximum(problem.u_lower, -room),
+                   u_upper=np.minimum(problem.u_upper, room))
+
+
+def _impulsive(problem: Problem, found: Solution) -> str:
+    """Return an input without bounds that does part of its work in next to no time, or ''."""
+    h = np.diff(found.t)
+    for name in growing(problem):
+        size = np.abs(found.u[:, problem.inputs.index(name)])
+        high = np.maximum(size[:-1], size[1:])
+        short = high > _IMPULSE * size.max()
+        work = h * (size[:-1] + size[1:])
+        if (size.max() * found.t[-1] > 0 and h[short].sum() < _INSTANT * found.t[-1]
+                and work[short].sum() > _IMPULSE * work.sum()):
+            return name
+    return ''

@@ -1,0 +1,286 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Switching times of bang-bang inputs to a linear system, to the last digits.
+
+With tau = T - t the time to go and s_j(tau) = nu' C e^(A tau) b_j the switching functions, the
+unknowns are the switching times tau_i, the multipliers nu, and T; the equations are
+
+    C x(T) = d,   s_j(tau_i) = 0,   1 + nu' C f(x(T), u(T)) = 0  (H = 0 at T).
+
+Newton's method solves all of them at once. Where the start lies on a switching curve, arcs are
+missing and nu is not unique: the least squares step solves what is consistent, and a linear
+programme then finds a nu with the right signs.
+
+Inputs whose switching function vanishes identically are singular: T does not depend on them and
+any input that meets the other terminal constraints will do. The one taken is bang-bang at the
+lowest level, |v_j| = level <= 1, by the same equations with the level in place of T.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.solver.exact.reachable_set import exponential, Reach
+
+Integers = NDArray[np.int_]
+Unknown = Literal['time', 'level', 'abnormal']
+
+_STEPS = 40
+# Values of a switching function this small beside its largest are a switch.
+_ZERO = 1e-9
+# Arcs this short beside T are none.
+_NO_ARC = 1e-9
+_SOLVED, _ROUNDING = 1e-10, 1e-12
+# Steps this many times as large as where they start from lead nowhere.
+_DIVERGED = 1e6
+# Steps end this small where Newton's method converges.
+_STILL = 1e-8
+# So does a T this many times that of the guess.
+_LONGER = 4
+
+
+@dataclass(frozen=True, eq=False)
+class BangBang:
+    """
+    Inputs v_j(tau) = +-level_j that change sign at tau_i.
+
+    Attributes
+    ----------
+    T : float
+        Duration [s].
+    nu : ndarray, shape (q,)
+        Multipliers of C x(T) - d for the cost T.
+    tau, owner : ndarray, shape (k,)
+        Switching times to go [s], increasing for each input, and the input that switches.
+    sign, level : ndarray, shape (m,)
+        v_j at T and |v_j|.
+    normal : bool
+        Whether nu belongs to the cost T; if not, |nu| = 1 belongs to no cost (an abnormal
+        extremal).
+
+    """
+
+    T: float
+    nu: Array
+    tau: Array
+    owner: Integers
+    sign: Array
+    level: Array
+    normal: bool = True
+
+    def v(self, tau: Array) -> Array:
+        """Return the inputs at times to go, shape (N, m)."""
+        v = np.tile(self.sign * self.level, (len(tau), 1))
+        for tau_i, j in zip(self.tau, self.owner, strict=True):
+            v[tau > tau_i, j] *= -1
+        return v
+
+    def jumps(self) -> Array:
+        """Return the difference of v before and after each switch in tau, shape (k,)."""
+        count = np.tril(self.owner[:, None] == self.owner).sum(axis=1)
+        return np.asarray(-2 * (self.sign * self.level)[self.owner] * (-1.0)**count)
+
+
+def switches(reach: Reach, T: float, eta: Array) -> BangBang:
+    """Return the inputs that reach farthest along eta by T, to the accuracy of a grid."""
+    tau = reach.times(T, finer=4)
+    s = eta @ reach.switching(reach.table(tau))
+    found, owner, sign = [np.zeros(0)], [], np.ones(s.shape[1])
+    for j, column in enumerate(s.T):
+        # A zero that falls on a point of the grid lies between its neighbours too.
+        k = np.flatnonzero(np.abs(column) > _ZERO * np.abs(column).max())
+        times, values = tau[k], column[k]
+        i = np.flatnonzero(values[:-1] * values[1:] < 0)
+        found.append(times[i] + np.diff(times)[i] * values[i] / (values[i] - values[i + 1]))
+        owner += [j] * len(i)
+        sign[j] = np.sign(values[0]) if len(values) else 1.0
+    return BangBang(T, -eta, np.concatenate(found), np.array(owner, int), sign,
+                    np.ones(s.shape[1]))
+
+
+def polish(reach: Reach, guess: BangBang, unknown: Unknown = 'time') -> BangBang | None:
+    """
+    Return the solution of Pontryagin's conditions near a guess, or None.
+
+    With `unknown` = 'level', T stays and the common level of the inputs is found instead, with
+    x0 = 0, c = 0 and nu' d = -1 in place of H = 0. 'abnormal' is 'time' with nu' C f(T) = 0 and
+    |nu| = 1 in place of H = 0: no finite nu satisfies that. Without a target or without inputs
+    there is nothing to solve.
+    """
+    if not len(reach.d) or not reach.B.shape[1]:
+        return None
+    scaled, back = _scaled(reach, guess.T)
+    nu = np.linalg.solve(back.T, guess.nu)
+    guess = replace(guess, nu=nu / np.linalg.norm(nu), normal=unknown != 'abnormal')
+    if guess.normal:
+        normal = _equations(scaled, guess, unknown)[0][len(nu) + len(guess.tau)]
+        # So that nu' C f(T) = -1, or nu' d = -1.
+        guess = replace(guess, nu=guess.nu / (1 - normal) if normal < 1 else guess.nu)
+    for _ in range(len(guess.tau) + 1):
+        found, converged = _newton(scaled, guess, unknown)
+        guess = without_short_arcs(found)
+        if len(guess.tau) == len(found.tau):
+            break
+    if not converged:
+        return None
+    right = _with_right_signs(scaled, found, unknown)
+    if right is None and unknown == 'time':
+        right = _with_right_signs(scaled, replace(found, normal=False), 'abnormal')
+    return None if right is None else replace(right, nu=back.T @ right.nu)
+
+
+def _scaled(reach: Reach, T: float) -> tuple[Reach, Array]:
+    """Return the question with rows of C combined so that what is reached is about round."""
+    n, m = reach.B.shape
+    columns = np.diff(reach.table(reach.times(T))[:, :, n:n + m], axis=0).transpose(0, 2, 1)
+    _, R = np.linalg.qr(columns.reshape(-1, len(reach.d)) * np.sqrt(len(columns)))
+    back = np.linalg.inv(R.T)
+    return replace(reach, C=back @ reach.C, d=back @ reach.d), back
+
+
+def _newton(reach: Reach, guess: BangBang, unknown: Unknown) -> tuple[BangBang, bool]:
+    """Return where Newton's method ends, and whether the equations hold there."""
+    now, size = guess, np.inf
+    for _ in range(_STEPS):
+        residual, J = _equations(reach, now, unknown)
+        k = len(now.tau)
+        columns = np.concatenate((np.full(k + 1, now.T), np.full(len(now.nu),
+                                                                np.linalg.norm(now.nu))))
+        columns[k] = 1.0 if unknown == 'level' else now.T
+        if not (np.isfinite(J).all() and np.isfinite(residual).all()):
+            return now, False
+        # The rows of C x(T) = d are of one size as they are, even where T does not change them.
+        rows = np.maximum(np.linalg.norm(J * columns, axis=1), 1e-300)
+        rows[:len(now.nu)] = 1
+        step = columns * np.linalg.lstsq(J * columns / rows[:, None], -residual / rows,
+                                         rcond=1e-11)[0]
+        now, factor = _moved(now, step, unknown)
+        size = np.abs(step / columns).max()
+        if not (size < _DIVERGED and now.T < _LONGER * guess.T):
+            return now, False
+        if factor == 1 and size < 1e-13:
+            break
+    # Steps that shrink slowly lead to an abnormal extremal, where the equations have no solution.
+    return now, size < _STILL and _solved(reach, now, unknown)
+
+
+def _solved(reach: Reach, now: BangBang, unknown: Unknown) -> bool:
+    """Return whether the equations hold, each beside the size of its terms."""
+    residual, J = _equations(reach, now, unknown)
+    q, k = len(now.nu), len(now.tau)
+    start = np.abs(reach.C) @ np.abs(exponential(reach.A * now.T)) @ np.abs(reach.x0)
+    size = np.abs(J[q:, k + 1:]) @ np.abs(now.nu)
+    return bool((np.abs(residual[:q]) < _SOLVED + _ROUNDING * start).all()
+                and (np.abs(residual[q:]) < _SOLVED * (1 + size)).all())
+
+
+def _equations(reach: Reach, now: BangBang, unknown: Unknown) -> tuple[Array, Array]:
+    """Return the residuals (C x(T) - d, s(tau), H) and their Jacobian in (tau, T, nu)."""
+    n, m = reach.B.shape
+    k, q = len(now.tau), len(reach.d)
+    E = exponential(reach.Z * np.append(now.tau, now.T)[:, None, None])[:, :n]
+    jumps, end = now.jumps(), now.v(np.array([now.T]))[0]
+    b = reach.B[:, now.owner]
+    moved = np.einsum('iab,bi->ai', E[:-1, :, :n], b)
+    G = np.take_along_axis(E[:-1, :, n:], now.owner[:, None, None], axis=2)[:, :, 0]
+    x = jumps @ G + E[-1, :, n:n + m] @ end
+    v = now.sign * now.level
+    if unknown == 'level':
+        # The Jacobian's column is that of the level.
+        column, rate, xdot = x / now.level[0], reach.d, None
+    else:
+        x = x + E[-1, :, :n] @ reach.x0 + E[-1, :, -1]
+        column = E[-1, :, :n] @ (reach.A @ reach.x0 + reach.B @ end + reach.c)
+        xdot = reach.A @ x + reach.B @ v + reach.c
+        rate = reach.C @ xdot
+    Cb = reach.C @ moved
+    abnormal = unknown == 'abnormal'
+    last = [now.nu @ rate, (now.nu @ now.nu - 1) / 2] if abnormal else [1 + now.nu @ rate]
+    residual = np.concatenate((reach.C @ x - reach.d, now.nu @ Cb, last))
+    J = np.zeros((len(residual), k + 1 + q))
+    J[:q, :k], J[:q, k] = Cb * jumps, reach.C @ column
+    J[range(q, q + k), range(k)] = now.nu @ reach.C @ reach.A @ moved
+    J[q:q + k, k + 1:] = Cb.T
+    J[q + k, k + 1:] = rate
+    if unknown != 'level':
+        slope = now.nu @ reach.C @ reach.A
+        J[q + k, :k], J[q + k, k] = slope @ (moved * jumps), slope @ column
+    if abnormal:
+        J[-1, k + 1:] = now.nu
+    return residual, J
+
+
+def _moved(now: BangBang, step: Array, unknown: Unknown) -> tuple[BangBang, float]:
+    """Return the point a step leads to, shortened so that no arc loses 9/10 of its length."""
+    k = len(now.tau)
+    T = now.T if unknown == 'level' else now.T + step[k]
+    factor = 1.0
+    for j in range(len(now.sign)):
+        mine = now.owner == j
+        before = np.diff(now.tau[mine], prepend=0, append=now.T)
+        after = np.diff((now.tau + step[:k])[mine], prepend=0, append=T)
+        shrinking = (after < 0.1 * before) & (before > 0)
+        if shrinking.any():
+            ratio = 0.9 * before[shrinking] / (before - after)[shrinking]
+            factor = min(factor, float(ratio.min()))
+    moved = replace(now, tau=now.tau + factor * step[:k], nu=now.nu + factor * step[k + 1:])
+    if unknown == 'level':
+        level = max(now.level[0] + factor * step[k], 0.1 * now.level[0])
+        return replace(moved, level=np.full(len(now.level), level)), factor
+    return replace(moved, T=now.T + factor * step[k]), factor
+
+
+def without_short_arcs(now: BangBang, shortest: float = _NO_ARC) -> BangBang:
+    """Return the inputs with arcs left out that are shorter than `shortest` T."""
+    keep = np.ones(len(now.tau), dtype=bool)
+    sign = now.sign.copy()
+    for j in range(len(sign)):
+        mine = np.flatnonzero(now.owner == j)
+        gaps = np.diff(now.tau[mine], prepend=0, append=now.T) < shortest * now.T
+        for i in np.flatnonzero(gaps):
+            ends = [mine[e] for e in (i - 1, i) if 0 <= e < len(mine)]
+            if ends and keep[ends].all():
+                keep[ends] = False
+                sign[j] *= -1 if i == 0 else 1
+    return replace(now, tau=now.tau[keep], owner=now.owner[keep], sign=sign)
+
+
+def _with_right_signs(reach: Reach, found: BangBang, unknown: Unknown) -> BangBang | None:
+    """Return the answer with a nu whose switching functions have the signs of the inputs."""
+    tau = reach.times(found.T, finer=4)
+    s = reach.switching(reach.table(tau))
+    v = np.sign(found.v(tau))
+    if _signs_hold(found.nu, s, v):
+        return found
+    nu = _other_multiplier(reach, found, unknown, tau, s * v[:, None, :])
+    return replace(found, nu=nu) if nu is not None and _signs_hold(nu, s, v) else None
+
+
+def _signs_hold(nu: Array, s: Array, v: Array) -> bool:
+    values = nu @ s
+    return bool((values * v).max() <= 1e-7 * np.abs(values).max())
+
+
+def _other_multiplier(reach: Reach, found: BangBang, unknown: Unknown, tau: Array,
+                      s: Array) -> Array | None:
+    """Return the nu that keeps the switching functions farthest from zero on the arcs."""
+    from scipy.optimize import linprog
+
+    q, k = len(found.nu), len(found.tau)
+    J = _equations(reach, found, unknown)[1][q:q + k + 1, k + 1:]
+    weight = np.ones((len(tau), len(found.sign)))
+    for tau_i, j in zip(found.tau, found.owner, strict=True):
+        weight[:, j] = np.minimum(weight[:, j], np.abs(tau - tau_i) / found.T)
+    rows = s.transpose(0, 2, 1).reshape(-1, q)
+    rows /= np.abs(rows).max()
+    best = linprog(
+        np.append(np.zeros(q), -1), np.column_stack((rows, weight.ravel())), np.zeros(len(rows)),
+        np.column_stack((J, np.zeros(k + 1))), np.append(np.zeros(k), -1.0 if found.normal else 0),
+        [(None, None) if found.normal else (-1, 1)] * q + [(None, None)], method='highs')
+    if best.x is None:
+        return None
+    nu = np.asarray(best.x[:q], dtype=float)
+    return nu if found.normal or not nu.any() else nu / np.linalg.norm(nu)

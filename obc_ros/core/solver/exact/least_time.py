@@ -1,0 +1,356 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The least time in which a linear system with bounded inputs meets its target, proved least.
+
+The method is in `reachable_set`; here it is iterated, and its last step handed to Newton's
+method (`bang_bang`).
+"""
+
+from dataclasses import dataclass, replace
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.solver.exact.bang_bang import BangBang, polish, switches, without_short_arcs
+from obc_ros.core.solver.exact.reachable_set import exponential, Reach
+
+_ROUNDS = 100
+# Fraction of the gap that is open when Newton's method is first tried; then at every half of it.
+_CLOSE = 0.5
+# Fraction that is open when an abnormal extremal is looked for too, and where the target may be
+# met for an instant only; and when proofs, which a tangency makes flat, come no closer.
+_TOUCHING, _TOUCHED = 1e-3, 1e-5
+# Costates this steep, mean |lam'B| beside the rate 1 of the cost, may belong to an abnormal one.
+_STEEP = 1e4
+# Arcs this short beside T are left out where no normal extremal is found.
+_SHORT = 0.02
+# The target is at rest if f there is this small beside f at the start, inputs in their middle.
+_AT_REST = 0.1
+# Where proofs are looked for first, beside the upper bound; then four times as far each time.
+_FIRST_HORIZON = 1e-5
+# How often, and into how many points, an interval is divided where a proof may fail unseen.
+_ZOOMS, _ZOOM = 12, 33
+# How often the interval is divided that holds the end of a proof.
+_NARROWED = 2
+# What a proof must exceed zero by, relative to its terms: the accuracy of the integrals.
+_SURE = 1e-7
+_ROUNDING = 1e-10
+# A proof that comes this close to an answer leaves nothing between them.
+_NEAR = 1e-8
+# An input whose switching function is this small beside the largest does not decide T.
+_SINGULAR = 1e-6
+# e^(A T) beyond this says nothing in double precision.
+_MOST_GROWTH = 300.0
+
+
+@dataclass(frozen=True, eq=False)
+class FirstTime:
+    """
+    What is known of the least time.
+
+    Attributes
+    ----------
+    answer : BangBang or None
+        Inputs that meet the target at the least time.
+    too_short : float
+        The target is met at no time before this [s]; the upper bound if it never is. Less than
+        that if the search ended undecided.
+    at_once : bool
+        The target can be met at the lower bound already.
+
+    """
+
+    answer: BangBang | None
+    too_short: float
+    at_once: bool = False
+
+
+def first_time(reach: Reach, lower: float, upper: float) -> FirstTime:
+    """
+    Return the least time within [lower, upper] at which C x(T) = d can hold.
+
+    Every row of C must be within reach of the inputs. The question is asked backwards from the
+    target when that is the end at rest: then g(T) does not turn and proofs reach far.
+    """
+    back = _backwards(reach, upper)
+    if back is not None:
+        found = _search(back, lower, upper)
+        if found.answer is not None:
+            return replace(found, answer=_forwards(reach, found.answer))
+        if found.at_once or found.too_short >= upper:
+            return found
+    return _search(reach, lower, upper)
+
+
+def _backwards(reach: Reach, upper: float) -> Reach | None:
+    """Return the question in reversed time, if the target is a single state at rest."""
+    n = len(reach.x0)
+    if len(reach.d) < n or -reach.poles.real.min() * upper > _MOST_GROWTH:
+        return None
+    xf = np.linalg.solve(reach.C, reach.d)
+    moving, start = (np.linalg.norm(reach.A @ x + reach.c) for x in (xf, reach.x0))
+    if moving > _AT_REST * start:
+        return None
+    return Reach(-reach.A, -reach.B, -reach.c, np.asarray(xf, dtype=float), np.eye(n), reach.x0)
+
+
+def _forwards(reach: Reach, answer: BangBang) -> BangBang:
+    """Return the answer to the reversed question as one to the question itself."""
+    sign = answer.v(np.array([answer.T]))[0] / np.where(answer.level > 0, answer.level, 1.0)
+    lam = exponential(-reach.A.T * answer.T) @ -answer.nu
+    order = np.argsort(-answer.tau)
+    nu = np.asarray(np.linalg.solve(reach.C.T, lam), dtype=float)
+    turned = replace(answer, nu=nu, tau=(answer.T - answer.tau)[order],
+                     owner=answer.owner[order], sign=np.where(answer.level > 0, sign, 1.0))
+    if (answer.level < 1).any() or not answer.normal:
+        return turned
+    return polish(reach, turned) or turned
+
+
+def _search(reach: Reach, lower: float, upper: float) -> FirstTime:
+    upper = min(upper, _MOST_GROWTH / max(float(reach.poles.real.max()), 1e-300))
+    T = lower
+    if lower > 0:
+        multiple, eta = reach.largest_multiple(T)
+        if multiple >= 1:
+            return FirstTime(None, T, at_once=True)
+    else:
+        eta = reach.d - reach.C @ reach.x0
+        if np.abs(eta).max() <= 1e-14 * (np.abs(reach.d).max() + np.abs(reach.C @ reach.x0).max()):
+            return FirstTime(None, 0.0, at_once=True)
+    horizon = min(upper, max(4 * lower, _FIRST_HORIZON * upper))
+    candidate: BangBang | None = None
+    left, missed = _CLOSE, inf
+    for _ in range(_ROUNDS):
+        later = _no_longer_proved(reach, eta, T, horizon)
+        if later is None:
+            if horizon >= upper:
+                return FirstTime(None, min(upper, missed))
+            T, horizon = horizon, min(upper, 4 * horizon)
+            continue
+        multiple, eta, part = _direction(reach, later, eta, warm=candidate is not None)
+        if 1 - multiple < left and not (candidate is not None and candidate.normal):
+            left = (1 - multiple) / 2
+            found = _polished(part, later, abnormal=1 - multiple < _TOUCHING)
+            candidate = found if found and T <= found.T <= upper else candidate
+        if candidate is not None and (
+                later >= candidate.T * (1 - _NEAR) or _proved(reach, candidate, T)
+                or abs(1 - multiple) < _TOUCHED):
+            return FirstTime(candidate, candidate.T)
+        if multiple >= 1 or later <= T * (1 + 1e-13):
+            break
+        if multiple > 1 - _TOUCHING and candidate is None:
+            missed = min(missed, later)
+        T = later
+        horizon = min(upper, max(2 * T, min(horizon, 8 * T)))
+    return FirstTime(None, T)
+
+
+def _no_longer_proved(reach: Reach, eta: Array, T: float, horizon: float) -> float | None:
+    """Return the first time after T at which eta does not prove that time to be too short."""
+    tau = T + reach.times(horizon - T)
+    narrowed = 0
+    for _ in range(_ZOOMS):
+        grid = np.append(reach.times(T), tau[1:]) if T else tau
+        margin, slope = (values[-len(tau):] for values in reach.margin(eta, grid, _SURE))
+        k = np.flatnonzero(margin[1:] <= 0)
+        end = int(k[0]) + 1 if len(k) else len(tau)
+        cell = _dip(tau[:end], margin[:end], slope[:end])
+        if cell is None:
+            if end == len(tau) or narrowed == _NARROWED:
+                break
+            cell, narrowed = end - 1, narrowed + 1
+        tau = np.concatenate((tau[:cell], np.linspace(tau[cell], tau[cell + 1], _ZOOM),
+                              tau[cell + 2:]))
+    if end == len(tau):
+        return None
+    a, b = margin[end - 1:end + 1]
+    if a <= 0:
+        return float(tau[end - 1])
+    # The nearer root of chord and tangent is not beyond the margin's, convex or concave.
+    chord = a / (a - b) * (tau[end] - tau[end - 1])
+    return float(tau[end - 1] + min(chord, a / max(-slope[end - 1], a / chord)))
+
+
+def _dip(tau: Array, margin: Array, slope: Array) -> int | None:
+    """Return the first interval at whose ends the tangents meet below zero, if any."""
+    down, up, h = slope[:-1], slope[1:], np.diff(tau)
+    falls = (down < 0) & (up > 0)
+    steepness = np.where(falls, up - down, 1.0)
+    meeting = (margin[:-1] * up - margin[1:] * down + h * down * up) / steepness
+    k = np.flatnonzero(falls & (meeting <= 0) & (h > _ROUNDING * tau[1:]))
+    return int(k[0]) if len(k) else None
+
+
+def _proved(reach: Reach, answer: BangBang, T: float) -> bool:
+    """Return whether the answer's nu proves all times from T to shortly before it too short."""
+    tau = np.linspace(T, answer.T, 64, endpoint=False)
+    tau = np.append(reach.times(T), tau[1:]) if T else tau
+    margin, _ = reach.margin(-answer.nu, tau, -_ROUNDING)
+    return bool((margin[(tau >= T) & (tau < (1 - _NEAR) * answer.T)] > 0).all())
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """
+    The part of a question that decides T: without its singular inputs and what they reach.
+
+    Attributes
+    ----------
+    whole, part : Reach
+    eta : ndarray, shape (r,)
+        Direction, for the rows of `part`.
+    columns, singular : ndarray of int
+        Inputs of `part`, and the others.
+    tied, free : ndarray, shapes (q, r) and (q, q - r)
+        Combinations of the terminal constraints that the singular inputs do not move, and do.
+
+    """
+
+    whole: Reach
+    part: Reach
+    eta: Array
+    columns: NDArray[np.int_]
+    singular: NDArray[np.int_]
+    tied: Array
+    free: Array
+
+
+def _deciding_part(reach: Reach, T: float, eta: Array) -> _Part:
+    s = np.abs(eta @ reach.switching(reach.table(reach.times(T)))).max(axis=0)
+    singular = s <= _SINGULAR * s.max()
+    columns = np.flatnonzero(~singular)
+    free, tied = directions(reach.A, reach.B[:, singular], reach.C)
+    part = replace(reach, B=reach.B[:, columns], C=tied.T @ reach.C, d=tied.T @ reach.d)
+    return _Part(reach, part, np.asarray(tied.T @ eta), columns, np.flatnonzero(singular), tied,
+                 free)
+
+
+def _direction(reach: Reach, T: float, eta: Array, warm: bool) -> tuple[float, Array, _Part]:
+    """
+    Return the largest multiple of g(T) reached, its eta, and the inputs that decide it.
+
+    The switching times are exact, unless Newton's method fails. With `warm`, eta is close and the
+    linear programme is left out.
+    """
+    multiple = inf
+    for start in (eta, None) if warm else (None,):
+        if start is None:
+            multiple, start = reach.largest_multiple(T)
+        part = _deciding_part(reach, T, start)
+        gap = part.part.gap(part.part.table(np.array([0.0, T])))[-1]
+        direction = part.eta / (part.eta @ gap)
+        level = _level(part.part, T, gap, direction)
+        if level is not None:
+            return float(1 / level.level[0]), part.tied @ -level.nu, part
+    return multiple, part.tied @ direction, part
+
+
+def _level(reach: Reach, T: float, gap: Array, eta: Array) -> BangBang | None:
+    """Return the bang-bang inputs of the lowest level that close a gap by T."""
+    n = len(reach.x0)
+    rest = Reach(reach.A, reach.B, np.zeros(n), np.zeros(n), reach.C, gap)
+    guess = switches(rest, T, eta)
+    reached = rest.reached(T, eta)
+    if not reached > 0:   # the inputs do nothing along this direction that doubles show
+        return None
+    level = np.full(len(guess.level), max(1 / reached, 1e-12))
+    return polish(rest, replace(guess, level=level), 'level')
+
+
+def _polished(part: _Part, T: float, abnormal: bool) -> BangBang | None:
+    """Return the answer near T, its singular inputs at the lowest level that will do."""
+    guess = switches(part.part, T, part.eta)
+    found = polish(part.part, guess)
+    if abnormal and (found is None or part.part.reached(T, found.nu) > _STEEP * T):
+        found = polish(part.part, without_short_arcs(guess, _SHORT), 'abnormal') or found
+    if found is None:
+        return None
+    m = part.whole.B.shape[1]
+    nothing = replace(found, nu=part.tied @ found.nu, tau=np.zeros(0), owner=np.zeros(0, int),
+                      sign=np.ones(m), level=np.zeros(m))
+    found = _joined(nothing, found, part.columns)
+    if not len(part.singular):
+        return found
+    reach, x = part.whole, final_state(part.whole, found)
+    gap = part.free.T @ (reach.d - reach.C @ x)
+    rest = _from_zero(reach, part.singular, part.free, gap)
+    filled = _lowest(rest, found.T, 1e-12 * (np.abs(reach.d).max() + np.abs(x).max()))
+    if filled is None or filled.level.max() > 1 + 1e-9:
+        return None
+    return _joined(found, filled, part.singular)
+
+
+def _from_zero(reach: Reach, columns: NDArray[np.int_], rows: Array, gap: Array) -> Reach:
+    """Return the question how some inputs close a gap in combinations of the constraints."""
+    n = len(reach.x0)
+    return Reach(reach.A, reach.B[:, columns], np.zeros(n), np.zeros(n), rows.T @ reach.C, gap)
+
+
+def _lowest(reach: Reach, T: float, small: float) -> BangBang | None:
+    """
+    Return bang-bang inputs from zero to d at T, each at the lowest level that will do.
+
+    Those that decide the highest level come first, then what is left is asked of the others.
+    """
+    m = reach.B.shape[1]
+    found = BangBang(T, np.zeros(len(reach.d)), np.zeros(0), np.zeros(0, int), np.ones(m),
+                     np.zeros(m))
+    if not len(reach.d) or np.abs(reach.d).max() <= small:
+        return found
+    part = _deciding_part(reach, T, reach.largest_multiple(T)[1])
+    level = _level(part.part, T, part.part.d, part.eta / (part.eta @ part.part.d))
+    if level is None:
+        return None
+    found = _joined(found, level, part.columns)
+    if not len(part.singular):
+        return found
+    gap = part.free.T @ (reach.d - reach.C @ final_state(reach, found))
+    rest = _lowest(_from_zero(reach, part.singular, part.free, gap), T, small)
+    return None if rest is None else _joined(found, rest, part.singular)
+
+
+def _joined(found: BangBang, more: BangBang, columns: NDArray[np.int_]) -> BangBang:
+    """Return inputs some columns of which are taken from another answer."""
+    sign, level = found.sign.copy(), found.level.copy()
+    sign[columns], level[columns] = more.sign, more.level
+    return replace(found, sign=sign, level=level, tau=np.concatenate((found.tau, more.tau)),
+                   owner=np.concatenate((found.owner, columns[more.owner])))
+
+
+def final_state(reach: Reach, inputs: BangBang) -> Array:
+    """Return x(T), shape (n,)."""
+    n, m = reach.B.shape
+    tau = np.concatenate(([0.0], np.sort(inputs.tau), [inputs.T]))
+    whole = replace(reach, C=np.eye(n), d=np.zeros(n)).table(tau)
+    v = inputs.v((tau[:-1] + tau[1:]) / 2)
+    driven = np.einsum('kij,kj->i', np.diff(whole[:, :, n:n + m], axis=0), v)
+    return np.asarray(whole[-1, :, :n] @ reach.x0 + whole[-1, :, -1] + driven)
+
+
+def directions(A: Array, B: Array, C: Array) -> tuple[Array, Array]:
+    """
+    Return the directions of y = C x that B's inputs move, and those that they do not.
+
+    Returns
+    -------
+    moved, fixed : ndarray, shapes (q, r) and (q, q - r)
+        Orthonormal bases; fixed' C A^i B = 0 for all i.
+
+    """
+    block, blocks = C.copy(), []
+    size = max(float(np.linalg.norm(A, 2)), 1e-300)
+    for _ in range(len(A)):
+        blocks.append(block @ B)
+        block = block @ A / size
+    K = np.hstack(blocks)
+    norms = np.linalg.norm(C, axis=1)
+    U, sizes, _ = np.linalg.svd(K / np.where(norms > 0, norms, 1.0)[:, None])
+    rank = int(np.sum(sizes > 1e-10 * sizes.max(initial=0.0)))
+    U = U / np.where(norms > 0, norms, 1.0)[:, None]
+    fixed = np.linalg.qr(U[:, rank:])[0]
+    moved = np.linalg.svd(fixed.T)[2][fixed.shape[1]:].T if fixed.shape[1] else np.eye(len(C))
+    return moved, fixed
+

@@ -1,0 +1,216 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What a linear system with bounded inputs reaches, and when for the first time.
+
+dx/dt = A x + B v + c, |v_j| <= 1, x(0) = x0; wanted is the least T with C x(T) = d.
+
+With tau = T - t the time to go, the gap that the input has to close by T is
+
+    g(T) = d - C e^(A T) x0 - integral of C e^(A tau) c,
+
+and the input closes it if and only if for all eta
+
+    eta' g(T) <= integral of sum_j |eta' C e^(A tau) b_j| over [0, T].
+
+An eta that violates this at T proves that T is too short, and so is every later time up to the
+first at which the same eta no longer violates it: the search jumps there and never passes the
+least time, whatever the start, the target and the drift (L. W. Neustadt, 1960; J. H. Eaton, 1962).
+The eta comes from a linear programme, the largest multiple of g(T) that is reached. Close to the
+answer `bang_bang` takes over.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import ceil, log2, pi
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.numerics.arrays import Array
+
+# Cells of a grid: at least, at most, and for each period of the fastest mode.
+_CELLS, _MOST_CELLS, _CELLS_PER_PERIOD = 256, 8192, 24
+_PARTS = 32     # of a horizon, in which rounding errors are followed
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """
+    The question: shapes A (n, n), B (n, m), c (n,), x0 (n,), C (q, n), d (q,).
+
+    Every direction of C must be within reach of the inputs: see `controllable_part`.
+    """
+
+    A: Array
+    B: Array
+    c: Array
+    x0: Array
+    C: Array
+    d: Array
+
+    @cached_property
+    def Z(self) -> Array:
+        """Return the generator of (x, v, 1): e^(Z t) holds e^(A t) and the integrals of it."""
+        n, m = self.B.shape
+        Z = np.zeros((n + m + 1, n + m + 1))
+        Z[:n, :n], Z[:n, n:n + m], Z[:n, -1] = self.A, self.B, self.c
+        return Z
+
+    @cached_property
+    def poles(self) -> NDArray[np.complex128]:
+        """Return the eigenvalues of A."""
+        return np.asarray(np.linalg.eigvals(self.A), dtype=complex)
+
+    def times(self, T: float, finer: int = 1) -> Array:
+        """Return times to go in [0, T], dense enough for every mode, closer at stiff ends."""
+        period_cells = _CELLS_PER_PERIOD * np.abs(self.poles.imag).max(initial=0) * T / (2 * pi)
+        cells = finer * min(max(_CELLS, ceil(period_cells)), _MOST_CELLS)
+        stiffness = np.abs(self.poles.real).max(initial=0) * T
+        if stiffness < cells / 8:
+            return np.linspace(0, T, cells + 1)
+        levels = T * 0.5**np.arange(1, min(ceil(log2(stiffness)), 40) + 1)
+        edges = np.unique(np.concatenate(([0, T], levels, T - levels)))
+        part = max(32 * finer, ceil(cells / len(edges)))
+        pieces = [np.linspace(a, b, part, endpoint=False)
+                  for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        return np.append(np.concatenate(pieces), T)
+
+    def table(self, tau: Array) -> Array:
+        """Return C [e^(A tau), integrals of e^(A s) B and of e^(A s) c], shape (N, q, n+m+1)."""
+        rows = np.empty((len(tau), len(self.d), len(self.Z)))
+        rows[0] = 0
+        rows[0, :, :len(self.A)] = self.C
+        rows[0] = rows[0] @ exponential(self.Z * tau[0])
+        done = 1
+        steps = np.diff(tau)
+        while done < len(tau):
+            # Runs of equal steps by doubling.
+            h = steps[done - 1]
+            end = done - 1 + _run(steps[done - 1:])
+            first, power = done - 1, exponential(self.Z * h)
+            have = 1
+            while first + have <= end:
+                take = min(have, end - first - have + 1)
+                rows[first + have:first + have + take] = rows[first:first + take] @ power
+                have += take
+                power = power @ power
+            done = end + 1
+        return rows
+
+    def sizes(self, T: float) -> Array:
+        """
+        Return bounds (n,) of what the terms of x(t), t <= T, add up to on the way to it.
+
+        They are the largest |e^(A (t - s))| |e^(A s)| (|x0|, 1, 1): a rounding error relative to
+        a term at s grows to no more than that. Times are told apart by 1/32 of T.
+        """
+        tau = self.times(T)
+        whole = Reach(self.A, self.B, self.c, self.x0, np.eye(len(self.A)), self.x0)
+        table, (n, m) = np.abs(whole.table(tau)), self.B.shape
+        flow = np.zeros((len(tau), n + m + 1, n + m + 1))
+        flow[:, :n], flow[:, n:, n:] = table, np.eye(m + 1)
+        part = np.minimum(_PARTS * tau / T, _PARTS - 1).astype(int)
+        most = np.array([flow[np.abs(part - k) <= 1].max(axis=0) for k in range(_PARTS)])
+        start = np.concatenate([np.abs(self.x0), np.ones(m + 1)])
+        first = most @ start
+        found: Array = np.max([(most[:_PARTS - k] @ first[k]).max(axis=0)
+                               for k in range(_PARTS)], axis=0)
+        return found[:n]
+
+    def gap(self, table: Array) -> Array:
+        """Return g at the times of a table, shape (N, q)."""
+        n = len(self.A)
+        return np.asarray(self.d - table[:, :, :n] @ self.x0 - table[:, :, -1])
+
+    def switching(self, table: Array) -> Array:
+        """Return C e^(A tau) B at the times of a table, shape (N, q, m)."""
+        return np.asarray(table[:, :, :len(self.A)] @ self.B)
+
+    def margin(self, eta: Array, tau: Array, tolerance: float) -> tuple[Array, Array]:
+        """
+        Return eta' g(T) less what the inputs reach along eta, for each T of tau, and its slope.
+
+        A positive margin proves T too short. `tolerance` times the terms is taken off.
+        """
+        table = self.table(tau)
+        wanted, reached = self.gap(table) @ eta, self._reached(eta, tau, table)
+        along = eta @ table[:, :, :len(self.A)]
+        slope = -along @ (self.A @ self.x0 + self.c) - np.abs(along @ self.B).sum(axis=1)
+        return wanted - reached - tolerance * (np.abs(wanted) + reached), slope
+
+    def reached(self, T: float, eta: Array) -> float:
+        """Return how far the inputs reach along eta by T: the largest eta' C x."""
+        tau = self.times(T, finer=4)
+        return float(self._reached(eta, tau, self.table(tau))[-1])
+
+    def _reached(self, eta: Array, tau: Array, table: Array) -> Array:
+        n, m = self.B.shape
+        s = eta @ self.switching(table)
+        cells = np.abs(np.diff(eta @ table[:, :, n:n + m], axis=0))
+        a, b = np.abs(s[:-1]), np.abs(s[1:])
+        crossing = s[:-1] * s[1:] < 0
+        total = np.where(crossing, a + b, 1.0)
+        h = np.diff(tau)[:, None]
+        cells = np.where(crossing, h * (a * a + b * b) / (2 * total), cells)
+        return np.concatenate(([0.0], np.cumsum(cells.sum(axis=1))))
+
+    def largest_multiple(self, T: float) -> tuple[float, Array]:
+        """
+        Return the largest multiple of g(T) that is reached at T, and the eta that proves it.
+
+        The multiple is at least 1 if T is long enough. eta' g(T) = 1.
+        """
+        from scipy.optimize import linprog
+
+        n, m = self.B.shape
+        table = self.table(self.times(T))
+        columns = np.diff(table[:, :, n:n + m], axis=0).transpose(1, 0, 2).reshape(len(self.d), -1)
+        g = self.gap(table)[-1]
+        if not g.any():
+            return np.inf, g
+        U, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+        open_, shut = U[:, sizes > 1e-13 * sizes[0]], U[:, sizes <= 1e-13 * sizes[0]]
+        if shut.size and np.linalg.norm(shut.T @ g) > 1e-9 * np.linalg.norm(g):
+            eta = shut @ (shut.T @ g)
+            return 0.0, eta / (eta @ g)
+        scale = open_ / sizes[:open_.shape[1]]
+        left, right = scale.T @ columns, scale.T @ g
+        size = np.linalg.norm(right)
+        cost = np.zeros(left.shape[1] + 1)
+        cost[-1] = -1
+        found = linprog(
+            cost, A_eq=np.column_stack((left, -right / size)), b_eq=np.zeros(len(right)),
+            bounds=np.array([(-1, 1)] * left.shape[1] + [(0, np.inf)]), method='highs')
+        eta = scale @ found.eqlin.marginals
+        return float(found.x[-1] / size), eta / (eta @ g)
+
+
+def exponential(matrix: Array) -> Array:
+    """
+    Return e^matrix, shape (..., n, n), whatever the units of the states.
+
+    Scales of 2^k are taken out first, without rounding: where entries differ by many orders of
+    magnitude the largest would cost all digits of the others.
+    """
+    from scipy.linalg import expm, matrix_balance
+
+    sizes = np.abs(matrix).reshape(-1, *matrix.shape[-2:]).max(axis=0)
+    if not np.isfinite(sizes).all():
+        return np.full_like(matrix, np.nan)
+    unit = matrix_balance(sizes, permute=False, separate=True)[1][0]
+    return np.asarray(expm(matrix * unit / unit[:, None]) * unit[:, None] / unit, dtype=float)
+
+
+def _run(steps: Array) -> int:
+    """Return how many of the first steps are equal."""
+    differ = np.abs(steps - steps[0]) > 1e-9 * steps[0]
+    return int(np.argmax(differ)) if differ.any() else len(steps)
+
+
+def first_reach(A: Array, B: Array, T: float) -> Array:
+    """Return how far (n,) inputs of B's sizes take each state in T, by A's powers up to n - 1."""
+    moved, found = B * T, np.zeros(len(A))
+    for k in range(len(A)):
+        found = np.maximum(found, np.abs(moved).max(axis=1, initial=0.0))
+        moved = A @ moved * (T / (k + 2))
+    return found

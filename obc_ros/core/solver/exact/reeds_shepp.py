@@ -1,0 +1,422 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Shortest paths of a car that goes forwards and backwards (Reeds and Shepp, 1990).
+
+Minimise the length of (x, y, theta) from start to goal subject to |curvature| <= 1 / radius,
+cusps allowed. One of 48 words of at most five arcs and straight lines is shortest.
+
+Every word is a chain of circles that touch, or that a line joins. With rho e^(i theta) the vector
+from the first circle's centre to the last's in the frame of the start, and radius 1, the middle
+of the chain follows from rho alone, the first arc is t = theta + kappa(rho) >= 0, and the last is
+what is left of the turn phi:
+
+    v = phi - t + beta   (first and last circle on the same side),
+    v = t - phi + beta   (on opposite sides).
+
+`_same_side` and `_opposite` hold the words that start with L+. The others are their images when
+time is reversed (theta, phi -> pi - theta, -phi), when left and right change places, and when the
+path is travelled from goal to start. The formulas are derived, not copied: (8.3), (8.4) and
+(8.11) are misprinted in the paper.
+
+References
+----------
+J. A. Reeds, L. A. Shepp, Optimal paths for a car that goes both forwards and backwards, Pacific
+J. Math. 145(2), 1990. H. J. Sussmann, G. Tang, Shortest paths for the Reeds-Shepp car,
+SYCON-91-10, 1991.
+
+"""
+
+from collections.abc import Sequence
+from math import acos, asin, atan2, cos, hypot, inf, isfinite, nan, pi, remainder, sin, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.text.errors import StatementError
+
+# Word up to the sign of v, kappa, beta, sign of v, sum of the middle lengths, middle lengths.
+_Row = tuple[str, float, float, float, float, tuple[float, ...]]
+
+# kappa, beta, sign of v, sum of the middle lengths (nan where there is no such word).
+_Rows = tuple[Array | float, Array | float, float, Array]
+
+_TWO_PI = 2 * pi
+_MIRROR = str.maketrans('LR', 'RL')
+# Poses at a time in `lengths`: what fits into a cache.
+_CHUNK = 2048
+# Distance [radii] beyond which angles have no digits left.
+_FAR = 1e12
+# Angles this close to pi count as pi.
+_EPS = 1e-12
+# Angles short of 0 (or beyond pi) by this are taken as they are, the arc driven the other way: a
+# path to the goal all the same, and the shortest when rounding has moved an angle out of its
+# interval, which for short straight parts it does by up to the square root of its unit.
+_LOOSE = 1e-6
+# What a straight part may fall short of zero by, and still be one of no length.
+_SHORT = 1e-13
+
+
+class Segment(NamedTuple):
+    """One arc or line: `steering` 'L', 'S' or 'R'; `length` [m], negative when backwards."""
+
+    steering: str
+    length: float
+
+
+class Path(NamedTuple):
+    """
+    A shortest path.
+
+    Attributes
+    ----------
+    start, goal : tuple of float
+        (x, y, theta) [m, m, rad].
+    radius : float
+        Least turning radius [m].
+    length : float
+        [m], the sum of the segments' absolute lengths.
+    segments : tuple of Segment
+        In order; none of length zero.
+
+    """
+
+    start: tuple[float, float, float]
+    goal: tuple[float, float, float]
+    radius: float
+    length: float
+    segments: tuple[Segment, ...]
+
+    @property
+    def word(self) -> str:
+        """Return the segments' letters and signs: 'L+R-L+' is left, back to the right, left."""
+        return ''.join(s.steering + ('+' if s.length > 0 else '-') for s in self.segments)
+
+    def sample(self, n: int) -> Array:
+        """
+        Return n points of the path, equally spaced by length, both ends included.
+
+        Parameters
+        ----------
+        n : int
+            At least 2.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            x, y [m] and theta [rad]. theta is continuous: it starts as the start's and ends as
+            the goal's up to a multiple of 2 pi.
+
+        Raises
+        ------
+        StatementError
+            If n is not an integer of at least 2.
+
+        """
+        if not isinstance(n, (int, np.integer)) or isinstance(n, bool) or n < 2:
+            raise StatementError(f'a path is sampled at 2 or more points, not at {n!r}')
+        points = self._at(np.arange(n, dtype=float) * (self.length / (n - 1)))
+        x, y, theta = self.goal
+        theta += _TWO_PI * round((float(points[-1, 2]) - theta) / _TWO_PI)
+        points[0] = self.start
+        points[-1] = x, y, theta
+        return points
+
+    def at(self, distance: ArrayLike) -> Array:
+        """
+        Return x, y, theta where `distance` [m] of the path has been travelled.
+
+        Parameters
+        ----------
+        distance : array_like, shape (k,)
+            Within [0, length]; what is outside is taken as the nearer end.
+
+        Returns
+        -------
+        ndarray, shape (k, 3)
+
+        """
+        return self._at(np.clip(np.asarray(distance, dtype=float).ravel(), 0.0, self.length))
+
+    def _at(self, s: Array) -> Array:
+        points = np.empty((len(s), 3))
+        begins, pieces = self._pieces()
+        piece = np.array(begins[1:]).searchsorted(s, 'right')
+        theta, rate, side, x, along_x, y, along_y = (
+            np.array(pieces).reshape(-1, 7).T.take(piece, axis=1))
+        # An arc is centre + side (sin, -cos) of the heading, a line is linear in s.
+        theta += rate * s
+        points[:, 0] = x + along_x * s + side * np.sin(theta)
+        points[:, 1] = y + along_y * s - side * np.cos(theta)
+        points[:, 2] = theta
+        return points
+
+    def _pieces(self) -> tuple[list[float], list[float]]:
+        """Return where segments begin, and (theta, rate, side, x, along_x, y, along_y) of each."""
+        x, y, theta = self.start
+        s = 0.0
+        begins: list[float] = []
+        pieces: list[float] = []
+        for steering, length in self.segments or (Segment('S', 0.0),):
+            begins.append(s)
+            forward = 1.0 if length > 0 else -1.0
+            c, d = cos(theta), sin(theta)
+            if steering == 'S':
+                ax, ay = forward * c, forward * d
+                pieces += (theta, 0.0, 0.0, x - ax * s, ax, y - ay * s, ay)
+                x, y = x + length * c, y + length * d
+            else:
+                side = self.radius if steering == 'L' else -self.radius
+                x, y, rate = x - side * d, y + side * c, forward / side
+                pieces += (theta - rate * s, rate, side, x, 0.0, y, 0.0)
+                theta += length / side
+                x, y = x + side * sin(theta), y - side * cos(theta)
+            s += abs(length)
+        return begins, pieces
+
+
+def shortest_path(start: Sequence[float] | Array, goal: Sequence[float] | Array,
+                  radius: float) -> Path:
+    """
+    Return the shortest path from start to goal with turns of at least the given radius.
+
+    Parameters
+    ----------
+    start, goal : sequence of 3 float
+        (x, y, theta) [m, m, rad].
+    radius : float
+        [m], > 0.
+
+    Returns
+    -------
+    Path
+        ``length`` [m], ``word``, ``segments``, ``sample(n)``.
+
+    Raises
+    ------
+    StatementError
+        If a pose is not three finite numbers or the radius is not a positive one.
+
+    """
+    x0, y0, theta0 = first = _pose('start', start)
+    x1, y1, theta1 = last = _pose('goal', goal)
+    radius = _positive('radius', radius)
+    c, s = cos(theta0), sin(theta0)
+    dx, dy = (x1 - x0) / radius, (y1 - y0) / radius
+    if max(abs(dx), abs(dy)) > _FAR:
+        raise StatementError(f'{first} and {last} are too far apart for radius {radius}')
+    length, parts = _solve(c * dx + s * dy, c * dy - s * dx, remainder(theta1 - theta0, _TWO_PI))
+    return Path(first, last, radius, length * radius,
+                tuple([Segment(letter, part * radius) for letter, part in parts]))
+
+
+def lengths(starts: ArrayLike, goals: ArrayLike, radius: float) -> Array:
+    """
+    Return the lengths of many shortest paths at once.
+
+    Parameters
+    ----------
+    starts, goals : array_like, shape (N, 3) or (3,)
+        (x, y, theta) [m, m, rad]; a single pose goes with every other.
+    radius : float
+        Least turning radius [m], > 0.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+        [m]
+
+    Raises
+    ------
+    StatementError
+        If poses are not rows of three finite numbers or the radius is not a positive one.
+
+    """
+    first, last = _poses('starts', starts), _poses('goals', goals)
+    radius = _positive('radius', radius)
+    try:
+        first, last = np.broadcast_arrays(first, last)
+    except ValueError:
+        raise StatementError(f'{len(first)} starts do not go with {len(last)} goals') from None
+    result = np.empty(len(first))
+    for k in range(0, len(first), _CHUNK):
+        x0, y0, theta0 = first[k:k + _CHUNK].T
+        x1, y1, theta1 = last[k:k + _CHUNK].T
+        c, s = np.cos(theta0), np.sin(theta0)
+        dx, dy = (x1 - x0) / radius, (y1 - y0) / radius
+        if np.maximum(np.abs(dx), np.abs(dy)).max() > _FAR:
+            raise StatementError(f'starts and goals are too far apart for radius {radius}')
+        turn = np.fmod(theta1 - theta0, _TWO_PI)
+        result[k:k + _CHUNK] = radius * _lengths(c * dx + s * dy, c * dy - s * dx, turn)
+    return result
+
+
+def _solve(x: float, y: float, phi: float) -> tuple[float, list[tuple[str, float]]]:
+    """Return the length and the parts of the shortest path of radius 1 from (0, 0, 0)."""
+    s, c = sin(phi), cos(phi)
+    # Vectors from the left circle of the start to the left and to the right one of the goal, and
+    # of the mirror image.
+    chains = [(hypot(xi, eta), atan2(eta, xi), turn, turn_sign, mirrored) for
+              xi, eta, turn, turn_sign, mirrored in (
+                  (x - s, y - 1 + c, phi, 1.0, False), (x + s, -y - 1 + c, -phi, 1.0, True),
+                  (x + s, y - 1 - c, phi, -1.0, False), (x - s, -y - 1 - c, -phi, -1.0, True))]
+    best, found = inf, None
+    for rho, theta, turn, sense, mirrored in chains:
+        # (theta, phi) of: the word, time reversed, travelled from the goal, and both.
+        back = sense * (turn - theta)
+        images = ((theta, turn, 0), (pi - theta, -turn, 1),
+                  (back, sense * turn, 2), (pi - back, -sense * turn, 3))
+        for row in (_same_side if sense > 0 else _opposite)(rho, best):
+            _, kappa, beta, sign, middle, _ = row
+            for angle, phi, image in images if sign <= 0 else images[:2]:
+                t = remainder(angle + kappa, _TWO_PI)
+                if t < 0 and _LOOSE - pi < t < -_LOOSE:
+                    continue
+                length = abs(t) + middle
+                if length >= best:
+                    continue
+                v = remainder(sense * (phi - t) + beta, _TWO_PI)
+                if v * sign < 0 and _LOOSE - pi < v * sign < -_LOOSE:
+                    continue
+                length += abs(v)
+                if length < best:
+                    # Opposite words travelled from the goal start on the other side.
+                    best, found = length, (row, image, mirrored ^ (sense * image < -1), t, v)
+    assert found is not None  # one of the words L+S+L+, L-S-L-, R+S+R+, R-S-R- always exists
+    return best, _parts(*found)
+
+
+def _same_side(rho: float, best: float) -> list[_Row]:
+    """Return words whose first and last circle are both left, centres rho apart, below best."""
+    rows: list[_Row] = []
+    if rho < best:
+        rows.append(('L+S+L', 0.0, 0.0, 1.0, rho, (rho,)))
+    if rho <= 4:
+        u = 2 * asin(rho / 4)
+        rows.append(('L+R-L', pi - u / 2, -u, 0.0, u, (u,)))
+    if rho * rho >= 8:
+        r = sqrt(rho * rho - 4)
+        middle = pi / 2 + r - 2
+        if middle < best:
+            rows.append(('L+R-S-L', atan2(r, -2.0), -pi / 2, -1.0, middle, (pi / 2, r - 2)))
+    return rows
+
+
+def _opposite(rho: float, best: float) -> list[_Row]:
+    """Return words from a left circle to a right one, centres rho apart, below best."""
+    rows: list[_Row] = []
+    if rho <= 2:
+        u = acos((2 + rho) / 4)
+        rows.append(('L+R+L-R', u + pi / 2, -2 * u, -1.0, 2 * u, (u, u)))
+    if rho >= 2 - _SHORT:
+        r = sqrt(max(rho * rho - 4, 0.0))
+        if r < best:
+            rows.append(('L+S+R', atan2(2.0, r), 0.0, 1.0, r, (r,)))
+        line = max(rho - 2, 0.0)
+        if pi / 2 + line < best:
+            rows.append(('L+R-S-R', pi / 2, pi / 2, -1.0, pi / 2 + line, (pi / 2, line)))
+        if r <= 4:
+            u = acos(min((20 - rho * rho) / 16, 1.0))
+            kappa = pi / 2 + atan2(sin(u), 2 - cos(u))
+            rows.append(('L+R-L-R', kappa, 0.0, 1.0, 2 * u, (u, u)))
+        elif pi + r - 4 < best:
+            middles = (pi / 2, r - 4, pi / 2)
+            rows.append(('L+R-S-L-R', atan2(r, -2.0), 0.0, 1.0, pi + r - 4, middles))
+    return rows
+
+
+def _parts(row: _Row, image: int, mirrored: bool, t: float, v: float) -> list[tuple[str, float]]:
+    """Return (letter, signed length) of the parts of a row's image."""
+    word, middle = row[0], row[5]
+    inner = [u if sign == '+' else -u for u, sign in zip(middle, word[3::2], strict=True)]
+    letters = word[0::2].translate(_MIRROR) if mirrored else word[0::2]
+    parts = [(a, -u if image % 2 else u) for a, u in zip(letters, (t, *inner, v), strict=True)
+             if abs(u) > _SHORT]
+    return parts[::-1] if image > 1 else parts
+
+
+def _lengths(x: Array, y: Array, phi: Array) -> Array:
+    """Return the lengths of the shortest paths of radius 1 from (0, 0, 0): `_solve` for arrays."""
+    s, c = np.sin(phi), np.cos(phi)
+    best = np.full(len(x), inf)
+    with np.errstate(invalid='ignore'):
+        for mirrored in (False, True):
+            if mirrored:
+                y, phi, s = -y, -phi, -s
+            for sense, xi, eta in ((1.0, x - s, y - 1 + c), (-1.0, x + s, y - 1 - c)):
+                theta = np.arctan2(eta, xi)
+                back = sense * (phi - theta)
+                images = ((theta, phi), (pi - theta, -phi),
+                          (back, sense * phi), (pi - back, -sense * phi))
+                rows = (_same_sides if sense > 0 else _opposites)(xi * xi + eta * eta)
+                for kappa, beta, sign, middle in rows:
+                    for angle, turn in images if sign <= 0 else images[:2]:
+                        t = _wrap(angle + kappa)
+                        v = _wrap((sign or 1.0) * (sense * (turn - t) + beta))
+                        good = _forward(t) & _forward(v) if sign else _forward(t)
+                        # fmin passes over middles that are nan: words that do not exist.
+                        best = np.fmin(
+                            best, np.where(good, np.abs(t) + middle + np.abs(v), inf))
+    return best
+
+
+def _forward(angle: Array) -> NDArray[np.bool_]:
+    forward: NDArray[np.bool_] = (angle >= -_LOOSE) | (angle <= _LOOSE - pi)
+    return forward
+
+
+def _same_sides(rho2: Array) -> list[_Rows]:
+    rho, r = np.sqrt(rho2), np.sqrt(rho2 - 4)
+    u = 2 * np.arcsin(rho / 4)
+    return [(0.0, 0.0, 1.0, rho), (pi - u / 2, -u, 0.0, u),
+            (np.arctan2(r, -2.0), -pi / 2, -1.0, np.where(r >= 2, pi / 2 + r - 2, nan))]
+
+
+def _opposites(rho2: Array) -> list[_Rows]:
+    over = rho2 - 4
+    rho, r = np.sqrt(rho2), np.sqrt(np.where(over >= -4 * _SHORT, np.maximum(over, 0.0), nan))
+    u = np.arccos((2 + rho) / 4)
+    w = np.where(r <= 4, np.arccos(np.minimum((20 - rho2) / 16, 1.0)), nan)
+    return [(u + pi / 2, -2 * u, -1.0, 2 * u), (np.arctan2(2.0, r), 0.0, 1.0, r),
+            (pi / 2, pi / 2, -1.0, np.where(r >= 0, pi / 2 + rho - 2, nan)),
+            (pi / 2 + np.arctan2(np.sin(w), 2 - np.cos(w)), 0.0, 1.0, 2 * w),
+            (np.arctan2(r, -2.0), 0.0, 1.0, np.where(r >= 4, pi + r - 4, nan))]
+
+
+def _wrap(angle: Array) -> Array:
+    """Return the angle in [-pi, pi], with -pi as pi."""
+    return angle - _TWO_PI * np.rint((angle - _EPS) / _TWO_PI)
+
+
+def _poses(name: str, poses: ArrayLike) -> Array:
+    try:
+        array = np.atleast_2d(np.asarray(poses))
+        good = array.dtype.kind in 'fiu' and array.ndim == 2 and array.shape[1] == 3
+    except ValueError:
+        good = False
+    if not good or not np.isfinite(array).all():
+        raise StatementError(f'{name} must be rows of three finite numbers x, y, theta')
+    return array.astype(float)
+
+
+def _pose(name: str, pose: Sequence[float] | Array) -> tuple[float, float, float]:
+    try:
+        x, y, theta = pose
+        finite = isfinite(x) and isfinite(y) and isfinite(theta)
+    except (OverflowError, TypeError, ValueError):
+        finite = False
+    if not finite:
+        raise StatementError(
+            f'{name} must be three finite numbers x, y, theta; found {pose!r:.80}')
+    return float(x), float(y), float(theta)
+
+
+def _positive(name: str, value: float) -> float:
+    try:
+        good = isfinite(value) and value > 0
+    except (OverflowError, TypeError, ValueError):
+        good = False
+    if not good:
+        raise StatementError(f'{name} must be a finite number > 0; found {value!r:.80}')
+    return float(value)

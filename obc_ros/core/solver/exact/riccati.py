@@ -1,0 +1,61 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Linear quadratic problems with a fixed horizon, answered by the Riccati equation (2.7)."""
+
+from dataclasses import replace
+
+import numpy as np
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Solution, Status
+from obc_ros.core.riccati.problem_matrices import lq_form
+from obc_ros.core.riccati.terminal_constraints import solve_form
+from obc_ros.core.solver.proofs.contradictions import contradiction
+
+
+def solve_lq(problem: Problem) -> Solution | None:
+    """
+    Return the optimal path of a linear quadratic problem with a fixed horizon.
+
+    Parameters
+    ----------
+    problem : Problem
+        With bounds, the path is an answer only if it stays within them.
+
+    Returns
+    -------
+    Solution or None
+        None when the problem is not linear quadratic (affine terms are welcome, the cost is
+        strictly convex in u), has path constraints, or a bound would be active. Status
+        'infeasible' when exact arithmetic proves that the input cannot meet the terminal
+        constraints, 'not_converged' when that is not proved, or when the cost has no minimum (a
+        conjugate point).
+
+    """
+    if problem.final_time.free or problem.path.numel():
+        return None
+    form = lq_form(problem)
+    if form is None:
+        return None
+    solution = solve_form(form, problem.x0, problem.final_time.value, problem.states)
+    if solution.status is Status.INFEASIBLE and not contradiction(problem):
+        # What doubles cannot tell from out of reach may be within it.
+        solution = replace(solution, status=Status.NOT_CONVERGED, message=(
+            f'no path was found; infeasibility is not proved ({solution.message})'))
+    if not solution.t.size:
+        return solution if _is_unbounded(problem) else None
+    return solution if _is_unbounded(problem) or _is_within(problem, solution) else None
+
+
+def _is_unbounded(problem: Problem) -> bool:
+    bounds = np.concatenate([problem.x_lower, problem.x_upper, problem.u_lower, problem.u_upper])
+    return bool(np.isinf(bounds).all()) and problem.path.numel() == 0
+
+
+def _is_within(problem: Problem, solution: Solution) -> bool:
+    """Return whether a path is inside its bounds, with room for what it does between samples."""
+    for values, lower, upper in ((solution.x, problem.x_lower, problem.x_upper),
+                                 (solution.u, problem.u_lower, problem.u_upper)):
+        room = np.abs(np.diff(values, axis=0)).max(axis=0, initial=0.0)
+        if (values.min(axis=0) - room < lower).any() or (values.max(axis=0) + room > upper).any():
+            return False
+    return True

@@ -1,0 +1,306 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Time-optimal control of linear systems with bounded inputs (Example 2.3).
+
+Minimise the integral of L over [0, T] for a constant L > 0 subject to x' = A x + B u + c,
+x(0) = x0, C x(T) = d, u in a box, T free. The inputs are bang-bang, u = -sgn(B'lam) about the
+middle of the box, except where a switching function vanishes identically.
+
+The double integrator is solved in closed form (`double_integrator`), other systems by proving
+times too short until none is left (`first_time`). Inputs that do not decide T are singular; they
+are given the lowest constant magnitude that meets the target. An abnormal extremal, which no
+costate with H = L + lam'f satisfies, is recognised; its costate is given the largest multiplier
+that leaves room for L.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from time import perf_counter
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.least_time_form import Affine, affine, final_time, Target, target
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Optimality, Solution, Status
+from obc_ros.core.solver.exact import double_integrator
+from obc_ros.core.solver.exact.bang_bang import BangBang
+from obc_ros.core.solver.exact.least_time import directions, final_state, first_time
+from obc_ros.core.solver.exact.reachable_set import exponential, first_reach, Reach
+from obc_ros.core.solver.exact.unreachable_modes import out_of_reach
+from obc_ros.core.solver.exact.weak_duality import never_met
+
+_METHOD = 'time_optimal'
+# Samples of an arc: at least, at most, and so that fast modes are followed.
+_SAMPLES, _MOST_SAMPLES = 17, 200
+# Times the upper bound of T up to which a least time is looked for, to name it.
+_FARTHER = 64.0
+# Part of a least time in closed form by which too short a one has to be shorter.
+_CLEARLY = 1e-7
+# Multiplier of an abnormal costate, beside the one that balances L.
+_ABNORMAL = 1e7
+
+
+def solve_time_optimal(problem: Problem) -> Solution | None:
+    """
+    Return the answer of least time to a linear problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    Solution or None
+        None if the problem is not of this form (L a constant > 0, V constant, f affine, psi
+        affine, T free, u bounded, x free), if T is held up by its lower bound, or if the least
+        time is not found. Status ``infeasible`` says why in words, and is proved for all T
+        between the bounds (`weak_duality`); what is not is ``not_converged``. Inputs
+        are constant between samples ('zoh'); at a switch the time stands twice.
+
+    """
+    began = perf_counter()
+    aim = target(problem)
+    plant = affine(problem) if aim else None
+    if aim is None or plant is None:
+        return None
+    found = _double_integrator(problem, aim, plant) or _general(problem, aim, plant)
+    return found and replace(found, method=_METHOD, solve_time=perf_counter() - began)
+
+
+def _double_integrator(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
+    """Return the answer in closed form if the problem is a double integrator's, q = n = 2."""
+    A, B, c = plant.A, plant.B, plant.c
+    if A.shape != (2, 2) or B.shape != (2, 1) or len(aim.d) != 2:
+        return None
+    i, j = (0, 1) if A[0, 1] else (1, 0)
+    if A[i, i] or A[j, j] or A[j, i] or not A[i, j] or B[i, 0] or not B[j, 0]:
+        return None
+    (c00, c01), (c10, c11) = aim.C.tolist()
+    d0, d1 = aim.d.tolist()
+    det = c00 * c11 - c01 * c10
+    if abs(det) <= 1e-12 * (c00 * c00 + c01 * c01 + c10 * c10 + c11 * c11):
+        return None
+    final = ((d0 * c11 - d1 * c01) / det, (d1 * c00 - d0 * c10) / det)
+    a, b, ci, cj = float(A[i, j]), float(B[j, 0]), float(c[i]), float(c[j])
+    x0, limits = problem.x0.tolist(), (float(problem.u_lower[0]), float(problem.u_upper[0]))
+    accelerations = (a * (b * limits[0] + cj), a * (b * limits[1] + cj))
+    low, high = min(accelerations), max(accelerations)
+    if low == high:
+        return None
+    arcs = double_integrator.least_time(
+        x0[i], a * x0[j] + ci, final[i], a * final[j] + ci, low, high)
+    bounds = problem.final_time
+    if arcs is None or bounds.lower > arcs.T:
+        return None
+    if bounds.upper < arcs.T:
+        return _too_short(bounds.upper, arcs.T, bounds.upper < arcs.T * (1 - _CLEARLY))
+    inputs = dict(zip(accelerations, limits, strict=True))
+    return _arcs_solution(aim, arcs, (i, j), (a, b, ci, cj), (x0, final), inputs)
+
+
+def _arcs_solution(
+        aim: Target, arcs: double_integrator.Arcs, order: tuple[int, int],
+        plant: tuple[float, float, float, float], ends: tuple[list[float], tuple[float, float]],
+        inputs: dict[float, float]) -> Solution:
+    """Return the Solution of x_i' = a x_j + ci, x_j' = b u + cj along two arcs."""
+    (i, j), (a, b, ci, cj) = order, plant
+    grid = np.arange(_SAMPLES) / (_SAMPLES - 1)
+    parts = 2 if arcs.t2 > 0 else 1
+    t = np.empty(parts * _SAMPLES)
+    x, u, lam = np.empty((len(t), 2)), np.empty((len(t), 1)), np.empty((len(t), 2))
+    begin, p, v = 0.0, ends[0][i], a * ends[0][j] + ci
+    for k, (w, duration) in enumerate(((arcs.first, arcs.t1), (arcs.second, arcs.t2))[:parts]):
+        rows, s = slice(k * _SAMPLES, (k + 1) * _SAMPLES), duration * grid
+        t[rows] = begin + s
+        x[rows, i] = p + s * (v + w / 2 * s)
+        x[rows, j] = (v - ci + w * s) / a
+        u[rows, 0] = inputs[w]
+        begin, p, v = begin + duration, p + duration * (v + w / 2 * duration), v + w * duration
+    t[-1], x[-1] = arcs.T, ends[1]
+    lam[:, i] = aim.rate * arcs.lam_p
+    lam[:, j] = aim.rate * a * (arcs.lam_v + arcs.lam_p * (arcs.T - t))
+    slope = lam[:, i] * (a * x[:, j] + ci) + lam[:, j] * (b * u[:, 0] + cj)
+    switches = np.array([arcs.t1]) if parts == 2 else np.zeros(0)
+    return Solution(
+        Status.SOLVED, _sentence(arcs.T, len(switches)), aim.rate * arcs.T + aim.V, t, x, u, lam,
+        aim.rate + slope, nu=np.linalg.solve(aim.C.T, lam[-1]), interpolation='zoh',
+        switching_times=switches,
+        optimality=Optimality('global', 'closed form of the double integrator'))
+
+
+def _general(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
+    """Return the answer for any linear system with bounded inputs."""
+    half = (problem.u_upper - problem.u_lower) / 2
+    c = plant.c + plant.B @ (problem.u_lower + half)
+    driven = np.flatnonzero(half > 0)
+    B = (plant.B * half)[:, driven]
+    stated = Reach(plant.A, B, c, problem.x0, aim.C, aim.d)
+    scaled, size, unit = _scaled(stated, final_time(problem))
+    bounds = problem.final_time
+
+    def none(reason: str) -> Solution:
+        return _none(reason, never_met(scaled, bounds.lower, bounds.upper))
+
+    rows, contradiction = _independent(scaled)
+    if contradiction:
+        return none('the terminal constraints contradict each other')
+    whole = replace(scaled, C=rows.T @ scaled.C, d=rows.T @ scaled.d)
+    moved, fixed = directions(whole.A, whole.B, whole.C)
+
+    def in_words(part: Reach) -> str | None:
+        return out_of_reach(problem.states, replace(stated, C=part.C / size, d=part.d))
+
+    if fixed.shape[1]:
+        meets = _meets_by_itself(whole, fixed, bounds.upper)
+        if meets == 'never':
+            return none(in_words(whole) or (
+                'the inputs do not act on a combination of states that the terminal constraints '
+                f'fix, and by itself it does not meet them by T = {bounds.upper:.10g}'))
+        if meets == 'passing' or not moved.shape[1]:
+            return None
+    reach = replace(whole, C=moved.T @ whole.C, d=moved.T @ whole.d)
+    found = first_time(reach, bounds.lower, bounds.upper)
+    if found.answer is None:
+        return none(_why_not(bounds.upper, reach, in_words)
+                    ) if found.too_short >= bounds.upper else None
+    nu = rows @ moved @ _multiplier(reach, found.answer) / unit
+    return _solution(problem, stated, replace(found.answer, nu=nu), aim, driven)
+
+
+def _scaled(stated: Reach, T: float) -> tuple[Reach, Array, Array]:
+    """
+    Return the question with each state in units of how far inputs take it in a time T.
+
+    With the sizes of states and of constraints, powers of 2. What is independent, or moved, is
+    not to depend on the units of a statement.
+    """
+    size = first_reach(stated.A, stated.B, T)
+    for other in (np.abs(stated.x0), T * np.abs(stated.c), np.ones(len(size))):
+        size = np.where(size > 0, size, other)
+    size = np.exp2(np.round(np.log2(np.clip(size, 1e-100, 1e100))))
+    norms = np.linalg.norm(stated.C * size, axis=1)
+    unit = np.exp2(np.round(np.log2(np.where(norms > 0, norms, 1.0))))
+    return Reach(stated.A * size / size[:, None], stated.B / size[:, None], stated.c / size,
+                 stated.x0 / size, stated.C * size / unit[:, None], stated.d / unit), size, unit
+
+
+def _independent(aim: Reach) -> tuple[Array, bool]:
+    """Return combinations of the terminal constraints that are independent; whether they clash."""
+    U, sizes, _ = np.linalg.svd(aim.C)
+    rank = int(np.sum(sizes > 1e-12 * max(sizes[0], 1e-300)))
+    if rank == len(aim.d):
+        return np.eye(rank), False
+    left = U[:, rank:].T @ aim.d
+    return U[:, :rank], bool(np.abs(left).max() > 1e-9 * (1 + np.abs(aim.d).max()))
+
+
+def _meets_by_itself(reach: Reach, fixed: Array,
+                     upper: float) -> Literal['always', 'passing', 'never']:
+    """Return when directions that no input moves are on target, among the times up to upper."""
+    gap = reach.gap(reach.table(reach.times(upper))) @ fixed
+    size = 1 + np.abs(reach.d).max() + np.abs(reach.x0).max()
+    if np.abs(gap).max() <= 1e-9 * size:
+        return 'always'
+    one_sided = np.abs(np.sign(gap).sum(axis=0)) == len(gap)
+    return 'never' if one_sided.any() else 'passing'
+
+
+def _why_not(upper: float, reach: Reach, in_words: Callable[[Reach], str | None]) -> str:
+    """Return why there is no answer by the upper bound of T, as far as is known."""
+    reason = in_words(reach)
+    if reason is None:
+        later = first_time(reach, upper, _FARTHER * upper).answer
+        reason = _out_of_time(upper, later.T) if later is not None else (
+            f'the terminal constraints cannot be met by T = {upper:.10g}: the inputs, '
+            'within their bounds, do not reach that far')
+    return reason
+
+
+def _out_of_time(upper: float, least: float) -> str:
+    return (f'the terminal constraints cannot be met by T = {upper:.10g}: '
+            f'the least time is {least:.10g}')
+
+
+def _too_short(upper: float, least: float, clearly: bool) -> Solution:
+    return _none(_out_of_time(upper, least), clearly)
+
+
+def _none(reason: str, proved: bool) -> Solution:
+    """Return the answer that there is none, or that none was found."""
+    return Solution(Status.INFEASIBLE, reason, method=_METHOD) if proved else Solution(
+        Status.NOT_CONVERGED, f'no path was found; infeasibility is not proved ({reason})',
+        method=_METHOD)
+
+
+def _multiplier(reach: Reach, answer: BangBang) -> Array:
+    """Return nu of the answer; of an abnormal one a large multiple with H = 0 at T added."""
+    if answer.normal:
+        return answer.nu
+    xdot = reach.A @ final_state(reach, answer) + reach.B @ (answer.sign * answer.level) + reach.c
+    rate = reach.C @ xdot
+    balance = -rate / max(float(rate @ rate), 1e-300)
+    return balance + _ABNORMAL * max(float(np.linalg.norm(balance)), 1.0) * answer.nu
+
+
+def _solution(problem: Problem, reach: Reach, answer: BangBang, aim: Target,
+              driven: NDArray[np.int_]) -> Solution:
+    """Return states, inputs and costates along an answer."""
+    n, T = problem.n, float(answer.T)
+    switches = _merged(np.sort(T - answer.tau), T)
+    edges = np.concatenate(([0.0], switches, [T]))
+    per_arc = int(np.clip(40 * np.abs(reach.poles).max(initial=0) * np.diff(edges).max() / np.pi,
+                          _SAMPLES, _MOST_SAMPLES))
+    v = answer.v(T - (edges[:-1] + edges[1:]) / 2)
+    grid = np.arange(per_arc) / (per_arc - 1)
+    t = (edges[:-1, None] + np.diff(edges)[:, None] * grid).ravel()
+    x, lam = np.empty((len(t), n)), np.empty((len(t), n))
+    z = np.append(problem.x0, 1.0)
+    for k, duration in enumerate(np.diff(edges)):
+        step = np.zeros((n + 1, n + 1))
+        step[:n, :n], step[:n, n] = reach.A, reach.B @ v[k] + reach.c
+        step = exponential(step * (duration / (per_arc - 1)))
+        rows = range(k * per_arc, (k + 1) * per_arc)
+        x[rows[0]] = z[:n]
+        for row in rows[1:]:
+            z = step @ z
+            x[row] = z[:n]
+    costate = aim.C.T @ answer.nu
+    for k in range(len(edges) - 2, -1, -1):
+        back = exponential(reach.A.T * (edges[k + 1] - edges[k]) / (per_arc - 1))
+        last = (k + 1) * per_arc - 1
+        lam[last] = costate
+        for row in range(last, k * per_arc, -1):
+            lam[row - 1] = back @ lam[row]
+        costate = lam[k * per_arc]
+    u = np.tile((problem.u_lower + problem.u_upper) / 2, (len(t), 1))
+    half = (problem.u_upper - problem.u_lower)[driven] / 2
+    u[:, driven] += np.repeat(v * half, per_arc, axis=0)
+    u = np.clip(u, problem.u_lower, problem.u_upper)
+    v_all = np.repeat(v, per_arc, axis=0)
+    lam *= aim.rate
+    hamiltonian = aim.rate + np.sum(lam * (x @ reach.A.T + v_all @ reach.B.T + reach.c), axis=1)
+    singular = [problem.inputs[driven[j]] for j in np.flatnonzero(answer.level < 1)]
+    return Solution(
+        Status.SOLVED, _sentence(T, len(switches), singular, answer.normal),
+        aim.rate * T + aim.V, t, x, u, lam, hamiltonian, nu=aim.rate * answer.nu,
+        interpolation='zoh', switching_times=switches)
+
+
+def _merged(times: Array, T: float) -> Array:
+    """Return times in order without those that two inputs share, and without the ends."""
+    times = times[(times > 1e-12 * T) & (times < (1 - 1e-12) * T)]
+    return times[np.diff(times, prepend=-T) > 1e-12 * T]
+
+
+def _sentence(T: float, switches: int, singular: list[str] | None = None,
+              normal: bool = True) -> str:
+    text = f'least time {T:.10g}, bang-bang with {switches} switch{"es" * (switches != 1)}'
+    if singular:
+        text += f'; singular: {", ".join(singular)}, of the least constant magnitude that will do'
+    if not normal:
+        text += '; abnormal: no finite costate satisfies H = 0, a very large one nearly does'
+    return text

@@ -1,0 +1,206 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Least time for the two-wheeled robot (Exercise 2.6).
+
+Minimise T subject to x' = v cos(theta), y' = v sin(theta), theta' = omega, |v| <= L, |omega| <= M.
+
+A shortest path of turning radius L / M, driven at |v| = L, takes the least time. It is not the
+only answer: the exercise's claim that every optimal trajectory has |v| = L is false. Turning on
+the spot (v = 0, |omega| = M) takes as long as the three arcs that end at the same place.
+
+With H = 1 + v p + omega lambda3, p = lambda1 cos(theta) + lambda2 sin(theta), the costates
+lambda1 and lambda2 are constant and lambda3 = lambda3(0) + lambda1 (y - y0) - lambda2 (x - x0).
+v = -L sgn(p) and omega = -M sgn(lambda3), so p = 0 at a cusp and lambda3 = 0 where the turn
+changes and on lines. H = 0 makes (1, lambda) normal: L |p| + M |lambda3| = 1.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import permutations
+from math import ceil, isfinite, pi
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.least_time_form import Target, target
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Optimality, Solution, Status
+from obc_ros.core.solver.exact.reeds_shepp import Path, shortest_path
+from obc_ros.core.text.errors import StatementError
+
+Order = tuple[int, ...]
+
+_METHOD = 'reeds_shepp'
+# Largest step between samples [rad of turn, or radii of length].
+_STEP = 0.05
+_MAX_SAMPLES = 200
+_DEPTH = 8   # of expressions that are compared
+
+
+def least_time(start: Sequence[float] | Array, goal: Sequence[float] | Array, max_speed: float,
+               max_turn_rate: float) -> Solution:
+    """
+    Return a trajectory of least time between two poses of a two-wheeled robot.
+
+    Parameters
+    ----------
+    start, goal : sequence of 3 float
+        (x, y, theta) [m, m, rad]; theta counts up to multiples of 2 pi.
+    max_speed, max_turn_rate : float
+        L [m/s] and M [rad/s], > 0; |v| <= L, |omega| <= M.
+
+    Returns
+    -------
+    Solution
+        States (x, y, theta), inputs (v, omega) constant between switches, costates, and T as
+        ``objective`` [s]. theta is continuous.
+
+    Raises
+    ------
+    StatementError
+        If a pose is not three finite numbers or a limit is not a positive one.
+
+    """
+    for name, value in (('max_speed', max_speed), ('max_turn_rate', max_turn_rate)):
+        if not (isinstance(value, (int, float)) and isfinite(value) and value > 0):
+            raise StatementError(f'{name} must be a finite number > 0; found {value!r:.80}')
+    path = shortest_path(start, goal, max_speed / max_turn_rate)
+    return _drive(path, float(max_speed), float(max_turn_rate))
+
+
+def solve_two_wheeled(problem: Problem) -> Solution | None:
+    """
+    Return the answer to a problem that is Exercise 2.6 in other names, or None if it is not.
+
+    The problem is recognised by its dynamics, whatever the names and order of its states; it has
+    a constant L > 0 and V, symmetric bounds on v and omega, a free T, and fixes the whole final
+    state. A T above its upper bound is infeasible, and the message says so. Since a Problem's
+    theta does not wrap, None is also returned if the shortest path turns by another multiple of
+    2 pi than the terminal constraint says, and if T is below its lower bound.
+    """
+    form = _recognise(problem)
+    if form is None:
+        return None
+    aim, order, inputs = form
+    L, M = problem.u_upper[list(inputs)]
+    goal = np.asarray(np.linalg.solve(aim.C, aim.d)[list(order)], dtype=float)
+    found = least_time(problem.x0[list(order)], goal, float(L), float(M))
+    shortest, bounds = found.objective, problem.final_time
+    if shortest > bounds.upper:
+        return Solution(Status.INFEASIBLE, method=_METHOD, message=(
+            f'the terminal constraints cannot be met by T = {bounds.upper:.10g}: '
+            f'the least time is {shortest:.10g}'))
+    if len(found.t) == 1 or shortest < bounds.lower or abs(found.x[-1, 2] - goal[2]) > 1e-9:
+        return None
+    back = np.argsort(order)
+    lam = aim.rate * found.lam[:, back]
+    return replace(
+        found, objective=aim.rate * shortest + aim.V, x=found.x[:, back],
+        u=found.u[:, np.argsort(inputs)], lam=lam, hamiltonian=aim.rate * found.hamiltonian,
+        nu=np.linalg.solve(aim.C.T, lam[-1]))
+
+
+def _drive(path: Path, L: float, M: float) -> Solution:
+    """Return the trajectory along a path at full speed."""
+    T = path.length / L
+    costate = _costate(path, L, M)
+    t, x, u, begin = [], [], [], 0.0
+    for steering, length in path.segments or (('S', 0.0),):
+        n = 2 + min(ceil(abs(length) / path.radius / _STEP), _MAX_SAMPLES) if length else 1
+        s = begin + abs(length) * np.linspace(0, 1, n)
+        x.append(path.at(s))
+        v = L if length > 0 else -L
+        omega = {'S': 0.0, 'L': v / path.radius, 'R': -v / path.radius}[steering]
+        u.append(np.tile((v, omega), (n, 1)))
+        t.append(s / L)
+        begin += abs(length)
+    states, inputs = np.vstack(x), np.vstack(u)
+    states[-1, :2] = path.goal[:2]
+    states[-1, 2] = path.goal[2] + 2 * pi * round((states[-1, 2] - path.goal[2]) / (2 * pi))
+    states[0] = path.start
+    lam = _costates(costate, states)
+    p = lam[:, 0] * np.cos(states[:, 2]) + lam[:, 1] * np.sin(states[:, 2])
+    ends = np.cumsum([abs(segment.length) for segment in path.segments])[:-1] / L
+    return Solution(
+        Status.SOLVED, _sentence(path, T), T, np.concatenate(t), states, inputs, lam,
+        1 + inputs[:, 0] * p + inputs[:, 1] * lam[:, 2], nu=lam[-1],
+        interpolation='zoh', switching_times=ends, method=_METHOD,
+        optimality=Optimality('global', 'shortest path (Reeds-Shepp)'))
+
+
+def _sentence(path: Path, T: float) -> str:
+    sentence = f'least time {T:.10g} along {path.word or "no path: start and goal are the same"}'
+    if path.segments and path.start[:2] == path.goal[:2]:
+        sentence += '; turning on the spot (v = 0) takes as long'
+    return sentence
+
+
+def _costates(costate: Array, states: Array) -> Array:
+    lam = np.tile(costate, (len(states), 1))
+    lam[:, 2] += (costate[0] * (states[:, 1] - states[0, 1])
+                  - costate[1] * (states[:, 0] - states[0, 0]))
+    return lam
+
+
+def _costate(path: Path, L: float, M: float) -> Array:
+    """
+    Return lambda(0), which makes every switch of the path that of Pontryagin's conditions.
+
+    H = 0 is linear in lambda(0), and holds on a whole segment if it holds at one of its points;
+    v p <= 0 and omega lambda3 <= 0 are inequalities. Three segments fix lambda(0); with fewer
+    the inequalities choose, by a linear programme that keeps them as far from zero as it can.
+    """
+    x0, y0, _ = path.start
+    # Scaled to one size: lambda1 and lambda2 are per metre, H = 0 sets all three against 1.
+    scale = np.array([1 / path.radius, 1 / path.radius, 1.0]) / M
+    zeros, signs, begin = [], [], 0.0
+    for steering, length in path.segments:
+        x, y, theta = path.at(begin + abs(length) * np.linspace(0.01, 0.99, 15)).T
+        v = L if length > 0 else -L
+        vp = v * np.column_stack((np.cos(theta), np.sin(theta), np.zeros(len(x)))) * scale
+        lam3 = np.column_stack((y - y0, x0 - x, np.ones(len(x)))) * scale
+        turn = {'S': 0.0, 'L': v, 'R': -v}[steering] / path.radius * lam3
+        zeros += [(*(vp + turn)[0], -1.0)]
+        zeros += [(*lam3[0], 0.0), (*lam3[-1], 0.0)] if steering == 'S' else []
+        signs += [vp] if steering == 'S' else [vp, turn]
+        begin += abs(length)
+    if not signs:
+        return np.zeros(3)
+    *columns, right = np.array(zeros).T
+    A, G = np.column_stack(columns), np.vstack(signs)
+    costate, _, rank, _ = np.linalg.lstsq(A, right, rcond=1e-6)
+    if rank < 3:
+        inside = _most_inside(A, right, G)
+        costate = costate if inside is None else inside
+    return np.asarray(costate * scale, dtype=float)
+
+
+def _most_inside(A: Array, b: Array, G: Array) -> Array | None:
+    """Return z with A z = b and G z <= -d for the largest d <= 1; None if rounding leaves none."""
+    from scipy.optimize import linprog
+
+    found = linprog(
+        [0, 0, 0, -1], np.column_stack((G, np.ones(len(G)))), np.zeros(len(G)),
+        np.column_stack((A, np.zeros(len(A)))), b, [(None, None)] * 3 + [(-1, 1)])
+    return None if found.x is None else np.asarray(found.x[:3], dtype=float)
+
+
+def _recognise(problem: Problem) -> tuple[Target, Order, Order] | None:
+    """Return the target and which states are (x, y, theta) and inputs (v, omega)."""
+    if (problem.n, problem.m, problem.q) != (3, 2, 3):
+        return None
+    if (problem.u_lower != -problem.u_upper).any() or not (problem.u_upper > 0).all():
+        return None
+    aim = target(problem)
+    if aim is None or np.linalg.matrix_rank(aim.C) < 3:
+        return None
+    f = ca.substitute(problem.f, problem.p, ca.DM(problem.p_value))
+    for order in permutations(range(3)):
+        for inputs in permutations(range(2)):
+            theta, v, omega = problem.x[order[2]], problem.u[inputs[0]], problem.u[inputs[1]]
+            wanted = v * ca.cos(theta), v * ca.sin(theta), omega
+            if all(ca.is_equal(f[row], slope, _DEPTH)
+                   for row, slope in zip(order, wanted, strict=True)):
+                return aim, order, inputs
+    return None

@@ -1,0 +1,82 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Why a linear system with bounded inputs never meets a target, mode by mode.
+
+For a left eigenvector w of A with real eigenvalue sigma, y = w'x obeys a scalar equation
+y' = sigma y + gamma + rho v, |v| <= 1. Where y cannot even begin to rise it never does, and where
+sigma < 0 it stays below its equilibrium for v = 1; downwards alike.
+"""
+
+from math import inf
+
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.solver.exact.reachable_set import Reach
+
+# Relative accuracy of eigenvectors and of what is compared with their help.
+_ACCURACY = 1e-9
+
+
+def out_of_reach(states: tuple[str, ...], reach: Reach) -> str | None:
+    """
+    Return a sentence if a real mode of A keeps the terminal constraints from ever being met.
+
+    Parameters
+    ----------
+    states : tuple of str
+        Names of the states.
+    reach : Reach
+        The question; its rows of C independent.
+
+    """
+    for sigma, w in _modes(reach.A, reach.B):
+        y, *_ = np.linalg.lstsq(reach.C.T, w, rcond=None)
+        if np.abs(reach.C.T @ y - w).max() > _ACCURACY:
+            continue
+        sentence = _mode(_combination(states, w), sigma, w, reach, float(y @ reach.d))
+        if sentence:
+            return sentence
+    return None
+
+
+def _modes(A: Array, B: Array) -> list[tuple[float, Array]]:
+    """Return real eigenvalues and left eigenvectors, first those on which no input acts."""
+    values = np.linalg.eigvals(A)
+    real = [float(v.real) for v in values if abs(v.imag) <= _ACCURACY * (1 + abs(v))]
+    n = len(A)
+    found = []
+    for blocks in (B.T, np.zeros((0, n))):
+        for sigma in dict.fromkeys(real):
+            _, sizes, V = np.linalg.svd(np.vstack((A.T - sigma * np.eye(n), blocks)))
+            null = V[sizes <= _ACCURACY * max(1.0, sizes[0])]
+            found += [(sigma, w / w[np.argmax(np.abs(w) > 0.99 * np.abs(w).max())]) for w in null]
+    return found
+
+
+def _mode(name: str, sigma: float, w: Array, reach: Reach, wanted: float) -> str | None:
+    start = float(w @ reach.x0)
+    gamma, rho = float(w @ reach.c), float(np.abs(w @ reach.B).sum())
+    small = _ACCURACY * (abs(sigma) * abs(start) + abs(gamma) + rho + 1e-300)
+    for sign, verb in ((1.0, 'rise above'), (-1.0, 'fall below')):
+        y, drift, goal = sign * start, sign * gamma, sign * wanted
+        limit = y if sigma * y + drift + rho <= small else -(drift + rho) / sigma if (
+            sigma < 0) else inf
+        if goal > limit + _ACCURACY * (abs(y) + abs(limit) + abs(goal)) or (
+                limit < inf and limit != y and goal >= limit):
+            reason = (f'the unstable mode of eigenvalue {sigma:.6g} runs away faster than the '
+                      'inputs can turn it back' if sigma > 0 and limit == y else
+                      'the inputs are too weak' if rho > 0 else 'no input acts on it')
+            return (f'{name} cannot {verb} {sign * limit:.6g} and has to be {wanted:.6g} at T: '
+                    f'{reason}')
+    return None
+
+
+def _combination(states: tuple[str, ...], w: Array) -> str:
+    """Return w'x in words, the largest coefficient being 1."""
+    text = ''
+    for name, weight in zip(states, w, strict=True):
+        if abs(weight) > _ACCURACY:
+            factor = '' if abs(abs(weight) - 1) < _ACCURACY else f'{abs(weight):.6g} '
+            text += (' - ' if weight < 0 else ' + ') + factor + name
+    return text[3:] if text.startswith(' + ') else '-' + text[3:]

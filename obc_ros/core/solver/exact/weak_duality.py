@@ -1,0 +1,237 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Proofs that no input within its bounds leads a linear system where it has to be, by weak duality.
+
+For dx/dt = A x + B v + c, |v_j| <= 1, and any weights y_k of what is demanded at times t_k,
+
+    sum of y_k' x(t_k) = (what A, c and x(0) make of it) + integral of w(t) B v(t),
+
+w(t) being the sum of y_k' e^(A (t_k - t)) over t_k >= t; its least value is that of the first part
+less the integral of |w B|. If that is more than the demands add up to, no input meets them. A
+linear programme proposes the weights; the inequality, in which every input counts and not only
+those of the programme, is evaluated anew with a bound for the integral. Nothing depends on how
+near the programme came to its optimum.
+
+Numbers are doubles. Rounding is bounded step by step (`Reach.sizes`): an inequality counts that
+holds by more than 1e-9 of the sizes of all terms that lead to it.
+"""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.least_time_form import Affine, affine
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.solver.exact.reachable_set import exponential, Reach
+
+_MARGIN = 1e-9      # of the sizes of all terms, on the way to them too
+_ROUNDING = 20 * np.finfo(float).eps   # of a step's terms, for each of as many states
+_FINER = 16         # times as many cells as the programme has
+_PROGRAMMES = 40    # linear ones, for all times at which the end may be
+_SHORTEST = 1e-3    # of the last time: an interval of times that is not halved
+_MOST_GROWTH = 30.0   # of the states, as a power of e, beyond which doubles say nothing
+_NODES, _CELLS = 96, 2    # times at which state bounds count; cells between two of them
+
+
+def never_met(reach: Reach, lower: float, upper: float) -> bool:
+    """
+    Return whether it is proved that C x(T) = d holds at no T of [lower, upper].
+
+    The interval is halved until one direction separates the target from all that is reached.
+    """
+    if not len(reach.d) or not upper or reach.poles.real.max(initial=0.0) * upper > _MOST_GROWTH:
+        return False
+    sizes = reach.sizes(upper)
+    if not np.isfinite(sizes).all():
+        return False
+    waiting, programmes = [(lower, upper)], 0
+    while waiting:
+        a, b = waiting.pop()
+        for T in dict.fromkeys((b, a)):
+            programmes += 1
+            if programmes > _PROGRAMMES:
+                return False
+            eta = _direction(reach, T)
+            if eta is None:
+                return False   # it is met at this time, as far as the programme can tell
+            if _separates(reach, eta, a, b, sizes):
+                break
+        else:
+            if b - a <= _SHORTEST * upper:
+                return False
+            waiting += [(a, 0.5 * (a + b)), (0.5 * (a + b), b)]
+    return True
+
+
+def _direction(reach: Reach, T: float) -> Array | None:
+    """Return a direction in which the target is out of reach at T, None if there is none."""
+    gap = reach.gap(reach.table(np.array([0.0, T])))[-1] if T else reach.d - reach.C @ reach.x0
+    if not gap.any() or not np.isfinite(gap).all():
+        return None
+    if not T or not reach.B.any():
+        return np.asarray(gap / (gap @ gap))
+    multiple, eta = reach.largest_multiple(T)
+    return eta if multiple < 1 and np.isfinite(eta).all() else None
+
+
+@np.errstate(over='ignore', invalid='ignore')   # where bounds are infinite nothing is proved
+def _separates(reach: Reach, eta: Array, lower: float, upper: float, sizes: Array) -> bool:
+    """Return whether eta'(d - C x(T)) > 0 whatever the inputs are, for all T of an interval."""
+    tau = reach.times(upper, _FINER) if upper else np.zeros(1)
+    tau = np.unique(np.append(tau, lower))
+    table = reach.table(tau)
+    n, m = reach.B.shape
+    w = eta @ table[:, :, :n]
+    integral = np.diff(eta @ table[:, :, n:n + m], axis=0)
+    most = np.append(0.0, np.cumsum(_absolute(reach.A, reach.B, w, np.diff(tau), integral)))
+    margin = reach.gap(table) @ eta - most
+    growth = np.exp(np.linalg.norm(reach.A, 2) * np.diff(tau, append=tau[-1]))
+    slope = np.linalg.norm(w, axis=1) * growth * (
+        np.linalg.norm(reach.A @ reach.x0 + reach.c)
+        + np.linalg.norm(reach.B, axis=0).sum())
+    terms = np.abs(reach.C) @ sizes
+    share = max(_MARGIN, _ROUNDING * len(tau) * len(reach.Z))
+    small = share * float(np.abs(eta) @ (np.abs(reach.d) + terms))
+    part = tau >= lower
+    least = margin - slope * np.diff(tau, append=tau[-1])
+    return bool(np.isfinite(least).all() and np.all(least[part] > small))
+
+
+def _absolute(A: Array, B: Array, w: Array, h: Array, integral: Array) -> Array:
+    """
+    Return bounds of the integral of the sum of |w b_j| over cells, shape (N - 1,).
+
+    `w` (N, n): at their ends, where dw/dt = +- w A; `integral` (N - 1, m): of w b_j, exact.
+    """
+    s = np.abs(w @ B)
+    growth = np.exp(np.linalg.norm(A, 2) * h)
+    change = (np.linalg.norm(w[:-1], axis=1) * growth * h)[:, None] * np.linalg.norm(
+        A @ B, axis=0)
+    one_sign = np.maximum(s[:-1], s[1:]) > change
+    cells = np.where(one_sign, np.abs(integral),
+                     h[:, None] * (np.minimum(s[:-1], s[1:]) + change))
+    return np.asarray(cells.sum(axis=1))
+
+
+@dataclass(frozen=True)
+class _Demands:
+    """Rows S (r, n) of S x <= s, at which of the times (r,)."""
+
+    S: Array
+    s: Array
+    at: NDArray[np.int_]
+
+
+def excluded(problem: Problem) -> bool:
+    """
+    Return whether it is proved that no path meets all constraints.
+
+    Only where dynamics and constraints are affine, T is given and inputs are bounded. Of path
+    constraints those count that have no input in them; with state bounds, at some times only,
+    which excludes less.
+    """
+    plant = affine(problem)
+    boxed = np.isfinite([problem.u_lower, problem.u_upper]).all()
+    if plant is None or not boxed or problem.final_time.free:
+        return False
+    T = problem.final_time.value
+    half = 0.5 * (problem.u_upper - problem.u_lower)
+    c = plant.c + plant.B @ (problem.u_lower + half)
+    B = (plant.B * half)[:, half > 0]
+    growth = np.linalg.eigvals(plant.A).real.max(initial=0.0) * T
+    if growth > _MOST_GROWTH or not B.any():
+        return False
+    demands = _demands(problem)
+    return demands is not None and _excluded(
+        Affine(plant.A, B, c), problem.x0, T, demands)
+
+
+def _demands(problem: Problem) -> _Demands | None:
+    n, z = problem.n, ca.vertcat(problem.x, problem.u)
+    values = ca.vertcat(problem.psi, problem.path)
+    slopes = ca.jacobian(values, z)
+    if ca.depends_on(slopes, z):
+        return None
+    both = ca.Function('rows', [z, problem.p], [ca.densify(slopes), values])
+    J, at_zero = (np.asarray(each.full()) for each in both(np.zeros(n + problem.m),
+                                                           problem.p_value))
+    ends = [(sign * J[row, :n], -sign * float(at_zero[row, 0]))
+            for row in range(problem.q) for sign in (1.0, -1.0)]
+    sided = list(zip(np.eye(n), problem.x_lower, problem.x_upper, strict=True))
+    for k, row in enumerate(range(problem.q, len(J))):
+        if not J[row, n:].any():
+            rest = float(at_zero[row, 0])
+            sided.append((J[row, :n], problem.path_lower[k] - rest,
+                          problem.path_upper[k] - rest))
+    always = [(sign * row, sign * bound) for row, low, high in sided
+              for sign, bound in ((1.0, high), (-1.0, low)) if np.isfinite(bound)]
+    found = [(row, bound, _NODES) for row, bound in ends] + [
+        (row, bound, node) for row, bound in always for node in range(1, _NODES + 1)]
+    S, s = (np.array([each[k] for each in found]) for k in (0, 1))
+    if not found or not (np.isfinite(S).all() and np.isfinite(s).all()):
+        return None
+    return _Demands(S, s, np.array([node for *_, node in found]))
+
+
+def _excluded(plant: Affine, x0: Array, T: float, demands: _Demands) -> bool:
+    """Return whether weights of the demands are found that prove that not all can be met."""
+    from scipy.optimize import linprog
+
+    n, m = plant.B.shape
+    N = _NODES * _CELLS
+    Z = np.zeros((n + m + 1, n + m + 1))
+    Z[:n, :n], Z[:n, n:n + m], Z[:n, -1] = plant.A, plant.B, plant.c
+    step = exponential(Z * (T / N))
+    E, G, drift = step[:n, :n], step[:n, n:n + m], step[:n, -1]
+    free, forced = [x0], np.zeros((N + 1, n, N * m))   # x at the ends of cells, by cells' inputs
+    for k in range(N):
+        free.append(E @ free[-1] + drift)
+        forced[k + 1] = E @ forced[k]
+        forced[k + 1][:, k * m:(k + 1) * m] = G
+    at = demands.at * _CELLS
+    size = np.abs(demands.s) + np.abs(demands.S) @ np.abs(free).max(axis=0)
+    unit = 1 / np.where(size > 0, size, 1.0)
+    left = np.einsum('rn,rnk->rk', demands.S, forced[at]) * unit[:, None]
+    right = (demands.s - np.einsum('rn,rn->r', demands.S, np.array(free)[at])) * unit
+    if not (np.isfinite(left).all() and np.isfinite(right).all()):
+        return False
+    cost = np.zeros(N * m + 1)
+    cost[-1] = 1.0
+    found = linprog(cost, A_ub=np.column_stack([left, -np.ones(len(left))]), b_ub=right,
+                    bounds=[*[(-1, 1)] * (N * m), (None, None)], method='highs')
+    if found.status != 0 or found.x[-1] <= 0:
+        return False
+    y = np.maximum(-found.ineqlin.marginals, 0.0) * unit
+    return _proves(plant, x0, T, demands, y)
+
+
+@np.errstate(over='ignore', invalid='ignore')   # likewise
+def _proves(plant: Affine, x0: Array, T: float, demands: _Demands, y: Array) -> bool:
+    """Return whether weights y >= 0 of the demands add up to what no input achieves."""
+    n, m = plant.B.shape
+    parts = _CELLS * _FINER * 4
+    h = T / (_NODES * parts)
+    Z = np.zeros((n + m + 1, n + m + 1))
+    Z[:n, :n], Z[:n, n:n + m], Z[:n, -1] = plant.A, plant.B, plant.c
+    step = exponential(Z * h)
+    w, reached, constant, size = np.zeros(n), 0.0, 0.0, 0.0
+    for node in range(_NODES, 0, -1):
+        rows = demands.at == node
+        w = w + y[rows] @ demands.S[rows]
+        course = [w]
+        for _ in range(parts):
+            course.append(course[-1] @ step[:n, :n])
+        at = np.array(course)
+        integral = at[:-1] @ step[:n, n:n + m]
+        reached += float(_absolute(plant.A, plant.B, at, np.full(parts, h), integral).sum())
+        constant += float((at[:-1] @ step[:n, -1]).sum())
+        size += float((np.abs(at[:-1]) @ np.abs(step[:n, -1])).sum())
+        w = at[-1]
+    wanted = float(y @ demands.s)
+    least = constant + float(w @ x0) - reached
+    reach = Reach(plant.A, plant.B, plant.c, x0, np.eye(n), x0)
+    size += float(np.abs(y) @ (np.abs(demands.s) + np.abs(demands.S) @ reach.sizes(T))) + reached
+    return bool(np.isfinite(least) and least - wanted > 1e3 * _MARGIN * size)

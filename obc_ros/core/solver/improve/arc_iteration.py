@@ -1,0 +1,202 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+From a path to one with arcs: read off where inputs are at bounds and where the state is on one.
+
+The arcs that a path shows become phases of unknown lengths; those that the next path shows are
+compared, until they stay the same.
+"""
+
+
+import numpy as np
+from obc_ros.core.ocp.structure import sharing
+from obc_ros.core.solver.adjoint.mesh_refinement import below
+from obc_ros.core.solver.arcs.control_discontinuities import with_jumps, with_steps
+from obc_ros.core.solver.arcs.input_arcs import (
+    Arc,
+    arc_mesh,
+    closed,
+    find_arcs,
+    moved,
+    opened,
+    Signature,
+    signature,
+)
+from obc_ros.core.solver.arcs.state_contacts import contacts, with_contacts
+from obc_ros.core.solver.bench import Bench
+from obc_ros.core.solver.transcription.mesh import uniform
+from obc_ros.core.solver.transcription.program import Outcome
+
+_ROUNDS = 10
+_CLOSE = 1e-6         # relative cost, for which arcs are moved no more
+_SEEN = 0.98          # of an arc at a bound that was seen to last so long
+_VANISHING, _GONE = 1e-3, 1e-6   # of T: an arc that may not be there; one that is not
+_DEARER = 1e-9, 1e-7  # relative: what a path without them may cost more, on another mesh
+_PATIENT = 200        # iterations for arcs near an outcome
+_ROOM = 1e-5          # relative: what a path with arcs may cost more
+_PERHAPS, _NEVER = 1, 2   # arcs on bounds also where a finer mesh may meet one; nowhere
+
+
+class Settling:
+    """
+    The arcs of one path of a search.
+
+    `coarse`: number of intervals of a coarse mesh.
+    """
+
+    def __init__(self, search: Bench, coarse: int) -> None:
+        self.search, self.problem, self.kit = search, search.problem, search.kit
+        self.switching, self.coarse, self.touch = search.switching, coarse, 0
+
+    def settled(self, outcome: Outcome) -> Outcome:
+        """Return an outcome whose arcs are those that it shows."""
+        search = self.search
+        free: Signature = ((None,) * self.problem.m,)
+        now, seen, density = free, {free}, 2.0 * self.coarse
+        for _ in range(_ROUNDS):
+            arcs = found = self.shown(outcome)
+            if signature(arcs) == now:
+                arcs = self.checked(found, outcome)
+            shown = signature(arcs)
+            elsewhere = moved(arcs, outcome.path.durations, _VANISHING)
+            if search.monitor.stopped or shown == now and not elsewhere:
+                break
+            if shown == now:
+                new = self.with_arcs(arcs, outcome, density, _SEEN)
+                if new is None or not below(new.objective, outcome.objective, _CLOSE):
+                    new, now = self.freed(found, outcome, density, seen)
+                    if new is None:
+                        break
+                outcome = new
+                continue
+            if shown in seen:
+                density *= 1.5
+                if density > search.monitor.max_intervals / 4:
+                    break
+            seen.add(shown)
+            new = self.with_arcs(arcs, outcome, density)
+            if new is None and signature(found) == now:
+                new, shown = self.freed(found, outcome, density, seen)
+            if new is not None:
+                outcome, now = new, shown
+                continue
+            if self.touches_otherwise(outcome, seen):
+                continue
+            density *= 2
+            if not search.monitor.allows(int(density)):
+                break
+            new = search.collocate(
+                uniform(self.problem, int(density), search.stages), outcome.path,
+                outcome.path.t[-1:], near=True, sizes=search.sizes(outcome))
+            if not new.converged:
+                break
+            outcome, now = new, free
+        return self.without_vanishing(outcome)
+
+    def freed(self, found: list[Arc], outcome: Outcome, density: float, seen: set[Signature]
+              ) -> tuple[Outcome | None, Signature]:
+        """
+        Return an outcome whose inputs are free where their bounds are wrong, and its arcs.
+
+        A short singular arc, on a coarse mesh, looks like some between bounds; when the other
+        bound is no better there it is free.
+        """
+        arcs = self.checked(found, outcome, moving=False)
+        shown = signature(arcs)
+        if shown in seen or self.search.monitor.stopped:
+            return None, shown
+        seen.add(shown)
+        return self.with_arcs(arcs, outcome, density), shown
+
+    def shown(self, outcome: Outcome) -> list[Arc]:
+        """Return the arcs that an outcome shows."""
+        found = find_arcs(self.problem, outcome.path, self.switching,
+                          [not each for each in self.kit.switching])
+        return self.broken(self.touching(found, outcome), outcome)
+
+    def broken(self, arcs: list[Arc], outcome: Outcome) -> list[Arc]:
+        """Return arcs that end where inputs jump without coming to a bound."""
+        loose = ~(np.isfinite(self.problem.u_lower) | np.isfinite(self.problem.u_upper))
+        of = (loose | sharing(self.problem)) & np.array(self.switching)
+        return with_jumps(arcs, outcome.path, of) if of.any() else arcs
+
+    def touching(self, arcs: list[Arc], outcome: Outcome) -> list[Arc]:
+        """Return arcs, those on bounds of the state among them if inputs switch at their ends."""
+        free = self.kit.deciding & np.array(self.switching)
+        if not (self.search.bounded and free.any()) or self.touch == _NEVER:
+            return arcs
+        path, problem = outcome.path, self.problem
+        value = self.kit.fitter(problem).at(
+            problem, path.x, np.vstack([path.ua, path.ub[-1:]]))
+        found = contacts(problem, outcome, value, self.search.margin, free.any(axis=1),
+                         perhaps=self.touch == _PERHAPS)
+        return with_contacts(arcs, found, free) if found else arcs
+
+    def touches_otherwise(self, outcome: Outcome, seen: set[Signature]) -> bool:
+        """Go on to other arcs on bounds that an outcome may show; return whether there are."""
+        while self.touch < _NEVER:
+            self.touch += 1
+            if signature(self.shown(outcome)) not in seen:
+                return True
+        self.touch = 0
+        return False
+
+    def with_arcs(self, arcs: list[Arc], outcome: Outcome, density: float,
+                  kept: float = 0.0) -> Outcome | None:
+        """
+        Return an outcome with the given arcs, if there is one and it costs no more.
+
+        `kept`: the part of their lengths that arcs at bounds have at least.
+        """
+        search = self.search
+        mesh, durations = arc_mesh(
+            self.problem, arcs, search.stages, density / outcome.path.t[-1])
+        if not search.monitor.allows(mesh.layout.intervals) or not self.kit.transcription(
+                self.problem, mesh.layout).solvable(self.problem, mesh):
+            return None
+        held = [not np.isnan(arc.levels).any() for arc in arcs]
+        new = search.collocate(mesh, with_steps(outcome.path, arcs), durations, near=True,
+                               sizes=search.sizes(outcome), least=kept * durations * held,
+                               most=_PATIENT)
+        return new if new.converged and self.no_dearer(new, outcome) else None
+
+    def no_dearer(self, new: Outcome, outcome: Outcome) -> bool:
+        """Return whether an outcome costs no more than another, or would with exact steps."""
+        room = _ROOM * abs(outcome.objective)
+        if new.objective <= outcome.objective + room:
+            return True
+        closed = self.kit.integrator.closed
+        return closed(self.problem, new) <= closed(self.problem, outcome) + room
+
+    def without_vanishing(self, outcome: Outcome) -> Outcome:
+        """Return the outcome without its shortest arcs, if it costs no more without them."""
+        durations, T = outcome.path.durations, outcome.path.t[-1]
+        if np.all(durations > _VANISHING * T):
+            return outcome
+        arcs = [arc for arc in self.shown(outcome)
+                if arc.end - arc.start > _VANISHING * T]
+        density = max(2.0 * self.coarse, outcome.mesh.layout.intervals)
+        new = self.with_arcs(closed(arcs, T), outcome, density)
+        dearer = _DEARER[self.vanished(outcome)] * abs(outcome.objective)
+        return outcome if new is None or new.objective > outcome.objective + dearer else new
+
+    @staticmethod
+    def vanished(outcome: Outcome) -> bool:
+        """Return whether a phase has no length left."""
+        durations = outcome.path.durations
+        return bool(durations.min() < _GONE * durations.sum())
+
+    def checked(self, arcs: list[Arc], outcome: Outcome, *, moving: bool = True) -> list[Arc]:
+        """
+        Return arcs that differ where dH/du says that an input is at the wrong bound.
+
+        It is at the other one then, or free unless `moving`.
+        """
+        course = self.search.course(outcome)
+        x, u = (course.x + course.x_end) / 2, (course.ua + course.ub) / 2
+        mu = None if course.density_path is None else course.density_path.mean(axis=1)
+        _, Hu, _ = self.kit.integrator.hamiltonian(
+            self.problem, x, u, (course.lam + course.lam_end) / 2, mu)
+        moves = self.kit.switching if moving else (False,) * self.problem.m
+        arcs = opened(arcs, course.t, Hu, self.problem, self.kit.switching, moves)
+        return self.broken(self.touching(arcs, outcome), outcome)

@@ -1,0 +1,178 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Inputs where H has several least points: gears, modes of a reactor, two ways to fly.
+
+A search follows the least point that it starts at; the input is stationary there although another
+point is better. From a path where that is so the input goes to where H is least (the variations of
+Pontryagin's proof), and where it then jumps from one least point to another phases begin.
+"""
+
+from dataclasses import replace
+from functools import partial
+import math
+
+import numpy as np
+from obc_ros.core.numerics.arrays import Array, Index
+from obc_ros.core.numerics.collocation import gauss_points
+from obc_ros.core.solver.adjoint.costates import Extremal
+from obc_ros.core.solver.adjoint.mesh_refinement import below
+from obc_ros.core.solver.arcs.control_discontinuities import jumps, with_steps
+from obc_ros.core.solver.arcs.input_arcs import Arc, arc_mesh, moved
+from obc_ros.core.solver.bench import Bench
+from obc_ros.core.solver.transcription.mesh import Path
+from obc_ros.core.solver.transcription.program import Outcome
+
+_VALUES = 17          # of each input at which H is looked at
+_GLANCE = 8           # intervals that are looked at before all of them
+_WORTH = 1e-3         # relative to the cost: what another least point has to promise
+_SHARES = 0.0, 0.3, 0.7   # of the largest gap, above which inputs are moved
+_ROUNDS = 3           # each from the path that the one before has led to
+_SETTLING = 6         # likewise, of phases that begin anew where inputs still slope
+_STEPS = 40           # for the longest interval, to roll out
+_ITERATIONS = 150
+_SAME = 1e-6          # relative cost
+_VANISHING, _JUMP = 1e-3, 0.05   # parts: of T, a phase without length; of an input's range
+_BESIDE = 1.5         # intervals from the end of a phase, within which a slope belongs to it
+
+
+def on_best_branch(search: Bench, outcome: Outcome) -> Outcome:
+    """Return an outcome, or a better one whose inputs are where H is least."""
+    if search.quick or search.kit.twin or not search.kit.branching.any():
+        return outcome
+    best = outcome
+    for _ in range(_ROUNDS):
+        paths = _moved(search, best)
+        if not paths and best is outcome:
+            return _with_jumps(search, best) if _leaps(search, best) else best
+        found = [new for path in paths if (new := _from_inputs(search, best, path)) is not None]
+        new = min(found, key=lambda each: each.objective, default=best)
+        if search.monitor.stopped or not below(new.objective, best.objective, _SAME):
+            break
+        best = _with_jumps(search, new)
+    return best
+
+
+def _moved(search: Bench, outcome: Outcome) -> list[Path]:
+    """Return paths with inputs held where H is least: in all intervals that gain, and in fewer."""
+    path, every = outcome.path, np.arange(len(outcome.path.ua))
+    for rows in (every[::max(1, len(every) // _GLANCE)], every):
+        least, gap = _least(search, outcome, rows)
+        if not gap.any():
+            return []
+    if not np.diff(path.t) @ gap > _WORTH * abs(outcome.objective):
+        return []
+    chosen = [(gap > share * gap.max())[:, None] for share in _SHARES]
+    return [replace(path, ua=np.where(moved, least, path.ua), ub=np.where(moved, least, path.ub))
+            for moved in chosen]
+
+
+def _least(search: Bench, outcome: Outcome, rows: Index) -> tuple[Array, Array]:
+    """Return where H is least in some intervals, (N, m), and by how much beside another point."""
+    problem, path = search.problem, outcome.path
+    H = partial(_mean_H, search, search.course(outcome), rows)
+    now = H(path.ua[rows], path.ub[rows])
+    value, least = now.copy(), (path.ua[rows] + path.ub[rows]) / 2
+    for j in np.flatnonzero(search.kit.branching):
+        levels = np.linspace(problem.u_lower[j], problem.u_upper[j], _VALUES)
+        tried = np.repeat(least[None], _VALUES, axis=0)
+        tried[:, :, j] = levels[:, None]
+        there = H(tried, tried)
+        k = np.argmin(np.where(np.isfinite(there), there, np.inf), axis=0)
+        lowest = there[k, np.arange(len(k))]
+        # Where H only falls on the way there this point is no least one, and the mesh is to blame.
+        between = (levels[:, None] - least[:, j]) * (levels[:, None] - levels[k]) < 0
+        lower = (lowest < value) & np.any(between & (there > value), axis=0)
+        least[lower, j], value[lower] = levels[k[lower]], lowest[lower]
+    return least, np.where(value < now, now - value, 0.0)
+
+
+def _mean_H(search: Bench, course: Extremal, rows: Index, ua: Array, ub: Array) -> Array:
+    """Return the mean of H at the ends of some intervals, inputs (..., N, m) there; (..., N)."""
+    first = rows * course.parts
+    last = first + course.parts - 1
+    x, lam = (np.stack([one[first], other[last]]) for one, other in (
+        (course.x, course.x_end), (course.lam, course.lam_end)))
+    u = np.stack([ua, ub], axis=-3)
+    points = (np.broadcast_to(each, (*u.shape[:-1], each.shape[-1])).reshape(-1, each.shape[-1])
+              for each in (x, u, lam))
+    H = search.kit.integrator.hamiltonian(search.problem, *points)[0].reshape(u.shape[:-1])
+    return np.asarray(H.mean(axis=-2))
+
+
+def _from_inputs(search: Bench, outcome: Outcome, path: Path) -> Outcome | None:
+    """Return what a search leads to that starts with the inputs of a path."""
+    problem, h = search.problem, np.diff(path.t)
+    steps = np.maximum(1, np.ceil(_STEPS * h / h.max())).astype(np.int64)
+    t = np.append(0.0, np.cumsum(np.repeat(h / steps, steps)))
+    held = np.repeat((path.ua + path.ub) / 2, steps, axis=0)
+    with np.errstate(all='ignore'):
+        (x,), _ = search.kit.integrator.forward_each(problem, t[None], held[None])
+    # What ends as it has to is changed less by inputs that no longer lead there.
+    if np.isfinite(x).all() and not problem.q:
+        inner = path.t[:-1, None] + h[:, None] * gauss_points(path.inner.shape[1])
+        path = replace(path, x=x[np.append(0, np.cumsum(steps))], inner=np.stack([
+            np.interp(inner, t, column) for column in x.T], axis=2))
+    new = search.collocate(outcome.mesh, path, near=True, most=_ITERATIONS)
+    return new if new.converged else None
+
+
+def _leaps(search: Bench, outcome: Outcome) -> bool:
+    """Return whether an input goes from one least point of H to another, bounds not both."""
+    problem, path, here = search.problem, outcome.path, search.kit.branching
+    at = np.clip(np.searchsorted(path.t, jumps(path, here.tolist())) - 1, 0, len(path.ua) - 1)
+    if not at.size:
+        return False
+    before, after = path.ua[np.maximum(at - 1, 0)], path.ub[np.minimum(at + 1, len(path.ub) - 1)]
+    part = np.linspace(0.0, 1.0, _VALUES)[:, None, None]
+    along = before + part * (after - before)
+    H = _mean_H(search, search.course(outcome), at, along, along)
+    wall = H.max(axis=0) > np.maximum(H[0], H[-1])
+    ends = np.stack([before, after])[:, :, here]
+    room = _JUMP * (problem.u_upper - problem.u_lower)[here]
+    free = (ends > problem.u_lower[here] + room) & (ends < problem.u_upper[here] - room)
+    return bool(np.any(wall & free.any(axis=(0, 2))))
+
+
+def _with_jumps(search: Bench, outcome: Outcome) -> Outcome:
+    """
+    Return an outcome, or one with phases that begin where its inputs jump, and nowhere else.
+
+    The point beside the end of a phase may be at the least point of H that belongs to the other
+    side, and stays there: a slope over an interval. The phase then begins anew in that interval.
+    """
+    for _ in range(_SETTLING):
+        path, arcs = outcome.path, _apart(search, outcome)
+        if len(arcs) == len(path.durations) and not moved(arcs, path.durations, _VANISHING):
+            break
+        mesh, durations = arc_mesh(
+            search.problem, arcs, search.stages, len(path.ua) / path.t[-1])
+        if not search.monitor.allows(mesh.layout.intervals):
+            break
+        new = search.collocate(mesh, with_steps(path, arcs), durations, near=True,
+                               sizes=search.sizes(outcome), most=_ITERATIONS)
+        if not new.converged or below(outcome.objective, new.objective, _SAME):
+            break
+        outcome = new
+    return outcome
+
+
+def _apart(search: Bench, outcome: Outcome) -> list[Arc]:
+    """Return arcs that begin where inputs jump: at the ends of phases, or in slopes."""
+    problem, path, here = search.problem, outcome.path, search.kit.branching
+    first = np.flatnonzero(np.diff(outcome.mesh.layout.phase_of)) + 1
+    ends, least = path.t[first], _VANISHING * path.t[-1]
+    span, found = (problem.u_upper - problem.u_lower)[here], jumps(path, here.tolist())
+    times = found.tolist()
+    for group in filter(len, np.split(first, np.flatnonzero(np.diff(ends) > least) + 1)):
+        jump = path.ua[group[-1], here] - path.ub[group[0] - 1, here]
+        end = float(path.t[group].mean())
+        near = _BESIDE * max(path.t[group[-1] + 1] - end, end - path.t[group[0] - 1])
+        if np.any(np.abs(jump) > _JUMP * span) and np.all(np.abs(found - end) > near):
+            times.append(end)
+    arcs, start, free = list[Arc](), 0.0, (math.nan,) * problem.m
+    for end in sorted(times):
+        if start + least < end < path.t[-1] - least:
+            arcs.append(Arc(start, end, free, jump=start > 0))
+            start = end
+    return [*arcs, Arc(start, float(path.t[-1]), free, jump=start > 0)]

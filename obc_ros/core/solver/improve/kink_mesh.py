@@ -1,0 +1,130 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Meshes with a point wherever an input comes to a bound or leaves it.
+
+The inputs of a transcription are linear between mesh points: a kink inside an interval costs the
+more the longer it is, so that without knowing where it is many short ones are needed. Pontryagin's
+boundary value problem finds the kinks from a path nearby, and from those of a neighbour.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from obc_ros.core.numerics.arrays import Array, Index
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues, cut_evenly
+from obc_ros.core.solver.adjoint.costates import Extremal
+from obc_ros.core.solver.adjoint.mesh_refinement import below
+from obc_ros.core.solver.arcs.input_arcs import Arc, find_arcs, sloped
+from obc_ros.core.solver.bench import Bench
+from obc_ros.core.solver.program_cache import Answered, Kit
+from obc_ros.core.solver.transcription.mesh import Mesh, Path, uniform
+from obc_ros.core.solver.transcription.program import Outcome, Scales
+
+_LARGEST = 3e7     # entries of the matrices of all intervals
+_KINKED = 4e-3     # relative: how far inputs are from linear on a mesh with their kinks
+_WORSE = 1e-5      # relative: by how much the cost on such a mesh may be larger
+_LONGEST = 32      # intervals at least, of equal lengths
+
+
+def boundary_values(kit: Kit, problem: Problem, outcome: Outcome, course: Extremal,
+                    scales: Scales, *, rough: bool = False) -> BoundaryValues | None:
+    """Return the solution of the boundary value problem next to an outcome and its course."""
+    arcs = find_arcs(problem, outcome.path, (True,) * problem.m)
+    singular = any(linear and np.isnan(level) for arc in arcs
+                   for linear, level in zip(kit.switching, arc.levels, strict=True))
+    if singular or outcome.mesh.layout.intervals * (6 * problem.n)**2 > _LARGEST:
+        return None
+    arcs = _with_slopes(kit, problem, arcs, course)
+    return kit.indirect.solve(problem, arcs, course, outcome.path.t, scales, rough=rough)
+
+
+def _with_slopes(kit: Kit, problem: Problem, arcs: Sequence[Arc], course: Extremal) -> list[Arc]:
+    """Return arcs with those on which inputs go from bound to bound too soon for the mesh."""
+    x, u, lam = (np.vstack([start, end[-1:]]) for start, end in (
+        (course.x, course.x_end), (course.ua, course.ub), (course.lam, course.lam_end)))
+    slopes = np.zeros((2, len(x), problem.m))
+    for side, bound in enumerate((problem.u_lower, problem.u_upper)):
+        for i in np.flatnonzero(np.isfinite(bound)):
+            held = u.copy()
+            held[:, i] = bound[i]
+            slopes[side, :, i] = kit.judge.hamiltonian(problem, x, held, lam)[1][:, i]
+    return sloped(arcs, course.t, (slopes[0], slopes[1]), [not each for each in kit.switching])
+
+
+def points(found: BoundaryValues, error: float, longest: float, most: int
+           ) -> tuple[Array, Index]:
+    """
+    Return mesh points, shape (N + 1,), and the arc of each interval between them.
+
+    Inputs are linear in each interval but for a part `error` of their size; none is longer than
+    `longest`. Where that takes more than `most` intervals, and one for each arc, all are longer:
+    what an indirect method has led to may be no path, with slopes of any size.
+    """
+    size = np.maximum(np.abs(found.u).max(axis=(0, 1)), 1e-300)
+    bend = np.abs(np.diff(found.du, axis=1)[:, 0]) * found.h[:, None] / size
+    parts = np.maximum(np.sqrt(bend.max(axis=1) / (12 * error)), found.h / longest)
+    parts = np.minimum(np.nan_to_num(parts, nan=most), most)
+    parts *= min(1.0, most / parts.sum())
+    total = np.append(0.0, np.cumsum(parts))
+    ends = total[np.append(0, np.flatnonzero(np.diff(found.arc_of, append=-1)) + 1)]
+    arc, inner = cut_evenly(ends, np.ceil(np.diff(ends)))
+    return np.interp(inner, total, np.append(0.0, np.cumsum(found.h))), arc
+
+
+def neighbouring(kit: Kit, problem: Problem, last: Answered
+                 ) -> tuple[BoundaryValues, Outcome] | None:
+    """Return where to start from an answer to a neighbour whose kinks are known."""
+    known = last.extremal
+    if known is None:
+        return None
+    levels = np.where(known.levels == last.problem.u_lower, problem.u_lower,
+                      np.where(known.levels == last.problem.u_upper, problem.u_upper, np.nan))
+    found = kit.indirect.follow(problem, known, levels, last.sizes)
+    if found is None:
+        return None
+    before, after = (np.append(0.0, np.cumsum(each.lengths)) for each in (known, found))
+    t = np.interp(last.outcome.path.t, before, after)
+    return found, on_points(problem, found, t, np.searchsorted(
+        after[1:-1], (t[:-1] + t[1:]) / 2))
+
+
+def on_points(problem: Problem, found: BoundaryValues, t: Array, arc: Index) -> Outcome:
+    """Return boundary values as the outcome of a transcription with mesh points in given arcs."""
+    n, T = problem.n, t[-1]
+    za, ua = found.at(*found.where(t[:-1], arc))
+    zb, ub = found.at(*found.where(t[1:], arc))
+    ua, ub = (np.clip(np.where(np.isnan(found.levels[arc]), u, found.levels[arc]),
+                      problem.u_lower, problem.u_upper) for u in (ua, ub))
+    z = np.vstack([za, zb[-1:]])
+    mesh = Mesh(uniform(problem, len(arc), 0).layout, np.diff(t) / T, np.zeros((1, problem.m)))
+    l = int(problem.path.numel())  # noqa: E741  # as in Outcome
+    path = Path(t, z[:, :n], np.zeros((len(arc), 0, n)), ua, ub, np.array([T]))
+    return Outcome(
+        mesh, path, True, 'extremal', found.cost, 0.0, 0, found.nu, z[:, n:],
+        np.zeros((len(t), n)), np.zeros((len(arc), 0, n)), np.zeros((len(t), l)),
+        np.zeros((len(arc), 0, l)), np.zeros((len(arc), 2, l)), np.zeros(0), np.zeros(0),
+        np.zeros(0), 0.0)
+
+
+def on_kinks(search: Bench, outcome: Outcome, course: Extremal) -> Outcome | None:
+    """Return the outcome on a mesh with a point at each kink of the inputs, if found once."""
+    layout = outcome.mesh.layout
+    if (search.extremal is not None or search.bounded or search.kit.twin
+            or any(search.switching) or len(layout.phases) > 1 or layout.stages):
+        return None
+    found = boundary_values(search.kit, search.stated, outcome, course, search.sizes(outcome),
+                            rough=True)
+    if found is None or len(found.lengths) == 1:
+        return None
+    guide = on_points(search.stated, found, *points(
+        found, _KINKED, outcome.path.t[-1] / _LONGEST, 2 * search.monitor.max_intervals))
+    if not search.monitor.allows(guide.mesh.layout.intervals):
+        return None
+    new = search.collocate(guide.mesh, guide.path, near=True, sizes=search.sizes(outcome),
+                           guide=guide)
+    if not new.converged or below(outcome.objective, new.objective, _WORSE):
+        return None
+    search.extremal = found
+    return new

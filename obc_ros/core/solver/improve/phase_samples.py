@@ -1,0 +1,180 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Phases that were solved for, as a path and as the samples of an answer.
+
+At the ends of its intervals a collocation is more exact than between them: the states at samples
+are those that the inputs, straight from one to the next, lead to from the start of each interval.
+"""
+
+from dataclasses import replace
+from itertools import pairwise
+import math
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array, Index
+from obc_ros.core.numerics.collocation import collocation, lagrange
+from obc_ros.core.ocp.certificate.certificate import certify
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Solution, Status
+from obc_ros.core.solver.adjoint.costates import Integrator
+from obc_ros.core.solver.adjoint.multipliers import Fitter
+from obc_ros.core.solver.arcs.mixed_constraints import on_constraints
+from obc_ros.core.solver.arcs.phase_program import PhasedProgram
+from obc_ros.core.solver.arcs.phases import DEGREE, Phased
+from obc_ros.core.solver.transcription.mesh import Path
+
+BY_SAMPLES = 'dynamics', 'bounds', 'cost', 'minimum'   # what more samples may take away
+_SAMPLES = 1000, 4000, 16_000
+_ALMOST = 100.0       # times its tolerance: such a residual that they may take away
+_JUMP = 1e-3          # of its size: less of an input between two phases is none
+_UNEVEN = 15.0        # times as many samples as usual where inputs bend most
+_OFF = 1e-4           # of its size: steps that leave a collocation so far err themselves
+
+
+def as_path(found: Phased) -> Path:
+    """Return phases as a path between the ends of their intervals."""
+    at = np.append(0.0, np.cumsum(found.h))
+    points = collocation(DEGREE, 'radau')[0]
+    first = _basis(points, np.zeros(1))[0][0]
+    x = np.vstack([found.x[:, 0], found.x[-1:, -1]])
+    return Path(at, x, np.zeros((len(found.x), 0, x.shape[1])),
+                np.einsum('j,kjm->km', first, found.u), found.u[:, -1], found.durations)
+
+
+def _basis(points: Array, tau: Array, derivatives: int = 0) -> list[Array]:
+    """Return Lagrange's polynomials through points at times (..., s), and their derivatives."""
+    return [np.stack([np.polyder(each, order)(tau) for each in lagrange(points)], axis=-1)
+            for order in range(derivatives + 1)]
+
+
+def _parts(found: Phased, samples: int) -> Index:
+    """Return into how many parts samples divide each interval: more where inputs bend."""
+    bends, = _basis(collocation(DEGREE, 'radau')[0], np.linspace(0.0, 1.0, DEGREE), 2)[2:]
+    size = np.maximum(np.abs(found.u).max(axis=(0, 1)), 1e-300)
+    bend = np.sqrt(np.abs(np.einsum('sj,kjm->ksm', bends, found.u) / size).max(axis=(1, 2)))
+    share = np.minimum(bend / max(bend.mean(), 1e-300), _UNEVEN)
+    usual = samples / len(found.h) / 2
+    return np.asarray(np.maximum(2, np.rint(usual * (1 + share))), dtype=np.int64)
+
+
+def sampled(problem: Problem, program: PhasedProgram, integrator: Integrator, found: Phased,
+            samples: int) -> Solution:
+    """Return phases as samples, with the costates and densities of the stated bounds."""
+    bounds, points = program.bounds, program.points
+    parts = _parts(found, samples)
+    most = int(parts.max())
+    tau = np.minimum(np.arange(most + 1) / parts[:, None], 1.0)   # twice what is not there
+    on_x, = _basis(points, tau)
+    highest = int(bounds.orders.max(initial=0))
+    on_u = _basis(points[1:], tau, max(highest, 2))
+    x, lam = (np.einsum('ksj,kjn->ksn', on_x, values) for values in (found.x, found.lam))
+    u, bend = (np.einsum('ksj,kjm->ksm', on_u[order], found.u) for order in (0, 2))
+    # Straight lines between samples of u are off it by h^2 / 12 of its bend in the mean.
+    u = on_constraints(problem, program, found, x, u) - bend / (12 * parts[:, None, None]**2)
+    eta = [np.einsum('ksj,kjr->ksr', basis, found.eta) / found.h[:, None, None]**order
+           for order, basis in enumerate(on_u)]
+    density = np.zeros_like(eta[0])
+    for row in np.flatnonzero(np.abs(found.eta).max(axis=(0, 1)) > 0):
+        order = int(bounds.orders[row])
+        density[:, :, row] = (-1)**order * eta[order][:, :, row]
+        if order:
+            gradients = program.gradients[row].map(x.shape[0] * x.shape[1])(
+                x.reshape(-1, problem.n).T, ca.repmat(problem.p_value, 1, len(x) * (most + 1)))
+            each = gradients.full().T.reshape(len(x), most + 1, order, problem.n)
+            for i in range(order):
+                lam = lam + (-1)**i * eta[i][:, :, row, None] * each[:, :, order - 1 - i]
+    sign = np.array([arc.on or (0,) * bounds.count for arc in found.arcs])[found.phase_of]
+    for row in np.flatnonzero(bounds.orders != 0):
+        wanted = sign[:, row][:, None]
+        density[:, :, row] = np.where(density[:, :, row] * wanted > 0, density[:, :, row], 0.0)
+    u, h = np.clip(u, problem.u_lower, problem.u_upper), found.h[:, None] * np.diff(tau, axis=1)
+    x = _replayed(problem, integrator, x, u, h)
+    lam = np.where(np.abs(density).max(axis=(1, 2))[:, None, None] > 0, lam,
+                   _carried_back(problem, integrator, found, lam, x, u, h))
+    t = np.append(0.0, np.cumsum(found.h))[:-1, None] + found.h[:, None] * tau
+    return _joined(problem, integrator, found, t, x, u, lam, density)
+
+
+def certified(problem: Problem, program: PhasedProgram, integrator: Integrator, fitter: Fitter,
+              found: Phased) -> Solution:
+    """Return phases as samples with their certificate; more where these are all it lacks."""
+    free, off = any(np.isnan(arc.levels).any() for arc in found.arcs), math.inf
+    for samples in _SAMPLES if free else _SAMPLES[:1]:   # straight lines say all where none is
+        answer = fitter.pressed(
+            problem, sampled(problem, program, integrator, found, samples))
+        certificate = certify(problem, answer)
+        answer, worst = replace(answer, certificate=certificate), certificate.worst
+        off, before = certificate.residuals[worst] / certificate.tolerances[worst], off
+        if certificate.holds or worst not in BY_SAMPLES or off > min(_ALMOST, before / 2):
+            break
+    return answer
+
+
+def _replayed(problem: Problem, integrator: Integrator, x: Array, u: Array, h: Array) -> Array:
+    """Return states (K, s, n) that steps (K, s - 1) lead to from the first of each interval."""
+    new = x.copy()
+    for k in range(h.shape[1]):
+        new[:, k + 1] = integrator.stepped(problem, new[:, k], u[:, k], u[:, k + 1], h[:, k])
+    size = np.maximum(np.abs(x).max(axis=(0, 1)), 1e-300)
+    with np.errstate(invalid='ignore'):
+        near = (np.abs(new - x) <= _OFF * size).all(axis=(1, 2))
+    return np.where(near[:, None, None], new, x)
+
+
+def _carried_back(problem: Problem, integrator: Integrator, found: Phased, lam: Array, x: Array,
+                  u: Array, h: Array) -> Array:
+    """
+    Return costates (K, s, n) that lead to the first of the next interval, if from their own.
+
+    At the starts of intervals the costates of a collocation converge with a higher order than
+    inside; at T it is known what they are.
+    """
+    new = lam.copy()
+    new[:-1, -1] = lam[1:, 0]
+    new[-1, -1] = integrator.at_end(problem, x[-1, -1], found.nu)
+    for k in range(h.shape[1] - 1, -1, -1):
+        new[:, k] = integrator.stepped_back(
+            problem, new[:, k + 1], x[:, k], u[:, k], u[:, k + 1], h[:, k])
+    size = np.maximum(np.abs(lam).max(axis=(0, 1)), 1e-300)
+    with np.errstate(invalid='ignore'):
+        near = (np.abs(new[:, 0] - lam[:, 0]) <= _OFF * size).all(axis=1)
+    return np.where(near[:, None, None], new, lam)
+
+
+def _joined(problem: Problem, integrator: Integrator, found: Phased, t: Array, x: Array,
+            u: Array, lam: Array, density: Array) -> Solution:
+    """Return the samples of all intervals in a row, two at a time where something jumps."""
+    K, s = t.shape
+    switches = _switches(found, u)
+    t, (x, u, lam, density) = t.ravel(), (
+        values.reshape(K * s, -1) for values in (x, u, lam, density))
+    t[s::s] = t[s - 1:-1:s]
+    u = np.clip(u, problem.u_lower, problem.u_upper)
+    new = np.append(True, np.diff(t) > 0)
+    for values in (u, lam, density):
+        change = np.abs(np.diff(values, axis=0)).max(axis=1)
+        new[1:] |= change > 1e-9 * np.abs(values).max()
+    t, x, u, lam, density = (values[new] for values in (t, x, u, lam, density))
+    if not problem.final_time.free:
+        t = t * (problem.final_time.value / t[-1])
+    H, _, _ = integrator.hamiltonian(problem, x, u, lam)
+    n = problem.n
+    return Solution(
+        Status.NOT_CONVERGED, '', found.cost, t, x, u, lam, H, found.nu,
+        state_multipliers=density[:, :n],
+        path_multipliers=density[:, n:] if problem.path.numel() else None,
+        switching_times=switches)
+
+
+def _switches(found: Phased, u: Array) -> Array:
+    """Return when what holds changes from phase to phase, or an input (K, s, m) jumps."""
+    first = np.flatnonzero(np.diff(found.phase_of)) + 1
+    jumps = np.abs(u[first, 0] - u[first - 1, -1]) > _JUMP * np.abs(u).max(axis=(0, 1))
+    none = (0,) * found.eta.shape[2]
+    changes = np.array([
+        any(after.met) or (before.on or none) != (after.on or none)
+        or not np.array_equal(before.levels, after.levels, equal_nan=True)
+        for before, after in pairwise(found.arcs)], dtype=bool)
+    return np.asarray(np.cumsum(found.durations)[:-1][changes | jumps.any(axis=1)])

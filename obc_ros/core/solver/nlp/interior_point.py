@@ -1,0 +1,488 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+A primal-dual interior-point method for programs whose unknowns follow each other in time.
+
+Minimise f(w) subject to c(w) = 0, lower <= w <= upper. Step by step Newton's method is applied to
+
+    grad f + J'lam - zl + zu = 0,   c = 0,   (w - lower) zl = mu,   (upper - w) zu = mu
+
+for a sequence of mu that goes to zero. With the unknowns and the rows of each mesh point beside
+each other the matrix has a narrow band, so that a step costs in proportion to the number of
+intervals, and little beside one evaluation of the second derivatives. Steps are accepted by a
+filter; where the Hessian is not positive definite on the null space of J it is made larger until
+it is, for a saddle is no answer. There is no restoration phase: where it would be needed the
+method gives up, and says so.
+
+A. Waechter, L. T. Biegler, On the implementation of an interior-point filter line-search
+algorithm for large-scale nonlinear programming, Math. Program. 106 (2006).
+N.-Y. Chiang, V. M. Zavala, An inertia-free filter line-search algorithm for large-scale nonlinear
+programming, Comput. Optim. Appl. 64 (2016).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.numerics.arrays import Array, Index
+from scipy.linalg.lapack import dgbtrf, dgbtrs, dgetrf, dgetrs, dpbtrf, dpbtrs
+
+PROXIMAL = 1e-10     # of the rows: what keeps redundant ones from being singular
+_CURVATURE = 1e-9     # least curvature along a step
+_LARGEST_SHIFT = 1e10
+_SHORTEST = 1e-7      # part of a step
+_ENOUGH = 10.0        # times mu: an error at which mu is made smaller
+_APART = 1e10         # factor between z and mu / distance
+_MULTIPLIERS = 1e3    # largest at the start
+_NEAREST = 1e-2       # of its span: how far from a bound an unknown starts at most
+BESIDE = 0.03        # likewise: how far from a bound one is at most that is held there
+_HUGE = 1e100         # beyond it powers overflow
+_ROUGH = 1e-5         # infeasibility at which a cost is good enough
+_LATE = ((10, 0.5), (5, 0.8))   # steps, and the part of the infeasibility that is too much then
+_FAR = 0.1            # infeasibility that is not
+
+
+@dataclass(frozen=True, eq=False)
+class Values:
+    """
+    What a program is at y = (w, lam).
+
+    `f` cost, `c` and `slope` (size of y): constraints, where their rows stand, and the gradient
+    of the Lagrangian, where unknowns stand; `cost_slope` likewise of f; `entries` of the matrix;
+    `parts` what `Program.convex` needs.
+    """
+
+    f: float
+    c: Array
+    slope: Array
+    cost_slope: Array
+    entries: Array
+    parts: tuple[tuple[Array, Array], ...]
+
+
+class Program(Protocol):
+    """A program: unknowns w and multipliers lam of its rows in one vector y, in order of time."""
+
+    pattern: 'Pattern'
+    is_row: NDArray[np.bool_]
+
+    def values(self, y: Array) -> Values:
+        """Return everything at y."""
+
+    def merit(self, y: Array) -> tuple[float, Array]:
+        """Return f and c at y."""
+
+    def convex(self, values: Values, fixed: NDArray[np.bool_], diagonal: Array) -> bool:
+        """Return whether the Hessian with a diagonal added is positive where J d = 0."""
+
+
+class Pattern:
+    """
+    Where the entries of a symmetric matrix stand: a band, and a border of a few last columns.
+
+    Parameters
+    ----------
+    rows, columns : ndarray of int
+        Of all entries, both triangles; entries at the same place add up.
+    size, border : int
+        Of the matrix, and how many of its columns are the border.
+    triangle : bool, optional
+        Whether the band is kept below its diagonal only, which does for `definite`.
+
+    """
+
+    def __init__(self, rows: Index, columns: Index, size: int, border: int, *,
+                 triangle: bool = False) -> None:
+        self.inner = inner = size - border
+        self.size, self.border = size, border
+        banded = (rows < inner) & (columns < inner)
+        self.width = int(np.abs(rows - columns)[banded].max(initial=0))
+        self._above = 0 if triangle else 2 * self.width
+        self.height = self._above + self.width + 1
+        banded &= (rows >= columns) | (not triangle)
+        place = self._above + rows - columns + self.height * columns
+        edge = self.height * inner + rows + size * (columns - inner)
+        outside = self.height * inner + size * border
+        self._total = outside + 1
+        self.place = np.where(banded, place, np.where(columns >= inner, edge, outside))
+        self.rows, self.columns, self._outside = rows, columns, outside
+        self.diagonal = np.append(
+            self._above + self.height * np.arange(inner),
+            self.height * inner + inner + np.arange(border) * (size + 1))
+
+    def without(self, fixed: NDArray[np.bool_]) -> Index:
+        """Return where entries go when the fixed unknowns are taken out."""
+        return np.where(fixed[self.rows] | fixed[self.columns], self._outside, self.place)
+
+    def _summed(self, place: Index, entries: Array, diagonal: Array) -> Array:
+        flat: Array = np.asarray(np.bincount(place, entries, self._total), dtype=float)
+        flat[self.diagonal] += diagonal
+        return flat
+
+    def factor(self, entries: Array, place: Index, diagonal: Array) -> 'Factor | None':
+        """Return the factors of the matrix with a diagonal added; None if it is singular."""
+        flat = self._summed(place, entries, diagonal)
+        band = flat[:self.height * self.inner].reshape(self.inner, self.height).T
+        edge: Array = flat[self.height * self.inner:-1].reshape(self.border, self.size).T
+        lu, pivots, info = dgbtrf(band, self.width, self.width, overwrite_ab=1)
+        factor = None if info else Factor(self, lu, pivots, edge)
+        return None if factor is None or factor.singular else factor
+
+    def definite(self, entries: Array, place: Index, diagonal: Array) -> bool:
+        """Return whether the matrix with a diagonal added is positive definite."""
+        flat = self._summed(place, entries, diagonal)
+        band = flat[:self.height * self.inner].reshape(self.inner, self.height).T
+        lower, info = dpbtrf(band[self._above:], lower=1, overwrite_ab=1)
+        if info or not self.border:
+            return not info
+        edge = flat[self.height * self.inner:-1].reshape(self.border, self.size).T
+        upper = edge[:self.inner]
+        corner = edge[self.inner:] - upper.T @ dpbtrs(lower, upper, lower=1)[0]
+        return bool(np.all(np.linalg.eigvalsh(corner) > 0))
+
+
+class Factor:
+    """The factors of a matrix of a Pattern."""
+
+    def __init__(self, pattern: Pattern, lu: Array, pivots: Any, edge: Array) -> None:
+        self._pattern, self._lu, self._pivots = pattern, lu, pivots
+        self._upper = edge[:pattern.inner]
+        self.singular = False
+        if pattern.border:
+            self._response = self._banded(self._upper)
+            *self._corner, info = dgetrf(edge[pattern.inner:] - self._upper.T @ self._response)
+            self.singular = info != 0
+
+    def odd(self) -> bool:
+        """Return whether the number of negative eigenvalues is odd, by the determinant's sign."""
+        negative = _odd(self._lu[2 * self._pattern.width], self._pivots)
+        if self._pattern.border:
+            lu, pivots = self._corner
+            negative += _odd(np.diagonal(lu), pivots)
+        return negative % 2 == 1
+
+    def _banded(self, right: Array) -> Array:
+        width = self._pattern.width
+        return np.asarray(dgbtrs(self._lu, width, width, right, self._pivots)[0])
+
+    def solve(self, right: Array) -> Array:
+        """Return the solution for a right-hand side."""
+        inner = self._pattern.inner
+        if not self._pattern.border:
+            return self._banded(right)
+        first = self._banded(right[:inner])
+        last = dgetrs(*self._corner, right[inner:] - self._upper.T @ first)[0]
+        return np.concatenate([first - self._response @ last, last])
+
+
+def _odd(diagonal: Array, pivots: Any) -> int:
+    """Return how many signs the rows' exchanges and the pivots of an LU bring into det."""
+    return int(np.count_nonzero(pivots != np.arange(len(pivots)))
+               + np.count_nonzero(diagonal < 0))
+
+
+@dataclass(frozen=True)
+class Goal:
+    """
+    When to stop: at `feasible` rows and `optimal` other conditions, or after `most` steps.
+
+    `rough`: relative error of the cost that is good enough, 0 for none; with it a start that
+    stays far from feasible is given up early, and earlier if it is `spare`.
+    """
+
+    feasible: float = 1e-9
+    optimal: float = 1e-9
+    most: int = 100
+    rough: float = 0.0
+    spare: bool = False
+
+
+@dataclass(eq=False)
+class Iterate:
+    """
+    Where the method stands: y, distances from the bounds and their multipliers, and mu.
+
+    `error`: largest scaled residual of the slope; `size`: what the products of `gap` and `z` are
+    scaled by; `worst`, `total` of the infeasibility.
+    """
+
+    y: Array
+    gap: Array
+    z: Array
+    mu: float
+    values: Values
+    converged: bool = False
+    status: str = ''
+    iterations: int = 0
+    error: float = 0.0
+    size: float = 1.0
+    worst: float = 0.0
+    total: float = 0.0
+
+    def misses(self, mu: float) -> float:
+        """Return the largest scaled residual of slope and bounds for a mu."""
+        return max(self.error, float(np.abs(self.z * self.gap - mu).max(initial=0.0)) / self.size)
+
+
+class Interior:
+    """
+    One run of the method.
+
+    Parameters
+    ----------
+    program : Program
+    lower, upper : ndarray
+        Of y; those of multipliers are infinite, those of fixed unknowns equal.
+
+    """
+
+    def __init__(self, program: Program, lower: Array, upper: Array) -> None:
+        self.program = program
+        self.fixed = (lower == upper) & ~program.is_row
+        self.place = program.pattern.without(self.fixed)
+        self.low = np.flatnonzero(np.isfinite(lower) & ~self.fixed)
+        self.high = np.flatnonzero(np.isfinite(upper) & ~self.fixed)
+        self.lower, self.upper = lower, upper
+        self.count = len(self.low) + len(self.high)
+        self.spans = np.minimum((upper - lower)[np.concatenate([self.low, self.high])], 1.0)
+        self.row = program.is_row.astype(float)
+        self.free = (~program.is_row & ~self.fixed).astype(float)
+        self.base = self.fixed - PROXIMAL * self.row
+        self.odd = int(program.is_row.sum()) % 2 == 1
+        self.shift = 0.0
+        self.sure = False   # whether the Hessian was found positive without a shift a step ago
+
+    def gaps(self, y: Array) -> Array:
+        """Return the distances from all bounds, the lower ones first."""
+        return np.concatenate([y[self.low] - self.lower[self.low],
+                               self.upper[self.high] - y[self.high]])
+
+    def moves(self, step: Array) -> Array:
+        """Return how a step changes the distances."""
+        return np.concatenate([step[self.low], -step[self.high]])
+
+    def spread(self, z: Array) -> Array:
+        """Return the multipliers of lower bounds less those of upper ones, of the size of y."""
+        found = np.zeros(len(self.row))
+        found[self.low] = z[:len(self.low)]
+        found[self.high] -= z[len(self.low):]
+        return found
+
+    def weights(self, values: Array) -> Array:
+        """Return the sum of what belongs to lower and upper bounds."""
+        found = np.zeros(len(self.row))
+        found[self.low] = values[:len(self.low)]
+        found[self.high] += values[len(self.low):]
+        return found
+
+    def begin(self, y: Array, mu: float, push: float) -> Iterate:
+        """
+        Return the first iterate.
+
+        `push`: least distance from bounds, of their sizes.
+        """
+        y = np.where(self.fixed, self.lower, y)
+        span = self.upper - self.lower
+        for places, bound, sign in ((self.low, self.lower, 1.0), (self.high, self.upper, -1.0)):
+            edge = bound[places]
+            least = np.minimum(push * np.maximum(1.0, np.abs(edge)), push * span[places])
+            y[places] = edge + sign * np.maximum(sign * (y[places] - edge), least)
+        gap = self.gaps(y)
+        return self.measured(Iterate(y, gap, mu / gap, mu, self.program.values(y)))
+
+    def resume(self, y: Array, mu: float) -> Iterate:
+        """
+        Return the first iterate from y near an answer, multipliers of the rows included.
+
+        What the slope says of the multipliers of bounds says how near each bound is for a mu.
+        """
+        y = np.clip(np.where(self.fixed, self.lower, y), self.lower, self.upper)
+        pull = np.maximum(self.moves(self.program.values(y).slope), 1e-300)
+        near = np.minimum(mu / pull, _NEAREST * self.spans)
+        count = len(self.low)
+        y[self.low] = np.maximum(y[self.low], self.lower[self.low] + near[:count])
+        y[self.high] = np.minimum(y[self.high], self.upper[self.high] - near[count:])
+        gap = self.gaps(y)
+        return self.measured(Iterate(y, gap, mu / gap, mu, self.program.values(y)))
+
+    def sides(self, now: Iterate) -> NDArray[np.int8]:
+        """Return -1 or 1 where an unknown is next to its lower or upper bound, else 0."""
+        found = np.zeros(len(self.row), dtype=np.int8)
+        past, count = now.gap < BESIDE * self.spans, len(self.low)
+        found[self.low[past[:count]]] = -1
+        found[self.high[past[count:]]] = 1
+        return found
+
+    def measured(self, now: Iterate) -> Iterate:
+        """Return an iterate with its errors."""
+        slope = now.values.slope * self.free - self.spread(now.z)
+        sum_z = float(now.z.sum())
+        sum_all = sum_z + float(np.abs(now.y) @ self.row)
+        now.error = float(np.abs(slope).max()) / max(
+            1.0, sum_all / (self.count + self.row.sum()) / 100.0)
+        now.size = max(1.0, sum_z / max(self.count, 1) / 100.0)
+        c = np.abs(now.values.c)
+        now.worst, now.total = float(c.max()), float(c.sum())
+        return now
+
+    def multipliers(self, now: Iterate) -> None:
+        """Set the multipliers of the rows to those that make the slope least."""
+        pattern = self.program.pattern
+        jacobian = self.row[pattern.rows] != self.row[pattern.columns]
+        factor = pattern.factor(now.values.entries * jacobian, self.place, self.base + self.free)
+        if factor is None:
+            return
+        found = self.row * factor.solve(self.spread(now.z) - now.values.slope * self.free)
+        if np.all(np.isfinite(found)) and np.abs(found).max() < _MULTIPLIERS:
+            now.y = now.y + found
+            now.values = self.program.values(now.y)
+            self.measured(now)
+
+    def right(self, now: Iterate, c: Array) -> Array:
+        """Return the right-hand side of Newton's equations."""
+        return np.asarray(self.spread(now.mu / now.gap) - now.values.slope * self.free - c)
+
+    def direction(self, now: Iterate) -> tuple[Array, Factor] | None:
+        """Return Newton's step and the factors it comes from; None if there is none."""
+        weight = self.weights(now.z / now.gap)
+        right, c = self.right(now, now.values.c), now.values.c
+        shift = 0.0
+        while shift <= _LARGEST_SHIFT:
+            added = weight + shift * self.free
+            factor = None
+            sure, self.sure = self.sure and not shift, False
+            if sure or self.program.convex(now.values, self.fixed, added + 1.0 - self.free):
+                factor = self.program.pattern.factor(
+                    now.values.entries, self.place, self.base + added)
+            if factor is not None and factor.odd() == self.odd:
+                step = factor.solve(right)
+                primal = step * self.free
+                # d'(W + Sigma)d from the equations themselves, W d = right - J'dlam.
+                bent = float(primal @ right) + float(c @ (step * self.row))
+                pull = max(-float(c @ ((now.y + step) * self.row)), 0.0)
+                if bent + pull >= _CURVATURE * float(primal @ primal):
+                    self.shift, self.sure = shift or self.shift, not (sure or shift)
+                    return step, factor
+            if sure:
+                continue
+            shift = (max(1e-8, self.shift / 3) if not shift
+                     else shift * (8.0 if self.shift else 100.0))
+        return None
+
+    def barrier(self, f: float, gap: Array, mu: float) -> float:
+        """Return the barrier function."""
+        return f - mu * float(np.log(gap).sum()) if gap.min(initial=1.0) > 0 else np.inf
+
+
+def _part(value: Array, change: Array, keep: float) -> float:
+    """Return the longest part of a change, 1 at most, that keeps values positive."""
+    least = float((change / value).min(initial=0.0))
+    return min(1.0, -keep / least) if least < 0 else 1.0
+
+
+class Filter:
+    """Pairs of infeasibility and barrier function that later iterates must improve upon."""
+
+    def __init__(self, infeasibility: float) -> None:
+        self.most = 1e4 * max(1.0, infeasibility)
+        self.least = 1e-4 * max(1.0, infeasibility)
+        self._pairs: list[tuple[float, float]] = []
+
+    def add(self, theta: float, phi: float) -> None:
+        """Take up a pair."""
+        self._pairs.append(((1 - 1e-5) * theta, phi - 1e-5 * theta))
+
+    def judge(self, before: tuple[float, float], after: tuple[float, float], slope: float,
+              part: float) -> tuple[bool, bool]:
+        """Return whether a trial is accepted, and whether for its descent alone."""
+        (theta, phi), (new_theta, new_phi) = before, after
+        slack = 1e-14 * abs(phi)
+        if not (new_theta <= self.most and np.isfinite(new_phi) and all(
+                new_theta <= t or new_phi - slack <= p for t, p in self._pairs)):
+            return False, False
+        falls = min(-slope, _HUGE)
+        if theta <= self.least and falls > 0 and part * falls**2.3 > min(theta, _HUGE)**1.1:
+            return new_phi <= phi + 1e-8 * part * slope + slack, True
+        return (new_theta <= (1 - 1e-5) * theta
+                or new_phi <= phi - 1e-5 * theta + slack), False
+
+
+def solve(work: Interior, now: Iterate, goal: Goal,
+          watch: Callable[[float, float], bool]) -> Iterate:
+    """
+    Return the last iterate, `converged` if the goal is reached.
+
+    `watch` is called with cost and infeasibility of every iterate; True stops.
+    """
+    pairs, start, least = Filter(now.total), now.total, goal.optimal / 10
+    first = now.worst
+    while True:
+        if now.worst <= goal.feasible and now.misses(0.0) <= goal.optimal:
+            now.converged, now.status = True, 'converged'
+            return now
+        if now.iterations >= goal.most or watch(now.values.f, now.worst):
+            now.status = 'stopped'
+            return now
+        reduced = False
+        while now.mu > least and max(now.misses(now.mu), now.worst) <= _ENOUGH * now.mu:
+            now.mu, reduced = max(least, min(0.2 * now.mu, now.mu**1.5)), True
+        if reduced:
+            pairs = Filter(start)
+        promise = _advance(work, now, pairs)
+        if promise is None:
+            now.status = 'no step'
+            return now
+        now.iterations += 1
+        if goal.rough and any(now.iterations == steps and now.worst > max(part * first, _FAR)
+                              for steps, part in _LATE[:1 + goal.spare]):
+            now.status = 'too slow'
+            return now
+        near = goal.rough * abs(now.values.f)
+        if near and now.worst <= _ROUGH and promise <= near and now.mu * work.count <= near:
+            now.converged, now.status = True, 'good enough'
+            return now
+
+
+def _advance(work: Interior, now: Iterate, pairs: Filter) -> float | None:
+    """Take one step; return the decrease that it promised, None if there is no step."""
+    found = work.direction(now)
+    if found is None:
+        return None
+    step, factor = found
+    moves = work.moves(step)
+    dz = (now.mu - now.z * moves) / now.gap - now.z
+    keep = max(0.99, 1.0 - now.mu)
+    longest, dual = _part(now.gap, moves, keep), _part(now.z, dz, keep)
+    before = now.total, work.barrier(now.values.f, now.gap, now.mu)
+    slope = (float(now.values.cost_slope @ (step * work.free))
+             - now.mu * float((moves / now.gap).sum()))
+    there = work.program.values(now.y + longest * step)
+    trial, f, c, part = now.y + longest * step, there.f, there.c, longest
+    while True:
+        after = float(np.abs(c).sum()), work.barrier(f, work.gaps(trial), now.mu)
+        good, descends = pairs.judge(before, after, slope, part)
+        if not good and part == longest and after[0] >= before[0]:
+            # A second-order correction.
+            second = factor.solve(work.right(now, part * now.values.c + c))
+            other = now.y + _part(now.gap, work.moves(second), keep) * second
+            f, c = work.program.merit(other)
+            after = float(np.abs(c).sum()), work.barrier(f, work.gaps(other), now.mu)
+            good, descends = pairs.judge(before, after, slope, part)
+            trial = other if good else trial
+        if good:
+            break
+        part *= 0.5
+        if part < _SHORTEST:
+            return None
+        trial = now.y + part * step
+        f, c = work.program.merit(trial)
+    if not descends:
+        pairs.add(*before)
+    now.values = there if f == there.f and part == longest else work.program.values(trial)
+    now.y, now.gap = trial, work.gaps(trial)
+    limit = now.mu / now.gap
+    now.z = np.clip(now.z + dual * dz, limit / _APART, limit * _APART)
+    work.measured(now)
+    return -slope

@@ -1,0 +1,404 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Minimise F(x) subject to G(x) = 0, g(x) <= 0 and x in a box, and prove it (section 2.1).
+
+IPOPT starts from several points; the lowest stationary point that it leads to is polished by
+Newton's method and judged by `kkt`, which knows nothing of IPOPT.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+import math
+import time
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.interval_arithmetic import enclosure
+from obc_ros.core.numerics.rational_polynomials import affine_parts, polynomials, Row, TooHardError
+from obc_ros.core.ocp.affine_constraints import eliminated
+from obc_ros.core.ocp.certificate import kkt
+from obc_ros.core.ocp.solution import Certificate, Report, Status
+from obc_ros.core.text.errors import shown, StatementError
+from obc_ros.core.text.expressions import check_name, near, number, parse
+from obc_ros.core.text.fields import (
+    bounds_of,
+    check_keys,
+    Given,
+    list_of,
+    mapping_of,
+    names_of,
+    section_of,
+)
+
+KEYS = ('variables', 'parameters', 'cost', 'equalities', 'inequalities', 'bounds', 'guess')
+MAX_COUNT = 500       # variables, constraints, parameters
+STARTS = 12           # without a guess, for a problem that is not convex
+_UNBOUNDED = -1e12    # a cost this low, relative to the start's, has no lower bound
+_LEVEL = 1e-7         # costs this close are the same
+_EXCLUDED = 1e-6      # of a constraint: beyond what a certificate leaves open
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """
+    The answer to a static problem.
+
+    Attributes
+    ----------
+    status : Status
+    message : str
+        The answer or the reason, in words.
+    x : ndarray, shape (n,)
+        The minimiser.
+    objective : float
+        F there.
+    lam, mu : ndarray, shape (k,), (l,)
+        Multipliers: grad F + lam' grad G + mu' grad g = 0 inside the bounds, mu >= 0.
+    certificate : Certificate or None
+        stationarity, feasibility, signs, complementarity, second_order, attained.
+
+    """
+
+    status: Status
+    message: str
+    x: Array = field(default_factory=lambda: np.zeros(0))
+    objective: float = math.nan
+    lam: Array = field(default_factory=lambda: np.zeros(0))
+    mu: Array = field(default_factory=lambda: np.zeros(0))
+    certificate: Certificate | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Question:
+    """A checked statement."""
+
+    program: kkt.Program
+    names: tuple[str, ...]
+    constraints: tuple[str, ...]
+    guess: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """Where one start led."""
+
+    start: Array
+    x: Array
+    F: float
+    said: str
+
+
+def minimize(statement: object, *, time_limit: float = 10.0,
+             report: Report | None = None) -> Minimum:
+    """
+    Return the minimum of a function of several variables.
+
+    Parameters
+    ----------
+    statement : mapping
+        ``variables``: names. ``parameters``: name -> number or expression of earlier ones.
+        ``cost``: expression F. ``equalities``, ``inequalities``: lists of expressions G = 0 and
+        g <= 0. ``bounds``: name -> [lower, upper], null for none. ``guess``: n numbers where to
+        start; several starts are tried if it is left out.
+    time_limit : float
+        [s]
+    report : callable, optional
+        Called between starts; True cancels.
+
+    Returns
+    -------
+    Minimum
+        ``solved`` only if the certificate holds. The minimum is global for a convex quadratic
+        problem, and else the lowest of those that the starts led to.
+
+    Raises
+    ------
+    StatementError
+        If the statement is malformed; the text begins with the key at fault.
+
+    """
+    question = _question(statement)
+    deadline = time.monotonic() + time_limit
+    runs: list[_Run] = []
+    solver = _solver(question.program)
+    convex = _is_convex(question.program)
+    for count, start in enumerate(_starts(question)):
+        left = deadline - time.monotonic()
+        if left <= 0:
+            break
+        best = min((run.F for run in runs), default=math.nan)
+        if report is not None and report('minimise', count, best, math.nan):
+            return Minimum(Status.CANCELLED, 'cancelled')
+        runs.append(_run(question.program, solver(left), start))
+        if (convex or question.guess is not None) and _converged(runs[-1]):
+            break
+    return _judged(question, runs, convex, deadline)
+
+
+def _judged(question: _Question, runs: list[_Run], convex: bool, deadline: float) -> Minimum:
+    """Return the lowest answer that is certified, or why there is none."""
+    bottomless = next((run for run in runs if run.said == 'unbounded'), None)
+    ends = sorted((run for run in runs if _converged(run)), key=lambda run: run.F)
+    failed: Minimum | None = None
+    for run in _distinct(ends):
+        point = kkt.polished(question.program, run.x)
+        certificate = kkt.certify(question.program, point)
+        F = question.program.values(point.x)[0]
+        found = Minimum(Status.SOLVED, _sentence(question, F, point, convex, len(runs)), point.x,
+                        F, point.lam, point.mu, certificate)
+        if certificate.holds and bottomless is None:
+            return found
+        failed = failed or replace(found, status=Status.NOT_CONVERGED,
+                                   message=_why_not(question.program, point, certificate, F))
+    if bottomless is not None:
+        return Minimum(Status.NOT_CONVERGED, _bottomless(question, bottomless, failed))
+    if failed is not None:
+        return failed
+    if time.monotonic() >= deadline:
+        return Minimum(Status.TIMED_OUT, f'no minimum was found in time, from {len(runs)} starts')
+    return _infeasible(question, runs)
+
+
+def _sentence(question: _Question, F: float, point: kkt.Point, convex: bool, starts: int) -> str:
+    if convex:
+        text = f'minimum {F:.10g}, global: the problem is convex'
+    elif starts == 1:
+        text = f'minimum {F:.10g}, the one near the guess'
+    else:
+        text = f'minimum {F:.10g}, the lowest found from {starts} starts'
+    if point.dependent:
+        text += ('; the gradients of the active constraints are linearly dependent (LICQ fails): '
+                 'the multipliers are not unique')
+    elif point.saddle and question.program.k + question.program.l:
+        text += "; a saddle of F + lam'G + mu'g, as constrained minima may be"
+    return text
+
+
+def _why_not(program: kkt.Program, point: kkt.Point, certificate: Certificate, F: float) -> str:
+    worst = certificate.worst
+    if worst in ('stationarity', 'attained') and kkt.strained(program, point):
+        return (f'stopped at F = {F:.10g}: towards it the gradients of the active constraints '
+                'become linearly dependent (LICQ fails) and the multipliers grow without end')
+    if worst == 'stationarity' and point.dependent:
+        return (f'stopped at F = {F:.10g}: the gradients of the active constraints are linearly '
+                'dependent there (LICQ fails) and no multipliers exist')
+    if worst == 'attained':
+        return (f'F falls towards {F:.6g} and the minimum is not attained: it keeps falling as x '
+                'grows, or along a flat valley')
+    reason = {'stationarity': 'the gradient is not balanced by those of the constraints; is F '
+                              'smooth there?',
+              'second_order': 'it is a saddle along the constraints, not a minimum'}
+    return (f'stopped at F = {F:.10g}, which is not certified: {worst} '
+            f'{certificate.residuals[worst]:.2g} (tolerance {certificate.tolerances[worst]:.0e})'
+            + (f': {reason[worst]}' if worst in reason else ''))
+
+
+def _bottomless(question: _Question, run: _Run, local: Minimum | None) -> str:
+    place = ', '.join(f'{name} = {value:.3g}' for name, value in
+                      zip(question.names[:6], run.x, strict=False))
+    text = f'F is unbounded below: it falls to {run.F:.3g} at {place}, and on'
+    if local is None or local.certificate is None or not local.certificate.holds:
+        return text
+    return f'{text}; a local minimum is {local.objective:.6g}'
+
+
+def _infeasible(question: _Question, runs: list[_Run]) -> Minimum:
+    """Return that no point keeps to the constraints, with the one that is violated most."""
+    program = question.program
+    least, worst = math.inf, ''
+    for run in runs:
+        x = _least_violation(program, run.start)
+        c = program.values(x)[1]
+        violation = np.concatenate((np.abs(c[:program.k]), np.maximum(c[program.k:], 0)))
+        if np.isfinite(violation).all() and violation.max(initial=0) < least:
+            least = float(violation.max())
+            worst = question.constraints[int(np.argmax(violation))]
+    if not 1e-7 <= least < math.inf:
+        return Minimum(Status.NOT_CONVERGED, f'no minimum was found from {len(runs)} starts: '
+                                             f'{runs[-1].said.replace("_", " ").lower()}')
+    where = (f'where they are closest to it, from {len(runs)} starts, {worst} is violated by '
+             f'{least:.4g}')
+    if _is_excluded(program):
+        return Minimum(Status.INFEASIBLE, f'no point satisfies all constraints: {where}')
+    return Minimum(Status.NOT_CONVERGED, (
+        f'no point was found that satisfies all constraints: {where}; infeasibility is not '
+        'proved'))
+
+
+def _is_excluded(program: kkt.Program) -> bool:
+    """Return whether it is proved, by intervals or exactly, that no point satisfies all."""
+    box = [(program.lower, program.upper)]
+    G, g = (ca.Function('rows', [program.x], [ca.densify(each)])
+            for each in (program.G, program.g))
+    slack = _EXCLUDED
+    if any(each.low > slack or each.high < -slack for each in enclosure(G, box)) or any(
+            each.low > slack for each in enclosure(g, box)):
+        return True
+    n = program.x.numel()
+    try:
+        found = polynomials(G, [[None] * n])[1]
+    except TooHardError:
+        return False
+    rows: dict[int, Row] = {}
+    for index, each in enumerate(found):
+        if part := affine_parts(each, n):
+            rows[index] = {k: value for k, value in enumerate([*part[0], part[1]]) if value}
+    return eliminated(rows, n)[1] is not None
+
+
+def _least_violation(program: kkt.Program, start: Array) -> Array:
+    """Return a point of least squared violation near a start."""
+    slack = ca.SX.sym('slack', program.l)
+    cost = ca.sumsqr(program.G) + ca.sumsqr(slack)
+    solver = ca.nlpsol('elastic', 'ipopt', {
+        'x': ca.vertcat(program.x, slack), 'f': cost, 'g': program.g - slack},
+        _options(5.0))
+    x = np.clip(np.nan_to_num(start), program.lower, program.upper)
+    slack0 = np.nan_to_num(np.maximum(program.values(x)[1][program.k:], 0))
+    found = solver(x0=np.concatenate((x, slack0)), ubg=0,
+                   lbx=np.concatenate((program.lower, np.zeros(program.l))),
+                   ubx=np.concatenate((program.upper, np.full(program.l, np.inf))))
+    end = np.asarray(found['x'].full().ravel()[:len(start)], dtype=float)
+    return np.asarray(np.clip(end, program.lower, program.upper))
+
+
+def _distinct(ends: list[_Run]) -> Iterator[_Run]:
+    """Yield the runs of different costs, the lowest first."""
+    last = math.nan
+    for run in ends:
+        if not abs(run.F - last) <= _LEVEL * (1 + abs(run.F)):
+            yield run
+        last = run.F
+
+
+def _converged(run: _Run) -> bool:
+    return run.said in ('Solve_Succeeded', 'Solved_To_Acceptable_Level',
+                        'Search_Direction_Becomes_Too_Small', 'Feasible_Point_Found')
+
+
+def _options(time_limit: float) -> dict[str, Any]:
+    return {'print_time': False, 'show_eval_warnings': False, 'error_on_fail': False, 'ipopt': {
+        'print_level': 0, 'sb': 'yes', 'tol': 1e-9, 'max_iter': 500, 'bound_relax_factor': 0.0,
+        'honor_original_bounds': 'yes', 'max_wall_time': max(time_limit, 1e-3)}}
+
+
+def _solver(program: kkt.Program) -> Any:
+    """Return a function of the time left that returns a solver."""
+    made = {'x': program.x, 'f': program.F, 'g': ca.vertcat(program.G, program.g)}
+    return lambda left: ca.nlpsol('minimize', 'ipopt', made, _options(left))
+
+
+def _run(program: kkt.Program, solver: ca.Function, start: Array) -> _Run:
+    """Return where IPOPT leads from a start."""
+    lower = np.concatenate((np.zeros(program.k), np.full(program.l, -np.inf)))
+    found = solver(x0=start, lbx=program.lower, ubx=program.upper, lbg=lower,
+                   ubg=np.zeros(len(lower)))
+    x = np.clip(found['x'].full().ravel(), program.lower, program.upper)
+    F, c, _, J = program.values(x)
+    said = str(solver.stats()['return_status'])
+    if not (np.isfinite(x).all() and np.isfinite(F)):
+        return _Run(start, start, math.inf, 'a value that is not finite')
+    first = program.values(start)[0]
+    drop = _UNBOUNDED * (1 + (abs(first) if np.isfinite(first) else 0.0))
+    feasible = kkt.violation(program, x, c, J) <= 1e-6
+    if feasible and F - drop < 0:
+        return _Run(start, x, F, 'unbounded')
+    stuck = said == 'Infeasible_Problem_Detected' or (
+        said == 'Restoration_Failed' and not feasible)
+    return _Run(start, x, F, 'infeasible' if stuck else said)
+
+
+def _is_convex(program: kkt.Program) -> bool:
+    """Return whether F is a convex quadratic and the constraints are affine."""
+    c = ca.vertcat(program.G, program.g)
+    H = ca.hessian(program.F, program.x)[0]
+    if ca.depends_on(ca.vertcat(ca.vec(H), ca.vec(ca.jacobian(c, program.x))), program.x):
+        return False
+    values = np.linalg.eigvalsh(ca.DM(ca.evalf(H)).full())
+    return bool(values[0] >= -1e-12 * max(np.abs(values).max(), 1e-300))
+
+
+def _starts(question: _Question) -> Iterator[Array]:
+    """Yield the guess, or the middle of the box and points spread over it."""
+    program = question.program
+    if question.guess is not None:
+        yield np.clip(question.guess, program.lower, program.upper)
+        return
+    lower, upper = program.lower, program.upper
+    left, right = np.isfinite(lower), np.isfinite(upper)
+    middle = np.where(left & right, np.where(left, lower, 0) / 2 + np.where(right, upper, 0) / 2,
+                      np.where(left, lower + 1, np.where(right, upper - 1, 0.0)))
+    half = np.where(left & right, (np.where(right, upper, 0) - np.where(left, lower, 0)) / 2, 1.0)
+    yield middle
+    rng = np.random.default_rng(0)
+    for _ in range(1, STARTS):
+        spread = half * np.where(left & right, 1.0, 10.0**rng.integers(-1, 2))
+        yield np.clip(middle + spread * rng.uniform(-1, 1, len(middle)), lower, upper)
+
+
+def _question(statement: object) -> _Question:
+    """Return the checked statement."""
+    given = mapping_of(statement, 'minimize')
+    check_keys(given, KEYS)
+    names = names_of(given, 'variables', MAX_COUNT)
+    values = _parameters(given, names)
+    x = ca.vertcat(*(ca.SX.sym(name) for name in names))
+    symbols = {name: x[i] for i, name in enumerate(names)}
+    symbols |= {name: ca.SX(value) for name, value in values.items()}
+    if given.get('cost') is None:
+        raise StatementError('cost: missing; wanted an expression of the variables')
+    F = parse(given['cost'], symbols, 'cost')
+    G, equal = _column(given, 'equalities', '= 0', symbols)
+    g, less = _column(given, 'inequalities', '<= 0', symbols)
+    lower, upper = _bounds(given, names, values)
+    return _Question(kkt.Program(x, F, G, g, lower, upper), names, (*equal, *less),
+                     _guess(given, names, values))
+
+
+def _column(given: Given, key: str, sign: str, symbols: Mapping[str, ca.SX]
+            ) -> tuple[ca.SX, list[str]]:
+    """Return a list of expressions as a column, and what each is called."""
+    texts = _list(given, key)
+    column = ca.vertcat(ca.SX(0, 1), *(
+        parse(text, symbols, f'{key}[{i}]') for i, text in enumerate(texts)))
+    return column, [f'{key}[{i}] ({shown(str(text))} {sign})' for i, text in enumerate(texts)]
+
+
+def _list(given: Given, key: str) -> list[Any]:
+    """Return a list that may be left out."""
+    value = given.get(key)
+    return [] if value is None else list_of(value, key, most=MAX_COUNT)
+
+
+def _parameters(given: Given, names: tuple[str, ...]) -> dict[str, float]:
+    values: dict[str, float] = {}
+    for name, text in section_of(given, 'parameters', MAX_COUNT).items():
+        check_name(name, 'parameters')
+        if name in names:
+            raise StatementError(f"parameters: '{name}' is a variable too")
+        values[name] = number(text, values, f'parameters.{name}')
+    return values
+
+
+def _bounds(given: Given, names: tuple[str, ...], values: dict[str, float]
+            ) -> tuple[Array, Array]:
+    lower, upper = np.full(len(names), -np.inf), np.full(len(names), np.inf)
+    for name, pair in section_of(given, 'bounds', MAX_COUNT).items():
+        if name not in names:
+            raise StatementError(f"bounds: '{shown(str(name))}' is not a variable"
+                                 f'{near(str(name), names)}')
+        i = names.index(name)
+        lower[i], upper[i] = bounds_of(pair, values, f'bounds.{name}')
+    return lower, upper
+
+
+def _guess(given: Given, names: tuple[str, ...], values: dict[str, float]) -> Array | None:
+    guess = _list(given, 'guess')
+    if not guess:
+        return None
+    if len(guess) != len(names):
+        raise StatementError(f'guess: {len(guess)} numbers for {len(names)} variables')
+    return np.array([number(value, values, f'guess[{i}]') for i, value in enumerate(guess)])

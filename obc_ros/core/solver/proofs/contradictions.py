@@ -1,0 +1,288 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Parts of a problem that exclude each other, found without solving it.
+
+Each finding is a proof: the initial state against its bounds and path constraints; terminal
+constraints against each other, against state bounds and against path constraints; what the
+inputs cannot influence (states that no input enters, modes of a linear system out of reach)
+against what is demanded of it; and the least time of a linear system with bounded inputs against
+the time that there is.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from fractions import Fraction
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.interval_arithmetic import enclosure, Interval, plus, times
+from obc_ros.core.numerics.rational_polynomials import null_space, rational
+from obc_ros.core.ocp.affine_constraints import affine_end, End
+from obc_ros.core.ocp.least_time_form import affine
+from obc_ros.core.ocp.problem import FinalTime, Problem
+from obc_ros.core.ocp.solution import Status
+from obc_ros.core.ocp.wording import affine_rows, number, state_bound, terminal
+from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
+from obc_ros.core.solver.proofs.interval_bounds import nowhere
+from obc_ros.core.solver.proofs.invariants import changed
+from obc_ros.core.solver.proofs.uncontrolled_states import combinations_missed, states_missed
+
+# Relative size of what counts as a contradiction: far below intention. Rounding is bounded.
+_SLACK = 1e-9
+_MISSED = 1e-6     # likewise, where a certificate leaves something open
+_VALUES = 1001     # of a state between its ends
+
+
+def contradiction(problem: Problem) -> str:
+    """Return a sentence that says which parts of a problem exclude each other, or ''."""
+    for check in CHECKS:
+        for sentence in check(problem):
+            return sentence
+    return ''
+
+
+def _at_start(problem: Problem) -> Iterator[str]:
+    for index, name in enumerate(problem.states):
+        value = problem.x0[index]
+        slack = _SLACK * (1 + abs(value))
+        for upper, excess in ((True, value - problem.x_upper[index]),
+                              (False, problem.x_lower[index] - value)):
+            if excess > slack:
+                yield (f'initial state {name} = {number(value)} and state bound '
+                       f'{state_bound(problem, index, upper)} exclude each other')
+    yield from _path_at(problem, (problem.x0, problem.x0), 'at the initial state',
+                        np.ones(problem.n, bool))
+
+
+def _path_at(problem: Problem, box: tuple[Array, Array], where: str, known: Mask
+             ) -> Iterator[str]:
+    """Yield what path constraints no input meets at a state of which so much is known."""
+    rate = ca.jacobian(problem.path, problem.u)
+    symbols = [problem.x, problem.u, problem.p]
+    p, u = (problem.p_value, problem.p_value), (problem.u_lower, problem.u_upper)
+    middle = np.clip(np.zeros(problem.m), *u)
+    for row in range(problem.path.numel()):
+        uses = ca.jacobian_sparsity(problem.path[row], problem.x).get_triplet()[1]
+        if ca.depends_on(rate[row, :], problem.u) or not known[uses].all():
+            continue
+        # Affine in u: the value at one input and the slopes say all.
+        [value] = enclosure(ca.Function('value', symbols, [problem.path[row]]),
+                            [box, (middle, middle), p])
+        slopes = enclosure(ca.Function('slopes', symbols, [ca.densify(rate[row, :]).T]),
+                           [box, (middle, middle), p])
+        total, fixed = value, True
+        for k, slope in enumerate(slopes):
+            if slope.low or slope.high:
+                fixed = False
+                total = plus(total, times(slope, plus(
+                    Interval(float(u[0][k]), float(u[1][k])),
+                    Interval(-float(middle[k]), -float(middle[k])))))
+        slack = _SLACK * (1 + max(abs(value.low), abs(value.high)))
+        for excess, sign, bound, seen in (
+                (total.low - problem.path_upper[row], '<=', problem.path_upper[row], total.low),
+                (problem.path_lower[row] - total.high, '>=', problem.path_lower[row],
+                 total.high)):
+            if excess > slack:
+                extent = 'is' if fixed else 'is at least' if sign == '<=' else 'is at most'
+                yield (f'path_constraints[{row}] {extent} {number(seen)} {where} and has to be '
+                       f'{sign} {number(bound)}')
+
+
+def _range(a: Array, b: float, lower: Array, upper: Array) -> tuple[float, float]:
+    """Return the least and the largest value of a'z + b over a box."""
+    part = a != 0
+    ends = np.array([a[part]*lower[part], a[part]*upper[part]])
+    return float(b + ends.min(axis=0).sum()), float(b + ends.max(axis=0).sum())
+
+
+def _at_end(problem: Problem) -> Iterator[str]:
+    end = affine_end(problem)
+    if end is None:
+        return
+    for row, parts in end.rows.items():
+        a = np.array([float(parts.get(k, 0)) for k in range(problem.n)])
+        b = float(parts.get(problem.n, 0))
+        low, high = _range(a, b, problem.x_lower, problem.x_upper)
+        used = a != 0
+        ends = a[used] * np.array([problem.x_lower, problem.x_upper])[:, used]
+        slack = _SLACK * (1 + abs(b) + np.abs(ends[np.isfinite(ends)]).sum())
+        if low > slack or high < -slack:
+            yield _against_bounds(problem, row, a, low > slack)
+    if end.clash is not None:
+        names = [terminal(problem, k) for k in sorted(end.clash.weights)]
+        yield (f'{names[0]} holds at no state' if len(names) == 1 else
+               f'terminal constraints {", ".join(names[:-1])} and {names[-1]} exclude each other')
+    yield from _where_pinned(problem, end)
+    yield from _together_against_bounds(problem, end)
+
+
+def _against_bounds(problem: Problem, row: int, a: Array, over: bool) -> str:
+    blamed = [state_bound(problem, index, bool((a[index] < 0) == over))
+              for index in map(int, np.flatnonzero(a))]
+    plural = 's' * (len(blamed) > 1)
+    return (f'state bound{plural} {", ".join(blamed)} and terminal constraint '
+            f'{terminal(problem, row)} exclude each other')
+
+
+def _box(end: End) -> tuple[Array, Array]:
+    """Return a box around a state at which the terminal constraints hold, but for a little."""
+    x = np.array([float(value) for value in end.x])
+    return x - _SLACK * (1 + np.abs(x)), x + _SLACK * (1 + np.abs(x))
+
+
+def _where_pinned(problem: Problem, end: End) -> Iterator[str]:
+    """Yield curved terminal constraints that do not hold where the affine ones hold."""
+    if not end.is_clear or len(end.rows) == problem.q:
+        return
+    pinned, box = end.pinned(), _box(end)
+    x = 0.5 * (box[0] + box[1])
+    for row in set(range(problem.q)) - set(end.rows):
+        used = np.zeros(problem.n, dtype=bool)
+        used[ca.jacobian_sparsity(problem.psi[row], problem.x).get_triplet()[1]] = True
+        if not pinned[used].all():
+            continue
+        psi = ca.Function('psi', [problem.x, problem.p], [problem.psi[row]])
+        [value] = enclosure(psi, [box, (problem.p_value, problem.p_value)])
+        size = _MISSED * (1 + float(np.abs(x).max()))**2
+        if value.low > size or value.high < -size:
+            where = ', '.join(f'{name} = {number(float(x[index]))}' for index, name in enumerate(
+                problem.states) if used[index])
+            yield (f'terminal_constraints[{row}] is {number(0.5 * (value.low + value.high))} and '
+                   f'not 0 where the other terminal constraints hold ({where})')
+
+
+def _together_against_bounds(problem: Problem, end: End) -> Iterator[str]:
+    """
+    Yield affine terminal constraints that hold together at no state within its bounds.
+
+    What is missed least proposes a sum of them; it is a proof if that sum is above 0 by interval
+    arithmetic, without the states that have no bound on the side in question (J. Farkas, 1902).
+    """
+    finite = np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)
+    if len(end.rows) < 2 or not finite.any() or np.any(problem.x_lower >= problem.x_upper):
+        return
+    # Imported where used: no node that only asks for a problem waits for it.
+    from scipy.optimize import lsq_linear
+    n, rows = problem.n, list(end.rows)
+    A = np.array([[float(end.rows[row].get(k, 0)) for k in range(n)] for row in rows])
+    b = np.array([float(end.rows[row].get(n, 0)) for row in rows])
+    unit = 1 / np.maximum(np.abs(A).max(axis=1), 1e-300)
+    nearest = lsq_linear(A * unit[:, None], -b * unit, (problem.x_lower, problem.x_upper),
+                         tol=1e-12)
+    y = unit * (A * unit[:, None] @ nearest.x + b * unit)
+    kept = nearest.active_mask != 0
+    free = [k for k in range(n) if not kept[k] and not np.isfinite(
+        [problem.x_lower[k], problem.x_upper[k]]).all()]
+    basis = null_space([{j: end.rows[row][k] for j, row in enumerate(rows) if k in end.rows[row]}
+                        for k in free], len(rows))
+    if not basis or not np.isfinite(y).all() or not y.any():
+        return
+    spanned = np.array([[float(each.get(j, 0)) for j in range(len(rows))] for each in basis])
+    parts = np.linalg.lstsq(spanned.T, y, rcond=None)[0]
+    weights = [sum((rational(part) * each.get(j, Fraction(0)) for part, each in zip(
+        parts.tolist(), basis, strict=True)), Fraction(0)) for j in range(len(rows))]
+    total = [sum((weight * end.rows[row].get(k, Fraction(0)) for weight, row in zip(
+        weights, rows, strict=True)), Fraction(0)) for k in range(n + 1)]
+    terms = [float(each) * (low if each > 0 else high) for each, low, high in zip(
+        total, problem.x_lower, problem.x_upper, strict=False) if each]
+    reach = np.abs(np.where(np.isfinite([problem.x_lower, problem.x_upper]),
+                            [problem.x_lower, problem.x_upper], 0.0)).max(axis=0)
+    size = np.abs([float(weight) for weight in weights]) @ (np.abs(A) @ reach + np.abs(b))
+    if sum(terms) + float(total[n]) > _MISSED * size:
+        names = ', '.join(terminal(problem, row) for row, weight in zip(
+            rows, weights, strict=True) if weight)
+        bounds = ', '.join(
+            state_bound(problem, i, bool(nearest.active_mask[i] > 0))
+            for i in map(int, np.flatnonzero(nearest.active_mask)))
+        yield f'state bounds {bounds} and terminal constraints {names} exclude each other'
+
+
+def _path_at_end(problem: Problem) -> Iterator[str]:
+    end = affine_end(problem) if problem.path.numel() else None
+    if end is None or not end.is_clear:
+        return
+    pinned = end.pinned()
+    yield from _path_at(
+        problem, _box(end), 'at the state that the terminal constraints demand', pinned)
+    yield from _in_between(problem, np.array([float(value) for value in end.x]), pinned)
+
+
+def _in_between(problem: Problem, end: Array, pinned: Mask) -> Iterator[str]:
+    """Yield constraints on one state that do not hold at a value which it has to pass."""
+    path = ca.Function('path', [problem.x, problem.u, problem.p], [problem.path])
+    uses = np.zeros((problem.path.numel(), problem.n + problem.m), dtype=bool)
+    uses[ca.jacobian_sparsity(
+        problem.path, ca.vertcat(problem.x, problem.u)).get_triplet()] = True
+    for row in np.flatnonzero(uses.sum(axis=1) == 1):
+        index = int(np.argmax(uses[row]))
+        if index >= problem.n or not pinned[index]:
+            continue
+        x = np.tile(problem.x0, (_VALUES, 1))
+        x[:, index] = np.linspace(problem.x0[index], end[index], _VALUES)
+        c = path.map(_VALUES)(x.T, np.zeros((problem.m, _VALUES)), ca.repmat(
+            problem.p_value, 1, _VALUES)).full()[row]
+        excess = np.maximum(c - problem.path_upper[row], problem.path_lower[row] - c)
+        worst = int(np.argmax(np.where(np.isfinite(excess), excess, -np.inf)))
+        if excess[worst] > _MISSED * (1 + np.abs(c[np.isfinite(c)]).max(initial=0.0)):
+            sign, bound = (('<=', problem.path_upper[row]) if c[worst] > problem.path_upper[row]
+                           else ('>=', problem.path_lower[row]))
+            name = problem.states[index]
+            yield (f'path_constraints[{row}] is {number(float(c[worst]))} at {name} = '
+                   f'{number(float(x[worst, index]))} and has to be {sign} {number(bound)}, but '
+                   f'{name} has to pass there from {number(problem.x0[index])} to '
+                   f'{number(float(end[index]))}')
+
+
+def _words(problem: Problem) -> list[str]:
+    """Return the bounds of each state, the lower one first, and the terminal constraints."""
+    return [state_bound(problem, index, upper) for index in range(problem.n)
+            for upper in (False, True)] + [terminal(problem, row) for row in range(problem.q)]
+
+
+def _beyond_control(problem: Problem) -> Iterator[str]:
+    """Yield what is demanded of states that no input enters, directly or through others."""
+    yield from states_missed(problem, _words(problem))
+
+
+def _beyond_reach(problem: Problem) -> Iterator[str]:
+    """Yield what is demanded of modes of a linear system that no input reaches."""
+    end = affine_end(problem) if affine(problem) is not None else None
+    if end is not None and end.clash is None:
+        yield from combinations_missed(problem, end, _words(problem))
+
+
+def _too_soon(problem: Problem) -> Iterator[str]:
+    """Yield the least time of a linear system with bounded inputs if there is less time."""
+    rows = affine_rows(problem)
+    boxed = np.isfinite(problem.u_lower).all() and np.isfinite(problem.u_upper).all()
+    if rows is None or not rows.affine.any() or not boxed or affine(problem) is None:
+        return
+    final, unlimited, none = problem.final_time, np.full(problem.n, np.inf), np.zeros(0)
+    within = FinalTime(free=True, lower=0.0, upper=final.upper if final.free else final.value)
+    found = solve_time_optimal(replace(
+        problem, L=ca.SX(1), V=ca.SX(0), psi=problem.psi[np.flatnonzero(rows.affine).tolist()],
+        path=ca.SX(0, 1), path_lower=none, path_upper=none, x_lower=-unlimited,
+        x_upper=unlimited, final_time=within, structure=''))
+    if found is not None and found.status is Status.INFEASIBLE:
+        more = (np.isfinite([problem.x_lower, problem.x_upper]).any() or problem.path.numel()
+                or not rows.affine.all())
+        yield f'{found.message}{", without regard to the other constraints" if more else ""}'
+
+
+def _too_far(problem: Problem) -> Iterator[str]:
+    """Yield what holds nowhere within the bounds, or nowhere within reach."""
+    yield from nowhere(problem)
+
+
+def _not_conserved(problem: Problem) -> Iterator[str]:
+    """Yield what no input changes and is not the same at the end."""
+    if problem.q:
+        yield from changed(problem)
+
+
+# In the order in which a sentence is looked for.
+CHECKS: tuple[Callable[[Problem], Iterator[str]], ...] = (
+    _at_start, _at_end, _path_at_end, _beyond_control, _beyond_reach, _too_soon, _too_far,
+    _not_conserved)

@@ -1,0 +1,183 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whether the least cost is out of reach because an input has no bounds.
+
+concave      f is affine in an input u_j without bounds and L falls with its square: an input that
+             alternates between -R and R leaves the path as it is while the cost falls with R^2;
+linear       all is affine in x and u, T is fixed, and dH/du = 0 holds for no nu: the cost changes
+             in proportion along some direction that the constraints leave open.
+
+Both are proofs: the curvature in exact arithmetic, the other because a linear system for nu that
+has no solution at some instants has none at all, by a margin of 1e-6. Where H is curved upwards
+in all inputs without bounds there is nothing to fear.
+"""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.rational_polynomials import (
+    affine_parts,
+    Polynomial,
+    polynomials,
+    TooHardError,
+)
+from obc_ros.core.ocp.least_time_form import affine
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.solver.exact.reachable_set import exponential
+
+_INSTANTS = 20   # times at which dH/du is looked at: if it does not vanish there it never does
+_NONE, _CLEAR = 1e-12, 1e-6   # relative: a singular value that is none, and one that is
+
+
+@dataclass(frozen=True)
+class _Curvature:
+    """Second derivatives of L by the inputs (m,), and which inputs f and L are affine in."""
+
+    L: Array
+    linear: Mask
+
+
+def without_minimum(problem: Problem) -> str:
+    """Return a sentence if the cost has no minimum for want of bounds on an input, else ''."""
+    free = _unlimited(problem)
+    if not free.any():
+        return ''
+    curvature = _curvature(problem)
+    both = free & ~np.isfinite(problem.u_lower) & ~np.isfinite(problem.u_upper)
+    concave = both & (curvature.L < 0)
+    if concave.any():
+        name = problem.inputs[int(np.argmax(concave))]
+        return (f'the cost has no lower bound: running_cost falls with the square of {name}, '
+                'which has no bounds')
+    both &= curvature.linear
+    return _linear(problem, both) if both.any() else ''
+
+
+def growing(problem: Problem) -> list[str]:
+    """Return the inputs without bounds in which H is linear."""
+    free = _unlimited(problem)
+    free &= _curvature(problem).linear if free.any() else free
+    return [name for name, yes in zip(problem.inputs, free, strict=True) if yes]
+
+
+def wish(problem: Problem) -> str:
+    """Return the advice to bound the inputs that nothing keeps from growing; '' if none."""
+    names = growing(problem)
+    return (f'nothing keeps {", ".join(names)} from growing without end (the cost is linear in '
+            f'{"them" if len(names) > 1 else "it"}): input_bounds may be missing'
+            if names else '')
+
+
+def indifferent(problem: Problem) -> float | None:
+    """Return L if no path costs more than another, so that all multipliers are 0; else None."""
+    if problem.L.is_constant() and problem.V.is_constant():
+        L = float(problem.L)
+        return L if not L or not problem.final_time.free else None
+    return None
+
+
+def of_least_effort(problem: Problem) -> Problem:
+    """
+    Return a problem whose answer is one of a problem of which every path is an answer.
+
+    Effort counts from the middle of the inputs' bounds, or from 0, and time counts, too.
+    """
+    bounded = np.isfinite(problem.u_lower) & np.isfinite(problem.u_upper)
+    low, high = (np.where(bounded, bound, 0.0) for bound in (problem.u_lower, problem.u_upper))
+    half = np.where(high > low, (high - low) / 2, 1.0)
+    return replace(problem, structure='', V=ca.SX(0),
+                   L=1 + ca.sumsqr((problem.u - (low + high) / 2) / half))
+
+
+def _unlimited(problem: Problem) -> Mask:
+    """Return which inputs may grow without end, to one side at least, shape (m,)."""
+    free: Mask = ~(np.isfinite(problem.u_lower) & np.isfinite(problem.u_upper))
+    if free.any() and problem.path.numel():
+        free &= [not ca.depends_on(problem.path, u) for u in ca.vertsplit(problem.u)]
+    return free
+
+
+@lru_cache(maxsize=4)
+def _curvature(problem: Problem) -> _Curvature:
+    """Return how H is curved in each input; zero where that depends on where the path is."""
+    curved, linear = np.zeros(problem.m), np.zeros(problem.m, dtype=bool)
+    for index, u in enumerate(ca.vertsplit(problem.u)):
+        slope = ca.vertcat(ca.jacobian(problem.L, u), ca.jacobian(problem.f, u))
+        if ca.depends_on(slope[1:], u):
+            continue
+        second = ca.jacobian(slope[0], u)
+        if not ca.depends_on(second, ca.vertcat(problem.x, problem.u)):
+            try:
+                [L] = _exact(problem, problem.L)
+            except TooHardError:
+                continue
+            curved[index] = float(L.get(((problem.n + index, 2),), 0))
+            linear[index] = not curved[index]
+    return _Curvature(curved, linear)
+
+
+def _exact(problem: Problem, expressions: ca.SX) -> list[Polynomial]:
+    """
+    Return expressions as polynomials of (x, u), from the text as it stands.
+
+    Terms that cancel leave nothing. CasADi adds the constants of derivatives up in doubles, so
+    that the second derivative of 0.3 u^2 - 0.2 u^2 - 0.1 u^2 is below 0 there.
+    """
+    function = ca.Function('exact', [problem.x, problem.u, problem.p], [ca.densify(expressions)])
+    return polynomials(
+        function, [[None] * problem.n, [None] * problem.m, problem.p_value])[1]
+
+
+def _linear(problem: Problem, free: Mask) -> str:
+    """Return a sentence if no multiplier nu makes dH/du vanish for the free inputs."""
+    bounded = np.isfinite([problem.x_lower, problem.x_upper]).any() or problem.path.numel()
+    slopes = ca.jacobian(ca.vertcat(problem.L, problem.V, problem.psi),
+                         ca.vertcat(problem.x, problem.u))
+    if (affine(problem) is None or bounded or problem.final_time.free
+            or ca.depends_on(slopes, ca.vertcat(problem.x, problem.u))):
+        return ''
+    n, q, T = problem.n, problem.q, problem.final_time.value
+    try:
+        parts = [affine_parts(each, n + problem.m) for each in _exact(
+            problem, ca.vertcat(problem.f, problem.L, problem.V, problem.psi))]
+    except TooHardError:
+        return ''
+    if None in parts:
+        return ''
+    numbers = np.array([[float(each) for each in part[0]] for part in parts if part])
+    A, B_all = numbers[:n, :n], numbers[:n, n:]
+    L_x, L_u, V_x = numbers[n, :n], numbers[n, n:], numbers[n + 1, :n]
+    psi_x = numbers[n + 2:, :n]
+    # With tau = T - t to go, d/dtau (lam, 1) = [[A', L_x], [0, 0]] (lam, 1).
+    Z = np.zeros((n + 1, n + 1))
+    Z[:n, :n], Z[:n, n] = A.T, L_x
+    B = B_all[:, free].T
+    rows, wanted = [], []
+    for tau in np.linspace(0.0, T, _INSTANTS):
+        flow = exponential(Z * tau)
+        rows.append(B @ flow[:n, :n] @ psi_x.T)
+        wanted.append(-L_u[free] - B @ (flow[:n, :n] @ V_x + flow[:n, n]))
+    M, r = np.vstack(rows), np.concatenate(wanted)
+    if not np.isfinite(M).all() or not np.isfinite(r).all():
+        return ''
+    M = M / np.where(M.any(axis=0), np.abs(M).max(axis=0), 1.0)   # whatever units psi has
+    if q and not _is_clear(M):
+        return ''
+    nu = np.linalg.lstsq(M, r, rcond=_CLEAR)[0] if q else np.zeros(0)
+    left = np.abs(M @ nu - r).reshape(_INSTANTS, -1).max(axis=0)
+    if left.max() <= 1e-6 * max(float(np.abs(r).max()), 1e-300):
+        return ''
+    name = problem.inputs[int(np.flatnonzero(free)[np.argmax(left)])]
+    return (f'the cost has no lower bound: it is linear in {name}, which has no bounds, and the '
+            'constraints leave it free to grow')
+
+
+def _is_clear(M: Array) -> bool:
+    """Return whether each singular value of a matrix is beyond doubt 0, or is not."""
+    sizes = np.linalg.svd(M, compute_uv=False)
+    part = sizes / max(float(sizes.max(initial=0.0)), 1e-300)
+    return bool(np.all((part <= _NONE) | (part >= _CLEAR)))

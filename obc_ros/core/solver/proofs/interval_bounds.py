@@ -1,0 +1,145 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where the paths of a problem stay, and what holds nowhere there, by interval arithmetic.
+
+Each finding is a proof; that there is none says nothing, for intervals are wider than need be.
+"""
+
+from collections.abc import Iterator
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.interval_arithmetic import enclosure, Interval, plus, times
+from obc_ros.core.ocp.least_time_form import affine
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.wording import number, terminal
+from obc_ros.core.solver.proofs.singular_expressions import steep_operands
+
+_MARGIN = 1e-6   # of the ends of an interval: what a certificate leaves open
+
+
+def lowest(problem: Problem) -> Array:
+    """
+    Return values that the states stay above, shape (n,): their bounds, or 0 where they turn back.
+
+    Where dx_i/dt >= 0 whenever x_i = 0 and the others that turn back are not negative, no path
+    from x(0) >= 0 has x_i < 0 (M. Nagumo, 1942): amounts, populations, concentrations. Not so
+    where the rate has a root of x_i, or another function with an infinite slope: -sqrt(abs(x)) is
+    0 at 0 and leads on from there.
+    """
+    stays = (problem.x0 >= 0) & ~_rooted(problem)
+    while stays.any():
+        before, low = stays.copy(), np.where(stays, 0.0, problem.x_lower)
+        for i in np.flatnonzero(before):
+            high = problem.x_upper.copy()
+            high[i] = 0.0
+            stays[i] = _rates(problem, np.where(np.arange(problem.n) == i, 0.0, low), high)[
+                i].low >= 0
+        if np.array_equal(stays, before):
+            break
+    return np.where(stays, np.maximum(problem.x_lower, 0.0), problem.x_lower)
+
+
+def steady(problem: Problem) -> list[Interval]:
+    """Return between which values the rate of each state stays."""
+    return _rates(problem, lowest(problem), problem.x_upper)
+
+
+def nowhere(problem: Problem) -> Iterator[str]:
+    """
+    Yield path constraints and terminal constraints that hold nowhere within the bounds.
+
+    A state whose rate keeps within bounds wherever the path may be keeps within bounds itself,
+    and so perhaps do others then: it is said, too, what terminal constraint holds nowhere there.
+    """
+    low, high = lowest(problem), problem.x_upper
+    yield from _path(problem, low, high)
+    last = problem.final_time.upper if problem.final_time.free else problem.final_time.value
+    # Of linear systems more can be said, and is: by when.
+    curved = bool(problem.q) and affine(problem) is None
+    for within in ('within its bounds', 'within reach')[:1 + curved]:
+        for row, found in enumerate(_values(problem, problem.psi, low, high)):
+            margin = _margin(found)
+            if found.low > margin or found.high < -margin:
+                more = (_turning(problem, row, low) if within == 'within its bounds' else
+                        _extent(problem, row, low, high))
+                nearest = found.low if found.low > 0 else found.high
+                yield (f'the terminal constraint {terminal(problem, row)} holds nowhere'
+                       f'{more}: it is missed by at least {number(abs(nearest))}')
+        for _ in range(problem.n):
+            reached = [_after(float(x), rate, last) for x, rate in zip(
+                problem.x0, _rates(problem, low, high), strict=True)]
+            low = np.maximum(low, [each.low for each in reached])
+            high = np.minimum(high, [each.high for each in reached])
+
+
+def _after(x: float, rate: Interval, last: float) -> Interval:
+    """Return where a state is between 0 and `last` that starts at x and has such a rate."""
+    moved = times(Interval(last, last), Interval(min(rate.low, 0.0), max(rate.high, 0.0)))
+    return plus(Interval(x, x), moved)
+
+
+def _path(problem: Problem, low: Array, high: Array) -> Iterator[str]:
+    """Yield path constraints that no state and input within the bounds meets."""
+    for row, found in enumerate(_values(problem, problem.path, low, high)):
+        margin = _margin(found)
+        for excess, words, sign, bound in (
+                (found.low - problem.path_upper[row], f'at least {number(found.low)}', '<=',
+                 problem.path_upper[row]),
+                (problem.path_lower[row] - found.high, f'at most {number(found.high)}', '>=',
+                 problem.path_lower[row])):
+            if excess > margin:
+                yield (f'path_constraints[{row}] is {words} whatever states and inputs are, and '
+                       f'has to be {sign} {number(bound)}')
+
+
+def _values(problem: Problem, expressions: ca.SX, low: Array, high: Array) -> list[Interval]:
+    """Return between which values expressions stay, the states within these bounds."""
+    function = ca.Function('values', [problem.x, problem.u, problem.p], [ca.densify(expressions)])
+    return enclosure(function, [(low, high), (problem.u_lower, problem.u_upper),
+                                (problem.p_value, problem.p_value)])
+
+
+def _rooted(problem: Problem) -> NDArray[np.bool_]:
+    """Return on which states a function with an infinite slope is done in a rate, shape (n,)."""
+    under = [value for where, value in steep_operands(problem) if where.startswith('dynamics.')]
+    return np.array([any(ca.depends_on(value, x) for value in under)
+                     for x in ca.vertsplit(problem.x)])
+
+
+def _rates(problem: Problem, low: Array, high: Array) -> list[Interval]:
+    return _values(problem, problem.f, low, high)
+
+
+def _margin(found: Interval) -> float:
+    ends = (abs(each) for each in (found.low, found.high) if np.isfinite(each))
+    return _MARGIN * (1 + sum(ends))
+
+
+def _used(problem: Problem, row: int) -> NDArray[np.bool_]:
+    """Return which states stand in a terminal constraint."""
+    used = np.zeros(problem.n, dtype=bool)
+    used[ca.jacobian_sparsity(problem.psi[row], problem.x).get_triplet()[1]] = True
+    return used
+
+
+def _turning(problem: Problem, row: int, low: Array) -> str:
+    """Return which states of a terminal constraint stay above 0 without a bound, in words."""
+    names = [name for name, used, unbounded in zip(
+        problem.states, _used(problem, row), low > problem.x_lower, strict=True)
+        if used and unbounded]
+    return f', as no input takes {" or ".join(names)} below 0' if names else ''
+
+
+def _extent(problem: Problem, row: int, low: Array, high: Array) -> str:
+    """Return how far the states of a terminal constraint get, in words."""
+    used, final = _used(problem, row), problem.final_time
+    parts = [f'{name} stays between {number(float(low[k]))} and {number(float(high[k]))}'
+             for k, name in enumerate(problem.states)
+             if used[k] and np.isfinite([low[k], high[k]]).all()]
+    by = final.upper if final.free else final.value
+    how_far = f' ({", ".join(parts)})' if parts else ''
+    return f' within reach by T = {by:.6g}{how_far}'

@@ -1,0 +1,242 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What no input changes: polynomials of degree 2 in the states that are constant along every path.
+
+A quaternion keeps its length, a closed population its number. Of the polynomials c'phi(x) those
+are constant for which c'(dphi/dx) f(x, u) vanishes for all x and u.
+
+Random states and inputs propose which monomials belong together: a set of linear equations for c,
+asked at more points than there are monomials. Exact arithmetic disposes (`rational_polynomials`):
+the rates of these monomials become polynomials with rational coefficients, and only c for which
+their sum is identically 0 is a finding. Likewise the value of c'phi where the terminal
+constraints hold is a finding only if c'phi is, as a polynomial, the same on all of that set.
+"""
+
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from itertools import combinations_with_replacement
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.rational_polynomials import (
+    Algebra,
+    constant,
+    null_space,
+    Polynomial,
+    polynomials,
+    rational,
+    Row,
+    TooHardError,
+)
+from obc_ros.core.ocp.affine_constraints import affine_end, End
+from obc_ros.core.ocp.problem import Problem
+
+Monomial = tuple[int, ...]
+
+_MOST = 24       # states, beyond which it is not asked
+_NULL = 1e-10    # relative: a singular value that is none
+_FAR = 1e-6      # relative: far above what rounding and a certificate leave open
+_NOISE = 1e-8    # relative: a coefficient that is none
+_REACH = 3.0     # of inputs without a bound, in units of 1 + |the other bound|
+_SEED = 5
+
+
+def changed(problem: Problem) -> Iterator[str]:
+    """Yield what has another value at the end than at the start though no input changes it."""
+    states = range(problem.n)
+    if not problem.q or problem.n > _MOST:
+        return
+    end = affine_end(problem)
+    if end is None or not end.is_clear:
+        return
+    try:
+        rates = _exact_rates(problem)
+    except TooHardError:
+        return
+    surface = _Surface(end)
+    yield from _changed(problem, surface, rates, [(i,) for i in states])
+    yield from _changed(problem, surface, rates, [
+        *((i,) for i in states), *combinations_with_replacement(states, 2)])
+
+
+class _Surface:
+    """The states at which the affine terminal constraints hold, as polynomials of y."""
+
+    def __init__(self, end: End) -> None:
+        self.x, self.directions = end.x, end.directions
+        self.algebra = Algebra(len(end.directions))
+        self.states: list[Polynomial] = []
+        for k, start in enumerate(end.x):
+            value = constant(start)
+            for number, direction in enumerate(end.directions):
+                if k in direction:
+                    value = self.algebra.add(
+                        value, self.algebra.generator(number), direction[k])
+            self.states.append(value)
+
+    def values(self, monomials: Sequence[Monomial]) -> list[Polynomial]:
+        """Return monomials of x as polynomials of y."""
+        found = []
+        for each in monomials:
+            value = constant(1)
+            for k in each:
+                value = self.algebra.multiply(value, self.states[k])
+            found.append(value)
+        return found
+
+
+def _exact_rates(problem: Problem) -> tuple[Algebra, list[Polynomial]]:
+    """Return f as polynomials; the first symbols are the states."""
+    f = ca.Function('f', [problem.x, problem.u, problem.p], [ca.densify(problem.f)])
+    held = [float(low) if low == high else None
+            for low, high in zip(problem.u_lower, problem.u_upper, strict=True)]
+    return polynomials(f, [[None] * problem.n, held, problem.p_value])
+
+
+def _changed(problem: Problem, end: _Surface, rates: tuple[Algebra, list[Polynomial]],
+             monomials: list[Monomial]) -> Iterator[str]:
+    """Yield those that are sums of the given monomials."""
+    constants, size = _constants(problem, monomials)
+    if not len(constants):
+        return
+    # Of the constants those that are the same at all states that meet the constraints.
+    point = np.array([float(value) for value in end.x])
+    free = np.array([[float(direction.get(k, 0)) for direction in end.directions]
+                     for k in range(problem.n)]).reshape(problem.n, -1)
+    rng = np.random.default_rng(_SEED)
+    others = point + rng.normal(size=(len(monomials), free.shape[1])) @ free.T * (
+        1 + np.abs(point).max())
+    varied = (_values(others, monomials) - _values(point[None], monomials)) @ constants.T
+    proposed = _readable(_null(varied / (1 + np.abs(varied).max(initial=0))) @ constants, size)
+    for c in proposed:
+        kept = [monomials[k] for k in np.flatnonzero(c)]
+        try:
+            found = _proved(end, rates, kept)
+        except TooHardError:
+            continue
+        for coefficients in found:
+            yield from _compared(problem, end, coefficients, kept)
+
+
+def _proved(end: _Surface, rates: tuple[Algebra, list[Polynomial]], monomials: list[Monomial]
+            ) -> list[Row]:
+    """Return coefficients of sums that are constant along every path and at every end."""
+    algebra, f = rates
+    changes = []
+    for each in monomials:
+        total: Polynomial = {}
+        for k, i in enumerate(each):
+            term = f[i]
+            for other in each[:k] + each[k + 1:]:
+                term = algebra.multiply(term, algebra.generator(other))
+            total = algebra.add(total, term)
+        changes.append(total)
+    ends = [{term: value for term, value in each.items() if term}
+            for each in end.values(monomials)]
+    rows: list[Row] = []
+    for columns in (algebra.cleared(changes), ends):
+        terms = dict.fromkeys(term for each in columns for term in each)
+        rows += [{k: each[term] for k, each in enumerate(columns) if term in each}
+                 for term in terms]
+    return null_space(rows, len(monomials))
+
+
+def _compared(problem: Problem, end: _Surface, c: Row, monomials: list[Monomial]) -> Iterator[str]:
+    """Yield a sentence if a constant differs at the end from what it is at the start."""
+    if len(c) < 1:
+        return
+    lead = max(c.values(), key=abs)
+    c = {k: value / lead for k, value in c.items()}
+    x0 = [rational(value) for value in problem.x0]
+    terms_before = [value * _product(x0, monomials[k]) for k, value in c.items()]
+    terms_after = [value * _product(end.x, monomials[k]) for k, value in c.items()]
+    before, after = sum(terms_before, Fraction(0)), sum(terms_after, Fraction(0))
+    size = sum((abs(each) for each in (*terms_before, *terms_after, *c.values())), Fraction(0))
+    if abs(after - before) > rational(_FAR) * size:
+        numbers = np.array([float(c.get(k, 0)) for k in range(len(monomials))])
+        yield (f'{_text(problem, numbers, monomials)} is constant whatever the inputs are: it is '
+               f'{float(before):.9g} at the initial state and {float(after):.9g} '
+               'where the terminal constraints hold')
+
+
+def _product(x: Sequence[Fraction], monomial: Monomial) -> Fraction:
+    value = Fraction(1)
+    for k in monomial:
+        value *= x[k]
+    return value
+
+
+def _values(x: Array, monomials: list[Monomial]) -> Array:
+    return np.column_stack([np.prod(x[:, list(each)], axis=1) for each in monomials])
+
+
+def _null(matrix: Array) -> Array:
+    """Return an orthonormal basis, in rows, of what a matrix takes to zero."""
+    _, values, V = np.linalg.svd(matrix)
+    null: Array = V[np.sum(values > _NULL * values.max(initial=1.0)):]
+    return null
+
+
+def _constants(problem: Problem, monomials: list[Monomial]) -> tuple[Array, Array]:
+    """Return coefficients of independent constants (k, monomials), and sizes of those."""
+    rng = np.random.default_rng(_SEED)
+    asked, again = (_rates(problem, monomials, rng) for _ in range(2))
+    size = np.abs(asked).max(axis=0, initial=0.0)
+    size = np.where(size > 0, size, 1.0)
+    if min(len(asked), len(again)) < 2 * len(monomials):
+        return np.zeros((0, len(monomials))), size
+    rows = asked / size
+    found = _null(rows / np.maximum(np.abs(rows).max(axis=1, keepdims=True), 1e-300)) / size
+    # Each at other points, beside its own terms there: rates may be of very different sizes.
+    left = np.abs(again @ found.T) <= _NOISE * (np.abs(again) @ np.abs(found.T))
+    return found[left.all(axis=0)], size
+
+
+@np.errstate(all='ignore')   # dynamics need not be defined everywhere
+def _rates(problem: Problem, monomials: list[Monomial], rng: np.random.Generator) -> Array:
+    """Return d/dt of monomials at random states and inputs, a row for each."""
+    count = 3 * len(monomials)
+    x = problem.x0 + (1 + np.abs(problem.x0)) * rng.uniform(-1, 1, (count, problem.n))
+    u = _inputs(problem, rng, count)
+    f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f]).map(count)(
+        x.T, u.T, ca.repmat(problem.p_value, 1, count)).full().T
+    rates = np.column_stack([
+        sum(f[:, i] * np.prod(x[:, each[:k] + each[k + 1:]], axis=1)
+            for k, i in enumerate(each)) for each in monomials])
+    return np.asarray(rates[np.isfinite(rates).all(axis=1)])
+
+
+def _inputs(problem: Problem, rng: np.random.Generator, count: int) -> Array:
+    """Return random inputs, shape (count, m), over all of their intervals."""
+    low, high = problem.u_lower, problem.u_upper
+    with np.errstate(invalid='ignore'):
+        span = np.where(np.isfinite(low) & np.isfinite(high), high - low, _REACH * (
+            1 + np.minimum(np.abs(low), np.abs(high))))
+    span = np.where(np.isfinite(span), span, _REACH)
+    first = np.where(np.isfinite(low), low, np.where(np.isfinite(high), high - span, -span / 2))
+    return np.asarray(first + span * rng.uniform(0, 1, (count, problem.m)))
+
+
+def _readable(constants: Array, size: Array) -> Array:
+    """Return combinations with one leading monomial each: few terms are easily read."""
+    if not len(constants):
+        return constants
+    from scipy.linalg import qr
+    lead = np.asarray(qr(constants * size, mode='r', pivoting=True)[1])[:len(constants)]
+    found = np.linalg.solve(constants[:, lead], constants)
+    parts = np.abs(found * size)
+    return np.where(parts > _NOISE * parts.max(axis=1, keepdims=True), found, 0.0)
+
+
+def _text(problem: Problem, c: Array, monomials: list[Monomial]) -> str:
+    text = ''
+    for value, each in zip(c, monomials, strict=True):
+        if value:
+            name = '*'.join(problem.states[i] for i in each)
+            if len(each) == 2 and each[0] == each[1]:
+                name = f'{problem.states[each[0]]}**2'
+            factor = '' if abs(abs(value) - 1) < 1e-8 else f'{abs(value):.6g}*'
+            text += f' {"-" if value < 0 else "+"} {factor}{name}'
+    return text[3:] if text.startswith(' + ') else '-' + text[3:]

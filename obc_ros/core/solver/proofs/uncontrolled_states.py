@@ -1,0 +1,314 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+What is demanded of what no input changes.
+
+States that no input enters, directly or through others, are a system of their own. So are, where
+dx/dt = A x + B u + c, the combinations w'x with w'A^k B = 0 for all k, which exact arithmetic
+finds. Where these are is enclosed (`taylor_enclosure`), at all times at which the end may be.
+"""
+
+from collections.abc import Iterator
+from fractions import Fraction
+from math import inf, nextafter
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.interval_arithmetic import enclosure, Interval, plus, times
+from obc_ros.core.numerics.rational_polynomials import (
+    affine_parts,
+    null_space,
+    polynomials,
+    rational,
+    reduced,
+    Row,
+    TooHardError,
+)
+from obc_ros.core.numerics.taylor_enclosure import Box, Step, Tube
+from obc_ros.core.ocp.affine_constraints import End
+from obc_ros.core.ocp.problem import Problem
+
+_MISSED = 1e-6   # relative: beyond what a certificate leaves open
+_EARLIER, _PARTS = 16, 32   # steps, at least: before the end may be, and while it may be
+_MOST = 12       # states of a linear system
+
+
+def states_missed(problem: Problem, words: list[str]) -> Iterator[str]:
+    """
+    Yield what is demanded of states that no input enters, and what they do instead.
+
+    `words`: the state bounds and terminal constraints in words come from the caller: the lower
+    and the upper bound of each state, then each terminal constraint.
+    """
+    driven = _driven(problem)
+    uses = np.zeros((problem.q, problem.n), dtype=bool)
+    uses[ca.jacobian_sparsity(problem.psi, problem.x).get_triplet()] = True
+    bounded = np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)
+    decided = ~uses[:, driven].any(axis=1)
+    if driven.all() or not (bounded[~driven].any() or decided.any()):
+        return
+    alone = np.flatnonzero(~driven)
+    steps = _states_alone(problem, alone)
+    nothing = 'no input' if _movable(problem).all() else 'no input that may change'
+    yield from _left(problem, alone, steps, nothing, words)
+    symbols = problem.x[alone.tolist()]
+    for row in map(int, np.flatnonzero(decided)):
+        psi = ca.Function('psi', [symbols, problem.p], [ca.densify(problem.psi[row])])
+        values = _demanded(problem, steps, psi)
+        names = [problem.states[k] for k in np.flatnonzero(uses[row])]
+        where = None
+        if len(names) == 1 and steps:
+            k = int(np.searchsorted(alone, problem.states.index(names[0])))
+            where = float(0.5 * (steps[-1].after[0][k] + steps[-1].after[1][k]))
+        yield from _missed(problem, f'{nothing} enters {", ".join(names)}',
+                           words[2 * problem.n + row], values, where,
+                           _terms(problem, steps, psi))
+
+
+def _left(problem: Problem, alone: NDArray[np.int_], steps: list[Step], nothing: str,
+          words: list[str]) -> Iterator[str]:
+    """Yield bounds that states have left before the end may be."""
+    final = problem.final_time
+    earliest = final.lower if final.free else final.value
+    for k, index in enumerate(map(int, alone)):
+        for upper in (True, False):
+            for step in steps:
+                low, high = step.after[0][k], step.after[1][k]
+                excess = (low - problem.x_upper[index] if upper
+                          else problem.x_lower[index] - high)
+                if step.end <= earliest and excess > _MISSED * (1 + max(abs(low), abs(high))):
+                    yield (f'{nothing} enters {problem.states[index]}: it leaves state bound '
+                           f'{words[2 * index + upper]} by t = {step.end:.6g}')
+                    break
+
+
+def combinations_missed(problem: Problem, end: End, words: list[str]) -> Iterator[str]:
+    """Yield what is demanded of modes of a linear system that no input reaches."""
+    n = problem.n
+    try:
+        found = _uncontrollable(problem) if n <= _MOST else None
+    except TooHardError:
+        return
+    if found is None:
+        return
+    W, A, c = found
+    numbers = list(end.rows)
+    # Combinations eta'C of terminal constraints that are combinations omega'W as well.
+    columns = [{k: value for k, value in end.rows[number].items() if k < n}
+               for number in numbers] + [{k: -value for k, value in w.items()} for w in W]
+    both = null_space([{j: column[k] for j, column in enumerate(columns) if k in column}
+                       for k in range(n)], len(columns))
+    steps: list[Step] | None = None
+    for vector in both:
+        eta = {numbers[j]: value for j, value in vector.items() if j < len(numbers)}
+        omega = {j - len(numbers): value for j, value in vector.items() if j >= len(numbers)}
+        if not eta or not omega:
+            continue
+        if steps is None:
+            steps = _modes_alone(problem, W, A, c)
+        size = float(sum(value * value for value in eta.values())) ** 0.5
+        rest = sum((value * end.rows[k].get(n, Fraction(0)) for k, value in eta.items()),
+                   Fraction(0))
+        values = [_scaled(_dot(omega, rest, box), 1 / size)
+                  for box in _boxes_at_the_end(problem, steps)]
+        terms = abs(float(rest)) / size + max((sum(
+            abs(float(value)) * float(max(abs(box[0][k]), abs(box[1][k])))
+            for k, value in omega.items()) / size
+            for box in _boxes_at_the_end(problem, steps)), default=0.0)
+        yield from _missed(problem, f'the inputs do not reach {_names(A)} of A',
+                           ' with '.join(words[2 * n + k] for k in eta), values, None, terms)
+
+
+def _missed(problem: Problem, reason: str, wanted: str, values: list[Interval],
+            there: float | None, terms: float) -> Iterator[str]:
+    """Yield a sentence if what has to vanish does not at any time at which the end may be."""
+    if not values:
+        return
+    size = _MISSED * (1 + terms + max(max(abs(each.low), abs(each.high)) for each in values))
+    if not (all(each.low > size for each in values) or all(each.high < -size for each in values)):
+        return
+    final = problem.final_time
+    if final.free:
+        yield (f'{reason}: {wanted} holds at no T from {_number(final.lower)} to '
+               f'{_number(final.upper)}')
+    elif there is not None:
+        yield (f'{reason}: at T = {_number(final.value)} it is {_number(there)}, and the '
+               f'terminal constraint {wanted} cannot be met')
+    else:
+        missed = abs(0.5 * (values[-1].low + values[-1].high))
+        yield (f'{reason}: at T = {_number(final.value)} the terminal constraint {wanted} is '
+               f'missed by {_number(missed)}')
+
+
+def _number(value: float) -> str:
+    return f'{value:.6g}' if abs(value) > 1e-12 else '0'
+
+
+def _boxes_at_the_end(problem: Problem, steps: list[Step]) -> list[Box]:
+    """Return boxes for all times at which the end may be; none if they do not go so far."""
+    final = problem.final_time
+    last = final.upper if final.free else final.value
+    if not steps or steps[-1].end < last:
+        return []
+    if not final.free:
+        return [steps[-1].after]
+    return [step.during for step in steps if step.end > final.lower] or [steps[-1].after]
+
+
+def _demanded(problem: Problem, steps: list[Step], psi: ca.Function) -> list[Interval]:
+    p = problem.p_value, problem.p_value
+    return [enclosure(psi, [box, p])[0] for box in _boxes_at_the_end(problem, steps)]
+
+
+def _terms(problem: Problem, steps: list[Step], psi: ca.Function) -> float:
+    """Return the size of what a terminal constraint is the sum of, which may cancel."""
+    p, found = (problem.p_value, problem.p_value), 0.0
+    y = ca.SX.sym('y', psi.size1_in(0))
+    q = ca.SX.sym('q', psi.size1_in(1))
+    slopes = ca.Function('slopes', [y, q], [ca.densify(ca.jacobian(psi(y, q), y)).T])
+    for box in _boxes_at_the_end(problem, steps):
+        most = np.maximum(np.abs(box[0]), np.abs(box[1]))
+        each = [max(abs(one.low), abs(one.high)) for one in enclosure(slopes, [box, p])]
+        found = max(found, float(most @ np.array(each)))
+    return found
+
+
+def _stops(problem: Problem) -> Array:
+    """Return times, in order, the last of which is the last at which the end may be."""
+    final = problem.final_time
+    earliest, last = (final.lower, final.upper) if final.free else (final.value, final.value)
+    stops = np.unique(np.concatenate([
+        np.linspace(0.0, earliest, _EARLIER + 1), np.linspace(earliest, last, _PARTS + 1)]))
+    return np.asarray(stops[stops > 0])
+
+
+def _states_alone(problem: Problem, alone: NDArray[np.int_]) -> list[Step]:
+    """Return where the states are that no input enters."""
+    y, g = problem.x[alone.tolist()], problem.f[alone.tolist()]
+    fixed = ca.DM(np.clip(np.zeros(problem.m), problem.u_lower, problem.u_upper))
+    g = ca.substitute(ca.densify(g), problem.u, fixed)   # of those that enter there is one value
+    x0 = problem.x0[alone]
+    tube = Tube(y, problem.p, g, (problem.p_value, problem.p_value))
+    return list(tube.steps((x0, x0), _stops(problem)))
+
+
+def _uncontrollable(problem: Problem) -> tuple[list[Row], list[Row], list[Fraction]] | None:
+    """
+    Return combinations y = W x that no input moves, and dy/dt = A y + c, in exact arithmetic.
+
+    None if dx/dt is not affine, or if the inputs move all.
+    """
+    n, m = problem.n, problem.m
+    f = ca.Function('f', [problem.x, problem.u, problem.p], [ca.densify(problem.f)])
+    movable = _movable(problem)
+    held = [None if moves else float(low)
+            for moves, low in zip(movable, problem.u_lower, strict=True)]
+    parts = [affine_parts(each, n + int(movable.sum())) for each in polynomials(
+        f, [[None] * n, held, problem.p_value])[1]]
+    if any(part is None for part in parts) or not m:
+        return None
+    rows = [part for part in parts if part]
+    A = [{k: value for k, value in enumerate(row[:n]) if value} for row, _ in rows]
+    columns = [{i: row[n + j] for i, (row, _) in enumerate(rows) if row[n + j]}
+               for j in range(int(movable.sum()))]
+    moved: list[Row] = []
+    for _ in range(n):
+        before = len(moved)
+        moved = list(reduced([*moved, *columns]).values())
+        if len(moved) == before:
+            break
+        columns = [{i: value for i in range(n) if (value := sum((
+            a * column.get(k, Fraction(0)) for k, a in A[i].items()), Fraction(0)))}
+            for column in moved]
+    W = null_space(moved, n)
+    if not W:
+        return None
+    constants = [sum((value * rows[i][1] for i, value in w.items()), Fraction(0)) for w in W]
+    return W, [_in_terms_of(W, _through(w, A)) for w in W], constants
+
+
+def _through(w: Row, A: list[Row]) -> Row:
+    """Return w'A."""
+    total: Row = {}
+    for i, value in w.items():
+        for k, a in A[i].items():
+            total[k] = total.get(k, Fraction(0)) + value * a
+    return {k: value for k, value in total.items() if value}
+
+
+def _in_terms_of(W: list[Row], row: Row) -> Row:
+    """Return the weights with which the rows W add up to a row; they do."""
+    # Each vector of a null space has a 1 where the others have none.
+    found = {}
+    for j, w in enumerate(W):
+        own = next(k for k in w if all(k not in other for i, other in enumerate(W) if i != j))
+        if own in row:
+            found[j] = row[own] / w[own]
+    return found
+
+
+def _modes_alone(problem: Problem, W: list[Row], A: list[Row], c: list[Fraction]) -> list[Step]:
+    """Return where y = W x is."""
+    n, y = len(W), ca.SX.sym('y', len(W))
+    places = [(i, j) for i, row in enumerate(A) for j in row]
+    values = [A[i][j] for i, j in places] + c
+    p, g = ca.SX.sym('p', len(values)), ca.SX(n, 1)
+    for number, (i, j) in enumerate(places):
+        g[i] += p[number] * y[j]
+    g += p[len(places):]
+    x0 = [rational(value) for value in problem.x0]
+    start = [sum((value * x0[k] for k, value in w.items()), Fraction(0)) for w in W]
+    return list(Tube(y, p, ca.densify(g), _around(values)).steps(
+        _around(start), _stops(problem)))
+
+
+def _around(values: list[Fraction]) -> Box:
+    """Return doubles below and above rational numbers."""
+    near = [float(value) for value in values]
+    return (np.array([nextafter(value, -inf) for value in near]),
+            np.array([nextafter(value, inf) for value in near]))
+
+
+def _dot(weights: Row, rest: Fraction, box: Box) -> Interval:
+    low, high = _around([rest])
+    total = Interval(float(low[0]), float(high[0]))
+    for k, value in weights.items():
+        below, above = _around([value])
+        total = plus(total, times(Interval(float(below[0]), float(above[0])),
+                                  Interval(float(box[0][k]), float(box[1][k]))))
+    return total
+
+
+def _scaled(value: Interval, factor: float) -> Interval:
+    return times(value, Interval(factor, factor))
+
+
+def _names(A: list[Row]) -> str:
+    """Return the modes of y' = A y in words."""
+    matrix = np.array([[float(row.get(j, 0)) for j in range(len(A))] for row in A])
+    values = sorted(np.linalg.eigvals(matrix), key=lambda s: (-s.real, s.imag))
+    shown = [f'{s.real + 0.0:+.4g}' + (f' {s.imag:+.4g}j' if abs(s.imag) > 1e-9 else '')
+             for s in values]
+    return f'the mode{"s" * (len(shown) > 1)} at {", ".join(shown)}'
+
+
+def _movable(problem: Problem) -> Mask:
+    """Return which inputs have a choice, shape (m,)."""
+    movable: Mask = problem.u_lower < problem.u_upper
+    return movable
+
+
+def _driven(problem: Problem) -> Mask:
+    """Return which states an input enters, directly or through other states."""
+    def pattern(symbols: ca.SX) -> Mask:
+        found = np.zeros((problem.n, symbols.numel()), dtype=bool)
+        found[ca.jacobian_sparsity(problem.f, symbols).get_triplet()] = True
+        return found
+
+    driven = pattern(problem.u)[:, _movable(problem)].any(axis=1)
+    through = pattern(problem.x)
+    for _ in range(problem.n):
+        driven = driven | (through & driven).any(axis=1)
+    return np.asarray(driven)

@@ -1,0 +1,321 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Answer an optimal control problem by the method its structure asks for, and certify it."""
+
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import replace
+import time
+
+import numpy as np
+from obc_ros.core.ocp.certificate.certificate import certify
+from obc_ros.core.ocp.method_names import AUTO, method_of
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import MAX_INTERVALS, Report, Solution, Status
+from obc_ros.core.solver.descent import Search
+from obc_ros.core.solver.diagnosis.explanation import explain, proved_infeasible
+from obc_ros.core.solver.diagnosis.unboundedness import outgrown
+from obc_ros.core.solver.exact.riccati import solve_lq
+from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
+from obc_ros.core.solver.exact.two_wheeled import solve_two_wheeled
+from obc_ros.core.solver.improve.indirect import polished, touched_up
+from obc_ros.core.solver.nlp.best_path import BestPath
+from obc_ros.core.solver.nlp.progress import Monitor
+from obc_ros.core.solver.program_cache import Kit
+from obc_ros.core.solver.proofs.existence import (
+    indifferent,
+    of_least_effort,
+    wish,
+    without_minimum,
+)
+from obc_ros.core.solver.proofs.optimality import told
+
+Method = Callable[[Problem, Kit, Monitor], Solution]
+
+_FAULTS = {
+    'dynamics': 'the states do not follow from the inputs',
+    'start': 'the path does not start at x(0)',
+    'end': 'the terminal constraints are not met',
+    'bounds': 'a bound is exceeded',
+    'costate': 'the costates do not obey their equation',
+    'minimum': 'the input does not minimise the Hamiltonian',
+    'transversality': 'the costates at T are not those of the terminal cost and constraints',
+    'hamiltonian': 'the Hamiltonian is not constant',
+    'final_time': 'the Hamiltonian is not zero, as it is for the best final time',
+    'cost': 'the cost is not that of the path',
+}
+_EXPLAINING = 400_000   # work, as in `search`, for a reason at most
+_ATTEMPT = 150_000      # likewise, for one problem solved in the other's place
+_NO_PATH = 1e-2         # residual of the dynamics, beyond what a finer mesh takes away
+_LEAST = 0.5            # [s] without which no reason is looked for
+_JUDGING = 0.05, 0.5    # part of the time limit, and at most [s], for the certificate of a path
+
+
+class Cache:
+    """What was built for the structures met last, at most `size` of them."""
+
+    def __init__(self, size: int = 32) -> None:
+        self._size = size
+        self._kits: OrderedDict[str, Kit] = OrderedDict()
+
+    def prepared(self, problem: Problem) -> tuple[Problem, Kit]:
+        """Return the kit of a problem's structure, and the problem in the symbols of the kit."""
+        key = problem.structure
+        kit = self._kits.pop(key, None) if key else None
+        if kit is None:
+            kit = Kit(problem)
+        if key:
+            self._kits[key] = kit
+            if len(self._kits) > self._size:
+                self._kits.popitem(last=False)
+        return kit.restated(problem), kit
+
+
+def _special(answer: Callable[[Problem], Solution | None], what: str) -> Method:
+    """Return the method that answers some problems only, `what` it does in words."""
+    def method(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
+        return answer(problem) or Solution(Status.NOT_CONVERGED, f'{what}; this is none')
+
+    return method
+
+
+def _transcription(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
+    return Search(problem, kit, monitor, with_arcs=False).run()
+
+
+def _arcs(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
+    search = Search(problem, kit, monitor)
+    answer = search.run()
+    return answer if search.monitor.stopped else touched_up(search, answer)
+
+
+def _indirect(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
+    search = Search(problem, kit, monitor)
+    answer = search.run()
+    return answer if search.monitor.stopped else polished(search, answer)
+
+
+def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
+    specials = ({'riccati': solve_lq, 'time_optimal': solve_time_optimal} if kit.affine else
+                {'reeds_shepp': solve_two_wheeled})
+    for name, special in specials.items():
+        found = special(problem)
+        if found is None:
+            continue
+        if found.status is Status.INFEASIBLE or name == 'riccati' and not found.t.size:
+            return replace(found, method=name)
+        judged = _judged(problem, found)
+        if judged.status is Status.SOLVED:
+            return replace(judged, method=name)
+        if monitor.best:
+            monitor.best.take(problem, judged)
+    if not kit.answers and without_minimum(problem):
+        return Solution(Status.NOT_CONVERGED, 'the cost has no minimum', method='arcs')
+    if (L := indifferent(problem)) is not None:
+        return replace(_any_path(problem, L, monitor), method='arcs')
+    search = _asking(problem, kit, monitor)
+    answer = search.run()
+    if not search.monitor.stopped:
+        answer = touched_up(search, answer)
+    return replace(answer, method='arcs')
+
+
+def _any_path(problem: Problem, L: float, monitor: Monitor) -> Solution:
+    """Return a path of a problem that is indifferent to which one it is: that of least effort."""
+    other = of_least_effort(problem)
+    found = _asking(other, Kit(other), monitor).run()
+    if not found.t.size:
+        return found
+    found = _without_multipliers(found, L)
+    return replace(found, objective=L * found.t[-1] + float(problem.V), certificate=None)
+
+
+def _asking(problem: Problem, kit: Kit, monitor: Monitor) -> Search:
+    """Return a search that asks for a proof that there is no path while it has found none."""
+    def why_not(problem: Problem) -> str:
+        solvers = _explaining(monitor) if proved_infeasible(problem) else ()
+        reason = explain(problem, *solvers)
+        return reason.sentence if reason and reason.infeasible else ''
+
+    return Search(problem, kit, monitor, why_not=why_not)
+
+
+def _explaining(monitor: Monitor) -> tuple[Callable[[Problem], Solution], ...]:
+    """Return the quick and the thorough solver of `explain`, which share one amount of work."""
+    part = monitor.part(_EXPLAINING)
+    return _attempt(part), _attempt(part, quick=False)
+
+
+def _attempt(monitor: Monitor, quick: bool = True) -> Callable[[Problem], Solution]:
+    """Return what solves a problem in another's place, and judges what it leaves half done."""
+    def attempt(other: Problem) -> Solution:
+        part = monitor.part(_ATTEMPT)
+        begun = not part.stopped
+        found = Search(other, Kit(other), part, quick=quick).run()
+        unjudged = begun and part.stopped == 'spent' and found.t.size and not found.certificate
+        return replace(found, certificate=certify(other, found)) if unjudged else found
+
+    return attempt
+
+
+METHODS: dict[str, Method] = {
+    'auto': _auto,
+    'riccati': _special(solve_lq, (
+        'riccati answers linear quadratic problems with a fixed final time and no active bound')),
+    'time_optimal': _special(solve_time_optimal, (
+        'time_optimal answers linear problems of least time with bounded inputs')),
+    'reeds_shepp': _special(solve_two_wheeled, (
+        'reeds_shepp answers motions of least time of a two wheeled robot whose shortest path '
+        'ends at the angle that is asked for')),
+    'transcription': _transcription,
+    'arcs': _arcs,
+    'indirect': _indirect,
+}
+
+
+def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
+          report: Report | None = None, cache: Cache | None = None,
+          max_intervals: int = MAX_INTERVALS,
+          keep: Callable[[Solution], None] | None = None) -> Solution:
+    """
+    Answer a problem; the answer is called solved only if its certificate holds.
+
+    Parameters
+    ----------
+    problem : Problem
+        A checked statement.
+    method : str
+        One of METHODS; that of the problem if left out.
+    time_limit : float
+        [s]
+    report : callable, optional
+        Called as report(phase, iteration, cost, infeasibility); True cancels.
+    cache : Cache, optional
+        Keeps what was built, for problems of the same structure.
+    max_intervals : int, optional
+        No mesh of a transcription has more.
+    keep : callable, optional
+        Called with the best path so far, not converged, whenever it is another; its message says
+        what it costs and what is missing. For who must answer should this process be ended.
+
+    Raises
+    ------
+    StatementError
+        If the method is unknown.
+
+    """
+    method = method_of(method or problem.method)
+    begun = time.monotonic()
+    part, most = _JUDGING
+    monitor = Monitor(time_limit - min(part * time_limit, most), report, max_intervals)
+    problem, kit = (cache or Cache(1)).prepared(problem)
+    if keep is not None:
+        monitor.best = BestPath(problem, lambda path: keep(_half_way(path)))
+    found = METHODS[method](problem, kit, monitor)
+    late = monitor.stopped and (monitor.stopped == 'cancelled' or not np.isfinite(found.objective))
+    if found.status is not Status.INFEASIBLE and (found.certificate or not late):
+        found = _judged(problem, found)
+    sentence = outgrown(problem, found, _attempt(monitor)) if (
+        method == AUTO and found.method == 'arcs' and found.certified
+        and indifferent(problem) is None) else ''
+    if sentence:
+        found = _without_least(problem, found, sentence, monitor, time_limit)
+    else:
+        found = _ended(problem, found, monitor, time_limit, method)
+    built, kit.build_time = kit.build_time, 0.0
+    found = told(problem, found)
+    return replace(found, method=found.method or method, iterations=monitor.iterations,
+                   build_time=built, solve_time=time.monotonic() - begun - built)
+
+
+def _judged(problem: Problem, found: Solution) -> Solution:
+    """Return a solution with its certificate; the status says whether it holds."""
+    if not found.t.size:
+        return found
+    certificate = found.certificate or certify(problem, found)
+    if not certificate.holds and (L := indifferent(problem)) is not None:
+        found = _without_multipliers(found, L)
+        certificate = certify(problem, found)
+    if certificate.holds:
+        message = found.message or 'the certificate holds'
+        return replace(found, status=Status.SOLVED, message=message, certificate=certificate)
+    found = replace(found, status=Status.NOT_CONVERGED, certificate=certificate)
+    return replace(found, message=_uncertified(found))
+
+
+def _uncertified(found: Solution) -> str:
+    """Return the cost of a path and why it is not certified; of what is no path what is wrong."""
+    certificate = found.certificate
+    if certificate is None:
+        return f'cost {found.objective:.8g}, not certified because it was not judged'
+    worst = certificate.worst
+    fault = (f'{_FAULTS[worst]}: residual {certificate.residuals[worst]:.1e}, '
+             f'allowed {certificate.tolerances[worst]:.0e}')
+    if not certificate.feasible:
+        return fault
+    return f'cost {found.objective:.8g}, not certified because {fault}'
+
+
+def _half_way(path: Solution) -> Solution:
+    """Return a path on the way to an answer, with what is missing in words."""
+    words = (f'cost {path.objective:.8g}, the certificate holds, but the search for a path that '
+             'costs less was not ended' if path.certified else _uncertified(path))
+    return replace(path, status=Status.NOT_CONVERGED, message=words, optimality=None)
+
+
+def _without_least(problem: Problem, found: Solution, sentence: str, monitor: Monitor,
+                   time_limit: float) -> Solution:
+    """Return an answer that larger inputs undercut: a path whose certificate says nothing."""
+    none = Solution(Status.NOT_CONVERGED, sentence, method=found.method)
+    ended = _ended(problem, none, monitor, time_limit, AUTO)
+    if ended.status is Status.INFEASIBLE:
+        return ended
+    return replace(found, status=ended.status, certificate=None, message=(
+        f'{ended.message}; cost {found.objective:.8g}, not certified because larger inputs may '
+        'cost less'))
+
+
+def _without_multipliers(found: Solution, L: float) -> Solution:
+    """Return the path with the multipliers that it has when every path costs the same."""
+    return replace(
+        found, lam=0.0 * found.lam, nu=0.0 * found.nu, hamiltonian=np.full(len(found.t), L),
+        state_multipliers=None, path_multipliers=None)
+
+
+def _ended(problem: Problem, found: Solution, monitor: Monitor, time_limit: float,
+           method: str) -> Solution:
+    """Return a solution whose status says how the work ended, and why without an answer."""
+    path = f'; {_uncertified(found)}' if found.t.size and not found.certified else ''
+    if monitor.stopped == 'cancelled':
+        return replace(found, status=Status.CANCELLED, message=f'cancelled on request{path}')
+    if found.status in (Status.SOLVED, Status.INFEASIBLE):
+        return found
+    if monitor.stopped == 'timed_out':
+        advice = wish(problem)
+        return replace(found, status=Status.TIMED_OUT, message=(
+            f'no certified answer within {time_limit:g} s{path}{advice and "; "}{advice}'))
+    if method in ('riccati', 'time_optimal') or found.method == 'riccati':
+        return found
+    if monitor.short:
+        found = replace(found, message=(
+            f'{found.message}; a finer mesh was wanted than max_intervals = '
+            f'{monitor.max_intervals} allows'))
+    return _explained(problem, found, monitor)
+
+
+def _explained(problem: Problem, found: Solution, monitor: Monitor) -> Solution:
+    """Return a solution with the reason for which there is no answer, if one is found."""
+    if monitor.remaining() < _LEAST:
+        return found
+    monitor.phase = 'explanation'
+    reason = explain(problem, *_explaining(monitor), found=found)
+    if reason is None or monitor.stopped == 'cancelled':
+        sentence = found.message
+        if found.certificate and found.certificate.residuals['dynamics'] > _NO_PATH:
+            sentence = f'no path was found that meets all constraints; in the nearest {sentence}'
+        return replace(found, message='; '.join(filter(None, (sentence, wish(problem)))))
+    if not reason.infeasible:
+        is_path = found.certificate is not None and found.certificate.feasible
+        return replace(found, message='; '.join(
+            [reason.sentence, *([_uncertified(found)] if is_path else [])]))
+    return Solution(Status.INFEASIBLE, reason.sentence)

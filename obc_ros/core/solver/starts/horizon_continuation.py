@@ -1,0 +1,96 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Starts for long horizons: of a short one, and of each twice as long from the one before.
+
+A mesh that is coarse for many periods of an oscillation leads nowhere, and where no end is
+prescribed a path over half of the time, and what its last input makes of the rest, are near that
+over the whole: what has come to rest stays there.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.solver.adjoint.costates import Integrator
+from obc_ros.core.solver.bench import Bench
+from obc_ros.core.solver.transcription.mesh import Layout, Mesh, Path, Phase, uniform
+from obc_ros.core.solver.transcription.program import Outcome
+
+_HALVINGS = 6
+_REFINED, _ITERATIONS = 4, 150   # meshes tried over one horizon, iterations on each
+_WORK = 100_000     # as in `search`, on all of them
+_FINE = 32          # points at which what follows is integrated, in each of its intervals
+_FAR = 10.0         # of the size of the path so far: where what follows is not to be used
+
+
+def lengthened(search: Bench, intervals: int) -> Outcome | None:
+    """
+    Return an outcome over [0, T] that is to be believed, found over longer and longer horizons.
+
+    None where that leads nowhere, or an end is prescribed. `intervals`: how many each horizon
+    adds at least.
+    """
+    whole, final = search.problem, search.problem.final_time
+    if search.quick or whole.q or final.free or search.kit.twin:
+        return None
+    start = search.kit.guesser.line(whole, final.value)
+    outcome: Outcome | None = None
+    monitor, search.monitor = search.monitor, search.monitor.part(_WORK)
+    try:
+        for halvings in range(_HALVINGS, -1, -1):
+            length = final.value / 2**halvings
+            search.problem = replace(whole, final_time=replace(final, value=length))
+            if outcome is None:
+                mesh = uniform(search.problem, intervals, search.stages)
+                path = replace(start, t=start.t / 2**halvings, durations=np.array([length]))
+            else:
+                mesh, path = _longer(
+                    search.problem, search.kit.integrator, outcome, intervals, length)
+            outcome = _believed(search, mesh, path)
+            if outcome is None and halvings < _HALVINGS:
+                break
+    finally:
+        search.problem, search.monitor = whole, monitor
+    return outcome
+
+
+def _believed(search: Bench, mesh: Mesh, path: Path) -> Outcome | None:
+    """Return what meshes that are made finer lead to, once it is to be believed."""
+    for number in range(_REFINED):
+        if search.monitor.stopped or not search.monitor.allows(mesh.layout.intervals):
+            return None
+        outcome = search.collocate(mesh, path, most=_ITERATIONS)
+        if not outcome.converged:
+            return None
+        if search.believed(outcome):
+            return outcome
+        if number < _REFINED - 1:
+            course = search.course(outcome)
+            search.widen_margin(course)
+            mesh, path = search.finer(outcome, course), outcome.path
+    return None
+
+
+def _longer(problem: Problem, integrator: Integrator, outcome: Outcome, intervals: int,
+            length: float) -> tuple[Mesh, Path]:
+    """Return a mesh and a path over a longer time: the path known, and what its end leads to."""
+    known = outcome.path
+    intervals = max(intervals, int(np.count_nonzero(known.t > length / 4)))   # no coarser
+    t = np.linspace(known.t[-1], length, intervals + 1)
+    last = np.tile(known.ub[-1], (intervals * _FINE, 1))
+    x, _ = integrator.forward(
+        replace(problem, x0=known.x[-1]), np.linspace(t[0], length, len(last) + 1), last, last)
+    x = x[::_FINE]
+    size = _FAR * np.abs(known.x).max(axis=0)
+    if not (np.all(np.isfinite(x)) and np.all(np.abs(x) <= size)):
+        x = np.tile(known.x[-1], (len(x), 1))
+    x = np.clip(x, problem.x_lower, problem.x_upper)
+    points = np.append(known.t, t[1:])
+    held = last[:intervals]
+    path = Path(points, np.vstack([known.x, x[1:]]), np.zeros((len(points) - 1, 0, problem.n)),
+                np.vstack([known.ua, held]), np.vstack([known.ub, held]), np.array([length]))
+    before = outcome.mesh.layout
+    phase = Phase(len(points) - 1, before.phases[0].modes, before.phases[0].joined)
+    layout = Layout((phase,), before.stages, before.free_time)
+    return Mesh(layout, np.diff(points) / length, np.zeros((1, problem.m))), path

@@ -1,0 +1,373 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Where a search for an optimal path may start: sensible paths, from a statement alone."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import count, product
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.numerics.vectorized import Batch
+from obc_ros.core.ocp.guess import Guess
+from obc_ros.core.ocp.least_time_form import final_time
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.solver.adjoint.costates import Integrator
+from obc_ros.core.solver.exact.reachable_set import first_reach
+from obc_ros.core.solver.transcription.mesh import Path
+from obc_ros.core.solver.transcription.program import Scales
+
+_POINTS = 21
+_SCATTERED = 3.0   # times how far inputs take states, or their sizes: where paths are looked for
+_ASIDE = 0.3       # of how far inputs take a state: how far a line is bent in it
+_TURNS = 2 * np.pi, 360.0   # [rad], [deg]
+_DOUBLINGS = 24    # of inputs from 1, up and down, to find what they cost
+
+
+def _inside(value: Array, lower: Array, upper: Array) -> Array:
+    return np.minimum(np.maximum(value, lower), upper)
+
+
+class Guesser:
+    """Starting paths for all problems of one structure."""
+
+    def __init__(self, problem: Problem) -> None:
+        x, u, p = problem.x, problem.u, problem.p
+        slope = ca.jacobian(problem.psi, x)
+        self._curved = ca.depends_on(slope, x)
+        self._psi = Batch([x, p], [problem.psi, slope], 1)
+        self._rest = Batch([x, u, p], [
+            problem.f, ca.jacobian(problem.f, u), ca.jacobian(problem.f, x),
+            ca.jacobian(problem.L, u)], 1)
+        self._all = Batch([x, u, p], [ca.vertcat(problem.f, problem.L, problem.path)], 1)
+        self._last: tuple[Problem, Array, NDArray[np.bool_]] | None = None
+        self._last_line: tuple[Problem, float, Path] | None = None
+
+    def final_state(self, problem: Problem) -> tuple[Array, NDArray[np.bool_]]:
+        """Return a state near x0 with psi = 0, and which of its components psi fixes."""
+        if self._last is None or self._last[0] is not problem:
+            self._last = problem, *self._final_state(problem)
+        return self._last[1].copy(), self._last[2]
+
+    def _final_state(self, problem: Problem) -> tuple[Array, NDArray[np.bool_]]:
+        x = problem.x0.copy()
+        fixed = np.zeros(problem.n, dtype=bool)
+        if not problem.q:
+            return _inside(x, problem.x_lower, problem.x_upper), fixed
+        before = inverse = np.zeros((problem.n, problem.q))
+        for _ in range(30):
+            psi, slope = (out[0] for out in self._psi(x, problem.p_value))
+            jacobian = slope.reshape(problem.n, problem.q).T
+            if not (np.all(np.isfinite(psi)) and np.all(np.isfinite(jacobian))):
+                return problem.x0.copy(), fixed
+            if not np.array_equal(jacobian, before):
+                before, inverse = jacobian, np.linalg.pinv(jacobian, rcond=1e-8)
+            move = self._heedful(problem, x, -inverse @ psi, inverse)
+            x = _inside(x + move, problem.x_lower, problem.x_upper)
+            if np.max(np.abs(move)) <= 1e-9 * (1 + np.max(np.abs(x))):
+                break
+        return x, np.diag(inverse @ jacobian) > 1 - 1e-6
+
+    def _heedful(self, problem: Problem, x: Array, move: Array, inverse: Array) -> Array:
+        """Return a move, ended where psi would grow: past the nearest of the states sought."""
+        if not self._curved:
+            return move
+        part = np.linspace(0.0, 1.0, _POINTS)[:, None]
+        psi, _ = self._psi(x + part * move, problem.p_value)
+        left = np.linalg.norm(psi @ inverse.T, axis=1)
+        grows = np.append(~(left[1:] <= left[:-1] * (1 + 1e-9)), True)
+        return np.asarray(part[max(1, int(np.argmax(grows)))] * move)
+
+    def steady_input(self, problem: Problem, x: Array) -> Array:
+        """Return the input within bounds at which f(x, u) is least, nearest to rest."""
+        lower, upper = problem.u_lower, problem.u_upper
+        u = _inside(np.zeros(problem.m), lower, upper)
+        both = np.isfinite(lower) & np.isfinite(upper)
+        nudge = np.where(both & (u == lower) | both & (u == upper),
+                         1e-2 * (np.where(both, lower, 0) + np.where(both, upper, 0) - 2 * u), 0)
+        u = u + nudge
+        for _ in range(10):
+            f, slope, *_ = (out[0] for out in self._rest(x, u, problem.p_value))
+            if not (np.all(np.isfinite(f)) and np.all(np.isfinite(slope))):
+                return u
+            move = -np.linalg.pinv(slope.reshape(problem.m, problem.n).T, rcond=1e-6) @ f
+            new = _inside(u + move, lower, upper)
+            if np.max(np.abs(new - u), initial=0.0) <= 1e-9 * (1 + np.max(np.abs(u), initial=0)):
+                break
+            u = new
+        return u
+
+    def periods(self, problem: Problem) -> Array:
+        """Return a whole turn of each input that is an angle free to make one; inf of others."""
+        periods = np.full(problem.m, np.inf)
+        chance = np.random.default_rng(2)
+        x = problem.x0 + 0.1 * (1 + np.abs(problem.x0)) * chance.uniform(-1, 1, problem.n)
+        u = _inside(chance.uniform(-1, 1, problem.m), problem.u_lower, problem.u_upper)
+        here, = self._all(x, u, problem.p_value)
+        room = problem.u_upper - problem.u_lower
+        for i, turn in product(range(problem.m), _TURNS):
+            if room[i] < turn or problem.inputs[i] in problem.guess.u:
+                continue
+            parts = np.eye(problem.m)[i] * turn * np.array([[0.3], [1.0], [-2.0]])
+            apart = np.abs(self._all(x, u + parts, problem.p_value)[0] - here)
+            same = np.all(apart <= 1e-9 * (1 + np.abs(here)), axis=1)
+            if not same[0] and same[1:].all():
+                periods[i] = turn
+        return periods
+
+    def sizes(self, problem: Problem, path: Path) -> Scales:
+        """Return typical sizes where a search starts: also of what does not move on its path."""
+        found = scales(problem, path)
+        points = len(path.ua)
+        values, = self._all(path.x[:points], path.ua, problem.p_value)
+        f, L = values[:, :problem.n], values[:, problem.n]
+        moved = path.t[-1] * np.abs(f).max(axis=0)
+        limits = np.abs([problem.x_lower, problem.x_upper])
+        limit = np.where(np.isfinite(limits), limits, 0.0).max(axis=0)
+        still = ~np.ptp(path.x, axis=0).astype(bool)
+        if still.any():
+            moved = np.maximum(moved, self._within_reach(problem, path, found.u))
+        guessed = np.where(limit > 0, limit, moved)
+        still &= np.isfinite(guessed) & (guessed > 0)
+        still &= guessed > np.abs(path.x[0])
+        found = replace(found, x=np.where(still, _power(guessed), found.x))
+        cost = float(path.t[-1] * np.abs(L).mean()) or self._beside(problem, path, found)
+        return replace(found, cost=float(_power(cost)) if 0 < cost < 1 else 1.0)
+
+    def _within_reach(self, problem: Problem, path: Path, u_size: Array) -> Array:
+        """
+        Return how far (n,) inputs take each state at first, or in the time of the fastest mode.
+
+        By powers of the linearisation at x(0), so that sizes follow the units of a statement.
+        """
+        x, u, p = path.x[0], path.ua[0], problem.p_value
+        _, by_u, by_x, _ = (out[0] for out in self._rest(x, u, p))
+        A = by_x.reshape(problem.n, problem.n).T
+        B = by_u.reshape(problem.m, problem.n).T * u_size
+        if not (np.all(np.isfinite(A)) and np.all(np.isfinite(B))):
+            return np.zeros(problem.n)
+        T = path.t[-1] / (1 + path.t[-1] * np.abs(np.linalg.eigvals(A)).max(initial=0.0))
+        return first_reach(A, B, T)
+
+    def _beside(self, problem: Problem, path: Path, sizes: Scales) -> float:
+        """Return what paths cost about the sizes of states and inputs beside one without L."""
+        n, start, steady = problem.n, path.x[0], path.ua[0]
+        away = np.diag(np.concatenate([sizes.x, sizes.u]))
+        away = np.vstack([away, -away])
+        x = _inside(start + away[:, :n], problem.x_lower, problem.x_upper)
+        u = _inside(steady + away[:, n:], problem.u_lower, problem.u_upper)
+        L = self._all(x, u, problem.p_value)[0][:, n]
+        cost = path.t[-1] * np.abs(L[np.isfinite(L)]).max(initial=0.0)
+        cost_of = ca.Function('V', [problem.x, problem.p], [problem.V])
+        V = cost_of(np.vstack([start, x]).T, problem.p_value).full()[0]
+        return float(cost + np.abs(V - V[0])[np.isfinite(V)].max(initial=0.0))
+
+    def line(self, problem: Problem, T: float) -> Path:
+        """Return the straight line from x0 to psi = 0, with the user's own guesses where given."""
+        last = self._last_line
+        if last is None or last[0] is not problem or last[1] != T:
+            last = self._last_line = problem, T, self._line(problem, T)
+        return last[2]
+
+    def rest(self, problem: Problem) -> Array:
+        """Return the input (m,) that lines begin with, of whatever length the last one was."""
+        last = self._last_line
+        path = (last[2] if last is not None and last[0] is problem
+                else self.line(problem, final_time(problem)))
+        return np.asarray(path.ua[0])
+
+    def _line(self, problem: Problem, T: float) -> Path:
+        end, _ = self.final_state(problem)
+        s = np.linspace(0.0, 1.0, _POINTS)
+        x = problem.x0 + s[:, None] * (end - problem.x0)
+        u = np.tile(self.steady_input(problem, (problem.x0 + end) / 2), (_POINTS, 1))
+        for names, given, values in ((problem.states, problem.guess.x, x),
+                                     (problem.inputs, problem.guess.u, u)):
+            for name, column in given.items():
+                column = np.atleast_1d(np.asarray(column, dtype=float))
+                values[:, names.index(name)] = np.interp(
+                    s, np.linspace(0.0, 1.0, len(column)), column)
+        path = _path(T * s, x, _inside(u, problem.u_lower, problem.u_upper))
+        *_, slope = self._rest(x, u, problem.p_value)
+        # Where all inputs are 0 the length of their vector has no slope.
+        return path if np.isfinite(slope).all() else _path(
+            T * s, x, self._along(problem, path, x))
+
+    def driven(self, problem: Problem, integrator: Integrator, u: Array, T: float) -> Path:
+        """Return the path under inputs u (21, m), cut where it leaves all sense."""
+        t = np.linspace(0.0, T, _POINTS)
+        u = _inside(u, problem.u_lower, problem.u_upper)
+        fine = np.linspace(0.0, T, 10 * (_POINTS - 1) + 1)
+        inputs = np.column_stack([np.interp(fine, t, column) for column in u.T])
+        x, _ = integrator.forward(problem, fine, inputs[:-1], inputs[1:])
+        x = x[::10]
+        size = 1e3 * (1 + np.max(np.abs(problem.x0)))
+        good = np.all(np.isfinite(x), axis=1) & (np.max(np.abs(x), axis=1) < size)
+        last = int(np.argmin(good)) - 1 if not np.all(good) else len(x) - 1
+        x = x[np.minimum(np.arange(_POINTS), last)]
+        return _path(t, _inside(x, problem.x_lower, problem.x_upper), u)
+
+    def starts(self, problem: Problem, integrator: Integrator,
+               spans: Callable[[], tuple[Array, Array] | None] = lambda: None) -> Iterator[Path]:
+        """
+        Yield starts without end, the most promising first.
+
+        The line, paths bent away from it, and paths driven by the inputs of the line or by ones
+        drawn around them; where T is free its guess is stretched, too. `spans`: returns how far
+        states and inputs went on paths found since, which says more than a line.
+        """
+        T = final_time(problem)
+        line = self.line(problem, T)
+        u = np.vstack([line.ua, line.ub[-1:]])
+        chance = np.random.default_rng(1)
+        span = problem.u_upper - problem.u_lower
+        size = np.where(np.isfinite(span), span, 1 + np.abs(u[0]))
+        yield line
+        if problem.guess.x or problem.guess.u:   # which may be a bad one
+            yield self.line(replace(problem, guess=Guess()), T)
+        for number in count():
+            length = T
+            if number and problem.final_time.free:
+                length = float(np.clip(T * 2.0 ** chance.uniform(-1, 1),
+                                       problem.final_time.lower, problem.final_time.upper))
+            known = spans()
+            variety = _VARIETY if known is None or not problem.q else _BENT
+            bend, noise = variety[number % len(variety)]
+            if known is not None:
+                size = np.where(np.isfinite(span) | (known[1] == 0), size, known[1])
+            inputs = u + noise * size * _wave(chance, problem.m, knots=True)
+            if bend:
+                far = self._sideways(problem, line) if known is None else np.maximum(
+                    np.ptp(line.x, axis=0), known[0])
+                x = line.x + bend * far * _wave(chance, problem.n, knots=False)
+                yield _path(line.t * (length / T), _inside(x, problem.x_lower, problem.x_upper),
+                            _inside(inputs, problem.u_lower, problem.u_upper))
+            elif noise or problem.final_time.free or number < len(_VARIETY):   # none twice
+                yield self.driven(problem, integrator, inputs, length)
+
+    def _sideways(self, problem: Problem, line: Path) -> Array:
+        """Return how far to bend a line, (n,), if no path is known: what stays on it, in pace."""
+        sizes, far = self.sizes(problem, line), np.ptp(line.x, axis=0)
+        reach = self._within_reach(problem, line, sizes.u)
+        moves = (far > 0) & (reach > 0)
+        reach = reach * np.max(far[moves] / reach[moves]) if moves.any() else reach
+        return np.where(far > 0, far, _ASIDE * np.where(reach > 0, reach, sizes.x))
+
+    def scattered(self, problem: Problem, integrator: Integrator, starts: Iterator[Path],
+                  cost: float) -> Iterator[Path]:
+        """
+        Yield lines to final states that are drawn around x(0) where psi leaves them open.
+
+        Their inputs are those that lead along them, as far as any do. `cost`: of the best path
+        that is known; where inputs worth as much lead is looked, too.
+        """
+        line = self.line(problem, final_time(problem))
+        _, fixed = self.final_state(problem)
+        room, _ = self.room(problem, integrator, cost)
+        room[fixed] = 0.0
+        part = np.linspace(0.0, 1.0, _POINTS)[:, None]
+        for number in count(1):
+            if room.any() and number % 3:
+                away = room * (2 * _spread(number, problem.n) - 1)
+                x = _inside(line.x + part * away, problem.x_lower, problem.x_upper)
+                yield _path(line.t, x, self._along(problem, line, x))
+            else:
+                yield next(starts)
+
+    def room(self, problem: Problem, integrator: Integrator, cost: float) -> tuple[Array, Array]:
+        """
+        Return how far (n,) from x(0) and (m,) from rest paths may lead that cost no more.
+
+        As far as each input alone takes the states, held where it costs so much. Their sizes
+        would not do: they are those of a path that may have hardly moved, or begun far away.
+        """
+        line = self.line(problem, final_time(problem))
+        T, rest, found = float(line.t[-1]), line.ua[0], self.sizes(problem, line)
+        cost = max(cost, found.cost)   # paths that cost next to nothing say nothing
+        sizes = np.exp2(np.arange(-_DOUBLINGS, _DOUBLINGS))[:, None]
+        held = [rest]
+        for way in np.vstack([np.eye(problem.m), -np.eye(problem.m)]):
+            u = _inside(rest + sizes * way, problem.u_lower, problem.u_upper)
+            L = self._all(problem.x0, u, problem.p_value)[0][:, problem.n]
+            dear = ~(T * np.abs(L - L[0]) <= cost)
+            if dear.any() or np.array_equal(u[-1], u[-2]):   # else nothing bounds it
+                held.append(u[max(0, int(np.argmax(np.append(dear, True))) - 1)])
+        t = np.linspace(0.0, T, 10 * _POINTS)
+        ends = np.array([integrator.forward(problem, t, tile, tile)[0][-1] for tile in (
+            np.tile(u, (len(t) - 1, 1)) for u in held)])
+        apart = np.abs(ends[1:] - ends[0])
+        reach = np.max(np.where(np.isfinite(apart), apart, 0.0), axis=0, initial=0.0)
+        x, u = (_SCATTERED * np.where(most > 0, most, size) for most, size in (
+            (reach, found.x), (np.ptp(held, axis=0), found.u)))
+        return x, u
+
+    def _along(self, problem: Problem, line: Path, x: Array) -> Array:
+        """Return inputs (21, m) near those of a line under which x moves as it does."""
+        u = np.vstack([line.ua, line.ub[-1:]])
+        f, slope, *_ = self._rest(x, u, problem.p_value)
+        missing = np.gradient(x, line.t, axis=0) - f
+        slope = slope.reshape(-1, problem.m, problem.n).swapaxes(1, 2)
+        if not (np.all(np.isfinite(missing)) and np.all(np.isfinite(slope))):
+            return u
+        more = np.einsum('kmn,kn->km', np.linalg.pinv(slope, rcond=1e-6), missing)
+        return _inside(u + more, problem.u_lower, problem.u_upper)
+
+
+# How far states are bent away and inputs drawn away from the line, as parts of their sizes;
+# without a bend the states follow from the inputs.
+_VARIETY = ((0.5, 0.0), (0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (0.0, 0.3), (0.5, 0.3))
+# Likewise once there is a path to an end that is prescribed: driven ones lead there, if anywhere.
+_BENT = ((0.5, 0.0), (0.5, 0.0), (0.5, 0.3), (0.5, 0.0), (0.0, 0.3), (1.0, 0.0))
+
+
+def _spread(number: int, columns: int) -> Array:
+    """Return a point of a sequence that fills the unit cube evenly: Kronecker's, golden ratios."""
+    ratio = 2.0
+    for _ in range(60):
+        ratio = (1 + ratio) ** (1 / (columns + 1))
+    return np.asarray((0.5 + number * ratio ** -np.arange(1.0, columns + 1)) % 1)
+
+
+def _wave(chance: np.random.Generator, columns: int, *, knots: bool) -> Array:
+    """Return smooth random columns over 21 points, 0 at both ends unless by `knots`."""
+    s = np.linspace(0.0, 1.0, _POINTS)
+    if knots:
+        at = np.linspace(0.0, 1.0, 4)
+        return np.column_stack([np.interp(s, at, chance.uniform(-0.5, 0.5, 4))
+                                for _ in range(columns)])
+    modes = np.sin(np.pi * s[:, None] * np.arange(1, 4))
+    return np.asarray(modes @ chance.normal(size=(3, columns)))
+
+
+def _path(t: Array, x: Array, u: Array) -> Path:
+    return Path(t, x, np.zeros((len(t) - 1, 0, x.shape[1])), u[:-1], u[1:], t[-1:])
+
+
+def _power(size: Array | float) -> Array:
+    """Return the power of 2 next to a size."""
+    return np.asarray(np.exp2(np.round(np.log2(np.clip(size, 1e-8, 1e12)))))
+
+
+def joined(path: Path, periods: Array) -> Path:
+    """Return a path of constant inputs in each interval as one without jumps, nor whole turns."""
+    u = path.ua.copy()
+    for i in np.flatnonzero(np.isfinite(periods)):
+        u[:, i] = np.unwrap(u[:, i], period=periods[i])
+        u[:, i] -= periods[i] * np.round(np.mean(u[:, i]) / periods[i])
+    nodes = np.vstack([u[:1], (u[1:] + u[:-1]) / 2, u[-1:]])
+    return replace(path, ua=nodes[:-1], ub=nodes[1:])
+
+
+def scales(problem: Problem, path: Path) -> Scales:
+    """Return typical sizes of states and inputs, from a path and the bounds."""
+    def size(values: Array, lower: Array, upper: Array) -> Array:
+        seen = np.max(np.abs(values), axis=0, initial=0.0)
+        span = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+        largest = np.where(seen > 0, seen, np.where(span > 0, span, 1.0))
+        return _power(largest)
+
+    return Scales(size(path.x, problem.x_lower, problem.x_upper),
+                  size(np.vstack([path.ua, path.ub]), problem.u_lower, problem.u_upper),
+                  float(np.exp2(np.round(np.log2(path.t[-1])))), 1.0)

@@ -1,0 +1,221 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Ways past obstacles: paths to either side of each.
+
+A path that goes round an obstacle on one side is no neighbour of one that goes round it on the
+other, so that no search leads from the first to the second; with several obstacles in the way
+there are as many minima as choices of sides. A line is bent around each; what keeps near the bent
+line and nearly obeys the dynamics is where a search starts.
+"""
+
+from dataclasses import replace
+from itertools import chain, product
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.numerics.vectorized import Batch
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.solver.bench import Bench
+from obc_ros.core.solver.starts.initial_guess import scales
+from obc_ros.core.solver.transcription.mesh import Path
+from obc_ros.core.solver.transcription.program import Outcome
+from scipy.optimize import least_squares
+
+_SEEN = 81            # points of the line at which obstacles are looked for
+_OBSTACLES, _WAYS = 6, 8   # the worst in the way; the shortest of the ways past them
+_ASIDE = 201          # points beside the line, as far as it is long
+_CLEAR = 1.1          # times how far aside an obstacle ends
+_DETOUR = 0.5         # of a line that is free, how far the other side of an obstacle may be
+_STRAIGHT = 1e-6      # part of a slope that is none
+# Weights of what paths miss the dynamics, the end and rest by, beside what they miss lines by.
+_OBEY, _ARRIVE, _EASY = 30.0, 10.0, 0.01
+_TRIALS, _ROOM = 15, 1e-9   # and the least room between bounds
+
+
+def started_around(search: Bench, outcome: Outcome) -> int:
+    """Start next from ways past obstacles, in as long as an outcome takes; return how many."""
+    problem, guesser = search.problem, search.kit.guesser
+    if search.kit.twin or not np.isfinite(outcome.path.t[-1]):
+        return 0
+    line = guesser.line(problem, float(outcome.path.t[-1]))
+    if ways := around(problem, line):
+        follow = Follower(problem, line, guesser.final_state(problem)[1])
+        search.starts = chain(map(follow, ways), search.starts)
+    return len(ways)
+
+
+def around(problem: Problem, line: Path) -> list[Path]:
+    """
+    Return lines bent around the constraints that are in the way, the shortest first.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of its path constraints those count that are curved in x and free of u.
+    line : Path
+        From x(0) to the end, straight.
+
+    """
+    rows = _curved(problem)
+    if not rows.size:
+        return []
+    s = np.linspace(0.0, 1.0, _SEEN)
+    x = np.column_stack([np.interp(s * line.t[-1], line.t, column) for column in line.x.T])
+    path = ca.substitute(problem.path, problem.u, ca.DM.zeros(problem.m))   # other rows have u
+    seen = Batch([problem.x, problem.p], [path, ca.jacobian(path, problem.x).T])
+    value, slopes = seen(x, problem.p_value)
+    slopes = slopes.reshape(_SEEN, -1, problem.n)
+    room = np.minimum(value - problem.path_lower, problem.path_upper - value)
+    depends, sides = _depends(problem), []
+    for row in rows[np.argsort(room[:, rows].min(axis=0))][:_OBSTACLES].tolist():
+        k = int(np.argmin(room[:, row]))
+        found = _sides(problem, seen, (x[0], x[k], x[-1]), row,
+                       np.where(depends[row], slopes[k, row], np.nan))
+        if any(aside.any() for aside in found):
+            sides.append([(s[k], aside) for aside in found])
+    if not sides:
+        return []
+    ways = [_bent(line, choice) for choice in product(*sides)]
+    size = np.maximum(np.ptp([way.x for way in ways], axis=(0, 1)), 1e-300)
+    return sorted(ways, key=lambda way: float(np.linalg.norm(
+        np.diff(way.x / size, axis=0), axis=1).sum()))[:_WAYS]
+
+
+def _depends(problem: Problem) -> Mask:
+    """Return which states path constraints depend on, (l, n)."""
+    slope = ca.jacobian(problem.path, problem.x)
+    found = np.zeros(slope.shape, dtype=bool)
+    found[slope.sparsity().get_triplet()] = True
+    return found
+
+
+def _curved(problem: Problem) -> NDArray[np.int64]:
+    """Return which path constraints are curved in x and free of u."""
+    rows = [row for row, c in enumerate(ca.vertsplit(problem.path))
+            if not ca.depends_on(c, problem.u)
+            and ca.depends_on(ca.jacobian(c, problem.x), problem.x)]
+    return np.array(rows, dtype=np.int64)
+
+
+def _sides(problem: Problem, seen: Batch, line: tuple[Array, Array, Array], row: int,
+           slope: Array) -> list[Array]:
+    """
+    Return how far (n,) to leave a line, either way, to pass a constraint.
+
+    `line`: its start, where it comes nearest, and its end; `slope` of the constraint there, nan
+    by the states that are not in it.
+    """
+    start, near, end = line
+    of = np.flatnonzero(~np.isnan(slope))
+    length = float(np.linalg.norm(end[of] - start[of]))
+    if len(of) < 2 or not length > 0:
+        return []
+    along = (end[of] - start[of]) / length
+    away = slope[of] - (slope[of] @ along) * along
+    if not np.linalg.norm(away) > _STRAIGHT * np.linalg.norm(slope[of]):   # through its middle
+        away = np.eye(len(of))[int(np.argmin(np.abs(along)))]
+        away -= (away @ along) * along
+    step, far = np.zeros(problem.n), np.linspace(0.0, length, _ASIDE)
+    step[of] = away / np.linalg.norm(away)
+    found = []
+    for sign in (1.0, -1.0):
+        value = seen(near + sign * far[:, None] * step, problem.p_value)[0][:, row]
+        inside = ~((value >= problem.path_lower[row]) & (value <= problem.path_upper[row]))
+        first = int(np.argmax(inside))
+        beyond = first + int(np.argmin(inside[first:]))
+        if not inside.any():
+            found.append(np.zeros(problem.n))
+        elif not inside[beyond] and (inside[0] or far[beyond] <= _DETOUR * length):
+            found.append(sign * _CLEAR * far[beyond] * step)
+    return found
+
+
+def _bent(line: Path, choice: tuple[tuple[float, Array], ...]) -> Path:
+    """Return a line bent at parts of its length by so much, straight in between."""
+    none, choice = np.zeros(line.x.shape[1]), tuple(sorted(choice, key=lambda each: each[0]))
+    at = [0.0, *(part for part, _ in choice), 1.0]
+    aside = np.array([none, *(each for _, each in choice), none])
+    s = line.t / line.t[-1]
+    return replace(line, x=line.x + np.column_stack(
+        [np.interp(s, at, column) for column in aside.T]))
+
+
+class Follower:
+    """
+    What follows bent lines: the least squares of what it misses them and the dynamics by.
+
+    Parameters
+    ----------
+    problem : Problem
+    line : Path
+        Straight, from x(0) to the end, as long as paths are to take.
+    fixed : ndarray of bool, shape (n,)
+        Which states psi fixes at the end.
+
+    """
+
+    def __init__(self, problem: Problem, line: Path, fixed: Mask) -> None:
+        x, u = problem.x, problem.u
+        self._problem, self._N = problem, len(line.t) - 1
+        self._rate = Batch([x, u, problem.p], [
+            problem.f, ca.jacobian(problem.f, x).T, ca.jacobian(problem.f, u).T])
+        placed = _depends(problem)[_curved(problem)].any(axis=0)
+        self._placed, self._fixed = np.flatnonzero(placed), np.flatnonzero(fixed)
+        self._rest = np.vstack([line.ua, line.ub[-1:]])
+        found = scales(problem, line)
+        length = float(np.linalg.norm(np.ptp(line.x[:, placed], axis=0)))
+        self._x_size, self._u_size = np.where(placed, length, found.x), found.u
+
+    def __call__(self, way: Path) -> Path:
+        """Return a path near a bent line."""
+        problem, N = self._problem, self._N
+        lower, upper = (np.concatenate([
+            np.tile(x / self._x_size, N), np.tile(u / self._u_size, N + 1)]) for x, u in (
+                (problem.x_lower, problem.u_lower), (problem.x_upper, problem.u_upper)))
+        first = np.concatenate([(way.x[1:] / self._x_size).ravel(),
+                                (self._rest / self._u_size).ravel()])
+        with np.errstate(all='ignore'):
+            try:
+                z = least_squares(
+                    self._misses, np.clip(first, lower, upper), self._slopes,
+                    (lower, np.maximum(upper, lower + _ROOM)), max_nfev=_TRIALS, args=(way,)).x
+            except ValueError:   # f is undefined somewhere
+                return way
+        x, u = self._parts(z)
+        return replace(way, x=x, ua=u[:-1], ub=u[1:])
+
+    def _parts(self, z: Array) -> tuple[Array, Array]:
+        N, n, m = self._N, self._problem.n, self._problem.m
+        x = z[:N * n].reshape(N, n) * self._x_size
+        return np.vstack([self._problem.x0, x]), z[N * n:].reshape(N + 1, m) * self._u_size
+
+    def _misses(self, z: Array, way: Path) -> Array:
+        x, u = self._parts(z)
+        f, h = self._rate(x, u, self._problem.p_value)[0], way.t[-1] / self._N
+        defect = np.diff(x, axis=0) - h * (f[1:] + f[:-1]) / 2
+        off = (x - way.x) / self._x_size
+        return np.concatenate([
+            _OBEY * (defect / self._x_size).ravel(), off[1:, self._placed].ravel(),
+            _ARRIVE * off[-1, self._fixed], _EASY * ((u - self._rest) / self._u_size).ravel(),
+            _EASY * (np.diff(u, axis=0) / self._u_size).ravel()])
+
+    def _slopes(self, z: Array, way: Path) -> Array:
+        N, n, m = self._N, self._problem.n, self._problem.m
+        h, k = way.t[-1] / N, np.arange(N)
+        _, fx, fu = self._rate(*self._parts(z), self._problem.p_value)
+        fx, fu = fx.reshape(-1, n, n), fu.reshape(-1, n, m)
+        by_x, by_u = np.zeros((N, n, N + 1, n)), np.zeros((N, n, N + 1, m))
+        for step, sign in ((0, -1.0), (1, 1.0)):
+            by_x[k, :, k + step] = sign * np.eye(n) - h / 2 * fx[k + step]
+            by_u[k, :, k + step] = -h / 2 * fu[k + step]
+        size = self._x_size[:, None, None]
+        defect = np.hstack([(by_x * self._x_size / size)[:, :, 1:].reshape(N * n, -1),
+                            (by_u * self._u_size / size).reshape(N * n, -1)])
+        each = np.eye(defect.shape[1])
+        at, inputs = np.arange(N * n).reshape(N, n), each[N * n:]
+        return np.vstack([_OBEY * defect, each[at[:, self._placed].ravel()],
+                          _ARRIVE * each[at[-1, self._fixed]], _EASY * inputs,
+                          _EASY * (inputs[m:] - inputs[:-m])])

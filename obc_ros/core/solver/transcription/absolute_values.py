@@ -1,0 +1,156 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+A smooth problem in the place of one with absolute values, for solvers that need derivatives.
+
+|k (u - c)| becomes |k| (a + b) with u = c + a - b and a, b >= 0: the same problem, whose inputs
+switch. Any other |e| becomes sqrt(e^2 + eps^2) for an eps that goes to zero while the mesh is
+refined. The answer is judged as one to the problem as it was stated.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.guess import Guess
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.solver.transcription.program import Outcome
+
+_ROUNDNESS = (1e-2, 1e-3, 1e-4, 1e-6)   # eps, round by round
+
+
+@dataclass(frozen=True, eq=False)
+class Twin:
+    """
+    How to go to the smooth problem and back, for all problems of one structure.
+
+    `x`, `u`, `p` and the expressions are those of the smooth problem; `split` says for each of
+    its inputs which input of the problem as stated it is a part of, and with which sign;
+    `kinks` (m, 1) of p where inputs that are split have their kinks.
+    """
+
+    u: ca.SX
+    p: ca.SX
+    expressions: tuple[ca.SX, ...]
+    split: tuple[tuple[int, int], ...]
+    kinks: ca.Function
+    rounded: bool
+
+    def problem(self, stated: Problem, turn: int = -1) -> Problem:
+        """Return the smooth problem with a stated one's numbers, sharper each turn; the last."""
+        f, L, path, psi, V = self.expressions
+        eps = _ROUNDNESS[min(turn, len(_ROUNDNESS) - 1)]
+        lower, upper, inputs = [], [], []
+        kinks = self._kinks(stated)
+        for index, sign in self.split:
+            a, b = stated.u_lower[index] - kinks[index], stated.u_upper[index] - kinks[index]
+            if sign:
+                a, b = (max(a, 0.0), max(b, 0.0)) if sign > 0 else (max(-b, 0.0), max(-a, 0.0))
+            lower.append(a)
+            upper.append(b)
+            inputs.append(stated.inputs[index] + {0: '', 1: '#+', -1: '#-'}[sign])
+        guess = {name: np.maximum(
+            sign * (np.asarray(stated.guess.u[stated.inputs[i]]) - kinks[i]), 0.0)
+            if sign else stated.guess.u[stated.inputs[i]]
+                 for name, (i, sign) in zip(inputs, self.split, strict=True)
+                 if stated.inputs[i] in stated.guess.u}
+        return replace(
+            stated, inputs=tuple(inputs), parameters=(*stated.parameters, '#eps'), u=self.u,
+            p=self.p, f=f, L=L, path=path, psi=psi, V=V, u_lower=np.array(lower),
+            u_upper=np.array(upper), p_value=np.append(stated.p_value, eps),
+            guess=Guess(stated.guess.x, guess, stated.guess.final_time))
+
+    def back(self, outcome: Outcome, stated: Problem) -> Outcome:
+        """Return an outcome with the inputs of the problem as it was stated."""
+        matrix = np.zeros((len(self.split), stated.m))
+        for row, (index, sign) in enumerate(self.split):
+            matrix[row, index] = sign or 1
+        path, kinks = outcome.path, self._kinks(stated)
+        return replace(outcome, path=replace(
+            path, ua=path.ua @ matrix + kinks, ub=path.ub @ matrix + kinks))
+
+    def _kinks(self, stated: Problem) -> Array:
+        return np.asarray(self.kinks(stated.p_value).full()[:, 0])
+
+
+def twin(problem: Problem) -> Twin | None:
+    """Return the smooth twin of a problem, or None if it has no absolute values."""
+    function = ca.Function('stated', [problem.x, problem.u, problem.p], [
+        problem.f, problem.L, problem.path, problem.psi, problem.V])
+    count = function.n_instructions()
+    if all(function.instruction_id(k) != ca.OP_FABS for k in range(count)):
+        return None
+    eps = ca.SX.sym('eps')
+    split: dict[int, ca.SX] = {}
+    rounded = False
+
+    def look(e: ca.SX) -> ca.SX:
+        nonlocal rounded
+        found = _single_input(problem, e)
+        if found is None or not ca.is_equal(split.setdefault(*found), found[1], 9):
+            rounded = True
+            return ca.sqrt(e**2 + eps**2)
+        return ca.fabs(e)
+
+    _replayed(function, (problem.x, problem.u, problem.p), look)
+    rows: list[tuple[int, int]] = []
+    for i in range(problem.m):
+        rows += [(i, 1), (i, -1)] if i in split else [(i, 0)]
+    u = ca.SX.sym('u', len(rows))
+    kinks = [split.get(i, ca.SX(0)) for i in range(problem.m)]
+    whole = list(kinks)
+    magnitude = [ca.SX(0)] * problem.m
+    for part, (i, sign) in zip(ca.vertsplit(u), rows, strict=True):
+        whole[i] = whole[i] + (sign or 1) * part
+        magnitude[i] = magnitude[i] + part
+
+    def smooth(e: ca.SX) -> ca.SX:
+        found = _single_input(problem, e)
+        if found is None or not ca.is_equal(split[found[0]], found[1], 9):
+            return ca.sqrt(e**2 + eps**2)
+        index = found[0]
+        slope = ca.jacobian(e, problem.u[index])
+        return ca.fabs(slope) * magnitude[index]
+
+    # Arguments are written in the stated inputs first, so that |k u| is still seen.
+    expressions = _replayed(function, (problem.x, problem.u, problem.p), smooth)
+    expressions = ca.substitute(expressions, [problem.u], [ca.vertcat(*whole)])
+    return Twin(u, ca.vertcat(problem.p, eps), tuple(expressions), tuple(rows),
+                ca.Function('kinks', [problem.p], [ca.vertcat(*kinks)]), rounded)
+
+
+def _single_input(problem: Problem, e: ca.SX) -> tuple[int, ca.SX] | None:
+    """Return i and c if e is k (u_i - c) with k and c constant but for parameters, else None."""
+    if ca.depends_on(e, problem.x):
+        return None
+    used = [i for i in range(problem.m) if ca.depends_on(e, problem.u[i])]
+    if len(used) != 1 or ca.depends_on(ca.jacobian(e, problem.u), problem.u):
+        return None
+    rest = ca.simplify(ca.substitute(e, problem.u, ca.SX.zeros(problem.m)))
+    kink = ca.SX(0) if rest.is_zero() else -rest / ca.jacobian(e, problem.u[used[0]])
+    return used[0], kink
+
+
+def _replayed(function: ca.Function, arguments: tuple[ca.SX, ...],
+              absolute: Callable[[ca.SX], ca.SX]) -> list[ca.SX]:
+    """Return the outputs of a function of SX, with absolute values taken as `absolute` says."""
+    work: dict[int, ca.SX] = {}
+    results = [ca.SX.zeros(function.sparsity_out(i)) for i in range(function.n_out())]
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        inputs, outputs = function.instruction_input(k), function.instruction_output(k)
+        if operation == ca.OP_CONST:
+            work[outputs[0]] = ca.SX(function.instruction_constant(k))
+        elif operation == ca.OP_INPUT:
+            work[outputs[0]] = arguments[inputs[0]].nz[inputs[1]]
+        elif operation == ca.OP_OUTPUT:
+            results[outputs[0]].nz[outputs[1]] = work[inputs[0]]
+        elif operation == ca.OP_FABS:
+            work[outputs[0]] = absolute(work[inputs[0]])
+        elif len(inputs) == 1:
+            work[outputs[0]] = ca.SX.unary(operation, work[inputs[0]])
+        else:
+            work[outputs[0]] = ca.SX.binary(operation, work[inputs[0]], work[inputs[1]])
+    return results

@@ -1,0 +1,303 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""A transcription of one phase as a program whose unknowns follow each other in time."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.numerics.arrays import Array, Index
+from obc_ros.core.solver.nlp.active_set import follow
+from obc_ros.core.solver.nlp.interior_point import (
+    BESIDE,
+    Goal,
+    Interior,
+    Iterate,
+    Pattern,
+    solve,
+    Values,
+)
+from obc_ros.core.solver.nlp.negative_curvature import left_behind
+from obc_ros.core.solver.transcription.block_program import Whole
+
+_PENALTY = 1e7       # of J'J, when H is tested
+_STEEPEST = 100.0   # of a cost
+_FAR, _NEAR = (0.1, 1e-2), (1e-6, 1e-6)   # mu, distance from bounds
+_RESUMED = 100.0, 1e-8, 1e-4   # mu at an answer's neighbour: part of the answer's, least, most
+_NEARLY = Goal(feasible=1e-8, optimal=1e-8)   # where it is tried to hold what is at bounds
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """
+    What came of a program: w and f, multipliers of w's bounds and of the rows, the rows.
+
+    Multipliers have the sign of f + lam_g' g + lam_w' w. `mu`: parameter of the barrier.
+    """
+
+    w: Array
+    f: float
+    g: Array
+    lam_w: Array
+    lam_g: Array
+    converged: bool
+    status: str
+    iterations: int
+    mu: float = 0.0
+
+
+class Stages:
+    """
+    Intervals and an end, their rows between the unknowns of the mesh points.
+
+    Parameters
+    ----------
+    interval, end : Whole
+        Functions of an interval and of the end.
+    index, own : ndarray, shape (N, nv) and (N, .)
+        Where the local variables of each interval stand in [w; c], and its constants in c.
+    last : ndarray, shape (n,)
+        Where x(T) stands in w.
+    points : ndarray, shape (N + 1, n + m)
+        Where the unknowns of each mesh point stand in w.
+    unknowns : int
+        Length of w: the unknowns of the points, and one more at most.
+    shared : int
+        Number of constants that all intervals share, the first of all.
+
+    """
+
+    def __init__(self, interval: Whole, end: Whole, index: Index, own: Index, last: Index,
+                 points: Index, unknowns: int, shared: int) -> None:
+        N, per, r, q = len(index), points.shape[1], interval.r, end.r
+        stride = per + r
+        inner = (N + 1) * per + N * r + q
+        border = unknowns - points.size
+        self.at_w = np.full(unknowns, inner)
+        self.at_w[points] = stride * np.arange(N + 1)[:, None] + np.arange(per)
+        self.at_rows = np.append(
+            (stride * np.arange(N)[:, None] + per + np.arange(r)).ravel(),
+            stride * N + per + np.arange(q))
+        self.size = inner + border
+        self.is_row = np.zeros(self.size, dtype=bool)
+        self.is_row[self.at_rows] = True
+        # Constants stand behind y.
+        v = np.where(index < unknowns, self.at_w[np.minimum(index, unknowns - 1)],
+                     index - unknowns + self.size)
+        of_intervals = self.at_rows[:N * r].reshape(N, r)
+        self._copies = (
+            _Copies(interval, v, self.size + own, of_intervals, self.size + np.arange(shared)),
+            _Copies(end, self.at_w[last][None, :], np.zeros((1, 0), dtype=np.int64),
+                    self.at_rows[None, N * r:], self.size + np.arange(shared)))
+        rows, columns = (np.concatenate([copies.entries[k] for copies in self._copies])
+                         for k in (0, 1))
+        # Entries of constants are dropped.
+        self._kept = np.flatnonzero((rows < self.size) & (columns < self.size))
+        self.pattern = Pattern(rows[self._kept], columns[self._kept], self.size, border)
+        self._without: tuple[Any, Index] = None, np.zeros(0, dtype=np.int64)
+        self._squared: tuple[Values | None, Array] = None, np.zeros(0)
+        self._number()
+
+    def _number(self) -> None:
+        """Say where what the copies return stands in all that they return, and goes."""
+        first, second = self._copies
+        self._places = slice(0, first.total), slice(first.total, first.total + second.total)
+        nowhere = 3 * self.size   # slopes by constants are dropped
+        slots, summands, entries = [], [], []
+        for copies, offset in ((first, 0), (second, first.total)):
+            g, cost, cost_slope, slope, J, H = (at + offset for at in copies.results)
+            summands += [g, slope, cost_slope, cost]
+            v = np.where(copies.v < self.size, copies.v, nowhere)
+            slots += [copies.rows, self.size + v, 2 * self.size + v[:, copies.whole.slope],
+                      np.full(cost.shape, 3 * self.size)]
+            entries += [H, J, J]
+        slot, summand = (np.concatenate([part.ravel() for part in parts])
+                         for parts in (slots, summands))
+        self._slots, self._summands = np.minimum(slot, nowhere + 1), summand
+        self._entries = np.concatenate([part.ravel() for part in entries])[self._kept]
+
+    def bind(self, constants: Array) -> None:
+        """Set the constants."""
+        self._constants = constants
+
+    @cached_property
+    def _squares(self) -> tuple[Pattern, Index]:
+        """Return the pattern of the Hessian and of J'J, and which of their entries are kept."""
+        rows, columns = [], []
+        for copies in self._copies:
+            pairs = copies.v[:, copies.whole.jacobian[1][copies.pairs]]
+            rows += [copies.v[:, copies.whole.curvature[0]], pairs.max(axis=1)]
+            columns += [copies.v[:, copies.whole.curvature[1]], pairs.min(axis=1)]
+        i, j = (np.concatenate([part.ravel() for part in parts]) for parts in (rows, columns))
+        inner = self.pattern.inner
+        kept = np.flatnonzero((i < self.size) & (j < self.size) & (i >= j))
+        i, j = i[kept], j[kept]
+        # The border is a few columns.
+        edge = (i >= inner) & (j < inner)
+        i, j = np.where(edge, j, i), np.where(edge, i, j)
+        return Pattern(i, j, self.size, self.pattern.border, triangle=True), kept
+
+    def convex(self, values: Values, fixed: NDArray[np.bool_], diagonal: Array) -> bool:
+        """
+        Return whether the Hessian with a diagonal added is positive definite where J d = 0.
+
+        It is if it is positive definite everywhere once a multiple of J'J is added.
+        """
+        pattern, kept = self._squares
+        if fixed is not self._without[0]:
+            self._without = fixed, pattern.without(fixed)
+        if values is not self._squared[0]:   # only the diagonal changes from test to test
+            parts = []
+            with np.errstate(over='ignore'):
+                for copies, (jacobian, curvature) in zip(
+                        self._copies, values.parts, strict=True):
+                    a, b = copies.pairs
+                    heavy = np.sqrt(_PENALTY) * jacobian
+                    parts += [curvature.ravel(), (heavy[:, a] * heavy[:, b]).ravel()]
+            self._squared = values, np.concatenate(parts)[kept]
+        return pattern.definite(self._squared[1], self._without[1], diagonal)
+
+    @np.errstate(over='ignore', invalid='ignore')   # steps that lead far away are not taken
+    def run(self, w: Array, bounds: tuple[Array, Array], goal: Goal,
+            watch: Callable[[float, float], bool], *, near: bool = False,
+            multipliers: tuple[Array, Array] | None = None, mu: float = 0.0) -> Found:
+        """
+        Return what the interior-point method makes of a start.
+
+        Parameters
+        ----------
+        w : ndarray
+            Where to start.
+        bounds : pair of ndarray
+            Of w.
+        goal : Goal
+            When to stop.
+        watch : callable
+            Called with cost and infeasibility; True stops.
+        near : bool
+            Whether the start is near the optimum.
+        multipliers : pair of ndarray, optional
+            `lam_w` and `lam_g` at the start; of `lam_w` the signs are enough.
+        mu : float, optional
+            Parameter of the barrier at which these were found.
+
+        """
+        y, lower = np.zeros(self.size), np.full(self.size, -np.inf)
+        upper = -lower
+        y[self.at_w], lower[self.at_w], upper[self.at_w] = w, *bounds
+        self.factor = 1.0
+
+        def seen(f: float, worst: float) -> bool:
+            return watch(f / self.factor, worst)
+
+        if multipliers is not None:
+            z = np.zeros(self.size)
+            z[self.at_w] = multipliers[0] * self.factor
+            y[self.at_rows] = multipliers[1] * self.factor
+            beside = BESIDE * np.minimum(upper - lower, 1.0)
+            side = ((z > 0) & (upper - y <= beside)).astype(np.int8)
+            side[(z < 0) & (y - lower <= beside)] = -1
+            side[lower == upper] = 0
+            followed = follow(self, (lower, upper), y, side, goal, seen)
+            if followed is not None:
+                return self._followed((lower, upper), *followed)
+        work = Interior(self, lower, upper)
+        if near and multipliers is not None:
+            now = work.resume(y, float(np.clip(_RESUMED[0] * mu, *_RESUMED[1:])))
+        else:
+            now = work.begin(y, *(_NEAR if near else _FAR))
+        if not near:
+            now.z[:] = 1.0
+            self._scale(now)
+            work.measured(now)
+        if multipliers is None:
+            work.multipliers(now)
+        if not goal.rough:
+            # Near the end it is clear what is at a bound: held there it is found exactly.
+            now = solve(work, now, _NEARLY, seen)
+            followed = follow(self, (lower, upper), now.y, work.sides(now), goal, seen
+                              ) if now.converged else None
+            if followed is not None:
+                return self._followed((lower, upper), *followed[:2],
+                                      now.iterations + followed[2])
+            now.converged = False
+        end = solve(work, now, goal, seen)
+        return self._found(work, left_behind(work, end, goal, seen))
+
+    def _followed(self, bounds: tuple[Array, Array], y: Array, there: Values, steps: int
+                  ) -> Found:
+        held = (y <= bounds[0]) | (y >= bounds[1])
+        return Found(y[self.at_w], there.f / self.factor, there.c[self.at_rows],
+                     np.where(held, -there.slope, 0.0)[self.at_w] / self.factor,
+                     y[self.at_rows] / self.factor, True, 'followed', steps)
+
+    def _scale(self, now: Iterate) -> None:
+        """Make the cost less steep if it is very steep at a start without multipliers."""
+        steepest = float(np.abs(now.values.cost_slope).max())
+        if np.isfinite(steepest) and steepest > _STEEPEST:
+            self.factor = _STEEPEST / steepest
+            now.values = self.values(now.y)
+
+    def _found(self, work: Interior, end: Iterate) -> Found:
+        return Found(end.y[self.at_w], end.values.f / self.factor, end.values.c[self.at_rows],
+                     -work.spread(end.z)[self.at_w] / self.factor,
+                     end.y[self.at_rows] / self.factor, end.converged, end.status,
+                     end.iterations, end.mu)
+
+    def values(self, y: Array) -> Values:
+        """Return everything at y."""
+        known = np.concatenate([y, self._constants, [self.factor]])
+        flat, parts = np.empty(self._places[-1].stop), []
+        for copies, place in zip(self._copies, self._places, strict=True):
+            result = flat[place].reshape(len(copies.take), -1)
+            copies.whole.batch.of_joined(known[copies.take], result)
+            parts.append((result[:, copies.at_J], result[:, copies.at_H]))
+        sums: Array = np.asarray(np.bincount(
+            self._slots, flat[self._summands], 3 * self.size + 2), dtype=float)
+        c, slope, cost_slope = sums[:-2].reshape(3, -1)
+        cost_slope *= self.factor
+        return Values(self.factor * float(sums[-2]), c, slope, cost_slope,
+                      flat[self._entries], tuple(parts))
+
+    def merit(self, y: Array) -> tuple[float, Array]:
+        """Return f and c at y."""
+        known = np.concatenate([y, self._constants])
+        c, cost, seen = np.zeros(self.size), 0.0, []
+        for copies in self._copies:
+            result = copies.whole.values.of_joined(known[copies.few])
+            seen.append(result[:, :-1].ravel())
+            cost += float(result[:, -1].sum())
+        c[self.at_rows] = np.concatenate(seen)
+        return self.factor * cost, c
+
+
+class _Copies:
+    """
+    Copies of a piece: where its arguments stand, and what of its results stands where.
+
+    `take`, `few`: where the arguments for everything, and for g and the cost alone, stand in (y,
+    constants, factor); `results`: places of g, cost, its slope, the slope of the Lagrangian, J
+    and H, `total` of them; `at_J`, `at_H`: the last two in the results of one copy; `entries`:
+    rows and columns of H, J and J' in the matrix; `pairs` (2, .) of entries of J to be multiplied
+    for J'J.
+    """
+
+    def __init__(self, whole: Whole, v: Index, own: Index, rows: Index, shared: Index) -> None:
+        self.whole, self.v, self.rows = whole, v, rows
+        K = len(v)
+        given = np.hstack([v, own, np.tile(shared, (K, 1))])
+        self.few = given
+        self.take = np.hstack([given, np.full((K, 1), -1), rows])
+        width = whole.batch.outputs[-1].stop
+        self.total = len(self.take) * width
+        self.results = [width * np.arange(K)[:, None] + np.arange(part.start, part.stop)
+                        for part in whole.batch.outputs]
+        i, j = whole.jacobian
+        a, b = whole.curvature
+        self.pairs = np.array(np.nonzero(np.triu(i[:, None] == i)))
+        self.at_J, self.at_H = whole.batch.outputs[-2:]
+        pairs = ((v[:, a], v[:, b]), (rows[:, i], v[:, j]), (v[:, j], rows[:, i]))
+        self.entries = [np.concatenate([pair[k].ravel() for pair in pairs]) for k in (0, 1)]

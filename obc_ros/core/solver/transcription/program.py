@@ -1,0 +1,477 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Optimal control as a nonlinear program, under inputs linear in time between mesh points.
+
+In an interval of length h the state obeys dx/dt = f(x, u) by one of two schemes: Gauss
+collocation, the polynomial of degree s that meets the equation at s points (order 2s, for stiff
+systems, and where the state is bounded), or an explicit Runge-Kutta step of order 6 (fewer
+unknowns). u runs linearly from u_k+ to u_(k+1)-, so that bounds at mesh points are bounds
+everywhere and the input returned is the input optimised: the cost found is never below the least
+one, and exceeds it by O(h^4) where u* is smooth. Phases may have unknown lengths and inputs held
+at given values: arcs.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.numerics.arrays import Array, Index
+from obc_ros.core.numerics.collocation import collocation, gauss_points
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.solver.nlp.interior_point import Goal
+from obc_ros.core.solver.nlp.progress import Monitor, Watch
+from obc_ros.core.solver.transcription.banded_program import Found, Stages
+from obc_ros.core.solver.transcription.block_program import assemble, Block, Piece, Program
+from obc_ros.core.solver.transcription.intervals import Pieces
+from obc_ros.core.solver.transcription.local_minima import Familiar
+from obc_ros.core.solver.transcription.mesh import HELD, Layout, Mesh, Path, STEPPED
+from obc_ros.core.solver.transcription.tightening import Limits
+
+_COMMON: dict[str, object] = {
+    'print_level': 0, 'sb': 'yes', 'linear_solver': 'mumps', 'tol': 1e-9,
+    # With its own permutation MUMPS takes some of these matrices for singular, for minutes.
+    'mumps_permuting_scaling': 0, 'mumps_pivot_order': 0,
+    'constr_viol_tol': 1e-9, 'compl_inf_tol': 1e-9, 'dual_inf_tol': 1e-6,
+    'bound_relax_factor': 0.0, 'honor_original_bounds': 'yes', 'max_iter': 1000,
+    'acceptable_tol': 1e-7, 'acceptable_iter': 15}
+# How near the optimum a start is: at a guess, on a path found on another mesh, at a neighbour's.
+_STARTS: dict[str, dict[str, object]] = {
+    'far': {},
+    'near': {'mu_init': 1e-4, 'bound_push': 1e-6, 'bound_frac': 1e-6, 'slack_bound_push': 1e-6,
+             'slack_bound_frac': 1e-6},
+    'warm': {'warm_start_init_point': 'yes', 'mu_init': 1e-6, 'warm_start_bound_push': 1e-8,
+             'warm_start_mult_bound_push': 1e-8, 'warm_start_slack_bound_push': 1e-8,
+             'warm_start_bound_frac': 1e-8, 'warm_start_slack_bound_frac': 1e-8}}
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """
+    What the solver of the nonlinear program returned.
+
+    Attributes
+    ----------
+    nu : ndarray, shape (q,)
+        Multipliers of psi.
+    costates : ndarray, shape (N + 1, n)
+        At mesh points, before any jump there; the first row is known by collocation only.
+    node_bounds, inner_bounds : ndarray, shape (N + 1, n), (N, s, n)
+        Multipliers of the bounds of x, > 0 at an upper bound.
+    node_path, inner_path : ndarray, shape (N + 1, l), (N, s, l)
+        Likewise for the path constraints; the last row is that at T.
+    sides_path : ndarray, shape (N, 2, l)
+        Those of the path constraints at the start and at the end of each interval: where a phase
+        ends others hold on either side.
+    w, lam_w, lam_g, mu
+        Unknowns, multipliers and parameter of the barrier of the program, for a warm start.
+    scales : Scales, optional
+        In which these are.
+
+    """
+
+    mesh: Mesh
+    path: Path
+    converged: bool
+    status: str
+    objective: float
+    infeasibility: float
+    iterations: int
+    nu: Array
+    costates: Array
+    node_bounds: Array
+    inner_bounds: Array
+    node_path: Array
+    inner_path: Array
+    sides_path: Array
+    w: Array
+    lam_w: Array
+    lam_g: Array
+    mu: float
+    scales: 'Scales | None' = None
+
+    def pressure(self) -> Array:
+        """Return by how much J grows with drawing in each bound of x and of c, (n + l,)."""
+        parts = ((self.node_bounds, self.inner_bounds), (self.node_path, self.inner_path))
+        return np.concatenate([np.abs(a).sum(0) + np.abs(b).sum((0, 1)) for a, b in parts])
+
+    def masses(self, parts: int) -> Array:
+        """
+        Return by how much lam drops at each of N * parts + 1 times, shape (., n).
+
+        The multipliers at Gauss points are moved to the nearest of these times.
+        """
+        mass = np.zeros((len(self.path.ua) * parts + 1, self.path.x.shape[1]))
+        mass[::parts] = self.node_bounds
+        for j, c in enumerate(gauss_points(self.inner_bounds.shape[1])):
+            place = round(c * parts)
+            mass[place:place + (len(mass) - 1):parts] += self.inner_bounds[:, j]
+        return mass
+
+
+@dataclass(frozen=True, eq=False)
+class Scales:
+    """Typical sizes of the states (n,), the inputs (m,), the time and the cost."""
+
+    x: Array
+    u: Array
+    time: float
+    cost: float
+
+
+class Transcription:
+    """
+    The nonlinear program of a problem on a layout, for any numbers.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its symbols and expressions are used, not its numbers.
+    layout : Layout
+        Phases, intervals and scheme.
+    pieces : Pieces, optional
+        Of the same problem and scheme, for any other layout.
+
+    """
+
+    def __init__(self, problem: Problem, layout: Layout, pieces: Pieces | None = None) -> None:
+        self.layout, self._solvers = layout, dict[str, tuple[ca.Function, Watch]]()
+        self._pieces = pieces or Pieces(problem, layout.stages, layout.free_durations)
+        self.n, self.m, self.q = problem.n, problem.m, problem.q
+        self.l = int(problem.path.numel())
+        self.c = gauss_points(layout.stages)
+        self._number(problem)
+        self._problem = problem
+        jacobian = ca.jacobian_sparsity(problem.path, ca.vertcat(problem.x, problem.u))
+        self._uses = np.zeros((self.l, self.n + self.m), dtype=bool)
+        self._uses[jacobian.get_triplet()] = True
+        self._path = ca.Function('path', [problem.x, problem.u, problem.p], [problem.path])
+
+    def _number(self, problem: Problem) -> None:
+        """Give every unknown and every constant its place."""
+        layout, n, m = self.layout, self.n, self.m
+        N, stride = layout.intervals, n * (1 + layout.stages)
+        self.at_x = stride * np.arange(N + 1)[:, None] + np.arange(n)
+        self.at_inner = (self.at_x[:-1, None, :] + n * (1 + np.arange(layout.stages))[:, None])
+        first = N * stride + n
+        self.at_ua = np.zeros((N, m), dtype=np.int64)
+        self.at_ub = np.zeros((N, m), dtype=np.int64)
+        held: list[tuple[int, int]] = []
+        k = 0
+        for number, phase in enumerate(layout.phases):
+            span = np.arange(k, k + phase.intervals)
+            for i, mode in enumerate(phase.modes):
+                if mode == HELD:
+                    self.at_ua[span, i] = self.at_ub[span, i] = -1 - len(held)
+                    held.append((number, i))
+                    continue
+                if mode == STEPPED:
+                    self.at_ua[span, i] = self.at_ub[span, i] = first + np.arange(phase.intervals)
+                    first += phase.intervals
+                    continue
+                joined = phase.joined[i] and k > 0
+                places = first + np.arange(phase.intervals + 1 - int(joined))
+                first += len(places)
+                if joined:
+                    places = np.append(self.at_ub[k - 1, i], places)
+                self.at_ua[span, i], self.at_ub[span, i] = places[:-1], places[1:]
+            k += phase.intervals
+        self.held = held
+        phases = len(layout.phases)
+        self.at_duration = first + np.arange(phases)
+        self.unknowns = first + (phases if layout.free_durations else 0)
+        self.shared = len(problem.parameters) + n + m + 2
+        self.constants = self.shared + N + len(held) + (0 if layout.free_durations else phases)
+        base = self.unknowns + self.shared
+        self.at_fraction = base + np.arange(N)
+        for inputs in (self.at_ua, self.at_ub):
+            inputs[inputs < 0] = base + N - 1 - inputs[inputs < 0]
+        if not layout.free_durations:
+            self.at_duration = base + N + len(held) + np.arange(phases)
+        # The state, input or time that each unknown is.
+        self.which = np.full(self.unknowns + self.constants, n + m)
+        self.which[self.at_x] = self.which[self.at_inner] = np.arange(n)
+        self.which[self.at_ua] = self.which[self.at_ub] = n + np.arange(m)
+        self.which = self.which[:self.unknowns]
+
+    def _index(self) -> tuple[Index, Index]:
+        """Return where the local variables and the constants of each interval stand."""
+        layout = self.layout
+        duration = self.at_duration[layout.phase_of][:, None]
+        own, free = [self.at_fraction[:, None]], list[Index]()
+        (free if layout.free_durations else own).append(duration)
+        v = [self.at_x[:-1], self.at_ua, self.at_ub, *free,
+             self.at_inner.reshape(layout.intervals, -1), self.at_x[1:]]
+        return np.hstack(v), np.hstack(own) - self.unknowns
+
+    @cached_property
+    def _staged(self) -> Stages | None:
+        """Return the program for the interior-point method, if it is of its form."""
+        layout = self.layout
+        if (len(layout.phases) > 1 or layout.stages or self.l or self.held
+                or STEPPED in layout.phases[0].modes):
+            return None
+        inputs = np.vstack([self.at_ua[:1], self.at_ub])
+        return Stages(self._pieces.interval.whole, self._pieces.end.whole, *self._index(),
+                      self.at_x[-1], np.hstack([self.at_x, inputs]), self.unknowns, self.shared)
+
+    @cached_property
+    def _program(self) -> Program:
+        layout, pieces, problem = self.layout, self._pieces, self._problem
+        none = np.zeros((1, 0), dtype=np.int64)
+        blocks = [
+            Block(pieces.interval, *self._index()),
+            Block(pieces.end, self.at_x[-1:], none)]
+        if self.l:
+            last = self._ends(problem)
+            blocks.append(Block(pieces.limits, np.hstack([self.at_x[last + 1], self.at_ub[last]]),
+                                np.zeros((len(last), 0), dtype=np.int64)))
+        if len(layout.phases) > 1:
+            durations = ca.SX.sym('durations', len(layout.phases))
+            blocks.append(Block(
+                Piece(durations, ca.SX(0, 1), pieces.shared, ca.sum1(durations), ca.SX(0)),
+                self.at_duration[None, :], none))
+        return assemble(blocks, self.unknowns, self.shared, self.constants)
+
+    def _ends(self, problem: Problem) -> Index:
+        """Return the last intervals of the phases at whose ends path constraints are needed."""
+        last = np.cumsum([phase.intervals for phase in self.layout.phases]) - 1
+        return last if ca.depends_on(problem.path, problem.u) else last[-1:]
+
+    def _solver(self, start: str) -> tuple[ca.Function, Watch]:
+        if start not in self._solvers:
+            rows = int(self._program.nlp['g'].numel())
+            watch = Watch(self.unknowns, rows, self.constants)
+            options: dict[str, Any] = {
+                'print_time': False, 'error_on_fail': False, 'show_eval_warnings': False,
+                'no_nlp_grad': True, 'calc_lam_p': False, 'calc_lam_x': False, 'calc_f': False,
+                'calc_g': False, 'ipopt': _COMMON | _STARTS[start], 'iteration_callback': watch,
+                **self._program.derivatives}
+            nlp: dict[str, Any] = dict(self._program.nlp)
+            self._solvers[start] = ca.nlpsol('nlp', 'ipopt', nlp, options), watch
+        return self._solvers[start]
+
+    def times(self, mesh: Mesh, durations: Array) -> Array:
+        """Return the mesh points, shape (N + 1,)."""
+        return np.append(0.0, np.cumsum(mesh.fractions * durations[self.layout.phase_of]))
+
+    def start(self, mesh: Mesh, guess: Path, durations: Array, scales: Scales) -> Array:
+        """Return the unknowns that follow a guess stretched to the given durations."""
+        t = self.times(mesh, durations)
+        stretch = guess.t[-1] / t[-1]
+        w = np.zeros(self.unknowns)
+        w[self.at_x] = guess.states_at(t * stretch) / scales.x
+        if self.at_inner.size:
+            inner = (t[:-1, None] + np.diff(t)[:, None] * self.c).ravel()
+            w[self.at_inner] = (guess.states_at(inner * stretch) / scales.x).reshape(
+                self.at_inner.shape)
+        for places, times, after in ((self.at_ub, t[1:], False), (self.at_ua, t[:-1], True)):
+            values = guess.inputs_at(times * stretch, after) / scales.u
+            unknown = places < self.unknowns
+            w[places[unknown]] = values[unknown]
+        if self.layout.free_durations:
+            w[self.at_duration] = durations / scales.time
+        return w
+
+    def multipliers(self, mesh: Mesh, start: Array, guide: 'Outcome', scales: Scales,
+                    bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Return signs of `lam_w` and values of `lam_g` that follow from an outcome nearby."""
+        t = self.times(mesh, guide.path.durations)[1:]
+        costates = np.vstack([guide.costates[1], guide.costates[1:]])
+        lam = np.column_stack([np.interp(t, guide.path.t, column) for column in costates.T])
+        near = 1e-6 * np.maximum(1.0, np.abs(start))
+        inputs = np.zeros(self.unknowns, dtype=bool)
+        inputs[self.at_ua], inputs[self.at_ub] = True, True
+        sign = (start >= bounds[1] - near).astype(float) - (start <= bounds[0] + near)
+        return (np.where(inputs, sign, 0.0),
+                np.append((-lam * scales.x).ravel(), guide.nu) / scales.cost)
+
+    def _constants(self, problem: Problem, mesh: Mesh, scales: Scales, T: float) -> Array:
+        held = [mesh.held[number, i] / scales.u[i] for number, i in self.held]
+        given = [] if self.layout.free_durations else [T / scales.time]
+        return np.concatenate([problem.p_value, scales.x, scales.u, [scales.time, scales.cost],
+                               mesh.fractions, held, given])
+
+    def _bounds(self, problem: Problem, mesh: Mesh, scales: Scales, limits: 'Limits'
+                ) -> tuple[Array, Array]:
+        size = np.concatenate([scales.x, scales.u, [scales.time]])
+        lower, upper = ((np.concatenate([x, u, [0.0]]) / size)[self.which] for x, u in (
+            (problem.x_lower, problem.u_lower), (problem.x_upper, problem.u_upper)))
+        if limits.margin[:self.n].any():
+            phases = len(self.layout.phases)
+            s = self.times(mesh, np.full(phases, 1 / phases))
+            margin = limits.of_states(problem, s) / scales.x
+            for places, rows in ((self.at_x, margin), (self.at_inner, np.minimum(
+                    margin[:-1], margin[1:])[:, None])):
+                lower[places] += rows
+                upper[places] -= rows
+        lower[self.at_x[-1, limits.pinned]] = -np.inf
+        upper[self.at_x[-1, limits.pinned]] = np.inf
+        mesh.hold(lower, upper, self.at_x, slice(self.n))
+        lower[self.at_x[0]] = upper[self.at_x[0]] = problem.x0 / scales.x
+        if self.layout.free_durations:
+            lower[self.at_duration] = limits.shortest / scales.time
+            upper[self.at_duration] = limits.longest / scales.time
+        return lower, upper
+
+    def _settled(self, problem: Problem, mesh: Mesh) -> NDArray[np.bool_]:
+        """Return the equalities that inputs at given values meet in each phase, (phases, l)."""
+        phases = self.layout.phases
+        held = np.array([[mode == HELD for mode in phase.modes] for phase in phases])
+        loose = (self._uses[:, self.n:] & ~held[:, None]).any(axis=2)
+        loose |= self._uses[:, :self.n].any(axis=1) | (problem.path_lower != problem.path_upper)
+        if loose.all():
+            return np.zeros_like(loose)
+        values = np.array([self._path(problem.x0, u, problem.p_value).full()[:, 0]
+                           for u in mesh.held])
+        met = np.abs(values - problem.path_lower) <= 1e-9 * (1 + np.abs(values))
+        return np.asarray(met & ~loose)
+
+    def solvable(self, problem: Problem, mesh: Mesh) -> bool:
+        """Return whether there are as many unknowns as equations: else there is no choice."""
+        layout, n = self.layout, self.n
+        equations = n * (layout.stages + 1) * layout.intervals + self.q
+        equalities = (problem.path_lower == problem.path_upper) & ~self._settled(problem, mesh)
+        intervals = np.array([phase.intervals for phase in layout.phases])
+        return self.unknowns - n >= equations + int(intervals @ equalities.sum(axis=1))
+
+    def _row_bounds(self, problem: Problem, mesh: Mesh, scales: Scales, limits: Limits
+                    ) -> tuple[Array, Array]:
+        N, s = self.layout.intervals, self.layout.stages
+        collocation, margin = np.zeros(self.n * (s + 1)), limits.margin[self.n:]
+        lower, upper = list[Array](), list[Array]()
+        # Inputs, linear in an interval, cannot keep to an equality at all its points.
+        loose = np.where(problem.path_lower == problem.path_upper, np.inf, 0.0)
+        for rows, path, inner in ((lower, problem.path_lower + margin, -loose),
+                                  (upper, problem.path_upper - margin, loose)):
+            rows.append(np.tile(np.concatenate([collocation, path, np.tile(path + inner, s)]), N))
+            rows.append(np.zeros(self.q))
+            if self.l:
+                rows.append(np.tile(path, self._program.rows[2] // self.l))
+        if len(self.layout.phases) > 1:
+            time_ = problem.final_time
+            span = (time_.lower, time_.upper) if time_.free else (time_.value, time_.value)
+            lower.append(np.array([span[0] / scales.time]))
+            upper.append(np.array([span[1] / scales.time]))
+        bounds = np.concatenate(lower), np.concatenate(upper)
+        each = self.n * (s + 1) + self.l * (s + 1)
+        places = each * np.arange(N)[:, None] + self.n * (s + 1) + np.arange(self.l)
+        mesh.hold(*bounds, places, slice(self.n, None))
+        # What holds whatever is found only makes the equations dependent.
+        settled = self._settled(problem, mesh)
+        spare = [places[settled[self.layout.phase_of]]]
+        if settled.any() and len(settled) * self.l == self._program.rows[2]:
+            spare.append(each * N + self.q + np.flatnonzero(settled))
+        for values, none in zip(bounds, (-np.inf, np.inf), strict=True):
+            values[np.concatenate(spare)] = none
+        return bounds
+
+    def solve(self, problem: Problem, mesh: Mesh, start: Array, scales: Scales,
+              limits: Limits, monitor: Monitor, *, near: bool = False, rough: float = 0.0,
+              once: bool = False, known: Familiar | None = None,
+              multipliers: tuple[Array, Array] | None = None,
+              guide: 'Outcome | None' = None) -> Outcome:
+        """
+        Solve the program for the numbers of a problem of the same structure.
+
+        Parameters
+        ----------
+        problem, mesh
+            Of the structure and the layout this was built for; their numbers are used.
+        start : ndarray
+            Unknowns, from `start` or of an earlier Outcome.
+        scales, limits
+            Of the unknowns and the cost; bounds besides those of the problem.
+        monitor : Monitor
+            Is told of every iteration and may end the work.
+        near : bool
+            Whether the start is near the optimum.
+        multipliers : pair of ndarray, optional
+            `lam_w` and `lam_g` of a neighbouring Outcome: warm start.
+        rough : float, optional
+            Relative error of the cost that is good enough; 0 for none.
+        known : Familiar, optional
+            What need not be found again, if this is to be left `once` it fails.
+        once : bool, optional
+            Whether to leave it at the interior-point method of this package, where it applies.
+        guide : Outcome, optional
+            Of a path nearby on another mesh.
+
+        """
+        lower, upper = self._bounds(problem, mesh, scales, limits)
+        if self._staged is not None:
+            constants = self._constants(problem, mesh, scales, problem.final_time.value)
+            self._staged.bind(constants)
+            guessed = multipliers
+            if guide is not None and multipliers is None:
+                guessed = self.multipliers(mesh, start, guide, scales, (lower, upper))
+
+            def seen(f: float, worst: float) -> bool:
+                again = known is not None and known.again(f * scales.cost, worst)
+                return monitor.step(f * scales.cost, worst) or once and again
+
+            found = self._staged.run(
+                start, (lower, upper), Goal(rough=rough, spare=once), seen, near=near,
+                multipliers=guessed, mu=0.0 if guide is None else guide.mu)
+            if found.converged or once or monitor.stopped or monitor.spent:
+                return self._outcome(problem, mesh, scales, found, (0.0, 0.0))
+        rows = self._row_bounds(problem, mesh, scales, limits)
+        solver, watch = self._solver('warm' if multipliers else 'near' if near else 'far')
+        watch.monitor, watch.cost_scale = monitor, scales.cost
+        watch.lower, watch.upper = rows
+        arguments = {
+            'x0': start, 'p': self._constants(problem, mesh, scales, problem.final_time.value),
+            'lbx': lower, 'ubx': upper, 'lbg': rows[0], 'ubg': rows[1]}
+        if multipliers is not None:
+            arguments['lam_x0'], arguments['lam_g0'] = multipliers
+        begun = monitor.iterations - 1   # the start is shown as one, too
+        result, stats = solver(**arguments), solver.stats()
+        w, lam_w, g, lam_g = (
+            result[key].full().ravel() for key in ('x', 'lam_x', 'g', 'lam_g'))
+        # A program that IPOPT refuses leaves the number of its iterations undefined.
+        count = min(max(int(str(stats['iter_count'])), 0), monitor.iterations - begun)
+        found = Found(w, float(result['f']), g, lam_w, lam_g, bool(stats['success']),
+                      str(stats['return_status']), count)
+        return self._outcome(problem, mesh, scales, found, rows)
+
+    def _first_costate(self, lam: Array) -> Array:
+        """Return lam(0), scaled: what the rows of the first interval say of x_0."""
+        s = self.layout.stages
+        if not s:
+            return np.full(self.n, np.nan)
+        _, _, derivative, end = collocation(s)
+        rows = lam[:self.n * (s + 1)].reshape(s + 1, self.n)
+        return np.asarray(derivative[:, 0] @ rows[:s] - end[0] * rows[s])
+
+    def _outcome(self, problem: Problem, mesh: Mesh, scales: Scales, found: Found,
+                 row_bounds: tuple[Array | float, Array | float]) -> Outcome:
+        w, lam_w, g, lam_g = found.w, found.lam_w, found.g, found.lam_g
+        everything = np.append(w, self._constants(problem, mesh, scales, problem.final_time.value))
+        durations = everything[self.at_duration] * scales.time
+        ua, ub = (everything[places] * scales.u for places in (self.at_ua, self.at_ub))
+        path = Path(self.times(mesh, durations), w[self.at_x] * scales.x,
+                    w[self.at_inner] * scales.x, ua, ub, durations)
+        N, s, l = self.layout.intervals, self.layout.stages, self.l  # noqa: E741  # as in Outcome
+        lam, bounds = lam_g * scales.cost, lam_w * scales.cost
+        first = N * (self.n * (s + 1) + (s + 1) * l)
+        local = lam[:first].reshape(N, -1)[:, self.n * (s + 1):].reshape(N, s + 1, l)
+        node_path = np.vstack([local[:, 0], np.zeros((1, l))])
+        sides = np.stack([node_path[:-1], node_path[1:]], axis=1)
+        if l:
+            ends = lam[first + self.q:][:self._program.rows[2]].reshape(-1, l)
+            for k, value in zip(self._ends(problem), ends, strict=True):
+                node_path[k + 1] += value
+                sides[k, 1] = value
+        violation = float(np.maximum(row_bounds[0] - g, g - row_bounds[1]).max(initial=0.0))
+        node_bounds = bounds[self.at_x] / scales.x
+        node_bounds[0] = 0.0
+        rows = lam[:first].reshape(N, -1)[:, self.n * s:self.n * (s + 1)]
+        costates = np.vstack([self._first_costate(lam) / scales.x, -rows / scales.x])
+        return Outcome(
+            mesh, path, found.converged, found.status, found.f * scales.cost, violation,
+            found.iterations, lam[first:first + self.q], costates, node_bounds,
+            bounds[self.at_inner] / scales.x, node_path, local[:, 1:], sides, w, lam_w, lam_g,
+            found.mu, scales)

@@ -1,0 +1,90 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""One explicit Runge-Kutta step of order 6, under an input linear over the step."""
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+
+import casadi as ca
+from obc_ros.core.ocp.problem import Problem
+
+# Returns f and L at x and u.
+Rate = Callable[[ca.SX, ca.SX], tuple[ca.SX, ca.SX]]
+
+# J. C. Butcher, On Runge-Kutta processes of high order, J. Austral. Math. Soc. 4 (1964).
+C = (0.0, 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2, 1.0)
+A: tuple[tuple[float, ...], ...] = (
+    (), (1 / 3,), (0.0, 2 / 3), (1 / 12, 1 / 3, -1 / 12),
+    (-1 / 16, 9 / 8, -3 / 16, -3 / 8), (0.0, 9 / 8, -3 / 8, -3 / 4, 1 / 2),
+    (9 / 44, -9 / 11, 63 / 44, 18 / 11, 0.0, -16 / 11))
+B = (11 / 120, 0.0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120)
+
+
+def rate_of(problem: Problem) -> Rate:
+    """Return f and L of a problem as a function of x and u."""
+    function = ca.Function('rate', [problem.x, problem.u, problem.p], [problem.f, problem.L])
+
+    def rate(x: ca.SX, u: ca.SX) -> tuple[ca.SX, ca.SX]:
+        f, L = function.call([x, u, problem.p])
+        return f, L
+
+    return rate
+
+
+def step(rate: Callable[[ca.SX, ca.SX], ca.SX], x: ca.SX, inputs: tuple[ca.SX, ca.SX],
+         h: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """
+    Return x after a step of length h and the integral of L over it.
+
+    Parameters
+    ----------
+    rate : callable
+        Returns f with L below it, of x with any number below it and of u.
+    x : casadi.SX
+        State at the start.
+    inputs : pair of casadi.SX
+        Input at the start and at the end.
+    h : casadi.SX
+        Length of the step.
+
+    """
+    start, slopes = ca.vertcat(x, 0), list[ca.SX]()
+    for row, u in zip(A, _called(_along(inputs[0].numel()), *inputs), strict=True):
+        inner = _called(_after(row, start.numel()), start, h, *slopes)[0] if row else start
+        slopes.append(rate(inner, u))
+    end, = _called(_after(B, start.numel()), start, h, *slopes)
+    return end[:-1], end[-1]
+
+
+def _called(function: ca.Function, *arguments: ca.SX) -> Sequence[ca.SX]:
+    return function.call(arguments)
+
+
+# Calling a function that is there costs less than each operation that it is made of.
+@lru_cache(maxsize=64)
+def _along(m: int) -> ca.Function:
+    """Return the inputs at the stages, of those at both ends."""
+    a, b = ca.SX.sym('a', m), ca.SX.sym('b', m)
+    change, between = b - a, {0.0: a, 1.0: b}
+    between |= {c: a + c * change for c in C if c not in between}
+    return ca.Function('along', [a, b], [between[c] for c in C])
+
+
+@lru_cache(maxsize=256)
+def _after(weights: tuple[float, ...], n: int) -> ca.Function:
+    """Return start + h times the slopes by weight, of start, h and all slopes, each (n,)."""
+    start, h = ca.SX.sym('start', n), ca.SX.sym('h')
+    slopes = [ca.SX.sym('slope', n) for _ in weights]
+    total = sum((a * slope for a, slope in zip(weights, slopes, strict=True) if a), ca.SX(0))
+    return ca.Function('after', [start, h, *slopes], [start + h * total])
+
+
+@lru_cache(maxsize=4)
+def step_of(problem: Problem) -> ca.Function:
+    """Return x after a step and the integral of L, of x, both inputs, h and p; made once."""
+    ua, ub = ca.SX.sym('ua', problem.m), ca.SX.sym('ub', problem.m)
+    h = ca.SX.sym('h')
+    rate = ca.Function('rate', [ca.vertcat(problem.x, ca.SX.sym('cost')), problem.u, problem.p],
+                       [ca.vertcat(problem.f, problem.L)])
+    return ca.Function('step', [problem.x, ua, ub, h, problem.p], [
+        *step(lambda z, u: _called(rate, z, u, problem.p)[0], problem.x, (ua, ub), h)])

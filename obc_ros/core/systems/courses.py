@@ -1,0 +1,86 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The vehicle on a course across the road: its feedforward by flatness (Exercise 2.10).
+
+The position py of the rear axle is a flat output of
+
+    py' = v sin(theta), theta' = (v / l) tan(phi)
+
+so that a course given with two derivatives determines heading and steering. Gains that follow the
+speed are in `gain_schedule`, those along any reference, from (2.7), in `reference_tracking`.
+"""
+
+import math
+
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.text.errors import StatementError
+
+
+def lateral_reference(y: Array, dy: Array, ddy: Array, speed: float, length: float
+                      ) -> tuple[Array, Array]:
+    """
+    Return states and input of the vehicle at a given speed that drives py = y(t) exactly.
+
+    Parameters
+    ----------
+    y, dy, ddy : ndarray, shape (N,)
+        Position across the road [m] and its derivatives.
+    speed, length : float
+        v [m/s] and wheelbase l [m].
+
+    Returns
+    -------
+    x : ndarray, shape (N, 2)
+        py [m], theta [rad].
+    u : ndarray, shape (N, 1)
+        phi [rad].
+
+    Raises
+    ------
+    StatementError
+        If the course asks for more than the speed across the road.
+
+    """
+    if not np.abs(dy).max(initial=0.0) < speed:
+        raise StatementError(f'the course moves across the road at up to {np.abs(dy).max():.3g} '
+                             f'm/s; the vehicle has {speed:g} m/s in all')
+    turn = ddy / np.sqrt(speed**2 - dy**2)
+    x = np.column_stack([y, np.arcsin(dy / speed)])
+    return x, np.arctan(length * turn / speed)[:, None]
+
+
+def slalom(t: Array, amplitude: float = 1.0, frequency: float = 1.0, fade: float = 1.0,
+           end: float = math.inf) -> tuple[Array, Array, Array]:
+    """
+    Return y = amplitude sin(2 pi frequency t) and two derivatives, faded in and out.
+
+    The fading is smooth to the third derivative, so that the steering has no jump.
+
+    Parameters
+    ----------
+    t : ndarray, shape (N,)
+        Times [s]; the slalom lasts from 0 to `end`.
+    amplitude, frequency : float
+        [m], [Hz]
+    fade, end : float
+        How long it is faded in, and out again [s], and when it has ended [s].
+
+    Returns
+    -------
+    y, dy, ddy : ndarray, shape (N,)
+        [m], [m/s], [m/s^2]
+
+    """
+    w = 2.0 * math.pi * frequency
+    s = np.clip(np.minimum(t, end - t) / fade, 0.0, 1.0)
+    way = np.where(t < end - t, 1.0, -1.0)
+    a = s**4 * (35.0 - 84.0 * s + 70.0 * s**2 - 20.0 * s**3)
+    da = way * 140.0 * s**3 * (1.0 - s)**3 / fade
+    dda = 420.0 * s**2 * (1.0 - s)**2 * (1.0 - 2.0 * s) / fade**2
+    sine, cosine = np.sin(w * t), np.cos(w * t)
+    y = amplitude * a * sine
+    dy = amplitude * (da * sine + a * w * cosine)
+    ddy = amplitude * (dda * sine + 2.0 * da * w * cosine - a * w**2 * sine)
+    return y, dy, ddy

@@ -1,0 +1,276 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where a system can stay, and its linearization there.
+
+Find u, and states that are left free, with f(x, u) = 0. States that f does not depend on may move
+on: a vehicle that drives straight ahead has f = (v, 0, 0) for ever. There f is the drift, and
+dx/dt - drift is linearized about xe + drift t with constant A and B.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.systems.system import Signal, System
+from obc_ros.core.text.errors import DynamicsError, ObcError, StatementError
+
+_STEPS = 50
+_HALVINGS = 30
+_TOLERANCE = 1e-10  # of f, relative to the terms it is made of
+_NEGLIGIBLE = 1e-5  # of what is tolerated: more steps would only follow rounding
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """
+    State and input that stay, or move on at a constant rate.
+
+    Attributes
+    ----------
+    x, u : ndarray, shape (n,) and (m,)
+        State xe and input ue.
+    drift : ndarray, shape (n,)
+        f(xe, ue); nonzero only in states that f does not depend on. The system stays at
+        xe + drift * t under ue.
+
+    """
+
+    x: Array
+    u: Array
+    drift: Array
+
+
+@np.errstate(all='ignore')  # what overflows does not hold
+def equilibrium(
+    system: System,
+    x: Sequence[float] | Array | None = None,
+    u: Sequence[float] | Array | None = None,
+    free: Sequence[str] = (),
+) -> Equilibrium:
+    """
+    Return the equilibrium at a set point, by Newton's method.
+
+    Parameters
+    ----------
+    system : System
+        With the parameter values that count.
+    x : array, shape (n,), optional
+        Set point; the system's own if left out.
+    u : array, shape (m,), optional
+        Input to start from; what the set point leaves open of it (the speed of a vehicle) stays
+        as it is. The system's own if left out.
+    free : sequence of str
+        Names of states to be found too, from their values in `x`.
+
+    Raises
+    ------
+    DynamicsError
+        If no input within the limits holds the system there; it says what is left over.
+
+    """
+    x = numbers(f'set point of {system.name}', system.setpoint if x is None else x,
+                system.state_names, DynamicsError)
+    u = numbers(f'input of {system.name}', system.setpoint_input if u is None else u,
+                system.input_names, DynamicsError)
+    unknown = [name for name in free if name not in system.state_names]
+    if unknown:
+        raise DynamicsError(f"{system.name} has no state '{unknown[0]}'; it has "
+                            f'{", ".join(system.state_names)}')
+    loose = np.array([name in free for name in system.state_names] + [True] * system.m)
+    held = ~_may_move_on(system)
+    best = _solve(system, np.concatenate([x, u]), loose, held)
+    if not best.holds:
+        raise DynamicsError(_refusal(system, x, best, held, free))
+    best = _keep_inputs(system, u, best, loose, held)
+    _check_limits(system, best)
+    drift = system.f(best.x, best.u)
+    drift[held] = 0.0
+    return Equilibrium(best.x, best.u, drift)
+
+
+def nearest(system: System, x: Array, u: Array) -> Equilibrium:
+    """
+    Return the equilibrium next to a state that nearly is one, such as the end of an answer.
+
+    The inputs, from `u` (m,), have to hold x (n,) as well as they can; then the states move too.
+
+    Raises
+    ------
+    DynamicsError
+        If there is none to be found.
+
+    """
+    inputs, held = np.arange(system.n + system.m) >= system.n, ~_may_move_on(system)
+    best = _solve(system, np.concatenate([x, u]), inputs, held)
+    best = _newton(system, np.concatenate([best.x, best.u]), inputs | True, held)
+    return equilibrium(system, best.x, best.u)
+
+
+def linearize(system: System, x: Array, u: Array) -> tuple[Array, Array]:
+    """
+    Return A = df/dx and B = df/du at state x (n,) and input u (m,).
+
+    Raises
+    ------
+    DynamicsError
+        If a derivative is not finite there.
+
+    """
+    A, B = system.jacobians(x, u)
+    for matrix, by in ((A, system.states), (B, system.inputs)):
+        for i, j in np.argwhere(~np.isfinite(matrix)):
+            raise DynamicsError(
+                f'{system.name}: the derivative of d{system.states[i].name}/dt by {by[j].name} '
+                f'is {matrix[i, j]} {_at(system.states, x)}, {_listed(system.inputs, u)}')
+    return A, B
+
+
+def numbers(what: str, given: Sequence[float] | Array, names: Sequence[str],
+            wrong: type[ObcError] = StatementError) -> Array:
+    """
+    Return one finite number for each name, as an array.
+
+    Parameters
+    ----------
+    what : str
+        What they are, for the message.
+    given : sequence of float
+        The numbers.
+    names : sequence of str
+        What each is for.
+    wrong : type
+        Error that is raised when they are not so many or not finite.
+
+    """
+    try:
+        values = np.array(given, dtype=float)
+    except (TypeError, ValueError):
+        raise wrong(f'{what}: wanted numbers for {", ".join(names)}') from None
+    if values.shape != (len(names),):
+        raise wrong(f'{what}: wanted {len(names)} numbers ({", ".join(names)}), '
+                    f'found {values.size}')
+    for name, value in zip(names, values, strict=True):
+        if not np.isfinite(value):
+            raise wrong(f'{what}: {name} = {value}: wanted a finite number')
+    return values
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """A candidate: the norm of f of the held states, and it relative to what is tolerated."""
+
+    x: Array
+    u: Array
+    f: Array
+    size: float
+    left: float
+
+    @property
+    def holds(self) -> bool:
+        return self.left <= 1.0
+
+
+def _may_move_on(system: System) -> Mask:
+    """Return for each state whether f, with the parameters in use, does not depend on it."""
+    f = ca.substitute(system.xdot, system.p, ca.DM(system.p_value))
+    columns = ca.jacobian(f, system.x).sparsity().get_triplet()[1]
+    return ~np.isin(np.arange(system.n), columns)
+
+
+def _solve(system: System, start: Array, loose: Mask, held: Mask) -> _Found:
+    """Return the first equilibrium from the start, or from others where it has no slope."""
+    best = _newton(system, start, loose, held)
+    for shift in (1e-3, -1e-3, 1.0, -1.0):
+        if best.holds:
+            break
+        found = _newton(system, start + shift * loose, loose, held)
+        best = min(best, found, key=lambda each: each.left)
+    return best
+
+
+def _keep_inputs(system: System, u: Array, best: _Found, loose: Mask, held: Mask) -> _Found:
+    """Return an equilibrium that leaves as many inputs as they were as can be left."""
+    loose = loose.copy()
+    for j in np.flatnonzero(best.u != u):
+        start = np.concatenate([best.x, best.u])
+        start[system.n + j], loose[system.n + j] = u[j], False
+        found = _newton(system, start, loose, held)
+        if found.holds:
+            best = found
+        else:
+            loose[system.n + j] = True
+    return best
+
+
+def _newton(system: System, start: Array, loose: Mask, held: Mask) -> _Found:
+    """Reduce |f| of the held states by least-squares Newton steps, the shortest ones."""
+    found = _candidate(system, start, held)
+    for _ in range(_STEPS):
+        J = np.hstack(system.jacobians(found.x, found.u))[held][:, loose]
+        if found.left <= _NEGLIGIBLE or not (np.isfinite(J).all() and J.size):
+            break
+        step = np.zeros(loose.size)
+        step[loose] = np.linalg.lstsq(J, -found.f[held], rcond=None)[0]
+        z = np.concatenate([found.x, found.u])
+        trials = (_candidate(system, z + step * 0.5**k, held) for k in range(_HALVINGS))
+        better = next((trial for trial in trials if trial.size < found.size), None)
+        if better is None:
+            break
+        found = better
+    return found
+
+
+def _candidate(system: System, z: Array, held: Mask) -> _Found:
+    x, u = np.split(z, [system.n])
+    f = system.f(x, u)
+    if not np.isfinite(f).all():
+        return _Found(x, u, f, np.inf, np.inf)
+    fx, fu = map(np.abs, system.jacobians(x, u))
+    # What f is computed from bounds what rounding leaves of it.
+    terms = 1e-3 + fx @ np.abs(x) + fu @ np.abs(u) + np.abs(system.f(0 * x, 0 * u))
+    terms[~np.isfinite(terms)] = 1e-3
+    left = np.abs(f[held]) / (_TOLERANCE * terms[held])
+    return _Found(x, u, f, float(np.linalg.norm(f[held])), float(left.max(initial=0.0)))
+
+
+def _check_limits(system: System, found: _Found) -> None:
+    for signal, value in zip(system.inputs, found.u, strict=True):
+        slack = 1e-9 * max(1.0, abs(value))
+        if not signal.lower - slack <= value <= signal.upper + slack:
+            raise DynamicsError(
+                f'{system.name} {_at(system.states, found.x)} needs '
+                f'{_listed(system.inputs, found.u)}: {signal.name} is limited to '
+                f'[{signal.lower:g}, {signal.upper:g}] {signal.unit}'.rstrip())
+
+
+def _refusal(system: System, x: Array, best: _Found, held: Mask, free: Sequence[str]) -> str:
+    what = (f'no input {"and " + ", ".join(free) + " " if free else ""}holds the {system.name} '
+            + _at(system.states, np.where(held, x, 0.0)))
+    if not np.isfinite(best.f).all():
+        return f'{what}: f is not defined there'
+    rest = ', '.join(f'd{signal.name}/dt = {value:.3g} {_per_second(signal.unit)}'.rstrip()
+                     for signal, value, kept in zip(system.states, best.f, held, strict=True)
+                     if kept and abs(value) > 1e-3 * np.abs(best.f[held]).max())
+    return f'{what}: the nearest, {_listed(system.inputs, best.u)}, leaves {rest}'
+
+
+def _at(signals: Sequence[Signal], x: Array) -> str:
+    nonzero = [(signal, value) for signal, value in zip(signals, x, strict=True) if value]
+    if not nonzero:
+        return 'at 0'
+    return 'at ' + _listed(*zip(*nonzero, strict=True))
+
+
+def _listed(signals: Sequence[Signal], values: Sequence[float] | Array) -> str:
+    return ', '.join(f'{signal.name} = {value:.6g} {signal.unit}'.rstrip()
+                     for signal, value in zip(signals, values, strict=True))
+
+
+def _per_second(unit: str) -> str:
+    """Return the unit of the rate of a quantity."""
+    if not unit:
+        return '1/s'
+    return f'{unit}^2' if unit.endswith('/s') else f'{unit}/s'

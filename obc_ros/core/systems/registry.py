@@ -1,0 +1,153 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The systems by name: those of the chapter, those of other packages, those in files.
+
+Another package registers a system in its own metadata, where the callable returns a `System`::
+
+    [project.entry-points.'obc_ros.systems']
+    glider = 'my_package.glider:system'
+"""
+
+from collections.abc import Callable, Mapping
+import difflib
+from importlib import metadata
+import inspect
+from pathlib import Path
+from typing import Any
+
+from obc_ros.core.systems import aircraft, integrators, linear, scalar, two_wheeled, vehicle
+from obc_ros.core.systems.file import load
+from obc_ros.core.systems.system import System
+from obc_ros.core.text.errors import DynamicsError, ObcError, shown
+
+__all__ = ['get', 'is_file', 'load', 'names', 'options', 'registered']
+
+GROUP = 'obc_ros.systems'
+
+_OWN: dict[str, Callable[..., System]] = {
+    'aircraft': aircraft.system,
+    'vehicle': vehicle.system,
+    'vehicle_lateral': vehicle.lateral,
+    'two_wheeled': two_wheeled.system,
+    'double_integrator': integrators.double_integrator,
+    'scalar': scalar.system,
+    'cubic': scalar.cubic,
+    'nonholonomic_integrator': integrators.nonholonomic_integrator,
+    'brockett': integrators.brockett,
+    'linear': linear.system,
+}
+# What code of another package may fail with; its name and words go into the answer.
+_FAULTS = (ArithmeticError, AssertionError, AttributeError, ImportError, LookupError, NameError,
+           OSError, RuntimeError, SyntaxError, TypeError, ValueError)
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of all registered systems; nothing of another package is imported."""
+    return (*_OWN, *sorted(set(_entry_points()) - set(_OWN)))
+
+
+def get(name: str, parameters: Mapping[str, Any] | None = None, **options: Any) -> System:
+    """
+    Return a system by its registered name or by the path of its YAML file.
+
+    Parameters
+    ----------
+    name : str
+        A path is what ends in ``.yaml`` or ``.yml``; see `load`. For a name that comes in a
+        request use `registered`: who may ask must not thereby read files.
+    parameters : mapping, optional
+        Values other than the defaults; options may stand among them.
+    options
+        What the system is built of: A and B of ``linear``, m of ``brockett``.
+
+    Raises
+    ------
+    DynamicsError
+        If the system is unknown or cannot be loaded, or a parameter is unknown or out of range.
+    StatementError
+        If a file is malformed.
+
+    """
+    if not is_file(name):
+        return registered(name, parameters, **options)
+    if options:
+        raise DynamicsError(f"{name}: a file has no option '{next(iter(options))}'")
+    return load(name).with_parameters(parameters or {})
+
+
+def registered(name: str, parameters: Mapping[str, Any] | None = None, **options: Any) -> System:
+    """
+    Return a system by its registered name; as `get`, but never from a file.
+
+    Raises
+    ------
+    DynamicsError
+        If the system is unknown or cannot be loaded, or a parameter is unknown or out of range.
+
+    """
+    factory = _factory(name)
+    known = inspect.signature(factory).parameters
+    unknown = [option for option in options if option not in known]
+    if unknown:
+        raise DynamicsError(f"{name} has no option '{unknown[0]}'")
+    given = dict(parameters or {})
+    chosen = {option: given.pop(option) for option in known if option in given}
+    try:
+        system = factory(**chosen, **options)
+    except ObcError:
+        raise
+    except _FAULTS as error:
+        raise DynamicsError(f"system '{name}' cannot be made: {_words(error)}") from error
+    if not isinstance(system, System):
+        raise DynamicsError(f"system '{name}' cannot be made: its entry point returned an "
+                            f'object of type {type(system).__name__}, not a System')
+    return system.with_parameters(given)
+
+
+def options(name: str) -> dict[str, Any]:
+    """Return the options that a system is built of, with their defaults; a file has none."""
+    if is_file(name):
+        return {}
+    return {option.name: option.default
+            for option in inspect.signature(_factory(name)).parameters.values()}
+
+
+def is_file(name: str) -> bool:
+    """Return whether a system's name is the path of a file."""
+    return Path(name).suffix in ('.yaml', '.yml')
+
+
+def _entry_points() -> dict[str, metadata.EntryPoint]:
+    return {each.name: each for each in metadata.entry_points(group=GROUP)}
+
+
+def _factory(name: str) -> Callable[..., System]:
+    if name in _OWN:
+        return _OWN[name]
+    others = _entry_points()
+    if name not in others:
+        known = (*_OWN, *sorted(others))
+        near = difflib.get_close_matches(name[:64], known, n=1)
+        hint = f" (did you mean '{near[0]}'?)" if near else ''
+        raise DynamicsError(f"unknown system '{shown(name)}'{hint}; there are {', '.join(known)}, "
+                            'and the path of a YAML file where files are read')
+    entry = others[name]
+    try:
+        factory = entry.load()
+    except _FAULTS as error:
+        raise DynamicsError(f"system '{name}' cannot be loaded from {entry.value}"
+                            f'{_origin(entry)}: {_words(error)}') from error
+    if not callable(factory):
+        raise DynamicsError(f"system '{name}': {entry.value}{_origin(entry)} is of type "
+                            f'{type(factory).__name__}, not a function that returns a System')
+    made: Callable[..., System] = factory
+    return made
+
+
+def _origin(entry: metadata.EntryPoint) -> str:
+    return f' of {entry.dist.name}' if entry.dist else ''
+
+
+def _words(error: BaseException) -> str:
+    return f'{type(error).__name__}: {error}'

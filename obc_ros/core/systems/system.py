@@ -1,0 +1,231 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+A controlled system dx/dt = f(x, u; p) as named CasADi expressions.
+
+Every plant is one of these: the registered ones, a user's own and the one in a request.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+import math
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.text.errors import DynamicsError
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A state or an input: its name, unit, limits, and whether it is an angle that wraps."""
+
+    name: str
+    unit: str = ''
+    lower: float = -math.inf
+    upper: float = math.inf
+    angle: bool = False
+    description: str = ''
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A constant of a system: its name, value, unit and admissible range."""
+
+    name: str
+    value: float
+    unit: str = ''
+    lower: float = -math.inf
+    upper: float = math.inf
+    description: str = ''
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """
+    A system dx/dt = f(x, u; p).
+
+    Attributes
+    ----------
+    name : str
+    states, inputs : tuple of Signal
+        In the order of x (n,) and u (m,). Limits of inputs are the actuators'.
+    parameters : tuple of Parameter
+        In the order of p; their values are the ones in use.
+    x, u, p : casadi.SX
+        Symbols, columns of length n, m and number of parameters.
+    xdot : casadi.SX
+        f(x, u; p), shape (n, 1).
+    setpoint, setpoint_input : tuple of float
+        Default state to hold and guess of the input there.
+    plane : str
+        Where px, py and theta lie: 'horizontal' (seen from above, py to the left of px),
+        'vertical' (py up); theta counter-clockwise from px to py. Empty: no rigid body.
+    rebuild : callable, optional
+        Makes this system again with other values for the given parameters, where more than
+        `p_value` depends on them (limits, set point); None: nothing else does.
+
+    """
+
+    name: str
+    states: tuple[Signal, ...]
+    inputs: tuple[Signal, ...]
+    parameters: tuple[Parameter, ...]
+    x: ca.SX = field(repr=False)
+    u: ca.SX = field(repr=False)
+    p: ca.SX = field(repr=False)
+    xdot: ca.SX = field(repr=False)
+    setpoint: tuple[float, ...]
+    setpoint_input: tuple[float, ...]
+    description: str = ''
+    plane: str = ''
+    rebuild: 'Callable[[Mapping[str, float]], System] | None' = field(default=None, repr=False)
+
+    @property
+    def n(self) -> int:
+        """Return the number of states."""
+        return len(self.states)
+
+    @property
+    def m(self) -> int:
+        """Return the number of inputs."""
+        return len(self.inputs)
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Return the names of the states, in order."""
+        return tuple(signal.name for signal in self.states)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Return the names of the inputs, in order."""
+        return tuple(signal.name for signal in self.inputs)
+
+    @property
+    def angles(self) -> tuple[bool, ...]:
+        """Return for each state whether it is an angle that wraps."""
+        return tuple(signal.angle for signal in self.states)
+
+    @property
+    def u_min(self) -> Array:
+        """Return the lower limits of the inputs, shape (m,)."""
+        return np.array([signal.lower for signal in self.inputs])
+
+    @property
+    def u_max(self) -> Array:
+        """Return the upper limits of the inputs, shape (m,)."""
+        return np.array([signal.upper for signal in self.inputs])
+
+    @property
+    def p_value(self) -> Array:
+        """Return the values of the parameters, in order."""
+        return np.array([parameter.value for parameter in self.parameters], dtype=float)
+
+    @cached_property
+    def _f(self) -> ca.Function:
+        return ca.Function('f', [self.x, self.u, self.p], [self.xdot])
+
+    @cached_property
+    def _jacobians(self) -> ca.Function:
+        fx, fu = ca.jacobian(self.xdot, self.x), ca.jacobian(self.xdot, self.u)
+        return ca.Function('jacobians', [self.x, self.u, self.p], [ca.densify(fx), ca.densify(fu)])
+
+    def f(self, x: Array, u: Array) -> Array:
+        """Return dx/dt, shape (n,), at state x (n,) and input u (m,)."""
+        xdot: Array = self._f(x, u, self.p_value).full().ravel()
+        return xdot
+
+    def rates(self, x: Array, u: Array) -> Array:
+        """Return dx/dt, shape (N, n), at states x (N, n) and inputs u (N, m)."""
+        xdot: Array = self._f.map(len(x))(x.T, u.T, np.tile(self.p_value[:, None], len(x))).full()
+        return xdot.T
+
+    def jacobians(self, x: Array, u: Array) -> tuple[Array, Array]:
+        """Return (df/dx, df/du), shapes (n, n) and (n, m), at state x and input u."""
+        fx, fu = self._jacobians(x, u, self.p_value)
+        return fx.full(), fu.full()
+
+    def with_parameters(self, values: Mapping[str, float]) -> 'System':
+        """
+        Return this system with other parameter values.
+
+        Raises
+        ------
+        DynamicsError
+            If a name is unknown or a value is not finite or out of its range.
+
+        """
+        known = {parameter.name: parameter for parameter in self.parameters}
+        for name in values:
+            if name not in known:
+                has = f'it has {", ".join(known)}' if known else 'it has none'
+                raise DynamicsError(f"{self.name} has no parameter '{name}'; {has}")
+        checked = {name: _in_range(self.name, known[name], value)
+                   for name, value in values.items()}
+        if self.rebuild is not None:
+            return self.rebuild(checked) if checked else self
+        return replace(self, parameters=tuple(
+            replace(parameter, value=checked.get(parameter.name, parameter.value))
+            for parameter in self.parameters))
+
+
+def define(
+    name: str,
+    states: Sequence[Signal],
+    inputs: Sequence[Signal],
+    parameters: Sequence[Parameter],
+    dynamics: Callable[[list[ca.SX], list[ca.SX], list[ca.SX]], Sequence[Any]],
+    *,
+    setpoint: Sequence[float] | None = None,
+    setpoint_input: Sequence[float] | None = None,
+    description: str = '',
+    plane: str = '',
+    rebuild: Callable[[Mapping[str, float]], System] | None = None,
+) -> System:
+    """
+    Return the system whose f is `dynamics`.
+
+    Parameters
+    ----------
+    name, description, plane, rebuild
+        As in `System`.
+    states, inputs : sequence of Signal
+        In the order of x (n,) and u (m,).
+    parameters : sequence of Parameter
+        In the order of p.
+    dynamics : callable
+        Called with the symbols of states, inputs and parameters; returns dx/dt, n expressions.
+    setpoint, setpoint_input : sequence of float, optional
+        Zeros if left out.
+
+    Raises
+    ------
+    DynamicsError
+        If `dynamics` does not return n expressions, or a parameter is out of its range.
+
+    """
+    x, u, p = (ca.vertcat(*(ca.SX.sym(each.name) for each in signals)) if signals else ca.SX(0, 1)
+               for signals in (states, inputs, parameters))
+    xdot = dynamics(*(ca.vertsplit(symbols) if symbols.numel() else []
+                      for symbols in (x, u, p)))
+    if len(xdot) != len(states):
+        raise DynamicsError(
+            f'{name}: {len(states)} states, but {len(xdot)} derivatives')
+    for parameter in parameters:
+        _in_range(name, parameter, parameter.value)
+    return System(
+        name, tuple(states), tuple(inputs), tuple(parameters), x, u, p,
+        ca.densify(ca.vertcat(*xdot)),
+        tuple(setpoint or [0.0] * len(states)), tuple(setpoint_input or [0.0] * len(inputs)),
+        description, plane, rebuild)
+
+
+def _in_range(system: str, parameter: Parameter, value: Any) -> float:
+    wanted = f'wanted a number in [{parameter.lower:g}, {parameter.upper:g}] {parameter.unit}'
+    if not isinstance(value, (int, float, np.integer)) or isinstance(value, bool):
+        raise DynamicsError(f'{system}.{parameter.name} is a {type(value).__name__}: {wanted}')
+    if not (math.isfinite(value) and parameter.lower <= value <= parameter.upper):
+        raise DynamicsError(f'{system}.{parameter.name} = {value:g}: {wanted}'.rstrip())
+    return float(value)

@@ -1,0 +1,431 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Arithmetic in text, as a user writes it in a file or a request.
+
+The text is bounded in length, symbols and depth before anything is built from it; Python's own
+parser then makes a tree, of which only numbers, names, + - * / ** and the functions listed in
+``FUNCTIONS`` are accepted. Nothing is evaluated as Python and every number is a double.
+"""
+
+import ast
+from collections.abc import Callable, Collection, Mapping
+import difflib
+import keyword
+import math
+import operator
+import re
+from typing import Any, NamedTuple
+
+import casadi as ca
+from obc_ros.core.text.errors import shown, StatementError
+
+MAX_LENGTH = 20_000   # characters
+MAX_SYMBOLS = 4_000   # numbers, names, operators and brackets
+MAX_DEPTH = 50        # brackets open, and signs and powers waiting for their operand, together
+MAX_NUMBER = 1e100    # squares and products of such numbers are still finite
+
+
+class _Function(NamedTuple):
+    arguments: int
+    symbolic: Callable[..., Any]
+    numeric: Callable[..., float]
+
+
+FUNCTIONS: dict[str, _Function] = {
+    'sin': _Function(1, ca.sin, math.sin),
+    'cos': _Function(1, ca.cos, math.cos),
+    'tan': _Function(1, ca.tan, math.tan),
+    'asin': _Function(1, ca.asin, math.asin),
+    'acos': _Function(1, ca.acos, math.acos),
+    'atan': _Function(1, ca.atan, math.atan),
+    'atan2': _Function(2, ca.atan2, math.atan2),
+    'sinh': _Function(1, ca.sinh, math.sinh),
+    'cosh': _Function(1, ca.cosh, math.cosh),
+    'tanh': _Function(1, ca.tanh, math.tanh),
+    'exp': _Function(1, ca.exp, math.exp),
+    'log': _Function(1, ca.log, math.log),
+    'sqrt': _Function(1, ca.sqrt, math.sqrt),
+    'abs': _Function(1, ca.fabs, abs),
+}
+CONSTANTS: dict[str, float] = {'pi': math.pi}
+
+_BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+}
+_UNARY: dict[type[ast.unaryop], Callable[[Any], Any]] = {
+    ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
+}
+_TOKEN = re.compile(
+    r'(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?(?P<tail>\w*))'
+    r'|(?P<name>[A-Za-z_]\w*)|(?P<operator>\*\*|[-+*/])|(?P<bracket>[(),])', re.ASCII)
+_BEFORE_SIGN = ('(', ',', '+', '-', '*', '/', '**')
+_OTHER_SIGNS = {'^': '**', '·': '*', '×': '*', '÷': '/', '−': '-', '–': '-', '²': '**2',
+                '³': '**3', '[': '(', '{': '('}
+_OTHER_NAMES = {'ln': 'log', 'arcsin': 'asin', 'arccos': 'acos', 'arctan': 'atan',
+                'arctan2': 'atan2', 'fabs': 'abs', 'PI': 'pi', 'Pi': 'pi', 'power': '**',
+                'pow': '**', 'log10': 'log(...)/log(10)', 'max': '(a + b + abs(a - b))/2',
+                'min': '(a + b - abs(a - b))/2', 'hypot': 'sqrt(a**2 + b**2)'}
+
+
+def parse(text: object, symbols: Mapping[str, ca.SX], where: str) -> ca.SX:
+    """
+    Return the scalar CasADi expression that a text or number stands for.
+
+    Parameters
+    ----------
+    text : str, int or float
+        Python arithmetic over the names of `symbols`, ``pi`` and ``FUNCTIONS``.
+    symbols : mapping of str to casadi.SX
+        What each name stands for.
+    where : str
+        The key that the text was given for, e.g. ``dynamics.v``; it opens every error.
+
+    Raises
+    ------
+    StatementError
+        If the text is not such an expression, or a constant part of it is not a finite number.
+
+    """
+    if not isinstance(text, str):
+        return ca.SX(_plain_number(text, where))
+    return ca.SX(_value(text, _Symbolic(symbols), where))
+
+
+def parse_lifted(text: object, symbols: Mapping[str, ca.SX],
+                 where: str) -> tuple[ca.SX, list[tuple[ca.SX, float]]]:
+    """
+    Return an expression whose numbers are symbols, and these symbols with their values.
+
+    As `parse`; exponents, and the numbers in them, stay numbers. Two texts that differ in such
+    numbers only give the same expression.
+    """
+    algebra = _Lifting(symbols, where)
+    if not isinstance(text, str):
+        return algebra.constant(_plain_number(text, where)), algebra.literals
+    return ca.SX(_value(text, algebra, where)), algebra.literals
+
+
+def number(text: object, values: Mapping[str, float], where: str) -> float:
+    """
+    Return the finite number that a text or number stands for.
+
+    As `parse`, with numbers for names. ``1e-3``, which YAML reads as text, is a number here.
+
+    Raises
+    ------
+    StatementError
+        If the text is not an expression of the names of `values`, or its value is not finite or
+        beyond ``MAX_NUMBER``.
+
+    """
+    if not isinstance(text, str):
+        return _plain_number(text, where)
+    return _bounded_number(float(_value(text, _Numeric(values), where)), where)
+
+
+def check_name(name: object, where: str) -> str:
+    """
+    Return `name` if a state, input or parameter may have it.
+
+    Raises
+    ------
+    StatementError
+        If it is no plain identifier, or is a word of Python or the name of a function.
+
+    """
+    if not isinstance(name, str):
+        raise StatementError(f'{where}: a name is text, not {describe(name)}')
+    if len(name) > 64 or not re.fullmatch(r'[A-Za-z_][A-Za-z0-9_]*', name):
+        raise StatementError(f"{where}: '{_short(name)}' is not a name; a name has the letters "
+                             'a-z, A-Z, digits and _, and does not begin with a digit')
+    if keyword.iskeyword(name) or name in FUNCTIONS or name in CONSTANTS:
+        raise StatementError(f"{where}: the name '{name}' is reserved")
+    return name
+
+
+def near(name: str, known: Collection[str]) -> str:
+    """Return `` (did you mean 'x'?)`` for the nearest of the known names; '' if none is near."""
+    matches = difflib.get_close_matches(name[:64], known, n=1)
+    return f" (did you mean '{matches[0]}'?)" if matches else ''
+
+
+def describe(value: object) -> str:
+    """Return in words what a value of a wrong type is."""
+    if value is None:
+        return 'nothing'
+    if isinstance(value, Mapping):
+        return 'a mapping'
+    if isinstance(value, (list, tuple)):
+        return f'a list of {len(value)}' if value else 'an empty list'
+    if isinstance(value, (bool, int, float, str)):
+        words = ' '.join(str(value).split())
+        return f"{type(value).__name__} '{_short(words)}'"
+    return f'a {type(value).__name__}'
+
+
+def _short(text: str) -> str:
+    return shown(text, 40)
+
+
+def _plain_number(value: object, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise StatementError(f'{where}: wanted a number or an expression, found {describe(value)}')
+    try:
+        result = float(value)
+    except OverflowError:
+        raise StatementError(f'{where}: the integer is too large for a double') from None
+    if not math.isfinite(result):
+        raise StatementError(f'{where}: {result} is not a finite number')
+    return _bounded_number(result, where)
+
+
+def _bounded_number(value: float, where: str) -> float:
+    if abs(value) > MAX_NUMBER:
+        raise StatementError(f'{where}: {value:g} is too large; numbers up to {MAX_NUMBER:g} are '
+                             'computed with (null stands for no bound)')
+    return value
+
+
+def _bounded(text: str, where: str) -> str:
+    """Return the text on one line, once its size, symbols and depth are found to be bounded."""
+    if len(text) > MAX_LENGTH:
+        raise StatementError(f'{where}: the expression has {len(text)} characters; '
+                             f'at most {MAX_LENGTH} are read')
+    if not text.strip():
+        raise StatementError(f'{where}: the expression is empty')
+    # Line ends within brackets or a folded YAML scalar mean nothing.
+    text = re.sub(r'[ \t\r\n]+', ' ', text).strip(' ')
+    _scan(text, where)
+    return text
+
+
+def _tree(text: str, where: str) -> ast.expr:
+    try:
+        return ast.parse(text, mode='eval').body
+    except SyntaxError as error:
+        column = max(0, (error.offset or 1) - 1)
+        raise StatementError(f"{where}: '{_short(text)}' is not an expression: fault near "
+                             f"'{_short(text[column:] or 'the end')}'") from None
+    except (RecursionError, MemoryError, ValueError):
+        raise StatementError(f"{where}: '{_short(text)}' is too complex") from None
+
+
+def _scan(text: str, where: str) -> None:
+    """
+    Check symbols, their number and the depth of nesting before any parsing.
+
+    Interpreters differ in how deep a text they parse, all of them deeper than ``MAX_DEPTH``.
+    """
+    position = count = 0
+    waiting = [0]  # signs and powers without their operand as yet, for each open bracket
+    last = '('
+    while position < len(text):
+        if text[position] == ' ':
+            position += 1
+            continue
+        token = _TOKEN.match(text, position)
+        if token is None:
+            raise StatementError(f'{where}: {_foreign(text, position)}')
+        if token['tail']:
+            raise StatementError(
+                f"{where}: '{_short(token.group())}' is not a number; write decimal digits, "
+                'and * for a product')
+        symbol, position, count = token.group(), token.end(), count + 1
+        if symbol == '(':
+            waiting.append(0)
+        elif symbol == ')':
+            waiting = waiting[:-1] or [0]
+        elif symbol == '**' or (token['operator'] and last in _BEFORE_SIGN):
+            waiting[-1] += 1
+        elif token['operator'] or symbol == ',':
+            waiting[-1] = 0
+        last = symbol
+        depth = len(waiting) - 1 + sum(waiting)
+        if depth > MAX_DEPTH or count > MAX_SYMBOLS:
+            raise StatementError(
+                f"{where}: '{_short(text)}' is too complex; at most {MAX_SYMBOLS} symbols and "
+                f'{MAX_DEPTH} brackets, signs or powers within each other are read')
+
+
+def _foreign(text: str, position: int) -> str:
+    """Return what is wrong with the character at `position`."""
+    sign = text[position]
+    rest = _short(text[max(0, position - 10):position + 10])
+    if sign in _OTHER_SIGNS:
+        return f"'{sign}' in '{rest}' is not understood; write {_OTHER_SIGNS[sign]}"
+    if sign in '<>=!':
+        return (f"'{sign}' in '{rest}': comparisons and assignments are not expressions here"
+                + '; where something is to be 0, write a - b for a = b' * (sign == '='))
+    if sign == '.':
+        return f"'.' in '{rest}': attributes do not exist here; write sin(x), not math.sin(x)"
+    if sign.isascii() and sign.isprintable():
+        return f"'{sign}' in '{rest}' is not understood"
+    return f'the character U+{ord(sign):04X} at {position + 1} is not understood'
+
+
+class _Symbolic:
+    """The algebra of casadi.SX."""
+
+    def __init__(self, names: Mapping[str, ca.SX]) -> None:
+        self.names = names
+
+    def constant(self, value: float) -> ca.SX:
+        return ca.SX(value)
+
+    def call(self, function: _Function, arguments: list[Any]) -> Any:
+        return function.symbolic(*arguments)
+
+    def finite(self, value: Any) -> bool:
+        return not value.is_constant() or math.isfinite(float(value))
+
+
+class _Lifting(_Symbolic):
+    """The algebra of casadi.SX with a symbol for every number."""
+
+    def __init__(self, names: Mapping[str, ca.SX], where: str) -> None:
+        super().__init__(names)
+        self.where = where
+        self.literals: list[tuple[ca.SX, float]] = []
+
+    def constant(self, value: float) -> ca.SX:
+        symbol = ca.SX.sym(f'{self.where}#{len(self.literals) + 1}')
+        self.literals.append((symbol, value))
+        return symbol
+
+
+class _Numeric:
+    """The algebra of doubles."""
+
+    def __init__(self, names: Mapping[str, float]) -> None:
+        self.names = names
+
+    def constant(self, value: float) -> float:
+        return value
+
+    def call(self, function: _Function, arguments: list[Any]) -> Any:
+        return function.numeric(*arguments)
+
+    def finite(self, value: Any) -> bool:
+        return isinstance(value, float) and math.isfinite(value)
+
+
+def _value(text: str, algebra: _Symbolic | _Numeric, where: str) -> Any:
+    """
+    Return the value of an expression, the nodes of its tree checked one by one.
+
+    The walk keeps its own stack: a sum of a thousand terms is a tree a thousand nodes deep.
+    """
+    text = _bounded(text, where)
+    tree = _tree(text, where)
+    exponents = _numbers_in_exponents(tree) if isinstance(algebra, _Lifting) else set()
+    waiting: list[tuple[ast.expr, bool]] = [(tree, False)]
+    values: list[Any] = []
+    while waiting:
+        node, ready = waiting.pop()
+        piece = _short(text[node.col_offset:node.end_col_offset])
+        operands = _operands(node, piece, where)
+        if operands and not ready:
+            waiting.append((node, True))
+            waiting.extend((operand, False) for operand in reversed(operands))
+            continue
+        arguments = values[len(values) - len(operands):]
+        del values[len(values) - len(operands):]
+        try:
+            value = (ca.SX(float(piece)) if node in exponents
+                     else _apply(node, arguments, algebra, where))
+            fault = '' if algebra.finite(value) else 'is not a finite number'
+        except ZeroDivisionError:
+            fault = 'divides by zero'
+        except OverflowError:
+            fault = 'is too large for a double'
+        except StatementError:
+            raise
+        except ValueError:
+            fault = 'is undefined'
+        if fault:
+            raise StatementError(f"{where}: '{piece}' {fault}")
+        values.append(value)
+    return values[0]
+
+
+def _numbers_in_exponents(tree: ast.expr) -> set[ast.AST]:
+    found: set[ast.AST] = set()
+    waiting: list[ast.AST] = [tree]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
+            found.update(part for part in ast.walk(node.right) if isinstance(part, ast.Constant))
+            waiting.append(node.left)
+        else:
+            waiting.extend(ast.iter_child_nodes(node))
+    return found
+
+
+def _operands(node: ast.expr, piece: str, where: str) -> list[ast.expr]:
+    """Return the nodes that `node` is built of; refuse what is not arithmetic."""
+    if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
+        return [node.left, node.right]
+    if isinstance(node, ast.UnaryOp) and type(node.op) in _UNARY:
+        return [node.operand]
+    if isinstance(node, ast.Call):
+        if not isinstance(node.func, ast.Name) or node.func.id not in FUNCTIONS:
+            name = node.func.id if isinstance(node.func, ast.Name) else piece
+            raise StatementError(f"{where}: '{_short(name)}' is not a function"
+                                 f"{_hint(name, FUNCTIONS)}; there are {', '.join(FUNCTIONS)}")
+        wanted = FUNCTIONS[node.func.id].arguments
+        if len(node.args) != wanted or node.keywords:
+            raise StatementError(f"{where}: '{piece}': {node.func.id} takes {wanted} "
+                                 f"argument{'s' * (wanted > 1)}")
+        return node.args
+    if isinstance(node, ast.Name):
+        return []
+    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        return []
+    raise StatementError(f"{where}: '{piece}' is not arithmetic; an expression has numbers, "
+                         'names, + - * / **, brackets and functions')
+
+
+def _apply(node: ast.expr, arguments: list[Any], algebra: _Symbolic | _Numeric,
+           where: str) -> Any:
+    if isinstance(node, ast.BinOp):
+        return _BINARY[type(node.op)](*arguments)
+    if isinstance(node, ast.UnaryOp):
+        return _UNARY[type(node.op)](*arguments)
+    if isinstance(node, ast.Call):
+        assert isinstance(node.func, ast.Name)
+        return algebra.call(FUNCTIONS[node.func.id], arguments)
+    if isinstance(node, ast.Constant):
+        assert isinstance(node.value, (int, float))
+        return algebra.constant(float(node.value))
+    assert isinstance(node, ast.Name)
+    if node.id in algebra.names:
+        return algebra.names[node.id]
+    if node.id in CONSTANTS:
+        return algebra.constant(CONSTANTS[node.id])
+    raise StatementError(_unknown(node.id, algebra.names, where))
+
+
+def _unknown(name: str, names: Collection[str], where: str) -> str:
+    if name in FUNCTIONS:
+        return f"{where}: the function '{name}' needs its argument in brackets"
+    hint = _hint(name, [*names, *CONSTANTS])
+    if name == 't':
+        hint = '; for time, add a state with derivative 1'
+    known = ', '.join(names) or 'none'
+    return f"{where}: unknown name '{_short(name)}'{hint}; known names: {_short_list(known)}"
+
+
+def _hint(name: str, known: Collection[str]) -> str:
+    if name in _OTHER_NAMES:
+        return f" (did you mean '{_OTHER_NAMES[name]}'?)"
+    return near(name, known)
+
+
+def _short_list(names: str) -> str:
+    return names if len(names) <= 200 else names[:197] + '...'

@@ -1,0 +1,110 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""YAML files from anyone: bounded, safe, and a key that stands twice is an error."""
+
+from collections.abc import Hashable
+from pathlib import Path
+from typing import Any
+
+from obc_ros.core.text.errors import shown, StatementError
+from obc_ros.core.text.expressions import describe
+import yaml
+
+MAX_BYTES = 250_000
+MAX_ENTRIES = 1_000  # of a list of mappings
+MAX_BRACKETS = 50    # open at a time: the time that PyYAML takes grows with their square
+
+
+class _Loader(yaml.SafeLoader):
+    """
+    PyYAML's safe loader without merge keys, which can grow a short text without bound.
+
+    The one on libyaml would be faster but ends the process on deeply nested text.
+    """
+
+    def fetch_flow_collection_start(self, kind: type[yaml.Token]) -> None:
+        if self.flow_level >= MAX_BRACKETS:
+            raise RecursionError
+        super().fetch_flow_collection_start(kind)
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: set[str] = set()
+        for key, _ in node.value:
+            if key.tag == 'tag:yaml.org,2002:merge':
+                raise yaml.constructor.ConstructorError(
+                    None, None, "merge keys ('<<') are not read", key.start_mark)
+            if isinstance(key.value, str):
+                if key.value in seen:
+                    raise yaml.constructor.ConstructorError(
+                        None, None, f"the key '{shown(key.value)}' stands twice", key.start_mark)
+                seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
+def read_yaml(path: str | Path) -> Any:
+    """
+    Return what a YAML file holds.
+
+    Raises
+    ------
+    StatementError
+        If the file cannot be read, is longer than ``MAX_BYTES``, is not YAML, or has a key twice.
+
+    """
+    try:
+        with open(path, 'rb') as file:
+            text = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise StatementError(f'{path}: cannot be read: {error.strerror}') from None
+    except ValueError as error:  # no name of a file
+        raise StatementError(f'{path}: cannot be read: {error}') from None
+    if len(text) > MAX_BYTES:
+        raise StatementError(f'{path}: longer than {MAX_BYTES} bytes')
+    try:
+        return _Loader(text).get_single_data()
+    except RecursionError:
+        raise StatementError(f'{path}: nested too deeply') from None
+    except yaml.MarkedYAMLError as error:
+        mark, what = error.problem_mark, ', '.join(filter(None, (error.context, error.problem)))
+        where = f'line {mark.line + 1}, column {mark.column + 1}: ' if mark else ''
+        raise StatementError(f'{path}: {where}{shown(what, 300)}') from None
+    except yaml.reader.ReaderError as error:
+        raise StatementError(f'{path}: no text in UTF-8, from position {error.position} on: '
+                             f'{error.reason}') from None
+    # ValueError: a scalar that looks like a date or a number but is none.
+    except (yaml.YAMLError, ValueError) as error:
+        raise StatementError(f'{path}: {shown(" ".join(str(error).split()), 300)}') from None
+
+
+def entries(path: str | Path) -> list[tuple[str, dict[str, Any] | StatementError]]:
+    """
+    Return the mappings that a YAML file holds, each with its place in words; or why it is none.
+
+    A file holds one mapping or a list of them. The place is the file, with the number of the entry
+    in a list: ``several.yaml, entry 2``. One without `name` is given that of the file, with its
+    number in the list.
+
+    Raises
+    ------
+    StatementError
+        If the file cannot be read, is too long, is not YAML, or has a key twice.
+
+    """
+    found = read_yaml(path)
+    if not isinstance(found, list):
+        return [_entry(found, str(path), Path(path).stem)]
+    if not found:
+        raise StatementError(f'{path}: the list is empty')
+    if len(found) > MAX_ENTRIES:
+        raise StatementError(f'{path}: {len(found)} problems; at most {MAX_ENTRIES} are read')
+    if len(found) == 1:
+        return [_entry(found[0], str(path), Path(path).stem)]
+    return [_entry(entry, f'{path}, entry {index}', f'{Path(path).stem}_{index}')
+            for index, entry in enumerate(found, start=1)]
+
+
+def _entry(entry: object, where: str, name: str) -> tuple[str, dict[str, Any] | StatementError]:
+    if not isinstance(entry, dict):
+        return where, StatementError(
+            f'{where}: wanted a mapping of keys to values, found {describe(entry)}')
+    return where, entry if entry.get('name') is not None else {**entry, 'name': name}

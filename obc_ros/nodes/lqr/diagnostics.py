@@ -1,0 +1,161 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""What lqr_node says about itself on /diagnostics, once a second (REP 107)."""
+
+from collections import Counter, deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+import math
+from statistics import quantiles
+from time import monotonic
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from obc_ros.core.closed_loop.control import Control
+from obc_ros.core.closed_loop.loop import Loop
+
+DROPPED = {'size': 'of wrong size', 'finite': 'not finite', 'frame': 'in another frame',
+           'late': 'out of order', 'old': 'stamped too long ago',
+           'ahead': 'stamped in the future', 'command': 'without a finite command'}
+LOOKS, GROWTH = 5, 4.0  # looks in a row at which the cost-to-go has grown, and how much in all
+COUNTED = ('answered', 'skipped', 'repeated', 'restarted', 'stale', 'deadline')
+
+
+@dataclass
+class Monitor:
+    """What has been seen of a loop since the last look."""
+
+    latencies: deque[float] = field(default_factory=lambda: deque(maxlen=5_000))
+    refusals: int = 0
+    last_refusal: str = ''
+    design: str = ''
+    topic: str = ''
+    faults: dict[str, str] = field(default_factory=dict)
+    _costs: deque[float] = field(default_factory=lambda: deque(maxlen=LOOKS + 1))
+    _worst: float = 0.0
+    _control: Control | None = None
+    _suspected: set[str] = field(default_factory=set)
+    _before: Counter[str] = field(default_factory=Counter)
+    _looked: float = field(default_factory=monotonic)
+
+    def refused(self, sentence: str) -> None:
+        """Take note of a change that was refused."""
+        self.refusals, self.last_refusal = self.refusals + 1, sentence
+
+    def found(self, faults: dict[str, str]) -> list[str]:
+        """Take note of what is wrong; return the sentences that are new."""
+        # An end that is just being discovered may show QoS that it does not have.
+        lasting = {what: words for what, words in faults.items() if what in self._suspected}
+        self._suspected = set(faults)
+        new = [words for what, words in lasting.items() if self.faults.get(what) != words]
+        self.faults = lasting
+        return new
+
+    def runs_away(self, cost: float | None, control: Control) -> bool:
+        """
+        Take note of the cost-to-go; return whether it runs away instead of falling.
+
+        It does when it has grown at several looks in a row to more than ever under this control.
+        """
+        if control is not self._control:
+            self._control, self._worst = control, 0.0
+            self._costs.clear()
+        if cost is None:
+            return False
+        if len(self._costs) > LOOKS:
+            self._worst = max(self._worst, self._costs[0])
+        self._costs.append(cost)
+        grows = len(self._costs) > LOOKS and all(a < b for a, b in pairwise(self._costs))
+        return not math.isfinite(cost) or (
+            grows and cost > max(self._worst, GROWTH * self._costs[0]))
+
+    def statuses(self, name: str, loop: Loop, revision: int, is_active: bool,
+                 cost: float | None = None) -> list[DiagnosticStatus]:
+        """
+        Return the parts states, commands and design.
+
+        Parameters
+        ----------
+        name : str
+            The node's.
+        loop : Loop
+            The loop; it may be running meanwhile.
+        revision : int
+            Of the design in use.
+        is_active : bool
+            Whether the lifecycle lets the loop run.
+        cost : float, optional
+            Cost-to-go at the last error; None: there was none.
+
+        """
+        now, counts = monotonic(), Counter(loop.counts)
+        elapsed, self._looked = now - self._looked, now
+        new, self._before = counts - self._before, counts
+        return [self._states(name, loop, new, elapsed, now, is_active),
+                self._commands(name, loop, new, cost),
+                _status(f'{name}: design', DiagnosticStatus.OK, self.design, {
+                    'revision': revision, 'changes refused': self.refusals,
+                    'last refusal': self.last_refusal})]
+
+    def _states(self, name: str, loop: Loop, new: Counter[str], elapsed: float, now: float,
+                is_active: bool) -> DiagnosticStatus:
+        dropped = {words: new[kind] for kind, words in DROPPED.items() if new[kind]}
+        age = loop.age(now)
+        level, words = DiagnosticStatus.OK, 'states are answered'
+        if not is_active:
+            words = 'not active'
+        elif loop.is_stale:
+            level, words = DiagnosticStatus.ERROR, (
+                f'no good state for {age:.3g} s; on_stale: {loop.control.rules.on_stale}')
+        elif age is None:
+            words = 'no state yet'
+        elif dropped:
+            level, words = DiagnosticStatus.WARN, 'states dropped: ' + ', '.join(
+                f'{count} {what}' for what, count in dropped.items())
+        elif new['deadline']:
+            level, words = DiagnosticStatus.WARN, (
+                f'{new["deadline"]} deadlines missed on {self.topic}')
+        elif new['answered'] > 1 and new['repeated'] >= new['answered']:
+            level, words = DiagnosticStatus.WARN, 'the stamps of the states do not advance'
+        if self.faults:
+            level = max(level, DiagnosticStatus.WARN)
+            words = '; '.join([words, *self.faults.values()])
+        return _status(f'{name}: states', level, words, {
+            'rate [Hz]': f'{new["answered"] / elapsed:.1f}',
+            'age [s]': '' if age is None else f'{age:.4f}',
+            'age by its stamp [s]': '' if loop.lag is None else f'{loop.lag:.4f}',
+            **{kind: loop.counts[kind] for kind in COUNTED},
+            **{f'dropped {words}': loop.counts[kind] for kind, words in DROPPED.items()}})
+
+    def _commands(self, name: str, loop: Loop, new: Counter[str], cost: float | None
+                  ) -> DiagnosticStatus:
+        latencies, share = list(self.latencies), new['saturated'] / max(new['answered'], 1)
+        self.latencies.clear()
+        percent = quantiles(latencies, n=100) if len(latencies) > 1 else [float('nan')] * 99
+        level, words = DiagnosticStatus.OK, 'within the limits'
+        if share:
+            words = f'at a limit {share:.0%} of the time'
+        if share > 0.5:
+            level = DiagnosticStatus.WARN
+        if self.runs_away(cost, loop.control):
+            level, words = DiagnosticStatus.WARN, (
+                'the error grows, which it does not by design: the plant is another one, or '
+                'something drives it away' + '; x_limits are not set'
+                * (not loop.control.rules.x_limits))
+        if loop.is_outside:
+            level, words = DiagnosticStatus.WARN, 'the error is outside x_limits'
+        if loop.stopped:
+            level, words = DiagnosticStatus.WARN, f'stopped: {loop.stopped}'
+        return _status(f'{name}: commands', level, words, {
+            'latency p50 [us]': f'{1e6 * percent[49]:.0f}',
+            'latency p99 [us]': f'{1e6 * percent[98]:.0f}',
+            'share at a limit': f'{share:.3f}',
+            'cost-to-go': '' if cost is None else f'{cost:.4g}',
+            'answers at a limit': loop.counts['saturated'],
+            'times outside x_limits': loop.counts['outside']})
+
+
+def _status(name: str, level: Any, message: str, values: Mapping[str, Any]) -> DiagnosticStatus:
+    return DiagnosticStatus(name=name, level=level, message=message, values=[
+        KeyValue(key=key, value=str(value)) for key, value in values.items()])

@@ -1,0 +1,411 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of lqr_node, and the control that they ask for."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+import functools
+import math
+from typing import Any
+
+from obc_ros.core.closed_loop.control import (
+    Control,
+    ENVELOPE,
+    Horizon,
+    Leg,
+    Rules,
+    Schedule,
+    STALE,
+)
+from obc_ros.core.closed_loop.feedback import Gains, Limits, rows, Vector, vector
+from obc_ros.core.lqr.design.design import Design, design, Plant, plant, Sampling, scheduled
+from obc_ros.core.lqr.design.input_limits import check_all_limited, former_limits, input_limits
+from obc_ros.core.lqr.design.reference_checks import allowed_error
+from obc_ros.core.lqr.design.reference_tracking import Course, horizon, leg
+from obc_ros.core.lqr.design.set_point import check_set_point, described
+from obc_ros.core.lqr.weights import count, KINDS, square
+from obc_ros.core.riccati.checks import semidefinite
+from obc_ros.core.text.errors import shown, StatementError
+from obc_ros.msg import LqrWeights
+from obc_ros.nodes.lqr.topics import ROBOTS, Sink, SINKS
+from obc_ros.ros.conversions import chosen_system, system_parameters
+from obc_ros.ros.hardware_id import HARDWARE
+from obc_ros.ros.parameters.conditions import is_used
+from obc_ros.ros.parameters.node_parameters import group, parameter, Value
+from obc_ros.ros.state_sources import SOURCES, STATE_SOURCE
+from obc_ros.ros.subscription_thread import PRIORITY
+
+DESIGNS = ('continuous', 'sampled')
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The parameters of lqr_node."""
+
+    system: str = parameter(
+        'aircraft', 'name of a registered system, or path of a YAML file', read_only=True)
+    system_parameters: Mapping[str, Value] = group(system_parameters)
+    setpoint: Vector = parameter(
+        (), 'state to hold: n numbers in SI units and radians; empty: the default of the system, '
+        'if that is an equilibrium')
+    setpoint_input: Vector = parameter(
+        (), 'input at the set point, if the state does not determine it: m numbers; empty: the '
+        'default of the system, if the set point does not move with it')
+    weights: str = parameter('matrices', 'how the weights are given', choices=KINDS)
+    Qx: Vector = parameter(
+        (), 'state weight: n numbers (diagonal) or n*n numbers row by row; empty: identity',
+        used_when=(('weights', 'matrices'),))
+    Qu: Vector = parameter(
+        (), 'input weight: m numbers (diagonal) or m*m numbers row by row; empty: identity',
+        used_when=(('weights', 'matrices'),))
+    cross: Vector = parameter((), "cross weight N of 2 x'N u: n*m numbers row by row; empty: none")
+    x_max: Vector = parameter(
+        (), 'acceptable error of each state, in its unit; empty: 1 each', finite=False,
+        used_when=(('weights', 'bryson'),))
+    u_max: Vector = parameter(
+        (), 'acceptable deviation of each input, in its unit; a scale, not a limit (see '
+        'u_limits); empty: 1 each', finite=False, used_when=(('weights', 'bryson'),))
+    H: Vector = parameter(
+        (), "output matrix of z = H x in the cost z'z + rho u'u: p*n numbers row by row",
+        used_when=(('weights', 'output'),))
+    rho: float = parameter(
+        1.0, "weight of u'u relative to z'z", lower=0.0, used_when=(('weights', 'output'),))
+    stability: float = parameter(
+        0.0, 'prescribed degree of stability: the real parts of all poles are below its negative',
+        '1/s', lower=0.0)
+    integral: tuple[str, ...] = parameter(
+        (), 'names of the states with integral action', texts=True)
+    Qi: Vector = parameter(
+        (), 'weights of the integral states; empty: 1 each', used_when=(('integral',),))
+    design: str = parameter('continuous', 'time domain of the design', choices=DESIGNS)
+    rate: float = parameter(
+        0.0, 'maximum rate of commands, by the stamps of the states; 0: one for every state',
+        'Hz', lower=0.0)
+    sample_time: float = parameter(
+        0.0, 'sampling period of the design, if design is sampled or delay is set; 0: 1/rate', 's',
+        lower=0.0, used_when=(('design', 'sampled'), ('delay',)))
+    delay: float = parameter(
+        0.0, 'known time from a command to its effect', 's', lower=0.0)
+    horizon: float = parameter(
+        0.0, 'time to reach the set point with a time-varying gain, from a change of the set '
+        'point or a start; then the constant gain is used. 0: always the constant gain', 's',
+        lower=0.0, upper=1e6)
+    P1: Vector = parameter(
+        (), 'terminal weight of the horizon or of a reference: n numbers (diagonal) or n*n '
+        'numbers row by row; empty: the infinite-horizon cost matrix P at the final set point')
+    schedule: str = parameter(
+        '', 'scheduling variable of the gain: an input (such as v of the vehicle), from odom or '
+        'from the last command, or a parameter of the system that odom measures as the forward '
+        'speed (v of vehicle_lateral); empty: none')
+    schedule_range: Vector = parameter(
+        (), 'minimum and maximum of the scheduling variable; outside, the nearest gain is used',
+        used_when=(('schedule',),))
+    state_timeout: float = parameter(
+        0.5, 'age of the last valid state at which on_stale acts; 0: never', 's', lower=0.0)
+    stamp_timeout: float = parameter(
+        0.5, "maximum difference of a state's stamp and the node's clock; other states are "
+        "dropped. 0: no check. There is no check in simulated time, and for differences above one "
+        'hour', 's', lower=0.0)
+    on_stale: str = parameter(
+        'equilibrium', 'command while no state arrives: the input at rest (equilibrium), the last '
+        'command (hold) or none (silent)', choices=STALE,
+        used_when=(('state_timeout',),))
+    u_limits: Vector = parameter(
+        (), 'limits of the inputs, in their units: the maximum absolute value of each (m '
+        'numbers), within the limits of the system; or lower and upper limit of each (2 m '
+        'numbers), in place of those. Infinite: the limit of the system; empty: the limits of the '
+        'system', finite=False)
+    unlimited: bool = parameter(
+        False, 'true: the inputs of a robot need no limits',
+        used_when=(('command_sink', *ROBOTS),))
+    x_limits: Vector = parameter(
+        (), 'maximum absolute error of each state (n numbers), or lower and upper limit of each '
+        '(2 n numbers), outside which on_envelope acts; empty: none', finite=False)
+    on_envelope: str = parameter(
+        'stop', 'action outside x_limits: stop until ~/start, or one of those of on_stale',
+        choices=ENVELOPE, used_when=(('x_limits',),))
+    start_tolerance: Vector = parameter(
+        (), 'maximum distance of each state from a reference, in its unit (n numbers), at the '
+        'start and when its inputs are applied; other references are rejected. If it is exceeded '
+        'when states return after state_timeout, the node stops until ~/start. Empty: x_limits, '
+        'else a tenth of the range of the state along the reference (a range below 1 counts as 1)',
+        lower=0.0, finite=False)
+    state_source: str = parameter(
+        'state', STATE_SOURCE, choices=tuple(SOURCES), read_only=True)
+    command_sink: str = parameter(
+        'command', 'topic of the commands, with its type: command (Command), cmd_vel '
+        '(TwistStamped, the vehicle) or wrench (WrenchStamped, the aircraft)',
+        choices=tuple(SINKS), read_only=True)
+    cmd_vel_stamped: bool = parameter(
+        True, 'true: cmd_vel is a TwistStamped; false: a Twist, which has no stamp',
+        read_only=True, used_when=(('command_sink', 'cmd_vel'),))
+    transition_time: float = parameter(
+        0.0, 'time in which the jump of the command after a change decays, and the time from rest '
+        'to the first command of a robot; 0: the command jumps', 's', lower=0.0,
+        default_when=(('command_sink', *ROBOTS), 1.0))
+    frame_id: str = parameter(
+        '', 'frame_id of the states; empty: that of the first state')
+    hardware_id: str = parameter('', HARDWARE)
+    priority: int = parameter(0, PRIORITY, lower=0, upper=99, read_only=True)
+    autostart: bool = parameter(
+        True, 'true: the node configures and activates itself; false: it waits for the lifecycle '
+        'services', read_only=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """What a set of parameters means: judged, and ready to be adopted."""
+
+    settings: Settings
+    design: Design
+    control: Control
+
+    @property
+    def gains(self) -> tuple[Any, ...]:
+        """Return what decides about the gain; the same objects as long as nothing changes."""
+        return self.design, self.control.horizon, self.control.schedule
+
+    @property
+    def note(self) -> str:
+        """Return what there is besides the steady gain, in words."""
+        words, settings = [], self.settings
+        if self.control.horizon is not None:
+            words.append(f'the set point is to be reached within {settings.horizon:g} s')
+        if self.control.schedule is not None:
+            low, high = settings.schedule_range
+            words.append(f'the gain follows {settings.schedule} from {low:g} to {high:g}: '
+                         f'{_table(settings, self.design)[1]}')
+        return '; '.join(words)
+
+
+def judge(settings: Settings, courses: tuple[Course, ...] = ()) -> Candidate:
+    """
+    Return what the parameters ask for.
+
+    Parameters
+    ----------
+    settings : Settings
+        The parameters.
+    courses : tuple of Course
+        The references to follow, in the order of their beginnings.
+
+    Raises
+    ------
+    ObcError
+        If it cannot be given; the message names the parameter.
+
+    """
+    found = _design(*(_key(getattr(settings, name)) for name in _DESIGN))
+    Sink(settings.command_sink, found.plant.system)  # refuses inputs that it does not carry
+    check_set_point(found.plant, settings.setpoint, settings.setpoint_input)
+    if settings.P1:
+        n = found.plant.system.n
+        semidefinite('P1', square('P1', settings.P1, n), n)
+    if settings.horizon and settings.schedule:
+        raise StatementError('horizon and schedule: wanted one or the other')
+    rules = _rules(settings, found.plant.system.state_names)
+    return Candidate(settings, found, Control(
+        regulator=found.regulator,
+        limits=_limits(settings, found.plant),
+        rest=found.plant.rest,
+        names=found.plant.system.state_names,
+        rules=rules,
+        legs=tuple(_judged(each, found, settings, rules) for each in courses),
+        C=rows(found.C),
+        prediction=found.prediction,
+        horizon=_horizon(found, settings.horizon, settings.P1) if settings.horizon else None,
+        schedule=_table(settings, found)[0] if settings.schedule else None))
+
+
+def former(given: Mapping[str, Any], values: Mapping[str, Value]) -> str:
+    """
+    Return what to write for u_min and u_max where they are given as limits, which they once were.
+
+    Parameters
+    ----------
+    given : mapping
+        Values by name as they came, whatever their type.
+    values : mapping
+        All parameters by name.
+
+    """
+    names = [name for name in ('u_min', 'u_max') if name in given
+             and not (name == 'u_max' and (values['weights'] == 'bryson' or not values['u_max']))]
+    if not names:
+        return ''
+    system = chosen_system(str(values['system']), {
+        name.partition('.')[2]: value for name, value in values.items()
+        if name.startswith('system_parameters.')})
+    return former_limits(system, {name: given[name] for name in names})
+
+
+def opening(candidate: Candidate) -> str:
+    """Return what a node is about to do: plant, set point, limits, topics and frame."""
+    settings, held = candidate.settings, candidate.design.plant
+    limits = candidate.control.limits
+    bounds = zip(held.system.inputs, limits.lower, limits.upper, strict=True)
+    return '; '.join((
+        f'system: {held.system.name}', *described(held),
+        'limits: ' + ', '.join(f'{signal.name} in [{low:g}, {high:g}] {signal.unit}'.rstrip()
+                               for signal, low, high in bounds),
+        f'source: {settings.state_source}', f'sink: {settings.command_sink}',
+        f'frame: {settings.frame_id or "that of the first state"}'))
+
+
+def ending(course: Course, candidate: Candidate) -> str:
+    """Return what happens at the end of a reference."""
+    return _leg(course, candidate.design, candidate.settings.P1)[1]
+
+
+def tried(weights: LqrWeights, now: Settings) -> dict[str, Any]:
+    """Return the settings that a message asks for; its empty fields leave them as they are."""
+    given: dict[str, Any] = {
+        'weights': weights.weights, 'rho': weights.rho, 'stability': weights.stability,
+        **{name: tuple(getattr(weights, name.lower())) for name in (
+            'Qx', 'Qu', 'cross', 'x_max', 'u_max', 'H')}}
+    found = {name: value for name, value in given.items() if value not in ('', 0.0, ())}
+    kind = {'weights': weights.weights or now.weights}
+    for name, row in Settings.__dataclass_fields__.items():
+        if name in found and not is_used(row.metadata['entry'].used_when, kind):
+            raise StatementError(f'{name} is not used with weights = {kind["weights"]}')
+    return found
+
+
+_PLANT = ('system', 'system_parameters', 'setpoint', 'setpoint_input')
+_WEIGHTS = ('weights', 'Qx', 'Qu', 'cross', 'x_max', 'u_max', 'H', 'rho', 'stability')
+_DESIGN = (*_PLANT, *_WEIGHTS, 'integral', 'Qi', 'design', 'rate', 'sample_time', 'delay')
+
+
+def _key(value: Any) -> Any:
+    return tuple(sorted(value.items())) if isinstance(value, Mapping) else value
+
+
+@functools.lru_cache(maxsize=4)
+def _plant(system: str, parameters: tuple[tuple[str, Value], ...], setpoint: Vector,
+           setpoint_input: Vector) -> Plant:
+    return plant(chosen_system(system, dict(parameters)), setpoint, setpoint_input)
+
+
+@functools.lru_cache(maxsize=4)  # what is still in use need not be designed again
+def _design(*values: Any) -> Design:
+    given = dict(zip(_DESIGN, values, strict=True))
+    held = _plant(*(given[name] for name in _PLANT))
+    if given['weights'] == 'bryson':  # which can be set before them, and u_max not before it
+        given['x_max'] = given['x_max'] or (1.0,) * held.system.n
+        given['u_max'] = given['u_max'] or (1.0,) * held.system.m
+    return design(held, {name: given[name] for name in _WEIGHTS}, given['integral'], given['Qi'],
+                  _sampling(given['design'] == 'sampled', given['rate'], given['sample_time'],
+                            given['delay']))
+
+
+def _sampling(exact: bool, rate: float, sample_time: float, delay: float) -> Sampling:
+    period = 1.0 / rate if rate else 0.0
+    if sample_time < period * (1.0 - 1e-9) and sample_time:
+        raise StatementError(f'sample_time = {sample_time:g}: with rate = {rate:g} commands are '
+                             f'{period:g} s apart or more')
+    # What is for a sampled design leaves a continuous one alone: it can be set before `design`,
+    # and that before a rate which the continuous gain does not bear.
+    return Sampling(sample_time or period if exact or delay else period, delay, exact)
+
+
+def _judged(course: Course, found: Design, settings: Settings, rules: Rules) -> Leg:
+    """Return the law along a reference, with what is allowed where it is taken up."""
+    system = found.plant.system
+    return replace(_leg(course, found, settings.P1)[0],
+                   allowed=allowed_error(course, rules.x_limits, settings.start_tolerance),
+                   units=tuple(signal.unit for signal in system.states))
+
+
+@functools.lru_cache(maxsize=4)
+def _leg(course: Course, found: Design, P1: Vector) -> tuple[Leg, str]:
+    return leg(course, found, square('P1', P1, found.plant.system.n) if P1 else None)
+
+
+@functools.lru_cache(maxsize=4)
+def _horizon(found: Design, time: float, P1: Vector) -> Horizon:
+    return horizon(found, time, square('P1', P1, found.plant.system.n) if P1 else None)
+
+
+def _table(settings: Settings, found: Design) -> tuple[Schedule, str]:
+    """Return the schedule of a design, and what is proved of it."""
+    if len(settings.schedule_range) != 2:
+        raise StatementError(f'schedule_range has {count(len(settings.schedule_range))}; wanted '
+                             'the lowest and the highest value')
+    return _scheduled(found, settings.schedule, settings.schedule_range, settings.setpoint,
+                      settings.setpoint_input, settings.state_source == 'odom')
+
+
+@functools.lru_cache(maxsize=4)
+def _scheduled(found: Design, name: str, between: Vector, setpoint: Vector,
+               setpoint_input: Vector, is_measured: bool) -> tuple[Schedule, str]:
+    system = found.plant.system
+    known = {each.name: each for each in (*system.inputs, *system.parameters)}
+    if name not in known:
+        raise StatementError(f"schedule: {system.name} has no input or parameter '{shown(name)}'; "
+                             f'it has {", ".join(known)}')
+    index = system.input_names.index(name) if name in system.input_names else -1
+    if is_measured and known[name].unit != 'm/s':
+        raise StatementError(f'schedule = {name}: odometry tells a speed, not this')
+    if index < 0 and not is_measured:
+        raise StatementError(f'schedule = {name}: a State does not tell it; set state_source = '
+                             'odom')
+    made = scheduled(found, _plant_at(found, name, index, setpoint, setpoint_input), *between)
+    changes = ('however it changes' if made.rate == math.inf else
+               f'while it changes by up to {made.rate:.3g} a second')
+    gains = Gains(vector(made.values), tuple(rows(K[:, :system.n]) for K in made.K),
+                  tuple(rows(K[:, system.n:]) if len(found.C) else () for K in made.K))
+    return (Schedule(gains, index),
+            f'{len(made.values)} gains, proved to stabilise all over it, {changes}')
+
+
+def _plant_at(found: Design, name: str, index: int, setpoint: Vector, setpoint_input: Vector
+              ) -> Callable[[float], Plant]:
+    """Return the plant as a function of the value of an input or, below 0, a parameter."""
+    system, ue = found.plant.system, found.plant.equilibrium.u
+
+    def at(value: float) -> Plant:
+        if index < 0:
+            return plant(system.with_parameters({name: value}), setpoint, setpoint_input)
+        wanted = (*ue[:index], value, *ue[index + 1:])
+        there = plant(system, setpoint, wanted)
+        if there.equilibrium.u[index] != value:
+            raise StatementError(f'schedule = {name}: the set point leaves it no choice')
+        return there
+
+    return at
+
+
+def _limits(settings: Settings, held: Plant) -> Limits:
+    angles = tuple(i for i, is_angle in enumerate(held.system.angles) if is_angle)
+    lower, upper = input_limits(held, settings.u_limits)
+    if settings.command_sink in ROBOTS and not settings.unlimited:
+        check_all_limited(held, settings.u_limits, lower, upper, settings.command_sink)
+    return Limits(lower, upper, angles)
+
+
+def _rules(settings: Settings, names: tuple[str, ...]) -> Rules:
+    given, n = settings.x_limits, len(names)
+    if len(given) not in (0, n, 2 * n):
+        raise StatementError(f'x_limits has {count(len(given))}; wanted {n} or {2 * n}, for '
+                             f'{", ".join(names)}')
+    bounds = tuple((-each, each) for each in given)
+    if len(given) == 2 * n:
+        bounds = tuple(zip(given[::2], given[1::2], strict=True))
+    for name, (low, high) in zip(names, bounds, strict=False):
+        if not low < 0.0 < high:
+            raise StatementError(f'x_limits of {name}: [{low:g}, {high:g}]; wanted a lower limit '
+                                 'below 0, which is no error, and an upper one above it')
+    _sized('start_tolerance', settings.start_tolerance, names)
+    return Rules(
+        period=round(min(1e9 / settings.rate, 1e18)) if settings.rate else 0,
+        state_timeout=settings.state_timeout, on_stale=settings.on_stale, x_limits=bounds,
+        on_envelope=settings.on_envelope, transition_time=settings.transition_time,
+        from_rest=settings.command_sink in ROBOTS,
+        stamp_timeout=settings.stamp_timeout)
+
+
+def _sized(name: str, given: Vector, names: tuple[str, ...]) -> Vector:
+    if len(given) not in (0, len(names)):
+        raise StatementError(
+            f'{name} has {count(len(given))}; wanted {len(names)} ({", ".join(names)})')
+    return given

@@ -1,0 +1,142 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Where lqr_node gives commands to, its own messages or those of robots, and what it follows.
+
+A `Sink` turns the input into a message; where states come from is in `state_sources`.
+
+==========  ================  ==========================================================
+topic       type              meaning
+==========  ================  ==========================================================
+command     Command           u
+cmd_vel     TwistStamped, or  vehicle: linear.x = v, angular.z = (v / l) tan(phi); two_wheeled:
+            Twist             linear.x = v, angular.z = omega
+wrench      WrenchStamped     aircraft, at its centre of mass in base_link (x forward, z up):
+                              force.x = f1, force.z = f2, torque.y = -r f1 (nose up positive
+                              is a rotation about -y)
+==========  ================  ==========================================================
+"""
+
+from array import array
+from collections.abc import Callable, Sequence
+import math
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Twist, TwistStamped, WrenchStamped
+from obc_ros.core.lqr.design.reference_tracking import Course, course
+from obc_ros.core.systems.system import System
+from obc_ros.core.text.errors import shown, StatementError
+from obc_ros.msg import Command, Trajectory
+from obc_ros.ros.conversions import BASE, nanoseconds
+
+SINKS = {'command': Command, 'cmd_vel': TwistStamped, 'wrench': WrenchStamped}
+ROBOTS = ('cmd_vel', 'wrench')  # sinks that no simulated plant of this package hears
+
+
+Fill = Callable[[Sequence[float]], None]
+
+
+class Sink:
+    """
+    Makes messages of inputs.
+
+    Parameters
+    ----------
+    topic : str
+        A key of `SINKS`.
+    system : System
+        Whose inputs they are.
+    is_stamped : bool
+        Whether cmd_vel has a header.
+
+    Attributes
+    ----------
+    type : type
+        Of the messages.
+
+    """
+
+    def __init__(self, topic: str, system: System, is_stamped: bool = True) -> None:
+        self.type = Twist if topic == 'cmd_vel' and not is_stamped else SINKS[topic]
+        self._message = self.type()
+        self._header = getattr(self._message, 'header', None)
+        self._fill = self._command if topic == 'command' else _filler(topic, self._message, system)
+        if topic != 'command' and self._header is not None:
+            self._header.frame_id = BASE
+
+    def message(self, u: Sequence[float], stamp: Time) -> Any:
+        """Return the message for an input (m,); the next call changes it."""
+        if self._header is not None:
+            self._header.stamp = stamp
+        self._fill(u)
+        return self._message
+
+    def _command(self, u: Sequence[float]) -> None:
+        self._message.u = array('d', u)
+
+
+def courses(message: Trajectory, system: System, frame: str, present: tuple[Course, ...],
+            now: int | None) -> tuple[Course, ...]:
+    """
+    Return the references to follow once a message has come, in the order of their beginnings.
+
+    Parameters
+    ----------
+    message : Trajectory
+        Without samples: no reference any more.
+    system : System
+        That follows.
+    frame : str
+        Of its states; empty: not known.
+    present : tuple of Course
+        The references so far; the one that is followed goes on until the new one begins.
+    now : int, optional
+        Stamp of the last state [ns].
+
+    Raises
+    ------
+    StatementError
+        If the message is no reference for the system.
+
+    """
+    if not message.t and not message.x and not message.u:
+        return ()
+    if message.system not in ('', system.name):
+        raise StatementError(f"it is for '{shown(message.system)}', not for {system.name}")
+    given = message.header.frame_id
+    if given and frame and given != frame:
+        raise StatementError(f"it is in the frame '{shown(given)}', the states are in "
+                             f"'{shown(frame)}'")
+    stamp = nanoseconds(message.header.stamp)
+    new = course(system, (message.state_names, message.input_names), message.t, message.x,
+                 message.u, message.interpolation, stamp or None)
+    begun = [each for each in present
+             if now is not None and each.reference.begin is not None
+             and each.reference.begin <= now]
+    return (*begun[-1:], new)  # what is followed goes on if the new one is not taken up
+
+
+def _filler(topic: str, message: Any, system: System) -> Fill:
+    p = {each.name: each.value for each in system.parameters}
+    twist = message if isinstance(message, Twist) else getattr(message, 'twist', None)
+
+    def vehicle(u: Sequence[float]) -> None:
+        twist.linear.x = u[0]
+        twist.angular.z = u[0] / p['l'] * math.tan(u[1])
+
+    def two_wheeled(u: Sequence[float]) -> None:
+        twist.linear.x, twist.angular.z = u
+
+    def aircraft(u: Sequence[float]) -> None:
+        message.wrench.force.x, message.wrench.force.z = u
+        message.wrench.torque.y = -p['r'] * u[0]
+
+    known: dict[tuple[str, str], Fill] = {
+        ('cmd_vel', 'vehicle'): vehicle,
+        ('cmd_vel', 'two_wheeled'): two_wheeled,
+        ('wrench', 'aircraft'): aircraft}
+    if (topic, system.name) not in known:
+        raise StatementError(f'command_sink = {topic}: the inputs of {system.name} '
+                             f'({", ".join(system.input_names)}) are not those of such a message')
+    return known[topic, system.name]

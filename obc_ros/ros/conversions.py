@@ -1,0 +1,218 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+State, Command and Odometry to arrays and back; the parameters of a system as ROS parameters.
+
+Odometry of a body that moves in a plane (REP 103: x forward, y left, z up, right-handed):
+
+===========  ==================================  =======================================
+plane        horizontal (seen from above)        vertical (px to the right, py up)
+===========  ==================================  =======================================
+position     (px, py, 0)                         (px, 0, py)
+orientation  theta about z: yaw                  theta about -y: nose up, pitch = -theta
+twist        in the body's frame: (forward, left, 0), or (forward, 0, up); rate about z or y
+===========  ==================================  =======================================
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+import math
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from nav_msgs.msg import Odometry
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.systems import registry
+from obc_ros.core.systems.system import System
+from obc_ros.core.text.errors import DynamicsError, StatementError
+from obc_ros.ros.parameters.node_parameters import Entry
+from obc_ros.ros.state_sources import Body
+
+Read = Callable[[Any], Sequence[float]]
+
+ODOM, BASE = 'odom', 'base_link'  # REP 105
+_POSE, _TWIST = ('px', 'py', 'theta'), ('vx', 'vy', 'omega')
+_XX, _YY, _ZZ, _PITCH, _YAW = 0, 7, 14, 28, 35  # of a 6 x 6 covariance
+
+
+def nanoseconds(stamp: Time) -> int:
+    """Return a stamp as nanoseconds."""
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+def set_stamp(stamp: Time, time: int) -> None:
+    """Set a stamp to a time [ns] from 0 on."""
+    stamp.sec, stamp.nanosec = divmod(time, 10**9)
+
+
+def system_parameters(values: Mapping[str, Any]) -> Iterator[Entry]:
+    """
+    Yield the parameters and options of the system that `values` names, for `parameters.group`.
+
+    Raises
+    ------
+    ObcError
+        If there is no such system.
+
+    """
+    name = str(values['system'])
+    options = registry.options(name)
+    for option, default in options.items():
+        yield Entry(option, tuple(default) if isinstance(default, (tuple, list)) else default,
+                    f'construction option of {name}')
+    try:
+        system = registry.get(name)
+    except DynamicsError:
+        if not options:
+            raise
+        return  # without its options there is no such system
+    for each in system.parameters:
+        yield Entry(each.name, each.value, each.description, each.unit, each.lower, each.upper)
+
+
+def chosen_system(name: str, values: Mapping[str, Any]) -> System:
+    """
+    Return a system with the values that differ from those it was declared with.
+
+    What a file gives as an expression of other parameters thus follows them.
+    """
+    declared = {entry.name: entry.default for entry in system_parameters({'system': name})}
+    return registry.get(name, {key: value for key, value in values.items()
+                               if value != declared.get(key)})
+
+
+class OdometryMap:
+    """
+    Odometry from and to the states of a system.
+
+    Parameters
+    ----------
+    system : System
+        With a plane.
+
+    Attributes
+    ----------
+    complete : bool
+        Whether a state gives a whole pose: px, py and theta are among the states.
+    readable : bool
+        Whether a pose and twist give the whole state.
+
+    """
+
+    def __init__(self, system: System) -> None:
+        self._system = system
+        self._vertical = system.plane == 'vertical'
+        names = system.state_names
+        self.complete = bool(system.plane) and all(name in names for name in _POSE)
+        self.readable = bool(system.plane) and set(names) <= {*_POSE, *_TWIST}
+        self._at = [names.index(name) for name in _POSE] if self.complete else []
+
+    def message(self, noise: Sequence[float]) -> Odometry:
+        """Return a message with frames and the variances of the noise (n,) of each state."""
+        message = Odometry(child_frame_id=BASE)
+        message.header.frame_id = ODOM
+        of = dict(zip(self._system.state_names, (value * value for value in noise), strict=True))
+        up, about = (_ZZ, _PITCH) if self._vertical else (_YY, _YAW)
+        pose, twist = message.pose.covariance, message.twist.covariance
+        pose[_XX], pose[up], pose[about] = (of.get(name, 0.0) for name in _POSE)
+        # In the body's frame the axes mix; the larger variance bounds both.
+        twist[_XX] = twist[up] = max(of.get('vx', 0.0), of.get('vy', 0.0))
+        twist[about] = of.get('omega', 0.0)
+        return message
+
+    def fill(self, message: Odometry, x: Array, slope: Array) -> None:
+        """
+        Set pose and twist of a message.
+
+        Parameters
+        ----------
+        message : nav_msgs.msg.Odometry
+            Whose other fields stay as they are.
+        x, slope : ndarray, shape (n,)
+            State and its derivative.
+
+        """
+        px, py, theta = (float(x[i]) for i in self._at)
+        vx, vy, omega = (float(slope[i]) for i in self._at)
+        c, s = math.cos(theta), math.sin(theta)
+        position, turn = message.pose.pose.position, message.pose.pose.orientation
+        linear, angular = message.twist.twist.linear, message.twist.twist.angular
+        forward, aside = c * vx + s * vy, c * vy - s * vx
+        turn.w = math.cos(theta / 2)
+        position.x, linear.x = px, forward
+        if self._vertical:
+            position.z, linear.z = py, aside
+            turn.y, angular.y = -math.sin(theta / 2), -omega
+        else:
+            position.y, linear.y = py, aside
+            turn.z, angular.z = math.sin(theta / 2), omega
+
+    def state(self, message: Odometry) -> Array:
+        """
+        Return the state, shape (n,), that a message tells; theta in [-pi, pi].
+
+        Motion out of the plane is left out.
+
+        Raises
+        ------
+        StatementError
+            If a number is not finite or the orientation is none.
+
+        """
+        position, turn = message.pose.pose.position, message.pose.pose.orientation
+        linear, angular = message.twist.twist.linear, message.twist.twist.angular
+        qx, qy, qz, qw = turn.x, turn.y, turn.z, turn.w
+        size = qx * qx + qy * qy + qz * qz + qw * qw
+        if not 1e-6 < size < 1e6:
+            raise StatementError(f'the orientation ({qx:g}, {qy:g}, {qz:g}, {qw:g}) is no '
+                                 'rotation')
+        # Where the body's x axis points: seen from above, or from the side.
+        ahead = size - 2 * (qy * qy + qz * qz)
+        if self._vertical:
+            px, py, forward, aside = position.x, position.z, linear.x, linear.z
+            theta, omega = math.atan2(2 * (qx * qz - qw * qy), ahead), -angular.y
+        else:
+            px, py, forward, aside = position.x, position.y, linear.x, linear.y
+            theta, omega = math.atan2(2 * (qx * qy + qw * qz), ahead), angular.z
+        c, s = math.cos(theta), math.sin(theta)
+        known = {'px': px, 'py': py, 'theta': theta, 'vx': c * forward - s * aside,
+                 'vy': s * forward + c * aside, 'omega': omega}
+        x = np.array([known[name] for name in self._system.state_names])
+        if not np.isfinite(x).all():
+            raise StatementError('the odometry has numbers that are not finite')
+        return x
+
+
+def make_state_reader(topic: str, system: System) -> Read:
+    """
+    Return what makes a state (n,) of one message, whatever came before it.
+
+    Raises
+    ------
+    StatementError
+        If the messages of the topic, a key of `SOURCES`, do not tell the state of the system.
+        What is returned raises it for a message that tells none.
+
+    """
+    if topic == 'state':
+        return lambda message: message.x  # type: ignore[no-any-return] # array of double
+    odometry = OdometryMap(system)
+    if not odometry.readable:
+        raise StatementError(f'state_source = odom: a pose and a twist do not tell the state of '
+                             f'{system.name} ({", ".join(system.state_names)})')
+    return lambda message: odometry.state(message).tolist()  # type: ignore[no-any-return]
+
+
+def make_body_reader(topic: str, system: System) -> Read:
+    """Return what makes a state (n,) of each message of a topic; odometry is of one body."""
+    convert, body = make_state_reader(topic, system), Body()
+    if topic == 'state':
+        return convert
+
+    def state(message: Odometry) -> Sequence[float]:
+        body.check(message)
+        x = convert(message)
+        body.keep(message)
+        return x
+
+    return state

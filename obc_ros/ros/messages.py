@@ -1,0 +1,366 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Messages from and to plain values: statements, requests, answers.
+
+A statement is the mapping that a problem file holds. What a message cannot say wrongly is not
+looked at here: the statement is checked where it is solved.
+"""
+
+from array import array
+from collections.abc import Iterable, Mapping
+import json
+import re
+from typing import Any
+
+import numpy as np
+from obc_ros.core.ocp import solution
+from obc_ros.core.ocp.guess import Guess
+from obc_ros.core.text.errors import shown, StatementError
+from obc_ros.msg import (
+    Certificate,
+    FinalTime,
+    InitialGuess,
+    LqrDesign,
+    NamedBounds,
+    NamedExpression,
+    NamedValues,
+    OptimalControlProblem,
+    Optimality,
+    PathConstraint,
+    Trajectory,
+)
+from obc_ros.workers.wire import Packet
+
+MAX_SIZE = 10_000_000  # bytes of names, expressions and numbers in one request
+
+
+def check_size(message: Any) -> None:
+    """
+    Refuse a request that is larger than any that could be answered.
+
+    Raises
+    ------
+    StatementError
+        If its texts and numbers take more than ``MAX_SIZE`` bytes.
+
+    """
+    size = _size(message)
+    if size > MAX_SIZE:
+        raise StatementError(
+            f'the request has {size} bytes of text and numbers; at most {MAX_SIZE} are read')
+
+
+def _size(value: Any) -> int:
+    """Return the bytes that the texts and numbers of a message take, lists included."""
+    if isinstance(value, str):
+        return len(value) + 4
+    if isinstance(value, array):
+        return value.itemsize * len(value)
+    if isinstance(value, list):
+        return sum(map(_size, value))
+    if hasattr(value, 'get_fields_and_field_types'):
+        return sum(_size(getattr(value, name)) for name in value.get_fields_and_field_types())
+    return 8
+
+
+def statement(problem: OptimalControlProblem) -> dict[str, Any]:
+    """
+    Return the statement of a message; what is empty in it is left out.
+
+    Raises
+    ------
+    StatementError
+        If a name stands twice in a list of names and values, or the message is too large.
+
+    """
+    check_size(problem)
+    final_time = problem.final_time
+    guess = problem.initial_guess
+    entries = {
+        'name': problem.name,
+        'system': problem.system,
+        'states': list(problem.states),
+        'inputs': list(problem.inputs),
+        'parameters': parameters('parameters', problem.parameters),
+        'dynamics': expressions('dynamics', problem.dynamics),
+        'running_cost': problem.running_cost,
+        'terminal_cost': problem.terminal_cost,
+        'initial_state': expressions('initial_state', problem.initial_state),
+        'terminal_constraints': list(problem.terminal_constraints),
+        'input_bounds': bounds('input_bounds', problem.input_bounds),
+        'state_bounds': bounds('state_bounds', problem.state_bounds),
+        'path_constraints': [
+            {'expr': each.expr, 'lower': each.lower or None, 'upper': each.upper or None}
+            for each in problem.path_constraints],
+        'final_time': {'free': final_time.free, **_without_empty(
+            {key: getattr(final_time, key) for key in ('value', 'lower', 'upper', 'guess')})},
+        'initial_guess': _without_empty({
+            'states': _values('initial_guess.states', guess.states),
+            'inputs': _values('initial_guess.inputs', guess.inputs),
+            'final_time': guess.final_time}),
+    }
+    return _without_empty(entries)
+
+
+def problem_message(mapping: Mapping[str, Any], guess: Guess) -> OptimalControlProblem:
+    """
+    Return the message of a statement.
+
+    Parameters
+    ----------
+    mapping : mapping
+        As `statement.problem_from_mapping` has accepted it.
+    guess : Guess
+        Of the problem that it returned.
+
+    """
+    message = OptimalControlProblem()
+    for key in ('name', 'system'):
+        setattr(message, key, mapping.get(key) or '')
+    for key in ('running_cost', 'terminal_cost'):
+        setattr(message, key, _text(mapping.get(key)))
+    for key in ('states', 'inputs'):
+        setattr(message, key, list(mapping.get(key) or ()))
+    message.terminal_constraints = [
+        _text(each) for each in mapping.get('terminal_constraints') or ()]
+    for key in ('parameters', 'dynamics', 'initial_state'):
+        setattr(message, key, named_expressions(mapping.get(key) or {}))
+    for key in ('input_bounds', 'state_bounds'):
+        setattr(message, key, named_bounds(mapping.get(key) or {}))
+    message.path_constraints = [
+        PathConstraint(**{key: _text(value) for key, value in each.items()})
+        for each in mapping.get('path_constraints') or ()]
+    final_time = dict(mapping['final_time'])
+    message.final_time = FinalTime(free=final_time.pop('free'), **{
+        key: _text(value) for key, value in final_time.items()})
+    message.initial_guess = InitialGuess(
+        states=[NamedValues(name=name, values=doubles(x)) for name, x in guess.x.items()],
+        inputs=[NamedValues(name=name, values=doubles(u)) for name, u in guess.u.items()],
+        final_time=guess.final_time or 0.0)
+    return message
+
+
+def expressions(where: str, entries: Iterable[NamedExpression]) -> dict[str, str]:
+    """
+    Return name to expression, in order.
+
+    Raises
+    ------
+    StatementError
+        If a name stands twice.
+
+    """
+    return _unique(where, ((each.name, each.expression) for each in entries))
+
+
+def parameters(where: str, entries: Iterable[NamedExpression]) -> dict[str, Any]:
+    """
+    Return name to expression, or to the list that an option of a system is, written as JSON.
+
+    Raises
+    ------
+    StatementError
+        If a name stands twice, or what begins with a bracket is no list.
+
+    """
+    return {name: _list(f'{where}.{shown(name)}', text) if text.startswith('[') else text
+            for name, text in expressions(where, entries).items()}
+
+
+def bounds(where: str, entries: Iterable[NamedBounds]) -> dict[str, list[str | None]]:
+    """
+    Return name to [lower, upper], None for none.
+
+    Raises
+    ------
+    StatementError
+        If a name stands twice.
+
+    """
+    return _unique(where, (
+        (each.name, [each.lower or None, each.upper or None]) for each in entries))
+
+
+def named_expressions(mapping: Mapping[str, Any]) -> list[NamedExpression]:
+    """Return a mapping of names to numbers or expressions as messages."""
+    return [NamedExpression(name=name, expression=_text(value))
+            for name, value in mapping.items()]
+
+
+def named_bounds(mapping: Mapping[str, Any]) -> list[NamedBounds]:
+    """Return a mapping of names to [lower, upper] (or None) as messages."""
+    return [NamedBounds(name=name, lower=_text(pair[0]), upper=_text(pair[1]))
+            for name, pair in mapping.items() if pair is not None]
+
+
+def plain_request(kind: str, request: Any) -> Packet:
+    """
+    Return a request as plain data.
+
+    Raises
+    ------
+    StatementError
+        If it is too large, or a name stands twice in a list of names and values.
+
+    """
+    check_size(request)
+    return _REQUESTS[kind](request)
+
+
+def _solve_request(request: Any) -> Packet:
+    return Packet({'statement': statement(request.problem), 'method': request.method})
+
+
+def _minimize_request(request: Any) -> Packet:
+    return Packet({'statement': _without_empty({
+        'variables': list(request.variables),
+        'parameters': expressions('parameters', request.parameters),
+        'cost': request.cost,
+        'equalities': list(request.equalities),
+        'inequalities': list(request.inequalities),
+        'bounds': bounds('bounds', request.bounds),
+        'guess': request.guess.tolist()})})
+
+
+def _plan_request(request: Any) -> Packet:
+    return Packet(
+        {'system': request.system, 'objective': request.objective,
+         'parameters': parameters('system_parameters', request.system_parameters),
+         'input_bounds': bounds('input_bounds', request.input_bounds),
+         'final_time': request.final_time},
+        _arrays(request, 'start', 'goal', 'qx', 'qu'))
+
+
+def _design_request(request: Any) -> Packet:
+    weights = request.weights
+    return Packet(
+        {'system': request.system,
+         'parameters': parameters('system_parameters', request.system_parameters),
+         'sample_time': request.sample_time, 'delay': request.delay,
+         'weights': weights.weights, 'rho': weights.rho, 'stability': weights.stability},
+        _arrays(request, 'setpoint', 'setpoint_input', 'a', 'b')
+        | _arrays(weights, 'qx', 'qu', 'cross', 'x_max', 'u_max', 'h'))
+
+
+_REQUESTS = {'solve': _solve_request, 'minimize': _minimize_request, 'plan': _plan_request,
+             'design_lqr': _design_request}
+
+
+def _arrays(message: Any, *names: str) -> dict[str, Any]:
+    return {name: np.array(getattr(message, name), np.float64) for name in names}
+
+
+def affinity(request: Packet) -> str:
+    """Return a text that is equal for statements which differ in numbers only."""
+    given = request.plain.get('statement', {})
+    shape = [given.get(key) for key in ('system', 'states', 'inputs', 'dynamics', 'running_cost',
+                                        'terminal_cost', 'terminal_constraints')]
+    names = [sorted(given.get(key, ())) for key in ('parameters', 'input_bounds', 'state_bounds')]
+    return re.sub(r'[\d.]+', '0', json.dumps([shape, names, given.get('path_constraints')]))
+
+
+def fill_answer(response: Any, packet: Packet) -> None:
+    """
+    Put the answer to a problem into a response or a result.
+
+    Parameters
+    ----------
+    response : SolveOptimalControl.Response, SolveOptimalControl.Result or PlanMotion.Response
+        Filled in place.
+    packet : Packet
+        As `requests.solution_packet` made it, or with a status and a message only.
+
+    """
+    plain = dict(packet.plain)
+    response.certificate = certificate_message(plain.pop('certificate', None))
+    response.optimality = Optimality(**plain.pop('optimality', None) or {})
+    response.success = plain['status'] == 'solved' and response.certificate.holds
+    for name in set(response.get_fields_and_field_types()) & set(plain):
+        setattr(response, name, plain[name])
+    if 'nu' in packet.arrays and hasattr(response, 'nu'):
+        response.nu = doubles(packet.arrays['nu'])
+    if 't' in packet.arrays:
+        response.trajectory = Trajectory(
+            system=plain['system'], state_names=plain['states'], input_names=plain['inputs'],
+            interpolation=plain['interpolation'],
+            **{name: doubles(packet.arrays[name])
+               for name in ('t', 'x', 'u', 'lam', 'hamiltonian', 'switching_times')})
+
+
+def fill_minimum(response: Any, packet: Packet) -> None:
+    """Put the answer of `requests` to ``~/minimize`` into its response."""
+    plain = dict(packet.plain)
+    response.certificate = certificate_message(plain.pop('certificate', None))
+    response.success = plain['status'] == 'solved' and response.certificate.holds
+    for name, value in plain.items():
+        setattr(response, name, value)
+    for name, values in packet.arrays.items():
+        setattr(response, name, doubles(values))
+
+
+def fill_design(response: Any, packet: Packet) -> None:
+    """Put the answer of `requests` to ``~/design_lqr`` into its response."""
+    status, response.message = packet.plain['status'], packet.plain['message']
+    response.success = status == 'solved'
+    if not response.success:
+        response.message = f'{status}: {response.message}'
+    else:
+        response.design = lqr_design({**packet.plain['design'], **packet.arrays})
+
+
+def lqr_design(fields: Mapping[str, Any]) -> LqrDesign:
+    """Return the message with the fields that `report.fields` returns."""
+    return LqrDesign(**{name: doubles(value) if isinstance(value, np.ndarray) else value
+                        for name, value in fields.items()})
+
+
+def certificate_message(conditions: Mapping[str, Mapping[str, float]] | None) -> Certificate:
+    """Return the certificate with these residuals and tolerances; an empty one for None."""
+    if conditions is None:
+        return Certificate(sentence='there is no answer to certify')
+    verdict = solution.Certificate(**conditions)
+    worst = verdict.worst
+    residual, tolerance = verdict.residuals[worst], verdict.tolerances[worst]
+    return Certificate(
+        holds=verdict.holds, conditions=list(verdict.tolerances),
+        residuals=[verdict.residuals[name] for name in verdict.tolerances],
+        tolerances=list(verdict.tolerances.values()),
+        sentence=f'all {len(verdict.tolerances)} conditions hold; nearest to its tolerance: '
+                 f'{worst}, {residual:.2g} of {tolerance:.2g}' if verdict.holds else
+                 f'{worst} does not hold: its residual is {residual:.2g}, over {tolerance:.2g}')
+
+
+def doubles(values: Any) -> 'array[float]':
+    """Return numbers of any shape, row by row, as the value of a float64[] field."""
+    return array('d', np.asarray(values, np.float64).tobytes())
+
+
+def _values(where: str, entries: Iterable[NamedValues]) -> dict[str, Any]:
+    return _unique(where, ((each.name, each.values.tolist()) for each in entries))
+
+
+def _unique(where: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in pairs:
+        if name in found:
+            raise StatementError(f"{where}: '{shown(name)}' stands twice")
+        found[name] = value
+    return found
+
+
+def _without_empty(mapping: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in mapping.items() if value not in ('', [], {}, 0.0)}
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, (list, tuple)):
+        return json.dumps(value)
+    return '' if value is None else str(value)
+
+
+def _list(where: str, text: str) -> Any:
+    try:
+        return json.loads(text)
+    except (json.JSONDecodeError, RecursionError) as error:
+        raise StatementError(f'{where}: {shown(text)} is no list of numbers: {error}') from None

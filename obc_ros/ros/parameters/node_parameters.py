@@ -1,0 +1,299 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Parameters of a node: declared from one table, judged together, adopted at once.
+
+The table is a frozen dataclass whose fields are made by `parameter` and `group`::
+
+    @dataclass(frozen=True)
+    class Settings:
+        system: str = parameter('aircraft', 'registered system', read_only=True)
+        system_parameters: Mapping[str, Value] = group(system_parameters)
+        rate: float = parameter(0.0, 'commands a second; 0: answer every state', 'Hz', lower=0.0)
+        Qx: tuple[float, ...] = parameter((), 'state weight; empty: identity')
+
+A change has two moments. *Judge* builds the candidate from all proposed values together with the
+present ones, or raises ObcError; nothing has changed then. *Adopt* receives the candidate that
+was judged, once every parameter is set. The same judge looks at the values a node starts with.
+
+A parameter that has no effect under the present settings (`used_when`) is at its default. Another
+value for it is refused, at the start too; a change that takes its use away sets it back.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import fields, MISSING, replace
+from typing import Any, Generic, TypeVar
+
+from obc_ros.core.text.errors import ObcError, shown, StatementError
+from obc_ros.ros.callback_guards import guard
+from obc_ros.ros.parameters.conditions import condition_holds, depth, idle, is_used, Value
+from obc_ros.ros.parameters.services import serve
+from obc_ros.ros.parameters.table import Entry, group, hint, parameter
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import get_parameter_value, Parameter
+from yaml import YAMLError
+
+__all__ = ['Entry', 'group', 'parameter', 'Parameters', 'Value']
+
+Settings = TypeVar('Settings')
+Candidate = TypeVar('Candidate')
+
+
+class Parameters(Generic[Settings, Candidate]):
+    """
+    The parameters of one node.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Created with ``allow_undeclared_parameters=True``, so that a wrong name is answered here.
+    table : type
+        The frozen dataclass made of `parameter` and `group`.
+    judge : callable
+        Returns the candidate for given settings or raises ObcError; has no side effects.
+    adopt : callable
+        Takes over a candidate. It runs inside the service call: keep it short. It is not called
+        for the values at the start: use `candidate`.
+    refused : callable, optional
+        Told the sentence of each refusal.
+    opening : callable, optional
+        Returns the first line of the node's log, of the candidate at the start.
+    former : callable, optional
+        Returns what to write in place of parameters by the meaning that they once had, or an empty
+        sentence. It gets the values that were given, of unknown names too, and all values by name.
+
+    Attributes
+    ----------
+    settings : instance of table
+        The values in use.
+    candidate
+        What `judge` returned for the values at the start.
+
+    Raises
+    ------
+    ObcError
+        If a value at the start is refused.
+
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        table: type[Settings],
+        judge: Callable[[Settings], Candidate],
+        adopt: Callable[[Candidate], None],
+        refused: Callable[[str], None] | None = None,
+        opening: Callable[[Candidate], str] | None = None,
+        former: Callable[[Mapping[str, Any], Mapping[str, Value]], str] = lambda *_: '',
+    ) -> None:
+        self._node, self._table, self._former = node, table, former
+        self._judge, self._adopt, self._refused = judge, adopt, refused
+        self._entries: dict[str, Entry] = {}
+        self._values: dict[str, Value] = {}
+        self._pending: tuple[dict[str, Value], Settings, Candidate] | None = None
+        self._asked: list[Parameter] = []  # as they came, before `_normalise`
+        self._is_attempt = False  # whose refusal is not reported
+        # rclpy has no public list of the values given by files and arguments
+        self._overrides: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
+        for entry in self._rows():
+            self._declare(entry)
+        try:
+            self._check_start()
+            self.settings = self._assembled(self._values)
+            self.candidate = judge(self.settings)
+            if opening is not None:
+                node.get_logger().info(opening(self.candidate))
+        finally:
+            self._report_unknown()
+        node.add_pre_set_parameters_callback(self._normalise)
+        node.add_on_set_parameters_callback(self._on_set)
+        node.add_post_set_parameters_callback(self._post_set)
+        serve(node, self._is_kept, self._attempt, lambda name: depth(self._entries, name))
+        guard(node)
+
+    def _rows(self) -> Iterable[Entry]:
+        for each in fields(self._table):  # type: ignore[arg-type] # a dataclass type
+            if 'group' in each.metadata:
+                for member in each.metadata['group'](self._values):
+                    yield _renamed(member, f'{each.name}.{member.name}')
+            else:
+                entry = each.metadata['entry']
+                yield entry if entry.name else _renamed(entry, each.name)
+
+    def _declare(self, entry: Entry) -> None:
+        if entry.default_when and condition_holds(entry.default_when[0], self._values):
+            entry = replace(entry, default=entry.default_when[1])
+        name, value = entry.name, entry.default
+        if name in self._overrides:
+            value = entry.value(self._overrides[name])
+        self._entries[name], self._values[name] = entry, value
+        self._node.declare_parameter(name, value, entry.descriptor(), ignore_override=True)
+        if value == () and not entry.read_only:
+            self._node.set_parameters([entry.ros(value)])  # an empty list was declared as bytes
+
+    def _check_start(self) -> None:
+        """Refuse values at the start that would have no effect."""
+        given = {name: each.value for name, each in self._overrides.items()}
+        if advice := self._former(given, self._values):
+            raise StatementError(advice)
+        for name in self._idle(self._values):
+            raise StatementError(idle(self._entries, name, self._values, is_start=True))
+
+    def _idle(self, values: Mapping[str, Value]) -> Iterator[str]:
+        """Yield the parameters that have no effect and other values than their defaults."""
+        return (name for name, entry in self._entries.items()
+                if values[name] != entry.default and not is_used(entry.used_when, values))
+
+    def _report_unknown(self) -> None:
+        """Name what was given at the start and is nobody's parameter; files are often shared."""
+        others = [name for name in self._overrides
+                  if not (self._node.has_parameter(name) or name.startswith('qos_overrides.'))]
+        for name in others:
+            if near := hint(name, self._entries):
+                self._node.get_logger().warning(
+                    f"no parameter '{shown(name)}': it has no effect{near}")
+        if others:
+            self._node.get_logger().info(
+                f'given but not parameters of this node: {shown(", ".join(sorted(others)), 300)}')
+
+    def _assembled(self, values: Mapping[str, Value]) -> Settings:
+        arguments: dict[str, Any] = {}
+        for each in fields(self._table):  # type: ignore[arg-type] # a dataclass type
+            if each.default is MISSING:
+                prefix = f'{each.name}.'
+                arguments[each.name] = {name[len(prefix):]: value for name, value in values.items()
+                                        if name.startswith(prefix)}
+            else:
+                arguments[each.name] = values[each.metadata['entry'].name or each.name]
+        return self._table(**arguments)
+
+    def _normalise(self, changes: list[Parameter]) -> list[Parameter]:
+        """
+        Keep numbers as doubles, whatever type they came as.
+
+        In place of what cannot be, rclpy is given the present value: it would refuse others in
+        words of its own, and unheard. `_on_set` looks at what was asked. What loses its use by
+        the changes goes back to its default along with them.
+        """
+        self._asked = [*changes, *self._lost(changes)]
+        return [self._normal(change) for change in self._asked]
+
+    def _lost(self, changes: list[Parameter]) -> list[Parameter]:
+        """Return the defaults of what loses its use by changes."""
+        lost: dict[str, Value] = {}
+        try:
+            ours = self._read(changes)
+        except StatementError:
+            return []
+        while new := {name: self._entries[name].default
+                      for name in self._idle({**self._values, **ours, **lost})
+                      if name not in ours} if ours else {}:
+            lost |= new
+        return [self._entries[name].ros(value) for name, value in lost.items()]
+
+    def _normal(self, change: Parameter) -> Parameter:
+        entry = self._entries.get(change.name)
+        if entry is None:
+            return change
+        try:
+            if change.type_ is not Parameter.Type.NOT_SET:
+                return entry.ros(entry.value(change))
+        except StatementError:
+            pass
+        return entry.ros(self._values[change.name])
+
+    def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
+        asked, self._asked, self._pending = self._asked, [], None
+        if [each.name for each in asked] != [each.name for each in changes]:
+            return SetParametersResult(successful=True)  # by rclpy: a QoS override, say
+        try:
+            if ours := self._read(asked):
+                self._pending = self._judged(ours)
+        except (ObcError, ArithmeticError) as error:
+            if self._refused is not None and not self._is_attempt:
+                self._refused(str(error))
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _attempt(self, changes: list[Parameter]) -> SetParametersResult:
+        """Set all or none; a refusal is in the result only."""
+        self._is_attempt = True
+        try:
+            return self._node.set_parameters_atomically(changes)
+        finally:
+            self._is_attempt = False
+
+    def _is_kept(self, given: Parameter) -> bool:
+        """
+        Return whether a parameter has the given value already and does not take it as it came.
+
+        It is read-only, or a string such as '0042' that ``ros2 param load`` reads as a number.
+        """
+        name, node = given.name, self._node
+        if not node.has_parameter(name):
+            return False
+        present, entry = node.get_parameter(name), self._entries.get(name)
+        if present.type_ is Parameter.Type.STRING and given.type_ is not Parameter.Type.STRING:
+            return _reads_as(present.value, given)
+        if not node.describe_parameter(name).read_only:
+            return False
+        if entry is None:
+            return bool(given.value == present.value)
+        try:
+            return entry.value(given) == self._values[name]
+        except StatementError:
+            return False
+
+    def _judged(self, ours: Mapping[str, Value]) -> tuple[dict[str, Value], Settings, Candidate]:
+        """Return what changes lead to, or raise ObcError."""
+        values = {**self._values, **ours}
+        for name in self._idle(values):
+            raise StatementError(
+                idle(self._entries, name, values) + self._advice({name: values[name]}, values))
+        settings = self._assembled(values)
+        return values, settings, self._judge(settings)
+
+    def _advice(self, given: Mapping[str, Any], values: Mapping[str, Value]) -> str:
+        advice = self._former(given, values)
+        return advice and f'; {advice}'
+
+    def _post_set(self, changes: list[Parameter]) -> None:
+        if self._pending is not None:
+            before = self._values
+            (self._values, self.settings, candidate), self._pending = self._pending, None
+            self._adopt(candidate)
+            lost = [name for name, entry in self._entries.items()
+                    if self._values[name] == entry.default != before[name]
+                    and not is_used(entry.used_when, self._values)]
+            if lost:
+                self._node.get_logger().info(
+                    f'{", ".join(lost)}: not used any more, back at the default')
+
+    def _read(self, changes: list[Parameter]) -> dict[str, Value]:
+        values: dict[str, Value] = {}
+        for change in changes:
+            entry = self._entries.get(change.name)
+            if entry is None:
+                if not self._node.has_parameter(change.name):
+                    advice = self._advice({change.name: change.value}, self._values)
+                    raise StatementError(
+                        f"no parameter '{shown(change.name)}'"
+                        f'{advice or hint(change.name, self._entries)}')
+            elif change.type_ is Parameter.Type.NOT_SET:
+                raise StatementError(f'{shown(change.name)} cannot be deleted, only set')
+            else:
+                values[change.name] = entry.value(change)
+        return values
+
+
+def _renamed(entry: Entry, name: str) -> Entry:
+    return Entry(**{**vars(entry), 'name': name})
+
+
+def _reads_as(text: str, given: Parameter) -> bool:
+    """Return whether ``ros2`` makes the given value of a text."""
+    try:
+        return bool(get_parameter_value(text) == given.get_parameter_value())
+    except YAMLError:
+        return False

@@ -1,0 +1,122 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The services that set parameters of a node, where rclpy raises or refuses without need.
+
+- A value type that does not exist is answered; rclpy raises.
+- A file with all parameters of a node, as ``ros2 param dump`` writes it, can be loaded again: a
+  read-only parameter may be set to the value that it has, and so may a string that reads as a
+  number.
+- Parameters that are acceptable together are set together, whatever their order in the request,
+  and the node takes them up once. If they are not, each is tried by itself, after those that make
+  it used.
+- Each refusal is logged with its reason, those by rclpy too.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from obc_ros.core.text.errors import shown
+from obc_ros.ros.throttled_log import ThrottledLog
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+TYPES = {each.value for each in Parameter.Type}
+
+IsKept = Callable[[Parameter], bool]
+Attempt = Callable[[list[Parameter]], SetParametersResult]
+
+
+def serve(node: Node, is_kept: IsKept, attempt: Attempt, depth: Callable[[str], int]) -> None:
+    """
+    Have the services of a node answer as said above.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Before it spins.
+    is_kept : callable
+        Returns whether a parameter has the given value already and does not take it as it came.
+    attempt : callable
+        Sets all of the given parameters or none, and reports no refusal but in its result.
+    depth : callable
+        Returns how many parameters in a row have to be set before one of a name is used.
+
+    """
+    log = ThrottledLog(node)
+    for service in node.services:
+        if service.srv_type is SetParameters:
+            service.callback = _logged(_one_by_one(service.callback, is_kept, attempt, depth), log)
+        elif service.srv_type is SetParametersAtomically:
+            service.callback = _logged(_together(service.callback, is_kept), log)
+
+
+def _one_by_one(callback: Callable[[Any, Any], Any], is_kept: IsKept, attempt: Attempt,
+                depth: Callable[[str], int]) -> Callable[[Any, Any], Any]:
+    def answer(request: SetParameters.Request, response: SetParameters.Response) -> Any:
+        given = list(request.parameters)
+        if refusal := _unknown_type(given):
+            response.results = [refusal] * len(given)
+            return response
+        kept = [is_kept(Parameter.from_parameter_msg(each)) for each in given]
+        changes = [each for each, same in zip(given, kept, strict=True) if not same]
+        if len(changes) > 1 and attempt(
+                [Parameter.from_parameter_msg(each) for each in changes]).successful:
+            response.results = [_done()] * len(given)
+            return response
+        order = sorted(range(len(changes)), key=lambda index: depth(changes[index].name))
+        request.parameters = [changes[index] for index in order]
+        answers = callback(request, response).results
+        results = (answers[order.index(index)] for index in range(len(order)))
+        response.results = [_done() if same else next(results) for same in kept]
+        return response
+
+    return answer
+
+
+def _together(callback: Callable[[Any, Any], Any], is_kept: IsKept) -> Callable[[Any, Any], Any]:
+    def answer(request: SetParametersAtomically.Request,
+               response: SetParametersAtomically.Response) -> Any:
+        given = list(request.parameters)
+        if refusal := _unknown_type(given):
+            response.result = refusal
+            return response
+        request.parameters = [
+            each for each in given if not is_kept(Parameter.from_parameter_msg(each))]
+        if given and not request.parameters:
+            response.result = _done()
+            return response
+        return callback(request, response)
+
+    return answer
+
+
+def _logged(callback: Callable[[Any, Any], Any], log: ThrottledLog) -> Callable[[Any, Any], Any]:
+    def answer(request: Any, response: Any) -> Any:
+        names = [each.name for each in request.parameters]
+        answered = callback(request, response)
+        if isinstance(answered, SetParameters.Response):
+            results = answered.results
+        else:
+            names, results = [', '.join(names)], [answered.result]
+        for name, result in zip(names, results, strict=True):
+            if not result.successful:
+                log.warning('refused', f'a change of {shown(name, 100)} was refused: '
+                                       f'{shown(result.reason, 500)}')
+        return answered
+
+    return answer
+
+
+def _unknown_type(given: list[Any]) -> SetParametersResult | None:
+    for each in given:
+        if each.value.type not in TYPES:
+            return SetParametersResult(
+                reason=f'{shown(each.name)}: there is no parameter type {each.value.type}')
+    return None
+
+
+def _done() -> SetParametersResult:
+    return SetParametersResult(successful=True)

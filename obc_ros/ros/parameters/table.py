@@ -1,0 +1,262 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""A row of a table of parameters: what a parameter means, what it may be, when it is used."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+import difflib
+import math
+import re
+from typing import Any
+
+from obc_ros.core.text.errors import shown, StatementError
+from obc_ros.ros.parameters.conditions import Condition, UsedWhen, Value
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.parameter import Parameter
+
+_WANTED = {
+    Parameter.Type.BOOL: 'true or false',
+    Parameter.Type.INTEGER: 'a whole number',
+    Parameter.Type.DOUBLE: 'a number',
+    Parameter.Type.DOUBLE_ARRAY: 'a list of numbers',
+    Parameter.Type.STRING: 'a string',
+    Parameter.Type.STRING_ARRAY: 'a list of strings',
+}
+_GOT = {
+    **_WANTED,
+    Parameter.Type.NOT_SET: 'nothing',
+    Parameter.Type.BYTE_ARRAY: 'bytes',
+    Parameter.Type.BOOL_ARRAY: 'a list of true and false',
+    Parameter.Type.INTEGER_ARRAY: 'a list of whole numbers',
+}
+_SCALARS = (Parameter.Type.INTEGER, Parameter.Type.DOUBLE)
+_LISTS = (Parameter.Type.INTEGER_ARRAY, Parameter.Type.DOUBLE_ARRAY)
+_INTEGERS = -2**63, 2**63 - 1  # what a ROS parameter holds
+# A list that mixes 1 and 0.5, or a list of rows, reaches a node as a string; so does 1e-09, which
+# is no number in YAML 1.1.
+_ROWS = re.compile(r'\[(\[[^\[\]]*\],?)+\]|\[[^\[\]]*\]')
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One row of the table: a parameter, what it means and what it may be."""
+
+    name: str
+    default: Value
+    description: str
+    unit: str = ''
+    lower: float = -math.inf
+    upper: float = math.inf
+    choices: tuple[str, ...] = ()
+    read_only: bool = False
+    finite: bool = True
+    texts: bool = False
+    used_when: UsedWhen = ()
+    default_when: tuple[Condition, Value] | None = None
+
+    @property
+    def type(self) -> Parameter.Type:
+        """Return the ROS type that values are kept as."""
+        if isinstance(self.default, tuple):
+            return Parameter.Type.STRING_ARRAY if self.texts else Parameter.Type.DOUBLE_ARRAY
+        return Parameter.Type.from_parameter_value(self.default)
+
+    def descriptor(self) -> ParameterDescriptor:
+        """Return what tools show of this parameter."""
+        descriptor = ParameterDescriptor(
+            description=f'{self.description} [{self.unit}]' if self.unit else self.description,
+            additional_constraints=self._constraint(), read_only=self.read_only,
+            dynamic_typing=True)  # so that integers pass; the type is checked here, in words
+        if self.lower == -math.inf and self.upper == math.inf:
+            return descriptor
+        if self.type is Parameter.Type.DOUBLE:
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=self.lower, to_value=self.upper)]
+        elif self.type is Parameter.Type.INTEGER:
+            least, most = _INTEGERS
+            descriptor.integer_range = [IntegerRange(
+                from_value=math.ceil(max(self.lower, least)),
+                to_value=math.floor(min(self.upper, most)))]
+        return descriptor
+
+    def value(self, given: Parameter) -> Value:
+        """
+        Return the value of a ROS parameter.
+
+        Raises
+        ------
+        StatementError
+            If its type, its range or one of its numbers is not what is wanted.
+
+        """
+        value = self._converted(given)
+        if isinstance(value, str):
+            self._check_choice(value)
+        elif self.type is Parameter.Type.DOUBLE_ARRAY:
+            for index, number in enumerate(value):
+                self._check_number(f'{self.name}[{index}]', number)
+        elif not isinstance(value, (bool, tuple)):
+            self._check_number(self.name, value)
+        return value
+
+    def ros(self, value: Value) -> Parameter:
+        """Return a value as a ROS parameter of this entry's type."""
+        return Parameter(
+            self.name, self.type, list(value) if isinstance(value, tuple) else value)
+
+    def _converted(self, given: Parameter) -> Value:
+        wanted, got, value = self.type, given.type_, given.value
+        empty = not isinstance(value, str) and hasattr(value, '__len__') and len(value) == 0
+        if isinstance(self.default, tuple) and (empty or got is Parameter.Type.NOT_SET):
+            return ()  # an empty list carries no type
+        if wanted is Parameter.Type.DOUBLE_ARRAY:
+            if got in _LISTS:
+                return tuple(map(float, value))
+            if got in _SCALARS:
+                return (float(value),)
+            if (numbers := _numbers(got, value)) is not None:
+                return numbers
+        elif wanted is Parameter.Type.STRING_ARRAY:
+            if got is Parameter.Type.STRING_ARRAY:
+                return tuple(value)
+            if got is Parameter.Type.STRING:
+                return (value,)
+        elif wanted is Parameter.Type.DOUBLE and got in _SCALARS:
+            return float(value)
+        elif wanted in _SCALARS and got is Parameter.Type.STRING:
+            if (number := _number(value, wanted is Parameter.Type.INTEGER)) is not None:
+                return number
+        elif wanted is got:
+            return value
+        raise StatementError(f'{self.name}: wanted {_WANTED[wanted]}, got {_GOT[got]}')
+
+    def _constraint(self) -> str:
+        if self.choices:
+            return _listed(self.choices)
+        if self.lower == -math.inf and self.upper == math.inf:
+            return ''
+        if self.upper == math.inf:
+            return f'at least {self.lower:g}'
+        if self.lower == -math.inf:
+            return f'at most {self.upper:g}'
+        return f'between {self.lower:g} and {self.upper:g}'
+
+    def _check_choice(self, value: str) -> None:
+        if self.choices and value not in self.choices:
+            raise StatementError(
+                f"{self.name} = '{shown(value)}': wanted {_listed(self.choices)}"
+                f'{hint(value, self.choices)}')
+
+    def _check_number(self, name: str, value: float) -> None:
+        if math.isnan(value) or (self.finite and math.isinf(value)):
+            raise StatementError(f'{name} = {value}: wanted a finite number')
+        if isinstance(value, int) and not _INTEGERS[0] <= value <= _INTEGERS[1]:
+            raise StatementError(f'{name}: wanted a whole number of 64 bits')
+        if not self.lower <= value <= self.upper:
+            raise StatementError(f'{name} = {value:g}: wanted {self._constraint()} {self.unit}'
+                                 .rstrip())
+
+
+def parameter(
+    default: Value,
+    description: str,
+    unit: str = '',
+    *,
+    name: str = '',
+    lower: float = -math.inf,
+    upper: float = math.inf,
+    choices: tuple[str, ...] = (),
+    read_only: bool = False,
+    finite: bool = True,
+    texts: bool = False,
+    used_when: UsedWhen = (),
+    default_when: tuple[Condition, Value] | None = None,
+) -> Any:
+    """
+    Return a field of a table that is one ROS parameter.
+
+    Parameters
+    ----------
+    default : bool, int, float, str or tuple
+        Its type is the parameter's; a tuple is one of numbers. Integers, numbers written as
+        strings, a single number for a list, and a list of rows are accepted where numbers are
+        wanted, a single string for a list of strings.
+    description, unit : str
+        What it means, and the unit that is appended to it.
+    name : str
+        The parameter's name where it is not the field's, such as ``noise.position``.
+    lower, upper : float
+        Bounds of the number, or of each number of a list.
+    choices : tuple of str
+        The only strings that are accepted.
+    read_only : bool
+        Whether it is fixed once the node has started.
+    finite : bool
+        Whether infinity is refused; NaN always is.
+    texts : bool
+        Whether a tuple is one of strings.
+    used_when : tuple
+        Conditions on other parameters, see `conditions`. The parameter has an effect where
+        one of them holds; empty: always.
+    default_when : tuple, optional
+        A condition on parameters declared before, and the default where it holds.
+
+    """
+    entry = Entry(name, default, description, unit, lower, upper, choices, read_only, finite,
+                  texts, used_when, default_when)
+    return field(default=default, metadata={'entry': entry})
+
+
+def group(members: Callable[[Mapping[str, Value]], Iterable[Entry]]) -> Any:
+    """
+    Return a field of a table that holds all parameters ``FIELD.*`` by their last name.
+
+    `members` gets the values declared so far by parameter name, and yields an entry for each
+    member, named without the prefix; what it has yielded is declared before it goes on.
+    """
+    return field(default_factory=dict, metadata={'group': members})
+
+
+def _listed(choices: tuple[str, ...]) -> str:
+    return ' or '.join(f"'{choice}'" for choice in choices)
+
+
+def hint(name: str, known: Iterable[str]) -> str:
+    """Return a question for the known name that is closest to one, or an empty text."""
+    # two of three letters say more than half of eight
+    cutoff = 0.5 if len(name) <= 3 else 0.65
+    close = difflib.get_close_matches(name[:100], known, n=1, cutoff=cutoff)
+    if not close:
+        folded = {each.lower(): each for each in known}
+        close = [folded[name.lower()]] if name.lower() in folded else []
+    return f"; did you mean '{close[0]}'?" if close else ''
+
+
+def _number(text: str, is_whole: bool) -> float | None:
+    """Return the number that a text is, or None."""
+    try:
+        return int(text) if is_whole else float(text)
+    except ValueError:
+        return None
+
+
+def _numbers(got: Parameter.Type, value: Any) -> tuple[float, ...] | None:
+    """Return the numbers of '[1, 0.5]', '[[1, 0], [0, 1]]', '1e-9' or ['1e-9', '2'], or None."""
+    if got is Parameter.Type.STRING:
+        text, rows = ' '.join(value.split()), [[value]]
+        if text.startswith('['):
+            for mark in '[],':
+                text = text.replace(f' {mark}', mark).replace(f'{mark} ', mark)
+            if not _ROWS.fullmatch(text):
+                return None
+            rows = [row.split(',') for row in re.findall(r'\[([^\[\]]*)\]', text)]
+    elif got is Parameter.Type.STRING_ARRAY:
+        rows = [value]
+    else:
+        return None
+    if len({len(row) for row in rows}) != 1:
+        return None
+    try:
+        return tuple(float(number) for row in rows for number in row)
+    except ValueError:
+        return None

@@ -1,0 +1,153 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""`obc launch` and `obc run`: the nodes of a launch file as processes, over DDS."""
+
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+from typing import Any
+
+from obc_ros.cli.ros2.launch_file import LaunchFile
+from obc_ros.core.text.errors import ObcError
+import pytest
+import support
+from support import alive, children, Process, wait_for
+from words import Terminal, WORDS
+
+NODES = ('plant_simulator', 'lqr_node', 'trajectory_server')
+
+
+@pytest.fixture(params=WORDS)
+def typed(request: pytest.FixtureRequest, domain: int, tmp_path: Path) -> Any:
+    """Start a line that goes on; it ends with the test."""
+    begun: list[Process] = []
+
+    def start(*line: str) -> Process:
+        command = Terminal(request.param, domain, tmp_path).command(*line)
+        begun.append(Process(command, tmp_path / f'{len(begun)}.log', domain))
+        return begun[-1]
+
+    yield start
+    for each in begun:
+        each.end()
+
+
+def test_a_loop_is_launched_tuned_and_ended(typed: Any, probe: Any, tmp_path: Path) -> None:
+    """The lines of the pages: a loop, a parameter, Ctrl-C; then with what was tuned."""
+    (tmp_path / 'tuned.yaml').write_text(
+        '/**/lqr_node: {ros__parameters: {x_max: [2.0, 1.0, 1.0]}}')
+    loop = typed('launch', 'obc_ros', 'loop.launch.py', 'scenario:=vehicle', 'namespace:=car1',
+                 f'params_file:={tmp_path / "tuned.yaml"}', 'speed:=2.0')
+    for name in NODES:
+        probe.wait_for_node(name)
+    loop.wait_for_output('car1.lqr_node]: revision 1: vehicle')
+    assert list(probe.get_parameters('/car1/lqr_node', 'x_max')['x_max']) == [2.0, 1.0, 1.0]
+    assert probe.get_parameters('/car1/plant_simulator', 'speed', 'lockstep', 'publish_clock') == {
+        'speed': 2.0, 'lockstep': False, 'publish_clock': False}
+    said = loop.output()
+    for k, name in enumerate(NODES, start=1):
+        assert f'[INFO] [{name}-{k}]: process started with pid [' in said
+    assert '[lqr_node-2] [INFO] ' in said
+    nodes = [pid for child in [loop.pid, *children(loop.pid)] for pid in children(child)]
+    os.kill(loop.pid, signal.SIGINT)
+    assert loop.wait(20.0) in (0, 1)
+    assert loop.output().count('process has finished cleanly') == len(NODES)
+    assert not any(map(alive, nodes))
+
+
+def test_a_node_is_run(typed: Any, probe: Any) -> None:
+    """With the parameters that stand in the line; it is the node that gets the signal."""
+    node = typed('run', 'obc_ros', 'lqr_node', '--ros-args', '-p', 'system:=aircraft',
+                 '-p', 'Qx:=[2.0, 1.0, 1.0, 1.0, 1.0, 1.0]')
+    node.wait_for_output('revision 1: aircraft')
+    assert probe.get_parameters('/lqr_node', 'Qx')['Qx'][0] == 2.0
+
+
+def test_a_killed_launch_leaves_no_node(domain: int, tmp_path: Path) -> None:
+    loop = Process([support.find('obc'), 'launch', 'obc_ros', 'loop.launch.py', 'server:=false'],
+                   tmp_path / 'log', domain)
+    try:
+        loop.wait_for_output('revision 1')
+        nodes = children(loop.pid)
+        assert len(nodes) == 2
+        os.kill(loop.pid, signal.SIGKILL)
+        wait_for(lambda: not any(map(alive, nodes)))
+    finally:
+        loop.end()
+
+
+def test_what_dies_is_told_and_started_again_when_asked(domain: int, tmp_path: Path) -> None:
+    loop = Process([support.find('obc'), 'launch', 'obc_ros', 'loop.launch.py', 'server:=false',
+                    'plant:=false', 'respawn:=true'], tmp_path / 'log', domain)
+    try:
+        loop.wait_for_output('revision 1')
+        [node] = children(loop.pid)
+        os.kill(node, signal.SIGKILL)
+        loop.wait_for_output(f'[ERROR] [lqr_node-1]: process has died [pid {node}, exit code -9')
+        wait_for(lambda: loop.output().count('revision 1') == 2, 60.0)
+        assert children(loop.pid) != [node]
+        os.kill(loop.pid, signal.SIGTERM)
+        assert loop.wait(20.0) == 0, loop.output()
+    finally:
+        loop.end()
+    assert '[INFO] [lqr_node-1]: process has finished cleanly' in loop.output()
+
+
+def test_nodes_that_end_by_themselves_end_the_launch(domain: int, tmp_path: Path) -> None:
+    """With status 1 where one has failed, and with its own words."""
+    (tmp_path / 'bad.yaml').write_text('/**/lqr_node: {ros__parameters: {system: nothing}}')
+    said = Terminal('obc', domain, tmp_path).say(
+        'launch', 'obc_ros', 'loop.launch.py', 'server:=false', 'plant:=false',
+        'params_file:=bad.yaml')
+    assert said.status == 1
+    assert '[lqr_node-1] lqr_node: ' in said.out and 'process has died' in said.out
+
+
+@pytest.mark.parametrize(('line', 'wanted'), [
+    ('launch obc_ros loop.launch.py scenario:=nonsense',
+     "Valid options are: ['aircraft', 'vehicle', 'vehicle_lateral']"),
+    ('launch obc_ros loop.launch.py scenaro:=vehicle', "no argument 'scenaro'; it has scenario"),
+    ('launch obc_ros loop.launch.py vehicle', "malformed launch argument 'vehicle'"),
+    ('launch obc_ros loop.launch.py plant:=maybe', "wanted 'true' or 'false', got 'maybe'"),
+    ('launch obc_ros loop.launch.py speed:=fast', 'could not convert'),
+    ('launch obc_ros fleet.launch.py vehicles:=0', 'wanted a number from 1 to 100'),
+    ('launch obc_ros nothing.launch.py', 'it has fleet.launch.py, loop.launch.py'),
+    ('launch obc_ros', 'which launch file?'),
+    ('launch loop scenario:=nonsense',
+     "Valid options are: ['aircraft', 'vehicle', 'vehicle_lateral']"),
+    ('launch fleet vehicles:=0', 'wanted a number from 1 to 100'),
+    ('launch nowhere loop.launch.py', "package 'nowhere' is not installed"),
+    ('run obc_ros nothing', "'obc_ros' has no 'nothing'; it has lqr_node"),
+    ('run nowhere lqr_node', "'nowhere' has no 'lqr_node'; it has none")])
+def test_what_is_not_understood_starts_nothing(line: str, wanted: str, tmp_path: Path) -> None:
+    said = Terminal('obc', 1, tmp_path).say(*line.split())
+    assert (said.status, said.out) == (1, ''), said
+    assert wanted in said.err and 'Traceback' not in said.err
+
+
+def test_arguments_are_shown(tmp_path: Path) -> None:
+    said = Terminal('obc', 1, tmp_path).say('launch', '--show-args', 'obc_ros', 'loop.launch.py')
+    assert said.status == 0
+    assert said.out.startswith(
+        "Arguments (pass arguments as '<name>:=<value>'):\n\n    'scenario':\n")
+    assert "        (default: 'aircraft')\n" in said.out
+
+
+def test_a_file_that_wants_more_of_launch_is_for_ros2(tmp_path: Path) -> None:
+    file = tmp_path / 'x.launch.py'
+    file.write_text('from launch.actions import TimerAction\n')
+    with pytest.raises(ObcError, match='is for `ros2 launch`: cannot import name'):
+        LaunchFile(file)
+    with pytest.raises(ObcError, match='there is no launch file'):
+        LaunchFile(tmp_path / 'nothing.launch.py')
+
+
+def test_launching_loads_nothing_heavy(domain: int) -> None:
+    loaded = subprocess.run(
+        [sys.executable, '-c',
+         'import sys; from obc_ros.cli.ros2 import launch, topic, service, action; '
+         'print(*sorted({"casadi", "scipy", "control", "matplotlib", "rich"} & {*sys.modules}))'],
+        capture_output=True, text=True, env=support.environment(domain), check=True)
+    assert loaded.stdout == '\n'

@@ -1,0 +1,163 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""`obc service`, `topic`, `action`, `interface`, `lifecycle`, `node`: as `ros2` does, over DDS."""
+
+import re
+import signal
+import subprocess
+from typing import Any
+
+import _endless  # of benchmarks/
+from obc_ros.cli.gallery.runner import solve_request
+from obc_ros.cli.ros2.yaml_messages import to_yaml
+from obc_ros.msg import Trajectory
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+import support
+from words import Terminal
+
+GOAL = ("{problem: {states: [p], inputs: [u], dynamics: [{name: p, expression: u}], running_cost: "
+        "'u**2', initial_state: [{name: p, expression: '1'}], terminal_constraints: [p], "
+        "final_time: {value: '1'}}}")
+
+
+@pytest.fixture
+def loop(spawn: Any) -> None:
+    """Start a plant and its regulator."""
+    spawn('plant_simulator', {'system': 'aircraft'})
+    spawn('lqr_node', {'system': 'aircraft'}).wait_for_output('revision 1')
+
+
+def test_services_are_called_and_listed(loop: None, terminal: Terminal) -> None:
+    said = terminal.say('service', 'call', '/lqr_node/stop', 'std_srvs/srv/Trigger')
+    assert said.status == 0
+    assert 'requester: making request: std_srvs.srv.Trigger_Request()\n\nresponse:\n' in said.out
+    assert "std_srvs.srv.Trigger_Response(success=True, message='stopped at" in said.out
+    def listed() -> list[str]:
+        return terminal.say('service', 'list', '-t').out.splitlines()
+
+    support.wait_for(lambda: '/lqr_node/stop [std_srvs/srv/Trigger]' in (lines := listed())
+                     and lines == sorted(lines), 60.0)
+    said = terminal.say('service', 'call', '/lqr_node/try_design', 'obc_ros/srv/TryDesign',
+                        '{weights: {nothing: 1}}')
+    assert said.status == 1 and 'Failed to populate field' in said.err and 'nothing' in said.err
+
+
+def test_topics_are_listed_heard_and_timed(loop: None, terminal: Terminal) -> None:
+    wanted = {'/state', '/command', '/lqr_node/design'}
+    support.wait_for(lambda: wanted < {*terminal.say('topic', 'list').out.splitlines()}, 60.0)
+    design = terminal.say('topic', 'echo', '--once', '/lqr_node/design')  # latched: it was before
+    assert design.status == 0 and design.out.startswith('header:\n  stamp:\n')
+    assert '\nrevision: 1\nsystem: aircraft\nstate_names:\n- px\n' in design.out
+    assert design.out.endswith('\n---\n')
+    said = terminal.say('topic', 'echo', '--once', '--field', 'sentence', '--full-length',
+                        '/lqr_node/design').out
+    assert re.fullmatch(r'aircraft: 6 poles left of .*\n---\n', said)
+    short = terminal.say('topic', 'echo', '--once', '--no-arr', '/state').out
+    assert "x: '<sequence type: double, length: 6>'\n" in short
+    with subprocess.Popen(terminal.command('topic', 'hz', '/state'), text=True,
+                          stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+                          env={**support.environment(terminal.domain)}) as timed:
+        told = ''.join(line for line, _ in zip(timed.stdout, range(2), strict=False))
+        timed.send_signal(signal.SIGINT)
+    assert re.search(r'average rate: \d+\.\d{3}\n\tmin: .*s max: .*s std dev: .*s window: \d+\n',
+                     told), told
+    ends = terminal.say('topic', 'info', '--verbose', '/reference').out
+    assert ends.startswith('Type: obc_ros/msg/Trajectory\n\nPublisher count: 0\n\n')
+    assert 'Node name: lqr_node' in ends and 'TRANSIENT_LOCAL' in ends
+
+
+def test_a_message_is_published(terminal: Terminal, probe: Any) -> None:
+    """Latched, as the pages of the gallery publish their references."""
+    heard = probe.listen(Trajectory, '/reference', QoSProfile(
+        depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    with subprocess.Popen(
+            terminal.command('topic', 'pub', '--once', '--keep-alive', '2', '--qos-durability',
+                             'transient_local', '/reference', 'obc_ros/msg/Trajectory',
+                             '{t: [0, 1], state_names: [px]}'),
+            text=True, stdout=subprocess.PIPE, env=support.environment(terminal.domain)) as ended:
+        probe.wait_for(lambda: heard, what='the message')
+        said, _ = ended.communicate(timeout=60.0)
+    assert ended.returncode == 0 and list(heard[0].t) == [0.0, 1.0]
+    assert 'publisher: beginning loop\npublishing #1: obc_ros.msg.Trajectory(' in said
+
+
+def test_a_goal_is_sent_and_followed(spawn: Any, terminal: Terminal) -> None:
+    spawn('trajectory_server', {'workers': 1}).wait_for_output('ready')
+    said = terminal.say('action', 'send_goal', '--feedback',
+                        '/trajectory_server/solve_optimal_control',
+                        'obc_ros/action/SolveOptimalControl', GOAL)
+    assert said.status == 0, said
+    assert said.out.startswith('Waiting for an action server to become available...\n'
+                               'Sending goal:\n     problem:\n')
+    assert '\nFeedback:\n    phase: ' in said.out
+    assert re.search(r'\nGoal accepted with ID: [0-9a-f]{32}\n\n', said.out)
+    assert '\nResult:\n    ' in said.out and 'objective: 1.0' in said.out
+    assert said.out.endswith('\nGoal finished with status: SUCCEEDED\n')
+
+
+def test_states_of_a_node_are_changed(loop: None, terminal: Terminal) -> None:
+    support.wait_for(
+        lambda: terminal.say('lifecycle', 'get', '/lqr_node').out == 'active [3]\n', 60.0)
+    said = terminal.say('lifecycle', 'set', '/lqr_node', 'deactivate')
+    assert (said.status, said.out) == (0, 'Transitioning successful\n')
+    support.wait_for(lambda: terminal.say('lifecycle', 'get').out
+                     == '/lqr_node: inactive [2]\n', 60.0)
+    said = terminal.say('lifecycle', 'set', '/lqr_node', 'deactivate')
+    assert said.status == 1 and 'Unknown transition requested, available ones are:' in said.err
+    support.wait_for(lambda: terminal.say('node', 'list').out
+                     == '/lqr_node\n/plant_simulator\n', 60.0)
+
+
+def test_interfaces_are_shown(terminal: Terminal) -> None:
+    """With the fields of fields, indented; a service with both of its parts."""
+    said = terminal.say('interface', 'show', 'obc_ros/srv/PlanMotion')
+    assert said.status == 0 and '\n---\n' in said.out
+    assert re.search(r'^string system\s+# ', said.out, re.MULTILINE)
+    shown = terminal.say('interface', 'show', 'obc_ros/msg/State').out
+    assert re.search(r'^std_msgs/Header header.*\n\tbuiltin_interfaces/Time stamp\n\t\tint32 sec\n'
+                     r'\t\tuint32 nanosec\n\tstring frame_id\n', shown, re.MULTILINE)
+    wrong = terminal.say('interface', 'show', 'obc_ros/msg')
+    assert wrong.status == 1 and 'Expected three parts' in wrong.err
+
+
+def test_what_is_not_there_is_said(loop: None, domain: int, tmp_path: Any) -> None:
+    """In a sentence, within the time that is given, with status 1."""
+    obc = Terminal('obc', domain, tmp_path)
+    for line, wanted in (
+            ('service call /nobody std_srvs/srv/Trigger --timeout 1',
+             'no service /nobody within 1 s'),
+            ('service call /lqr_node/stop std_srvs/srv/SetBool',
+             '/lqr_node/stop is of the type std_srvs/srv/Trigger, not std_srvs/srv/SetBool'),
+            ('service call /lqr_node/stop std_srvs/srv/Trigge', 'std_srvs has no srv Trigge'),
+            ('topic echo --once /nothing', 'no /nothing within 5 s; there is /command'),
+            ('topic echo --once --field k.l /lqr_node/design', "Invalid field 'k.l': no 'l'"),
+            ('action send_goal /nobody obc_ros/action/SolveOptimalControl --timeout 1',
+             'no action /nobody'),
+            ('lifecycle get /plant_simulator --timeout 1', 'it is no lifecycle node'),
+            ('interface show obc_ros/msg/Nothing', 'obc_ros has no msg Nothing; it has'),
+            ('interface show nowhere/msg/Nothing', "package 'nowhere' is not installed")):
+        said = obc.say(*line.split())
+        assert (said.status, 'Traceback' in said.err) == (1, False), said
+        assert wanted in said.err, said
+
+
+def test_ctrl_c_cancels_a_goal(spawn: Any, domain: int, tmp_path: Any) -> None:
+    server = spawn('trajectory_server', {'workers': 1})
+    server.wait_for_output('ready')
+    endless = to_yaml(solve_request(_endless.endless(), ''))
+    with subprocess.Popen(
+            Terminal('obc', domain, tmp_path).command(
+                'action', 'send_goal', '/trajectory_server/solve_optimal_control',
+                'obc_ros/action/SolveOptimalControl', endless),
+            text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            env=support.environment(domain)) as asking:
+        said = ''
+        while 'Goal accepted' not in said:
+            line = asking.stdout.readline()
+            assert line, said
+            said += line
+        asking.send_signal(signal.SIGINT)
+        rest, error = asking.communicate(timeout=60.0)
+    assert asking.returncode == 130 and error == ''
+    assert rest.endswith('Canceling goal...\nGoal canceled.\n'), rest

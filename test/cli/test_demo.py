@@ -1,0 +1,177 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""`obc demo` as a user runs it: it flies, records, draws, and leaves nothing behind."""
+
+import os
+from pathlib import Path
+import re
+import signal
+import subprocess
+from typing import Any
+
+import numpy as np
+from obc_ros.cli.demo.report import step_figures
+from obc_ros.cli.obc import main
+import pytest
+from rosbags.highlevel import AnyReader
+from scipy.optimize import brentq
+import support
+from support import alive, children, wait_for
+
+TOLD = {
+    'aircraft': ('rise time', 'overshoot', 'settling', 'peak |f - fe|', 'state to command, p50',
+                 'designs adopted', 'gust', 'refused: Qu[0] = -0.1: Qu must be positive definite'),
+    'vehicle': ('largest lateral error', 'slalom', 'state to command, p50')}
+NODES = ('plant_simulator', 'lqr_node', 'trajectory_server')
+
+
+def descendants(pid: int) -> list[int]:
+    """Return the process ids of all descendants of a process."""
+    found = children(pid)
+    return found + [each for child in found for each in descendants(child)]
+
+
+def flying(demo: support.Process) -> list[int]:
+    """Wait until a demonstration has made its first step; return its descendants."""
+    demo.wait_for_output('step to (1, 1)', 60.0)
+    return descendants(demo.pid)
+
+
+@pytest.mark.nodes
+@pytest.mark.parametrize(('scenario', 'flights', 'figures'), [
+    ('aircraft', ['aircraft'], ['aircraft.png']),
+    ('vehicle', ['lane_change', 'slalom'], ['lane_change.png', 'slalom.png'])])
+def test_demo(scenario: str, flights: list[str], figures: list[str], tmp_path: Path,
+              domain: int) -> None:
+    """A demonstration ends with a table, figures and a recording in which no state is missed."""
+    demo = support.Process([support.find('obc'), 'demo', scenario, '--out', str(tmp_path / 'out')],
+                           tmp_path / 'log', domain)
+    try:
+        assert demo.wait(180.0) == 0, demo.output()
+    finally:
+        demo.end()
+    assert re.findall(r'missed states\W+(\d+)', demo.output()) == ['0'] * len(flights)
+    for words in TOLD[scenario]:
+        assert words in demo.output()
+    assert all((tmp_path / 'out' / figure).stat().st_size > 20_000 for figure in figures)
+    for flight in flights:
+        with AnyReader([tmp_path / 'out' / flight]) as reader:
+            stamps = {topic: [message.header.stamp for message in of] for topic, of in (
+                (topic, (reader.deserialize(data, connection.msgtype) for connection, _, data
+                         in reader.messages(connections=[
+                             c for c in reader.connections if c.topic == topic])))
+                for topic in ('/state', '/command', '/lqr_node/design'))}
+        answered = {(stamp.sec, stamp.nanosec) for stamp in stamps['/command']}
+        states = [(stamp.sec, stamp.nanosec) for stamp in stamps['/state']]
+        assert len(states) > 500
+        assert set(states[states.index(min(answered)):-1]) <= answered
+        assert stamps['/lqr_node/design']
+
+
+@pytest.mark.nodes
+def test_ctrl_c_ends_all(tmp_path: Path, domain: int) -> None:
+    """After Ctrl-C no process of the demonstration is left."""
+    demo = support.Process(
+        [support.find('obc'), 'demo', 'aircraft', '--real-time', '--out', str(tmp_path / 'out')],
+        tmp_path / 'log', domain)
+    try:
+        pids = flying(demo)
+        assert len(pids) >= len(NODES)
+        assert demo.interrupt(15.0) == 1
+        wait_for(lambda: not any(map(alive, pids)))
+        assert 'SIGINT' in demo.output()
+        assert 'Traceback' not in demo.output()
+    finally:
+        demo.end()
+
+
+@pytest.mark.nodes
+def test_in_real_time_when_asked(tmp_path: Path, domain: int) -> None:
+    """A simulated second takes a second, and no step waits for its command."""
+    demo = support.Process(
+        [support.find('obc'), 'demo', 'aircraft', '--real-time', '--out', str(tmp_path / 'out')],
+        tmp_path / 'log', domain)
+    try:
+        flying(demo)
+        assert f'three nodes over DDS, domain {domain}, this machine only' in demo.output()
+        line = re.search(r'ROS_DOMAIN_ID=\d+ \S+/obc param get /lqr_node Qx', demo.output())[0]
+        told = subprocess.run(['env', *line.split()], capture_output=True, text=True, timeout=60)
+        assert told.stdout.startswith('Double values are: [1.0, '), told
+        probe = support.Probe(domain)
+        assert probe.get_parameters('/plant_simulator', 'speed', 'lockstep') == {
+            'speed': 1.0, 'lockstep': False}
+        probe.close()
+        assert demo.interrupt(15.0) == 1
+    finally:
+        demo.end()
+
+
+def test_it_joins_no_loop_that_runs(spawn: Any, domain: int, tmp_path: Path) -> None:
+    """Its commands would go to that plant too."""
+    spawn('plant_simulator').wait_for_output('until the first command')
+    demo = support.Process(
+        [support.find('obc'), 'demo', 'aircraft', '--out', str(tmp_path / 'out')],
+        tmp_path / 'log', domain)
+    try:
+        assert demo.wait(60.0) == 1
+        assert f'ROS_DOMAIN_ID={domain} has a loop already (/state, /command)' in demo.output()
+    finally:
+        demo.end()
+
+
+def test_a_domain_that_is_none_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                       capsys: pytest.CaptureFixture[str]) -> None:
+    for named in ('-1', '233', 'x', '1.5'):
+        monkeypatch.setenv('ROS_DOMAIN_ID', named)
+        assert main(['demo', 'aircraft', '--out', str(tmp_path)]) == 1
+        assert f'ROS_DOMAIN_ID={named}: wanted a number from 0 to 232' in capsys.readouterr().err
+
+
+@pytest.mark.nodes
+@pytest.mark.parametrize('victim', NODES)
+def test_a_crash_of_one_ends_all(victim: str, tmp_path: Path, domain: int) -> None:
+    """When a node dies the demonstration says which, and ends the others."""
+    demo = support.Process(
+        [support.find('obc'), 'demo', 'aircraft', '--real-time', '--out', str(tmp_path / 'out')],
+        tmp_path / 'log', domain)
+    try:
+        pids = flying(demo)
+        node = next(pid for pid in pids
+                    if f'obc_ros.nodes.{victim}' in Path(f'/proc/{pid}/cmdline').read_text())
+        os.kill(node, signal.SIGKILL)
+        assert demo.wait(20.0) == 1
+        assert f'{victim} was ended by SIGKILL' in demo.output()
+        wait_for(lambda: not any(map(alive, pids)))
+    finally:
+        demo.end()
+
+
+@pytest.mark.nodes
+def test_its_own_crash_ends_all(tmp_path: Path, domain: int) -> None:
+    """When the demonstration itself is killed, its nodes end too."""
+    demo = support.Process(
+        [support.find('obc'), 'demo', 'aircraft', '--real-time', '--out', str(tmp_path / 'out')],
+        tmp_path / 'log', domain)
+    try:
+        pids = flying(demo)
+        demo.kill()
+        wait_for(lambda: not any(map(alive, pids)))
+    finally:
+        demo.end()
+
+
+def test_step_figures_of_a_known_response() -> None:
+    """A second order step has the overshoot, settling and rise time of its formula."""
+    t = np.linspace(0.0, 20.0, 200_001)
+    zeta, w = 0.5, 1.0
+    wd = w * np.sqrt(1 - zeta**2)
+    y = 1 - np.exp(-zeta * w * t) * (np.cos(wd * t) + zeta * w / wd * np.sin(wd * t))
+    step = step_figures(t, 2.0 + 3.0 * y, 2.0, 5.0)
+    assert step.overshoot == pytest.approx(np.exp(-np.pi * zeta / np.sqrt(1 - zeta**2)), abs=1e-6)
+    def response(at: float, level: float) -> float:
+        return 1 - level - np.exp(-zeta * w * at) * (
+            np.cos(wd * at) + zeta * w / wd * np.sin(wd * at))
+
+    rise = brentq(response, 1.0, 3.0, args=(0.9,)) - brentq(response, 0.1, 1.0, args=(0.1,))
+    assert step.rise_time == pytest.approx(rise, abs=2e-4)
+    assert np.abs(y[t >= step.settling_time] - 1).max() <= 0.02

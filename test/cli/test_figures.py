@@ -1,0 +1,47 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of answers: what is drawn is what it is called, and all of it can be seen."""
+
+from types import SimpleNamespace
+
+import numpy as np
+from obc_ros.cli.ask.problem_requests import Question
+from obc_ros.cli.figures import _alike, _slopes, draw
+from obc_ros.core.ocp.statement import problem_from_mapping
+
+MAPPING = {
+    'name': 'scaled', 'states': ['x', 'v', 'theta_1'], 'inputs': ['u', 'w'],
+    'dynamics': {'x': 'v', 'v': 'u*x', 'theta_1': '-theta_1 + w'}, 'running_cost': 'u**2 + w',
+    'initial_state': {'x': 1000, 'v': 1, 'theta_1': 0}, 'input_bounds': {'w': [-1, 1]},
+    'state_bounds': {'x': [900, None]}, 'final_time': {'free': False, 'value': 1}}
+PROBLEM = problem_from_mapping(MAPPING)
+T = np.linspace(0, 1, 11)
+X = np.column_stack([1000 + T, 1 + 0 * T, T * 0])
+U = np.column_stack([T, 1 - T])
+LAM = np.column_stack([1e-4 + 0 * T, T, 0 * T])
+
+
+def test_the_switching_function_is_the_slope_of_the_hamiltonian():
+    """H = u^2 + w + lam_x v + lam_v u x + lam_theta (w - theta)."""
+    expected = np.column_stack([2 * T + T * X[:, 0], 1 + 0 * T])
+    np.testing.assert_allclose(_slopes(PROBLEM, X, U, LAM)[0], expected)
+
+
+def test_lines_share_a_panel_when_they_can_be_seen_on_one_scale():
+    assert _alike(np.array([[1e5, 1.0, 2.0, 0.0], [2e5, 3.0, 0.5, 0.0]])) == [[0, 3], [1, 2]]
+    assert _alike(np.zeros((4, 2))) == [[0, 1]]
+    assert _alike(np.array([[1.0, 0.1, 0.05]])) == [[0, 1, 2]]
+
+
+def test_a_figure_is_drawn_with_and_without_costates(tmp_path):
+    for lam in (LAM, np.zeros((0, 3))):
+        path = SimpleNamespace(
+            t=T, x=X.ravel(), u=U.ravel(), lam=lam.ravel(), hamiltonian=0.0 * T,
+            interpolation='linear', switching_times=[0.5])
+        result = SimpleNamespace(
+            trajectory=path, objective=1.0, success=True, status='solved',
+            certificate=SimpleNamespace(sentence=''))
+        question = Question('scaled', 'scaled.yaml', 'scaled', mapping=MAPPING, problem=PROBLEM,
+                            result=result)
+        draw(tmp_path / 'deep' / 'scaled.png', question)
+        assert (tmp_path / 'deep' / 'scaled.png').read_bytes().startswith(b'\x89PNG')

@@ -1,0 +1,276 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""`obc gallery`: every entry through running nodes, and what is made of the answers."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from html.parser import HTMLParser
+import json
+import os
+from pathlib import Path
+import re
+import shlex
+
+from matplotlib.figure import Figure
+import numpy as np
+from obc_ros.cli.client import served
+from obc_ros.cli.gallery import page, ros2_commands
+from obc_ros.cli.gallery import records as gallery
+from obc_ros.cli.gallery import runner as desks
+from obc_ros.cli.gallery.entries import linear, regulators, vehicle
+from obc_ros.cli.gallery.entries.all import ENTRIES
+from obc_ros.cli.gallery.entry import Answer, Entry, Row
+from obc_ros.cli.gallery.loop import UnansweredError
+from obc_ros.cli.obc import main, parse
+from obc_ros.cli.processes import Children, free_domain, isolate
+from obc_ros.cli.ros2.yaml_messages import fill, find_type
+from obc_ros.cli.ros2.yaml_messages import parse as parse_yaml
+from obc_ros.ros.messages import statement
+from obc_ros.srv import DesignLqr, SolveOptimalControl
+import pytest
+import support
+import yaml
+
+CHAPTER = {'2.1', '2.2', '2.3', '2.4', '2.5', '2.6', 'theorem-2.1', 'theorem-2.2',
+           *(f'exercise-2.{k}' for k in range(1, 11))}
+
+
+@pytest.fixture(scope='module')
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp('gallery')
+
+
+@pytest.fixture(scope='module')
+def desk(out: Path) -> Iterator[desks.Desk]:
+    """Return a desk at a server of its own."""
+    before = dict(os.environ)
+    try:
+        with free_domain() as domain:
+            isolate(domain)
+            with Children(out / 'log') as children, ExitStack() as stack:
+                yield desks.Desk(lambda: stack.enter_context(served(children)),
+                                 out / 'recordings')
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+
+
+@pytest.mark.nodes
+@pytest.mark.parametrize('entry', ENTRIES, ids=lambda entry: entry.name)
+def test_every_number_holds(entry: Entry, desk: desks.Desk, out: Path) -> None:
+    record = gallery.work(entry, desk, out)
+    assert not record['message']
+    wrong = [f'{row["what"]}: {row["measured"]!r}, exact {row["exact"]!r}'
+             for row in record['rows'] if not row['error'] <= 1e-6]
+    assert not wrong
+    assert record['holds']
+    assert record['commands']
+    for command in record['commands']:
+        understood(command, out)
+    assert (out / f'{entry.name}.png').stat().st_size > 20_000
+
+
+def understood(command: str, out: Path) -> None:
+    """Parse a command of the page as `obc` does; fill the request or the message that it has."""
+    if command.startswith('#'):
+        return
+    found = re.fullmatch(r'(.*) "\$\(cat (\S+)\)"', command)
+    words = shlex.split(found[1] if found else command)
+    assert words[0] == 'ros2', command
+    if found:
+        words.append((out / found[2]).read_text(encoding='utf-8'))
+    args = parse(words[1:])
+    if args.command == 'service':
+        fill(find_type(args.service_type, 'srv').Request(), parse_yaml(args.values))
+    elif args.command == 'topic' and 'values' in args:
+        fill(find_type(args.message_type, 'msg')(), parse_yaml(args.values))
+
+
+def test_hypotheses_of_theorem_2_2() -> None:
+    A, B, H, Qu = regulators.plant()
+    assert np.linalg.eigvals(A).real.max() > 0
+    assert _reaches(A, B) and _reaches(A.T, H.T)
+    assert np.linalg.eigvalsh(Qu).min() > 0
+
+
+def test_systems_of_exercise_2_7() -> None:
+    """They are observable, as the exercise has it, and most of them need a feedback."""
+    systems = linear.random_systems()
+    assert len(systems) == linear.SYSTEMS
+    assert all(_reaches(A.T, C.T) for A, _, C, _ in systems)
+    assert sum(np.linalg.eigvals(A).real.max() > 0 for A, *_ in systems) > linear.SYSTEMS / 2
+
+
+def _reaches(A: np.ndarray, B: np.ndarray) -> bool:
+    reach = np.hstack([np.linalg.matrix_power(A, k) @ B for k in range(len(A))])
+    return bool(np.linalg.matrix_rank(reach) == len(A))
+
+
+def test_the_whole_chapter_is_there() -> None:
+    assert {entry.name for entry in ENTRIES} == CHAPTER
+    assert len(ENTRIES) == len(CHAPTER)
+
+
+@pytest.mark.nodes
+def test_command(tmp_path: Path, domain: int) -> None:
+    """The command writes page, figure and numbers, and keeps what is there of other entries."""
+    folder = tmp_path / 'out'
+    for name in ('2.2', 'exercise-2.9'):
+        process = support.Process(
+            [support.find('obc'), 'gallery', name, '--out', str(folder)], tmp_path / 'log', domain)
+        assert process.wait(60.0) == 0, process.output()
+    known = json.loads((folder / 'gallery.json').read_text())['entries']
+    assert [each['name'] for each in known] == ['2.2', 'exercise-2.9']
+    assert all(each['holds'] and each['seconds'] > 0 for each in known)
+    assert {path.name for path in folder.iterdir()} >= {
+        'index.html', '2.2.png', 'exercise-2.9.png'}
+    looked = Looked()
+    looked.feed((folder / 'index.html').read_text())
+    assert looked.images == ['2.2.png', 'exercise-2.9.png']
+    assert not looked.foreign
+    assert not looked.open
+
+
+@pytest.mark.nodes
+def test_what_is_done_stays_when_it_is_interrupted(tmp_path: Path, domain: int) -> None:
+    folder = tmp_path / 'out'
+    process = support.Process(
+        [support.find('obc'), 'gallery', '2.2', '2.5', '--out', str(folder)], tmp_path / 'log',
+        domain)
+    try:
+        process.wait_for_output('2.2: holds', 60.0)
+        assert process.interrupt() == 1
+    finally:
+        process.end()
+    assert 'ended by SIGINT' in process.output()
+    assert 'Traceback' not in process.output()
+    known = json.loads((folder / 'gallery.json').read_text())['entries']
+    assert [each['name'] for each in known] == ['2.2']
+
+
+class Looked(HTMLParser):
+    """What a page refers to, and whether its tags are closed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.images: list[str] = []
+        self.foreign: list[str] = []
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        self.images += [given['src'] or ''] if tag == 'img' else []
+        self.foreign += [value for value in given.values() if value and '//' in value]
+        if tag not in ('img', 'meta', 'br'):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_a_number_that_is_off_fails_the_entry(tmp_path: Path,
+                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    def off(desk: desks.Desk) -> Answer:
+        return Answer([Row('a', 1.0, 1.0, ''), Row('b', 2.0, 2.00001, '')], Figure())
+
+    def unanswered(desk: desks.Desk) -> Answer:
+        raise UnansweredError('no <answer>')
+
+    entries = [Entry(name, '', '', (), run) for name, run in (
+        ('1.1', off), ('1.2', unanswered))]
+    desk = desks.Desk(None, tmp_path)  # type: ignore[arg-type]  # nobody asks it
+    records = [gallery.work(entry, desk, tmp_path) for entry in entries]
+    assert [record['holds'] for record in records] == [False, False]
+    assert records[1]['message'] == 'no <answer>'
+    assert 'no &lt;answer&gt;' in page.page(records)
+    monkeypatch.setattr(gallery, 'work_all', lambda *given: given[-1].extend(records))
+    assert main(['gallery', '2.2', '--out', str(tmp_path)]) == 1
+
+
+def test_relative_errors() -> None:
+    assert Row('', [1e-8], [2e-8], '', relative=True).error == pytest.approx(0.5)
+    assert Row('', [0.0], [0.0], '', relative=True).error == np.inf  # undefined: it fails
+    row = Row('', [100.0, 1.0], [100.0 + 1e-5, 1.0 + 2e-6], '').as_json()
+    assert (row['measured'], row['error']) == (1.0, pytest.approx(2e-6, rel=1e-3))
+
+
+@pytest.mark.parametrize(('measured', 'exact', 'error'), [
+    (1.0, 1.0, 0.0), (1e3 + 1e-3, 1e3, 1e-6), (1e-3, 0.0, 1e-3), ([1.0, 2.0], [1.0, 4.0], 0.5),
+    (np.nan, 0.0, np.inf), ([1.0], [1.0, 1.0], np.inf), ([], [], np.inf)])
+def test_error(measured: object, exact: object, error: float) -> None:
+    assert Row('', measured, exact, '').error == pytest.approx(error, rel=1e-6)
+
+
+def test_unknown_entry(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(['gallery', '2.7', '--out', str(tmp_path / 'out')]) == 2
+    assert "no entry '2.7'; there are 2.1" in capsys.readouterr().err
+    assert not (tmp_path / 'out').exists()
+
+
+def test_list(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['gallery', '--list']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == [entry.name for entry in ENTRIES]
+
+
+def test_a_folder_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]
+                                         ) -> None:
+    (tmp_path / 'file').write_text('')
+    assert main(['gallery', '2.2', '--out', str(tmp_path / 'file')]) == 1
+    assert 'obc gallery: ' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('text', ['', '[]', '{"entries": 3}', '{"entries": [{"name": "2.2"}]}'])
+def test_a_spoilt_file_is_replaced(text: str, tmp_path: Path) -> None:
+    (tmp_path / 'gallery.json').write_text(text)
+    gallery.write(tmp_path, [], ['2.1', '2.2'])
+    assert json.loads((tmp_path / 'gallery.json').read_text()) == {'entries': []}
+
+
+@pytest.mark.parametrize(('value', 'html'), [
+    (0.25, '0.25'), (-1.5e-9, '\u22121.5\u00b710<sup>\u22129</sup>'), (None, '-'),
+    (4e20, '4\u00b710<sup>20</sup>')])
+def test_numbers(value: float | None, html: str) -> None:
+    assert page.number(value) == html
+
+
+@pytest.mark.parametrize(('text', 'html'), [
+    ('a < b', 'a &lt; b'),
+    ('$x_1^2$', '<i>x</i><sub>1</sub><sup>2</sup>'),
+    ('$e^{-at_f}$', '<i>e</i><sup>\u2212<i>at</i><sub><i>f</i></sub></sup>'),
+    ('$sin θ < 1$', 'sin <i>θ</i> &lt; 1'),
+    ('`lqr_node` of $K$', '<code>lqr_node</code> of <i>K</i>')])
+def test_markup(text: str, html: str) -> None:
+    assert page.markup(text) == html
+
+
+def test_commands_say_what_was_asked() -> None:
+    problem = {
+        'system': 'scalar', 'parameters': {'a': 1, 'b': 2.5}, 'running_cost': 'u**2/2',
+        'initial_state': {'x': 1}, 'terminal_constraints': ['x - 1'],
+        'final_time': {'free': True, 'lower': 0.1, 'upper': 3}}
+    request = desks.solve_request(problem, 'arcs')
+    given = yaml.safe_load(shlex.split(
+        ros2_commands.service_call('solve', SolveOptimalControl, request))[-1])
+    assert given['method'] == 'arcs'
+    again = statement(fill(SolveOptimalControl.Request(), given).problem)
+    assert again == statement(request.problem)
+    case = {'A': [[0, 1], [0, 0]], 'B': [[0], [1]], 'Qx': [1, 0], 'Qu': [0.1]}
+    request = desks.design_request(case)
+    command = ros2_commands.service_call('design_lqr', DesignLqr, request)
+    assert shlex.split(command)[:5] == [
+        'ros2', 'service', 'call', '/trajectory_server/design_lqr', 'obc_ros/srv/DesignLqr']
+    assert fill(DesignLqr.Request(), yaml.safe_load(shlex.split(command)[-1])) == request
+
+
+def test_a_reference_is_published_from_its_file(tmp_path: Path) -> None:
+    folder = tmp_path / 'recordings' / 'loop'
+    folder.mkdir(parents=True)
+    reference = vehicle.course('flat')
+    command = ros2_commands.publish('reference', reference, folder / 'flat.yaml')
+    assert command.endswith('"$(cat recordings/loop/flat.yaml)"')
+    given = yaml.safe_load((folder / 'flat.yaml').read_text())
+    again = fill(type(reference)(), given)
+    assert np.allclose(again.x, reference.x, atol=1e-9) and len(again.t) == len(reference.t)
+    assert again.header.stamp.nanosec == 0  # it begins when it is heard
+    assert (folder / 'flat.yaml').stat().st_size < 120_000  # what a shell takes as one argument

@@ -1,0 +1,355 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The plant in time, told by a clock that the test turns."""
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+from numpy.testing import assert_allclose, assert_array_equal
+from obc_ros.core.closed_loop.paced_plant import grid, HELD_UP, LATE, Pacing, Plant, REGAIN, RESEND
+from obc_ros.core.closed_loop.simulation_settings import Conditions, Gust
+from obc_ros.core.closed_loop.simulator import Simulator
+from obc_ros.core.systems import registry
+import pytest
+
+START = 1000.0         # [s] of the steady clock
+AHEAD = 7 * 10**9      # [ns] of the wall clock before it
+PERIOD = 0.005         # [s]
+
+
+class Bench:
+    """A plant, its clock, and what it has published."""
+
+    def __init__(self, name='double_integrator', x0=(0.0, 0.0), conditions=None, **pacing):
+        self.now = START
+        simulator = Simulator(registry.get(name), x0, conditions)
+        self.plant = Plant(simulator, Pacing(5, **pacing), self.now, self.wall)
+        self.stamps = [self.plant.stamp]
+
+    @property
+    def wall(self):
+        return round(self.now * 1e9) + AHEAD
+
+    def poll(self):
+        published = self.plant.poll(self.now, self.wall)
+        if published:
+            self.stamps.append(self.plant.stamp)
+        return published
+
+    def run(self, seconds, late=0.0):
+        """Let time pass, polling when the plant asks for it and a little later."""
+        end = self.now + seconds
+        while self.now + (wait := self.plant.wait(self.now)) + late < end:
+            self.now += wait + late
+            self.poll()
+        self.now = end
+
+
+def test_the_grid_divides_the_period():
+    assert grid(1e-3, 200.0) == (1e-3, 5)
+    assert grid(1e-3, 1000.0) == (1e-3, 1)
+    assert grid(1e-2, 1000.0) == (1e-3, 1)
+    dt, steps = grid(1e-3, 300.0)
+    assert (steps, dt * steps) == (4, pytest.approx(1 / 300))
+
+
+@given(st.floats(1e-4, 1.0), st.floats(0.1, 1e4))
+def test_the_grid_is_never_coarser_than_asked(dt, rate):
+    step, steps = grid(dt, rate)
+    assert steps >= 1
+    assert step <= dt * (1 + 1e-9)
+    assert step * steps == pytest.approx(1 / rate, rel=1e-12)
+
+
+@given(st.lists(st.floats(0.0, 0.45 * PERIOD), min_size=1, max_size=50))
+def test_states_are_stamped_when_they_were_true_however_late_the_poll_is(lates):
+    bench = Bench()
+    for late in lates:
+        bench.now += bench.plant.wait(bench.now) + late
+        assert bench.poll()
+    expected = round(START * 1e9) + AHEAD + 5_000_000 * np.arange(len(lates) + 1)
+    assert_allclose(np.array(bench.stamps) - expected, 0, atol=2)
+    assert bench.plant.held_up == 0
+
+
+def test_time_does_not_drift_in_an_hour():
+    bench = Bench(conditions=Conditions(dt=0.02))
+    bench.run(3600.0, late=0.003)
+    assert bench.plant.simulator.time == pytest.approx(3600.0, abs=0.1)
+    assert len(bench.stamps) == pytest.approx(36_000, abs=1)
+
+
+@pytest.mark.parametrize('speed', [0.1, 1.0, 2.0, 50.0])
+def test_speed_is_simulated_seconds_a_second(speed):
+    bench = Bench(speed=speed, simulated_stamps=True)
+    bench.run(2.0)
+    assert bench.plant.simulator.time == pytest.approx(2.0 * speed, abs=PERIOD + 1e-9)
+    assert_allclose(np.diff(bench.stamps), 5_000_000)
+    assert bench.stamps[0] == 0
+
+
+def test_at_speed_zero_every_poll_is_a_state():
+    bench = Bench(speed=0.0, simulated_stamps=True)
+    for _ in range(100):
+        assert bench.plant.wait(bench.now) == 0.0
+        assert bench.poll()
+    assert bench.stamps == [5_000_000 * k for k in range(101)]
+    assert bench.plant.held_up == 0
+
+
+@given(st.floats(1.01 * LATE * PERIOD, HELD_UP - PERIOD))
+def test_a_plant_that_was_held_up_leaves_no_state_out_and_regains_the_time(late):
+    bench = Bench()
+    bench.run(0.1 - PERIOD / 2)
+    bench.now += PERIOD / 2 + late
+    assert bench.poll()
+    assert bench.plant.held_up == 1
+    assert bench.plant.behind == pytest.approx(late - REGAIN * PERIOD, abs=1e-9)
+    last = bench.now
+    while bench.plant.behind:
+        assert bench.plant.wait(bench.now) >= (1 - LATE) * PERIOD, 'time for the controller'
+        bench.now += bench.plant.wait(bench.now)
+        assert bench.poll()
+    assert bench.now - last <= (late / PERIOD / REGAIN + 1) * PERIOD
+    bench.run(0.1)
+    assert_allclose(np.diff(bench.stamps), 5_000_000, atol=2)
+    assert bench.plant.simulator.time == pytest.approx(bench.now - START, abs=PERIOD + 1e-9)
+
+
+def test_a_command_that_waited_with_the_plant_takes_effect_at_the_state_that_is_due():
+    bench = Bench()
+    bench.now += PERIOD + 0.1
+    assert bench.plant.command(bench.stamps[-1], [3.0], bench.now) == ''
+    assert bench.poll()
+    assert bench.plant.unanswered == 0
+    bench.now += bench.plant.wait(bench.now)
+    assert bench.poll()
+    assert_allclose(bench.plant.sample, [3 * PERIOD**2 / 2, 3 * PERIOD], rtol=1e-9)
+
+
+def test_a_plant_that_was_held_up_resumes_where_it_was():
+    bench = Bench()
+    bench.run(0.1)
+    before = bench.plant.simulator.time
+    bench.now += 100.0
+    assert bench.poll()
+    assert bench.plant.simulator.time <= before + PERIOD + 1e-9
+    assert bench.plant.held_up == 1
+    assert bench.stamps[-1] == bench.wall, 'its state is true now'
+    assert HELD_UP < 100.0
+
+
+def test_a_clock_that_is_set_back_does_not_stop_the_plant():
+    bench = Bench()
+    bench.run(0.1)
+    bench.now -= 500.0
+    bench.poll()
+    bench.run(0.1)
+    assert bench.plant.simulator.time == pytest.approx(0.2, abs=3 * PERIOD)
+
+
+def test_a_command_takes_effect_when_it_comes():
+    bench = Bench()
+    bench.now += 0.002
+    assert bench.plant.command(bench.stamps[-1], [3.0], bench.now) == ''
+    bench.now += 0.003
+    assert bench.poll()
+    assert_allclose(bench.plant.sample, [3 * 0.003**2 / 2, 3 * 0.003], rtol=1e-9)
+
+
+def test_a_command_that_comes_late_does_not_change_a_state_that_is_due():
+    bench = Bench()
+    bench.now += 0.007
+    bench.plant.command(bench.stamps[-1], [3.0], bench.now)
+    assert bench.poll()
+    assert_array_equal(bench.plant.sample, [0, 0])
+
+
+@pytest.mark.parametrize(('first', 'second', 'taken'), [
+    (-1, 0, 2), (0, 0, 2), (0, -1, 1), (-1, -2, 1)])
+def test_commands_do_not_go_back_in_time(first, second, taken):
+    bench = Bench()
+    bench.run(0.1)
+    for k in (first, second):
+        bench.plant.command(bench.stamps[-1] + 5_000_000 * k, [1.0], bench.now)
+    assert bench.plant.accepted == taken
+    assert bench.plant.dropped.total() == 2 - taken
+
+
+def test_a_stamp_from_the_future_locks_nobody_out():
+    bench = Bench()
+    bench.run(0.1)
+    assert bench.plant.command(bench.stamps[-1] + 10**15, [1.0], bench.now) == ''
+    assert bench.plant.command(bench.stamps[-1], [2.0], bench.now) == ''
+    simulated = Bench(simulated_stamps=True)
+    simulated.run(0.1)
+    assert 'later than the last state' in simulated.plant.command(10**15, [1.0], simulated.now)
+    assert simulated.plant.command(simulated.stamps[-1], [2.0], simulated.now) == ''
+
+
+def test_a_command_without_a_stamp_is_taken_in_real_time():
+    bench = Bench()
+    bench.run(0.1)
+    assert bench.plant.command(bench.stamps[-1], [1.0], bench.now) == ''
+    assert bench.plant.command(0, [2.0], bench.now) == ''
+
+
+@pytest.mark.parametrize('u', [[], [1.0, 2.0], [math.nan], [math.inf]])
+def test_a_malformed_command_is_dropped_and_counted(u):
+    bench = Bench(lockstep=True)
+    assert bench.plant.command(bench.stamps[-1], u, bench.now).startswith('malformed: u: ')
+    assert bench.plant.dropped == {'malformed': 1}
+    assert not bench.plant.answered
+    assert not bench.poll(), 'lockstep waits on'
+
+
+def test_without_commands_the_plant_goes_back_to_rest():
+    bench = Bench(command_timeout=0.05)
+    bench.plant.command(bench.stamps[-1], [3.0], bench.now)
+    bench.run(0.1)
+    assert bench.plant.rests == 1
+    assert bench.plant.simulator.target == (0.0,)
+    assert bench.plant.sample[1] == pytest.approx(3.0 * 0.05, abs=3.0 * PERIOD)
+    bench.plant.command(bench.stamps[-1], [3.0], bench.now)
+    bench.run(0.01)
+    assert bench.plant.simulator.target == (3.0,)
+
+
+def test_a_command_older_than_the_timeout_is_dropped():
+    bench = Bench(command_timeout=0.05)
+    bench.run(0.1)
+    reason = bench.plant.command(bench.stamps[0], [1.0], bench.now)
+    assert reason == 'stale: older than command_timeout'
+    assert bench.plant.dropped == {reason: 1}
+
+
+def test_lockstep_waits_for_the_answer_to_the_last_state():
+    bench = Bench(lockstep=True, simulated_stamps=True, speed=0.0)
+    for k in range(20):
+        bench.now += 0.01
+        assert not bench.poll()
+        assert 'does not answer' in bench.plant.command(bench.stamps[-1] + 1, [1.0], bench.now)
+        assert bench.plant.command(bench.stamps[-1], [1.0], bench.now) == ''
+        assert 'answered already' in bench.plant.command(bench.stamps[-1], [2.0], bench.now)
+        assert bench.poll()
+        assert bench.stamps[-1] == 5_000_000 * (k + 1)
+    t = 0.1
+    assert_allclose(bench.plant.sample, [t * t / 2, t], rtol=1e-12)
+    assert bench.plant.dropped.total() == 40
+
+
+def test_lockstep_publishes_an_unanswered_state_again_as_it_was():
+    bench = Bench(lockstep=True, conditions=Conditions(noise=(0.1,)))
+    first = bench.plant.sample
+    bench.run(10 * RESEND + 0.01)
+    assert bench.plant.resent == 10
+    assert set(bench.stamps) == {bench.stamps[0]}
+    assert_array_equal(bench.plant.sample, first)
+    assert bench.plant.simulator.steps == 0
+
+
+def test_lockstep_keeps_to_the_speed():
+    bench = Bench(lockstep=True, speed=2.0, simulated_stamps=True)
+    while bench.now < START + 1.0:
+        bench.plant.command(bench.stamps[-1], [0.0], bench.now)
+        bench.now += max(bench.plant.wait(bench.now), 1e-4)
+        bench.poll()
+    assert bench.plant.simulator.time == pytest.approx(2.0, abs=0.01)
+
+
+CONDITIONS = Conditions(noise=(0.01,), actuator_lag=(0.02,), input_delay=0.0071, seed=3,
+                        gust=Gust((0.0, 1.0), 0.1, 0.2))
+
+
+@given(st.lists(st.floats(0.0, 0.6), min_size=40, max_size=40))
+def test_lockstep_gives_the_same_bits_whatever_the_clock_does(waits):
+    def fly(waits):
+        bench = Bench(x0=(1.0, 0.0), conditions=CONDITIONS, lockstep=True, speed=0.0,
+                      simulated_stamps=True)
+        states = []
+        for wait in waits:
+            x = bench.plant.sample
+            states.append(x)
+            bench.now += wait
+            bench.poll()
+            bench.plant.command(bench.plant.stamp, [-x[0] - 2 * x[1]], bench.now)
+            bench.poll()
+        return np.array(states)
+
+    assert_array_equal(fly(waits), fly([0.0] * 40))
+
+
+def test_a_paused_plant_stands_still_and_steps_on_demand():
+    bench = Bench(x0=(0.0, 1.0))
+    bench.run(0.1)
+    assert bench.plant.step(bench.now, bench.wall) == 'the plant is not paused'
+    bench.plant.pause(True, bench.now)
+    time = bench.plant.simulator.time
+    assert bench.plant.wait(bench.now) == math.inf
+    bench.now += 5.0
+    assert not bench.poll()
+    assert bench.plant.simulator.time == time
+    published = bench.plant.published
+    for k in range(3):
+        assert bench.plant.step(bench.now, bench.wall) == ''
+        assert bench.plant.published == published + k + 1
+        assert bench.plant.stamp == bench.wall
+    time = bench.plant.simulator.time
+    bench.plant.pause(False, bench.now)
+    bench.run(1.0)
+    assert bench.plant.simulator.time == pytest.approx(time + 1.0, abs=2 * PERIOD)
+    assert bench.plant.held_up == 0
+
+
+def test_a_paused_plant_in_lockstep_steps_once_it_is_answered():
+    bench = Bench(lockstep=True, simulated_stamps=True)
+    bench.plant.pause(True, bench.now)
+    assert 'no command has answered' in bench.plant.step(bench.now, bench.wall)
+    bench.run(3 * RESEND + 0.01)  # who was to answer may not have been there yet
+    assert bench.plant.resent == 3
+    assert bench.plant.simulator.steps == 0
+    assert bench.plant.command(0, [1.0], bench.now) == ''
+    assert not bench.poll()
+    assert bench.plant.step(bench.now, bench.wall) == ''
+    assert bench.plant.stamp == 5_000_000
+
+
+def test_reset_is_the_start_again():
+    bench = Bench(x0=(1.0, 0.0), conditions=CONDITIONS, simulated_stamps=True)
+    first = bench.plant.sample
+    bench.plant.command(0, [1.0], bench.now)
+    bench.run(0.3)
+    bench.plant.reset(bench.now, bench.wall)
+    assert bench.plant.stamp == 0
+    assert_array_equal(bench.plant.sample, first)
+    assert 'later than' in bench.plant.command(bench.stamps[-1], [9.0], bench.now)
+    bench.plant.reset(bench.now, bench.wall, [5.0, 0.0])
+    assert bench.plant.simulator.x[0] == 5.0
+
+
+def test_a_state_out_of_range_stops_the_plant_until_it_is_reset():
+    bench = Bench('scalar', (1.0,), Conditions(disturbance=(1e300,), dt=1.0))
+    bench.run(3000.0)
+    assert 'leaves the range of numbers' in bench.plant.fault
+    assert np.isfinite(bench.plant.sample).all()
+    assert not bench.poll()
+    assert bench.plant.wait(bench.now) == math.inf
+    bench.plant.pause(True, bench.now)
+    assert 'range of numbers' in bench.plant.step(bench.now, bench.wall)
+    bench.plant.pause(False, bench.now)
+    bench.plant.reset(bench.now, bench.wall)
+    assert bench.plant.fault == ''
+    bench.run(10.0)
+    assert bench.plant.simulator.time > 0
+
+
+def test_a_change_of_speed_does_not_jump():
+    bench = Bench(simulated_stamps=True)
+    bench.run(1.0)
+    bench.plant.adopt(Pacing(5, speed=10.0, simulated_stamps=True), bench.now)
+    assert bench.plant.simulator.time == pytest.approx(1.0, abs=1e-3)
+    bench.run(1.0)
+    assert bench.plant.simulator.time == pytest.approx(11.0, abs=0.01)
+    assert_allclose(np.diff(bench.stamps), 5_000_000)

@@ -1,0 +1,331 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""References: well formed or refused in words, followed with the gains of equation (2.7)."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.closed_loop.control import Control, Rules
+from obc_ros.core.closed_loop.feedback import Limits, rows
+from obc_ros.core.closed_loop.loop import Loop
+from obc_ros.core.closed_loop.simulator import Simulator
+from obc_ros.core.lqr.design.design import Design, design, plant, Sampling
+from obc_ros.core.lqr.design.reference_tracking import Course, course, horizon, leg
+from obc_ros.core.lqr.sampled import discretised
+from obc_ros.core.riccati.fixed_horizon import finite_horizon
+from obc_ros.core.systems import registry
+from obc_ros.core.text.errors import StatementError
+import pytest
+from scipy.integrate import solve_ivp
+
+Array = NDArray[np.float64]
+S = 10**9
+SPEED, LENGTH = 10.0, 2.0
+
+
+def given(system: Any, t: Any, x: Any, u: Any, interpolation: str = 'linear',
+          begin: int | None = 0, names: Any = ((), ())) -> Course:
+    """Return the course of arrays."""
+    return course(system, names, np.ravel(t).tolist(), np.ravel(x).tolist(),
+                  np.ravel(u).tolist(), interpolation, begin)
+
+
+def double_integrator() -> Design:
+    """Return a design of Example 2.4."""
+    return design(plant(registry.get('double_integrator')), {'Qx': (4.0, 0.5), 'Qu': (0.5,)})
+
+
+def test_gains_are_those_of_the_riccati_equation() -> None:
+    """For a plant that does not change, they are the finite horizon's."""
+    found, T = double_integrator(), 6.0
+    t = np.linspace(0.0, T, 601)
+    along = given(found.plant.system, t, np.stack([t, np.ones_like(t)], axis=1), 0 * t)
+    law = leg(along, found)[0].along
+    grid = np.array(law.gains.grid)  # type: ignore[attr-defined]
+    _, K = finite_horizon(found.plant.A, found.plant.B, found.weights.Qx, found.weights.Qu,
+                          found.lqr.P, grid, T)
+    np.testing.assert_allclose([law.at(s).K for s in grid], K, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(law.at(0.0).K, found.K, rtol=1e-6)
+
+
+def test_samples_are_interpolated() -> None:
+    """Linear or held, with jumps where a time stands twice, and names in any order."""
+    found = double_integrator()
+    t, x, u = [0.0, 1.0, 1.0, 2.0], [[0, 0], [1, 1], [1, 1], [2, 2]], [0.0, 2.0, -2.0, 4.0]
+    linear = leg(given(found.plant.system, t, x, u), found)[0].along
+    assert [linear.at(s).u[0] for s in (-1.0, 0.5, 1.0, 1.5, 2.0, 9.0)] == [0, 1, -2, 1, 4, 4]
+    assert linear.at(0.25).x == (0.25, 0.25)
+    held = leg(given(found.plant.system, t, x, u, 'zoh'), found)[0].along
+    assert [held.at(s).u[0] for s in (0.5, 1.0, 1.5)] == [0.0, -2.0, -2.0]
+    swapped = given(found.plant.system, [0.0, 1.0], [[0.0, 5.0], [1.0, 6.0]], [0.0, 0.0],
+                    names=(('x2', 'x1'), ()))
+    assert swapped.x.tolist() == [[5.0, 0.0], [6.0, 1.0]]
+    last = leg(given(found.plant.system, [0.0, 1.0, 1.0], [[0, 0], [1, 0], [2, 0]],
+                     [0, 1, 2]), found)[0].along
+    assert last.at(1.0).x == (1.0, 0.0)
+
+
+def test_angles_go_the_short_way() -> None:
+    """A heading that wraps is interpolated across the wrap."""
+    system = registry.get('vehicle')
+    x = [[0.0, 0.0, math.pi - 0.1], [1.0, 0.0, -math.pi + 0.1]]
+    along = given(system, [0.0, 1.0], x, [[10.0, 0.0]] * 2)
+    assert np.diff(along.x[:, 2]) == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(('t', 'x', 'u', 'interpolation', 'names', 'sentence'), [
+    ([0.0], [[0, 0]], [0], '', ((), ()), 'a reference has 1 samples; wanted 2 to'),
+    ([0.0, 1.0], [[0, 0]], [0, 0], '', ((), ()), 'x has 2 numbers; wanted 2 x 2'),
+    ([0.0, 1.0], [[0, 0]] * 2, [0], '', ((), ()), 'u has 1 numbers; wanted 2 x 1'),
+    ([1.0, 0.0], [[0, 0]] * 2, [0, 0], '', ((), ()), 't: wanted finite times'),
+    ([-1.0, 0.0], [[0, 0]] * 2, [0, 0], '', ((), ()), 't: wanted finite times'),
+    ([1.0, 1.0], [[0, 0]] * 2, [0, 0], '', ((), ()), 't: the last time is not after the first'),
+    ([0.0, math.nan], [[0, 0]] * 2, [0, 0], '', ((), ()), 't: wanted finite times'),
+    ([0.0, 1.0], [[0, math.inf]] * 2, [0, 0], '', ((), ()), 'x: wanted finite numbers'),
+    ([0.0, 1.0], [[0, 0]] * 2, [0, 0], 'cubic', ((), ()), "interpolation = 'cubic'"),
+    ([0.0, 1.0], [[0, 0]] * 2, [0, 0], '', (('a', 'b'), ()), 'x: the reference has a, b; wanted'),
+])
+def test_what_is_refused(t: Any, x: Any, u: Any, interpolation: str, names: Any, sentence: str
+                         ) -> None:
+    """Each fault has its sentence."""
+    with pytest.raises(StatementError) as error:
+        given(registry.get('double_integrator'), t, x, u, interpolation, 0, names)
+    assert str(error.value).startswith(sentence)
+
+
+def slalom(t: Array, amplitude: float = 0.5, frequency: float = 0.5) -> tuple[Array, Array]:
+    """Return y, theta and phi of a slalom at constant speed (flat: y gives them all)."""
+    w = math.tau * frequency
+    y, dy, ddy = (amplitude * f for f in (
+        1 - np.cos(w * t), w * np.sin(w * t), w**2 * np.cos(w * t)))
+    theta = np.arcsin(dy / SPEED)
+    dtheta = ddy / np.sqrt(SPEED**2 - dy**2)
+    return np.stack([y, theta], axis=1), np.arctan(LENGTH * dtheta / SPEED)
+
+
+def drive(found: Design, courses: tuple[Course, ...], start: list[float], begin: float,
+          end: float, dt: float = 0.005) -> tuple[Array, Array, Array]:
+    """Return times, states and inputs of the vehicle in closed loop."""
+    system = found.plant.system
+    control = Control(
+        found.regulator, Limits(tuple(system.u_min), tuple(system.u_max), (1,)), (0.0,),
+        system.state_names, Rules(), tuple(leg(each, found)[0] for each in courses))
+    loop, car = Loop(control), Simulator(system, start)
+    t, x, u = [], [], []
+    for k in range(round((end - begin) / dt)):
+        now = begin + k * dt
+        command = loop.answer(round(now * S), car.x.tolist(), now)
+        assert command is not None
+        t.append(now)
+        x.append(car.x)
+        u.append(command)
+        car.command(np.array(command))
+        car.advance(round(dt / 1e-3))
+    return np.array(t), np.array(x), np.array(u)
+
+
+def lateral() -> Design:
+    """Return the design of the vehicle across the road."""
+    return design(plant(registry.get('vehicle_lateral')), {
+        'weights': 'bryson', 'x_max': (0.1, 0.1), 'u_max': (0.2,)})
+
+
+def test_slalom_is_followed_from_its_beginning() -> None:
+    """A reference that the plant can follow is followed to the sampling of its input."""
+    found, t = lateral(), np.linspace(0.0, 4.0, 2_001)
+    x, u = slalom(t)
+    times, driven, inputs = drive(
+        found, (given(found.plant.system, t, x, u),), x[0].tolist(), 0.0, 4.0)
+    wanted = slalom(times)[0]
+    assert np.abs(driven[:, 0] - wanted[:, 0]).max() < 5e-3
+    assert np.abs(inputs).max() < 0.5
+
+
+@pytest.mark.parametrize('begin', [0.0, 0.7, 1.9])
+def test_it_is_joined_anywhere(begin: float) -> None:
+    """Starting in the middle, off the path, the error decays."""
+    found, t = lateral(), np.linspace(0.0, 4.0, 2_001)
+    x, u = slalom(t)
+    start = slalom(np.array([begin]))[0][0] + [0.3, 0.0]
+    times, driven, _ = drive(
+        found, (given(found.plant.system, t, x, u),), start.tolist(), begin, 4.0)
+    error = np.abs(driven[:, 0] - slalom(times)[0][:, 0])
+    assert error[0] == pytest.approx(0.3) and error[times > begin + 1.5].max() < 6e-3
+    assert error.max() < 0.31
+
+
+def test_its_end_is_held() -> None:
+    """After two periods the slalom is at rest in its lane, and stays; no input jumps there."""
+    found, t = lateral(), np.linspace(0.0, 4.0, 2_001)
+    x, u = slalom(t)
+    u[-1] = 0.0  # as the road goes on straight
+    law, words = leg(given(found.plant.system, t, x, u), found)
+    assert words == 'then its end is held'
+    times, driven, inputs = drive(
+        found, (given(found.plant.system, t, x, u),), x[0].tolist(), 0.0, 7.0)
+    assert np.abs(driven[times > 6.0]).max() < 1e-3
+    np.testing.assert_allclose(law.along.at(4.0).K, law.after.K, rtol=1e-12)
+
+
+def test_one_reference_gives_way_to_the_next() -> None:
+    """The second takes over at its own beginning; the first is followed until then."""
+    found, t = lateral(), np.linspace(0.0, 4.0, 2_001)
+    system = found.plant.system
+    first = given(system, t, *slalom(t), begin=0)
+    second = given(system, t, np.zeros((len(t), 2)), 0 * t, begin=2 * S)  # back in the lane
+    times, driven, _ = drive(found, (first, second), [0.0, 0.0], 0.0, 4.0)
+    wanted = np.where(times < 2.0, slalom(times)[0][:, 0], 0.0)
+    error = np.abs(driven[:, 0] - wanted)
+    assert error.max() < 6e-3
+
+
+def test_an_end_that_cannot_be_held_is_told() -> None:
+    """A vehicle that stands cannot be steered; an aircraft that moves cannot stay."""
+    found = design(plant(registry.get('vehicle')), {})
+    still = given(found.plant.system, [0.0, 1.0], np.zeros((2, 3)), [[1.0, 0.0], [0.0, 0.0]])
+    law, words = leg(still, found)
+    assert 'left alone' in words and law.after.u == (0.0, 0.0)
+    assert law.after.K == ((0.0,) * 3,) * 2
+    flying = design(plant(registry.get('aircraft')), {})
+    moving = given(flying.plant.system, [0.0, 1.0], [[0.0] * 6, [1, 0, 0, 5, 0, 0]],
+                   [[0.0, 39.2]] * 2)
+    law, words = leg(moving, flying)
+    assert 'then the set point is held' in words and law.after.x == (0.0,) * 6
+
+
+def test_with_integral_action_and_cross_terms() -> None:
+    """The gains along it end in those of the design at its end, whatever the cost."""
+    found = design(plant(registry.get('vehicle_lateral')), {
+        'Qx': (1.0, 2.0), 'Qu': (0.5,), 'cross': (0.1, 0.2), 'stability': 0.5},
+        ('py',), (2.0,))
+    t = np.linspace(0.0, 3.0, 301)
+    law = leg(given(found.plant.system, t, np.zeros((301, 2)), 0 * t), found)[0]
+    np.testing.assert_allclose(law.along.at(3.0).K, found.K, rtol=1e-9)
+    np.testing.assert_allclose(law.along.at(0.0).K, found.K, rtol=1e-6)  # it stays there
+
+
+def test_an_answer_that_ends_at_rest_is_held_there() -> None:
+    """Solvers leave 1e-8 of a speed; the end is rest all the same, with the input that holds."""
+    found = design(plant(registry.get('aircraft')), {})
+    system, T = found.plant.system, np.linspace(0.0, 2.0, 21)
+    x = np.outer(T / 2.0, [1.0, 2.0, 0.0, 0.5, 0.0, 0.0])
+    x[-1] = [1.0, 2.0, 1e-8, -2e-8, 3e-8, 1e-8]
+    u = [[0.3, 45.0]] * 21
+    law, words = leg(given(system, T, x, u), found)
+    assert words == 'then its end is held'
+    end = law.after.at(0.0)
+    np.testing.assert_allclose(end.x, [1.0, 2.0, 0, 0, 0, 0], atol=1e-7)
+    np.testing.assert_allclose(system.f(np.array(end.x), np.array(end.u)), 0.0, atol=1e-7)
+    x[-1, 3] = 0.5
+    assert 'the set point is held, as no input holds' in leg(given(system, T, x, u), found)[1]
+
+
+# A terminal weight
+
+
+@pytest.mark.parametrize('P1', [np.zeros((2, 2)), np.diag([100.0, 1.0]), np.diag([1e4, 1e4])])
+def test_a_horizon_has_the_gains_of_the_riccati_equation(P1: Array) -> None:
+    """K(t) of (2.7) backwards from P1, also where it changes fast, then the steady gain."""
+    found, T = double_integrator(), 3.0
+    gains = horizon(found, T, P1).gains
+    grid = np.array(gains.grid[:-1])
+    assert grid[-1] == T
+    A, B, Qx, Qu = found.plant.A, found.plant.B, found.weights.Qx, found.weights.Qu
+    _, K = finite_horizon(A, B, Qx, Qu, P1, grid, T)
+    np.testing.assert_allclose(gains.K[:-1], K, rtol=1e-9, atol=1e-9)
+    assert gains.at(T + 10.0) == (rows(found.K), ())
+    t = np.sort(np.concatenate([np.linspace(0.0, T, 777), T - np.geomspace(1e-5, 0.1, 50)]))
+    _, K = finite_horizon(A, B, Qx, Qu, P1, np.unique(t), T)
+    error = np.abs(K - [gains.at(s)[0] for s in np.unique(t)])
+    assert (error <= 0.05 * np.abs(K) + 1e-3 * np.abs(found.K).max()).all()
+
+
+def test_a_horizon_without_a_weight_is_the_steady_design() -> None:
+    """P1 = P leaves P where it is."""
+    found = double_integrator()
+    for K in horizon(found, 2.0).gains.K:
+        np.testing.assert_allclose(K, found.K, rtol=1e-9)
+
+
+def test_a_horizon_costs_least() -> None:
+    """x0'P(0) x0 is what the run costs, and other gains cost more."""
+    found, T, P1 = double_integrator(), 2.0, np.diag([50.0, 5.0])
+    A, B, Qx, Qu = found.plant.A, found.plant.B, found.weights.Qx, found.weights.Qu
+    gains = horizon(found, T, P1).gains
+
+    def cost(scale: float) -> float:
+        def rate(t: float, z: Array) -> Array:
+            u = -scale * np.array(gains.at(t)[0]) @ z[:2]
+            return np.append(A @ z[:2] + B @ u, z[:2] @ Qx @ z[:2] + u @ Qu @ u)
+
+        *x, J = solve_ivp(rate, (0.0, T), [1.0, -0.5, 0.0], rtol=1e-9, max_step=0.01).y[:, -1]
+        return float(J + np.array(x) @ P1 @ x)
+
+    P, _ = finite_horizon(A, B, Qx, Qu, P1, [0.0], T)
+    x0 = np.array([1.0, -0.5])
+    assert cost(1.0) == pytest.approx(x0 @ P[0] @ x0, rel=1e-3)
+    assert cost(0.9) > cost(1.0) < cost(1.1)
+
+
+def test_a_sampled_horizon() -> None:
+    """The sum of the sampled cost, backwards from P1 in whole periods."""
+    found = design(plant(registry.get('double_integrator')), {'Qx': (4.0, 0.5), 'Qu': (0.5,)},
+                   sampling=Sampling(0.1, exact=True))
+    P1 = np.diag([10.0, 2.0])
+    gains = horizon(found, 1.0, P1).gains
+    Ad, Bd, cost = discretised(found.plant.A, found.plant.B, found.weights, 0.1)
+    assert cost.cross is not None
+    P = P1
+    for k in range(9, -1, -1):
+        right = Bd.T @ P @ Ad + cost.cross.T
+        K = np.linalg.solve(cost.Qu + Bd.T @ P @ Bd, right)
+        P = Ad.T @ P @ Ad + cost.Qx - right.T @ K
+        np.testing.assert_allclose(gains.at(0.1 * k)[0], K, rtol=1e-9)
+    assert gains.at(5.0)[0] == rows(found.K)
+
+
+def test_a_terminal_weight_at_the_end_of_a_reference() -> None:
+    """The gain ends in Qu^-1 B'P1 and goes over to that which holds the end without a jump."""
+    found, T, P1 = double_integrator(), 3.0, np.diag([40.0, 8.0])
+    t = np.linspace(0.0, T, 31)
+    law = leg(given(found.plant.system, t, np.zeros((31, 2)), 0 * t), found, P1)[0]
+    last = np.linalg.solve(found.weights.Qu, found.plant.B.T @ P1)
+    np.testing.assert_allclose(law.along.at(T).K, last)
+    np.testing.assert_allclose(law.after.at(0.0).K, last)
+    np.testing.assert_allclose(law.after.at(9.0).K, found.K)
+    np.testing.assert_allclose(law.along.at(0.0).K, found.K, rtol=0.01)
+    K = np.array([law.after.at(s).K for s in np.linspace(0.0, 1.0, 1001)])
+    assert np.abs(np.diff(K, axis=0)).max() < 0.01 * np.abs(last).max()
+
+
+# What does not change along a reference
+
+
+def test_a_constant_push_is_compensated_along_a_reference_that_changes_speed() -> None:
+    """From 10 to 2 m/s with a crooked wheel: only integral action keeps to the line."""
+    system = registry.get('vehicle')
+    t = np.linspace(0.0, 30.0, 301)
+    v = np.interp(t, [10.0, 20.0], [10.0, 2.0])
+    px = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
+    x, u = np.stack([px, 0 * t, 0 * t], axis=1), np.stack([v, 0 * t], axis=1)
+    worst = {}
+    for integral in ((), ('py',)):
+        found = design(plant(system), {'Qx': (1.0, 4.0, 1.0), 'Qu': (1.0, 1.0)}, integral,
+                       (4.0,) * len(integral))
+        law = leg(given(system, t, x, u), found)[0]
+        if integral:  # it changes along the way
+            Ki = [abs(law.along.at(s).Ki[1][0]) for s in (5.0, 15.0, 29.0)]
+            assert max(Ki) > 1.01 * min(Ki)
+        control = Control(found.regulator, Limits(tuple(system.u_min), tuple(system.u_max), (2,)),
+                          (0.0, 0.0), system.state_names, Rules(), (law,), rows(found.C))
+        loop, car, error = Loop(control), Simulator(system, [0.0, 0.0, 0.0]), []
+        for k in range(3_000):
+            command = loop.answer(k * S // 100, car.x.tolist(), 0.01 * k)
+            assert command is not None
+            error.append(abs(car.x[1]))
+            car.command(np.array(command) + [0.0, 0.05])
+            car.advance(10)
+        worst[bool(integral)] = max(error[900:])
+    assert worst[False] > 0.02 and worst[True] < 1e-3, worst

@@ -1,0 +1,94 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Designs for the rate and the delay that they run at."""
+
+from dataclasses import replace
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.closed_loop.control import Control
+from obc_ros.core.closed_loop.feedback import Limits
+from obc_ros.core.closed_loop.loop import Loop
+from obc_ros.core.closed_loop.simulation_settings import Conditions
+from obc_ros.core.closed_loop.simulator import Simulator
+from obc_ros.core.lqr.design.design import Design, design, plant, Sampling
+from obc_ros.core.lqr.design.reference_tracking import course, leg
+from obc_ros.core.systems import registry
+from obc_ros.core.text.errors import RefusedDesignError, StatementError
+import pytest
+
+Array = NDArray[np.float64]
+
+# Example 2.5, its weight of theta as errata.md has it
+EXAMPLE_2_5: dict[str, Any] = {
+    'Qx': (100.0, 1.0, (3.6 / math.pi)**2, 0.0, 0.0, 0.0), 'Qu': (0.1, 0.1)}
+
+
+def fly(found: Design, h: float, delay: float) -> Array:
+    """Return the largest of |x| over each second of flight from px = 0.3."""
+    system = found.plant.system
+    control = Control(
+        found.regulator, Limits(tuple(system.u_min), tuple(system.u_max), (2,)),
+        found.plant.rest, system.state_names,
+        prediction=found.prediction)
+    loop = Loop(control)
+    craft = Simulator(system, [0.3, 0.0, 0.0, 0.0, 0.0, 0.0],
+                      Conditions(dt=1e-3, input_delay=delay))
+    sizes = []
+    for k in range(round(10.0 / h)):
+        u = loop.answer(round(k * h * 1e9), craft.x.tolist(), k * h)
+        assert u is not None
+        craft.command(np.array(u))
+        craft.advance(round(h / 1e-3))
+        sizes.append(np.abs(craft.x).max())
+    return np.array(sizes)
+
+
+def test_example_2_5_at_20_hz_and_50_ms_of_delay() -> None:
+    """The continuous gain is unstable there; the sampled design with prediction flies."""
+    at = plant(registry.get('aircraft'))
+    continuous = design(at, EXAMPLE_2_5)
+    with pytest.raises(RefusedDesignError, match=(
+            'held for 0.3 s .* set design = sampled with sample_time = 0.3 first')):
+        design(at, EXAMPLE_2_5, sampling=Sampling(0.3))
+    found = design(at, EXAMPLE_2_5, sampling=Sampling(0.05, 0.05, exact=True))
+    sizes = fly(found, 0.05, 0.05)
+    assert sizes.max() < 3.0 and sizes[-20:].max() < 0.05
+    unpredicted = fly(continuous, 0.05, 0.05)
+    assert not unpredicted[-20:].max() < 0.05
+
+
+def test_poles_of_the_sampled_loop() -> None:
+    """They tend to those of the continuous design with the period."""
+    at = plant(registry.get('double_integrator'))
+    continuous = design(at, {})
+    quick = design(at, {}, sampling=Sampling(1e-4, exact=True))
+    np.testing.assert_allclose(quick.K, continuous.K, rtol=1e-3)
+    slow = design(at, {}, sampling=Sampling(1.0, exact=True))
+    assert np.abs(slow.lqr.E).max() < 1.0 and slow.lqr.period == 1.0
+
+
+@pytest.mark.parametrize(('given', 'sentence'), [
+    ({'exact': True}, 'design = sampled needs the period'),
+    ({'delay': 0.1}, 'delay = 0.1 needs the period'),
+])
+def test_what_is_refused(given: dict[str, Any], sentence: str) -> None:
+    """A delay or a sampled design without a period, or an endless delay."""
+    with pytest.raises(StatementError, match=sentence):
+        Sampling(**given)
+
+
+def test_a_reference_with_a_sampled_design() -> None:
+    """The gains along it are sampled ones too, and end in that of the design."""
+    found = design(plant(registry.get('double_integrator')), {},
+                   sampling=Sampling(0.2, exact=True))
+    t = np.linspace(0.0, 20.0, 201)
+    along = course(found.plant.system, ((), ()), t.tolist(), [0.0] * 402, [0.0] * 201, '', 0)
+    law = leg(along, found)[0]
+    np.testing.assert_allclose(law.along.at(0.0).K, found.K, rtol=1e-9)
+    np.testing.assert_allclose(law.along.at(20.0).K, found.K, rtol=1e-9)
+    other = replace(found, cost=replace(found.cost, Qx=4 * found.cost.Qx))
+    K = design(found.plant, {'Qx': (4.0, 4.0)}, sampling=found.sampling).K
+    np.testing.assert_allclose(leg(along, other)[0].along.at(0.0).K, K, rtol=1e-6)

@@ -1,0 +1,152 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Gains that follow the speed: designed at each value, proved between the values."""
+
+import math
+from typing import Any
+
+from hypothesis import given, settings, strategies
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.core.lqr.design.design import design, Plant, plant, Sampling, scheduled
+from obc_ros.core.lqr.gain_schedule import Table, table
+from obc_ros.core.lqr.lqr import lqr
+from obc_ros.core.lqr.weights import Weights
+from obc_ros.core.systems import registry
+from obc_ros.core.text.errors import RefusedDesignError, StatementError
+from plants import vehicle
+import pytest
+from scipy.integrate import solve_ivp
+
+Array = NDArray[np.float64]
+
+LENGTH, SLOW, FAST = 2.0, 1.0, 30.0
+
+
+def with_integral(v: float) -> tuple[Array, Array]:
+    """Return the vehicle with the integral of its position."""
+    A, B = vehicle(v)
+    whole = np.zeros((3, 3))
+    whole[:2, :2], whole[2, 0] = A, 1.0
+    return whole, np.vstack([B, [[0.0]]])
+
+
+COSTS = {
+    'Exercise 2.10': (vehicle, Weights(np.diag([1.0, 0.0]), np.eye(1))),
+    'heading': (vehicle, Weights(np.diag([100.0, 0.1]), np.eye(1))),
+    'degree of stability': (vehicle, Weights(np.diag([1.0, 0.1]), np.eye(1), stability=1.0)),
+    'integral': (with_integral, Weights(np.diag([1.0, 0.1, 1.0]), np.eye(1))),
+}
+
+
+def gain(found: Table, v: float) -> Array:
+    """Return the gain at a speed."""
+    m, n = found.K.shape[1:]
+    return np.array([[np.interp(v, found.values, found.K[:, i, j]) for j in range(n)]
+                     for i in range(m)])
+
+
+@pytest.mark.parametrize('name', COSTS)
+def test_gains_from_1_to_30_metres_per_second(name: str) -> None:
+    """On the grid and between it the gain is that of the speed, and stabilises."""
+    at, cost = COSTS[name]
+    found = table(at, cost, SLOW, FAST)
+    assert found.values[[0, -1]].tolist() == [SLOW, FAST]
+    for v in np.linspace(SLOW, FAST, 300):
+        A, B = at(v)
+        exact, K = lqr(A, B, cost.Qx, cost.Qu, stability=cost.stability).K, gain(found, v)
+        assert np.abs(K - exact).max() <= 0.02 * np.abs(exact).max()
+        assert np.linalg.eigvals(A - B @ K).real.max() < -0.9 * cost.stability
+
+
+def test_the_vehicle_bears_any_change_of_speed() -> None:
+    """
+    With one cost for all speeds its gain is the same for all, K = [1, sqrt(2 l)].
+
+    In the distance driven, s, dx/ds = N x + b phi does not depend on the speed.
+    """
+    found = table(*COSTS['Exercise 2.10'], SLOW, FAST)
+    np.testing.assert_allclose(found.K, [[[1.0, math.sqrt(2.0 * LENGTH)]]] * len(found.K))
+    assert found.rate == math.inf
+
+
+@pytest.mark.parametrize('name', ['degree of stability', 'integral'])
+def test_the_rate_that_is_proved_is_borne(name: str) -> None:
+    """A speed that swings at that rate over all of the range does not upset the loop."""
+    at, cost = COSTS[name]
+    found = table(at, cost, SLOW, FAST)
+    assert 0.1 < found.rate < 100.0
+    span = 2.0 * (FAST - SLOW) / found.rate
+
+    def rate(t: float, x: Array) -> Array:
+        v = SLOW + found.rate * abs((t + span / 2.0) % span - span / 2.0)
+        A, B = at(v)
+        return (A - B @ gain(found, v)) @ x
+
+    driven = solve_ivp(rate, (0.0, 2.0 * span), np.ones(len(cost.Qx)), rtol=1e-8, max_step=0.1).y
+    assert np.abs(driven[:, -1]).max() < 1e-4
+
+
+@settings(max_examples=40, deadline=None)
+@given(strategies.integers(2, 4), strategies.integers(1, 2), strategies.integers(0, 2**32 - 1),
+       strategies.floats(0.0, 2.0))
+def test_what_is_accepted_is_stable_between_the_values(n: int, m: int, seed: int, slope: float
+                                                       ) -> None:
+    """Random plants that are straight lines in the variable: proved everywhere, or refused."""
+    rng = np.random.default_rng(seed)
+    A, dA, B, dB = (rng.standard_normal(shape) for shape in ((n, n), (n, n), (n, m), (n, m)))
+
+    def at(v: float) -> tuple[Array, Array]:
+        return A + slope * v * dA, B + slope * v * dB
+
+    try:
+        found = table(at, Weights(np.eye(n), np.eye(m)), 0.0, 1.0)
+    except RefusedDesignError:
+        return
+    for v in rng.uniform(0.0, 1.0, 50):
+        M = at(v)[0] - at(v)[1] @ gain(found, v)
+        assert np.linalg.eigvals(M).real.max() < 0.0
+    assert found.rate > 0.0
+
+
+def test_a_gap_that_cannot_be_bridged_is_not_passed_over() -> None:
+    """At both ends a gain stabilises; where the input turns its sign, none does."""
+    def turning(v: float) -> tuple[Array, Array]:
+        return np.ones((1, 1)), np.array([[v]])
+
+    with pytest.raises(RefusedDesignError, match='out of reach|ill-conditioned|between'):
+        table(turning, Weights(np.eye(1), np.eye(1)), -1.0, 1.0)
+    with pytest.raises(RefusedDesignError):
+        table(turning, Weights(np.eye(1), np.eye(1)), -0.9, 1.0)
+
+
+def test_refusals() -> None:
+    """A range that is none, a speed without steering."""
+    cost = Weights(np.eye(2), np.eye(1))
+    for lower, upper in ((2.0, 1.0), (math.nan, 1.0), (0.0, math.inf)):
+        with pytest.raises(StatementError, match='wanted a range'):
+            table(vehicle, cost, lower, upper)
+    with pytest.raises(RefusedDesignError, match='out of reach'):
+        table(vehicle, cost, 0.0, 1.0)
+
+
+def test_of_a_design() -> None:
+    """Integrals are scheduled too; a period is borne at all values or refused."""
+    system = registry.get('vehicle_lateral')
+
+    def at(v: float) -> Plant:
+        return plant(system.with_parameters({'v': v}))
+
+    given: dict[str, Any] = {'Qx': (1.0, 0.1), 'Qu': (1.0,)}
+    found = design(at(10.0), given, ('py',), (1.0,))
+    made = scheduled(found, at, SLOW, FAST)
+    assert made.K.shape[1:] == (1, 3)
+    np.testing.assert_allclose(gain(made, 10.0)[0], found.lqr.K[0], rtol=0.02)
+    held = design(at(1.0), given, sampling=Sampling(0.05))
+    assert len(scheduled(held, at, SLOW, 10.0).K) == 2
+    slow = design(at(1.0), given, sampling=Sampling(0.5))
+    with pytest.raises(RefusedDesignError, match='held for 0.5 s'):
+        scheduled(slow, at, SLOW, FAST)
+    exact = design(at(1.0), given, sampling=Sampling(0.05, exact=True))
+    with pytest.raises(StatementError, match='wanted design = continuous'):
+        scheduled(exact, at, SLOW, FAST)

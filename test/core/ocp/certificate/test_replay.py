@@ -1,0 +1,152 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Replaying an input between samples, beside closed forms; evaluating many points at once."""
+
+import math
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.numerics.vectorized import Batch
+from obc_ros.core.ocp.certificate.replay import Integrator, Intervals
+from obc_ros.core.ocp.statement import problem_from_mapping
+import pytest
+from scipy.integrate import solve_ivp
+
+QUARTERS = np.linspace(0, 1, 5)
+
+
+def stated(dynamics, running_cost, **more):
+    """Return a problem with the states x and v and one input, all of them 0 at the start."""
+    return problem_from_mapping({
+        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': dynamics, 'running_cost': running_cost,
+        'initial_state': {'x': 0, 'v': 0}, 'final_time': {'free': False, 'value': 1}} | more)
+
+
+def intervals(problem, h, x, lam, ua, ub, s=None, m=None):
+    """Return intervals with constant multiplier densities."""
+    x = np.atleast_2d(np.asarray(x, float))
+    K, rows = len(x), problem.path.numel()
+    columns = [np.broadcast_to(np.asarray(part, float), (K, 1)) for part in (ua, ub)]
+    s = np.zeros((K, 2)) if s is None else np.broadcast_to(np.asarray(s, float), (K, 2))
+    m = np.zeros((K, rows)) if m is None else np.broadcast_to(np.asarray(m, float), (K, rows))
+    lam = np.broadcast_to(np.asarray(lam, float), (K, 2))
+    return Intervals(np.broadcast_to(np.asarray(h, float), (K,)), x, lam, *columns, s, s, m, m)
+
+
+def replayed(problem, course, tolerance=1e-10):
+    """Return the replay of intervals."""
+    return Integrator(problem).replay(course, problem.p_value, np.ones(4), tolerance)
+
+
+def test_linear_inputs_on_a_double_integrator():
+    problem = stated({'x': 'v', 'v': 'u'}, 'u**2')
+    found = replayed(problem, intervals(problem, [2.0, 0.5], [[1, -1], [0, 2]], [3, -1],
+                                        [[1], [-2]], [[3], [0]]))
+    assert found.converged
+    for k, (h, x0, v0, a, b) in enumerate([(2.0, 1, -1, 1, 3), (0.5, 0, 2, -2, 0)]):
+        t, slope = h*QUARTERS, (b - a)/h
+        assert found.x[k, :, 1] == pytest.approx(v0 + a*t + slope*t**2/2, abs=1e-12)
+        assert found.x[k, :, 0] == pytest.approx(x0 + v0*t + a*t**2/2 + slope*t**3/6, abs=1e-12)
+        # dlam_x/dt = 0 and dlam_v/dt = -lam_x.
+        assert found.lam[k, :, 1] == pytest.approx(-1 - 3*t, abs=1e-12)
+        assert found.u[k, :, 0] == pytest.approx(a + (b - a)*QUARTERS)
+        assert found.cost[k] == pytest.approx(h*(a*a + a*b + b*b)/3)
+
+
+def test_nonlinear_states_and_their_costates():
+    # x = tan(t + c), and lam (1 + x^2) is constant along x' = 1 + x^2.
+    problem = stated({'x': '1 + x**2', 'v': 'u'}, '0')
+    found = replayed(problem, intervals(problem, [1.2, 0.1], [[0, 0], [1, 0]], [2, 0], 0, 0))
+    assert found.converged
+    assert found.x[0, :, 0] == pytest.approx(np.tan(1.2*QUARTERS), rel=1e-9)
+    assert found.x[1, -1, 0] == pytest.approx(math.tan(0.1 + math.pi/4), rel=1e-9)
+    assert found.lam[0, :, 0] == pytest.approx(2/(1 + np.tan(1.2*QUARTERS)**2), abs=1e-9)
+
+
+def test_the_course_within_a_step_is_of_order_four():
+    problem = stated({'x': 'v', 'v': '-x'}, 'x**2')
+    errors = []
+    for h in (0.8, 0.4):
+        course = intervals(problem, h, [[1, 0]], 0, 0, 0)
+        found = replayed(problem, course, tolerance=1.0)
+        errors.append(np.abs(found.x[0, :, 0] - np.cos(h*QUARTERS)).max())
+    assert errors[0] < 1e-4
+    assert math.log2(errors[0] / errors[1]) > 4.5
+
+
+def test_multiplier_densities_drive_the_costates():
+    problem = stated({'x': 'v', 'v': 'u'}, '0', path_constraints=[
+        {'expr': 'x*v', 'lower': None, 'upper': 9}])
+    found = replayed(problem, intervals(problem, 1.0, [[1, 2]], 0, 0, 0, s=[5, 0], m=[3]))
+    # dlam_x/dt = -5 - 3 v with v = 2; dlam_v/dt = -lam_x - 3 x with x = 1 + 2 t.
+    t = QUARTERS
+    assert found.lam[0, :, 0] == pytest.approx(-11*t, abs=1e-12)
+    assert found.lam[0, :, 1] == pytest.approx(11*t**2/2 - 3*t - 3*t**2, abs=1e-12)
+
+
+def test_a_fast_mode_is_followed():
+    problem = stated({'x': '-50*(x - v)', 'v': '1'}, '0')
+    found = replayed(problem, intervals(problem, 1.0, [[1, 0]], 0, 0, 0), 1e-7)
+    assert found.converged
+    expected = QUARTERS - 1/50 + (1 + 1/50)*np.exp(-50*QUARTERS)
+    assert found.x[0, :, 0] == pytest.approx(expected, abs=1e-8)
+
+
+def test_a_course_that_ends_in_infinity_is_said_to():
+    problem = stated({'x': '1 + x**2', 'v': 'u'}, '0')
+    assert not replayed(problem, intervals(problem, 2.0, [[0, 0]], 0, 0, 0)).converged
+
+
+@pytest.mark.parametrize('count', [1, 31, 32, 33, 127, 1024, 1500])
+def test_a_batch_gives_what_one_by_one_gives(count):
+    x, p = ca.SX.sym('x', 2), ca.SX.sym('p', 1)
+    batch = Batch([x, ca.SX(0, 1), p], [ca.sin(x)*p, ca.SX(0, 1), ca.jacobian(x**2, x), p])
+    rows = np.linspace(-3, 3, 2*count).reshape(count, 2)
+    sine, none, slope, same = batch(rows, np.zeros(0), np.array([2.0]))
+    assert sine == pytest.approx(2*np.sin(rows))
+    assert none.shape == (count, 0)
+    assert slope.reshape(-1, 2, 2)[:, 1, 1] == pytest.approx(2*rows[:, 1])
+    assert not slope.reshape(-1, 2, 2)[:, 0, 1].any()
+    assert np.all(same == 2.0)
+
+
+def test_costates_of_what_decays_at_once_are_integrated_from_the_end():
+    """The state x follows v within 1 ms; lam of x would grow by exp(1000) in a second."""
+    problem = stated({'x': '-1000*(x - v)', 'v': '-v + u'}, 'x**2 + v**2')
+    h, end, v0 = 0.5, np.array([[0.3, -0.2]]), 0.4
+    x0 = v0 + (1 - v0) / 999   # without a fast part
+    course = intervals(problem, h, [[x0 + (1 - v0) * 2 / 999, v0]], 0, 1, 1)
+    run = problem.p_value, np.ones(4), 1e-8
+    forward = Integrator(problem).replay(course, *run)
+    assert not forward.converged
+    found, defect = Integrator(problem).there_and_back(forward, course, end, *run)
+    assert found.converged
+
+    def back(s, z):
+        v = 1 + (v0 - 1) * np.exp(s - h)
+        x = 1 + (v0 - 1) * 1000 / 999 * np.exp(s - h)
+        x += (course.x[0, 0] - 1 - (v0 - 1) * 1000 / 999) * np.exp(1000 * (s - h))
+        return [-1000 * z[0] + 2 * x, 1000 * z[0] - z[1] + 2 * v]
+
+    exact = solve_ivp(back, (0, h), end[0], 'Radau', rtol=1e-10, atol=1e-12).y[:, -1]
+    assert found.lam[0, -1] == pytest.approx(end[0])
+    assert found.lam[0, 0] == pytest.approx([0, 0], abs=1e-14)   # as returned
+    assert -defect[0] == pytest.approx(exact, abs=1e-7)
+
+
+def test_a_defect_of_costates_grows_no_more_than_is_said():
+    """With df/dx = -k x and scales that leave its norm as it is the bound is the growth, e^kh."""
+    h, k = 0.25, 8.0
+    problem = stated({'x': f'-{k}*x + u', 'v': 'x*0'}, 'u**2')
+    integrator, p = Integrator(problem), problem.p_value
+    for size in (1.0, 1e6):   # of states; that of costates is its inverse
+        scale = np.array([size, size, 1/size, 1/size])
+        ends = []
+        for lam in (0.0, 1/size):
+            course = intervals(problem, h, [[size, 0], [0, size]], lam, 1, 1)
+            ran = integrator.replay(course, p, scale, 1e-9)
+            ends.append(ran.lam[:, -1, 0])
+        grown = (ends[1] - ends[0]) * size
+        bound = integrator.growth(ran, course, p, scale)
+        assert grown == pytest.approx(math.exp(k * h), rel=1e-6)
+        assert bound == pytest.approx(math.exp(k * h), rel=1e-9)

@@ -1,0 +1,282 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Phases of unknown lengths, and long horizons, where the path that shows them is a coarse one."""
+
+import numpy as np
+from obc_ros.core.numerics.collocation import collocation
+from obc_ros.core.ocp.solution import Status
+from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.solver.arcs.bang_arcs import at_bounds, at_ends
+from obc_ros.core.solver.arcs.input_arcs import Arc
+from obc_ros.core.solver.arcs.phase_mesh import spread_as_wanted, spread_by_error, spread_like
+from obc_ros.core.solver.arcs.phase_program import PhasedProgram
+from obc_ros.core.solver.arcs.phases import DEGREE, Phased
+from obc_ros.core.solver.descent import Search
+from obc_ros.core.solver.improve.phase_samples import sampled
+from obc_ros.core.solver.improve.state_arcs import settled
+from obc_ros.core.solver.nlp.progress import Monitor
+from obc_ros.core.solver.program_cache import Kit
+from obc_ros.core.solver.solve import solve
+from obc_ros.core.solver.starts.horizon_continuation import lengthened
+from obc_ros.core.solver.starts.initial_guess import scales
+from obc_ros.core.solver.transcription.mesh import Path
+import pytest
+
+FIXED = {'free': False, 'value': 3}
+
+
+def test_a_full_tank_weighs_only_in_the_end_while_its_inflow_is_shut():
+    """
+    The level V of a tank counts for 3 s: it is filled for 1 s, J = -(1/2 + 2).
+
+    Its bound holds itself while u = 0; were it held at all points, what it weighs would be
+    anything between them. The path that shows the phases has no point in the second one.
+    """
+    problem = problem_from_mapping({
+        'states': ['V'], 'inputs': ['u'], 'dynamics': {'V': 'u'}, 'running_cost': '-V',
+        'initial_state': {'V': 0}, 'input_bounds': {'u': [0, 1]}, 'state_bounds': {'V': [None, 1]},
+        'final_time': FIXED})
+    t, V = np.array([0, 0.6, 1.2, 3]), np.array([[0], [0.6], [1], [1]])
+    u = np.array([[1], [1], [0]])
+    guess = Path(t, V, np.zeros((3, 0, 1)), u, u, np.array([3.0]))
+    arcs = [Arc(0.0, 1.3, (1.0,), (0,)), Arc(1.3, 3.0, (0.0,), (0,))]
+    found = PhasedProgram(problem, (True,)).solve(
+        problem, arcs, [np.full(3, 1 / 3)] * 2, guess, scales(problem, guess),
+        np.zeros(1, dtype=bool), Monitor())
+    assert found.converged
+    assert found.cost == pytest.approx(-2.5, abs=1e-7)
+    assert found.durations == pytest.approx([1, 2], abs=1e-6)
+    inside = found.pushed[3:].reshape(-1)[:-1]
+    assert np.abs(inside).max() < 1e-9
+    # dlam/dt = 1, and u = 1 turns to 0 where lam vanishes.
+    assert found.lam[3:, 0, 0] == pytest.approx([0, 2 / 3, 4 / 3], abs=1e-5)
+
+
+def test_intervals_go_where_steps_err():
+    """Of four steps along exp(-40 t) all but the first err little."""
+    edges = np.linspace(0, 1, 5)
+    tau = np.append(0.0, collocation(DEGREE, 'radau')[0])
+    x = np.exp(-40 * (edges[:-1, None] + 0.25 * tau))[:, :, None]
+    u = np.zeros((4, DEGREE, 1))
+    found = Phased([Arc(0.0, 1.0, (np.nan,), (0,))], [np.full(4, 0.25)], np.ones(1), x, u, x,
+                   np.zeros((4, DEGREE, 1)), np.zeros(0), 0.0, True, {}, u, [])
+    t, share = spread_by_error(found)
+    assert t == pytest.approx(edges)
+    assert share[[0, -1]] == pytest.approx([0, 1])
+    assert share[1] > 0.45 and np.all(np.diff(share) > 0.1)
+    (t, share), count = spread_as_wanted(found)
+    assert t == pytest.approx(edges)
+    assert count * np.diff(share) == pytest.approx([4, 1, 1, 1])
+
+
+def test_phases_are_cut_where_inputs_come_to_their_bounds():
+    """An input that rests at 1 until t = 1, falls to -1 at t = 2 and rests there until t = 3."""
+    problem = problem_from_mapping({
+        'states': ['x', 'v'], 'inputs': ['u', 'w'], 'dynamics': {'x': 'v', 'v': 'u + w'},
+        'running_cost': 'u**2 + w**2', 'initial_state': {'x': 0, 'v': 0},
+        'input_bounds': {'u': [-1, 1], 'w': [-1, 1]}, 'final_time': FIXED})
+    count, tau = 12, np.append(0.0, collocation(DEGREE, 'radau')[0])
+    t = (np.arange(count)[:, None] + tau) * 3 / count
+    x = np.zeros((*t.shape, 2))
+    u = np.stack([np.clip(3 - 2 * t[:, 1:], -1, 1), np.ones_like(t[:, 1:])], axis=2)
+    nothing = np.zeros((count, DEGREE, 2))
+    free = (np.nan, np.nan)
+    found = Phased([Arc(0.0, 3.0, free)], [np.full(count, 1 / count)], np.full(1, 3.0), x, u, x,
+                   nothing, np.zeros(0), 0.0, True, {}, nothing, [])
+    parts = at_bounds(problem, found, np.array([True, False]), np.zeros((2, 2), dtype=bool))
+    # Where w may not be held it is left free, though it is at its bound throughout.
+    assert [part.end for part in parts] == pytest.approx([1, 2, 3])
+    assert [part.start for part in parts] == pytest.approx([0, 1, 2])
+    assert np.array([part.levels for part in parts])[:, 0] == pytest.approx(
+        [1, np.nan, -1], nan_ok=True)
+    assert np.all(np.isnan([part.levels[1] for part in parts]))
+
+
+def test_costates_that_change_within_an_interval():
+    """
+    V = x(T) behind a lag of 1/40: dlam_x/dt = 40 lam_x, dlam_y/dt = -40 lam_x, u = -lam_y.
+
+    lam_x = exp(-40 (T - t)) and lam_y = 1 - lam_x; of polynomials through the points of the
+    collocation alone that asks for ten times as many intervals.
+    """
+    problem = problem_from_mapping({
+        'states': ['x', 'y'], 'inputs': ['u'], 'dynamics': {'x': '40*(y - x)', 'y': 'u'},
+        'running_cost': 'u**2/2', 'terminal_cost': 'x', 'initial_state': {'x': 0, 'y': 0},
+        'input_bounds': {'u': [-9, 9]}, 'final_time': {'free': False, 'value': 1}})
+    kit = Kit(problem)
+    line = kit.guesser.line(problem, 1.0)
+    found = kit.phased.solve(
+        problem, [Arc(0.0, 1.0, (np.nan,))], [np.full(24, 1 / 24)], line, scales(problem, line),
+        np.zeros(2, dtype=bool), Monitor())
+    answer = sampled(problem, kit.phased, kit.judge, found, 300)
+    lam_x = np.exp(-40 * (1 - answer.t))
+    assert answer.lam == pytest.approx(np.column_stack([lam_x, 1 - lam_x]), abs=2e-5)
+
+
+def test_a_long_horizon_with_a_bound_of_the_state_is_found_from_short_ones():
+    """A bound that is not met changes nothing but the method."""
+    pendulum = {
+        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u - 9*sin(x)'},
+        'running_cost': 'x**2 + v**2 + u**2', 'initial_state': {'x': 3, 'v': 0},
+        'final_time': {'free': False, 'value': 40}}
+    costs = []
+    for more in ({}, {'state_bounds': {'v': [-6, None]}}):
+        problem = problem_from_mapping(pendulum | more)
+        search = Search(problem, Kit(problem), Monitor(60.0))
+        search.stages = 3
+        outcome = lengthened(search, 4)
+        assert outcome is not None and outcome.converged
+        costs.append(outcome.objective)
+    assert costs[1] == pytest.approx(costs[0], rel=5e-3)
+
+
+def test_a_path_touches_an_obstacle_along_its_side():
+    """A path across the disc is cheaper than one that touches it: only tangents are allowed."""
+    found = solve(problem_from_mapping({
+        'states': ['x', 'y', 'th'], 'inputs': ['w'],
+        'dynamics': {'x': 'cos(th)', 'y': 'sin(th)', 'th': 'w'}, 'running_cost': '1 + w**2/5',
+        'initial_state': {'x': -2, 'y': -0.156, 'th': 0},
+        'terminal_constraints': ['x - 2', 'y + 0.277'],
+        'path_constraints': [{'expr': 'x**2 + y**2', 'lower': 0.49}],
+        'final_time': {'free': True, 'lower': 1, 'upper': 20, 'guess': 4}}))
+    assert found.status is Status.SOLVED
+    assert found.certificate.residuals['costate'] < 1e-5
+    touched, = found.switching_times
+    x, y, th = (np.interp(touched, found.t, column) for column in found.x.T)
+    assert x**2 + y**2 == pytest.approx(0.49, abs=1e-8)
+    assert x * np.cos(th) + y * np.sin(th) == pytest.approx(0, abs=1e-6)
+
+
+def test_states_at_samples_follow_from_the_inputs_straight_between_them():
+    """A pendulum turned by 2 rad in 3 s, its rate bounded: not only where intervals end."""
+    problem = problem_from_mapping({
+        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u - sin(x)'},
+        'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 0},
+        'terminal_constraints': ['x - 2', 'v'], 'state_bounds': {'v': [None, 0.85]},
+        'final_time': FIXED})
+    found = solve(problem)
+    assert found.certified
+    assert np.any(found.state_multipliers > 0)
+    assert found.certificate.residuals['dynamics'] < 1e-9
+
+
+def test_no_phase_begins_where_inputs_do_not_jump():
+    """
+    A thrust in a disc that turns to and fro on a coarse path, but by and by on the best one.
+
+    T: of (ux, uy) along (T - t, k), the k and T with x(T) = vy(T) = 1, by quadrature.
+    """
+    problem = problem_from_mapping({
+        'states': ['x', 'vx', 'vy'], 'inputs': ['ux', 'uy'],
+        'dynamics': {'x': 'vx', 'vx': 'ux', 'vy': 'uy'}, 'running_cost': 1,
+        'initial_state': {'x': 0, 'vx': 0, 'vy': 0}, 'terminal_constraints': ['x - 1', 'vy - 1'],
+        'path_constraints': [{'expr': 'ux**2 + uy**2', 'upper': 1}],
+        'final_time': {'free': True, 'lower': 0.1, 'upper': 10, 'guess': 2}})
+    t = np.linspace(0, 2, 9)
+    u = np.where(t[:-1, None] < 1, [0.9, 0.4], [0.4, 0.9])
+    guess = Path(t, np.column_stack([t**2 / 4, t / 2, t / 2]), np.zeros((8, 0, 3)), u, u,
+                 np.array([2.0]))
+    free, on = (np.nan, np.nan), (0, 0, 0, 1)
+    arcs = [Arc(0.0, 1.0, free, on), Arc(1.0, 2.0, free, on, jump=True)]
+    found = settled(problem, PhasedProgram(problem, (True, True)), arcs, guess,
+                    scales(problem, guess), np.zeros(3, dtype=bool), Monitor(), 1,
+                    spread_like(guess))
+    assert len(found.arcs) == 1
+    assert found.cost == pytest.approx(1.55597519, abs=1e-8)
+
+
+def test_a_free_phase_does_not_swallow_the_one_at_a_bound_before_it():
+    """Its input may begin with that bound, at the same cost; one that switches may not."""
+    problem = problem_from_mapping({
+        'states': ['x'], 'inputs': ['u', 's'], 'dynamics': {'x': 'u + s'},
+        'running_cost': 'x**2 + u**2', 'initial_state': {'x': 1},
+        'input_bounds': {'u': [-1, 1], 's': [-1, 1]}, 'final_time': FIXED})
+    program = PhasedProgram(problem, (False, True))
+    arcs = [Arc(0.0, 2.0, (1.0, -1.0), (0,)), Arc(2.0, 2.4, (np.nan, -1.0), (0,)),
+            Arc(2.4, 3.0, (np.nan, 1.0), (0,))]
+    assert program.shortest(arcs) == pytest.approx([1.8, 0, 0])
+
+
+def test_inputs_that_weigh_nothing_at_the_end_go_on_as_before():
+    """
+    A thrust in a disc for x + y at T = 1: (1, 1) / sqrt(2) throughout, J = -1 / sqrt(2).
+
+    At T the costates of the speeds are zero: there the thrust could be any in the disc, and the
+    path that the phases are read off has it the other way round.
+    """
+    problem = problem_from_mapping({
+        'states': ['x', 'y', 'vx', 'vy'], 'inputs': ['a', 'b'],
+        'dynamics': {'x': 'vx', 'y': 'vy', 'vx': 'a', 'vy': 'b'}, 'running_cost': '0',
+        'terminal_cost': '-x - y', 'initial_state': dict.fromkeys(('x', 'y', 'vx', 'vy'), 0),
+        'input_bounds': {'a': [-2, 2], 'b': [-2, 2]},
+        'path_constraints': [{'expr': 'a**2 + b**2', 'upper': 1}],
+        'final_time': {'free': False, 'value': 1}})
+    t = np.array([0, 0.5, 0.999, 1])
+    x = np.column_stack([t**2 / 2, t**2 / 2, t, t]) / np.sqrt(2)
+    u = np.full((3, 2), np.sqrt(0.5))
+    last = u.copy()
+    last[-1] *= -1
+    guess = Path(t, x, np.zeros((3, 0, 4)), u, last, np.ones(1))
+    kit = Kit(problem)
+    found = kit.phased.solve(
+        problem, [Arc(0.0, 1.0, (np.nan, np.nan), (0, 0, 0, 0, 1))], [np.full(4, 0.25)], guess,
+        scales(problem, guess), np.zeros(4, dtype=bool), Monitor())
+    assert found.converged
+    assert found.cost == pytest.approx(-np.sqrt(0.5), abs=1e-9)
+    assert found.u == pytest.approx(np.full((4, DEGREE, 2), np.sqrt(0.5)), abs=1e-5)
+    # dH/da = lam_vx + 2 eta a = 0, lam_vx = -(1 - t)
+    assert found.eta[:, :, 4] == pytest.approx(
+        (1 - (np.arange(4)[:, None] + collocation(DEGREE, 'radau')[0]) / 4) * np.sqrt(0.5),
+        abs=1e-5)
+
+
+def slopes_of(sign: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return times and slopes of H that vanish from t = 0.1 to t = 2.8 of 3, both ends steep."""
+    t = np.linspace(0, 3, 301)
+    return t, sign * (np.maximum(0.1 - t, 0) - np.minimum(2.8 - t, 0) - 1e-9)
+
+
+@pytest.mark.parametrize(('sign', 'limit', 'level', 'on'), [
+    (1, 5, -2, 0), (-1, 5, 2, 0), (-1, 1, np.nan, 1), (1, 1, np.nan, -1)])
+def test_a_singular_arc_may_begin_and_end_with_a_bang(
+        sign: float, limit: float, level: float, on: int) -> None:
+    """At the bound of the input, or on the path constraint that it meets before."""
+    problem = problem_from_mapping({
+        'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'running_cost': 'x**2',
+        'initial_state': {'x': 0}, 'input_bounds': {'u': [-2, 2]}, 'final_time': FIXED,
+        'path_constraints': [{'expr': 'u + x', 'lower': -limit, 'upper': limit}]})
+    x = np.zeros((4, DEGREE + 1, 1))
+    u = np.zeros((4, DEGREE, 1))
+    eta = np.zeros((4, DEGREE, 2))
+    found = Phased([Arc(0.0, 3.0, (np.nan,))], [np.full(4, 0.25)], np.full(1, 3.0), x, u, x, eta,
+                   np.zeros(0), 0.0, True, {}, eta, [])
+    t, Hu = slopes_of(sign)
+    arcs = at_ends(problem, PhasedProgram(problem, (True,)), found, t, np.zeros((301, 1)),
+                   np.full((301, 1), 0.1), Hu[:, None])
+    assert [arc.end for arc in arcs] == pytest.approx([0.1, 2.8, 3], abs=0.02)
+    assert np.array([arc.levels for arc in arcs])[:, 0] == pytest.approx(
+        [level, np.nan, level], nan_ok=True)
+    assert [arc.on[1] if arc.on else 0 for arc in arcs] == [on, 0, on]
+
+
+def test_a_turn_too_short_for_the_mesh_is_found():
+    """
+    The fastest way along a winding road: v**2 k is limited, k enters H linearly.
+
+    It begins with a turn of 0.26 m of 150, after which the car goes straight.
+    """
+    road = '0.03*sin(s/20)'
+    pace = f'(1 - n*{road})/(v*cos(a))'
+    answer = solve(problem_from_mapping({
+        'states': ['n', 'a', 'v', 's'], 'inputs': ['k', 'c'],
+        'dynamics': {'n': f'v*sin(a)*{pace}', 'a': f'k*v*{pace} - {road}', 'v': f'c*{pace}',
+                     's': '1'},
+        'running_cost': pace, 'initial_state': {'n': 0, 'a': 0, 'v': 10, 's': 0},
+        'input_bounds': {'k': [-0.2, 0.2], 'c': [-8, 4]},
+        'state_bounds': {'n': [-3, 3], 'v': [3, 40], 'a': [-1, 1]},
+        'path_constraints': [{'expr': 'v**2*k', 'lower': -8, 'upper': 8}],
+        'final_time': {'free': False, 'value': 150}}))
+    assert answer.certified, answer.message
+    turned = answer.u[:, 0] * answer.x[:, 2]**2
+    assert turned[answer.t < 0.2] == pytest.approx(8, abs=1e-5)
+    assert np.abs(turned[(answer.t > 0.4) & (answer.t < 9)]).max() < 0.1

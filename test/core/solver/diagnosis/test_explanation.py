@@ -1,0 +1,423 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Why not: problems without an answer, the reason known beforehand, in words and numbers."""
+
+from dataclasses import replace
+import math
+from pathlib import Path
+import re
+
+import numpy as np
+from obc_ros.core.ocp.certificate.certificate import certify
+from obc_ros.core.ocp.solution import Solution, Status
+from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.solver.descent import Search
+from obc_ros.core.solver.diagnosis.explanation import explain
+from obc_ros.core.solver.nlp.progress import Monitor
+from obc_ros.core.solver.program_cache import Kit
+from obc_ros.core.solver.proofs.interval_bounds import lowest
+from obc_ros.core.solver.solve import solve
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+PROBLEMS = Path(__file__).parents[3] / 'problems'
+BLOCK = {
+    'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
+    'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 0},
+    'terminal_constraints': ['x - 1', 'v'], 'input_bounds': {'u': [-1, 1]},
+    'final_time': {'free': False, 'value': 1.5}}
+LONGER = {'final_time': {'free': False, 'value': 3}}
+LAG = {
+    'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': '-x + u'}, 'running_cost': 'u**2',
+    'initial_state': {'x': 0}, 'terminal_constraints': ['x - 2'], 'input_bounds': {'u': [-1, 1]},
+    'final_time': {'free': False, 'value': 5}}
+
+# Found by solving problems with larger and larger inputs, which proves nothing.
+FALLS = 'no least cost was found: it falls faster and faster as inputs may be larger, '
+
+
+def quickly(problem):
+    """Answer a problem within the time that an explanation may take for one question."""
+    return solve(problem, time_limit=3.0)
+
+
+def reason(mapping, **changes):
+    """Return why a problem has no answer."""
+    found = explain(problem_from_mapping(mapping | changes), quickly)
+    assert found is not None
+    return found
+
+
+def assert_only_searched(found):
+    """No proof is known here: what was found is said, and that it is none."""
+    assert found.status is Status.NOT_CONVERGED
+    assert 'no path was found' in found.message
+    assert 'infeasibility is not proved' in found.message
+
+
+def numbers(text):
+    """Return the numbers in a sentence."""
+    return [float(part) for part in re.findall(r'-?\d+\.?\d*(?:e[+-]?\d+)?', text)]
+
+
+def test_a_contradiction_needs_no_solver():
+    problem = problem_from_mapping(BLOCK | {'terminal_constraints': ['v - 2'],
+                                            'state_bounds': {'v': [None, 1]}})
+    found = explain(problem)
+    assert found is not None
+    assert found.infeasible
+    assert found.sentence == 'state bound v <= 1 and terminal constraint v = 2 exclude each other'
+    assert explain(problem_from_mapping(BLOCK | LONGER)) is None
+
+
+def test_what_led_nowhere_leaves_time_to_say_why():
+    """Half of the published least time of a quadrotor: little more work, then the reason."""
+    mapping = load_file(PROBLEMS / 'quad_2d_mintime.yaml')[0]
+    T = 0.8987
+    problem = problem_from_mapping(mapping | {'final_time': {'free': False, 'value': T / 2}})
+    search = Search(problem, Kit(problem), Monitor())
+    coarse, spent = search.coarse, []
+    search.coarse = lambda: (coarse(), spent.append(search.work))[0]
+    search.run()
+    assert search.monitor.stopped == 'spent'
+    assert search.work < 3.1 * spent[0]
+    found = solve(problem)
+    assert_only_searched(found)
+    assert numbers(found.message)[-1] == pytest.approx(T, abs=1e-4)
+
+
+def test_too_short_a_time_where_the_nearest_path_is_hard_to_find():
+    """From rest no input moves x: the nearest path is hard to find, the least time is not."""
+    mapping = load_file(PROBLEMS / 'brachistochrone_wall.yaml')[0]
+    found = solve(problem_from_mapping(mapping | {'final_time': {'free': False, 'value': 0.45}}))
+    assert_only_searched(found)
+    assert numbers(found.message)[-1] == pytest.approx(math.sqrt(math.pi / 9.81), rel=1e-5)
+
+
+def test_what_a_weak_motor_leaves_undone():
+    """Of a pendulum, in at most 40 s: its energy grows by |u| |w| <= 0.01 * 2 at most."""
+    mapping = load_file(PROBLEMS / 'pendulum_mintime.yaml')[0]
+    found = solve(problem_from_mapping(mapping | {'input_bounds': {'u': [-0.01, 0.01]}}))
+    assert found.status in (Status.NOT_CONVERGED, Status.INFEASIBLE)
+    text = re.search(r'nearest ends with th = (\S+) instead of 3.14159', found.message)
+    assert text is not None
+    assert 1 - math.cos(float(text.group(1))) < 40 * 0.01 * 2
+
+
+@pytest.mark.parametrize('changes', [
+    {}, {'running_cost': '1', 'final_time': {'free': True, 'lower': 0.1, 'upper': 1.5}}])
+def test_too_short_a_time(changes):
+    found = reason(BLOCK, **changes)
+    assert found.infeasible
+    assert found.sentence == (
+        'the terminal constraints cannot be met by T = 1.5: the least time is 2')
+
+
+def test_too_short_a_time_for_a_nonlinear_system():
+    # A unit of speed takes 5 to go from (0, 0) to (3, 4).
+    found = reason({
+        'states': ['x', 'y'], 'inputs': ['heading'],
+        'dynamics': {'x': 'cos(heading)', 'y': 'sin(heading)'}, 'running_cost': 'heading**2',
+        'initial_state': {'x': 0, 'y': 0}, 'terminal_constraints': ['x - 3', 'y - 4'],
+        'final_time': {'free': False, 'value': 4}})
+    assert not found.infeasible
+    assert found.sentence.startswith('no path was found that meets the terminal constraints by T')
+    assert found.sentence.endswith('infeasibility is not proved')
+    assert numbers(found.sentence)[-1] == pytest.approx(5, rel=1e-3)
+
+
+def test_inputs_too_weak_at_any_time():
+    # x' = -x + u stays below 1 for u <= 1 and reaches 1 - exp(-5) by T = 5.
+    sentence = reason(LAG).sentence
+    assert 'x' in sentence
+    assert any(value == pytest.approx(limit, rel=1e-3) for value in numbers(sentence)
+               for limit in (1.0, 1 - math.exp(-5)))
+
+
+def test_a_bound_that_cannot_be_held():
+    # From x = 1 with v = -3 and |u| <= 1: x = 1 - 3 t + t^2/2 crosses 0 at 3 - sqrt(7).
+    found = reason(BLOCK, initial_state={'x': 1, 'v': -3}, terminal_constraints=[],
+                   state_bounds={'x': [0, None]}, final_time={'free': False, 'value': 2})
+    assert found.infeasible
+    assert found.sentence.startswith('state bound x >= 0 cannot be held')
+    bound, left, depth, at = numbers(found.sentence)
+    assert (bound, depth, at) == (0, pytest.approx(-3, abs=0.05), pytest.approx(2, abs=0.01))
+    assert left == pytest.approx(3 - math.sqrt(7), abs=0.1)
+
+
+def test_a_constraint_that_holds_nowhere():
+    found = reason(LAG, terminal_constraints=['x**2 + 1'], input_bounds={})
+    assert found.infeasible
+    assert found.sentence == ('the terminal constraint terminal_constraints[0] holds nowhere: it '
+                              'is missed by at least 1')
+
+
+def test_a_wall_between_start_and_goal():
+    wall = {
+        'states': ['x', 'y'], 'inputs': ['a', 'b'], 'dynamics': {'x': 'a', 'y': 'b'},
+        'running_cost': 'a**2 + b**2', 'initial_state': {'x': -2, 'y': 0},
+        'terminal_constraints': ['x - 2', 'y'],
+        'path_constraints': [{'expr': 'x', 'lower': None, 'upper': 3},
+                             {'expr': 'x', 'lower': None, 'upper': -1}],
+        'final_time': {'free': False, 'value': 4}}
+    found = reason(wall)
+    assert found.infeasible
+    assert 'path_constraints[1]' in found.sentence
+    assert '-1' in found.sentence
+
+
+def test_a_cost_without_lower_bound():
+    found = reason(LAG, running_cost='x', terminal_constraints=[], input_bounds={},
+                   state_bounds={'x': [-1e9, None]})
+    assert not found.infeasible
+    # The integral of x over [0, 5] under u = -r is -r (4 + exp(-5)).
+    assert found.sentence.startswith(FALLS)
+    assert numbers(found.sentence)[::2] == pytest.approx(
+        [-r*(4 + math.exp(-5)) for r in (10, 100, 1000)], rel=1e-3)
+
+
+def test_a_problem_with_an_answer_is_not_explained_away():
+    feasible = problem_from_mapping(BLOCK | {'final_time': {'free': False, 'value': 3}})
+    assert explain(feasible, quickly) is None
+    assert explain(problem_from_mapping(LAG | {'terminal_constraints': []}), quickly) is None
+
+
+def test_a_solver_that_fails_gives_no_reason():
+    def failing(_):
+        return Solution(Status.TIMED_OUT, 'no time')
+    assert explain(problem_from_mapping(BLOCK | LONGER), failing) is None
+
+
+def test_a_least_cost_that_only_ever_faster_switching_approaches():
+    """Bolza's example: x**2 + (u**2 - 1)**2 is nearly 0 for u = 1 and u = -1 in turn."""
+    found = solve(problem_from_mapping({
+        'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'initial_state': {'x': 0},
+        'running_cost': 'x**2 + (u**2 - 1)**2', 'terminal_constraints': ['x'],
+        'final_time': {'free': False, 'value': 1}}))
+    assert found.status is Status.NOT_CONVERGED
+    assert found.message.startswith('no input attains the least cost: ')
+    least = float(found.message.split(': ')[1].split()[0])
+    assert least == pytest.approx(0, abs=1e-6)
+    u = sorted(numbers(found.message.split('between u = ')[1])[:2])
+    assert u == pytest.approx([-1, 1], rel=1e-3)
+
+
+def test_a_cost_without_bound_whose_residuals_are_small_beside_its_size():
+    """The integral of x u + y is x(1)**2 / 2 plus that of y: as low as u makes it."""
+    found = solve(problem_from_mapping({
+        'states': ['x', 'y'], 'inputs': ['u'], 'dynamics': {'x': 'u', 'y': 'x'},
+        'initial_state': {'x': 0, 'y': 0}, 'running_cost': 'x*u + y',
+        'final_time': {'free': False, 'value': 1}}))
+    assert found.status is Status.NOT_CONVERGED
+    assert FALLS in found.message or 'the cost has no lower bound' in found.message
+
+
+def test_a_cost_that_falls_without_end_beside_a_minimum():
+    """Near x = 0 the integral of u^2 - x^4 is least there; x = r t makes it r^2 - r^4/5."""
+    found = solve(problem_from_mapping({
+        'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'initial_state': {'x': 0},
+        'running_cost': 'u**2 - x**4', 'final_time': {'free': False, 'value': 1}}))
+    assert found.status is Status.NOT_CONVERGED
+    assert found.message.startswith(FALLS)
+    reason, _, path = found.message.partition('; cost ')
+    assert not path or found.t.size
+    for cost, r in zip(numbers(reason)[::2], (10, 100, 1000), strict=True):
+        assert 1.1 * (r**2 - r**4/5) <= cost <= r**2 - r**4/5
+
+
+def test_an_equality_of_inputs_that_holds_between_mesh_points_but_nearly_is_not_impossible():
+    block = {'states': ['x', 'y'], 'inputs': ['a', 'b'], 'dynamics': {'x': 'a', 'y': 'b'},
+             'running_cost': 'x**2 + y**2 + a**2 + b**2', 'initial_state': {'x': 1, 'y': 2},
+             'path_constraints': [{'expr': 'a + b + x', 'lower': 0, 'upper': 0}],
+             'final_time': {'free': False, 'value': 2}}
+    found = explain(problem_from_mapping(block), quickly)
+    assert found is None or not found.infeasible
+
+
+def test_a_ring_around_the_start():
+    """No path from 0 to 3 keeps away from the circle of radius 2, whatever its mesh points do."""
+    ring = problem_from_mapping({
+        'states': ['x', 'y'], 'inputs': ['a', 'b'], 'dynamics': {'x': 'a', 'y': 'b'},
+        'running_cost': 'a**2 + b**2', 'initial_state': {'x': 0, 'y': 0},
+        'terminal_constraints': ['x - 3', 'y'],
+        'path_constraints': [{'expr': '(x**2 + y**2 - 4)**2', 'lower': 0.25, 'upper': None}],
+        'final_time': {'free': False, 'value': 1}})
+    t = np.array([0.0, 0.5, 1.0])   # straight there, a node on each side of the wall
+    leap = Solution(
+        Status.NOT_CONVERGED, '', objective=9.0, t=t, x=np.column_stack([3*t, 0*t]),
+        u=np.tile([3.0, 0.0], (3, 1)), lam=np.tile([-6.0, 0.0], (3, 1)),
+        hamiltonian=np.full(3, -9.0))
+    found = explain(ring, lambda other: replace(leap, certificate=certify(ring, leap)))
+    assert not found.infeasible
+    assert 'keeps to path_constraints[0] all the way' in found.sentence
+
+
+def test_weierstrass():
+    """The integral of t^2 u^2 from -1 to 1 comes as near to 0 as one likes, and never there."""
+    found = reason({
+        'states': ['x', 't'], 'inputs': ['u'], 'dynamics': {'x': 'u', 't': '1'},
+        'running_cost': 't**2*u**2', 'initial_state': {'x': -1, 't': 0},
+        'terminal_constraints': ['x - 1'], 'final_time': {'free': False, 'value': 1}})
+    assert not found.infeasible
+    assert 'goes on falling as inputs may be larger' in found.sentence
+
+
+def test_a_rocket_that_burns_most_by_thrusting_to_and_fro():
+    """
+    ACADO's rocket in least time: less mass is quicker, and it loses 0.01 u^2 also by braking.
+
+    Along its speed limit it would switch between full thrust and full brake without end, so that
+    m = 1 - 0.0121 t all along; the least time is then that of full thrust, the limit and full
+    brake, here by an independent integration.
+    """
+    def fly(start, begin, u, stop):
+        stop.terminal = True
+        path = solve_ivp(
+            lambda t, z: [z[1], (u - 0.2 * z[1]**2) / (1 - 0.0121 * t)], (begin, 20), start,
+            events=stop, rtol=1e-12, atol=1e-12)
+        return path.t[-1], path.y[0, -1]
+
+    reached, way = fly([0, 0], 0, 1.1, lambda t, z: z[1] - 1.7)
+
+    def braked(t):
+        return fly([way + 1.7 * (t - reached), 1.7], t, -1.1, lambda t, z: z[1])
+
+    least = braked(brentq(lambda t: braked(t)[1] - 10, reached, 8, xtol=1e-12))[0]
+    found = solve(problem_from_mapping({
+        'states': ['s', 'v', 'm'], 'inputs': ['u'], 'running_cost': '1',
+        'dynamics': {'s': 'v', 'v': '(u - 0.2*v**2)/m', 'm': '-0.01*u**2'},
+        'initial_state': {'s': 0, 'v': 0, 'm': 1}, 'terminal_constraints': ['s - 10', 'v'],
+        'input_bounds': {'u': [-1.1, 1.1]}, 'state_bounds': {'v': [-0.1, 1.7]},
+        'final_time': {'free': True, 'lower': 5, 'upper': 15}}))
+    assert found.status is Status.NOT_CONVERGED
+    assert found.message.startswith(
+        f'no input attains the least cost: {least:.6g} is approached by switching')
+    assert 'between u = 1.1 and -1.1' in found.message
+
+
+CELL = {
+    'states': ['x', 'v', 'E'], 'inputs': ['a'],
+    'dynamics': {'x': 'v', 'v': 'a', 'E': '-a**2 - 0.1'},
+    'running_cost': '1', 'initial_state': {'x': 0, 'v': 0, 'E': 1},
+    'terminal_constraints': ['x - 10', 'v'], 'input_bounds': {'a': [-3, 3]},
+    'state_bounds': {'E': [0, None]}, 'final_time': {'free': False, 'value': 10}}
+
+
+def test_too_little_charge():
+    """Of rest to rest over d in T: the integral of a^2 is 12 d^2 / T^3 at least, here 1.2."""
+    found = solve(problem_from_mapping(CELL))
+    assert_only_searched(found)
+    sentence, left = found.message.split(' it is ', 1)
+    assert sentence == ('no path was found that keeps to all constraints: E only falls, and where '
+                        'the terminal constraints are met at T = 10')
+    assert ' at most, beyond state bound E >= 0' in left
+    assert numbers(left)[0] == pytest.approx(-1.2, rel=1e-5)
+    assert solve(problem_from_mapping(CELL | {
+        'initial_state': {'x': 0, 'v': 0, 'E': 2.21}})).certified
+
+
+def test_too_little_fuel():
+    """Of a rocket without weight: m(T) is m(0) exp(-v(T) / 30), and m divides on the way."""
+    found = solve(problem_from_mapping({
+        'states': ['v', 'm'], 'inputs': ['F'], 'dynamics': {'v': 'F/m', 'm': '-F/30'},
+        'running_cost': 'F**2', 'initial_state': {'v': 0, 'm': 10},
+        'terminal_constraints': ['v - 20'], 'input_bounds': {'F': [0, 40]},
+        'state_bounds': {'m': [6, None]}, 'final_time': {'free': True, 'lower': 1, 'upper': 9}}))
+    assert_only_searched(found)
+    assert 'm only falls, and where the terminal constraints are met by T = 9' in found.message
+    assert numbers(found.message)[-2] == pytest.approx(10 * math.exp(-2 / 3), rel=1e-5)
+
+
+def test_too_small_a_tank():
+    """Of a solution that is made stronger by adding: (1 - c) V stays what it is, 1."""
+    found = solve(problem_from_mapping({
+        'states': ['V', 'c'], 'inputs': ['q'], 'dynamics': {'V': 'q', 'c': 'q/V*(1 - c)'},
+        'running_cost': 'q**2', 'initial_state': {'V': 1, 'c': 0},
+        'terminal_constraints': ['c - 0.8'], 'input_bounds': {'q': [0, 1]},
+        'state_bounds': {'V': [0, 3]}, 'final_time': {'free': False, 'value': 10}}))
+    assert_only_searched(found)
+    assert 'V only rises' in found.message
+    assert numbers(found.message)[-2] == pytest.approx(5, rel=1e-5)
+
+
+@pytest.mark.parametrize('T', [20, 25.5])
+def test_too_short_a_time_within_limits_of_speed_and_acceleration(T):
+    """Starting and braking take 6 each within these limits, 5 wide: x gets 5 (T - 6) far."""
+    found = solve(problem_from_mapping({
+        'states': ['x', 'v', 'a'], 'inputs': ['j'], 'dynamics': {'x': 'v', 'v': 'a', 'a': 'j'},
+        'running_cost': 'j**2', 'initial_state': {'x': 0, 'v': 0, 'a': 0},
+        'terminal_constraints': ['x - 100', 'v', 'a'], 'input_bounds': {'j': [-1, 1]},
+        'state_bounds': {'v': [-5, 5], 'a': [-1, 1]}, 'final_time': {'free': False, 'value': T}}))
+    assert found.status is Status.INFEASIBLE
+    sentence = f'the terminal constraints cannot be met by T = {T:g}: the least time is '
+    assert found.message.startswith(sentence)
+    assert numbers(found.message[len(sentence):])[0] == pytest.approx(26, rel=1e-4)
+
+
+def test_a_goal_inside_an_obstacle_that_leaves_the_heading_open():
+    found = explain(problem_from_mapping({
+        'states': ['x', 'y', 'heading'], 'inputs': ['v', 'w'],
+        'dynamics': {'x': 'v*cos(heading)', 'y': 'v*sin(heading)', 'heading': 'w'},
+        'running_cost': 'v**2 + w**2', 'initial_state': {'x': 0, 'y': 0, 'heading': 0},
+        'terminal_constraints': ['x - 4', 'y - 1'],
+        'path_constraints': [{'expr': '(x - 4)**2 + (y - 1.2)**2', 'lower': 1}],
+        'final_time': {'free': False, 'value': 10}}))
+    assert found is not None
+    assert found.infeasible
+    assert found.sentence == ('path_constraints[0] is 0.04 at the state that the terminal '
+                              'constraints demand and has to be >= 1')
+
+
+def test_a_path_constraint_that_holds_nowhere():
+    found = explain(problem_from_mapping(LAG | {
+        'terminal_constraints': [], 'path_constraints': [
+            {'expr': 'sin(x) + u**2', 'lower': None, 'upper': -2}]}))
+    assert found is not None
+    assert found.infeasible
+    assert found.sentence == ('path_constraints[0] is at least -1 whatever states and inputs are, '
+                              'and has to be <= -2')
+
+
+def test_too_little_vaccine():
+    """
+    No state bound says that the susceptible are not below 0: that follows.
+
+    From S = 1 to 1/2 without a disease takes 1/2, given at once or little by little.
+    """
+    found = solve(problem_from_mapping({
+        'states': ['S', 'c'], 'inputs': ['u'], 'dynamics': {'S': '-u*S', 'c': 'u*S'},
+        'running_cost': 'u**2', 'initial_state': {'S': 1, 'c': 0},
+        'terminal_constraints': ['S - 0.5'], 'input_bounds': {'u': [0, 1]},
+        'state_bounds': {'c': [None, 0.4]}, 'final_time': {'free': False, 'value': 5}}))
+    assert_only_searched(found)
+    assert 'c only rises' in found.message
+    assert numbers(found.message)[-2] == pytest.approx(0.5, rel=1e-5)
+
+
+def test_states_that_turn_back_at_zero():
+    def lower(dynamics, x0):
+        return lowest(problem_from_mapping({
+            'states': list(dynamics), 'inputs': ['u'], 'dynamics': dynamics, 'running_cost': 'u',
+            'initial_state': x0, 'input_bounds': {'u': [0, 1]},
+            'final_time': {'free': False, 'value': 1}})).tolist()
+
+    epidemic = {'S': '-0.3*S*I - u*S', 'I': '0.3*S*I - 0.1*I'}
+    assert lower(epidemic, {'S': 1, 'I': 0}) == [0, 0]
+    assert lower(epidemic, {'S': -1, 'I': 1}) == [-math.inf, 0]
+    assert lower({'x': 'v', 'v': 'u'}, {'x': 1, 'v': 0}) == [0, 0]
+    # From t = 2 on -(t - 2)^2 / 4 is a path, too.
+    for root in ('sqrt(abs(x))', 'exp(log(abs(x))/2)', 'acos(1 - abs(x))', 'abs(x)**(0.5 + 0*u)'):
+        assert lower({'x': f'-{root} + 0*u'}, {'x': 1}) == [-math.inf]
+    assert lower({'x': 'v', 'v': 'u - 0.1'}, {'x': 1, 'v': 0}) == [-math.inf, -math.inf]
+
+
+def test_what_lies_below_zero():
+    # A logistic growth that is harvested comes as near to 0 as 1e-9, but never below.
+    found = explain(problem_from_mapping(LAG | {
+        'dynamics': {'x': 'x*(1 - x) - u*x'}, 'initial_state': {'x': 0.5},
+        'terminal_constraints': ['x + 0.2']}))
+    assert found is not None
+    assert found.infeasible
+    assert found.sentence == ('the terminal constraint x = -0.2 holds nowhere, as no input takes '
+                              'x below 0: it is missed by at least 0.2')

@@ -1,0 +1,213 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The interior-point method and the one that follows a neighbour's active bounds."""
+
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.solver.nlp.active_set import follow
+from obc_ros.core.solver.nlp.interior_point import Goal, Interior, Pattern, solve, Values
+from obc_ros.core.solver.nlp.progress import Monitor
+from obc_ros.core.solver.starts.initial_guess import Guesser, scales
+from obc_ros.core.solver.transcription.mesh import uniform
+from obc_ros.core.solver.transcription.program import Outcome, Transcription
+from obc_ros.core.solver.transcription.tightening import Limits
+import pytest
+
+
+@dataclass
+class Small:
+    """A small dense program in CasADi expressions of w, as the method wants it."""
+
+    f: ca.SX
+    g: ca.SX
+    w: ca.SX
+
+    def __post_init__(self) -> None:
+        n, r = self.w.numel(), self.g.numel()
+        lam = ca.SX.sym('lam', r)
+        L = self.f + ca.dot(lam, self.g)
+        H, slope = ca.hessian(L, self.w)
+        J = ca.jacobian(self.g, self.w)
+        self._all = ca.Function('all', [ca.vertcat(self.w, lam)], [
+            self.f, self.g, slope, ca.gradient(self.f, self.w), ca.densify(H), ca.densify(J)])
+        self.n, self.size = n, n + r
+        self.is_row = np.arange(self.size) >= n
+        rows, columns = np.indices((self.size, self.size)).reshape(2, -1)
+        self.pattern = Pattern(rows, columns, self.size, 0)
+
+    def values(self, y: np.ndarray) -> Values:
+        f, g, slope, cost, H, J = (value.full() for value in self._all(y))
+        none, c = np.zeros(self.size - self.n), np.zeros(self.size)
+        c[self.n:] = g.ravel()
+        K = np.block([[H, J.T], [J, np.zeros((len(J), len(J)))]])
+        return Values(float(f[0, 0]), c, np.append(slope.ravel(), none),
+                      np.append(cost.ravel(), none), K.ravel(), ((J, H),))
+
+    def merit(self, y: np.ndarray) -> tuple[float, np.ndarray]:
+        there = self.values(y)
+        return there.f, there.c
+
+    def convex(self, values: Values, fixed: np.ndarray, diagonal: np.ndarray) -> bool:
+        (J, H), = values.parts
+        free = ~fixed[:self.n]
+        full = H + np.diag(diagonal[:self.n])
+        _, s, basis = np.linalg.svd(J[:, free])
+        null = basis[int((s > 1e-12).sum()):].T
+        return bool(np.all(np.linalg.eigvalsh(null.T @ full[np.ix_(free, free)] @ null) > 0))
+
+
+def bounds(program: Small, lower: list[float], upper: list[float]) -> tuple[np.ndarray, ...]:
+    none = np.full(program.size - program.n, np.inf)
+    return np.append(lower, -none), np.append(upper, none)
+
+
+def answered(program: Small, lower: list[float], upper: list[float], start: list[float],
+             goal: Goal | None = None) -> tuple[np.ndarray, bool, str]:
+    work = Interior(program, *bounds(program, lower, upper))
+    y = np.append(np.array(start, dtype=float), np.zeros(program.size - program.n))
+    end = solve(work, work.begin(y, 0.1, 1e-2), goal or Goal(), lambda f, worst: False)
+    return end.y, end.converged, end.status
+
+
+def hs71() -> Small:
+    """Return W. Hock, K. Schittkowski, Test Examples for Nonlinear Programming, problem 71."""
+    w = ca.SX.sym('w', 5)
+    return Small(w[0] * w[3] * (w[0] + w[1] + w[2]) + w[2],
+                 ca.vertcat(w[0] * w[1] * w[2] * w[3] - 25 - w[4],
+                            ca.sumsqr(w[:4]) - 40), w)
+
+
+def test_a_published_problem_with_bounds_and_rows():
+    y, converged, _ = answered(hs71(), [1, 1, 1, 1, 0], [5, 5, 5, 5, np.inf], [1, 5, 5, 1, 1])
+    assert converged
+    np.testing.assert_allclose(y[:4], [1.0, 4.7429994, 3.8211503, 1.3794082], atol=1e-6)
+
+
+def test_saddles_are_left_for_minima():
+    """x^4 - x^2 + y^2 has a saddle at 0, where the first step leads, and minima at x^2 = 1/2."""
+    w = ca.SX.sym('w', 2)
+    program = Small(w[0]**4 - w[0]**2 + w[1]**2, ca.SX(0, 1), w)
+    y, converged, _ = answered(program, [-9, -9], [9, 9], [0.05, 1.0])
+    assert converged
+    assert abs(y[0]) == pytest.approx(np.sqrt(0.5), abs=1e-6)
+
+
+def test_rows_that_exclude_each_other_are_not_met():
+    w = ca.SX.sym('w', 2)
+    program = Small(ca.sumsqr(w), ca.vertcat(w[0]**2 + w[1]**2 + 1), w)
+    _, converged, status = answered(program, [-9, -9], [9, 9], [1, 1])
+    assert not converged
+    assert status in ('no step', 'stopped')
+
+
+def test_a_cost_that_is_good_enough_ends_the_work_sooner():
+    steps: dict[float, int] = {}
+    for rough in (0.0, 1e-2):
+        program = hs71()
+        work = Interior(program, *bounds(program, [1, 1, 1, 1, 0], [5, 5, 5, 5, np.inf]))
+        start = work.begin(np.append([1.0, 5, 5, 1, 1], [0, 0]), 0.1, 1e-2)
+        end = solve(work, start, Goal(rough=rough), lambda f, worst: False)
+        assert end.values.f == pytest.approx(17.0140173, rel=max(rough, 1e-6))
+        steps[rough] = end.iterations
+    assert steps[1e-2] < steps[0.0]
+
+
+@pytest.mark.parametrize('border', [0, 2])
+def test_factors_solve_the_matrix_they_are_made_of(border):
+    chance = np.random.default_rng(3)
+    size, width = 12, 3
+    A = chance.normal(size=(size, size))
+    A = A + A.T
+    band = np.abs(np.subtract.outer(np.arange(size), np.arange(size))) <= width
+    edge = np.arange(size) >= size - border
+    A = np.where(band | edge | edge[:, None], A, 0.0)
+    rows, columns = np.nonzero(A)
+    pattern = Pattern(rows, columns, size, border)
+    right, shift = chance.normal(size=size), chance.normal(size=size)
+    factor = pattern.factor(A[rows, columns], pattern.place, shift)
+    whole = A + np.diag(shift)
+    np.testing.assert_allclose(whole @ factor.solve(right), right, atol=1e-9)
+    negative = int((np.linalg.eigvalsh(whole) < 0).sum())
+    assert factor.odd() == (negative % 2 == 1)
+    half = (rows >= columns) | (rows >= size - border) | (columns >= size - border)
+    lower = Pattern(rows[half], columns[half], size, border, triangle=True)
+    for add in (-20.0, 20.0):
+        positive = bool(np.all(np.linalg.eigvalsh(A + add * np.eye(size)) > 0))
+        for each, entries in ((pattern, A[rows, columns]), (lower, A[rows, columns][half])):
+            assert each.definite(entries, each.place, np.full(size, add)) == positive
+
+
+def test_following_finds_which_bounds_are_active():
+    """Minimise |w - a|^2 on sum w = 1, w >= 0: the projection on the simplex."""
+    w = ca.SX.sym('w', 4)
+    a = np.array([0.9, 0.6, -0.3, 0.1])
+    program = Small(ca.sumsqr(w - a), ca.sum1(w) - 1, w)
+    for side in ([0, 0, 0, 0], [-1, 0, 0, -1], [0, -1, -1, 0]):
+        found = follow(program, bounds(program, [0] * 4, [np.inf] * 4), np.array([0.25] * 4 + [0]),
+                       np.array([*side, 0], dtype=np.int8), Goal(), lambda f, worst: False)
+        assert found is not None
+        np.testing.assert_allclose(found[0][:4], [0.65, 0.35, 0, 0], atol=1e-9)
+
+
+def test_following_takes_no_saddle_for_an_answer():
+    w = ca.SX.sym('w', 2)
+    program = Small(w[0] * w[1], ca.SX(0, 1), w)
+    assert follow(program, bounds(program, [-1, -1], [1, 1]), np.array([0.1, 0.1]),
+                  np.zeros(2, dtype=np.int8), Goal(), lambda f, worst: False) is None
+
+
+def pendulum(**changes: object) -> Problem:
+    return problem_from_mapping({
+        'states': ['q', 'w'], 'inputs': ['u'], 'dynamics': {'q': 'w', 'w': 'u - sin(q)'},
+        'running_cost': 'u**2 + 0.1*q**2', 'initial_state': {'q': 1, 'w': 0},
+        'terminal_constraints': ['q', 'w'], 'input_bounds': {'u': [-0.4, 0.4]},
+        'final_time': {'free': False, 'value': 5}} | changes)
+
+
+def transcribed(problem: Problem, *, own: bool, near: Outcome | None = None) -> Outcome:
+    mesh = uniform(problem, 20, 0)
+    program = Transcription(problem, mesh.layout)
+    if not own:
+        program.__dict__['_staged'] = None
+    guesser = Guesser(problem)
+    guess = guesser.line(problem, problem.final_time.value if not problem.final_time.free else 3.0)
+    sizes = scales(problem, guess)
+    final = problem.final_time
+    limits = Limits(np.array([final.lower]), np.array([final.upper]), np.zeros(problem.n),
+                    guesser.final_state(problem)[1])
+    start = program.start(mesh, guess, guess.durations, sizes) if near is None else near.w
+    return program.solve(problem, mesh, start, sizes, limits, Monitor(), near=near is not None,
+                         multipliers=None if near is None else (near.lam_w, near.lam_g))
+
+
+@pytest.mark.parametrize('changes', [
+    {}, {'final_time': {'free': True, 'lower': 1, 'upper': 9}, 'running_cost': 'u**2 + 1',
+         'input_bounds': {'u': [-1, 1]}},
+    {'terminal_constraints': [], 'terminal_cost': '3*q**2 + w**2'}])
+def test_a_transcription_has_the_same_answer_by_ipopt(changes):
+    problem = pendulum(**changes)
+    ours, theirs = (transcribed(problem, own=own) for own in (True, False))
+    assert ours.converged
+    assert theirs.converged
+    assert ours.objective == pytest.approx(theirs.objective, rel=1e-6)
+    np.testing.assert_allclose(ours.path.x, theirs.path.x, atol=1e-4)
+    np.testing.assert_allclose(ours.nu, theirs.nu, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(ours.costates[1:], theirs.costates[1:], rtol=1e-3, atol=1e-5)
+    size = np.abs(theirs.lam_w).max()
+    assert np.all(ours.lam_w[np.abs(theirs.lam_w) > 1e-2 * size] * theirs.lam_w[
+        np.abs(theirs.lam_w) > 1e-2 * size] >= 0)
+
+
+def test_a_neighbour_is_followed_in_a_few_steps():
+    problem = pendulum()
+    first = transcribed(problem, own=True)
+    neighbour = replace(problem, x0=problem.x0 + [0.02, -0.01])
+    followed, anew = (transcribed(neighbour, own=True, near=near) for near in (first, None))
+    assert followed.converged
+    assert followed.status == 'followed'
+    assert followed.iterations < anew.iterations
+    assert followed.objective == pytest.approx(anew.objective, rel=1e-7)

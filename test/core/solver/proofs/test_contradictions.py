@@ -1,0 +1,342 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Contradictions in a statement: each is found and said in words, and no sound one is accused."""
+
+import math
+from pathlib import Path
+import re
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+from obc_ros.core.ocp.solution import Status
+from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.solver.proofs.contradictions import contradiction
+from obc_ros.core.solver.proofs.invariants import changed
+from obc_ros.core.solver.solve import solve
+import pytest
+from scipy.integrate import solve_ivp
+
+PROBLEMS = sorted((Path(__file__).parents[3] / 'problems').glob('*.yaml'))
+
+BLOCK = {
+    'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
+    'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 0},
+    'terminal_constraints': ['x - 1', 'v'], 'input_bounds': {'u': [-1, 1]},
+    'final_time': {'free': False, 'value': 2}}
+TIMED = BLOCK | {'final_time': {'free': True, 'lower': 0.1, 'upper': 5}}
+# z is a mode at +1 that u does not reach, w one at -2.
+SPLIT = BLOCK | {
+    'states': ['x', 'z'], 'dynamics': {'x': 'u', 'z': 'z'}, 'initial_state': {'x': 0, 'z': 1}}
+
+
+def said(base=BLOCK, **changes):
+    """Return the sentence about a problem with some keys replaced."""
+    return contradiction(problem_from_mapping(base | changes))
+
+
+@pytest.mark.parametrize('path', PROBLEMS, ids=lambda path: path.stem)
+def test_no_problem_with_an_answer_is_accused(path):
+    for mapping in load_file(path):
+        assert contradiction(problem_from_mapping(mapping)) == ''
+
+
+@pytest.mark.parametrize(('changes', 'sentence'), [
+    ({'initial_state': {'x': 12, 'v': 0}, 'state_bounds': {'x': [None, 10]}},
+     'initial state x = 12 and state bound x <= 10 exclude each other'),
+    ({'state_bounds': {'v': [0.5, None]}},
+     'initial state v = 0 and state bound v >= 0.5 exclude each other'),
+    ({'path_constraints': [{'expr': 'x**2 + v', 'lower': 0.25, 'upper': None}]},
+     'path_constraints[0] is 0 at the initial state and has to be >= 0.25'),
+    ({'path_constraints': [{'expr': '2*u + x', 'lower': None, 'upper': 9},
+                           {'expr': '2*u + x', 'lower': 3, 'upper': None}]},
+     'path_constraints[1] is at most 2 at the initial state and has to be >= 3'),
+    ({'path_constraints': [{'expr': '2*u + x', 'lower': None, 'upper': -3}]},
+     'path_constraints[0] is at least -2 at the initial state and has to be <= -3'),
+])
+def test_the_start(changes, sentence):
+    assert said(**changes) == sentence
+
+
+@pytest.mark.parametrize(('changes', 'sentence'), [
+    ({'terminal_constraints': ['x - 1', 'v - 2'], 'state_bounds': {'v': [None, 1]}},
+     'state bound v <= 1 and terminal constraint v = 2 exclude each other'),
+    ({'terminal_constraints': ['2*v + 3'], 'state_bounds': {'v': [-1, 1]}},
+     'state bound v >= -1 and terminal constraint v = -1.5 exclude each other'),
+    ({'terminal_constraints': ['x + 2*v - 9'], 'state_bounds': {'x': [0, 2], 'v': [0, 3]}},
+     'state bounds x <= 2, v <= 3 and terminal constraint x + 2*v = 9 exclude each other'),
+    ({'terminal_constraints': ['x - 1', 'x - 2']},
+     'terminal constraints x = 1 and x = 2 exclude each other'),
+    ({'terminal_constraints': ['x - 1', 'v', 'x + v - 3']},
+     'terminal constraints x = 1, v = 0 and x + v = 3 exclude each other'),
+    ({'terminal_constraints': ['x - v', 'x + v - 4'], 'state_bounds': {'v': [None, 1]}},
+     'state bounds v <= 1 and terminal constraints x - v = 0, x + v = 4 exclude each other'),
+    ({'path_constraints': [{'expr': 'x**2 + v**2', 'lower': None, 'upper': 0.5}]},
+     'path_constraints[0] is 1 at the state that the terminal constraints demand and has to be '
+     '<= 0.5'),
+])
+def test_the_end(changes, sentence):
+    assert said(**changes) == sentence
+
+
+def test_the_end_repeated_is_no_contradiction():
+    assert said(terminal_constraints=['x - 1', 'v', 'x + v - 1', '2*x - 2']) == ''
+
+
+def test_a_state_that_no_input_enters():
+    e = f'{math.exp(2):.6g}'
+    assert said(SPLIT, terminal_constraints=['z']) == (
+        f'no input enters z: at T = 2 it is {e}, and the terminal constraint z = 0 cannot be met')
+    assert said(SPLIT, terminal_constraints=['x - 1', f'z - {math.exp(2)!r}']) == ''
+    assert said(SPLIT, terminal_constraints=['z**2 - 1']) == (
+        f'no input enters z: at T = 2 it is {e}, and the terminal constraint '
+        'terminal_constraints[0] cannot be met')
+    assert said(SPLIT, terminal_constraints=['x'], state_bounds={'z': [None, 2]}).startswith(
+        'no input enters z: it leaves state bound z <= 2 by t = ')
+
+
+def test_a_state_that_no_input_enters_with_a_free_final_time():
+    free = {'final_time': TIMED['final_time']}
+    assert said(SPLIT, terminal_constraints=['z - 0.5'], **free) == (
+        'no input enters z: z = 0.5 holds at no T from 0.1 to 5')
+    assert said(SPLIT, terminal_constraints=['z - 7'], **free) == ''
+    assert said(SPLIT, terminal_constraints=['x'], state_bounds={'z': [None, 2]}, **free) == ''
+
+
+def test_nonlinear_states_that_no_input_enters():
+    # tan(t) where x' = 1 + x^2.
+    pendulum = BLOCK | {'dynamics': {'x': '1 + x**2', 'v': 'u*x'},
+                        'final_time': {'free': False, 'value': 1}}
+    assert said(pendulum, terminal_constraints=['x - 2']) == (
+        f'no input enters x: at T = 1 it is {math.tan(1):.6g}, and the terminal constraint '
+        'x = 2 cannot be met')
+
+
+def test_a_mode_out_of_reach():
+    # x - y grows as e^t whatever u is; u moves x + y.
+    twins = BLOCK | {'states': ['x', 'y'], 'dynamics': {'x': 'x + u', 'y': 'y + u'},
+                     'initial_state': {'x': 1, 'y': 0}}
+    assert said(twins, terminal_constraints=['x', 'y']) == (
+        'the inputs do not reach the mode at +1 of A: at T = 2 the terminal constraint '
+        f'x = 0 with y = 0 is missed by {math.exp(2)/math.sqrt(2):.6g}')
+    assert said(twins, terminal_constraints=['x - 2']) == ''
+    assert said(twins, terminal_constraints=['x']) == (
+        'x cannot fall below 1 and has to be 0 at T: the unstable mode of eigenvalue 1 runs away '
+        'faster than the inputs can turn it back')
+    assert said(twins, terminal_constraints=['x', 'y'],
+                initial_state={'x': 0.5, 'y': 0.5}) == ''
+    assert said(twins, terminal_constraints=['x', 'y'], final_time=TIMED['final_time']) == (
+        'the inputs do not reach the mode at +1 of A: x = 0 with y = 0 holds at no T from 0.1 '
+        'to 5')
+
+
+def test_inputs_without_a_choice():
+    assert said(BLOCK, input_bounds={'u': [0, 0]}, terminal_constraints=['x - 1']) == (
+        'no input that may change enters x: at T = 2 it is 0, and the terminal constraint x = 1 '
+        'cannot be met')
+    assert said(BLOCK, input_bounds={'u': [1, 1]}, terminal_constraints=['x - 2']) == ''
+
+
+def test_a_curved_constraint_where_the_others_hold():
+    assert said(BLOCK, terminal_constraints=['x**2 - 1', 'x - 3']) == (
+        'terminal_constraints[0] is 8 and not 0 where the other terminal constraints hold '
+        '(x = 3)')
+    assert said(BLOCK, terminal_constraints=['x**2 - 1', 'x - 1']) == ''
+
+
+@pytest.mark.parametrize('path, sentence', [
+    ({'expr': 'abs(x - 0.5)', 'lower': 0.2},
+     'path_constraints[0] is 0 at x = 0.5 and has to be >= 0.2, but x has to pass there from 0 '
+     'to 1'),
+    ({'expr': 'abs(x - 0.5) + v', 'lower': 0.2}, ''),
+    ({'expr': 'abs(x - 2)', 'lower': 0.2}, '')])
+def test_a_wall_across_the_way(path, sentence):
+    assert said(BLOCK, terminal_constraints=['x - 1'], path_constraints=[path]) == sentence
+
+
+def test_too_soon_for_a_linear_system():
+    short = {'final_time': {'free': False, 'value': 1.5}, 'terminal_constraints': ['x - 1', 'v']}
+    words = 'the terminal constraints cannot be met by T = 1.5: the least time is 2'
+    assert said(BLOCK, **short) == words
+    # State bounds leave less, a curved constraint more asks for more.
+    more = f'{words}, without regard to the other constraints'
+    assert said(BLOCK, **short, state_bounds={'v': [-2, 2]}) == more
+    assert said(BLOCK, **short | {'terminal_constraints': ['x - 1', 'v', 'x**2 + v - 1']}) == more
+
+
+VEHICLE = {
+    'system': 'vehicle', 'initial_state': {'px': 0, 'py': 0, 'theta': 0}, 'running_cost': 'phi**2',
+    'terminal_constraints': ['px - 20', 'py'], 'input_bounds': {'v': [0, 5], 'phi': [-0.5, 0.5]},
+    'final_time': {'free': False, 'value': 3}}
+
+
+def test_too_far_for_a_vehicle():
+    assert said(VEHICLE) == (
+        'the terminal constraint px = 20 holds nowhere within reach by T = 3 (px stays between '
+        '-15 and 15): it is missed by at least 5')
+    assert said(VEHICLE, final_time={'free': False, 'value': 4.001}) == ''
+
+
+def test_a_terminal_constraint_that_holds_nowhere():
+    assert 'missed by at least 1' in said(BLOCK, terminal_constraints=['x**2 + v**2 + 1'])
+    assert said(BLOCK, terminal_constraints=['x**2 + v**2 - 1']) == ''
+
+
+def test_time_as_a_state_is_no_fault():
+    clock = BLOCK | {'states': ['x', 't'], 'dynamics': {'x': 'u', 't': '1'},
+                     'initial_state': {'x': 0, 't': 0}, 'terminal_constraints': ['x - 1']}
+    assert said(clock) == ''
+    assert said(clock, terminal_constraints=['t - 2']) == ''
+    assert said(clock, terminal_constraints=['t - 3']).startswith('no input enters t: at T = 2')
+
+
+def simulated(kind, chance):
+    """Return a problem that a random input solves, its state bounds close around that path."""
+    T, waves = float(chance.uniform(0.5, 6)), chance.normal(size=(2, 4))
+
+    def u(t):
+        return np.clip(waves @ np.cos(np.arange(4) * math.pi * t / T), -1, 1)
+
+    n = 3 if kind == 'vehicle' else int(chance.integers(2, 5)) if kind == 'linear' else 2
+    A, b, x0 = chance.normal(size=(n, n)), chance.normal(size=n), chance.normal(size=n)
+    names = [f'x{i}' for i in range(n)]
+    f, dynamics = {
+        'linear': (lambda t, x: A @ x + b * u(t)[0], [
+            '+'.join(f'({float(a)!r})*x{j}' for j, a in enumerate(row)) + f'+({float(c)!r})*u'
+            for row, c in zip(A, b, strict=True)]),
+        'vehicle': (lambda t, x: np.array([abs(u(t)[0]) * np.cos(x[2]),
+                                           abs(u(t)[0]) * np.sin(x[2]), u(t)[1]]),
+                    ['u*cos(x2)', 'u*sin(x2)', 'w']),
+        'pendulum': (lambda t, x: np.array([x[1], -np.sin(x[0]) + u(t)[0]]), ['x1', '-sin(x0)+u']),
+    }[kind]
+    path = solve_ivp(f, (0, T), x0, rtol=1e-10, atol=1e-12, max_step=T / 100).y
+    width = 1e-6 + 0.01 * (path.max(axis=1) - path.min(axis=1))
+    limits = np.column_stack([path.min(axis=1) - width, path.max(axis=1) + width])
+    bounds = {name: each.tolist() for name, each in zip(names, limits, strict=True)}
+    vehicle = kind == 'vehicle'
+    return {
+        'states': names, 'inputs': ['u', 'w'] if vehicle else ['u'],
+        'dynamics': dict(zip(names, dynamics, strict=True)), 'running_cost': 'u**2',
+        'initial_state': dict(zip(names, x0.tolist(), strict=True)),
+        'terminal_constraints': [f'{name} - ({value!r})' for name, value in zip(
+            names, path[:, -1].tolist(), strict=True)],
+        'input_bounds': {'u': [0 if vehicle else -1, 1]} | ({'w': [-1, 1]} if vehicle else {}),
+        'state_bounds': {name: bounds[name] for name in names if chance.random() < 0.5},
+        'final_time': {'free': False, 'value': T}}
+
+
+@pytest.mark.parametrize('kind', ['linear', 'vehicle', 'pendulum'])
+def test_what_an_input_solves_is_not_accused(kind):
+    chance = np.random.default_rng(5)
+    for _ in range(12):
+        stated = simulated(kind, chance)
+        assert said(stated) == ''
+        assert said(stated, final_time={
+            'free': True, 'lower': 0, 'upper': 1.01 * stated['final_time']['value']}) == ''
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10**6), st.integers(2, 4), st.floats(1.01, 3))
+def test_what_no_input_changes(seed, n, stretch):
+    # x' = (S0 + u S1) x with skew S keeps the length of x; with another part it does not.
+    rng = np.random.default_rng(seed)
+    names = [f'x{i}' for i in range(n)]
+    skew = [M - M.T for M in rng.normal(size=(2, n, n))]
+    x0, end = rng.normal(size=(2, n))
+    end *= np.linalg.norm(x0) / np.linalg.norm(end)
+
+    def sentence(end, growth=0.0):
+        rate = {name: ' + '.join(
+            f'({float(skew[0][i, j] + growth * (i == j == 0))} + ({skew[1][i, j]})*u)*{other}'
+            for j, other in enumerate(names)) for i, name in enumerate(names)}
+        return said(states=names, dynamics=rate, initial_state=dict(zip(
+            names, x0.tolist(), strict=True)), terminal_constraints=[
+                f'{name} - ({value!r})' for name, value in zip(
+                    names, end.tolist(), strict=True)], input_bounds={})
+
+    assert sentence(end) == ''
+    assert sentence(stretch * end, growth=1.0) == ''
+    text, = re.findall(r'constant whatever the inputs are: it is (\S+) at the initial state and '
+                       r'(\S+) where', sentence(stretch * end))
+    assert float(text[1]) == pytest.approx(stretch**2 * float(text[0]), rel=1e-6)
+
+
+@pytest.mark.parametrize(('ends', 'sentence'), [
+    (['S - 0.5', 'I - 0.02', 'R - 0.48'], ''),
+    (['S - 0.5', 'R - 0.6'], ''),   # not by this: I is what is left
+    (['S + R - 1.2', 'I - 0.02'],
+     'S + I + R is constant whatever the inputs are: it is 1 at the initial state and 1.22 where '
+     'the terminal constraints hold'),
+])
+def test_a_closed_population(ends, sentence):
+    assert said(
+        states=['S', 'I', 'R'], initial_state={'S': 0.9, 'I': 0.1, 'R': 0},
+        dynamics={'S': '-S*I/2 - u*S', 'I': 'S*I/2 - I/5', 'R': 'I/5 + u*S'},
+        terminal_constraints=ends) == sentence
+
+
+DESCENT = {
+    'states': ['z', 'v'], 'inputs': ['a'], 'dynamics': {'z': 'v', 'v': 'a - 10'},
+    'running_cost': 'a**2', 'initial_state': {'z': 4, 'v': -1},
+    'terminal_constraints': ['z', 'v'], 'input_bounds': {'a': [5, 15]},
+    'final_time': {'free': True, 'lower': 0.1, 'upper': 10}}
+
+
+def test_bounds_far_from_zero_make_no_quantity_constant():
+    """10 z + v^2 is constant under a = 5 only, which is not the only input."""
+    assert said(DESCENT) == ''
+    found = solve(problem_from_mapping(DESCENT))
+    assert found.status is Status.SOLVED, found.message
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(1, 1e4), st.floats(1e-3, 10), st.sampled_from((-1.0, 1.0)), st.floats(0.1, 20))
+def test_no_quantity_is_constant_under_inputs_on_one_side(near, width, side, drift):
+    bounds = sorted([side * near, side * (near + width)])
+    stated = problem_from_mapping(DESCENT | {
+        'dynamics': {'z': 'v', 'v': f'a + {drift!r}'}, 'input_bounds': {'a': bounds}})
+    assert list(changed(stated)) == []
+    stated = problem_from_mapping(DESCENT | {
+        'dynamics': {'z': 'a*v', 'v': f'a*v + {drift!r}'}, 'input_bounds': {'a': bounds}})
+    assert list(changed(stated)) == []
+
+
+@pytest.mark.parametrize(('dynamics', 'end', 'quantity'), [
+    # An input without a choice: what is constant under it is constant.
+    ({'x': 'v', 'v': 'u - 10'}, ['x', 'v'], '10*x + v**2'),
+    ({'x': '-0.3*x*u + 0.1*v', 'v': '0.3*u*x - 0.1*v'}, ['x', 'v - 3'], 'x + v'),
+    ({'x': 'u*sin(v)**2', 'v': '-u*(1 - cos(v)**2)'}, ['x', 'v - 3'], 'x + v'),
+    ({'x': 'u*v/(1 + x**2)', 'v': '-x*u/(1 + x**2)'}, ['x', 'v - 3'], 'x**2 + v**2'),
+    ({'x': 'u', 'v': 'u/x*(1 - v)'}, ['x - 2', 'v - 3'], 'x*v'),
+    ({'x': 'u*sqrt(1 + v)', 'v': '-2*u*sqrt(1 + v)*(1 + v)/(1 + v)'}, ['x', 'v - 3'], 'x + v'),
+])
+def test_identities_are_proved(dynamics, end, quantity):
+    bounds = {'u': [5, 5] if quantity.startswith('10') else [0, 1]}
+    found = list(changed(problem_from_mapping(BLOCK | {
+        'dynamics': dynamics, 'initial_state': {'x': 1, 'v': 0.5}, 'terminal_constraints': end,
+        'input_bounds': bounds})))
+    assert found
+    assert all('is constant whatever the inputs are' in each for each in found)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10**6), st.floats(1e-9, 1e-3))
+def test_what_is_nearly_constant_is_not_called_constant(seed, drift):
+    rng = np.random.default_rng(seed)
+    s, r, d = rng.normal(size=3).tolist()
+    assert list(changed(problem_from_mapping(BLOCK | {
+        'dynamics': {'x': f'({s!r})*v*u + ({drift!r})*u*x', 'v': f'-({s!r})*x*u'},
+        'initial_state': {'x': r, 'v': d}, 'terminal_constraints': [f'x - {2*abs(r) + 1}', 'v'],
+    }))) == []
+
+
+def test_terminal_constraints_that_leave_a_line():
+    """x^2 + v^2 = 1 is met on all lines that cross the circle; not so where x = v = 1."""
+    turn = {'dynamics': {'x': 'u*v', 'v': '-u*x'}, 'initial_state': {'x': 1, 'v': 0}}
+    for end in (['x - v'], ['x + v - 1'], ['0.1*x + 0.2*v - 0.1', 'x + 2*v - 1'], ['x**2 - v']):
+        assert list(changed(problem_from_mapping(BLOCK | turn | {
+            'terminal_constraints': end}))) == []
+    [found] = changed(problem_from_mapping(BLOCK | turn | {'terminal_constraints': [
+        'x - v', 'x + v - 2', 'x**3 - 1']}))
+    assert found.startswith('x**2 + v**2 is constant whatever the inputs are: it is 1 at the '
+                            'initial state and 2 where')

@@ -1,0 +1,171 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is said of how good an answer is: global only where it is proved."""
+
+from pathlib import Path
+
+import casadi as ca
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+from obc_ros.core.ocp.convexity import convex_problem
+from obc_ros.core.ocp.solution import MOST_MINIMA, Solution, Status
+from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.solver.proofs.optimality import local, told
+from obc_ros.core.solver.solve import Cache, solve
+import pytest
+
+PROBLEMS = Path(__file__).parents[3] / 'problems'
+BLOCK = {
+    'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
+    'running_cost': 'x**2 + u**2', 'initial_state': {'x': 1, 'v': 0},
+    'input_bounds': {'u': [-0.5, 0.5]}, 'final_time': {'free': False, 'value': 2}}
+FREE = {'final_time': {'free': True, 'lower': 0.1, 'upper': 30}, 'running_cost': 1,
+        'input_bounds': {'u': [-1, 1]}, 'terminal_constraints': ['x', 'v']}
+ROBOT = {
+    'states': ['px', 'py', 'theta'], 'inputs': ['v', 'omega'],
+    'dynamics': {'px': 'v*cos(theta)', 'py': 'sin(theta)*v', 'theta': 'omega'},
+    'running_cost': 1, 'initial_state': {'px': 0, 'py': 0, 'theta': 0},
+    'terminal_constraints': ['px - 3', 'py - 1', 'theta - 1'],
+    'input_bounds': {'v': [-1, 1], 'omega': [-1, 1]},
+    'final_time': {'free': True, 'lower': 0.1, 'upper': 20}}
+
+
+def problem(**changes):
+    return problem_from_mapping(BLOCK | changes)
+
+
+@pytest.mark.parametrize('changes', [
+    {}, {'running_cost': '2*x**4 + x**2 - x*v + v**2 + 3*u**2'}, {'running_cost': 'abs(u)'},
+    {'running_cost': 'exp(x - v) + u**2', 'terminal_cost': 'cosh(v)/2 - 3*x'},
+    {'running_cost': 'sqrt(1 + u**2) + abs(x - v)'}, {'running_cost': '(abs(x) + x**2)**2 + u**2'},
+    {'running_cost': 'x**3 + 1/(1 + x) + u**2', 'state_bounds': {'x': [0, None]}},
+    {'running_cost': 'u**2 - log(3 + x) - sqrt(4 + v)'},
+    {'path_constraints': [{'expr': 'x**2 + v**2', 'upper': 4}, {'expr': 'u**2', 'upper': 0.2},
+                          {'expr': '5 - x**4', 'lower': 0}, {'expr': 'x + v', 'lower': -9}]},
+])
+def test_convex(changes):
+    assert convex_problem(problem(**changes))
+
+
+@pytest.mark.parametrize('changes', [
+    {'running_cost': 'u**2 - 1e-6*x**2'}, {'running_cost': 'u**2 + x**3'},
+    {'running_cost': 'u**2 + 1/(1 + x)'}, {'running_cost': 'u**2 + sin(x)'},
+    {'running_cost': 'u**2 + x**2*v**2'}, {'running_cost': 'u**2 + (x**2 - 1)**2'},
+    {'running_cost': 'u**2', 'terminal_cost': '-abs(x)'},
+    {'running_cost': 'abs(x - u)'},   # its slopes by x and u are not free of each other
+    {'running_cost': 'u**2 + sqrt(1 - x**2)'}, {'running_cost': '-exp(u)'},
+    {'dynamics': {'x': 'v', 'v': 'u - sin(x)'}}, {'dynamics': {'x': 'v', 'v': 'u*v'}},
+    {'path_constraints': [{'expr': 'x**2 + v**2', 'lower': 0.1}]},
+    {'path_constraints': [{'expr': 'x + u', 'upper': 3}]},
+    {'terminal_constraints': ['x**2 + v']},
+    {'final_time': {'free': True, 'lower': 1, 'upper': 3}},
+])
+def test_not_to_be_taken_for_convex(changes):
+    assert not convex_problem(problem(**changes))
+
+
+@st.composite
+def expressions(draw):
+    """Draw an expression of x, v and u."""
+    leaf = st.sampled_from(['x', 'v', 'u', '1', '2', '0.5', '-3'])
+    one = st.sampled_from(['({})**2', '({})**3', '({})**4', 'exp({}/4)', 'abs({})', 'cosh({}/4)',
+                           '-({})', 'sqrt(9 + ({}))', 'log(9 + ({}))', '1/(9 + ({}))',
+                           'sqrt(1 + ({})**2)', '({})**1.5'])
+    two = st.sampled_from(['({}) + ({})', '({}) - ({})', '({})*({})', '({})/({})'])
+    return draw(st.recursive(leaf, lambda part: st.one_of(
+        st.builds(lambda form, a: form.format(a), one, part),
+        st.builds(lambda form, a, b: form.format(a, b), two, part, part)), max_leaves=6))
+
+
+@settings(max_examples=300, deadline=None)
+@given(text=expressions(), lower=st.sampled_from([None, 0]))
+def test_what_is_called_convex_lies_below_its_chords(text, lower):
+    """Random expressions at random pairs of points, an oracle that knows no rules."""
+    bounds = {name: [lower, None] for name in ('x', 'v')}
+    try:
+        stated = problem(running_cost=f'{text} + 0*x', state_bounds=bounds)
+    except Exception as error:   # no value at the start
+        assert 'running_cost' in str(error) or 'value' in str(error) or 'start' in str(error)
+        return
+    if not convex_problem(stated):
+        return
+    L = ca.Function('L', [ca.vertcat(stated.x, stated.u)], [stated.L])
+    chance = np.random.default_rng(0)
+    low = np.array([-1.0 if lower is None else 0.0] * 2 + [-1.0])
+    a, b = (low + (1 - low) * chance.uniform(size=(40, 3)) for _ in range(2))
+    ends, middle = (L(a.T) + L(b.T)) / 2, L((a.T + b.T) / 2)
+    good = np.isfinite(ends.full()) & np.isfinite(middle.full())
+    gap = (middle - ends).full()[good]
+    assert (gap <= 1e-9 * (1 + np.abs(ends.full()[good]))).all()
+
+
+@pytest.mark.parametrize('mapping, reason', [
+    (BLOCK | {'input_bounds': {}}, 'linear quadratic'),
+    (BLOCK, 'convex'),
+    (BLOCK | {'running_cost': 'x**4 + u**2', 'state_bounds': {'v': [-0.3, None]}}, 'convex'),
+    (BLOCK | FREE, 'closed form of the double integrator'),
+    (BLOCK | FREE | {'dynamics': {'x': 'v', 'v': 'u - x'}}, 'least time of a linear system'),
+    (ROBOT, 'shortest path (Reeds-Shepp)'),
+    (BLOCK | FREE | {'running_cost': 0}, 'every path costs the same'),
+], ids=lambda each: each if isinstance(each, str) else '')
+def test_the_best_path_is_called_so_where_it_is_proved(mapping, reason):
+    found = solve(problem_from_mapping(mapping))
+    assert found.status is Status.SOLVED
+    assert (found.optimality.kind, found.optimality.reason) == ('global', reason)
+    assert found.optimality.minima == ()
+
+
+@pytest.mark.parametrize('mapping', [
+    BLOCK | {'dynamics': {'x': 'v', 'v': 'u - sin(3*x)'}},
+    BLOCK | {'running_cost': 'u**2 + cos(x)'},
+    BLOCK | FREE | {'running_cost': '1 + u**2'},
+    # The target moves on: what is met sooner is not met later.
+    BLOCK | FREE | {'dynamics': {'x': 'v', 'v': 'u - x'}, 'terminal_constraints': ['x', 'v - 0.9'],
+                    'initial_state': {'x': 0.5, 'v': 0.2}},
+])
+def test_what_is_not_proved_is_called_local(mapping):
+    found = solve(problem_from_mapping(mapping))
+    assert found.status is Status.SOLVED
+    assert found.optimality.kind == 'local'
+    assert found.optimality.starts >= 1
+    assert found.optimality.minima[0] == found.objective
+
+
+def test_a_robot_that_is_another_one_at_other_places_is_not_taken_for_the_two_wheeled():
+    """What vanishes at some points need not vanish; parameters with a value of 1 do not matter."""
+    zero = '(theta - 0.7)*(theta + 1.9)*(theta - 2.6)'
+    other = problem_from_mapping(ROBOT | {'dynamics': ROBOT['dynamics'] | {
+        'py': f'sin(theta)*v + 0.1*{zero}'}})
+    assert solve(other, method='reeds_shepp').status is Status.NOT_CONVERGED
+    same = problem_from_mapping(ROBOT | {'parameters': {'k': 1}, 'dynamics': ROBOT['dynamics'] | {
+        'theta': 'k*omega'}})
+    assert solve(same, method='reeds_shepp').status is Status.SOLVED
+
+
+def test_the_aircrafts_two_minima_are_told_and_the_answer_is_the_lower():
+    """Example 2.2 in 5 s: 1.0832 and 1.2271, each an extremal."""
+    mapping, = load_file(PROBLEMS / 'aircraft_5.yaml')
+    cache = Cache()
+    first, again = (solve(problem_from_mapping(mapping), cache=cache) for _ in range(2))
+    for found in (first, again):
+        known = found.optimality
+        assert known.kind == 'local'
+        assert known.starts >= 2
+        assert known.minima[0] == pytest.approx(found.objective, rel=1e-6)
+        assert known.minima[:2] == pytest.approx((1.0832, 1.2271), rel=5e-3)
+        assert f'{len(known.minima)} local minima' in known.reason
+
+
+def test_costs_are_told_in_order_once_each_and_no_more_than_so_many():
+    costs = [5.0, 2.0, 1.0004, 2.0004, *np.arange(10.0, 40.0), 0.5]
+    found = local(50, 1.0, costs)
+    assert found.minima[:3] == (1.0, 2.0, 5.0)
+    assert len(found.minima) == MOST_MINIMA
+    assert found.reason == 'the cheapest of 33 local minima met from 50 starts'
+    assert local(1, -3.0, []).reason == 'the only local minimum met from 1 start'
+
+
+def test_nothing_is_said_of_an_answer_that_is_not_certified():
+    assert told(problem(), Solution(
+        Status.NOT_CONVERGED, '', 1.0, optimality=local(3, 1.0, []))).optimality is None

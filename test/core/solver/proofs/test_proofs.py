@@ -1,0 +1,203 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""What proofs rest on: enclosures of paths, separation by weak duality, exact arithmetic."""
+
+from fractions import Fraction
+import math
+
+import casadi as ca
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import mpmath
+import numpy as np
+from obc_ros.core.numerics.rational_polynomials import null_space, polynomials
+from obc_ros.core.numerics.taylor_enclosure import Tube
+from obc_ros.core.ocp.affine_constraints import affine_end
+from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.solver.exact.reachable_set import exponential, Reach
+from obc_ros.core.solver.exact.weak_duality import excluded, never_met
+from obc_ros.core.solver.proofs.contradictions import contradiction
+from obc_ros.core.solver.proofs.existence import without_minimum
+import pytest
+from scipy.linalg import expm
+
+PAIR = {
+    'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
+    'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 0},
+    'terminal_constraints': ['x - 1', 'v'], 'input_bounds': {'u': [-1, 1]},
+    'final_time': {'free': False, 'value': 3}}
+
+
+def stated(**changes):
+    """Return a double integrator's problem with some keys replaced."""
+    return problem_from_mapping(PAIR | changes)
+
+
+# ---------------------------------------------------------------- false proofs of 2fa802b
+
+
+@pytest.mark.parametrize('changes', [
+    # x is counted in units of 1e-10: the second constraint is independent of the first.
+    {'dynamics': {'x': '1e10*v', 'v': 'u'}, 'input_bounds': {},
+     'terminal_constraints': ['v - 1', '1e-10*x + v - 3']},
+    # The input is strong in its own unit; beside the other rates its factor is next to nothing.
+    {'dynamics': {'x': 'v', 'v': '1e-12*u'}, 'input_bounds': {'u': [-1e13, 1e13]}},
+    # Between samples of the final time the oscillator comes past every value.
+    {'states': ['x', 'v', 'z'], 'dynamics': {'x': '628.5*v', 'v': '-628.5*x', 'z': 'u'},
+     'initial_state': {'x': 1, 'v': 0, 'z': 0}, 'terminal_constraints': ['x - 0.5'],
+     'final_time': {'free': True, 'lower': 1, 'upper': 2}},
+])
+def test_no_false_proof(changes):
+    assert contradiction(stated(**changes)) == ''
+
+
+@pytest.mark.parametrize('cost', [
+    '0.1*u**2 + 0.2*u**2 - 0.3*u**2 + x**2', '0.3*u**2 - 0.2*u**2 - 0.1*u**2 + x**2',
+    '0.3*u - 0.2*u - 0.1*u', '0.1*u + 0.2*u - 0.3*u'])
+def test_terms_of_an_input_that_cancel_in_decimals(cost):
+    """No cost here is below 0; in doubles what cancels leaves up to 6e-17 of either sign."""
+    assert without_minimum(stated(running_cost=cost, input_bounds={})) == ''
+
+
+# ---------------------------------------------------------------- enclosures of paths
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 4), st.floats(0.1, 5))
+def test_a_tube_encloses_the_matrix_exponential(seed, n, T):
+    rng = np.random.default_rng(seed)
+    A, start = rng.normal(size=(n, n)), rng.normal(size=n)
+    y = ca.SX.sym('y', n)
+    none = np.zeros(0)
+    *_, last = Tube(y, ca.SX(0, 1), ca.mtimes(ca.DM(A), y), (none, none)).steps(
+        (start, start), np.array([T]))
+    assert last.end == T
+    exact = mpmath.expm(mpmath.matrix(A.tolist()) * mpmath.mpf(T)) * mpmath.matrix(start.tolist())
+    for low, value, high in zip(*(last.after[0], exact, last.after[1]), strict=True):
+        assert low <= value <= high
+    assert np.max(last.after[1] - last.after[0]) < 1e-6 * np.exp(2 * np.linalg.norm(A) * T)
+
+
+def test_a_tube_follows_a_curved_path_and_an_oscillation():
+    y, none = ca.SX.sym('y', 2), np.zeros(0)
+    system = ca.vertcat(1 + y[0]**2, 0)
+    *_, last = Tube(y, ca.SX(0, 1), system, (none, none)).steps(
+        (np.zeros(2), np.zeros(2)), np.array([1.0]))
+    assert last.after[0][0] <= math.tan(1) <= last.after[1][0]
+    assert last.after[1][0] - last.after[0][0] < 1e-7
+    turn = ca.vertcat(40 * y[1], -40 * y[0])
+    *_, last = Tube(y, ca.SX(0, 1), turn, (none, none)).steps(
+        (np.array([1.0, 0.0]), np.array([1.0, 0.0])), np.array([2.0]))
+    assert last.end == 2.0
+    assert last.after[0][0] <= math.cos(80) <= last.after[1][0]
+    assert last.after[1][0] - last.after[0][0] < 1e-6
+
+
+def test_a_tube_ends_before_a_pole():
+    y, none = ca.SX.sym('y'), np.zeros(0)
+    steps = list(Tube(y, ca.SX(0, 1), 1 + y**2, (none, none)).steps(
+        (np.zeros(1), np.zeros(1)), np.array([2.0])))
+    assert steps[-1].end < math.pi / 2
+
+
+# ---------------------------------------------------------------- separation
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 4), st.floats(0.2, 3))
+def test_what_an_input_reaches_is_never_called_out_of_reach(seed, n, T):
+    rng = np.random.default_rng(seed)
+    A, B, c, x0 = (rng.normal(size=shape) for shape in ((n, n), (n, 1), n, n))
+    x, parts = x0, 8
+    Z = np.zeros((n + 2, n + 2))
+    Z[:n, :n], Z[:n, n:n + 1], Z[:n, -1] = A, B, c
+    step = expm(Z * T / parts)
+    for v in rng.choice([-1.0, 1.0, rng.uniform(-1, 1)], parts):
+        x = step[:n, :n] @ x + step[:n, n] * v + step[:n, -1]
+    reach = Reach(A, B, c, x0, np.eye(n), x)
+    assert not never_met(reach, T, T)
+    assert not never_met(reach, 0.0, 1.1 * T)
+    far = reach.reached(T, np.eye(n)[0])   # of the first state alone
+    free = expm(Z * T)[0] @ np.concatenate([x0, [0.0, 1.0]])
+    alone = Reach(A, B, c, x0, np.eye(n)[:1], np.array([free + far * 1.001 + 1e-3]))
+    assert never_met(alone, T, T)
+
+
+@pytest.mark.parametrize(('T', 'bounds', 'proved'), [
+    (1.99, {}, True), (2.01, {}, False), (4.5, {'v': [-0.2, 0.2]}, True),
+    (5.3, {'v': [-0.2, 0.2]}, False), (3.0, {'x': [None, 0.9]}, True)])
+def test_problems_of_a_double_integrator_are_excluded_just_where_they_are(T, bounds, proved):
+    # From rest to rest over 1 in 2 at least; within |v| <= 0.2 in 1/0.2 + 0.2 = 5.2.
+    assert excluded(stated(final_time={'free': False, 'value': T}, state_bounds=bounds)) is proved
+
+
+def test_the_exponential_of_states_in_far_units():
+    """What two equal modes drive: entries of 5e17 beside 8e-3, each right in itself."""
+    rate, T, far = 8.478e-3, 152.0, (5.45e17, -7.65e17)
+    found = exponential(T * np.array([[rate, 0, 0], [0, rate, 0], [*far, 0]]))
+    grown, driven = math.exp(rate * T), math.expm1(rate * T) / rate
+    exact = np.array([[grown, 0, 0], [0, grown, 0], [far[0] * driven, far[1] * driven, 1]])
+    assert found == pytest.approx(exact, rel=1e-13)
+
+
+def test_no_direction_is_proved_from_what_rounding_left():
+    """The third state is the difference of two that inputs move alike: its unit is next to 0."""
+    assert contradiction(stated(
+        states=['x', 'y', 'z'], inputs=['w'],
+        initial_state={'x': 7.368741154814138e-08, 'y': 1.0667385307101855,
+                       'z': -6.748415067481089e-05},
+        dynamics={'x': '(1.0303889408765128*(x/8.248645745477532e-08) + w/4917.713094482863)'
+                       '*6.787167092229201e-10',
+                  'y': '(1.0303889408765128*(y/7.88562374950086) + w/4917.713094482863)'
+                       '*0.06488464611740316',
+                  'z': '(x/8.248645745477532e-08 - y/7.88562374950086)*4.991845257597999e-06'},
+        running_cost='1', input_bounds={'w': [-5597.160302843634, 5597.160302843634]},
+        terminal_constraints=['x - 1.6831674194289802e-07', 'y - 1.5010902056524371',
+                              'z - 0.0005755410490978527'],
+        state_bounds={'y': [0.9617255131441544, None], 'z': [-9.53390203493168e-05, None]},
+        final_time={'free': True, 'lower': 26.078324663777007, 'upper': 152.54426893917073}
+    )) == ''
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 4), st.floats(0.2, 5))
+def test_what_rounding_is_measured_by_holds_the_states(seed, n, T):
+    rng = np.random.default_rng(seed)
+    A, B, c, x0 = (rng.normal(size=shape) for shape in ((n, n), (n, 1), n, n))
+    reach = Reach(A, B, c, x0, np.eye(n), x0)
+    for t in np.linspace(0, T, 7):
+        flow = exponential(reach.Z * t)[:n]
+        assert np.all(np.abs(flow) @ np.append(np.abs(x0), [1, 1]) <= reach.sizes(T) * (1 + 1e-9))
+
+
+# ---------------------------------------------------------------- exact arithmetic
+
+
+def test_polynomials_that_are_equal_are_the_same():
+    x = ca.SX.sym('x', 2)
+    a, b = x[0], x[1]
+    zero = (
+        (a + b)**3 - a**3 - 3*a*b*(a + b) - b**3, ca.sin(a*b)**2 + ca.cos(b*a)**2 - 1,
+        a/(1 + b**2) + a*b**2/(1 + b**2) - a, ca.sqrt(1 + a)**2 - 1 - a,
+        ca.tan(a)*ca.cos(a) - ca.sin(a), ca.sin(a - b) + ca.sin(b - a), a/b*b - a)
+    algebra, found = polynomials(ca.Function('f', [x], [ca.vertcat(*zero)]), [[None, None]])
+    assert all(each == {} for one in found for each in algebra.cleared([one]))
+    other = (a + b, ca.sin(a)**2 - ca.cos(a)**2, 1/(1 + a) - 1/(2 + a), ca.sqrt(a) - a)
+    algebra, found = polynomials(ca.Function('f', [x], [ca.vertcat(*other)]), [[None, None]])
+    assert all(each for one in found for each in algebra.cleared([one]))
+
+
+def test_null_space_is_exact():
+    rows = [{0: Fraction(1), 1: Fraction(1, 3)}, {1: Fraction(2), 2: Fraction(-1, 7)}]
+    [vector] = null_space(rows, 3)
+    for row in rows:
+        assert sum(value * vector.get(k, 0) for k, value in row.items()) == 0
+
+
+def test_dependent_terminal_constraints_are_told_from_contradictory_ones():
+    end = affine_end(stated(terminal_constraints=['0.1*x + 0.2*v - 0.3', 'x + 2*v - 3']))
+    assert end.clash is None and end.is_clear and len(end.directions) == 1
+    end = affine_end(stated(terminal_constraints=['0.1*x + 0.2*v - 0.3', 'x + 2*v - 4']))
+    assert end.clash is not None
+    near = affine_end(stated(terminal_constraints=['x + v - 1', 'x + 1.0000000001*v - 2']))
+    assert near.clash is None and not near.is_clear

@@ -1,0 +1,39 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Free final times with several minima: the best one is found, not the one nearest to a guess."""
+
+import numpy as np
+from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.solver.solve import solve
+import pytest
+
+
+def least(x, v, end, rate):
+    """
+    Return the least rate T + integral of u^2 over T, and T, of x'' = -x + u to rest at an end.
+
+    For each T the effort is d' W^-1 d with d the end less where no input leads, and W the
+    Gramian, both in closed form.
+    """
+    T = np.linspace(0.5, 30, 60_000)
+    s, c = np.sin(T), np.cos(T)
+    d = np.stack([end - (c * x + s * v), s * x - c * v], axis=-1)
+    W = np.empty((len(T), 2, 2))
+    W[:, 0, 0], W[:, 1, 1] = (T - s * c) / 2, (T + s * c) / 2
+    W[:, 0, 1] = W[:, 1, 0] = s**2 / 2
+    J = rate * T + np.einsum('ki,ki->k', d, np.linalg.solve(W, d[..., None])[..., 0])
+    return J.min(), T[np.argmin(J)]
+
+
+@pytest.mark.parametrize(('x', 'v', 'end', 'rate'), [
+    (1.0, 0.5, 1.2, 0.045), (1.5, -0.5, 0.5, 0.01), (2.0, 0.0, -1.0, 0.02)])
+def test_an_end_that_an_oscillation_meets_a_turn_later(x, v, end, rate):
+    answer = solve(problem_from_mapping({
+        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': '-x + u'},
+        'initial_state': {'x': x, 'v': v}, 'running_cost': f'{rate} + u**2',
+        'terminal_constraints': [f'x - {end}', 'v'],
+        'final_time': {'free': True, 'lower': 0.5, 'upper': 30, 'guess': 3}}))
+    J, T = least(x, v, end, rate)
+    assert answer.status.name == 'SOLVED'
+    assert answer.objective == pytest.approx(J, rel=1e-5)
+    assert answer.t[-1] == pytest.approx(T, rel=1e-2)

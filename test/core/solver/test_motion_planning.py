@@ -1,0 +1,121 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Motions of registered systems are stated as meant, and their answers are the known ones."""
+
+from dataclasses import replace
+import math
+
+from casadi import Function
+from hypothesis import given, settings, strategies
+import numpy as np
+from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.solver.exact.reeds_shepp import shortest_path
+from obc_ros.core.solver.motion_planning import Motion, statement
+from obc_ros.core.systems import registry
+from obc_ros.core.text.errors import ObcError
+from obc_ros.workers import requests
+from obc_ros.workers.wire import Packet
+import pytest
+
+PLANAR = Motion('double_integrator', [1.0, 0.0], [0.0, 0.0], 'effort')
+
+
+def plan(motion):
+    """Return what a worker answers."""
+    arrays = {'start': motion.start, 'goal': motion.goal, 'qx': motion.Qx, 'qu': motion.Qu}
+    request = Packet(
+        {'system': motion.system, 'objective': motion.objective, 'parameters': motion.parameters,
+         'input_bounds': motion.input_bounds, 'final_time': motion.final_time, 'cache_size': 8},
+        {name: np.array(values, float) for name, values in arrays.items()})
+    return requests.answer('plan', request, 20.0, lambda *_: False)
+
+
+def test_effort_of_a_double_integrator_is_the_cubic():
+    T = 3.0  # x = 1 - 3 (t/T)^2 + 2 (t/T)^3
+    answer = plan(replace(PLANAR, final_time=T))
+    assert answer.plain['status'] == 'solved'
+    assert answer.plain['objective'] == pytest.approx(12 / T**3, rel=1e-9)
+    s = answer.arrays['t'] / T
+    assert np.allclose(answer.arrays['x'][:, 0], 1 - 3 * s**2 + 2 * s**3, atol=1e-6)
+    assert np.allclose(answer.arrays['u'][:, 0], (12 * s - 6) / T**2, atol=1e-6)
+
+
+def test_least_time_of_a_double_integrator_is_two():
+    answer = plan(replace(PLANAR, objective='time', input_bounds={'u': ['-1', '1']}))
+    assert answer.plain['status'] == 'solved'
+    assert answer.plain['objective'] == pytest.approx(2.0, abs=1e-6)
+    assert answer.arrays['t'][-1] == pytest.approx(2.0, abs=1e-6)
+
+
+def test_least_time_of_the_robot_is_the_shortest_path():
+    answer = plan(Motion('two_wheeled', [0, 0, 0], [1, 1, 1.0], 'time'))
+    assert answer.plain['status'] == 'solved'
+    assert answer.plain['objective'] == pytest.approx(
+        shortest_path((0, 0, 0), (1, 1, 1.0), 1.0).length, rel=1e-5)
+
+
+def test_a_bounded_system_is_given_twice_its_least_time():
+    bounds = {'u': ['-1', '1']}
+    answer = plan(replace(PLANAR, input_bounds=bounds))
+    assert answer.plain['status'] == 'solved'
+    assert answer.arrays['t'][-1] == pytest.approx(4.0, rel=1e-5)
+    assert answer.plain['objective'] == pytest.approx(12 / 4**3, rel=1e-5)
+
+
+def test_weights_are_about_the_goal_and_the_input_that_holds_it():
+    goal = [1.0, 2.0, 0.0, 0.0, 0.0, 0.0]
+    Qx, Qu = np.diag(np.arange(1.0, 7.0)), np.array([[2.0, 0.5], [0.5, 3.0]])
+    Qx[0, 3] = Qx[3, 0] = 0.25
+    problem = problem_from_mapping(statement(Motion(
+        'aircraft', [0.0] * 6, goal, 'quadratic', Qx=Qx.ravel(), Qu=Qu.ravel(), final_time=5.0)))
+    L = Function('L', [problem.x, problem.u, problem.p], [problem.L])
+    rng = np.random.default_rng(3)
+    held = np.array([0.0, 4 * 9.8])
+    for _ in range(5):
+        x, u = rng.normal(size=6), rng.normal(size=2)
+        dx, du = x - goal, u - held
+        assert float(L(x, u, problem.p_value)) == pytest.approx(dx @ Qx @ dx + du @ Qu @ du)
+
+
+def test_numbers_are_not_part_of_the_structure():
+    def structure(**changes):
+        return problem_from_mapping(statement(replace(
+            Motion('aircraft', [0] * 6, [1, 1, 0, 0, 0, 0], 'quadratic', final_time=3.0),
+            **changes))).structure
+    assert structure() == structure(goal=[2, 3, 0.5, 0, 0, 0], start=[1] * 6, final_time=4.0,
+                                    parameters={'m': 5}, Qu=[0.1, 7])
+
+
+@settings(deadline=None, max_examples=30)
+@given(strategies.floats(-50, 50), strategies.floats(-50, 50))
+def test_the_goal_of_an_angle_is_the_nearest(start, goal):
+    mapping = statement(Motion('two_wheeled', [0, 0, start], [1, 1, goal], 'time'))
+    chosen = mapping['parameters']['goal_theta']
+    assert abs(chosen - start) <= math.pi + 1e-9
+    assert math.remainder(chosen - goal, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize('changes, words', [
+    ({'system': 'zeppelin'}, 'zeppelin'), ({'system': '/etc/plant.yaml'}, 'unknown system'),
+    ({'objective': 'beauty'}, "objective = 'beauty'"), ({'objective': ''}, 'objective'),
+    ({'start': [1.0]}, 'start: wanted 2 numbers'), ({'goal': [1.0, math.inf]}, 'goal: x2 = inf'),
+    ({'parameters': {'mass': 3}}, 'mass'), ({'parameters': {'m': 'x'}}, 'm'),
+    ({'input_bounds': {'w': ['0', '1']}}, "'w' is not an input"),
+    ({'input_bounds': {'u': ['2', '1']}}, 'cross'), ({'Qu': [1, 2, 3]}, 'qu'),
+    ({'objective': 'quadratic', 'Qx': [math.nan, 1]}, 'qx'), ({'final_time': -1.0}, 'final_time'),
+    ({'objective': 'time', 'input_bounds': {'u': ['0', None]}}, 'no upper bound'),
+])
+def test_malformed_motions(changes, words):
+    with pytest.raises(ObcError, match='.') as error:
+        problem_from_mapping(statement(replace(PLANAR, **changes)))
+    assert words in str(error.value)
+
+
+def test_bounds_are_the_tighter_ones():
+    def bounds(**given):
+        problem = problem_from_mapping(statement(Motion(
+            'two_wheeled', [0, 0, 0], [1, 1, 1], 'time', input_bounds=given)))
+        return [*problem.u_lower, *problem.u_upper]
+    assert bounds() == [-1, -1, 1, 1]
+    assert bounds(v=['-0.5', '7'], omega=[None, '1/2']) == [-0.5, -1, 1, 0.5]
+    assert registry.registered('two_wheeled').input_names == ('v', 'omega')

@@ -1,0 +1,83 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The same question again with other numbers: one cache and none answer alike."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from obc_ros.core.ocp.certificate.replay import LEAST_COST
+from obc_ros.core.ocp.solution import Status
+from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.solver.solve import Cache, solve
+import pytest
+
+# What the condition of the Hamiltonian's minimum lets a certified cost be too high, relative.
+SAME_COST = 1e-5
+PROBLEMS = Path(__file__).parents[2] / 'problems'
+# What is answered within 0.3 s, by every method, with and without absolute values, bounds, free T;
+# `python benchmarks/repeats.py` asks all files.
+QUICK = [
+    'abs_off_centre', 'aircraft_5', 'di_energy', 'di_energy_speed_limit', 'di_free_time_energy',
+    'di_fuel_abs', 'di_min_fuel', 'di_mintime_moving', 'di_mintime_rest', 'hager_hou_rao',
+    'hover_hold', 'jerk_limited', 'lane_change', 'lateral_min_effort', 'linear_tangent',
+    'lq_cubic_free', 'lq_scalar_unit', 'reinvestment', 'soap_film', 'straight_line_energy',
+    'two_wheel_straight', 'unstable_mintime', 'zermelo_constant']
+
+
+def least_fuel(start, dynamics):
+    return problem_from_mapping({
+        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': dynamics},
+        'running_cost': 'abs(u)', 'initial_state': {'x': start, 'v': 0},
+        'terminal_constraints': ['x', 'v'], 'input_bounds': {'u': [-1, 1]},
+        'final_time': {'free': False, 'value': 6}})
+
+
+def test_least_fuel_again_and_again():
+    """Of the double integrator: 2 v, v being the speed while coasting, v (T - v) = x(0)."""
+    cache = Cache()
+    for start in (2.0, 1.9, 2.0):
+        solution = solve(least_fuel(start, 'u'), cache=cache)
+        assert solution.status is Status.SOLVED
+        assert solution.objective == pytest.approx(6 - np.sqrt(36 - 4 * start), rel=1e-5)
+
+
+def test_least_fuel_of_an_oscillator_again_and_again():
+    cache = Cache()
+    for start in (2.0, 1.9, 2.0):
+        shared, alone = (solve(least_fuel(start, 'u - x'), cache=kept) for kept in (cache, None))
+        assert shared.status is alone.status is Status.SOLVED
+        assert shared.objective == pytest.approx(alone.objective, rel=SAME_COST)
+
+
+def test_a_neighbour_that_contradicts_itself_is_refused_at_once():
+    """An end that is beyond a bound by little, after one that is not."""
+    mapping, cache = load_file(PROBLEMS / 'missile.yaml')[0], Cache()
+    assert solve(problem_from_mapping(mapping), cache=cache).status is Status.SOLVED
+    beyond = {**mapping, 'terminal_constraints': [
+        row.replace('310', '310.2') for row in mapping['terminal_constraints']]}
+    refused = solve(problem_from_mapping(beyond), cache=cache)
+    assert refused.status is Status.INFEASIBLE
+    assert 'exclude each other' in refused.message
+
+
+def variants(name):
+    """Yield a problem as it stands and with three changes of its numbers, each read anew."""
+    mapping, chance = load_file(PROBLEMS / f'{name}.yaml')[0], np.random.default_rng(0)
+    yield problem_from_mapping(mapping)
+    for _ in range(3):
+        problem = problem_from_mapping(mapping)
+        x0, p = (value * (1 + 1e-3 * chance.uniform(-1, 1, len(value)))
+                 for value in (problem.x0, problem.p_value))
+        yield replace(problem, x0=np.clip(x0, problem.x_lower, problem.x_upper), p_value=p)
+
+
+@pytest.mark.parametrize('name', QUICK)
+def test_one_cache_answers_as_none_does(name):
+    cache = Cache()
+    for one, other in zip(variants(name), variants(name), strict=True):
+        shared, alone = solve(one, cache=cache), solve(other)
+        assert shared.status is alone.status, (shared.message, alone.message)
+        if alone.status is Status.SOLVED:
+            assert shared.objective == pytest.approx(
+                alone.objective, rel=SAME_COST, abs=SAME_COST * LEAST_COST)

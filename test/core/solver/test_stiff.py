@@ -1,0 +1,276 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Stiff and large linear quadratic problems: answered, certified, beside closed forms."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+from obc_ros.core.ocp.certificate.affine_replay import AffineReplay, courses
+from obc_ros.core.ocp.certificate.certificate import certify
+from obc_ros.core.ocp.certificate.replay import Integrator, Intervals
+from obc_ros.core.ocp.solution import Status
+from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.riccati import propagation
+from obc_ros.core.solver.exact.riccati import solve_lq
+from obc_ros.core.solver.solve import solve
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm, solve_continuous_are
+
+
+def stated(dynamics, running_cost, initial_state, T, **more):
+    return problem_from_mapping({
+        'states': list(dynamics), 'inputs': ['u'], 'dynamics': dynamics,
+        'running_cost': running_cost, 'initial_state': initial_state,
+        'final_time': {'free': False, 'value': T}} | more)
+
+
+def rod(cells, *, inputs=1, T=1.0):
+    """Return the heat equation on a rod, cold on its left, heated on its right or all over."""
+    names, rate = [f'y{k}' for k in range(cells)], (cells + 1)**2
+    heat = [f'u{k}' for k in range(inputs)]
+
+    def line(k):
+        left = names[k - 1] if k else '0'
+        right = names[k + 1] if k < cells - 1 else ('u0' if inputs == 1 else '0')
+        source = '' if inputs == 1 else f' + {heat[k]}'
+        return f'{rate}*({left} - 2*{names[k]} + {right}){source}'
+
+    return stated(
+        {name: line(k) for k, name in enumerate(names)},
+        f'({" + ".join(f"{name}**2" for name in names)})/{cells} + '
+        f'0.01*({" + ".join(f"{name}**2" for name in heat)})',
+        {name: float(math.sin(math.pi * (k + 1) / (cells + 1)) + 0.3 * (k % 2))
+         for k, name in enumerate(names)}, T, inputs=heat)
+
+
+def decades(ratio):
+    """Return three states in a row, the fastest `ratio` times as fast as the slowest."""
+    middle = math.sqrt(ratio)
+    return stated({'a': '-a + b', 'b': f'{middle}*(c - b)', 'c': f'{ratio}*(u - c)'},
+                  'a**2 + b**2 + c**2 + u**2', {'a': 1, 'b': 1, 'c': 1}, 1.0)
+
+
+def scalar_cost(a, b, q, r, T):
+    """Return P(0) of x' = a x + b u, cost the integral of q x^2 + r u^2."""
+    root = math.sqrt(a*a + b*b*q/r)
+    shrunk = math.exp(-2*root*T)
+    return q * (1 - shrunk) / (root - a + (root + a)*shrunk)
+
+
+def put_back(problem, solution):
+    """Return x(T) and the cost of the input to `decades`, by an implicit method from x(0)."""
+    import casadi as ca
+    A, B = (np.array(ca.DM(ca.evalf(ca.jacobian(problem.f, z)))) for z in (problem.x, problem.u))
+    J = np.zeros((4, 4))
+    J[:3, :3] = A
+
+    def rate(t, z):
+        u = np.interp(t, solution.t, solution.u[:, 0])
+        return np.append(A @ z[:-1] + B[:, 0] * u, z[:-1] @ z[:-1] + u*u)
+
+    z = np.append(problem.x0, 0.0)
+    for low, high in zip(solution.t[:-1], solution.t[1:], strict=True):
+        z = solve_ivp(rate, (low, high), z, 'Radau', rtol=1e-7, atol=1e-10, jac=J).y[:, -1]
+    return z[:-1], z[-1]
+
+
+# ---------------------------------------------------------------- answers
+
+
+@pytest.mark.parametrize('ratio', [1e2, 1e3, 1e4, 1e5, 1e6, 1e7])
+def test_decades_of_time_constants_are_certified(ratio):
+    problem = decades(ratio)
+    solution = solve(problem)
+    assert (solution.status, solution.method) == (Status.SOLVED, 'riccati')
+    assert certify(problem, solution).holds
+
+
+def test_an_input_of_six_decades_is_put_back():
+    problem = decades(1e6)
+    solution = solve(problem)
+    end, cost = put_back(problem, solution)
+    assert end == pytest.approx(solution.x[-1], abs=1e-6)
+    assert cost == pytest.approx(solution.objective, rel=1e-6)
+
+
+@pytest.mark.parametrize('fastest', [1.0, 1e3, 1e6])
+def test_states_apart_cost_what_each_does_alone(fastest):
+    """
+    With an input each: the sum of three scalar closed forms.
+
+    A time that is halved until the fastest state hardly moves is doubled as often, and what
+    rounding does to the slow ones with it: digits of as many times as the fastest is faster.
+    """
+    rates = [1.0, math.sqrt(fastest), fastest]
+    problem = stated(
+        {f'x{k}': f'{-a}*x{k} + {a}*u{k}' for k, a in enumerate(rates)},
+        'x0**2 + 2*x1**2 + 3*x2**2 + u0**2 + u1**2 + u2**2', {'x0': 1, 'x1': -1, 'x2': 2}, 1.0,
+        inputs=['u0', 'u1', 'u2'])
+    solution = solve(problem)
+    assert solution.status is Status.SOLVED
+    assert solution.objective == pytest.approx(sum(
+        scalar_cost(-a, a, q, 1.0, 1.0) * x * x for a, q, x in zip(
+            rates, [1, 2, 3], [1, -1, 2], strict=True)), rel=1e-12 + 1e-15 * fastest)
+
+
+@pytest.mark.parametrize('cells', [5, 20])
+def test_a_rod_heated_in_all_cells_costs_what_its_modes_do(cells):
+    """The weights are the same for all cells: each mode of the rod is a scalar problem."""
+    problem = rod(cells, inputs=cells)
+    A = (cells + 1)**2 * (np.eye(cells, k=1) - 2*np.eye(cells) + np.eye(cells, k=-1))
+    rates, modes = np.linalg.eigh(A)
+    solution = solve(problem)
+    assert (solution.status, solution.method) == (Status.SOLVED, 'riccati')
+    assert solution.objective == pytest.approx(sum(
+        scalar_cost(a, 1.0, 1/cells, 0.01, 1.0) * x * x
+        for a, x in zip(rates, modes.T @ problem.x0, strict=True)), rel=1e-10)
+
+
+def test_a_rod_heated_at_its_end_costs_what_riccatis_equation_says():
+    """The equation is integrated by an implicit method, all of P at once."""
+    cells = 8
+    problem = rod(cells)
+    A = (cells + 1)**2 * (np.eye(cells, k=1) - 2*np.eye(cells) + np.eye(cells, k=-1))
+    B = (cells + 1)**2 * np.eye(cells)[:, -1:]
+
+    def rate(_, P):
+        P = P.reshape(cells, cells)
+        return (P @ A + A.T @ P - P @ B @ B.T @ P / 0.01 + np.eye(cells) / cells).ravel()
+
+    P = solve_ivp(rate, (0, 1), np.zeros(cells**2), 'BDF', rtol=1e-9, atol=1e-13).y[:, -1]
+    solution = solve(problem)
+    assert solution.status is Status.SOLVED
+    assert solution.objective == pytest.approx(
+        problem.x0 @ P.reshape(cells, cells) @ problem.x0, rel=1e-7)
+
+
+@pytest.mark.parametrize('cells', [40, 80])
+def test_long_rods_cost_over_a_second_what_they_cost_without_end(cells):
+    """But for what is left after it: exp(-2 pi^2) of the slowest mode, 3e-9."""
+    problem = rod(cells)
+    A = (cells + 1)**2 * (np.eye(cells, k=1) - 2*np.eye(cells) + np.eye(cells, k=-1))
+    B = (cells + 1)**2 * np.eye(cells)[:, -1:]
+    P = solve_continuous_are(A, B, np.eye(cells) / cells, np.array([[0.01]]))
+    solution = solve(problem)
+    assert (solution.status, solution.method) == (Status.SOLVED, 'riccati')
+    assert solution.objective == pytest.approx(problem.x0 @ P @ problem.x0, rel=1e-7)
+
+
+@pytest.mark.parametrize('a', [1.0, 1e3, 1e6])
+def test_a_fast_state_is_brought_to_its_end(a):
+    """From 0 to w = (1, 0.5) the least effort is w' W^-1 w, W being the Gramian over the time."""
+    problem = stated({'x': f'{-a}*x + {a}*u', 'y': '-0.5*y + u'}, 'u**2', {'x': 0, 'y': 0}, 1.0,
+                     terminal_constraints=['x - 1', 'y - 0.5'])
+    rates, gains = np.array([a, 0.5]), np.array([a, 1.0])
+    sums = rates + rates[:, None]
+    reach = gains * gains[:, None] * -np.expm1(-sums) / sums
+    wanted = np.array([1.0, 0.5])
+    solution = solve(problem)
+    assert solution.status is Status.SOLVED
+    assert solution.objective == pytest.approx(
+        wanted @ np.linalg.solve(reach, wanted), rel=1e-7)
+    assert solution.x[-1] == pytest.approx(wanted, abs=1e-9)
+
+
+@pytest.mark.parametrize('a', [1e2, 1e3, 1e5])
+def test_an_unstable_fast_state_is_held(a):
+    """Beside a slow one that is apart: the sum of two scalar closed forms."""
+    problem = stated({'x': f'{a}*(x + u)', 'y': '-y + w'}, 'x**2 + u**2 + y**2 + w**2',
+                     {'x': 1, 'y': 1}, 2.0, inputs=['u', 'w'])
+    solution = solve(problem)
+    assert solution.status is Status.SOLVED
+    assert solution.objective == pytest.approx(
+        scalar_cost(a, a, 1, 1, 2.0) + scalar_cost(-1, 1, 1, 1, 2.0), rel=1e-9)
+
+
+@pytest.mark.parametrize('weight', [1.0, 0.0, -0.2])
+@pytest.mark.parametrize('doublings', [0, 2, 5])
+def test_the_inside_of_stretches_is_what_the_hamiltonian_system_leads_along(weight, doublings):
+    """States given at the start, costates at the end by P, all steps by its exponential."""
+    chance = np.random.default_rng(3)
+    n, steps, step = 3, 32, 0.04
+    A, half = chance.standard_normal((2, n, n))
+    G, Q, P = half @ half.T, weight * np.eye(n), np.diag([2.0, 0.0, 1.0])
+    levels = [propagation.of_plant(A, G, Q, step * 2**k) for k in range(doublings + 1)]
+    x0 = chance.standard_normal(n)
+    x, y = propagation.inside(levels, x0, P, steps)
+    both = np.hstack([x, y])
+    flow = expm(step * np.block([[A, -G], [-Q, -A.T]]))
+    assert x[0] == pytest.approx(x0, rel=1e-12)
+    assert y[-1] == pytest.approx(P @ x[-1], rel=1e-12, abs=1e-12)
+    assert both[1:] == pytest.approx(both[:-1] @ flow.T, rel=1e-10, abs=1e-10)
+
+
+# ---------------------------------------------------------------- the certificate
+
+
+def test_exponentials_follow_what_small_steps_do():
+    """Two states, a path constraint, densities of multipliers: all that enters is different."""
+    problem = stated({'x': 'v - 0.3*x + 1', 'v': '2*u - x'}, 'x**2 + x*u + u**2 + 3*v + 1',
+                     {'x': 0, 'v': 0}, 1.0,
+                     path_constraints=[{'expr': 'x + 2*v + u', 'lower': -9, 'upper': 9}])
+    chance = np.random.default_rng(0)
+    K = 6
+    x, lam, sa, sb = (chance.standard_normal((K, 2)) for _ in range(4))
+    ua, ub, ma, mb = (chance.standard_normal((K, 1)) for _ in range(4))
+    given = Intervals(np.array([0.5, 0.5, 0.3, 1.0, 0.125, 0.7]), x, lam, ua, ub, sa, sb, ma, mb)
+    small = Integrator(problem).replay(given, problem.p_value, np.ones(4), 1e-11)
+    rates = AffineReplay(problem).rates(
+        problem.p_value, np.array([2.0, 0.5]), np.hstack([ua, sa, ma]), given.h)
+    w = np.hstack([ua, sa, ma]), np.hstack([ub, sb, mb])
+    ahead = courses(rates, given.h, x, w, lam, 4, back=False)
+    assert ahead[:, :, :2] == pytest.approx(small.x, abs=1e-9)
+    assert ahead[:, :, 2:4] == pytest.approx(small.lam, abs=1e-9)
+    assert ahead[:, -1, 4] == pytest.approx(small.cost, abs=1e-9)
+    back = courses(rates, given.h, x, w, small.lam[:, -1], 4, back=True)
+    assert back[:, :, 2:4] == pytest.approx(small.lam, abs=1e-9)
+
+
+def test_exponentials_are_exact_where_states_decay_within_a_millionth():
+    """X' = a (u - x) along u = 1 + t: x = 1 + t - 1/a + 1/a exp(-a t), after a layer of 1/a."""
+    a = 1e6
+    problem = stated({'x': f'{a}*(u - x)'}, 'x**2', {'x': 1}, 1.0)
+    none = np.zeros((1, 1))
+    one = Intervals(np.array([1.0]), none + 1, none, none + 1, none + 2, none, none,
+                    np.zeros((1, 0)), np.zeros((1, 0)))
+    integrator = Integrator(problem)
+    run = one, problem.p_value, np.ones(2), 1e-10
+    course, left = integrator.there_and_back(integrator.replay(*run), one, none, *run[1:])
+    t = np.linspace(0, 1, 5)
+    assert course.converged
+    assert course.x[0, :, 0] == pytest.approx(1 + t - (1 - np.exp(-a*t))/a, abs=1e-12)
+    # The integral of (1 + t - 1/a)^2, and of what the layer adds.
+    mean, d = 1 - 1/a, 1/a
+    cost = ((mean + 1)**3 - mean**3)/3 + 2*d*(mean*d + d*d) + d*d*d/2
+    assert course.cost[0] == pytest.approx(cost, rel=1e-10)
+    # dlam/dt = a lam - 2 x, lam(1) = 0: lam(0) is the integral of 2 x exp(-a t).
+    assert left[0, 0] == pytest.approx(-2*(mean*d + d*d + d*d/2), rel=1e-9)
+
+
+def spent(solution):
+    """Return the largest |lam|'|dx/dt|, from the first samples: all is fastest there."""
+    rates = np.abs(np.diff(solution.x[:2], axis=0)[0]) / np.diff(solution.t[:2])
+    return np.abs(solution.lam[0]) @ rates
+
+
+@pytest.mark.parametrize('name, change', [
+    ('x', lambda s: s.x * (1 + 1e-4 * np.sin(9*s.t))[:, None]),
+    ('u', lambda s: s.u + 0.05 * np.abs(s.u).max() * np.sin(9*s.t)[:, None]),
+    ('lam', lambda s: s.lam * (1 + 1e-2 * np.sin(9*s.t))[:, None]),
+    ('hamiltonian', lambda s: s.hamiltonian + 1e-3 * spent(s)),
+])
+@pytest.mark.parametrize('problem', [decades(1e4), decades(1e6), rod(20)],
+                         ids=['1e4', '1e6', 'rod'])
+def test_a_wrong_answer_to_a_stiff_problem_is_refused(problem, name, change):
+    solution = solve_lq(problem)
+    assert certify(problem, solution).holds
+    assert not certify(problem, replace(solution, **{name: change(solution)})).holds
+
+
+def test_a_cost_that_is_too_low_is_refused():
+    problem = decades(1e6)
+    solution = solve_lq(problem)
+    wrong = replace(solution, objective=solution.objective * (1 - 1e-5))
+    assert certify(problem, wrong).worst == 'cost'

@@ -1,0 +1,69 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is said of random problems is true: the short form of benchmarks/truth.py."""
+
+from math import inf
+
+import _truths  # of benchmarks/
+import numpy as np
+from obc_ros.core.ocp.solution import Status
+from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.solver.solve import solve
+import pytest
+import truth  # likewise
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_nothing_false_is_said_of_problems_that_a_path_keeps_to(seed):
+    tally = truth.ask_feasible(75, np.random.default_rng([100, seed]), inf)
+    assert sum(tally.asked.values()) > 50
+    assert tally.false == []
+
+
+def test_what_no_path_keeps_to_is_not_solved():
+    tally = truth.ask_infeasible(25, np.random.default_rng(101), inf)
+    assert sum(tally.asked.values()) == 25
+    assert tally.false == []
+
+
+def test_no_convex_answer_is_certified_above_the_least_cost():
+    tally = truth.ask_convex(40, np.random.default_rng(102), inf)
+    assert tally.found['solved'] > 30
+    assert tally.false == []
+
+
+def test_the_paths_that_the_constraints_were_set_from_keep_to_them():
+    """Otherwise a sentence about such a problem might be true."""
+    rng = np.random.default_rng(103)
+    for _ in range(40):
+        made = _truths.feasible(rng)
+        mapping = made.mapping
+        for name, (low, high) in mapping['state_bounds'].items():
+            column = made.x[:, mapping['states'].index(name)]
+            assert (low is None or column.min() > low) and (high is None or column.max() < high)
+        for name, (low, high) in mapping['input_bounds'].items():
+            column = made.u[:, mapping['inputs'].index(name)]
+            assert low < column.min() and column.max() < high
+        final = mapping['final_time']
+        if final['free']:
+            assert final['lower'] < made.t[-1] < final['upper']
+
+
+def test_a_false_finding_is_counted(monkeypatch, capsys):
+    def liar(problem):
+        yield 'this cannot be'
+
+    monkeypatch.setattr(truth, 'CHECKS', (liar,))
+    tally = truth.ask_feasible(3, np.random.default_rng(104), inf)
+    assert len(tally.false) == sum(tally.asked.values()) > 0
+    assert 'liar: this cannot be' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('kind', ['reach', 'rotation', 'population', 'undriven', 'bounds'])
+def test_each_reason_for_which_there_is_no_path_is_proved(kind):
+    rng = np.random.default_rng(105)
+    while True:
+        found, mapping = _truths.infeasible(rng)
+        if found == kind:
+            break
+    assert solve(problem_from_mapping(mapping)).status is Status.INFEASIBLE

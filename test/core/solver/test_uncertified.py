@@ -1,0 +1,96 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""A path that is not certified is in the answer, with its cost and what keeps it from that."""
+
+from pathlib import Path
+import re
+
+from obc_ros.core.ocp.solution import Status
+from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.solver.solve import solve
+from obc_ros.ros import messages
+from obc_ros.srv import PlanMotion, SolveOptimalControl
+from obc_ros.workers.requests import solution_packet
+import pytest
+
+PROBLEMS = Path(__file__).parents[2] / 'problems'
+SENTENCE = r'cost (\S+), not certified because .+: residual (\S+), allowed (\S+)'
+
+
+@pytest.fixture(scope='module')
+def coarse():
+    """Return a problem and its answer on a mesh that is too coarse for a certificate."""
+    problem = problem_from_mapping(load_file(PROBLEMS / 'vanderpol_bounded.yaml')[0])
+    return problem, solve(problem, max_intervals=10)
+
+
+def check(found):
+    """Check that an answer that is not certified has a path, its cost, residuals and the words."""
+    assert found.optimality is None
+    assert not found.certificate.holds
+    assert len(found.t) == len(found.x) == len(found.u) == len(found.lam) > 2
+    cost, residual, allowed = map(float, re.search(SENTENCE, found.message).groups())
+    worst = found.certificate.worst
+    assert cost == pytest.approx(found.objective, rel=1e-6)
+    assert residual == pytest.approx(found.certificate.residuals[worst], rel=0.1)
+    assert allowed == found.certificate.tolerances[worst]
+
+
+def test_a_path_on_a_mesh_that_is_too_coarse(coarse):
+    _, found = coarse
+    assert found.status is Status.NOT_CONVERGED
+    assert 'max_intervals = 10' in found.message
+    if not found.certificate.feasible:
+        assert re.search(r': residual (\S+), allowed (\S+)', found.message)
+    else:
+        check(found)
+
+
+def test_a_path_that_is_no_minimum_beside_the_reason():
+    """What falls without end has paths, and the answer is one of them."""
+    found = solve(problem_from_mapping({
+        'states': ['x', 'y'], 'inputs': ['u'], 'dynamics': {'x': 'u', 'y': 'x'},
+        'initial_state': {'x': 0, 'y': 0}, 'running_cost': 'x*u + y',
+        'final_time': {'free': False, 'value': 1}}))
+    assert found.status is Status.NOT_CONVERGED
+    assert found.message.startswith('no least cost was found: ')
+    assert len(found.t)
+    assert re.search(r'; cost \S+, not certified because ', found.message)
+    assert not found.certified
+    assert found.optimality is None
+
+
+def test_a_path_when_the_time_is_up(monkeypatch):
+    """A search that is ended after a few iterations."""
+    from obc_ros.core.solver.nlp.progress import Monitor
+    problem = problem_from_mapping(load_file(PROBLEMS / 'vanderpol_bounded.yaml')[0])
+    step = Monitor.step
+
+    def late(self, cost, infeasibility):
+        if self.iterations > 6:
+            self.stopped = self.stopped or 'timed_out'
+        return step(self, cost, infeasibility)
+    monkeypatch.setattr(Monitor, 'step', late)
+    found = solve(problem, method='transcription')
+    assert found.status is Status.TIMED_OUT
+    assert len(found.t)
+    assert found.certificate is not None
+    assert not found.certificate.holds
+    assert found.message.startswith('no certified answer within 60 s; ')
+    assert ': residual ' in found.message
+
+
+def test_it_is_in_the_message_and_is_no_success(coarse):
+    problem, found = coarse
+    for response in (SolveOptimalControl.Response(), PlanMotion.Response()):
+        messages.fill_answer(response, solution_packet(problem, found, ''))
+        assert not response.success
+        assert not response.certificate.holds
+        assert response.status == 'not_converged'
+        assert response.objective == found.objective
+        assert len(response.trajectory.t) == len(found.t)
+        assert len(response.trajectory.lam) == found.lam.size
+        assert dict(zip(response.certificate.conditions, response.certificate.residuals,
+                        strict=True)) == found.certificate.residuals
+        assert response.message == found.message
+        assert response.optimality.kind == ''

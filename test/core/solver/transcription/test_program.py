@@ -1,0 +1,305 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Programs of many blocks, Gauss collocation and Runge-Kutta steps, against closed forms."""
+
+from itertools import combinations, islice
+import math
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.ocp.nonconvexity import Uneven
+from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.solver.adjoint.costates import Integrator
+from obc_ros.core.solver.adjoint.mesh_refinement import Error, finer
+from obc_ros.core.solver.nlp.progress import Monitor
+from obc_ros.core.solver.starts.cross_entropy import nearest
+from obc_ros.core.solver.starts.initial_guess import Guesser, scales
+from obc_ros.core.solver.transcription.block_program import assemble, Block, Piece
+from obc_ros.core.solver.transcription.intervals import Pieces
+from obc_ros.core.solver.transcription.local_minima import Familiar
+from obc_ros.core.solver.transcription.mesh import (
+    HELD,
+    Layout,
+    LINEAR,
+    Mesh,
+    Path,
+    Phase,
+    split,
+    uniform,
+)
+from obc_ros.core.solver.transcription.program import Transcription
+from obc_ros.core.solver.transcription.tightening import Limits
+import pytest
+
+LQ = {
+    'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'x + u'}, 'running_cost': '0.5*u**2',
+    'terminal_cost': '0.5*x**2', 'initial_state': {'x': 1},
+    'final_time': {'free': False, 'value': 1}}
+# J = P(0)/2 with dP/dt = -2 P + P^2, P(1) = 1: P(0) = 2 / (1 + e^-2).
+LQ_COST, LQ_COSTATE = 1 / (1 + np.exp(-2)), 2 / (1 + np.exp(-2))
+
+LANE_CHANGE = {
+    'states': ['px', 'py', 'theta'], 'inputs': ['v', 'phi'],
+    'dynamics': {'px': 'v*cos(theta)', 'py': 'v*sin(theta)', 'theta': 'v/3*tan(phi)'},
+    'running_cost': '(v - 10)**2 + phi**2', 'initial_state': {'px': 0, 'py': -2, 'theta': 0},
+    'terminal_constraints': ['px - 100', 'py - 2', 'theta'],
+    'input_bounds': {'v': [8, 12], 'phi': [-0.1, 0.1]},
+    'final_time': {'free': False, 'value': 10}}
+
+
+def solved(mapping, mesh, **limits):
+    """Return the problem and the outcome of one program from the straight line."""
+    problem = problem_from_mapping(mapping)
+    mesh = mesh(problem)
+    guess = Guesser(problem).line(problem, 1.0 if np.isnan(problem.final_time.value)
+                                  else problem.final_time.value)
+    program = Transcription(problem, mesh.layout)
+    sizes = scales(problem, guess)
+    count = len(mesh.layout.phases)
+    durations = np.full(count, guess.t[-1] / count)
+    bounds = Limits(limits.get('shortest', np.zeros(count)),
+                    limits.get('longest', np.full(count, 1e3)), np.zeros(problem.n),
+                    np.zeros(problem.n, dtype=bool))
+    start = program.start(mesh, guess, durations, sizes)
+    return problem, program.solve(problem, mesh, start, sizes, bounds, Monitor())
+
+
+def test_derivatives_of_a_program_are_those_of_its_expressions():
+    """Shared, repeated and constant entries of the index, against CasADi's own derivatives."""
+    v, own, shared = ca.SX.sym('v', 3), ca.SX.sym('own'), ca.SX.sym('shared', 2)
+    g = ca.vertcat(v[0] * v[1] ** 2 + own, ca.sin(v[2]) * shared[0])
+    cost = shared[1] * v[0] ** 2 * v[2] + own * ca.exp(v[1])
+    block = Block(Piece(v, own, shared, g, cost), np.array([[0, 1, 2], [2, 3, 3], [3, 4, 6]]),
+                  np.array([[2], [3], [2]]))
+    program = assemble([block], 5, 2, 4)
+    w, c = ca.MX.sym('w', 5), ca.MX.sym('c', 4)
+    both, f, g_all = ca.vertcat(w, c), ca.MX(0), []
+    part = ca.Function('part', [v, own, shared], [g, cost])
+    for index, where in zip(block.index, block.own_index, strict=True):
+        row, more = part(both[index.tolist()], c[where.tolist()], c[:2])
+        f, g_all = f + more, [*g_all, row]
+    g = ca.vertcat(*g_all)
+    lam_f, lam = ca.MX.sym('lam_f'), ca.MX.sym('lam', 6)
+    hessian = ca.triu(ca.hessian(lam_f * f + ca.dot(lam, g), w)[0])
+    point = np.random.default_rng(0).normal(size=16)
+    values = point[:5], point[5:9], point[9], point[10:]
+    for found, wanted, count in (
+            (program.derivatives['grad_f'], [f, ca.gradient(f, w)], 2),
+            (program.derivatives['jac_g'], [g, ca.jacobian(g, w)], 2),
+            (program.derivatives['hess_lag'], [hessian], 4)):
+        expected = ca.Function('expected', [w, c, lam_f, lam][:count], wanted)
+        for a, b in zip(found.call(list(values[:count])), expected.call(list(values[:count])),
+                        strict=True):
+            np.testing.assert_allclose(ca.densify(a).full(), ca.densify(b).full(), atol=1e-13)
+
+
+@pytest.mark.parametrize('free', [False, True])
+@pytest.mark.parametrize(('f', 'cost'), [
+    (('y', 'u'), '1'), (('0*x', '3'), 'x + u'), (('k*x*y*sin(w)', 'u*x - cos(y)'), 'k*abs(u*y)'),
+    (('sin(x*y) + u**2', 'u*w*exp(-x)'), '(x - y*u)**2 + w**2')])
+def test_derivatives_of_an_interval_are_those_of_its_expressions(f, cost, free):
+    """By the chain rule through the stages, against CasADi's of the whole step."""
+    problem = problem_from_mapping({
+        'states': ['x', 'y'], 'inputs': ['u', 'w'], 'parameters': {'k': 2},
+        'dynamics': dict(zip('xy', f, strict=True)), 'running_cost': cost,
+        'initial_state': {'x': 1, 'y': 2}, 'final_time': {'free': False, 'value': 1}})
+    piece = Pieces(problem, 0, free, swift=True).interval
+    nv, whole, rows = 9 if free else 8, piece.whole, 40
+    v, own, shared = (ca.MX.sym(name, size) for name, size in (
+        ('v', nv), ('own', 1 if free else 2), ('shared', 7)))
+    factor, lam = ca.MX.sym('factor'), ca.MX.sym('lam', 2)
+    g, J = piece.values(v, own, shared)
+    both = factor * J + ca.dot(lam, g)
+    given = [v, own, shared, factor, lam]
+    wanted = ca.Function('wanted', given, [
+        g, J, ca.gradient(J, v), ca.gradient(both, v), ca.jacobian(g, v), ca.hessian(both, v)[0]])
+    chance = np.random.default_rng(1)
+    points = [chance.uniform(0.5, 1.5, (rows, symbol.numel())) for symbol in given]
+    points[2][:] = points[2][0]   # all intervals share it
+    result = np.empty((rows, whole.batch.outputs[-1].stop))
+    whole.batch.of_joined(np.hstack(points), result)
+    for k in range(rows):
+        g, J, slope, both, jacobian, curvature = (result[k, part] for part in whole.batch.outputs)
+        dense = np.zeros(nv), np.zeros((2, nv)), np.zeros((nv, nv))
+        for matrix, place, entries in zip(
+                dense, (whole.slope, whole.jacobian, whole.curvature),
+                (slope, jacobian, curvature), strict=True):
+            matrix[place] = entries
+        expected = wanted(*(part[k] for part in points))
+        for found, right in zip((g, J, dense[0], both, dense[1], dense[2]), expected, strict=True):
+            np.testing.assert_allclose(found, ca.densify(right).full().reshape(found.shape),
+                                       rtol=1e-11, atol=1e-12)
+
+
+@pytest.mark.parametrize('stages', [0, 3])
+def test_cost_above_the_least_falls_with_the_fourth_power(stages):
+    above = []
+    for intervals in (4, 8, 16):
+        _, outcome = solved(LQ, lambda p, n=intervals: uniform(p, n, stages))
+        assert outcome.converged
+        above.append(outcome.objective - LQ_COST)
+    assert all(value > 0 for value in above)
+    assert all(3.5 < np.log2(a / b) < 4.5 for a, b in zip(above, above[1:], strict=False))
+
+
+@pytest.mark.parametrize('stages', [0, 3])
+def test_costates_have_the_sign_of_the_hamiltonian(stages):
+    """lam(0) = dJ/dx0 = P(0) x0, from the sweep and from the multipliers."""
+    problem, outcome = solved(LQ, lambda p: uniform(p, 32, stages))
+    course = Integrator(problem).extremal(problem, outcome, 2)
+    assert course.lam[0, 0] == pytest.approx(LQ_COSTATE, abs=1e-6)
+    np.testing.assert_allclose(course.lam_end[1::2], outcome.costates[1:], atol=1e-7)
+    if stages:
+        assert outcome.costates[0, 0] == pytest.approx(LQ_COSTATE, abs=1e-6)
+
+
+@pytest.mark.parametrize('stages', [0, 3])
+def test_input_integrated_by_others_meets_the_terminal_constraints(stages):
+    """The path is that of the input returned: solve_ivp under it ends where it should."""
+    from scipy.integrate import solve_ivp
+    problem, outcome = solved(LANE_CHANGE, lambda p: uniform(p, 40, stages))
+    path = outcome.path
+    f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f, problem.L])
+
+    def rate(t, z):
+        u = path.inputs_at(np.array([t]), after=True)[0]
+        return np.concatenate([value.full().ravel() for value in f(z[:3], u, problem.p_value)])
+
+    z = np.append(problem.x0, 0.0)
+    for a, b in zip(path.t[:-1], path.t[1:], strict=True):
+        z = solve_ivp(rate, (a, b), z, 'DOP853', rtol=1e-11, atol=1e-12).y[:, -1]
+    np.testing.assert_allclose(z[:3], [100, 2, 0], atol=1e-6)
+    assert z[3] == pytest.approx(outcome.objective, rel=1e-6)
+    assert np.all(path.ua[:, 1] >= -0.1) and np.all(path.ua[:, 1] <= 0.1)
+
+
+def test_phases_of_unknown_length_find_a_switch_off_the_grid():
+    """Double integrator from (1, 0.5) in least time: 0.5 + 2 sqrt(1.125)."""
+    mapping = {
+        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
+        'running_cost': '1', 'initial_state': {'x': 1, 'v': 0.5},
+        'terminal_constraints': ['x', 'v'], 'input_bounds': {'u': [-1, 1]},
+        'final_time': {'free': True, 'lower': 0.1, 'upper': 10}}
+
+    def mesh(problem):
+        phases = (Phase(2, (HELD,), (False,)),) * 2
+        return Mesh(Layout(phases, 0, True), np.full(4, 0.5), np.array([[-1.0], [1.0]]))
+
+    _, outcome = solved(mapping, mesh)
+    assert outcome.objective == pytest.approx(0.5 + 2 * np.sqrt(1.125), abs=1e-9)
+    assert outcome.path.durations[0] == pytest.approx(0.5 + np.sqrt(1.125), abs=1e-9)
+
+
+def test_a_mesh_is_cut_without_moving_its_points():
+    problem = problem_from_mapping(LQ)
+    mesh = uniform(problem, 3, 0)
+    finer = split(mesh, np.array([1, 3, 2]))
+    assert finer.layout.intervals == 6
+    np.testing.assert_allclose(np.cumsum(finer.fractions)[[0, 3, 5]], np.cumsum(mesh.fractions))
+    assert finer.layout.phases[0].modes == (LINEAR,)
+
+
+def test_an_arc_that_has_shrunk_to_nothing_is_not_cut():
+    phase = Phase(2, (LINEAR,), (False,))
+    mesh = Mesh(Layout((phase, phase), 0, False), np.full(4, 0.5), np.zeros((2, 1)))
+    u = np.array([[0.0], [1.0], [5.0], [6.0]])
+    path = Path(np.array([0.0, 0.5, 1.0, 1.0, 1.0]), np.zeros((5, 1)), np.zeros((4, 0, 1)),
+                u, u + [[1.0], [-1.0], [1.0], [-1.0]], np.array([1.0, 0.0]))
+    for share, counts in ((1e-3, [8, 2]), (10.0, [4, 4])):
+        new = finer(mesh, path, np.zeros(0), [Error(np.ones(4), share, 1.0)], 1.0, 100)
+        assert [each.intervals for each in new.layout.phases][1] <= counts[1]
+        assert np.all(new.fractions > 0)
+        assert new.fractions.sum() == pytest.approx(2)
+
+
+def test_a_monitor_ends_a_solver_within_an_iteration():
+    seen = []
+
+    def report(phase, iteration, cost, infeasibility):
+        seen.append(iteration)
+        return iteration >= 3
+
+    problem = problem_from_mapping(LANE_CHANGE)
+    mesh = uniform(problem, 10, 3)
+    guess = Guesser(problem).line(problem, 10.0)
+    sizes = scales(problem, guess)
+    program = Transcription(problem, mesh.layout)
+    monitor = Monitor(10.0, report)
+    outcome = program.solve(
+        problem, mesh, program.start(mesh, guess, guess.durations, sizes), sizes,
+        Limits(np.zeros(1), np.ones(1), np.zeros(3), np.zeros(3, dtype=bool)), monitor)
+    assert not outcome.converged and monitor.stopped == 'cancelled' and seen == [1, 2, 3]
+
+
+def test_no_start_comes_twice():
+    problem = problem_from_mapping(LANE_CHANGE)
+    starts = Guesser(problem).starts(problem, Integrator(problem))
+    seen = [np.hstack([start.x[:-1], start.ua]) for start in islice(starts, 20)]
+    assert all(np.abs(a - b).max() > 1e-6 for a, b in combinations(seen, 2))
+
+
+def some_path():
+    """Return a path of one state and one input."""
+    t = np.array([0.0, 1.0])
+    return Path(t, t[:, None], np.zeros((1, 0, 1)), np.ones((1, 1)), np.ones((1, 1)), t[1:])
+
+
+@pytest.mark.parametrize(('minima', 'searches'), [(1, 7), (2, 16), (3, 29)])
+def test_searches_are_enough_once_no_other_minimum_is_expected(minima, searches):
+    """Where w (n - 1) / (n - w - 2) comes down to w + 1/2: n = (w + 1/2) (w + 2) - w over 1/2."""
+    familiar = Familiar()
+    for k in range(searches):
+        assert not familiar.enough()
+        cost = (1.0 + k % minima) * (1 + 1e-5 * k)   # as rough as found
+        familiar.ended(cost, 0.0, some_path())
+    assert searches == math.ceil(2 * ((minima + 0.5) * (minima + 2) - minima))
+    assert familiar.enough()
+
+
+def test_a_search_shows_by_its_iterates_that_it_brings_nothing_new():
+    familiar = Familiar()
+    path = [(5.0, 0.3), (3.0, 0.1), (2.0, 1e-9)]
+    assert not any(familiar.again(*iterate) for iterate in path)
+    familiar.ended(*path[-1], some_path())
+    assert not familiar.again(5.1, 0.3)     # begins elsewhere,
+    assert familiar.again(3.0, 0.1)         # and comes to the path of another
+    assert familiar.again(2.0001, 1e-7)     # or to where it led;
+    assert not familiar.again(2.01, 1e-7)   # not to another minimum,
+    assert not familiar.again(2.0001, 0.2)  # nor to what is not feasible
+
+
+@pytest.mark.parametrize('running_cost, terminal_cost, uneven', [
+    ('u**2', 'x**2', False), ('u**2 - x**2', '0', False), ('u**2 + x**4', 'exp(x)', False),
+    ('u**2', 'sin(x)', True), ('u**2 + x**4 - x**2', '0', True), ('u**4 - u**2', '0', True)])
+def test_costs_with_hollows_are_told_from_others(running_cost, terminal_cost, uneven):
+    problem = problem_from_mapping(
+        LQ | {'running_cost': running_cost, 'terminal_cost': terminal_cost})
+    assert Uneven(problem)(problem, np.full(1, 3.0), np.full(1, 3.0)) is uneven
+
+
+def test_lines_are_scattered_over_the_final_states_that_are_open():
+    problem = problem_from_mapping(LQ | {
+        'states': ['x', 'y'], 'dynamics': {'x': 'u', 'y': 'x + u'},
+        'initial_state': {'x': 1, 'y': 1}, 'terminal_constraints': ['y - 2']})
+    guesser = Guesser(problem)
+    starts = guesser.starts(problem, Integrator(problem))
+    paths = list(islice(guesser.scattered(problem, Integrator(problem), starts, 1.0), 12))
+    ends = np.sort([path.x[-1, 0] for k, path in enumerate(paths, 1) if k % 3])
+    assert np.ptp(ends) > 3 and np.diff(ends).max() < 2
+    assert all(path.x[-1, 1] == 2 for k, path in enumerate(paths, 1) if k % 3)
+    assert np.all(paths[0].x[0] == problem.x0)
+
+
+def test_inputs_drawn_at_random_lead_near_where_no_line_does():
+    """A point inside of a car's turning circle: a line to it is no path."""
+    problem = problem_from_mapping({
+        'states': ['x', 'y', 'a'], 'inputs': ['w'], 'running_cost': '1',
+        'dynamics': {'x': 'cos(a)', 'y': 'sin(a)', 'a': 'w'},
+        'initial_state': {'x': 0, 'y': 0, 'a': 0}, 'input_bounds': {'w': [-1, 1]},
+        'terminal_constraints': ['x', 'y - 0.5'],
+        'final_time': {'free': True, 'lower': 0.1, 'upper': 30}})
+    paths, integrator = nearest(problem, 4.0), Integrator(problem)
+    assert np.abs(paths[0].x[-1, :2] - [0, 0.5]).max() < 0.15
+    for path in paths[:6]:
+        x, _ = integrator.forward(problem, path.t, path.ua, path.ub)
+        assert np.allclose(x, path.x, atol=1e-4)

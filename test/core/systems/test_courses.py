@@ -1,0 +1,92 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The vehicle of Exercise 2.10: feedforward put back into its equations."""
+
+import math
+
+import numpy as np
+from obc_ros.core.lqr.lqr import lqr
+from obc_ros.core.lqr.margins import figures
+from obc_ros.core.lqr.weights import Weights
+from obc_ros.core.systems import courses
+from obc_ros.core.text.errors import StatementError
+from plants import vehicle
+import pytest
+from scipy.integrate import solve_ivp
+
+LENGTH, SPEED = 2.0, 10.0
+COST = Weights(np.diag([1.0, 0.0]), np.eye(1))
+
+
+def lateral(x, phi, v=SPEED):
+    return [v * math.sin(x[1]), v / LENGTH * math.tan(phi)]
+
+
+def test_slalom_of_1_m_and_1_hz_is_driven_exactly():
+    """Integrating the nonlinear vehicle under the feedforward alone comes back to the course."""
+    def reference(t):
+        return courses.lateral_reference(*courses.slalom(np.atleast_1d(t)), SPEED, LENGTH)
+
+    def rate(t, x):
+        return lateral(x, reference(t)[1][0, 0])
+
+    t = np.linspace(0, 4, 81)
+    x, u = reference(t)
+    driven = solve_ivp(rate, (0, 4), x[0], t_eval=t, rtol=1e-10, atol=1e-12, max_step=0.05).y.T
+    assert driven == pytest.approx(x, abs=1e-7)
+    assert abs(x[:, 0]).max() == pytest.approx(1.0, abs=1e-2)
+    # at the turning points theta = 0 and y'' = (2 pi)^2: phi = atan(l (2 pi)^2 / v^2)
+    assert abs(u[t > 1]).max() == pytest.approx(math.atan(2 * (2 * math.pi)**2 / 100), rel=1e-3)
+
+
+def test_derivatives_of_the_slalom():
+    t, h = np.linspace(0.0, 3.0, 301), 1e-4
+    y, dy, ddy = courses.slalom(t, 0.7, 1.3, 0.8)
+    later, earlier = courses.slalom(t + h, 0.7, 1.3, 0.8), courses.slalom(t - h, 0.7, 1.3, 0.8)
+    assert (later[0] - earlier[0]) / (2 * h) == pytest.approx(dy, abs=1e-5)
+    assert (later[1] - earlier[1]) / (2 * h) == pytest.approx(ddy, abs=1e-4)
+    assert y[0] == dy[0] == ddy[0] == 0.0
+
+
+def test_the_slalom_ends_as_it_begins():
+    """Faded out as it was faded in; derivatives by differences; at rest from the end on."""
+    t, h = np.linspace(-0.5, 6.5, 701), 1e-4
+    y, dy, ddy = courses.slalom(t, end=6.0)
+    later, earlier = courses.slalom(t + h, end=6.0), courses.slalom(t - h, end=6.0)
+    assert (later[0] - earlier[0]) / (2 * h) == pytest.approx(dy, abs=1e-5)
+    assert (later[1] - earlier[1]) / (2 * h) == pytest.approx(ddy, abs=1e-4)
+    assert y == pytest.approx(-y[::-1], abs=1e-12)
+    assert not y[t >= 6.0].any() and not dy[t >= 6.0].any() and not ddy[t >= 6.0].any()
+    assert y[(t > 1) & (t < 5)].max() == pytest.approx(1.0, abs=1e-3)
+
+
+def test_feedback_brings_an_offset_vehicle_onto_the_slalom():
+    K = lqr(*vehicle(SPEED, LENGTH), COST.Qx, COST.Qu).K
+
+    def rate(t, x):
+        xd, ud = courses.lateral_reference(*courses.slalom(np.atleast_1d(t)), SPEED, LENGTH)
+        return lateral(x, ud[0, 0] - float((K @ (x - xd[0]))[0]))
+
+    end = solve_ivp(rate, (0, 6), [0.3, 0.1], rtol=1e-8, max_step=0.05).y[:, -1]
+    xd, _ = courses.lateral_reference(*courses.slalom(np.array([6.0])), SPEED, LENGTH)
+    assert end == pytest.approx(xd[0], abs=1e-4)
+
+
+@pytest.mark.parametrize('q', [0.01, 1.0])
+def test_exercise_2_10_numbers(q):
+    """Py'' = (v^2 / l) phi: omega0^2 = (v^2 / l) sqrt(q), zeta = 1 / sqrt(2), as Example 2.4."""
+    A, B = vehicle(SPEED, LENGTH)
+    K = lqr(A, B, np.diag([q, 0.0]), [[1.0]]).K
+    w0 = math.sqrt(SPEED**2 / LENGTH * math.sqrt(q))
+    assert pytest.approx(np.array([[math.sqrt(q), math.sqrt(2) * w0 * LENGTH / SPEED]])) == K
+    found = figures(A, B, K)
+    unit = math.sqrt(1 + math.sqrt(2))
+    assert found.overshoot[0] == pytest.approx(math.exp(-math.pi), rel=1e-3)
+    assert found.bandwidth[0] == pytest.approx(unit * w0, rel=1e-9)
+    assert found.phase_margin[0] == pytest.approx(math.atan(math.sqrt(2) * unit), rel=1e-9)
+    assert found.rise_time[0] == pytest.approx(2.1457 / w0, rel=2e-3)  # of the normal form
+
+
+def test_a_course_faster_than_the_vehicle_is_refused():
+    with pytest.raises(StatementError, match='across the road at up to 12'):
+        courses.lateral_reference(np.zeros(2), np.array([0, 12.0]), np.zeros(2), 10.0, LENGTH)

@@ -1,0 +1,81 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""What messages quote of what somebody sent: on one line, and nothing that a terminal obeys."""
+
+from collections.abc import Callable
+from typing import Any
+import unicodedata
+
+from hypothesis import given
+from hypothesis import strategies as st
+from obc_ros.core.lqr import weights
+from obc_ros.core.numerics import polynomial_bases
+from obc_ros.core.ocp import statement
+from obc_ros.core.solver import motion_planning, solve
+from obc_ros.core.solver.nlp import minimize
+from obc_ros.core.systems import registry
+from obc_ros.core.text.errors import ObcError, shown
+from obc_ros.core.text.expressions import number, parse
+from obc_ros.core.text.yaml_files import entries
+
+GOOD: dict[str, Any] = {
+    'name': 'good', 'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'},
+    'running_cost': 'u**2', 'initial_state': {'x': 1}, 'final_time': {'free': False, 'value': 1}}
+# Escape sequences of 7 and 8 bits, a bell, new lines, text that runs backwards, a lone surrogate.
+SIGNS = ['\x1b[2J', '\x9b31m', '\x07', '\n', '\r', '\t', '\u2028', '\u202e', '\x7f', '\ud800',
+         'x', ' ', "'", '+', '1', 'ü']
+TEXTS = st.text(max_size=5) | st.lists(
+    st.sampled_from(SIGNS), min_size=1, max_size=90).map(''.join)
+
+
+def obeyed(text: str) -> list[str]:
+    """Return the signs that are no letter, figure, mark, symbol or plain space."""
+    return [each for each in text if unicodedata.category(each) in (
+        'Cc', 'Cf', 'Cs', 'Co', 'Cn', 'Zl', 'Zp')]
+
+
+def problem(**changes: Any) -> Callable[[], Any]:
+    return lambda: statement.problem_from_mapping({**GOOD, **changes})
+
+
+def quoted(text: str) -> list[Callable[[], Any]]:
+    """Return questions with a text somewhere."""
+    one, pair = {text: 1}, {text: [0, 1]}
+    return [
+        problem(**one), problem(states=[text]), problem(inputs=[text]), problem(system=text),
+        problem(dynamics={text: 'u'}), problem(dynamics={'x': text}), problem(parameters=one),
+        problem(parameters={'p': text}), problem(running_cost=text), problem(terminal_cost=text),
+        problem(initial_state=one), problem(initial_state={'x': text}), problem(input_bounds=pair),
+        problem(state_bounds=pair), problem(terminal_constraints=[text]), problem(name=text),
+        problem(path_constraints=[{'expr': text, text: 1}]), problem(final_time=one),
+        problem(initial_guess=one), problem(initial_guess={'states': one}),
+        lambda: number(text, {}, text), lambda: parse(text, {}, text),
+        lambda: minimize.minimize({'variables': ['x'], 'cost': text, 'bounds': pair}),
+        lambda: minimize.minimize({'variables': [text], 'cost': '1'}),
+        lambda: polynomial_bases.basis(text, 3, 2), lambda: motion_planning.registered(text, {}),
+        lambda: motion_planning.registered('aircraft', one), lambda: registry.get(text),
+        lambda: solve.solve(statement.problem_from_mapping(GOOD), method=text),
+        lambda: weights.square('Qx', [text], 1), lambda: list(entries(text))]
+
+
+@given(TEXTS, st.none() | st.integers(4, 80))
+def test_what_is_shown_can_be_printed(text: str, longest: int | None) -> None:
+    assert not obeyed(shown(text, longest))
+    assert shown(shown(text, None), None) == shown(text, None)
+    if text.isascii() and text.isprintable():
+        assert shown(text, None) == text
+
+
+@given(TEXTS)
+def test_every_refusal_can_be_printed(text: str) -> None:
+    """Whatever it quotes, and however it does."""
+    assert not obeyed(str(ObcError(text)))
+    refusals = 0
+    for question in quoted(text):
+        try:
+            question()
+        except ObcError as error:
+            refusals += 1
+            assert str(error)
+            assert not obeyed(str(error))
+    assert refusals

@@ -1,0 +1,99 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The kept pages of the gallery: one for each entry, in the order of the book."""
+
+from pathlib import Path
+import re
+import shlex
+import subprocess
+
+from obc_ros.cli.gallery import records
+from obc_ros.cli.gallery.entries.all import ENTRIES
+from obc_ros.cli.gallery.entry import Entry, TOLERANCE
+from obc_ros.cli.gallery.page import plain_text
+from obc_ros.cli.obc import parse
+from obc_ros.cli.ros2.yaml_messages import fill, find_type
+from obc_ros.cli.ros2.yaml_messages import parse as parse_yaml
+from PIL import Image
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / 'docs'
+PAGES = DOCS / 'gallery'
+STEMS = {entry.name: f'{number:02}-{entry.name}' for number, entry in enumerate(ENTRIES, start=1)}
+EACH_ENTRY = pytest.mark.parametrize('entry', ENTRIES, ids=lambda entry: entry.name)
+ROW = re.compile(r'^\| (.*) \| (\S+) \| (\S+) \| (\S+)( \(relative\))? \| (.*) \|$', re.MULTILINE)
+
+
+def read(entry: Entry) -> str:
+    """Return the text of the page of an entry."""
+    return (PAGES / f'{STEMS[entry.name]}.md').read_text(encoding='utf-8')
+
+
+def test_each_entry_has_a_page_and_a_figure_and_nothing_else_is_there() -> None:
+    assert {path.name for path in PAGES.iterdir()} == {
+        f'{stem}{ending}' for stem in STEMS.values() for ending in ('.md', '.png')}
+
+
+def test_the_index_has_the_order_of_the_book() -> None:
+    text = (DOCS / 'gallery.md').read_text(encoding='utf-8')
+    assert re.findall(r'\]\(gallery/(.*)\.md\)', text) == list(STEMS.values())
+    found = re.findall(r'^(\d+)\. \[(.*)\]', text, re.MULTILINE)
+    assert found == [(str(number), records.label(name))
+                     for number, name in enumerate(STEMS, start=1)]
+
+
+@EACH_ENTRY
+def test_a_page_is_of_its_entry(entry: Entry) -> None:
+    text = read(entry)
+    name = f'{records.label(entry.name)}: {plain_text(entry.title)}'
+    assert text.startswith(f'# {name}\n')
+    assert f'![Figure of {name}]({STEMS[entry.name]}.png)' in text
+    assert f'`obc gallery {entry.name}`' in text
+    assert ('## Errata of the book' in text) == bool(entry.erratum)
+
+
+@EACH_ENTRY
+def test_a_page_names_a_commit_of_this_repository(entry: Entry) -> None:
+    commit, = re.findall(r'Computed at commit\s`([0-9a-f]{10})`', read(entry))
+    shallow = subprocess.run(['git', 'rev-parse', '--is-shallow-repository'], cwd=ROOT,
+                             capture_output=True, text=True, check=False).stdout.strip()
+    if shallow == 'false':  # an archive or a shallow clone does not have the commit
+        subprocess.run(['git', 'merge-base', '--is-ancestor', commit, 'HEAD'], cwd=ROOT,
+                       check=True)
+
+
+@EACH_ENTRY
+def test_the_numbers_agree_with_their_references(entry: Entry) -> None:
+    """The error is computed again from the ten digits that the page shows."""
+    text = read(entry)
+    heading, *rows = ROW.findall(text)
+    assert heading[:2] == ('quantity', 'result')
+    assert 1 + len(rows) == len(re.findall(r'^\| ', text, re.MULTILINE)) > 1
+    for what, answer, reference, error, relative, source in rows:
+        assert what and source
+        measured, exact = float(answer), float(reference)
+        scale = abs(exact) if relative else max(1.0, abs(exact))
+        assert abs(measured - exact) <= (float(error) + 1e-9) * 1.05 * scale, what
+        assert float(error) <= TOLERANCE, what
+
+
+@EACH_ENTRY
+def test_the_commands_ask_what_the_interfaces_have(entry: Entry) -> None:
+    block, = re.findall(r'^```text\n(.*?)^```$', read(entry), re.MULTILINE | re.DOTALL)
+    commands = [shlex.split(line) for line in block.splitlines() if not line.startswith('#')]
+    assert commands
+    for first, *words in commands:
+        assert first == 'ros2'
+        args = parse(words)
+        if args.command == 'service':
+            request = find_type(args.service_type, 'srv').Request()
+            fill(request, parse_yaml(args.values))
+
+
+@EACH_ENTRY
+def test_a_figure_is_sharp_and_small(entry: Entry) -> None:
+    path = PAGES / f'{STEMS[entry.name]}.png'
+    with Image.open(path) as figure:
+        assert figure.width >= 1600
+    assert path.stat().st_size < 200_000

@@ -1,0 +1,82 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Running nodes accept no gain without its proof: a published collection, and random systems."""
+
+from collections.abc import Callable
+from typing import Any
+
+from hypothesis import given, settings
+from lqr_bench import matrix
+import numpy as np
+from numpy.typing import NDArray
+from obc_ros.msg import LqrWeights
+from obc_ros.srv import DesignLqr
+import pytest
+from regulator_problems import cost_of, is_hard, problems
+from riccati_collection import EXACT, OTHERS, REFUSED
+
+pytestmark = pytest.mark.nodes
+
+Array = NDArray[np.float64]
+
+
+@pytest.fixture
+def design(spawn: Any, probe: Any) -> Callable[..., Any]:
+    """Return what asks a running server for a design of A, B, Qx, Qu."""
+    spawn('trajectory_server', {'workers': 1})
+
+    def ask(A: Any, B: Any, Qx: Any, Qu: Any) -> Any:
+        A, B, Qx, Qu = (np.asarray(each, dtype=float).ravel().tolist() for each in (
+            A, B, Qx, Qu))
+        return probe.call(DesignLqr, '/trajectory_server/design_lqr', DesignLqr.Request(
+            a=A, b=B, weights=LqrWeights(qx=Qx, qu=Qu)))
+
+    return ask
+
+
+def check(answer: Any, *problem: Any) -> Array:
+    """Put an accepted design back into its equation, in more digits, and return P."""
+    A, B, Qx, Qu = (np.asarray(each, dtype=float) for each in problem)
+    K, P = matrix(answer.design.k, B.shape[1]), matrix(answer.design.p, len(A))
+    assert np.linalg.eigvals(A - B @ K).real.max() < 0.0 > max(answer.design.poles_real)
+    more = P.astype(np.longdouble)
+    terms = (A.T @ more, more @ A, -(more @ B) @ np.linalg.solve(Qu, B.T @ P), Qx)
+    size = max(float(np.linalg.norm(term)) for term in terms)
+    assert np.linalg.norm(np.sum(terms, axis=0)) <= 1e-8 * size
+    assert answer.design.residual <= 1e-8 and 'poles left of' in answer.message
+    return P
+
+
+def test_ill_conditioned_problems_are_solved_or_refused(design: Any) -> None:
+    """The collection of Benner, Laub and Mehrmann: never a wrong answer."""
+    for name, (*data, exact) in EXACT.items():
+        P = check(design(*data), *data)
+        if not name.startswith('10'):  # whose condition number is 1 / d^2
+            assert np.linalg.norm(P - exact) <= 1e-12 * np.linalg.norm(exact), name
+    for data in OTHERS.values():
+        check(design(*data), *data)
+    for data, words in REFUSED.values():
+        answer = design(*data)
+        assert not answer.success and not answer.design.k
+        assert any(each in answer.message for each in words.split('|')), answer.message
+
+
+def test_random_systems(design: Any) -> None:
+    """Accepted gains stabilise and are optimal, refusals are right; both come about."""
+    accepted = []
+
+    @settings(max_examples=150, deadline=None)
+    @given(problems())
+    def judge(problem: Any) -> None:
+        A, B, Qx, Qu = problem
+        answer = design(*problem)
+        accepted.append(answer.success)
+        if not answer.success:
+            assert answer.message.startswith('refused: ') and is_hard(*problem), answer.message
+            return
+        P = check(answer, *problem)
+        again = cost_of(matrix(answer.design.k, B.shape[1]), A, B, Qx, Qu)
+        assert np.abs(again - P).max() <= 1e-2 * np.abs(P).max()
+
+    judge()
+    assert 20 < sum(accepted) < len(accepted) - 20

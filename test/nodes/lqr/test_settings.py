@@ -1,0 +1,188 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of lqr_node without the node: any sequence of changes, good and bad."""
+
+from dataclasses import fields, replace
+from fractions import Fraction
+import math
+from typing import Any
+
+from hypothesis import given, settings, strategies
+import numpy as np
+from obc_ros.core.closed_loop.loop import Loop
+from obc_ros.core.systems import registry
+from obc_ros.core.text.errors import ObcError
+from obc_ros.msg import Trajectory
+from obc_ros.nodes.lqr.settings import judge, Settings
+from obc_ros.nodes.lqr.topics import courses
+import pytest
+
+X = [0.3, -0.2, 0.1, 0.05, -0.04, 0.02]
+
+weights = strategies.floats(-3.0, 3.0).map(lambda decades: 10.0**decades)
+wild = strategies.one_of(weights, strategies.floats(), strategies.floats(1e-12, 1e12))
+
+
+def lists(*sizes: int, of: Any = weights) -> Any:
+    """Return lists of one of some sizes, as tuples."""
+    return strategies.one_of([strategies.lists(of, min_size=size, max_size=size).map(tuple)
+                              for size in sizes])
+
+
+GOOD = strategies.one_of(
+    strategies.fixed_dictionaries({'Qx': lists(6)}),
+    strategies.fixed_dictionaries({'Qu': lists(2)}),
+    strategies.fixed_dictionaries({'Qx': lists(6), 'Qu': lists(2), 'weights': strategies.just(
+        'matrices')}),
+    strategies.fixed_dictionaries({'weights': strategies.just('bryson'), 'x_max': lists(6),
+                                   'u_max': lists(2)}),
+    strategies.fixed_dictionaries({'setpoint': strategies.tuples(
+        strategies.floats(-9, 9), strategies.floats(-9, 9), *[strategies.just(0.0)] * 4)}),
+    strategies.fixed_dictionaries({'u_limits': strategies.just((-9.0, 9.0, 0.0, 60.0))}),
+    strategies.fixed_dictionaries({'transition_time': strategies.just(0.0)}))
+ANY = strategies.one_of(
+    strategies.fixed_dictionaries({'Qx': lists(0, 5, 6, 36, of=wild)}),
+    strategies.fixed_dictionaries({'Qu': lists(1, 2, 4, of=wild)}),
+    strategies.fixed_dictionaries({'cross': lists(12, 11, of=wild)}),
+    strategies.fixed_dictionaries({'Qx': lists(6, of=wild), 'Qu': lists(2, of=wild)}),
+    strategies.fixed_dictionaries({'setpoint': lists(6, 5, of=wild)}),
+    strategies.fixed_dictionaries({'u_limits': lists(2, 3, 4, of=wild)}),
+    strategies.fixed_dictionaries({'stability': wild}),
+    strategies.fixed_dictionaries({'horizon': weights, 'P1': lists(6, 2, of=wild)}),
+    strategies.fixed_dictionaries({'integral': strategies.sampled_from(
+        [('px', 'py'), ('px', 'pz')]), 'Qi': lists(2)}),
+    strategies.fixed_dictionaries({'design': strategies.just('sampled'), 'rate': weights}),
+    strategies.fixed_dictionaries({'weights': strategies.sampled_from(
+        ['bryson', 'output', 'best'])}))
+
+
+@settings(max_examples=60, deadline=None)
+@given(strategies.lists(strategies.one_of(GOOD, ANY), min_size=1, max_size=8))
+def test_commands_are_those_of_the_last_accepted_design(changes: list[dict[str, Any]]) -> None:
+    """What is accepted is proved and used at once; what is refused leaves no trace."""
+    now = Settings(transition_time=0.0)
+    accepted = judge(now)
+    loop = Loop(accepted.control)
+    for k, change in enumerate(changes):
+        before = loop.preview(accepted.control)
+        try:
+            candidate = judge(replace(now, **change))
+        except ObcError as error:
+            assert str(error) and loop.preview(accepted.control) == before
+        else:
+            now, accepted = replace(now, **change), candidate
+            loop.adopt(candidate.control)
+            _check_proof(candidate)
+        u = loop.answer((k + 1) * 10**14, X, float(k))  # later than any horizon or period
+        assert u is not None
+        assert any(np.allclose(u, wanted, rtol=1e-9, atol=1e-9) for wanted in _expected(accepted))
+
+
+def _check_proof(candidate: Any) -> None:
+    """Judge the gain by other means: Routh's criterion for its closed loop, without rounding."""
+    found = candidate.design.lqr
+    A, B, K = (np.vectorize(Fraction, otypes=[object])(each) for each in (
+        found.A, found.B, found.K))
+    M = A - B @ K
+    unit = max(each.denominator for each in M.flat)   # a power of two, as those of all floats
+    polynomial = _characteristic(np.vectorize(int, otypes=[object])(M * unit))
+    assert _is_hurwitz(_left(polynomial, unit) if found.period else polynomial)
+    assert found.period or found.residual < 1e-8
+
+
+def _characteristic(M: Any) -> list[int]:
+    """Return the characteristic polynomial of a matrix of integers (Faddeev, Le Verrier)."""
+    one = np.diag([1] * len(M)).astype(object)
+    found, N = [1], one
+    for k in range(1, len(M) + 1):
+        found.append(-np.trace(M @ N) // k)   # there is no remainder
+        N = M @ N + found[-1] * one
+    return found
+
+
+def _left(polynomial: list[int], radius: int) -> Any:
+    """Return the polynomial in w of z = radius (1 + w)/(1 - w): |z| < radius is w to the left."""
+    n, found = len(polynomial) - 1, np.zeros(len(polynomial), dtype=object)
+    for k, each in enumerate(polynomial):
+        term = np.array([each], dtype=object)
+        for factor in [[radius, radius]] * (n - k) + [[-1, 1]] * k:
+            term = np.convolve(term, np.array(factor, dtype=object))
+        found = found + term
+    return found
+
+
+def _is_hurwitz(polynomial: Any) -> bool:
+    """Return whether all roots have negative real parts (Routh)."""
+    sign = 1 if polynomial[0] > 0 else -1
+    if any(sign * each <= 0 for each in polynomial):
+        return False
+    above, row = ([sign * each for each in polynomial[k::2]] for k in (0, 1))
+    while row and row[0] > 0:
+        padded = row + [0] * (len(above) - len(row))
+        above, row = row, [padded[0] * high - above[0] * low
+                           for high, low in zip(above[1:], padded[1:], strict=True)]
+    return not row
+
+
+def test_routh_without_rounding() -> None:
+    """The tests' own means, held to roots that are known."""
+    for roots in ([-1, -2, -3], [-1, -1, 2], [0, -1], [1, -2, -5, -7], [-2] * 5):
+        polynomial = _characteristic(np.diag(roots).astype(object))
+        assert polynomial == np.poly(roots).tolist()
+        assert _is_hurwitz(polynomial) == all(root < 0 for root in roots)
+        for radius in (2, 3, 8):
+            assert _is_hurwitz(_left(polynomial, radius)) == all(
+                abs(root) < radius for root in roots)
+
+
+def _expected(accepted: Any) -> list[Any]:
+    """Return what the design commands for the state X; over a horizon, at its ends."""
+    at, limits, horizon = (accepted.design.plant.equilibrium, accepted.control.limits,
+                           accepted.control.horizon)
+    gains = [accepted.design.K, *([np.array(horizon.gains.K[0])] if horizon is not None else [])]
+    e = X - at.x
+    e[2] = math.remainder(e[2], math.tau)
+    return [np.clip(at.u - K @ e, limits.lower, limits.upper) for K in gains]
+
+
+@settings(max_examples=60, deadline=None)
+@given(GOOD)
+def test_what_is_right_is_accepted(change: dict[str, Any]) -> None:
+    """Positive weights, levels to hover at, limits around hovering: no refusal is a whim."""
+    assert judge(replace(Settings(), **change)).design.lqr.residual < 1e-8
+
+
+def test_every_parameter_is_described() -> None:
+    """A sentence and, where there is one, a unit for each."""
+    for each in fields(Settings):
+        if 'entry' in each.metadata:
+            assert len(each.metadata['entry'].description) > 15, each.name
+
+
+@pytest.mark.parametrize(('change', 'sentence'), [
+    ({'horizon': 1.0, 'schedule': 'f1', 'schedule_range': (0.0, 1.0)}, 'one or the other'),
+    ({'P1': (1.0,)}, 'P1 has 1 number; wanted 6'),
+    ({'schedule': 'f2', 'schedule_range': (30.0, 50.0)}, 'f2'),
+    ({'schedule': 'm', 'schedule_range': (3.0, 5.0)}, 'a State does not tell it'),
+    ({'sample_time': 0.01, 'rate': 20.0}, 'with rate = 20 commands are 0.05 s apart or more'),
+])
+def test_what_does_not_go_together(change: dict[str, Any], sentence: str) -> None:
+    """Each has its sentence."""
+    with pytest.raises(ObcError) as error:
+        judge(replace(Settings(), **change))
+    assert sentence in str(error.value)
+
+
+@pytest.mark.parametrize(('frame', 'states', 'sentence'), [
+    ('map', 'odom', "it is in the frame 'map', the states are in 'odom'"),
+    ('odom', 'odom', ''), ('', 'odom', ''), ('map', '', '')])
+def test_the_frame_of_a_reference(frame: str, states: str, sentence: str) -> None:
+    """It is that of the states, as far as both are known."""
+    message = Trajectory(t=[0.0, 1.0], x=[0.0] * 4, u=[0.0] * 2)
+    message.header.frame_id = frame
+    system = registry.get('double_integrator')
+    if not sentence:
+        assert len(courses(message, system, states, (), None)) == 1
+        return
+    with pytest.raises(ObcError, match=sentence):
+        courses(message, system, states, (), None)

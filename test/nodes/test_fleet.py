@@ -1,0 +1,151 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Launch files: what they start, and ten vehicles in namespaces of one machine."""
+
+from pathlib import Path
+import signal
+from typing import Any
+
+from launched import nodes, RefusedError, ROOT
+from lqr_bench import Heard
+from obc_ros.cli.ros2.launch_file import LaunchFile
+from obc_ros.nodes.lqr.topics import SINKS
+from obc_ros.ros.state_sources import SOURCES
+import pytest
+import yaml
+
+VEHICLES = 10
+FILES = ('loop.launch.py', 'fleet.launch.py')
+
+
+def choices_of(file: str) -> dict[str, list[str]]:
+    """Return what the arguments of a launch file may be, where that is listed."""
+    return {each.name: list(each.choices) for each in LaunchFile(ROOT / 'launch' / file).arguments
+            if each.choices is not None}
+
+
+def test_what_a_loop_starts() -> None:
+    """Three nodes, or two on a robot, with the parameters of the scenario."""
+    loop = nodes('loop.launch.py', scenario='vehicle', namespace='robot1', speed='2.0')
+    assert [each.executable for each in loop] == [
+        'plant_simulator', 'lqr_node', 'trajectory_server']
+    assert {each.namespace for each in loop} == {'robot1'}
+    assert loop[0].values == {'use_sim_time': False, 'speed': 2.0, 'lockstep': False,
+                              'publish_clock': False}
+    assert [each.executable for each in nodes('loop.launch.py', plant='false')] == [
+        'lqr_node', 'trajectory_server']
+    assert [each.executable for each in nodes('loop.launch.py', server='false')] == [
+        'plant_simulator', 'lqr_node']
+    for scenario in ('aircraft', 'vehicle', 'vehicle_lateral'):
+        for each in nodes('loop.launch.py', scenario=scenario):
+            given = yaml.safe_load(each.files[0].read_text(encoding='utf-8'))
+            assert given[f'/**/{each.name}']['ros__parameters']
+            assert each.files == (each.files[0],) * 2
+
+
+@pytest.mark.parametrize('file', FILES)
+def test_parameters_in_place_of_those_of_the_scenario(file: str, tmp_path: Path) -> None:
+    """They come after those of the scenario, and a node keeps the last that it is given."""
+    tuned = tmp_path / 'tuned.yaml'
+    tuned.write_text('/**: {ros__parameters: {workers: 2}}')
+    for each in nodes(file, params_file=str(tuned)):
+        assert each.files[0].parent.name == 'config'
+        assert each.files[1:] == (tuned,)
+
+
+@pytest.mark.parametrize('file', FILES)
+@pytest.mark.parametrize(('arguments', 'sentence'), [
+    ({'scenario': 'nonsense'},
+     r'"scenario".* "nonsense".*\[\'aircraft\', \'vehicle\', \'vehicle_lateral\'\]'),
+    ({'scenario': '../config/aircraft'}, r'\[\'aircraft\', \'vehicle\', \'vehicle_lateral\'\]'),
+    ({'params_file': 'missing.yaml'}, 'params_file:=missing.yaml: there is no such file'),
+    ({'params_file': '.'}, 'params_file:=.: there is no such file'),
+    ({'plant': 'maybe'}, 'maybe'),
+    ({'respawn': 'maybe'}, 'maybe'),
+    ({'command_sink': 'cmd_val'}, "'command', 'cmd_vel', 'wrench'"),
+    ({'state_source': 'imu'}, "'state', 'odom'"),
+])
+def test_refuses_before_a_node_starts(file: str, arguments: dict[str, str], sentence: str
+                                      ) -> None:
+    """What is not understood starts no other plant than the one that was meant."""
+    with pytest.raises(RefusedError, match=sentence):
+        nodes(file, **arguments)
+
+
+def test_scenarios_are_the_files_of_config() -> None:
+    """A file that is added is a scenario, and the error above names it."""
+    for file in FILES:
+        listed = choices_of(file)['scenario']
+        assert listed == sorted(each.stem for each in (ROOT / 'config').glob('*.yaml'))
+
+
+@pytest.mark.parametrize('file', FILES)
+def test_topics_of_the_controller(file: str) -> None:
+    """They go to those that have them, and only when given: a parameter file may name others."""
+    asked = {'command_sink': 'cmd_vel', 'state_source': 'odom'}
+    takes = {'lqr_node': asked, 'trajectory_server': {'state_source': 'odom'}}
+    for each in nodes(file, **asked):
+        had = {name: each.values[name] for name in asked if name in each.values}
+        assert had == takes.get(each.executable, {})
+    for each in nodes(file):
+        assert not asked.keys() & each.values.keys()
+    choices = choices_of(file)
+    assert choices['command_sink'] == ['', *SINKS] and choices['state_source'] == ['', *SOURCES]
+
+
+@pytest.mark.parametrize(('file', 'some'), zip(FILES, ({}, {'vehicles': '2'}), strict=True))
+def test_nodes_are_started_again_when_asked(file: str, some: dict[str, str]) -> None:
+    """All of them; by default none."""
+    assert all(each.respawn for each in nodes(file, respawn='true', **some))
+    assert not any(each.respawn for each in nodes(file, **some))
+
+
+def test_what_a_fleet_starts() -> None:
+    """A loop for each vehicle, in its namespace; a number that is none is answered."""
+    fleet = nodes('fleet.launch.py', vehicles='3', prefix='robot')
+    assert [(each.namespace, each.executable) for each in fleet] == [
+        (f'robot{k}', name) for k in (1, 2, 3) for name in ('plant_simulator', 'lqr_node')]
+    there = nodes('fleet.launch.py', namespace='yard', use_sim_time='true', vehicles='1')
+    assert {each.namespace for each in there} == {'yard/vehicle1'}
+    assert [each.values['use_sim_time'] for each in (fleet[0], *there)] == [False, True, True]
+    assert len(nodes('fleet.launch.py')) == 2 * VEHICLES
+    assert len(nodes('fleet.launch.py', plant='false')) == VEHICLES
+    for wrong in ('0', '-1', 'many', '101'):
+        with pytest.raises(RefusedError, match='wanted a number from 1 to 100'):
+            nodes('fleet.launch.py', vehicles=wrong)
+
+
+@pytest.mark.parametrize('file', FILES)
+def test_it_keeps_to_this_machine_unless_told_otherwise(file: str) -> None:
+    """Nobody else on the network finds the nodes."""
+    for told, wanted in (({}, 'LOCALHOST'), ({'discovery_range': 'SUBNET'}, 'SUBNET')):
+        for each in nodes(file, **told):
+            assert each.environment == {'ROS_AUTOMATIC_DISCOVERY_RANGE': wanted}
+
+
+def test_ten_vehicles_on_one_machine(spawn: Any, probe: Any) -> None:
+    """Each loop follows its own plant to its own lane, and none hears another."""
+    names = [f'/vehicle{k}' for k in range(1, VEHICLES + 1)]
+    heard = {name: Heard(probe, name) for name in names}
+    for each in nodes('fleet.launch.py', vehicles=str(VEHICLES)):
+        spawn(each.executable, each.values, name=each.name, namespace=f'/{each.namespace}',
+              arguments=['--ros-args', '--params-file', str(each.files[0]), '--'])
+    probe.wait_for(lambda: all(each.answers for each in heard.values()),
+                   what='a command of each')
+    lanes = {name: -2.0 + 0.1 * k for k, name in enumerate(names)}
+    for name, lane in lanes.items():
+        assert probe.set_parameters(f'{name}/lqr_node', setpoint=[0.0, lane, 0.0])[0].successful
+    for name in names:  # besides the probe one writes and one reads
+        for topic in ('state', 'command'):
+            assert probe.node.count_publishers(f'{name}/{topic}') == 1
+            assert probe.node.count_subscribers(f'{name}/{topic}') == 2
+    probe.wait_for(lambda: all(abs(heard[name].x[1] - lanes[name]) < 5e-3 for name in names),
+                   what='each in its lane')
+    probe.wait_for(lambda: all(each.answers > 20 for each in heard.values()),
+                   what='commands that answer the states of their own plant')
+    for name in names:
+        elsewhere = set().union(*(heard[other].commands for other in names if other != name))
+        assert len(elsewhere & heard[name].states) < 0.01 * len(elsewhere)
+    for process in spawn.processes:  # all at once: one after the other takes seconds
+        process.popen.send_signal(signal.SIGINT)
+    assert [process.wait() for process in spawn.processes] == [0] * 2 * VEHICLES

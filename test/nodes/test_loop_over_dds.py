@@ -1,0 +1,83 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""plant_simulator and lqr_node as one loop: the numbers of one process, and it recovers."""
+
+import signal
+
+from lqr_bench import Heard
+import numpy as np
+from obc_ros.core.closed_loop.simulator import Simulator
+from obc_ros.core.systems import registry
+from obc_ros.msg import Command, LqrDesign, State
+from obc_ros.ros.conversions import nanoseconds
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+X0 = [1.0, -1.0, 0.1, 0.0, 0.0, 0.0]
+PLANT = {'system': 'aircraft', 'x0': X0}
+LOCKSTEP = {**PLANT, 'lockstep': True, 'speed': 0.0}
+
+
+def test_the_loop_over_dds_gives_the_states_of_the_loop_in_one_process(spawn, probe):
+    count, all_of_them = 2000, 5000   # this listener falls behind a loop as fast as it can
+    states = probe.listen(State, 'state', QoSProfile(depth=all_of_them))
+    designs = probe.listen(LqrDesign, 'lqr_node/design', LATCHED)
+    spawn('plant_simulator', {
+        **LOCKSTEP, 'qos_overrides./state.publisher.depth': all_of_them})
+    probe.wait_for(lambda: states, what='the first state, which waits for its answer')
+    spawn('lqr_node', {'system': 'aircraft'})
+    probe.wait_for(lambda: nanoseconds(states[-1].header.stamp) > count * 5_000_000 and designs)
+    design = designs[-1]
+    K, xe, ue = np.reshape(design.k, (2, 6)), np.array(design.xe), np.array(design.ue)
+    simulator = Simulator(registry.get('aircraft'), X0)
+    wanted = []
+    for _ in range(count):
+        wanted.append(simulator.x)
+        simulator.command(ue - K @ (simulator.x - xe))
+        simulator.advance(5)
+    flown = {nanoseconds(state.header.stamp) // 5_000_000: state.x for state in states}
+    assert set(flown) >= set(range(count))
+    assert max(np.abs(x - np.array(flown[k])).max() for k, x in enumerate(wanted)) < 1e-12
+
+
+@pytest.mark.parametrize('parameters', [PLANT, LOCKSTEP], ids=['real time', 'lockstep'])
+@pytest.mark.parametrize('victim', ['plant_simulator', 'lqr_node'])
+def test_a_node_that_is_killed_and_started_again_rejoins_the_loop(
+        spawn, probe, victim, parameters):
+    # At rest the command that is held meanwhile does no harm.
+    nodes = {'plant_simulator': {**parameters, 'x0': [0.0] * 6},
+             'lqr_node': {'system': 'aircraft'}}
+    running = {name: spawn(name, given) for name, given in nodes.items()}
+    heard = Heard(probe)
+    probe.wait_for(lambda: heard.answers > 30, what='states that are answered')
+    running[victim].kill()
+    probe.spin_for(0.3)
+    heard.clear()
+    spawn(victim, nodes[victim])
+    probe.wait_for(lambda: heard.answers > 30, what='states that are answered again')
+    assert np.abs(heard.x).max() < 1e-3
+
+
+def test_a_controller_that_is_stopped_holds_up_lockstep_and_nothing_else(spawn, probe):
+    plant = spawn('plant_simulator', LOCKSTEP)
+    controller = spawn('lqr_node', {'system': 'aircraft'})
+    commands = probe.listen(Command, 'command')
+    states = probe.listen(State, 'state')
+    probe.wait_for(lambda: states and len(commands) > 100)
+    controller.popen.send_signal(signal.SIGSTOP)
+
+    def held():   # what was on its way has come
+        stamp = states[-1].header.stamp
+        probe.spin_for(0.2)
+        return states[-1].header.stamp == stamp
+
+    probe.wait_for(held, what='the plant to wait')
+    before = states[-1]
+    probe.spin_for(0.5)
+    assert states[-1].header.stamp == before.header.stamp, 'the last state, sent again'
+    assert states[-1].x == before.x
+    count = len(commands)
+    controller.popen.send_signal(signal.SIGCONT)
+    probe.wait_for(lambda: len(commands) > count + 100)
+    assert plant.running()

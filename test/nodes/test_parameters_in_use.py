@@ -1,0 +1,209 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Accepted means in use: every parameter of the three nodes has an effect, or is refused."""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from obc_ros.core.lqr.design.reference_tracking import course
+from obc_ros.core.systems import registry
+from obc_ros.core.text.errors import ObcError
+from obc_ros.nodes import plant_simulator, trajectory_server
+from obc_ros.nodes.lqr import settings as lqr_settings
+from obc_ros.ros.parameters.node_parameters import Parameters
+import pytest
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+Values = Mapping[str, Any]
+
+
+def followed(settings: Any) -> Any:
+    """Return what lqr_node does: its control, what it reads at each message, a reference's law."""
+    system = registry.get(settings.system)
+    t, x = np.linspace(0.0, 1.0, 5), np.tile(system.setpoint, (5, 1))
+    u = np.tile(system.setpoint_input, (5, 1))
+    along = lqr_settings.judge(settings, (course(
+        system, (system.state_names, system.input_names), t, x.ravel(), u.ravel(), '', 1),))
+    control = lqr_settings.judge(settings).control
+    leg = along.control.legs[0]
+    return repr(control), settings.frame_id, settings.hardware_id, leg.allowed, leg.along.at(0.5)
+
+
+def served(settings: Any) -> Any:
+    """Return the settings, which the server reads at each request, under no condition."""
+    return repr(settings)
+
+
+NODES: dict[str, tuple[Any, Callable[[Any], Any], Callable[[Any], Any]]] = {
+    'lqr_node': (lqr_settings.Settings, lqr_settings.judge, followed),
+    'plant_simulator': (plant_simulator.Settings, plant_simulator.judge,
+                        lambda settings: (
+                            repr(plant_simulator.judge(settings)), settings.hardware_id)),
+    'trajectory_server': (trajectory_server.Settings, lambda settings: settings, served)}
+
+# A value of each parameter that can be changed, and what has to be set before; where that is
+# needed, it is refused without.
+LQR: dict[str, tuple[Any, Values]] = {
+    'system_parameters.m': (5.0, {}), 'system_parameters.J': (0.05, {}),
+    'system_parameters.r': (0.3, {}), 'system_parameters.g': (9.81, {}),
+    'system_parameters.c': (0.1, {}),
+    'setpoint': ([1.0] + 5 * [0.0], {}), 'setpoint_input': ([0.0, 30.0], {}),
+    'weights': ('matrices', {'weights': 'bryson', 'x_max': [2.0] * 6}),
+    'Qx': ([2.0] * 6, {}), 'Qu': ([2.0, 1.0], {}), 'cross': ([0.1] + 11 * [0.0], {}),
+    'x_max': ([2.0] * 6, {'weights': 'bryson'}), 'u_max': ([2.0, 3.0], {'weights': 'bryson'}),
+    'H': ([2.0] + 6 * [0.0] + [2.0] + 4 * [0.0],
+          {'weights': 'output', 'H': [1.0] + 6 * [0.0] + [1.0] + 4 * [0.0]}),
+    'rho': (2.0, {'weights': 'output', 'H': [1.0] + 6 * [0.0] + [1.0] + 4 * [0.0]}),
+    'stability': (0.5, {}), 'integral': (['px'], {}), 'Qi': ([2.0], {'integral': ['px']}),
+    'design': ('sampled', {'rate': 50.0}), 'rate': (50.0, {}),
+    'sample_time': (0.05, {'rate': 50.0, 'design': 'sampled'}), 'delay': (0.02, {'rate': 50.0}),
+    'horizon': (2.0, {}), 'P1': ([3.0] * 6, {}),
+    'schedule': ('', {'system': 'vehicle', 'setpoint_input': [2.0, 0.0],
+                      'schedule': 'v', 'schedule_range': [1.0, 3.0]}),
+    'schedule_range': ([1.0, 4.0], {'system': 'vehicle', 'setpoint_input': [2.0, 0.0],
+                                    'schedule': 'v', 'schedule_range': [1.0, 3.0]}),
+    'state_timeout': (0.1, {}), 'on_stale': ('hold', {}), 'stamp_timeout': (0.1, {}),
+    'u_limits': ([9.0, 60.0], {}),
+    'unlimited': (True, {'command_sink': 'wrench', 'u_limits': [9.0, 60.0]}),
+    'x_limits': ([1.0] * 6, {}), 'on_envelope': ('hold', {'x_limits': [1.0] * 6}),
+    'start_tolerance': ([0.5] * 6, {}), 'hardware_id': ('h1', {}),
+    'transition_time': (0.5, {}), 'frame_id': ('map', {})}
+STATES = ('px', 'py', 'theta', 'vx', 'vy', 'omega')
+PLANT: dict[str, tuple[Any, Values]] = {
+    **{f'system_parameters.{name}': (value, {}) for name, value in (
+        ('m', 5.0), ('J', 0.05), ('r', 0.3), ('g', 9.81), ('c', 0.1))},
+    'x0': ([1.0] + 5 * [0.0], {}), 'speed': (2.0, {}), 'integrator': ('adaptive', {}),
+    'tolerance': (1e-6, {'integrator': 'adaptive'}), 'actuator_lag': ([0.1, 0.1], {}),
+    'input_delay': (0.1, {}), 'hardware_id': ('h1', {}), 'command_timeout': (0.5, {}),
+    'seed': (3, {'noise.px': 0.1}),
+    **{f'noise.{name}': (0.1, {}) for name in STATES},
+    **{f'disturbance.constant.{name}': (0.1, {}) for name in STATES},
+    **{f'disturbance.gust.{name}': (0.1, {}) for name in STATES},
+    'disturbance.gust_start': (1.0, {'disturbance.gust.vx': 0.1}),
+    'disturbance.gust_duration': (2.0, {'disturbance.gust.vx': 0.1})}
+SERVER: dict[str, tuple[Any, Values]] = {
+    'workers': (3, {}), 'time_limit': (5.0, {}), 'max_intervals': (100, {}),
+    'cache_size': (3, {}), 'queue_length': (3, {}), 'hardware_id': ('h1', {}),
+    'state_timeout': (0.2, {})}
+TRIED = {'lqr_node': LQR, 'plant_simulator': PLANT, 'trajectory_server': SERVER}
+CASES = [(node, name) for node, table in TRIED.items() for name in table]
+# Those that have an effect under a condition only, and what is set at the start so that they have
+# none, where the defaults do not do that.
+CONDITIONAL: dict[tuple[str, str], Values] = {
+    **{('lqr_node', name): {} for name in (
+        'x_max', 'u_max', 'H', 'rho', 'Qi', 'sample_time', 'schedule_range', 'unlimited',
+        'on_envelope')},
+    ('lqr_node', 'Qx'): {'weights': 'bryson'}, ('lqr_node', 'Qu'): {'weights': 'bryson'},
+    ('lqr_node', 'on_stale'): {'state_timeout': 0.0},
+    **{('plant_simulator', name): {} for name in (
+        'tolerance', 'seed', 'disturbance.gust_start', 'disturbance.gust_duration')},
+    ('plant_simulator', 'command_timeout'): {'lockstep': True}}
+
+
+class Bench:
+    """The parameters of a node, without the rest of it."""
+
+    def __init__(self, context: Any, name: str, given: Values) -> None:
+        self.table, judge, self._effect = NODES[name]
+        self.node = Node(name, context=context, allow_undeclared_parameters=True,
+                         parameter_overrides=[Parameter(key, value=value)
+                                              for key, value in given.items()])
+        try:
+            self.parameters: Any = Parameters(self.node, self.table, judge, lambda _: None)
+        except ObcError:
+            self.node.destroy_node()
+            raise
+
+    @property
+    def effect(self) -> Any:
+        return self._effect(self.parameters.settings)
+
+    def set(self, **values: Any) -> Any:
+        return self.node.set_parameters_atomically(
+            [Parameter(key, value=value) for key, value in values.items()])
+
+    def names(self) -> Iterator[str]:
+        """Yield the parameters of the table that can be changed."""
+        yield from (each for each in self.parameters._entries
+                    if not self.node.describe_parameter(each).read_only)
+
+
+@pytest.fixture
+def start(probe: Any) -> Iterator[Callable[..., Bench]]:
+    """Return what makes a bench for a node and values at the start."""
+    made: list[Bench] = []
+
+    def begin(name: str, given: Values) -> Bench:
+        made.append(Bench(probe.context, name, given))
+        return made[-1]
+
+    yield begin
+    for bench in made:
+        bench.node.destroy_node()
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_every_parameter_is_tried_below(start: Any, name: str) -> None:
+    """A parameter that is added without a line there has nobody to say what it does."""
+    bench = start(name, {})
+    assert set(bench.names()) == set(TRIED[name])
+    assert {each for each in bench.names() if bench.parameters._entries[each].used_when} == {
+        each for node, each in CONDITIONAL if node == name}
+
+
+@pytest.mark.parametrize(('node', 'name'), CASES)
+def test_a_parameter_has_an_effect_or_is_refused(start: Any, node: str, name: str) -> None:
+    """With the defaults of the node, and with what makes it used."""
+    value, needed = TRIED[node][name]
+    plain = start(node, {key: each for key, each in needed.items()
+                         if key in ('system', 'setpoint_input')})
+    before = plain.effect
+    result = plain.set(**{name: value})
+    if not result.successful:
+        assert result.reason and plain.effect == before
+    elif not needed:
+        assert plain.effect != before
+    if not needed:
+        assert result.successful or name == 'setpoint_input'  # the aircraft leaves it no choice
+        return
+    bench = start(node, needed)
+    before = bench.effect
+    result = bench.set(**{name: value})
+    assert result.successful, result.reason
+    assert bench.effect != before or name == 'unlimited'  # what that does is tried over DDS
+
+
+@pytest.mark.parametrize(('node', 'name'), CONDITIONAL)
+def test_an_unused_parameter_is_refused_in_the_same_words(start: Any, node: str, name: str
+                                                          ) -> None:
+    """At any time, and at the start with what to write; its present value passes always."""
+    without, value = CONDITIONAL[node, name], TRIED[node][name][0]
+    bench = start(node, without)
+    entry = bench.parameters._entries[name]
+    before = bench.effect
+    reason = bench.set(**{name: value}).reason
+    assert reason.startswith(f'{name} is not used with ')
+    assert reason.endswith(' first, or both with set_parameters_atomically') or (
+        '; start the node with ' in reason)
+    assert bench.effect == before
+    default = entry.ros(entry.default).value
+    assert bench.set(**{name: default}).successful
+    with pytest.raises(ObcError, match=f'^{name} is not used with .*; write .*, or leave {name} '):
+        start(node, {**without, name: value})
+    start(node, {**without, name: default})
+
+
+def test_what_loses_its_use_goes_back_to_its_default(start: Any) -> None:
+    """So that a parameter that reads other than its default is in use."""
+    bench = start('lqr_node', {'weights': 'bryson', 'x_max': [2.0] * 6, 'u_max': [1.0, 2.0]})
+    assert bench.set(weights='matrices').successful
+    assert bench.parameters.settings.x_max == () == bench.parameters.settings.u_max
+    assert bench.node.get_parameter('x_max').value == []
+    assert bench.set(Qx=[2.0] * 6).successful
+    assert not bench.set(weights='bryson', Qx=[3.0] * 6).successful  # judged together
+    assert bench.parameters.settings.Qx == (2.0,) * 6
+    assert bench.set(weights='bryson', x_max=[3.0] * 6).successful
+    assert bench.parameters.settings.Qx == ()
+    assert bench.set(weights='bryson', Qx=[], x_max=[3.0] * 6).successful  # as it is

@@ -1,0 +1,292 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""What holds for the package as a whole: versions, interfaces, boundaries, headers."""
+
+import ast
+from collections.abc import Iterator
+from functools import cache
+import importlib
+from importlib import metadata
+import os
+from pathlib import Path
+import re
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import pytest
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+ROOT = Path(__file__).resolve().parents[2]
+PROJECT = tomllib.loads((ROOT / 'pyproject.toml').read_text(encoding='utf-8'))
+PACKAGE = ElementTree.parse(ROOT / 'package.xml').getroot()
+FOLDERS = ('.ci', '.github', 'benchmarks', 'cmake', 'config', 'docs', 'launch', 'obc_ros',
+           'requirements', 'test')
+HEADER = ('# Copyright 2026 The obc_ros developers\n', '# SPDX-License-Identifier: Apache-2.0\n')
+INTERFACES = [file for kind in ('msg', 'srv', 'action') for file in sorted(ROOT.glob(f'{kind}/*'))]
+# What a module that is imported is called in package.xml, if it is called otherwise there.
+ROSDEP_KEYS = {
+    'ament_index_python': 'ament_index_python',
+    'casadi': 'casadi-pip',
+    'control': 'python-control-pip',
+    'matplotlib': 'python3-matplotlib',
+    'mcap': 'mcap-ros2-support',
+    'numpy': 'python3-numpy',
+    'rich': 'python3-rich',
+    'scipy': 'python3-scipy',
+    'yaml': 'python3-yaml',
+}
+CORE_MAY_IMPORT = {*sys.stdlib_module_names, 'casadi', 'control', 'numpy', 'scipy', 'yaml'}
+UNSAFE_NAMES = {'__import__', 'eval', 'exec'}
+UNSAFE_ATTRIBUTES = {
+    ('os', 'popen'), ('os', 'system'), ('subprocess', 'getoutput'), ('tempfile', 'mktemp'),
+    ('subprocess', 'getstatusoutput'), ('yaml', 'full_load'), ('yaml', 'load'),
+    ('yaml', 'unsafe_load'),
+}
+UNSAFE_MODULES = {'dill', 'marshal', 'pickle', 'shelve'}
+
+
+def files(*suffixes: str) -> list[Path]:
+    """Return the project's own files that end in one of `suffixes`."""
+    found = [path for path in ROOT.iterdir() if path.is_file()]
+    for folder in FOLDERS:
+        found += [path for path in (ROOT / folder).rglob('*') if path.is_file()]
+    return sorted(path for path in found if path.name.endswith(suffixes))
+
+
+def prefixes() -> list[str]:
+    """Return where packages are installed."""
+    given = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    return [*filter(None, given), sys.prefix]
+
+
+def installed(path: str) -> Path:
+    """Return where a file of the installed package is."""
+    candidates = [Path(prefix) / path for prefix in prefixes()]
+    return next((file for file in candidates if file.is_file()), candidates[0])
+
+
+def name(path: Path) -> str:
+    """Return the path as messages show it."""
+    return str(path.relative_to(ROOT))
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    """Return the syntax tree of a Python file."""
+    return ast.parse(path.read_text(encoding='utf-8'), filename=name(path))
+
+
+def imports(path: Path) -> Iterator[str]:
+    """Yield the full name of every module that a file imports, wherever it does."""
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level, f'{name(path)}:{node.lineno}: imports are absolute'
+            yield str(node.module)
+            if node.module == 'obc_ros':
+                yield from (f'obc_ros.{alias.name}' for alias in node.names)
+
+
+def unsafe(path: Path) -> Iterator[str]:
+    """Yield a sentence for everything that runs text as a program."""
+    for module in imports(path):
+        if module.split('.')[0] in UNSAFE_MODULES:
+            yield f'{name(path)}: import {module}'
+    for node in ast.walk(tree(path)):
+        where = f'{name(path)}:{getattr(node, "lineno", 0)}'
+        match node:
+            case ast.Name(id=identifier) if identifier in UNSAFE_NAMES:
+                yield f'{where}: {identifier}'
+            case ast.Attribute(value=ast.Name(id=owner), attr=attribute) if (
+                    owner, attribute) in UNSAFE_ATTRIBUTES:
+                yield f'{where}: {owner}.{attribute}'
+            case ast.keyword(arg='shell' | 'allow_pickle', value=value) if not (
+                    isinstance(value, ast.Constant) and value.value is False):
+                yield f'{where}: {node.arg}='
+
+
+PYTHON = files('.py')
+CORE = sorted((ROOT / 'obc_ros' / 'core').rglob('*.py'))
+
+
+def test_the_version_is_the_same_everywhere():
+    """The changelog opens with what is forthcoming, or with this version."""
+    version = PACKAGE.findtext('version')
+    headings = re.findall(r'^(.+)\n-+$', (ROOT / 'CHANGELOG.rst').read_text(), re.MULTILINE)
+    released = [heading.split(' ')[0] for heading in headings if heading != 'Forthcoming']
+    assert 'Forthcoming' not in headings[1:]
+    assert headings
+    assert released[:1] in ([], [version])
+    if os.environ.get('AMENT_PREFIX_PATH') is None:  # a workspace installs no such metadata
+        assert metadata.version('obc-ros') == version
+
+
+@pytest.mark.parametrize('file', INTERFACES, ids=name)
+def test_interface_is_installed(file):
+    module = importlib.import_module(f'obc_ros.{file.parent.name}')
+    assert hasattr(module, file.stem)
+    assert installed(f'share/obc_ros/{name(file)}').read_bytes() == file.read_bytes()
+    snake = re.sub('(?<=[a-z])(?=[A-Z])', '_', file.stem).lower()
+    assert installed(f'include/obc_ros/obc_ros/{file.parent.name}/{snake}.hpp').is_file()
+
+
+def test_data_files_are_installed():
+    data = [*(ROOT / 'config').iterdir(), *(ROOT / 'launch').glob('*.py'), ROOT / 'package.xml']
+    for file in data:
+        assert installed(f'share/obc_ros/{name(file)}').read_bytes() == file.read_bytes()
+    assert installed('share/obc_ros/cmake/obc_rosConfig.cmake').is_file()
+    assert installed('share/ament_index/resource_index/packages/obc_ros').is_file()
+
+
+CPP_PROJECT = """
+cmake_minimum_required(VERSION 3.20)
+project(user CXX)
+find_package(obc_ros REQUIRED)
+add_executable(user main.cpp)
+target_compile_features(user PRIVATE cxx_std_17)
+target_link_libraries(user ${obc_ros_TARGETS})
+"""
+CPP_PROGRAM = """
+#include <iostream>
+#include <obc_ros/action/solve_optimal_control.hpp>
+#include <obc_ros/msg/lqr_design.hpp>
+#include <obc_ros/srv/design_lqr.hpp>
+int main()
+{
+  obc_ros::srv::DesignLqr::Response response;
+  response.design.k = {1.0, 2.0};
+  obc_ros::action::SolveOptimalControl::Goal goal;
+  goal.problem.states = {"p"};
+  std::cout << response.design.k.size() << goal.problem.states[0];
+}
+"""
+
+
+def test_a_cpp_program_is_built_with_the_interfaces(tmp_path):
+    (tmp_path / 'CMakeLists.txt').write_text(CPP_PROJECT)
+    (tmp_path / 'main.cpp').write_text(CPP_PROGRAM)
+    beside = Path(sys.executable).parent / 'cmake'
+    cmake = str(beside) if beside.is_file() else 'cmake'
+    environment = {**os.environ, 'AMENT_PREFIX_PATH': os.pathsep.join(prefixes()),
+                   'LD_LIBRARY_PATH': os.pathsep.join(f'{each}/lib' for each in prefixes())}
+    for command in (
+            [cmake, '-S', '.', '-B', 'build', f'-DCMAKE_PREFIX_PATH={";".join(prefixes())}',
+             f'-DPython3_EXECUTABLE={sys.executable}'],
+            [cmake, '--build', 'build'], ['build/user']):
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True,
+                              text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout == '2p'
+
+
+@pytest.mark.parametrize('file', INTERFACES, ids=name)
+def test_every_field_has_a_comment(file):
+    previous = ''
+    for number, line in enumerate(file.read_text(encoding='utf-8').splitlines(), start=1):
+        statement, _, comment = line.partition('#')
+        if statement.strip() not in ('', '---'):
+            said = comment.strip() or previous.startswith('#')
+            assert said, f'{name(file)}:{number}: {statement.strip()} has no comment'
+        previous = line.strip()
+
+
+@pytest.mark.parametrize(('executable', 'entry'), PROJECT['project']['scripts'].items())
+def test_executable_is_there_for_pip_and_for_colcon(executable, entry):
+    module, function = entry.split(':')
+    assert callable(getattr(importlib.import_module(module), function))
+    assert f'{executable}:{module}' in (ROOT / 'CMakeLists.txt').read_text()
+    assert function == 'main'
+    assert os.access(installed(f'lib/obc_ros/{executable}'), os.X_OK)
+
+
+def test_core_knows_no_ros():
+    for path in CORE:
+        for module in imports(path):
+            allowed = module.split('.')[0] in CORE_MAY_IMPORT or module == 'obc_ros.core' or (
+                module.startswith('obc_ros.core.'))
+            assert allowed, f'{name(path)} imports {module}'
+
+
+def test_nodes_do_not_know_the_command_line():
+    for path in sorted((ROOT / 'obc_ros' / 'nodes').rglob('*.py')):
+        assert not [module for module in imports(path) if module.startswith('obc_ros.cli')]
+
+
+def test_all_that_is_imported_is_a_dependency():
+    declared = {element.text for element in PACKAGE if element.tag.endswith('depend')}
+    required = {re.split(r'[\[<>=~; ]', line)[0] for line in PROJECT['project']['dependencies']}
+    for path in [path for path in PYTHON if path.is_relative_to(ROOT / 'obc_ros')]:
+        for module in {module.split('.')[0] for module in imports(path)}:
+            if module in sys.stdlib_module_names or module == 'obc_ros':
+                continue
+            assert ROSDEP_KEYS.get(module, module) in declared, f'{name(path)}: {module}'
+            wheels = {module, f'ros-{module.replace("_", "-")}', {'yaml': 'PyYAML'}.get(module)}
+            brought = {'action_msgs', 'builtin_interfaces', 'lifecycle_msgs', 'rcl_interfaces',
+                       'rosgraph_msgs', 'rosidl_parser'}
+            assert wheels & required or module in brought, f'{name(path)}: {module}'
+
+
+def test_every_dependency_is_used():
+    """By what is installed or a field of an interface; generated code needs its runtime."""
+    folders = tuple(ROOT / folder for folder in ('obc_ros', 'launch', 'benchmarks'))
+    modules = {module.split('.')[0] for path in PYTHON for module in imports(path)
+               if any(path.is_relative_to(folder) for folder in folders)}
+    fields = {found for file in INTERFACES for found in re.findall(
+        r'^([a-z_]+)/[A-Z]', file.read_text(encoding='utf-8'), re.MULTILINE)}
+    used = modules | fields | {'rosidl_default_runtime'}
+    keys = {ROSDEP_KEYS.get(module, module) for module in used}
+    declared = {element.text for element in PACKAGE if element.tag in ('depend', 'exec_depend')}
+    assert declared <= keys, f'package.xml: {sorted(declared - keys)}'
+    wheels = used | {f'ros-{each.replace("_", "-")}' for each in used} | {'PyYAML'}
+    required = {re.split(r'[\[<>=~; ]', line)[0] for line in PROJECT['project']['dependencies']}
+    assert required <= wheels, f'pyproject.toml: {sorted(required - wheels)}'
+
+
+@pytest.mark.parametrize('distribution', ['jazzy', 'kilted'])
+def test_every_wheel_is_pinned(distribution):
+    for part in (distribution, 'run', 'test', 'develop', 'docs'):
+        for line in (ROOT / 'requirements' / f'{part}.txt').read_text().splitlines():
+            assert not line or line.startswith('#') or re.match(r'[\w.\[\]-]+==[\w.]+', line), line
+
+
+def test_pip_builds_with_the_wheels_of_make_setup():
+    pins = set((ROOT / 'requirements' / 'jazzy.txt').read_text().splitlines())
+    built = [line for line in PROJECT['build-system']['requires'] if line.startswith('ros-')]
+    assert set(built) <= pins
+    run = [line for line in PROJECT['project']['dependencies'] if line.startswith('ros-')]
+    for line in run:
+        assert line.endswith('.*'), line
+        assert any(pin.startswith(line[:-1]) for pin in pins), line
+
+
+def test_every_source_file_has_the_license_header():
+    sources = files('.py', '.cmake', '.in', 'CMakeLists.txt', '.yml', 'Makefile', 'run')
+    for path in [*sources, *(ROOT / 'config').iterdir(), *(ROOT / 'requirements').iterdir()]:
+        lines = path.read_text(encoding='utf-8').splitlines(keepends=True)
+        start = 1 if lines and lines[0].startswith('#!') else 0
+        assert tuple(lines[start:start + 2]) == HEADER, name(path)
+
+
+def test_nothing_runs_text_as_a_program():
+    assert [found for path in PYTHON for found in unsafe(path)] == []
+
+
+@pytest.mark.parametrize('text', [
+    'eval("1")', 'exec("a = 1")', 'import pickle', 'from pickle import loads', 'os.system("ls")',
+    'yaml.load(file)', 'subprocess.run("ls", shell=True)', 'numpy.load(file, allow_pickle=True)',
+    'run = exec', 'import marshal'])
+def test_what_is_unsafe_is_found(text, tmp_path, monkeypatch):
+    monkeypatch.setitem(globals(), 'ROOT', tmp_path)
+    (tmp_path / 'file.py').write_text(text)
+    assert list(unsafe(tmp_path / 'file.py'))
+
+
+def test_no_file_is_longer_than_500_lines():
+    lengths = {name(path): len(path.read_text(encoding='utf-8').splitlines()) for path in PYTHON}
+    assert {path: length for path, length in lengths.items() if length > 500} == {}

@@ -1,0 +1,264 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the package may do is bounded: no text runs, no name is opened that the policy lacks."""
+
+import ast
+from collections.abc import Iterator
+import os
+from pathlib import Path
+import re
+from typing import Any
+from xml.etree import ElementTree
+
+from obc_ros.cli.processes import isolate
+from obc_ros.core.ocp import statement
+from obc_ros.core.text import yaml_files
+from obc_ros.core.text.errors import StatementError
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+POLICY = ROOT / 'security' / 'policy.xml'
+ACTION = re.compile(r'/_action/\w+$')
+
+# Ways to run data as a program, to start a shell, or to reach what a name does not say.
+MODULES = {
+    'cloudpickle', 'code', 'codeop', 'cPickle', 'dill', 'imp', 'joblib', 'jsonpickle', 'marshal',
+    'pickle', 'pty', 'runpy', 'shelve', 'xmlrpc',
+}
+NAMES = {'__builtins__', '__import__', 'breakpoint', 'compile', 'eval', 'exec'}
+ATTRIBUTES = {
+    '__builtins__', '__code__', '__globals__', '__import__', '__reduce__', '__reduce_ex__',
+    '__subclasses__', 'allow_pickle', 'extractall', 'getoutput', 'getstatusoutput',
+    'run_module', 'run_path', 'startfile',
+    'CFullLoader', 'CLoader', 'CUnsafeLoader', 'FullLoader', 'Loader', 'UnsafeLoader',
+    'full_load', 'load_all', 'unsafe_load', 'unsafe_load_all',
+}
+OWNED = {('yaml', 'load'), ('np', 'load'), ('numpy', 'load'), ('builtins', 'eval'),
+         ('builtins', 'exec')}
+FAMILIES = re.compile(r'^os\.(exec[lv]|spawn[lv]|posix_spawn|popen|system)')
+PROCESSES = {'Popen', 'call', 'check_call', 'check_output', 'run'}
+IMPORTS = ('exec_module', 'import_module')
+# Modules that are looked for by a name that is not a constant, and where the name comes from.
+IMPORTS_BY_NAME = {
+    'obc_ros/cli/obc.py': 'one of SUBCOMMANDS',
+    'obc_ros/workers/process.py': 'given by the pool on the command line',
+    'benchmarks/timing.py': 'a constant of a benchmark',
+    'obc_ros/cli/ros2/yaml_messages.py': 'PACKAGE.msg, .srv or .action of an identifier PACKAGE',
+    'obc_ros/cli/ros2/launch_file.py': 'the launch file that a user starts, as ros2 launch does',
+}
+# A program in place of this one, by a list of words, and which one.
+PROGRAMS = {('obc_ros/cli/ros2/run.py', 'os.execv'): 'an executable file of the package it names'}
+
+
+def dangers(text: str, name: str) -> Iterator[str]:
+    """Yield a sentence for everything in a Python text that could run data as a program."""
+    for node in ast.walk(ast.parse(text)):
+        where = f'{name}:{getattr(node, "lineno", 0)}:'
+        match node:
+            case ast.Import(names=names):
+                yield from (f'{where} import {each.name}' for each in names
+                            if each.name.split('.')[0] in MODULES)
+            case ast.ImportFrom(module=module, names=names):
+                if str(module).split('.')[0] in MODULES:
+                    yield f'{where} from {module}'
+                yield from (f'{where} from {module} import {each.name}' for each in names
+                            if each.name in ATTRIBUTES | NAMES
+                            or FAMILIES.match(f'{module}.{each.name}'))
+            case ast.Name(id=identifier) if identifier in NAMES:
+                yield f'{where} {identifier}'
+            case ast.Attribute(value=owner, attr=attribute) if (
+                    attribute in ATTRIBUTES or (ast.unparse(owner), attribute) in OWNED
+                    or FAMILIES.match(f'{ast.unparse(owner)}.{attribute}')
+                    and (name, f'{ast.unparse(owner)}.{attribute}') not in PROGRAMS):
+                yield f'{where} {ast.unparse(node)}'
+            case ast.keyword(arg='shell' | 'allow_pickle', value=value) if not (
+                    isinstance(value, ast.Constant) and value.value is False):
+                yield f'{where} {node.arg}={ast.unparse(value)}'
+            case ast.Call(func=function, args=arguments):
+                yield from (f'{where} {each}' for each in calls(function, arguments, name))
+
+
+def calls(function: ast.expr, arguments: list[ast.expr], name: str) -> Iterator[str]:
+    """Yield what is wrong with a call."""
+    called = ast.unparse(function)
+    first = arguments[0] if arguments else None
+    if called.startswith('subprocess.') and called.split('.')[-1] in PROCESSES and isinstance(
+            first, (ast.Constant, ast.JoinedStr)):
+        yield f'{called} of a text'
+    if called.split('.')[-1] in IMPORTS and not isinstance(first, ast.Constant) and (
+            name not in IMPORTS_BY_NAME and not name.startswith('test/')):
+        yield f'{called}({ast.unparse(first) if first else ""})'
+    if called == 'getattr' and len(arguments) > 1 and isinstance(
+            arguments[1], ast.Constant) and arguments[1].value in ATTRIBUTES | NAMES:
+        yield f'getattr of {arguments[1].value}'
+
+
+def sources() -> list[Path]:
+    """Return all Python of the project."""
+    folders = ('benchmarks', 'launch', 'obc_ros', 'test')
+    return sorted([*ROOT.glob('*.py'), *(
+        path for folder in folders for path in (ROOT / folder).rglob('*.py'))])
+
+
+def test_no_python_of_the_project_runs_data_as_a_program():
+    found = [each for path in sources()
+             for each in dangers(path.read_text(encoding='utf-8'), str(path.relative_to(ROOT)))]
+    assert found == []
+
+
+@pytest.mark.parametrize('text', [
+    'eval("1")', 'import builtins\nbuiltins.exec("a")', 'compile("1", "", "eval")',
+    'import marshal', 'from pickle import loads', 'import runpy', 'from os import system',
+    'os.execv("/bin/sh", [])', 'os.spawnlp(0, "sh")', 'yaml.load(text)',
+    'yaml.load(text, Loader=yaml.FullLoader)', 'from yaml import UnsafeLoader',
+    'subprocess.run("ls | sort")', 'subprocess.Popen(f"rm {path}")',
+    'subprocess.run(words, shell=True)', 'subprocess.run(words, shell=shell)',
+    'np.load(file, allow_pickle=True)', 'np.load(file)', '().__class__.__base__.__subclasses__()',
+    'getattr(builtins, "eval")', 'import_module(name)', '__import__("os")',
+    'archive.extractall(folder)', 'run = exec'])
+def test_each_way_to_run_data_is_found(text):
+    assert list(dangers(text, 'file.py'))
+
+
+def test_what_is_imported_by_name_is_imported_there_and_nowhere_else():
+    """A module that stops doing so leaves the list."""
+    for name in IMPORTS_BY_NAME:
+        text = (ROOT / name).read_text(encoding='utf-8')
+        assert any(f'{each}(' in text for each in IMPORTS), name
+
+
+@pytest.mark.parametrize('text', [
+    '!!python/object/apply:os.system ["touch FILE"]',
+    'a: !!python/object/new:subprocess.Popen [["touch", "FILE"]]',
+    'a: !!python/name:os.system',
+    'a: !!python/module:antigravity',
+    '&a [*a, *a]\n--- {<<: *a}'])
+def test_yaml_makes_plain_data_and_runs_nothing(text, tmp_path):
+    mark, path = tmp_path / 'mark', tmp_path / 'problem.yaml'
+    path.write_text(text.replace('FILE', str(mark)))
+    with pytest.raises(StatementError):
+        statement.load_file(path)
+    with pytest.raises(StatementError):
+        yaml_files.read_yaml(path)
+    assert not mark.exists()
+
+
+def test_a_command_keeps_its_nodes_on_this_machine(monkeypatch):
+    """Whatever the shell says; conftest.py does the same for the tests."""
+    for name, value in (('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET'), ('ROS_DOMAIN_ID', '0'),
+                        ('ROS_STATIC_PEERS', '192.0.2.1'), ('ROS_LOCALHOST_ONLY', '0')):
+        monkeypatch.setenv(name, value)
+    for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
+        monkeypatch.setenv(name, '1')
+    isolate(42)
+    assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
+    assert os.environ['ROS_DOMAIN_ID'] == '42'
+    assert not {'ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY'} & set(os.environ)
+
+
+def test_the_tests_keep_to_this_machine(spawn):
+    assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
+    node = spawn('plant_simulator')
+    node.wait_for_output('until the first command')   # not while it begins anew, as rclpy does
+    given = Path(f'/proc/{node.pid}/environ').read_bytes().split(b'\0')
+    assert b'ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST' in given
+    assert f'ROS_DOMAIN_ID={spawn.domain}'.encode() in given
+
+
+def test_launch_keeps_to_this_machine_unless_told_otherwise():
+    tree = ast.parse((ROOT / 'launch' / 'loop.launch.py').read_text(encoding='utf-8'))
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)
+             and ast.unparse(node.func) == 'SetEnvironmentVariable']
+    assert [ast.unparse(call.args[0]) for call in calls] == ["'ROS_AUTOMATIC_DISCOVERY_RANGE'"]
+    assert ast.unparse(calls[0].args[1]) == "LaunchConfiguration('discovery_range')"
+    defaults = [node for node in ast.walk(tree) if isinstance(node, ast.Call)
+                and ast.unparse(node.func) == 'EnvironmentVariable']
+    assert [ast.unparse(each) for each in defaults] == [
+        "EnvironmentVariable('ROS_AUTOMATIC_DISCOVERY_RANGE', default_value='LOCALHOST')"]
+
+
+# The policy of SROS2 beside the graph of running nodes
+
+
+Names = dict[str, set[str]]
+
+
+def allowed(node: str) -> Names:
+    """Return what the policy allows a node, its own name left as ~."""
+    found: Names = {}
+    for profile in ElementTree.parse(POLICY).iter('profile'):
+        if profile.get('node') == node:
+            for group in profile:
+                kind, value = next(iter(group.attrib.items()))
+                assert value == 'ALLOW'
+                found.setdefault(kind, set()).update(str(each.text) for each in group)
+    return found
+
+
+def opened(observer: Any, node: str, namespace: str) -> Names:
+    """Return what a running node has opened, as a policy would write it."""
+
+    def names(query: str) -> list[str]:
+        pairs = getattr(observer, f'get_{query}_names_and_types_by_node')(node, namespace)
+        return [relative(name, node, namespace) for name, _ in pairs]
+
+    services, topics = names('service'), names('publisher')
+    return {
+        'publish': {name for name in topics if not ACTION.search(name)},
+        'subscribe': set(names('subscriber')),
+        'reply': {name for name in services if not ACTION.search(name)},
+        'execute': {ACTION.sub('', name) for name in services if ACTION.search(name)},
+        'request': set(names('client'))}
+
+
+def relative(name: str, node: str, namespace: str) -> str:
+    own = f'{namespace}/{node}/'
+    return f'~/{name.removeprefix(own)}' if name.startswith(own) else name.removeprefix(
+        f'{namespace}/')
+
+
+CONFIGURATIONS = {
+    'plant_simulator': ({'publish_clock': True}, {'use_sim_time': True, 'system': 'vehicle'}),
+    'lqr_node': (
+        {'use_sim_time': True},
+        {'state_source': 'odom', 'command_sink': 'wrench', 'unlimited': True},
+        {'system': 'vehicle', 'state_source': 'odom', 'command_sink': 'cmd_vel',
+         'setpoint_input': [1.0, 0.0], 'u_limits': [0.0, 2.0, -0.5, 0.5]}),
+    'trajectory_server': (
+        {'workers': 1, 'use_sim_time': True}, {'workers': 1, 'state_source': 'odom'})}
+
+
+def test_the_policy_allows_what_the_nodes_open_and_nothing_else(spawn, probe):
+    """Each node in all its configurations: the union of what they open is what is allowed."""
+    spawned = []
+    for node, configurations in CONFIGURATIONS.items():
+        for number, parameters in enumerate(configurations):
+            namespace = f'/{node}{number}'
+            spawn(node, parameters, namespace=namespace)
+            spawned.append((node, namespace))
+
+    def differences() -> list[str]:
+        # what a node has opened arrives piece by piece
+        wrong = []
+        for node in CONFIGURATIONS:
+            wanted: Names = allowed(node)
+            have: Names = {}
+            for each, namespace in spawned:
+                if each == node and (node, namespace) in present():
+                    for kind, names in opened(probe.node, node, namespace).items():
+                        have.setdefault(kind, set()).update(names)
+            wrong += [f'{node}: {kind} {sorted(have.get(kind, set()) ^ wanted.get(kind, set()))}'
+                      for kind in have.keys() | wanted.keys()
+                      if have.get(kind, set()) != wanted.get(kind, set())]
+        return wrong
+
+    def present() -> list[tuple[str, str]]:
+        return probe.node.get_node_names_and_namespaces()
+
+    try:
+        probe.wait_for(lambda: not differences())
+    except AssertionError:
+        raise AssertionError('\n'.join(differences())) from None
+    # nothing more comes once they run
+    probe.spin_for(1.0)
+    assert not differences()

@@ -1,0 +1,148 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""How every node ends: without a traceback, and with a status that says how."""
+
+from array import array
+from contextlib import suppress
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+import pytest
+from rcl_interfaces.srv import ListParameters
+import support
+
+NODES = ('lqr_node', 'plant_simulator', 'trajectory_server')
+
+
+@pytest.mark.parametrize('node', NODES)
+def test_sigterm_ends_a_node(spawn: Any, probe: Any, node: str) -> None:
+    """
+    Status 0, nothing but its own words on its output, and it is listed no more at once.
+
+    An observer that takes in what a node said last only after its farewell lists it for ever
+    (docs/reliability.md). On a machine with more work than cores one in a hundred observers is so
+    late; what our nodes did wrong would be seen each time.
+    """
+    for name in (node, f'{node}_again', f'{node}_once_more'):
+        process = spawn(node, name=name)
+        probe.wait_for_node(name)
+        process.popen.send_signal(signal.SIGTERM)
+        assert process.wait(10.0) == 0, process.output()
+        assert 'Traceback' not in process.output() and 'Error' not in process.output()
+        with suppress(AssertionError):
+            probe.wait_for(lambda name=name: name not in probe.node.get_node_names(), 10.0)
+            return
+    pytest.fail(f'{node} was listed after its end, three times in a row')
+
+
+STUCK = """
+import ctypes
+from obc_ros.ros import executor
+from rclpy.node import Node
+class Stuck(Node):
+    def destroy_node(self):
+        ctypes.PyDLL(None).sleep(60)  # in C, with the interpreter's lock
+executor.PATIENCE = 0.5
+executor.run(lambda: Stuck('stuck'))
+"""
+
+
+def test_a_node_that_cannot_leave_the_graph_ends(probe: Any, domain: int) -> None:
+    """Its traceback says where it stood still."""
+    process = subprocess.Popen([sys.executable, '-c', STUCK], stderr=subprocess.PIPE,
+                               env=support.environment(domain))
+    try:
+        probe.wait_for_node('stuck')
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=20.0)
+    finally:
+        process.kill()
+    assert process.returncode == 1
+    assert b'in destroy_node' in said
+
+
+STUCK_CLIENT = """
+import ctypes
+from obc_ros.cli.client import Client
+from obc_ros.cli.ros_graph import joined
+from obc_ros.ros import executor
+executor.PATIENCE = 0.5
+with joined(lambda: None, Client) as client:
+    client.node.destroy_node = lambda: ctypes.PyDLL(None).sleep(60)
+"""
+
+
+def test_a_client_that_cannot_leave_the_graph_ends(domain: int) -> None:
+    ended = subprocess.run([sys.executable, '-c', STUCK_CLIENT], stderr=subprocess.PIPE,
+                           env=support.environment(domain), timeout=20.0)
+    assert ended.returncode == 1
+    assert b'in close' in ended.stderr
+
+
+def test_a_file_that_cannot_be_read(spawn: Any, tmp_path: Any) -> None:
+    """The sentence names what is wrong, and how lists of numbers are written."""
+    missing = spawn('lqr_node', remappings={'1bad': '2bad'})
+    assert missing.wait() == 1 and 'Traceback' not in missing.output()
+    mixed = spawn('lqr_node', {'Qu': [1, 0.5]})
+    assert mixed.wait() == 1
+    assert 'write the numbers of a list all with a point, or none' in mixed.output()
+
+
+@pytest.mark.parametrize(('node', 'tuned'), [
+    ('lqr_node', {'Qx': [100.0, 1.0, 1.0, 0.0, 0.0, 0.0], 'integral': ['px'], 'Qi': []}),
+    ('plant_simulator', {'noise.px': 0.1, 'x0': [1.0] * 6}),
+    ('trajectory_server', {'workers': 1})])
+def test_what_is_dumped_goes_before_what_a_scenario_says(spawn: Any, probe: Any, node: str,
+                                                        tuned: dict[str, Any]) -> None:
+    """A node that starts with all parameters of another one has these."""
+    spawn(node, tuned)
+    request = ListParameters.Request()
+    names = [name for name in probe.call(
+        ListParameters, f'/{node}/list_parameters', request).result.names
+        if not name.startswith('qos_overrides.')]  # which go by the namespace
+    values = {name: list(value) if isinstance(value, (tuple, array)) else value
+              for name, value in probe.get_parameters(f'/{node}', *names).items()}
+    assert tuned.items() <= values.items()
+    scenario = Path(__file__).resolve().parents[2] / 'config' / 'aircraft.yaml'
+    again = ['--ros-args', '--params-file', str(scenario), '--']
+    spawn(node, values, arguments=again, name=node, namespace='/again')
+    assert probe.get_parameters(f'/again/{node}', *names) == probe.get_parameters(
+        f'/{node}', *names)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('node', NODES)
+def test_a_signal_while_it_loads_ends_a_node(spawn: Any, probe: Any, node: str, number: int
+                                             ) -> None:
+    process = spawn(node)
+    probe.wait_for(lambda: 'numpy' in Path(f'/proc/{process.pid}/maps').read_text())
+    process.popen.send_signal(number)
+    assert process.wait(10.0) == 0, process.output()
+    assert not process.output()
+
+
+@pytest.mark.parametrize('words', [['--help'], ['-p', 'system:=vehicle'], ['flight']], ids=str)
+@pytest.mark.parametrize('node', NODES)
+def test_what_is_no_ros_argument_is_refused(node: str, words: list[str]) -> None:
+    """A parameter without --ros-args does not start a node that knows nothing of it."""
+    ended = subprocess.run([sys.executable, '-m', f'obc_ros.nodes.{node}', *words],
+                           capture_output=True, text=True, timeout=60.0)
+    assert ended.returncode == 1
+    assert ended.stderr.splitlines()[-1] == (
+        f"{node}: '{words[0]}' is not understood; parameters are given as in: "
+        '--ros-args -p system:=aircraft --params-file FILE')
+
+
+@pytest.mark.parametrize('gap', [0.0, 0.05, 0.1, 0.15])
+def test_who_asks_twice_gets_the_same_end(spawn: Any, probe: Any, gap: float) -> None:
+    """Ctrl-C reaches every process of a launch file, and then the launch file asks them, too."""
+    process = spawn('lqr_node')
+    probe.wait_for_node('lqr_node')
+    process.popen.send_signal(signal.SIGINT)
+    time.sleep(gap)  # any: the second one must do no harm whenever it comes
+    process.popen.send_signal(signal.SIGINT)
+    assert process.wait() == 0, process.output()

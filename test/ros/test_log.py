@@ -1,0 +1,76 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""What an operator reads in the log, over /rosout: each event has a line, and none floods it."""
+
+from typing import Any
+
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from lqr_bench import Bench
+from obc_ros.ros.throttled_log import BURST
+import pytest
+from rcl_interfaces.msg import Log
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_srvs.srv import SetBool, Trigger
+
+pytestmark = pytest.mark.nodes
+
+ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+LINE = {'system': 'double_integrator'}
+
+
+@pytest.fixture
+def log(probe: Any) -> list[Log]:
+    """Return the list that the lines of all nodes are appended to."""
+    return probe.listen(Log, '/rosout', ROSOUT)  # type: ignore[no-any-return]
+
+
+def read(probe: Any, log: list[Log], words: str, level: Any) -> Log:
+    """Return the first line of a level with these words."""
+    return probe.wait_for(  # type: ignore[no-any-return]
+        lambda: next((each for each in log if words in each.msg and each.level == level), None),
+        what=f'a line with {words!r}')
+
+
+def test_changes_stop_start_and_transitions(spawn: Any, probe: Any, log: list[Log]) -> None:
+    Bench(spawn, probe, **LINE)
+    [result] = probe.set_parameters('/lqr_node', Qu=[-1.0])
+    assert not result.successful
+    assert result.reason in read(probe, log, 'a change of Qu was refused', Log.WARN).msg
+    probe.call(Trigger, '/lqr_node/stop')
+    read(probe, log, '~/stop: stopped at', Log.WARN)
+    probe.call(Trigger, '/lqr_node/start')
+    read(probe, log, '~/start: started again', Log.INFO)
+    for transition, words in ((Transition.TRANSITION_DEACTIVATE, 'deactivated'),
+                              (Transition.TRANSITION_ACTIVATE, 'activated: states are answered')):
+        log.clear()
+        request = ChangeState.Request(transition=Transition(id=transition))
+        assert probe.call(ChangeState, '/lqr_node/change_state', request).success
+        read(probe, log, words, Log.INFO)
+
+
+def test_states_that_are_lost_and_back(spawn: Any, probe: Any, log: list[Log]) -> None:
+    bench = Bench(spawn, probe, state_timeout=0.3, **LINE)
+    bench.ask([0.1, 0.0])
+    read(probe, log, 'no good state for 0.3 s', Log.WARN)
+    bench.answer([0.1, 0.0])
+    assert float(read(probe, log, 'states are back after ', Log.INFO).msg.split()[4]) >= 0.3
+
+
+def test_a_client_that_asks_for_nonsense_does_not_flood(spawn: Any, probe: Any, log: list[Log]
+                                                        ) -> None:
+    Bench(spawn, probe, **LINE)
+    for _ in range(5 * BURST):
+        probe.set_parameters('/lqr_node', Qu=[-1.0])
+    probe.call(Trigger, '/lqr_node/stop')
+    read(probe, log, '~/stop', Log.WARN)   # in order: what was refused before it is told by now
+    refused = [each for each in log if 'a change of Qu was refused' in each.msg]
+    assert BURST <= len(refused) < 4 * BURST
+
+
+def test_the_plant_tells_of_reset_and_pause(spawn: Any, probe: Any, log: list[Log]) -> None:
+    spawn('plant_simulator', LINE)
+    probe.call(Trigger, '/plant_simulator/reset')
+    read(probe, log, '~/reset: at ', Log.INFO)
+    probe.call(SetBool, '/plant_simulator/pause', SetBool.Request(data=True))
+    read(probe, log, '~/pause: paused at t = ', Log.INFO)

@@ -1,0 +1,199 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""A statement says the same as a file and as a message; answers arrive as they were."""
+
+from pathlib import Path
+import subprocess
+import sys
+
+import numpy as np
+from obc_ros.core.ocp.solution import Certificate, Optimality, Solution, Status
+from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.text.errors import StatementError
+from obc_ros.msg import NamedBounds, NamedExpression, NamedValues, OptimalControlProblem
+from obc_ros.ros import messages
+from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
+from obc_ros.workers import requests
+from obc_ros.workers.wire import pack, Packet, unpack
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+
+FILES = sorted((Path(__file__).parents[1] / 'problems').glob('*.yaml'))
+EVERYTHING = {
+    'name': 'everything', 'states': ['x', 'v'], 'inputs': ['u', 'w'],
+    'parameters': {'a': 0.1, 'b': 'a/3', 'c': 1e-17},
+    'dynamics': {'x': 'v', 'v': 'u - a*v + b*w'},
+    'running_cost': 'u**2 + w**2', 'terminal_cost': 'c*x**2',
+    'initial_state': {'x': 'b', 'v': -0.30000000000000004},
+    'terminal_constraints': ['x - 1', 'v'],
+    'input_bounds': {'u': [None, '2*a'], 'w': None}, 'state_bounds': {'v': [-3, None]},
+    'path_constraints': [{'expr': 'x + u', 'lower': None, 'upper': 5},
+                         {'expr': 'x*v', 'lower': '-a'}],
+    'final_time': {'free': True, 'lower': 0.5, 'upper': 10, 'guess': 'a*30'},
+    'initial_guess': {'states': {'x': [0, 'a', 1]}, 'inputs': {'u': 0.5}, 'final_time': 2},
+}
+LINEAR = {
+    'name': 'linear', 'system': 'linear',
+    'parameters': {'A': [[0, 1], [0, 0]], 'B': [0, 1], 'goal': '1/3'},
+    'running_cost': 'u1**2', 'initial_state': {'x1': 0, 'x2': 0},
+    'terminal_constraints': ['x1 - goal', 'x2'], 'final_time': {'free': False, 'value': 1}}
+NUMBERS = ('p_value', 'x0', 'x_lower', 'x_upper', 'u_lower', 'u_upper', 'path_lower', 'path_upper')
+
+
+def over_the_wire(message):
+    """Return a message as DDS and the pipe to a worker would bring it."""
+    return deserialize_message(serialize_message(message), type(message))
+
+
+@pytest.mark.parametrize('mapping', [EVERYTHING, LINEAR, *(load_file(file)[0] for file in FILES)],
+                         ids=lambda mapping: mapping['name'])
+def test_a_statement_survives_the_message(mapping):
+    problem = problem_from_mapping(mapping)
+    message = over_the_wire(messages.problem_message(mapping, problem.guess))
+    arrived = problem_from_mapping(unpack(pack(Packet(messages.statement(message)))).plain)
+    assert arrived.name == problem.name
+    assert arrived.structure == problem.structure
+    assert (arrived.states, arrived.inputs) == (problem.states, problem.inputs)
+    for name in NUMBERS:
+        assert np.array_equal(getattr(arrived, name), getattr(problem, name)), name
+    assert repr(arrived.final_time) == repr(problem.final_time)
+    assert arrived.guess.final_time == problem.guess.final_time
+    for part in ('x', 'u'):
+        guess = getattr(problem.guess, part)
+        assert getattr(arrived.guess, part).keys() == guess.keys()
+        for name, values in guess.items():
+            assert np.array_equal(getattr(arrived.guess, part)[name], values)
+
+
+@pytest.mark.parametrize('field, entries', [
+    ('parameters', [NamedExpression(name='a', expression='1')] * 2),
+    ('dynamics', [NamedExpression(name='x', expression='u')] * 2),
+    ('input_bounds', [NamedBounds(name='u', lower='0', upper='1')] * 2),
+    ('initial_state', [NamedExpression(name='', expression='')] * 2),
+])
+def test_a_name_that_stands_twice_is_refused(field, entries):
+    message = OptimalControlProblem(**{field: entries})
+    with pytest.raises(StatementError, match=f'^{field}: .* stands twice'):
+        messages.statement(message)
+
+
+@pytest.mark.parametrize('text', ['[', '[1, 2', '[[1], x]', '[' * 10_000])
+def test_a_parameter_that_begins_as_a_list_and_is_none_is_refused(text):
+    message = OptimalControlProblem(parameters=[NamedExpression(name='A', expression=text)])
+    with pytest.raises(StatementError, match=r'^parameters\.A: .* is no list of numbers'):
+        messages.statement(message)
+
+
+@pytest.mark.parametrize('kind, request_', [
+    ('solve', SolveOptimalControl.Request(
+        problem=OptimalControlProblem(running_cost='u' * 11_000_000))),
+    ('solve', SolveOptimalControl.Request(
+        problem=OptimalControlProblem(terminal_constraints=['x' * 9] * 800_000))),
+    ('minimize', Minimize.Request(cost='x' * 11_000_000)),
+    ('plan', PlanMotion.Request(start=[0.0] * 1_300_000)),
+    ('design_lqr', DesignLqr.Request(a=[0.0] * 2_000_000)),
+])
+def test_a_request_has_a_largest_size(kind, request_):
+    with pytest.raises(StatementError, match=r'has \d+ bytes of text and numbers; at most'):
+        messages.plain_request(kind, request_)
+
+
+def test_affinity_sees_what_is_solved_and_not_its_numbers():
+    def affinity(**changes):
+        return messages.affinity(Packet({'statement': {**EVERYTHING, **changes}}))
+    same = affinity()
+    assert affinity(parameters={'a': 0.2, 'b': 3, 'c': -1}, terminal_constraints=['x - 21.5', 'v'],
+                    initial_state={'x': 7, 'v': 8}) == same
+    assert affinity(running_cost='u**2 + v**2') != same
+    assert affinity(state_bounds={}) != same
+
+
+def solution_of(problem, **changes):
+    """Return a solution of made-up numbers."""
+    N, (n, m, q) = 5, (problem.n, problem.m, problem.q)
+    numbers = np.random.default_rng(1).normal
+    return Solution(**{
+        'status': Status.SOLVED, 'message': 'words', 'objective': 1.5, 't': np.arange(N) * 0.1,
+        'x': numbers(size=(N, n)), 'u': numbers(size=(N, m)), 'lam': numbers(size=(N, n)),
+        'hamiltonian': numbers(size=N), 'nu': numbers(size=q), 'interpolation': 'zoh',
+        'switching_times': np.array([0.25]), 'method': 'm', 'iterations': np.int64(7),
+        'build_time': 0.5, 'solve_time': 0.25,
+        'certificate': Certificate({'start': 0.0, 'end': 1e-9}, {'start': 1e-6, 'end': 1e-6}),
+        'optimality': Optimality('local', 'why', 4, (1.5, 2.5)),
+        **changes})
+
+
+def answered(response, **changes):
+    """Return a response that carries the solution, over the wire."""
+    problem = problem_from_mapping(EVERYTHING)
+    solution = solution_of(problem, **changes)
+    packet = unpack(pack(requests.solution_packet(problem, solution, 'aircraft')))
+    messages.fill_answer(response, packet)
+    return solution, over_the_wire(response)
+
+
+def test_an_answer_survives_pipe_and_message():
+    solution, response = answered(SolveOptimalControl.Response())
+    assert response.success
+    assert (response.status, response.message, response.objective, response.method) == (
+        'solved', 'words', 1.5, 'm')
+    assert (response.iterations, response.build_time, response.solve_time) == (7, 0.5, 0.25)
+    path = response.trajectory
+    assert (path.system, path.state_names, path.input_names, path.interpolation) == (
+        'aircraft', ['x', 'v'], ['u', 'w'], 'zoh')
+    for name in ('t', 'x', 'u', 'lam', 'hamiltonian', 'switching_times'):
+        assert np.array_equal(getattr(path, name), getattr(solution, name).ravel()), name
+    assert np.array_equal(response.nu, solution.nu)
+    certificate = response.certificate
+    assert certificate.holds
+    assert certificate.conditions == ['start', 'end']
+    assert [*certificate.residuals, *certificate.tolerances] == [0.0, 1e-9, 1e-6, 1e-6]
+    assert certificate.sentence.startswith('all 2 conditions hold')
+    known = response.optimality
+    assert (known.kind, known.reason, known.starts, known.minima.tolist()) == (
+        'local', 'why', 4, [1.5, 2.5])
+
+
+def test_what_is_proved_to_be_the_best_is_told_with_a_plan_too():
+    _, response = answered(PlanMotion.Response(), optimality=Optimality('global', 'convex'))
+    assert (response.optimality.kind, response.optimality.reason) == ('global', 'convex')
+    _, response = answered(PlanMotion.Response(), optimality=None)
+    assert response.optimality.kind == ''
+
+
+@pytest.mark.parametrize('changes', [
+    {'certificate': None},
+    {'certificate': Certificate({'end': np.inf}, {'end': 1e-6})},
+    {'status': Status.NOT_CONVERGED},
+])
+def test_only_a_certified_answer_is_a_success(changes):
+    _, response = answered(PlanMotion.Response(), **changes)
+    assert not response.success
+
+
+def test_a_certificate_that_fails_names_the_worst_condition():
+    _, response = answered(SolveOptimalControl.Response(), certificate=Certificate(
+        {'start': 1e-5, 'costate': 0.3}, {'start': 1e-6, 'costate': 1e-3}))
+    assert not response.certificate.holds
+    assert response.certificate.sentence == (
+        'costate does not hold: its residual is 0.3, over 0.001')
+
+
+def test_a_refusal_has_no_trajectory():
+    response = SolveOptimalControl.Response()
+    messages.fill_answer(response, Packet({'status': 'malformed', 'message': 'why'}))
+    assert over_the_wire(response) == SolveOptimalControl.Response(
+        status='malformed', message='why', certificate=response.certificate)
+
+
+def test_names_and_values_of_a_guess():
+    message = OptimalControlProblem()
+    message.initial_guess.states = [NamedValues(name='x', values=[1.0, 2.0])]
+    assert messages.statement(message)['initial_guess'] == {'states': {'x': [1.0, 2.0]}}
+    assert messages.statement(OptimalControlProblem()) == {'final_time': {'free': False}}
+
+
+def test_a_node_needs_no_casadi_for_messages():
+    program = ('import sys, obc_ros.nodes.trajectory_server\n'
+               'print(sorted({"casadi", "scipy", "control", "matplotlib"} & set(sys.modules)))')
+    assert subprocess.check_output([sys.executable, '-c', program], text=True) == '[]\n'

@@ -1,0 +1,339 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of a node: what is accepted, and the sentence for what is not."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+import math
+from typing import Any
+
+from hypothesis import given, settings, strategies
+from obc_ros.core.text.errors import ObcError, StatementError
+from obc_ros.ros.conversions import system_parameters
+from obc_ros.ros.parameters.node_parameters import Entry, group, parameter, Parameters, Value
+import pytest
+from rcl_interfaces.msg import Parameter as ParameterMsg
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, SetParameters, SetParametersAtomically
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+
+@dataclass(frozen=True)
+class Settings:
+    """A table with every kind of parameter."""
+
+    system: str = parameter('aircraft', 'registered system', read_only=True)
+    system_parameters: Mapping[str, Value] = group(system_parameters)
+    Qx: tuple[float, ...] = parameter((1.0, 1.0), 'state weight')
+    Qu: tuple[float, ...] = parameter((1.0,), 'input weight', lower=0.0)
+    x_max: tuple[float, ...] = parameter((), 'scales')
+    u_max: tuple[float, ...] = parameter((), 'limits', finite=False)
+    rate: float = parameter(0.0, 'commands a second', 'Hz', lower=0.0)
+    delay: float = parameter(0.0, 'input delay', 's', lower=0.0, upper=1.0)
+    steps: int = parameter(10, 'number of steps', lower=1)
+    lockstep: bool = parameter(False, 'wait for the command')
+    on_stale: str = parameter('hold', 'what to do', choices=('equilibrium', 'hold', 'silent'))
+    integral: tuple[str, ...] = parameter((), 'names of states', texts=True)
+    gust: float = parameter(0.0, 'gust', name='disturbance.gust')
+
+
+class Judged:
+    """A node with the table, that refuses Qx[0] > 100."""
+
+    def __init__(self, context: Any, given: Mapping[str, Any] | None = None) -> None:
+        self.node = Node(
+            'lqr_node', context=context, allow_undeclared_parameters=True,
+            parameter_overrides=[Parameter(name, value=value)
+                                 for name, value in (given or {}).items()])
+        self.adopted: list[Settings] = []
+        self.refused: list[str] = []
+        self.parameters = Parameters(
+            self.node, Settings, self.judge, self.adopted.append, self.refused.append)
+
+    def judge(self, settings: Settings) -> Settings:
+        if sum(settings.Qx) + sum(settings.Qu) > 100.0:
+            raise StatementError('Qx and Qu: too much together')
+        return settings
+
+    def set(self, **values: Any) -> Any:
+        return self.node.set_parameters_atomically(
+            [each if isinstance(each := value, Parameter) else Parameter(name, value=value)
+             for name, value in values.items()])
+
+
+@pytest.fixture
+def judged(probe: Any) -> Iterator[Judged]:
+    """Return the node, spun by the probe's executor."""
+    judged = Judged(probe.context)
+    probe.add(judged.node)
+    yield judged
+    judged.node.destroy_node()
+
+
+def test_starts_with_defaults(judged: Judged) -> None:
+    """The table's defaults are the settings, and the system's parameters are in it."""
+    settings = judged.parameters.settings
+    assert settings.Qx == (1.0, 1.0) and settings.rate == 0.0 and settings.gust == 0.0
+    assert settings.system_parameters == {'m': 4.0, 'J': 0.0475, 'r': 0.25, 'g': 9.8, 'c': 0.05}
+    assert judged.parameters.candidate == settings
+    assert judged.adopted == []
+    descriptor = judged.node.describe_parameter('delay')
+    assert descriptor.description == 'input delay [s]'
+    assert descriptor.floating_point_range[0].to_value == 1.0
+    assert judged.node.describe_parameter('system').read_only
+
+
+@pytest.mark.parametrize(('name', 'value', 'kept'), [
+    ('Qx', [1, 2], (1.0, 2.0)),
+    ('Qx', 3, (3.0,)),
+    ('Qx', 3.5, (3.5,)),
+    ('Qx', '[1, 0.5]', (1.0, 0.5)),
+    ('Qx', '[[1, 0.5], [0.5, 2]]', (1.0, 0.5, 0.5, 2.0)),
+    ('Qx', '1e-09', (1e-9,)),
+    ('Qx', ['1e-09', '2'], (1e-9, 2.0)),
+    ('Qx', '[1e-09, 1.0]', (1e-9, 1.0)),
+    ('Qx', ' [ [1, 0.5] , [0.5, 2] ] ', (1.0, 0.5, 0.5, 2.0)),
+    ('u_max', ['inf', 'inf'], (math.inf, math.inf)),
+    ('rate', '1e-09', 1e-9),
+    ('steps', '3', 3),
+    ('integral', 'px', ('px',)),
+    ('integral', ['px', 'py'], ('px', 'py')),
+    ('integral', [], ()),
+    ('x_max', [], ()),
+    ('u_max', [math.inf, 1.0], (math.inf, 1.0)),
+    ('rate', 200, 200.0),
+    ('steps', 3, 3),
+    ('lockstep', True, True),
+    ('on_stale', 'silent', 'silent'),
+    ('disturbance.gust', 2, 2.0),
+    ('system_parameters.m', 5, 5.0),
+])
+def test_accepts(judged: Judged, name: str, value: Any, kept: Any) -> None:
+    """What is meant as the wanted type is kept as it, and adopted once."""
+    assert judged.set(**{name: value}).successful
+    field = {'disturbance.gust': 'gust'}.get(name, name)
+    settings = judged.adopted.pop()
+    assert not judged.adopted
+    assert settings is judged.parameters.settings
+    present = (settings.system_parameters['m'] if field == 'system_parameters.m'
+               else getattr(settings, field))
+    assert present == kept and type(present) is type(kept)
+    told = judged.node.get_parameter(name)
+    assert told.value == (list(kept) if isinstance(kept, tuple) else kept) or (
+        list(told.value) == list(kept))
+    if isinstance(kept, tuple):
+        assert told.type_ is (Parameter.Type.STRING_ARRAY if name == 'integral' else
+                              Parameter.Type.DOUBLE_ARRAY)
+
+
+@pytest.mark.parametrize(('name', 'value', 'sentence'), [
+    ('Qx', 'heavy', 'Qx: wanted a list of numbers, got a string'),
+    ('Qx', '[1, x]', 'Qx: wanted a list of numbers, got a string'),
+    ('Qx', '[[1, 2], [3]]', 'Qx: wanted a list of numbers, got a string'),
+    ('Qx', [True, False], 'Qx: wanted a list of numbers, got a list of true and false'),
+    ('Qx', [1.0, math.nan], 'Qx[1] = nan: wanted a finite number'),
+    ('Qx', [-math.inf, 1.0], 'Qx[0] = -inf: wanted a finite number'),
+    ('u_max', [math.nan], 'u_max[0] = nan: wanted a finite number'),
+    ('Qu', [1.0, -0.1], 'Qu[1] = -0.1: wanted at least 0'),
+    ('rate', -1, 'rate = -1: wanted at least 0 Hz'),
+    ('rate', 'fast', 'rate: wanted a number, got a string'),
+    ('rate', '-1e-09', 'rate = -1e-09: wanted at least 0 Hz'),
+    ('rate', 'nan', 'rate = nan: wanted a finite number'),
+    ('delay', 1.5, 'delay = 1.5: wanted between 0 and 1 s'),
+    ('delay', '-inf', 'delay = -inf: wanted a finite number'),
+    ('Qx', ['1', 'x'], 'Qx: wanted a list of numbers, got a list of strings'),
+    ('Qx', '[1 2, 3]', 'Qx: wanted a list of numbers, got a string'),
+    ('Qx', '1 2', 'Qx: wanted a list of numbers, got a string'),
+    ('steps', '3.5', 'steps: wanted a whole number, got a string'),
+    ('steps', '0', 'steps = 0: wanted at least 1'),
+    ('steps', '9' * 30, 'steps: wanted a whole number of 64 bits'),
+    ('lockstep', 'maybe', 'lockstep: wanted true or false, got a string'),
+    ('on_stale', 1, 'on_stale: wanted a string, got a whole number'),
+    ('rate', [1.0], 'rate: wanted a number, got a list of numbers'),
+    ('steps', 1.5, 'steps: wanted a whole number, got a number'),
+    ('steps', 0, 'steps = 0: wanted at least 1'),
+    ('lockstep', 1, 'lockstep: wanted true or false, got a whole number'),
+    ('on_stale', 'holdd',
+     "on_stale = 'holdd': wanted 'equilibrium' or 'hold' or 'silent'; did you mean 'hold'?"),
+    ('on_stale', 'h\x1b[31m' + 'x' * 9999, "on_stale = 'h\\x1b[31m" + 51 * 'x' + "...': wanted"),
+    ('Qz', [1.0], "no parameter 'Qz'; did you mean 'Qx'?"),
+    ('qx', [1.0], "no parameter 'qx'; did you mean 'Qx'?"),
+    ('wholly_other', 1, "no parameter 'wholly_other'"),
+    ('system_parameters.mass', 1, "no parameter 'system_parameters.mass'; "
+     "did you mean 'system_parameters.m'?"),
+    ('system_parameters.m', -1.0, 'system_parameters.m = -1: wanted'),
+    ('Qx', [99.0, 2.0], 'Qx and Qu: too much together'),
+    ('Qx', None, 'Qx cannot be deleted, only set'),
+    ('Qz', None, "no parameter 'Qz'; did you mean 'Qx'?"),
+])
+def test_refuses(judged: Judged, name: str, value: Any, sentence: str) -> None:
+    """A refusal is a sentence; nothing has changed."""
+    before, value_before = judged.parameters.settings, judged.node.get_parameter('Qx').value
+    result = judged.set(**{name: value})
+    assert not result.successful
+    assert result.reason.startswith(sentence)
+    assert len(result.reason) < 300 and result.reason.isprintable()
+    assert judged.refused == [result.reason]
+    assert judged.parameters.settings is before
+    assert judged.node.get_parameter('Qx').value == value_before
+    assert not judged.adopted and not judged.node.has_parameter('Qz')
+
+
+def test_read_only_is_refused(judged: Judged) -> None:
+    """What is fixed at the start stays."""
+    result = judged.set(system='vehicle')
+    assert not result.successful and 'system' in result.reason
+    assert judged.parameters.settings.system == 'aircraft'
+
+
+def test_judged_together(judged: Judged) -> None:
+    """All proposed values are looked at together with the present ones, or none is taken."""
+    assert judged.set(Qx=[98.0, 1.0]).successful
+    assert not judged.set(Qu=[2.0]).successful
+    assert judged.set(Qu=[2.0], Qx=[50.0, 1.0], rate=10).successful
+    assert len(judged.adopted) == 2
+    assert judged.adopted[-1].Qu == (2.0,) and judged.adopted[-1].rate == 10.0
+    assert not judged.set(rate=20.0, Qu=['a']).successful
+    assert judged.parameters.settings.rate == 10.0
+
+
+def test_other_parameters_pass(judged: Judged) -> None:
+    """Parameters of rclpy are not this table's business."""
+    assert judged.set(use_sim_time=True).successful
+    assert not judged.set(use_sim_time='yes').successful
+    assert not judged.adopted
+
+
+def test_over_services(judged: Judged, probe: Any) -> None:
+    """set_parameters answers one by one, set_parameters_atomically all or none."""
+    results = probe.set_parameters('/lqr_node', Qx=[2, 3], Qu=[-1.0], rate=5)
+    assert [each.successful for each in results] == [True, False, True]
+    assert judged.parameters.settings.Qx == (2.0, 3.0)
+    assert probe.get_parameters('/lqr_node', 'Qx', 'Qu') == {'Qx': [2.0, 3.0], 'Qu': [1.0]}
+    assert not probe.set_parameters_atomically('/lqr_node', Qx=[4, 3], Qu=[-1.0]).successful
+    assert probe.get_parameters('/lqr_node', 'Qx') == {'Qx': [2.0, 3.0]}
+
+
+def test_bounds_that_a_tool_shows(judged: Judged, probe: Any) -> None:
+    """Ranges of numbers, also of those bounded on one side: what sliders are made of."""
+    def described(name: str) -> Any:
+        request = DescribeParameters.Request(names=[name])
+        return probe.call(
+            DescribeParameters, '/lqr_node/describe_parameters', request).descriptors[0]
+
+    for name, lower, upper in (('delay', 0.0, 1.0), ('rate', 0.0, math.inf)):
+        between, = described(name).floating_point_range
+        assert (between.from_value, between.to_value, between.step) == (lower, upper, 0.0)
+    between, = described('steps').integer_range
+    assert (between.from_value, between.to_value, between.step) == (1, 2**63 - 1, 0)
+    for name in ('disturbance.gust', 'Qu', 'lockstep', 'on_stale'):
+        assert not described(name).floating_point_range and not described(name).integer_range
+    for value in (0.0, 1.0, 1, '0.5'):
+        assert probe.set_parameters('/lqr_node', delay=value)[0].successful
+    for value in (1.0000001, -1e-300, 'x'):
+        result, = probe.set_parameters('/lqr_node', delay=value)
+        assert not result.successful and 'delay' in result.reason and 'wanted' in result.reason
+        assert judged.refused.pop() == result.reason
+    assert described('delay').type == ParameterType.PARAMETER_DOUBLE  # whatever was refused
+
+
+def test_read_only_may_be_set_to_what_it_is(judged: Judged, probe: Any) -> None:
+    """So that a file with all parameters can be loaded; another value is refused."""
+    for name, value in (('system', 'aircraft'), ('start_type_description_service', True)):
+        assert probe.set_parameters('/lqr_node', **{name: value})[0].successful
+        assert probe.set_parameters_atomically('/lqr_node', **{name: value}).successful
+    assert not judged.adopted
+    results = probe.set_parameters('/lqr_node', system='vehicle', rate=5.0)
+    assert [each.successful for each in results] == [False, True]
+    assert 'system' in results[0].reason
+    assert probe.set_parameters_atomically('/lqr_node', system='aircraft', rate=6.0).successful
+    assert not probe.set_parameters_atomically('/lqr_node', system='vehicle', rate=7.0).successful
+    assert judged.parameters.settings.rate == 6.0
+
+
+def test_set_together_if_acceptable_together(judged: Judged, probe: Any) -> None:
+    """In any order, and taken up once; what is refused is reported once."""
+    assert probe.set_parameters('/lqr_node', Qx=[98.0, 1.0])[0].successful
+    results = probe.set_parameters('/lqr_node', Qu=[50.0], Qx=[1.0, 1.0])
+    assert [each.successful for each in results] == [True, True]
+    assert len(judged.adopted) == 2 and judged.adopted[-1].Qu == (50.0,)
+    results = probe.set_parameters('/lqr_node', Qu=[-1.0], rate=5.0)
+    assert [each.successful for each in results] == [False, True]
+    assert judged.refused == [results[0].reason] and len(judged.adopted) == 3
+
+
+@pytest.mark.parametrize('service', [SetParameters, SetParametersAtomically])
+def test_type_that_does_not_exist(judged: Judged, probe: Any, service: Any) -> None:
+    """A value type that rclpy does not know is refused and the node goes on."""
+    name = ('/lqr_node/set_parameters' if service is SetParameters
+            else '/lqr_node/set_parameters_atomically')
+    bad = ParameterMsg(name='Qx', value=ParameterValue(type=200))
+    response = probe.call(service, name, service.Request(parameters=[bad]))
+    result = response.results[0] if service is SetParameters else response.result
+    assert not result.successful
+    assert result.reason == 'Qx: there is no parameter type 200'
+    assert judged.set(Qx=[1, 1]).successful
+
+
+def test_values_at_the_start(probe: Any) -> None:
+    """Values of files and arguments go the same way; a bad one stops the node."""
+    judged = Judged(probe.context, {'Qx': [5, 6], 'rate': 100, 'system': 'vehicle',
+                                    'system_parameters.l': 3, 'Qz': 1.0})
+    settings = judged.parameters.settings
+    assert settings.Qx == (5.0, 6.0) and settings.system_parameters == {'l': 3.0}
+    judged.node.destroy_node()
+    with pytest.raises(ObcError, match=r'Qu\[0\] = -1: wanted at least 0'):
+        Judged(probe.context, {'Qu': [-1]})
+    with pytest.raises(ObcError, match='too much together'):
+        Judged(probe.context, {'Qx': [99, 99]})
+    with pytest.raises(ObcError, match="did you mean 'aircraft'"):
+        Judged(probe.context, {'system': 'aircaft'})
+
+
+def test_a_system_of_options(probe: Any) -> None:
+    """The linear system is built of A and B, which are parameters too."""
+    judged = Judged(probe.context, {
+        'system': 'linear', 'system_parameters.A': [0, 1, 0, 0], 'system_parameters.B': [0, 1]})
+    assert judged.parameters.settings.system_parameters == {
+        'A': (0.0, 1.0, 0.0, 0.0), 'B': (0.0, 1.0)}
+    judged.node.destroy_node()
+
+
+VALUES = strategies.one_of(
+    strategies.none(), strategies.booleans(), strategies.integers(-2**63, 2**63 - 1),
+    strategies.floats(), strategies.text(max_size=20),
+    strategies.lists(strategies.floats(), max_size=4),
+    strategies.lists(strategies.integers(-2**63, 2**63 - 1), max_size=4),
+    strategies.lists(strategies.text(max_size=5), max_size=3),
+    strategies.lists(strategies.booleans(), max_size=3),
+    strategies.text('[],. 0123456789e-', max_size=30).map(lambda text: f'[{text}]'))
+ENTRIES = [
+    Entry('a', (1.0,), '', lower=0.0), Entry('b', (), '', finite=False), Entry('c', 1.0, ''),
+    Entry('d', 1, '', lower=-5, upper=5), Entry('e', False, ''),
+    Entry('f', 'x', '', choices=('x', 'y')), Entry('g', (), '', texts=True)]
+
+
+@settings(max_examples=300, deadline=None)
+@given(entry=strategies.sampled_from(ENTRIES), value=VALUES)
+def test_a_value_is_of_the_entry_or_refused(entry: Entry, value: Any) -> None:
+    """Whatever is given, an entry returns its own type within its bounds or a StatementError."""
+    try:
+        kept = entry.value(Parameter(entry.name, value=value))
+    except StatementError as error:
+        assert entry.name in str(error)
+        return
+    assert type(kept) is type(entry.default)
+    numbers = kept if isinstance(kept, tuple) else (kept,)
+    for number in numbers:
+        if isinstance(number, float):
+            assert entry.lower <= number <= entry.upper
+            assert math.isfinite(number) or not entry.finite
+    assert entry.value(entry.ros(kept)) == kept
+
+
+def test_deeply_nested_text_is_refused() -> None:
+    """Hostile text costs nothing."""
+    for text in ('[' * 100_000, '[' + '[],' * 100_000, '[' + '[1] ' * 50_000 + 'x'):
+        with pytest.raises(StatementError):
+            ENTRIES[0].value(Parameter('a', value=text))

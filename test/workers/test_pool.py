@@ -1,0 +1,375 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The pool answers every request within its time, whatever happens to the workers."""
+
+from contextlib import contextmanager
+import errno
+import math
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+from threading import Event
+import time
+
+from hypothesis import given, settings, strategies
+import numpy as np
+from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.workers import pool as workers
+from obc_ros.workers.pool import Job, Outcome, Pool
+from obc_ros.workers.wire import pack, Packet, unpack
+import pytest
+from support import alive, wait_for
+
+DEADLINE = 20.0  # [s] only ever reached by a test that fails
+SLACK = 0.2      # [s] the promise for time limits and cancelling
+
+
+@pytest.fixture(autouse=True)
+def importable(monkeypatch):
+    """Let workers find the stand-in beside this file."""
+    monkeypatch.setenv('PYTHONPATH', str(Path(__file__).parents[1]))
+
+
+@contextmanager
+def running(size=1, module='stand_in_worker', **options):
+    """Run a pool until all its workers have started; afterwards none of them is left."""
+    pool = Pool(module, size, **options)
+    try:
+        wait_for(lambda: len(pool.pids) == size)
+        yield pool
+        pids = pool.pids
+    finally:
+        pool.close()
+    assert not any(map(alive, pids))
+
+
+class Asked:
+    """A request on its way: its answer, its progress, and when they came."""
+
+    def __init__(self, pool, kind, time_limit=DEADLINE, affinity='', arrays=None, **plain):
+        self.answers, self.progress = [], []
+        self.finished = Event()
+        self.pool = pool
+        self.job = Job(kind, Packet(plain, arrays or {}), time_limit, self.done,
+                       lambda *args: self.progress.append(args), affinity)
+        self.start = time.monotonic()
+        pool.submit(self.job)
+
+    def done(self, answer):
+        """Keep the answer."""
+        self.end = time.monotonic()
+        self.answers.append(answer)
+        self.finished.set()
+
+    def answer(self):
+        """Wait for the answer; there is only one."""
+        assert self.finished.wait(DEADLINE)
+        assert len(self.answers) == 1
+        return self.answers[0]
+
+    def took(self, clock, limit=0.0):
+        """Return how long the answer took, from `limit` seconds after it was asked for on."""
+        self.answer()
+        return clock.between(self.start + limit, self.end)
+
+    def begun(self):
+        """Wait until a worker is at it."""
+        wait_for(lambda: self.progress)
+        return self
+
+
+def ask(pool, kind, **options):
+    """Return the answer to a request."""
+    return Asked(pool, kind, **options).answer()
+
+
+json_values = strategies.recursive(
+    strategies.none() | strategies.booleans() | strategies.integers(-2**63, 2**63)
+    | strategies.floats(allow_nan=False) | strategies.text(),
+    lambda inner: strategies.lists(inner) | strategies.dictionaries(strategies.text(), inner),
+    max_leaves=10)
+
+
+@settings(deadline=None, max_examples=50)
+@given(strategies.dictionaries(strategies.text(), json_values),
+       strategies.lists(strategies.lists(strategies.integers(0, 4), max_size=3)))
+def test_packets_come_back_as_they_were(plain, shapes):
+    arrays = {str(k): np.random.default_rng(k).normal(size=shape)
+              for k, shape in enumerate(shapes)}
+    packet = unpack(pack(Packet(plain, arrays)))
+    assert packet.plain == plain
+    assert list(packet.arrays) == list(arrays)
+    for name, array in arrays.items():
+        assert packet.arrays[name].shape == array.shape
+        assert np.array_equal(packet.arrays[name], array)
+
+
+def test_packets_keep_nan_and_infinity():
+    packet = unpack(pack(Packet({'cost': math.inf}, {'x': np.array([np.nan, -np.inf, -0.0])})))
+    assert packet.plain == {'cost': math.inf}
+    assert packet.arrays['x'].tobytes() == np.array([np.nan, -np.inf, -0.0]).tobytes()
+
+
+def test_answers_large_and_small():
+    with running() as pool:
+        x = np.arange(3e6).reshape(1000, 3000)
+        answer = ask(pool, 'echo', arrays={'x': x}, name='ä\0"')
+        assert answer.outcome is Outcome.ANSWERED
+        assert answer.packet.plain['name'] == 'ä\0"'
+        assert np.array_equal(answer.packet.arrays['x'], x)
+        assert [ask(pool, 'echo', name=k).packet.plain['name'] for k in range(50)] == [*range(50)]
+        assert pool.outcomes == {Outcome.ANSWERED: 51}
+        assert pool.replaced == 0
+
+
+def test_affinity_leads_to_the_idle_worker_that_had_it_last():
+    with running(2, affinities=2) as pool:
+        homes = {name: ask(pool, 'echo', affinity=name).packet.plain['pid'] for name in 'abcd'}
+        assert len(set(homes.values())) == 2
+        for name in 'dabcabdc':
+            assert ask(pool, 'echo', affinity=name).packet.plain['pid'] == homes[name]
+        home = next(name for name in 'abcd' if homes[name] == homes['a'])
+        busy = Asked(pool, 'iterate', affinity=home).begun()
+        assert ask(pool, 'echo', affinity=home).packet.plain['pid'] != homes['a']
+        pool.cancel(busy.job)
+
+
+@pytest.mark.parametrize('kind, stopped', [('iterate', Outcome.ANSWERED),
+                                           ('hang', Outcome.TIMED_OUT)])
+def test_time_limit_is_kept(clock, kind, stopped):
+    with running() as pool:
+        asked = Asked(pool, kind, time_limit=0.4)
+        assert asked.answer().outcome is stopped
+        assert asked.end - asked.start > 0.4 - SLACK
+        assert asked.took(clock, 0.4) < SLACK
+        assert ask(pool, 'echo').outcome is Outcome.ANSWERED
+        assert pool.replaced == (kind == 'hang')
+
+
+@pytest.mark.parametrize('kind, stopped', [('iterate', Outcome.ANSWERED),
+                                           ('hang', Outcome.CANCELLED)])
+def test_cancel_stops_the_work(clock, kind, stopped):
+    with running() as pool:
+        asked = Asked(pool, kind).begun()
+        start = time.monotonic()
+        pool.cancel(asked.job)
+        answer = asked.answer()
+        assert clock.between(start, asked.end) < SLACK
+        assert answer.outcome is stopped
+        assert answer.packet.plain.get('stopped', True) is True
+        assert ask(pool, 'echo').outcome is Outcome.ANSWERED
+
+
+@pytest.mark.parametrize('kind, words', [
+    ('fail', 'ZeroDivisionError: a mistake'),
+    ('crash', 'SIGABRT'),
+    ('eat', 'more than the 0.5 GiB'),
+])
+def test_a_worker_that_dies_costs_one_request_and_is_replaced(kind, words):
+    with running(memory=1 << 29) as pool:
+        [before] = pool.pids
+        answer = ask(pool, kind)
+        assert answer.outcome is Outcome.DIED
+        assert words in answer.message
+        after = ask(pool, 'echo').packet.plain['pid']
+        assert after != before
+        assert not alive(before)
+        assert pool.replaced == 1
+
+
+def test_a_killed_worker_costs_only_its_own_request():
+    with running(2) as pool:
+        one, other = Asked(pool, 'pid').begun(), Asked(pool, 'iterate', time_limit=1.5).begun()
+        waiting = Asked(pool, 'echo')
+        os.kill(int(one.progress[0][0]), signal.SIGKILL)
+        assert 'SIGKILL' in one.answer().message
+        assert one.answer().outcome is Outcome.DIED
+        assert waiting.answer().outcome is Outcome.ANSWERED
+        assert other.answer().outcome is Outcome.ANSWERED
+
+
+@pytest.mark.parametrize('kind, outcome', [('crash', Outcome.DIED), ('hang', Outcome.TIMED_OUT)])
+def test_what_a_worker_has_kept_is_answered_when_it_is_ended(kind, outcome):
+    with running() as pool:
+        x = np.arange(6.0).reshape(2, 3)
+        answer = ask(pool, kind, time_limit=1.0, keep=['first', 'last'], arrays={'x': x})
+        assert answer.outcome is outcome
+        assert answer.packet.plain == {'name': 'last'}
+        assert np.array_equal(answer.packet.arrays['x'], x)
+        assert ask(pool, kind, time_limit=1.0).packet.plain == {}
+        assert ask(pool, 'echo', keep=['path'], name='answer').packet.plain['name'] == 'answer'
+
+
+def test_a_worker_killed_in_the_middle_of_a_solve_leaves_its_path():
+    [statement] = load_file(Path(__file__).parents[1] / 'problems' / 'vanderpol_bounded.yaml')
+    with running() as pool:
+        asked = Asked(pool, 'solve', time_limit=60.0, statement=statement, method='auto',
+                      cache_size=1)
+        wait_for(lambda: asked.progress and asked.progress[-1][0] == 'kept')
+        [pid] = pool.pids
+        os.kill(pid, signal.SIGKILL)
+        answer = asked.answer()
+        assert answer.outcome is Outcome.DIED
+        assert 'SIGKILL' in answer.message
+        found, path = answer.packet.plain, answer.packet.arrays
+        assert found['status'] == 'not_converged'
+        assert f'cost {found["objective"]:.8g}, not certified because' in found['message']
+        problem = problem_from_mapping(statement)
+        assert path['x'].shape == (len(path['t']), problem.n)
+        assert path['x'][0] == pytest.approx(problem.x0)
+        residuals, tolerances = (found['certificate'][key] for key in ('residuals', 'tolerances'))
+        assert any(residuals[key] > tolerances[key] for key in tolerances)
+        assert residuals['dynamics'] <= tolerances['dynamics']
+        assert ask(pool, 'echo').outcome is Outcome.ANSWERED
+
+
+def test_an_idle_worker_that_is_killed_costs_nothing():
+    with running() as pool:
+        for _ in range(3):
+            [pid] = wait_for(lambda: pool.pids)
+            os.kill(pid, signal.SIGKILL)
+            wait_for(lambda: not alive(pid))  # noqa: B023 - called at once
+            assert ask(pool, 'echo').outcome is Outcome.ANSWERED
+        assert pool.replaced == 3
+
+
+def test_a_stopped_worker_is_replaced_at_the_time_limit(clock):
+    with running() as pool:
+        [pid] = pool.pids
+        os.kill(pid, signal.SIGSTOP)
+        asked = Asked(pool, 'echo', time_limit=0.3)
+        assert asked.answer().outcome is Outcome.TIMED_OUT
+        assert asked.took(clock, 0.3) < SLACK
+        assert ask(pool, 'echo').packet.plain['pid'] != pid
+
+
+def test_queue_has_a_length_and_what_waits_can_be_cancelled_or_run_out_of_time(clock):
+    with running(queue_length=2) as pool:
+        busy = Asked(pool, 'iterate').begun()
+        first, second = Asked(pool, 'echo'), Asked(pool, 'echo', time_limit=0.2)
+        refused = Asked(pool, 'echo')
+        assert refused.answer().outcome is Outcome.REFUSED
+        assert '2 requests are waiting' in refused.answer().message
+        assert refused.took(clock) < SLACK
+        assert (pool.waiting, pool.busy) == (2, 1)
+        assert second.answer().outcome is Outcome.TIMED_OUT
+        assert second.end - second.start >= 0.2
+        assert second.took(clock, 0.2) < SLACK
+        pool.cancel(first.job)
+        assert first.answer().outcome is Outcome.CANCELLED
+        pool.cancel(busy.job)
+        assert busy.answer().packet.plain['stopped'] is True
+        assert (pool.waiting, pool.busy) == (0, 0)
+
+
+def test_the_first_worker_can_be_waited_for():
+    for module, ready in (('stand_in_worker', 1), ('no_such_module', 0)):
+        pool = Pool(module, 1)
+        wait_for(lambda: pool.has_started)  # noqa: B023 - called at once
+        assert len(pool.pids) == ready
+        pool.close()
+
+
+def test_pool_grows_and_shrinks():
+    with running() as pool:
+        busy = Asked(pool, 'iterate', time_limit=1.0).begun()
+        pool.resize(2)
+        assert ask(pool, 'echo').outcome is Outcome.ANSWERED
+        pool.resize(1)
+        wait_for(lambda: len(pool.pids) == 1)
+        assert busy.answer().outcome is Outcome.ANSWERED
+
+
+def test_a_module_that_does_not_load_is_said():
+    pool = Pool('no_such_module', 1)
+    asked = Asked(pool, 'echo')
+    assert asked.answer().outcome is Outcome.DIED
+    assert "No module named 'no_such_module'" in asked.answer().message
+    pool.close()
+
+
+def test_a_worker_that_never_starts_is_tried_ever_less_often(monkeypatch):
+    pauses = []
+    monkeypatch.setattr(Pool, 'pause', lambda pool, worker, duration: pauses.append(duration))
+    pool = Pool('no_such_module', 1)
+    wait_for(lambda: len(pauses) >= 8)
+    pool.close()
+    assert pauses[:8] == [1, 2, 4, 8, 16, 32, 60, 60]
+
+
+def test_requests_do_not_wait_for_workers_that_do_not_start(monkeypatch, tmp_path, clock):
+    """After three tries each is answered at once; once the module loads, all is well again."""
+    monkeypatch.setenv('PYTHONPATH', str(tmp_path))
+    monkeypatch.setattr(workers, 'START_PAUSE', 0.1)
+    pool = Pool('mended_module', 1)
+    wait_for(lambda: pool._workers[0].failures >= workers.TRIES)
+    asked = Asked(pool, 'echo')
+    assert asked.took(clock) < SLACK
+    assert asked.answer().outcome is Outcome.DIED
+    assert asked.answer().message == (
+        "no worker starts: ModuleNotFoundError: No module named 'mended_module'")
+    assert pool.fault in asked.answer().message
+    (tmp_path / 'mended_module.py').write_text(
+        (Path(__file__).parents[1] / 'stand_in_worker.py').read_text())
+    wait_for(lambda: pool.pids)
+    assert ask(pool, 'echo').outcome is Outcome.ANSWERED
+    assert not pool.fault
+    pool.close()
+
+
+def test_time_limits_hold_while_no_worker_starts(monkeypatch, clock):
+    monkeypatch.setattr(workers, 'START_PAUSE', 5.0)
+    pool = Pool('no_such_module', 1)
+    wait_for(lambda: pool.fault)
+    asked = Asked(pool, 'echo', time_limit=0.3)
+    assert asked.answer().outcome is Outcome.TIMED_OUT
+    assert asked.took(clock, 0.3) < SLACK
+    pool.close()
+
+
+def test_a_process_that_cannot_be_made_is_said(monkeypatch):
+    def refuse(*args, **options):
+        raise OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+    monkeypatch.setattr(workers.subprocess, 'Popen', refuse)
+    pool = Pool('stand_in_worker', 1)
+    assert 'temporarily unavailable' in ask(pool, 'echo').message
+    monkeypatch.undo()
+    monkeypatch.setenv('PYTHONPATH', str(Path(__file__).parents[1]))
+    wait_for(lambda: pool.pids)
+    pool.close()
+
+
+def test_closing_cancels_what_is_left():
+    with running() as pool:
+        asked = [Asked(pool, 'hang').begun(), Asked(pool, 'echo')]
+    assert [each.answer().outcome for each in asked] == [Outcome.CANCELLED] * 2
+    assert ask(pool, 'echo').outcome is Outcome.REFUSED
+
+
+def test_no_worker_outlives_a_killed_process():
+    program = ('import time; from obc_ros.workers.pool import Pool\n'
+               'pool = Pool("stand_in_worker", 2)\n'
+               'while len(pool.pids) < 2: time.sleep(0.01)\n'
+               'print(*pool.pids, flush=True)\n'
+               'time.sleep(1000)')
+    with subprocess.Popen([sys.executable, '-c', program], stdout=subprocess.PIPE) as process:
+        pids = [*map(int, process.stdout.readline().split())]
+        assert all(map(alive, pids))
+        process.kill()
+    wait_for(lambda: not any(map(alive, pids)))
+
+
+def test_a_worker_gives_way_and_is_bounded():
+    with running(memory=1 << 30) as pool:
+        [pid] = pool.pids
+        limits = Path(f'/proc/{pid}/limits').read_text().splitlines()
+        [data] = [line for line in limits if line.startswith('Max data size')]
+        assert data.split()[3:5] == [str(1 << 30)] * 2
+        nice = os.getpriority(os.PRIO_PROCESS, pid)
+        assert nice > os.getpriority(os.PRIO_PROCESS, 0)
+        group = Path(f'/proc/{pid}/autogroup')  # '/autogroup-17 nice 5', or nothing
+        if group.exists() and (words := group.read_text().split()):
+            assert words[1:] == ['nice', str(nice)]
+        assert 'OMP_NUM_THREADS=1' in Path(f'/proc/{pid}/environ').read_text().split('\0')
