@@ -28,7 +28,7 @@ SOURCES := setup.py pyproject.toml package.xml CMakeLists.txt cmake resource \
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH
 unexport ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION _ROS_WHEELS_BOOTSTRAP_COMPLETE VIRTUAL_ENV
 
-.PHONY: help setup develop demo test kernel lint bench gallery docs clean
+.PHONY: help setup develop demo test kernel lint house bench gallery docs clean
 .DELETE_ON_ERROR:
 
 help: ## say what there is to make
@@ -51,6 +51,9 @@ kernel: setup ## the solver's tests with another kernel of OpenBLAS (KERNEL=Hasw
 lint: setup ## ruff, and mypy on the numerical core
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+
+house: ## the folders, the imports between them, and the rules they break
+	@$(PYTHON) docs/house.py
 
 bench: setup ## the benchmarks
 	$(BIN)/obc bench $(ARGS)

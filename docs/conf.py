@@ -16,6 +16,7 @@ sys.path[:0] = [os.path.abspath('.'), str(ROOT)]
 
 import mathml  # noqa: E402 # beside this file
 import reference  # noqa: E402 # beside this file
+import rooms  # noqa: E402 # beside this file
 
 project = 'obc_ros'
 author = 'The obc_ros developers'
@@ -64,3 +65,4 @@ def setup(app: Any) -> None:
     app.connect('source-read', list_others)
     mathml.setup(app)
     reference.setup(app, ROOT)
+    rooms.setup(app, ROOT)
