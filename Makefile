@@ -12,7 +12,7 @@ SOLVER := $(addsuffix .py,$(addprefix test/core/,solver/improve/test_hamiltonian
 	riccati/test_fixed_horizon solver/proofs/test_singular_expressions solver/test_rounding \
 	solver/improve/test_kink_mesh riccati/test_care lqr/test_dlqr lqr/test_margins lqr/test_sampled \
 	solver/exact/test_closed_forms solver/improve/test_arc_iteration \
-	solver/starts/test_final_time_windows solver/exact/test_riccati solver/nlp/test_minimize \
+	solver/starts/test_final_time_windows solver/test_linear_quadratic solver/nlp/test_minimize \
 	solver/exact/test_time_optimal solver/nlp/test_interior_point))
 
 PIP := $(BIN)/python -m pip --disable-pip-version-check

@@ -15,7 +15,7 @@ from obc_ros.core.ocp.solution import MAX_INTERVALS, Report, Solution, Status
 from obc_ros.core.solver.descent import Search
 from obc_ros.core.solver.diagnosis.explanation import explain, proved_infeasible
 from obc_ros.core.solver.diagnosis.unboundedness import outgrown
-from obc_ros.core.solver.exact.riccati import solve_lq
+from obc_ros.core.solver.linear_quadratic import solve_lq
 from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
 from obc_ros.core.solver.exact.two_wheeled import solve_two_wheeled
 from obc_ros.core.solver.improve.indirect import polished, touched_up

@@ -12,7 +12,7 @@ from obc_ros.core.ocp.certificate.replay import Integrator, Intervals
 from obc_ros.core.ocp.solution import Status
 from obc_ros.core.ocp.statement import problem_from_mapping
 from obc_ros.core.riccati import propagation
-from obc_ros.core.solver.exact.riccati import solve_lq
+from obc_ros.core.solver.linear_quadratic import solve_lq
 from obc_ros.core.solver.solve import solve
 import pytest
 from scipy.integrate import solve_ivp

@@ -10,7 +10,7 @@ import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.solution import Status
 from obc_ros.core.ocp.statement import problem_from_mapping
-from obc_ros.core.solver.exact.riccati import solve_lq
+from obc_ros.core.solver.linear_quadratic import solve_lq
 import pytest
 from scipy.integrate import solve_ivp
 
