@@ -45,8 +45,8 @@ def text(data: Any) -> str:
 def expression(data: Any) -> None:
     """Read a text as a number, an expression, and one with its numbers lifted."""
     given = text(data)
-    for read in (lambda: expressions.number(given, VALUES, 'here'),
-                 lambda: expressions.parse(given, SYMBOLS, 'here'),
+    for read in (lambda: expressions.parse_number(given, VALUES, 'here'),
+                 lambda: expressions.parse_expression(given, SYMBOLS, 'here'),
                  lambda: expressions.parse_lifted(given, SYMBOLS, 'here')):
         try:
             read()

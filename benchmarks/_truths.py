@@ -15,7 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.text.expressions import parse
+from obc_ros.core.text.expressions import parse_expression
 from scipy.linalg import expm
 
 Array = NDArray[np.float64]
@@ -177,8 +177,8 @@ def _simulated(symbols: dict[str, ca.SX], texts: list[str], equality: str, names
                ) -> tuple[Array, Array] | None:
     """Return states and inputs at every second time, by Runge and Kutta; None if that fails."""
     x, w = (ca.vertcat(*(symbols[name] for name in each)) for each in (names, inputs))
-    f = ca.vertcat(*(parse(text, symbols, 'rate') for text in texts))
-    last = parse(equality, symbols, 'equality') if equality else w[-1]
+    f = ca.vertcat(*(parse_expression(text, symbols, 'rate') for text in texts))
+    last = parse_expression(equality, symbols, 'equality') if equality else w[-1]
     used = ca.vertcat(*ca.vertsplit(w)[:-1], last)
     given = ca.Function('last', [x, w], [used])
     rate = ca.Function('rate', [x, w], [ca.substitute(f, w, used)])

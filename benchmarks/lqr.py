@@ -34,7 +34,7 @@ WIDE = np.longdouble
 def main() -> int:
     """Measure and print; return the exit status."""
     args = timing.arguments('linear quadratic regulators')
-    aircraft = registry.get('aircraft')
+    aircraft = registry.get_system('aircraft')
     at = equilibrium(aircraft)
     pvtol = linearize(aircraft, at.x, at.u)
     stationary('aircraft, n = 6', pvtol, 0.3, args.peers)

@@ -24,12 +24,12 @@ from obc_ros.core.numerics.explicit_steps import rk4
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.ocp.statement import problem_from_mapping
-from obc_ros.core.solver.nlp.progress import Monitor
+from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.solve import Cache, solve
 from obc_ros.core.solver.starts.initial_guess import Guesser, scales
 from obc_ros.core.solver.transcription.mesh import uniform
 from obc_ros.core.solver.transcription.program import Transcription
-from obc_ros.core.solver.transcription.tightening import Limits
+from obc_ros.core.solver.transcription.tightening import TightenedLimits
 
 Array = NDArray[np.float64]
 
@@ -329,15 +329,16 @@ def one_solve(problem: Problem, N: int) -> tuple[float, timing.Times, int]:
     mesh = uniform(problem, N, 0)
     guess = Guesser(problem).line(problem, problem.final_time.value)
     sizes = scales(problem, guess)
-    limits = Limits(np.zeros(1), np.ones(1), np.zeros(problem.n), np.zeros(problem.n, dtype=bool))
+    limits = TightenedLimits(np.zeros(1), np.ones(1), np.zeros(problem.n),
+                             np.zeros(problem.n, dtype=bool))
     begun = time.perf_counter()
     program = Transcription(problem, mesh.layout)
     start = program.start(mesh, guess, guess.durations, sizes)
-    outcome = program.solve(problem, mesh, start, sizes, limits, Monitor())
+    outcome = program.solve(problem, mesh, start, sizes, limits, ProgressMonitor())
     first = time.perf_counter() - begun
     if not outcome.converged:
         raise RuntimeError(outcome.status)
-    times = wall(lambda: program.solve(problem, mesh, start, sizes, limits, Monitor()))
+    times = wall(lambda: program.solve(problem, mesh, start, sizes, limits, ProgressMonitor()))
     # Derivatives are built when they are first asked for.
     return max(first - times.median, 0.0), times, outcome.iterations
 

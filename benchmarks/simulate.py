@@ -30,7 +30,7 @@ DT = 1e-3
 STEPS = 1000   # timed together: one second of flight
 PERIOD = 5     # steps from one command to the next at 200 Hz
 U = (0.01, 39.2)
-AIRCRAFT = registry.get('aircraft')
+AIRCRAFT = registry.get_system('aircraft')
 
 
 def main() -> int:

@@ -23,9 +23,9 @@ import numpy as np
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.ocp.statement import problem_from_mapping
-from obc_ros.core.solver.linear_quadratic import solve_lq
 from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
 from obc_ros.core.solver.exact.two_wheeled import solve_two_wheeled
+from obc_ros.core.solver.linear_quadratic import solve_lq
 from obc_ros.core.solver.proofs.contradictions import CHECKS
 from obc_ros.core.solver.proofs.existence import without_minimum
 from obc_ros.core.solver.proofs.singular_expressions import undefined

@@ -24,7 +24,8 @@ ROWS = (('cli', 'nodes'), ('ros',), ('workers',), ('core.solver',),
 ROOMS = tuple(room for row in ROWS for room in row)
 CERTIFICATE = 'core.ocp.certificate'
 UNDER_CERTIFICATE = ('core.ocp', 'core.numerics')   # all that the certificate imports
-LAZY = ('cli', 'nodes')   # where start-up is waited for: rclpy, CasADi and matplotlib load when needed
+# Where start-up is waited for: rclpy, CasADi and matplotlib load when needed.
+LAZY = ('cli', 'nodes')
 FEWEST, MOST = 4, 12   # files of a folder, without `__init__` and the folders in it
 # Public names that several modules define because others look for them by that name.
 SHARED_NAMES = {

@@ -5,8 +5,8 @@
 import math
 
 from obc_ros.core.closed_loop.control import Control, Leg, Reference, Rules
-from obc_ros.core.closed_loop.feedback import Limits, Point, Regulator
-from obc_ros.core.closed_loop.loop import Loop
+from obc_ros.core.closed_loop.feedback import InputLimits, ReferencePoint, StateFeedback
+from obc_ros.core.closed_loop.loop import ControlLoop
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -19,11 +19,12 @@ def control(x: tuple[float, ...] = (0.0, 0.0), u: float = 0.0, drift: tuple[floa
             Ki: tuple[tuple[float, ...], ...] = (), **options: object) -> Control:
     """Return a control of a plant with two states and an input."""
     rules = options.pop('rules', Rules())
-    return Control(Regulator(x, (u,), gain, drift, Ki), Limits(*limits), options.pop('rest', (u,)),
+    return Control(StateFeedback(x, (u,), gain, drift, Ki), InputLimits(*limits),
+                   options.pop('rest', (u,)),
                    ('px', 'vx'), rules, **options)  # type: ignore[arg-type]
 
 
-def answers(loop: Loop, *states: tuple[float, list[float]]) -> list[list[float] | None]:
+def answers(loop: ControlLoop, *states: tuple[float, list[float]]) -> list[list[float] | None]:
     """Return the answers to states at stamps [s], each told at its stamp."""
     return [loop.answer(round(t * S), x, t) for t, x in states]
 
@@ -31,11 +32,11 @@ def answers(loop: Loop, *states: tuple[float, list[float]]) -> list[list[float] 
 class Ramp:
     """The reference px = t."""
 
-    def at(self, t: float) -> Point:
+    def at(self, t: float) -> ReferencePoint:
         """Return it."""
-        return Point((t, 1.0), (0.0,), K)
+        return ReferencePoint((t, 1.0), (0.0,), K)
 
 
 def leg(begin: int | None, end: float = 2.0) -> Leg:
     """Return a ramp, and what holds its end."""
-    return Leg(Reference(begin, end), Ramp(), Regulator((end, 0.0), (0.5,), K, (0.0, 0.0)))
+    return Leg(Reference(begin, end), Ramp(), StateFeedback((end, 0.0), (0.5,), K, (0.0, 0.0)))

@@ -16,7 +16,7 @@ from typing import Any
 
 from obc_ros.action import SolveOptimalControl
 from obc_ros.cli.processes import Children, free_domain, isolate
-from obc_ros.cli.ros_graph import Graph, joined, ServerLostError
+from obc_ros.cli.ros_graph import Graph, join_graph, ServerLostError
 from obc_ros.ros.service_qos import BURST
 from rcl_interfaces.srv import GetParameters
 import rclpy
@@ -24,7 +24,7 @@ from rclpy.action import ActionClient, get_action_names_and_types
 from rclpy.parameter import parameter_value_to_python
 
 ACTION = 'obc_ros/action/SolveOptimalControl'
-LOOK = 1.0       # [s] in which a server is looked for when nobody is on this machine
+CLIENT_LOOK = 1.0       # [s] in which a server is looked for when nobody is on this machine
 LOOK_HERE = 4.0  # [s] when somebody is: Fast DDS announces itself anew after 3 s
 PARTICIPANTS = 32
 START = 20.0     # [s] in which one of our own has started
@@ -90,8 +90,8 @@ def connected(*parameters: str) -> Iterator[Client]:
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='obc_')))
         children = stack.enter_context(Children(folder))
-        look = LOOK_HERE if somebody_here() else LOOK
-        with joined(children.check, Client) as client:
+        look = LOOK_HERE if somebody_here() else CLIENT_LOOK
+        with join_graph(children.check, Client) as client:
             if client.find(look):
                 yield client
                 return
@@ -112,7 +112,7 @@ def served(children: Children, *parameters: str) -> Iterator[Client]:
     """
     children.start('trajectory_server', *(
         word for each in parameters for word in ('-p', each)))
-    with joined(children.check, Client) as client:
+    with join_graph(children.check, Client) as client:
         if not client.find(START):
             raise ServerLostError(f'no trajectory_server appears within {START:g} s')
         yield client

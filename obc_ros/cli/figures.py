@@ -18,7 +18,7 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.text.errors import ObcError
 
 # Okabe and Ito's colours, told apart by everyone; then the dashes change.
-COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000')
+LINE_COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000')
 DASHES = ('-', '--', ':', '-.')
 STYLE = {'font.size': 9, 'axes.grid': True, 'grid.alpha': 0.3, 'axes.spines.top': False,
          'axes.spines.right': False, 'lines.linewidth': 1.5, 'legend.frameon': False,
@@ -30,7 +30,7 @@ FEW = 12  # names that a legend can hold
 CONTRAST = 50.0  # ratio of sizes from which on lines do not share a panel
 
 
-def draw(path: Path, question: Question) -> None:
+def draw_solution(path: Path, question: Question) -> None:
     """
     Draw the answer to a question into the file `path`.
 
@@ -45,10 +45,10 @@ def draw(path: Path, question: Question) -> None:
     with matplotlib.rc_context(STYLE):
         figure = _figure(problem, result)
         figure.suptitle(_title(question))
-        save(figure, path)
+        save_figure(figure, path)
 
 
-def save(figure: Figure, path: Path, dpi: int = 150) -> None:
+def save_figure(figure: Figure, path: Path, dpi: int = 150) -> None:
     """
     Write a figure into a file.
 
@@ -156,8 +156,8 @@ def _lines(axes: Axes, label: str, t: Array, values: Array, template: str,
     shown = range(len(names)) if group is None else group
     for index in shown:
         axes.plot(t, values[:, index], label=f'${template.format(symbol(names[index]))}$',
-                  color=COLOURS[index % len(COLOURS)],
-                  linestyle=DASHES[index // len(COLOURS) % len(DASHES)], **style)
+                  color=LINE_COLOURS[index % len(LINE_COLOURS)],
+                  linestyle=DASHES[index // len(LINE_COLOURS) % len(DASHES)], **style)
     axes.set_ylabel(label)
     if len(shown) <= FEW:
         axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), ncols=1 + (len(shown) > 6))

@@ -43,7 +43,7 @@ _PRIMITIVES = {
 
 
 @dataclass
-class Channel:
+class RecordedTopic:
     """One recorded topic."""
 
     identifier: int
@@ -68,13 +68,13 @@ class Recorder:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
         self.path = folder / f'{folder.name}_0.mcap'
-        self._channels: dict[str, Channel] = {}
-        self._sources: list[tuple[Any, Channel, Listener | None]] = []
+        self._channels: dict[str, RecordedTopic] = {}
+        self._sources: list[tuple[Any, RecordedTopic, Listener | None]] = []
         self._first, self._last = sys.maxsize, 0
         self.now: Callable[[], int] = time.time_ns
         self.fault = ''  # why nothing more is recorded
         self._ordered = ordered
-        self._kept: list[tuple[int, int, int, Channel, bytes]] = []
+        self._kept: list[tuple[int, int, int, RecordedTopic, bytes]] = []
 
     def __enter__(self) -> 'Recorder':
         self._file = self.path.open('wb')
@@ -114,7 +114,7 @@ class Recorder:
         identifier = self._writer.register_channel(
             topic=name, message_encoding='cdr', schema_id=schema,
             metadata={'offered_qos_profiles': yaml.safe_dump([_qos_for_rosbag2(qos)])})
-        self._channels[name] = channel = Channel(identifier, message_type, qos)
+        self._channels[name] = channel = RecordedTopic(identifier, message_type, qos)
         # Taken by drain(): an executor needs ten times longer for a message, and would lag behind.
         subscription = node.create_subscription(
             message_class, topic, lambda _: None, qos, raw=True, callback_group=Apart())
@@ -141,7 +141,7 @@ class Recorder:
                 last[identifier] = data
                 self._write(channel, data, moment)
 
-    def _write(self, channel: Channel, data: bytes, now: int) -> None:
+    def _write(self, channel: RecordedTopic, data: bytes, now: int) -> None:
         if self.fault:
             return
         try:

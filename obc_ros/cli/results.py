@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 from obc_ros.core.text.errors import DynamicsError, ObcError, shown, StatementError
 from obc_ros.core.text.yaml_files import entries
 
-Entry = dict[str, Any] | StatementError
+FileEntry = dict[str, Any] | StatementError
 
 LONGEST = 200  # bytes of the name of an answer's file, without its ending
 
@@ -59,7 +59,7 @@ class Asked(ABC):
 Kind = TypeVar('Kind', bound=Asked)
 
 
-def read(kind: type[Kind], files: Iterable[Path]) -> list[Kind]:
+def read_questions(kind: type[Kind], files: Iterable[Path]) -> list[Kind]:
     """Return the questions of all files, in order; those that are malformed have ended."""
     asked: list[Kind] = []
     for file in files:
@@ -111,8 +111,9 @@ def make_folders(args: argparse.Namespace) -> None:
         folder.mkdir(parents=True, exist_ok=True)
 
 
-def save(asked: Sequence[Kind], args: argparse.Namespace, draw: Callable[[Path, Kind], None]
-         ) -> None:
+def save_answers(asked: Sequence[Kind], args: argparse.Namespace,
+                 draw: Callable[[Path, Kind], None]
+                 ) -> None:
     """
     Write the files of all answers, and say which are not named as their questions.
 
@@ -141,7 +142,7 @@ def save(asked: Sequence[Kind], args: argparse.Namespace, draw: Callable[[Path, 
             draw(args.plot / f'{each.file_name}.png', each)
 
 
-def _entries(file: Path) -> list[tuple[str, Entry]]:
+def _entries(file: Path) -> list[tuple[str, FileEntry]]:
     """Return what a file holds and where it stands in it, or what is wrong instead."""
     try:
         return entries(file)
@@ -149,12 +150,12 @@ def _entries(file: Path) -> list[tuple[str, Entry]]:
         return [(str(file), error)]
 
 
-def plain(value: Any) -> Any:
+def convert_to_json(value: Any) -> Any:
     """Return a value as JSON has it: what is no finite number becomes null."""
     if isinstance(value, Mapping):
-        return {key: plain(each) for key, each in value.items()}
+        return {key: convert_to_json(each) for key, each in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(each) for each in value]
+        return [convert_to_json(each) for each in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -171,7 +172,7 @@ def write(folder: Path, name: str, result: Mapping[str, Any]) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / f'{name}.json').write_text(
-            json.dumps(plain(result), allow_nan=False) + '\n', encoding='utf-8')
+            json.dumps(convert_to_json(result), allow_nan=False) + '\n', encoding='utf-8')
     except OSError as error:
         raise ObcError(f'{folder / name}.json cannot be written: {error.strerror}') from error
 

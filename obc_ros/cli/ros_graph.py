@@ -152,8 +152,8 @@ def keep_to_this_machine() -> None:
 
 
 @contextmanager
-def joined(check: Callable[[], None] = lambda: None, kind: Callable[..., Graph] = Graph
-           ) -> Iterator[Any]:
+def join_graph(check: Callable[[], None] = lambda: None, kind: Callable[..., Graph] = Graph
+               ) -> Iterator[Any]:
     """
     Yield a visitor of the graph, which leaves it in the end.
 

@@ -76,8 +76,8 @@ def progress() -> Iterator[Lines]:
         yield LiveLines()
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]],
-          colours: Mapping[str, str] | None = None) -> None:
+def print_table(header: Sequence[str], rows: Sequence[Sequence[str]],
+                colours: Mapping[str, str] | None = None) -> None:
     """Print a table; `colours` by the text of a cell."""
     if not sys.stdout.isatty():
         widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]

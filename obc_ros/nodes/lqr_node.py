@@ -22,7 +22,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState
 from obc_ros.core.closed_loop import references
-from obc_ros.core.closed_loop.loop import Loop
+from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.lqr.design.reference_checks import check
 from obc_ros.core.lqr.design.reference_tracking import Course
 from obc_ros.core.lqr.design.report import Change, change
@@ -30,8 +30,16 @@ from obc_ros.core.text.errors import ObcError, shown, StatementError
 from obc_ros.msg import LqrDesign, Trajectory
 from obc_ros.nodes.lqr import topic_peers, topics
 from obc_ros.nodes.lqr.design_message import design_message, fill_suggestion, suggestion
-from obc_ros.nodes.lqr.diagnostics import Monitor
-from obc_ros.nodes.lqr.settings import Candidate, ending, former, judge, opening, Settings, tried
+from obc_ros.nodes.lqr.diagnostics import LoopMonitor
+from obc_ros.nodes.lqr.settings import (
+    ending,
+    former,
+    judge_lqr_settings,
+    LqrCandidate,
+    opening,
+    Settings,
+    tried,
+)
 from obc_ros.ros import state_sources
 from obc_ros.ros.conversions import make_body_reader, nanoseconds
 from obc_ros.ros.executor import run
@@ -52,7 +60,7 @@ from std_srvs.srv import Trigger
 SOURCE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 # On a bad wire a queue of old commands, sent again one by one, would hold up the new one.
 SINK = QoSProfile(depth=1)
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+DESIGN_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 OVERRIDES = (QoSPolicyKind.DEADLINE, QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY,
              QoSPolicyKind.HISTORY, QoSPolicyKind.RELIABILITY)
 INFINITE = 2**63 - 1  # [ns] as a QoS duration
@@ -66,13 +74,13 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     def __init__(self, **options: Any) -> None:
         super().__init__('lqr_node', allow_undeclared_parameters=True, **options)
         self._is_active = False  # first: rclpy 9 ends a node whose parameters are refused, too
-        self._monitor, self._log = Monitor(), ThrottledLog(self)
-        self._adopted: Candidate | None = None
+        self._monitor, self._log = LoopMonitor(), ThrottledLog(self)
+        self._adopted: LqrCandidate | None = None
         self._courses: tuple[Course, ...] = ()
         self._table = Parameters(
             self, Settings, self._judge, self._adopt, self._monitor.refused, opening, former)
         self._adopted, self._revision, self._change = self._table.candidate, 1, Change()
-        self._loop = Loop(self._adopted.control)
+        self._loop = ControlLoop(self._adopted.control)
         self._create_topics(self._table.settings)
         self._create_services()
         self._publish_design()
@@ -96,9 +104,9 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
             self._sink.type, settings.command_sink, SINK,
             qos_overriding_options=overrides)
         self._references = self.create_subscription(
-            Trajectory, 'reference', self._on_reference, LATCHED,
+            Trajectory, 'reference', self._on_reference, DESIGN_QOS,
             qos_overriding_options=overrides)
-        self._designs = self.create_publisher(LqrDesign, '~/design', LATCHED)
+        self._designs = self.create_publisher(LqrDesign, '~/design', DESIGN_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._thread = OwnThread(
             self, self._states, self._answer, self._watch, self._deadline_events(),
@@ -173,8 +181,8 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
 
     # Changes
 
-    def _judge(self, settings: Settings) -> Candidate:
-        candidate = judge(settings, self._courses_of(settings))
+    def _judge(self, settings: Settings) -> LqrCandidate:
+        candidate = judge_lqr_settings(settings, self._courses_of(settings))
         if self._adopted and candidate.control.names != self._adopted.control.names:
             raise StatementError('a plant with other states needs another node')
         return candidate
@@ -187,7 +195,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
             return ()
         return self._courses
 
-    def _adopt(self, candidate: Candidate) -> None:
+    def _adopt(self, candidate: LqrCandidate) -> None:
         before, self._courses = self._adopted, self._courses_of(candidate.settings)
         self._adopted = candidate
         if candidate.settings.frame_id != before.settings.frame_id:
@@ -206,10 +214,10 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     def _on_reference(self, message: Trajectory) -> None:
         """Follow a reference from its beginning on; one without samples ends what is followed."""
         try:
-            courses = topics.courses(
+            courses = topics.read_courses(
                 message, self._adopted.design.plant.system, self._frame, self._courses,
                 self._loop.stamp)
-            candidate = judge(self._table.settings, courses)
+            candidate = judge_lqr_settings(self._table.settings, courses)
             if courses:
                 control = candidate.control
                 check(courses[-1], candidate.design, control.limits, control.legs[-1].allowed)
@@ -220,7 +228,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         if self._is_active and loop.x is not None and not (loop.is_stale or loop.stopped):
             # Not before its gains were found.
             references.begin_now(candidate.control.legs, loop.stamp)
-            for reason in references.judge(candidate.control, loop.stamp, loop.x):
+            for reason in references.judge_references(candidate.control, loop.stamp, loop.x):
                 self._refuse_reference(reason)
             if courses and courses[-1].reference.refused:
                 return
@@ -276,7 +284,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         self._loop.stop('by ~/stop')
         if self._courses:
             self._courses = ()
-            self._adopted = judge(self._table.settings)
+            self._adopted = judge_lqr_settings(self._table.settings)
             self._loop.adopt(self._adopted.control)
         response.success = True
         response.message = (f'stopped at {list(self._adopted.control.rest)}; the set point is '
@@ -312,7 +320,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to answer states."""
         stopped = self._loop.stopped
-        self._loop = Loop(self._adopted.control)
+        self._loop = ControlLoop(self._adopted.control)
         self._loop.stop(stopped)
         self._is_active = True
         done = super().on_activate(state)

@@ -24,7 +24,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from nav_msgs.msg import Odometry
-from obc_ros.core.closed_loop.paced_plant import grid, Pacing, Plant
+from obc_ros.core.closed_loop.paced_plant import grid, PacedPlant, Pacing
 from obc_ros.core.closed_loop.simulation_settings import (
     Conditions,
     Gust,
@@ -39,7 +39,7 @@ from obc_ros.ros import conversions
 from obc_ros.ros.executor import run
 from obc_ros.ros.hardware_id import HARDWARE, identify
 from obc_ros.ros.messages import doubles
-from obc_ros.ros.parameters.node_parameters import Entry, group, parameter, Parameters
+from obc_ros.ros.parameters.node_parameters import group, parameter, ParameterRow, Parameters
 from obc_ros.ros.subscription_thread import Apart, OwnThread, PRIORITY
 from obc_ros.ros.throttled_log import ThrottledLog
 from rclpy.clock import Clock
@@ -54,21 +54,26 @@ CLOCK_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LONGEST_WAIT = 0.5  # [s] until the thread looks around
 
 
-def _of_states(values: Mapping[str, Any]) -> Iterator[Entry]:
+def _of_states(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
     for signal in _system(values).states:
-        yield Entry(signal.name, 0.0, 'standard deviation of the measurement noise', signal.unit,
-                    lower=0.0, upper=1e9)
+        yield ParameterRow(
+            signal.name, 0.0, 'standard deviation of the measurement noise', signal.unit,
+            lower=0.0, upper=1e9)
 
 
-def _of_disturbances(values: Mapping[str, Any]) -> Iterator[Entry]:
+def _of_disturbances(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
     for signal in _system(values).states:
         unit = f'{signal.unit or "1"}/s'
-        yield Entry(f'constant.{signal.name}', 0.0, 'constant added to the derivative', unit)
-        yield Entry(f'gust.{signal.name}', 0.0, 'peak of a gust in the derivative, 1 - cos', unit)
-    yield Entry('gust_start', 0.0, 'simulated time at which the gust begins', 's',
-                used_when=(('disturbance.gust.*',),))
-    yield Entry('gust_duration', 1.0, 'duration of the gust', 's', lower=1e-6,
-                used_when=(('disturbance.gust.*',),))
+        yield ParameterRow(
+            f'constant.{signal.name}', 0.0, 'constant added to the derivative', unit)
+        yield ParameterRow(
+            f'gust.{signal.name}', 0.0, 'peak of a gust in the derivative, 1 - cos', unit)
+    yield ParameterRow(
+        'gust_start', 0.0, 'simulated time at which the gust begins', 's',
+        used_when=(('disturbance.gust.*',),))
+    yield ParameterRow(
+        'gust_duration', 1.0, 'duration of the gust', 's', lower=1e-6,
+        used_when=(('disturbance.gust.*',),))
 
 
 def _system(values: Mapping[str, Any]) -> System:
@@ -122,7 +127,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class PlantCandidate:
     """What the settings stand for, found to be possible."""
 
     system: System
@@ -131,7 +136,7 @@ class Candidate:
     pacing: Pacing
 
 
-def judge(settings: Settings) -> Candidate:
+def judge_plant_settings(settings: Settings) -> PlantCandidate:
     """
     Return what the settings stand for.
 
@@ -153,7 +158,7 @@ def judge(settings: Settings) -> Candidate:
         settings.seed)
     x0 = settings.x0 or system.setpoint
     Simulator(system, x0, conditions)
-    return Candidate(system, x0, conditions, Pacing(
+    return PlantCandidate(system, x0, conditions, Pacing(
         steps, settings.speed, settings.lockstep, settings.simulated_stamps,
         settings.command_timeout))
 
@@ -171,7 +176,7 @@ class PlantSimulator(Node):
         self._follows = self.get_parameter('use_sim_time').value and not settings.simulated_stamps
         self._x0 = candidate.x0
         self._measure_offset()
-        self._plant = Plant(
+        self._plant = PacedPlant(
             Simulator(candidate.system, candidate.x0, candidate.conditions), candidate.pacing,
             *self._now())
         self._map = conversions.OdometryMap(candidate.system)
@@ -287,8 +292,8 @@ class PlantSimulator(Node):
             self._thread.stop()
         super().destroy_node()
 
-    def _judge(self, settings: Settings) -> Candidate:
-        candidate = judge(settings)
+    def _judge(self, settings: Settings) -> PlantCandidate:
+        candidate = judge_plant_settings(settings)
         if hasattr(self, '_plant'):
             before = self._plant.pacing
             if candidate.pacing.simulated_stamps != before.simulated_stamps:
@@ -301,7 +306,7 @@ class PlantSimulator(Node):
                 raise StatementError('speed = 0 goes with a clock: start with publish_clock')
         return candidate
 
-    def _adopt(self, candidate: Candidate) -> None:
+    def _adopt(self, candidate: PlantCandidate) -> None:
         with self._lock:
             self._plant.adopt(candidate.pacing, self._now()[0])
             self._plant.simulator.configure(candidate.system, candidate.conditions)

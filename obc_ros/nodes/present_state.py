@@ -69,11 +69,12 @@ class PresentState:
         if self._topic == 'state':
             return self._message.x  # type: ignore[no-any-return] # array of double
         # Imported where used: CasADi takes a third of a second, and few ask for plans.
-        from obc_ros.core.solver.motion_planning import registered
+        from obc_ros.core.solver.motion_planning import find_registered
         from obc_ros.ros.conversions import make_state_reader
         check_size(request)
         given = parameters('system_parameters', request.system_parameters)
-        return make_state_reader(self._topic, registered(request.system, given))(self._message)
+        return make_state_reader(self._topic,
+                                 find_registered(request.system, given))(self._message)
 
     def stamp(self, timeout: float) -> int | None:
         """Return the stamp of the last state [ns]; None: none has come within `timeout` [s]."""

@@ -35,7 +35,7 @@ from obc_ros.ros.service_qos import be_patient, BURST
 from obc_ros.ros.state_sources import SOURCES, STATE_SOURCE
 from obc_ros.ros.throttled_log import ThrottledLog
 from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
-from obc_ros.workers.pool import Answer, Job, LONGEST, Outcome, Pool, SHORTEST
+from obc_ros.workers.pool import Job, LONGEST_LIMIT, Pool, RequestAnswer, RequestOutcome, SHORTEST
 from obc_ros.workers.wire import Packet
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -46,13 +46,13 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 
 ANSWERS = 'obc_ros.workers.requests'
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+PLAN_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 START, LOOK = 10.0, 0.02  # [s] that the services wait for the workers at most, how often to look
 RESULT_TIMEOUT = 30  # [s] that the result of an action is kept for
 LEAD = 500_000_000   # [ns] until a plan that is executed begins: its follower needs gains first
 QUICK = 2_500        # numbers in A up to which a design does not wait behind solves
-STATUS = {Outcome.REFUSED: 'cancelled', Outcome.TIMED_OUT: 'timed_out',
-          Outcome.CANCELLED: 'cancelled', Outcome.DIED: 'not_converged'}
+STATUS = {RequestOutcome.REFUSED: 'cancelled', RequestOutcome.TIMED_OUT: 'timed_out',
+          RequestOutcome.CANCELLED: 'cancelled', RequestOutcome.DIED: 'not_converged'}
 
 Progress = Callable[[str, int, float, float], None]
 
@@ -63,7 +63,8 @@ class Settings:
 
     workers: int = parameter(2, 'number of solver processes', lower=1, upper=64)
     time_limit: float = parameter(
-        60.0, 'maximum time from a request to its response', 's', lower=SHORTEST, upper=LONGEST)
+        60.0, 'maximum time from a request to its response', 's', lower=SHORTEST,
+        upper=LONGEST_LIMIT)
     max_intervals: int = parameter(
         MAX_INTERVALS, 'maximum number of mesh intervals of a solution', lower=10, upper=100_000)
     cache_size: int = parameter(
@@ -92,11 +93,11 @@ class TrajectoryServer(Node):
         self._adopt(self._settings.settings)
         self._jobs: dict[bytes, Job] = {}
         self._asked = 0
-        self._arrived: deque[tuple[Future, Answer]] = deque()
+        self._arrived: deque[tuple[Future, RequestAnswer]] = deque()
         self._statuses: Counter[str] = Counter()
         self._log = ThrottledLog(self)
         self._state = PresentState(self, self._settings.settings.state_source, self._log)
-        self._reference = self.create_publisher(Trajectory, 'reference', LATCHED)
+        self._reference = self.create_publisher(Trajectory, 'reference', PLAN_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._diagnose, clock=steady)
@@ -225,17 +226,17 @@ class TrajectoryServer(Node):
             if goal.is_cancel_requested:  # before there was anything to cancel
                 self._solvers.cancel(job)
         self._asked += 1
-        answer: Answer = await future
+        answer: RequestAnswer = await future
         self._asked -= 1
         if goal:
             del self._jobs[key]
-        if answer.outcome is Outcome.ANSWERED:
+        if answer.outcome is RequestOutcome.ANSWERED:
             if answer.packet.plain['status'] in ('malformed', 'refused'):
                 self._log_refusal(kind, answer.packet.plain['message'])
             return self._count(answer.packet)
-        if answer.outcome is Outcome.REFUSED:
+        if answer.outcome is RequestOutcome.REFUSED:
             self._log_refusal(kind, answer.message)
-        if answer.outcome is Outcome.DIED:
+        if answer.outcome is RequestOutcome.DIED:
             self.get_logger().error(answer.message)
         kept = answer.packet
         message = '; the best path so far: '.join(
@@ -250,7 +251,7 @@ class TrajectoryServer(Node):
                                  "server's own limit")
         return min(time_limit or math.inf, self._settings.settings.time_limit)
 
-    def _deliver(self, future: Future, answer: Answer) -> None:
+    def _deliver(self, future: Future, answer: RequestAnswer) -> None:
         """Hand an answer from a thread of a pool to the one that spins."""
         self._arrived.append((future, answer))
         self._arrival.trigger()

@@ -25,7 +25,7 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems import registry
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import DynamicsError, StatementError
-from obc_ros.ros.parameters.node_parameters import Entry
+from obc_ros.ros.parameters.table import ParameterRow
 from obc_ros.ros.state_sources import Body
 
 Read = Callable[[Any], Sequence[float]]
@@ -45,7 +45,7 @@ def set_stamp(stamp: Time, time: int) -> None:
     stamp.sec, stamp.nanosec = divmod(time, 10**9)
 
 
-def system_parameters(values: Mapping[str, Any]) -> Iterator[Entry]:
+def system_parameters(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
     """
     Yield the parameters and options of the system that `values` names, for `parameters.group`.
 
@@ -58,16 +58,18 @@ def system_parameters(values: Mapping[str, Any]) -> Iterator[Entry]:
     name = str(values['system'])
     options = registry.options(name)
     for option, default in options.items():
-        yield Entry(option, tuple(default) if isinstance(default, (tuple, list)) else default,
-                    f'construction option of {name}')
+        yield ParameterRow(
+            option, tuple(default) if isinstance(default, (tuple, list)) else default,
+            f'construction option of {name}')
     try:
-        system = registry.get(name)
+        system = registry.get_system(name)
     except DynamicsError:
         if not options:
             raise
         return  # without its options there is no such system
     for each in system.parameters:
-        yield Entry(each.name, each.value, each.description, each.unit, each.lower, each.upper)
+        yield ParameterRow(
+            each.name, each.value, each.description, each.unit, each.lower, each.upper)
 
 
 def chosen_system(name: str, values: Mapping[str, Any]) -> System:
@@ -77,8 +79,8 @@ def chosen_system(name: str, values: Mapping[str, Any]) -> System:
     What a file gives as an expression of other parameters thus follows them.
     """
     declared = {entry.name: entry.default for entry in system_parameters({'system': name})}
-    return registry.get(name, {key: value for key, value in values.items()
-                               if value != declared.get(key)})
+    return registry.get_system(name, {key: value for key, value in values.items()
+                                      if value != declared.get(key)})
 
 
 class OdometryMap:

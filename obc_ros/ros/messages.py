@@ -64,7 +64,7 @@ def _size(value: Any) -> int:
     return 8
 
 
-def statement(problem: OptimalControlProblem) -> dict[str, Any]:
+def read_statement(problem: OptimalControlProblem) -> dict[str, Any]:
     """
     Return the statement of a message; what is empty in it is left out.
 
@@ -209,7 +209,7 @@ def plain_request(kind: str, request: Any) -> Packet:
 
 
 def _solve_request(request: Any) -> Packet:
-    return Packet({'statement': statement(request.problem), 'method': request.method})
+    return Packet({'statement': read_statement(request.problem), 'method': request.method})
 
 
 def _minimize_request(request: Any) -> Packet:

@@ -5,13 +5,13 @@
 from time import monotonic
 from typing import Any
 
-BURST = 10    # lines of a kind that may come at once
+LOG_BURST = 10    # lines of a kind that may come at once
 PERIOD = 1.0  # [s] in which one more may come
 
 
 class ThrottledLog:
     """
-    Logs at most `BURST` lines of a kind at once, and afterwards one in each `PERIOD`.
+    Logs at most `LOG_BURST` lines of a kind at once, and afterwards one in each `PERIOD`.
 
     A line that comes after others were left out says how many.
     """
@@ -42,11 +42,11 @@ class _Kind:
     """How many lines of a kind may still come, and how many were left out."""
 
     def __init__(self) -> None:
-        self._left, self._looked, self._left_out = float(BURST), monotonic(), 0
+        self._left, self._looked, self._left_out = float(LOG_BURST), monotonic(), 0
 
     def take(self, now: float) -> int:
         """Return how many lines were left out before one that is due; -1: it is left out, too."""
-        self._left = min(self._left + (now - self._looked) / PERIOD, BURST)
+        self._left = min(self._left + (now - self._looked) / PERIOD, LOG_BURST)
         self._looked = now
         if self._left < 1.0:
             self._left_out += 1

@@ -25,7 +25,7 @@ import time
 from obc_ros.workers.wire import Channel, Packet
 
 SHORTEST = 0.01    # [s] that a request may be given
-LONGEST = 86_400.0
+LONGEST_LIMIT = 86_400.0
 TICK = 0.02        # [s] how soon a busy worker's thread sees a cancelled request
 HEAD_START = 0.1   # [s] that a solver is told to stop before its time is over
 GRACE = 0.05       # [s] in which a solver that was asked to stop may still answer
@@ -39,7 +39,7 @@ ENVIRONMENT = {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THR
                'PYTHONSAFEPATH': '1'}
 
 
-class Outcome(str, Enum):
+class RequestOutcome(str, Enum):
     """How the pool dealt with a request."""
 
     ANSWERED = 'answered'
@@ -50,14 +50,14 @@ class Outcome(str, Enum):
 
 
 @dataclass(frozen=True)
-class Answer:
+class RequestAnswer:
     """
     What came of a request: the worker's packet when answered, else the reason in words.
 
     Then `packet` is what the worker has kept for this, if anything.
     """
 
-    outcome: Outcome
+    outcome: RequestOutcome
     message: str = ''
     packet: Packet = field(default_factory=lambda: Packet({}))
 
@@ -90,7 +90,7 @@ class Job:
     kind: str
     request: Packet
     time_limit: float
-    done: Callable[[Answer], None]
+    done: Callable[[RequestAnswer], None]
     progress: Callable[[str, int, float, float], None] = _ignore
     affinity: str = ''
     deadline: float = 0.0
@@ -133,7 +133,7 @@ class Pool:
         self.memory = memory
         self.affinities = affinities
         self.niceness = niceness
-        self.outcomes: Counter[Outcome] = Counter()
+        self.outcomes: Counter[RequestOutcome] = Counter()
         self.replaced = 0
         self.fault = ''
         self._closed = self.has_started = False
@@ -195,7 +195,8 @@ class Pool:
             if waiting:
                 self._queue.remove(job)
         if waiting:
-            self.finish(job, Answer(Outcome.CANCELLED, 'cancelled while it waited for a worker'))
+            self.finish(job, RequestAnswer(RequestOutcome.CANCELLED,
+                                           'cancelled while it waited for a worker'))
 
     def close(self) -> None:
         """End all workers; what they were at, and what was waiting, is cancelled."""
@@ -205,17 +206,17 @@ class Pool:
             for worker in workers:
                 if worker.job:
                     worker.job.cancelled = True
-        self.empty_queue(Answer(Outcome.CANCELLED, 'the server is shutting down'))
+        self.empty_queue(RequestAnswer(RequestOutcome.CANCELLED, 'the server is shutting down'))
         self.resize(0)
         for worker in workers:
             worker.join()
 
-    def finish(self, job: Job, answer: Answer) -> None:
+    def finish(self, job: Job, answer: RequestAnswer) -> None:
         """Give the answer to the one who asked."""
         self.outcomes[answer.outcome] += 1
         job.done(answer)
 
-    def empty_queue(self, answer: Answer) -> None:
+    def empty_queue(self, answer: RequestAnswer) -> None:
         """Give all requests that wait the same answer."""
         with self._changed:
             jobs, self._queue = self._queue, deque()
@@ -230,8 +231,8 @@ class Pool:
             for job in late:
                 self._queue.remove(job)
         for job in late:
-            self.finish(job, Answer(
-                Outcome.TIMED_OUT, f'no worker was free within {job.time_limit:g} s'))
+            self.finish(job, RequestAnswer(
+                RequestOutcome.TIMED_OUT, f'no worker was free within {job.time_limit:g} s'))
 
     def note_start(self, worker: '_Worker', why: str = '') -> None:
         """Note that `worker` has started, or why it could not."""
@@ -274,20 +275,20 @@ class Pool:
             with self._changed:
                 self._changed.wait_for(lambda: not worker.wanted, min(left, TICK))
 
-    def _refusal(self) -> Answer | None:
+    def _refusal(self) -> RequestAnswer | None:
         """Return the answer to a request that is not taken at present; None when it is."""
         if self._closed:
-            return Answer(Outcome.REFUSED, 'the server is shutting down')
+            return RequestAnswer(RequestOutcome.REFUSED, 'the server is shutting down')
         if self._workers and all(worker.failures >= TRIES for worker in self._workers):
             return self._no_worker()
         if self.waiting >= self.queue_length and not self._idle(''):
-            return Answer(Outcome.REFUSED, (
+            return RequestAnswer(RequestOutcome.REFUSED, (
                 f'refused: {self.waiting} requests are waiting already, as many as may wait; '
                 'please ask again later'))
         return None
 
-    def _no_worker(self) -> Answer:
-        return Answer(Outcome.DIED, f'no worker starts: {self.fault}')
+    def _no_worker(self) -> RequestAnswer:
+        return RequestAnswer(RequestOutcome.DIED, f'no worker starts: {self.fault}')
 
     def _idle(self, affinity: str) -> '_Worker | None':
         """Return an idle worker, rather one that has seen `affinity`; None if all are busy."""
@@ -379,12 +380,12 @@ class _Worker(Thread):
                 self._pool.retire(self)
             elif job:
                 answer = self._work(job)
-                if answer.outcome is not Outcome.ANSWERED:
+                if answer.outcome is not RequestOutcome.ANSWERED:
                     self._process.kill()
-                self._pool.release(self, ready=answer.outcome is Outcome.ANSWERED)
+                self._pool.release(self, ready=answer.outcome is RequestOutcome.ANSWERED)
                 self._pool.finish(job, answer)
 
-    def _work(self, job: Job) -> Answer:
+    def _work(self, job: Job) -> RequestAnswer:
         self._remember(job.affinity)
         self._kept = Packet({})
         left = max(job.deadline - time.monotonic(), 0.001)
@@ -395,9 +396,9 @@ class _Worker(Thread):
                 job.request.arrays, timeout=left + GRACE)
             return self._attend(job)
         except (EOFError, OSError):
-            return Answer(Outcome.DIED, self._obituary(self._cause()), self._kept)
+            return RequestAnswer(RequestOutcome.DIED, self._obituary(self._cause()), self._kept)
 
-    def _attend(self, job: Job) -> Answer:
+    def _attend(self, job: Job) -> RequestAnswer:
         """Pass on progress until there is an answer, or the time is over, or it is cancelled."""
         end, asked = job.deadline + GRACE, False
         while (now := time.monotonic()) < end:
@@ -409,16 +410,19 @@ class _Worker(Thread):
             if packet is None:
                 continue
             if 'answer' in packet.plain:
-                return Answer(Outcome.ANSWERED, '', Packet(packet.plain['answer'], packet.arrays))
+                return RequestAnswer(RequestOutcome.ANSWERED, '',
+                                     Packet(packet.plain['answer'], packet.arrays))
             if 'died' in packet.plain:
-                return Answer(Outcome.DIED, self._obituary(packet.plain['died']), self._kept)
+                return RequestAnswer(RequestOutcome.DIED, self._obituary(packet.plain['died']),
+                                     self._kept)
             if 'path' in packet.plain:
                 self._kept = Packet(packet.plain['path'], packet.arrays)
             else:
                 job.progress(*packet.plain['progress'])
         if job.cancelled:
-            return Answer(Outcome.CANCELLED, 'cancelled', self._kept)
-        return Answer(Outcome.TIMED_OUT, f'no answer within {job.time_limit:g} s', self._kept)
+            return RequestAnswer(RequestOutcome.CANCELLED, 'cancelled', self._kept)
+        return RequestAnswer(RequestOutcome.TIMED_OUT, f'no answer within {job.time_limit:g} s',
+                             self._kept)
 
     def _cause(self) -> str:
         """Return how the process ended, for it has."""

@@ -55,7 +55,7 @@ class Reporter:
         self._channel.send({'path': path.plain}, path.arrays)
 
 
-def die_with_parent(parent: int) -> None:
+def end_with_parent(parent: int) -> None:
     """Have the kernel end this process when its parent ends, however that happens."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:  # it has ended already
@@ -87,7 +87,7 @@ def give_way(niceness: int) -> None:
             return
 
 
-def serve(channel: Channel, module: Any) -> None:
+def serve_pool(channel: Channel, module: Any) -> None:
     """Answer requests until the pool closes the channel."""
     channel.send({'ready': True})
     while (packet := channel.receive()) is not None:
@@ -103,7 +103,7 @@ def serve(channel: Channel, module: Any) -> None:
 def main() -> None:
     """Serve the pool that started this process."""
     descriptor, module, memory, niceness, parent = sys.argv[1:]
-    die_with_parent(int(parent))
+    end_with_parent(int(parent))
     keep_within(int(memory))
     channel = Channel(socket.socket(fileno=int(descriptor)))
 
@@ -121,7 +121,7 @@ def main() -> None:
     try:
         loaded = import_module(module)  # soon, for requests wait for it
         give_way(int(niceness))
-        serve(channel, loaded)
+        serve_pool(channel, loaded)
     except (EOFError, BrokenPipeError):
         return  # the pool is gone
 

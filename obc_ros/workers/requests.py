@@ -17,7 +17,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.lqr.design.design import design, Plant, plant, Sampling
+from obc_ros.core.lqr.design.design import design, linearize_plant, LinearizedPlant, Sampling
 from obc_ros.core.lqr.design.report import Change, fields
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
@@ -30,7 +30,7 @@ from obc_ros.core.ocp.solution import (
     Status,
 )
 from obc_ros.core.ocp.statement import problem_from_mapping
-from obc_ros.core.solver.motion_planning import Motion, registered, statement
+from obc_ros.core.solver.motion_planning import find_registered, Motion, state_motion
 from obc_ros.core.solver.nlp.minimize import minimize
 from obc_ros.core.solver.solve import Cache, solve
 from obc_ros.core.systems.equilibrium import Equilibrium
@@ -117,7 +117,7 @@ def _plan(request: Packet, time_limit: float, report: Report, keep: Keep) -> Pac
     begun = time.monotonic()
     if motion.objective != 'time' and not motion.final_time:
         motion = replace(motion, final_time=_ample_time(motion, time_limit / 2, report, cache))
-    problem = problem_from_mapping(statement(motion))
+    problem = problem_from_mapping(state_motion(motion))
     left = time_limit - (time.monotonic() - begun)
     solution = solve(problem, time_limit=left, report=report, cache=cache,
                      max_intervals=plain.get('max_intervals', MAX_INTERVALS),
@@ -132,8 +132,8 @@ def _design_lqr(request: Packet, time_limit: float, report: Report, keep: Keep) 
             raise StatementError(f'{name} = {plain[name]:g}: wanted 0 or a positive number')
     sampling = Sampling(plain['sample_time'], plain['delay'], exact=plain['sample_time'] > 0.0)
     if plain['system']:
-        of = plant(_system(plain['system'], json.dumps(plain['parameters'])),
-                   arrays['setpoint'].tolist(), arrays['setpoint_input'].tolist())
+        of = linearize_plant(_system(plain['system'], json.dumps(plain['parameters'])),
+                             arrays['setpoint'].tolist(), arrays['setpoint_input'].tolist())
     else:
         of = _given_plant(arrays['a'], arrays['b'])
     weights = {name: arrays[name.lower()].tolist()
@@ -154,10 +154,10 @@ def _design_lqr(request: Packet, time_limit: float, report: Report, keep: Keep) 
 @lru_cache(32)
 def _system(name: str, parameters: str) -> System:
     """Return a registered system, kept because it takes longer to make than a gain."""
-    return registered(name, json.loads(parameters))
+    return find_registered(name, json.loads(parameters))
 
 
-def _given_plant(a: Array, b: Array) -> Plant:
+def _given_plant(a: Array, b: Array) -> LinearizedPlant:
     """Return the plant of A (n, n) and B (n, m), given by their numbers row by row."""
     n = math.isqrt(a.size)
     if not n or n * n != a.size:
@@ -170,13 +170,13 @@ def _given_plant(a: Array, b: Array) -> Plant:
         tuple(Signal(f'u{j + 1}') for j in range(m)), (), ca.SX.sym('x', n), ca.SX.sym('u', m),
         ca.SX(0, 1), ca.SX(n, 1), (0.0,) * n, (0.0,) * m)
     rest = Equilibrium(np.zeros(n), np.zeros(m), np.zeros(n))
-    return Plant(system, rest, a.reshape(n, n), b.reshape(n, m), (0.0,) * m)
+    return LinearizedPlant(system, rest, a.reshape(n, n), b.reshape(n, m), (0.0,) * m)
 
 
 def _ample_time(motion: Motion, time_limit: float, report: Report, cache: Cache) -> float:
     """Return twice the least time of a motion; 0 where there is none or it is not found."""
     try:
-        problem = problem_from_mapping(statement(replace(motion, objective='time')))
+        problem = problem_from_mapping(state_motion(replace(motion, objective='time')))
     except ObcError:
         return 0.0  # inputs without bounds; what else is wrong with the motion is seen again
     solution = solve(problem, time_limit=time_limit, report=report, cache=cache)

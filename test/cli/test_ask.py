@@ -290,7 +290,8 @@ def test_names_of_files_are_safe_and_unique(tmp_path):
     several = tmp_path / 'several.yaml'
     several.write_text(yaml.safe_dump([{**SCALAR, 'name': name} for name in (
         'p', '../../etc/x', 'p', '.')]))
-    asked = results.read(Question, [tmp_path / 'a' / 'p.yaml', tmp_path / 'b' / 'p.yaml', several])
+    asked = results.read_questions(Question,
+                                   [tmp_path / 'a' / 'p.yaml', tmp_path / 'b' / 'p.yaml', several])
     assert [each.file_name for each in asked] == ['p', 'p_2', 'p_3', '_.._etc_x', 'p_4', 'problem']
     assert [each.name for each in asked] == ['scalar', 'scalar', 'p', '../../etc/x', 'p', '.']
     assert [each.renamed for each in asked] == [False, True, True, False, True, False]
@@ -344,7 +345,7 @@ def test_files_are_written_when_nobody_reads_what_is_printed(tmp_path, monkeypat
     def gone(*_):
         raise OSError(errno.ENOSPC, 'No space left on device')
 
-    monkeypatch.setattr(terminal, 'table', gone)
+    monkeypatch.setattr(terminal, 'print_table', gone)
     assert main([command, 'missing.yaml', '--json', str(tmp_path)]) == 1
     assert read(tmp_path / 'missing.json')['status'] == 'malformed'
 
@@ -368,7 +369,7 @@ def test_a_bad_case_in_a_list_does_not_keep_the_others_from_their_answers(tmp_pa
     assert f'twin ({file}, entry 3): Qu: missing' in output
     assert 'list_2: ' in output and 'written as twin_2' in output
     assert {path.stem for path in tmp_path.glob('*.json')} == {'twin', 'list_2', 'twin_2'}
-    bad = results.read(Case, [file])[1]
+    bad = results.read_questions(Case, [file])[1]
     assert bad.status == 'malformed' and 'entry 2: wanted a mapping' in bad.message
 
 
@@ -376,9 +377,9 @@ def test_a_plant_is_a_problem_too(tmp_path):
     file = tmp_path / 'cart.yaml'
     file.write_text(yaml.safe_dump({
         **SCALAR, 'units': {'x': 'm'}, 'angles': ['x'], 'setpoint': {'x': 0}}))
-    [asked] = results.read(Question, [file])
+    [asked] = results.read_questions(Question, [file])
     assert asked.problem and not asked.status
-    assert registry.load(file).states[0].unit == 'm'
+    assert registry.load_system(file).states[0].unit == 'm'
 
 
 def test_json_has_no_nan(tmp_path):

@@ -10,7 +10,7 @@ import subprocess
 from typing import Any
 
 import numpy as np
-from obc_ros.cli.demo.report import step_figures
+from obc_ros.cli.demo.report import measure_step
 from obc_ros.cli.obc import main
 import pytest
 from rosbags.highlevel import AnyReader
@@ -166,7 +166,7 @@ def test_step_figures_of_a_known_response() -> None:
     zeta, w = 0.5, 1.0
     wd = w * np.sqrt(1 - zeta**2)
     y = 1 - np.exp(-zeta * w * t) * (np.cos(wd * t) + zeta * w / wd * np.sin(wd * t))
-    step = step_figures(t, 2.0 + 3.0 * y, 2.0, 5.0)
+    step = measure_step(t, 2.0 + 3.0 * y, 2.0, 5.0)
     assert step.overshoot == pytest.approx(np.exp(-np.pi * zeta / np.sqrt(1 - zeta**2)), abs=1e-6)
     def response(at: float, level: float) -> float:
         return 1 - level - np.exp(-zeta * w * at) * (

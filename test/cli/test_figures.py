@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 from obc_ros.cli.ask.problem_requests import Question
-from obc_ros.cli.figures import _alike, _slopes, draw
+from obc_ros.cli.figures import _alike, _slopes, draw_solution
 from obc_ros.core.ocp.statement import problem_from_mapping
 
 MAPPING = {
@@ -43,5 +43,5 @@ def test_a_figure_is_drawn_with_and_without_costates(tmp_path):
             certificate=SimpleNamespace(sentence=''))
         question = Question('scaled', 'scaled.yaml', 'scaled', mapping=MAPPING, problem=PROBLEM,
                             result=result)
-        draw(tmp_path / 'deep' / 'scaled.png', question)
+        draw_solution(tmp_path / 'deep' / 'scaled.png', question)
         assert (tmp_path / 'deep' / 'scaled.png').read_bytes().startswith(b'\x89PNG')

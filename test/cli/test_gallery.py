@@ -19,13 +19,13 @@ from obc_ros.cli.gallery import records as gallery
 from obc_ros.cli.gallery import runner as desks
 from obc_ros.cli.gallery.entries import linear, regulators, vehicle
 from obc_ros.cli.gallery.entries.all import ENTRIES
-from obc_ros.cli.gallery.entry import Answer, Entry, Row
+from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.loop import UnansweredError
 from obc_ros.cli.obc import main, parse
 from obc_ros.cli.processes import Children, free_domain, isolate
 from obc_ros.cli.ros2.yaml_messages import fill, find_type
-from obc_ros.cli.ros2.yaml_messages import parse as parse_yaml
-from obc_ros.ros.messages import statement
+from obc_ros.cli.ros2.yaml_messages import parse_values as parse_yaml
+from obc_ros.ros.messages import read_statement
 from obc_ros.srv import DesignLqr, SolveOptimalControl
 import pytest
 import support
@@ -57,7 +57,7 @@ def desk(out: Path) -> Iterator[desks.Desk]:
 
 @pytest.mark.nodes
 @pytest.mark.parametrize('entry', ENTRIES, ids=lambda entry: entry.name)
-def test_every_number_holds(entry: Entry, desk: desks.Desk, out: Path) -> None:
+def test_every_number_holds(entry: GalleryEntry, desk: desks.Desk, out: Path) -> None:
     record = gallery.work(entry, desk, out)
     assert not record['message']
     wrong = [f'{row["what"]}: {row["measured"]!r}, exact {row["exact"]!r}'
@@ -87,7 +87,7 @@ def understood(command: str, out: Path) -> None:
 
 
 def test_hypotheses_of_theorem_2_2() -> None:
-    A, B, H, Qu = regulators.plant()
+    A, B, H, Qu = regulators.make_plant()
     assert np.linalg.eigvals(A).real.max() > 0
     assert _reaches(A, B) and _reaches(A.T, H.T)
     assert np.linalg.eigvalsh(Qu).min() > 0
@@ -170,13 +170,14 @@ class Looked(HTMLParser):
 
 def test_a_number_that_is_off_fails_the_entry(tmp_path: Path,
                                               monkeypatch: pytest.MonkeyPatch) -> None:
-    def off(desk: desks.Desk) -> Answer:
-        return Answer([Row('a', 1.0, 1.0, ''), Row('b', 2.0, 2.00001, '')], Figure())
+    def off(desk: desks.Desk) -> EntryResult:
+        return EntryResult([ComparedRow('a', 1.0, 1.0, ''), ComparedRow('b', 2.0, 2.00001, '')],
+                           Figure())
 
-    def unanswered(desk: desks.Desk) -> Answer:
+    def unanswered(desk: desks.Desk) -> EntryResult:
         raise UnansweredError('no <answer>')
 
-    entries = [Entry(name, '', '', (), run) for name, run in (
+    entries = [GalleryEntry(name, '', '', (), run) for name, run in (
         ('1.1', off), ('1.2', unanswered))]
     desk = desks.Desk(None, tmp_path)  # type: ignore[arg-type]  # nobody asks it
     records = [gallery.work(entry, desk, tmp_path) for entry in entries]
@@ -188,9 +189,9 @@ def test_a_number_that_is_off_fails_the_entry(tmp_path: Path,
 
 
 def test_relative_errors() -> None:
-    assert Row('', [1e-8], [2e-8], '', relative=True).error == pytest.approx(0.5)
-    assert Row('', [0.0], [0.0], '', relative=True).error == np.inf  # undefined: it fails
-    row = Row('', [100.0, 1.0], [100.0 + 1e-5, 1.0 + 2e-6], '').as_json()
+    assert ComparedRow('', [1e-8], [2e-8], '', relative=True).error == pytest.approx(0.5)
+    assert ComparedRow('', [0.0], [0.0], '', relative=True).error == np.inf  # undefined: it fails
+    row = ComparedRow('', [100.0, 1.0], [100.0 + 1e-5, 1.0 + 2e-6], '').as_json()
     assert (row['measured'], row['error']) == (1.0, pytest.approx(2e-6, rel=1e-3))
 
 
@@ -198,7 +199,7 @@ def test_relative_errors() -> None:
     (1.0, 1.0, 0.0), (1e3 + 1e-3, 1e3, 1e-6), (1e-3, 0.0, 1e-3), ([1.0, 2.0], [1.0, 4.0], 0.5),
     (np.nan, 0.0, np.inf), ([1.0], [1.0, 1.0], np.inf), ([], [], np.inf)])
 def test_error(measured: object, exact: object, error: float) -> None:
-    assert Row('', measured, exact, '').error == pytest.approx(error, rel=1e-6)
+    assert ComparedRow('', measured, exact, '').error == pytest.approx(error, rel=1e-6)
 
 
 def test_unknown_entry(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -223,7 +224,7 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureF
 @pytest.mark.parametrize('text', ['', '[]', '{"entries": 3}', '{"entries": [{"name": "2.2"}]}'])
 def test_a_spoilt_file_is_replaced(text: str, tmp_path: Path) -> None:
     (tmp_path / 'gallery.json').write_text(text)
-    gallery.write(tmp_path, [], ['2.1', '2.2'])
+    gallery.write_record(tmp_path, [], ['2.1', '2.2'])
     assert json.loads((tmp_path / 'gallery.json').read_text()) == {'entries': []}
 
 
@@ -231,7 +232,7 @@ def test_a_spoilt_file_is_replaced(text: str, tmp_path: Path) -> None:
     (0.25, '0.25'), (-1.5e-9, '\u22121.5\u00b710<sup>\u22129</sup>'), (None, '-'),
     (4e20, '4\u00b710<sup>20</sup>')])
 def test_numbers(value: float | None, html: str) -> None:
-    assert page.number(value) == html
+    assert page.show_number(value) == html
 
 
 @pytest.mark.parametrize(('text', 'html'), [
@@ -253,8 +254,8 @@ def test_commands_say_what_was_asked() -> None:
     given = yaml.safe_load(shlex.split(
         ros2_commands.service_call('solve', SolveOptimalControl, request))[-1])
     assert given['method'] == 'arcs'
-    again = statement(fill(SolveOptimalControl.Request(), given).problem)
-    assert again == statement(request.problem)
+    again = read_statement(fill(SolveOptimalControl.Request(), given).problem)
+    assert again == read_statement(request.problem)
     case = {'A': [[0, 1], [0, 0]], 'B': [[0], [1]], 'Qx': [1, 0], 'Qu': [0.1]}
     request = desks.design_request(case)
     command = ros2_commands.service_call('design_lqr', DesignLqr, request)
@@ -266,7 +267,7 @@ def test_commands_say_what_was_asked() -> None:
 def test_a_reference_is_published_from_its_file(tmp_path: Path) -> None:
     folder = tmp_path / 'recordings' / 'loop'
     folder.mkdir(parents=True)
-    reference = vehicle.course('flat')
+    reference = vehicle.make_course('flat')
     command = ros2_commands.publish('reference', reference, folder / 'flat.yaml')
     assert command.endswith('"$(cat recordings/loop/flat.yaml)"')
     given = yaml.safe_load((folder / 'flat.yaml').read_text())

@@ -6,9 +6,9 @@ import math
 from typing import Any
 
 import numpy as np
-from obc_ros.cli.ask.regulator_figures import draw, figure
+from obc_ros.cli.ask.regulator_figures import draw_regulator, figure
 from obc_ros.cli.ask.regulator_requests import Case
-from obc_ros.core.lqr.design.design import design, plant, Sampling
+from obc_ros.core.lqr.design.design import design, linearize_plant, Sampling
 from obc_ros.core.lqr.design.report import Change
 from obc_ros.core.systems import registry
 from obc_ros.msg import LqrWeights
@@ -24,7 +24,7 @@ def solved(**asked: Any) -> Case:
     case.take({'name': 'flight', 'system': 'aircraft', **asked})
     sampling = Sampling(asked.get('sample_time', 0.0), asked.get('delay', 0.0),
                         'sample_time' in asked)
-    found = design(plant(registry.get('aircraft')), {
+    found = design(linearize_plant(registry.get_system('aircraft')), {
         key: asked[key] for key in ('Qx', 'Qu', 'stability', 'cross') if key in asked},
         sampling=sampling)
     case.design = design_message(found, Change(), None)
@@ -60,7 +60,7 @@ def test_curves_say_what_the_numbers_say(asked: dict[str, Any], tmp_path: Any) -
     points = locus.collections[0].get_offsets() @ [1.0, 1j]
     for real, imag in zip(case.design.poles_real, case.design.poles_imag, strict=True):
         assert np.abs(points - complex(real, imag)).min() < 1e-6 * abs(complex(real, imag))
-    draw(tmp_path / 'figures' / 'flight.png', case)
+    draw_regulator(tmp_path / 'figures' / 'flight.png', case)
     assert (tmp_path / 'figures' / 'flight.png').stat().st_size > 30_000
 
 

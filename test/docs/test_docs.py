@@ -95,7 +95,7 @@ def test_the_systems_are_those_that_are_registered():
     assert {name for name, *_ in rows} == set(registry.names())
     for name, states, inputs, parameters in rows:
         if not registry.options(name):
-            system = registry.get(name)
+            system = registry.get_system(name)
             assert (states, inputs) == (', '.join(system.state_names),
                                         ', '.join(system.input_names))
             assert parameters.strip() == ', '.join(

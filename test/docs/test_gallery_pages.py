@@ -9,11 +9,11 @@ import subprocess
 
 from obc_ros.cli.gallery import records
 from obc_ros.cli.gallery.entries.all import ENTRIES
-from obc_ros.cli.gallery.entry import Entry, TOLERANCE
+from obc_ros.cli.gallery.entry import GalleryEntry, TOLERANCE
 from obc_ros.cli.gallery.page import plain_text
 from obc_ros.cli.obc import parse
 from obc_ros.cli.ros2.yaml_messages import fill, find_type
-from obc_ros.cli.ros2.yaml_messages import parse as parse_yaml
+from obc_ros.cli.ros2.yaml_messages import parse_values as parse_yaml
 from PIL import Image
 import pytest
 
@@ -25,7 +25,7 @@ EACH_ENTRY = pytest.mark.parametrize('entry', ENTRIES, ids=lambda entry: entry.n
 ROW = re.compile(r'^\| (.*) \| (\S+) \| (\S+) \| (\S+)( \(relative\))? \| (.*) \|$', re.MULTILINE)
 
 
-def read(entry: Entry) -> str:
+def read(entry: GalleryEntry) -> str:
     """Return the text of the page of an entry."""
     return (PAGES / f'{STEMS[entry.name]}.md').read_text(encoding='utf-8')
 
@@ -44,7 +44,7 @@ def test_the_index_has_the_order_of_the_book() -> None:
 
 
 @EACH_ENTRY
-def test_a_page_is_of_its_entry(entry: Entry) -> None:
+def test_a_page_is_of_its_entry(entry: GalleryEntry) -> None:
     text = read(entry)
     name = f'{records.label(entry.name)}: {plain_text(entry.title)}'
     assert text.startswith(f'# {name}\n')
@@ -54,7 +54,7 @@ def test_a_page_is_of_its_entry(entry: Entry) -> None:
 
 
 @EACH_ENTRY
-def test_a_page_names_a_commit_of_this_repository(entry: Entry) -> None:
+def test_a_page_names_a_commit_of_this_repository(entry: GalleryEntry) -> None:
     commit, = re.findall(r'Computed at commit\s`([0-9a-f]{10})`', read(entry))
     shallow = subprocess.run(['git', 'rev-parse', '--is-shallow-repository'], cwd=ROOT,
                              capture_output=True, text=True, check=False).stdout.strip()
@@ -64,7 +64,7 @@ def test_a_page_names_a_commit_of_this_repository(entry: Entry) -> None:
 
 
 @EACH_ENTRY
-def test_the_numbers_agree_with_their_references(entry: Entry) -> None:
+def test_the_numbers_agree_with_their_references(entry: GalleryEntry) -> None:
     """The error is computed again from the ten digits that the page shows."""
     text = read(entry)
     heading, *rows = ROW.findall(text)
@@ -79,7 +79,7 @@ def test_the_numbers_agree_with_their_references(entry: Entry) -> None:
 
 
 @EACH_ENTRY
-def test_the_commands_ask_what_the_interfaces_have(entry: Entry) -> None:
+def test_the_commands_ask_what_the_interfaces_have(entry: GalleryEntry) -> None:
     block, = re.findall(r'^```text\n(.*?)^```$', read(entry), re.MULTILINE | re.DOTALL)
     commands = [shlex.split(line) for line in block.splitlines() if not line.startswith('#')]
     assert commands
@@ -92,7 +92,7 @@ def test_the_commands_ask_what_the_interfaces_have(entry: Entry) -> None:
 
 
 @EACH_ENTRY
-def test_a_figure_is_sharp_and_small(entry: Entry) -> None:
+def test_a_figure_is_sharp_and_small(entry: GalleryEntry) -> None:
     path = PAGES / f'{STEMS[entry.name]}.png'
     with Image.open(path) as figure:
         assert figure.width >= 1600

@@ -32,7 +32,7 @@ from obc_ros.action import SolveOptimalControl as SolveAction
 from obc_ros.cli.processes import free_domain
 from obc_ros.core.ocp.statement import problem_from_mapping
 from obc_ros.core.text.errors import StatementError
-from obc_ros.core.text.expressions import number, parse
+from obc_ros.core.text.expressions import parse_expression, parse_number
 from obc_ros.msg import (
     Command,
     FinalTime,
@@ -393,7 +393,7 @@ sentences = st.lists(st.sampled_from(PIECES), max_size=40).map(''.join) | st.tex
 @given(sentences)
 def test_any_text_is_a_number_or_refused(text):
     try:
-        assert isinstance(number(text, SYMBOLS, 'here'), float)
+        assert isinstance(parse_number(text, SYMBOLS, 'here'), float)
     except StatementError as error:
         assert str(error).startswith('here')
 
@@ -407,9 +407,9 @@ def test_any_text_is_a_number_or_refused(text):
 def test_a_text_of_any_size_is_refused_at_once(text, seconds):
     begin = time.process_time()
     with pytest.raises(StatementError):
-        number(text, SYMBOLS, 'here')
+        parse_number(text, SYMBOLS, 'here')
     with pytest.raises(StatementError):
-        parse(text, {}, 'here')
+        parse_expression(text, {}, 'here')
     assert time.process_time() - begin < seconds
 
 

@@ -30,7 +30,7 @@ def test_the_loop_over_dds_gives_the_states_of_the_loop_in_one_process(spawn, pr
     probe.wait_for(lambda: nanoseconds(states[-1].header.stamp) > count * 5_000_000 and designs)
     design = designs[-1]
     K, xe, ue = np.reshape(design.k, (2, 6)), np.array(design.xe), np.array(design.ue)
-    simulator = Simulator(registry.get('aircraft'), X0)
+    simulator = Simulator(registry.get_system('aircraft'), X0)
     wanted = []
     for _ in range(count):
         wanted.append(simulator.x)

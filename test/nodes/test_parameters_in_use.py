@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
-from obc_ros.core.lqr.design.reference_tracking import course
+from obc_ros.core.lqr.design.reference_tracking import read_course
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import ObcError
 from obc_ros.nodes import plant_simulator, trajectory_server
@@ -21,12 +21,12 @@ Values = Mapping[str, Any]
 
 def followed(settings: Any) -> Any:
     """Return what lqr_node does: its control, what it reads at each message, a reference's law."""
-    system = registry.get(settings.system)
+    system = registry.get_system(settings.system)
     t, x = np.linspace(0.0, 1.0, 5), np.tile(system.setpoint, (5, 1))
     u = np.tile(system.setpoint_input, (5, 1))
-    along = lqr_settings.judge(settings, (course(
+    along = lqr_settings.judge_lqr_settings(settings, (read_course(
         system, (system.state_names, system.input_names), t, x.ravel(), u.ravel(), '', 1),))
-    control = lqr_settings.judge(settings).control
+    control = lqr_settings.judge_lqr_settings(settings).control
     leg = along.control.legs[0]
     return repr(control), settings.frame_id, settings.hardware_id, leg.allowed, leg.along.at(0.5)
 
@@ -37,10 +37,11 @@ def served(settings: Any) -> Any:
 
 
 NODES: dict[str, tuple[Any, Callable[[Any], Any], Callable[[Any], Any]]] = {
-    'lqr_node': (lqr_settings.Settings, lqr_settings.judge, followed),
-    'plant_simulator': (plant_simulator.Settings, plant_simulator.judge,
+    'lqr_node': (lqr_settings.Settings, lqr_settings.judge_lqr_settings, followed),
+    'plant_simulator': (plant_simulator.Settings, plant_simulator.judge_plant_settings,
                         lambda settings: (
-                            repr(plant_simulator.judge(settings)), settings.hardware_id)),
+                            repr(plant_simulator.judge_plant_settings(settings)),
+                            settings.hardware_id)),
     'trajectory_server': (trajectory_server.Settings, lambda settings: settings, served)}
 
 # A value of each parameter that can be changed, and what has to be set before; where that is

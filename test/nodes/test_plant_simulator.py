@@ -116,7 +116,7 @@ def fly(spawn, probe, parameters, law, count, system='aircraft'):
 def test_the_loop_over_dds_is_the_loop_in_one_process(spawn, probe):
     count = 600
     flown = fly(spawn, probe, {'x0': [1.0, -1.0, 0.1, 0.0, 0.0, 0.0]}, hover, count)
-    simulator = Simulator(registry.get('aircraft'), [1.0, -1.0, 0.1, 0.0, 0.0, 0.0])
+    simulator = Simulator(registry.get_system('aircraft'), [1.0, -1.0, 0.1, 0.0, 0.0, 0.0])
     wanted = [simulator.x]
     for _ in range(count - 1):
         simulator.command(hover(simulator.x))
@@ -130,11 +130,12 @@ def test_two_runs_in_lockstep_are_the_same_bit_for_bit(spawn, probe):
     parameters = {
         'x0': [1.0, -1.0, 0.1, 0.0, 0.0, 0.0], 'seed': 7,
         'input_delay': 0.0071, 'actuator_lag': 0.02,
-        **{f'noise.{name}': 0.01 for name in registry.get('aircraft').state_names},
+        **{f'noise.{name}': 0.01 for name in registry.get_system('aircraft').state_names},
         'disturbance.gust.vx': 1.0, 'disturbance.gust_start': 0.1, 'disturbance.constant.vy': 0.1}
     first, second = (fly(spawn, probe, parameters, hover, 200) for _ in range(2))
     assert [state.x.tobytes() for state in first] == [state.x.tobytes() for state in second]
-    simulator = Simulator(registry.get('aircraft'), [1.0, -1.0, 0.1, 0.0, 0.0, 0.0], Conditions(
+    simulator = Simulator(registry.get_system('aircraft'), [1.0, -1.0, 0.1, 0.0, 0.0, 0.0],
+                          Conditions(
         noise=(0.01,), actuator_lag=(0.02,), input_delay=0.0071, seed=7,
         disturbance=(0, 0, 0, 0, 0.1, 0), gust=Gust((0, 0, 0, 1.0, 0, 0), 0.1, 1.0)))
     for state in first:

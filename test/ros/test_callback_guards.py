@@ -8,7 +8,7 @@ import sys
 from typing import Any
 
 from obc_ros.msg import Trajectory
-from obc_ros.nodes.lqr_node import LATCHED
+from obc_ros.nodes.lqr_node import DESIGN_QOS
 from obc_ros.srv import DesignLqr
 import pytest
 from std_srvs.srv import Trigger
@@ -59,7 +59,7 @@ def test_a_topic_with_a_defect(probe: Any, domain: int, tmp_path: Path) -> None:
     process = defective(DEFECT, domain, log, module='lqr_node', node='LqrNode',
                         callback='_on_reference')
     try:
-        publisher = probe.publisher(Trajectory, 'reference', LATCHED)
+        publisher = probe.publisher(Trajectory, 'reference', DESIGN_QOS)
         publisher.publish(Trajectory())
         support.wait_for(lambda: 'ZeroDivisionError' in log.read_text())
         assert probe.call(Trigger, '/lqr_node/stop', Trigger.Request()).success

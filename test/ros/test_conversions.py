@@ -44,7 +44,7 @@ def rotation(message):
     ('vehicle', [1, 2, 0.5], [8.0, 0.4]),
     ('two_wheeled', [1, 2, -2.0], [-0.7, 0.8])])
 def test_the_twist_in_the_childs_frame_is_the_rate_of_the_pose(name, x0, u):
-    system, h = registry.get(name), 1e-4
+    system, h = registry.get_system(name), 1e-4
     slope = system.f(np.array(x0, dtype=float), np.array(u))
     before, message, after = (odometry(system, x0 + step * slope, u) for step in (-h, 0, h))
     velocity = (vector(after.pose.pose.position) - vector(before.pose.pose.position)) / (2 * h)
@@ -56,7 +56,7 @@ def test_the_twist_in_the_childs_frame_is_the_rate_of_the_pose(name, x0, u):
 
 def test_a_vehicle_that_steers_left_goes_as_rep_103_says():
     """X forward, y left, z up; yaw counter-clockwise seen from above."""
-    vehicle = Simulator(registry.get('vehicle'))
+    vehicle = Simulator(registry.get_system('vehicle'))
     vehicle.command([10.0, 0.2])
     vehicle.advance(500)
     message = odometry(vehicle.system, vehicle.x, vehicle.u)
@@ -75,7 +75,7 @@ def test_a_vehicle_that_steers_left_goes_as_rep_103_says():
 
 
 def test_the_aircrafts_plane_is_x_forward_and_z_up_and_its_nose_up_is_negative_pitch():
-    aircraft = registry.get('aircraft')
+    aircraft = registry.get_system('aircraft')
     message = odometry(aircraft, [1, 2, 0.3, 0, 0, 0.5], [0, 39.2])
     assert_allclose(vector(message.pose.pose.position), [1, 0, 2])
     nose = rotation(message).apply([1, 0, 0])
@@ -87,7 +87,7 @@ def test_the_aircrafts_plane_is_x_forward_and_z_up_and_its_nose_up_is_negative_p
 
 
 def test_thrust_pushes_the_aircraft_as_figure_2_3_shows():
-    aircraft = Simulator(registry.get('aircraft'))
+    aircraft = Simulator(registry.get_system('aircraft'))
     aircraft.command([1.0, 45.0])
     aircraft.advance(20)
     message = odometry(aircraft.system, aircraft.x, aircraft.u)
@@ -100,7 +100,7 @@ def test_thrust_pushes_the_aircraft_as_figure_2_3_shows():
 @pytest.mark.parametrize('name', PLANE)
 @given(data=st.data())
 def test_a_state_comes_back_from_its_odometry(name, data):
-    system = registry.get(name)
+    system = registry.get_system(name)
     x = np.array([data.draw(angle if angular else small) for angular in system.angles])
     u = [data.draw(small) for _ in system.inputs]
     assert_allclose(OdometryMap(system).state(odometry(system, x, u)), x, atol=1e-12)
@@ -108,8 +108,8 @@ def test_a_state_comes_back_from_its_odometry(name, data):
 
 @given(st.tuples(small, small, angle), small, small)
 def test_a_part_of_a_pose_is_enough_for_a_part_of_the_state(x, v, phi):
-    message = odometry(registry.get('vehicle'), x, [v, phi / 10])
-    lateral = OdometryMap(registry.get('vehicle_lateral'))
+    message = odometry(registry.get_system('vehicle'), x, [v, phi / 10])
+    lateral = OdometryMap(registry.get_system('vehicle_lateral'))
     assert lateral.readable
     assert not lateral.complete
     assert_allclose(lateral.state(message), x[1:], atol=1e-12)
@@ -117,7 +117,7 @@ def test_a_part_of_a_pose_is_enough_for_a_part_of_the_state(x, v, phi):
 
 @given(st.floats(0.1, 100.0), angle)
 def test_a_quaternion_of_any_length_is_an_orientation(length, theta):
-    aircraft = registry.get('aircraft')
+    aircraft = registry.get_system('aircraft')
     message = odometry(aircraft, [0, 0, theta, 0, 0, 0], [0, 0])
     q = message.pose.pose.orientation
     q.x, q.y, q.z, q.w = (length * value for value in (q.x, q.y, q.z, q.w))
@@ -138,18 +138,18 @@ def test_odometry_that_is_none_is_refused_in_words(field, value, words):
         part = getattr(part, name)
     setattr(part, last, value)
     with pytest.raises(StatementError, match=words):
-        OdometryMap(registry.get('aircraft')).state(message)
+        OdometryMap(registry.get_system('aircraft')).state(message)
 
 
 def test_systems_without_a_plane_have_no_odometry():
     for name in ('double_integrator', 'scalar', 'brockett'):
-        converter = OdometryMap(registry.get(name))
+        converter = OdometryMap(registry.get_system(name))
         assert not converter.complete
         assert not converter.readable
 
 
 def test_the_noise_is_told_as_covariance():
-    message = OdometryMap(registry.get('aircraft')).message([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+    message = OdometryMap(registry.get_system('aircraft')).message([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
     pose = np.reshape(message.pose.covariance, (6, 6))
     twist = np.reshape(message.twist.covariance, (6, 6))
     assert_allclose(np.diag(pose), [0.01, 0, 0.04, 0, 0.09, 0])

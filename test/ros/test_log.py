@@ -7,7 +7,7 @@ from typing import Any
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from lqr_bench import Bench
-from obc_ros.ros.throttled_log import BURST
+from obc_ros.ros.throttled_log import LOG_BURST
 import pytest
 from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -60,12 +60,12 @@ def test_states_that_are_lost_and_back(spawn: Any, probe: Any, log: list[Log]) -
 def test_a_client_that_asks_for_nonsense_does_not_flood(spawn: Any, probe: Any, log: list[Log]
                                                         ) -> None:
     Bench(spawn, probe, **LINE)
-    for _ in range(5 * BURST):
+    for _ in range(5 * LOG_BURST):
         probe.set_parameters('/lqr_node', Qu=[-1.0])
     probe.call(Trigger, '/lqr_node/stop')
     read(probe, log, '~/stop', Log.WARN)   # in order: what was refused before it is told by now
     refused = [each for each in log if 'a change of Qu was refused' in each.msg]
-    assert BURST <= len(refused) < 4 * BURST
+    assert LOG_BURST <= len(refused) < 4 * LOG_BURST
 
 
 def test_the_plant_tells_of_reset_and_pause(spawn: Any, probe: Any, log: list[Log]) -> None:

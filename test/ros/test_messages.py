@@ -50,7 +50,7 @@ def over_the_wire(message):
 def test_a_statement_survives_the_message(mapping):
     problem = problem_from_mapping(mapping)
     message = over_the_wire(messages.problem_message(mapping, problem.guess))
-    arrived = problem_from_mapping(unpack(pack(Packet(messages.statement(message)))).plain)
+    arrived = problem_from_mapping(unpack(pack(Packet(messages.read_statement(message)))).plain)
     assert arrived.name == problem.name
     assert arrived.structure == problem.structure
     assert (arrived.states, arrived.inputs) == (problem.states, problem.inputs)
@@ -74,14 +74,14 @@ def test_a_statement_survives_the_message(mapping):
 def test_a_name_that_stands_twice_is_refused(field, entries):
     message = OptimalControlProblem(**{field: entries})
     with pytest.raises(StatementError, match=f'^{field}: .* stands twice'):
-        messages.statement(message)
+        messages.read_statement(message)
 
 
 @pytest.mark.parametrize('text', ['[', '[1, 2', '[[1], x]', '[' * 10_000])
 def test_a_parameter_that_begins_as_a_list_and_is_none_is_refused(text):
     message = OptimalControlProblem(parameters=[NamedExpression(name='A', expression=text)])
     with pytest.raises(StatementError, match=r'^parameters\.A: .* is no list of numbers'):
-        messages.statement(message)
+        messages.read_statement(message)
 
 
 @pytest.mark.parametrize('kind, request_', [
@@ -189,8 +189,8 @@ def test_a_refusal_has_no_trajectory():
 def test_names_and_values_of_a_guess():
     message = OptimalControlProblem()
     message.initial_guess.states = [NamedValues(name='x', values=[1.0, 2.0])]
-    assert messages.statement(message)['initial_guess'] == {'states': {'x': [1.0, 2.0]}}
-    assert messages.statement(OptimalControlProblem()) == {'final_time': {'free': False}}
+    assert messages.read_statement(message)['initial_guess'] == {'states': {'x': [1.0, 2.0]}}
+    assert messages.read_statement(OptimalControlProblem()) == {'final_time': {'free': False}}
 
 
 def test_a_node_needs_no_casadi_for_messages():

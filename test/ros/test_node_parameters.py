@@ -10,7 +10,13 @@ from typing import Any
 from hypothesis import given, settings, strategies
 from obc_ros.core.text.errors import ObcError, StatementError
 from obc_ros.ros.conversions import system_parameters
-from obc_ros.ros.parameters.node_parameters import Entry, group, parameter, Parameters, Value
+from obc_ros.ros.parameters.node_parameters import (
+    group,
+    parameter,
+    ParameterRow,
+    Parameters,
+    Value,
+)
 import pytest
 from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.msg import ParameterType, ParameterValue
@@ -309,14 +315,15 @@ VALUES = strategies.one_of(
     strategies.lists(strategies.booleans(), max_size=3),
     strategies.text('[],. 0123456789e-', max_size=30).map(lambda text: f'[{text}]'))
 ENTRIES = [
-    Entry('a', (1.0,), '', lower=0.0), Entry('b', (), '', finite=False), Entry('c', 1.0, ''),
-    Entry('d', 1, '', lower=-5, upper=5), Entry('e', False, ''),
-    Entry('f', 'x', '', choices=('x', 'y')), Entry('g', (), '', texts=True)]
+    ParameterRow('a', (1.0,), '', lower=0.0), ParameterRow('b', (), '', finite=False),
+    ParameterRow('c', 1.0, ''),
+    ParameterRow('d', 1, '', lower=-5, upper=5), ParameterRow('e', False, ''),
+    ParameterRow('f', 'x', '', choices=('x', 'y')), ParameterRow('g', (), '', texts=True)]
 
 
 @settings(max_examples=300, deadline=None)
 @given(entry=strategies.sampled_from(ENTRIES), value=VALUES)
-def test_a_value_is_of_the_entry_or_refused(entry: Entry, value: Any) -> None:
+def test_a_value_is_of_the_entry_or_refused(entry: ParameterRow, value: Any) -> None:
     """Whatever is given, an entry returns its own type within its bounds or a StatementError."""
     try:
         kept = entry.value(Parameter(entry.name, value=value))

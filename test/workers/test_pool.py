@@ -17,7 +17,7 @@ from hypothesis import given, settings, strategies
 import numpy as np
 from obc_ros.core.ocp.statement import load_file, problem_from_mapping
 from obc_ros.workers import pool as workers
-from obc_ros.workers.pool import Job, Outcome, Pool
+from obc_ros.workers.pool import Job, Pool, RequestOutcome
 from obc_ros.workers.wire import pack, Packet, unpack
 import pytest
 from support import alive, wait_for
@@ -116,11 +116,11 @@ def test_answers_large_and_small():
     with running() as pool:
         x = np.arange(3e6).reshape(1000, 3000)
         answer = ask(pool, 'echo', arrays={'x': x}, name='ä\0"')
-        assert answer.outcome is Outcome.ANSWERED
+        assert answer.outcome is RequestOutcome.ANSWERED
         assert answer.packet.plain['name'] == 'ä\0"'
         assert np.array_equal(answer.packet.arrays['x'], x)
         assert [ask(pool, 'echo', name=k).packet.plain['name'] for k in range(50)] == [*range(50)]
-        assert pool.outcomes == {Outcome.ANSWERED: 51}
+        assert pool.outcomes == {RequestOutcome.ANSWERED: 51}
         assert pool.replaced == 0
 
 
@@ -136,20 +136,20 @@ def test_affinity_leads_to_the_idle_worker_that_had_it_last():
         pool.cancel(busy.job)
 
 
-@pytest.mark.parametrize('kind, stopped', [('iterate', Outcome.ANSWERED),
-                                           ('hang', Outcome.TIMED_OUT)])
+@pytest.mark.parametrize('kind, stopped', [('iterate', RequestOutcome.ANSWERED),
+                                           ('hang', RequestOutcome.TIMED_OUT)])
 def test_time_limit_is_kept(clock, kind, stopped):
     with running() as pool:
         asked = Asked(pool, kind, time_limit=0.4)
         assert asked.answer().outcome is stopped
         assert asked.end - asked.start > 0.4 - SLACK
         assert asked.took(clock, 0.4) < SLACK
-        assert ask(pool, 'echo').outcome is Outcome.ANSWERED
+        assert ask(pool, 'echo').outcome is RequestOutcome.ANSWERED
         assert pool.replaced == (kind == 'hang')
 
 
-@pytest.mark.parametrize('kind, stopped', [('iterate', Outcome.ANSWERED),
-                                           ('hang', Outcome.CANCELLED)])
+@pytest.mark.parametrize('kind, stopped', [('iterate', RequestOutcome.ANSWERED),
+                                           ('hang', RequestOutcome.CANCELLED)])
 def test_cancel_stops_the_work(clock, kind, stopped):
     with running() as pool:
         asked = Asked(pool, kind).begun()
@@ -159,7 +159,7 @@ def test_cancel_stops_the_work(clock, kind, stopped):
         assert clock.between(start, asked.end) < SLACK
         assert answer.outcome is stopped
         assert answer.packet.plain.get('stopped', True) is True
-        assert ask(pool, 'echo').outcome is Outcome.ANSWERED
+        assert ask(pool, 'echo').outcome is RequestOutcome.ANSWERED
 
 
 @pytest.mark.parametrize('kind, words', [
@@ -171,7 +171,7 @@ def test_a_worker_that_dies_costs_one_request_and_is_replaced(kind, words):
     with running(memory=1 << 29) as pool:
         [before] = pool.pids
         answer = ask(pool, kind)
-        assert answer.outcome is Outcome.DIED
+        assert answer.outcome is RequestOutcome.DIED
         assert words in answer.message
         after = ask(pool, 'echo').packet.plain['pid']
         assert after != before
@@ -185,12 +185,13 @@ def test_a_killed_worker_costs_only_its_own_request():
         waiting = Asked(pool, 'echo')
         os.kill(int(one.progress[0][0]), signal.SIGKILL)
         assert 'SIGKILL' in one.answer().message
-        assert one.answer().outcome is Outcome.DIED
-        assert waiting.answer().outcome is Outcome.ANSWERED
-        assert other.answer().outcome is Outcome.ANSWERED
+        assert one.answer().outcome is RequestOutcome.DIED
+        assert waiting.answer().outcome is RequestOutcome.ANSWERED
+        assert other.answer().outcome is RequestOutcome.ANSWERED
 
 
-@pytest.mark.parametrize('kind, outcome', [('crash', Outcome.DIED), ('hang', Outcome.TIMED_OUT)])
+@pytest.mark.parametrize('kind, outcome',
+                         [('crash', RequestOutcome.DIED), ('hang', RequestOutcome.TIMED_OUT)])
 def test_what_a_worker_has_kept_is_answered_when_it_is_ended(kind, outcome):
     with running() as pool:
         x = np.arange(6.0).reshape(2, 3)
@@ -211,7 +212,7 @@ def test_a_worker_killed_in_the_middle_of_a_solve_leaves_its_path():
         [pid] = pool.pids
         os.kill(pid, signal.SIGKILL)
         answer = asked.answer()
-        assert answer.outcome is Outcome.DIED
+        assert answer.outcome is RequestOutcome.DIED
         assert 'SIGKILL' in answer.message
         found, path = answer.packet.plain, answer.packet.arrays
         assert found['status'] == 'not_converged'
@@ -222,7 +223,7 @@ def test_a_worker_killed_in_the_middle_of_a_solve_leaves_its_path():
         residuals, tolerances = (found['certificate'][key] for key in ('residuals', 'tolerances'))
         assert any(residuals[key] > tolerances[key] for key in tolerances)
         assert residuals['dynamics'] <= tolerances['dynamics']
-        assert ask(pool, 'echo').outcome is Outcome.ANSWERED
+        assert ask(pool, 'echo').outcome is RequestOutcome.ANSWERED
 
 
 def test_an_idle_worker_that_is_killed_costs_nothing():
@@ -231,7 +232,7 @@ def test_an_idle_worker_that_is_killed_costs_nothing():
             [pid] = wait_for(lambda: pool.pids)
             os.kill(pid, signal.SIGKILL)
             wait_for(lambda: not alive(pid))  # noqa: B023 - called at once
-            assert ask(pool, 'echo').outcome is Outcome.ANSWERED
+            assert ask(pool, 'echo').outcome is RequestOutcome.ANSWERED
         assert pool.replaced == 3
 
 
@@ -240,7 +241,7 @@ def test_a_stopped_worker_is_replaced_at_the_time_limit(clock):
         [pid] = pool.pids
         os.kill(pid, signal.SIGSTOP)
         asked = Asked(pool, 'echo', time_limit=0.3)
-        assert asked.answer().outcome is Outcome.TIMED_OUT
+        assert asked.answer().outcome is RequestOutcome.TIMED_OUT
         assert asked.took(clock, 0.3) < SLACK
         assert ask(pool, 'echo').packet.plain['pid'] != pid
 
@@ -250,15 +251,15 @@ def test_queue_has_a_length_and_what_waits_can_be_cancelled_or_run_out_of_time(c
         busy = Asked(pool, 'iterate').begun()
         first, second = Asked(pool, 'echo'), Asked(pool, 'echo', time_limit=0.2)
         refused = Asked(pool, 'echo')
-        assert refused.answer().outcome is Outcome.REFUSED
+        assert refused.answer().outcome is RequestOutcome.REFUSED
         assert '2 requests are waiting' in refused.answer().message
         assert refused.took(clock) < SLACK
         assert (pool.waiting, pool.busy) == (2, 1)
-        assert second.answer().outcome is Outcome.TIMED_OUT
+        assert second.answer().outcome is RequestOutcome.TIMED_OUT
         assert second.end - second.start >= 0.2
         assert second.took(clock, 0.2) < SLACK
         pool.cancel(first.job)
-        assert first.answer().outcome is Outcome.CANCELLED
+        assert first.answer().outcome is RequestOutcome.CANCELLED
         pool.cancel(busy.job)
         assert busy.answer().packet.plain['stopped'] is True
         assert (pool.waiting, pool.busy) == (0, 0)
@@ -276,16 +277,16 @@ def test_pool_grows_and_shrinks():
     with running() as pool:
         busy = Asked(pool, 'iterate', time_limit=1.0).begun()
         pool.resize(2)
-        assert ask(pool, 'echo').outcome is Outcome.ANSWERED
+        assert ask(pool, 'echo').outcome is RequestOutcome.ANSWERED
         pool.resize(1)
         wait_for(lambda: len(pool.pids) == 1)
-        assert busy.answer().outcome is Outcome.ANSWERED
+        assert busy.answer().outcome is RequestOutcome.ANSWERED
 
 
 def test_a_module_that_does_not_load_is_said():
     pool = Pool('no_such_module', 1)
     asked = Asked(pool, 'echo')
-    assert asked.answer().outcome is Outcome.DIED
+    assert asked.answer().outcome is RequestOutcome.DIED
     assert "No module named 'no_such_module'" in asked.answer().message
     pool.close()
 
@@ -307,14 +308,14 @@ def test_requests_do_not_wait_for_workers_that_do_not_start(monkeypatch, tmp_pat
     wait_for(lambda: pool._workers[0].failures >= workers.TRIES)
     asked = Asked(pool, 'echo')
     assert asked.took(clock) < SLACK
-    assert asked.answer().outcome is Outcome.DIED
+    assert asked.answer().outcome is RequestOutcome.DIED
     assert asked.answer().message == (
         "no worker starts: ModuleNotFoundError: No module named 'mended_module'")
     assert pool.fault in asked.answer().message
     (tmp_path / 'mended_module.py').write_text(
         (Path(__file__).parents[1] / 'stand_in_worker.py').read_text())
     wait_for(lambda: pool.pids)
-    assert ask(pool, 'echo').outcome is Outcome.ANSWERED
+    assert ask(pool, 'echo').outcome is RequestOutcome.ANSWERED
     assert not pool.fault
     pool.close()
 
@@ -324,7 +325,7 @@ def test_time_limits_hold_while_no_worker_starts(monkeypatch, clock):
     pool = Pool('no_such_module', 1)
     wait_for(lambda: pool.fault)
     asked = Asked(pool, 'echo', time_limit=0.3)
-    assert asked.answer().outcome is Outcome.TIMED_OUT
+    assert asked.answer().outcome is RequestOutcome.TIMED_OUT
     assert asked.took(clock, 0.3) < SLACK
     pool.close()
 
@@ -344,8 +345,8 @@ def test_a_process_that_cannot_be_made_is_said(monkeypatch):
 def test_closing_cancels_what_is_left():
     with running() as pool:
         asked = [Asked(pool, 'hang').begun(), Asked(pool, 'echo')]
-    assert [each.answer().outcome for each in asked] == [Outcome.CANCELLED] * 2
-    assert ask(pool, 'echo').outcome is Outcome.REFUSED
+    assert [each.answer().outcome for each in asked] == [RequestOutcome.CANCELLED] * 2
+    assert ask(pool, 'echo').outcome is RequestOutcome.REFUSED
 
 
 def test_no_worker_outlives_a_killed_process():

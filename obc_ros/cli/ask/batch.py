@@ -21,7 +21,7 @@ CANCEL = 2.0  # [s] in which cancelled requests are answered
 
 
 @dataclass
-class Flight:
+class PendingRequest:
     """A problem that the server has, as far as that has come: goal sent, accepted, answered."""
 
     question: Question
@@ -51,7 +51,7 @@ class Flight:
             self.question.end(answer.result.status, answer.result.message)
 
 
-class Batch:
+class RequestBatch:
     """Problems on their way through one server."""
 
     def __init__(self, client: Client, questions: Sequence[Question], time_limit: float,
@@ -60,7 +60,7 @@ class Batch:
         self._waiting = deque(questions)
         self._time_limit, self._method = time_limit, method
         self._lines = lines
-        self._flights: list[Flight] = []
+        self._flights: list[PendingRequest] = []
         self._action = client.action()
 
     def work(self) -> None:
@@ -82,7 +82,8 @@ class Batch:
             problem=problem_message(question.mapping, question.problem.guess),
             method=self._method or question.problem.method, time_limit=self._time_limit)
         self._lines.update(question.label, 'sent')
-        self._flights.append(Flight(question, time.monotonic(), self._action.send_goal_async(
+        self._flights.append(
+            PendingRequest(question, time.monotonic(), self._action.send_goal_async(
             goal, lambda message: self._report(question, message.feedback))))
 
     def _report(self, question: Question, feedback: Any) -> None:

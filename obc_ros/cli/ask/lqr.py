@@ -12,7 +12,7 @@ from obc_ros.core.lqr.design.report import matrices
 from obc_ros.core.text.errors import ObcError, shown
 
 HEADER = ('case', 'status', 'gain K', 'poles')
-COLOURS = {'solved': 'green', 'refused': 'red', 'malformed': 'red'}
+DESIGN_COLOURS = {'solved': 'green', 'refused': 'red', 'malformed': 'red'}
 WIDEST = 60  # characters of a cell
 
 
@@ -24,14 +24,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Design all regulators of all files; return the exit status."""
     results.make_folders(args)
-    asked = results.read(Case, args.files)
+    asked = results.read_questions(Case, args.files)
     answerable = [case for case in asked if case.given]
     if answerable:
         _design(answerable)
     try:
         _show(asked)
     finally:  # also when nobody reads what is printed
-        results.save(asked, args, _draw)
+        results.save_answers(asked, args, _draw)
     return results.exit_status(case.status for case in asked)
 
 
@@ -56,7 +56,7 @@ def _design(asked: list[Case]) -> None:
 
 
 def _show(asked: list[Case]) -> None:
-    terminal.table(HEADER, [_row(case) for case in asked], COLOURS)
+    terminal.print_table(HEADER, [_row(case) for case in asked], DESIGN_COLOURS)
     for case in asked:
         if case.message:
             print(shown(f'{case.label}: {case.message}', None))
@@ -65,7 +65,7 @@ def _show(asked: list[Case]) -> None:
 def _draw(path: Path, case: Case) -> None:
     if case.design:
         from obc_ros.cli.ask import regulator_figures  # matplotlib and control take a second
-        regulator_figures.draw(path, case)
+        regulator_figures.draw_regulator(path, case)
 
 
 def _request(service: Any, given: Any) -> Any:

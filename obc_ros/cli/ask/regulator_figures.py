@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli.ask.regulator_requests import Case
-from obc_ros.cli.figures import COLOURS, FEW, save, STYLE, symbol, THIN
+from obc_ros.cli.figures import FEW, LINE_COLOURS, save_figure, STYLE, symbol, THIN
 from obc_ros.core.lqr.design.report import matrices
 from obc_ros.core.lqr.lqr import lqr
 from obc_ros.core.lqr.sampled import held, sampled_lqr
@@ -26,7 +26,7 @@ SETTLING = 6.0                         # time constants of the slowest pole that
 WEIGHTS = np.logspace(-3.0, 3.0, 121)  # factors of Qu in the root locus
 
 
-def draw(path: Path, case: Case) -> None:
+def draw_regulator(path: Path, case: Case) -> None:
     """
     Draw the design of a case into the file `path`.
 
@@ -37,7 +37,7 @@ def draw(path: Path, case: Case) -> None:
 
     """
     with matplotlib.rc_context(STYLE):
-        save(figure(case), path)
+        save_figure(figure(case), path)
 
 
 def figure(case: Case) -> Figure:
@@ -45,7 +45,7 @@ def figure(case: Case) -> Figure:
     A, B, Qx, Qu, K, _, poles = matrices(case.design)
     design, given = case.design, case.given or {}
     cross = np.reshape(given['cross'], B.shape) if 'cross' in given else None
-    loop = Loop(A, B, K, poles, design.sample_time, design.delay)
+    loop = LinearLoop(A, B, K, poles, design.sample_time, design.delay)
     drawn = Figure(figsize=(10.0, 7.5), layout='constrained')
     step, magnitude, locus, phase = drawn.subplots(2, 2).ravel()
     drawn.suptitle(case.message if case.message.startswith(f'{case.name}:')
@@ -57,7 +57,7 @@ def figure(case: Case) -> Figure:
 
 
 @dataclass(frozen=True, eq=False)
-class Loop:
+class LinearLoop:
     """A plant dx/dt = A x + B u, its gain, and the poles in the s plane."""
 
     A: Array
@@ -73,7 +73,7 @@ class Loop:
         return held(self.A, self.B, self.period) if self.period else (self.A, self.B)
 
 
-def constant(A: Array, B: Array) -> Iterator[int]:
+def find_held_states(A: Array, B: Array) -> Iterator[int]:
     """Yield the states whose set points a constant input holds: A e_i is in the range of B."""
     for i, column in enumerate(A.T):
         left = column + B @ np.linalg.lstsq(B, -column, rcond=None)[0]
@@ -81,7 +81,7 @@ def constant(A: Array, B: Array) -> Iterator[int]:
             yield i
 
 
-def _steps(axes: Axes, loop: Loop, names: list[str]) -> None:
+def _steps(axes: Axes, loop: LinearLoop, names: list[str]) -> None:
     """Draw x_i after a unit step of its set point, u = ue - K (x - xe)."""
     axes.set_title('unit step of each set point that an input can hold')
     A, B = loop.plant
@@ -92,10 +92,10 @@ def _steps(axes: Axes, loop: Loop, names: list[str]) -> None:
     powers = [np.eye(len(A))]
     for _ in range(count):
         powers.append(transition @ powers[-1])
-    states = list(constant(loop.A, loop.B))
+    states = list(find_held_states(loop.A, loop.B))
     for index, i in enumerate(states):
         axes.plot(loop.delay + dt * np.arange(count + 1), 1.0 - np.array(powers)[:, i, i],
-                  label=f'${symbol(names[i])}$', color=COLOURS[index % len(COLOURS)],
+                  label=f'${symbol(names[i])}$', color=LINE_COLOURS[index % len(LINE_COLOURS)],
                   marker='.' if count < SHOWN else '')
     axes.axhline(1.0, **THIN)
     axes.set_xlabel('time [s]')
@@ -104,7 +104,7 @@ def _steps(axes: Axes, loop: Loop, names: list[str]) -> None:
     _legend(axes, len(states))
 
 
-def _frequency(magnitude: Axes, phase: Axes, loop: Loop, names: list[str]) -> None:
+def _frequency(magnitude: Axes, phase: Axes, loop: LinearLoop, names: list[str]) -> None:
     """Draw the loop of each input, opened at the plant with the other loops closed."""
     (A, B), K, size = loop.plant, loop.K, np.abs(loop.poles)
     top = np.pi / loop.period if loop.period else size.max() * 1e2
@@ -114,7 +114,7 @@ def _frequency(magnitude: Axes, phase: Axes, loop: Loop, names: list[str]) -> No
         others = [k for k in range(len(names)) if k != j]
         opened = s[:, None, None] * np.eye(len(A)) - A + B[:, others] @ K[others]
         gain = (K[j] @ np.linalg.solve(opened, B[:, [j]]))[:, 0]
-        style = {'color': COLOURS[j % len(COLOURS)], 'label': f'${symbol(name)}$'}
+        style = {'color': LINE_COLOURS[j % len(LINE_COLOURS)], 'label': f'${symbol(name)}$'}
         magnitude.loglog(w, np.abs(gain), **style)
         angle = np.rad2deg(np.unwrap(np.angle(gain)))
         # a regulator crosses 1 for the last time between -180 and 0 degrees
@@ -131,7 +131,7 @@ def _frequency(magnitude: Axes, phase: Axes, loop: Loop, names: list[str]) -> No
     _legend(magnitude, len(names))
 
 
-def _locus(axes: Axes, loop: Loop, weights: Weights) -> None:
+def _locus(axes: Axes, loop: LinearLoop, weights: Weights) -> None:
     """Draw the closed-loop poles for the input weight rho Qu."""
     found = [(rho, pole) for rho in WEIGHTS
              for pole in _poles(loop, replace(weights, Qu=rho * weights.Qu))]
@@ -153,7 +153,7 @@ def _locus(axes: Axes, loop: Loop, weights: Weights) -> None:
                          label=r'$\log_{10} \rho$')
 
 
-def _poles(loop: Loop, weights: Weights) -> Array:
+def _poles(loop: LinearLoop, weights: Weights) -> Array:
     """Return the closed-loop poles in the s plane, equivalent ones of a sampled loop."""
     try:
         if not loop.period:

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from obc_ros.cli.results import Asked
 from obc_ros.core.lqr.design.report import matrices
-from obc_ros.core.lqr.weights import KINDS
+from obc_ros.core.lqr.weights import WEIGHT_KINDS
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.solver.motion_planning import registered
+from obc_ros.core.solver.motion_planning import find_registered
 from obc_ros.core.systems.file import FOR_PEOPLE
 from obc_ros.core.text.errors import StatementError
-from obc_ros.core.text.expressions import describe, near, number
+from obc_ros.core.text.expressions import describe_type, near, parse_number
 from obc_ros.core.text.fields import check_keys
 
 PLANT = ('A', 'B')
@@ -45,7 +45,7 @@ class Case(Asked):
 
     def take(self, entry: dict[str, Any]) -> None:
         """Keep what is asked."""
-        self.given = checked(entry)
+        self.given = check_case(entry)
 
     def as_json(self) -> dict[str, Any]:
         """Return what ``NAME.json`` holds; matrices are empty without a design."""
@@ -58,7 +58,7 @@ class Case(Asked):
         return found
 
 
-def checked(mapping: Mapping[Any, Any]) -> dict[str, Any]:
+def check_case(mapping: Mapping[Any, Any]) -> dict[str, Any]:
     """
     Return what a case asks for, by key: flat arrays, numbers and names.
 
@@ -77,11 +77,12 @@ def checked(mapping: Mapping[Any, Any]) -> dict[str, Any]:
               for key, size in (('Qx', n), ('Qu', m)) if key in given}
     found |= {key: _matrix(key, given[key]).ravel()
               for key in (*LISTS, 'setpoint', 'setpoint_input') if key in given}
-    found |= {key: number(given[key], {}, key) for key in NUMBERS if key in given}
+    found |= {key: parse_number(given[key], {}, key) for key in NUMBERS if key in given}
     found['weights'] = given.get('weights', 'matrices')
-    if found['weights'] not in KINDS:
-        raise StatementError(f'weights: wanted one of {", ".join(KINDS)}, found '
-                             f'{describe(found["weights"])}{near(str(found["weights"]), KINDS)}')
+    if found['weights'] not in WEIGHT_KINDS:
+        raise StatementError(
+            f'weights: wanted one of {", ".join(WEIGHT_KINDS)}, found '
+            f'{describe_type(found["weights"])}{near(str(found["weights"]), WEIGHT_KINDS)}')
     for key in ('Qx', 'Qu') if found['weights'] == 'matrices' else ():
         if key not in found:
             raise StatementError(f'{key}: missing; wanted a list of rows or a diagonal')
@@ -96,11 +97,11 @@ def _system(given: Mapping[str, Any]) -> tuple[int, int]:
                                  "'A' and 'B'")
     parameters = given.get('parameters', {})
     if not isinstance(given['system'], str):
-        raise StatementError(f'system: wanted a name, found {describe(given["system"])}')
+        raise StatementError(f'system: wanted a name, found {describe_type(given["system"])}')
     if not isinstance(parameters, Mapping) or not all(isinstance(key, str) for key in parameters):
         raise StatementError('parameters: wanted a mapping of names to numbers, found '
-                             f'{describe(parameters)}')
-    system = registered(given['system'], parameters)
+                             f'{describe_type(parameters)}')
+    system = find_registered(given['system'], parameters)
     return system.n, system.m
 
 
@@ -138,11 +139,12 @@ def _matrix(key: str, value: Any) -> Array:
         rows = [rows]
     for index, row in enumerate(rows):
         if not isinstance(row, (list, tuple)):
-            raise StatementError(f'{key}[{index}]: wanted a row of numbers, found {describe(row)}')
+            raise StatementError(
+                f'{key}[{index}]: wanted a row of numbers, found {describe_type(row)}')
         if len(row) != len(rows[0]) or not row:
             raise StatementError(f'{key}[{index}]: wanted a row of {len(rows[0]) or "numbers"}, '
                                  f'found one of {len(row)}')
-    return np.array([[number(entry, {}, f'{key}[{i}][{j}]') for j, entry in enumerate(row)]
+    return np.array([[parse_number(entry, {}, f'{key}[{i}][{j}]') for j, entry in enumerate(row)]
                      for i, row in enumerate(rows)])
 
 

@@ -11,10 +11,10 @@ from obc_ros.cli import results, terminal
 from obc_ros.cli.ask.problem_requests import Question
 from obc_ros.core.ocp.method_names import method_of, NAMES
 from obc_ros.core.text.errors import ObcError, shown, StatementError
-from obc_ros.workers.pool import LONGEST, SHORTEST
+from obc_ros.workers.pool import LONGEST_LIMIT, SHORTEST
 
 HEADER = ('problem', 'status', 'cost', 'certificate', 'optimum', 'method', 'time')
-COLOURS = dict.fromkeys(('solved', 'holds'), 'green') | dict.fromkeys(
+STATUS_COLOURS = dict.fromkeys(('solved', 'holds'), 'green') | dict.fromkeys(
     ('infeasible', 'not_converged', 'timed_out', 'cancelled', 'malformed'), 'red')
 
 
@@ -30,14 +30,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Solve all problems of all files; return the exit status."""
     results.make_folders(args)
-    asked = results.read(Question, args.files)
+    asked = results.read_questions(Question, args.files)
     answerable = [question for question in asked if question.problem]
     if answerable:
         _solve(answerable, args.time_limit, args.method or '')
     try:
         _show(asked)
     finally:  # also when nobody reads what is printed
-        results.save(asked, args, _draw)
+        results.save_answers(asked, args, _draw)
     return results.exit_status(
         'solved' if question.result and question.result.success else
         'malformed' if question.status == 'malformed' else 'unanswered' for question in asked)
@@ -48,9 +48,9 @@ def _seconds(text: str) -> float:
         seconds = float(text)
     except ValueError:
         seconds = math.nan
-    if not 0.0 < seconds <= LONGEST:
+    if not 0.0 < seconds <= LONGEST_LIMIT:
         raise argparse.ArgumentTypeError(
-            f"wanted a positive number of seconds, at most {LONGEST:g}, found '{text}'")
+            f"wanted a positive number of seconds, at most {LONGEST_LIMIT:g}, found '{text}'")
     return seconds
 
 
@@ -67,10 +67,10 @@ def _solve(asked: list[Question], time_limit: float, method: str) -> None:
     # Of a server of its own: what is asked for may take longer than its default.
     parameters = [f'time_limit:={max(time_limit, SHORTEST)}'] if time_limit else []
     try:
-        from obc_ros.cli.ask.batch import Batch  # ROS only when there is a question
+        from obc_ros.cli.ask.batch import RequestBatch  # ROS only when there is a question
         from obc_ros.cli.client import connected
         with connected(*parameters) as client, terminal.progress() as lines:
-            Batch(client, asked, time_limit, lines, method).work()
+            RequestBatch(client, asked, time_limit, lines, method).work()
     except (InterruptedByUserError, KeyboardInterrupt) as error:
         _end(asked, 'cancelled', str(error) or 'ended by SIGINT')
     except ObcError as error:
@@ -87,11 +87,11 @@ def _end(asked: list[Question], status: str, message: str) -> None:
 def _draw(path: Path, question: Question) -> None:
     if question.result and question.result.trajectory.t:
         from obc_ros.cli import figures  # matplotlib takes a second
-        figures.draw(path, question)
+        figures.draw_solution(path, question)
 
 
 def _show(asked: list[Question]) -> None:
-    terminal.table(HEADER, [_row(question) for question in asked], COLOURS)
+    terminal.print_table(HEADER, [_row(question) for question in asked], STATUS_COLOURS)
     for question in asked:
         if question.status != 'solved' and question.message:
             print(shown(f'{question.label}: {question.message}', None))

@@ -15,7 +15,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from obc_ros.cli import terminal
 from obc_ros.cli.demo.flight import Event, Flight, fly, set_parameters
-from obc_ros.cli.demo.report import loop_rows, step_figures
+from obc_ros.cli.demo.report import loop_rows, measure_step
 from obc_ros.cli.flight_client import Pilot
 from obc_ros.core.lqr.design.report import matrices
 from obc_ros.msg import LqrDesign
@@ -27,7 +27,7 @@ EXAMPLE_2_5 = {'Qx': [100.0, 1.0, 2 * pi / 9, 0.0, 0.0, 0.0], 'Qu': [0.1, 0.1]}
 
 
 @dataclass(frozen=True)
-class Step:
+class UnitStep:
     """A unit step in x and y: when it began [s], from where [m], and under which design."""
 
     begin: float
@@ -40,7 +40,7 @@ class Step:
 
 def run(out: Path, real_time: bool) -> int:
     """Fly, report, draw; return the exit status."""
-    steps: list[Step] = []
+    steps: list[UnitStep] = []
     flight = Flight('aircraft', 'aircraft.yaml', END, (
         Event(FIRST_STEP, 'step to (1, 1) with Qx = I',
               lambda pilot: _step(pilot, steps, 0.0, 10.0, 'Qx = I', '2.4a')),
@@ -52,11 +52,11 @@ def run(out: Path, real_time: bool) -> int:
     return fly(flight, out, real_time, lambda pilot, wall: _conclude(pilot, wall, steps, out))
 
 
-def _step(pilot: Pilot, steps: list[Step], start: float, span: float, weights: str,
+def _step(pilot: Pilot, steps: list[UnitStep], start: float, span: float, weights: str,
           figure: str) -> str:
     goal, asked = start + 1.0, pilot.now
     design = _change(pilot, {'setpoint': [goal, goal, 0.0, 0.0, 0.0, 0.0]})
-    steps.append(Step(asked, start, span, weights, figure, design))
+    steps.append(UnitStep(asked, start, span, weights, figure, design))
     return ''
 
 
@@ -76,7 +76,7 @@ def _refused_weights(pilot: Pilot) -> str:
     return set_parameters('lqr_node', {'Qu': [-0.1, 0.1]}, refused=True)(pilot)
 
 
-def _conclude(pilot: Pilot, wall: float, steps: list[Step], out: Path) -> int:
+def _conclude(pilot: Pilot, wall: float, steps: list[UnitStep], out: Path) -> int:
     t, x, tu, u = pilot.history()
     steps = [replace(step, begin=_jump(step.begin, tu, u)) for step in steps]
     rows = []
@@ -85,15 +85,16 @@ def _conclude(pilot: Pilot, wall: float, steps: list[Step], out: Path) -> int:
         commanded = (tu >= step.begin) & (tu < step.begin + step.span)
         peaks = np.abs(u[commanded] - step.design.ue).max(axis=0)
         for index, axis in enumerate(('px', 'py')):
-            figures = step_figures(
+            figures = measure_step(
                 t[during], x[during, index], step.start, step.start + 1.0)
             settling = f'{figures.settling_time:.2f} s' if np.isfinite(
                 figures.settling_time) else f'> {step.span:g} s'
             rows.append((step.weights, axis, f'{figures.rise_time:.2f} s',
                          f'{100 * figures.overshoot:.1f} %', settling, f'{peaks[index]:.2f} N'))
-    terminal.table(('unit step', 'axis', 'rise time', 'overshoot', 'settling', 'peak |f - fe|'),
-                   rows)
-    terminal.table(('the loop', ''), loop_rows(pilot, wall))
+    terminal.print_table(
+        ('unit step', 'axis', 'rise time', 'overshoot', 'settling', 'peak |f - fe|'),
+                         rows)
+    terminal.print_table(('the loop', ''), loop_rows(pilot, wall))
     figure = out / 'aircraft.png'
     _draw(t, x, tu, u, steps, figure)
     print(f'figure {figure}   recording {out / "aircraft"}')
@@ -106,7 +107,7 @@ def _jump(asked: float, t: Array, u: Array) -> float:
     return float(t[1 + after[0]])
 
 
-def _draw(t: Array, x: Array, tu: Array, u: Array, steps: list[Step], path: Path) -> None:
+def _draw(t: Array, x: Array, tu: Array, u: Array, steps: list[UnitStep], path: Path) -> None:
     figure, axes = plt.subplots(2, 3, figsize=(13, 7), layout='constrained')
     for row, step in enumerate(steps):
         _positions(axes[row, 0], t - step.begin, x[:, :2] - step.start, step)
@@ -118,7 +119,7 @@ def _draw(t: Array, x: Array, tu: Array, u: Array, steps: list[Step], path: Path
     plt.close(figure)
 
 
-def _linear(step: Step) -> tuple[Array, Array, Array]:
+def _linear(step: UnitStep) -> tuple[Array, Array, Array]:
     """Return t, x and u - ue of the same step on the linearization, which the book draws."""
     told = matrices(step.design)
     times = np.linspace(0.0, step.span, 1001)
@@ -129,7 +130,7 @@ def _linear(step: Step) -> tuple[Array, Array, Array]:
     return times, np.array(errors) + [1.0, 1.0, 0.0, 0.0, 0.0, 0.0], -np.array(errors) @ told.K.T
 
 
-def _positions(axes: Axes, t: Array, positions: Array, step: Step) -> None:
+def _positions(axes: Axes, t: Array, positions: Array, step: UnitStep) -> None:
     for index, (name, style) in enumerate((('px', '-'), ('py', '--'))):
         axes.plot(t, positions[:, index], style, label=name)
     times, linear, _ = _linear(step)
@@ -141,7 +142,7 @@ def _positions(axes: Axes, t: Array, positions: Array, step: Step) -> None:
     axes.legend(loc='lower right')
 
 
-def _inputs(axes: Axes, t: Array, u: Array, step: Step) -> None:
+def _inputs(axes: Axes, t: Array, u: Array, step: UnitStep) -> None:
     during = (t >= -0.5) & (t <= step.span)
     axes.step(t[during], u[during, 0], where='post', label='u1 = f1')
     axes.step(t[during], u[during, 1], '--', where='post', label='u2 = f2 - m g')

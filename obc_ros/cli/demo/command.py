@@ -19,7 +19,7 @@ import sys
 
 from obc_ros.cli.client import somebody_here
 from obc_ros.cli.processes import alone_in, free_domain, isolate
-from obc_ros.cli.ros_graph import Graph, joined, keep_to_this_machine, LOOK
+from obc_ros.cli.ros_graph import Graph, join_graph, keep_to_this_machine, LOOK
 from obc_ros.core.text.errors import ObcError, shown
 
 LAST_DOMAIN = 232  # its ports are the last that there are
@@ -73,7 +73,7 @@ def _own_domain() -> Iterator[int]:
         raise ObcError(f'ROS_DOMAIN_ID={shown(named)}: wanted a number from 0 to {LAST_DOMAIN}')
     if somebody_here():
         keep_to_this_machine()
-        with joined() as graph:
+        with join_graph() as graph:
             if graph.until(partial(_ends, graph), LOOK):
                 raise ObcError(
                     f'ROS_DOMAIN_ID={named} has a loop already ({", ".join(_ends(graph))}), which '

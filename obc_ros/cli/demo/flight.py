@@ -60,7 +60,7 @@ def fly(flight: Flight, out: Path, real_time: bool,
             pilot.wait(lambda: bool(pilot.designs) and pilot.hears('command'), 'lqr_node')
             wall = time.monotonic()
             pilot.begin(real_time)
-            progress = Progress(pilot, flight, exact=not real_time)
+            progress = FlightProgress(pilot, flight, exact=not real_time)
             for event in flight.events:
                 progress.until(event.at)
                 progress.say(event.what, event.act(pilot))
@@ -70,7 +70,7 @@ def fly(flight: Flight, out: Path, real_time: bool,
     return 1 if recorder.fault else status
 
 
-class Progress:
+class FlightProgress:
     """One line that shows where the flight is, and one for each event."""
 
     def __init__(self, pilot: Pilot, flight: Flight, exact: bool) -> None:

@@ -18,7 +18,7 @@ class StepFigures:
     settling_time: float
 
 
-def step_figures(t: Array, y: Array, start: float, target: float) -> StepFigures:
+def measure_step(t: Array, y: Array, start: float, target: float) -> StepFigures:
     """
     Return rise time (10 % to 90 %), overshoot and settling time (2 %) of a recorded step.
 

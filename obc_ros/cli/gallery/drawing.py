@@ -12,12 +12,13 @@ from obc_ros.cli import figures
 WIDTH = 8.4  # [in]
 HEIGHT = 3.1  # [in] of one row
 # Type and letters of a printed page; a legend hides what is behind it.
-STYLE = {**figures.STYLE, 'font.family': 'STIXGeneral', 'mathtext.fontset': 'stix',
-         'font.size': 10, 'axes.titlesize': 11, 'axes.labelsize': 10.5, 'legend.fontsize': 9.5,
-         'legend.frameon': True, 'legend.framealpha': 0.85, 'legend.edgecolor': 'none',
-         'legend.borderpad': 0.15, 'legend.labelspacing': 0.3, 'legend.handlelength': 1.6,
-         'lines.linewidth': 1.4, 'figure.constrained_layout.w_pad': 0.08,
-         'figure.constrained_layout.h_pad': 0.06}
+AXES_STYLE = {**figures.STYLE, 'font.family': 'STIXGeneral', 'mathtext.fontset': 'stix',
+              'font.size': 10, 'axes.titlesize': 11, 'axes.labelsize': 10.5,
+              'legend.fontsize': 9.5,
+              'legend.frameon': True, 'legend.framealpha': 0.85, 'legend.edgecolor': 'none',
+              'legend.borderpad': 0.15, 'legend.labelspacing': 0.3, 'legend.handlelength': 1.6,
+              'lines.linewidth': 1.4, 'figure.constrained_layout.w_pad': 0.08,
+              'figure.constrained_layout.h_pad': 0.06}
 DPI = 200
 # Closed forms are drawn on top, so that a difference would show.
 EXACT = {'color': 'black', 'linestyle': (0, (1, 2.5)), 'linewidth': 1.6, 'zorder': 5}
@@ -30,7 +31,7 @@ def panels(rows: int, columns: int, height: float = HEIGHT, **options: Any
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
-def describe(axes: Axes, title: str, x: str, y: str, *, legend: bool | str = False) -> None:
+def label_axes(axes: Axes, title: str, x: str, y: str, *, legend: bool | str = False) -> None:
     """Give axes their title, labels and legend (or its place)."""
     axes.set(title=title, xlabel=x, ylabel=y)
     if legend:

@@ -15,7 +15,7 @@ TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class ComparedRow:
     """
     A quantity as the nodes answered it, and its reference.
 
@@ -74,7 +74,7 @@ class Row:
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class EntryResult:
     """
     What an entry came to.
 
@@ -82,14 +82,14 @@ class Answer:
     wrong. Both are in the markup of `page`.
     """
 
-    rows: Sequence[Row]
+    rows: Sequence[ComparedRow]
     figure: Figure
     notes: Sequence[str] = ()
     finding: str = ''
 
 
 @dataclass(frozen=True)
-class Entry:
+class GalleryEntry:
     """
     An example, a theorem or an exercise of the chapter.
 
@@ -103,7 +103,7 @@ class Entry:
     statement : tuple of str
         Paragraphs, in the markup of `page`.
     run : callable
-        Takes a `Desk` and returns the `Answer`.
+        Takes a `Desk` and returns the `EntryResult`.
     erratum : str
         What the book prints and what is right; empty if it is right.
 
@@ -113,5 +113,5 @@ class Entry:
     title: str
     source: str
     statement: tuple[str, ...]
-    run: Callable[[Desk], Answer]
+    run: Callable[[Desk], EntryResult]
     erratum: str = ''

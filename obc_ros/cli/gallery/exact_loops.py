@@ -12,7 +12,7 @@ from scipy.integrate import ode
 from scipy.linalg import expm
 from scipy.optimize import linear_sum_assignment
 
-Rate = Callable[[Array, Array], Any]
+RateFunction = Callable[[Array, Array], Any]
 Law = Callable[[float, Array], Array]
 
 
@@ -33,7 +33,7 @@ def sampled_loop(A: Array, B: Array, K: Array, x0: ArrayLike, step: float, count
     return states, -states @ np.asarray(K).T
 
 
-def simulated_loop(rate: Rate, law: Law, x0: ArrayLike, step: float, count: int
+def simulated_loop(rate: RateFunction, law: Law, x0: ArrayLike, step: float, count: int
                    ) -> tuple[Array, Array]:
     """
     Return states and inputs of x' = rate(x, u), u = law(t_k, x(t_k)) held for a step.

@@ -51,7 +51,7 @@ class Run:
     u: Array
 
 
-class Loop:
+class NodeLoop:
     """A running loop that stands still between runs."""
 
     def __init__(self, pilot: Pilot, recorder: Recorder, note: Callable[[str], None]) -> None:
@@ -144,7 +144,7 @@ class Loop:
 
 @contextmanager
 def run_loop(folder: Path, plant: Mapping[str, Any], regulator: Mapping[str, Any],
-             note: Callable[[str], None]) -> Iterator[Loop]:
+             note: Callable[[str], None]) -> Iterator[NodeLoop]:
     """Yield a loop that stands still; its topics are recorded into `folder`."""
     note(run_node('plant_simulator', plant))  # at the speed of the clock on the wall
     note(run_node('lqr_node', regulator))
@@ -157,7 +157,7 @@ def run_loop(folder: Path, plant: Mapping[str, Any], regulator: Mapping[str, Any
             pilot.wait(lambda: bool(pilot.designs) and pilot.hears('command')
                        and bool(pilot.states.stamp), 'the loop', 60.0)
             pilot.pause(True)
-            yield Loop(pilot, recorder, note)
+            yield NodeLoop(pilot, recorder, note)
 
 
 def _arguments(parameters: Mapping[str, Any]) -> list[str]:

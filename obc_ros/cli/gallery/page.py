@@ -106,7 +106,7 @@ def scientific(text: str) -> str:
     return f'${digits}·10^{{{int(exponent)}}}$' if exponent else f'${digits}$'
 
 
-def number(value: float | None) -> str:
+def show_number(value: float | None) -> str:
     """Return a number with the digits that are compared."""
     return '-' if value is None else markup(scientific(f'{value:.10g}'))
 
@@ -153,8 +153,8 @@ def _article(record: Record) -> str:
 def _table(rows: Sequence[Record]) -> str:
     lines = '\n'.join(
         f'<tr><td>{markup(row["what"])}{_many(row)}</td>'
-        f'<td class="number">{number(row["measured"])}</td>'
-        f'<td class="number">{number(row["exact"])}</td>'
+        f'<td class="number">{show_number(row["measured"])}</td>'
+        f'<td class="number">{show_number(row["exact"])}</td>'
         f'<td class="number {"good" if row["holds"] else "bad"}">{error(row["error"])}'
         f'{" <small>(relative)</small>" if row["relative"] else ""}</td>'
         f'<td>{markup(row["by"])}</td></tr>' for row in rows)

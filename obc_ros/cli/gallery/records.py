@@ -13,11 +13,11 @@ from typing import Any
 from obc_ros.cli import figures, terminal
 from obc_ros.cli.client import served, ServerLostError
 from obc_ros.cli.gallery import drawing
-from obc_ros.cli.gallery.entry import Entry
+from obc_ros.cli.gallery.entry import GalleryEntry
 from obc_ros.cli.gallery.page import page, plain_text
 from obc_ros.cli.gallery.runner import Desk
 from obc_ros.cli.processes import Children, free_domain, InterruptedByUserError, isolate
-from obc_ros.cli.results import plain
+from obc_ros.cli.results import convert_to_json
 from obc_ros.cli.results import write as write_json
 from obc_ros.core.text.errors import ObcError
 
@@ -25,7 +25,7 @@ HEADER = ('entry', '', 'numbers', 'largest error: result', 'reference', 'error',
 COLOURS = {'holds': 'green', 'does not hold': 'red'}
 
 
-def work_and_write(chosen: Sequence[Entry], out: Path, order: Sequence[str]) -> int:
+def work_and_write(chosen: Sequence[GalleryEntry], out: Path, order: Sequence[str]) -> int:
     """Work entries, write and show what they came to; return the exit status."""
     begun = time.monotonic()
     records: list[dict[str, Any]] = []
@@ -37,14 +37,14 @@ def work_and_write(chosen: Sequence[Entry], out: Path, order: Sequence[str]) -> 
         status = 1
     if not records:
         return status
-    write(out, records, order)
+    write_record(out, records, order)
     _show(records)
     print(f'{len(records)} entries in {time.monotonic() - begun:.1f} s: '
           f'{out / "index.html"}')
     return status or int(not all(record['holds'] for record in records))
 
 
-def work_all(entries: Sequence[Entry], out: Path, records: list[dict[str, Any]]) -> None:
+def work_all(entries: Sequence[GalleryEntry], out: Path, records: list[dict[str, Any]]) -> None:
     """Append the records of entries, worked by nodes on a domain of their own."""
     with free_domain() as domain:
         isolate(domain)
@@ -57,7 +57,7 @@ def work_all(entries: Sequence[Entry], out: Path, records: list[dict[str, Any]])
                 lines.end(entry.name, f'{_verdict(records[-1])}, {records[-1]["seconds"]:.1f} s')
 
 
-def work(entry: Entry, desk: Desk, out: Path) -> dict[str, Any]:
+def work(entry: GalleryEntry, desk: Desk, out: Path) -> dict[str, Any]:
     """Return the record of one entry, its figure drawn; what fails is told in it."""
     import matplotlib
     begun = time.monotonic()
@@ -67,9 +67,9 @@ def work(entry: Entry, desk: Desk, out: Path) -> dict[str, Any]:
         'source': entry.source, 'statement': list(entry.statement), 'erratum': entry.erratum,
         'finding': '', 'notes': [], 'rows': [], 'figure': '', 'message': '', 'holds': False}
     try:
-        with matplotlib.rc_context(drawing.STYLE):
+        with matplotlib.rc_context(drawing.AXES_STYLE):
             answer = entry.run(desk)
-            figures.save(answer.figure, out / f'{entry.name}.png', drawing.DPI)
+            figures.save_figure(answer.figure, out / f'{entry.name}.png', drawing.DPI)
     except (InterruptedByUserError, ServerLostError):
         raise
     except ObcError as error:
@@ -87,7 +87,7 @@ def label(name: str) -> str:
     return f'{(kind or "example").capitalize()} {number}'
 
 
-def write(out: Path, records: Sequence[dict[str, Any]], order: Sequence[str]) -> None:
+def write_record(out: Path, records: Sequence[dict[str, Any]], order: Sequence[str]) -> None:
     """Write ``gallery.json`` and ``index.html``, with the records that are there of others."""
     before = out / 'gallery.json'
     try:
@@ -96,7 +96,7 @@ def write(out: Path, records: Sequence[dict[str, Any]], order: Sequence[str]) ->
         page(known)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):  # none, or of another kind
         found = {}
-    found |= {record['name']: plain(record) for record in records}
+    found |= {record['name']: convert_to_json(record) for record in records}
     entries = [found[name] for name in order if name in found]
     write_json(out, 'gallery', {'entries': entries})
     (out / 'index.html').write_text(page(entries), encoding='utf-8')
@@ -107,7 +107,7 @@ def _verdict(record: dict[str, Any]) -> str:
 
 
 def _show(records: Sequence[dict[str, Any]]) -> None:
-    terminal.table(HEADER, [_row(record) for record in records], COLOURS)
+    terminal.print_table(HEADER, [_row(record) for record in records], COLOURS)
     for record in records:
         if record['message']:
             print(f'{record["name"]}: {record["message"]}')

@@ -13,7 +13,7 @@ import yaml
 
 def service_call(name: str, kind: Any, request: Any) -> str:
     """Return the command that makes a request of the trajectory server."""
-    text = _quoted(_flow(plain(request)))
+    text = _quoted(_flow(drop_defaults(request)))
     return (f'ros2 service call /trajectory_server/{name} obc_ros/srv/{kind.__name__} {text}')
 
 
@@ -29,7 +29,7 @@ def publish(topic: str, message: Any, file: Path) -> str:
 
     Without its stamp, which is of another run; the path is from the folder of the page.
     """
-    fields = {name: value for name, value in plain(message).items() if name != 'header'}
+    fields = {name: value for name, value in drop_defaults(message).items() if name != 'header'}
     for name, value in fields.items():
         if not isinstance(value, str):
             fields[name] = np.round(value, 9).tolist()
@@ -50,15 +50,15 @@ def argument(name: str, value: Any) -> str:
     return f'{name}:={_flow(_value(value))}'
 
 
-def plain(message: Any) -> Any:
+def drop_defaults(message: Any) -> Any:
     """Return a message as YAML has it; what is at its default is left out."""
     if hasattr(message, 'get_fields_and_field_types'):
-        fields = {name: plain(getattr(message, name))
+        fields = {name: drop_defaults(getattr(message, name))
                   for name in message.get_fields_and_field_types()}
         return {name: value for name, value in fields.items()
                 if value not in ('', [], {}, 0.0, False)}
     if isinstance(message, (array, list)):
-        return [plain(each) for each in message]
+        return [drop_defaults(each) for each in message]
     return message
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from obc_ros.cli.client import Client
-from obc_ros.cli.gallery.loop import column, Loop, run_loop, UnansweredError
+from obc_ros.cli.gallery.loop import column, NodeLoop, run_loop, UnansweredError
 from obc_ros.cli.gallery.ros2_commands import service_call
 from obc_ros.core.lqr.design.report import matrices
 from obc_ros.core.numerics.arrays import Array
@@ -26,11 +26,11 @@ from obc_ros.ros.messages import doubles, named_bounds, named_expressions, probl
 from obc_ros.ros.service_qos import BURST
 from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
 
-Values = Mapping[str, Any]
+ReportedValues = Mapping[str, Any]
 
 ABREAST = 4  # requests under way: what the server's workers do, and as many that wait
-NAMES = {SolveOptimalControl: 'solve', Minimize: 'minimize', PlanMotion: 'plan',
-         DesignLqr: 'design_lqr'}
+REQUEST_NAMES = {SolveOptimalControl: 'solve', Minimize: 'minimize', PlanMotion: 'plan',
+                 DesignLqr: 'design_lqr'}
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class Trajectory:
 
 
 @dataclass(frozen=True, eq=False)
-class Regulator:
+class AnsweredRegulator:
     """A design as the server answered it: A, B, K, P, poles E; `message` has the figures."""
 
     A: Array
@@ -114,12 +114,12 @@ class Desk:
         """Return the responses to requests of one service, some at a time."""
         if kind not in self._services:
             self._services[kind] = self._client.node.create_client(
-                kind, f'{self._client.server}/{NAMES[kind]}', qos_profile=BURST)
+                kind, f'{self._client.server}/{REQUEST_NAMES[kind]}', qos_profile=BURST)
         service = self._services[kind]
         self._client.wait(service.service_is_ready, service.service_is_ready)
         asked = list(requests)
         for request in asked[:show]:
-            self.note(service_call(NAMES[kind], kind, request))
+            self.note(service_call(REQUEST_NAMES[kind], kind, request))
         futures: list[Any] = []
 
         def advance() -> bool:
@@ -135,7 +135,7 @@ class Desk:
         """Return the answer to a problem, given by the keys of a problem file."""
         return self.solve_all([statement], method=method, show=show)[0]
 
-    def solve_all(self, statements: Sequence[Values], *, method: str = '', show: int = 1
+    def solve_all(self, statements: Sequence[ReportedValues], *, method: str = '', show: int = 1
                   ) -> list[Trajectory]:
         """
         Return the answers to problems.
@@ -150,19 +150,20 @@ class Desk:
                              SolveOptimalControl, show)
         return [_trajectory(each) for each in responses]
 
-    def plan_all(self, motions: Sequence[Values], show: int = 1) -> list[Trajectory]:
+    def plan_all(self, motions: Sequence[ReportedValues], show: int = 1) -> list[Trajectory]:
         """Return planned motions, given by the fields of PlanMotion; as `solve_all`."""
         return [_trajectory(each) for each in self.ask(
             [plan_request(each) for each in motions], PlanMotion, show)]
 
-    def minimize_all(self, questions: Sequence[Values], show: int = 1) -> list[Any]:
+    def minimize_all(self, questions: Sequence[ReportedValues], show: int = 1) -> list[Any]:
         """Return minima, given by the fields of Minimize; as `solve_all`."""
         responses = self.ask([minimize_request(each) for each in questions], Minimize, show)
         for each in responses:
             _check(each.success, each)
         return responses
 
-    def design_all(self, cases: Sequence[Values], show: int = 1) -> list[Regulator]:
+    def design_all(self, cases: Sequence[ReportedValues],
+                   show: int = 1) -> list[AnsweredRegulator]:
         """
         Return regulators: `A` and `B` or `system` (and `parameters`), and fields of LqrWeights.
 
@@ -177,20 +178,21 @@ class Desk:
             _check(each.success, each)
         return [regulator(each.design) for each in responses]
 
-    def loop(self, name: str, plant: Values, regulator: Values) -> AbstractContextManager[Loop]:
+    def loop(self, name: str, plant: ReportedValues,
+             regulator: ReportedValues) -> AbstractContextManager[NodeLoop]:
         """Return a loop of `plant_simulator` and `lqr_node` with these parameters."""
         if any('plant_simulator' in each for each in self.commands):
             self.note('# Ctrl-C in the terminals of the two nodes; then')
         return run_loop(self._folder / f'{self._entry}-{name}', plant, regulator, self.note)
 
 
-def solve_request(statement: Values, method: str = '') -> Any:
+def solve_request(statement: ReportedValues, method: str = '') -> Any:
     """Return the request of a problem."""
     return SolveOptimalControl.Request(
         problem=problem_message({'name': 'problem', **statement}, Guess()), method=method)
 
 
-def minimize_request(question: Values) -> Any:
+def minimize_request(question: ReportedValues) -> Any:
     """Return the request of a minimisation."""
     given = dict(question)
     return Minimize.Request(
@@ -199,7 +201,7 @@ def minimize_request(question: Values) -> Any:
         **given)
 
 
-def plan_request(motion: Values) -> Any:
+def plan_request(motion: ReportedValues) -> Any:
     """Return the request of a motion."""
     given = dict(motion)
     return PlanMotion.Request(
@@ -209,7 +211,7 @@ def plan_request(motion: Values) -> Any:
         **given)
 
 
-def design_request(case: Values) -> Any:
+def design_request(case: ReportedValues) -> Any:
     """Return the request of a regulator."""
     given = dict(case)
     own = {key.lower(): doubles(np.asarray(given.pop(key), dtype=float).ravel())
@@ -246,7 +248,7 @@ def _trajectory(response: Any) -> Trajectory:
         np.array(path.switching_times), response.message, response.certificate.sentence)
 
 
-def regulator(design: Any) -> Regulator:
+def regulator(design: Any) -> AnsweredRegulator:
     """Return what an LqrDesign tells."""
     told = matrices(design)
-    return Regulator(told.A, told.B, told.K, told.P, told.poles, design)
+    return AnsweredRegulator(told.A, told.B, told.K, told.P, told.poles, design)

@@ -8,8 +8,8 @@ from typing import Any
 
 from action_msgs.msg import GoalStatus
 from obc_ros.cli.ros2.verbs import add_verbs, run_verb, seconds
-from obc_ros.cli.ros2.yaml_messages import FieldError, fill, find_type, parse, to_yaml
-from obc_ros.cli.ros_graph import Graph, joined, LOOK
+from obc_ros.cli.ros2.yaml_messages import FieldError, fill, find_type, parse_values, to_yaml
+from obc_ros.cli.ros_graph import Graph, join_graph, LOOK
 from obc_ros.core.text.errors import ObcError
 from rclpy.action import ActionClient, get_action_names_and_types
 
@@ -37,7 +37,7 @@ def send_goal(args: argparse.Namespace) -> int:
     """Send a goal; print feedback and result. 0 only if it has succeeded."""
     kind = find_type(args.action_type, 'action')
     try:
-        goal = fill(kind.Goal(), parse(sys.stdin.read() if args.stdin else args.goal))
+        goal = fill(kind.Goal(), parse_values(sys.stdin.read() if args.stdin else args.goal))
     except FieldError as error:
         raise ObcError(f'Failed to populate message fields: {error}') from error
     name = args.action_name if args.action_name.startswith('/') else f'/{args.action_name}'
@@ -45,7 +45,7 @@ def send_goal(args: argparse.Namespace) -> int:
     def tell(feedback: Any) -> None:
         print(f'Feedback:\n    {to_yaml(feedback.feedback)}', flush=True)
 
-    with joined() as graph:
+    with join_graph() as graph:
         client = ActionClient(graph.node, kind, name)
         try:
             print('Waiting for an action server to become available...', flush=True)

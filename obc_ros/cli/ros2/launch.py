@@ -30,7 +30,7 @@ import yaml
 
 OWN = ('loop', 'fleet')  # launch files of this package that need no more than their names
 PATIENCE = 5.0  # [s] from SIGINT to SIGKILL
-LOOK = 0.2      # [s] between looks at what has ended
+LAUNCH_LOOK = 0.2      # [s] between looks at what has ended
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -195,7 +195,7 @@ class Launch:
 
     def _look(self) -> None:
         """Print what is there to print; see who has ended and who is to start again."""
-        for key, _ in self._open.select(LOOK):
+        for key, _ in self._open.select(LAUNCH_LOOK):
             if not key.data.tell():
                 self._open.unregister(key.fileobj)
         now = time.monotonic()

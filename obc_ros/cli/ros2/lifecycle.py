@@ -7,7 +7,7 @@ import sys
 
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from obc_ros.cli.ros2.verbs import add_node, add_verbs, run_verb
-from obc_ros.cli.ros_graph import Graph, joined, LOOK
+from obc_ros.cli.ros_graph import Graph, join_graph, LOOK
 from obc_ros.core.text.errors import ObcError, shown
 
 run = run_verb
@@ -16,7 +16,7 @@ run = run_verb
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {
-        'get': ('print the state of a node, or of all', _get_arguments, get),
+        'get': ('print the state of a node, or of all', _get_arguments, get_state),
         'set': ('change the state of a node', _set_arguments, set_state)})
 
 
@@ -29,9 +29,9 @@ def _set_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('transition', help='activate, deactivate, ..., or its number')
 
 
-def get(args: argparse.Namespace) -> int:
+def get_state(args: argparse.Namespace) -> int:
     """Print states."""
-    with joined() as graph:
+    with join_graph() as graph:
         if args.node_name:
             nodes = [_find(graph, args.node_name, args.timeout)]
         else:
@@ -47,7 +47,7 @@ def get(args: argparse.Namespace) -> int:
 
 def set_state(args: argparse.Namespace) -> int:
     """Ask for a transition by its label or its number."""
-    with joined() as graph:
+    with join_graph() as graph:
         node = _find(graph, args.node_name, args.timeout)
         there = [each.transition for each in graph.call(
             GetAvailableTransitions, f'{node}/get_available_transitions',

@@ -6,7 +6,7 @@ import argparse
 import sys
 
 from obc_ros.cli.ros2.verbs import add_direct, add_verbs, run_verb
-from obc_ros.cli.ros_graph import joined
+from obc_ros.cli.ros_graph import join_graph
 
 run = run_verb
 
@@ -25,7 +25,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 
 def list_nodes(args: argparse.Namespace) -> int:
     """Print the full names of the nodes."""
-    with joined() as graph:
+    with join_graph() as graph:
         found = graph.settle(lambda: graph.nodes(hidden=args.all), args.spin_time)
     if args.count_nodes:
         print(len(found))

@@ -11,7 +11,7 @@ import sys
 from typing import Any
 
 from obc_ros.cli.ros2.verbs import add_node, add_verbs, run_verb
-from obc_ros.cli.ros_graph import Graph, joined
+from obc_ros.cli.ros_graph import Graph, join_graph
 from obc_ros.core.text.errors import ObcError, shown
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
@@ -41,7 +41,7 @@ run = run_verb
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {
-        'list': ('list the parameters of a node, or of all', _list_arguments, list_names),
+        'list': ('list the parameters of a node, or of all', _list_arguments, list_parameters),
         'get': ('get a parameter', _get_arguments, get),
         'set': ('set a parameter; the node checks it before applying it',
                 _set_arguments, set_value),
@@ -82,13 +82,13 @@ def _load_arguments(parser: argparse.ArgumentParser) -> None:
                         help='ignore the parameters that the file has for all nodes (/**)')
 
 
-def list_names(args: argparse.Namespace) -> int:
+def list_parameters(args: argparse.Namespace) -> int:
     """Print the names of parameters."""
     try:
         pattern = re.compile(args.filter or '')
     except re.error as error:
         raise ObcError(f'--filter {args.filter}: {error}') from error
-    with joined() as graph:
+    with join_graph() as graph:
         if args.node_name:
             nodes = [graph.find_node(args.node_name, args.timeout)]
         else:
@@ -109,7 +109,7 @@ def list_names(args: argparse.Namespace) -> int:
 
 def get(args: argparse.Namespace) -> int:
     """Print the value of a parameter."""
-    with joined() as graph:
+    with join_graph() as graph:
         node = graph.find_node(args.node_name, args.timeout)
         [value] = _values(graph, node, [args.parameter_name]) or [ParameterValue()]
         if value.type == ParameterType.PARAMETER_NOT_SET:
@@ -123,7 +123,7 @@ def get(args: argparse.Namespace) -> int:
 def set_value(args: argparse.Namespace) -> int:
     """Set a parameter; print what the node says."""
     value = get_parameter_value(args.value)
-    with joined() as graph:
+    with join_graph() as graph:
         node = graph.find_node(args.node_name, args.timeout)
         [result] = graph.call(SetParameters, f'{node}/set_parameters', SetParameters.Request(
             parameters=[Parameter(name=args.parameter_name, value=value)])).results
@@ -132,7 +132,7 @@ def set_value(args: argparse.Namespace) -> int:
 
 def describe(args: argparse.Namespace) -> int:
     """Print what a node says of some of its parameters."""
-    with joined() as graph:
+    with join_graph() as graph:
         node = graph.find_node(args.node_name, args.timeout)
         found = [each for each in _descriptors(graph, node, args.parameter_names) if each.name]
         for each in found:
@@ -143,7 +143,7 @@ def describe(args: argparse.Namespace) -> int:
 
 def dump(args: argparse.Namespace) -> int:
     """Print all parameters of a node as a file that `--params-file` takes."""
-    with joined() as graph:
+    with join_graph() as graph:
         node = graph.find_node(args.node_name, args.timeout)
         names = _names(graph, node)
         values = _values(graph, node, names)
@@ -160,7 +160,7 @@ def dump(args: argparse.Namespace) -> int:
 
 def load(args: argparse.Namespace) -> int:
     """Set the parameters that a file has, one by one; print what the node says of each."""
-    with joined() as graph:
+    with join_graph() as graph:
         node = graph.find_node(args.node_name, args.timeout)
         wanted = list(_of_file(args.parameter_file, node, not args.no_use_wildcard).values())
         results = graph.call(SetParameters, f'{node}/set_parameters', SetParameters.Request(

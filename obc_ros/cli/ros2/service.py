@@ -7,8 +7,8 @@ from functools import partial
 import sys
 
 from obc_ros.cli.ros2.verbs import add_list, add_verbs, list_names, run_verb, seconds
-from obc_ros.cli.ros2.yaml_messages import FieldError, fill, find_type, parse
-from obc_ros.cli.ros_graph import joined, LOOK
+from obc_ros.cli.ros2.yaml_messages import FieldError, fill, find_type, parse_values
+from obc_ros.cli.ros_graph import join_graph, LOOK
 from obc_ros.core.text.errors import ObcError
 
 run = run_verb
@@ -36,12 +36,13 @@ def call(args: argparse.Namespace) -> int:
     """Make a request and print the response, both as Python does."""
     kind = find_type(args.service_type, 'srv')
     try:
-        request = fill(kind.Request(), parse(sys.stdin.read() if args.stdin else args.values))
+        request = fill(kind.Request(),
+                       parse_values(sys.stdin.read() if args.stdin else args.values))
     except FieldError as error:
         raise ObcError(f'Failed to populate field: {error}') from error
     name = args.service_name if args.service_name.startswith('/') else f'/{args.service_name}'
     wanted = f'{args.service_type.split("/")[0]}/srv/{kind.__name__}'
-    with joined() as graph:
+    with join_graph() as graph:
         client = graph.node.create_client(kind, name)
         if not client.service_is_ready():
             print('waiting for service to become available...', flush=True)

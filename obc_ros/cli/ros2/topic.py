@@ -12,8 +12,8 @@ import time
 from typing import Any
 
 from obc_ros.cli.ros2.verbs import add_direct, add_list, add_verbs, list_names, run_verb, seconds
-from obc_ros.cli.ros2.yaml_messages import FieldError, fill, find_type, parse, to_yaml
-from obc_ros.cli.ros_graph import Graph, joined, LOOK
+from obc_ros.cli.ros2.yaml_messages import FieldError, fill, find_type, parse_values, to_yaml
+from obc_ros.cli.ros_graph import Graph, join_graph, LOOK
 from obc_ros.core.text.errors import ObcError, shown
 from rclpy.qos import (
     DurabilityPolicy,
@@ -111,7 +111,7 @@ def info(args: argparse.Namespace) -> int:
     """Print the ends of a topic."""
     topic = _full(args.topic_name)
     end = '\n\n' if args.verbose else '\n'
-    with joined() as graph:
+    with join_graph() as graph:
         _type_name(graph, topic)
         node = graph.node
         graph.settle(lambda: [str(each) for each in (
@@ -150,7 +150,7 @@ def echo(args: argparse.Namespace) -> int:
         else:
             print(value, end='\n---\n', flush=True)
 
-    with joined() as graph:
+    with join_graph() as graph:
         kind = find_type(args.message_type or _type_name(graph, topic), 'msg')
         _field(kind(), path)
         graph.node.create_subscription(kind, topic, tell, _fitting(graph, topic, args))
@@ -164,7 +164,7 @@ def hz(args: argparse.Namespace) -> int:
     """Print once a second at which rate the messages of a topic come."""
     topic = _full(args.topic_name)
     times: deque[int] = deque(maxlen=max(args.window, 1) + 1)  # [ns]
-    with joined() as graph:
+    with join_graph() as graph:
         kind = find_type(_type_name(graph, topic, float('inf')), 'msg')
         profile = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         graph.node.create_subscription(
@@ -198,7 +198,7 @@ def pub(args: argparse.Namespace) -> int:
     times = 1 if args.once else args.times
     wanted = args.wait_matching_subscriptions
     wanted = int(times > 0) if wanted is None else wanted
-    with joined() as graph:
+    with join_graph() as graph:
         message = _filled(kind, given, graph)
         publisher = graph.node.create_publisher(kind, topic, _own(args))
         if publisher.get_subscription_count() < wanted:
@@ -223,7 +223,7 @@ def pub(args: argparse.Namespace) -> int:
 
 def _filled(kind: Any, given: str, graph: Graph) -> Any:
     try:
-        return fill(kind(), parse(given), now=graph.node.get_clock().now().to_msg())
+        return fill(kind(), parse_values(given), now=graph.node.get_clock().now().to_msg())
     except FieldError as error:
         raise ObcError(f'Failed to populate field: {error}') from error
 

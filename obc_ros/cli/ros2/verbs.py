@@ -5,7 +5,7 @@
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 
-from obc_ros.cli.ros_graph import joined, keep_to_this_machine, LOOK, QUIET
+from obc_ros.cli.ros_graph import join_graph, keep_to_this_machine, LOOK, QUIET
 from rclpy.node import Node
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
@@ -50,7 +50,7 @@ def add_list(parser: argparse.ArgumentParser, what: str) -> None:
 def list_names(args: argparse.Namespace,
                look: Callable[[Node], Sequence[tuple[str, Sequence[str]]]]) -> int:
     """Print the names that a node sees, once there is no news; see `add_list`."""
-    with joined() as graph:
+    with join_graph() as graph:
         found = graph.settle(lambda: [
             (name, types) for name, types in sorted(look(graph.node))
             if args.include_hidden or not topic_or_service_is_hidden(name)], args.spin_time)

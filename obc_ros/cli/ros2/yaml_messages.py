@@ -58,7 +58,7 @@ def find_type(name: str, kind: str) -> Any:
     return getattr(module, parts[2])
 
 
-def parse(text: str) -> dict[str, Any]:
+def parse_values(text: str) -> dict[str, Any]:
     """
     Return the values by field that a text in YAML gives.
 
@@ -87,7 +87,7 @@ def fill(message: Any, values: Mapping[str, Any], *, now: Any = None, path: str 
     message : message
         It is changed.
     values : mapping
-        As `parse` returns it; a field of a field is a mapping, a sequence is a list.
+        As `parse_values` returns it; a field of a field is a mapping, a sequence is a list.
     now : builtin_interfaces.msg.Time, optional
         What ``stamp: now`` and ``header: auto`` stand for.
     path : str

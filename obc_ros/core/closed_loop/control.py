@@ -4,7 +4,14 @@
 
 from dataclasses import dataclass
 
-from obc_ros.core.closed_loop.feedback import Gains, Law, Limits, Regulator, Rows, Vector
+from obc_ros.core.closed_loop.feedback import (
+    Gains,
+    InputLimits,
+    ReferenceLaw,
+    Rows,
+    StateFeedback,
+    Vector,
+)
 
 STALE = ('equilibrium', 'hold', 'silent')
 ENVELOPE = ('stop', *STALE)
@@ -54,8 +61,8 @@ class Leg:
     """
 
     reference: Reference
-    along: Law
-    after: Law
+    along: ReferenceLaw
+    after: ReferenceLaw
     allowed: tuple[tuple[float, float], ...] = ()
     units: tuple[str, ...] = ()
 
@@ -184,8 +191,8 @@ class Control:
 
     """
 
-    regulator: Regulator
-    limits: Limits
+    regulator: StateFeedback
+    limits: InputLimits
     rest: Vector
     names: tuple[str, ...]
     rules: Rules = Rules()

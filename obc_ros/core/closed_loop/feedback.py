@@ -18,7 +18,7 @@ Vector = tuple[float, ...]
 Rows = tuple[Vector, ...]
 
 
-class Point(NamedTuple):
+class ReferencePoint(NamedTuple):
     """
     Where the plant should be: state xr (n,), input ur (m,), and the gain K (m, n) there.
 
@@ -31,15 +31,15 @@ class Point(NamedTuple):
     Ki: Rows = ()
 
 
-class Law(Protocol):
+class ReferenceLaw(Protocol):
     """A reference over time, with the gain along it."""
 
-    def at(self, t: float) -> Point:
+    def at(self, t: float) -> ReferencePoint:
         """Return the reference at time t [s]."""
 
 
 @dataclass(frozen=True)
-class Regulator:
+class StateFeedback:
     """
     State feedback about a set point that stays or moves on at a constant rate.
 
@@ -62,14 +62,15 @@ class Regulator:
     drift: Vector
     Ki: Rows = ()
 
-    def at(self, t: float) -> Point:
+    def at(self, t: float) -> ReferencePoint:
         """Return the set point at time t [s]."""
         if any(self.drift):
-            return Point(tuple([a + v * t for a, v in zip(self.x, self.drift, strict=True)]),
-                         self.u, self.K, self.Ki)
-        return Point(self.x, self.u, self.K, self.Ki)
+            return ReferencePoint(
+                tuple([a + v * t for a, v in zip(self.x, self.drift, strict=True)]),
+                                  self.u, self.K, self.Ki)
+        return ReferencePoint(self.x, self.u, self.K, self.Ki)
 
-    def beside(self, x: Sequence[float], t: float) -> 'Regulator':
+    def beside(self, x: Sequence[float], t: float) -> 'StateFeedback':
         """Return the regulator from time t [s] on, moving on from the state x (n,) then."""
         here = [own if v else xr for own, xr, v in zip(x, self.at(t).x, self.drift, strict=True)]
         return replace(self, x=tuple(here))
@@ -108,20 +109,20 @@ class Gains:
 
 
 @dataclass(frozen=True, eq=False)
-class Settling:
+class BlendedFeedback:
     """A regulator whose gain is still on its way to the one that it keeps."""
 
-    regulator: Regulator
+    regulator: StateFeedback
     gains: Gains
 
-    def at(self, t: float) -> Point:
+    def at(self, t: float) -> ReferencePoint:
         """Return the set point at time t [s]."""
         K, Ki = self.gains.at(t)
         return self.regulator.at(t)._replace(K=K, Ki=Ki)
 
 
 @dataclass(frozen=True)
-class Limits:
+class InputLimits:
     """
     What an input may be, and which states are angles.
 
@@ -167,7 +168,7 @@ class Limits:
         return clipped
 
 
-def feedback(point: Point, e: Sequence[float]) -> list[float]:
+def feedback(point: ReferencePoint, e: Sequence[float]) -> list[float]:
     """Return ur - K e, shape (m,), not yet within the limits."""
     return [u - sum(map(mul, row, e)) for u, row in zip(point.u, point.K, strict=True)]
 

@@ -38,7 +38,7 @@ def snapped(time: float) -> float:
     return float(whole) if abs(time - whole) <= _SNAP else time
 
 
-class Flow:
+class PlantFlow:
     """
     A state and what drives it.
 

@@ -3,9 +3,9 @@
 """
 From states to commands: what a control law needs around it before a robot can trust it.
 
-A `Control` says what to do and never changes; a `Loop` holds what a run has seen so far and turns
-each state into a command. It is told the time: stamps of the states [ns] for whatever the law
-does, a steady clock [s] for whether states still come.
+A `Control` says what to do and never changes; a `ControlLoop` holds what a run has seen so far and
+turns each state into a command. It is told the time: stamps of the states [ns] for whatever the
+law does, a steady clock [s] for whether states still come.
 """
 
 from collections import Counter, deque
@@ -16,15 +16,15 @@ from operator import add, mul, sub
 
 from obc_ros.core.closed_loop import references
 from obc_ros.core.closed_loop.control import Control, Schedule
-from obc_ros.core.closed_loop.feedback import feedback, Law, Point, Regulator
-from obc_ros.core.closed_loop.message_stamps import age, NS, Order
+from obc_ros.core.closed_loop.feedback import feedback, ReferenceLaw, ReferencePoint, StateFeedback
+from obc_ros.core.closed_loop.message_stamps import age, NS, StampOrder
 from obc_ros.core.closed_loop.references import Running, set_point
 from obc_ros.core.closed_loop.sent_commands import Sent
 
 _AGAIN = 1.0  # [s] until the same thing is told again
 
 
-class Loop:
+class ControlLoop:
     """
     One run of a control loop.
 
@@ -72,12 +72,12 @@ class Loop:
         self.is_stale = self.is_outside = False
         self.lag: float | None = None
         self._control = self._next = control
-        self._followed, self._order = set_point(control, control.regulator, 0), Order()
+        self._followed, self._order = set_point(control, control.regulator, 0), StampOrder()
         self._seen = self._spoken = self._now = -math.inf
         self._told: dict[str, float] = {}
         self._excess: Sequence[float] = ()
         self._since: int | None = None
-        self._reported: Law | None = None
+        self._reported: ReferenceLaw | None = None
         self._jump: list[float] | None = None
         self._sent = Sent()
         self._measured: float | None = None
@@ -232,7 +232,8 @@ class Loop:
     def _judge(self, new: Control, stamp: int, x: Sequence[float]) -> None:
         """Judge the references that are taken up, and after an outage the one that is followed."""
         if references.has_unjudged(new.legs):
-            self.refused.extend(references.judge(new, *self._expected(self._control, stamp, x)))
+            self.refused.extend(
+                references.judge_references(new, *self._expected(self._control, stamp, x)))
         if self._lost and (reason := references.judge_again(new, stamp, x)):
             reason = f'after {self._lost:.3g} s without a state, {reason}'
             self.refused.append(f'{reason}; stopped until ~/start')
@@ -283,7 +284,8 @@ class Loop:
         here = self._point(control, now, stamp)
         return self._law(control, here, control.limits.error(x, here.x), now, ahead, stamp)
 
-    def _law(self, control: Control, here: Point, e: list[float], now: Running, ahead: Running,
+    def _law(self, control: Control, here: ReferencePoint, e: list[float], now: Running,
+             ahead: Running,
              stamp: int) -> list[float]:
         """Return the input of the law `ahead`, unlimited; e is the error from `here` of `now`."""
         point = here
@@ -326,7 +328,7 @@ class Loop:
                                   len(control.C))
         return later, list(map(add, self._point(control, now, later).x, e))
 
-    def _point(self, control: Control, running: Running, stamp: int) -> Point:
+    def _point(self, control: Control, running: Running, stamp: int) -> ReferencePoint:
         """Return where the plant should be at a stamp, and the gain there."""
         point = running.law.at((stamp - running.origin) * NS)
         schedule = control.schedule
@@ -335,7 +337,7 @@ class Loop:
         K, Ki = schedule.gains.at(self._variable(schedule, point))
         return point._replace(K=K, Ki=Ki)
 
-    def _variable(self, schedule: Schedule, point: Point) -> float:
+    def _variable(self, schedule: Schedule, point: ReferencePoint) -> float:
         """Return what a schedule follows: what is measured, or else what was commanded."""
         if self._measured is not None:
             return self._measured
@@ -399,7 +401,7 @@ class Loop:
         here = self._regulator.beside(x, (stamp - self._setpoint.origin) * NS)
         self._hold(control, replace(here, x=here.at((origin - stamp) * NS).x), origin)
 
-    def _hold(self, control: Control, regulator: Regulator, origin: int) -> None:
+    def _hold(self, control: Control, regulator: StateFeedback, origin: int) -> None:
         """Make a regulator that of the set point."""
         self._regulator, self._setpoint = regulator, set_point(control, regulator, origin)
 
@@ -429,7 +431,7 @@ class Loop:
         self._control.limits.clip(u)
         return u
 
-    def _moved(self, new: Control, stamp: int) -> tuple[Regulator, int]:
+    def _moved(self, new: Control, stamp: int) -> tuple[StateFeedback, int]:
         """Return the regulator of `new` with its set point where it is, and the stamp of t = 0."""
         old = self._control
         moved = self._regulator.at((stamp - self._setpoint.origin) * NS).x
@@ -464,7 +466,7 @@ class Loop:
         for j, jump in enumerate(self._jump):
             u[j] += left * jump
 
-    def _integrate(self, control: Control, here: Point, error: Sequence[float], stamp: int
+    def _integrate(self, control: Control, here: ReferencePoint, error: Sequence[float], stamp: int
                    ) -> None:
         """
         Advance w, dw/dt = Ki C e, by the trapezoidal rule.

@@ -12,7 +12,7 @@ def age(stamp: int, clock: int) -> float | None:
     return seconds if abs(seconds) < OTHER_CLOCK else None
 
 
-class Order:
+class StampOrder:
     """Which stamp is in order, and which is due."""
 
     def __init__(self) -> None:

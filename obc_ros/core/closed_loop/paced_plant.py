@@ -72,7 +72,7 @@ def grid(dt: float, publish_rate: float) -> tuple[float, int]:
     return 1.0 / publish_rate / steps, steps
 
 
-class Plant:
+class PacedPlant:
     """
     A simulator that a node polls; its first state is to be published at once.
 

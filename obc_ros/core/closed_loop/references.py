@@ -6,25 +6,25 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from obc_ros.core.closed_loop.control import Control, Leg
-from obc_ros.core.closed_loop.feedback import Law, Regulator, Settling
+from obc_ros.core.closed_loop.feedback import BlendedFeedback, ReferenceLaw, StateFeedback
 from obc_ros.core.closed_loop.message_stamps import NS
 
-Bounds = tuple[tuple[float, float], ...]
+AllowedErrors = tuple[tuple[float, float], ...]
 
 
 class Running(NamedTuple):
     """The law in force, the stamp [ns] of its t = 0, and whether it is that of the set point."""
 
-    law: Law
+    law: ReferenceLaw
     origin: int
     is_setpoint: bool = False
 
 
-def set_point(control: Control, regulator: Regulator, origin: int) -> Running:
+def set_point(control: Control, regulator: StateFeedback, origin: int) -> Running:
     """Return the law that holds a set point from a stamp on, over the horizon if there is one."""
     if control.horizon is None:
         return Running(regulator, origin, True)
-    return Running(Settling(regulator, control.horizon.gains), origin, True)
+    return Running(BlendedFeedback(regulator, control.horizon.gains), origin, True)
 
 
 def accepted(legs: Sequence[Leg]) -> list[Leg]:
@@ -76,7 +76,7 @@ def has_unjudged(legs: Sequence[Leg]) -> bool:
     return any(not leg.reference.is_judged for leg in legs)
 
 
-def judge(control: Control, stamp: int, x: Sequence[float]) -> Iterator[str]:
+def judge_references(control: Control, stamp: int, x: Sequence[float]) -> Iterator[str]:
     """
     Judge the references that are taken up at a stamp [ns] by the state (n,) then.
 
@@ -115,7 +115,7 @@ def judge_again(control: Control, stamp: int, x: Sequence[float]) -> str:
     return reason
 
 
-def events(legs: Sequence[Leg], law: Law) -> Iterator[str]:
+def events(legs: Sequence[Leg], law: ReferenceLaw) -> Iterator[str]:
     """Yield in words what a law that comes into force begins or ends; each once."""
     for leg in legs:
         reference = leg.reference
@@ -136,7 +136,7 @@ def _distance(control: Control, leg: Leg, t: float, x: Sequence[float], wanted: 
                     leg.allowed, control.names, leg.units)
 
 
-def distance(error: Sequence[float], wanted: Sequence[float], t: float, allowed: Bounds,
+def distance(error: Sequence[float], wanted: Sequence[float], t: float, allowed: AllowedErrors,
              names: Sequence[str], units: Sequence[str]) -> str:
     """
     Return which states are too far from a reference, in words; empty: none is.

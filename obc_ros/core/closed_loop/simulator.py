@@ -12,14 +12,14 @@ from collections.abc import Sequence
 import math
 
 import numpy as np
-from obc_ros.core.closed_loop.flow import Flow, snapped
+from obc_ros.core.closed_loop.flow import PlantFlow, snapped
 from obc_ros.core.closed_loop.simulation_settings import Conditions
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.systems.equilibrium import equilibrium, numbers
+from obc_ros.core.systems.equilibrium import check_numbers, equilibrium
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import DynamicsError, StatementError
 
-Numbers = Sequence[float] | Array
+NumberList = Sequence[float] | Array
 
 
 class Simulator:
@@ -51,11 +51,11 @@ class Simulator:
 
     """
 
-    def __init__(self, system: System, x0: Numbers | None = None,
-                 conditions: Conditions | None = None, u0: Numbers | None = None) -> None:
+    def __init__(self, system: System, x0: NumberList | None = None,
+                 conditions: Conditions | None = None, u0: NumberList | None = None) -> None:
         self.system = system
         self.conditions = (conditions or Conditions()).fitted(system)
-        self._flow = Flow(system, self.conditions)
+        self._flow = PlantFlow(system, self.conditions)
         self._limits = any(math.isfinite(limit) for limit in (*system.u_min, *system.u_max))
         self.reset(system.setpoint if x0 is None else x0, u0)
 
@@ -92,12 +92,12 @@ class Simulator:
         noise = np.array(self.conditions.noise)
         return self.x + noise * self._random.standard_normal(self.system.n)
 
-    def reset(self, x0: Numbers | None = None, u0: Numbers | None = None) -> None:
+    def reset(self, x0: NumberList | None = None, u0: NumberList | None = None) -> None:
         """Go back to the start, or to another one; commands are forgotten and noise repeats."""
         if x0 is not None:
-            self._x0 = numbers('x0', x0, self.system.state_names)
+            self._x0 = check_numbers('x0', x0, self.system.state_names)
             self._u0 = clipped(resting_input(self.system, self._x0) if u0 is None
-                               else numbers('u0', u0, self.system.input_names), self.system)
+                               else check_numbers('u0', u0, self.system.input_names), self.system)
         self.steps = 0
         self.target = self._u0
         self._waiting: deque[tuple[float, tuple[float, ...]]] = deque()
@@ -120,7 +120,7 @@ class Simulator:
                 self.system.state_names, self.system.input_names, self.conditions.dt):
             raise StatementError('another plant or another dt needs another simulator')
         conditions = conditions.fitted(system)
-        flow = Flow(system, conditions)
+        flow = PlantFlow(system, conditions)
         flow.restart(self.x)
         flow.drive(self.steps, self.target)
         flow.deliver(self.u)
@@ -129,7 +129,7 @@ class Simulator:
         self.system, self.conditions, self._flow = system, conditions, flow
         self._limits = any(math.isfinite(limit) for limit in (*system.u_min, *system.u_max))
 
-    def command(self, u: Numbers) -> None:
+    def command(self, u: NumberList) -> None:
         """
         Let a command u (m,) arrive now: it is clipped, and takes effect after the input delay.
 
@@ -186,7 +186,7 @@ class Simulator:
         self._flow.drive(now, u)
         self.target = u
 
-    def _limited(self, u: Numbers) -> tuple[float, ...]:
+    def _limited(self, u: NumberList) -> tuple[float, ...]:
         """Return a command, checked and within the limits of the actuators."""
         try:
             values = tuple(map(float, u))
@@ -194,11 +194,11 @@ class Simulator:
         except (TypeError, ValueError):
             sound = False
         if not sound:  # or so large that the sum is not finite
-            values = tuple(numbers('u', u, self.system.input_names))
+            values = tuple(check_numbers('u', u, self.system.input_names))
         return clipped(values, self.system) if self._limits else values
 
 
-def resting_input(system: System, x: Numbers) -> Array:
+def resting_input(system: System, x: NumberList) -> Array:
     """
     Return the input that holds x, or where there is none, the system's set point.
 
@@ -212,7 +212,7 @@ def resting_input(system: System, x: Numbers) -> Array:
     return np.array(system.setpoint_input)
 
 
-def clipped(u: Numbers, system: System) -> tuple[float, ...]:
+def clipped(u: NumberList, system: System) -> tuple[float, ...]:
     """Return an input (m,) within the limits of the actuators."""
     return tuple([min(max(float(value), signal.lower), signal.upper)
                   for value, signal in zip(u, system.inputs, strict=True)])

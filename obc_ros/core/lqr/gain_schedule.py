@@ -22,7 +22,7 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import RefusedDesignError, StatementError
 from scipy.linalg import solve_continuous_lyapunov
 
-Plant = Callable[[float], tuple[Array, Array]]
+PlantAt = Callable[[float], tuple[Array, Array]]
 
 _MOST = 1025  # gains
 _ANY = 1e6  # [1/s] of the range: a rate above it is rounding
@@ -62,8 +62,8 @@ class _Knot:
     X: Array
 
 
-def table(plant: Plant, weights: Weights, lower: float, upper: float, *,
-          tolerance: float = 0.01) -> Table:
+def compute_schedule(plant: PlantAt, weights: Weights, lower: float, upper: float, *,
+                     tolerance: float = 0.01) -> Table:
     """
     Return gains for every value of a variable in a range.
 
@@ -109,7 +109,7 @@ def table(plant: Plant, weights: Weights, lower: float, upper: float, *,
                  rate if rate < _ANY * (upper - lower) else math.inf)
 
 
-def _knot(plant: Plant, weights: Weights, value: float) -> _Knot:
+def _knot(plant: PlantAt, weights: Weights, value: float) -> _Knot:
     A, B = plant(value)
     design = lqr(A, B, weights.Qx, weights.Qu, cross=weights.cross, stability=weights.stability)
     # any weight would do; that of P does not depend on the units of the states
@@ -119,7 +119,7 @@ def _knot(plant: Plant, weights: Weights, value: float) -> _Knot:
     return _Knot(value, design.K, 0.5 * (X + X.T))
 
 
-def _rate(plant: Plant, low: _Knot, high: _Knot) -> float:
+def _rate(plant: PlantAt, low: _Knot, high: _Knot) -> float:
     """Return the rate of the variable that is borne between two values; 0: nothing is proved."""
     slopes = []
     for part in _THIRDS:

@@ -113,9 +113,9 @@ def lqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
     is enough).
 
     """
-    A, B, Qx, Qu, cross = checks.checked(A, B, Qx, Qu, cross)
+    A, B, Qx, Qu, cross = checks.check_matrices(A, B, Qx, Qu, cross)
     _check_stability(stability)
-    L, Ac, Qc, sees_all = checks.reduced(A, B, Qx, Qu, cross)
+    L, Ac, Qc, sees_all = checks.remove_cross_term(A, B, Qx, Qu, cross)
     if stability:
         Ac = Ac + stability * np.eye(len(A))
     F = lapack.dtrtrs(L, B.T, lower=1)[0].T
@@ -137,7 +137,7 @@ def lqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
     E = np.sort_complex(_poles(M))
     if stability:
         M.flat[::len(A) + 1] += stability
-    robust = care.robustness(M, solution.X, _rounding(A, B, K) * ratio)
+    robust = care.measure_robustness(M, solution.X, _rounding(A, B, K) * ratio)
     if not (robust >= _LEAST_ROBUSTNESS and solution.error <= stabilizability.LARGEST_ERROR
             and solution.residual <= _LARGEST_RESIDUAL and E[-1].real < -stability):
         raise RefusedDesignError(
@@ -176,12 +176,12 @@ def dlqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
         As `lqr`.
 
     """
-    A, B, Qx, Qu, cross = checks.checked(A, B, Qx, Qu, cross)
+    A, B, Qx, Qu, cross = checks.check_matrices(A, B, Qx, Qu, cross)
     _check_stability(stability)
     if not (math.isfinite(period) and period > 0.0):
         raise StatementError(f'period = {period:g}: wanted a positive number of seconds')
     growth = math.exp(min(stability * period, 200.0))
-    L, Ac, Qc, sees_all = checks.reduced(A, B, Qx, Qu, cross)
+    L, Ac, Qc, sees_all = checks.remove_cross_term(A, B, Qx, Qu, cross)
     Ac = growth * Ac
     F = growth * lapack.dtrtrs(L, B.T, lower=1)[0].T
     scale = care.balancing(Ac, F, Qc)
@@ -205,7 +205,8 @@ def dlqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
         raise RefusedDesignError(stabilizability.TOO_FAR_APART)
     E = _poles(M)
     E = E[np.lexsort((E.imag, E.real, np.abs(E).round(12)))]
-    robust = dare.robustness(growth * M, solution.X, growth * _rounding(A, B, K) * ratio)
+    robust = dare.measure_discrete_robustness(growth * M, solution.X,
+                                              growth * _rounding(A, B, K) * ratio)
     if not (robust >= _LEAST_ROBUSTNESS and solution.error <= stabilizability.LARGEST_ERROR
             and solution.residual <= _LARGEST_RESIDUAL and np.abs(E).max() < 1.0 / growth):
         raise RefusedDesignError(stabilizability.why_not(

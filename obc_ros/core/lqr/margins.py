@@ -89,7 +89,7 @@ def figures(A: Array, B: Array, K: Array, period: float = 0.0, states: int | Non
     plant = _continuous(np.asarray(np.linalg.eigvals(A), dtype=complex), period)
     loop = _margins(_Transfer(M, B, K, modes, V, period), B.shape[1],
                     _grid(poles, plant, period), period)
-    steps = step_figures(A, B, K, poles, period, states)
+    steps = compute_step_figures(A, B, K, poles, period, states)
     return Figures(poles, damping, frequency, *loop, *steps)
 
 
@@ -230,8 +230,8 @@ def _peak(figure: Callable[[Array], Array], w: Array, at_once: int = _AT_ONCE) -
     return best
 
 
-def step_figures(A: Array, B: Array, K: Array, poles: Complex, period: float = 0.0,
-                 states: int | None = None) -> tuple[Array, Array, Array, Array]:
+def compute_step_figures(A: Array, B: Array, K: Array, poles: Complex, period: float = 0.0,
+                         states: int | None = None) -> tuple[Array, Array, Array, Array]:
     """
     Return rise time, overshoot, settling time and peak input, as in `Figures`.
 

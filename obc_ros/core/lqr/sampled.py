@@ -88,14 +88,15 @@ def sampled_lqr(A: Array, B: Array, weights: Weights, period: float, delay: floa
     """
     _check_times(period, delay)
     # What is refused is what was typed, not what sampling makes of it.
-    checks.reduced(*checks.checked(A, B, weights.Qx, weights.Qu, weights.cross))
+    checks.remove_cross_term(*checks.check_matrices(A, B, weights.Qx, weights.Qu, weights.cross))
     Ad, Bd, cost = discretised(A, B, weights, period)
     design = dlqr(Ad, Bd, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability,
                   period=period)
     Phi, Gamma = prediction(A, B, period, delay)
     loop = closed_loop(A, B, design.K, period, delay, Phi, Gamma)
     X = dare.stein(loop, np.eye(len(loop)))
-    robust = 0.0 if X is None else dare.robustness(loop, X, 4 * EPS * np.abs(loop))
+    robust = 0.0 if X is None else dare.measure_discrete_robustness(loop, X,
+                                                                    4 * EPS * np.abs(loop))
     if not robust >= _LEAST_ROBUSTNESS:
         raise RefusedDesignError(
             f'the loop with period = {period:g} and delay = {delay:g} cannot be proved to be '

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from obc_ros.core.lqr.lqr import lqr, LqrDesign
-from obc_ros.core.lqr.margins import step_figures
+from obc_ros.core.lqr.margins import compute_step_figures
 from obc_ros.core.lqr.weights import from_bryson, Weights
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import RefusedDesignError, StatementError
@@ -133,7 +133,7 @@ class _Search:
         self.start = from_bryson(n, m, x_max or (1.0,) * n, u_max or (1.0,) * m)
         self.names = tuple(inputs) or tuple(f'input {i}' for i in range(m))
         first = self._design(self.start)
-        rise = step_figures(A, B, first.K, first.E)[0]
+        rise = compute_step_figures(A, B, first.K, first.E)[0]
         self.positions = np.flatnonzero(np.isfinite(rise))
         if not self.positions.size:
             raise StatementError('no state of this system can be held at another value: there is '
@@ -187,7 +187,7 @@ class _Search:
             design = self._design(weights)
         except RefusedDesignError:
             return None
-        rise, overshoot, _, peak = step_figures(self.A, self.B, design.K, design.E)
+        rise, overshoot, _, peak = compute_step_figures(self.A, self.B, design.K, design.E)
         rise, overshoot = rise[self.positions], overshoot[self.positions]
         if not np.isfinite(rise).all():
             return None

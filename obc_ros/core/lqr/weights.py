@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.riccati.checks import semidefinite
+from obc_ros.core.riccati.checks import check_semidefinite
 from obc_ros.core.text.errors import shown, StatementError
 
 Numbers = Sequence[float] | Sequence[Sequence[float]] | Array
 
-KINDS = ('matrices', 'bryson', 'output')
+WEIGHT_KINDS = ('matrices', 'bryson', 'output')
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +84,8 @@ def choose(n: int, m: int, *, weights: str = 'matrices', Qx: Numbers = (), Qu: N
     elif weights == 'output':
         chosen = from_output(n, m, H, rho)
     else:
-        raise StatementError(f'weights = {weights!r}: wanted one of {", ".join(KINDS)}')
-    degree = number('stability', stability)
+        raise StatementError(f'weights = {weights!r}: wanted one of {", ".join(WEIGHT_KINDS)}')
+    degree = check_number('stability', stability)
     if degree < 0.0:
         raise StatementError(f'stability = {degree:g}: wanted 0 or a positive number')
     N = _list('cross', cross)
@@ -145,7 +145,7 @@ def from_output(n: int, m: int, H: Numbers, rho: float) -> Weights:
     if rows.size == 0 or rows.size % n:
         raise StatementError(f'H has {count(rows.size)}; wanted a multiple of {n} (rows of {n})')
     rows = rows.reshape(-1, n)
-    weight = number('rho', rho)
+    weight = check_number('rho', rho)
     if weight <= 0.0:
         raise StatementError(f'rho = {weight:g}: wanted a positive number')
     return Weights(rows.T @ rows, weight * np.eye(m))
@@ -195,7 +195,7 @@ def with_integrals(A: Array, B: Array, weights: Weights, C: Numbers, Qi: Numbers
     augmented_B[:n] = B
     Qx = np.zeros((n + p, n + p))
     Qx[:n, :n] = weights.Qx
-    Qx[n:, n:] = semidefinite('Qi', square('Qi', Qi, p), p)
+    Qx[n:, n:] = check_semidefinite('Qi', square('Qi', Qi, p), p)
     cross = None
     if weights.cross is not None:
         cross = np.zeros((n + p, m))
@@ -222,7 +222,7 @@ def square(name: str, numbers: Numbers, n: int) -> Array:
     raise StatementError(f'{name} has {count(values.size)}; wanted {wanted}')
 
 
-def number(name: str, value: Any) -> float:
+def check_number(name: str, value: Any) -> float:
     """Return a finite float, or say that `name` is none."""
     return float(_list(name, [value])[0])
 

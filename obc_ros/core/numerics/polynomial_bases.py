@@ -13,8 +13,8 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import shown, StatementError
 
-Kind = Literal['polynomial', 'bezier', 'bspline']
-KINDS: tuple[Kind, ...] = ('polynomial', 'bezier', 'bspline')
+BasisKind = Literal['polynomial', 'bezier', 'bspline']
+BASIS_KINDS: tuple[BasisKind, ...] = ('polynomial', 'bezier', 'bspline')
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Basis:
 
     """
 
-    kind: Kind
+    kind: BasisKind
     M: int
     degree: int
 
@@ -68,10 +68,11 @@ def basis(kind: str, M: int, degree: int) -> Basis:
         If the kind is unknown.
 
     """
-    for known in KINDS:
+    for known in BASIS_KINDS:
         if known == kind:
             return Basis(known, M, min(degree, M - 1) if known == 'bspline' else M - 1)
-    raise StatementError(f"basis '{shown(str(kind))}' is unknown; there are {', '.join(KINDS)}")
+    raise StatementError(
+        f"basis '{shown(str(kind))}' is unknown; there are {', '.join(BASIS_KINDS)}")
 
 
 def _splines(knots: Array, degree: int, s: Array, derivative: int) -> Array:

@@ -22,7 +22,7 @@ from obc_ros.core.numerics.arrays import Array
 # Generators with their exponents, in the order of the generators.
 Monomial = tuple[tuple[int, int], ...]
 Polynomial = dict[Monomial, Fraction]
-Row = dict[int, Fraction]
+RationalRow = dict[int, Fraction]
 
 _MOST_TERMS = 3000
 _MOST_POWER = 12
@@ -84,7 +84,7 @@ class Algebra:
         """Return a to a whole power."""
         if abs(exponent) > _MOST_POWER:
             raise TooHardError
-        base, total = a if exponent >= 0 else self.inverse(a), constant(1)
+        base, total = a if exponent >= 0 else self.inverse(a), make_constant(1)
         for _ in range(abs(exponent)):
             total = self.multiply(total, base)
         return total
@@ -166,7 +166,7 @@ class Algebra:
             operation, operand, partner = self._kinds.get(generator, (-1, {}, -1))
             rest: Polynomial = {term[:k] + term[k + 1:]: value}
             if operation == ca.OP_SIN and exponent > 1:
-                square = self.add(constant(1), {((partner, 2),): Fraction(1)}, Fraction(-1))
+                square = self.add(make_constant(1), {((partner, 2),): Fraction(1)}, Fraction(-1))
                 left = self.power(self.generator(generator), exponent - 2)
                 return self.multiply(self.multiply(rest, left), square)
             if operation == ca.OP_SQRT and exponent > 1:
@@ -177,7 +177,7 @@ class Algebra:
         return {term: value}
 
 
-def constant(value: int | Fraction) -> Polynomial:
+def make_constant(value: int | Fraction) -> Polynomial:
     """Return a number as a polynomial."""
     return {_ONE: Fraction(value)} if value else {}
 
@@ -229,9 +229,9 @@ def polynomials(function: ca.Function, values: Sequence[Sequence[float | None] |
         if operation == ca.OP_INPUT:
             value = values[inputs[0]][inputs[1]]
             work[outputs[0]] = (algebra.generator(place[inputs[0], inputs[1]]) if value is None
-                                else constant(rational(value)))
+                                else make_constant(rational(value)))
         elif operation == ca.OP_CONST:
-            work[outputs[0]] = constant(rational(float(function.instruction_constant(k))))
+            work[outputs[0]] = make_constant(rational(float(function.instruction_constant(k))))
         elif operation == ca.OP_OUTPUT:
             result[outputs[1]] = work[inputs[0]]
         else:
@@ -252,9 +252,9 @@ def affine_parts(a: Polynomial, symbols: int) -> tuple[list[Fraction], Fraction]
     return row, rest
 
 
-def reduced(rows: Sequence[Row]) -> dict[int, Row]:
+def reduce_rows(rows: Sequence[RationalRow]) -> dict[int, RationalRow]:
     """Return rows by their pivots, each the only one with an entry there, by elimination."""
-    found: dict[int, Row] = {}
+    found: dict[int, RationalRow] = {}
     for given in rows:
         row = dict(given)
         for pivot in [column for column in row if column in found]:
@@ -270,15 +270,15 @@ def reduced(rows: Sequence[Row]) -> dict[int, Row]:
     return found
 
 
-def null_space(rows: Sequence[Row], columns: int) -> list[Row]:
+def null_space(rows: Sequence[RationalRow], columns: int) -> list[RationalRow]:
     """Return a basis of the vectors that rows take to zero."""
-    found = reduced(rows)
+    found = reduce_rows(rows)
     return [{free: Fraction(1)} | {pivot: -row[free] for pivot, row in found.items()
                                    if free in row}
             for free in range(columns) if free not in found]
 
 
-def _less(row: Row, other: Row, factor: Fraction) -> Row:
+def _less(row: RationalRow, other: RationalRow, factor: Fraction) -> RationalRow:
     result = dict(row)
     for column, value in other.items():
         new = result.get(column, Fraction(0)) - factor * value

@@ -32,7 +32,7 @@ _ROUNDING = 1e-12    # relative, of norms and exponentials in doubles
 
 
 @dataclass(frozen=True)
-class Step:
+class TaylorStep:
     """Boxes for all of a step from `begin` to `end` [s], and for its end alone."""
 
     begin: float
@@ -56,7 +56,7 @@ class Tube:
         self._terms = [ca.Function('term', [y, p], [ca.densify(term)]) for term in terms]
         self._slope = ca.Function('slope', [y, p], [ca.densify(ca.jacobian(g, y))])
 
-    def steps(self, start: Box, stops: Array) -> Iterator[Step]:
+    def steps(self, start: Box, stops: Array) -> Iterator[TaylorStep]:
         """Yield steps from time 0 to the last of `stops`, none across a stop, while they last."""
         if not self.fits:
             return
@@ -79,8 +79,8 @@ class Tube:
             y, error, during = found
             size = size * max(1.0, float(np.max(np.abs(y) / size)))   # the error is no larger
             radius = error * size
-            yield Step(t, end, during, (np.nextafter(y - radius, -inf),
-                                        np.nextafter(y + radius, inf)))
+            yield TaylorStep(t, end, during, (np.nextafter(y - radius, -inf),
+                                              np.nextafter(y + radius, inf)))
             if end >= stops[-1]:
                 return
             t, h = end, 2 * min(h, left)

@@ -16,7 +16,7 @@ _FEW = 32      # rows evaluated at once while they are few
 _MANY = 1500   # rows after which reading the instructions has paid
 
 
-class Batch:
+class VectorizedFunction:
     """
     Expressions of columns, evaluated for the rows of arrays.
 

@@ -12,7 +12,7 @@ from obc_ros.core.numerics.rational_polynomials import (
     affine_parts,
     null_space,
     polynomials,
-    Row,
+    RationalRow,
     TooHardError,
 )
 from obc_ros.core.ocp.problem import Problem
@@ -51,9 +51,9 @@ class End:
 
     """
 
-    rows: dict[int, Row]
+    rows: dict[int, RationalRow]
     x: list[Fraction]
-    directions: list[Row]
+    directions: list[RationalRow]
     clash: Clash | None
     is_clear: bool
 
@@ -72,7 +72,7 @@ def affine_end(problem: Problem) -> End | None:
         found = polynomials(psi, [[None] * n, problem.p_value])[1] if problem.q else []
     except TooHardError:
         return None
-    rows: dict[int, Row] = {}
+    rows: dict[int, RationalRow] = {}
     for number, each in enumerate(found):
         if part := affine_parts(each, n):
             rows[number] = {k: value for k, value in enumerate([*part[0], part[1]]) if value}
@@ -90,13 +90,14 @@ def affine_end(problem: Problem) -> End | None:
     return End(rows, x, directions, clash, clear and clash is None)
 
 
-def eliminated(rows: dict[int, Row], n: int) -> tuple[dict[int, Row], Clash | None]:
+def eliminated(rows: dict[int, RationalRow], n: int) -> tuple[dict[int, RationalRow],
+                                                              Clash | None]:
     """
     Return rows in echelon form by their pivots, and the first clash that comes out.
 
     `rows`: the constraints A x + b = 0 by their numbers; b is in column n.
     """
-    echelon: dict[int, Row] = {}
+    echelon: dict[int, RationalRow] = {}
     clash = None
     for number, given in rows.items():
         row = given | {n + 1 + number: Fraction(1)}   # behind the constant: what it is a sum of
@@ -118,7 +119,7 @@ def eliminated(rows: dict[int, Row], n: int) -> tuple[dict[int, Row], Clash | No
     return echelon, clash
 
 
-def _rank(rows: dict[int, Row], n: int) -> int:
+def _rank(rows: dict[int, RationalRow], n: int) -> int:
     """Return how many of the rows are independent by a margin, whatever their units."""
     A = np.array([[float(row.get(k, 0)) for k in range(n)] for row in rows.values()])
     for _ in range(_EQUILIBRATED):

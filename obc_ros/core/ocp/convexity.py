@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.ocp.nonconvexity import semidefinite
+from obc_ros.core.ocp.nonconvexity import is_semidefinite
 from obc_ros.core.ocp.problem import Problem
 
 _MOST_TERMS = 2000   # of a sum; where parts of it are shared they may be as many as 2 to the depth
@@ -115,7 +115,7 @@ class _Reader:
         H = ca.DM(ca.hessian(expression, self._z)[0]).full()
         if not np.isfinite(H).all():
             return Shape()
-        return Shape(semidefinite(H), semidefinite(-H))
+        return Shape(is_semidefinite(H), is_semidefinite(-H))
 
     def _shape(self, term: ca.SX) -> Shape:
         key = term.element_hash()
@@ -180,7 +180,7 @@ class _Reader:
         value = ca.DM(at_zero).full().ravel()
         whole = np.block([[ca.DM(H).full() / 2, value[1:, None] / 2],
                           [value[None, 1:] / 2, value[:1, None]]])
-        return bool(np.isfinite(whole).all()) and semidefinite(whole)
+        return bool(np.isfinite(whole).all()) and is_semidefinite(whole)
 
 
 _ZERO = Shape(True, True, True, True)

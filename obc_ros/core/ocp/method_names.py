@@ -3,7 +3,7 @@
 """The names of the methods that answer a problem; `solve` has the methods."""
 
 from obc_ros.core.text.errors import shown, StatementError
-from obc_ros.core.text.expressions import describe, near
+from obc_ros.core.text.expressions import describe_type, near
 
 AUTO = 'auto'
 NAMES = (AUTO, 'riccati', 'time_optimal', 'reeds_shepp', 'transcription', 'arcs', 'indirect')
@@ -22,7 +22,7 @@ def method_of(value: object) -> str:
     if value is None or value == '':
         return AUTO
     if not isinstance(value, str):
-        raise StatementError(f'method: wanted a name, found {describe(value)}; '
+        raise StatementError(f'method: wanted a name, found {describe_type(value)}; '
                              f'there are {", ".join(NAMES)}')
     if value not in NAMES:
         raise StatementError(f"method: '{shown(value)}' is unknown{near(value, NAMES)}; "

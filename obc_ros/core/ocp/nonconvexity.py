@@ -13,7 +13,7 @@ of nonlinear systems, SIAM J. Control 4, 1966).
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.numerics.vectorized import Batch
+from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 
 _POINTS, _HALVINGS = 64, 4
@@ -38,14 +38,15 @@ class Uneven:
         for cost, z in ((problem.L, both), (problem.V, problem.x)):
             curvature = ca.hessian(cost, z)[0]
             if ca.depends_on(curvature, z):
-                self.curved.append(Batch([problem.x, problem.u, problem.p], [curvature], 1))
+                self.curved.append(
+                    VectorizedFunction([problem.x, problem.u, problem.p], [curvature], 1))
             else:
                 self._constant.append(ca.Function('curvature', [problem.p], [curvature]))
 
     def upwards(self, problem: Problem) -> bool:
         """Return whether L and V are quadratic and curved downwards in no direction."""
         return not self.curved and all(
-            semidefinite(curvature(problem.p_value).full()) for curvature in self._constant)
+            is_semidefinite(curvature(problem.p_value).full()) for curvature in self._constant)
 
     def __call__(self, problem: Problem, x_room: Array, u_room: Array) -> bool:
         """Return whether L or V is curved downwards somewhere so near to x(0) and to u = 0."""
@@ -70,7 +71,7 @@ class Uneven:
         return False
 
 
-def semidefinite(H: Array) -> bool:
+def is_semidefinite(H: Array) -> bool:
     """Return whether a symmetric matrix is positive semidefinite, but for rounding."""
     size = np.sqrt(np.maximum(np.diag(H), 0.0))
     none = size == 0

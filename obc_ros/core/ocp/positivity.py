@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.numerics.vectorized import Batch
+from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 
 _LOOKS, _AT_ONCE = 256, 64
@@ -41,7 +41,7 @@ def amounts(problem: Problem, size: Array) -> NDArray[np.bool_]:
     sign = chance.choice([-1.0, 1.0], (_LOOKS, n))
     part[::2] = chance.uniform(0, 1, part[::2].shape)   # ends and middle of turns look alike
     u = lower + (upper - lower) * part
-    rate = Batch([problem.x, problem.u, problem.p], [problem.f])
+    rate = VectorizedFunction([problem.x, problem.u, problem.p], [problem.f])
     found = problem.x0 >= 0
     while found.any():
         before = found.copy()

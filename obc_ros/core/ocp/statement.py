@@ -24,7 +24,7 @@ from obc_ros.core.systems import registry
 from obc_ros.core.systems.file import FOR_PEOPLE, OF_A_PLANT
 from obc_ros.core.text import expressions
 from obc_ros.core.text.errors import ObcError, shown, StatementError
-from obc_ros.core.text.expressions import check_name, describe, near, number
+from obc_ros.core.text.expressions import check_name, describe_type, near, parse_number
 from obc_ros.core.text.fields import (
     bounds_of,
     check_keys,
@@ -82,8 +82,8 @@ def problem_from_mapping(mapping: object) -> Problem:
     _bounded_text(given)
     plant = _registered_plant(given) if given.get('system') is not None else _own_plant(given)
     names = plant.x | plant.u | plant.p
-    L = expressions.parse(_or_zero(given, 'running_cost'), names, 'running_cost')
-    V = expressions.parse(_or_zero(given, 'terminal_cost'), names, 'terminal_cost')
+    L = expressions.parse_expression(_or_zero(given, 'running_cost'), names, 'running_cost')
+    V = expressions.parse_expression(_or_zero(given, 'terminal_cost'), names, 'terminal_cost')
     _states_only(V, plant, 'terminal_cost')
     psi, literals = _terminal_constraints(given, plant)
     path, path_lower, path_upper = _path_constraints(given, plant)
@@ -146,7 +146,7 @@ def _or_zero(given: Mapping[Any, Any], key: str) -> object:
 def _name(given: Mapping[Any, Any]) -> str:
     name = given.get('name', 'problem')
     if not isinstance(name, str) or len(name) > 200 or not name.isprintable():
-        raise StatementError(f'name: wanted a short text, found {describe(name)}')
+        raise StatementError(f'name: wanted a short text, found {describe_type(name)}')
     return name or 'problem'
 
 
@@ -181,7 +181,8 @@ def _own_plant(given: Mapping[Any, Any]) -> _Plant:
     u = {name: ca.SX.sym(name) for name in inputs}
     values: dict[str, float] = {}
     for name, value in section_of(given, 'parameters').items():
-        values[_parameter(name, states, inputs)] = number(value, values, f'parameters.{name}')
+        values[_parameter(name, states, inputs)] = parse_number(value, values,
+                                                                f'parameters.{name}')
     p = {name: ca.SX.sym(name) for name in values}
     if given.get('dynamics') is None:
         raise StatementError('dynamics: missing; wanted an equation for each state')
@@ -192,7 +193,7 @@ def _own_plant(given: Mapping[Any, Any]) -> _Plant:
     for name in states:
         if name not in equations:
             raise StatementError(f"dynamics: no equation for the state '{name}'")
-    f = _column([expressions.parse(equations[name], x | u | p, f'dynamics.{name}')
+    f = _column([expressions.parse_expression(equations[name], x | u | p, f'dynamics.{name}')
                  for name in states])
     unlimited = np.full(len(inputs), np.inf)
     return _Plant(states, inputs, (False,) * len(states), x, u, p, values, f,
@@ -215,12 +216,12 @@ def _registered_plant(given: Mapping[Any, Any]) -> _Plant:
                                  "give either 'system' or 'states', 'inputs' and 'dynamics'")
     name = given['system']
     if not isinstance(name, str):
-        raise StatementError(f'system: wanted a name, found {describe(name)}')
+        raise StatementError(f'system: wanted a name, found {describe_type(name)}')
     section = section_of(given, 'parameters')
     try:
         options = {key: _option(section[key], f'parameters.{key}')
                    for key in registry.options(name) if key in section}
-        system = registry.registered(name, options)
+        system = registry.get_registered(name, options)
     except ObcError as error:
         raise StatementError(f'system: {error}') from None
     values = {parameter.name: parameter.value for parameter in system.parameters}
@@ -230,7 +231,7 @@ def _registered_plant(given: Mapping[Any, Any]) -> _Plant:
         if key not in options:
             key = _parameter(key, system.state_names, system.input_names)
             known = {name: values[name] for name in values if name not in waiting}
-            values[key] = number(value, known, f'parameters.{key}')
+            values[key] = parse_number(value, known, f'parameters.{key}')
             waiting.discard(key)
     try:
         system = system.with_parameters({key: values[key] for key in own if key in section})
@@ -249,7 +250,7 @@ def _option(value: object, where: str) -> object:
     """Return what a system is built of: rows of numbers, or a number, whole if it is."""
     if isinstance(value, (list, tuple)):
         return value
-    plain = number(value, {}, where)
+    plain = parse_number(value, {}, where)
     return int(plain) if plain.is_integer() else plain
 
 
@@ -268,7 +269,7 @@ def _terminal_constraints(given: Mapping[Any, Any],
     literals: list[tuple[ca.SX, float]] = []
     for index, text in enumerate([] if value is None else list_of(value, 'terminal_constraints')):
         where = f'terminal_constraints[{index}]'
-        row = expressions.parse(text, plant.x | plant.u | plant.p, where)
+        row = expressions.parse_expression(text, plant.x | plant.u | plant.p, where)
         _states_only(row, plant, where)
         if not any(ca.depends_on(row, symbol) for symbol in plant.x.values()):
             raise StatementError(f"{where}: '{_short(text)}' does not depend on any state")
@@ -304,7 +305,7 @@ def _path_constraints(given: Mapping[Any, Any], plant: _Plant) -> tuple[ca.SX, A
         check_keys(entry, ('expr', 'lower', 'upper'), where=where)
         if entry.get('expr') is None:
             raise StatementError(f'{where}: expr is missing')
-        row = expressions.parse(entry['expr'], names | plant.p, f'{where}.expr')
+        row = expressions.parse_expression(entry['expr'], names | plant.p, f'{where}.expr')
         if not any(ca.depends_on(row, symbol) for symbol in names.values()):
             raise StatementError(f'{where}.expr: depends on no state and no input')
         low, high = limits(entry.get('lower'), entry.get('upper'), plant.values, where)
@@ -327,7 +328,7 @@ def _initial_state(given: Mapping[Any, Any], plant: _Plant) -> Array:
     for name in plant.states:
         if name not in start:
             raise StatementError(f"initial_state: no value for the state '{name}'")
-    return np.array([number(start[name], plant.values, f'initial_state.{name}')
+    return np.array([parse_number(start[name], plant.values, f'initial_state.{name}')
                      for name in plant.states])
 
 
@@ -339,7 +340,7 @@ def _final_time(given: Mapping[Any, Any], values: Mapping[str, float]) -> FinalT
     check_keys(entry, ('free', 'value', 'lower', 'upper', 'guess'), where='final_time')
     free = entry.get('free')
     if not isinstance(free, bool):
-        raise StatementError(f'final_time.free: wanted true or false, found {describe(free)}')
+        raise StatementError(f'final_time.free: wanted true or false, found {describe_type(free)}')
     wanted, unwanted = (('lower', 'upper'), ('value',)) if free else (
         ('value',), ('lower', 'upper', 'guess'))
     for key in wanted:
@@ -349,7 +350,7 @@ def _final_time(given: Mapping[Any, Any], values: Mapping[str, float]) -> FinalT
         if entry.get(key) is not None:
             raise StatementError(f'final_time.{key}: the final time is '
                                  f'{"free" if free else "given"}; wanted {" and ".join(wanted)}')
-    found = {key: number(entry[key], values, f'final_time.{key}')
+    found = {key: parse_number(entry[key], values, f'final_time.{key}')
              for key in (*wanted, 'guess') if entry.get(key) is not None}
     if not free:
         return FinalTime(free=False, value=_positive(found['value'], 'final_time.value'))
@@ -376,7 +377,7 @@ def _guess(given: Mapping[Any, Any], plant: _Plant, final_time: FinalTime) -> Gu
     check_keys(entry, ('states', 'inputs', 'final_time'), where='initial_guess')
     final = entry.get('final_time')
     if final is not None:
-        final = _positive(number(final, plant.values, 'initial_guess.final_time'),
+        final = _positive(parse_number(final, plant.values, 'initial_guess.final_time'),
                           'initial_guess.final_time')
         if final_time.free:
             final = min(max(final, final_time.lower), final_time.upper)
@@ -396,7 +397,7 @@ def _profiles(entry: Mapping[Any, Any], key: str, names: tuple[str, ...],
         numbers = list_of(value if several else [value], where, most=MAX_VALUES)
         if not numbers:
             raise StatementError(f'{where}: the list is empty')
-        found[name] = np.array([number(item, values, where) for item in numbers])
+        found[name] = np.array([parse_number(item, values, where) for item in numbers])
     return found
 
 

@@ -10,7 +10,7 @@ from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.ocp.problem import Problem
 
 
-def number(value: float) -> str:
+def format_number(value: float) -> str:
     """Return a number as a person writes it."""
     return f'{value:.6g}' if abs(value) > 1e-12 else '0'
 
@@ -22,14 +22,14 @@ def terminal(problem: Problem, row: int) -> str:
         return f'terminal_constraints[{row}]'
     names = [(name, a) for name, a in zip(problem.states, rows.A[row], strict=True) if a]
     if len(names) == 1:
-        return f'{names[0][0]} = {number(-rows.b[row] / names[0][1])}'
-    return f'{_sum(names)} = {number(-rows.b[row])}'
+        return f'{names[0][0]} = {format_number(-rows.b[row] / names[0][1])}'
+    return f'{_sum(names)} = {format_number(-rows.b[row])}'
 
 
 def state_bound(problem: Problem, index: int, upper: bool) -> str:
     """Return a state bound in words, ``v <= 1``."""
     bound = (problem.x_upper if upper else problem.x_lower)[index]
-    return f'{problem.states[index]} {"<=" if upper else ">="} {number(bound)}'
+    return f'{problem.states[index]} {"<=" if upper else ">="} {format_number(bound)}'
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class AffineRows:
 def _sum(terms: list[tuple[str, float]]) -> str:
     text = ''
     for name, a in terms:
-        factor = '' if abs(a) == 1 else f'{number(abs(a))}*'
+        factor = '' if abs(a) == 1 else f'{format_number(abs(a))}*'
         text += f' {"-" if a < 0 else "+"} {factor}{name}'
     return text[3:] if text.startswith(' + ') else '-' + text[3:]
 

@@ -68,7 +68,7 @@ def solve_continuous(A: Array, F: Array, Q: Array) -> RiccatiSolution | None:
         None when the Hamiltonian matrix has no stable subspace of dimension n within rounding: an
         unstable mode is out of reach, or a mode on the imaginary axis does not appear in Q.
         Otherwise it is as good as its `error` says; whether a gain made of it stabilises is for
-        `robustness` to say.
+        `measure_robustness` to say.
 
     References
     ----------
@@ -272,7 +272,7 @@ def _sensitivity(M: Array, C: Array) -> Array:
     return bound
 
 
-def robustness(M: Array, X: Array, rounding: Array) -> float:
+def measure_robustness(M: Array, X: Array, rounding: Array) -> float:
     """
     Return how many times the perturbations |E| <= rounding the matrix M can bear and stay stable.
 

@@ -14,8 +14,8 @@ LARGEST = 400  # states; far beyond it one request would block its server for mi
 LARGEST_NUMBER = 1e100  # products of four stay finite
 
 
-def checked(A: Any, B: Any, Qx: Any, Qu: Any, cross: Any
-            ) -> tuple[Array, Array, Array, Array, Array | None]:
+def check_matrices(A: Any, B: Any, Qx: Any, Qu: Any, cross: Any
+                   ) -> tuple[Array, Array, Array, Array, Array | None]:
     """
     Return float copies of matrices that fit.
 
@@ -79,8 +79,8 @@ def _symmetric(name: str, M: Any, n: int) -> Array:
     return matrix
 
 
-def reduced(A: Array, B: Array, Qx: Array, Qu: Array, cross: Array | None
-            ) -> tuple[Array, Array, Array, bool]:
+def remove_cross_term(A: Array, B: Array, Qx: Array, Qu: Array, cross: Array | None
+                      ) -> tuple[Array, Array, Array, bool]:
     """
     Check the weights and remove the cross term.
 
@@ -149,7 +149,7 @@ def _least_eigenvalue(M: Array) -> float:
     return float(np.linalg.eigvalsh(M / size / size[:, None])[0])
 
 
-def semidefinite(name: str, M: Any, n: int) -> Array:
+def check_semidefinite(name: str, M: Any, n: int) -> Array:
     """Return M (n, n), symmetric and positive semidefinite, or say why not."""
     matrix = _symmetric(name, M, n)
     if lapack.dpotrf(matrix)[1]:

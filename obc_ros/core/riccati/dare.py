@@ -113,7 +113,7 @@ def stein(M: Array, C: Array) -> Array | None:
     return None
 
 
-def robustness(M: Array, X: Array, rounding: Array) -> float:
+def measure_discrete_robustness(M: Array, X: Array, rounding: Array) -> float:
     """
     Return how many times the perturbations |E| <= rounding the matrix M can bear and stay stable.
 

@@ -202,7 +202,7 @@ class Feedback:
         return _doubled(
             self._stretches, level, self.T, speed,
             lambda step: propagation.of_plant(e.A, e.G, e.Q, step),
-            lambda half: propagation.joined(half, half, identity))
+            lambda half: propagation.join_stretches(half, half, identity))
 
     def _flow(self, level: int) -> Array:
         """Return what becomes of (x, one, u, du/dt) over a step."""
@@ -230,7 +230,7 @@ def _doubled(known: dict[int, Of], level: int, T: float, speed: float,
     return known[level]
 
 
-def follow(feedback: Feedback, x0: Array, nu: Array) -> Held | None:
+def follow_feedback(feedback: Feedback, x0: Array, nu: Array) -> Held | None:
     """
     Return the path from x0 on as fine a grid as lines of the input need, if that is not too fine.
 
@@ -357,7 +357,7 @@ def _errors(form: LqForm, t: Array, x: Array, u: Array, lam: Array, bends: Array
     size = np.abs(x).max(axis=0)
     size = np.maximum(size, 1e-2 * min(1.0, float(size.max())) + TINY)
     defect = np.abs(pushed * size).max(axis=1) * h / ((np.abs(lam) * size).max() + TINY)
-    L, H, terms = hamiltonian(form, x, u, lam)
+    L, H, terms = evaluate_hamiltonian(form, x, u, lam)
     spent = float(h @ np.abs(L[1:] + L[:-1])) / 2.0 + abs(
         x[-1] @ (0.5 * form.P1 @ x[-1] + form.p1) + form.terminal_cost)
     given_away = h * np.einsum('ki,ij,kj->k', bends, form.R, bends) * (4.0 / 15.0)
@@ -365,7 +365,8 @@ def _errors(form: LqForm, t: Array, x: Array, u: Array, lam: Array, bends: Array
                       + _OF_THE_COST * given_away / (spent + TINY))
 
 
-def hamiltonian(form: LqForm, x: Array, u: Array, lam: Array) -> tuple[Array, Array, Array]:
+def evaluate_hamiltonian(form: LqForm, x: Array, u: Array, lam: Array) -> tuple[Array, Array,
+                                                                                Array]:
     """Return L, H = L + lam'f and |L| + |lam|'|f| at each sample."""
     L = running_cost(form, x, u)
     terms = lam * (x @ form.A.T + u @ form.B.T + form.a)

@@ -53,9 +53,9 @@ def finite_horizon(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, P1:
         If a matrix does not fit, or is not definite as needed; if times are not increasing.
 
     """
-    A, B, Qx, Qu, cross = checks.checked(A, B, Qx, Qu, cross)
-    P1 = checks.semidefinite('P1', P1, len(A))
-    L, Ac, Qc, _ = checks.reduced(A, B, Qx, Qu, cross)
+    A, B, Qx, Qu, cross = checks.check_matrices(A, B, Qx, Qu, cross)
+    P1 = checks.check_semidefinite('P1', P1, len(A))
+    L, Ac, Qc, _ = checks.remove_cross_term(A, B, Qx, Qu, cross)
     to_go = _to_go(t, T)
     F = lapack.dtrtrs(L, B.T, lower=1)[0].T
     d = balancing(Ac, F, Qc)

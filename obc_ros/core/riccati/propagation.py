@@ -39,11 +39,11 @@ def of_plant(A: Array, G: Array, Q: Array, length: float) -> Stretch:
     stretch = (back.T, _symmetric(-flow[:n, n:] @ back), _symmetric(-back @ flow[n:, :n]))
     identity = np.eye(n)
     for _ in range(doublings):
-        stretch = joined(stretch, stretch, identity)
+        stretch = join_stretches(stretch, stretch, identity)
     return stretch
 
 
-def joined(first: Stretch, second: Stretch, identity: Array) -> Stretch:
+def join_stretches(first: Stretch, second: Stretch, identity: Array) -> Stretch:
     """Return the stretch that is `first` and then `second`; leading axes are batches."""
     A1, G1, H1 = first
     A2, G2, H2 = second
@@ -86,7 +86,7 @@ def ladder(stretch: Stretch, steps: int) -> list[Stretch]:
     """
     found, identity, convex = [stretch], np.eye(len(stretch[0])), is_convex(stretch)
     while 2**len(found) <= steps and (convex or is_apart(found[-1])):
-        longer = joined(found[-1], found[-1], identity)
+        longer = join_stretches(found[-1], found[-1], identity)
         if not keeps_digits(longer):
             break
         found.append(longer)
@@ -176,7 +176,7 @@ def doubled(A: Array, G: Array, H: Array) -> Array | None:
     """
     identity = np.eye(len(A))
     for _ in range(_LONGEST):
-        A, G, H_next = joined((A, G, H), (A, G, H), identity)
+        A, G, H_next = join_stretches((A, G, H), (A, G, H), identity)
         step = norm(H_next - H)
         if not step < np.inf:
             return None

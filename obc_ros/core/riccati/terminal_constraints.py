@@ -24,10 +24,10 @@ from obc_ros.core.ocp.solution import Optimality, Solution, Status
 from obc_ros.core.riccati import propagation
 from obc_ros.core.riccati.care import balancing
 from obc_ros.core.riccati.first_order_hold import (
+    evaluate_hamiltonian,
     Extended,
     Feedback,
-    follow,
-    hamiltonian,
+    follow_feedback,
     running_cost,
 )
 from obc_ros.core.riccati.problem_matrices import LqForm
@@ -35,7 +35,7 @@ from scipy.integrate import romb
 from scipy.linalg import expm, lapack
 
 Places = NDArray[np.intp]
-Path = tuple[Array, Array, Array, Array, Array, float]
+SampledPath = tuple[Array, Array, Array, Array, Array, float]
 
 _UNREACHED = 1e-12  # relative size of what the input reaches at which it counts as nothing
 _MISSED = 1e-8      # relative miss of a terminal constraint at which it counts as met
@@ -82,7 +82,7 @@ def solve_form(form: LqForm, x0: Array, T: float, names: tuple[str, ...]) -> Sol
     return Solution(
         Status.SOLVED, 'the closed form by the Riccati differential equation',
         objective=value, t=t, x=x, u=u, lam=lam,
-        hamiltonian=hamiltonian(form, x, u, lam)[1], nu=nu, method='riccati',
+        hamiltonian=evaluate_hamiltonian(form, x, u, lam)[1], nu=nu, method='riccati',
         optimality=Optimality('global', 'linear quadratic'))
 
 
@@ -168,7 +168,7 @@ def _has_minimum(A: Array, G: Array, Q: Array, P: Array, T: float) -> bool:
 
 
 def _path(extended: Extended, P1: Array, unit: Array, x0: Array, T: float,
-          names: tuple[str, ...]) -> Path:
+          names: tuple[str, ...]) -> SampledPath:
     """
     Return x, u, lam, t, nu and the cost.
 
@@ -182,7 +182,7 @@ def _path(extended: Extended, P1: Array, unit: Array, x0: Array, T: float,
     nu = _multipliers(extended, P0, unit, start, T, names)
     most = min(_MOST, _LARGEST_TABLE / len(P1)**2) / len(blocks)
     largest = 2 ** int(math.log2(max(most, _FEWEST)))
-    held = follow(feedback, start[:-1], nu) if most < _FEWEST else None
+    held = follow_feedback(feedback, start[:-1], nu) if most < _FEWEST else None
     count, lines = _FEWEST, held is None and most >= _FEWEST
     while held is None:
         t, x, u, lam = _samples(feedback, np.append(start, nu), count)
@@ -192,7 +192,7 @@ def _path(extended: Extended, P1: Array, unit: Array, x0: Array, T: float,
         enough = error <= _DEFECT or count == largest and defect <= _LARGEST_DEFECT
         if lines and not enough and (
                 count == largest or defect * (count / min(wanted, largest))**2 > _LARGEST_DEFECT):
-            held, lines = follow(feedback, start[:-1], nu), False
+            held, lines = follow_feedback(feedback, start[:-1], nu), False
         elif enough or count == largest:
             return x[kept], u[kept], lam[kept], t[kept], nu / extended.row, _spent(form, t, x, u)
         else:

@@ -10,11 +10,11 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
 from obc_ros.core.solver.adjoint.costates import Extremal
-from obc_ros.core.solver.nlp.progress import Monitor
+from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.program_cache import Answered, Kit
 from obc_ros.core.solver.transcription.local_minima import Familiar
 from obc_ros.core.solver.transcription.mesh import Mesh, Path
-from obc_ros.core.solver.transcription.program import Outcome, Scales
+from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
 
 
 class Bench(Protocol):
@@ -30,7 +30,7 @@ class Bench(Protocol):
     margin: Array
     may_hold: bool
     minima: list[float]
-    monitor: Monitor
+    monitor: ProgressMonitor
     nearby: bool
     pinned: Mask
     problem: Problem
@@ -44,10 +44,11 @@ class Bench(Protocol):
     work: int
 
     def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
-                  near: bool = False, sizes: Scales | None = None, most: int = 500,
-                  warm: Outcome | None = None, guide: Outcome | None = None,
+                  near: bool = False, sizes: ProblemScales | None = None, most: int = 500,
+                  warm: TranscriptionOutcome | None = None,
+                  guide: TranscriptionOutcome | None = None,
                   rough: float = 0.0, once: bool = False, known: Familiar | None = None,
-                  least: Array | float = 0.0) -> Outcome:
+                  least: Array | float = 0.0) -> TranscriptionOutcome:
         """
         Solve the transcription on a mesh from a path, in at most `most` iterations.
 
@@ -58,19 +59,19 @@ class Bench(Protocol):
         """
         ...
 
-    def believed(self, outcome: Outcome) -> bool:
+    def believed(self, outcome: TranscriptionOutcome) -> bool:
         """Return whether the cost of a coarse outcome says something."""
         ...
 
-    def from_next_start(self, *, once: bool, hard: bool = False) -> Outcome:
+    def from_next_start(self, *, once: bool, hard: bool = False) -> TranscriptionOutcome:
         """Return what the coarse mesh gives from the next start; with `once` in few iterations."""
         ...
 
-    def course(self, outcome: Outcome, *, stated: bool = False) -> Extremal:
+    def course(self, outcome: TranscriptionOutcome, *, stated: bool = False) -> Extremal:
         """Return states and costates under the input of an outcome."""
         ...
 
-    def sizes(self, outcome: Outcome) -> Scales:
+    def sizes(self, outcome: TranscriptionOutcome) -> ProblemScales:
         """Return the scales of a path that was found, its cost among them."""
         ...
 
@@ -78,23 +79,24 @@ class Bench(Protocol):
         """Draw bounds of x and of the path in by what the path exceeds them between nodes."""
         ...
 
-    def finer(self, outcome: Outcome, course: Extremal) -> Mesh:
+    def finer(self, outcome: TranscriptionOutcome, course: Extremal) -> Mesh:
         """Return a mesh that is finer where the path gives cost away."""
         ...
 
-    def solution(self, outcome: Outcome, course: Extremal) -> Solution:
+    def solution(self, outcome: TranscriptionOutcome, course: Extremal) -> Solution:
         """Return an outcome as samples, with its certificate."""
         ...
 
-    def followed_up(self, start: Outcome, rounds: int = ...) -> Solution:
+    def followed_up(self, start: TranscriptionOutcome, rounds: int = ...) -> Solution:
         """Return the best answer that improving a coarse outcome gives."""
         ...
 
-    def following(self, start: Outcome, rounds: int = ...) -> Generator[None, None, Solution]:
+    def following(self, start: TranscriptionOutcome, rounds: int = ...) -> Generator[None, None,
+                                                                                     Solution]:
         """Return what `followed_up` does, at leisure: yield after each mesh."""
         ...
 
-    def answered(self, outcome: Outcome) -> Answered:
+    def answered(self, outcome: TranscriptionOutcome) -> Answered:
         """Return what a neighbour, or the indirect method, starts from."""
         ...
 

@@ -23,28 +23,28 @@ from obc_ros.core.solver.adjoint.mesh_refinement import (
     EXCEEDED,
     finer,
     followed,
-    judge,
     Judgement,
+    measure_loss,
 )
 from obc_ros.core.solver.arcs.control_discontinuities import switching_times
 from obc_ros.core.solver.arcs.input_arcs import jumping_inputs
-from obc_ros.core.solver.improve.arc_iteration import Settling
+from obc_ros.core.solver.improve.arc_iteration import ArcIteration
 from obc_ros.core.solver.improve.kink_mesh import on_kinks
 from obc_ros.core.solver.improve.state_arcs import along_bounds, at_once
-from obc_ros.core.solver.nlp.progress import Monitor
+from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.program_cache import Answered, Kit
 from obc_ros.core.solver.proofs.contradictions import contradiction
 from obc_ros.core.solver.proofs.optimality import local
 from obc_ros.core.solver.starts.cross_entropy import from_rollouts
 from obc_ros.core.solver.starts.horizon_continuation import lengthened
-from obc_ros.core.solver.starts.initial_guess import joined, scales
+from obc_ros.core.solver.starts.initial_guess import join_whole_turns, scales
 from obc_ros.core.solver.starts.multistart import ended, explored, started
 from obc_ros.core.solver.starts.neighbour import beside_neighbour
 from obc_ros.core.solver.starts.obstacle_homotopy import started_around
 from obc_ros.core.solver.transcription.local_minima import Familiar
 from obc_ros.core.solver.transcription.mesh import Mesh, Path, split, STEPPED, uniform
-from obc_ros.core.solver.transcription.program import Outcome, Scales
-from obc_ros.core.solver.transcription.tightening import Limits
+from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
+from obc_ros.core.solver.transcription.tightening import TightenedLimits
 
 COARSE = 16
 _STARTS, _STARTS_MOST = 1, 6
@@ -82,7 +82,8 @@ class Search:
     no path at all, or '', when the first starts have found none.
     """
 
-    def __init__(self, problem: Problem, kit: Kit, monitor: Monitor, *, with_arcs: bool = True,
+    def __init__(self, problem: Problem, kit: Kit, monitor: ProgressMonitor, *,
+                 with_arcs: bool = True,
                  quick: bool = False, why_not: Callable[[Problem], str] = contradiction) -> None:
         self.stated, self.kit, self.monitor, self.quick = problem, kit, monitor, quick
         self.why_not = why_not
@@ -100,7 +101,7 @@ class Search:
         self.last: Answered | None = None
         self.extremal: BoundaryValues | None = None   # of the outcome at hand, once it is found
         self.nearby = False   # whether it was found from that of a neighbour
-        self._courses: dict[Outcome, tuple[Problem, Extremal]] = {}
+        self._courses: dict[TranscriptionOutcome, tuple[Problem, Extremal]] = {}
         self._judged: tuple[Problem | None, Extremal | None, Judgement | None] = None, None, None
         self.bounded = bool(problem.path.numel() or np.any(
             np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)))
@@ -111,10 +112,11 @@ class Search:
                        else np.zeros(problem.n, dtype=bool))
 
     def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
-                  near: bool = False, sizes: Scales | None = None, most: int = 500,
-                  warm: Outcome | None = None, guide: Outcome | None = None,
+                  near: bool = False, sizes: ProblemScales | None = None, most: int = 500,
+                  warm: TranscriptionOutcome | None = None,
+                  guide: TranscriptionOutcome | None = None,
                   rough: float = 0.0, once: bool = False, known: Familiar | None = None,
-                  least: Array | float = 0.0) -> Outcome:
+                  least: Array | float = 0.0) -> TranscriptionOutcome:
         """
         Solve the transcription on a mesh from a path, in at most `most` iterations.
 
@@ -134,7 +136,7 @@ class Search:
         longest = np.maximum(4.0 * durations, 4.0 * usual)
         if len(durations) == 1:
             shortest, longest = np.array([final.lower]), np.array([final.upper])
-        limits = Limits(shortest, longest, self.margin, self.pinned)
+        limits = TightenedLimits(shortest, longest, self.margin, self.pinned)
         w = program.start(mesh, start, durations, sizes) if warm is None else warm.w
         each = mesh.layout.intervals * (1 + mesh.layout.stages)
         self.monitor.limit(most, each)
@@ -148,7 +150,7 @@ class Search:
         self.kit.worked(outcome.iterations, mesh.layout)
         return outcome
 
-    def coarse(self) -> list[Outcome]:
+    def coarse(self) -> list[TranscriptionOutcome]:
         """
         Return what a coarse mesh gives from several starts, the least cost first.
 
@@ -158,7 +160,7 @@ class Search:
         most = self.monitor.max_intervals
         levels = [(min(COARSE, most), self.stages)] + [
             (intervals, 3) for intervals in (2 * COARSE, 4 * COARSE) if intervals <= most]
-        found: list[Outcome] = []
+        found: list[TranscriptionOutcome] = []
         for intervals, stages in levels[:2] if self.quick else levels:
             self.intervals, self.stages = intervals, stages
             self.familiar = Familiar()
@@ -185,7 +187,7 @@ class Search:
         return sorted(found, key=lambda outcome: (not outcome.converged, (
             outcome.objective if self.led_somewhere else outcome.infeasibility)))
 
-    def believed(self, outcome: Outcome) -> bool:
+    def believed(self, outcome: TranscriptionOutcome) -> bool:
         """Return whether the cost of a coarse outcome says something."""
         if not outcome.converged:
             return False
@@ -193,8 +195,8 @@ class Search:
         return bool(course.local.max() < _BELIEVED and self.judged(course).lost.sum()
                     < _ABSURD * max(abs(outcome.objective), 1.0))
 
-    def _from_starts(self) -> list[Outcome]:
-        found: list[Outcome] = []
+    def _from_starts(self) -> list[TranscriptionOutcome]:
+        found: list[TranscriptionOutcome] = []
         begun, good, ways = self.work, False, 0
         for number in count(1):
             outcome = self.from_next_start(once=good)
@@ -211,7 +213,7 @@ class Search:
                 break
         return found
 
-    def from_next_start(self, *, once: bool, hard: bool = False) -> Outcome:
+    def from_next_start(self, *, once: bool, hard: bool = False) -> TranscriptionOutcome:
         """Return what the coarse mesh gives from the next start; with `once` in few iterations."""
         most = _COARSE_ITERATIONS
         self.tried += 1
@@ -222,7 +224,8 @@ class Search:
             # Linear from one whole turn to another, angles as inputs make much of coarse steps.
             steps = uniform(self.problem, self.intervals, self.stages, STEPPED)
             stepped = self.collocate(steps, start, most=_COARSE_ITERATIONS)
-            start, rough = joined(stepped.path, self.periods), 0.0   # near what it leads to
+            # Near what it leads to.
+            start, rough = join_whole_turns(stepped.path, self.periods), 0.0
         # Where no end is prescribed, cheap paths drawn at random deserve more than one method.
         once = once and not (self.familiar.daring and not self.problem.q)
         outcome = self.collocate(uniform(self.problem, self.intervals, self.stages), start,
@@ -231,7 +234,7 @@ class Search:
                             outcome.path if outcome.converged else None)
         return outcome
 
-    def course(self, outcome: Outcome, *, stated: bool = False) -> Extremal:
+    def course(self, outcome: TranscriptionOutcome, *, stated: bool = False) -> Extremal:
         """Return states and costates under the input of an outcome."""
         problem = self.stated if stated else self.problem
         kept, course = self._courses.get(outcome, (None, None))
@@ -252,21 +255,22 @@ class Search:
         if verdict is None or kept is not self.problem or of is not course:
             slack = None if course.density_path is None else (
                 self.kit.fitter(self.problem).slack(self.problem, course))
-            verdict = judge(self.problem, self.kit.integrator, course, slack)
+            verdict = measure_loss(self.problem, self.kit.integrator, course, slack)
             self._judged = self.problem, course, verdict
         return verdict
 
-    def sizes(self, outcome: Outcome) -> Scales:
+    def sizes(self, outcome: TranscriptionOutcome) -> ProblemScales:
         """Return the scales of a path that was found, its cost among them."""
         cost = abs(outcome.objective)
         return replace(scales(self.problem, outcome.path), cost=cost if cost > 0 else 1.0)
 
-    def rethought(self, outcome: Outcome, course: Extremal, above: float) -> Outcome:
+    def rethought(self, outcome: TranscriptionOutcome, course: Extremal,
+                  above: float) -> TranscriptionOutcome:
         """Return the outcome, or a better one: with arcs if inputs jump, else without detours."""
         jumping = jumping_inputs(self.problem, outcome.path)
         if self.may_hold and any(jumping) and not self.held_in_vain:
             free, self.switching = self.switching, jumping
-            new = Settling(self, COARSE).settled(outcome)
+            new = ArcIteration(self, COARSE).settled(outcome)
             self.held_in_vain = new.objective > outcome.objective and (
                 self.given_away(new, self.course(new)) >= above)
             self.switching = free if self.held_in_vain else jumping
@@ -275,7 +279,8 @@ class Search:
             return outcome
         return self.unwound(outcome, course, above)
 
-    def unwound(self, outcome: Outcome, course: Extremal, above: float) -> Outcome:
+    def unwound(self, outcome: TranscriptionOutcome, course: Extremal,
+                above: float) -> TranscriptionOutcome:
         """Return the outcome, or one without the detours that its inputs make between points."""
         u = followed(self.problem, self.kit.integrator, course)
         mesh = split(uniform(self.problem, COARSE, self.stages), np.full(COARSE, 4))
@@ -288,10 +293,11 @@ class Search:
         better = nearby and self.given_away(new, self.course(new)) < above
         return new if better else outcome
 
-    def improve(self, outcome: Outcome, rounds: int) -> Iterator[tuple[Outcome, Extremal]]:
+    def improve(self, outcome: TranscriptionOutcome,
+                rounds: int) -> Iterator[tuple[TranscriptionOutcome, Extremal]]:
         """Yield better and better outcomes, so many at most."""
         if any(self.switching):
-            settled = Settling(self, COARSE).settled(outcome)
+            settled = ArcIteration(self, COARSE).settled(outcome)
             self.held_in_vain = self.believed(outcome) and not self.believed(settled)
             if self.held_in_vain:   # arcs too long for the steps in them
                 self.switching = (False,) * self.problem.m
@@ -324,8 +330,8 @@ class Search:
                                      guide=outcome, most=min(_FINER_ITERATIONS, max(50, most)))
             if not outcome.converged:
                 return
-            if Settling.vanished(outcome):
-                outcome = Settling(self, COARSE).without_vanishing(outcome)
+            if ArcIteration.vanished(outcome):
+                outcome = ArcIteration(self, COARSE).without_vanishing(outcome)
 
     def widen_margin(self, course: Extremal) -> None:
         """Draw bounds of x and of the path in by what the path exceeds them between nodes."""
@@ -334,7 +340,7 @@ class Search:
         value = self.kit.fitter(self.problem).values(self.problem, course)
         self.margin, self.exceeded = drawn_in(self.problem, value, course, self.margin)
 
-    def finer(self, outcome: Outcome, course: Extremal) -> Mesh:
+    def finer(self, outcome: TranscriptionOutcome, course: Extremal) -> Mesh:
         """Return a mesh that is finer where the path gives cost away."""
         verdict, N = self.judged(course), len(course.local)
         share = _LOST[self.bounded] * max(abs(outcome.objective), _LEAST) / N
@@ -347,7 +353,7 @@ class Search:
         return finer(outcome.mesh, outcome.path, verdict.kinks, errors, longest,
                      self.monitor.max_intervals)
 
-    def solution(self, outcome: Outcome, course: Extremal) -> Solution:
+    def solution(self, outcome: TranscriptionOutcome, course: Extremal) -> Solution:
         """Return an outcome as samples, with its certificate."""
         problem = self.stated
         if self.kit.twin:
@@ -364,13 +370,13 @@ class Search:
             self.monitor.best.take(problem, found)
         return found
 
-    def keep(self, outcome: Outcome) -> None:
+    def keep(self, outcome: TranscriptionOutcome) -> None:
         """Let a path on the way be known, if one is wanted."""
         best = self.monitor.best
         if best and outcome.converged and best.is_due(self.stated):
             self.solution(outcome, self.course(outcome))
 
-    def given_away(self, outcome: Outcome, course: Extremal) -> float:
+    def given_away(self, outcome: TranscriptionOutcome, course: Extremal) -> float:
         """Return an estimate of the cost above the least one, relative; infinite if it is bad."""
         if not outcome.converged or course.defect > 1e-3 and course.local.max() > 1e-4:
             return np.inf
@@ -408,7 +414,7 @@ class Search:
             return Solution(Status.INFEASIBLE, reason)   # by steps with errors there are paths
         return explored(self, best, floor, starts[1:])
 
-    def mixes(self, outcome: Outcome) -> bool:
+    def mixes(self, outcome: TranscriptionOutcome) -> bool:
         """Return whether an input is between its bounds for long where H is concave in it."""
         problem, course = self.problem, self.course(outcome)
         if self.kit.twin or any(ca.depends_on(problem.path, u) for u in ca.vertsplit(problem.u)):
@@ -422,7 +428,7 @@ class Search:
         share = np.diff(course.t) @ (inside & concave & np.isfinite(span)) / course.t[-1]
         return bool(np.any(share > _LASTING))
 
-    def inside(self, astray: list[Outcome]) -> Solution | None:
+    def inside(self, astray: list[TranscriptionOutcome]) -> Solution | None:
         """Return a certified answer, or one for a path astray, found where no amount is < 0."""
         problem = kept(self.stated, [outcome.path.x for outcome in astray])
         if problem is self.stated:
@@ -433,11 +439,12 @@ class Search:
         fits = answer.certificate.feasible if answer.certificate else self.monitor.stopped
         return answer if answer.certified or self.led_somewhere and fits else None
 
-    def followed_up(self, start: Outcome, rounds: int = _ROUNDS) -> Solution:
+    def followed_up(self, start: TranscriptionOutcome, rounds: int = _ROUNDS) -> Solution:
         """Return the best answer that improving a coarse outcome gives."""
         return ended(self.following(start, rounds))
 
-    def following(self, start: Outcome, rounds: int = _ROUNDS) -> Generator[None, None, Solution]:
+    def following(self, start: TranscriptionOutcome,
+                  rounds: int = _ROUNDS) -> Generator[None, None, Solution]:
         """Return what `followed_up` does, at leisure: yield after each mesh."""
         if (found := at_once(self, start)) is not None:
             return found
@@ -474,12 +481,12 @@ class Search:
             return along_bounds(self, nearest) or best
         return best
 
-    def answered(self, outcome: Outcome) -> Answered:
+    def answered(self, outcome: TranscriptionOutcome) -> Answered:
         """Return what a neighbour, or the indirect method, starts from."""
         return Answered(self.stated, outcome, outcome.scales or self.sizes(outcome), self.margin,
                         self._extremal(outcome))
 
-    def _extremal(self, outcome: Outcome) -> BoundaryValues | None:
+    def _extremal(self, outcome: TranscriptionOutcome) -> BoundaryValues | None:
         """Return the extremal whose kinks an outcome has at its mesh points, if it is known."""
         return self.extremal if len(outcome.path.durations) == 1 else None
 

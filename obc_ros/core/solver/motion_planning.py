@@ -18,10 +18,10 @@ from obc_ros.core.lqr.lqr import lqr
 from obc_ros.core.lqr.weights import square
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems import registry
-from obc_ros.core.systems.equilibrium import equilibrium, linearize, numbers
+from obc_ros.core.systems.equilibrium import check_numbers, equilibrium, linearize
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import DynamicsError, RefusedDesignError, shown, StatementError
-from obc_ros.core.text.expressions import number
+from obc_ros.core.text.expressions import parse_number
 
 OBJECTIVES = ('time', 'effort', 'quadratic')
 TIMES = (1e-3, 1e3)    # [s] among which a least time is looked for
@@ -36,7 +36,7 @@ class Motion:
 
     `parameters` and `input_bounds` are names with numbers or expressions, as in a problem file;
     `Qx` and `Qu` a diagonal or a full matrix row by row, or empty for the identity; `final_time`
-    0 leaves the choice to `statement`.
+    0 leaves the choice to `state_motion`.
     """
 
     system: str
@@ -50,7 +50,7 @@ class Motion:
     input_bounds: Mapping[str, Any] = field(default_factory=dict)
 
 
-def statement(motion: Motion) -> dict[str, Any]:
+def state_motion(motion: Motion) -> dict[str, Any]:
     """
     Return the problem of a motion, as a mapping of the keys of a problem file.
 
@@ -66,9 +66,9 @@ def statement(motion: Motion) -> dict[str, Any]:
     if motion.objective not in OBJECTIVES:
         raise StatementError(f"objective = '{shown(motion.objective)}': wanted one of "
                              f'{", ".join(OBJECTIVES)}')
-    system = registered(motion.system, motion.parameters)
-    start = numbers('start', motion.start, system.state_names)
-    goal = numbers('goal', motion.goal, system.state_names)
+    system = find_registered(motion.system, motion.parameters)
+    start = check_numbers('start', motion.start, system.state_names)
+    goal = check_numbers('goal', motion.goal, system.state_names)
     goal = np.where(system.angles, start + np.remainder(goal - start + math.pi, 2 * math.pi)
                     - math.pi, goal)
     held = _input_at(system, goal)
@@ -95,7 +95,7 @@ def statement(motion: Motion) -> dict[str, Any]:
     return found | {'final_time': {'free': False, 'value': float(time)}}
 
 
-def registered(name: str, parameters: Mapping[str, Any]) -> System:
+def find_registered(name: str, parameters: Mapping[str, Any]) -> System:
     """
     Return a registered system.
 
@@ -109,8 +109,9 @@ def registered(name: str, parameters: Mapping[str, Any]) -> System:
 
     """
     values = {key: value if isinstance(value, list) else
-              number(value, {}, f'parameters.{shown(key)}') for key, value in parameters.items()}
-    return registry.registered(name, {
+              parse_number(value, {}, f'parameters.{shown(key)}') for key,
+              value in parameters.items()}
+    return registry.get_registered(name, {
         key: int(value) if isinstance(value, float) and value.is_integer() else value
         for key, value in values.items()})
 
@@ -140,7 +141,7 @@ def _bounds(system: System, tighter: Mapping[str, Any]) -> dict[str, tuple[Any, 
 def _tighter(choose: Any, own: float | None, given: Any, name: str) -> float | None:
     if given is None:
         return own
-    value = number(given, {}, f'input_bounds.{name}')
+    value = parse_number(given, {}, f'input_bounds.{name}')
     return value if own is None else choose(own, value)
 
 

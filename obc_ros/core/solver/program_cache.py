@@ -17,14 +17,18 @@ from obc_ros.core.ocp.solution import Optimality
 from obc_ros.core.ocp.structure import branching, deciding, switching_inputs
 from obc_ros.core.solver.adjoint.bvp import Indirect
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
-from obc_ros.core.solver.adjoint.costates import Integrator
+from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.multipliers import Fitter
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.starts.initial_guess import Guesser
 from obc_ros.core.solver.transcription.absolute_values import twin
 from obc_ros.core.solver.transcription.intervals import Pieces
 from obc_ros.core.solver.transcription.mesh import Layout
-from obc_ros.core.solver.transcription.program import Outcome, Scales, Transcription
+from obc_ros.core.solver.transcription.program import (
+    ProblemScales,
+    Transcription,
+    TranscriptionOutcome,
+)
 
 _LAYOUTS_KEPT, _ANSWERS_KEPT = 24, 16
 _NEIGHBOUR = 0.2   # relative change of its numbers up to which a problem is a neighbour
@@ -50,11 +54,11 @@ class Answered:
     """
 
     problem: Problem
-    outcome: Outcome
-    sizes: Scales
+    outcome: TranscriptionOutcome
+    sizes: ProblemScales
     margin: Array
     extremal: BoundaryValues | None = None   # where its kinks are known
-    rivals: tuple[Outcome, ...] = ()
+    rivals: tuple[TranscriptionOutcome, ...] = ()
     refined: float = 1.0
     looked: Array | None = None
     optimality: Optimality | None = None
@@ -62,7 +66,7 @@ class Answered:
     @cached_property
     def numbers(self) -> Array:
         """Return all numbers of the problem."""
-        return numbers(self.problem)
+        return collect_numbers(self.problem)
 
     @cached_property
     def reach(self) -> Array:
@@ -93,9 +97,9 @@ class Kit:
     def __init__(self, problem: Problem) -> None:
         begun = time.monotonic()
         self.twin = twin(problem)
-        self.judge = Integrator(problem)
+        self.judge = CostateIntegrator(problem)
         smooth = self.twin.problem(problem, 0) if self.twin else problem
-        self.integrator = Integrator(smooth) if self.twin else self.judge
+        self.integrator = CostateIntegrator(smooth) if self.twin else self.judge
         self.guesser = Guesser(smooth)
         self.switching = switching_inputs(smooth)
         self.affine = not ca.depends_on(
@@ -145,7 +149,7 @@ class Kit:
         """Return the nearest answer to a problem whose numbers are near, if there is one."""
         if not self.answers:
             return None
-        mine = numbers(problem)
+        mine = collect_numbers(problem)
         theirs, reach, looked = np.stack([answer.rows for answer in self.answers], axis=1)
         with np.errstate(invalid='ignore', divide='ignore'):
             apart = np.where(mine == theirs, 0.0, np.abs(mine - theirs) / reach).max(axis=1)
@@ -201,7 +205,7 @@ class Kit:
         return self._fitters[stated]
 
 
-def numbers(problem: Problem) -> Array:
+def collect_numbers(problem: Problem) -> Array:
     """Return all numbers of a problem in a row."""
     final = problem.final_time
     return np.concatenate([*(getattr(problem, name) for name in _NUMBERS),

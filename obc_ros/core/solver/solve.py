@@ -15,12 +15,12 @@ from obc_ros.core.ocp.solution import MAX_INTERVALS, Report, Solution, Status
 from obc_ros.core.solver.descent import Search
 from obc_ros.core.solver.diagnosis.explanation import explain, proved_infeasible
 from obc_ros.core.solver.diagnosis.unboundedness import outgrown
-from obc_ros.core.solver.linear_quadratic import solve_lq
 from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
 from obc_ros.core.solver.exact.two_wheeled import solve_two_wheeled
-from obc_ros.core.solver.improve.indirect import polished, touched_up
+from obc_ros.core.solver.improve.indirect import refine_indirectly, touched_up
+from obc_ros.core.solver.linear_quadratic import solve_lq
 from obc_ros.core.solver.nlp.best_path import BestPath
-from obc_ros.core.solver.nlp.progress import Monitor
+from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.program_cache import Kit
 from obc_ros.core.solver.proofs.existence import (
     indifferent,
@@ -30,7 +30,7 @@ from obc_ros.core.solver.proofs.existence import (
 )
 from obc_ros.core.solver.proofs.optimality import told
 
-Method = Callable[[Problem, Kit, Monitor], Solution]
+Method = Callable[[Problem, Kit, ProgressMonitor], Solution]
 
 _FAULTS = {
     'dynamics': 'the states do not follow from the inputs',
@@ -73,29 +73,29 @@ class Cache:
 
 def _special(answer: Callable[[Problem], Solution | None], what: str) -> Method:
     """Return the method that answers some problems only, `what` it does in words."""
-    def method(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
+    def method(problem: Problem, kit: Kit, monitor: ProgressMonitor) -> Solution:
         return answer(problem) or Solution(Status.NOT_CONVERGED, f'{what}; this is none')
 
     return method
 
 
-def _transcription(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
+def _transcription(problem: Problem, kit: Kit, monitor: ProgressMonitor) -> Solution:
     return Search(problem, kit, monitor, with_arcs=False).run()
 
 
-def _arcs(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
+def _arcs(problem: Problem, kit: Kit, monitor: ProgressMonitor) -> Solution:
     search = Search(problem, kit, monitor)
     answer = search.run()
     return answer if search.monitor.stopped else touched_up(search, answer)
 
 
-def _indirect(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
+def _indirect(problem: Problem, kit: Kit, monitor: ProgressMonitor) -> Solution:
     search = Search(problem, kit, monitor)
     answer = search.run()
-    return answer if search.monitor.stopped else polished(search, answer)
+    return answer if search.monitor.stopped else refine_indirectly(search, answer)
 
 
-def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
+def _auto(problem: Problem, kit: Kit, monitor: ProgressMonitor) -> Solution:
     specials = ({'riccati': solve_lq, 'time_optimal': solve_time_optimal} if kit.affine else
                 {'reeds_shepp': solve_two_wheeled})
     for name, special in specials.items():
@@ -120,7 +120,7 @@ def _auto(problem: Problem, kit: Kit, monitor: Monitor) -> Solution:
     return replace(answer, method='arcs')
 
 
-def _any_path(problem: Problem, L: float, monitor: Monitor) -> Solution:
+def _any_path(problem: Problem, L: float, monitor: ProgressMonitor) -> Solution:
     """Return a path of a problem that is indifferent to which one it is: that of least effort."""
     other = of_least_effort(problem)
     found = _asking(other, Kit(other), monitor).run()
@@ -130,7 +130,7 @@ def _any_path(problem: Problem, L: float, monitor: Monitor) -> Solution:
     return replace(found, objective=L * found.t[-1] + float(problem.V), certificate=None)
 
 
-def _asking(problem: Problem, kit: Kit, monitor: Monitor) -> Search:
+def _asking(problem: Problem, kit: Kit, monitor: ProgressMonitor) -> Search:
     """Return a search that asks for a proof that there is no path while it has found none."""
     def why_not(problem: Problem) -> str:
         solvers = _explaining(monitor) if proved_infeasible(problem) else ()
@@ -140,13 +140,13 @@ def _asking(problem: Problem, kit: Kit, monitor: Monitor) -> Search:
     return Search(problem, kit, monitor, why_not=why_not)
 
 
-def _explaining(monitor: Monitor) -> tuple[Callable[[Problem], Solution], ...]:
+def _explaining(monitor: ProgressMonitor) -> tuple[Callable[[Problem], Solution], ...]:
     """Return the quick and the thorough solver of `explain`, which share one amount of work."""
     part = monitor.part(_EXPLAINING)
     return _attempt(part), _attempt(part, quick=False)
 
 
-def _attempt(monitor: Monitor, quick: bool = True) -> Callable[[Problem], Solution]:
+def _attempt(monitor: ProgressMonitor, quick: bool = True) -> Callable[[Problem], Solution]:
     """Return what solves a problem in another's place, and judges what it leaves half done."""
     def attempt(other: Problem) -> Solution:
         part = monitor.part(_ATTEMPT)
@@ -207,7 +207,7 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
     method = method_of(method or problem.method)
     begun = time.monotonic()
     part, most = _JUDGING
-    monitor = Monitor(time_limit - min(part * time_limit, most), report, max_intervals)
+    monitor = ProgressMonitor(time_limit - min(part * time_limit, most), report, max_intervals)
     problem, kit = (cache or Cache(1)).prepared(problem)
     if keep is not None:
         monitor.best = BestPath(problem, lambda path: keep(_half_way(path)))
@@ -263,7 +263,7 @@ def _half_way(path: Solution) -> Solution:
     return replace(path, status=Status.NOT_CONVERGED, message=words, optimality=None)
 
 
-def _without_least(problem: Problem, found: Solution, sentence: str, monitor: Monitor,
+def _without_least(problem: Problem, found: Solution, sentence: str, monitor: ProgressMonitor,
                    time_limit: float) -> Solution:
     """Return an answer that larger inputs undercut: a path whose certificate says nothing."""
     none = Solution(Status.NOT_CONVERGED, sentence, method=found.method)
@@ -282,7 +282,7 @@ def _without_multipliers(found: Solution, L: float) -> Solution:
         state_multipliers=None, path_multipliers=None)
 
 
-def _ended(problem: Problem, found: Solution, monitor: Monitor, time_limit: float,
+def _ended(problem: Problem, found: Solution, monitor: ProgressMonitor, time_limit: float,
            method: str) -> Solution:
     """Return a solution whose status says how the work ended, and why without an answer."""
     path = f'; {_uncertified(found)}' if found.t.size and not found.certified else ''
@@ -303,7 +303,7 @@ def _ended(problem: Problem, found: Solution, monitor: Monitor, time_limit: floa
     return _explained(problem, found, monitor)
 
 
-def _explained(problem: Problem, found: Solution, monitor: Monitor) -> Solution:
+def _explained(problem: Problem, found: Solution, monitor: ProgressMonitor) -> Solution:
     """Return a solution with the reason for which there is no answer, if one is found."""
     if monitor.remaining() < _LEAST:
         return found

@@ -51,8 +51,8 @@ def lateral_reference(y: Array, dy: Array, ddy: Array, speed: float, length: flo
     return x, np.arctan(length * turn / speed)[:, None]
 
 
-def slalom(t: Array, amplitude: float = 1.0, frequency: float = 1.0, fade: float = 1.0,
-           end: float = math.inf) -> tuple[Array, Array, Array]:
+def make_slalom(t: Array, amplitude: float = 1.0, frequency: float = 1.0, fade: float = 1.0,
+                end: float = math.inf) -> tuple[Array, Array, Array]:
     """
     Return y = amplitude sin(2 pi frequency t) and two derivatives, faded in and out.
 

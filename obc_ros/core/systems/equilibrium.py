@@ -71,10 +71,10 @@ def equilibrium(
         If no input within the limits holds the system there; it says what is left over.
 
     """
-    x = numbers(f'set point of {system.name}', system.setpoint if x is None else x,
-                system.state_names, DynamicsError)
-    u = numbers(f'input of {system.name}', system.setpoint_input if u is None else u,
-                system.input_names, DynamicsError)
+    x = check_numbers(f'set point of {system.name}', system.setpoint if x is None else x,
+                      system.state_names, DynamicsError)
+    u = check_numbers(f'input of {system.name}', system.setpoint_input if u is None else u,
+                      system.input_names, DynamicsError)
     unknown = [name for name in free if name not in system.state_names]
     if unknown:
         raise DynamicsError(f"{system.name} has no state '{unknown[0]}'; it has "
@@ -91,7 +91,7 @@ def equilibrium(
     return Equilibrium(best.x, best.u, drift)
 
 
-def nearest(system: System, x: Array, u: Array) -> Equilibrium:
+def find_nearest_equilibrium(system: System, x: Array, u: Array) -> Equilibrium:
     """
     Return the equilibrium next to a state that nearly is one, such as the end of an answer.
 
@@ -128,8 +128,8 @@ def linearize(system: System, x: Array, u: Array) -> tuple[Array, Array]:
     return A, B
 
 
-def numbers(what: str, given: Sequence[float] | Array, names: Sequence[str],
-            wrong: type[ObcError] = StatementError) -> Array:
+def check_numbers(what: str, given: Sequence[float] | Array, names: Sequence[str],
+                  wrong: type[ObcError] = StatementError) -> Array:
     """
     Return one finite number for each name, as an array.
 

@@ -18,7 +18,7 @@ import casadi as ca
 from obc_ros.core.systems.system import define, Parameter, Signal, System
 from obc_ros.core.text import expressions
 from obc_ros.core.text.errors import ObcError, shown, StatementError
-from obc_ros.core.text.expressions import check_name, describe, near, number
+from obc_ros.core.text.expressions import check_name, describe_type, near, parse_number
 from obc_ros.core.text.fields import (
     bounds_of,
     check_keys,
@@ -42,7 +42,7 @@ PLANES = ('horizontal', 'vertical')
 Values = Mapping[str, float]
 
 
-def load(path: str | Path) -> System:
+def load_system(path: str | Path) -> System:
     """
     Return the system that a YAML file describes.
 
@@ -61,7 +61,7 @@ def load(path: str | Path) -> System:
         given = given[0]
     try:
         if not isinstance(given, Mapping):
-            raise StatementError(f'wanted one mapping of keys, found {describe(given)}')
+            raise StatementError(f'wanted one mapping of keys, found {describe_type(given)}')
         return _system(given, Path(path).stem, {})
     except ObcError as error:
         raise StatementError(f'{path}: {error}') from None
@@ -82,7 +82,7 @@ def _system(given: Given, stem: str, chosen: Values) -> System:
 
     def dynamics(x: list[ca.SX], u: list[ca.SX], p: list[ca.SX]) -> list[ca.SX]:
         symbols = dict(zip((*states, *inputs, *values), (*x, *u, *p), strict=True))
-        return [expressions.parse(equations[name], symbols, f'dynamics.{name}')
+        return [expressions.parse_expression(equations[name], symbols, f'dynamics.{name}')
                 for name in states]
 
     return define(
@@ -116,14 +116,14 @@ def _parameters(given: Given, taken: tuple[str, ...], chosen: Values) -> dict[st
                   'states, inputs and parameters')
     values: dict[str, float] = {}
     for name, text in section.items():
-        values[name] = chosen[name] if name in chosen else number(
+        values[name] = chosen[name] if name in chosen else parse_number(
             text, values, f'parameters.{name}')
     return values
 
 
 def _numbers(given: Given, key: str, names: Sequence[str], values: Values) -> list[float]:
     section = _by_name(given, key, names)
-    return [number(section.get(name, 0.0), values, f'{key}.{name}') for name in names]
+    return [parse_number(section.get(name, 0.0), values, f'{key}.{name}') for name in names]
 
 
 def _bounds(given: Given, key: str, names: Sequence[str],
@@ -137,14 +137,14 @@ def _texts(given: Given, key: str, names: Sequence[str]) -> dict[str, str]:
     section = _by_name(given, key, names)
     for name, text in section.items():
         if not isinstance(text, str) or len(text) > 40:
-            raise StatementError(f'{key}.{name}: wanted a short text, found {describe(text)}')
+            raise StatementError(f'{key}.{name}: wanted a short text, found {describe_type(text)}')
     return section
 
 
 def _chosen(given: Given, key: str, names: Sequence[str]) -> tuple[str, ...]:
     chosen = given.get(key) or ()
     if not isinstance(chosen, Sequence) or isinstance(chosen, str):
-        raise StatementError(f'{key}: wanted a list of states, found {describe(chosen)}')
+        raise StatementError(f'{key}: wanted a list of states, found {describe_type(chosen)}')
     for name in chosen:
         if name not in names:
             raise StatementError(f"{key}: '{shown(str(name))}' is none of {', '.join(names)}")
@@ -154,12 +154,13 @@ def _chosen(given: Given, key: str, names: Sequence[str]) -> tuple[str, ...]:
 def _text(given: Given, key: str, default: str) -> str:
     text = given.get(key, default)
     if not isinstance(text, str) or len(text) > 2000 or not text.isprintable():
-        raise StatementError(f'{key}: wanted a text of one line, found {describe(text)}')
+        raise StatementError(f'{key}: wanted a text of one line, found {describe_type(text)}')
     return text
 
 
 def _plane(given: Given) -> str:
     plane = given.get('plane', '')
     if plane and plane not in PLANES:
-        raise StatementError(f"plane: wanted 'horizontal' or 'vertical', found {describe(plane)}")
+        raise StatementError(
+            f"plane: wanted 'horizontal' or 'vertical', found {describe_type(plane)}")
     return str(plane)

@@ -12,7 +12,7 @@ from obc_ros.core.text.errors import DynamicsError
 MAX_M = 50
 
 
-def double_integrator() -> System:
+def define_double_integrator() -> System:
     """
     Return the double integrator x1' = x2, x2' = u.
 
@@ -49,7 +49,7 @@ def nonholonomic_integrator() -> System:
         description='nonholonomic integrator (Example 2.6)')
 
 
-def brockett(m: int = 3) -> System:
+def define_brockett(m: int = 3) -> System:
     """
     Return Brockett's system q' = u, Y' = q u' - u q', q and u in R^m, Y skew-symmetric.
 

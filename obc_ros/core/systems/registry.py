@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any
 
 from obc_ros.core.systems import aircraft, integrators, linear, scalar, two_wheeled, vehicle
-from obc_ros.core.systems.file import load
+from obc_ros.core.systems.file import load_system
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import DynamicsError, ObcError, shown
 
-__all__ = ['get', 'is_file', 'load', 'names', 'options', 'registered']
+__all__ = ['get_system', 'is_file', 'load_system', 'names', 'options', 'get_registered']
 
 GROUP = 'obc_ros.systems'
 
@@ -30,11 +30,11 @@ _OWN: dict[str, Callable[..., System]] = {
     'vehicle': vehicle.system,
     'vehicle_lateral': vehicle.lateral,
     'two_wheeled': two_wheeled.system,
-    'double_integrator': integrators.double_integrator,
+    'double_integrator': integrators.define_double_integrator,
     'scalar': scalar.system,
     'cubic': scalar.cubic,
     'nonholonomic_integrator': integrators.nonholonomic_integrator,
-    'brockett': integrators.brockett,
+    'brockett': integrators.define_brockett,
     'linear': linear.system,
 }
 # What code of another package may fail with; its name and words go into the answer.
@@ -47,15 +47,15 @@ def names() -> tuple[str, ...]:
     return (*_OWN, *sorted(set(_entry_points()) - set(_OWN)))
 
 
-def get(name: str, parameters: Mapping[str, Any] | None = None, **options: Any) -> System:
+def get_system(name: str, parameters: Mapping[str, Any] | None = None, **options: Any) -> System:
     """
     Return a system by its registered name or by the path of its YAML file.
 
     Parameters
     ----------
     name : str
-        A path is what ends in ``.yaml`` or ``.yml``; see `load`. For a name that comes in a
-        request use `registered`: who may ask must not thereby read files.
+        A path is what ends in ``.yaml`` or ``.yml``; see `load_system`. For a name that comes in a
+        request use `get_registered`: who may ask must not thereby read files.
     parameters : mapping, optional
         Values other than the defaults; options may stand among them.
     options
@@ -70,15 +70,16 @@ def get(name: str, parameters: Mapping[str, Any] | None = None, **options: Any) 
 
     """
     if not is_file(name):
-        return registered(name, parameters, **options)
+        return get_registered(name, parameters, **options)
     if options:
         raise DynamicsError(f"{name}: a file has no option '{next(iter(options))}'")
-    return load(name).with_parameters(parameters or {})
+    return load_system(name).with_parameters(parameters or {})
 
 
-def registered(name: str, parameters: Mapping[str, Any] | None = None, **options: Any) -> System:
+def get_registered(name: str, parameters: Mapping[str, Any] | None = None,
+                   **options: Any) -> System:
     """
-    Return a system by its registered name; as `get`, but never from a file.
+    Return a system by its registered name; as `get_system`, but never from a file.
 
     Raises
     ------

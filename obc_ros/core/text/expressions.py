@@ -73,7 +73,7 @@ _OTHER_NAMES = {'ln': 'log', 'arcsin': 'asin', 'arccos': 'acos', 'arctan': 'atan
                 'min': '(a + b - abs(a - b))/2', 'hypot': 'sqrt(a**2 + b**2)'}
 
 
-def parse(text: object, symbols: Mapping[str, ca.SX], where: str) -> ca.SX:
+def parse_expression(text: object, symbols: Mapping[str, ca.SX], where: str) -> ca.SX:
     """
     Return the scalar CasADi expression that a text or number stands for.
 
@@ -102,8 +102,8 @@ def parse_lifted(text: object, symbols: Mapping[str, ca.SX],
     """
     Return an expression whose numbers are symbols, and these symbols with their values.
 
-    As `parse`; exponents, and the numbers in them, stay numbers. Two texts that differ in such
-    numbers only give the same expression.
+    As `parse_expression`; exponents, and the numbers in them, stay numbers. Two texts that differ
+    in such numbers only give the same expression.
     """
     algebra = _Lifting(symbols, where)
     if not isinstance(text, str):
@@ -111,11 +111,12 @@ def parse_lifted(text: object, symbols: Mapping[str, ca.SX],
     return ca.SX(_value(text, algebra, where)), algebra.literals
 
 
-def number(text: object, values: Mapping[str, float], where: str) -> float:
+def parse_number(text: object, values: Mapping[str, float], where: str) -> float:
     """
     Return the finite number that a text or number stands for.
 
-    As `parse`, with numbers for names. ``1e-3``, which YAML reads as text, is a number here.
+    As `parse_expression`, with numbers for names. ``1e-3``, which YAML reads as text, is a number
+    here.
 
     Raises
     ------
@@ -140,7 +141,7 @@ def check_name(name: object, where: str) -> str:
 
     """
     if not isinstance(name, str):
-        raise StatementError(f'{where}: a name is text, not {describe(name)}')
+        raise StatementError(f'{where}: a name is text, not {describe_type(name)}')
     if len(name) > 64 or not re.fullmatch(r'[A-Za-z_][A-Za-z0-9_]*', name):
         raise StatementError(f"{where}: '{_short(name)}' is not a name; a name has the letters "
                              'a-z, A-Z, digits and _, and does not begin with a digit')
@@ -155,7 +156,7 @@ def near(name: str, known: Collection[str]) -> str:
     return f" (did you mean '{matches[0]}'?)" if matches else ''
 
 
-def describe(value: object) -> str:
+def describe_type(value: object) -> str:
     """Return in words what a value of a wrong type is."""
     if value is None:
         return 'nothing'
@@ -175,7 +176,8 @@ def _short(text: str) -> str:
 
 def _plain_number(value: object, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise StatementError(f'{where}: wanted a number or an expression, found {describe(value)}')
+        raise StatementError(
+            f'{where}: wanted a number or an expression, found {describe_type(value)}')
     try:
         result = float(value)
     except OverflowError:

@@ -12,7 +12,7 @@ import math
 from typing import Any
 
 from obc_ros.core.text.errors import shown, StatementError
-from obc_ros.core.text.expressions import check_name, describe, near, number
+from obc_ros.core.text.expressions import check_name, describe_type, near, parse_number
 
 MAX_COUNT = 1_000  # entries of a list or mapping
 
@@ -23,7 +23,7 @@ def mapping_of(value: object, where: str, wanted: str = 'a mapping of keys to va
                most: int = MAX_COUNT) -> Given:
     """Return a mapping of at most `most` entries."""
     if not isinstance(value, Mapping):
-        raise StatementError(f'{where}: wanted {wanted}, found {describe(value)}')
+        raise StatementError(f'{where}: wanted {wanted}, found {describe_type(value)}')
     if len(value) > most:
         raise StatementError(f'{where}: {len(value)} entries; at most {most} are read')
     return value
@@ -33,7 +33,7 @@ def list_of(value: object, where: str, wanted: str = 'a list', most: int = MAX_C
             ) -> list[Any]:
     """Return a list of at most `most` entries."""
     if not isinstance(value, (list, tuple)):
-        raise StatementError(f'{where}: wanted {wanted}, found {describe(value)}')
+        raise StatementError(f'{where}: wanted {wanted}, found {describe_type(value)}')
     if len(value) > most:
         raise StatementError(f'{where}: {len(value)} entries; at most {most} are read')
     return list(value)
@@ -87,8 +87,8 @@ def limits(lower: object, upper: object, values: Mapping[str, float], where: str
     for bound, side in ((lower, 'lower'), (upper, 'upper')):
         if isinstance(bound, float) and math.isinf(bound):
             raise StatementError(f'{where}: {side} bound {bound}: write null for no bound')
-    low = -math.inf if lower is None else number(lower, values, f'{where} (lower)')
-    high = math.inf if upper is None else number(upper, values, f'{where} (upper)')
+    low = -math.inf if lower is None else parse_number(lower, values, f'{where} (lower)')
+    high = math.inf if upper is None else parse_number(upper, values, f'{where} (upper)')
     if low > high:
         raise StatementError(f'{where}: the bounds cross: lower {low:g} > upper {high:g}')
     return low, high

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from obc_ros.core.text.errors import shown, StatementError
-from obc_ros.core.text.expressions import describe
+from obc_ros.core.text.expressions import describe_type
 import yaml
 
 MAX_BYTES = 250_000
@@ -106,5 +106,5 @@ def entries(path: str | Path) -> list[tuple[str, dict[str, Any] | StatementError
 def _entry(entry: object, where: str, name: str) -> tuple[str, dict[str, Any] | StatementError]:
     if not isinstance(entry, dict):
         return where, StatementError(
-            f'{where}: wanted a mapping of keys to values, found {describe(entry)}')
+            f'{where}: wanted a mapping of keys to values, found {describe_type(entry)}')
     return where, entry if entry.get('name') is not None else {**entry, 'name': name}

@@ -4,7 +4,7 @@
 
 from collections.abc import Sequence
 
-from obc_ros.core.lqr.design.design import Design, Plant
+from obc_ros.core.lqr.design.design import Design, LinearizedPlant
 from obc_ros.core.lqr.design.report import Change, fields
 from obc_ros.core.lqr.weight_search import suggest, Suggestion, Wishes
 from obc_ros.msg import LqrDesign
@@ -21,7 +21,7 @@ def design_message(design: Design, made: Change, error: Sequence[float] | None, 
     return message
 
 
-def suggestion(request: SuggestWeights.Request, plant: Plant) -> Suggestion:
+def suggestion(request: SuggestWeights.Request, plant: LinearizedPlant) -> Suggestion:
     """
     Return the weights nearest to the wishes of a request.
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from obc_ros.core.closed_loop.control import Control
-from obc_ros.core.closed_loop.loop import Loop
+from obc_ros.core.closed_loop.loop import ControlLoop
 
 DROPPED = {'size': 'of wrong size', 'finite': 'not finite', 'frame': 'in another frame',
            'late': 'out of order', 'old': 'stamped too long ago',
@@ -23,7 +23,7 @@ COUNTED = ('answered', 'skipped', 'repeated', 'restarted', 'stale', 'deadline')
 
 
 @dataclass
-class Monitor:
+class LoopMonitor:
     """What has been seen of a loop since the last look."""
 
     latencies: deque[float] = field(default_factory=lambda: deque(maxlen=5_000))
@@ -70,7 +70,7 @@ class Monitor:
         return not math.isfinite(cost) or (
             grows and cost > max(self._worst, GROWTH * self._costs[0]))
 
-    def statuses(self, name: str, loop: Loop, revision: int, is_active: bool,
+    def statuses(self, name: str, loop: ControlLoop, revision: int, is_active: bool,
                  cost: float | None = None) -> list[DiagnosticStatus]:
         """
         Return the parts states, commands and design.
@@ -98,7 +98,7 @@ class Monitor:
                     'revision': revision, 'changes refused': self.refusals,
                     'last refusal': self.last_refusal})]
 
-    def _states(self, name: str, loop: Loop, new: Counter[str], elapsed: float, now: float,
+    def _states(self, name: str, loop: ControlLoop, new: Counter[str], elapsed: float, now: float,
                 is_active: bool) -> DiagnosticStatus:
         dropped = {words: new[kind] for kind, words in DROPPED.items() if new[kind]}
         age = loop.age(now)
@@ -128,7 +128,7 @@ class Monitor:
             **{kind: loop.counts[kind] for kind in COUNTED},
             **{f'dropped {words}': loop.counts[kind] for kind, words in DROPPED.items()}})
 
-    def _commands(self, name: str, loop: Loop, new: Counter[str], cost: float | None
+    def _commands(self, name: str, loop: ControlLoop, new: Counter[str], cost: float | None
                   ) -> DiagnosticStatus:
         latencies, share = list(self.latencies), new['saturated'] / max(new['answered'], 1)
         self.latencies.clear()

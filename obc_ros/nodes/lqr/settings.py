@@ -17,14 +17,21 @@ from obc_ros.core.closed_loop.control import (
     Schedule,
     STALE,
 )
-from obc_ros.core.closed_loop.feedback import Gains, Limits, rows, Vector, vector
-from obc_ros.core.lqr.design.design import Design, design, Plant, plant, Sampling, scheduled
+from obc_ros.core.closed_loop.feedback import Gains, InputLimits, rows, Vector, vector
+from obc_ros.core.lqr.design.design import (
+    Design,
+    design,
+    linearize_plant,
+    LinearizedPlant,
+    Sampling,
+    scheduled,
+)
 from obc_ros.core.lqr.design.input_limits import check_all_limited, former_limits, input_limits
 from obc_ros.core.lqr.design.reference_checks import allowed_error
 from obc_ros.core.lqr.design.reference_tracking import Course, horizon, leg
 from obc_ros.core.lqr.design.set_point import check_set_point, described
-from obc_ros.core.lqr.weights import count, KINDS, square
-from obc_ros.core.riccati.checks import semidefinite
+from obc_ros.core.lqr.weights import count, square, WEIGHT_KINDS
+from obc_ros.core.riccati.checks import check_semidefinite
 from obc_ros.core.text.errors import shown, StatementError
 from obc_ros.msg import LqrWeights
 from obc_ros.nodes.lqr.topics import ROBOTS, Sink, SINKS
@@ -51,7 +58,7 @@ class Settings:
     setpoint_input: Vector = parameter(
         (), 'input at the set point, if the state does not determine it: m numbers; empty: the '
         'default of the system, if the set point does not move with it')
-    weights: str = parameter('matrices', 'how the weights are given', choices=KINDS)
+    weights: str = parameter('matrices', 'how the weights are given', choices=WEIGHT_KINDS)
     Qx: Vector = parameter(
         (), 'state weight: n numbers (diagonal) or n*n numbers row by row; empty: identity',
         used_when=(('weights', 'matrices'),))
@@ -153,7 +160,7 @@ class Settings:
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class LqrCandidate:
     """What a set of parameters means: judged, and ready to be adopted."""
 
     settings: Settings
@@ -178,7 +185,7 @@ class Candidate:
         return '; '.join(words)
 
 
-def judge(settings: Settings, courses: tuple[Course, ...] = ()) -> Candidate:
+def judge_lqr_settings(settings: Settings, courses: tuple[Course, ...] = ()) -> LqrCandidate:
     """
     Return what the parameters ask for.
 
@@ -200,11 +207,11 @@ def judge(settings: Settings, courses: tuple[Course, ...] = ()) -> Candidate:
     check_set_point(found.plant, settings.setpoint, settings.setpoint_input)
     if settings.P1:
         n = found.plant.system.n
-        semidefinite('P1', square('P1', settings.P1, n), n)
+        check_semidefinite('P1', square('P1', settings.P1, n), n)
     if settings.horizon and settings.schedule:
         raise StatementError('horizon and schedule: wanted one or the other')
     rules = _rules(settings, found.plant.system.state_names)
-    return Candidate(settings, found, Control(
+    return LqrCandidate(settings, found, Control(
         regulator=found.regulator,
         limits=_limits(settings, found.plant),
         rest=found.plant.rest,
@@ -239,7 +246,7 @@ def former(given: Mapping[str, Any], values: Mapping[str, Value]) -> str:
     return former_limits(system, {name: given[name] for name in names})
 
 
-def opening(candidate: Candidate) -> str:
+def opening(candidate: LqrCandidate) -> str:
     """Return what a node is about to do: plant, set point, limits, topics and frame."""
     settings, held = candidate.settings, candidate.design.plant
     limits = candidate.control.limits
@@ -252,7 +259,7 @@ def opening(candidate: Candidate) -> str:
         f'frame: {settings.frame_id or "that of the first state"}'))
 
 
-def ending(course: Course, candidate: Candidate) -> str:
+def ending(course: Course, candidate: LqrCandidate) -> str:
     """Return what happens at the end of a reference."""
     return _leg(course, candidate.design, candidate.settings.P1)[1]
 
@@ -282,8 +289,8 @@ def _key(value: Any) -> Any:
 
 @functools.lru_cache(maxsize=4)
 def _plant(system: str, parameters: tuple[tuple[str, Value], ...], setpoint: Vector,
-           setpoint_input: Vector) -> Plant:
-    return plant(chosen_system(system, dict(parameters)), setpoint, setpoint_input)
+           setpoint_input: Vector) -> LinearizedPlant:
+    return linearize_plant(chosen_system(system, dict(parameters)), setpoint, setpoint_input)
 
 
 @functools.lru_cache(maxsize=4)  # what is still in use need not be designed again
@@ -359,15 +366,15 @@ def _scheduled(found: Design, name: str, between: Vector, setpoint: Vector,
 
 
 def _plant_at(found: Design, name: str, index: int, setpoint: Vector, setpoint_input: Vector
-              ) -> Callable[[float], Plant]:
+              ) -> Callable[[float], LinearizedPlant]:
     """Return the plant as a function of the value of an input or, below 0, a parameter."""
     system, ue = found.plant.system, found.plant.equilibrium.u
 
-    def at(value: float) -> Plant:
+    def at(value: float) -> LinearizedPlant:
         if index < 0:
-            return plant(system.with_parameters({name: value}), setpoint, setpoint_input)
+            return linearize_plant(system.with_parameters({name: value}), setpoint, setpoint_input)
         wanted = (*ue[:index], value, *ue[index + 1:])
-        there = plant(system, setpoint, wanted)
+        there = linearize_plant(system, setpoint, wanted)
         if there.equilibrium.u[index] != value:
             raise StatementError(f'schedule = {name}: the set point leaves it no choice')
         return there
@@ -375,12 +382,12 @@ def _plant_at(found: Design, name: str, index: int, setpoint: Vector, setpoint_i
     return at
 
 
-def _limits(settings: Settings, held: Plant) -> Limits:
+def _limits(settings: Settings, held: LinearizedPlant) -> InputLimits:
     angles = tuple(i for i, is_angle in enumerate(held.system.angles) if is_angle)
     lower, upper = input_limits(held, settings.u_limits)
     if settings.command_sink in ROBOTS and not settings.unlimited:
         check_all_limited(held, settings.u_limits, lower, upper, settings.command_sink)
-    return Limits(lower, upper, angles)
+    return InputLimits(lower, upper, angles)
 
 
 def _rules(settings: Settings, names: tuple[str, ...]) -> Rules:

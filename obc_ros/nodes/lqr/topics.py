@@ -24,7 +24,7 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Twist, TwistStamped, WrenchStamped
-from obc_ros.core.lqr.design.reference_tracking import Course, course
+from obc_ros.core.lqr.design.reference_tracking import Course, read_course
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import shown, StatementError
 from obc_ros.msg import Command, Trajectory
@@ -76,8 +76,8 @@ class Sink:
         self._message.u = array('d', u)
 
 
-def courses(message: Trajectory, system: System, frame: str, present: tuple[Course, ...],
-            now: int | None) -> tuple[Course, ...]:
+def read_courses(message: Trajectory, system: System, frame: str, present: tuple[Course, ...],
+                 now: int | None) -> tuple[Course, ...]:
     """
     Return the references to follow once a message has come, in the order of their beginnings.
 
@@ -109,8 +109,8 @@ def courses(message: Trajectory, system: System, frame: str, present: tuple[Cour
         raise StatementError(f"it is in the frame '{shown(given)}', the states are in "
                              f"'{shown(frame)}'")
     stamp = nanoseconds(message.header.stamp)
-    new = course(system, (message.state_names, message.input_names), message.t, message.x,
-                 message.u, message.interpolation, stamp or None)
+    new = read_course(system, (message.state_names, message.input_names), message.t, message.x,
+                      message.u, message.interpolation, stamp or None)
     begun = [each for each in present
              if now is not None and each.reference.begin is not None
              and each.reference.begin <= now]

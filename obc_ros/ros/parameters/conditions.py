@@ -22,7 +22,7 @@ Condition = tuple[str | bool, ...]
 UsedWhen = tuple[Condition, ...]
 
 
-class Row(Protocol):
+class ParameterLike(Protocol):
     """What is needed of a row of a parameter table."""
 
     used_when: UsedWhen
@@ -41,7 +41,7 @@ def is_used(used_when: UsedWhen, values: Mapping[str, Value]) -> bool:
     return not used_when or any(condition_holds(each, values) for each in used_when)
 
 
-def idle(rows: Mapping[str, Row], name: str, values: Mapping[str, Value], *,
+def idle(rows: Mapping[str, ParameterLike], name: str, values: Mapping[str, Value], *,
          is_start: bool = False) -> str:
     """
     Return the sentence for a parameter that none of its conditions gives an effect.
@@ -69,7 +69,7 @@ def idle(rows: Mapping[str, Row], name: str, values: Mapping[str, Value], *,
                      'set_parameters_atomically')
 
 
-def depth(rows: Mapping[str, Row], name: str) -> int:
+def depth(rows: Mapping[str, ParameterLike], name: str) -> int:
     """Return how many parameters in a row have to be set before one is used; 0: none."""
     if name not in rows or not rows[name].used_when:
         return 0

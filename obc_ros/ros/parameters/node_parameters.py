@@ -27,14 +27,14 @@ from typing import Any, Generic, TypeVar
 from obc_ros.core.text.errors import ObcError, shown, StatementError
 from obc_ros.ros.callback_guards import guard
 from obc_ros.ros.parameters.conditions import condition_holds, depth, idle, is_used, Value
-from obc_ros.ros.parameters.services import serve
-from obc_ros.ros.parameters.table import Entry, group, hint, parameter
+from obc_ros.ros.parameters.services import serve_parameters
+from obc_ros.ros.parameters.table import group, hint, parameter, ParameterRow
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import get_parameter_value, Parameter
 from yaml import YAMLError
 
-__all__ = ['Entry', 'group', 'parameter', 'Parameters', 'Value']
+__all__ = ['ParameterRow', 'group', 'parameter', 'Parameters', 'Value']
 
 Settings = TypeVar('Settings')
 Candidate = TypeVar('Candidate')
@@ -89,7 +89,7 @@ class Parameters(Generic[Settings, Candidate]):
     ) -> None:
         self._node, self._table, self._former = node, table, former
         self._judge, self._adopt, self._refused = judge, adopt, refused
-        self._entries: dict[str, Entry] = {}
+        self._entries: dict[str, ParameterRow] = {}
         self._values: dict[str, Value] = {}
         self._pending: tuple[dict[str, Value], Settings, Candidate] | None = None
         self._asked: list[Parameter] = []  # as they came, before `_normalise`
@@ -109,10 +109,11 @@ class Parameters(Generic[Settings, Candidate]):
         node.add_pre_set_parameters_callback(self._normalise)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._post_set)
-        serve(node, self._is_kept, self._attempt, lambda name: depth(self._entries, name))
+        serve_parameters(node, self._is_kept, self._attempt,
+                         lambda name: depth(self._entries, name))
         guard(node)
 
-    def _rows(self) -> Iterable[Entry]:
+    def _rows(self) -> Iterable[ParameterRow]:
         for each in fields(self._table):  # type: ignore[arg-type] # a dataclass type
             if 'group' in each.metadata:
                 for member in each.metadata['group'](self._values):
@@ -121,7 +122,7 @@ class Parameters(Generic[Settings, Candidate]):
                 entry = each.metadata['entry']
                 yield entry if entry.name else _renamed(entry, each.name)
 
-    def _declare(self, entry: Entry) -> None:
+    def _declare(self, entry: ParameterRow) -> None:
         if entry.default_when and condition_holds(entry.default_when[0], self._values):
             entry = replace(entry, default=entry.default_when[1])
         name, value = entry.name, entry.default
@@ -287,8 +288,8 @@ class Parameters(Generic[Settings, Candidate]):
         return values
 
 
-def _renamed(entry: Entry, name: str) -> Entry:
-    return Entry(**{**vars(entry), 'name': name})
+def _renamed(entry: ParameterRow, name: str) -> ParameterRow:
+    return ParameterRow(**{**vars(entry), 'name': name})
 
 
 def _reads_as(text: str, given: Parameter) -> bool:

@@ -29,7 +29,8 @@ IsKept = Callable[[Parameter], bool]
 Attempt = Callable[[list[Parameter]], SetParametersResult]
 
 
-def serve(node: Node, is_kept: IsKept, attempt: Attempt, depth: Callable[[str], int]) -> None:
+def serve_parameters(node: Node, is_kept: IsKept, attempt: Attempt,
+                     depth: Callable[[str], int]) -> None:
     """
     Have the services of a node answer as said above.
 

@@ -38,7 +38,7 @@ _ROWS = re.compile(r'\[(\[[^\[\]]*\],?)+\]|\[[^\[\]]*\]')
 
 
 @dataclass(frozen=True)
-class Entry:
+class ParameterRow:
     """One row of the table: a parameter, what it means and what it may be."""
 
     name: str
@@ -202,12 +202,13 @@ def parameter(
         A condition on parameters declared before, and the default where it holds.
 
     """
-    entry = Entry(name, default, description, unit, lower, upper, choices, read_only, finite,
-                  texts, used_when, default_when)
+    entry = ParameterRow(name, default, description, unit, lower, upper, choices, read_only,
+                         finite,
+                         texts, used_when, default_when)
     return field(default=default, metadata={'entry': entry})
 
 
-def group(members: Callable[[Mapping[str, Value]], Iterable[Entry]]) -> Any:
+def group(members: Callable[[Mapping[str, Value]], Iterable[ParameterRow]]) -> Any:
     """
     Return a field of a table that holds all parameters ``FIELD.*`` by their last name.
 

@@ -6,7 +6,14 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseWithCovariance
-from obc_ros.cli.ros2.yaml_messages import FieldError, fill, find_type, parse, to_plain, to_yaml
+from obc_ros.cli.ros2.yaml_messages import (
+    FieldError,
+    fill,
+    find_type,
+    parse_values,
+    to_plain,
+    to_yaml,
+)
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import LqrDesign, State
 from obc_ros.srv import DesignLqr, SolveOptimalControl
@@ -16,11 +23,11 @@ import yaml
 
 
 def test_a_request_is_filled() -> None:
-    request = fill(DesignLqr.Request(), parse(
+    request = fill(DesignLqr.Request(), parse_values(
         '{system: aircraft, weights: {qx: [1, 2.5, 1e-9], rho: 3}}'))
     assert request.system == 'aircraft'
     assert list(request.weights.qx) == [1.0, 2.5, 1e-9] and request.weights.rho == 3.0
-    problem = fill(SolveOptimalControl.Request(), parse(
+    problem = fill(SolveOptimalControl.Request(), parse_values(
         '{problem: {states: [p], dynamics: [{name: p, expression: u}], running_cost: 1, '
         'final_time: {free: true}}}')).problem
     assert problem.dynamics[0].name == 'p' and problem.dynamics[0].expression == 'u'
@@ -40,7 +47,7 @@ def test_a_request_is_filled() -> None:
     ('{a: [}', 'not YAML')])
 def test_what_does_not_fit_names_its_field(text: str, said: str) -> None:
     with pytest.raises(FieldError) as error:
-        fill(DesignLqr.Request(), parse(text))
+        fill(DesignLqr.Request(), parse_values(text))
     assert said in str(error.value)
 
 

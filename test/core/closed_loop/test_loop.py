@@ -9,8 +9,8 @@ from hypothesis import given, settings, strategies
 from loop_bench import answers, control, leg, MS, S
 import numpy as np
 from obc_ros.core.closed_loop.control import Rules
-from obc_ros.core.closed_loop.feedback import feedback, Limits, Point, rows, vector
-from obc_ros.core.closed_loop.loop import Loop
+from obc_ros.core.closed_loop.feedback import feedback, InputLimits, ReferencePoint, rows, vector
+from obc_ros.core.closed_loop.loop import ControlLoop
 import pytest
 
 # The law
@@ -22,9 +22,9 @@ def test_law_is_the_matrix_product(n: int, m: int, seed: int) -> None:
     """U = ur - K (x - xr), within the limits."""
     rng = np.random.default_rng(seed)
     x, xr, ur, gain = (rng.normal(size=size) for size in (n, n, m, (m, n)))
-    limits = Limits((-1.0,) * m, (0.5,) * m)
+    limits = InputLimits((-1.0,) * m, (0.5,) * m)
     e = limits.error(x.tolist(), vector(xr))
-    u = feedback(Point(vector(xr), vector(ur), rows(gain)), e)
+    u = feedback(ReferencePoint(vector(xr), vector(ur), rows(gain)), e)
     expected = ur - gain @ (x - xr)
     np.testing.assert_allclose(u, expected, rtol=1e-13, atol=1e-13)
     clipped = limits.clip(u)
@@ -35,7 +35,7 @@ def test_law_is_the_matrix_product(n: int, m: int, seed: int) -> None:
 @given(strategies.floats(-1e6, 1e6), strategies.floats(-10.0, 10.0))
 def test_angles_wrap(theta: float, wanted: float) -> None:
     """The error of an angle is the short way round, and a length does not wrap."""
-    error = Limits((), (), angles=(1,)).error([theta, theta], (wanted, wanted))
+    error = InputLimits((), (), angles=(1,)).error([theta, theta], (wanted, wanted))
     assert error[0] == theta - wanted
     assert -math.pi <= error[1] <= math.pi
     assert math.cos(error[1]) == pytest.approx(math.cos(theta - wanted), abs=1e-9)
@@ -44,7 +44,7 @@ def test_angles_wrap(theta: float, wanted: float) -> None:
 
 def test_answers_a_state() -> None:
     """The plain case."""
-    loop = Loop(control(x=(1.0, 0.0), u=3.0))
+    loop = ControlLoop(control(x=(1.0, 0.0), u=3.0))
     assert loop.answer(5, [2.0, 0.5], 0.0) == [3.0 - 1.0 - 1.0]
     assert loop.counts == {'answered': 1, 'saturated': 0}
     assert loop.error == [1.0, 0.5] and loop.command == [1.0]
@@ -52,7 +52,7 @@ def test_answers_a_state() -> None:
 
 def test_clips_and_counts() -> None:
     """A clipped input is at its limit and counted."""
-    loop = Loop(control(limits=((-1.0,), (0.5,))))
+    loop = ControlLoop(control(limits=((-1.0,), (0.5,))))
     assert answers(loop, (0, [9.0, 0.0]), (1, [-9.0, 0.0]), (2, [0.1, 0.0])) == [
         [-1.0], [0.5], [-0.1]]
     assert loop.counts['saturated'] == 2
@@ -71,7 +71,7 @@ def test_clips_and_counts() -> None:
 ])
 def test_bad_states_are_dropped(x: list[float], kind: str, words: str) -> None:
     """What cannot be answered is dropped, counted, told; the next state is answered."""
-    loop = Loop(control(gain=((10.0, 10.0),)))
+    loop = ControlLoop(control(gain=((10.0, 10.0),)))
     assert loop.answer(0, x, 0.0) is None
     assert loop.counts[kind] == 1 and not loop.counts['answered']
     assert loop.news[0].startswith(words)
@@ -80,7 +80,7 @@ def test_bad_states_are_dropped(x: list[float], kind: str, words: str) -> None:
 
 def test_the_same_is_told_once_a_second() -> None:
     """A flood of bad states does not become a flood of words."""
-    loop = Loop(control())
+    loop = ControlLoop(control())
     for k in range(2_500):
         loop.answer(k * MS, [math.nan, 0.0], k * 1e-3)
     assert loop.counts['finite'] == 2_500 and len(loop.news) == 3
@@ -88,7 +88,7 @@ def test_the_same_is_told_once_a_second() -> None:
 
 def test_a_late_state_is_dropped() -> None:
     """A state that another has overtaken is not answered."""
-    loop = Loop(control())
+    loop = ControlLoop(control())
     given = answers(loop, (1.00, [1.0, 0.0]), (0.99, [9.0, 0.0]), (1.01, [2.0, 0.0]),
                     (1.0, [9.0, 0.0]), (1.02, [3.0, 0.0]))
     assert given == [[-1.0], None, [-2.0], None, [-3.0]]
@@ -97,7 +97,7 @@ def test_a_late_state_is_dropped() -> None:
 
 def test_a_repeated_stamp_is_answered_alike() -> None:
     """A plant that asks again gets the same answer; nothing is integrated twice."""
-    loop = Loop(control(C=((1.0, 0.0),), Ki=((5.0,),)))
+    loop = ControlLoop(control(C=((1.0, 0.0),), Ki=((5.0,),)))
     first = answers(loop, (0.0, [1.0, 0.0]), (0.1, [1.0, 0.0]))[-1]
     assert answers(loop, (0.1, [1.0, 0.0]), (0.1, [1.0, 0.0])) == [first, first]
     assert loop.counts['repeated'] == 2
@@ -106,7 +106,7 @@ def test_a_repeated_stamp_is_answered_alike() -> None:
 @pytest.mark.parametrize('stamps', [(100.0, 0.0), (0.3, 0.0, 0.005)])
 def test_time_that_goes_back_starts_again(stamps: tuple[float, ...]) -> None:
     """A plant that was reset is answered; two states in a row are not out of order."""
-    loop = Loop(control(C=((1.0, 0.0),), Ki=((1.0,),)))
+    loop = ControlLoop(control(C=((1.0, 0.0),), Ki=((1.0,),)))
     assert answers(loop, (stamps[0] - 0.1, [1.0, 0.0]), (stamps[0], [1.0, 0.0]))[-1] == [-1.1]
     given = answers(loop, *((t, [1.0, 0.0]) for t in stamps[1:]))
     assert given[-1] == [-1.0]  # without the integral of before
@@ -116,13 +116,13 @@ def test_time_that_goes_back_starts_again(stamps: tuple[float, ...]) -> None:
 
 def test_stamps_that_do_not_advance() -> None:
     """A source that does not stamp its states is answered."""
-    loop = Loop(control())
+    loop = ControlLoop(control())
     assert [loop.answer(0, [float(k), 0.0], k * 0.01) for k in range(3)] == [[0.0], [-1.0], [-2.0]]
 
 
 def test_rate() -> None:
     """At most one answer in a period of the stamps, on its grid."""
-    loop = Loop(control(rules=Rules(period=50 * MS)))
+    loop = ControlLoop(control(rules=Rules(period=50 * MS)))
     answered = [k for k in range(100) if loop.answer(k * 5 * MS, [0.0, 0.0], k * 5e-3)]
     assert answered == list(range(0, 100, 10))
     assert loop.counts['skipped'] == 90
@@ -138,7 +138,7 @@ def test_rate() -> None:
     (3601.0, ''), (-3601.0, ''), (1.7e9, '')])
 def test_stamps_against_the_clock(lag: float, kind: str) -> None:
     """A state stamped long ago, or in the future, is dropped, unless of another clock."""
-    loop = Loop(control(rules=Rules(stamp_timeout=0.5)))
+    loop = ControlLoop(control(rules=Rules(stamp_timeout=0.5)))
     stamp = 2_000_000_000 * S
     u = loop.answer(stamp, [1.0, 0.0], 0.0, stamp + round(lag * S))
     assert (u is None) == bool(kind) and loop.counts[kind] == bool(kind)
@@ -148,13 +148,13 @@ def test_stamps_against_the_clock(lag: float, kind: str) -> None:
         assert loop.lag == pytest.approx(lag)
         # it neither is a state that came, nor puts the next one out of order
         assert loop.overdue(1e9) is None and loop.stamp is None
-    unchecked = Loop(control())
+    unchecked = ControlLoop(control())
     assert unchecked.answer(stamp, [1.0, 0.0], 0.0, stamp + round(lag * S)) == [-1.0]
 
 
 def test_late_stamps_are_stale() -> None:
     """States that all come late are as good as none: on_stale acts."""
-    loop = Loop(control(u=7.0, rules=Rules(stamp_timeout=0.5)))
+    loop = ControlLoop(control(u=7.0, rules=Rules(stamp_timeout=0.5)))
     assert loop.answer(10 * S, [1.0, 0.0], 10.0, 10 * S) == [6.0]
     for k in range(1, 10):
         assert loop.answer(10 * S + k * 100 * MS, [1.0, 0.0], 10.0 + 0.1 * k, 20 * S) is None
@@ -168,7 +168,7 @@ def test_late_stamps_are_stale() -> None:
     ('equilibrium', [7.0]), ('hold', [6.0]), ('silent', None)])
 def test_stale(action: str, commanded: list[float] | None) -> None:
     """After state_timeout on_stale acts, again each time; a state ends it."""
-    loop = Loop(control(u=7.0, rules=Rules(state_timeout=0.2, on_stale=action)))
+    loop = ControlLoop(control(u=7.0, rules=Rules(state_timeout=0.2, on_stale=action)))
     assert loop.wake() == math.inf and loop.overdue(1e9) is None  # nothing has come yet
     assert loop.answer(0, [1.0, 0.0], 10.0) == [6.0]
     assert loop.wake() == 10.2
@@ -183,7 +183,7 @@ def test_stale(action: str, commanded: list[float] | None) -> None:
 
 def test_bad_states_do_not_count_as_states() -> None:
     """A NaN at full rate is as good as no state."""
-    loop = Loop(control(rules=Rules(state_timeout=0.2)))
+    loop = ControlLoop(control(rules=Rules(state_timeout=0.2)))
     loop.answer(0, [0.0, 0.0], 0.0)
     for k in range(1, 100):
         loop.answer(k * MS, [math.nan, 0.0], k * 0.01)
@@ -192,7 +192,7 @@ def test_bad_states_do_not_count_as_states() -> None:
 
 def test_no_timeout() -> None:
     """With state_timeout = 0 nothing is ever stale."""
-    loop = Loop(control(rules=Rules(state_timeout=0.0)))
+    loop = ControlLoop(control(rules=Rules(state_timeout=0.0)))
     loop.answer(0, [0.0, 0.0], 0.0)
     assert loop.wake() == math.inf and loop.overdue(1e9) is None
 
@@ -202,7 +202,7 @@ def test_no_timeout() -> None:
 
 def test_stop_is_latched() -> None:
     """While stopped, the input at rest answers every state."""
-    loop = Loop(control(u=3.0, rest=(0.5,)))
+    loop = ControlLoop(control(u=3.0, rest=(0.5,)))
     loop.answer(0, [1.0, 0.0], 0.0)
     loop.stop('by test')
     assert answers(loop, (1, [1.0, 0.0]), (2, [1.0, 0.0])) == [[0.5], [0.5]]
@@ -217,7 +217,7 @@ def test_stop_is_latched() -> None:
 def test_envelope(action: str, outside: list[float] | None, back: list[float]) -> None:
     """Outside x_limits on_envelope acts; only a stop is latched."""
     rules = Rules(x_limits=((-1.0, 2.0), (-math.inf, math.inf)), on_envelope=action)
-    loop = Loop(control(u=7.0, rules=rules))
+    loop = ControlLoop(control(u=7.0, rules=rules))
     assert answers(loop, (0, [0.8, 0.0]), (1, [2.1, 0.0]), (2, [0.5, 0.0])) == [
         [6.2], outside, back]
     assert loop.counts['outside'] == 1
@@ -238,9 +238,9 @@ def test_envelope(action: str, outside: list[float] | None, back: list[float]) -
 def test_no_command_is_ever_out_of_the_limits(
         events: list[tuple[int, list[float], float, str]]) -> None:
     """Whatever comes in whatever order, a command is finite and within the limits."""
-    loop = Loop(control(limits=((-2.0,), (2.0,)), rest=(1.0,), drift=(1.0, 0.0),
-                        rules=Rules(transition_time=0.5, on_stale='hold'),
-                        C=((1.0, 0.0),), Ki=((1.0,),)))
+    loop = ControlLoop(control(limits=((-2.0,), (2.0,)), rest=(1.0,), drift=(1.0, 0.0),
+                               rules=Rules(transition_time=0.5, on_stale='hold'),
+                               C=((1.0, 0.0),), Ki=((1.0,),)))
     for stamp, x, now, what in events:
         u = None
         if what == 'state':

@@ -16,8 +16,8 @@ from obc_ros.core.closed_loop.control import (
     Rules,
     Schedule,
 )
-from obc_ros.core.closed_loop.feedback import Gains, Limits, Point, Regulator
-from obc_ros.core.closed_loop.loop import Loop
+from obc_ros.core.closed_loop.feedback import Gains, InputLimits, ReferencePoint, StateFeedback
+from obc_ros.core.closed_loop.loop import ControlLoop
 import pytest
 
 # Set points that move, references
@@ -26,12 +26,12 @@ import pytest
 def test_a_moving_set_point_moves_on() -> None:
     """It starts where the plant is, moves with the stamps, and changes of the gain leave it."""
     moving = control(u=10.0, drift=(10.0, 0.0), gain=((1.0, 0.0),))
-    loop = Loop(moving)
+    loop = ControlLoop(moving)
     assert answers(loop, (100.0, [500.0, 0.0]), (100.5, [505.0, 0.0]), (101.0, [509.0, 0.0])) == [
         [10.0], [10.0], [11.0]]
     loop.adopt(replace(moving, regulator=replace(moving.regulator, K=((2.0, 0.0),))))
     assert answers(loop, (101.0, [509.0, 0.0]), (102.0, [520.0, 0.0])) == [[12.0], [10.0]]
-    faster = Regulator((0.0, 0.0), (20.0,), ((1.0, 0.0),), (20.0, 0.0))
+    faster = StateFeedback((0.0, 0.0), (20.0,), ((1.0, 0.0),), (20.0, 0.0))
     loop.adopt(replace(moving, regulator=faster))
     assert answers(loop, (102.0, [520.0, 0.0]), (103.0, [540.0, 0.0])) == [[20.0], [20.0]]
     loop.adopt(replace(moving, regulator=replace(faster, x=(600.0, 0.0))))
@@ -40,7 +40,7 @@ def test_a_moving_set_point_moves_on() -> None:
 
 def test_a_moving_set_point_does_not_run_away() -> None:
     """After a stop it goes on from where the plant is."""
-    loop = Loop(control(u=10.0, drift=(10.0, 0.0), rest=(0.0,)))
+    loop = ControlLoop(control(u=10.0, drift=(10.0, 0.0), rest=(0.0,)))
     answers(loop, (0.0, [0.0, 0.0]), (1.0, [10.0, 0.0]))
     loop.stop('by test')
     assert answers(loop, (2.0, [12.0, 0.0]), (50.0, [12.0, 0.0])) == [[0.0], [0.0]]
@@ -51,7 +51,7 @@ def test_a_moving_set_point_does_not_run_away() -> None:
 def test_a_reference_is_followed_to_its_end() -> None:
     """Before it the set point, along it the reference, after it its end; without a state none."""
     still = control()
-    loop = Loop(still)
+    loop = ControlLoop(still)
     answers(loop, (9.0, [0.0, 0.0]))
     loop.adopt(replace(still, legs=(leg(10 * S),)))
     given = answers(loop, (9.5, [0.0, 0.0]), (10.0, [0.0, 1.0]), (11.0, [0.5, 1.0]),
@@ -61,14 +61,14 @@ def test_a_reference_is_followed_to_its_end() -> None:
 
 def test_a_reference_can_begin_in_the_middle() -> None:
     """A stamp in the past joins the reference where it is now."""
-    loop = Loop(control(legs=(leg(10 * S),)))
+    loop = ControlLoop(control(legs=(leg(10 * S),)))
     assert answers(loop, (11.5, [1.5, 1.0])) == [[0.0]]
 
 
 def test_a_reference_without_stamp_begins_at_once() -> None:
     """At the first state after it; a change of the gain leaves its beginning."""
     still = control()
-    loop = Loop(still)
+    loop = ControlLoop(still)
     answers(loop, (5.0, [0.0, 0.0]))
     following = replace(still, legs=(leg(None),))
     loop.adopt(following)
@@ -79,7 +79,7 @@ def test_a_reference_without_stamp_begins_at_once() -> None:
 
 def test_a_reference_that_came_before_the_loop_begins_with_it() -> None:
     """As one that an inactive node was given, without a stamp."""
-    loop = Loop(control(legs=(leg(None),)))
+    loop = ControlLoop(control(legs=(leg(None),)))
     assert answers(loop, (6.0, [0.0, 1.0]), (7.0, [1.0, 1.0]), (9.0, [2.0, 0.0])) == [
         [0.0], [0.0], [0.5]]
 
@@ -87,7 +87,7 @@ def test_a_reference_that_came_before_the_loop_begins_with_it() -> None:
 def test_a_reference_is_replaced_when_the_next_begins() -> None:
     """Until then the one before is followed."""
     first, second = leg(10 * S), leg(11 * S)
-    loop = Loop(control(legs=(first, second)))
+    loop = ControlLoop(control(legs=(first, second)))
     assert answers(loop, (10.5, [0.5, 1.0]), (11.0, [0.0, 1.0])) == [[0.0], [0.0]]
 
 
@@ -97,7 +97,7 @@ def test_a_reference_is_replaced_when_the_next_begins() -> None:
 def test_transition_is_smooth() -> None:
     """The command goes on from where it was, and ends at the new law."""
     rules = Rules(transition_time=1.0)
-    loop = Loop(control(rules=rules))
+    loop = ControlLoop(control(rules=rules))
     assert answers(loop, (0.0, [1.0, 0.0])) == [[-1.0]]
     loop.adopt(control(gain=((5.0, 0.0),), rules=rules))
     times = np.linspace(0.0, 1.2, 121)
@@ -110,7 +110,7 @@ def test_transition_is_smooth() -> None:
 def test_transition_in_a_transition() -> None:
     """A further change goes on from the command as it is."""
     rules = Rules(transition_time=1.0)
-    loop = Loop(control(rules=rules))
+    loop = ControlLoop(control(rules=rules))
     answers(loop, (0.0, [1.0, 0.0]))
     loop.adopt(control(gain=((5.0, 0.0),), rules=rules))
     half = answers(loop, (0.0, [1.0, 0.0]), (0.5, [1.0, 0.0]))[-1]
@@ -121,7 +121,7 @@ def test_transition_in_a_transition() -> None:
 
 def test_transition_after_a_stop() -> None:
     """The law takes over from the input at rest."""
-    loop = Loop(control(rest=(0.3,), rules=Rules(transition_time=1.0)))
+    loop = ControlLoop(control(rest=(0.3,), rules=Rules(transition_time=1.0)))
     answers(loop, (0.0, [1.0, 0.0]))
     loop.stop('by test')
     answers(loop, (1.0, [1.0, 0.0]))
@@ -131,7 +131,7 @@ def test_transition_after_a_stop() -> None:
 
 def test_preview_is_the_jump() -> None:
     """What a change would do to the command is known before, and nothing is changed by asking."""
-    loop = Loop(control())
+    loop = ControlLoop(control())
     wanted = control(gain=((5.0, 0.0),), x=(0.5, 0.0), u=1.0)
     assert loop.preview(wanted) is None
     before = answers(loop, (0.0, [1.0, 0.0]))[0]
@@ -145,23 +145,24 @@ def test_preview_is_the_jump() -> None:
 class Still:
     """The reference px = 5, with a gain of its own."""
 
-    def at(self, t: float) -> Point:
+    def at(self, t: float) -> ReferencePoint:
         """Return it."""
-        return Point((5.0, 0.0), (0.0,), ((3.0, 0.0),))
+        return ReferencePoint((5.0, 0.0), (0.0,), ((3.0, 0.0),))
 
 
 @pytest.mark.parametrize('delay', [0, 200 * MS])
 def test_hand_overs_between_references_are_smooth(delay: int) -> None:
     """Where a reference begins, gives way to another and ends, the command does not jump."""
     rules = Rules(transition_time=0.5)
-    legs = (Leg(Reference(1 * S, 4.0), Ramp(), Regulator((4.0, 0.0), (0.5,), K, (0.0, 0.0))),
-            Leg(Reference(3 * S, 2.0), Still(), Regulator((5.0, 0.0), (2.0,), K, (0.0, 0.0))))
+    legs = (Leg(Reference(1 * S, 4.0), Ramp(), StateFeedback((4.0, 0.0), (0.5,), K, (0.0, 0.0))),
+            Leg(Reference(3 * S, 2.0), Still(), StateFeedback((5.0, 0.0), (2.0,), K, (0.0, 0.0))))
     moves = ((1.0, delay / S), (0.0, 1.0))
     prediction = Prediction(moves, (((0.0,), (0.0,)),) * 2, 100 * MS, delay) if delay else None
     times, dt = np.arange(0.0, 7.0, 0.01), 0.01
     u = {}
     for smooth in (True, False):
-        loop = Loop(control(rules=rules if smooth else Rules(), legs=legs, prediction=prediction))
+        loop = ControlLoop(
+            control(rules=rules if smooth else Rules(), legs=legs, prediction=prediction))
         u[smooth] = np.array([loop.answer(round(t * S), [1.0, 0.0], t) for t in times]).ravel()
     jumps = np.abs(np.diff(u[False]))
     at = np.array([1.0, 3.0, 5.0]) - delay * 1e-9
@@ -182,14 +183,14 @@ def within(time: float, K: float = 10.0, **options: object) -> Control:
 
 def test_a_horizon_begins_with_the_law() -> None:
     """Its gain follows the time since the first state, and ends in the steady one."""
-    loop = Loop(within(2.0))
+    loop = ControlLoop(within(2.0))
     given = answers(loop, *((t, [1.0, 0.0]) for t in (7.0, 8.0, 9.0, 9.05, 9.1, 20.0)))
     np.testing.assert_allclose(np.ravel(given), [0.0, -5.0, -10.0, -5.5, -1.0, -1.0])
 
 
 def test_a_horizon_goes_on_through_changes_of_the_weights() -> None:
     """Only another set point or horizon begins it anew; so does a start after a stop."""
-    loop = Loop(within(2.0))
+    loop = ControlLoop(within(2.0))
     answers(loop, (0.0, [1.0, 0.0]))
     loop.adopt(within(2.0, K=20.0))
     assert answers(loop, (1.0, [1.0, 0.0])) == [[-10.0]]
@@ -207,14 +208,14 @@ def test_a_horizon_goes_on_through_changes_of_the_weights() -> None:
 def test_a_horizon_and_a_delay() -> None:
     """The gain is that of the time at which the command acts."""
     prediction = Prediction(((1.0, 0.0), (0.0, 1.0)), (((0.0,), (0.0,)),), S, S)
-    loop = Loop(within(2.0, prediction=prediction))
+    loop = ControlLoop(within(2.0, prediction=prediction))
     assert answers(loop, (7.0, [1.0, 0.0]), (8.0, [1.0, 0.0])) == [[-5.0], [-10.0]]
 
 
 def test_a_horizon_of_a_set_point_that_moves() -> None:
     """It moves on from where the plant was when the law began, whatever changes meanwhile."""
     moving = within(2.0, u=10.0, drift=(10.0, 0.0))
-    loop = Loop(moving)
+    loop = ControlLoop(moving)
     assert answers(loop, (100.0, [500.0, 0.0]), (101.0, [511.0, 0.0])) == [[10.0], [5.0]]
     loop.adopt(within(2.0, K=20.0, u=10.0, drift=(10.0, 0.0)))
     assert answers(loop, (101.0, [511.0, 0.0]), (102.0, [521.0, 0.0])) == [[0.0], [-10.0]]
@@ -226,13 +227,13 @@ def test_a_horizon_of_a_set_point_that_moves() -> None:
 def test_gains_follow_what_is_measured_or_was_commanded() -> None:
     """Between the grid straight, beyond it the nearest; before the first answer the set point."""
     gains = Gains((1.0, 3.0), (((10.0, 0.0),), ((30.0, 0.0),)), ((),) * 2)
-    loop = Loop(control(schedule=Schedule(gains, -1)))
+    loop = ControlLoop(control(schedule=Schedule(gains, -1)))
     speeds = (0.0, 1.0, 2.0, 3.0, 99.0)
     given = [loop.answer(k, [1.0, 0.0], 0.0, None, v) for k, v in enumerate(speeds)]
     assert given == [[-10.0], [-10.0], [-20.0], [-30.0], [-30.0]]
     assert loop.answer(9, [1.0, 0.0], 0.0, None, math.nan) is None
     assert loop.counts['finite'] == 1
-    loop = Loop(control(u=2.0, schedule=Schedule(gains, 0)))
+    loop = ControlLoop(control(u=2.0, schedule=Schedule(gains, 0)))
     assert answers(loop, (0.0, [-0.01, 0.0]), (0.1, [-0.01, 0.0])) == [
         [pytest.approx(2.2)], [pytest.approx(2.22)]]
 
@@ -241,7 +242,7 @@ def test_a_schedule_and_a_reference() -> None:
     """What is measured counts along a reference, too; there an input has its gain in time."""
     gains = Gains((1.0, 3.0), (((10.0, 0.0),), ((30.0, 0.0),)), ((),) * 2)
     for index, wanted in ((-1, -20.0), (0, -1.0)):
-        loop = Loop(control(schedule=Schedule(gains, index), legs=(leg(0),)))
+        loop = ControlLoop(control(schedule=Schedule(gains, index), legs=(leg(0),)))
         assert loop.answer(1 * S, [2.0, 1.0], 0.0, None, 2.0) == [wanted]
 
 
@@ -251,7 +252,7 @@ def test_a_schedule_and_a_reference() -> None:
 def test_integral_removes_a_constant_error() -> None:
     """A pushed double integrator comes to rest at the set point only with integral action."""
     def final_error(**integral: object) -> float:
-        loop = Loop(control(gain=((6.0, 4.0),), **integral))
+        loop = ControlLoop(control(gain=((6.0, 4.0),), **integral))
         x, v, dt = 0.0, 0.0, 0.01
         for k in range(4_000):
             u = loop.answer(round(k * dt * S), [x, v], k * dt)
@@ -266,7 +267,7 @@ def test_integral_removes_a_constant_error() -> None:
 
 def test_integral_is_the_trapezoidal_rule() -> None:
     """dz/dt = C (x - xr)."""
-    loop = Loop(control(gain=((0.0, 0.0),), C=((2.0, 0.0),), Ki=((1.0,),)))
+    loop = ControlLoop(control(gain=((0.0, 0.0),), C=((2.0, 0.0),), Ki=((1.0,),)))
     t = np.linspace(0.0, 0.4, 41)
     u = [loop.answer(round(s * S), [s, 0.0], s) for s in t]
     np.testing.assert_allclose(np.ravel(u), -t**2, atol=1e-12)  # exact for a straight line
@@ -275,8 +276,8 @@ def test_integral_is_the_trapezoidal_rule() -> None:
 @pytest.mark.parametrize('push', [1.0, -1.0])
 def test_anti_windup(push: float) -> None:
     """While the input is at its limit, the integral does not grow what cannot be given."""
-    loop = Loop(control(gain=((1.0, 0.0),), limits=((-2.0,), (2.0,)),
-                        C=((1.0, 0.0),), Ki=((1.0,),)))
+    loop = ControlLoop(control(gain=((1.0, 0.0),), limits=((-2.0,), (2.0,)),
+                               C=((1.0, 0.0),), Ki=((1.0,),)))
     for k in range(1_000):
         u = loop.answer(k * 10 * MS, [push * 3.0, 0.0], k * 0.01)
     assert u == [-2.0 * push]
@@ -287,14 +288,14 @@ def test_anti_windup(push: float) -> None:
 
 def test_nothing_is_integrated_over_a_gap() -> None:
     """Nobody knows what the plant did while no state came."""
-    loop = Loop(control(gain=((0.0, 0.0),), C=((1.0, 0.0),), Ki=((1.0,),)))
+    loop = ControlLoop(control(gain=((0.0, 0.0),), C=((1.0, 0.0),), Ki=((1.0,),)))
     given = answers(loop, (0.0, [1.0, 0.0]), (0.1, [1.0, 0.0]), (9.1, [1.0, 0.0]))
     np.testing.assert_allclose(given, [[0.0], [-0.1], [-0.1]], atol=1e-15)
 
 
 def test_a_gain_that_changes_leaves_what_was_learned() -> None:
     """With a constant push the error stays 0 while the gains, that of the integral too, change."""
-    loop = Loop(control(gain=((6.0, 4.0),), C=((1.0, 0.0),), Ki=((3.0,),)))
+    loop = ControlLoop(control(gain=((6.0, 4.0),), C=((1.0, 0.0),), Ki=((3.0,),)))
     x, v, dt, worst = 0.0, 0.0, 0.01, 0.0
     for k in range(8_000):
         u = loop.answer(round(k * dt * S), [x, v], k * dt)
@@ -315,9 +316,9 @@ def test_prediction_is_the_simulation() -> None:
     """What the law sees is the state in two periods, given the commands on their way."""
     a, b, dt = 0.9, 0.5, 0.1  # x+ = a x + b u, u acts two periods later
     prediction = Prediction(((a * a,),), (((b,),), ((a * b,),)), round(dt * S), 2 * round(dt * S))
-    regulator = Regulator((0.2,), (0.02 / 0.5,), ((1.0,),), (0.0,))  # 0.2 = a 0.2 + b ue
-    loop = Loop(Control(regulator, Limits((-9.0,), (9.0,)), (0.0,), ('x',),
-                        prediction=prediction))
+    regulator = StateFeedback((0.2,), (0.02 / 0.5,), ((1.0,),), (0.0,))  # 0.2 = a 0.2 + b ue
+    loop = ControlLoop(Control(regulator, InputLimits((-9.0,), (9.0,)), (0.0,), ('x',),
+                               prediction=prediction))
     x, sent = [1.0], [0.04, 0.04]
     for k in range(20):
         u = loop.answer(round(k * dt * S), [x[-1]], k * dt)

@@ -8,7 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
-from obc_ros.core.closed_loop.paced_plant import grid, HELD_UP, LATE, Pacing, Plant, REGAIN, RESEND
+from obc_ros.core.closed_loop.paced_plant import (
+    grid,
+    HELD_UP,
+    LATE,
+    PacedPlant,
+    Pacing,
+    REGAIN,
+    RESEND,
+)
 from obc_ros.core.closed_loop.simulation_settings import Conditions, Gust
 from obc_ros.core.closed_loop.simulator import Simulator
 from obc_ros.core.systems import registry
@@ -24,8 +32,8 @@ class Bench:
 
     def __init__(self, name='double_integrator', x0=(0.0, 0.0), conditions=None, **pacing):
         self.now = START
-        simulator = Simulator(registry.get(name), x0, conditions)
-        self.plant = Plant(simulator, Pacing(5, **pacing), self.now, self.wall)
+        simulator = Simulator(registry.get_system(name), x0, conditions)
+        self.plant = PacedPlant(simulator, Pacing(5, **pacing), self.now, self.wall)
         self.stamps = [self.plant.stamp]
 
     @property

@@ -20,7 +20,7 @@ PERIOD = 5  # steps from one command to the next
 
 @pytest.fixture(scope='module')
 def aircraft():
-    return registry.get('aircraft')
+    return registry.get_system('aircraft')
 
 
 @pytest.fixture(scope='module')
@@ -94,7 +94,7 @@ def test_rk4_has_order_four(aircraft):
     ('cubic', [5.0], [1.0]),
 ])
 def test_the_adaptive_integrator_keeps_to_its_bound(name, x0, u, tolerance):
-    system, seconds = registry.get(name), 3.0
+    system, seconds = registry.get_system(name), 3.0
     exact = solve_ivp(lambda t, x: system.f(x, u), (0, seconds), x0,
                       method='DOP853', rtol=1e-13, atol=1e-15).y[:, -1]
     found = final_state(system, x0, u, seconds, dt=0.5, integrator='adaptive',
@@ -120,7 +120,7 @@ def double_integrator_under(pieces, until):
 @example(delay=1e-300, commands=[1.0, -2.0])
 def test_the_input_delay_is_exact(integrator, delay, commands):
     conditions = Conditions(input_delay=delay, integrator=integrator, tolerance=1e-11)
-    simulator = Simulator(registry.get('double_integrator'), [0, 0], conditions)
+    simulator = Simulator(registry.get_system('double_integrator'), [0, 0], conditions)
     for u in commands:
         simulator.command([u])
         simulator.advance(PERIOD)
@@ -131,7 +131,7 @@ def test_the_input_delay_is_exact(integrator, delay, commands):
 
 def test_actuators_lag_as_a_first_order_filter_does():
     lag, u = 0.05, 2.0
-    simulator = Simulator(registry.get('double_integrator'), [0, 0],
+    simulator = Simulator(registry.get_system('double_integrator'), [0, 0],
                           Conditions(actuator_lag=(lag,), dt=5e-4))
     for _ in range(3):  # commands again and again: the actuator keeps its state
         simulator.command([u])
@@ -157,7 +157,7 @@ def test_one_actuator_may_lag_and_another_not(aircraft):
 def test_a_gust_gives_the_momentum_it_has(integrator, start, duration):
     amplitude, constant = 3.0, 0.25
     gust = Gust((0.0, amplitude), start, duration)
-    simulator = Simulator(registry.get('double_integrator'), [0, 0], Conditions(
+    simulator = Simulator(registry.get_system('double_integrator'), [0, 0], Conditions(
         gust=gust, disturbance=(0.0, constant), integrator=integrator, tolerance=1e-12))
     simulator.advance(1500)
     blown = amplitude * quad(gust.shape, max(start, 0.0), start + duration, epsabs=1e-14)[0]
@@ -170,7 +170,8 @@ def test_a_gust_gives_the_momentum_it_has(integrator, start, duration):
 def test_linear_systems_follow_the_matrix_exponential(h, steps):
     A = np.array([[0.0, 1.0, 0.0], [-4.0, -0.5, 1.0], [0.0, -1.0, -2.0]])
     B = np.array([[0.0], [1.0], [0.5]])
-    simulator = Simulator(registry.get('linear', A=A, B=B), [1, -1, 2], Conditions(dt=h), [0.0])
+    simulator = Simulator(registry.get_system('linear', A=A, B=B), [1, -1, 2], Conditions(dt=h),
+                          [0.0])
     simulator.command([0.7])
     simulator.advance(steps)
     both = expm(np.block([[A, B], [np.zeros((1, 4))]]) * h * steps)
@@ -217,7 +218,7 @@ def test_noise_is_on_what_is_published_only_and_has_its_deviation(aircraft):
 
 
 def test_commands_are_clipped_to_the_limits():
-    vehicle = Simulator(registry.get('vehicle'))
+    vehicle = Simulator(registry.get_system('vehicle'))
     vehicle.command([-3.0, 2.0])
     assert vehicle.target == (0.0, 0.6)
 
@@ -236,7 +237,7 @@ def test_a_command_that_is_none_changes_nothing(aircraft, u, delay):
 
 def test_a_state_that_leaves_the_range_of_numbers_stays_and_says_so():
     for integrator in ('rk4', 'adaptive'):
-        growing = Simulator(registry.get('cubic', {'a': -1.0}), [10.0],
+        growing = Simulator(registry.get_system('cubic', {'a': -1.0}), [10.0],
                             Conditions(integrator=integrator), [0.0])
         before = None
         with pytest.raises(DynamicsError, match='cannot be integrated on from t = 0.00'):
@@ -249,7 +250,7 @@ def test_a_state_that_leaves_the_range_of_numbers_stays_and_says_so():
 
 
 def test_a_stiff_plant_ends_with_a_sentence_not_in_waiting():
-    stiff = registry.get('linear', A=[[-1e9]], B=[[1e9]])
+    stiff = registry.get_system('linear', A=[[-1e9]], B=[[1e9]])
     with pytest.raises(DynamicsError, match='100000 steps are not enough'):
         Simulator(stiff, [1.0], Conditions(dt=1.0, integrator='adaptive'), [0.0]).advance()
 
@@ -267,13 +268,13 @@ def test_parameters_change_in_flight_without_a_jump(aircraft):
     simulator.advance(100)
     assert_allclose(simulator.u, [1 + (u[0] - 1) * np.exp(-0.5), 39.2], rtol=1e-13)
     with pytest.raises(StatementError, match='another plant'):
-        simulator.configure(registry.get('vehicle'), Conditions())
+        simulator.configure(registry.get_system('vehicle'), Conditions())
     with pytest.raises(StatementError, match='another dt'):
         simulator.configure(aircraft, Conditions(dt=0.01))
 
 
 def test_a_shorter_delay_does_not_let_a_command_overtake_another():
-    plant = registry.get('double_integrator')
+    plant = registry.get_system('double_integrator')
     simulator = Simulator(plant, [0, 0], Conditions(input_delay=0.01))
     simulator.command([1.0])
     simulator.configure(plant, Conditions(input_delay=0.0))
@@ -289,8 +290,8 @@ def test_until_the_first_command_the_plant_rests(aircraft):
     simulator.advance(1000)
     assert_allclose(simulator.x, [3, 4, 0, 0, 0, 0], atol=1e-12)
     assert_allclose(resting_input(aircraft, [0, 0, 0.3, 0, 0, 0]), [0, 39.2], atol=1e-12)
-    assert_allclose(resting_input(registry.get('scalar'), [2.0]), [-2.0])
-    straight = Simulator(registry.get('vehicle'), [0, -2, 0])
+    assert_allclose(resting_input(registry.get_system('scalar'), [2.0]), [-2.0])
+    straight = Simulator(registry.get_system('vehicle'), [0, -2, 0])
     straight.advance(1000)
     assert_allclose(straight.x, [10, -2, 0], atol=1e-12)
 
@@ -331,7 +332,7 @@ extreme = st.floats(allow_nan=True) | st.sampled_from([0.0, 5e-324, 1e-9, 1.0, 1
 def test_whatever_the_conditions_there_is_a_state_or_a_sentence(integrator, numbers):
     u, dt, lag, delay, noise, disturbance, amplitude, start, duration = numbers
     try:
-        simulator = Simulator(registry.get('double_integrator'), conditions=Conditions(
+        simulator = Simulator(registry.get_system('double_integrator'), conditions=Conditions(
             dt=dt, integrator=integrator, actuator_lag=(lag,), input_delay=delay, noise=(noise,),
             disturbance=(disturbance,), gust=Gust((amplitude,), start, duration)))
         simulator.command([u])

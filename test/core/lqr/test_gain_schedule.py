@@ -8,8 +8,14 @@ from typing import Any
 from hypothesis import given, settings, strategies
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.lqr.design.design import design, Plant, plant, Sampling, scheduled
-from obc_ros.core.lqr.gain_schedule import Table, table
+from obc_ros.core.lqr.design.design import (
+    design,
+    linearize_plant,
+    LinearizedPlant,
+    Sampling,
+    scheduled,
+)
+from obc_ros.core.lqr.gain_schedule import compute_schedule, Table
 from obc_ros.core.lqr.lqr import lqr
 from obc_ros.core.lqr.weights import Weights
 from obc_ros.core.systems import registry
@@ -50,7 +56,7 @@ def gain(found: Table, v: float) -> Array:
 def test_gains_from_1_to_30_metres_per_second(name: str) -> None:
     """On the grid and between it the gain is that of the speed, and stabilises."""
     at, cost = COSTS[name]
-    found = table(at, cost, SLOW, FAST)
+    found = compute_schedule(at, cost, SLOW, FAST)
     assert found.values[[0, -1]].tolist() == [SLOW, FAST]
     for v in np.linspace(SLOW, FAST, 300):
         A, B = at(v)
@@ -65,7 +71,7 @@ def test_the_vehicle_bears_any_change_of_speed() -> None:
 
     In the distance driven, s, dx/ds = N x + b phi does not depend on the speed.
     """
-    found = table(*COSTS['Exercise 2.10'], SLOW, FAST)
+    found = compute_schedule(*COSTS['Exercise 2.10'], SLOW, FAST)
     np.testing.assert_allclose(found.K, [[[1.0, math.sqrt(2.0 * LENGTH)]]] * len(found.K))
     assert found.rate == math.inf
 
@@ -74,7 +80,7 @@ def test_the_vehicle_bears_any_change_of_speed() -> None:
 def test_the_rate_that_is_proved_is_borne(name: str) -> None:
     """A speed that swings at that rate over all of the range does not upset the loop."""
     at, cost = COSTS[name]
-    found = table(at, cost, SLOW, FAST)
+    found = compute_schedule(at, cost, SLOW, FAST)
     assert 0.1 < found.rate < 100.0
     span = 2.0 * (FAST - SLOW) / found.rate
 
@@ -100,7 +106,7 @@ def test_what_is_accepted_is_stable_between_the_values(n: int, m: int, seed: int
         return A + slope * v * dA, B + slope * v * dB
 
     try:
-        found = table(at, Weights(np.eye(n), np.eye(m)), 0.0, 1.0)
+        found = compute_schedule(at, Weights(np.eye(n), np.eye(m)), 0.0, 1.0)
     except RefusedDesignError:
         return
     for v in rng.uniform(0.0, 1.0, 50):
@@ -115,9 +121,9 @@ def test_a_gap_that_cannot_be_bridged_is_not_passed_over() -> None:
         return np.ones((1, 1)), np.array([[v]])
 
     with pytest.raises(RefusedDesignError, match='out of reach|ill-conditioned|between'):
-        table(turning, Weights(np.eye(1), np.eye(1)), -1.0, 1.0)
+        compute_schedule(turning, Weights(np.eye(1), np.eye(1)), -1.0, 1.0)
     with pytest.raises(RefusedDesignError):
-        table(turning, Weights(np.eye(1), np.eye(1)), -0.9, 1.0)
+        compute_schedule(turning, Weights(np.eye(1), np.eye(1)), -0.9, 1.0)
 
 
 def test_refusals() -> None:
@@ -125,17 +131,17 @@ def test_refusals() -> None:
     cost = Weights(np.eye(2), np.eye(1))
     for lower, upper in ((2.0, 1.0), (math.nan, 1.0), (0.0, math.inf)):
         with pytest.raises(StatementError, match='wanted a range'):
-            table(vehicle, cost, lower, upper)
+            compute_schedule(vehicle, cost, lower, upper)
     with pytest.raises(RefusedDesignError, match='out of reach'):
-        table(vehicle, cost, 0.0, 1.0)
+        compute_schedule(vehicle, cost, 0.0, 1.0)
 
 
 def test_of_a_design() -> None:
     """Integrals are scheduled too; a period is borne at all values or refused."""
-    system = registry.get('vehicle_lateral')
+    system = registry.get_system('vehicle_lateral')
 
-    def at(v: float) -> Plant:
-        return plant(system.with_parameters({'v': v}))
+    def at(v: float) -> LinearizedPlant:
+        return linearize_plant(system.with_parameters({'v': v}))
 
     given: dict[str, Any] = {'Qx': (1.0, 0.1), 'Qu': (1.0,)}
     found = design(at(10.0), given, ('py',), (1.0,))

@@ -7,7 +7,7 @@ import math
 import control
 import numpy as np
 from obc_ros.core.lqr.lqr import dlqr, lqr
-from obc_ros.core.lqr.margins import figures, step_figures
+from obc_ros.core.lqr.margins import compute_step_figures, figures
 from plants import aircraft, CHAIN, FORCE
 import pytest
 from scipy.linalg import expm
@@ -154,9 +154,9 @@ def test_sampled_delay_modes():
 
 def test_rise_time_of_a_second_order_step():
     w, zeta = 3.0, 0.6
-    found = step_figures(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]]),
-                         np.array([[w * w, 2 * zeta * w]]),
-                         np.roots([1.0, 2 * zeta * w, w * w]).astype(complex))
+    found = compute_step_figures(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]]),
+                                 np.array([[w * w, 2 * zeta * w]]),
+                                 np.roots([1.0, 2 * zeta * w, w * w]).astype(complex))
     wd = w * np.sqrt(1 - zeta**2)
 
     def above(t, level):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import mpmath
 import numpy as np
 from obc_ros.core.numerics.interval_arithmetic import enclosure, WHOLE
-from obc_ros.core.text.expressions import parse
+from obc_ros.core.text.expressions import parse_expression
 import pytest
 
 X, Y = ca.SX.sym('x'), ca.SX.sym('y')
@@ -39,7 +39,8 @@ mpf = mp.mpf
 
 def between(text, x, y):
     """Return the enclosure of an expression of x and y."""
-    function = ca.Function('f', [ca.vertcat(X, Y)], [parse(text, {'x': X, 'y': Y}, 'text')])
+    function = ca.Function('f', [ca.vertcat(X, Y)],
+                           [parse_expression(text, {'x': X, 'y': Y}, 'text')])
     [found] = enclosure(function, [(np.array([x[0], y[0]]), np.array([x[1], y[1]]))])
     return found
 

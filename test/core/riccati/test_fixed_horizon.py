@@ -140,7 +140,7 @@ def test_stretches_join_in_any_order(seed, first, second):
     G, Q = F @ F.T, H @ H.T
     a, b = (propagation.of_plant(A, G, Q, length) for length in (first, second))
     whole = propagation.of_plant(A, G, Q, first + second)
-    both = propagation.joined(a, b, np.eye(3))
+    both = propagation.join_stretches(a, b, np.eye(3))
     for one, other in zip(whole, both, strict=True):
         assert abs(one - other).max() <= 1e-9 * abs(one).max()
 

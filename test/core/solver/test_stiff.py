@@ -6,9 +6,9 @@ from dataclasses import replace
 import math
 
 import numpy as np
-from obc_ros.core.ocp.certificate.affine_replay import AffineReplay, courses
+from obc_ros.core.ocp.certificate.affine_replay import AffineReplay, replay_affine
 from obc_ros.core.ocp.certificate.certificate import certify
-from obc_ros.core.ocp.certificate.replay import Integrator, Intervals
+from obc_ros.core.ocp.certificate.replay import Intervals, ReplayIntegrator
 from obc_ros.core.ocp.solution import Status
 from obc_ros.core.ocp.statement import problem_from_mapping
 from obc_ros.core.riccati import propagation
@@ -216,15 +216,15 @@ def test_exponentials_follow_what_small_steps_do():
     x, lam, sa, sb = (chance.standard_normal((K, 2)) for _ in range(4))
     ua, ub, ma, mb = (chance.standard_normal((K, 1)) for _ in range(4))
     given = Intervals(np.array([0.5, 0.5, 0.3, 1.0, 0.125, 0.7]), x, lam, ua, ub, sa, sb, ma, mb)
-    small = Integrator(problem).replay(given, problem.p_value, np.ones(4), 1e-11)
+    small = ReplayIntegrator(problem).replay(given, problem.p_value, np.ones(4), 1e-11)
     rates = AffineReplay(problem).rates(
         problem.p_value, np.array([2.0, 0.5]), np.hstack([ua, sa, ma]), given.h)
     w = np.hstack([ua, sa, ma]), np.hstack([ub, sb, mb])
-    ahead = courses(rates, given.h, x, w, lam, 4, back=False)
+    ahead = replay_affine(rates, given.h, x, w, lam, 4, back=False)
     assert ahead[:, :, :2] == pytest.approx(small.x, abs=1e-9)
     assert ahead[:, :, 2:4] == pytest.approx(small.lam, abs=1e-9)
     assert ahead[:, -1, 4] == pytest.approx(small.cost, abs=1e-9)
-    back = courses(rates, given.h, x, w, small.lam[:, -1], 4, back=True)
+    back = replay_affine(rates, given.h, x, w, small.lam[:, -1], 4, back=True)
     assert back[:, :, 2:4] == pytest.approx(small.lam, abs=1e-9)
 
 
@@ -235,7 +235,7 @@ def test_exponentials_are_exact_where_states_decay_within_a_millionth():
     none = np.zeros((1, 1))
     one = Intervals(np.array([1.0]), none + 1, none, none + 1, none + 2, none, none,
                     np.zeros((1, 0)), np.zeros((1, 0)))
-    integrator = Integrator(problem)
+    integrator = ReplayIntegrator(problem)
     run = one, problem.p_value, np.ones(2), 1e-10
     course, left = integrator.there_and_back(integrator.replay(*run), one, none, *run[1:])
     t = np.linspace(0, 1, 5)

@@ -62,15 +62,15 @@ def test_a_path_that_is_no_minimum_beside_the_reason():
 
 def test_a_path_when_the_time_is_up(monkeypatch):
     """A search that is ended after a few iterations."""
-    from obc_ros.core.solver.nlp.progress import Monitor
+    from obc_ros.core.solver.nlp.progress import ProgressMonitor
     problem = problem_from_mapping(load_file(PROBLEMS / 'vanderpol_bounded.yaml')[0])
-    step = Monitor.step
+    step = ProgressMonitor.step
 
     def late(self, cost, infeasibility):
         if self.iterations > 6:
             self.stopped = self.stopped or 'timed_out'
         return step(self, cost, infeasibility)
-    monkeypatch.setattr(Monitor, 'step', late)
+    monkeypatch.setattr(ProgressMonitor, 'step', late)
     found = solve(problem, method='transcription')
     assert found.status is Status.TIMED_OUT
     assert len(found.t)

@@ -25,7 +25,7 @@ def lateral(x, phi, v=SPEED):
 def test_slalom_of_1_m_and_1_hz_is_driven_exactly():
     """Integrating the nonlinear vehicle under the feedforward alone comes back to the course."""
     def reference(t):
-        return courses.lateral_reference(*courses.slalom(np.atleast_1d(t)), SPEED, LENGTH)
+        return courses.lateral_reference(*courses.make_slalom(np.atleast_1d(t)), SPEED, LENGTH)
 
     def rate(t, x):
         return lateral(x, reference(t)[1][0, 0])
@@ -41,8 +41,9 @@ def test_slalom_of_1_m_and_1_hz_is_driven_exactly():
 
 def test_derivatives_of_the_slalom():
     t, h = np.linspace(0.0, 3.0, 301), 1e-4
-    y, dy, ddy = courses.slalom(t, 0.7, 1.3, 0.8)
-    later, earlier = courses.slalom(t + h, 0.7, 1.3, 0.8), courses.slalom(t - h, 0.7, 1.3, 0.8)
+    y, dy, ddy = courses.make_slalom(t, 0.7, 1.3, 0.8)
+    later, earlier = courses.make_slalom(t + h, 0.7, 1.3, 0.8), courses.make_slalom(t - h, 0.7,
+                                                                                    1.3, 0.8)
     assert (later[0] - earlier[0]) / (2 * h) == pytest.approx(dy, abs=1e-5)
     assert (later[1] - earlier[1]) / (2 * h) == pytest.approx(ddy, abs=1e-4)
     assert y[0] == dy[0] == ddy[0] == 0.0
@@ -51,8 +52,8 @@ def test_derivatives_of_the_slalom():
 def test_the_slalom_ends_as_it_begins():
     """Faded out as it was faded in; derivatives by differences; at rest from the end on."""
     t, h = np.linspace(-0.5, 6.5, 701), 1e-4
-    y, dy, ddy = courses.slalom(t, end=6.0)
-    later, earlier = courses.slalom(t + h, end=6.0), courses.slalom(t - h, end=6.0)
+    y, dy, ddy = courses.make_slalom(t, end=6.0)
+    later, earlier = courses.make_slalom(t + h, end=6.0), courses.make_slalom(t - h, end=6.0)
     assert (later[0] - earlier[0]) / (2 * h) == pytest.approx(dy, abs=1e-5)
     assert (later[1] - earlier[1]) / (2 * h) == pytest.approx(ddy, abs=1e-4)
     assert y == pytest.approx(-y[::-1], abs=1e-12)
@@ -64,11 +65,11 @@ def test_feedback_brings_an_offset_vehicle_onto_the_slalom():
     K = lqr(*vehicle(SPEED, LENGTH), COST.Qx, COST.Qu).K
 
     def rate(t, x):
-        xd, ud = courses.lateral_reference(*courses.slalom(np.atleast_1d(t)), SPEED, LENGTH)
+        xd, ud = courses.lateral_reference(*courses.make_slalom(np.atleast_1d(t)), SPEED, LENGTH)
         return lateral(x, ud[0, 0] - float((K @ (x - xd[0]))[0]))
 
     end = solve_ivp(rate, (0, 6), [0.3, 0.1], rtol=1e-8, max_step=0.05).y[:, -1]
-    xd, _ = courses.lateral_reference(*courses.slalom(np.array([6.0])), SPEED, LENGTH)
+    xd, _ = courses.lateral_reference(*courses.make_slalom(np.array([6.0])), SPEED, LENGTH)
     assert end == pytest.approx(xd[0], abs=1e-4)
 
 

@@ -17,7 +17,7 @@ A, B = [[0.0, 1.0], [-2.0, 3.0]], [[0.0], [1.0]]
 
 @pytest.mark.parametrize('name', registry.names())
 def test_every_system_is_held_at_its_own_set_point(name):
-    system = registry.get(name, **({'A': A, 'B': B} if name == 'linear' else {}))
+    system = registry.get_system(name, **({'A': A, 'B': B} if name == 'linear' else {}))
     found = equilibrium(system)
     f = system.f(found.x, found.u)
     assert_allclose(f, found.drift, atol=1e-12)
@@ -28,7 +28,7 @@ def test_every_system_is_held_at_its_own_set_point(name):
 
 @given(st.tuples(value, value), st.floats(0.5, 20.0), st.floats(1.0, 20.0))
 def test_the_aircraft_hovers_with_its_weight_wherever_it_is(position, m, g):
-    aircraft = registry.get('aircraft', {'m': m, 'g': g})
+    aircraft = registry.get_system('aircraft', {'m': m, 'g': g})
     found = equilibrium(aircraft, [*position, 0, 0, 0, 0])
     assert_allclose(found.u, [0, m * g], rtol=1e-13, atol=1e-13)
     assert not found.drift.any()
@@ -36,7 +36,7 @@ def test_the_aircraft_hovers_with_its_weight_wherever_it_is(position, m, g):
 
 def test_the_aircraft_cannot_hover_tilted():
     with pytest.raises(DynamicsError) as error:
-        equilibrium(registry.get('aircraft'), [1, 2, 0.3, 0, 0, 0])
+        equilibrium(registry.get_system('aircraft'), [1, 2, 0.3, 0, 0, 0])
     words = str(error.value)
     assert words.startswith('no input holds the aircraft at theta = 0.3 rad: the nearest, f1 = ')
     assert 'dvx/dt = -2.7' in words
@@ -46,7 +46,7 @@ def test_the_aircraft_cannot_hover_tilted():
 
 def test_a_free_state_is_found_with_the_input():
     """Constant speed against the drag: f1 = 0 and tan(theta) = -c v / (m g)."""
-    aircraft = registry.get('aircraft')
+    aircraft = registry.get_system('aircraft')
     target = [0, 0, 0, 3.0, 0, 0]
     with pytest.raises(DynamicsError, match='vx = 3 m/s'):
         equilibrium(aircraft, target)
@@ -59,24 +59,24 @@ def test_a_free_state_is_found_with_the_input():
 
 @given(st.floats(-3.0, 3.0), st.floats(0.1, 30.0))
 def test_the_vehicle_drives_on_along_its_heading_at_the_speed_asked_for(theta, v):
-    vehicle = registry.get('vehicle')
+    vehicle = registry.get_system('vehicle')
     found = equilibrium(vehicle, [1, 2, theta], [v, 0.2])
     assert_allclose(found.u, [v, 0], atol=1e-12)
     assert_allclose(found.drift, [v * np.cos(theta), v * np.sin(theta), 0], atol=1e-12)
 
 
 def test_drift_is_only_in_states_that_f_does_not_depend_on():
-    integrator = registry.get('double_integrator')
+    integrator = registry.get_system('double_integrator')
     assert_allclose(equilibrium(integrator, [1, 2]).drift, [2, 0])
-    stable = registry.get('linear', A=A, B=B)  # here x1 enters f: it may not move on
+    stable = registry.get_system('linear', A=A, B=B)  # here x1 enters f: it may not move on
     with pytest.raises(DynamicsError, match='dx1/dt = '):
         equilibrium(stable, [1, 2])
-    assert_allclose(equilibrium(registry.get('scalar', {'a': 0.0}), [3.0]).u, [0])
+    assert_allclose(equilibrium(registry.get_system('scalar', {'a': 0.0}), [3.0]).u, [0])
 
 
 @given(st.floats(-3, 3), st.floats(0.1, 3), st.floats(0.1, 3))
 def test_the_cubic_is_held_where_it_is_asked_to(x, a, b):
-    found = equilibrium(registry.get('cubic', {'a': a, 'b': b}), [x])
+    found = equilibrium(registry.get_system('cubic', {'a': a, 'b': b}), [x])
     assert found.u[0] == pytest.approx(a * x**3 / b, rel=1e-9, abs=1e-12)
 
 
@@ -86,7 +86,7 @@ def test_linear_systems_are_held_where_they_can_be(n, seed):
     A, B = generator.normal(size=(n, n)), generator.normal(size=(n, n))
     assume(np.linalg.cond(B) < 1e4)
     x = generator.normal(size=n)
-    found = equilibrium(registry.get('linear', A=A, B=B), x)
+    found = equilibrium(registry.get_system('linear', A=A, B=B), x)
     assert_allclose(A @ x + B @ found.u, found.drift, atol=1e-8)
 
 
@@ -95,20 +95,20 @@ def test_an_input_beyond_its_limits_does_not_count(tmp_path):
     path.write_text('states: [h, v]\ninputs: [u]\ndynamics: {h: v, v: u - 9.8}\n'
                     'input_bounds: {u: [0, 9]}\nunits: {u: m/s^2}\n')
     with pytest.raises(DynamicsError, match=r'needs u = 9.8 m/s\^2: u is limited to \[0, 9\]'):
-        equilibrium(registry.load(path))
+        equilibrium(registry.load_system(path))
 
 
 def test_a_start_without_slope_is_left(tmp_path):
     path = tmp_path / 'square.yaml'
     path.write_text('states: [x]\ninputs: [u]\ndynamics: {x: u**2 - x}\n')
-    found = equilibrium(registry.load(path), [4.0])
+    found = equilibrium(registry.load_system(path), [4.0])
     assert abs(found.u[0]) == pytest.approx(2.0, rel=1e-9)
 
 
 def test_where_f_is_not_defined_is_said(tmp_path):
     path = tmp_path / 'root.yaml'
     path.write_text('states: [x]\ninputs: [u]\ndynamics: {x: sqrt(x) + u}\n')
-    root = registry.load(path)
+    root = registry.load_system(path)
     with pytest.raises(DynamicsError, match='at x = -1: f is not defined there'):
         equilibrium(root, [-1.0])
     with pytest.raises(DynamicsError, match='derivative of dx/dt by x is inf'):
@@ -125,4 +125,4 @@ def test_where_f_is_not_defined_is_said(tmp_path):
 ])
 def test_a_malformed_set_point_is_answered_in_words(x, u, free, words):
     with pytest.raises(DynamicsError, match=words):
-        equilibrium(registry.get('aircraft'), x, u, free)
+        equilibrium(registry.get_system('aircraft'), x, u, free)

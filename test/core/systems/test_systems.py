@@ -23,7 +23,7 @@ value = st.floats(-2.0, 2.0)
 @pytest.fixture(params=CASES, ids=lambda case: '-'.join(map(str, (case[0], *case[1].values()))))
 def system(request: pytest.FixtureRequest) -> System:
     name, options = request.param
-    return registry.get(name, **options)
+    return registry.get_system(name, **options)
 
 
 def slope(function, z, h=1e-3):
@@ -57,7 +57,7 @@ def test_names_and_numbers_fit(system):
 
 @pytest.fixture(scope='module')
 def aircraft():
-    return registry.get('aircraft')
+    return registry.get_system('aircraft')
 
 
 def test_aircraft_signs_are_those_of_figure_2_3(aircraft):
@@ -94,7 +94,7 @@ def test_aircraft_linearization_is_that_of_the_text(aircraft):
 
 @given(st.tuples(*[value] * 6), st.tuples(value, value))
 def test_aircraft_is_the_same_in_a_mirror(x, u):
-    aircraft = registry.get('aircraft')
+    aircraft = registry.get_system('aircraft')
     mirror_x, mirror_u = np.array([-1, 1, -1, -1, 1, -1]), np.array([-1, 1])
     assert_allclose(aircraft.f(mirror_x * x, mirror_u * u),
                     mirror_x * aircraft.f(np.array(x), np.array(u)), atol=1e-12)
@@ -104,7 +104,7 @@ def test_aircraft_is_the_same_in_a_mirror(x, u):
 def test_aircraft_gains_the_energy_that_the_forces_put_in(x, u):
     m, J, r, g, c = 4.0, 0.0475, 0.25, 9.8, 0.05
     _, _, theta, vx, vy, omega = x
-    f = registry.get('aircraft').f(np.array(x), np.array(u))
+    f = registry.get_system('aircraft').f(np.array(x), np.array(u))
     growth = m * (vx * f[3] + vy * f[4] + g * f[1]) + J * omega * f[5]
     # The forces act where r below the centre is, whose velocity is v + omega x (r sin, -r cos).
     point = np.array([vx + omega * r * np.cos(theta), vy + omega * r * np.sin(theta)])
@@ -117,7 +117,7 @@ def test_aircraft_gains_the_energy_that_the_forces_put_in(x, u):
 @pytest.mark.parametrize('name', ['vehicle', 'two_wheeled'])
 @given(x=st.tuples(value, value, value), u=st.tuples(value, st.floats(-0.5, 0.5)), turn=value)
 def test_plane_vehicles_do_not_know_where_they_are(name, x, u, turn):
-    system = registry.get(name)
+    system = registry.get_system(name)
     c, s = np.cos(turn), np.sin(turn)
     rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     moved = rotation @ x + [0, 0, turn]
@@ -126,18 +126,18 @@ def test_plane_vehicles_do_not_know_where_they_are(name, x, u, turn):
 
 
 def test_vehicle_turns_left_on_the_circle_of_its_wheelbase():
-    vehicle = registry.get('vehicle')
+    vehicle = registry.get_system('vehicle')
     v, phi, l = 10.0, 0.3, 2.0  # noqa: E741 - the letter of the book
     f = vehicle.f(np.zeros(3), np.array([v, phi]))
     assert_allclose(f, [v, 0, v / (l / np.tan(phi))])
-    lateral = registry.get('vehicle_lateral', {'v': v, 'l': l})
+    lateral = registry.get_system('vehicle_lateral', {'v': v, 'l': l})
     assert_allclose(lateral.f(np.array([0, 0.2]), np.array([phi])),
                     vehicle.f(np.array([0, 0, 0.2]), np.array([v, phi]))[1:])
 
 
 @given(st.lists(value, min_size=4, max_size=4), st.lists(value, min_size=4, max_size=4))
 def test_brockett_is_the_skew_product_of_the_exercise(q, u):
-    system = registry.get('brockett', m=4)
+    system = registry.get_system('brockett', m=4)
     f = system.f(np.array([*q, *[0.0] * 6]), np.array(u))
     skew = np.outer(q, u) - np.outer(u, q)
     assert_allclose(f[:4], u)
@@ -145,11 +145,11 @@ def test_brockett_is_the_skew_product_of_the_exercise(q, u):
 
 
 def test_linear_is_its_matrices_given_as_rows_or_as_numbers():
-    system = registry.get('linear', A=A, B=B)
+    system = registry.get_system('linear', A=A, B=B)
     fx, fu = system.jacobians(np.ones(3), np.ones(2))
     assert_allclose(fx, A)
     assert_allclose(fu, B)
-    flat = registry.get('linear', {'A': np.ravel(A), 'B': tuple(np.ravel(B))})
+    flat = registry.get_system('linear', {'A': np.ravel(A), 'B': tuple(np.ravel(B))})
     assert_allclose(flat.f(np.ones(3), np.ones(2)), np.sum(A, 1) + np.sum(B, 1))
 
 
@@ -164,13 +164,13 @@ def test_linear_is_its_matrices_given_as_rows_or_as_numbers():
 ])
 def test_linear_says_what_is_wrong_with_its_matrices(options, words):
     with pytest.raises(DynamicsError, match=words):
-        registry.get('linear', **options)
+        registry.get_system('linear', **options)
 
 
 @pytest.mark.parametrize('m', [1, 0, -3, 51, 10**9, 2.0, 'x', True])
 def test_brockett_refuses_other_dimensions(m):
     with pytest.raises(DynamicsError, match='whole number from 2 to 50'):
-        registry.get('brockett', {'m': m})
+        registry.get_system('brockett', {'m': m})
 
 
 def test_options_are_told():
@@ -178,11 +178,11 @@ def test_options_are_told():
     assert set(registry.options('linear')) == {'A', 'B'}
     assert registry.options('aircraft') == {}
     with pytest.raises(DynamicsError, match="no option 'A'"):
-        registry.get('aircraft', A=1)
+        registry.get_system('aircraft', A=1)
 
 
 def test_parameters_enter_the_dynamics_and_leave_the_original_alone(aircraft):
-    heavy = registry.get('aircraft', {'m': 8})
+    heavy = registry.get_system('aircraft', {'m': 8})
     assert heavy.p_value[0] == 8.0
     assert aircraft.p_value[0] == 4.0
     u = np.array([8.0, 0.0])
@@ -195,17 +195,17 @@ def test_parameters_enter_the_dynamics_and_leave_the_original_alone(aircraft):
 ])
 def test_wrong_parameters_are_answered_in_words(name, words):
     with pytest.raises(DynamicsError, match=words):
-        registry.get('aircraft', {name: -1.0})
+        registry.get_system('aircraft', {name: -1.0})
 
 
 @pytest.mark.parametrize('bad', [float('nan'), float('inf'), -1e300, 'heavy', None, True, [1.0]])
 def test_no_parameter_value_that_is_not_a_number_in_range_is_taken(bad):
     with pytest.raises(DynamicsError, match='aircraft.m'):
-        registry.get('aircraft', {'m': bad})
+        registry.get_system('aircraft', {'m': bad})
 
 
 def test_limits_follow_the_parameters():
-    robot = registry.get('two_wheeled', {'L': 2.0}).with_parameters({'M': 3.0})
+    robot = registry.get_system('two_wheeled', {'L': 2.0}).with_parameters({'M': 3.0})
     assert_allclose(robot.u_max, [2, 3])
     assert_allclose(robot.u_min, [-2, -3])
     assert robot.setpoint_input[0] == 1.0
@@ -216,19 +216,19 @@ def test_limits_follow_the_parameters():
 def test_an_unknown_name_is_answered_in_words(name):
     if name not in registry.names():
         with pytest.raises(ObcError):
-            registry.registered(name)
+            registry.get_registered(name)
 
 
 def test_a_near_name_is_proposed():
     with pytest.raises(DynamicsError, match="did you mean 'aircraft'"):
-        registry.get('aircarft')
+        registry.get_system('aircarft')
 
 
 def test_a_request_cannot_make_us_read_files(tmp_path):
     path = tmp_path / 'plant.yaml'
     path.write_text('secret')
     with pytest.raises(DynamicsError, match='unknown system') as error:
-        registry.registered(str(path))
+        registry.get_registered(str(path))
     assert 'secret' not in str(error.value)
 
 
@@ -269,7 +269,7 @@ aircraft = plug_ins:impostor
 
 def test_another_package_adds_a_system(plugins):
     assert 'pendulum' in registry.names()
-    pendulum = registry.get('pendulum', {'length': 2.0})
+    pendulum = registry.get_system('pendulum', {'length': 2.0})
     assert_allclose(pendulum.f(np.array([1.0, 3.0]), np.zeros(1)), [3, 4.9])
 
 
@@ -283,9 +283,10 @@ def test_another_package_adds_a_system(plugins):
 def test_a_broken_system_of_another_package_says_so_and_leaves_the_others_alone(
         plugins, name, words):
     with pytest.raises(DynamicsError, match=words):
-        registry.get(name)
-    assert registry.get('pendulum').n == 2
-    assert registry.get('aircraft').n == 6, 'the own system goes before one of another package'
+        registry.get_system(name)
+    assert registry.get_system('pendulum').n == 2
+    assert registry.get_system(
+        'aircraft').n == 6, 'the own system goes before one of another package'
 
 
 PLANT = """
@@ -310,7 +311,7 @@ setpoint: {s: l}
 def test_a_file_is_a_system(tmp_path):
     path = tmp_path / 'cart.yaml'
     path.write_text(PLANT)
-    cart = registry.get(str(path))
+    cart = registry.get_system(str(path))
     assert cart.name == 'pendubot'
     assert cart.state_names == ('s', 'theta', 'v', 'omega')
     assert cart.angles == (False, True, False, False)
@@ -325,7 +326,7 @@ def test_a_file_is_a_system(tmp_path):
 def test_what_depends_on_a_parameter_of_a_file_follows_it(tmp_path):
     path = tmp_path / 'cart.yaml'
     path.write_text(PLANT)
-    cart = registry.get(str(path), {'m': 3.0})
+    cart = registry.get_system(str(path), {'m': 3.0})
     assert_allclose(cart.p_value, [3, 6, 0.5, 9.81])
     assert_allclose(cart.u_max, [30])
     own_mass = cart.with_parameters({'M': 5.0}).with_parameters({'l': 1.0})
@@ -353,7 +354,7 @@ running_cost: px**2
 initial_state: {px: 1}
 final_time: {free: false, value: 1}
 """)
-    mine = registry.load(path)
+    mine = registry.load_system(path)
     assert mine.name == 'mine'
     assert mine.plane == aircraft.plane
     x, u = np.linspace(0.1, 1, 6), np.array([1.0, 2.0])
@@ -386,10 +387,10 @@ def test_a_malformed_file_is_answered_with_file_and_key(tmp_path, old, new, word
     assert old in PLANT
     path.write_text(PLANT.replace(old, new))
     with pytest.raises(StatementError, match=words) as error:
-        registry.get(str(path))
+        registry.get_system(str(path))
     assert str(error.value).startswith(str(path))
 
 
 def test_a_missing_file_is_answered_in_words():
     with pytest.raises(StatementError, match='nowhere.yaml: cannot be read'):
-        registry.get('nowhere.yaml')
+        registry.get_system('nowhere.yaml')

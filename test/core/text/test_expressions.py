@@ -10,7 +10,7 @@ import casadi as ca
 from hypothesis import given
 from hypothesis import strategies as st
 from obc_ros.core.text.errors import StatementError
-from obc_ros.core.text.expressions import check_name, MAX_DEPTH, number, parse
+from obc_ros.core.text.expressions import check_name, MAX_DEPTH, parse_expression, parse_number
 import pytest
 
 VALUES = {'x': 0.7, 'v': -1.3, 'theta_1': 0.4}
@@ -19,7 +19,7 @@ SYMBOLS = {name: ca.SX.sym(name) for name in VALUES}
 
 def value(text):
     """Return the parsed expression evaluated at VALUES."""
-    f = ca.Function('f', list(SYMBOLS.values()), [parse(text, SYMBOLS, 'key')])
+    f = ca.Function('f', list(SYMBOLS.values()), [parse_expression(text, SYMBOLS, 'key')])
     return float(f(*VALUES.values()))
 
 
@@ -41,18 +41,18 @@ GOOD = {
 @pytest.mark.parametrize(('text', 'expected'), GOOD.items())
 def test_arithmetic_has_its_value(text, expected):
     assert value(text) == pytest.approx(expected, rel=4e-15)
-    assert number(text, VALUES, 'key') == pytest.approx(expected, rel=4e-15)
+    assert parse_number(text, VALUES, 'key') == pytest.approx(expected, rel=4e-15)
 
 
 @pytest.mark.parametrize(('plain', 'expected'), [(3, 3.0), (-0.25, -0.25), ('1e-3', 1e-3)])
 def test_numbers_as_yaml_reads_them(plain, expected):
-    assert number(plain, {}, 'key') == expected
-    assert float(parse(plain, {}, 'key')) == expected
+    assert parse_number(plain, {}, 'key') == expected
+    assert float(parse_expression(plain, {}, 'key')) == expected
 
 
 def test_result_is_symbolic_and_differentiable():
     x, v = SYMBOLS['x'], SYMBOLS['v']
-    derivative = ca.jacobian(parse('x**2*v', SYMBOLS, 'key'), x)
+    derivative = ca.jacobian(parse_expression('x**2*v', SYMBOLS, 'key'), x)
     assert float(ca.Function('f', [x, v], [derivative])(3.0, 2.0)) == pytest.approx(12.0)
 
 
@@ -142,7 +142,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize(('text', 'said'), HOSTILE.items(), ids=[key[:20] for key in HOSTILE])
-@pytest.mark.parametrize(('read', 'names'), [(parse, SYMBOLS), (number, VALUES)])
+@pytest.mark.parametrize(('read', 'names'), [(parse_expression, SYMBOLS), (parse_number, VALUES)])
 def test_everything_else_is_refused_in_words_and_at_once(text, said, read, names):
     gc.freeze()  # what other tests left must not be looked through meanwhile
     started = time.process_time()
@@ -160,20 +160,20 @@ def test_everything_else_is_refused_in_words_and_at_once(text, said, read, names
     ids=lambda plain: type(plain).__name__)
 def test_what_is_no_number_and_no_text_is_refused(plain):
     with pytest.raises(StatementError, match=r'^initial_state\.x: '):
-        number(plain, {}, 'initial_state.x')
+        parse_number(plain, {}, 'initial_state.x')
     with pytest.raises(StatementError, match=r'^initial_state\.x: '):
-        parse(plain, {}, 'initial_state.x')
+        parse_expression(plain, {}, 'initial_state.x')
 
 
 @given(st.text(alphabet='xv01.e+-*/() ,^[]sincoab\n\'"_:=', max_size=60))
 def test_any_text_gives_a_value_or_a_statement_error(text):
-    for read, names in ((parse, SYMBOLS), (number, VALUES)):
+    for read, names in ((parse_expression, SYMBOLS), (parse_number, VALUES)):
         try:
             result = read(text, names, 'key')
         except StatementError as error:
             assert str(error).startswith('key: ')
         else:
-            assert read is parse or math.isfinite(result)
+            assert read is parse_expression or math.isfinite(result)
 
 
 @pytest.mark.parametrize(('text', 'expected'), [
@@ -181,7 +181,7 @@ def test_any_text_gives_a_value_or_a_statement_error(text):
     ('-' * MAX_DEPTH + 'x', X), ('(' * MAX_DEPTH + 'x' + ')' * MAX_DEPTH, X),
     ('1' + '**x' * MAX_DEPTH, 1.0), ('+'.join(['(-x)**2'] * 200), 200 * X**2)])
 def test_what_is_long_or_deep_within_the_limits_has_its_value(text, expected):
-    assert number(text, VALUES, 'key') == pytest.approx(expected)
+    assert parse_number(text, VALUES, 'key') == pytest.approx(expected)
     assert value(text) == pytest.approx(expected)
 
 

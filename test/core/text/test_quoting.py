@@ -15,7 +15,7 @@ from obc_ros.core.solver import motion_planning, solve
 from obc_ros.core.solver.nlp import minimize
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import ObcError, shown
-from obc_ros.core.text.expressions import number, parse
+from obc_ros.core.text.expressions import parse_expression, parse_number
 from obc_ros.core.text.yaml_files import entries
 
 GOOD: dict[str, Any] = {
@@ -49,11 +49,13 @@ def quoted(text: str) -> list[Callable[[], Any]]:
         problem(state_bounds=pair), problem(terminal_constraints=[text]), problem(name=text),
         problem(path_constraints=[{'expr': text, text: 1}]), problem(final_time=one),
         problem(initial_guess=one), problem(initial_guess={'states': one}),
-        lambda: number(text, {}, text), lambda: parse(text, {}, text),
+        lambda: parse_number(text, {}, text), lambda: parse_expression(text, {}, text),
         lambda: minimize.minimize({'variables': ['x'], 'cost': text, 'bounds': pair}),
         lambda: minimize.minimize({'variables': [text], 'cost': '1'}),
-        lambda: polynomial_bases.basis(text, 3, 2), lambda: motion_planning.registered(text, {}),
-        lambda: motion_planning.registered('aircraft', one), lambda: registry.get(text),
+        lambda: polynomial_bases.basis(text, 3, 2),
+        lambda: motion_planning.find_registered(text, {}),
+        lambda: motion_planning.find_registered('aircraft', one),
+        lambda: registry.get_system(text),
         lambda: solve.solve(statement.problem_from_mapping(GOOD), method=text),
         lambda: weights.square('Qx', [text], 1), lambda: list(entries(text))]
 

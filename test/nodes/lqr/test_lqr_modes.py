@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from obc_ros.core.lqr.lqr import lqr
 from obc_ros.core.riccati.fixed_horizon import finite_horizon
 from obc_ros.core.systems import registry
-from obc_ros.core.systems.courses import lateral_reference, slalom
+from obc_ros.core.systems.courses import lateral_reference, make_slalom
 from obc_ros.msg import LqrWeights, State, Trajectory
 from obc_ros.srv import TryDesign
 import pytest
@@ -109,7 +109,7 @@ def test_the_gain_follows_the_speed_that_odometry_tells(spawn: Any, probe: Any) 
 def closed_loop(system: str, x: Any) -> Callable[[Any], Any]:
     """Return a plant in this process: called with a command, it is the state 10 ms later."""
     from obc_ros.core.closed_loop.simulator import Simulator
-    plant = Simulator(registry.get(system), x)
+    plant = Simulator(registry.get_system(system), x)
 
     def move(u: Any) -> Any:
         plant.command(np.array(u))
@@ -277,7 +277,7 @@ def test_slalom_of_1_m_and_1_hz(spawn: Any, probe: Any) -> None:
                   x_max=[0.1, 0.1], u_max=[0.2], transition_time=0.2,
                   start_tolerance=[0.3, 0.5])
     t = np.linspace(0.0, 6.0, 3_001)
-    x, u = lateral_reference(*slalom(t), 10.0, 2.0)
+    x, u = lateral_reference(*make_slalom(t), 10.0, 2.0)
     publisher = probe.publisher(Trajectory, 'reference', LATCHED)
     publisher.publish(reference(t, x, u, 100.0))
     bench.process.wait_for_output('a reference of 6 s')

@@ -256,7 +256,7 @@ def test_in_lockstep_the_loop_is_that_of_one_process(spawn: Any, probe: Any) -> 
                               'publish_rate': 200.0, 'dt': 0.001})
     probe.wait_for(lambda: len(states) > 800)
     over_dds = {nanoseconds(each): list(each.x) for each in states}
-    K, plant = matrix(design.k, 2), Simulator(registry.get('aircraft'), start)
+    K, plant = matrix(design.k, 2), Simulator(registry.get_system('aircraft'), start)
     worst, compared = 0.0, 0
     for k in range(max(over_dds) // 5_000_000):
         if k * 5_000_000 in over_dds:  # the first ones came before the probe was connected

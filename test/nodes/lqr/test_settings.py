@@ -9,12 +9,12 @@ from typing import Any
 
 from hypothesis import given, settings, strategies
 import numpy as np
-from obc_ros.core.closed_loop.loop import Loop
+from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import Trajectory
-from obc_ros.nodes.lqr.settings import judge, Settings
-from obc_ros.nodes.lqr.topics import courses
+from obc_ros.nodes.lqr.settings import judge_lqr_settings, Settings
+from obc_ros.nodes.lqr.topics import read_courses
 import pytest
 
 X = [0.3, -0.2, 0.1, 0.05, -0.04, 0.02]
@@ -61,12 +61,12 @@ ANY = strategies.one_of(
 def test_commands_are_those_of_the_last_accepted_design(changes: list[dict[str, Any]]) -> None:
     """What is accepted is proved and used at once; what is refused leaves no trace."""
     now = Settings(transition_time=0.0)
-    accepted = judge(now)
-    loop = Loop(accepted.control)
+    accepted = judge_lqr_settings(now)
+    loop = ControlLoop(accepted.control)
     for k, change in enumerate(changes):
         before = loop.preview(accepted.control)
         try:
-            candidate = judge(replace(now, **change))
+            candidate = judge_lqr_settings(replace(now, **change))
         except ObcError as error:
             assert str(error) and loop.preview(accepted.control) == before
         else:
@@ -149,7 +149,7 @@ def _expected(accepted: Any) -> list[Any]:
 @given(GOOD)
 def test_what_is_right_is_accepted(change: dict[str, Any]) -> None:
     """Positive weights, levels to hover at, limits around hovering: no refusal is a whim."""
-    assert judge(replace(Settings(), **change)).design.lqr.residual < 1e-8
+    assert judge_lqr_settings(replace(Settings(), **change)).design.lqr.residual < 1e-8
 
 
 def test_every_parameter_is_described() -> None:
@@ -169,7 +169,7 @@ def test_every_parameter_is_described() -> None:
 def test_what_does_not_go_together(change: dict[str, Any], sentence: str) -> None:
     """Each has its sentence."""
     with pytest.raises(ObcError) as error:
-        judge(replace(Settings(), **change))
+        judge_lqr_settings(replace(Settings(), **change))
     assert sentence in str(error.value)
 
 
@@ -180,9 +180,9 @@ def test_the_frame_of_a_reference(frame: str, states: str, sentence: str) -> Non
     """It is that of the states, as far as both are known."""
     message = Trajectory(t=[0.0, 1.0], x=[0.0] * 4, u=[0.0] * 2)
     message.header.frame_id = frame
-    system = registry.get('double_integrator')
+    system = registry.get_system('double_integrator')
     if not sentence:
-        assert len(courses(message, system, states, (), None)) == 1
+        assert len(read_courses(message, system, states, (), None)) == 1
         return
     with pytest.raises(ObcError, match=sentence):
-        courses(message, system, states, (), None)
+        read_courses(message, system, states, (), None)

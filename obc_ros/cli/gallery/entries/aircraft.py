@@ -7,11 +7,11 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.figures import COLOURS, THIN
-from obc_ros.cli.gallery.drawing import describe, EXACT, panels
-from obc_ros.cli.gallery.entry import Answer, Entry, Row
+from obc_ros.cli.figures import LINE_COLOURS, THIN
+from obc_ros.cli.gallery.drawing import EXACT, label_axes, panels
+from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.exact_loops import sampled_loop, simulated_loop
-from obc_ros.cli.gallery.loop import Loop, Run
+from obc_ros.cli.gallery.loop import NodeLoop, Run
 from obc_ros.cli.gallery.runner import Desk, regulator
 from obc_ros.core.numerics.arrays import Array
 from scipy.linalg import solve_continuous_are
@@ -41,7 +41,7 @@ def gain(Qx: list[float], rho: float) -> Array:
     return B.T @ solve_continuous_are(A, B, np.diag(Qx), rho * np.eye(2)) / rho
 
 
-def example_2_5(desk: Desk) -> Answer:
+def example_2_5(desk: Desk) -> EntryResult:
     """Answer Example 2.5: fly the linear model and the nonlinear aircraft."""
     A, B = linear_model()
     cases = {rho: (IDENTITY, rho, STEPS) for rho in (1.0, 0.1, 10.0, 1e2, 1e4)}
@@ -56,24 +56,25 @@ def example_2_5(desk: Desk) -> Answer:
         whole = {name: _fly(loop, *cases[name]) for name in (1.0, 'printed')}
         model = regulator(loop.design)
     rows = [
-        Row('linearization: $A$', model.A, A, 'Newton, at hover'),
-        Row('linearization: $B$', model.B, B, 'Newton, at hover'),
-        Row('printed weights: $K$', model.K, gain(PRINTED, 0.1),
-            'SciPy, `solve_continuous_are`')]
+        ComparedRow('linearization: $A$', model.A, A, 'Newton, at hover'),
+        ComparedRow('linearization: $B$', model.B, B, 'Newton, at hover'),
+        ComparedRow('printed weights: $K$', model.K, gain(PRINTED, 0.1),
+                    'SciPy, `solve_continuous_are`')]
     for name, (Qx, rho, _) in cases.items():
         run, text = linear[name], _text(name)
         x, u = sampled_loop(A, B, gain(Qx, rho), -GOAL, STEP, len(run.t) - 1)
-        rows += [Row(f'{text}, linear: $x(t)$', run.x, GOAL + x, 'recursion, SciPy gain'),
-                 Row(f'{text}, linear: $u(t)$', run.u, u, 'recursion, SciPy gain')]
+        rows += [ComparedRow(f'{text}, linear: $x(t)$', run.x, GOAL + x, 'recursion, SciPy gain'),
+                 ComparedRow(f'{text}, linear: $u(t)$', run.u, u, 'recursion, SciPy gain')]
     for name in whole:
         Qx, rho, _ = cases[name]
         run = whole[name]
         x, u = _simulated(gain(Qx, rho), len(run.t) - 1)
-        rows += [Row(f'{_text(name)}, aircraft: $x(t)$', run.x, x, 'Dormand-Prince 8(5,3)'),
-                 Row(f'{_text(name)}, aircraft: inputs [N]', run.u, u,
-                     'Dormand-Prince 8(5,3)')]
+        rows += [
+            ComparedRow(f'{_text(name)}, aircraft: $x(t)$', run.x, x, 'Dormand-Prince 8(5,3)'),
+                 ComparedRow(f'{_text(name)}, aircraft: inputs [N]', run.u, u,
+                             'Dormand-Prince 8(5,3)')]
     printed = linear['printed']
-    return Answer(rows, _draw(linear, whole), (
+    return EntryResult(rows, _draw(linear, whole), (
         'The states $x, y$ and inputs $u_1 = f_1$, $u_2 = f_2 - mg$ of two running loops. Solid: '
         'the linear model, with the axes as in the book. Dotted: the nonlinear model. The weights '
         'are changed while `lqr_node` runs; each step begins with a reset of the plant.',
@@ -89,7 +90,7 @@ def example_2_5(desk: Desk) -> Answer:
         '2.5(b) runs from 0 to 4.')
 
 
-def _fly(loop: Loop, Qx: list[float], rho: float, duration: float) -> Run:
+def _fly(loop: NodeLoop, Qx: list[float], rho: float, duration: float) -> Run:
     changes = {'Qx': Qx} if list(loop.design.qx[::7]) != Qx else {}
     if loop.design.qu[0] != rho:
         changes['Qu'] = [rho, rho]
@@ -121,26 +122,26 @@ def _draw(linear: dict[Any, Run], whole: dict[Any, Run]) -> Figure:
         3, 3, 2.55)
     for axes, name in ((a, 1.0), (b, 'printed'), (fall, 'printed')):
         for index, text in enumerate('xy'):
-            axes.plot(linear[name].t, linear[name].x[:, index], color=COLOURS[index],
+            axes.plot(linear[name].t, linear[name].x[:, index], color=LINE_COLOURS[index],
                       label=f'${text}$')
             if axes is not b:
                 axes.plot(whole[name].t, whole[name].x[:, index], **EXACT)
     for axes, values in ((legend, LEGEND), (caption, CAPTION)):
         for index, rho in enumerate(values):
             exponent = round(np.log10(rho))
-            axes.plot(linear[rho].t, linear[rho].x[:, 0], color=COLOURS[index],
+            axes.plot(linear[rho].t, linear[rho].x[:, 0], color=LINE_COLOURS[index],
                       label=rf'$\rho = 10^{exponent}$' if rho > 50 else rf'$\rho = {rho:g}$')
     run = linear['printed']
     for axes in (inputs, all_inputs):
         for index in range(2):
-            axes.plot(run.t, run.u[:, index], color=COLOURS[index], drawstyle='steps-post',
+            axes.plot(run.t, run.u[:, index], color=LINE_COLOURS[index], drawstyle='steps-post',
                       label=f'$u_{index + 1}$')
-    tilt.plot(run.t, np.degrees(run.x[:, 2]), color=COLOURS[2], label=r'$\theta$')
+    tilt.plot(run.t, np.degrees(run.x[:, 2]), color=LINE_COLOURS[2], label=r'$\theta$')
     tilt.plot(whole['printed'].t, np.degrees(whole['printed'].x[:, 2]), **EXACT)
     for axes in (a, fall, tilt):
         axes.plot([], [], label='nonlinear model', **EXACT)
     for index, text in enumerate('xy'):
-        weights.plot(run.t, 100 * (linear['meant'].x - run.x)[:, index], color=COLOURS[index],
+        weights.plot(run.t, 100 * (linear['meant'].x - run.x)[:, index], color=LINE_COLOURS[index],
                      label=f'${text}$')
     both, one = 'position $x$, $y$ [m]', 'position $x$ [m]'
     step = range(0, 11, 2), [0, 0.5, 1, 1.5]
@@ -164,14 +165,14 @@ def _draw(linear: dict[Any, Run], whole: dict[Any, Run]) -> Figure:
              (range(4), [-60, -30, 0, 30, 60]), 'upper right'),
             (weights, r'weight of $\theta$: 1.3131 or $2\pi/9$', 'difference [cm]',
              (0, 5, -0.7, 0.4), (range(6), [-0.6, -0.4, -0.2, 0, 0.2, 0.4]), 'lower right')):
-        describe(axes, title, 'time $t$ [s]', y, legend=place)
+        label_axes(axes, title, 'time $t$ [s]', y, legend=place)
         axes.axis(limits)
         axes.set(xticks=ticks[0], yticks=ticks[1])
         axes.axhline(1.0 if y in (both, one) else 0.0, **THIN)
     return figure
 
 
-EXAMPLE_2_5 = Entry(
+WEIGHTS_2_5 = GalleryEntry(
     '2.5', 'Thrust vectored aircraft', 'Example 2.5, Figures 2.4 and 2.5', (
         'The aircraft hovers and is asked to move by 1 m in $x$ and in $y$. First with $Q_x = I$, '
         '$Q_u = ρI$; then with weights that penalise errors of 1 cm in $x$, 10 cm in $y$ and '

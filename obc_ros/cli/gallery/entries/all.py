@@ -18,7 +18,7 @@ from obc_ros.cli.gallery.entries import (
 
 ENTRIES = (
     optimization.EXAMPLE_2_1, principle.THEOREM_2_1, scalar.EXAMPLE_2_2, least_time.EXAMPLE_2_3,
-    regulators.THEOREM_2_2, regulators.EXAMPLE_2_4, aircraft.EXAMPLE_2_5,
+    regulators.THEOREM_2_2, regulators.EXAMPLE_2_4, aircraft.WEIGHTS_2_5,
     least_time.EXAMPLE_2_6, optimization.EXERCISE_2_1, shortest.EXERCISE_2_2,
     shortest.EXERCISE_2_3, flat.EXERCISE_2_4, flat.EXERCISE_2_5, two_wheeled.EXERCISE_2_6,
     linear.EXERCISE_2_7, linear.EXERCISE_2_8, scalar.EXERCISE_2_9, vehicle.EXERCISE_2_10)

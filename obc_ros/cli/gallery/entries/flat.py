@@ -14,9 +14,9 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.figures import COLOURS
-from obc_ros.cli.gallery.drawing import describe, EXACT, legend_below, panels
-from obc_ros.cli.gallery.entry import Answer, Entry, Row
+from obc_ros.cli.figures import LINE_COLOURS
+from obc_ros.cli.gallery.drawing import EXACT, label_axes, legend_below, panels
+from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.page import scientific
 from obc_ros.cli.gallery.runner import Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array
@@ -56,13 +56,13 @@ def flat(M: int, power: int) -> dict[str, Any]:
             'equalities': ['c0', ' + '.join(names) + ' - 1']}
 
 
-def curve(c: Sequence[float], t: Array) -> tuple[Array, Array]:
+def compute_curve(c: Sequence[float], t: Array) -> tuple[Array, Array]:
     """Return z and its derivative."""
     polynomial = np.polynomial.Polynomial(np.asarray(c))
     return polynomial(t), polynomial.deriv()(t)
 
 
-def exercise_2_4(desk: Desk) -> Answer:
+def exercise_2_4(desk: Desk) -> EntryResult:
     """Answer Exercise 2.4, (a) to (e)."""
     free = desk.solve(**optimal(1, 1.0, 1.0))
     many = desk.solve_all([optimal(1, 1.0, c) for c in MANY_WEIGHTS], show=0)
@@ -76,30 +76,33 @@ def exercise_2_4(desk: Desk) -> Answer:
     ends = [exp(-TF) / (1 + c * (1 - exp(-2 * TF)) / 2) for c in MANY_WEIGHTS]
     between = scalar_between(-1.0, 1.0, 0.0, 1.0, best.t, tf=TF)
     t = np.linspace(0, TF, 101)
-    z, dz = curve(found[0].x, t)
+    z, dz = compute_curve(found[0].x, t)
     rows = [
-        Row('(a) $x*(t)$ from $x(0) = 1$, $c = 1$', free.x['x'], a.x, '(2.5) with $-a$'),
-        Row('(a) $u*(t)$ from $x(0) = 1$, $c = 1$', free.u['u'], a.u, '(2.4) with $-a$'),
-        Row('(a) cost $J$', free.J, a.J, '$½ P(0) x(0)^2$'),
-        Row('(a) $x*(t_f)$ for $c$ from 0.01 to $10^6$', [path.x['x'][-1] for path in many],
-            ends, '$x(0) e^{-at_f} / (1 + b^2 c (1 - e^{-2at_f}) / 2a) → 0$', relative=True),
-        Row('(a) $x*$, $u*$ with $a = 2$, $b = ½$, $c = 10$, $t_f = 0.8$, $x(0) = -1.5$',
-            [other.x['x'], other.u['u']], [b.x, b.u], '(2.5), (2.4) with $-a$'),
-        Row('(c) $M = 2$: $x_d(t)$', z, t, '$x(t_0) + (x(t_f) - x(t_0))(t - t_0)/(t_f - t_0)$'),
-        Row('(c) $M = 2$: $u_d(t)$', dz + z, 1 + t, "$(x_d' + a x_d)/b = 1 + t$"),
-        Row('(d) optimal $x(t)$, $x(1) = 1$ demanded', best.x['x'],
-            np.sinh(best.t) / sinh(1), '$sinh t / sinh 1$'),
-        Row('(d) optimal $u(t)$', best.u['u'], np.exp(best.t) / sinh(1), '$e^t / sinh 1$'),
-        Row('(d) optimal cost $J$', best.J, between.J + 0.5, '$1/(1 - e^{-2}) + ½$'),
-        Row('(d) flat cost $J$, $M = 2$', found[0].objective, 7 / 6 + 0.5, '$7/6 + ½$'),
-        Row('(d) optimum of (a) from $x(0) = 0$: $J$', nothing.J, 0.0, '0, with $u ≡ 0$'),
-        Row(f'(e) flat cost, $M = {COUNTS[1]} .. {COUNTS[-1]}$',
-            [each.objective for each in found[1:]], [_least_square(M) for M in COUNTS[1:]],
-            'least squares in the coefficients')]
+        ComparedRow('(a) $x*(t)$ from $x(0) = 1$, $c = 1$', free.x['x'], a.x, '(2.5) with $-a$'),
+        ComparedRow('(a) $u*(t)$ from $x(0) = 1$, $c = 1$', free.u['u'], a.u, '(2.4) with $-a$'),
+        ComparedRow('(a) cost $J$', free.J, a.J, '$½ P(0) x(0)^2$'),
+        ComparedRow('(a) $x*(t_f)$ for $c$ from 0.01 to $10^6$',
+                    [path.x['x'][-1] for path in many],
+                    ends, '$x(0) e^{-at_f} / (1 + b^2 c (1 - e^{-2at_f}) / 2a) → 0$',
+                    relative=True),
+        ComparedRow('(a) $x*$, $u*$ with $a = 2$, $b = ½$, $c = 10$, $t_f = 0.8$, $x(0) = -1.5$',
+                    [other.x['x'], other.u['u']], [b.x, b.u], '(2.5), (2.4) with $-a$'),
+        ComparedRow('(c) $M = 2$: $x_d(t)$', z, t,
+                    '$x(t_0) + (x(t_f) - x(t_0))(t - t_0)/(t_f - t_0)$'),
+        ComparedRow('(c) $M = 2$: $u_d(t)$', dz + z, 1 + t, "$(x_d' + a x_d)/b = 1 + t$"),
+        ComparedRow('(d) optimal $x(t)$, $x(1) = 1$ demanded', best.x['x'],
+                    np.sinh(best.t) / sinh(1), '$sinh t / sinh 1$'),
+        ComparedRow('(d) optimal $u(t)$', best.u['u'], np.exp(best.t) / sinh(1), '$e^t / sinh 1$'),
+        ComparedRow('(d) optimal cost $J$', best.J, between.J + 0.5, '$1/(1 - e^{-2}) + ½$'),
+        ComparedRow('(d) flat cost $J$, $M = 2$', found[0].objective, 7 / 6 + 0.5, '$7/6 + ½$'),
+        ComparedRow('(d) optimum of (a) from $x(0) = 0$: $J$', nothing.J, 0.0, '0, with $u ≡ 0$'),
+        ComparedRow(f'(e) flat cost, $M = {COUNTS[1]} .. {COUNTS[-1]}$',
+                    [each.objective for each in found[1:]], [_least_square(M) for M in COUNTS[1:]],
+                    'least squares in the coefficients')]
     shares = [(each.objective - best.J) / best.J for each in found]
     figure, last = _draw('x', free, best, found, 1)
     _draw_ends(last, many, ends)
-    return Answer(rows, figure, (
+    return EntryResult(rows, figure, (
         "(b) $z = x$ is a flat output: $x = z$, $u = (z' + az)/b$. (c) Two coefficients meet the "
         'ends, $M = 2$. (d) The flat trajectory costs '
         f'{100 * shares[0]:.2g} % more than the optimum. (e) Coefficients to spare lower the '
@@ -121,7 +124,7 @@ def _least_square(M: int) -> float:
     return float(SHARES @ u**2 / 2 + 0.5)
 
 
-def exercise_2_5(desk: Desk) -> Answer:
+def exercise_2_5(desk: Desk) -> EntryResult:
     """Answer Exercise 2.5."""
     free = desk.solve(**optimal(3, 1.0, 1.0), method='indirect')
     best = desk.solve(**optimal(3, 0.0, 1.0, 1.0), method='indirect')
@@ -130,31 +133,35 @@ def exercise_2_5(desk: Desk) -> Answer:
     E, dx = _first_integral()
     way = _along(dx, best.t)
     t = np.linspace(0, TF, 101)
-    z, dz = curve(found[0].x, t)
+    z, dz = compute_curve(found[0].x, t)
     rows = [
-        Row('(a) $λ(t_f) = c x(t_f)$', free.lam['x'][-1], x[-1], 'shooting'),
-        Row('(a) $x*(t)$ from $x(0) = 1$', free.x['x'], x, 'shooting, Dormand-Prince 8(5,3)'),
-        Row('(a) $λ(t)$', free.lam['x'], lam, 'shooting'),
-        Row('(a) $u*(t) = -bλ(t)$', free.u['u'], -lam, 'shooting'),
-        Row('(a) cost $J$', free.J, J, 'shooting'),
-        Row('(a) $H$ is constant', free.hamiltonian,
-            np.full(free.t.size, -lam[0]**2 / 2 - lam[0]), 'its value at $t = 0$, shooting'),
-        Row('(c) $M = 2$: $u_d(t)$', dz + z**3, 1 + t**3, "$(x_d' + a x_d^3)/b = 1 + t^3$"),
-        Row("(d) optimal $x'(t)$, $x(1) = 1$ demanded", best.u['u'] - best.x['x']**3,
-            dx(best.x['x']), "$H$ constant: $x'^2 = x^6 + E$, $∫ dx/x' = 1$"),
-        Row('(d) optimal $x(t)$', best.x['x'], way, "$x' = √(x^6 + E)$ integrated"),
-        Row('(d) optimal $u(t)$', best.u['u'], dx(way) + way**3, "the same, $x' + x^3$"),
-        Row('(d) costate $λ(t)$', best.lam['x'], -dx(way) - way**3, '$-u(t)/b$ of that'),
-        Row('(d) optimal cost $J$', best.J, _cost_of(dx) + 0.5,
-            '$½ ∫ (dx/dt + x^3)^2 dt + ½$ by quadrature over $x$'),
-        Row('(d) flat cost $J$, $M = 2$', found[0].objective, 23 / 28 + 0.5, '$23/28 + ½$'),
-        Row(f'(e) flat cost, $M = {COUNTS[1]} .. {COUNTS[-1]}$',
-            [each.objective for each in found[1:]], [_least(M) for M in COUNTS[1:]],
-            'BFGS from another start, without the server')]
+        ComparedRow('(a) $λ(t_f) = c x(t_f)$', free.lam['x'][-1], x[-1], 'shooting'),
+        ComparedRow('(a) $x*(t)$ from $x(0) = 1$', free.x['x'], x,
+                    'shooting, Dormand-Prince 8(5,3)'),
+        ComparedRow('(a) $λ(t)$', free.lam['x'], lam, 'shooting'),
+        ComparedRow('(a) $u*(t) = -bλ(t)$', free.u['u'], -lam, 'shooting'),
+        ComparedRow('(a) cost $J$', free.J, J, 'shooting'),
+        ComparedRow('(a) $H$ is constant', free.hamiltonian,
+                    np.full(free.t.size, -lam[0]**2 / 2 - lam[0]),
+                    'its value at $t = 0$, shooting'),
+        ComparedRow('(c) $M = 2$: $u_d(t)$', dz + z**3, 1 + t**3,
+                    "$(x_d' + a x_d^3)/b = 1 + t^3$"),
+        ComparedRow("(d) optimal $x'(t)$, $x(1) = 1$ demanded", best.u['u'] - best.x['x']**3,
+                    dx(best.x['x']), "$H$ constant: $x'^2 = x^6 + E$, $∫ dx/x' = 1$"),
+        ComparedRow('(d) optimal $x(t)$', best.x['x'], way, "$x' = √(x^6 + E)$ integrated"),
+        ComparedRow('(d) optimal $u(t)$', best.u['u'], dx(way) + way**3, "the same, $x' + x^3$"),
+        ComparedRow('(d) costate $λ(t)$', best.lam['x'], -dx(way) - way**3, '$-u(t)/b$ of that'),
+        ComparedRow('(d) optimal cost $J$', best.J, _cost_of(dx) + 0.5,
+                    '$½ ∫ (dx/dt + x^3)^2 dt + ½$ by quadrature over $x$'),
+        ComparedRow('(d) flat cost $J$, $M = 2$', found[0].objective, 23 / 28 + 0.5,
+                    '$23/28 + ½$'),
+        ComparedRow(f'(e) flat cost, $M = {COUNTS[1]} .. {COUNTS[-1]}$',
+                    [each.objective for each in found[1:]], [_least(M) for M in COUNTS[1:]],
+                    'BFGS from another start, without the server')]
     shares = [(each.objective - best.J) / best.J for each in found]
     figure, last = _draw('x^3', free, best, found, 3)
     _draw_first_integral(last, best, E)
-    return Answer(rows, figure, (
+    return EntryResult(rows, figure, (
         "(a) The conditions: $λ' = 3ax^2λ$, $λ(t_f) = c x(t_f)$, $u = -bλ$. (b) $z = x$ is flat, "
         "$u = (z' + az^3)/b$. The straight line costs "
         f'{100 * shares[0]:.2g} % more than the optimum, $M = 3$ {100 * shares[1]:.2g} %, '
@@ -199,7 +206,7 @@ def _cost_of(dx: Drift) -> float:
 def _least(M: int) -> float:
     def cost(d: Array) -> float:
         c = np.concatenate([[0.0, 1.0 - d.sum()], d])
-        z, dz = curve(c, NODES)
+        z, dz = compute_curve(c, NODES)
         return float(SHARES @ (dz + z**3)**2 / 2 + 0.5)
 
     return float(minimize(cost, np.full(M - 2, 0.1), method='BFGS',
@@ -212,13 +219,13 @@ def _draw(drift: str, free: Trajectory, best: Trajectory, found: list[Any], powe
     figure, ((states, inputs), (costs, last)) = panels(2, 2, 2.9)
     t = np.linspace(0, TF, 101)
     for index, M in enumerate((2, 3)):
-        z, dz = curve(found[index].x, t)
-        states.plot(t, z, color=COLOURS[index], label=f'flat, $M = {M}$')
-        inputs.plot(t, dz + z**power, color=COLOURS[index])
+        z, dz = compute_curve(found[index].x, t)
+        states.plot(t, z, color=LINE_COLOURS[index], label=f'flat, $M = {M}$')
+        inputs.plot(t, dz + z**power, color=LINE_COLOURS[index])
     for axes, values, other in ((states, best.x['x'], free.x['x']),
                                 (inputs, best.u['u'], free.u['u'])):
-        axes.plot(best.t, values, color=COLOURS[2], label='optimal, $x(1) = 1$')
-        axes.plot(free.t, other, color=COLOURS[3], label='(a) optimal from $x(0) = 1$')
+        axes.plot(best.t, values, color=LINE_COLOURS[2], label='optimal, $x(1) = 1$')
+        axes.plot(free.t, other, color=LINE_COLOURS[3], label='(a) optimal from $x(0) = 1$')
         axes.set_xlim(0, TF)
     if power == 1:
         known = scalar_finite_horizon(-1.0, 1.0, 1.0, 1.0, t, tf=TF)
@@ -231,33 +238,34 @@ def _draw(drift: str, free: Trajectory, best: Trajectory, found: list[Any], powe
     for x, u in shown:
         states.plot(t, x, label='reference' if x is shown[0][0] else None, **EXACT)
         inputs.plot(t, u, **EXACT)
-    describe(states, 'state', 'time $t$ [s]', '$x(t)$')
-    describe(inputs, 'input', 'time $t$ [s]', '$u(t)$ [1/s]')
+    label_axes(states, 'state', 'time $t$ [s]', '$x(t)$')
+    label_axes(inputs, 'input', 'time $t$ [s]', '$u(t)$ [1/s]')
     legend_below(figure, states, 5)
-    costs.semilogy(COUNTS, [each.objective - best.J for each in found], 'o-', color=COLOURS[0])
+    costs.semilogy(COUNTS, [each.objective - best.J for each in found], 'o-',
+                   color=LINE_COLOURS[0])
     costs.set_xticks(COUNTS)
-    describe(costs, '(e) cost of flat trajectories above the optimum',
-             'number of coefficients $M$', '$J_M - J^*$')
+    label_axes(costs, '(e) cost of flat trajectories above the optimum',
+               'number of coefficients $M$', '$J_M - J^*$')
     figure.suptitle(f'$\\dot x = -a{drift} + bu$,  $a = b = c = 1$,  $t_f = {TF:g}$ s')
     return figure, last
 
 
 def _draw_ends(axes: Axes, many: list[Trajectory], ends: list[float]) -> None:
     axes.loglog(MANY_WEIGHTS, [path.x['x'][-1] for path in many], 'o', markersize=4,
-                color=COLOURS[3], label='trajectory_server')
+                color=LINE_COLOURS[3], label='trajectory_server')
     axes.loglog(MANY_WEIGHTS, ends, label='closed form', **EXACT)
-    describe(axes, '(a) final state from $x(0) = 1$', 'weight $c$', '$x^*(t_f)$', legend=True)
+    label_axes(axes, '(a) final state from $x(0) = 1$', 'weight $c$', '$x^*(t_f)$', legend=True)
 
 
 def _draw_first_integral(axes: Axes, best: Trajectory, E: float) -> None:
     x = np.linspace(0, 1, 101)
-    axes.plot(best.x['x'], best.u['u'] - best.x['x']**3, color=COLOURS[2],
+    axes.plot(best.x['x'], best.u['u'] - best.x['x']**3, color=LINE_COLOURS[2],
               label='trajectory_server')
     axes.plot(x, np.sqrt(x**6 + E), label=r'$\dot x^2 = x^6 + E$', **EXACT)
-    describe(axes, '(d) optimum in the phase plane', '$x$', r'$\dot x$ [1/s]', legend=True)
+    label_axes(axes, '(d) optimum in the phase plane', '$x$', r'$\dot x$ [1/s]', legend=True)
 
 
-EXERCISE_2_4 = Entry(
+EXERCISE_2_4 = GalleryEntry(
     'exercise-2.4', 'Optimal and flat trajectories, linear', 'Exercise 2.4', (
         "$x' = -ax + bu$ with the cost of Example 2.2: (a) the optimum, and $x*(t_f)$ for "
         '$c → ∞$; (b) a flat output; (c) the flat trajectory in the basis $t^k$ with no '
@@ -267,7 +275,7 @@ EXERCISE_2_4 = Entry(
     'In (d) the optimum of part (a) is linear in $x(t_0)$: from $x(0) = 0$ it is $u ≡ 0$ and '
     'never comes to $x(1) = 1$, which has to be demanded for a comparison. $b$ is not given; it '
     'is 1 here.')
-EXERCISE_2_5 = Entry(
+EXERCISE_2_5 = GalleryEntry(
     'exercise-2.5', 'Optimal and flat trajectories, nonlinear', 'Exercise 2.5', (
         "The same for $x' = -ax^3 + bu$; of (a) only the conditions are asked for.",),
     exercise_2_5)

@@ -7,9 +7,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.figures import COLOURS, THIN
-from obc_ros.cli.gallery.drawing import describe, legend_below, panels
-from obc_ros.cli.gallery.entry import Answer, Entry, Row
+from obc_ros.cli.figures import LINE_COLOURS, THIN
+from obc_ros.cli.gallery.drawing import label_axes, legend_below, panels
+from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.page import scientific
 from obc_ros.cli.gallery.runner import Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array
@@ -23,7 +23,7 @@ ARCS = ((1, 0, 0.0, 2.0), (-1, 1, 1.0, 2.5), (1, 1, 2.0, 0.7), (-1, 2, 0.5, 1.5)
 FREE = {'free': True, 'lower': 0.01, 'upper': 50}
 
 
-def double_integrator(x: float, v: float) -> tuple[float, float, float]:
+def solve_double_integrator(x: float, v: float) -> tuple[float, float, float]:
     """Return the least time to the origin, when the input changes its sign, and to what."""
     side = 1.0 if x + v * abs(v) / 2 > 0 else -1.0
     root = sqrt(side * x + v * v / 2)
@@ -46,7 +46,7 @@ def oscillator(first: int, switches: int, begin: float, end: float) -> tuple[Arr
     return x, np.cumsum(lengths[::-1])
 
 
-def example_2_3(desk: Desk) -> Answer:
+def example_2_3(desk: Desk) -> EntryResult:
     """Answer Example 2.3 for two systems and many starts."""
     common = {'running_cost': '1', 'terminal_constraints': ['x1', 'x2'],
               'input_bounds': {'u': [-1, 1]}, 'final_time': FREE}
@@ -57,7 +57,7 @@ def example_2_3(desk: Desk) -> Answer:
     turning = desk.solve_all([{
         'states': ['x1', 'x2'], 'inputs': ['u'], 'dynamics': {'x1': 'x2', 'x2': '-x1 + u'},
         'initial_state': {'x1': float(x), 'x2': float(v)}, **common} for (x, v), _ in known])
-    exact = np.array([double_integrator(x, v) for x, v in STARTS])
+    exact = np.array([solve_double_integrator(x, v) for x, v in STARTS])
     at = np.array([[np.interp(path.switching_times[0], path.t, path.x[name])
                     for name in ('x1', 'x2')] for path in plain])
     v = np.array(STARTS)[:, 1] - exact[:, 2] * exact[:, 1]
@@ -65,29 +65,32 @@ def example_2_3(desk: Desk) -> Answer:
     lam = np.concatenate(_costates(switching, exact, known))
     away = np.abs(lam) > 1e-6
     rows = [
-        Row(f'double integrator, {len(STARTS)} starts: least time $T$ [s]',
-            [path.T for path in plain], exact[:, 0], '$± v_0 + 2 √(± x_0 + v_0^2/2)$'),
-        Row('double integrator: the switching time [s]',
-            [path.switching_times[0] for path in plain], exact[:, 1],
-            '$± v_0 + √(± x_0 + v_0^2/2)$'),
-        Row('double integrator: $x$, $v$ at the switch', at,
-            np.column_stack([-v * np.abs(v) / 2, v]), 'the switching curve $x = -½ v|v|$'),
-        Row(f'oscillator, {len(ARCS)} starts: least time $T$ [s]', [path.T for path in turning],
-            [times[-1] for _, times in known], 'arcs put together backwards from the origin'),
-        Row('oscillator: all switching times [s]',
-            np.concatenate([path.switching_times for path in turning]),
-            np.concatenate([times[:-1] for _, times in known]), 'the same arcs'),
-        Row('$λ^T B$ along the paths that switch',
-            np.concatenate([path.lam['x2'] for path in switching]), lam,
-            'a line, a sine; 0 at the switches, $-u$ at $T$'),
-        Row('$u = -sgn(λ^T B)$ along them',
-            np.concatenate([path.u['u'] for path in switching])[away], -np.sign(lam[away]),
-            'Example 2.3'),
-        Row('$u$ along the one that does not switch', turning[0].u['u'],
-            np.full(turning[0].t.size, ARCS[0][0]), 'its start is on an arc to the origin'),
-        Row('$H$ along all paths', np.concatenate([path.hamiltonian for path in paths]),
-            np.zeros(sum(path.t.size for path in paths)), '$H = 0$, as $T$ is free')]
-    return Answer(rows, _draw_2_3(plain, turning), (
+        ComparedRow(f'double integrator, {len(STARTS)} starts: least time $T$ [s]',
+                    [path.T for path in plain], exact[:, 0], '$± v_0 + 2 √(± x_0 + v_0^2/2)$'),
+        ComparedRow('double integrator: the switching time [s]',
+                    [path.switching_times[0] for path in plain], exact[:, 1],
+                    '$± v_0 + √(± x_0 + v_0^2/2)$'),
+        ComparedRow('double integrator: $x$, $v$ at the switch', at,
+                    np.column_stack([-v * np.abs(v) / 2, v]), 'the switching curve $x = -½ v|v|$'),
+        ComparedRow(f'oscillator, {len(ARCS)} starts: least time $T$ [s]',
+                    [path.T for path in turning],
+                    [times[-1] for _, times in known],
+                    'arcs put together backwards from the origin'),
+        ComparedRow('oscillator: all switching times [s]',
+                    np.concatenate([path.switching_times for path in turning]),
+                    np.concatenate([times[:-1] for _, times in known]), 'the same arcs'),
+        ComparedRow('$λ^T B$ along the paths that switch',
+                    np.concatenate([path.lam['x2'] for path in switching]), lam,
+                    'a line, a sine; 0 at the switches, $-u$ at $T$'),
+        ComparedRow('$u = -sgn(λ^T B)$ along them',
+                    np.concatenate([path.u['u'] for path in switching])[away], -np.sign(lam[away]),
+                    'Example 2.3'),
+        ComparedRow('$u$ along the one that does not switch', turning[0].u['u'],
+                    np.full(turning[0].t.size, ARCS[0][0]),
+                    'its start is on an arc to the origin'),
+        ComparedRow('$H$ along all paths', np.concatenate([path.hamiltonian for path in paths]),
+                    np.zeros(sum(path.t.size for path in paths)), '$H = 0$, as $T$ is free')]
+    return EntryResult(rows, _draw_2_3(plain, turning), (
         'Dots: the initial states. The input is minus the sign of the switching function $λ^T B$; '
         'it changes sign on the switching curve (black). The undamped oscillator switches every '
         'half period.',))
@@ -109,12 +112,12 @@ def _draw_2_3(plain: list[Trajectory], turning: list[Trajectory]) -> Figure:
     figure, ((left, middle, right),) = panels(1, 3, 3.3, width_ratios=(1, 1, 1.1))
     for axes, paths in ((left, plain), (middle, turning)):
         for path in paths:
-            for sign, colour in ((-1, COLOURS[0]), (1, COLOURS[1])):
+            for sign, colour in ((-1, LINE_COLOURS[0]), (1, LINE_COLOURS[1])):
                 x1, x2, u = smooth(path)
                 part = np.where(u * sign > 0, 1.0, np.nan)
                 axes.plot(x1 * part, x2 * part, color=colour, linewidth=0.9)
             axes.plot(path.x['x1'][0], path.x['x2'][0], '.', color='black', markersize=4)
-    for text, colour in (('$u = -1$', COLOURS[0]), ('$u = +1$', COLOURS[1])):
+    for text, colour in (('$u = -1$', LINE_COLOURS[0]), ('$u = +1$', LINE_COLOURS[1])):
         left.plot([], [], color=colour, label=text)
     v = np.linspace(-2.6, 2.6, 201)
     left.plot(-v * np.abs(v) / 2, v, color='black', label='switching curve')
@@ -125,16 +128,16 @@ def _draw_2_3(plain: list[Trajectory], turning: list[Trajectory]) -> Figure:
             middle.plot(side * (2 * k + 1 + np.cos(angle)), -side * np.sin(angle), color='black')
     middle.set(aspect='equal', xlim=(-10, 10), ylim=(-11, 11), xticks=[-8, -4, 0, 4, 8],
                yticks=[-8, -4, 0, 4, 8])
-    describe(left, 'double integrator', '$x_1$ [m]', '$x_2$ [m/s]')
-    describe(middle, 'oscillator $\\ddot x + x = u$', '$x_1$', '$x_2$')
+    label_axes(left, 'double integrator', '$x_1$ [m]', '$x_2$ [m/s]')
+    label_axes(middle, 'oscillator $\\ddot x + x = u$', '$x_1$', '$x_2$')
     path = turning[-1]
-    right.plot(path.t, path.u['u'], color=COLOURS[2], drawstyle='steps-post', label='$u(t)$')
-    right.plot(path.t, path.lam['x2'], color=COLOURS[4], label='$\\lambda^T B$')
-    right.plot(path.t, path.hamiltonian, color=COLOURS[3], label='$H$')
+    right.plot(path.t, path.u['u'], color=LINE_COLOURS[2], drawstyle='steps-post', label='$u(t)$')
+    right.plot(path.t, path.lam['x2'], color=LINE_COLOURS[4], label='$\\lambda^T B$')
+    right.plot(path.t, path.hamiltonian, color=LINE_COLOURS[3], label='$H$')
     for time in path.switching_times:
         right.axvline(time, **THIN)
-    describe(right, 'oscillator with five switches', 'time $t$ [s]',
-             '$u$, $\\lambda^T B$, $H$')
+    label_axes(right, 'oscillator with five switches', 'time $t$ [s]',
+               '$u$, $\\lambda^T B$, $H$')
     right.set(xlim=(0, path.T), ylim=(-1.3, 1.7))
     right.legend(loc='upper center', ncols=3, columnspacing=1.2)
     legend_below(figure, left, 3)
@@ -179,7 +182,7 @@ def costates(a: float, d: float, t: Array) -> Array:
     return np.column_stack([np.full(t.size, d), x1 - a / 2, np.full(t.size, -1)]) / r
 
 
-def example_2_6(desk: Desk) -> Answer:
+def example_2_6(desk: Desk) -> EntryResult:
     """Answer Example 2.6: the singular line, and paths that switch."""
     lines = desk.solve_all([_nonholonomic(rho, 0.0) for rho in LINES])
     exact = [diamond(a, d) for a, d in LOOPS]
@@ -189,29 +192,32 @@ def example_2_6(desk: Desk) -> Answer:
     rows = []
     for rho, path in zip(LINES, lines, strict=True):
         rows += [
-            Row(f'line of $ρ = {rho:g}$: least time $T$ [s]', path.T, rho, '$ρ$'),
-            Row(f'line of $ρ = {rho:g}$: $u_1(t)$', path.u['u1'], np.ones(path.t.size), '1'),
-            Row(f'line of $ρ = {rho:g}$: costates',
-                np.stack([path.lam[name] for name in ('x1', 'x2', 'x3')]),
-                np.outer([-1.0, 0.0, 0.0], np.ones(path.t.size)), '$(-1, 0, 0)$')]
+            ComparedRow(f'line of $ρ = {rho:g}$: least time $T$ [s]', path.T, rho, '$ρ$'),
+            ComparedRow(f'line of $ρ = {rho:g}$: $u_1(t)$', path.u['u1'], np.ones(path.t.size),
+                        '1'),
+            ComparedRow(f'line of $ρ = {rho:g}$: costates',
+                        np.stack([path.lam[name] for name in ('x1', 'x2', 'x3')]),
+                        np.outer([-1.0, 0.0, 0.0], np.ones(path.t.size)), '$(-1, 0, 0)$')]
     for (a, d), (x3, T, times), path in zip(LOOPS, exact, loops, strict=True):
         rows += [
-            Row(f'to $({a:g}, 0, {x3:g})$: least time $T$ [s]', path.T, T,
-                'isoperimetric inequality'),
-            Row(f'to $({a:g}, 0, {x3:g})$: switching times [s]', path.switching_times, times,
-                'corners of the diamond'),
-            Row(f'to $({a:g}, 0, {x3:g})$: costates',
-                np.column_stack([path.lam[name] for name in ('x1', 'x2', 'x3')]),
-                costates(a, d, path.t), '$(d, x_1 - a/2, -1) / (d + a/2)$; $d$ is how far back')]
+            ComparedRow(f'to $({a:g}, 0, {x3:g})$: least time $T$ [s]', path.T, T,
+                        'isoperimetric inequality'),
+            ComparedRow(f'to $({a:g}, 0, {x3:g})$: switching times [s]', path.switching_times,
+                        times,
+                        'corners of the diamond'),
+            ComparedRow(f'to $({a:g}, 0, {x3:g})$: costates',
+                        np.column_stack([path.lam[name] for name in ('x1', 'x2', 'x3')]),
+                        costates(a, d, path.t),
+                        '$(d, x_1 - a/2, -1) / (d + a/2)$; $d$ is how far back')]
     shown, paths = loops[0], [*lines, *loops, *closed]
     rows += [
-        Row('back to $(0, 0, x_3)$: least time $T$ [s]', [path.T for path in closed],
-            [2 * sqrt(2 * area) for area in AREAS], '$2 √(2|x_3|)$'),
-        Row('$H$ along all paths', np.concatenate([p.hamiltonian for p in paths]),
-            np.zeros(sum(p.t.size for p in paths)), '$H = 0$, as $T$ is free')]
+        ComparedRow('back to $(0, 0, x_3)$: least time $T$ [s]', [path.T for path in closed],
+                    [2 * sqrt(2 * area) for area in AREAS], '$2 √(2|x_3|)$'),
+        ComparedRow('$H$ along all paths', np.concatenate([p.hamiltonian for p in paths]),
+                    np.zeros(sum(p.t.size for p in paths)), '$H = 0$, as $T$ is free')]
     printed = _printed(shown)
     off = float(np.abs(costates(*LOOPS[0], shown.t)[:, 1] - shown.lam['x2']).max())
-    return Answer(rows, _draw_2_6(lines[1], shown, printed), (
+    return EntryResult(rows, _draw_2_6(lines[1], shown, printed), (
         'On the line $λ_2 ≡ λ_3 ≡ 0$: $H$ does not depend on $u_2$, the extremal is singular in '
         '$u_2$. The least time $ρ$ requires only $u_1 ≡ 1$: every $x_2(t)$ with zero mean that '
         'starts and ends at 0, such as the grey one, takes the same time as $u_2 = 0$.',
@@ -241,40 +247,40 @@ def _draw_2_6(line: Trajectory, loop: Trajectory, printed: Array) -> Figure:
     s = np.linspace(0, 2, 201)
     plane.plot(s, np.interp(s, [0, 0.5, 1.5, 2], [0, 0.5, -0.5, 0]), color='0.7',
                label='same time to (2, 0, 0)')
-    plane.plot(line.x['x1'], line.x['x2'], color=COLOURS[1], label='to (2, 0, 0)')
-    plane.plot(loop.x['x1'], loop.x['x2'], color=COLOURS[0], label='to (1, 0, 4.25)')
+    plane.plot(line.x['x1'], line.x['x2'], color=LINE_COLOURS[1], label='to (2, 0, 0)')
+    plane.plot(loop.x['x1'], loop.x['x2'], color=LINE_COLOURS[0], label='to (1, 0, 4.25)')
     for k in np.searchsorted(loop.t, [0.5, 1.75, 3.25, 4.5]):
         plane.annotate('', (loop.x['x1'][k], loop.x['x2'][k]),
                        (loop.x['x1'][k - 1], loop.x['x2'][k - 1]),
-                       arrowprops={'arrowstyle': '-|>', 'color': COLOURS[0]})
+                       arrowprops={'arrowstyle': '-|>', 'color': LINE_COLOURS[0]})
     plane.set(aspect='equal')
     plane.set(xticks=[-1, 0, 1, 2], yticks=[0, 1, 2])
-    describe(plane, 'paths in the plane', '$x_1$', '$x_2$')
+    label_axes(plane, 'paths in the plane', '$x_1$', '$x_2$')
     legend_below(figure, plane, 3)
-    for path, colour in ((line, COLOURS[1]), (loop, COLOURS[0])):
+    for path, colour in ((line, LINE_COLOURS[1]), (loop, LINE_COLOURS[0])):
         third.plot(path.t, path.x['x3'], color=colour)
-    describe(third, 'third state', 'time $t$ [s]', '$x_3$')
+    label_axes(third, 'third state', 'time $t$ [s]', '$x_3$')
     for index, style in enumerate(('-', '--')):
-        inputs.plot(loop.t, loop.u[f'u{index + 1}'], style, color=COLOURS[index],
+        inputs.plot(loop.t, loop.u[f'u{index + 1}'], style, color=LINE_COLOURS[index],
                     drawstyle='steps-post', label=f'$u_{index + 1}$')
     inputs.set(ylim=(-1.3, 1.7), yticks=[-1, 0, 1])
-    describe(inputs, 'inputs to (1, 0, 4.25)', 'time $t$ [s]', '$u_1$, $u_2$')
+    label_axes(inputs, 'inputs to (1, 0, 4.25)', 'time $t$ [s]', '$u_1$, $u_2$')
     inputs.legend(loc='upper center', ncols=2)
     for index, name in enumerate(('x1', 'x2', 'x3')):
-        costates.plot(loop.t, loop.lam[name], color=COLOURS[index],
+        costates.plot(loop.t, loop.lam[name], color=LINE_COLOURS[index],
                       label=f'$\\lambda_{index + 1}$')
     costates.plot(loop.t, printed, '--', color='grey', label='$\\lambda_2$ as printed (misprint)')
     for axes in (inputs, costates):
         for time in loop.switching_times:
             axes.axvline(time, **THIN)
-    describe(costates, 'costates to (1, 0, 4.25)', 'time $t$ [s]', '$\\lambda$',
-             legend='lower left')
+    label_axes(costates, 'costates to (1, 0, 4.25)', 'time $t$ [s]', '$\\lambda$',
+               legend='lower left')
     for axes in (third, inputs, costates):
         axes.set_xlim(0, loop.T)
     return figure
 
 
-EXAMPLE_2_3 = Entry(
+EXAMPLE_2_3 = GalleryEntry(
     '2.3', 'Bang-bang control', 'Example 2.3', (
         "Bring $x' = Ax + Bu$, $|u| ≤ 1$, to the origin in least time. $H = 1 + λ^T(Ax + Bu)$ is "
         'least for $u = -sgn(λ^T B)$: the input is always at one of its limits. Here for the '
@@ -282,7 +288,7 @@ EXAMPLE_2_3 = Entry(
     example_2_3,
     'The example uses $H = 0$ along the path, which follows from the free final time; Theorem 2.1 '
     'does not list this condition.')
-EXAMPLE_2_6 = Entry(
+EXAMPLE_2_6 = GalleryEntry(
     '2.6', 'Nonholonomic integrator', 'Example 2.6, equation (2.10)', (
         "Least time for $x_1' = u_1$, $x_2' = u_2$, $x_3' = x_2 u_1$, $|u_i| ≤ 1$. From the "
         'origin to $(ρ, 0, 0)$ the way is a straight line on which the maximum principle leaves '

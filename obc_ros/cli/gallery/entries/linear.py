@@ -6,13 +6,13 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.figures import COLOURS
-from obc_ros.cli.gallery.drawing import describe, EXACT, panels
+from obc_ros.cli.figures import LINE_COLOURS
+from obc_ros.cli.gallery.drawing import EXACT, label_axes, panels
 from obc_ros.cli.gallery.entries.regulators import lq_problem
-from obc_ros.cli.gallery.entry import Answer, Entry, Row
+from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.exact_loops import free_motion, matched
 from obc_ros.cli.gallery.loop import UnansweredError
-from obc_ros.cli.gallery.runner import design_request, Desk, Regulator
+from obc_ros.cli.gallery.runner import AnsweredRegulator, design_request, Desk
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.exact.closed_forms import lag_regulator
 from obc_ros.srv import DesignLqr
@@ -32,7 +32,7 @@ def random_systems() -> list[tuple[Array, Array, Array, float]]:
     return found
 
 
-def exercise_2_7(desk: Desk) -> Answer:
+def exercise_2_7(desk: Desk) -> EntryResult:
     """Answer Exercise 2.7 on random systems, and its counterexample."""
     systems = random_systems()
     designs = desk.design_all([
@@ -51,44 +51,44 @@ def exercise_2_7(desk: Desk) -> Answer:
         wanted.append(E)
     own, exact = np.concatenate(poles), np.concatenate(wanted)
     rows = [
-        Row('stable closed loops', sum(bool((each.E.real < 0).all()) for each in designs),
-            SYSTEMS, 'the exercise'),
-        Row('gains $K$', *(np.concatenate([each[side].ravel() for each in gains])
-                           for side in (0, 1)), 'SciPy, `solve_continuous_are`'),
-        Row('real parts of the closed-loop poles [rad/s]', own.real, exact.real,
-            'eigenvalues of $A - BK$'),
-        Row('imaginary parts [rad/s]', own.imag, exact.imag, 'eigenvalues of $A - BK$')]
-    return Answer(rows, _draw_2_7(systems, designs), (
+        ComparedRow('stable closed loops', sum(bool((each.E.real < 0).all()) for each in designs),
+                    SYSTEMS, 'the exercise'),
+        ComparedRow('gains $K$', *(np.concatenate([each[side].ravel() for each in gains])
+                                   for side in (0, 1)), 'SciPy, `solve_continuous_are`'),
+        ComparedRow('real parts of the closed-loop poles [rad/s]', own.real, exact.real,
+                    'eigenvalues of $A - BK$'),
+        ComparedRow('imaginary parts [rad/s]', own.imag, exact.imag, 'eigenvalues of $A - BK$')]
+    return EntryResult(rows, _draw_2_7(systems, designs), (
         f'{SYSTEMS} random observable systems of 2 to 6 states, one input and one output, each '
         'with its own $ρ$ between 0.01 and 100. With the optimal feedback, all poles are in the '
         'left half plane. Only in the unobservable subspace can $x$ stay without a cost.',
         ), f'For $A = 1$, $B = 0$, $C = 1$, `trajectory_server` answers: “{refused.message}”.')
 
 
-def _draw_2_7(systems: list[Any], designs: list[Regulator]) -> Figure:
+def _draw_2_7(systems: list[Any], designs: list[AnsweredRegulator]) -> Figure:
     figure, ((plane, slowest),) = panels(1, 2, 3.3)
     for (A, *_), found in zip(systems, designs, strict=True):
         before = np.linalg.eigvals(A)
         plane.plot(before.real, before.imag, 'x', color='0.6', markersize=5)
-        plane.plot(found.E.real, found.E.imag, 'o', color=COLOURS[0], markersize=4)
+        plane.plot(found.E.real, found.E.imag, 'o', color=LINE_COLOURS[0], markersize=4)
     plane.plot([], [], 'x', color='0.6', label='poles of $A$')
-    plane.plot([], [], 'o', color=COLOURS[0], label='poles of $A - BK$')
+    plane.plot([], [], 'o', color=LINE_COLOURS[0], label='poles of $A - BK$')
     plane.axvline(0, color='black', linewidth=1)
     far = sum(int((found.E.real < -7).sum()) for found in designs)
     plane.annotate(f'{far} further to the left', (-6.9, 0), (-6.7, -0.9),
                    arrowprops={'arrowstyle': '->'})
     plane.set_xlim(-7, 4)
-    describe(plane, f'poles of {len(designs)} systems', 'real part [rad/s]',
-             'imaginary part [rad/s]', legend='upper right')
+    label_axes(plane, f'poles of {len(designs)} systems', 'real part [rad/s]',
+               'imaginary part [rad/s]', legend='upper right')
     index = np.arange(1, len(designs) + 1)
     slowest.bar(index, [np.linalg.eigvals(A).real.max() for A, *_ in systems], color='0.8',
                 label='without feedback')
-    slowest.bar(index, [each.E.real.max() for each in designs], color=COLOURS[0], width=0.5,
+    slowest.bar(index, [each.E.real.max() for each in designs], color=LINE_COLOURS[0], width=0.5,
                 label='with the optimal feedback')
     slowest.axhline(0, color='black', linewidth=1)
     slowest.set(xlim=(0.2, len(designs) + 0.8), ylim=(-2, 3.6))
-    describe(slowest, 'rightmost pole', 'system', 'real part [rad/s]',
-             legend='upper left')
+    label_axes(slowest, 'rightmost pole', 'system', 'real part [rad/s]',
+               legend='upper left')
     return figure
 
 
@@ -102,7 +102,7 @@ def lag(a: float) -> tuple[Array, Array]:
     return np.array([[0.0, 1.0], [0.0, -a]]), np.array([[0.0], [1.0]])
 
 
-def exercise_2_8(desk: Desk) -> Answer:
+def exercise_2_8(desk: Desk) -> EntryResult:
     """Answer Exercise 2.8 over a and b."""
     Qx, Qu = np.diag([1.0, 0.0]), np.eye(1)
     designs = desk.design_all([
@@ -119,70 +119,71 @@ def exercise_2_8(desk: Desk) -> Answer:
     outputs = [(b * path.x['x1'] + path.x['x2'], motion @ [b, 1.0])
                for path, motion in zip(paths, motions, strict=True) for b in ZEROS]
     rows = [
-        Row('(a) the four equations, five $a$', four, np.zeros((len(LAGS), 4)),
-            '$1 - p_{12}p_{21}$, $p_{11} - ap_{12} - p_{12}p_{22}$ and its mirror image, '
-            '$p_{12} + p_{21} - 2ap_{22} - p_{22}^2$ are 0'),
-        Row('(b) $K$ for $a$ from 0.1 to 3', [each.K for each in designs],
-            [each.K for each in exact], '$[1, √(a^2 + 2) - a]$'),
-        Row('$P$', [each.P for each in designs], [each.P for each in exact],
-            '$[[√(a^2 + 2), 1], [1, √(a^2 + 2) - a]]$'),
-        Row('(c) $ω_0$ [rad/s]', [np.sqrt(np.prod(each.E).real) for each in designs],
-            np.ones(len(LAGS)), '1 for every $a$'),
-        Row('(c) damping ratio $ζ$', [
-            -each.E.sum().real / 2 / np.sqrt(np.prod(each.E).real) for each in designs],
-            [each.zeta for each in exact], '$½ √(a^2 + 2)$'),
-        Row('least cost from $x(0) = (1, 0)$', [path.J for path in paths],
-            [each.P[0, 0] for each in exact], '$P_{11} = √(a^2 + 2)$'),
-        Row('$y(t) = b x_1 + x_2$ for 15 pairs of $a$ and $b$',
-            *(np.concatenate([pair[side] for pair in outputs]) for side in (0, 1)),
-            '$[b, 1] e^{(A - BK)t} x(0)$')]
-    return Answer(rows, _draw_2_8(designs, paths, motions), (
+        ComparedRow('(a) the four equations, five $a$', four, np.zeros((len(LAGS), 4)),
+                    '$1 - p_{12}p_{21}$, $p_{11} - ap_{12} - p_{12}p_{22}$ and its mirror image, '
+                    '$p_{12} + p_{21} - 2ap_{22} - p_{22}^2$ are 0'),
+        ComparedRow('(b) $K$ for $a$ from 0.1 to 3', [each.K for each in designs],
+                    [each.K for each in exact], '$[1, √(a^2 + 2) - a]$'),
+        ComparedRow('$P$', [each.P for each in designs], [each.P for each in exact],
+                    '$[[√(a^2 + 2), 1], [1, √(a^2 + 2) - a]]$'),
+        ComparedRow('(c) $ω_0$ [rad/s]', [np.sqrt(np.prod(each.E).real) for each in designs],
+                    np.ones(len(LAGS)), '1 for every $a$'),
+        ComparedRow('(c) damping ratio $ζ$', [
+                    -each.E.sum().real / 2 / np.sqrt(np.prod(each.E).real) for each in designs],
+                    [each.zeta for each in exact], '$½ √(a^2 + 2)$'),
+        ComparedRow('least cost from $x(0) = (1, 0)$', [path.J for path in paths],
+                    [each.P[0, 0] for each in exact], '$P_{11} = √(a^2 + 2)$'),
+        ComparedRow('$y(t) = b x_1 + x_2$ for 15 pairs of $a$ and $b$',
+                    *(np.concatenate([pair[side] for pair in outputs]) for side in (0, 1)),
+                    '$[b, 1] e^{(A - BK)t} x(0)$')]
+    return EntryResult(rows, _draw_2_8(designs, paths, motions), (
         'The zero $b$ of the transfer function shapes the output $y$, but neither the gain nor '
         'the poles: the cost is in $x_1$ and $u$. For $a = √2$ the damping ratio is 1; beyond '
         'it the two poles are real.',))
 
 
-def _draw_2_8(designs: list[Regulator], paths: list[Any], motions: list[Array]) -> Figure:
+def _draw_2_8(designs: list[AnsweredRegulator], paths: list[Any], motions: list[Array]) -> Figure:
     figure, ((gains, loop, outputs),) = panels(1, 3)
     a = np.linspace(0, 3.2, 100)
     root = np.sqrt(a**2 + 2)
-    gains.plot(a, np.ones_like(a), color=COLOURS[0], linewidth=1)
-    gains.plot(a, root - a, color=COLOURS[1], linewidth=1)
+    gains.plot(a, np.ones_like(a), color=LINE_COLOURS[0], linewidth=1)
+    gains.plot(a, root - a, color=LINE_COLOURS[1], linewidth=1)
     for index, marker in enumerate('os'):
-        gains.plot(LAGS, [each.K[0, index] for each in designs], marker, color=COLOURS[index],
+        gains.plot(LAGS, [each.K[0, index] for each in designs], marker, color=LINE_COLOURS[index],
                    label=f'$K_{index + 1}$')
     gains.set_ylim(0, 1.6)
-    describe(gains, '(b) gain', '$a$ [s$^{-1}$]', '$K_1$ [s$^{-2}$], $K_2$ [s$^{-1}$]',
-             legend=True)
+    label_axes(gains, '(b) gain', '$a$ [s$^{-1}$]', '$K_1$ [s$^{-2}$], $K_2$ [s$^{-1}$]',
+               legend=True)
     poles = np.array([each.E for each in designs])
-    loop.plot(a, np.ones_like(a), color=COLOURS[0], linewidth=1)
-    loop.plot(a, root / 2, color=COLOURS[1], linewidth=1)
+    loop.plot(a, np.ones_like(a), color=LINE_COLOURS[0], linewidth=1)
+    loop.plot(a, root / 2, color=LINE_COLOURS[1], linewidth=1)
     omega0 = np.sqrt(np.prod(poles, axis=1).real)
-    loop.plot(LAGS, omega0, 'o', color=COLOURS[0], label='$\\omega_0$ [rad/s]')
-    loop.plot(LAGS, -poles.sum(axis=1).real / 2 / omega0, 's', color=COLOURS[1],
+    loop.plot(LAGS, omega0, 'o', color=LINE_COLOURS[0], label='$\\omega_0$ [rad/s]')
+    loop.plot(LAGS, -poles.sum(axis=1).real / 2 / omega0, 's', color=LINE_COLOURS[1],
               label='$\\zeta$')
-    describe(loop, '(c) closed loop', '$a$ [s$^{-1}$]', '$\\omega_0$ [rad/s], $\\zeta$',
-             legend='upper left')
+    label_axes(loop, '(c) closed loop', '$a$ [s$^{-1}$]', '$\\omega_0$ [rad/s], $\\zeta$',
+               legend='upper left')
     for index, b in enumerate(ZEROS):
         for path, motion, style in zip(paths[1::2], motions[1::2], ('-', '--'), strict=False):
-            outputs.plot(path.t, (b * path.x['x1'] + path.x['x2']), style, color=COLOURS[index],
+            outputs.plot(path.t, (b * path.x['x1'] + path.x['x2']), style,
+                         color=LINE_COLOURS[index],
                          label=f'$b = {b:g}$' if style == '-' else None)
             outputs.plot(path.t, motion @ [b, 1.0], **EXACT)
     outputs.plot([], [], label='closed form', **EXACT)
     outputs.set_xlim(0, 8)
-    describe(outputs, 'output; $a = 0.5$ (solid), 2 (dashed)', 'time $t$ [s]',
-             '$y = bx_1 + x_2$', legend=True)
+    label_axes(outputs, 'output; $a = 0.5$ (solid), 2 (dashed)', 'time $t$ [s]',
+               '$y = bx_1 + x_2$', legend=True)
     return figure
 
 
-EXERCISE_2_7 = Entry(
+EXERCISE_2_7 = GalleryEntry(
     'exercise-2.7', 'Observable systems are stabilised', 'Exercise 2.7', (
         'Minimise $J = ∫_0^∞ (y^T y + ρ u^T u) dt$ with $y = Cx$. Show that the closed loop of '
         'the optimal $u = -Kx$ is stable if the system is observable.',),
     exercise_2_7,
     'Observability alone is not enough: $A = 1$, $B = 0$, $C = 1$ is observable, no feedback is '
     'stable and the cost is infinite. $(A, B)$ must be stabilisable.')
-EXERCISE_2_8 = Entry(
+EXERCISE_2_8 = GalleryEntry(
     'exercise-2.8', 'An integrator and a lag', 'Exercise 2.8', (
         '$H(s) = (s + b)/s(s + a)$ with $V = ∫ (x_1^2 + u^2) dt$: (a) the Riccati equation as '
         'four equations, (b) the gains, (c) natural frequency and damping ratio of the loop.',),

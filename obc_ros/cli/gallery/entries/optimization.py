@@ -7,9 +7,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.figures import COLOURS, THIN
-from obc_ros.cli.gallery.drawing import arrow, describe, panels, WIDTH
-from obc_ros.cli.gallery.entry import Answer, Entry, Row
+from obc_ros.cli.figures import LINE_COLOURS, THIN
+from obc_ros.cli.gallery.drawing import arrow, label_axes, panels, WIDTH
+from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.runner import Desk, minimize_request
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.srv import Minimize
@@ -22,12 +22,12 @@ WHITE = {'facecolor': 'white', 'edgecolor': 'none', 'pad': 1}
 POINT = np.array([1.2, 0.9, 1.0])  # outside the unit sphere of Figure 2.2(b)
 
 
-def curve(x: Array | float) -> Any:
+def evaluate_curve(x: Array | float) -> Any:
     """Return the F of Figure 2.1."""
     return x**4 / 4 - 5 * x**3 / 12 - 7 * x**2 / 8 + x / 2
 
 
-def example_2_1(desk: Desk) -> Answer:
+def example_2_1(desk: Desk) -> EntryResult:
     """Answer Example 2.1, and the geometry of Figures 2.1 and 2.2."""
     minima = desk.minimize_all([{
         'variables': ['x1', 'x2'], 'parameters': {'a': a, 'b': b, 'F0': F0},
@@ -49,21 +49,21 @@ def example_2_1(desk: Desk) -> Answer:
     for (a, b, F0), found in zip(CASES, minima, strict=True):
         name = f'$a = {a:g}$, $b = {b:g}$, $F_0 = {F0:g}$'
         rows += [
-            Row(f'$x*_1, x*_2$, {name}', found.x, [(a + b) / 2] * 2, '$(a + b)/2$'),
-            Row(f'multiplier $λ*$, {name}', found.lam, [a - b], '$a - b$'),
-            Row(f'$F(x*)$, {name}', found.objective, F0 + (a - b)**2 / 2,
-                '$F_0 + (a - b)^2/2$')]
+            ComparedRow(f'$x*_1, x*_2$, {name}', found.x, [(a + b) / 2] * 2, '$(a + b)/2$'),
+            ComparedRow(f'multiplier $λ*$, {name}', found.lam, [a - b], '$a - b$'),
+            ComparedRow(f'$F(x*)$, {name}', found.objective, F0 + (a - b)**2 / 2,
+                        '$F_0 + (a - b)^2/2$')]
     radius = float(np.linalg.norm(POINT))
     rows += [
-        Row('Figure 2.1: stationary points $x_1, x_2, x*$', [*left.x, *top.x, *whole.x],
-            list(STATIONARY.values()), '$∂F/∂x = (x + 1)(x - ¼)(x - 2)$'),
-        Row('Figure 2.1: $F(x*)$', whole.objective, -11 / 6, '$-11/6$'),
-        Row('Figure 2.2(b): $x*$', nearest.x, POINT / radius, '$p/|p|$'),
-        Row('Figure 2.2(b): $λ*$', nearest.lam, [radius - 1], '$|p| - 1$'),
-        Row('$max (1 - x^2) = -min (x^2 - 1)$', -negated.objective, 1.0, '1 at $x = 0$'),
-        Row('$x_1^2 - x_2^2$ on $x_2 = 0$: $x*$, $F$ and $λ*$',
-            [*saddle.x, saddle.objective, *saddle.lam], [0.0] * 4, 'the origin')]
-    return Answer(rows, _draw_2_1(minima[0], nearest), (
+        ComparedRow('Figure 2.1: stationary points $x_1, x_2, x*$', [*left.x, *top.x, *whole.x],
+                    list(STATIONARY.values()), '$∂F/∂x = (x + 1)(x - ¼)(x - 2)$'),
+        ComparedRow('Figure 2.1: $F(x*)$', whole.objective, -11 / 6, '$-11/6$'),
+        ComparedRow('Figure 2.2(b): $x*$', nearest.x, POINT / radius, '$p/|p|$'),
+        ComparedRow('Figure 2.2(b): $λ*$', nearest.lam, [radius - 1], '$|p| - 1$'),
+        ComparedRow('$max (1 - x^2) = -min (x^2 - 1)$', -negated.objective, 1.0, '1 at $x = 0$'),
+        ComparedRow('$x_1^2 - x_2^2$ on $x_2 = 0$: $x*$, $F$ and $λ*$',
+                    [*saddle.x, saddle.objective, *saddle.lam], [0.0] * 4, 'the origin')]
+    return EntryResult(rows, _draw_2_1(minima[0], nearest), (
         'Top left: a function as in Figure 2.1 with its three stationary points. '
         '`trajectory_server` minimises $F$ on the whole line and on an interval, and $-F$ on an '
         'interval. Top right: Figure 2.2(a), the least $F$ on the line $G = 0$. Bottom left: the '
@@ -86,32 +86,34 @@ def _draw_2_1(found: Any, nearest: Any) -> Figure:
 
 def _draw_curve(axes: Any) -> None:
     x = np.linspace(-1.9, 2.9, 300)
-    axes.plot(x, curve(x), color=COLOURS[0])
+    axes.plot(x, evaluate_curve(x), color=LINE_COLOURS[0])
     for name, at in STATIONARY.items():
-        axes.plot([at - 0.45, at + 0.45], [curve(at)] * 2, color=COLOURS[1])
-        axes.plot(at, curve(at), 'o', color=COLOURS[1])
-        axes.annotate(f'${name}$', (at, curve(at)), (0, -14 if name != 'x_2' else 7),
+        axes.plot([at - 0.45, at + 0.45], [evaluate_curve(at)] * 2, color=LINE_COLOURS[1])
+        axes.plot(at, evaluate_curve(at), 'o', color=LINE_COLOURS[1])
+        axes.annotate(f'${name}$', (at, evaluate_curve(at)), (0, -14 if name != 'x_2' else 7),
                       textcoords='offset points', ha='center')
     at, step = 0.9, 0.6  # the tangent elsewhere, as in the book's figure
     rise = (at + 1) * (at - 0.25) * (at - 2) * step
-    axes.plot(at + np.array([0, step, step]), curve(at) + np.array([0, 0, rise]), color='black',
+    axes.plot(at + np.array([0, step, step]), evaluate_curve(at) + np.array([0, 0, rise]),
+              color='black',
               linewidth=0.9)
-    axes.plot(at + np.array([0, step]), curve(at) + np.array([0, rise]), color=COLOURS[2])
-    axes.text(at + step / 2, curve(at) + 0.08, '$dx$', ha='center')
-    axes.text(at + step + 0.08, curve(at) + 0.5 * rise,
+    axes.plot(at + np.array([0, step]), evaluate_curve(at) + np.array([0, rise]),
+              color=LINE_COLOURS[2])
+    axes.text(at + step / 2, evaluate_curve(at) + 0.08, '$dx$', ha='center')
+    axes.text(at + step + 0.08, evaluate_curve(at) + 0.5 * rise,
               r'$\frac{\partial F}{\partial x}\,dx$', va='center', fontsize=13)
     axes.set_ylim(-2.5, 2.2)
-    describe(axes, 'Figure 2.1: stationary points', '$x$', '$F(x)$')
+    label_axes(axes, 'Figure 2.1: stationary points', '$x$', '$F(x)$')
 
 
 def _draw_surface(axes: Any, found: Any) -> None:
     a, b, F0 = CASES[0]
     s = np.linspace(-0.6, 4.2, 40)
     x1, x2 = np.meshgrid(s, s)
-    axes.plot_surface(x1, x2, F0 + (x1 - a)**2 + (x2 - b)**2, color=COLOURS[5], alpha=0.35,
+    axes.plot_surface(x1, x2, F0 + (x1 - a)**2 + (x2 - b)**2, color=LINE_COLOURS[5], alpha=0.35,
                       linewidth=0, rcount=40, ccount=40)
-    axes.plot(s, s, 0 * s, color=COLOURS[1], label='$G(x) = 0$')
-    axes.plot(s, s, F0 + (s - a)**2 + (s - b)**2, color=COLOURS[0], label='$F$ on $G(x) = 0$')
+    axes.plot(s, s, 0 * s, color=LINE_COLOURS[1], label='$G(x) = 0$')
+    axes.plot(s, s, F0 + (s - a)**2 + (s - b)**2, color=LINE_COLOURS[0], label='$F$ on $G(x) = 0$')
     at = found.x[0], found.x[1]
     axes.plot([at[0]] * 2, [at[1]] * 2, [0, found.objective], ':', color='black')
     for height in (0, found.objective):
@@ -132,13 +134,15 @@ def _draw_plane(axes: Any, found: Any) -> None:
                           levels=[2.5, found.objective, 6, 9, 13, 18])
     axes.clabel(levels, fontsize=7.5, fmt='%g', manual=[
         (0.5, 3.5), (-0.2, 3.8), (-0.8, 3.9), (-1.3, 1.6), (3.9, 4.2), (4.8, 4.2)])
-    axes.plot([-0.5, 4.5], [-0.5, 4.5], color=COLOURS[1])
-    axes.text(-0.05, -0.1, '$G(x) = x_1 - x_2 = 0$', color=COLOURS[1], va='center', bbox=WHITE)
+    axes.plot([-0.5, 4.5], [-0.5, 4.5], color=LINE_COLOURS[1])
+    axes.text(-0.05, -0.1, '$G(x) = x_1 - x_2 = 0$', color=LINE_COLOURS[1], va='center',
+              bbox=WHITE)
     at = np.array(found.x)
     gradient = 2 * (at - [a, b])
-    arrow(axes, at, 0.8 * gradient, color=COLOURS[0])
-    arrow(axes, at, [1, -1], color=COLOURS[2])
-    for text, end, colour in (('F', 0.8 * gradient, COLOURS[0]), ('G', [1, -1], COLOURS[2])):
+    arrow(axes, at, 0.8 * gradient, color=LINE_COLOURS[0])
+    arrow(axes, at, [1, -1], color=LINE_COLOURS[2])
+    for text, end, colour in (('F', 0.8 * gradient, LINE_COLOURS[0]),
+                              ('G', [1, -1], LINE_COLOURS[2])):
         axes.text(*(at + end + [0.1, 0.12]), rf'$\partial {text}/\partial x$', color=colour,
                   bbox=WHITE)
     axes.plot(*at, 'o', color='black')
@@ -147,13 +151,13 @@ def _draw_plane(axes: Any, found: Any) -> None:
     axes.text(a, b + 0.2, '$(a, b)$', ha='center')
     axes.set(aspect='equal', xlim=(-1.5, 5.5), ylim=(-0.5, 4.5))
     axes.grid(False)
-    describe(axes, 'Figure 2.2(a): level lines of $F$', '$x_1$', '$x_2$')
+    label_axes(axes, 'Figure 2.2(a): level lines of $F$', '$x_1$', '$x_2$')
 
 
 def _draw_sphere(axes: Any, nearest: Any) -> None:
     azimuth, height = np.meshgrid(np.linspace(-0.5, 2.2, 40), np.linspace(-0.1, np.pi / 2, 30))
     axes.plot_surface(np.cos(azimuth) * np.cos(height), np.sin(azimuth) * np.cos(height),
-                      np.sin(height), color=COLOURS[5], alpha=0.35, linewidth=0)
+                      np.sin(height), color=LINE_COLOURS[5], alpha=0.35, linewidth=0)
     for a, h in ((0.0, 0.2), (1.7, 0.3), (0.9, 1.1), (-0.1, 0.9), (1.3, 0.1)):
         n = np.array([np.cos(a) * np.cos(h), np.sin(a) * np.cos(h), np.sin(h)])
         axes.quiver(*n, *(0.35 * n), color='0.5', linewidth=1)
@@ -162,10 +166,10 @@ def _draw_sphere(axes: Any, nearest: Any) -> None:
     axes.plot(*POINT, 'k+')
     axes.text(*(POINT + [0, 0.06, 0.03]), '$p$')
     axes.plot(*at, 'ko', markersize=4)
-    axes.quiver(*at, *(at - POINT) * 0.9, color=COLOURS[0], linewidth=2)
-    axes.quiver(*at, *(0.5 * at), color=COLOURS[2], linewidth=2)
-    axes.plot([], [], color=COLOURS[0], label=r'$\partial F/\partial x$')
-    axes.plot([], [], color=COLOURS[2], label=r'$\partial G/\partial x$')
+    axes.quiver(*at, *(at - POINT) * 0.9, color=LINE_COLOURS[0], linewidth=2)
+    axes.quiver(*at, *(0.5 * at), color=LINE_COLOURS[2], linewidth=2)
+    axes.plot([], [], color=LINE_COLOURS[0], label=r'$\partial F/\partial x$')
+    axes.plot([], [], color=LINE_COLOURS[2], label=r'$\partial G/\partial x$')
     axes.set(xlabel='$x_1$', ylabel='$x_2$', title='Figure 2.2(b): normals of $G(x) = 0$')
     axes.zaxis.set_rotate_label(False)
     axes.set_zlabel('$x_3$', labelpad=2)
@@ -179,7 +183,7 @@ def _draw_sphere(axes: Any, nearest: Any) -> None:
 INSTANCES, N, K = 12, 5, 2
 
 
-def exercise_2_1(desk: Desk) -> Answer:
+def exercise_2_1(desk: Desk) -> EntryResult:
     """Answer Exercise 2.1 on random instances."""
     random = np.random.default_rng(21)
     G = random.normal(size=(INSTANCES, K, N))
@@ -206,21 +210,27 @@ def exercise_2_1(desk: Desk) -> Answer:
         'equalities': [' + '.join(f'{name}**2' for name in names) + ' - 4']} for f in F], show=0)
     lengths = np.linalg.norm(F, axis=1)
     rows = [
-        Row('(a) $λ_1 .. λ_k$ with $F = Σ λ_k G_k$', multipliers, c,
-            'the numbers that $F$ was made of'),
-        Row('(a) the remainder $F - Σ λ_k G_k$', F - np.einsum('ik,ikn->in', multipliers, G),
-            np.zeros_like(F), '0'),
-        Row('(b) quadratic $f$: $x*$', [found.x for found in curved], [e[:N] for e in exact],
-            'the linear equations (2.1)'),
-        Row('(b) quadratic $f$: $λ$', [found.lam for found in curved], [e[N:] for e in exact],
-            'the linear equations (2.1)'),
-        Row('(b) quadratic $f$: $∂f/∂x + λ^T ∂g/∂x$', stationary, np.zeros((INSTANCES, N)), '0'),
-        Row('(b) on a sphere of radius 2: $x*$', [found.x for found in ball],
-            -2 * F / lengths[:, None], '$-2 F/|F|$'),
-        Row('(b) on a sphere of radius 2: $λ$', [found.lam[0] for found in ball], lengths / 4,
-            '$|F|/4$')]
+        ComparedRow('(a) $λ_1 .. λ_k$ with $F = Σ λ_k G_k$', multipliers, c,
+                    'the numbers that $F$ was made of'),
+        ComparedRow('(a) the remainder $F - Σ λ_k G_k$',
+                    F - np.einsum('ik,ikn->in', multipliers, G),
+                    np.zeros_like(F), '0'),
+        ComparedRow('(b) quadratic $f$: $x*$', [found.x for found in curved],
+                    [e[:N] for e in exact],
+                    'the linear equations (2.1)'),
+        ComparedRow('(b) quadratic $f$: $λ$', [found.lam for found in curved],
+                    [e[N:] for e in exact],
+                    'the linear equations (2.1)'),
+        ComparedRow('(b) quadratic $f$: $∂f/∂x + λ^T ∂g/∂x$', stationary, np.zeros((INSTANCES, N)),
+                    '0'),
+        ComparedRow('(b) on a sphere of radius 2: $x*$', [found.x for found in ball],
+                    -2 * F / lengths[:, None], '$-2 F/|F|$'),
+        ComparedRow('(b) on a sphere of radius 2: $λ$', [found.lam[0] for found in ball],
+                    lengths / 4,
+                    '$|F|/4$')]
     saddles = sum(np.linalg.eigvalsh(each)[0] < 0 for each in Q)
-    return Answer(rows, _draw_ex_2_1(multipliers, c, [found.lam for found in curved], exact), (
+    return EntryResult(rows, _draw_ex_2_1(multipliers, c, [found.lam for found in curved], exact),
+                       (
         f'(a): {INSTANCES} random $F = Σ c_k G_k$ in $R^{N}$. `trajectory_server` minimises '
         '$Fx + ½|x|^2$ on the kernel of $G$. The minimum is at 0, and the multipliers are '
         '$-c_k$.',),
@@ -242,26 +252,27 @@ def _draw_ex_2_1(measured: Array, c: Array, lam: list[Any], exact: list[Array]) 
             (spanned, measured, c, r'(a) $F = \lambda_1 G_1 + \lambda_2 G_2$'),
             (curved, np.array(lam), np.array([e[N:] for e in exact]), '(b) quadratic $f$')):
         for k in range(K):
-            axes.plot(wanted[:, k], values[:, k], 'os'[k], color=COLOURS[k],
+            axes.plot(wanted[:, k], values[:, k], 'os'[k], color=LINE_COLOURS[k],
                       label=f'$\\lambda_{k + 1}$')
         ends = [wanted.min(), wanted.max()]
         axes.plot(ends, ends, **THIN)
-        describe(axes, title, 'reference multiplier', 'trajectory_server', legend=True)
+        label_axes(axes, title, 'reference multiplier', 'trajectory_server', legend=True)
     x1, x2 = np.meshgrid(np.linspace(-1, 1, 100), np.linspace(-1, 1, 100))
     levels = saddle.contour(x1, x2, x1**2 - x2**2, levels=np.linspace(-0.8, 0.8, 9),
                             colors='0.5', linewidths=0.9)
     saddle.clabel(levels, fontsize=7.5, fmt='%.1f', manual=[
         (0.81, 0.5), (-0.81, 0.5), (0.94, 0.3), (-0.94, 0.3), (0.5, 0.5), (-0.5, 0.5),
         (0, 0.6), (0, 0.9)])
-    saddle.axhline(0, color=COLOURS[1])
-    saddle.text(0.95, -0.06, '$g = x_2 = 0$', color=COLOURS[1], ha='right', va='top', bbox=WHITE)
+    saddle.axhline(0, color=LINE_COLOURS[1])
+    saddle.text(0.95, -0.06, '$g = x_2 = 0$', color=LINE_COLOURS[1], ha='right', va='top',
+                bbox=WHITE)
     saddle.plot(0, 0, 'ko')
     saddle.annotate('minimum on $g = 0$,\nsaddle of $f + \\lambda g$', (0, 0), (0, -26),
                     textcoords='offset points', ha='center', va='top',
                     arrowprops={'arrowstyle': '-', 'linewidth': 0.8}, bbox=WHITE)
     saddle.set(aspect='equal', xticks=[-1, 0, 1], yticks=[-1, 0, 1])
     saddle.grid(False)
-    describe(saddle, '$f = x_1^2 - x_2^2$', '$x_1$', '$x_2$')
+    label_axes(saddle, '$f = x_1^2 - x_2^2$', '$x_1$', '$x_2$')
     return figure
 
 
@@ -275,7 +286,7 @@ def _form(Q: Array, names: Sequence[str]) -> str:
                       for i, j in np.ndindex(Q.shape))
 
 
-EXAMPLE_2_1 = Entry(
+EXAMPLE_2_1 = GalleryEntry(
     '2.1', 'Two free variables with a constraint', 'Example 2.1, Figures 2.1 and 2.2', (
         'Minimise $F(x) = F_0 + (x_1 - a)^2 + (x_2 - b)^2$ subject to $G(x) = x_1 - x_2 = 0$. '
         'There is a multiplier with $∂F/∂x + λ^T ∂G/∂x = 0$ (2.1): at the minimum the gradient of '
@@ -286,7 +297,7 @@ EXAMPLE_2_1 = Entry(
     'a stationary point of it, which need not be a minimum. $F = x_1^2 - x_2^2$ on $x_2 = 0$ has '
     'its minimum 0 at the origin, a saddle of $F + λG$ for $λ = 0$; and $min_x (F + λG)$ is '
     '$-∞$ for every $λ$.')
-EXERCISE_2_1 = Entry(
+EXERCISE_2_1 = GalleryEntry(
     'exercise-2.1', 'Multipliers exist', 'Exercise 2.1', (
         '(a) If $Fx = 0$ wherever $G_i x = 0$, $i = 1 .. k$, then $F = Σ λ_k G_k$. (b) At an '
         'extremal point $x*$ of $f$ subject to $g_i = 0$, the gradients being independent, there '

@@ -6,9 +6,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.figures import COLOURS, THIN
-from obc_ros.cli.gallery.drawing import describe, EXACT, panels
-from obc_ros.cli.gallery.entry import Answer, Entry, Row
+from obc_ros.cli.figures import LINE_COLOURS, THIN
+from obc_ros.cli.gallery.drawing import EXACT, label_axes, panels
+from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.runner import Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array
 from scipy.integrate import solve_ivp
@@ -22,7 +22,7 @@ def law(lam: Any) -> Any:
     return np.clip(-lam, -LIMIT, LIMIT)
 
 
-def theorem_2_1(desk: Desk) -> Answer:
+def theorem_2_1(desk: Desk) -> EntryResult:
     """Hold the answer to a pendulum's problem against every condition of Theorem 2.1."""
     path = desk.solve(
         states=['theta', 'omega'], inputs=['u'],
@@ -34,29 +34,31 @@ def theorem_2_1(desk: Desk) -> Answer:
     theta, omega, lam1, lam2, J = shoot(path.t)
     nu = path.nu[0]
     grid = np.linspace(-LIMIT, LIMIT, 241)
-    H = hamiltonian(path, grid[:, None])
-    least = hamiltonian(path, law(path.lam['omega']))
+    H = compute_hamiltonian(path, grid[:, None])
+    least = compute_hamiltonian(path, law(path.lam['omega']))
     H0 = law(lam2[0])**2 / 2 + lam2[0] * law(lam2[0])  # at x(0) = 0
     rows = [
-        Row("$x' = (∂H/∂λ)^T$: $θ*(t)$ [rad]", path.x['theta'], theta, 'shooting'),
-        Row("$x' = (∂H/∂λ)^T$: $ω*(t)$ [rad/s]", path.x['omega'], omega, 'shooting'),
-        Row("$-λ' = (∂H/∂x)^T$: $λ_1(t)$", path.lam['theta'], lam1, 'shooting'),
-        Row("$-λ' = (∂H/∂x)^T$: $λ_2(t)$", path.lam['omega'], lam2, 'shooting'),
-        Row('$u*(t)$ [rad/s²]', path.u['u'], law(lam2), 'shooting'),
-        Row('$x(0)$ given', [path.x['theta'][0], path.x['omega'][0]], [0.0, 0.0], '0'),
-        Row('$ψ(x(T)) = θ(T) - 1$ [rad]', path.x['theta'][-1] - TARGET, 0.0, '0'),
-        Row('$λ(T) = ∂V/∂x + ν^T ∂ψ/∂x$',
-            [path.lam['theta'][-1], path.lam['omega'][-1]], [lam1[-1], 4 * omega[-1]],
-            '$(ν, 4ω(T))$, shooting'),
-        Row('multiplier $ν$', nu, lam1[-1], 'shooting'),
-        Row('$H(x*, u*, λ*) - min_{u ∈ Ω} H$', hamiltonian(path, path.u['u']) - least,
-            np.zeros(path.t.size), '0; $u*$ is $-λ_2$ within $Ω$'),
-        Row('$min_{u ∈ Ω} H$ on a grid, not below that', np.minimum(H.min(axis=0) - least, 0),
-            np.zeros(path.t.size), '241 inputs at each time'),
-        Row('$H$ along the path', least, np.full(path.t.size, H0),
-            'its value at $t = 0$, shooting'),
-        Row('cost $J$', path.J, J, 'shooting')]
-    return Answer(rows, _draw(path, (theta, omega, lam1, lam2), grid, H - least), (
+        ComparedRow("$x' = (∂H/∂λ)^T$: $θ*(t)$ [rad]", path.x['theta'], theta, 'shooting'),
+        ComparedRow("$x' = (∂H/∂λ)^T$: $ω*(t)$ [rad/s]", path.x['omega'], omega, 'shooting'),
+        ComparedRow("$-λ' = (∂H/∂x)^T$: $λ_1(t)$", path.lam['theta'], lam1, 'shooting'),
+        ComparedRow("$-λ' = (∂H/∂x)^T$: $λ_2(t)$", path.lam['omega'], lam2, 'shooting'),
+        ComparedRow('$u*(t)$ [rad/s²]', path.u['u'], law(lam2), 'shooting'),
+        ComparedRow('$x(0)$ given', [path.x['theta'][0], path.x['omega'][0]], [0.0, 0.0], '0'),
+        ComparedRow('$ψ(x(T)) = θ(T) - 1$ [rad]', path.x['theta'][-1] - TARGET, 0.0, '0'),
+        ComparedRow('$λ(T) = ∂V/∂x + ν^T ∂ψ/∂x$',
+                    [path.lam['theta'][-1], path.lam['omega'][-1]], [lam1[-1], 4 * omega[-1]],
+                    '$(ν, 4ω(T))$, shooting'),
+        ComparedRow('multiplier $ν$', nu, lam1[-1], 'shooting'),
+        ComparedRow('$H(x*, u*, λ*) - min_{u ∈ Ω} H$',
+                    compute_hamiltonian(path, path.u['u']) - least,
+                    np.zeros(path.t.size), '0; $u*$ is $-λ_2$ within $Ω$'),
+        ComparedRow('$min_{u ∈ Ω} H$ on a grid, not below that',
+                    np.minimum(H.min(axis=0) - least, 0),
+                    np.zeros(path.t.size), '241 inputs at each time'),
+        ComparedRow('$H$ along the path', least, np.full(path.t.size, H0),
+                    'its value at $t = 0$, shooting'),
+        ComparedRow('cost $J$', path.J, J, 'shooting')]
+    return EntryResult(rows, _draw(path, (theta, omega, lam1, lam2), grid, H - least), (
         'Bottom right: the square root of the excess of $H$ for every other input, at each time. '
         'The optimal input minimises $H$; where the minimiser is outside $Ω$, it is at the bound '
         'of $Ω$. Dotted: the two-point boundary value problem, solved by shooting without '
@@ -64,7 +66,7 @@ def theorem_2_1(desk: Desk) -> Answer:
         f'Certificate of the answer: {path.verdict}.'))
 
 
-def hamiltonian(path: Trajectory, u: Array) -> Array:
+def compute_hamiltonian(path: Trajectory, u: Array) -> Array:
     """Return H = L + lambda'f along a path, with the inputs u."""
     theta, omega = path.x['theta'], path.x['omega']
     H: Array = ((theta**2 + u**2) / 2 + path.lam['theta'] * omega
@@ -99,7 +101,7 @@ def _draw(path: Trajectory, exact: tuple[Array, ...], grid: Array, valley: Array
             (states, path.x, exact[:2], (r'$\theta$', r'$\omega$')),
             (costates, path.lam, exact[2:], (r'$\lambda_1$', r'$\lambda_2$'))):
         for index, (line, dots) in enumerate(zip(pairs.values(), values, strict=True)):
-            axes.plot(path.t, line, color=COLOURS[index], label=names[index])
+            axes.plot(path.t, line, color=LINE_COLOURS[index], label=names[index])
             axes.plot(path.t, dots, **EXACT)
         axes.plot([], [], label='shooting', **EXACT)
     states.plot(T, TARGET, 'o', color='black', clip_on=False)
@@ -112,30 +114,30 @@ def _draw(path: Trajectory, exact: tuple[Array, ...], grid: Array, valley: Array
     costates.annotate(r'$\lambda_2(T) = \partial V/\partial\omega$',
                       (T, 4 * path.x['omega'][-1]), (-8, 9), ha='right',
                       textcoords='offset points')
-    inputs.plot(path.t, path.u['u'], color=COLOURS[2], label='$u^*$')
-    inputs.plot(path.t, -path.lam['omega'], '--', color=COLOURS[1], label=r'$-\lambda_2$')
+    inputs.plot(path.t, path.u['u'], color=LINE_COLOURS[2], label='$u^*$')
+    inputs.plot(path.t, -path.lam['omega'], '--', color=LINE_COLOURS[1], label=r'$-\lambda_2$')
     for bound in (-LIMIT, LIMIT):
         inputs.axhline(bound, **THIN)
     mesh = above.pcolormesh(path.t, grid, np.sqrt(np.maximum(valley, 0)), cmap='Blues',
                             shading='gouraud')
-    above.plot(path.t, path.u['u'], color=COLOURS[2], label='$u^*(t)$', clip_on=False)
+    above.plot(path.t, path.u['u'], color=LINE_COLOURS[2], label='$u^*(t)$', clip_on=False)
     above.grid(False)
     figure.colorbar(mesh, ax=above, label=r'$\sqrt{H(x^*, u, \lambda^*) - H(x^*, u^*, '
                     r'\lambda^*)}$')
-    describe(states, 'state', 'time $t$ [s]', r'$\theta$ [rad], $\omega$ [rad/s]',
-             legend='upper left')
-    describe(costates, 'costate', 'time $t$ [s]', r'$\lambda_1$ [rad], $\lambda_2$ [rad s]',
-             legend='lower left')
-    describe(inputs, r'input, $\Omega = [-0.6, 0.6]$', 'time $t$ [s]', '$u$ [rad/s$^2$]',
-             legend=True)
-    describe(above, '$H$ over the input', 'time $t$ [s]', '$u$ [rad/s$^2$]',
-             legend='lower left')
+    label_axes(states, 'state', 'time $t$ [s]', r'$\theta$ [rad], $\omega$ [rad/s]',
+               legend='upper left')
+    label_axes(costates, 'costate', 'time $t$ [s]', r'$\lambda_1$ [rad], $\lambda_2$ [rad s]',
+               legend='lower left')
+    label_axes(inputs, r'input, $\Omega = [-0.6, 0.6]$', 'time $t$ [s]', '$u$ [rad/s$^2$]',
+               legend=True)
+    label_axes(above, '$H$ over the input', 'time $t$ [s]', '$u$ [rad/s$^2$]',
+               legend='lower left')
     for axes in (states, costates, inputs, above):
         axes.set_xlim(0, T)
     return figure
 
 
-THEOREM_2_1 = Entry(
+THEOREM_2_1 = GalleryEntry(
     'theorem-2.1', 'The maximum principle', 'Theorem 2.1', (
         "If $(x*, u*)$ is optimal there are $λ*(t)$ and $ν*$ with $x_i' = ∂H/∂λ_i$, "
         "$-λ_i' = ∂H/∂x_i$, $ψ(x(T)) = 0$, $λ(T) = ∂V/∂x + ν^T ∂ψ/∂x$, and $H(x*, u*, λ*) ≤ "

@@ -7,12 +7,12 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.figures import COLOURS, THIN
-from obc_ros.cli.gallery.drawing import describe, EXACT, panels
-from obc_ros.cli.gallery.entry import Answer, Entry, Row
+from obc_ros.cli.figures import LINE_COLOURS, THIN
+from obc_ros.cli.gallery.drawing import EXACT, label_axes, panels
+from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.exact_loops import free_motion, sampled_loop
 from obc_ros.cli.gallery.loop import Run
-from obc_ros.cli.gallery.runner import Desk, Regulator, Trajectory
+from obc_ros.cli.gallery.runner import AnsweredRegulator, Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.exact.closed_forms import double_integrator_regulator
 from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
@@ -22,7 +22,7 @@ HORIZONS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0)
 LONG = 20.0  # [s]
 
 
-def plant() -> tuple[Array, Array, Array, Array]:
+def make_plant() -> tuple[Array, Array, Array, Array]:
     """Return A, B, H and Qu of a system with an unstable mode, reachable, (A, H) observable."""
     random = np.random.default_rng(23)
     A = random.normal(size=(N, N)).round(2)
@@ -42,9 +42,9 @@ def lq_problem(A: Array, B: Array, Qx: Array, Qu: Array, x0: Array, T: float) ->
             'final_time': {'free': False, 'value': T}}
 
 
-def theorem_2_2(desk: Desk) -> Answer:
+def theorem_2_2(desk: Desk) -> EntryResult:
     """Hold gain, P and least cost against Theorem 2.2."""
-    A, B, H, Qu = plant()
+    A, B, H, Qu = make_plant()
     Qx = H.T @ H
     found, = desk.design_all([{'A': A, 'B': B, 'Qx': Qx, 'Qu': Qu}])
     starts = np.vstack([np.eye(N)[0], np.ones(N)])
@@ -56,17 +56,17 @@ def theorem_2_2(desk: Desk) -> Answer:
     motion = free_motion(A - B @ K, starts[-1], long[-1].t)
     own = found.P @ A + A.T @ found.P - found.P @ B @ found.K + Qx
     rows = [
-        Row('$P$', found.P, P, 'SciPy, `solve_continuous_are`'),
-        Row('$K = Q_u^{-1} B^T P$', found.K, K, 'SciPy'),
-        Row('$PA + A^T P - PBQ_u^{-1}B^T P + Q_x$', own, np.zeros_like(left), '0, (2.9)'),
-        Row(f'least cost $J$ over {LONG:g} s from two $x(0)$', [path.J for path in long],
-            np.einsum('ki,ij,kj->k', starts, P, starts), '$J* = x(0)^T P x(0)$'),
-        Row(f'$x*(t)$ over {LONG:g} s', np.stack(list(long[-1].x.values()), axis=1),
-            motion, '$e^{(A - BK)t} x(0)$'),
-        Row('least cost over $T$ = 0.25 .. 12 s', [path.J for path in short],
-            [_finite(A, B, Qx, Qu, starts[-1], T) for T in HORIZONS],
-            'Hamiltonian matrix, $J = x^T X_{21} X_{11}^{-1} x$')]
-    return Answer(rows, _draw_thm_2_2(found, short, long[-1], motion), (
+        ComparedRow('$P$', found.P, P, 'SciPy, `solve_continuous_are`'),
+        ComparedRow('$K = Q_u^{-1} B^T P$', found.K, K, 'SciPy'),
+        ComparedRow('$PA + A^T P - PBQ_u^{-1}B^T P + Q_x$', own, np.zeros_like(left), '0, (2.9)'),
+        ComparedRow(f'least cost $J$ over {LONG:g} s from two $x(0)$', [path.J for path in long],
+                    np.einsum('ki,ij,kj->k', starts, P, starts), '$J* = x(0)^T P x(0)$'),
+        ComparedRow(f'$x*(t)$ over {LONG:g} s', np.stack(list(long[-1].x.values()), axis=1),
+                    motion, '$e^{(A - BK)t} x(0)$'),
+        ComparedRow('least cost over $T$ = 0.25 .. 12 s', [path.J for path in short],
+                    [_finite(A, B, Qx, Qu, starts[-1], T) for T in HORIZONS],
+                    'Hamiltonian matrix, $J = x^T X_{21} X_{11}^{-1} x$')]
+    return EntryResult(rows, _draw_thm_2_2(found, short, long[-1], motion), (
         'Left: the least cost over a finite horizon increases to $J* = x(0)^T P x(0)$. Middle: '
         'the optimum over 20 s is the closed loop of the constant gain. Right: the cost of the '
         'gains $K + δD_i$ for five random directions $D_i$, from the Lyapunov equation; every '
@@ -86,37 +86,38 @@ def _finite(A: Array, B: Array, Qx: Array, Qu: Array, x0: Array, T: float) -> fl
     return float(x0 @ P @ x0)
 
 
-def _draw_thm_2_2(found: Regulator, short: list[Trajectory], long: Trajectory, motion: Array
+def _draw_thm_2_2(found: AnsweredRegulator, short: list[Trajectory], long: Trajectory,
+                  motion: Array
                   ) -> Figure:
-    A, B, H, Qu = plant()
+    A, B, H, Qu = make_plant()
     x0 = np.ones(N)
     best = float(x0 @ found.P @ x0)
     figure, ((costs, states, gains),) = panels(1, 3)
     T = np.linspace(0.05, 12, 200)
-    costs.plot(HORIZONS, [path.J for path in short], 'o', color=COLOURS[0], markersize=4,
+    costs.plot(HORIZONS, [path.J for path in short], 'o', color=LINE_COLOURS[0], markersize=4,
                label='trajectory_server')
     costs.plot(T, [_finite(A, B, H.T @ H, Qu, x0, each) for each in T],
                label='Hamiltonian matrix', **EXACT)
-    costs.axhline(best, label='$x(0)^T P\\, x(0)$', color=COLOURS[1], zorder=1)
-    describe(costs, 'least cost over $[0, T]$', 'horizon $T$ [s]', '$J$', legend='lower right')
+    costs.axhline(best, label='$x(0)^T P\\, x(0)$', color=LINE_COLOURS[1], zorder=1)
+    label_axes(costs, 'least cost over $[0, T]$', 'horizon $T$ [s]', '$J$', legend='lower right')
     costs.set_xlim(0, 12.4)
     for index, (name, values) in enumerate(long.x.items()):
-        states.plot(long.t, values, color=COLOURS[index], label=f'$x_{name[1]}$')
+        states.plot(long.t, values, color=LINE_COLOURS[index], label=f'$x_{name[1]}$')
         states.plot(long.t, motion[:, index], **EXACT)
     states.plot([], [], label='$e^{(A - BK)t}x(0)$', **EXACT)
     states.set_xlim(0, 8)
-    describe(states, 'optimal states', 'time $t$ [s]', '$x^*(t)$', legend=True)
+    label_axes(states, 'optimal states', 'time $t$ [s]', '$x^*(t)$', legend=True)
     random = np.random.default_rng(8)
     size = np.linspace(-0.4, 0.4, 41)
     for index in range(5):
         D = random.normal(size=found.K.shape)
         cost = np.array([_cost_of(A, B, H.T @ H, Qu, found.K + d * D, x0) for d in size])
         cost[cost > 1.1 * best] = np.nan  # there is the legend
-        gains.plot(size, cost, color=COLOURS[index], linewidth=1, label=f'$D_{index + 1}$')
+        gains.plot(size, cost, color=LINE_COLOURS[index], linewidth=1, label=f'$D_{index + 1}$')
     gains.plot(0, best, 'o', color='black', label='$K = Q_u^{-1}B^T P$', zorder=6)
     gains.set_ylim(0.995 * best, 1.14 * best)
-    describe(gains, 'cost of other gains', '$\\delta$', '$J$ with $K + \\delta D_i$',
-             legend=False)
+    label_axes(gains, 'cost of other gains', '$\\delta$', '$J$ with $K + \\delta D_i$',
+               legend=False)
     gains.legend(loc='upper center', ncols=3, columnspacing=0.8, handlelength=1.2)
     return figure
 
@@ -135,7 +136,7 @@ Q, STEP, DURATION = 2.0, 0.01, 8.0
 DOUBLE = {'A': [[0.0, 1.0], [0.0, 0.0]], 'B': [[0.0], [1.0]]}
 
 
-def example_2_4(desk: Desk) -> Answer:
+def example_2_4(desk: Desk) -> EntryResult:
     """Answer Example 2.4 over q, and compare its gain with the printed one in a loop."""
     found = desk.design_all([{**DOUBLE, 'Qx': [q * q, 0.0], 'Qu': [1.0]} for q in WEIGHTS])
     exact = [double_integrator_regulator(q) for q in WEIGHTS]
@@ -152,24 +153,24 @@ def example_2_4(desk: Desk) -> Answer:
     A, B = (np.array(DOUBLE[key]) for key in 'AB')
     ends = [sampled_loop(A, B, K, [1, 0], STEP, count) for K in (exact[4].K, printed)]
     rows = [
-        Row('$K$ for seven $q$ from 0.1 to 10', [each.K for each in found],
-            [each.K for each in exact], '$[q, √(2q)]$'),
-        Row('$P$', [each.P for each in found], [each.P for each in exact],
-            '$[[√(2q^3), q], [q, √(2q)]]$'),
-        Row('$ω_0$ [rad/s]', [each.omega0 for each in found], np.sqrt(WEIGHTS), '$√q$'),
-        Row('damping ratio $ζ$', [each.message.damping[0] for each in found],
-            np.full(len(WEIGHTS), 1 / sqrt(2)), '$1/√2$'),
-        Row(f'$q = {Q:g}$, $x(0) = (1, 0)$: cost of $K = [2, 2]$', cost, 4.0,
-            '$P_{11} = √(2q^3)$'),
-        Row('the same: cost of the printed $K = [0.5, 1]$', cost_printed, 6.125,
-            'Lyapunov equation, 49/8'),
-        Row('loop with $K = [2, 2]$: $x(t)$', right.x, ends[0][0],
-            'recursion of the sampled loop'),
-        Row('loop with the printed $K$: $x(t)$', wrong.x, ends[1][0],
-            'recursion of the sampled loop'),
-        Row('loop with the printed $K$: $u(t)$', wrong.u, ends[1][1],
-            'recursion of the sampled loop')]
-    return Answer(rows, _draw_2_4(found, right, wrong), (
+        ComparedRow('$K$ for seven $q$ from 0.1 to 10', [each.K for each in found],
+                    [each.K for each in exact], '$[q, √(2q)]$'),
+        ComparedRow('$P$', [each.P for each in found], [each.P for each in exact],
+                    '$[[√(2q^3), q], [q, √(2q)]]$'),
+        ComparedRow('$ω_0$ [rad/s]', [each.omega0 for each in found], np.sqrt(WEIGHTS), '$√q$'),
+        ComparedRow('damping ratio $ζ$', [each.message.damping[0] for each in found],
+                    np.full(len(WEIGHTS), 1 / sqrt(2)), '$1/√2$'),
+        ComparedRow(f'$q = {Q:g}$, $x(0) = (1, 0)$: cost of $K = [2, 2]$', cost, 4.0,
+                    '$P_{11} = √(2q^3)$'),
+        ComparedRow('the same: cost of the printed $K = [0.5, 1]$', cost_printed, 6.125,
+                    'Lyapunov equation, 49/8'),
+        ComparedRow('loop with $K = [2, 2]$: $x(t)$', right.x, ends[0][0],
+                    'recursion of the sampled loop'),
+        ComparedRow('loop with the printed $K$: $x(t)$', wrong.x, ends[1][0],
+                    'recursion of the sampled loop'),
+        ComparedRow('loop with the printed $K$: $u(t)$', wrong.u, ends[1][1],
+                    'recursion of the sampled loop')]
+    return EntryResult(rows, _draw_2_4(found, right, wrong), (
         'Left: the gain over $q$, corrected (solid) and as printed in the book (misprint, '
         f'dashed). Middle and right: both gains in a running loop for $q = {Q:g}$. With '
         '$Q_x = diag(1, 0)$ and $Q_u = q^2$, `lqr_node` computes the printed gain.',),
@@ -187,37 +188,37 @@ def _with_gain(K: Array) -> dict[str, Any]:
             'initial_state': {'x1': 1, 'x2': 0}, 'final_time': {'free': False, 'value': LONG}}
 
 
-def _draw_2_4(found: list[Regulator], right: Run, wrong: Run) -> Figure:
+def _draw_2_4(found: list[AnsweredRegulator], right: Run, wrong: Run) -> Figure:
     figure, ((gains, states, inputs),) = panels(1, 3)
     q = np.logspace(-1, 1, 100)
     for index, (own, printed) in enumerate(((q, 1 / q), (np.sqrt(2 * q), np.sqrt(2 / q)))):
         gains.loglog(WEIGHTS, [each.K[0, index] for each in found], 'os'[index],
-                     color=COLOURS[index], label=f'$K_{index + 1}$, trajectory_server')
-        gains.loglog(q, own, color=COLOURS[index], linewidth=1,
+                     color=LINE_COLOURS[index], label=f'$K_{index + 1}$, trajectory_server')
+        gains.loglog(q, own, color=LINE_COLOURS[index], linewidth=1,
                      label=('$q$', '$\\sqrt{2q}$')[index])
-        gains.loglog(q, printed, '--', color=COLOURS[index], linewidth=1,
+        gains.loglog(q, printed, '--', color=LINE_COLOURS[index], linewidth=1,
                      label=('$1/q$', '$\\sqrt{2/q}$')[index] + ' as printed')
-    describe(gains, 'gain', 'weight $q$', '$K_1$ [s$^{-2}$], $K_2$ [s$^{-1}$]',
-             legend='upper center')
+    label_axes(gains, 'gain', 'weight $q$', '$K_1$ [s$^{-2}$], $K_2$ [s$^{-1}$]',
+               legend='upper center')
     gains.set_ylim(0.08, 3000)
     gains.grid(True, which='major')
     for run, style, text in ((right, '-', '$K = [q, \\sqrt{2q}]$, $J = 4$'),
                              (wrong, '--', 'as printed, $J = 6.125$')):
         for index, name in enumerate(('x_1', 'x_2')):
-            states.plot(run.t, run.x[:, index], style, color=COLOURS[index],
+            states.plot(run.t, run.x[:, index], style, color=LINE_COLOURS[index],
                         label=f'${name}$' if style == '-' else f'${name}$, as printed')
-        inputs.plot(run.t, run.u[:, 0], style, color=COLOURS[2], drawstyle='steps-post',
+        inputs.plot(run.t, run.u[:, 0], style, color=LINE_COLOURS[2], drawstyle='steps-post',
                     label=text)
     for axes in (states, inputs):
         axes.axhline(0, **THIN)
         axes.set_xlim(0, DURATION)
-    describe(states, f'loop, $q = {Q:g}$: state', 'time $t$ [s]', '$x_1$ [m], $x_2$ [m/s]',
-             legend=True)
-    describe(inputs, 'loop: input', 'time $t$ [s]', '$u$ [m/s$^2$]', legend='lower right')
+    label_axes(states, f'loop, $q = {Q:g}$: state', 'time $t$ [s]', '$x_1$ [m], $x_2$ [m/s]',
+               legend=True)
+    label_axes(inputs, 'loop: input', 'time $t$ [s]', '$u$ [m/s$^2$]', legend='lower right')
     return figure
 
 
-THEOREM_2_2 = Entry(
+THEOREM_2_2 = GalleryEntry(
     'theorem-2.2', 'The linear quadratic regulator', 'Theorem 2.2', (
         "For $x' = Ax + Bu$ and $J = ∫_0^∞ (x^T Q_x x + u^T Q_u u) dt$ with $(A, B)$ reachable, "
         '$Q_x = H^T H$ with $(A, H)$ observable and $Q_u > 0$: the optimum is '
@@ -230,7 +231,7 @@ THEOREM_2_2 = Entry(
     'what is needed, not $P_1 > 0$ as in section 2.2. And a finite cost does not make $L(x, u)$ '
     'approach zero, as section 2.2 says: pulses of height 1 and width $2^{-k}$ have a finite '
     'integral. (It does so here, where $x*(t)$ is a sum of exponentials.)')
-EXAMPLE_2_4 = Entry(
+EXAMPLE_2_4 = GalleryEntry(
     '2.4', 'Optimal control of a double integrator', 'Example 2.4', (
         "$x_1' = x_2$, $x_2' = u$ with $Q_x = diag(q^2, 0)$, $Q_u = 1$. The Riccati equation has "
         'the solution $P = [[√(2q^3), q], [q, √(2q)]]$, and the closed loop is damped by '

@@ -7,9 +7,9 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from obc_ros.cli.figures import COLOURS, THIN
-from obc_ros.cli.gallery.drawing import describe, EXACT, legend_below, panels
-from obc_ros.cli.gallery.entry import Answer, Entry, Row
+from obc_ros.cli.figures import LINE_COLOURS, THIN
+from obc_ros.cli.gallery.drawing import EXACT, label_axes, legend_below, panels
+from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.loop import UnansweredError
 from obc_ros.cli.gallery.runner import design_request, Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array
@@ -21,7 +21,7 @@ MANY_WEIGHTS = tuple(np.logspace(-2, 8, 21))
 A, B, X0, TF = 1.0, 1.0, 1.0, 1.0
 
 
-def statement(a: float, b: float, x0: float, tf: float, c: float | None) -> dict[str, Any]:
+def state_example_2_2(a: float, b: float, x0: float, tf: float, c: float | None) -> dict[str, Any]:
     """Return the problem of Example 2.2; `c` None for x(tf) = 0."""
     end = ({'terminal_constraints': ['x']} if c is None else {'terminal_cost': 'c*x**2/2'})
     return {'system': 'scalar', 'parameters': {'a': a, 'b': b} | ({} if c is None else {'c': c}),
@@ -42,32 +42,35 @@ def book_2_5(t: Array, c: float) -> Array:
             * (np.exp(A * (TF - t)) - np.exp(A * (t + TF))))
 
 
-def example_2_2(desk: Desk) -> Answer:
+def example_2_2(desk: Desk) -> EntryResult:
     """Answer Example 2.2 for several c, and for the limit."""
-    paths = desk.solve_all([statement(A, B, X0, TF, c) for c in WEIGHTS])
-    many = desk.solve_all([statement(A, B, X0, TF, c) for c in MANY_WEIGHTS], show=0)
-    limit = desk.solve(**statement(A, B, X0, TF, None))
+    paths = desk.solve_all([state_example_2_2(A, B, X0, TF, c) for c in WEIGHTS])
+    many = desk.solve_all([state_example_2_2(A, B, X0, TF, c) for c in MANY_WEIGHTS], show=0)
+    limit = desk.solve(**state_example_2_2(A, B, X0, TF, None))
     rows = []
     for c, path in zip(WEIGHTS, paths, strict=True):
-        rows += [Row(f'$x*(t)$, $c = {c:g}$', path.x['x'], book_2_5(path.t, c), 'equation (2.5)'),
-                 Row(f'$u*(t)$, $c = {c:g}$', path.u['u'], book_2_4(path.t, c), 'equation (2.4)')]
+        rows += [ComparedRow(f'$x*(t)$, $c = {c:g}$', path.x['x'], book_2_5(path.t, c),
+                             'equation (2.5)'),
+                 ComparedRow(f'$u*(t)$, $c = {c:g}$', path.u['u'], book_2_4(path.t, c),
+                             'equation (2.4)')]
     costate = paths[2].lam['x'], 10.0 * book_2_5(np.array(TF), 10.0) * np.exp(
         A * (TF - paths[2].t))
     growth = 1 - np.exp(-2 * A * TF)
     ends = np.array([path.x['x'][-1] for path in many])
     rows += [
-        Row('costate $λ(t)$, $c = 10$', *costate, '$c x(t_f) e^{a(t_f - t)}$'),
-        Row('$x*(t_f)$ for $c$ from 0.01 to $10^8$', ends,
-            [2 * A * np.exp(A * TF) * X0 / (2 * A + B**2 * c * np.expm1(2 * A * TF))
-             for c in MANY_WEIGHTS], 'equation (2.5) at $t_f$', relative=True),
-        Row('cost $J$ for $c$ from 0.01 to $10^8$', [path.J for path in many],
-            [scalar_finite_horizon(A, B, c, X0, [0.0], tf=TF).J for c in MANY_WEIGHTS],
-            '$½ P(t_0) x(t_0)^2$', relative=True),
-        Row('$x(t_f)$ with the constraint $x(t_f) = 0$', limit.x['x'][-1], 0.0,
-            'the limit $c → ∞$'),
-        Row('cost $J$ with the constraint $x(t_f) = 0$', limit.J, A * X0**2 / (B**2 * growth),
-            '$a x(t_0)^2 / b^2(1 - e^{-2a(t_f - t_0)})$')]
-    return Answer(rows, _draw_2_2(paths, many, limit), (
+        ComparedRow('costate $λ(t)$, $c = 10$', *costate, '$c x(t_f) e^{a(t_f - t)}$'),
+        ComparedRow('$x*(t_f)$ for $c$ from 0.01 to $10^8$', ends,
+                    [2 * A * np.exp(A * TF) * X0 / (2 * A + B**2 * c * np.expm1(2 * A * TF))
+                     for c in MANY_WEIGHTS], 'equation (2.5) at $t_f$', relative=True),
+        ComparedRow('cost $J$ for $c$ from 0.01 to $10^8$', [path.J for path in many],
+                    [scalar_finite_horizon(A, B, c, X0, [0.0], tf=TF).J for c in MANY_WEIGHTS],
+                    '$½ P(t_0) x(t_0)^2$', relative=True),
+        ComparedRow('$x(t_f)$ with the constraint $x(t_f) = 0$', limit.x['x'][-1], 0.0,
+                    'the limit $c → ∞$'),
+        ComparedRow('cost $J$ with the constraint $x(t_f) = 0$', limit.J,
+                    A * X0**2 / (B**2 * growth),
+                    '$a x(t_0)^2 / b^2(1 - e^{-2a(t_f - t_0)})$')]
+    return EntryResult(rows, _draw_2_2(paths, many, limit), (
         'Coloured: the answers of `trajectory_server` for several weights $c$ of the final state. '
         'Dotted: equations (2.5) and (2.4). As $c$ grows, $x*(t_f)$ decreases like $1/c$, and the '
         'trajectory tends to the one with the terminal constraint $x(t_f) = 0$ (grey, wide).',))
@@ -76,7 +79,7 @@ def example_2_2(desk: Desk) -> Answer:
 def _draw_2_2(paths: list[Trajectory], many: list[Trajectory], limit: Trajectory) -> Any:
     figure, ((states, inputs, ends),) = panels(1, 3)
     t = np.linspace(0, TF, 200)
-    for c, path, colour in zip(WEIGHTS, paths, COLOURS, strict=False):
+    for c, path, colour in zip(WEIGHTS, paths, LINE_COLOURS, strict=False):
         states.plot(path.t, path.x['x'], color=colour, label=f'$c = {c:g}$')
         inputs.plot(path.t, path.u['u'], color=colour, label=f'$c = {c:g}$')
         states.plot(t, book_2_5(t, c), **EXACT)
@@ -86,12 +89,12 @@ def _draw_2_2(paths: list[Trajectory], many: list[Trajectory], limit: Trajectory
         axes.plot([], [], label='equations (2.5), (2.4)', **EXACT)
         axes.set_xlim(0, TF)
     ends.loglog(MANY_WEIGHTS, [path.x['x'][-1] for path in many], 'o', markersize=4,
-                color=COLOURS[0], label='trajectory_server')
+                color=LINE_COLOURS[0], label='trajectory_server')
     fine = np.logspace(-2, 8, 200)
     ends.loglog(fine, [book_2_5(np.array(TF), c) for c in fine], label='equation (2.5)', **EXACT)
-    describe(states, 'state', 'time $t$ [s]', '$x^*(t)$')
-    describe(inputs, 'input', 'time $t$ [s]', '$u^*(t)$ [1/s]')
-    describe(ends, 'final state', 'weight $c$', '$x^*(t_f)$', legend=True)
+    label_axes(states, 'state', 'time $t$ [s]', '$x^*(t)$')
+    label_axes(inputs, 'input', 'time $t$ [s]', '$u^*(t)$ [1/s]')
+    label_axes(ends, 'final state', 'weight $c$', '$x^*(t_f)$', legend=True)
     legend_below(figure, states, 6)
     figure.suptitle(f'$\\dot x = ax + bu$,  $a = {A:g}$ s$^{{-1}}$,  $b = {B:g}$,  '
                     f'$x(0) = {X0:g}$,  $t_f = {TF:g}$ s')
@@ -103,11 +106,11 @@ CURVES = tuple(product((0.1, 10.0), (0.5, 1.0, 10.0)))
 LONG = 20.0  # [s] e^(-2 a LONG) is below all that a double tells from 0
 
 
-def exercise_2_9(desk: Desk) -> Answer:
+def exercise_2_9(desk: Desk) -> EntryResult:
     """Answer Exercise 2.9: the six curves and the infinite horizon."""
     a, b, x0 = NINE.values()
-    paths = desk.solve_all([statement(**NINE, tf=tf, c=c) for c, tf in CURVES])
-    infinite = desk.solve(**statement(**NINE, tf=LONG, c=None))
+    paths = desk.solve_all([state_example_2_2(**NINE, tf=tf, c=c) for c, tf in CURVES])
+    infinite = desk.solve(**state_example_2_2(**NINE, tf=LONG, c=None))
     case = {'A': [[a]], 'B': [[b]], 'Qx': [0.0], 'Qu': [1.0]}
     refused, = desk.ask([design_request(case)], DesignLqr)
     if refused.success:
@@ -117,26 +120,28 @@ def exercise_2_9(desk: Desk) -> Answer:
         exact = scalar_finite_horizon(a, b, c, x0, path.t, tf=tf)
         far = scalar_infinite_horizon(a, b, x0, path.t).x
         name = f'$c = {c:g}$, $t_f = {tf:g}$ s'
-        rows.append(Row(f'$x*(t)$, {name}', path.x['x'], exact.x, 'Example 2.2',
-                        relative=True))
+        rows.append(ComparedRow(f'$x*(t)$, {name}', path.x['x'], exact.x, 'Example 2.2',
+                                relative=True))
         distances.append((np.abs(path.x['x'] - far).max(), np.abs(exact.x - far).max()))
-        rows.append(Row(f'cost $J$, {name}', path.J, exact.J, '$½ P(t_0) x(t_0)^2$'))
+        rows.append(ComparedRow(f'cost $J$, {name}', path.J, exact.J, '$½ P(t_0) x(t_0)^2$'))
     P = 2 * a / b**2
     rows += [
-        Row('infinite horizon: $x*(t)$', infinite.x['x'], x0 * np.exp(-a * infinite.t),
-            '$x(t_0) e^{-at}$'),
-        Row('infinite horizon: $P = λ(t_0) / x(t_0)$', infinite.lam['x'][0] / x0, P, '$2a/b^2$'),
-        Row('infinite horizon: $-u(t)/x(t) = bP$ while $t < 5$ s',
-            *_ratio(infinite, b * P), '$2a/b$'),
-        Row('infinite horizon: cost $J$', infinite.J, P * x0**2 / 2, '$½ P x(t_0)^2$')]
+        ComparedRow('infinite horizon: $x*(t)$', infinite.x['x'], x0 * np.exp(-a * infinite.t),
+                    '$x(t_0) e^{-at}$'),
+        ComparedRow('infinite horizon: $P = λ(t_0) / x(t_0)$', infinite.lam['x'][0] / x0, P,
+                    '$2a/b^2$'),
+        ComparedRow('infinite horizon: $-u(t)/x(t) = bP$ while $t < 5$ s',
+                    *_ratio(infinite, b * P), '$2a/b$'),
+        ComparedRow('infinite horizon: cost $J$', infinite.J, P * x0**2 / 2, '$½ P x(t_0)^2$')]
     measured, wanted = zip(*distances, strict=True)
     c, tf = CURVES[int(np.argmin(measured))]
     rows += [
-        Row('distance $max |x* - x*_∞|$ of each curve', measured, wanted, 'the closed forms',
-            relative=True),
-        Row('closest: its $c$ and $t_f$', [c, tf], CURVES[int(np.argmin(wanted))],
-            'the least of the closed forms')]
-    return Answer(rows, _draw_2_9(paths, measured), (
+        ComparedRow('distance $max |x* - x*_∞|$ of each curve', measured, wanted,
+                    'the closed forms',
+                    relative=True),
+        ComparedRow('closest: its $c$ and $t_f$', [c, tf], CURVES[int(np.argmin(wanted))],
+                    'the least of the closed forms')]
+    return EntryResult(rows, _draw_2_9(paths, measured), (
         f'Closest to the infinite horizon: $c = {c:g}$, $t_f = {tf:g}$ s. The gain is that of the '
         'infinite horizon until the end is a few $1/a$ away, and a long horizon leaves most of '
         'the way before that; the larger $c$ then keeps $x$ nearer to 0. With a short horizon '
@@ -157,7 +162,7 @@ def _ratio(path: Trajectory, exact: float) -> tuple[Array, Array]:
 
 def _draw_2_9(paths: list[Trajectory], distances: Sequence[float]) -> Any:
     figure, ((short, long, away),) = panels(1, 3, 3.3, width_ratios=(1.2, 1.2, 1))
-    for (c, tf), path, colour in zip(CURVES, paths, COLOURS, strict=False):
+    for (c, tf), path, colour in zip(CURVES, paths, LINE_COLOURS, strict=False):
         for axes in (short, long):
             axes.plot(path.t, path.x['x'], color=colour, linestyle='-' if c > 1 else '--',
                       label=f'$c = {c:g}$, $t_f = {tf:g}$ s')
@@ -166,27 +171,27 @@ def _draw_2_9(paths: list[Trajectory], distances: Sequence[float]) -> Any:
         axes.plot(t, NINE['x0'] * np.exp(-NINE['a'] * t), label='infinite horizon', **EXACT)
     short.set(xlim=(0, 1.05), yscale='log', ylim=(0.3, 40))
     long.set(xlim=(0, 10), yscale='log', ylim=(1e-9, 100))
-    describe(short, 'the first second', 'time $t$ [s]', '$x^*(t)$')
-    describe(long, 'ten seconds', 'time $t$ [s]', '$x^*(t)$')
+    label_axes(short, 'the first second', 'time $t$ [s]', '$x^*(t)$')
+    label_axes(long, 'ten seconds', 'time $t$ [s]', '$x^*(t)$')
     names = [f'{c:g}, {tf:g} s' for c, tf in CURVES]
-    away.barh(names, distances, color=COLOURS[:6])
+    away.barh(names, distances, color=LINE_COLOURS[:6])
     away.set(xscale='log', xlim=(min(distances) / 10, 30))
     away.invert_yaxis()
     away.axvline(min(distances), **THIN)
     legend_below(figure, short, 4)
-    describe(away, 'distance from $x^*_\\infty$', '$\\max_t |x^* - x^*_\\infty|$',
-             '$c$, $t_f$')
+    label_axes(away, 'distance from $x^*_\\infty$', '$\\max_t |x^* - x^*_\\infty|$',
+               '$c$, $t_f$')
     figure.suptitle('$\\dot x = ax + bu$,  $a = 2$ s$^{-1}$,  $b = 0.5$,  $x(t_0) = 4$')
     return figure
 
 
-EXAMPLE_2_2 = Entry(
+EXAMPLE_2_2 = GalleryEntry(
     '2.2', 'Scalar linear system', 'Example 2.2, equations (2.3) to (2.5)', (
         "Minimise $J = ½ ∫ u^2 dt + ½ c x(t_f)^2$ for $x' = ax + bu$, $x(t_0)$ and $t_f$ given. "
         'The maximum principle gives $u* = -bλ$ with $λ(t) = c x*(t_f) e^{a(t_f - t)}$, and from '
         'it the input (2.4) and the state (2.5). What becomes of $x*(t_f)$ when $c → ∞$?',),
     example_2_2)
-EXERCISE_2_9 = Entry(
+EXERCISE_2_9 = GalleryEntry(
     'exercise-2.9', 'Finite against infinite horizon', 'Exercise 2.9', (
         'Example 2.2 with $a = 2$, $b = 0.5$, $x(t_0) = 4$: the optimal states for $c = 0.1, 10$ '
         'and $t_f = 0.5, 1, 10$ s, compared with the infinite horizon with $x(∞) = 0$, whose '

@@ -8,12 +8,12 @@ from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.figures import COLOURS
-from obc_ros.cli.gallery.drawing import describe, EXACT, legend_below, panels, WIDTH
-from obc_ros.cli.gallery.entry import Answer, Entry, Row
+from obc_ros.cli.figures import LINE_COLOURS
+from obc_ros.cli.gallery.drawing import EXACT, label_axes, legend_below, panels, WIDTH
+from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.runner import Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.solver.exact.closed_forms import brockett, straight_line
+from obc_ros.core.solver.exact.closed_forms import solve_brockett, straight_line
 
 VECTORS = ((1.0, 2.0, 2.0), (0.3, -0.4, 1.2))
 START, END = np.array([0.0, 0.0]), np.array([3.0, 4.0])
@@ -32,7 +32,7 @@ def planes() -> list[Array]:
     return [two - two.T, four - four.T, five - five.T]
 
 
-def statement(Y: Array) -> dict[str, Any]:
+def state_exercise_2_2(Y: Array) -> dict[str, Any]:
     """Return the problem of Exercise 2.2."""
     m = len(Y)
     q = [f'q{i + 1}' for i in range(m)]
@@ -65,32 +65,33 @@ def rotations(path: Trajectory, m: int) -> Array:
     return np.delete(found, m // 2) if m % 2 else found
 
 
-def exercise_2_2(desk: Desk) -> Answer:
+def exercise_2_2(desk: Desk) -> EntryResult:
     """Answer Exercise 2.2, (b) and (c)."""
-    three = desk.solve_all([statement(skew(y)) for y in VECTORS], method='indirect')
-    others = desk.solve_all([statement(Y) for Y in planes()], method='indirect', show=0)
+    three = desk.solve_all([state_exercise_2_2(skew(y)) for y in VECTORS], method='indirect')
+    others = desk.solve_all([state_exercise_2_2(Y) for Y in planes()], method='indirect', show=0)
     rows = []
     for y, path in zip(VECTORS, three, strict=True):
         u, length = input_of(path, 3), float(np.linalg.norm(y))
         name = f'$y = ({", ".join(f"{each:g}" for each in y)})$'
         exact = circle(y, u[0], path.t)
         rows += [
-            Row(f'(b) {name}: cost $J$', path.J, pi * length, '$π |y|$'),
-            Row(f'(b) {name}: $|u(t)|$', np.linalg.norm(u, axis=1),
-                np.full(len(u), sqrt(2 * pi * length)), '$√(2π|y|)$'),
-            Row(f'(b) {name}: $u(t)$', u, exact, '$u(0) cos 2πt - (y/|y|) × u(0) sin 2πt$'),
-            Row(f'(b) {name}: costate $λ(t)$', costate_of(path, 3), -(u[0] + exact) / 2,
-                '$-½ (u(0) + u(t))$, the circle'),
-            Row(f'(b) {name}: $y^T u(t)$', u @ y, np.zeros(len(u)), '0')]
+            ComparedRow(f'(b) {name}: cost $J$', path.J, pi * length, '$π |y|$'),
+            ComparedRow(f'(b) {name}: $|u(t)|$', np.linalg.norm(u, axis=1),
+                        np.full(len(u), sqrt(2 * pi * length)), '$√(2π|y|)$'),
+            ComparedRow(f'(b) {name}: $u(t)$', u, exact,
+                        '$u(0) cos 2πt - (y/|y|) × u(0) sin 2πt$'),
+            ComparedRow(f'(b) {name}: costate $λ(t)$', costate_of(path, 3), -(u[0] + exact) / 2,
+                        '$-½ (u(0) + u(t))$, the circle'),
+            ComparedRow(f'(b) {name}: $y^T u(t)$', u @ y, np.zeros(len(u)), '0')]
     for Y, path in zip(planes(), others, strict=True):
         m = len(Y)
         rows += [
-            Row(f'(c) $m = {m}$: cost $J$', path.J, brockett(Y, [0.0]).J,
-                '$π (σ_1 + 2σ_2 + ..)$'),
-            Row(f'(c) $m = {m}$: eigenvalues of $Λ/πi$', rotations(path, m),
-                np.arange(-(m // 2), m // 2 + 1)[np.arange(-(m // 2), m // 2 + 1) != 0],
-                'a whole number of circles each')]
-    return Answer(rows, _draw_2_2(three[0], others[1]), (
+            ComparedRow(f'(c) $m = {m}$: cost $J$', path.J, solve_brockett(Y, [0.0]).J,
+                        '$π (σ_1 + 2σ_2 + ..)$'),
+            ComparedRow(f'(c) $m = {m}$: eigenvalues of $Λ/πi$', rotations(path, m),
+                        np.arange(-(m // 2), m // 2 + 1)[np.arange(-(m // 2), m // 2 + 1) != 0],
+                        'a whole number of circles each')]
+    return EntryResult(rows, _draw_2_2(three[0], others[1]), (
         "(a) With $λ$ the costate of $q$ and $Λ$, skew and constant, that of $Y$: $u = -λ + Λq$ "
         "and $λ' = -Λu$, so that $u' = 2Λu$ and $u = λ(0) - 2λ(t)$. (b) The path is a circle in "
         'the plane normal to $y$, at constant speed; where it starts on the circle is open, so '
@@ -112,12 +113,12 @@ def _draw_2_2(three: Trajectory, four: Trajectory) -> Figure:
     grid = figure.add_gridspec(1, 3, width_ratios=(1.1, 1, 1))
     solid = figure.add_subplot(grid[0], projection='3d')
     inputs, plane = figure.add_subplot(grid[1]), figure.add_subplot(grid[2])
-    solid.plot(*(three.x[f'q{i}'] for i in (1, 2, 3)), color=COLOURS[0])
+    solid.plot(*(three.x[f'q{i}'] for i in (1, 2, 3)), color=LINE_COLOURS[0])
     solid.plot([0], [0], [0], 'ko', markersize=4)
     y = np.array(VECTORS[0])
     middle = np.array([three.x[f'q{i}'].mean() for i in (1, 2, 3)])
-    solid.quiver(*middle, *(0.2 * y), color=COLOURS[1])
-    solid.text(*(middle + 0.24 * y), '$y$', color=COLOURS[1])
+    solid.quiver(*middle, *(0.2 * y), color=LINE_COLOURS[1])
+    solid.text(*(middle + 0.24 * y), '$y$', color=LINE_COLOURS[1])
     solid.view_init(20, -18)
     solid.set_box_aspect((1, 1, 1), zoom=0.82)
     solid.set(xlabel='$q_1$', ylabel='$q_2$', title='(b) path for $y = (1, 2, 2)$',
@@ -128,24 +129,24 @@ def _draw_2_2(three: Trajectory, four: Trajectory) -> Figure:
     u = input_of(three, 3)
     exact = circle(VECTORS[0], u[0], three.t)
     for index in range(3):
-        inputs.plot(three.t, u[:, index], color=COLOURS[index], label=f'$u_{index + 1}$')
+        inputs.plot(three.t, u[:, index], color=LINE_COLOURS[index], label=f'$u_{index + 1}$')
         inputs.plot(three.t, exact[:, index], **EXACT)
     inputs.plot([], [], label='closed form', **EXACT)
     inputs.set(xlim=(0, 1), ylim=(-4.9, 7.2), yticks=[-4, -2, 0, 2, 4])
-    describe(inputs, '(b) its inputs', 'time $t$ [s]', '$u$ [1/s]')
+    label_axes(inputs, '(b) its inputs', 'time $t$ [s]', '$u$ [1/s]')
     inputs.legend(ncols=2, loc='upper center')
     for index, (first, second, text) in enumerate((
             ('q1', 'q2', '$(q_1, q_2)$, once'), ('q3', 'q4', '$(q_3, q_4)$, twice'))):
-        plane.plot(four.x[first], four.x[second], color=COLOURS[index], label=text)
+        plane.plot(four.x[first], four.x[second], color=LINE_COLOURS[index], label=text)
     plane.plot(0, 0, 'ko', markersize=4)
     plane.set_aspect('equal', adjustable='datalim')
     plane.margins(0.1)
-    describe(plane, r'(c) $m = 4$, $\sigma = (2, 1)$', '$q_1$, $q_3$', '$q_2$, $q_4$')
+    label_axes(plane, r'(c) $m = 4$, $\sigma = (2, 1)$', '$q_1$, $q_3$', '$q_2$, $q_4$')
     plane.legend(loc='upper center', bbox_to_anchor=(0.5, -0.22), ncols=2, columnspacing=1.0)
     return figure
 
 
-def exercise_2_3(desk: Desk) -> Answer:
+def exercise_2_3(desk: Desk) -> EntryResult:
     """Answer Exercise 2.3 by the energy, by the least time, and at another speed."""
     common = {'states': ['x', 'y'], 'inputs': ['u1', 'u2'], 'dynamics': {'x': 'u1', 'y': 'u2'},
               'initial_state': {'x': 0, 'y': 0}, 'final_time': {'free': False, 'value': 1},
@@ -161,21 +162,22 @@ def exercise_2_3(desk: Desk) -> Answer:
     exact = straight_line(START, END, energy.t)
     speed = np.stack([slower.u['u1'], slower.u['u2']], axis=1)
     rows = [
-        Row("$∫ x'^T x' dt$: cost", energy.J, exact.energy, '$|x_f - x_0|^2$'),
-        Row("$∫ x'^T x' dt$: $u(t)$", [energy.u['u1'], energy.u['u2']],
-            exact.u.T, '$x_f - x_0$, constant'),
-        Row("$∫ x'^T x' dt$: $x(t)$", [energy.x['x'], energy.x['y']],
-            exact.x.T, 'the straight line'),
-        Row('its length [m]', length(energy), exact.length, '$|x_f - x_0|$'),
-        Row('least time at unit speed: $T$ [s]', fastest.T, exact.length, '$|x_f - x_0|$'),
-        Row('least time at unit speed: $λ$', [fastest.lam['x'], fastest.lam['y']],
-            np.outer(exact.lam, np.ones(fastest.t.size)), '$-(x_f - x_0)/|x_f - x_0|$'),
-        Row('another speed: length [m]', length(slower), exact.length, '$|x_f - x_0|$'),
-        Row('another speed: $u(t)$', speed,
-            np.outer(3 / log(4) / (1 + 3 * slower.t), END), '$(x_f - x_0) 3/(1 + 3t) ln 4$'),
-        Row('another speed: $H = |u| + λ^T u$ with $λ = -(x_f - x_0)/|x_f - x_0|$',
-            np.linalg.norm(speed, axis=1) + speed @ exact.lam, np.zeros(len(speed)), '0')]
-    return Answer(rows, _draw_2_3(energy, slower, fastest), (
+        ComparedRow("$∫ x'^T x' dt$: cost", energy.J, exact.energy, '$|x_f - x_0|^2$'),
+        ComparedRow("$∫ x'^T x' dt$: $u(t)$", [energy.u['u1'], energy.u['u2']],
+                    exact.u.T, '$x_f - x_0$, constant'),
+        ComparedRow("$∫ x'^T x' dt$: $x(t)$", [energy.x['x'], energy.x['y']],
+                    exact.x.T, 'the straight line'),
+        ComparedRow('its length [m]', length(energy), exact.length, '$|x_f - x_0|$'),
+        ComparedRow('least time at unit speed: $T$ [s]', fastest.T, exact.length, '$|x_f - x_0|$'),
+        ComparedRow('least time at unit speed: $λ$', [fastest.lam['x'], fastest.lam['y']],
+                    np.outer(exact.lam, np.ones(fastest.t.size)), '$-(x_f - x_0)/|x_f - x_0|$'),
+        ComparedRow('another speed: length [m]', length(slower), exact.length, '$|x_f - x_0|$'),
+        ComparedRow('another speed: $u(t)$', speed,
+                    np.outer(3 / log(4) / (1 + 3 * slower.t), END),
+                    '$(x_f - x_0) 3/(1 + 3t) ln 4$'),
+        ComparedRow('another speed: $H = |u| + λ^T u$ with $λ = -(x_f - x_0)/|x_f - x_0|$',
+                    np.linalg.norm(speed, axis=1) + speed @ exact.lam, np.zeros(len(speed)), '0')]
+    return EntryResult(rows, _draw_2_3(energy, slower, fastest), (
         "The integral of $x'^T x'$ has one answer: the straight line at constant speed. It is an "
         "answer to the integral of $|x'|$ too, but so is the line at any other speed: the one "
         'shown has the least $∫ (1 + 3t) |u|^2 dt$. With $|u| ≤ 1$ and a free final time there '
@@ -190,9 +192,9 @@ def length(path: Trajectory) -> float:
 def _draw_2_3(energy: Trajectory, slower: Trajectory, fastest: Trajectory) -> Figure:
     figure, ((plane, speeds, ways),) = panels(1, 3)
     for path, colour, marker, text in (
-            (energy, COLOURS[0], 'o', 'least $\\int \\dot x^T \\dot x\\,dt$'),
-            (slower, COLOURS[1], 's', 'another speed'),
-            (fastest, COLOURS[2], '^', 'least time, $|u| \\leq 1$')):
+            (energy, LINE_COLOURS[0], 'o', 'least $\\int \\dot x^T \\dot x\\,dt$'),
+            (slower, LINE_COLOURS[1], 's', 'another speed'),
+            (fastest, LINE_COLOURS[2], '^', 'least time, $|u| \\leq 1$')):
         share = path.t / path.T
         x, y = (np.interp(np.linspace(0, 1, 11), share, path.x[name]) for name in 'xy')
         shift = {'o': 0.0, 's': 0.2, '^': -0.2}[marker]
@@ -203,23 +205,23 @@ def _draw_2_3(energy: Trajectory, slower: Trajectory, fastest: Trajectory) -> Fi
             path.t.size, 5 / path.T), color=colour)
         ways.plot(path.t, way, color=colour)
     plane.set_aspect('equal')
-    describe(plane, 'positions at tenths of $T$', '$x_1$ [m] (shifted apart)', '$x_2$ [m]')
-    describe(speeds, 'speed', 'time $t$ [s]', '$|u|$ [m/s]')
-    describe(ways, 'distance covered', 'time $t$ [s]', '$\\int |u|\\,dt$ [m]')
+    label_axes(plane, 'positions at tenths of $T$', '$x_1$ [m] (shifted apart)', '$x_2$ [m]')
+    label_axes(speeds, 'speed', 'time $t$ [s]', '$|u|$ [m/s]')
+    label_axes(ways, 'distance covered', 'time $t$ [s]', '$\\int |u|\\,dt$ [m]')
     for axes in (speeds, ways):
         axes.set(xlim=(0, 5.1), ylim=(0, None))
     legend_below(figure, plane, 3)
     return figure
 
 
-EXERCISE_2_2 = Entry(
+EXERCISE_2_2 = GalleryEntry(
     'exercise-2.2', "Brockett's system", 'Exercise 2.2', (
         "Minimise $½ ∫ u^T u dt$ over [0, 1] for $q' = u$, $Y' = q u^T - u q^T$, $Y$ skew: (b) "
         'from $(0, 0)$ to $(0, Y(1))$ for $m = 3$, where $Y(1) z = y × z$; (c) for any $m$.',),
     exercise_2_2,
     '“$Y^T = Y$” must read $Y^T = -Y$, as “skew symmetric” says and the equation demands; the '
     'matrix is in $R^{m × m}$; (b) is for $m = 3$.')
-EXERCISE_2_3 = Entry(
+EXERCISE_2_3 = GalleryEntry(
     'exercise-2.3', 'The shortest path', 'Exercise 2.3', (
         "Show that the shortest path between two points is a straight line, for $x' = u$ over "
         "[0, 1]: minimise $∫ x'^T x' dt$ first, then $∫ |x'| dt$. Here from (0, 0) to (3, 4).",),

@@ -10,15 +10,15 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 import numpy as np
-from obc_ros.cli.figures import COLOURS
-from obc_ros.cli.gallery.drawing import describe, panels
-from obc_ros.cli.gallery.entry import Answer, Entry, Row
+from obc_ros.cli.figures import LINE_COLOURS
+from obc_ros.cli.gallery.drawing import label_axes, panels
+from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.extremals import least_times
 from obc_ros.cli.gallery.runner import Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array
 from scipy.ndimage import distance_transform_edt, label
 
-Goal = tuple[float, float, float]
+Pose = tuple[float, float, float]
 
 SIDE, POINTS = 3.0, 20  # of the map [m]
 # Middles of squares: off the lines on which words of two or fewer pieces are fastest.
@@ -38,7 +38,7 @@ LIGHT = ('#77AADD', '#EEDD88', '#44BB99', '#FFAABB', '#AAAA00', '#99DDFF', '#EE8
          '#BBCC33', '#FFFFFF')
 
 
-def exercise_2_6(desk: Desk) -> Answer:
+def exercise_2_6(desk: Desk) -> EntryResult:
     """Answer Exercise 2.6: single goals, and two maps."""
     single = desk.plan_all([_motion(goal) for goal in (*STRAIGHT, *TURNS, *TANGENTS, *OTHERS)])
     straight, turns = single[:2], single[2:5]
@@ -56,15 +56,17 @@ def exercise_2_6(desk: Desk) -> Answer:
         ends[:, 2] = np.remainder(ends[:, 2] - heading + pi, 2 * pi) - pi + heading
         name = f'map of {len(goals)} goals, $θ_f = {heading:.4g}$'
         rows += [
-            Row(f'{name}: $T$ [s]', [path.T for path in paths], least_times(goals), PRINCIPLE),
-            Row(f'{name}: the arcs end at the goal', ends, np.array(goals),
-                'arcs and lines integrated'),
-            Row(f'{name}: $|v| = L$', np.concatenate([np.abs(path.u['v']) for path in paths]),
-                np.ones(sum(path.t.size for path in paths)), 'the exercise'),
-            Row(f'{name}: $ω ∈ {{-M, 0, M}}$', *_steering(paths), 'the exercise'),
-            Row(f'{name}: $T$ at the mirror image', *_mirrored(goals, paths),
-                'symmetry of the robot')]
-    return Answer(rows, _draw(maps, shown), (
+            ComparedRow(f'{name}: $T$ [s]', [path.T for path in paths], least_times(goals),
+                        PRINCIPLE),
+            ComparedRow(f'{name}: the arcs end at the goal', ends, np.array(goals),
+                        'arcs and lines integrated'),
+            ComparedRow(f'{name}: $|v| = L$',
+                        np.concatenate([np.abs(path.u['v']) for path in paths]),
+                        np.ones(sum(path.t.size for path in paths)), 'the exercise'),
+            ComparedRow(f'{name}: $ω ∈ {{-M, 0, M}}$', *_steering(paths), 'the exercise'),
+            ComparedRow(f'{name}: $T$ at the mirror image', *_mirrored(goals, paths),
+                        'symmetry of the robot')]
+    return EntryResult(rows, _draw(maps, shown), (
         'Left and middle: the fastest word from the origin (heading to the right) to each goal, '
         'with $L = M = 1$. C is a turn, S a straight line, | a change of direction. Black: lines '
         'of equal time, every 0.5 s. Right: five paths with their words; bold where the robot '
@@ -74,12 +76,12 @@ def exercise_2_6(desk: Desk) -> Answer:
         f'with $v = 0$ it takes {spot.T:.9f} s.')
 
 
-def _motion(goal: Goal) -> dict[str, Any]:
+def _motion(goal: Pose) -> dict[str, Any]:
     return {'system': 'two_wheeled', 'start': [0.0, 0.0, 0.0], 'goal': list(goal),
             'objective': 'time'}
 
 
-def _problem(goal: Goal) -> dict[str, Any]:
+def _problem(goal: Pose) -> dict[str, Any]:
     names = ('px', 'py', 'theta')
     return {'system': 'two_wheeled', 'running_cost': '1', 'initial_state': dict.fromkeys(names, 0),
             'terminal_constraints': [f'{name} - ({value!r})'
@@ -89,28 +91,28 @@ def _problem(goal: Goal) -> dict[str, Any]:
 
 def _single_rows(straight: list[Trajectory], turns: list[Trajectory],
                  tangents: list[Trajectory], others: list[Trajectory], again: list[Trajectory],
-                 spot: Trajectory) -> list[Row]:
+                 spot: Trajectory) -> list[ComparedRow]:
     return [
-        Row('straight on, and back: $T$ [s]', [path.T for path in straight],
-            [abs(goal[0]) for goal in STRAIGHT], '$|x|/L$'),
-        Row('turn in place: $T$ [s]', [path.T for path in turns],
-            [abs(goal[2]) for goal in TURNS], "$|θ|/M$, as $|θ'| ≤ M$"),
-        Row('turn by 90 degrees: switching times [s]', turns[0].switching_times,
-            [pi / 4 - MIDDLE / 2, pi / 4 + MIDDLE / 2],
-            'L+R-L+: three circles that touch, $2 asin(½ sin 45°)$ in the middle'),
-        Row('turn by 90 degrees with $v = 0$: $T$ [s]', spot.T, pi / 2, '$(π/2)/M$'),
-        Row('left, straight, right: $T$ [s]', [path.T for path in tangents],
-            [left_straight_right(goal) for goal in TANGENTS],
-            'inner tangent of two circles'),
-        Row('four other goals: $T$ [s]', [path.T for path in others], least_times(OTHERS),
-            PRINCIPLE),
-        Row('the same by `method: arcs`, which knows no words', [path.T for path in again],
-            least_times(OTHERS), PRINCIPLE),
-        Row('$H$ on these paths', np.concatenate([path.hamiltonian for path in others]),
-            np.zeros(sum(path.t.size for path in others)), '0, as $T$ is free')]
+        ComparedRow('straight on, and back: $T$ [s]', [path.T for path in straight],
+                    [abs(goal[0]) for goal in STRAIGHT], '$|x|/L$'),
+        ComparedRow('turn in place: $T$ [s]', [path.T for path in turns],
+                    [abs(goal[2]) for goal in TURNS], "$|θ|/M$, as $|θ'| ≤ M$"),
+        ComparedRow('turn by 90 degrees: switching times [s]', turns[0].switching_times,
+                    [pi / 4 - MIDDLE / 2, pi / 4 + MIDDLE / 2],
+                    'L+R-L+: three circles that touch, $2 asin(½ sin 45°)$ in the middle'),
+        ComparedRow('turn by 90 degrees with $v = 0$: $T$ [s]', spot.T, pi / 2, '$(π/2)/M$'),
+        ComparedRow('left, straight, right: $T$ [s]', [path.T for path in tangents],
+                    [left_straight_right(goal) for goal in TANGENTS],
+                    'inner tangent of two circles'),
+        ComparedRow('four other goals: $T$ [s]', [path.T for path in others], least_times(OTHERS),
+                    PRINCIPLE),
+        ComparedRow('the same by `method: arcs`, which knows no words', [path.T for path in again],
+                    least_times(OTHERS), PRINCIPLE),
+        ComparedRow('$H$ on these paths', np.concatenate([path.hamiltonian for path in others]),
+                    np.zeros(sum(path.t.size for path in others)), '0, as $T$ is free')]
 
 
-def left_straight_right(goal: Goal) -> float:
+def left_straight_right(goal: Pose) -> float:
     """Return the time of the path L+S+R+ with L = M = 1."""
     x, y, theta = goal
     dx, dy = x + sin(theta), y - cos(theta) - 1
@@ -157,7 +159,7 @@ def _steering(paths: list[Trajectory]) -> tuple[Array, Array]:
     return omega, np.clip(np.round(omega), -1, 1)
 
 
-def _mirrored(goals: list[Goal], paths: list[Trajectory]) -> tuple[Array, Array]:
+def _mirrored(goals: list[Pose], paths: list[Trajectory]) -> tuple[Array, Array]:
     """Return T, and T at the goal that mirroring (and going from there to here) leads to."""
     times = {(round(x, 6), round(y, 6)): path.T
              for (x, y, _), path in zip(goals, paths, strict=True)}
@@ -187,12 +189,12 @@ def _draw(maps: list[Any], shown: list[Trajectory]) -> Figure:
         plot.set(aspect='equal', xticks=range(-3, 4), yticks=range(-3, 4))
         plot.grid(False)
         degrees = np.degrees(heading)
-        describe(plot, f'goal heading $\\theta_f = {degrees:.0f}$°', '$x_f$ [m]', '$y_f$ [m]')
+        label_axes(plot, f'goal heading $\\theta_f = {degrees:.0f}$°', '$x_f$ [m]', '$y_f$ [m]')
     figure.legend(handles=[Patch(color=colour, label=text)
                            for colour, text in zip(LIGHT, words, strict=False)],
                   loc='outside lower center', ncols=len(words), columnspacing=1.2,
                   handlelength=1.1)
-    for path, colour in zip(shown, COLOURS, strict=False):
+    for path, colour in zip(shown, LINE_COLOURS, strict=False):
         axes[2].plot(path.x['px'], path.x['py'], color=colour)
         back = np.where(path.u['v'] < 0, 1.0, np.nan)
         axes[2].plot(path.x['px'] * back, path.x['py'] * back, color=colour, linewidth=3.2)
@@ -204,7 +206,7 @@ def _draw(maps: list[Any], shown: list[Trajectory]) -> Figure:
     axes[2].plot([], [], color='black', linewidth=3.2, label='backwards')
     axes[2].set(aspect='equal', xlim=(-1.6, 3.2), ylim=(-2.0, 2.8), xticks=range(-1, 4),
                 yticks=range(-2, 3))
-    describe(axes[2], 'five paths', '$x$ [m]', '$y$ [m]', legend='upper right')
+    label_axes(axes[2], 'five paths', '$x$ [m]', '$y$ [m]', legend='upper right')
     return figure
 
 
@@ -230,7 +232,7 @@ def _robot(axes: Any, x: float, y: float, theta: float, colour: str = 'black') -
     axes.plot(x, y, 'o', color=colour, markersize=4)
 
 
-EXERCISE_2_6 = Entry(
+EXERCISE_2_6 = GalleryEntry(
     'exercise-2.6', 'A two-wheeled robot', 'Exercise 2.6', (
         "$x' = v cos θ$, $y' = v sin θ$, $θ' = ω$ with $|v| ≤ L$, $|ω| ≤ M$, from one "
         'configuration to another in least time. Show that the robot drives at full speed, '

@@ -8,12 +8,12 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.figures import COLOURS, THIN
-from obc_ros.cli.gallery.drawing import describe, EXACT, legend_below, panels
-from obc_ros.cli.gallery.entry import Answer, Entry, Row
+from obc_ros.cli.figures import LINE_COLOURS, THIN
+from obc_ros.cli.gallery.drawing import EXACT, label_axes, legend_below, panels
+from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.exact_loops import simulated_loop
 from obc_ros.cli.gallery.loop import Run
-from obc_ros.cli.gallery.runner import Desk, Regulator
+from obc_ros.cli.gallery.runner import AnsweredRegulator, Desk
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.msg import Trajectory
 from obc_ros.ros.messages import doubles
@@ -32,7 +32,7 @@ LAWS = {'flat': 'flat feedforward', 'linear': 'linear feedforward', 'none': 'fee
 GAIN = np.array([[1 / sqrt(RHO), sqrt(2 * LENGTH / sqrt(RHO))]])
 
 
-def slalom(t: Array) -> dict[str, tuple[Array, Array]]:
+def follow_slalom(t: Array) -> dict[str, tuple[Array, Array]]:
     """
     Return states (y, theta) and steering phi on y = r(t) = cos(2 pi t), by several laws.
 
@@ -46,17 +46,17 @@ def slalom(t: Array) -> dict[str, tuple[Array, Array]]:
         'none': (np.column_stack([r, 0 * r]), 0 * r)}
 
 
-def course(name: str) -> Trajectory:
+def make_course(name: str) -> Trajectory:
     """Return the slalom as a reference."""
     t = STEP * np.arange(round(COURSE / STEP) + 1)
-    x, phi = slalom(t)[name]
+    x, phi = follow_slalom(t)[name]
     reference = Trajectory(t=doubles(t), x=doubles(x.ravel().round(15)), u=doubles(phi.round(15)),
                            interpolation='linear')
     reference.header.stamp.nanosec = round(BEGIN * 1e9)
     return reference
 
 
-def exercise_2_10(desk: Desk) -> Answer:
+def exercise_2_10(desk: Desk) -> EntryResult:
     """Answer Exercise 2.10, (a) and (b)."""
     design, = desk.design_all([{'system': 'vehicle_lateral', 'Qx': [1.0, 0.0], 'Qu': [RHO]}])
     with desk.loop('lateral', {
@@ -66,33 +66,37 @@ def exercise_2_10(desk: Desk) -> Answer:
             'start_tolerance': TOLERANCE}) as loop:
         step = loop.run(DURATION)
         loop.set('plant_simulator', x0=[1.0, 0.0])
-        driven = {name: loop.run(SHOWN, course(name), name) for name in LAWS}
+        driven = {name: loop.run(SHOWN, make_course(name), name) for name in LAWS}
         loop.set('plant_simulator', x0=[0.0, 0.0])
         loop.set(setpoint=[0.0, 0.0])
-        driven['off'] = loop.run(SHOWN, course('flat'), 'flat')
+        driven['off'] = loop.run(SHOWN, make_course('flat'), 'flat')
     wanted = simulated_loop(_rate, lambda _, at: -GAIN @ (at - [1.0, 0.0]), [0.0, 0.0], STEP,
                             len(step.t) - 1)
     message, crossover = design.message, OMEGA0 * sqrt(1 + sqrt(2))
     rows = [
-        Row('(a) $K$', design.K, GAIN, '$[1/√ρ, √(2l/√ρ)]$'),
-        Row('(a) overshoot', message.overshoot[0], exp(-pi), '$e^{-πζ/√(1-ζ^2)}$, $ζ = 1/√2$',
-            relative=True),
-        Row('(a) rise time, 10 to 90 % [s]', message.rise_time[0], _rise_time(),
-            'the step response of second order', relative=True),
-        Row('(a) gain crossover [rad/s]', message.bandwidth[0], crossover, '$ω_0 √(1 + √2)$'),
-        Row('(a) bandwidth, $|T| = 1/√2$ [rad/s]', _bandwidth(design.K), OMEGA0,
-            '$ω_0 = √(v^2/l√ρ)$'),
-        Row('(a) phase margin [rad]', message.phase_margin[0],
-            atan(sqrt(2 * (1 + sqrt(2)))), '$atan √(2 + 2√2)$ = 65.5 degrees'),
-        Row('(a) step of the vehicle: $y$, $θ$', step.x, wanted[0], 'Dormand-Prince 8(5,3)'),
-        Row('(a) step of the vehicle: $φ$ [rad]', step.u, wanted[1], 'Dormand-Prince 8(5,3)')]
+        ComparedRow('(a) $K$', design.K, GAIN, '$[1/√ρ, √(2l/√ρ)]$'),
+        ComparedRow('(a) overshoot', message.overshoot[0], exp(-pi),
+                    '$e^{-πζ/√(1-ζ^2)}$, $ζ = 1/√2$',
+                    relative=True),
+        ComparedRow('(a) rise time, 10 to 90 % [s]', message.rise_time[0], _rise_time(),
+                    'the step response of second order', relative=True),
+        ComparedRow('(a) gain crossover [rad/s]', message.bandwidth[0], crossover,
+                    '$ω_0 √(1 + √2)$'),
+        ComparedRow('(a) bandwidth, $|T| = 1/√2$ [rad/s]', _bandwidth(design.K), OMEGA0,
+                    '$ω_0 = √(v^2/l√ρ)$'),
+        ComparedRow('(a) phase margin [rad]', message.phase_margin[0],
+                    atan(sqrt(2 * (1 + sqrt(2)))), '$atan √(2 + 2√2)$ = 65.5 degrees'),
+        ComparedRow('(a) step of the vehicle: $y$, $θ$', step.x, wanted[0],
+                    'Dormand-Prince 8(5,3)'),
+        ComparedRow('(a) step of the vehicle: $φ$ [rad]', step.u, wanted[1],
+                    'Dormand-Prince 8(5,3)')]
     for name, text in (*LAWS.items(), ('off', 'flat feedforward, start 1 m off')):
         x, u = _followed(name, len(driven[name].t) - 1)
-        rows += [Row(f'(b) {text}: $y$, $θ$', driven[name].x, x, 'Dormand-Prince 8(5,3)'),
-                 Row(f'(b) {text}: $φ$ [rad]', driven[name].u, u, 'Dormand-Prince 8(5,3)')]
+        rows += [ComparedRow(f'(b) {text}: $y$, $θ$', driven[name].x, x, 'Dormand-Prince 8(5,3)'),
+                 ComparedRow(f'(b) {text}: $φ$ [rad]', driven[name].u, u, 'Dormand-Prince 8(5,3)')]
     away = {name: run.x[:, 0] - wanted_at(run.t) for name, run in driven.items()}
     worst = {name: np.abs(error[driven[name].t > SHOWN - 1]).max() for name, error in away.items()}
-    return Answer(rows, _draw(design, step, driven, away), (
+    return EntryResult(rows, _draw(design, step, driven, away), (
         f'(a) $Q_x = diag(1, 0)$, $Q_u = {RHO:g}$: $ω_0 = {OMEGA0:.3f}$ rad/s, $ζ = 0.707$. '
         f'Overshoot {100 * message.overshoot[0]:.2f} %, rise time {message.rise_time[0]:.3f} s, '
         f'crossover at {message.bandwidth[0]:.3f} rad/s, bandwidth {OMEGA0:.3f} rad/s, phase '
@@ -123,7 +127,7 @@ def _followed(name: str, count: int) -> tuple[Array, Array]:
     def law(t: float, x: Array) -> Array:
         if t < BEGIN - 1e-9:
             return -GAIN @ (x - start)
-        (wanted,), phi = slalom(np.array([t - BEGIN]))['flat' if name == 'off' else name]
+        (wanted,), phi = follow_slalom(np.array([t - BEGIN]))['flat' if name == 'off' else name]
         u: Array = phi - GAIN @ (x - wanted)
         return u
 
@@ -165,48 +169,49 @@ def _closed(K: Array, w: Array) -> Any:
     return a0 / (s**2 + K[0, 1] * B[1, 0] * s + a0)
 
 
-def _draw(design: Regulator, step: Run, driven: dict[str, Run], away: dict[str, Array]) -> Figure:
+def _draw(design: AnsweredRegulator, step: Run, driven: dict[str, Run],
+          away: dict[str, Array]) -> Figure:
     figure, ((response, magnitude, phase), (path, steering, error)) = panels(2, 3, 2.9)
     t = np.linspace(0, DURATION, 300)
     w = OMEGA0 / sqrt(2)
-    response.plot(step.t, step.x[:, 0], color=COLOURS[0], label='nonlinear model')
+    response.plot(step.t, step.x[:, 0], color=LINE_COLOURS[0], label='nonlinear model')
     response.plot(t, 1 - np.exp(-w * t) * (np.cos(w * t) + np.sin(w * t)),
                   label='linear model', **EXACT)
     response.axhline(1, **THIN)
     response.set(xlim=(0, DURATION), ylim=(0, 1.15))
-    describe(response, '(a) step of $y_d$ by 1 m', 'time $t$ [s]', 'position $y$ [m]',
-             legend='lower right')
+    label_axes(response, '(a) step of $y_d$ by 1 m', 'time $t$ [s]', 'position $y$ [m]',
+               legend='lower right')
     _draw_frequency(magnitude, phase, design)
     course_t = np.linspace(BEGIN, SHOWN, 500)
     path.plot(course_t, wanted_at(course_t), label='$r(t)$', **EXACT)
     for index, (name, text) in enumerate((
             ('flat', 'flat feedforward'), ('linear', 'linear feedforward'),
             ('none', 'feedback alone'), ('off', 'flat feedforward, start 1 m off'))):
-        run, style = driven[name], {'color': COLOURS[(2, 1, 3, 0)[index]], 'linewidth': 1.1}
+        run, style = driven[name], {'color': LINE_COLOURS[(2, 1, 3, 0)[index]], 'linewidth': 1.1}
         if name in ('flat', 'off'):
             path.plot(run.t, run.x[:, 0], **style)
             steering.plot(run.t, run.u[:, 0], drawstyle='steps-post', **style)
         error.semilogy(run.t, np.maximum(np.abs(away[name]), 1e-6), label=text, **style)
     path.set(xlim=(0, SHOWN), ylim=(-1.5, 1.9), yticks=[-1, 0, 1])
-    describe(path, '(b) slalom of 1 m and 1 Hz', 'time $t$ [s]', 'position $y$ [m]')
+    label_axes(path, '(b) slalom of 1 m and 1 Hz', 'time $t$ [s]', 'position $y$ [m]')
     path.legend(loc='upper right')
     steering.set(xlim=(0, SHOWN), ylim=(-0.9, 0.9))
-    describe(steering, '(b) steering', 'time $t$ [s]', r'$\phi$ [rad]')
+    label_axes(steering, '(b) steering', 'time $t$ [s]', r'$\phi$ [rad]')
     error.set(xlim=(0, SHOWN), ylim=(1e-3, 4))
-    describe(error, '(b) tracking error', 'time $t$ [s]', '$|y - r|$ [m]')
+    label_axes(error, '(b) tracking error', 'time $t$ [s]', '$|y - r|$ [m]')
     legend_below(figure, error, 4)
     return figure
 
 
-def _draw_frequency(magnitude: Axes, phase: Axes, design: Regulator) -> None:
+def _draw_frequency(magnitude: Axes, phase: Axes, design: AnsweredRegulator) -> None:
     frequency = np.logspace(-1, 2, 300)
     loop, closed = _open(design.K, frequency), _closed(design.K, frequency)
     crossover, margin = design.message.bandwidth[0], design.message.phase_margin[0]
     for axes, values in ((magnitude, (20 * np.log10(np.abs(loop)), 20 * np.log10(np.abs(closed)))),
                          (phase, (np.degrees(np.unwrap(np.angle(loop))),
                                   np.degrees(np.unwrap(np.angle(closed)))))):
-        axes.semilogx(frequency, values[0], color=COLOURS[0], label='loop $L$')
-        axes.semilogx(frequency, values[1], '--', color=COLOURS[1], label='$r$ to $y$')
+        axes.semilogx(frequency, values[0], color=LINE_COLOURS[0], label='loop $L$')
+        axes.semilogx(frequency, values[1], '--', color=LINE_COLOURS[1], label='$r$ to $y$')
         axes.axvline(crossover, **THIN)
         axes.set_xlim(0.1, 100)
     magnitude.axhline(0, **THIN)
@@ -217,13 +222,13 @@ def _draw_frequency(magnitude: Axes, phase: Axes, design: Regulator) -> None:
                                'shrinkB': 0})
     phase.text(0.85 * crossover, -168, f'{np.degrees(margin):.1f}°', ha='right')
     phase.set(ylim=(-190, 40), yticks=[-180, -135, -90, -45, 0])
-    describe(magnitude, '(a) frequency response', 'frequency [rad/s]', 'magnitude [dB]',
-             legend='upper right')
-    describe(phase, '(a) phase and its margin', 'frequency [rad/s]', 'phase [deg]',
-             legend='upper right')
+    label_axes(magnitude, '(a) frequency response', 'frequency [rad/s]', 'magnitude [dB]',
+               legend='upper right')
+    label_axes(phase, '(a) phase and its margin', 'frequency [rad/s]', 'phase [deg]',
+               legend='upper right')
 
 
-EXERCISE_2_10 = Entry(
+EXERCISE_2_10 = GalleryEntry(
     'exercise-2.10', 'Lateral control of a vehicle', 'Exercise 2.10', (
         "$y' = v_d sin θ$, $θ' = (v_d/l) tan φ$ with $v_d = 10$ m/s, $l = 2$ m. (a) Design a "
         'regulator to $y_d = 0$; step and frequency response; overshoot, rise time, bandwidth and '

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 from obc_ros.core.closed_loop.control import Prediction
-from obc_ros.core.closed_loop.feedback import Regulator, rows, Vector, vector
-from obc_ros.core.lqr.gain_schedule import Table, table
+from obc_ros.core.closed_loop.feedback import rows, StateFeedback, Vector, vector
+from obc_ros.core.lqr.gain_schedule import compute_schedule, Table
 from obc_ros.core.lqr.lqr import lqr, LqrDesign
 from obc_ros.core.lqr.sampled import closed_loop, prediction, sampled_lqr, spectral_radius
 from obc_ros.core.lqr.weights import choose, Weights, with_integrals
@@ -55,7 +55,7 @@ ALWAYS = Sampling()
 
 
 @dataclass(frozen=True, eq=False)
-class Plant:
+class LinearizedPlant:
     """
     A system linearised at an equilibrium.
 
@@ -98,7 +98,7 @@ class Design:
 
     """
 
-    plant: Plant
+    plant: LinearizedPlant
     weights: Weights
     lqr: LqrDesign
     C: Array
@@ -137,15 +137,16 @@ class Design:
             rows(Phi), tuple(map(rows, Gammas)), round(period * 1e9), round(delay * 1e9))
 
     @property
-    def regulator(self) -> Regulator:
+    def regulator(self) -> StateFeedback:
         """Return the law about the set point."""
         at = self.plant.equilibrium
-        return Regulator(vector(at.x), vector(at.u), rows(self.K), vector(at.drift),
-                         rows(self.Ki) if len(self.C) else ())
+        return StateFeedback(vector(at.x), vector(at.u), rows(self.K), vector(at.drift),
+                             rows(self.Ki) if len(self.C) else ())
 
 
-def plant(system: System, setpoint: Sequence[float] = (), setpoint_input: Sequence[float] = ()
-          ) -> Plant:
+def linearize_plant(system: System, setpoint: Sequence[float] = (),
+                    setpoint_input: Sequence[float] = ()
+                    ) -> LinearizedPlant:
     """
     Linearise a system at a set point.
 
@@ -164,10 +165,10 @@ def plant(system: System, setpoint: Sequence[float] = (), setpoint_input: Sequen
     """
     at = equilibrium(system, setpoint or None, setpoint_input or None)
     A, B = linearize(system, at.x, at.u)
-    return Plant(system, at, A, B, _rest(system, at))
+    return LinearizedPlant(system, at, A, B, _rest(system, at))
 
 
-def design(plant: Plant, weights: dict[str, Any], integral: Sequence[str] = (),
+def design(plant: LinearizedPlant, weights: dict[str, Any], integral: Sequence[str] = (),
            Qi: Sequence[float] = (), sampling: Sampling = ALWAYS) -> Design:
     """
     Return the regulator of a plant for a cost.
@@ -204,13 +205,14 @@ def design(plant: Plant, weights: dict[str, Any], integral: Sequence[str] = (),
     return Design(plant, chosen, _gain(A, B, cost, sampling), C, cost, sampling)
 
 
-def design_again(found: Design, plant: Plant) -> Design:
+def design_again(found: Design, plant: LinearizedPlant) -> Design:
     """Return the design of another plant of the same system for the same cost."""
     return replace(found, plant=plant, lqr=_gain(
         *found.augmented(plant.A, plant.B), found.cost, found.sampling))
 
 
-def scheduled(found: Design, plant_at: Callable[[float], Plant], lower: float, upper: float
+def scheduled(found: Design, plant_at: Callable[[float], LinearizedPlant], lower: float,
+              upper: float
               ) -> Table:
     """
     Return the gains of a design for a range of a variable, those of the integrals as last columns.
@@ -241,7 +243,7 @@ def scheduled(found: Design, plant_at: Callable[[float], Plant], lower: float, u
         at = plant_at(value)
         return found.augmented(at.A, at.B)
 
-    made = table(linear, found.cost, lower, upper)
+    made = compute_schedule(linear, found.cost, lower, upper)
     middles = 0.5 * (made.values[:-1] + made.values[1:])
     for value in (*made.values, *middles) if period else ():
         K = np.array([[np.interp(value, made.values, entry) for entry in row]

@@ -7,13 +7,13 @@ import math
 from typing import Any
 
 from obc_ros.core.closed_loop.feedback import Vector, vector
-from obc_ros.core.lqr.design.design import Plant
+from obc_ros.core.lqr.design.design import LinearizedPlant
 from obc_ros.core.lqr.weights import count
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import StatementError
 
 
-def input_limits(plant: Plant, given: Sequence[float]) -> tuple[Vector, Vector]:
+def input_limits(plant: LinearizedPlant, given: Sequence[float]) -> tuple[Vector, Vector]:
     """
     Return lower and upper limits of the inputs, shape (m,) each.
 
@@ -62,7 +62,8 @@ def input_limits(plant: Plant, given: Sequence[float]) -> tuple[Vector, Vector]:
     return vector(low for low, _ in bounds), vector(high for _, high in bounds)
 
 
-def check_all_limited(plant: Plant, given: Sequence[float], lower: Vector, upper: Vector, sink: str
+def check_all_limited(plant: LinearizedPlant, given: Sequence[float], lower: Vector, upper: Vector,
+                      sink: str
                       ) -> None:
     """
     Check that limits were given, and that every input of a robot has both.

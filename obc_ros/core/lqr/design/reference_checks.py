@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import math
 
 import numpy as np
-from obc_ros.core.closed_loop.feedback import Limits
-from obc_ros.core.closed_loop.references import Bounds, is_within, with_unit
+from obc_ros.core.closed_loop.feedback import InputLimits
+from obc_ros.core.closed_loop.references import AllowedErrors, is_within, with_unit
 from obc_ros.core.lqr.design.design import Design
 from obc_ros.core.lqr.design.reference_tracking import Course
 from obc_ros.core.numerics.arrays import Array
@@ -23,8 +23,8 @@ PART = 0.1         # of the range of a state along a reference, by which the pla
 _ROUNDING = 1e-6   # of an input's size: how far a solver's answer may be beyond a limit
 
 
-def allowed_error(along: Course, x_limits: Bounds = (), tolerance: Sequence[float] = ()
-                  ) -> Bounds:
+def allowed_error(along: Course, x_limits: AllowedErrors = (), tolerance: Sequence[float] = ()
+                  ) -> AllowedErrors:
     """
     Return by how much the plant may be off a reference that it takes up.
 
@@ -57,7 +57,7 @@ def allowed_error(along: Course, x_limits: Bounds = (), tolerance: Sequence[floa
         for (low, high), (_, each) in zip(x_limits, default, strict=True))
 
 
-def check(along: Course, found: Design, limits: Limits, allowed: Bounds) -> None:
+def check(along: Course, found: Design, limits: InputLimits, allowed: AllowedErrors) -> None:
     """
     Refuse a reference that the plant cannot follow.
 
@@ -86,7 +86,7 @@ def check(along: Course, found: Design, limits: Limits, allowed: Bounds) -> None
         raise RefusedReferenceError('; '.join(sentences))
 
 
-def _beyond_limits(along: Course, system: System, limits: Limits) -> list[str]:
+def _beyond_limits(along: Course, system: System, limits: InputLimits) -> list[str]:
     sentences = []
     for j, signal in enumerate(system.inputs):
         values, low, high = along.u[:, j], limits.lower[j], limits.upper[j]
@@ -100,7 +100,7 @@ def _beyond_limits(along: Course, system: System, limits: Limits) -> list[str]:
     return sentences
 
 
-def _off_dynamics(along: Course, system: System, allowed: Bounds, time: float) -> list[str]:
+def _off_dynamics(along: Course, system: System, allowed: AllowedErrors, time: float) -> list[str]:
     """
     Return in words which states do not move as f says.
 

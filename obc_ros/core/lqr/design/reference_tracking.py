@@ -16,21 +16,21 @@ import numpy as np
 from obc_ros.core.closed_loop.control import Horizon, Leg, Reference
 from obc_ros.core.closed_loop.feedback import (
     between,
+    BlendedFeedback,
     Gains,
-    Law,
-    Point,
-    Regulator,
+    ReferenceLaw,
+    ReferencePoint,
     Rows,
     rows,
-    Settling,
+    StateFeedback,
     Vector,
     vector,
 )
-from obc_ros.core.lqr.design.design import Design, design_again, Plant, plant
+from obc_ros.core.lqr.design.design import Design, design_again, linearize_plant, LinearizedPlant
 from obc_ros.core.lqr.sampled import discretised
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.riccati import propagation
-from obc_ros.core.systems.equilibrium import linearize, nearest
+from obc_ros.core.systems.equilibrium import find_nearest_equilibrium, linearize
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import DynamicsError, RefusedDesignError, shown, StatementError
 
@@ -65,9 +65,9 @@ class Course:
     holds: bool
 
 
-def course(system: System, names: tuple[Sequence[str], Sequence[str]], t: Sequence[float],
-           x: Sequence[float], u: Sequence[float], interpolation: str, begin: int | None
-           ) -> Course:
+def read_course(system: System, names: tuple[Sequence[str], Sequence[str]], t: Sequence[float],
+                x: Sequence[float], u: Sequence[float], interpolation: str, begin: int | None
+                ) -> Course:
     """
     Return the reference that is given by plain numbers.
 
@@ -131,7 +131,7 @@ def leg(along: Course, found: Design, P1: Array | None = None) -> tuple[Leg, str
     grid = _grid(along.t[0], along.t[-1], found)
     gains = _gains(grid, found, _terminal(at_end, P1), lambda t: linearize(
         found.plant.system, *_sample(along, t)))
-    path = Path(vector(along.t), rows(along.x), rows(along.u), along.holds, gains)
+    path = LawAlongReference(vector(along.t), rows(along.x), rows(along.u), along.holds, gains)
     return Leg(along.reference, path, _settling(gains, after, at_end, P1)), ending
 
 
@@ -156,7 +156,7 @@ def horizon(found: Design, time: float, P1: Array | None = None) -> Horizon:
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class LawAlongReference:
     """
     The law along a reference.
 
@@ -175,7 +175,7 @@ class Path:
     holds: bool
     gains: Gains
 
-    def at(self, t: float) -> Point:
+    def at(self, t: float) -> ReferencePoint:
         """Return reference and gain at time t [s]; before the first sample that one."""
         t = min(max(t, self.t[0]), self.t[-1])
         k = min(bisect_right(self.t, t), len(self.t) - 1) - 1
@@ -183,10 +183,10 @@ class Path:
             k -= 1  # the last sample stands twice
         part = (t - self.t[k]) / (self.t[k + 1] - self.t[k])
         u = self.u[k] if self.holds else between(self.u[k], self.u[k + 1], part)
-        return Point(between(self.x[k], self.x[k + 1], part), u, *self.gains.at(t))
+        return ReferencePoint(between(self.x[k], self.x[k + 1], part), u, *self.gains.at(t))
 
 
-def _end(along: Course, found: Design) -> tuple[Design, Regulator, str]:
+def _end(along: Course, found: Design) -> tuple[Design, StateFeedback, str]:
     """Return the design there, the regulator that goes on from the end, and that in words."""
     system, x = found.plant.system, along.x[-1]
     try:
@@ -196,23 +196,23 @@ def _end(along: Course, found: Design) -> tuple[Design, Regulator, str]:
     try:
         held = design_again(found, there)
     except RefusedDesignError as error:
-        still = Regulator(
+        still = StateFeedback(
             vector(x), there.rest, ((0.0,) * system.n,) * system.m, (0.0,) * system.n,
             ((0.0,) * len(found.C),) * system.m)
         return found, still, f'then its end is not held but left alone: {error}'
     return held, held.regulator, 'then its end is held'
 
 
-def _place(system: System, along: Course) -> Plant:
+def _place(system: System, along: Course) -> LinearizedPlant:
     """Return the plant at the end of a reference, or at the rest that it was solved to end in."""
     x, u, size = along.x[-1], along.u[-1], np.abs(along.x).max(axis=0)
     try:
-        return plant(system, x.tolist(), u.tolist())
+        return linearize_plant(system, x.tolist(), u.tolist())
     except DynamicsError:
-        near = nearest(system, x, u)
+        near = find_nearest_equilibrium(system, x, u)
         if (np.abs(near.x - x) > _AT_REST * np.maximum(size, 1e-2 * size.max())).any():
             raise
-        return plant(system, near.x.tolist(), near.u.tolist())
+        return linearize_plant(system, near.x.tolist(), near.u.tolist())
 
 
 def _terminal(found: Design, P1: Array | None) -> Array:
@@ -225,12 +225,13 @@ def _terminal(found: Design, P1: Array | None) -> Array:
     return whole
 
 
-def _settling(gains: Gains, after: Regulator, at_end: Design, P1: Array | None) -> Law:
+def _settling(gains: Gains, after: StateFeedback, at_end: Design,
+              P1: Array | None) -> ReferenceLaw:
     """Return the regulator, its gain on the way from the last of the path."""
     if P1 is None or after.K != at_end.regulator.K:
         return after
     end = gains.grid[-1]
-    return Settling(after, _continued(
+    return BlendedFeedback(after, _continued(
         Gains((0.0,), *((each[-1],) for each in (gains.K, gains.Ki))), at_end)
     ) if end else after
 

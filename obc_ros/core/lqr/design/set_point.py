@@ -6,18 +6,19 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.lqr.design.design import Plant
+from obc_ros.core.lqr.design.design import LinearizedPlant
 from obc_ros.core.systems.system import Signal
 from obc_ros.core.text.errors import StatementError
 
-Values = Sequence[float] | NDArray[np.float64]
+SetPointValues = Sequence[float] | NDArray[np.float64]
 
 _SPEEDS = ('m/s', 'rad/s')
 _STILL = 1e-9  # [1/s] below it a rate is what rounding leaves of 0
 _AS_GIVEN = 1e-5  # relative: inputs are told with six digits
 
 
-def check_set_point(plant: Plant, setpoint: Sequence[float], setpoint_input: Sequence[float]
+def check_set_point(plant: LinearizedPlant, setpoint: Sequence[float],
+                    setpoint_input: Sequence[float]
                     ) -> None:
     """
     Check that a set point that moves is asked for, and that the input asked for holds it.
@@ -57,14 +58,14 @@ def check_set_point(plant: Plant, setpoint: Sequence[float], setpoint_input: Seq
             f'{_told(system.inputs, at.u)}), or another')
 
 
-def described(plant: Plant) -> tuple[str, str]:
+def described(plant: LinearizedPlant) -> tuple[str, str]:
     """Return the set point xe, with how it moves, and its input ue, in words."""
     system, at = plant.system, plant.equilibrium
     motion = f', moving: {_motion(plant)}' if any(_movers(plant)) else ''
     return f'xe: {_told(system.states, at.x)}{motion}', f'ue: {_told(system.inputs, at.u)}'
 
 
-def _movers(plant: Plant) -> tuple[bool, bool]:
+def _movers(plant: LinearizedPlant) -> tuple[bool, bool]:
     """Return whether the set point moves by a state, and whether by an input."""
     system, at = plant.system, plant.equilibrium
     fx, fu = system.jacobians(at.x, at.u)
@@ -74,23 +75,23 @@ def _movers(plant: Plant) -> tuple[bool, bool]:
     return by_state or bool(moving.any()) and not by_input, by_input
 
 
-def _speeds(signals: Sequence[Signal], values: Values) -> list[str]:
+def _speeds(signals: Sequence[Signal], values: SetPointValues) -> list[str]:
     return [f'{signal.name} = {value:g} {signal.unit}'
             for signal, value in zip(signals, values, strict=True)
             if signal.unit in _SPEEDS and abs(value) > _STILL]
 
 
-def _motion(plant: Plant) -> str:
+def _motion(plant: LinearizedPlant) -> str:
     system, at = plant.system, plant.equilibrium
     rates = [f'd{signal.name}/dt = {rate:g} {signal.unit or "1"}/s'
              for signal, rate in zip(system.states, at.drift, strict=True) if abs(rate) > _STILL]
     return ', '.join(rates or [*_speeds(system.states, at.x), *_speeds(system.inputs, at.u)])
 
 
-def _told(signals: Sequence[Signal], values: Values) -> str:
+def _told(signals: Sequence[Signal], values: SetPointValues) -> str:
     return ', '.join(f'{signal.name} = {value:.6g} {signal.unit}'.rstrip()
                      for signal, value in zip(signals, values, strict=True))
 
 
-def _line(values: Values) -> str:
+def _line(values: SetPointValues) -> str:
     return f'[{", ".join(str(float(f"{value:.6g}")) for value in values)}]'

@@ -33,7 +33,7 @@ _SHORT = 0.5    # norm of the rates times a length of which the exponential is t
 
 
 @dataclass(frozen=True, eq=False)
-class Flow:
+class IntervalFlow:
     """What belongs to a time: the matrices above, F being the corner of E."""
 
     E: Array
@@ -42,12 +42,12 @@ class Flow:
     R: Array
     W: Array
 
-    def doubled(self) -> 'Flow':
+    def doubled(self) -> 'IntervalFlow':
         """Return what belongs to twice the time."""
         E, G = self.E, self.G
         F = E[:len(G), :len(G)]
-        return Flow(E @ E, self.S + F.T @ self.S @ E, G @ G, G @ self.R + self.R @ E,
-                    self.W + E.T @ self.W @ E)
+        return IntervalFlow(E @ E, self.S + F.T @ self.S @ E, G @ G, G @ self.R + self.R @ E,
+                            self.W + E.T @ self.W @ E)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,13 +66,13 @@ class Rates:
     w: Array
     slope: float
 
-    def flow(self, h: float) -> Flow:
+    def flow(self, h: float) -> IntervalFlow:
         """Return what belongs to a time so short that nothing grows."""
         n, d = self.C.shape
         back = expm(h * np.block([[-self.Y[:n, :n].T, -self.C], [np.zeros((d, n)), self.Y]]))
         cost = expm(h * np.block([[-self.Y.T, self.D], [np.zeros((d, d)), self.Y]]))
         E, G, R = back[n:, n:], back[:n, :n], -back[:n, n:]
-        return Flow(E, E[:n, :n].T @ R, G, R, E.T @ cost[:d, d:])
+        return IntervalFlow(E, E[:n, :n].T @ R, G, R, E.T @ cost[:d, d:])
 
     @property
     def speed(self) -> float:
@@ -135,8 +135,8 @@ class AffineReplay:
         return found if all(np.isfinite(part).all() for part in (Y, C, D)) else None
 
 
-def courses(rates: Rates, h: Array, x: Array, w: tuple[Array, Array], lam: Array, parts: int,
-            back: bool) -> Array:
+def replay_affine(rates: Rates, h: Array, x: Array, w: tuple[Array, Array], lam: Array, parts: int,
+                  back: bool) -> Array:
     """
     Return (x, lam, J) at equal parts of K intervals, shape (K, parts + 1, 2 n + 1).
 
@@ -177,7 +177,7 @@ def courses(rates: Rates, h: Array, x: Array, w: tuple[Array, Array], lam: Array
     return found
 
 
-def _grouped(rates: Rates, h: Array) -> list[tuple[NDArray[np.intp], Flow]]:
+def _grouped(rates: Rates, h: Array) -> list[tuple[NDArray[np.intp], IntervalFlow]]:
     """Return the intervals of each length, and what belongs to it."""
     shortest: dict[float, dict[int, list[int]]] = defaultdict(lambda: defaultdict(list))
     known = np.zeros(0)

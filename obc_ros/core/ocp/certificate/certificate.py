@@ -52,11 +52,11 @@ from functools import partial
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
-from obc_ros.core.numerics.vectorized import Batch
+from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.certificate.defect_correction import correction
+from obc_ros.core.ocp.certificate.hamiltonian_minimum import HamiltonianScales as InputScales
 from obc_ros.core.ocp.certificate.hamiltonian_minimum import InputMinimum, Points
-from obc_ros.core.ocp.certificate.hamiltonian_minimum import Scales as InputScales
-from obc_ros.core.ocp.certificate.replay import Integrator, Intervals, LEAST_COST, PARTS
+from obc_ros.core.ocp.certificate.replay import Intervals, LEAST_COST, PARTS, ReplayIntegrator
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Certificate, Solution
 
@@ -97,16 +97,16 @@ class _Functions:
 
     def __init__(self, problem: Problem) -> None:
         x, u, p = problem.x, problem.u, problem.p
-        self.integrator = Integrator(problem)
+        self.integrator = ReplayIntegrator(problem)
         self.minimum = InputMinimum(problem)
-        self.end = Batch([x, p], [problem.V, ca.gradient(problem.V, x), problem.psi,
-                                  ca.jacobian(problem.psi, x).T])
+        self.end = VectorizedFunction([x, p], [problem.V, ca.gradient(problem.V, x), problem.psi,
+                                               ca.jacobian(problem.psi, x).T])
         if problem.path.numel():
             rate = ca.SX.sym('rate', problem.m)
             path_x = ca.jacobian(problem.path, x)
-            self.path_x = Batch([x, u, p], [path_x.T])
-            self.path_u = Batch([x, u, p], [ca.jacobian(problem.path, u).T])
-            self.path_rate = Batch([x, u, rate, p], [
+            self.path_x = VectorizedFunction([x, u, p], [path_x.T])
+            self.path_u = VectorizedFunction([x, u, p], [ca.jacobian(problem.path, u).T])
+            self.path_rate = VectorizedFunction([x, u, rate, p], [
                 ca.mtimes(path_x, problem.f) + ca.mtimes(ca.jacobian(problem.path, u), rate)])
 
 
@@ -253,7 +253,7 @@ class _Judge:
             return False
         x, u, f = self.problem.x, self.problem.u, self.problem.f
         size = ca.SX.sym('size', self.problem.m)
-        load = Batch([x, u, size, self.problem.p], [
+        load = VectorizedFunction([x, u, size, self.problem.p], [
             f, ca.mtimes(ca.fabs(ca.jacobian(f, u)), size)])
         left, most = load(np.zeros_like(self.solution.x), self.solution.u, self._u_scale(), self.p)
         return bool(np.all(np.abs(left) <= _ROUNDING[1] * most))

@@ -15,7 +15,7 @@ system can be steered, and never there.
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.numerics.vectorized import Batch
+from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 
 _FINEST = 2.0**-4   # of |A| h, for which four terms are exact enough
@@ -43,7 +43,7 @@ def correction(problem: Problem, x: Array, u: Array, h: Array, jumps: Array,
         What counts as one in u.
 
     """
-    f_x, f_u = Batch([problem.x, problem.u, problem.p], [
+    f_x, f_u = VectorizedFunction([problem.x, problem.u, problem.p], [
         ca.jacobian(problem.f, problem.x).T, ca.jacobian(problem.f, problem.u).T])(
             x, u, problem.p_value)
     n, T, (slopes, sizes) = problem.n, float(h.sum()), ends

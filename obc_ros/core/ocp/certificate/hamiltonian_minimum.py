@@ -19,7 +19,7 @@ import itertools
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
-from obc_ros.core.numerics.vectorized import Batch
+from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 
 _KINKED = (ca.OP_FABS, ca.OP_SIGN)
@@ -76,7 +76,7 @@ class Points:
 
 
 @dataclass(frozen=True, eq=False)
-class Scales:
+class HamiltonianScales:
     """What counts as one: `u` (m,) in each input and `H` in the Hamiltonian."""
 
     u: Array
@@ -93,7 +93,7 @@ class InputMinimum:
         augmented = ca.gradient(H + ca.dot(mu, problem.path), u)
         curvature = ca.jacobian(augmented, u)
         size = ca.fabs(problem.L) + ca.dot(ca.fabs(lam), ca.fabs(problem.f))
-        self._points = Batch([x, u, lam, mu, p], [
+        self._points = VectorizedFunction([x, u, lam, mu, p], [
             problem.f, problem.path, problem.L, H, size, augmented, curvature])
         self._problem, self._lam, self._H = problem, lam, H
 
@@ -108,12 +108,12 @@ class InputMinimum:
                 for j in group.inputs if j not in group.searched]
 
     @cached_property
-    def _few(self) -> Batch:
+    def _few(self) -> VectorizedFunction:
         """Return H, the path constraints and derivatives by inputs beside searched ones."""
         problem = self._problem
         u = problem.u[self._beside]
         H_u = ca.gradient(self._H, u) if self._beside else ca.SX(0, 1)
-        return Batch([problem.x, problem.u, self._lam, problem.p], [
+        return VectorizedFunction([problem.x, problem.u, self._lam, problem.p], [
             self._H, problem.path, H_u, ca.diag(ca.jacobian(H_u, u))])
 
     def points(self, problem: Problem, x: Array, u: Array, lam: Array, mu: Array) -> Points:
@@ -122,7 +122,8 @@ class InputMinimum:
         return Points(x, u, lam, mu, f, c, L[:, 0], H[:, 0], size[:, 0], slope,
                       curvature.reshape(-1, problem.m, problem.m))
 
-    def gap(self, problem: Problem, at: Points, searched: Index, scales: Scales) -> Array:
+    def gap(self, problem: Problem, at: Points, searched: Index,
+            scales: HamiltonianScales) -> Array:
         """
         Return H less its least value over the input set, shape (K,), >= 0.
 
@@ -174,7 +175,8 @@ class InputMinimum:
         met = np.all(outside <= slack * np.maximum(1.0, np.abs(c)), axis=1)
         return np.where(np.isfinite(H) & met, H, np.inf)
 
-    def _search(self, problem: Problem, group: _Group, at: Points, scales: Scales) -> Array:
+    def _search(self, problem: Problem, group: _Group, at: Points,
+                scales: HamiltonianScales) -> Array:
         """Return H less the least value found from a grid, shape (K,)."""
         index = list(group.searched)
         box = _Box(problem.u_lower[index], problem.u_upper[index], scales.u[index], scales.H)
@@ -209,7 +211,7 @@ class InputMinimum:
         return np.asarray(at.H - least)
 
     def _polish(self, problem: Problem, group: _Group, at: Points, u: Array,
-                scales: Scales) -> Array:
+                scales: HamiltonianScales) -> Array:
         """Return the value of H after a few damped Newton steps from `u` within the box."""
         index = list(group.inputs)
         box = _Box(problem.u_lower[index], problem.u_upper[index], scales.u[index], scales.H)

@@ -34,7 +34,7 @@ _NEWTON_STEPS = 60
 
 
 @dataclass(frozen=True, eq=False)
-class Program:
+class StaticProgram:
     """
     A static problem: symbols and expressions.
 
@@ -90,7 +90,7 @@ class Program:
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class KktPoint:
     """
     A point with multipliers.
 
@@ -112,7 +112,7 @@ class Point:
     saddle: bool = False
 
 
-def polished(program: Program, x: Array) -> Point:
+def polish_minimum(program: StaticProgram, x: Array) -> KktPoint:
     """
     Return a stationary point near x by Newton's method on the active constraints.
 
@@ -131,7 +131,7 @@ def polished(program: Program, x: Array) -> Point:
     return point
 
 
-def certify(program: Program, point: Point) -> Certificate:
+def certify_minimum(program: StaticProgram, point: KktPoint) -> Certificate:
     """
     Return the residuals of the conditions above, from the problem and the point alone.
 
@@ -167,7 +167,7 @@ def certify(program: Program, point: Point) -> Certificate:
     return Certificate(residuals, dict(TOLERANCES))
 
 
-def violation(program: Program, x: Array, c: Array, J: Array) -> float:
+def violation(program: StaticProgram, x: Array, c: Array, J: Array) -> float:
     """Return the largest violation of a constraint or bound, relative to the size of its terms."""
     k = program.k
     excess = np.concatenate((np.abs(c[:k]), np.maximum(c[k:], 0))) / _sizes(x, J)
@@ -179,7 +179,7 @@ def _sizes(x: Array, J: Array) -> Array:
     return np.asarray(1 + np.abs(J) @ np.abs(x))
 
 
-def multipliers(program: Program, x: Array) -> Point:
+def multipliers(program: StaticProgram, x: Array) -> KktPoint:
     """Return x with the multipliers that come closest to grad l = 0, mu >= 0 and 0 if inactive."""
     from scipy.optimize import lsq_linear
 
@@ -209,17 +209,17 @@ def multipliers(program: Program, x: Array) -> Point:
             found = lsq_linear(unit, -gradient, (low, high), method='bvls').x
         every[rows] = (found / sizes)[:len(rows)]
         dependent = dependent or bool(rank < len(A))
-    return Point(x, every[:k], every[k:], dependent, _has_descent(program.hessian(x, every)))
+    return KktPoint(x, every[:k], every[k:], dependent, _has_descent(program.hessian(x, every)))
 
 
-def strained(program: Program, point: Point) -> bool:
+def strained(program: StaticProgram, point: KktPoint) -> bool:
     """Return whether grad l is small only where much larger terms than grad F cancel."""
     _, _, gradient, J = program.values(point.x)
     terms = np.abs(np.concatenate((point.lam, point.mu))[:, None] * J)
     return bool(terms.max(initial=0) > _STRAINED * np.abs(gradient).max())
 
 
-def _vanishing(program: Program, x: Array, J: Array) -> Mask:
+def _vanishing(program: StaticProgram, x: Array, J: Array) -> Mask:
     """Return which constraints have a gradient that a small step changes altogether."""
     if not len(J):
         return np.zeros(0, dtype=bool)
@@ -236,19 +236,19 @@ def _has_descent(H: Array) -> bool:
     return bool(values[0] < -1e-9 * max(np.abs(values).max(), 1e-300))
 
 
-def _at_bounds(program: Program, x: Array) -> tuple[Mask, Mask]:
+def _at_bounds(program: StaticProgram, x: Array) -> tuple[Mask, Mask]:
     size = _ACTIVE * (1 + np.abs(x))
     return x - program.lower <= size, program.upper - x <= size
 
 
-def _active(program: Program, x: Array, c: Array, J: Array) -> Mask:
+def _active(program: StaticProgram, x: Array, c: Array, J: Array) -> Mask:
     """Return which of (G, g) hold with equality."""
     active = c >= -_ACTIVE * _sizes(x, J)
     active[:program.k] = True
     return np.asarray(active)
 
 
-def _kept(program: Program, point: Point) -> tuple[Array, Array]:
+def _kept(program: StaticProgram, point: KktPoint) -> tuple[Array, Array]:
     """Return active constraints' values and their gradients, and those of the active bounds."""
     _, c, _, J = program.values(point.x)
     active = _active(program, point.x, c, J)
@@ -260,7 +260,7 @@ def _kept(program: Program, point: Point) -> tuple[Array, Array]:
     return np.concatenate((c[active], gap)), np.vstack((J[active], rows[bounds]))
 
 
-def _newton_step(program: Program, point: Point) -> Array | None:
+def _newton_step(program: StaticProgram, point: KktPoint) -> Array | None:
     """Return the step to the stationary point of the model; None where it is not defined."""
     every = np.concatenate((point.lam, point.mu))
     _, _, gradient, J = program.values(point.x)
@@ -276,7 +276,7 @@ def _newton_step(program: Program, point: Point) -> Array | None:
     return np.asarray(np.linalg.lstsq(matrix, right, rcond=1e-13)[0][:len(point.x)], dtype=float)
 
 
-def _error(program: Program, point: Point) -> float:
+def _error(program: StaticProgram, point: KktPoint) -> float:
     """Return how far the point is from stationary and feasible."""
     _, c, gradient, J = program.values(point.x)
     if not (np.isfinite(c).all() and np.isfinite(gradient).all() and np.isfinite(J).all()):
@@ -288,7 +288,7 @@ def _error(program: Program, point: Point) -> float:
                  + np.maximum(c[program.k:], 0).sum())
 
 
-def _tangent_curvature(program: Program, point: Point) -> tuple[float, float]:
+def _tangent_curvature(program: StaticProgram, point: KktPoint) -> tuple[float, float]:
     """Return the least curvature of the Lagrangian along the active constraints; its scale."""
     H = program.hessian(point.x, np.concatenate((point.lam, point.mu)))
     _, rows = _kept(program, point)

@@ -28,8 +28,8 @@ import math
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
-from obc_ros.core.numerics.vectorized import Batch
-from obc_ros.core.ocp.certificate.affine_replay import AffineReplay, courses, Rates
+from obc_ros.core.numerics.vectorized import VectorizedFunction
+from obc_ros.core.ocp.certificate.affine_replay import AffineReplay, Rates, replay_affine
 from obc_ros.core.ocp.problem import Problem
 
 # J. R. Dormand, P. J. Prince, A family of embedded Runge-Kutta formulae,
@@ -106,7 +106,7 @@ class Replay:
         return not self.failed.size
 
 
-class Integrator:
+class ReplayIntegrator:
     """The right-hand sides for a problem's states, costates and cost, for any numbers."""
 
     def __init__(self, problem: Problem) -> None:
@@ -114,8 +114,9 @@ class Integrator:
         lam, s = ca.SX.sym('lam', problem.n), ca.SX.sym('s', problem.n)
         mu = ca.SX.sym('mu', problem.path.numel())
         H = problem.L + ca.dot(lam, problem.f) + ca.dot(mu, problem.path)
-        self._rate = Batch([ca.vertcat(problem.x, lam), ca.vertcat(problem.u, s, mu), problem.p],
-                           [problem.f, -ca.gradient(H, problem.x) - s, problem.L])
+        self._rate = VectorizedFunction(
+            [ca.vertcat(problem.x, lam), ca.vertcat(problem.u, s, mu), problem.p],
+                                        [problem.f, -ca.gradient(H, problem.x) - s, problem.L])
 
     def replay(self, intervals: Intervals, p: Array, scale: Array, tolerance: float) -> Replay:
         """
@@ -214,7 +215,8 @@ class Integrator:
     def _exactly(rates: Rates, intervals: Intervals, lam: Array, *, back: bool = False) -> Array:
         """Return (x, lam, J) at the quarters, (K, 5, 2 n + 1); lam at the ends if `back`."""
         with np.errstate(all='ignore'):
-            return courses(rates, intervals.h, intervals.x, _inputs(intervals), lam, PARTS, back)
+            return replay_affine(rates, intervals.h, intervals.x, _inputs(intervals), lam, PARTS,
+                                 back)
 
     def growth(self, course: Replay, intervals: Intervals, p: Array, scale: Array) -> float:
         """

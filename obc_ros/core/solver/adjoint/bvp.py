@@ -24,7 +24,7 @@ from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues, cut_evenly
 from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.adjoint.mesh_refinement import cuts
 from obc_ros.core.solver.arcs.input_arcs import Arc
-from obc_ros.core.solver.transcription.program import Scales
+from obc_ros.core.solver.transcription.program import ProblemScales
 
 _FEWEST, _FEWEST_ROUGH = 6, 3   # intervals in an arc
 _SHARE = 1e-6      # of each interval where a solution nearby is known
@@ -38,7 +38,7 @@ class Indirect:
         self._parts = Hamiltonian(problem)
 
     def solve(self, problem: Problem, arcs: Sequence[Arc], course: Extremal, points: Array,
-              scales: Scales, *, rough: bool = False) -> BoundaryValues | None:
+              scales: ProblemScales, *, rough: bool = False) -> BoundaryValues | None:
         """
         Return a solution near a course with the given arcs; None if Newton finds none.
 
@@ -53,7 +53,7 @@ class Indirect:
             start = system.start(course)
             return system.solve(start, _SHARE) if rough else self._refined(system, start)
 
-    def refined(self, problem: Problem, found: BoundaryValues, points: Array, scales: Scales
+    def refined(self, problem: Problem, found: BoundaryValues, points: Array, scales: ProblemScales
                 ) -> BoundaryValues | None:
         """
         Return a rough solution to full precision, as `solve` does.
@@ -68,7 +68,8 @@ class Indirect:
         with np.errstate(all='ignore'):
             return self._refined(system, system.near(found))
 
-    def thinned(self, problem: Problem, found: BoundaryValues, scales: Scales) -> BoundaryValues:
+    def thinned(self, problem: Problem, found: BoundaryValues,
+                scales: ProblemScales) -> BoundaryValues:
         """Return a solution on fewer intervals, for its neighbours to start from."""
         system = Equations(self._parts, problem, found.arcs, scales, *found.intervals)
         try:
@@ -78,7 +79,7 @@ class Indirect:
         except np.linalg.LinAlgError:
             return found   # between its points dH/du does not say what u is
 
-    def follow(self, problem: Problem, known: BoundaryValues, levels: Array, scales: Scales
+    def follow(self, problem: Problem, known: BoundaryValues, levels: Array, scales: ProblemScales
                ) -> BoundaryValues | None:
         """Return a solution near that of another problem, inputs at bounds at these `levels`."""
         arcs = [replace(arc, levels=tuple(row))

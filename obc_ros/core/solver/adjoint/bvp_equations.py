@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.numerics.collocation import collocation, gauss_points
-from obc_ros.core.numerics.vectorized import Batch
+from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
 from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.arcs.input_arcs import Arc
-from obc_ros.core.solver.transcription.program import Scales
+from obc_ros.core.solver.transcription.program import ProblemScales
 from scipy.linalg import LinAlgError, solve_banded
 
 TOLERANCE, _ENOUGH = 1e-12, 1e-8   # scaled residuals: where to end, and what must be reached
@@ -74,16 +74,17 @@ class Hamiltonian:
         H = problem.L + ca.dot(lam, problem.f)
         Hx, Hu = ca.gradient(H, x), ca.gradient(H, u)
         self._sizes = 2 * n, m
-        self._rates = Batch([x, lam, u, p], [
+        self._rates = VectorizedFunction([x, lam, u, p], [
             ca.vertcat(problem.f, -Hx), H, problem.L, Hu, ca.jacobian(problem.f, x).T,
             ca.jacobian(Hx, x).T, ca.jacobian(Hu, ca.vertcat(x, lam)).T, ca.jacobian(Hu, u).T])
         nu = ca.SX.sym('nu', problem.q)
         last = ca.gradient(problem.V + ca.dot(nu, problem.psi), x)
-        self._end = Batch([x, nu, p], [
+        self._end = VectorizedFunction([x, nu, p], [
             problem.psi, ca.jacobian(problem.psi, x).T, last, ca.jacobian(last, x).T,
             problem.V], 1)
 
-    def rates(self, problem: Problem, scales: Scales, z: Array, u: Array, free: NDArray[np.bool_],
+    def rates(self, problem: Problem, scales: ProblemScales, z: Array, u: Array,
+              free: NDArray[np.bool_],
               level: Array) -> _Rates:
         """Return what holds at scaled points with inputs free or at their (scaled) levels."""
         n, (two_n, m) = problem.n, self._sizes
@@ -107,7 +108,8 @@ class Hamiltonian:
         solved = -_solved(whole, right)
         return _Rates(F, H, L, Hu, off, solved[:, :, :-1], solved[:, :, -1], F_z, F_u, B, Huu)
 
-    def end(self, problem: Problem, scales: Scales, z: Array, nu: Array) -> tuple[Array, ...]:
+    def end(self, problem: Problem, scales: ProblemScales, z: Array, nu: Array) -> tuple[Array,
+                                                                                         ...]:
         """Return psi and dpsi/dx, lam(T) as it should be and its derivative, and V, scaled."""
         n, q, sx, cost = problem.n, problem.q, scales.x, scales.cost
         psi, psi_x, last, last_x, V = self._end(
@@ -144,7 +146,8 @@ _Linear = tuple[_Rates, _Rates, Unknowns]
 class Equations:
     """The equations for given arcs, and Newton's method."""
 
-    def __init__(self, parts: Hamiltonian, problem: Problem, arcs: Sequence[Arc], scales: Scales,
+    def __init__(self, parts: Hamiltonian, problem: Problem, arcs: Sequence[Arc],
+                 scales: ProblemScales,
                  fractions: Array, arc_of: Index) -> None:
         self.parts, self.problem, self.arcs, self.scales = parts, problem, arcs, scales
         self.fractions, self.arc_of = fractions, arc_of

@@ -15,11 +15,11 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.numerics.vectorized import Batch, Chain
+from obc_ros.core.numerics.vectorized import Chain, VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.solver.transcription.mesh import Path
-from obc_ros.core.solver.transcription.program import Outcome
+from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 from obc_ros.core.solver.transcription.runge_kutta import step_of
 
 _COURSES = 64   # so many at most are faster one after the other than side by side
@@ -89,7 +89,7 @@ def _cut(path: Path, parts: int) -> tuple[Array, Array, Array]:
     return t, ua, ub
 
 
-class Integrator:
+class CostateIntegrator:
     """Runge-Kutta steps of a problem's dynamics, cost and costates, for any numbers."""
 
     def __init__(self, problem: Problem) -> None:
@@ -102,10 +102,10 @@ class Integrator:
         H = problem.L + ca.dot(lam, problem.f)
         Hu = ca.gradient(H + ca.dot(mu, problem.path), u)
         nu = ca.SX.sym('nu', problem.q)
-        self._step = Batch([x, ua, ub, h, p], [end, cost], 16)
-        self._end = Batch([x, nu, p], [
+        self._step = VectorizedFunction([x, ua, ub, h, p], [end, cost], 16)
+        self._end = VectorizedFunction([x, nu, p], [
             problem.V, problem.psi, ca.gradient(problem.V + ca.dot(nu, problem.psi), x)], 1)
-        self._hamiltonian = Batch([x, u, lam, mu, p], [H, Hu, ca.jacobian(Hu, u)])
+        self._hamiltonian = VectorizedFunction([x, u, lam, mu, p], [H, Hu, ca.jacobian(Hu, u)])
 
     @cached_property
     def _forward(self) -> Chain:
@@ -129,9 +129,9 @@ class Integrator:
         return Chain(lam, [*given, jump], self._earlier + jump)
 
     @cached_property
-    def _back(self) -> Batch:
+    def _back(self) -> VectorizedFunction:
         """Return the step of lam for many intervals at once."""
-        return Batch(self._symbols, [self._earlier])
+        return VectorizedFunction(self._symbols, [self._earlier])
 
     def forward(self, problem: Problem, t: Array, ua: Array, ub: Array) -> tuple[Array, Array]:
         """Return x (K + 1, n) and the running cost (K + 1,) from x0 under linear inputs."""
@@ -207,7 +207,7 @@ class Integrator:
         return Solution(Status.NOT_CONVERGED, '', course.cost, t, x, u, lam, H, course.nu,
                         state_multipliers=densities[0], path_multipliers=densities[1])
 
-    def extremal(self, problem: Problem, outcome: Outcome, parts: int) -> Extremal:
+    def extremal(self, problem: Problem, outcome: TranscriptionOutcome, parts: int) -> Extremal:
         """Return states and costates under the input of an outcome, in parts of its intervals."""
         path = outcome.path
         t, ua, ub = _cut(path, parts)
@@ -232,7 +232,7 @@ class Integrator:
         return Extremal(parts, t, x, x_end, ua, ub, lam, lam_end, float(J + V[0, 0]),
                         float(defect.max()), local, outcome.nu)
 
-    def closed(self, problem: Problem, outcome: Outcome) -> float:
+    def closed(self, problem: Problem, outcome: TranscriptionOutcome) -> float:
         """
         Return the cost of an outcome once the gaps between its steps are closed, to first order.
 
@@ -249,14 +249,14 @@ class Integrator:
         return float(J + V[0, 0] + outcome.nu @ psi[0] + gaps.sum())
 
     @staticmethod
-    def _astray(outcome: Outcome, lam: Array, size: Array, parts: int) -> bool:
+    def _astray(outcome: TranscriptionOutcome, lam: Array, size: Array, parts: int) -> bool:
         """Return whether explicit steps from node to node lead to other costates."""
         found, swept = outcome.costates[:-1], lam[::parts] + outcome.masses(parts)[:-1:parts]
         with np.errstate(all='ignore'):
             gap = (np.abs(swept - found) * size).max() / max((np.abs(found) * size).max(), 1e-300)
         return not gap <= _STIFF
 
-    def _at_nodes(self, outcome: Outcome, defect: float, local: Array) -> Extremal:
+    def _at_nodes(self, outcome: TranscriptionOutcome, defect: float, local: Array) -> Extremal:
         """Return what the collocation found, where explicit steps are too unstable to check it."""
         path = outcome.path
         costates, mass = outcome.costates, outcome.masses(1)
@@ -277,7 +277,7 @@ class Integrator:
             J += float(cost.sum())
         return x, x_end, J
 
-    def _costates(self, problem: Problem, outcome: Outcome,
+    def _costates(self, problem: Problem, outcome: TranscriptionOutcome,
                   course: tuple[Array, Array, Array, Array], last: Array, parts: int,
                   single: bool) -> tuple[Array, Array]:
         """Return costates at the starts and at the ends of all parts."""

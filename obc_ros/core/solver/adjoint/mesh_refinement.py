@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.solver.adjoint.costates import Extremal, Integrator
+from obc_ros.core.solver.adjoint.costates import CostateIntegrator, Extremal
 from obc_ros.core.solver.transcription.mesh import Mesh, Path, split
 
 _MOST_CUTS = 4
@@ -60,8 +60,8 @@ class Judgement:
         return bool(self.chords.sum() > _CHORDED * self.lost.sum())
 
 
-def judge(problem: Problem, integrator: Integrator, course: Extremal,
-          slack: Array | None = None) -> Judgement:
+def measure_loss(problem: Problem, integrator: CostateIntegrator, course: Extremal,
+                 slack: Array | None = None) -> Judgement:
     """
     Return what the input of a path gives away.
 
@@ -88,7 +88,7 @@ def judge(problem: Problem, integrator: Integrator, course: Extremal,
                      float(np.ptp(H)))
 
 
-def followed(problem: Problem, integrator: Integrator, course: Extremal) -> Array:
+def followed(problem: Problem, integrator: CostateIntegrator, course: Extremal) -> Array:
     """
     Return inputs at the interval ends, (N + 1, m), that follow one least point of H in time.
 

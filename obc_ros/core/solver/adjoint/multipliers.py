@@ -18,12 +18,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Mask
-from obc_ros.core.numerics.vectorized import Batch
+from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
 from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.arcs.mixed_constraints import densities
-from obc_ros.core.solver.transcription.program import Outcome
+from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 from obc_ros.core.solver.transcription.runge_kutta import step
 
 _GAP = 2            # intervals without multiplier that do not end a contact
@@ -37,7 +37,7 @@ _ROUNDS = 4         # for dH/du of the wrong sign at bounds of inputs
 
 
 @dataclass(frozen=True)
-class Contact:
+class ActiveInterval:
     """A constraint active from one fine time to another; +1 at its upper bound, else -1."""
 
     row: int
@@ -78,20 +78,20 @@ class Fitter:
         end, cost = step(with_rows, x, (ca.vertcat(ua, ma), ca.vertcat(ub, mb)), h)
         back = ca.gradient(cost, x)
         none = [ca.SX.zeros(count), ca.SX.zeros(count)]
-        self._part = Batch([x, ua, ub, h, p], ca.substitute(
+        self._part = VectorizedFunction([x, ua, ub, h, p], ca.substitute(
             [ca.jacobian(end, x).T, back, ca.jacobian(back, ma).T, ca.jacobian(back, mb).T],
             [ma, mb], none))
-        self._point = Batch([x, u, p], [
+        self._point = VectorizedFunction([x, u, p], [
             problem.L, problem.f, ca.gradient(problem.L, u), ca.jacobian(problem.f, u).T,
             ca.jacobian(rows, u).T, ca.jacobian(rows, x).T])
-        self._value = Batch([x, u, p], [rows])
-        self._last = Batch([x, p], [
+        self._value = VectorizedFunction([x, u, p], [rows])
+        self._last = VectorizedFunction([x, p], [
             ca.gradient(problem.V, x), ca.jacobian(problem.psi, x).T])
         self.n, self.m, self.q, self.rows = n, m, problem.q, count
         self._pure = np.array([not ca.depends_on(row, u) for row in ca.vertsplit(rows)])
         self._of_inputs = np.array([not ca.depends_on(row, x) for row in ca.vertsplit(rows)])
 
-    def fit(self, problem: Problem, outcome: Outcome, course: Extremal) -> Extremal:
+    def fit(self, problem: Problem, outcome: TranscriptionOutcome, course: Extremal) -> Extremal:
         """Return the course with the costates and multipliers that fit best."""
         found = self._contacts(problem, outcome, course)
         if not found:
@@ -116,7 +116,7 @@ class Fitter:
         return replace(course, lam=lam[:, 0], lam_end=lam[:, 1], nu=values[:self.q],
                        density_x=density[:, :, :self.n], density_path=density[:, :, self.n:])
 
-    def _pointwise(self, problem: Problem, course: Extremal, found: list[Contact]) -> Array:
+    def _pointwise(self, problem: Problem, course: Extremal, found: list[ActiveInterval]) -> Array:
         """Return densities (K, 2, rows) of constraints on inputs for which dH/du is least."""
         K = len(course.x)
         density = np.zeros((K, 2, self.rows))
@@ -179,7 +179,8 @@ class Fitter:
         """Return x and c at some points, shape (K, n + l)."""
         return self._value(x, u, problem.p_value)[0]
 
-    def _contacts(self, problem: Problem, outcome: Outcome, course: Extremal) -> list[Contact]:
+    def _contacts(self, problem: Problem, outcome: TranscriptionOutcome,
+                  course: Extremal) -> list[ActiveInterval]:
         """Return where bounds of x and path constraints are met."""
         value = self.values(problem, course)
         mass = np.hstack([outcome.node_bounds, outcome.node_path])
@@ -201,10 +202,10 @@ class Fitter:
                 runs = _groups(near, _GAP * course.parts)
                 if not self._pure[row]:
                     runs = _parted(runs, outcome, course.parts)
-                found += [Contact(int(row), sign, first, last) for first, last in runs]
+                found += [ActiveInterval(int(row), sign, first, last) for first, last in runs]
         return found
 
-    def _unknowns(self, found: list[Contact], course: Extremal) -> _Unknowns:
+    def _unknowns(self, found: list[ActiveInterval], course: Extremal) -> _Unknowns:
         K, parts = len(course.x), course.parts
         hats: list[Array] = []
         masses: list[Array] = []
@@ -383,7 +384,8 @@ def _groups(near: NDArray[np.bool_], gap: int) -> list[tuple[int, int]]:
     return [(first, last) for first, last in merged]
 
 
-def _parted(runs: list[tuple[int, int]], outcome: Outcome, parts: int) -> list[tuple[int, int]]:
+def _parted(runs: list[tuple[int, int]], outcome: TranscriptionOutcome,
+            parts: int) -> list[tuple[int, int]]:
     """Return runs that end where arcs do: with an input its multiplier has a kink or jump."""
     ends = parts * np.cumsum([phase.intervals for phase in outcome.mesh.layout.phases])[:-1]
     return [pair for first, last in runs for pair in pairwise(

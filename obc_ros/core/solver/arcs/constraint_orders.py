@@ -10,7 +10,7 @@ from obc_ros.core.ocp.problem import Problem
 _ORDERS = 3    # derivatives of a bound that are looked at
 
 
-class Bounds:
+class BoundRates:
     """
     The rows of (x, c) of a problem, and their derivatives up to the one that inputs enter.
 

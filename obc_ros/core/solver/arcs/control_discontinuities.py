@@ -15,7 +15,7 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.arcs.input_arcs import Arc
 from obc_ros.core.solver.transcription.mesh import LINEAR, Path
-from obc_ros.core.solver.transcription.program import Outcome
+from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _JUMP = 0.3        # of the range of an input: what may be a jump
 _BESIDE = 0.25     # of that: what the input does beside it, at most
@@ -100,7 +100,7 @@ def _follows(arc: Arc, mixed: Sequence[bool]) -> bool:
     return any(on and not (mixed and mixed[row]) for row, on in enumerate(arc.on))
 
 
-def switching_times(outcome: Outcome) -> Array:
+def switching_times(outcome: TranscriptionOutcome) -> Array:
     """Return the times at which phases meet and inputs jump, or come to bounds or leave them."""
     mesh, path = outcome.mesh, outcome.path
     ends = np.cumsum(path.durations)[:-1]

@@ -14,12 +14,12 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.numerics.collocation import collocation
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.solver.arcs.constraint_orders import Bounds
+from obc_ros.core.solver.arcs.constraint_orders import BoundRates
 from obc_ros.core.solver.arcs.input_arcs import Arc
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.arcs.phases import DEGREE, Phased
-from obc_ros.core.solver.arcs.state_contacts import Contact, with_contacts
-from obc_ros.core.solver.transcription.program import Outcome
+from obc_ros.core.solver.arcs.state_contacts import StateContact, with_contacts
+from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _WEIGHS = 1e-4   # of the largest density: what is not there
 _NOTHING = 1e-6  # of the mean cost in a second, for a change by all of its inputs
@@ -27,7 +27,7 @@ _STEPS = 3       # of Newton onto a constraint
 _WRONG = 1e-6    # likewise on an arc, of the wrong sign
 
 
-def densities(outcome: Outcome, slopes: Array, u: Array) -> Array:
+def densities(outcome: TranscriptionOutcome, slopes: Array, u: Array) -> Array:
     """
     Return what path constraints weigh in each interval of a transcription, (N, points, l).
 
@@ -42,7 +42,8 @@ def densities(outcome: Outcome, slopes: Array, u: Array) -> Array:
     return np.asarray(np.where(np.abs(found) > least, found, 0.0))
 
 
-def holding(problem: Problem, outcome: Outcome, program: PhasedProgram) -> list[Contact]:
+def holding(problem: Problem, outcome: TranscriptionOutcome,
+            program: PhasedProgram) -> list[StateContact]:
     """Return where constraints on inputs weigh in a transcription."""
     path, n, bounds = outcome.path, problem.n, program.bounds
     t, count = path.t, len(path.ua)
@@ -55,16 +56,16 @@ def holding(problem: Problem, outcome: Outcome, program: PhasedProgram) -> list[
         least = _WEIGHS * np.abs(weights[:, :, row]).max(initial=0.0)
         for sign in (1, -1):
             for first, last in _runs(np.max(sign * weights[:, :, row], axis=1) > least):
-                found.append(Contact(n + row, sign, t[first], t[last + 1], 0.0))
+                found.append(StateContact(n + row, sign, t[first], t[last + 1], 0.0))
     return found
 
 
-def reheld(arcs: list[Arc], found: Phased, bounds: Bounds) -> list[Arc]:
+def reheld(arcs: list[Arc], found: Phased, bounds: BoundRates) -> list[Arc]:
     """Return arcs that are on constraints of inputs where these weigh along phases found."""
     rows = np.flatnonzero(bounds.orders == 0)
     points = np.append(0.0, np.cumsum(found.h))
     t = points[:-1, None] + found.h[:, None] * collocation(DEGREE, 'radau')[0]
-    new: list[Contact] = []
+    new: list[StateContact] = []
     changed = False
     for row in rows.tolist():
         largest = float(np.abs(found.eta[:, :, row]).max())
@@ -75,12 +76,12 @@ def reheld(arcs: list[Arc], found: Phased, bounds: Bounds) -> list[Arc]:
             for sign in (now,) if now else (1, -1):
                 heavy = sign * eta > (-_WRONG if now else _WEIGHS) * largest
                 if now and heavy.all():
-                    new.append(Contact(row, sign, arc.start, arc.end, 0.0))
+                    new.append(StateContact(row, sign, arc.start, arc.end, 0.0))
                     continue
                 for first, last in _runs(heavy):
                     if last - first >= DEGREE:
-                        new.append(Contact(row, sign, max(times[first] - h / 2, arc.start),
-                                           min(times[last] + h / 2, arc.end), 0.0))
+                        new.append(StateContact(row, sign, max(times[first] - h / 2, arc.start),
+                                                min(times[last] + h / 2, arc.end), 0.0))
                         changed = changed or not now
                 changed = changed or bool(now)
     if not changed:

@@ -27,12 +27,12 @@ from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.numerics.collocation import collocation, lagrange
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.structure import idle_inputs
-from obc_ros.core.solver.arcs.constraint_orders import Bounds
+from obc_ros.core.solver.arcs.constraint_orders import BoundRates
 from obc_ros.core.solver.arcs.input_arcs import Arc, shortest
 from obc_ros.core.solver.arcs.phases import DEGREE, Grazing, OUTWARDS, Phased
-from obc_ros.core.solver.nlp.progress import Monitor, Watch
+from obc_ros.core.solver.nlp.progress import ProgressMonitor, Watch
 from obc_ros.core.solver.transcription.mesh import Path
-from obc_ros.core.solver.transcription.program import Scales
+from obc_ros.core.solver.transcription.program import ProblemScales
 
 _LEAST = 0.1      # of its length: how short a phase may become at once
 _LOOKS = np.linspace(0.0, 1.0, 9)[1:-1]   # parts of a phase at which it is looked at
@@ -49,7 +49,7 @@ class PhasedProgram:
 
     def __init__(self, problem: Problem, switching: Sequence[bool]) -> None:
         self.problem, self.switching = problem, np.array(switching)
-        self.bounds, self.idle = Bounds(problem), np.array(idle_inputs(problem))
+        self.bounds, self.idle = BoundRates(problem), np.array(idle_inputs(problem))
         # Inputs of a phase of no length may be any: next to constraints of theirs it stays there.
         self.least = _LEAST if np.any(self.bounds.orders == 0) else 0.0
         x, u, p = problem.x, problem.u, problem.p
@@ -82,7 +82,7 @@ class PhasedProgram:
             for chain in self.bounds.chains]
 
     def solve(self, problem: Problem, arcs: Sequence[Arc], meshes: list[Array], guess: Path,
-              sizes: Scales, pinned: Mask, monitor: Monitor,
+              sizes: ProblemScales, pinned: Mask, monitor: ProgressMonitor,
               grazing: Grazing = frozenset()) -> Phased:
         """Solve the program of some arcs from a path nearby; `pinned` as in Limits."""
         return _Solve(self, problem, list(arcs), meshes, sizes, pinned, grazing).run(
@@ -93,7 +93,8 @@ class _Solve:
     """One program with its numbers."""
 
     def __init__(self, program: PhasedProgram, problem: Problem, arcs: list[Arc],
-                 meshes: list[Array], sizes: Scales, pinned: Mask, grazing: Grazing) -> None:
+                 meshes: list[Array], sizes: ProblemScales, pinned: Mask,
+                 grazing: Grazing) -> None:
         self.pinned, self.grazing = pinned, grazing
         self.outwards: dict[tuple[int, int], slice] = {}   # where their rates stand
         self.program, self.problem, self.arcs, self.meshes = program, problem, arcs, meshes
@@ -360,7 +361,7 @@ class _Solve:
         rows = [row for where, row in self.grazing if where == place]
         return np.asarray(self.program.bounds.deciding[rows].any(axis=0))
 
-    def run(self, guess: Path, monitor: Monitor) -> Phased:
+    def run(self, guess: Path, monitor: ProgressMonitor) -> Phased:
         """Return the path that the program leads to."""
         self.guess = guess
         count = len(guess.x)

@@ -16,14 +16,14 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.arcs.input_arcs import Arc
-from obc_ros.core.solver.transcription.program import Outcome
+from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _NEAR = 1e-6     # of its size: how near its bound a constraint is met
 _BESIDE = 2.5    # intervals of the mesh, in which a jump at the end of a contact is smeared
 
 
 @dataclass(frozen=True)
-class Contact:
+class StateContact:
     """A row of (x, c) at its upper bound (+1) or at its lower one (-1), in a span of time."""
 
     row: int
@@ -33,8 +33,8 @@ class Contact:
     beside: float
 
 
-def contacts(problem: Problem, outcome: Outcome, value: Array, margin: Array,
-             decided: Mask, *, perhaps: bool = False, near: float = _NEAR) -> list[Contact]:
+def contacts(problem: Problem, outcome: TranscriptionOutcome, value: Array, margin: Array,
+             decided: Mask, *, perhaps: bool = False, near: float = _NEAR) -> list[StateContact]:
     """
     Return where a path is on bounds of the state, from its mesh points.
 
@@ -69,12 +69,12 @@ def contacts(problem: Problem, outcome: Outcome, value: Array, margin: Array,
                 first, last = int(run[0]), int(run[-1])
                 h = max(t[first] - t[max(first - 1, 0)], t[min(last + 1, N)] - t[last])
                 wide = 0.25 * h if first == last else 0.0
-                found.append(Contact(int(row), sign, max(t[first] - wide, 0.0),
-                                     min(t[last] + wide, t[-1]), _BESIDE * h))
+                found.append(StateContact(int(row), sign, max(t[first] - wide, 0.0),
+                                          min(t[last] + wide, t[-1]), _BESIDE * h))
     return found
 
 
-def with_contacts(arcs: Sequence[Arc], found: Sequence[Contact], free: Mask,
+def with_contacts(arcs: Sequence[Arc], found: Sequence[StateContact], free: Mask,
                   mixed: Mask | None = None) -> list[Arc]:
     """
     Return arcs that begin and end where contacts do, on their bounds besides those they are on.
@@ -110,7 +110,7 @@ def with_contacts(arcs: Sequence[Arc], found: Sequence[Contact], free: Mask,
     return _joined(cut)
 
 
-def _unsmeared(arcs: list[Arc], found: Sequence[Contact], free: Mask) -> list[Arc]:
+def _unsmeared(arcs: list[Arc], found: Sequence[StateContact], free: Mask) -> list[Arc]:
     """Return arcs, in either order, with smeared jumps before contacts held as before them."""
     beside = max(each.beside for each in found)
     result = arcs[:1]

@@ -28,7 +28,7 @@ import numpy as np
 from obc_ros.core.ocp.nonconvexity import convex_paths
 from obc_ros.core.ocp.problem import FinalTime, Problem
 from obc_ros.core.ocp.solution import Solution
-from obc_ros.core.ocp.wording import number, state_bound
+from obc_ros.core.ocp.wording import format_number, state_bound
 from obc_ros.core.solver.diagnosis.feasibility import (
     elastic,
     FEASIBLE,
@@ -208,7 +208,7 @@ class _Doubt:
         if early:
             return None
         least = float(answer.t[-1])
-        found = number(least) if answer.certified else f'about {least:.3g}'
+        found = format_number(least) if answer.certified else f'about {least:.3g}'
         if self.shown:
             return Reason(True, f'the terminal constraints cannot be met by T = {last:.6g}: the '
                                 f'least time is {found}')

@@ -18,10 +18,10 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
 from obc_ros.core.ocp.structure import switching_inputs
-from obc_ros.core.ocp.wording import number, state_bound, terminal
+from obc_ros.core.ocp.wording import format_number, state_bound, terminal
 
 Solver = Callable[[Problem], Solution]
-Seen = Callable[[Solution], str]
+Explanation = Callable[[Solution], str]
 
 # What a certificate may leave of these conditions for a path to count as one.
 FEASIBLE = {'dynamics': 1e-4, 'start': 1e-5, 'bounds': 1e-4}
@@ -49,9 +49,9 @@ def shortfall(problem: Problem, nearest: Solution) -> str:
         name, _, value = wanted.partition(' = ')
         if name in problem.states:
             there = nearest.x[-1, problem.states.index(name)]
-            parts.append(f'{name} = {number(float(there))} instead of {value}')
+            parts.append(f'{name} = {format_number(float(there))} instead of {value}')
         else:
-            parts.append(f'{wanted} missed by {number(abs(float(values[row])))}')
+            parts.append(f'{wanted} missed by {format_number(abs(float(values[row])))}')
     return ', '.join(parts)
 
 
@@ -111,7 +111,7 @@ def to_blame(problem: Problem, solve: Solver) -> tuple[str, str] | None:
     return None
 
 
-def _without(problem: Problem) -> Iterator[tuple[str, Problem, Seen]]:
+def _without(problem: Problem) -> Iterator[tuple[str, Problem, Explanation]]:
     """Yield the bounds by name, the problem without each, and what a path then does."""
     for index in range(problem.n):
         for upper in (True, False):
@@ -130,7 +130,7 @@ def _without(problem: Problem) -> Iterator[tuple[str, Problem, Seen]]:
             bound = (problem.u_upper if upper else problem.u_lower)[index]
             if np.isfinite(bound):
                 name = problem.inputs[index]
-                yield (f'input bound {name} {"<=" if upper else ">="} {number(bound)}',
+                yield (f'input bound {name} {"<=" if upper else ">="} {format_number(bound)}',
                        without_bound(problem, 'u_upper' if upper else 'u_lower', index),
                        _extreme(name, index, upper, 'u'))
 
@@ -144,7 +144,7 @@ def without_bound(problem: Problem, key: str, index: int) -> Problem:
     return replace(problem, structure='', **changed)  # type: ignore[arg-type]  # one of the bounds
 
 
-def _extreme(name: str, index: int, upper: bool, kind: str) -> Seen:
+def _extreme(name: str, index: int, upper: bool, kind: str) -> Explanation:
     def seen(answer: Solution) -> str:
         values = (answer.x if kind == 'x' else answer.u)[:, index]
         k = int(np.argmax(values) if upper else np.argmin(values))
@@ -169,7 +169,8 @@ def not_held(problem: Problem, answer: Solution) -> tuple[str, str] | None:
         name = f'state bound {state_bound(problem, int(row), bool(over))}'
     else:
         bound = upper[row] if over else lower[row]
-        name = f'path_constraints[{row - problem.n}] {"<=" if over else ">="} {number(bound)}'
+        sign = '<=' if over else '>='
+        name = f'path_constraints[{row - problem.n}] {sign} {format_number(bound)}'
     first = int(np.argmax(excess[:, row] > _MISSED))
     return name, (f'the path that comes nearest to it leaves it at t = {answer.t[first]:.3g} and '
                   f'has {rows[k, row]:.4g} at t = {answer.t[k]:.4g}')

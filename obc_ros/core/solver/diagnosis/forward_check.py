@@ -9,7 +9,7 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
-from obc_ros.core.solver.adjoint.costates import Integrator
+from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 
 _POINTS = 101   # of a guess
 _PARTS = 16     # of each interval of a path
@@ -49,4 +49,4 @@ def leads_there(problem: Problem, found: Solution) -> bool:
 
 def _led(problem: Problem, t: Array, ua: Array, ub: Array) -> Array:
     with np.errstate(all='ignore'):
-        return Integrator(problem).forward(problem, t, ua, ub)[0]
+        return CostateIntegrator(problem).forward(problem, t, ua, ub)[0]

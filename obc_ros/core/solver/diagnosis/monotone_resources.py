@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.wording import number, state_bound
+from obc_ros.core.ocp.wording import format_number, state_bound
 from obc_ros.core.solver.diagnosis.feasibility import shortfall, Solver, without_bound
 from obc_ros.core.solver.proofs.interval_bounds import steady
 from obc_ros.core.solver.proofs.singular_expressions import suspects
@@ -77,10 +77,10 @@ def too_little(problem: Problem, solve: Solver) -> str:
         if (left - bound if supply.upper else bound - left) > _SHORT * size:
             name = problem.states[supply.index]
             final = problem.final_time
-            by = f'{"by" if final.free else "at"} T = ' + number(
+            by = f'{"by" if final.free else "at"} T = ' + format_number(
                 final.upper if final.free else final.value)
             return (f'{name} only {"rises" if supply.upper else "falls"}, and where the '
-                    f'terminal constraints are met {by} it is {number(left)} at '
+                    f'terminal constraints are met {by} it is {format_number(left)} at '
                     f'{"least" if supply.upper else "most"}, beyond state bound '
                     f'{state_bound(problem, supply.index, supply.upper)}')
     return ''

@@ -260,7 +260,7 @@ class BrockettPath:
     J: float
 
 
-def brockett(Y: ArrayLike, t: ArrayLike) -> BrockettPath:
+def solve_brockett(Y: ArrayLike, t: ArrayLike) -> BrockettPath:
     """
     Return the least integral of u'u / 2 over [0, 1] that leads (0, 0) to (0, Y).
 

@@ -39,8 +39,8 @@ class Arcs:
         return self.t1 + self.t2
 
 
-def least_time(p0: float, v0: float, pf: float, vf: float, low: float,
-               high: float) -> Arcs | None:
+def solve_least_time(p0: float, v0: float, pf: float, vf: float, low: float,
+                     high: float) -> Arcs | None:
     """
     Return the answer; None if there is none of this form with finite costates.
 

@@ -65,7 +65,7 @@ class Segment(NamedTuple):
     length: float
 
 
-class Path(NamedTuple):
+class CarPath(NamedTuple):
     """
     A shortest path.
 
@@ -177,7 +177,7 @@ class Path(NamedTuple):
 
 
 def shortest_path(start: Sequence[float] | Array, goal: Sequence[float] | Array,
-                  radius: float) -> Path:
+                  radius: float) -> CarPath:
     """
     Return the shortest path from start to goal with turns of at least the given radius.
 
@@ -207,8 +207,8 @@ def shortest_path(start: Sequence[float] | Array, goal: Sequence[float] | Array,
     if max(abs(dx), abs(dy)) > _FAR:
         raise StatementError(f'{first} and {last} are too far apart for radius {radius}')
     length, parts = _solve(c * dx + s * dy, c * dy - s * dx, remainder(theta1 - theta0, _TWO_PI))
-    return Path(first, last, radius, length * radius,
-                tuple([Segment(letter, part * radius) for letter, part in parts]))
+    return CarPath(first, last, radius, length * radius,
+                   tuple([Segment(letter, part * radius) for letter, part in parts]))
 
 
 def lengths(starts: ArrayLike, goals: ArrayLike, radius: float) -> Array:

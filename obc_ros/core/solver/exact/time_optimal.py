@@ -91,7 +91,7 @@ def _double_integrator(problem: Problem, aim: Target, plant: Affine) -> Solution
     low, high = min(accelerations), max(accelerations)
     if low == high:
         return None
-    arcs = double_integrator.least_time(
+    arcs = double_integrator.solve_least_time(
         x0[i], a * x0[j] + ci, final[i], a * final[j] + ci, low, high)
     bounds = problem.final_time
     if arcs is None or bounds.lower > arcs.T:

@@ -26,10 +26,10 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.least_time_form import Target, target
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Optimality, Solution, Status
-from obc_ros.core.solver.exact.reeds_shepp import Path, shortest_path
+from obc_ros.core.solver.exact.reeds_shepp import CarPath, shortest_path
 from obc_ros.core.text.errors import StatementError
 
-Order = tuple[int, ...]
+LetterOrder = tuple[int, ...]
 
 _METHOD = 'reeds_shepp'
 # Largest step between samples [rad of turn, or radii of length].
@@ -38,8 +38,9 @@ _MAX_SAMPLES = 200
 _DEPTH = 8   # of expressions that are compared
 
 
-def least_time(start: Sequence[float] | Array, goal: Sequence[float] | Array, max_speed: float,
-               max_turn_rate: float) -> Solution:
+def find_least_time_path(start: Sequence[float] | Array, goal: Sequence[float] | Array,
+                         max_speed: float,
+                         max_turn_rate: float) -> Solution:
     """
     Return a trajectory of least time between two poses of a two-wheeled robot.
 
@@ -85,7 +86,7 @@ def solve_two_wheeled(problem: Problem) -> Solution | None:
     aim, order, inputs = form
     L, M = problem.u_upper[list(inputs)]
     goal = np.asarray(np.linalg.solve(aim.C, aim.d)[list(order)], dtype=float)
-    found = least_time(problem.x0[list(order)], goal, float(L), float(M))
+    found = find_least_time_path(problem.x0[list(order)], goal, float(L), float(M))
     shortest, bounds = found.objective, problem.final_time
     if shortest > bounds.upper:
         return Solution(Status.INFEASIBLE, method=_METHOD, message=(
@@ -101,7 +102,7 @@ def solve_two_wheeled(problem: Problem) -> Solution | None:
         nu=np.linalg.solve(aim.C.T, lam[-1]))
 
 
-def _drive(path: Path, L: float, M: float) -> Solution:
+def _drive(path: CarPath, L: float, M: float) -> Solution:
     """Return the trajectory along a path at full speed."""
     T = path.length / L
     costate = _costate(path, L, M)
@@ -129,7 +130,7 @@ def _drive(path: Path, L: float, M: float) -> Solution:
         optimality=Optimality('global', 'shortest path (Reeds-Shepp)'))
 
 
-def _sentence(path: Path, T: float) -> str:
+def _sentence(path: CarPath, T: float) -> str:
     sentence = f'least time {T:.10g} along {path.word or "no path: start and goal are the same"}'
     if path.segments and path.start[:2] == path.goal[:2]:
         sentence += '; turning on the spot (v = 0) takes as long'
@@ -143,7 +144,7 @@ def _costates(costate: Array, states: Array) -> Array:
     return lam
 
 
-def _costate(path: Path, L: float, M: float) -> Array:
+def _costate(path: CarPath, L: float, M: float) -> Array:
     """
     Return lambda(0), which makes every switch of the path that of Pontryagin's conditions.
 
@@ -186,7 +187,7 @@ def _most_inside(A: Array, b: Array, G: Array) -> Array | None:
     return None if found.x is None else np.asarray(found.x[:3], dtype=float)
 
 
-def _recognise(problem: Problem) -> tuple[Target, Order, Order] | None:
+def _recognise(problem: Problem) -> tuple[Target, LetterOrder, LetterOrder] | None:
     """Return the target and which states are (x, y, theta) and inputs (v, omega)."""
     if (problem.n, problem.m, problem.q) != (3, 2, 3):
         return None

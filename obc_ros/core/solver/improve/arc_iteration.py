@@ -25,7 +25,7 @@ from obc_ros.core.solver.arcs.input_arcs import (
 from obc_ros.core.solver.arcs.state_contacts import contacts, with_contacts
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.transcription.mesh import uniform
-from obc_ros.core.solver.transcription.program import Outcome
+from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _ROUNDS = 10
 _CLOSE = 1e-6         # relative cost, for which arcs are moved no more
@@ -37,7 +37,7 @@ _ROOM = 1e-5          # relative: what a path with arcs may cost more
 _PERHAPS, _NEVER = 1, 2   # arcs on bounds also where a finer mesh may meet one; nowhere
 
 
-class Settling:
+class ArcIteration:
     """
     The arcs of one path of a search.
 
@@ -48,7 +48,7 @@ class Settling:
         self.search, self.problem, self.kit = search, search.problem, search.kit
         self.switching, self.coarse, self.touch = search.switching, coarse, 0
 
-    def settled(self, outcome: Outcome) -> Outcome:
+    def settled(self, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
         """Return an outcome whose arcs are those that it shows."""
         search = self.search
         free: Signature = ((None,) * self.problem.m,)
@@ -93,8 +93,9 @@ class Settling:
             outcome, now = new, free
         return self.without_vanishing(outcome)
 
-    def freed(self, found: list[Arc], outcome: Outcome, density: float, seen: set[Signature]
-              ) -> tuple[Outcome | None, Signature]:
+    def freed(self, found: list[Arc], outcome: TranscriptionOutcome, density: float,
+              seen: set[Signature]
+              ) -> tuple[TranscriptionOutcome | None, Signature]:
         """
         Return an outcome whose inputs are free where their bounds are wrong, and its arcs.
 
@@ -108,19 +109,19 @@ class Settling:
         seen.add(shown)
         return self.with_arcs(arcs, outcome, density), shown
 
-    def shown(self, outcome: Outcome) -> list[Arc]:
+    def shown(self, outcome: TranscriptionOutcome) -> list[Arc]:
         """Return the arcs that an outcome shows."""
         found = find_arcs(self.problem, outcome.path, self.switching,
                           [not each for each in self.kit.switching])
         return self.broken(self.touching(found, outcome), outcome)
 
-    def broken(self, arcs: list[Arc], outcome: Outcome) -> list[Arc]:
+    def broken(self, arcs: list[Arc], outcome: TranscriptionOutcome) -> list[Arc]:
         """Return arcs that end where inputs jump without coming to a bound."""
         loose = ~(np.isfinite(self.problem.u_lower) | np.isfinite(self.problem.u_upper))
         of = (loose | sharing(self.problem)) & np.array(self.switching)
         return with_jumps(arcs, outcome.path, of) if of.any() else arcs
 
-    def touching(self, arcs: list[Arc], outcome: Outcome) -> list[Arc]:
+    def touching(self, arcs: list[Arc], outcome: TranscriptionOutcome) -> list[Arc]:
         """Return arcs, those on bounds of the state among them if inputs switch at their ends."""
         free = self.kit.deciding & np.array(self.switching)
         if not (self.search.bounded and free.any()) or self.touch == _NEVER:
@@ -132,7 +133,7 @@ class Settling:
                          perhaps=self.touch == _PERHAPS)
         return with_contacts(arcs, found, free) if found else arcs
 
-    def touches_otherwise(self, outcome: Outcome, seen: set[Signature]) -> bool:
+    def touches_otherwise(self, outcome: TranscriptionOutcome, seen: set[Signature]) -> bool:
         """Go on to other arcs on bounds that an outcome may show; return whether there are."""
         while self.touch < _NEVER:
             self.touch += 1
@@ -141,8 +142,8 @@ class Settling:
         self.touch = 0
         return False
 
-    def with_arcs(self, arcs: list[Arc], outcome: Outcome, density: float,
-                  kept: float = 0.0) -> Outcome | None:
+    def with_arcs(self, arcs: list[Arc], outcome: TranscriptionOutcome, density: float,
+                  kept: float = 0.0) -> TranscriptionOutcome | None:
         """
         Return an outcome with the given arcs, if there is one and it costs no more.
 
@@ -160,7 +161,7 @@ class Settling:
                                most=_PATIENT)
         return new if new.converged and self.no_dearer(new, outcome) else None
 
-    def no_dearer(self, new: Outcome, outcome: Outcome) -> bool:
+    def no_dearer(self, new: TranscriptionOutcome, outcome: TranscriptionOutcome) -> bool:
         """Return whether an outcome costs no more than another, or would with exact steps."""
         room = _ROOM * abs(outcome.objective)
         if new.objective <= outcome.objective + room:
@@ -168,7 +169,7 @@ class Settling:
         closed = self.kit.integrator.closed
         return closed(self.problem, new) <= closed(self.problem, outcome) + room
 
-    def without_vanishing(self, outcome: Outcome) -> Outcome:
+    def without_vanishing(self, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
         """Return the outcome without its shortest arcs, if it costs no more without them."""
         durations, T = outcome.path.durations, outcome.path.t[-1]
         if np.all(durations > _VANISHING * T):
@@ -181,12 +182,13 @@ class Settling:
         return outcome if new is None or new.objective > outcome.objective + dearer else new
 
     @staticmethod
-    def vanished(outcome: Outcome) -> bool:
+    def vanished(outcome: TranscriptionOutcome) -> bool:
         """Return whether a phase has no length left."""
         durations = outcome.path.durations
         return bool(durations.min() < _GONE * durations.sum())
 
-    def checked(self, arcs: list[Arc], outcome: Outcome, *, moving: bool = True) -> list[Arc]:
+    def checked(self, arcs: list[Arc], outcome: TranscriptionOutcome, *,
+                moving: bool = True) -> list[Arc]:
         """
         Return arcs that differ where dH/du says that an input is at the wrong bound.
 

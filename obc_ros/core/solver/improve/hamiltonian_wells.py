@@ -21,7 +21,7 @@ from obc_ros.core.solver.arcs.control_discontinuities import jumps, with_steps
 from obc_ros.core.solver.arcs.input_arcs import Arc, arc_mesh, moved
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.transcription.mesh import Path
-from obc_ros.core.solver.transcription.program import Outcome
+from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _VALUES = 17          # of each input at which H is looked at
 _GLANCE = 8           # intervals that are looked at before all of them
@@ -36,7 +36,7 @@ _VANISHING, _JUMP = 1e-3, 0.05   # parts: of T, a phase without length; of an in
 _BESIDE = 1.5         # intervals from the end of a phase, within which a slope belongs to it
 
 
-def on_best_branch(search: Bench, outcome: Outcome) -> Outcome:
+def on_best_branch(search: Bench, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
     """Return an outcome, or a better one whose inputs are where H is least."""
     if search.quick or search.kit.twin or not search.kit.branching.any():
         return outcome
@@ -53,7 +53,7 @@ def on_best_branch(search: Bench, outcome: Outcome) -> Outcome:
     return best
 
 
-def _moved(search: Bench, outcome: Outcome) -> list[Path]:
+def _moved(search: Bench, outcome: TranscriptionOutcome) -> list[Path]:
     """Return paths with inputs held where H is least: in all intervals that gain, and in fewer."""
     path, every = outcome.path, np.arange(len(outcome.path.ua))
     for rows in (every[::max(1, len(every) // _GLANCE)], every):
@@ -67,7 +67,7 @@ def _moved(search: Bench, outcome: Outcome) -> list[Path]:
             for moved in chosen]
 
 
-def _least(search: Bench, outcome: Outcome, rows: Index) -> tuple[Array, Array]:
+def _least(search: Bench, outcome: TranscriptionOutcome, rows: Index) -> tuple[Array, Array]:
     """Return where H is least in some intervals, (N, m), and by how much beside another point."""
     problem, path = search.problem, outcome.path
     H = partial(_mean_H, search, search.course(outcome), rows)
@@ -100,7 +100,8 @@ def _mean_H(search: Bench, course: Extremal, rows: Index, ua: Array, ub: Array) 
     return np.asarray(H.mean(axis=-2))
 
 
-def _from_inputs(search: Bench, outcome: Outcome, path: Path) -> Outcome | None:
+def _from_inputs(search: Bench, outcome: TranscriptionOutcome,
+                 path: Path) -> TranscriptionOutcome | None:
     """Return what a search leads to that starts with the inputs of a path."""
     problem, h = search.problem, np.diff(path.t)
     steps = np.maximum(1, np.ceil(_STEPS * h / h.max())).astype(np.int64)
@@ -117,7 +118,7 @@ def _from_inputs(search: Bench, outcome: Outcome, path: Path) -> Outcome | None:
     return new if new.converged else None
 
 
-def _leaps(search: Bench, outcome: Outcome) -> bool:
+def _leaps(search: Bench, outcome: TranscriptionOutcome) -> bool:
     """Return whether an input goes from one least point of H to another, bounds not both."""
     problem, path, here = search.problem, outcome.path, search.kit.branching
     at = np.clip(np.searchsorted(path.t, jumps(path, here.tolist())) - 1, 0, len(path.ua) - 1)
@@ -134,7 +135,7 @@ def _leaps(search: Bench, outcome: Outcome) -> bool:
     return bool(np.any(wall & free.any(axis=(0, 2))))
 
 
-def _with_jumps(search: Bench, outcome: Outcome) -> Outcome:
+def _with_jumps(search: Bench, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
     """
     Return an outcome, or one with phases that begin where its inputs jump, and nowhere else.
 
@@ -157,7 +158,7 @@ def _with_jumps(search: Bench, outcome: Outcome) -> Outcome:
     return outcome
 
 
-def _apart(search: Bench, outcome: Outcome) -> list[Arc]:
+def _apart(search: Bench, outcome: TranscriptionOutcome) -> list[Arc]:
     """Return arcs that begin where inputs jump: at the ends of phases, or in slopes."""
     problem, path, here = search.problem, outcome.path, search.kit.branching
     first = np.flatnonzero(np.diff(outcome.mesh.layout.phase_of)) + 1

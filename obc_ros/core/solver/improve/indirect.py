@@ -29,7 +29,7 @@ _SAME = 1e-9       # of its size: inputs on both sides of a switch that does not
 _DEARER = 1e-8     # relative: by how much an answer may seem to cost more
 
 
-def polished(search: Bench, answer: Solution) -> Solution:
+def refine_indirectly(search: Bench, answer: Solution) -> Solution:
     """Return the indirect answer near one found by a search, or that one with the reason."""
     if search.last is None:
         return answer

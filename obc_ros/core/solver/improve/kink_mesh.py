@@ -20,7 +20,7 @@ from obc_ros.core.solver.arcs.input_arcs import Arc, find_arcs, sloped
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.program_cache import Answered, Kit
 from obc_ros.core.solver.transcription.mesh import Mesh, Path, uniform
-from obc_ros.core.solver.transcription.program import Outcome, Scales
+from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
 
 _LARGEST = 3e7     # entries of the matrices of all intervals
 _KINKED = 4e-3     # relative: how far inputs are from linear on a mesh with their kinks
@@ -28,8 +28,8 @@ _WORSE = 1e-5      # relative: by how much the cost on such a mesh may be larger
 _LONGEST = 32      # intervals at least, of equal lengths
 
 
-def boundary_values(kit: Kit, problem: Problem, outcome: Outcome, course: Extremal,
-                    scales: Scales, *, rough: bool = False) -> BoundaryValues | None:
+def boundary_values(kit: Kit, problem: Problem, outcome: TranscriptionOutcome, course: Extremal,
+                    scales: ProblemScales, *, rough: bool = False) -> BoundaryValues | None:
     """Return the solution of the boundary value problem next to an outcome and its course."""
     arcs = find_arcs(problem, outcome.path, (True,) * problem.m)
     singular = any(linear and np.isnan(level) for arc in arcs
@@ -74,7 +74,7 @@ def points(found: BoundaryValues, error: float, longest: float, most: int
 
 
 def neighbouring(kit: Kit, problem: Problem, last: Answered
-                 ) -> tuple[BoundaryValues, Outcome] | None:
+                 ) -> tuple[BoundaryValues, TranscriptionOutcome] | None:
     """Return where to start from an answer to a neighbour whose kinks are known."""
     known = last.extremal
     if known is None:
@@ -90,7 +90,8 @@ def neighbouring(kit: Kit, problem: Problem, last: Answered
         after[1:-1], (t[:-1] + t[1:]) / 2))
 
 
-def on_points(problem: Problem, found: BoundaryValues, t: Array, arc: Index) -> Outcome:
+def on_points(problem: Problem, found: BoundaryValues, t: Array,
+              arc: Index) -> TranscriptionOutcome:
     """Return boundary values as the outcome of a transcription with mesh points in given arcs."""
     n, T = problem.n, t[-1]
     za, ua = found.at(*found.where(t[:-1], arc))
@@ -101,14 +102,15 @@ def on_points(problem: Problem, found: BoundaryValues, t: Array, arc: Index) -> 
     mesh = Mesh(uniform(problem, len(arc), 0).layout, np.diff(t) / T, np.zeros((1, problem.m)))
     l = int(problem.path.numel())  # noqa: E741  # as in Outcome
     path = Path(t, z[:, :n], np.zeros((len(arc), 0, n)), ua, ub, np.array([T]))
-    return Outcome(
+    return TranscriptionOutcome(
         mesh, path, True, 'extremal', found.cost, 0.0, 0, found.nu, z[:, n:],
         np.zeros((len(t), n)), np.zeros((len(arc), 0, n)), np.zeros((len(t), l)),
         np.zeros((len(arc), 0, l)), np.zeros((len(arc), 2, l)), np.zeros(0), np.zeros(0),
         np.zeros(0), 0.0)
 
 
-def on_kinks(search: Bench, outcome: Outcome, course: Extremal) -> Outcome | None:
+def on_kinks(search: Bench, outcome: TranscriptionOutcome,
+             course: Extremal) -> TranscriptionOutcome | None:
     """Return the outcome on a mesh with a point at each kink of the inputs, if found once."""
     layout = outcome.mesh.layout
     if (search.extremal is not None or search.bounded or search.kit.twin

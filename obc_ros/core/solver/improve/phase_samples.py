@@ -18,7 +18,7 @@ from obc_ros.core.numerics.collocation import collocation, lagrange
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
-from obc_ros.core.solver.adjoint.costates import Integrator
+from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.multipliers import Fitter
 from obc_ros.core.solver.arcs.mixed_constraints import on_constraints
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
@@ -59,7 +59,7 @@ def _parts(found: Phased, samples: int) -> Index:
     return np.asarray(np.maximum(2, np.rint(usual * (1 + share))), dtype=np.int64)
 
 
-def sampled(problem: Problem, program: PhasedProgram, integrator: Integrator, found: Phased,
+def sampled(problem: Problem, program: PhasedProgram, integrator: CostateIntegrator, found: Phased,
             samples: int) -> Solution:
     """Return phases as samples, with the costates and densities of the stated bounds."""
     bounds, points = program.bounds, program.points
@@ -97,7 +97,8 @@ def sampled(problem: Problem, program: PhasedProgram, integrator: Integrator, fo
     return _joined(problem, integrator, found, t, x, u, lam, density)
 
 
-def certified(problem: Problem, program: PhasedProgram, integrator: Integrator, fitter: Fitter,
+def certified(problem: Problem, program: PhasedProgram, integrator: CostateIntegrator,
+              fitter: Fitter,
               found: Phased) -> Solution:
     """Return phases as samples with their certificate; more where these are all it lacks."""
     free, off = any(np.isnan(arc.levels).any() for arc in found.arcs), math.inf
@@ -112,7 +113,8 @@ def certified(problem: Problem, program: PhasedProgram, integrator: Integrator, 
     return answer
 
 
-def _replayed(problem: Problem, integrator: Integrator, x: Array, u: Array, h: Array) -> Array:
+def _replayed(problem: Problem, integrator: CostateIntegrator, x: Array, u: Array,
+              h: Array) -> Array:
     """Return states (K, s, n) that steps (K, s - 1) lead to from the first of each interval."""
     new = x.copy()
     for k in range(h.shape[1]):
@@ -123,7 +125,8 @@ def _replayed(problem: Problem, integrator: Integrator, x: Array, u: Array, h: A
     return np.where(near[:, None, None], new, x)
 
 
-def _carried_back(problem: Problem, integrator: Integrator, found: Phased, lam: Array, x: Array,
+def _carried_back(problem: Problem, integrator: CostateIntegrator, found: Phased, lam: Array,
+                  x: Array,
                   u: Array, h: Array) -> Array:
     """
     Return costates (K, s, n) that lead to the first of the next interval, if from their own.
@@ -143,7 +146,7 @@ def _carried_back(problem: Problem, integrator: Integrator, found: Phased, lam: 
     return np.where(near[:, None, None], new, lam)
 
 
-def _joined(problem: Problem, integrator: Integrator, found: Phased, t: Array, x: Array,
+def _joined(problem: Problem, integrator: CostateIntegrator, found: Phased, t: Array, x: Array,
             u: Array, lam: Array, density: Array) -> Solution:
     """Return the samples of all intervals in a row, two at a time where something jumps."""
     K, s = t.shape

@@ -18,22 +18,22 @@ from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.numerics.collocation import collocation
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
-from obc_ros.core.solver.adjoint.costates import Integrator
+from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.mesh_refinement import below
 from obc_ros.core.solver.arcs.bang_arcs import at_bounds, at_ends
-from obc_ros.core.solver.arcs.constraint_orders import Bounds
+from obc_ros.core.solver.arcs.constraint_orders import BoundRates
 from obc_ros.core.solver.arcs.control_discontinuities import with_jumps, with_steps
 from obc_ros.core.solver.arcs.input_arcs import Arc, find_arcs, opened, Signature, signature
 from obc_ros.core.solver.arcs.mixed_constraints import holding, reheld
 from obc_ros.core.solver.arcs.phase_mesh import spread_as_wanted, spread_by_error, spread_like
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.arcs.phases import DEGREE, Grazing, Phased
-from obc_ros.core.solver.arcs.state_contacts import Contact, contacts, with_contacts
+from obc_ros.core.solver.arcs.state_contacts import contacts, StateContact, with_contacts
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.improve.phase_samples import as_path, BY_SAMPLES, certified
-from obc_ros.core.solver.nlp.progress import Monitor
+from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.transcription.mesh import Path, uniform
-from obc_ros.core.solver.transcription.program import Outcome, Scales
+from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
 
 _ROUNDS = 6
 _VANISHING = 1e-4     # of T: a phase that is not there
@@ -63,8 +63,9 @@ _PATIENCE = 100_000   # likewise, at least, on what any mesh shows
 _FINER = 4, 2         # times as many intervals, on which that is tried again
 
 
-def read(problem: Problem, program: PhasedProgram, outcome: Outcome, value: Array,
-         margin: Array, switching: tuple[bool, ...], gap: float) -> list[Arc]:
+def read_spans(problem: Problem, program: PhasedProgram, outcome: TranscriptionOutcome,
+               value: Array,
+               margin: Array, switching: tuple[bool, ...], gap: float) -> list[Arc]:
     """
     Return what holds in each span of time of an outcome, `value` (N + 1, n + l) of (x, c).
 
@@ -86,7 +87,7 @@ def read(problem: Problem, program: PhasedProgram, outcome: Outcome, value: Arra
     return tidied(_without_smears(arcs, switching, gap * T))
 
 
-def _implied(contact: Contact, arcs: list[Arc], deciding: Mask) -> bool:
+def _implied(contact: StateContact, arcs: list[Arc], deciding: Mask) -> bool:
     """Return whether inputs stay at their bounds along a contact, which then follows."""
     for arc in arcs:
         common = min(arc.end, contact.end) - max(arc.start, contact.start)
@@ -96,9 +97,9 @@ def _implied(contact: Contact, arcs: list[Arc], deciding: Mask) -> bool:
     return False
 
 
-def _merged(found: list[Contact], gap: float) -> list[Contact]:
+def _merged(found: list[StateContact], gap: float) -> list[StateContact]:
     """Return contacts, those of one bound that are next to each other as one."""
-    merged: list[Contact] = []
+    merged: list[StateContact] = []
     for each in sorted(found, key=lambda c: (c.row, c.sign, c.start)):
         last = merged[-1] if merged else None
         if last and (last.row, last.sign) == (each.row, each.sign) and (
@@ -143,7 +144,7 @@ def tidied(arcs: list[Arc]) -> list[Arc]:
 
 
 def settled(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Path,
-            sizes: Scales, pinned: Mask, monitor: Monitor, fine: float,
+            sizes: ProblemScales, pinned: Mask, monitor: ProgressMonitor, fine: float,
             spread: tuple[Array, Array]) -> Phased | None:
     """
     Return the path with arcs, without those that vanish.
@@ -172,7 +173,7 @@ def settled(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Pa
     return None
 
 
-def _shrunk(arcs: list[Arc], bounds: Bounds) -> list[Arc]:
+def _shrunk(arcs: list[Arc], bounds: BoundRates) -> list[Arc]:
     """Return arcs with touches of bounds where arcs along them have vanished."""
     none = (0,) * bounds.count
     new = list(arcs)
@@ -209,8 +210,8 @@ def _meshes(arcs: list[Arc], spread: tuple[Array, Array], fine: float) -> list[A
     return meshes
 
 
-def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: Scales,
-             pinned: Mask, monitor: Monitor, where: Grazing) -> Phased:
+def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: ProblemScales,
+             pinned: Mask, monitor: ProgressMonitor, where: Grazing) -> Phased:
     """Return a path that was found, made to come to bounds and leave them smoothly `where`."""
     if not where or monitor.stopped:
         return found
@@ -228,7 +229,7 @@ def _may_have_arcs(search: Bench) -> bool:
         search.quick or search.kit.twin or search.monitor.stopped)
 
 
-def along_bounds(search: Bench, outcome: Outcome, known: Solution | None = None
+def along_bounds(search: Bench, outcome: TranscriptionOutcome, known: Solution | None = None
                  ) -> Solution | None:
     """
     Return an answer with arcs along bounds near an outcome, if one is certified.
@@ -248,7 +249,8 @@ def along_bounds(search: Bench, outcome: Outcome, known: Solution | None = None
     whole, search.monitor = search.monitor, search.monitor.part(max(_PATIENCE, search.work))
     try:
         for gap in _GAPS:
-            arcs = read(problem, program, outcome, value, search.margin, search.kit.switching, gap)
+            arcs = read_spans(problem, program, outcome, value, search.margin,
+                              search.kit.switching, gap)
             if (answer := _settled_on(search, outcome, arcs, allowed, seen)) is not None:
                 search.last = search.answered(outcome)
                 return answer
@@ -278,7 +280,7 @@ class _Turn:
         """Go on with other arcs than those that were found."""
         self.arcs, self.guess, self.off = arcs, with_steps(as_path(found), arcs), math.inf
 
-    def finer(self, found: Phased, erred: float, monitor: Monitor) -> None:
+    def finer(self, found: Phased, erred: float, monitor: ProgressMonitor) -> None:
         """Go on with shorter steps, where those that were taken err."""
         self.fine *= 2
         again, self.led_to = signature(found.arcs) == self.led_to, signature(found.arcs)
@@ -291,7 +293,7 @@ class _Turn:
         self.erred = erred
 
 
-def _settled_on(search: Bench, outcome: Outcome, arcs: list[Arc], allowed: float,
+def _settled_on(search: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], allowed: float,
                 seen: set[tuple[Signature, float, int]]) -> Solution | None:
     """
     Return an answer with arcs like those given, read anew until it is certified; else None.
@@ -343,7 +345,7 @@ def _settled_on(search: Bench, outcome: Outcome, arcs: list[Arc], allowed: float
     return None
 
 
-def _resolved(turn: _Turn, problem: Problem, program: PhasedProgram, judge: Integrator,
+def _resolved(turn: _Turn, problem: Problem, program: PhasedProgram, judge: CostateIntegrator,
               found: Phased, answer: Solution, seen: set[tuple[Signature, float, int]]) -> bool:
     """Go on where arcs stay what they are and the certificate lacks something; or do not."""
     assert answer.certificate is not None
@@ -367,7 +369,7 @@ def _resolved(turn: _Turn, problem: Problem, program: PhasedProgram, judge: Inte
     return turn.off <= _WORSE * before
 
 
-def at_once(search: Bench, start: Outcome) -> Solution | None:
+def at_once(search: Bench, start: TranscriptionOutcome) -> Solution | None:
     """
     Return an answer with arcs along bounds near a coarse outcome, if it shows them.
 
@@ -390,7 +392,7 @@ def at_once(search: Bench, start: Outcome) -> Solution | None:
         search.monitor = whole
 
 
-def reread(problem: Problem, program: PhasedProgram, integrator: Integrator, found: Phased,
+def reread(problem: Problem, program: PhasedProgram, integrator: CostateIntegrator, found: Phased,
            answer: Solution, value: Array) -> list[Arc]:
     """
     Return the arcs of a path that was found, changed where it shows that they are not right.
@@ -420,7 +422,7 @@ def reread(problem: Problem, program: PhasedProgram, integrator: Integrator, fou
     return touching(problem, reheld(tidied(cut), found, bounds), found, bounds, answer.t, value)
 
 
-def touching(problem: Problem, arcs: list[Arc], found: Phased, bounds: Bounds, times: Array,
+def touching(problem: Problem, arcs: list[Arc], found: Phased, bounds: BoundRates, times: Array,
              value: Array) -> list[Arc]:
     """
     Return arcs near those found, which touch bounds, or stay on them, where these weigh.
@@ -452,7 +454,7 @@ def touching(problem: Problem, arcs: list[Arc], found: Phased, bounds: Bounds, t
                        for start, end, r, s in held):
                     continue
                 if run[-1] - run[0] > 2 * d:
-                    longer.append(Contact(row, sign, first, last, 0.0))
+                    longer.append(StateContact(row, sign, first, last, 0.0))
                 else:
                     time = float(t[run] @ weight[run] / weight[run].sum())
                     met.append((time, row, sign))
@@ -461,7 +463,7 @@ def touching(problem: Problem, arcs: list[Arc], found: Phased, bounds: Bounds, t
         for (start, left), (again, end) in pairwise(spans):
             between = near[(sign + 1) // 2, (times > left) & (times < again), row]
             if between.size and between.all():
-                longer.append(Contact(row, sign, start, end, 0.0))
+                longer.append(StateContact(row, sign, start, end, 0.0))
                 met = [each for each in met if each[1] != row or not start <= each[0] <= end]
     if longer:
         arcs = with_contacts(arcs, longer, bounds.deciding)

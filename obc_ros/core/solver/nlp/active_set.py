@@ -18,7 +18,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.solver.nlp.interior_point import Goal, Program, PROXIMAL, Values
+from obc_ros.core.solver.nlp.interior_point import (
+    NewtonProgram,
+    ProgramValues,
+    PROXIMAL,
+    StoppingRule,
+)
 
 Side = NDArray[np.int8]
 
@@ -28,8 +33,10 @@ _LOST = 1.0      # scaled: a residual after which none is hoped for
 _QUADRATIC = 1e-2   # of the residual before: left by a step that shows quadratic convergence
 
 
-def follow(program: Program, bounds: tuple[Array, Array], y: Array, side: Side, goal: Goal,
-           watch: Callable[[float, float], bool]) -> tuple[Array, Values, int] | None:
+def follow_active_set(program: NewtonProgram, bounds: tuple[Array, Array], y: Array, side: Side,
+                      goal: StoppingRule,
+                      watch: Callable[[float, float], bool]) -> tuple[Array, ProgramValues,
+                                                                      int] | None:
     """
     Return y and what the program is there and the number of steps; None without success.
 
@@ -89,12 +96,12 @@ def follow(program: Program, bounds: tuple[Array, Array], y: Array, side: Side, 
         before, side = wrong, (side + met).astype(np.int8)
 
 
-def _least(program: Program, there: Values, held: NDArray[np.bool_]) -> bool:
+def _least(program: NewtonProgram, there: ProgramValues, held: NDArray[np.bool_]) -> bool:
     """Return whether the cost has curvature upwards wherever unknowns may move."""
     return program.convex(there, held, np.where(program.is_row | held, 1.0, 0.0))
 
 
-def _misses(there: Values, but: NDArray[np.bool_]) -> float:
+def _misses(there: ProgramValues, but: NDArray[np.bool_]) -> float:
     """Return the largest residual of the rows and of the slope of free unknowns."""
     return max(float(np.abs(there.c).max(initial=0.0)),
                float(np.abs(np.where(but, 0.0, there.slope)).max(initial=0.0)))

@@ -45,7 +45,7 @@ _FAR = 0.1            # infeasibility that is not
 
 
 @dataclass(frozen=True, eq=False)
-class Values:
+class ProgramValues:
     """
     What a program is at y = (w, lam).
 
@@ -62,19 +62,19 @@ class Values:
     parts: tuple[tuple[Array, Array], ...]
 
 
-class Program(Protocol):
+class NewtonProgram(Protocol):
     """A program: unknowns w and multipliers lam of its rows in one vector y, in order of time."""
 
     pattern: 'Pattern'
     is_row: NDArray[np.bool_]
 
-    def values(self, y: Array) -> Values:
+    def values(self, y: Array) -> ProgramValues:
         """Return everything at y."""
 
     def merit(self, y: Array) -> tuple[float, Array]:
         """Return f and c at y."""
 
-    def convex(self, values: Values, fixed: NDArray[np.bool_], diagonal: Array) -> bool:
+    def convex(self, values: ProgramValues, fixed: NDArray[np.bool_], diagonal: Array) -> bool:
         """Return whether the Hessian with a diagonal added is positive where J d = 0."""
 
 
@@ -184,7 +184,7 @@ def _odd(diagonal: Array, pivots: Any) -> int:
 
 
 @dataclass(frozen=True)
-class Goal:
+class StoppingRule:
     """
     When to stop: at `feasible` rows and `optimal` other conditions, or after `most` steps.
 
@@ -212,7 +212,7 @@ class Iterate:
     gap: Array
     z: Array
     mu: float
-    values: Values
+    values: ProgramValues
     converged: bool = False
     status: str = ''
     iterations: int = 0
@@ -238,7 +238,7 @@ class Interior:
 
     """
 
-    def __init__(self, program: Program, lower: Array, upper: Array) -> None:
+    def __init__(self, program: NewtonProgram, lower: Array, upper: Array) -> None:
         self.program = program
         self.fixed = (lower == upper) & ~program.is_row
         self.place = program.pattern.without(self.fixed)
@@ -409,8 +409,8 @@ class Filter:
                 or new_phi <= phi - 1e-5 * theta + slack), False
 
 
-def solve(work: Interior, now: Iterate, goal: Goal,
-          watch: Callable[[float, float], bool]) -> Iterate:
+def solve_program(work: Interior, now: Iterate, goal: StoppingRule,
+                  watch: Callable[[float, float], bool]) -> Iterate:
     """
     Return the last iterate, `converged` if the goal is reached.
 

@@ -17,12 +17,17 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.interval_arithmetic import enclosure
-from obc_ros.core.numerics.rational_polynomials import affine_parts, polynomials, Row, TooHardError
+from obc_ros.core.numerics.rational_polynomials import (
+    affine_parts,
+    polynomials,
+    RationalRow,
+    TooHardError,
+)
 from obc_ros.core.ocp.affine_constraints import eliminated
 from obc_ros.core.ocp.certificate import kkt
 from obc_ros.core.ocp.solution import Certificate, Report, Status
 from obc_ros.core.text.errors import shown, StatementError
-from obc_ros.core.text.expressions import check_name, near, number, parse
+from obc_ros.core.text.expressions import check_name, near, parse_expression, parse_number
 from obc_ros.core.text.fields import (
     bounds_of,
     check_keys,
@@ -75,7 +80,7 @@ class Minimum:
 class _Question:
     """A checked statement."""
 
-    program: kkt.Program
+    program: kkt.StaticProgram
     names: tuple[str, ...]
     constraints: tuple[str, ...]
     guess: Array | None
@@ -144,8 +149,8 @@ def _judged(question: _Question, runs: list[_Run], convex: bool, deadline: float
     ends = sorted((run for run in runs if _converged(run)), key=lambda run: run.F)
     failed: Minimum | None = None
     for run in _distinct(ends):
-        point = kkt.polished(question.program, run.x)
-        certificate = kkt.certify(question.program, point)
+        point = kkt.polish_minimum(question.program, run.x)
+        certificate = kkt.certify_minimum(question.program, point)
         F = question.program.values(point.x)[0]
         found = Minimum(Status.SOLVED, _sentence(question, F, point, convex, len(runs)), point.x,
                         F, point.lam, point.mu, certificate)
@@ -162,7 +167,8 @@ def _judged(question: _Question, runs: list[_Run], convex: bool, deadline: float
     return _infeasible(question, runs)
 
 
-def _sentence(question: _Question, F: float, point: kkt.Point, convex: bool, starts: int) -> str:
+def _sentence(question: _Question, F: float, point: kkt.KktPoint, convex: bool,
+              starts: int) -> str:
     if convex:
         text = f'minimum {F:.10g}, global: the problem is convex'
     elif starts == 1:
@@ -177,7 +183,8 @@ def _sentence(question: _Question, F: float, point: kkt.Point, convex: bool, sta
     return text
 
 
-def _why_not(program: kkt.Program, point: kkt.Point, certificate: Certificate, F: float) -> str:
+def _why_not(program: kkt.StaticProgram, point: kkt.KktPoint, certificate: Certificate,
+             F: float) -> str:
     worst = certificate.worst
     if worst in ('stationarity', 'attained') and kkt.strained(program, point):
         return (f'stopped at F = {F:.10g}: towards it the gradients of the active constraints '
@@ -228,7 +235,7 @@ def _infeasible(question: _Question, runs: list[_Run]) -> Minimum:
         'proved'))
 
 
-def _is_excluded(program: kkt.Program) -> bool:
+def _is_excluded(program: kkt.StaticProgram) -> bool:
     """Return whether it is proved, by intervals or exactly, that no point satisfies all."""
     box = [(program.lower, program.upper)]
     G, g = (ca.Function('rows', [program.x], [ca.densify(each)])
@@ -242,14 +249,14 @@ def _is_excluded(program: kkt.Program) -> bool:
         found = polynomials(G, [[None] * n])[1]
     except TooHardError:
         return False
-    rows: dict[int, Row] = {}
+    rows: dict[int, RationalRow] = {}
     for index, each in enumerate(found):
         if part := affine_parts(each, n):
             rows[index] = {k: value for k, value in enumerate([*part[0], part[1]]) if value}
     return eliminated(rows, n)[1] is not None
 
 
-def _least_violation(program: kkt.Program, start: Array) -> Array:
+def _least_violation(program: kkt.StaticProgram, start: Array) -> Array:
     """Return a point of least squared violation near a start."""
     slack = ca.SX.sym('slack', program.l)
     cost = ca.sumsqr(program.G) + ca.sumsqr(slack)
@@ -285,13 +292,13 @@ def _options(time_limit: float) -> dict[str, Any]:
         'honor_original_bounds': 'yes', 'max_wall_time': max(time_limit, 1e-3)}}
 
 
-def _solver(program: kkt.Program) -> Any:
+def _solver(program: kkt.StaticProgram) -> Any:
     """Return a function of the time left that returns a solver."""
     made = {'x': program.x, 'f': program.F, 'g': ca.vertcat(program.G, program.g)}
     return lambda left: ca.nlpsol('minimize', 'ipopt', made, _options(left))
 
 
-def _run(program: kkt.Program, solver: ca.Function, start: Array) -> _Run:
+def _run(program: kkt.StaticProgram, solver: ca.Function, start: Array) -> _Run:
     """Return where IPOPT leads from a start."""
     lower = np.concatenate((np.zeros(program.k), np.full(program.l, -np.inf)))
     found = solver(x0=start, lbx=program.lower, ubx=program.upper, lbg=lower,
@@ -311,7 +318,7 @@ def _run(program: kkt.Program, solver: ca.Function, start: Array) -> _Run:
     return _Run(start, x, F, 'infeasible' if stuck else said)
 
 
-def _is_convex(program: kkt.Program) -> bool:
+def _is_convex(program: kkt.StaticProgram) -> bool:
     """Return whether F is a convex quadratic and the constraints are affine."""
     c = ca.vertcat(program.G, program.g)
     H = ca.hessian(program.F, program.x)[0]
@@ -350,11 +357,11 @@ def _question(statement: object) -> _Question:
     symbols |= {name: ca.SX(value) for name, value in values.items()}
     if given.get('cost') is None:
         raise StatementError('cost: missing; wanted an expression of the variables')
-    F = parse(given['cost'], symbols, 'cost')
+    F = parse_expression(given['cost'], symbols, 'cost')
     G, equal = _column(given, 'equalities', '= 0', symbols)
     g, less = _column(given, 'inequalities', '<= 0', symbols)
     lower, upper = _bounds(given, names, values)
-    return _Question(kkt.Program(x, F, G, g, lower, upper), names, (*equal, *less),
+    return _Question(kkt.StaticProgram(x, F, G, g, lower, upper), names, (*equal, *less),
                      _guess(given, names, values))
 
 
@@ -363,7 +370,7 @@ def _column(given: Given, key: str, sign: str, symbols: Mapping[str, ca.SX]
     """Return a list of expressions as a column, and what each is called."""
     texts = _list(given, key)
     column = ca.vertcat(ca.SX(0, 1), *(
-        parse(text, symbols, f'{key}[{i}]') for i, text in enumerate(texts)))
+        parse_expression(text, symbols, f'{key}[{i}]') for i, text in enumerate(texts)))
     return column, [f'{key}[{i}] ({shown(str(text))} {sign})' for i, text in enumerate(texts)]
 
 
@@ -379,7 +386,7 @@ def _parameters(given: Given, names: tuple[str, ...]) -> dict[str, float]:
         check_name(name, 'parameters')
         if name in names:
             raise StatementError(f"parameters: '{name}' is a variable too")
-        values[name] = number(text, values, f'parameters.{name}')
+        values[name] = parse_number(text, values, f'parameters.{name}')
     return values
 
 
@@ -401,4 +408,4 @@ def _guess(given: Given, names: tuple[str, ...], values: dict[str, float]) -> Ar
         return None
     if len(guess) != len(names):
         raise StatementError(f'guess: {len(guess)} numbers for {len(names)} variables')
-    return np.array([number(value, values, f'guess[{i}]') for i, value in enumerate(guess)])
+    return np.array([parse_number(value, values, f'guess[{i}]') for i, value in enumerate(guess)])

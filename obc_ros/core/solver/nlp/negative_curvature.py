@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.solver.nlp.interior_point import Goal, Interior, Iterate, solve
+from obc_ros.core.solver.nlp.interior_point import Interior, Iterate, solve_program, StoppingRule
 
 _SLIGHT, _LARGEST = 1e-6, 1e6   # of negative curvature
 _AWAY = 0.1        # largest step along the way down
@@ -22,7 +22,7 @@ _LESS = 1e-9       # relative cost
 _MOST = 3          # saddles in a row
 
 
-def left_behind(work: Interior, end: Iterate, goal: Goal,
+def left_behind(work: Interior, end: Iterate, goal: StoppingRule,
                 watch: Callable[[float, float], bool]) -> Iterate:
     """
     Return where a run ended, or what is found below if that is a saddle.
@@ -32,7 +32,7 @@ def left_behind(work: Interior, end: Iterate, goal: Goal,
     work, end : Interior, Iterate
         The run and its last iterate.
     goal, watch : Goal, callable
-        As in `solve`.
+        As in `solve_program`.
 
     """
     for _ in range(_MOST):
@@ -42,11 +42,12 @@ def left_behind(work: Interior, end: Iterate, goal: Goal,
         gone = -float((work.moves(way) / end.gap).min(initial=0.0))
         y = end.y + min(_AWAY, 0.9 / max(gone, 1e-300)) * way
         begun = work.begin(y, max(end.mu, _MU), _PUSH)
-        below = solve(work, replace(begun), goal, watch)
+        below = solve_program(work, replace(begun), goal, watch)
         if below.status == 'too slow':   # which is no reason to take a saddle for an answer
             begun.iterations = below.iterations
-            below = solve(work, begun, replace(goal, most=goal.most + below.iterations, rough=0.0),
-                          watch)
+            below = solve_program(work, begun,
+                                  replace(goal, most=goal.most + below.iterations, rough=0.0),
+                                  watch)
         below.iterations += end.iterations
         if not (below.converged
                 and below.values.f < end.values.f - _LESS * abs(end.values.f)):

@@ -12,7 +12,7 @@ from obc_ros.core.ocp.solution import MAX_INTERVALS, Report
 from obc_ros.core.solver.nlp.best_path import BestPath
 
 
-class Monitor:
+class ProgressMonitor:
     """
     Passes progress on and says when to stop.
 
@@ -48,7 +48,7 @@ class Monitor:
         self.short |= intervals > self.max_intervals
         return intervals <= self.max_intervals
 
-    def part(self, work: int, time_limit: float = math.inf) -> 'Monitor':
+    def part(self, work: int, time_limit: float = math.inf) -> 'ProgressMonitor':
         """
         Return a monitor for something besides, which ends after so much work.
 
@@ -75,10 +75,10 @@ class Monitor:
         return bool(self.stopped) or self.iterations >= self.most
 
 
-class _Part(Monitor):
+class _Part(ProgressMonitor):
     """A monitor that passes cancelling on from the whole, but keeps limits of its own."""
 
-    def __init__(self, whole: Monitor, work: int, time_limit: float) -> None:
+    def __init__(self, whole: ProgressMonitor, work: int, time_limit: float) -> None:
         super().__init__(time_limit, max_intervals=whole.max_intervals)
         self._whole, self._left = whole, work
         self.phase, self.stopped, self.best = whole.phase, whole.stopped, whole.best
@@ -105,7 +105,7 @@ class Watch(ca.Callback):
         ca.Callback.__init__(self)
         self._sizes = {'x': unknowns, 'f': 1, 'g': rows, 'lam_x': unknowns, 'lam_g': rows,
                        'lam_p': constants}
-        self.monitor = Monitor()
+        self.monitor = ProgressMonitor()
         self.lower = self.upper = np.zeros(rows)
         self.cost_scale = 1.0
         self.construct('watch', {})

@@ -23,7 +23,7 @@ from obc_ros.core.ocp.affine_constraints import affine_end, End
 from obc_ros.core.ocp.least_time_form import affine
 from obc_ros.core.ocp.problem import FinalTime, Problem
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.wording import affine_rows, number, state_bound, terminal
+from obc_ros.core.ocp.wording import affine_rows, format_number, state_bound, terminal
 from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
 from obc_ros.core.solver.proofs.interval_bounds import nowhere
 from obc_ros.core.solver.proofs.invariants import changed
@@ -50,7 +50,7 @@ def _at_start(problem: Problem) -> Iterator[str]:
         for upper, excess in ((True, value - problem.x_upper[index]),
                               (False, problem.x_lower[index] - value)):
             if excess > slack:
-                yield (f'initial state {name} = {number(value)} and state bound '
+                yield (f'initial state {name} = {format_number(value)} and state bound '
                        f'{state_bound(problem, index, upper)} exclude each other')
     yield from _path_at(problem, (problem.x0, problem.x0), 'at the initial state',
                         np.ones(problem.n, bool))
@@ -86,8 +86,9 @@ def _path_at(problem: Problem, box: tuple[Array, Array], where: str, known: Mask
                  total.high)):
             if excess > slack:
                 extent = 'is' if fixed else 'is at least' if sign == '<=' else 'is at most'
-                yield (f'path_constraints[{row}] {extent} {number(seen)} {where} and has to be '
-                       f'{sign} {number(bound)}')
+                yield (
+                    f'path_constraints[{row}] {extent} {format_number(seen)} {where} and has to '
+                    f'be {sign} {format_number(bound)}')
 
 
 def _range(a: Array, b: float, lower: Array, upper: Array) -> tuple[float, float]:
@@ -147,10 +148,12 @@ def _where_pinned(problem: Problem, end: End) -> Iterator[str]:
         [value] = enclosure(psi, [box, (problem.p_value, problem.p_value)])
         size = _MISSED * (1 + float(np.abs(x).max()))**2
         if value.low > size or value.high < -size:
-            where = ', '.join(f'{name} = {number(float(x[index]))}' for index, name in enumerate(
+            where = ', '.join(f'{name} = {format_number(float(x[index]))}' for index,
+                              name in enumerate(
                 problem.states) if used[index])
-            yield (f'terminal_constraints[{row}] is {number(0.5 * (value.low + value.high))} and '
-                   f'not 0 where the other terminal constraints hold ({where})')
+            yield (
+                f'terminal_constraints[{row}] is {format_number(0.5 * (value.low + value.high))} '
+                f'and not 0 where the other terminal constraints hold ({where})')
 
 
 def _together_against_bounds(problem: Problem, end: End) -> Iterator[str]:
@@ -229,10 +232,10 @@ def _in_between(problem: Problem, end: Array, pinned: Mask) -> Iterator[str]:
             sign, bound = (('<=', problem.path_upper[row]) if c[worst] > problem.path_upper[row]
                            else ('>=', problem.path_lower[row]))
             name = problem.states[index]
-            yield (f'path_constraints[{row}] is {number(float(c[worst]))} at {name} = '
-                   f'{number(float(x[worst, index]))} and has to be {sign} {number(bound)}, but '
-                   f'{name} has to pass there from {number(problem.x0[index])} to '
-                   f'{number(float(end[index]))}')
+            yield (f'path_constraints[{row}] is {format_number(float(c[worst]))} at {name} = '
+                   f'{format_number(float(x[worst, index]))} and has to be {sign} '
+                   f'{format_number(bound)}, but {name} has to pass there from '
+                   f'{format_number(problem.x0[index])} to {format_number(float(end[index]))}')
 
 
 def _words(problem: Problem) -> list[str]:

@@ -15,7 +15,7 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.interval_arithmetic import enclosure, Interval, plus, times
 from obc_ros.core.ocp.least_time_form import affine
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.wording import number, terminal
+from obc_ros.core.ocp.wording import format_number, terminal
 from obc_ros.core.solver.proofs.singular_expressions import steep_operands
 
 _MARGIN = 1e-6   # of the ends of an interval: what a certificate leaves open
@@ -68,7 +68,7 @@ def nowhere(problem: Problem) -> Iterator[str]:
                         _extent(problem, row, low, high))
                 nearest = found.low if found.low > 0 else found.high
                 yield (f'the terminal constraint {terminal(problem, row)} holds nowhere'
-                       f'{more}: it is missed by at least {number(abs(nearest))}')
+                       f'{more}: it is missed by at least {format_number(abs(nearest))}')
         for _ in range(problem.n):
             reached = [_after(float(x), rate, last) for x, rate in zip(
                 problem.x0, _rates(problem, low, high), strict=True)]
@@ -87,13 +87,14 @@ def _path(problem: Problem, low: Array, high: Array) -> Iterator[str]:
     for row, found in enumerate(_values(problem, problem.path, low, high)):
         margin = _margin(found)
         for excess, words, sign, bound in (
-                (found.low - problem.path_upper[row], f'at least {number(found.low)}', '<=',
+                (found.low - problem.path_upper[row], f'at least {format_number(found.low)}', '<=',
                  problem.path_upper[row]),
-                (problem.path_lower[row] - found.high, f'at most {number(found.high)}', '>=',
+                (problem.path_lower[row] - found.high, f'at most {format_number(found.high)}',
+                 '>=',
                  problem.path_lower[row])):
             if excess > margin:
                 yield (f'path_constraints[{row}] is {words} whatever states and inputs are, and '
-                       f'has to be {sign} {number(bound)}')
+                       f'has to be {sign} {format_number(bound)}')
 
 
 def _values(problem: Problem, expressions: ca.SX, low: Array, high: Array) -> list[Interval]:
@@ -137,7 +138,8 @@ def _turning(problem: Problem, row: int, low: Array) -> str:
 def _extent(problem: Problem, row: int, low: Array, high: Array) -> str:
     """Return how far the states of a terminal constraint get, in words."""
     used, final = _used(problem, row), problem.final_time
-    parts = [f'{name} stays between {number(float(low[k]))} and {number(float(high[k]))}'
+    parts = [
+        f'{name} stays between {format_number(float(low[k]))} and {format_number(float(high[k]))}'
              for k, name in enumerate(problem.states)
              if used[k] and np.isfinite([low[k], high[k]]).all()]
     by = final.upper if final.free else final.value

@@ -22,18 +22,18 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.rational_polynomials import (
     Algebra,
-    constant,
+    make_constant,
     null_space,
     Polynomial,
     polynomials,
     rational,
-    Row,
+    RationalRow,
     TooHardError,
 )
 from obc_ros.core.ocp.affine_constraints import affine_end, End
 from obc_ros.core.ocp.problem import Problem
 
-Monomial = tuple[int, ...]
+StateMonomial = tuple[int, ...]
 
 _MOST = 24       # states, beyond which it is not asked
 _NULL = 1e-10    # relative: a singular value that is none
@@ -69,18 +69,18 @@ class _Surface:
         self.algebra = Algebra(len(end.directions))
         self.states: list[Polynomial] = []
         for k, start in enumerate(end.x):
-            value = constant(start)
+            value = make_constant(start)
             for number, direction in enumerate(end.directions):
                 if k in direction:
                     value = self.algebra.add(
                         value, self.algebra.generator(number), direction[k])
             self.states.append(value)
 
-    def values(self, monomials: Sequence[Monomial]) -> list[Polynomial]:
+    def values(self, monomials: Sequence[StateMonomial]) -> list[Polynomial]:
         """Return monomials of x as polynomials of y."""
         found = []
         for each in monomials:
-            value = constant(1)
+            value = make_constant(1)
             for k in each:
                 value = self.algebra.multiply(value, self.states[k])
             found.append(value)
@@ -96,7 +96,7 @@ def _exact_rates(problem: Problem) -> tuple[Algebra, list[Polynomial]]:
 
 
 def _changed(problem: Problem, end: _Surface, rates: tuple[Algebra, list[Polynomial]],
-             monomials: list[Monomial]) -> Iterator[str]:
+             monomials: list[StateMonomial]) -> Iterator[str]:
     """Yield those that are sums of the given monomials."""
     constants, size = _constants(problem, monomials)
     if not len(constants):
@@ -120,8 +120,8 @@ def _changed(problem: Problem, end: _Surface, rates: tuple[Algebra, list[Polynom
             yield from _compared(problem, end, coefficients, kept)
 
 
-def _proved(end: _Surface, rates: tuple[Algebra, list[Polynomial]], monomials: list[Monomial]
-            ) -> list[Row]:
+def _proved(end: _Surface, rates: tuple[Algebra, list[Polynomial]], monomials: list[StateMonomial]
+            ) -> list[RationalRow]:
     """Return coefficients of sums that are constant along every path and at every end."""
     algebra, f = rates
     changes = []
@@ -135,7 +135,7 @@ def _proved(end: _Surface, rates: tuple[Algebra, list[Polynomial]], monomials: l
         changes.append(total)
     ends = [{term: value for term, value in each.items() if term}
             for each in end.values(monomials)]
-    rows: list[Row] = []
+    rows: list[RationalRow] = []
     for columns in (algebra.cleared(changes), ends):
         terms = dict.fromkeys(term for each in columns for term in each)
         rows += [{k: each[term] for k, each in enumerate(columns) if term in each}
@@ -143,7 +143,8 @@ def _proved(end: _Surface, rates: tuple[Algebra, list[Polynomial]], monomials: l
     return null_space(rows, len(monomials))
 
 
-def _compared(problem: Problem, end: _Surface, c: Row, monomials: list[Monomial]) -> Iterator[str]:
+def _compared(problem: Problem, end: _Surface, c: RationalRow,
+              monomials: list[StateMonomial]) -> Iterator[str]:
     """Yield a sentence if a constant differs at the end from what it is at the start."""
     if len(c) < 1:
         return
@@ -161,14 +162,14 @@ def _compared(problem: Problem, end: _Surface, c: Row, monomials: list[Monomial]
                'where the terminal constraints hold')
 
 
-def _product(x: Sequence[Fraction], monomial: Monomial) -> Fraction:
+def _product(x: Sequence[Fraction], monomial: StateMonomial) -> Fraction:
     value = Fraction(1)
     for k in monomial:
         value *= x[k]
     return value
 
 
-def _values(x: Array, monomials: list[Monomial]) -> Array:
+def _values(x: Array, monomials: list[StateMonomial]) -> Array:
     return np.column_stack([np.prod(x[:, list(each)], axis=1) for each in monomials])
 
 
@@ -179,7 +180,7 @@ def _null(matrix: Array) -> Array:
     return null
 
 
-def _constants(problem: Problem, monomials: list[Monomial]) -> tuple[Array, Array]:
+def _constants(problem: Problem, monomials: list[StateMonomial]) -> tuple[Array, Array]:
     """Return coefficients of independent constants (k, monomials), and sizes of those."""
     rng = np.random.default_rng(_SEED)
     asked, again = (_rates(problem, monomials, rng) for _ in range(2))
@@ -195,7 +196,7 @@ def _constants(problem: Problem, monomials: list[Monomial]) -> tuple[Array, Arra
 
 
 @np.errstate(all='ignore')   # dynamics need not be defined everywhere
-def _rates(problem: Problem, monomials: list[Monomial], rng: np.random.Generator) -> Array:
+def _rates(problem: Problem, monomials: list[StateMonomial], rng: np.random.Generator) -> Array:
     """Return d/dt of monomials at random states and inputs, a row for each."""
     count = 3 * len(monomials)
     x = problem.x0 + (1 + np.abs(problem.x0)) * rng.uniform(-1, 1, (count, problem.n))
@@ -230,7 +231,7 @@ def _readable(constants: Array, size: Array) -> Array:
     return np.where(parts > _NOISE * parts.max(axis=1, keepdims=True), found, 0.0)
 
 
-def _text(problem: Problem, c: Array, monomials: list[Monomial]) -> str:
+def _text(problem: Problem, c: Array, monomials: list[StateMonomial]) -> str:
     text = ''
     for value, each in zip(c, monomials, strict=True):
         if value:

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.wording import number
+from obc_ros.core.ocp.wording import format_number
 
 _TOUCHED = 1e-6  # of its largest value: what is as near to 0 as it can be told
 _NEAR_END = 1e-4   # likewise, where a kink of the terminal cost was rounded in the search
@@ -96,7 +96,7 @@ def kinked(problem: Problem, t: Array, x: Array, u: Array) -> str:
             return (f'{where} has no slope where abs({what}) is 0, as at t = '
                     f'{t[int(np.argmax(at))]:.4g} on the best path that was found: no costates '
                     f'are known there; sqrt(({what})**2 + e**2) in its place, with a small e such '
-                    f'as {number(_SMALL * size)}, has a slope')
+                    f'as {format_number(_SMALL * size)}, has a slope')
     return ''
 
 
@@ -118,7 +118,7 @@ def steep(problem: Problem, t: Array, x: Array, u: Array) -> str:
             return (f'{where} has a root of {what}, whose slope is infinite where that is 0, as '
                     f'at t = {t[k]:.4g} on the best path that was found: no finite costates do '
                     f'there; {what} + e in its place, with a small e such as '
-                    f'{number(_SMALL * size)}, has a slope')
+                    f'{format_number(_SMALL * size)}, has a slope')
     return ''
 
 

@@ -22,11 +22,11 @@ from obc_ros.core.numerics.rational_polynomials import (
     null_space,
     polynomials,
     rational,
-    reduced,
-    Row,
+    RationalRow,
+    reduce_rows,
     TooHardError,
 )
-from obc_ros.core.numerics.taylor_enclosure import Box, Step, Tube
+from obc_ros.core.numerics.taylor_enclosure import Box, TaylorStep, Tube
 from obc_ros.core.ocp.affine_constraints import End
 from obc_ros.core.ocp.problem import Problem
 
@@ -67,7 +67,7 @@ def states_missed(problem: Problem, words: list[str]) -> Iterator[str]:
                            _terms(problem, steps, psi))
 
 
-def _left(problem: Problem, alone: NDArray[np.int_], steps: list[Step], nothing: str,
+def _left(problem: Problem, alone: NDArray[np.int_], steps: list[TaylorStep], nothing: str,
           words: list[str]) -> Iterator[str]:
     """Yield bounds that states have left before the end may be."""
     final = problem.final_time
@@ -100,7 +100,7 @@ def combinations_missed(problem: Problem, end: End, words: list[str]) -> Iterato
                for number in numbers] + [{k: -value for k, value in w.items()} for w in W]
     both = null_space([{j: column[k] for j, column in enumerate(columns) if k in column}
                        for k in range(n)], len(columns))
-    steps: list[Step] | None = None
+    steps: list[TaylorStep] | None = None
     for vector in both:
         eta = {numbers[j]: value for j, value in vector.items() if j < len(numbers)}
         omega = {j - len(numbers): value for j, value in vector.items() if j >= len(numbers)}
@@ -146,7 +146,7 @@ def _number(value: float) -> str:
     return f'{value:.6g}' if abs(value) > 1e-12 else '0'
 
 
-def _boxes_at_the_end(problem: Problem, steps: list[Step]) -> list[Box]:
+def _boxes_at_the_end(problem: Problem, steps: list[TaylorStep]) -> list[Box]:
     """Return boxes for all times at which the end may be; none if they do not go so far."""
     final = problem.final_time
     last = final.upper if final.free else final.value
@@ -157,12 +157,12 @@ def _boxes_at_the_end(problem: Problem, steps: list[Step]) -> list[Box]:
     return [step.during for step in steps if step.end > final.lower] or [steps[-1].after]
 
 
-def _demanded(problem: Problem, steps: list[Step], psi: ca.Function) -> list[Interval]:
+def _demanded(problem: Problem, steps: list[TaylorStep], psi: ca.Function) -> list[Interval]:
     p = problem.p_value, problem.p_value
     return [enclosure(psi, [box, p])[0] for box in _boxes_at_the_end(problem, steps)]
 
 
-def _terms(problem: Problem, steps: list[Step], psi: ca.Function) -> float:
+def _terms(problem: Problem, steps: list[TaylorStep], psi: ca.Function) -> float:
     """Return the size of what a terminal constraint is the sum of, which may cancel."""
     p, found = (problem.p_value, problem.p_value), 0.0
     y = ca.SX.sym('y', psi.size1_in(0))
@@ -184,7 +184,7 @@ def _stops(problem: Problem) -> Array:
     return np.asarray(stops[stops > 0])
 
 
-def _states_alone(problem: Problem, alone: NDArray[np.int_]) -> list[Step]:
+def _states_alone(problem: Problem, alone: NDArray[np.int_]) -> list[TaylorStep]:
     """Return where the states are that no input enters."""
     y, g = problem.x[alone.tolist()], problem.f[alone.tolist()]
     fixed = ca.DM(np.clip(np.zeros(problem.m), problem.u_lower, problem.u_upper))
@@ -194,7 +194,8 @@ def _states_alone(problem: Problem, alone: NDArray[np.int_]) -> list[Step]:
     return list(tube.steps((x0, x0), _stops(problem)))
 
 
-def _uncontrollable(problem: Problem) -> tuple[list[Row], list[Row], list[Fraction]] | None:
+def _uncontrollable(problem: Problem) -> tuple[list[RationalRow], list[RationalRow],
+                                               list[Fraction]] | None:
     """
     Return combinations y = W x that no input moves, and dy/dt = A y + c, in exact arithmetic.
 
@@ -213,10 +214,10 @@ def _uncontrollable(problem: Problem) -> tuple[list[Row], list[Row], list[Fracti
     A = [{k: value for k, value in enumerate(row[:n]) if value} for row, _ in rows]
     columns = [{i: row[n + j] for i, (row, _) in enumerate(rows) if row[n + j]}
                for j in range(int(movable.sum()))]
-    moved: list[Row] = []
+    moved: list[RationalRow] = []
     for _ in range(n):
         before = len(moved)
-        moved = list(reduced([*moved, *columns]).values())
+        moved = list(reduce_rows([*moved, *columns]).values())
         if len(moved) == before:
             break
         columns = [{i: value for i in range(n) if (value := sum((
@@ -229,16 +230,16 @@ def _uncontrollable(problem: Problem) -> tuple[list[Row], list[Row], list[Fracti
     return W, [_in_terms_of(W, _through(w, A)) for w in W], constants
 
 
-def _through(w: Row, A: list[Row]) -> Row:
+def _through(w: RationalRow, A: list[RationalRow]) -> RationalRow:
     """Return w'A."""
-    total: Row = {}
+    total: RationalRow = {}
     for i, value in w.items():
         for k, a in A[i].items():
             total[k] = total.get(k, Fraction(0)) + value * a
     return {k: value for k, value in total.items() if value}
 
 
-def _in_terms_of(W: list[Row], row: Row) -> Row:
+def _in_terms_of(W: list[RationalRow], row: RationalRow) -> RationalRow:
     """Return the weights with which the rows W add up to a row; they do."""
     # Each vector of a null space has a 1 where the others have none.
     found = {}
@@ -249,7 +250,8 @@ def _in_terms_of(W: list[Row], row: Row) -> Row:
     return found
 
 
-def _modes_alone(problem: Problem, W: list[Row], A: list[Row], c: list[Fraction]) -> list[Step]:
+def _modes_alone(problem: Problem, W: list[RationalRow], A: list[RationalRow],
+                 c: list[Fraction]) -> list[TaylorStep]:
     """Return where y = W x is."""
     n, y = len(W), ca.SX.sym('y', len(W))
     places = [(i, j) for i, row in enumerate(A) for j in row]
@@ -271,7 +273,7 @@ def _around(values: list[Fraction]) -> Box:
             np.array([nextafter(value, inf) for value in near]))
 
 
-def _dot(weights: Row, rest: Fraction, box: Box) -> Interval:
+def _dot(weights: RationalRow, rest: Fraction, box: Box) -> Interval:
     low, high = _around([rest])
     total = Interval(float(low[0]), float(high[0]))
     for k, value in weights.items():
@@ -285,7 +287,7 @@ def _scaled(value: Interval, factor: float) -> Interval:
     return times(value, Interval(factor, factor))
 
 
-def _names(A: list[Row]) -> str:
+def _names(A: list[RationalRow]) -> str:
     """Return the modes of y' = A y in words."""
     matrix = np.array([[float(row.get(j, 0)) for j in range(len(A))] for row in A])
     values = sorted(np.linalg.eigvals(matrix), key=lambda s: (-s.real, s.imag))

@@ -16,12 +16,12 @@ from typing import NamedTuple
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
-from obc_ros.core.numerics.vectorized import Batch
+from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.transcription.local_minima import Familiar
 from obc_ros.core.solver.transcription.mesh import Path, uniform
-from obc_ros.core.solver.transcription.program import Outcome
+from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 
 class _Look(NamedTuple):
@@ -33,7 +33,7 @@ class _Look(NamedTuple):
     steps: int
 
 
-class Seen(NamedTuple):
+class RolloutEnd(NamedTuple):
     """A path, and how near to psi = 0 it ends."""
 
     gap: float
@@ -61,14 +61,14 @@ _CHEAP = 2    # before dearer ones, which come nearer to psi = 0
 _VAIN = 3, 6  # in a row that led to nothing new, once there is an answer, and where it is bent
 
 
-def from_rollouts(search: Bench, T: float) -> list[Outcome]:
+def from_rollouts(search: Bench, T: float) -> list[TranscriptionOutcome]:
     """Return outcomes to be believed from starts that inputs drawn at random lead to, if any."""
     problem = search.problem
     if search.quick or not problem.q or search.kit.twin:
         return []
-    found: list[Outcome] = []
+    found: list[TranscriptionOutcome] = []
     search.familiar = Familiar()
-    paths = iter(nearest(problem, T))
+    paths = iter(search_rollouts(problem, T))
     for path in islice(paths, _TRIED_MOST):
         tried = search.looked_from >= _TRIED and not found
         if tried or search.monitor.stopped or not search.monitor.allows(_INTERVALS):
@@ -87,7 +87,7 @@ def from_rollouts(search: Bench, T: float) -> list[Outcome]:
     return found
 
 
-def interleaved(search: Bench, starts: Iterator[Path], seen: list[Seen],
+def interleaved(search: Bench, starts: Iterator[Path], seen: list[RolloutEnd],
                 rough: Callable[[], bool], bent: bool) -> Iterator[Path]:
     """
     Yield starts, each after a path to near psi = 0 that obeys the dynamics, and costs less if any.
@@ -108,7 +108,7 @@ def interleaved(search: Bench, starts: Iterator[Path], seen: list[Seen],
     yield from starts
 
 
-def _promising(search: Bench, seen: list[Seen], rough: Callable[[], bool],
+def _promising(search: Bench, seen: list[RolloutEnd], rough: Callable[[], bool],
                bent: bool) -> Iterator[Path]:
     """Yield what was seen at a glance, and what a longer look shows where that is worth it."""
     yield from (each.path for each in seen[:1])
@@ -118,9 +118,9 @@ def _promising(search: Bench, seen: list[Seen], rough: Callable[[], bool],
         rest = search.kit.guesser.rest(search.problem)
         look = _LONG if rough() else _SHORT if bent else None
         if look:
-            cheap = iter(nearest(problem, T, outcome.objective, rest, look))
+            cheap = iter(search_rollouts(problem, T, outcome.objective, rest, look))
             yield from islice(cheap, _CHEAP)
-            for pair in zip_longest(nearest(problem, T, np.inf, rest, look), cheap):
+            for pair in zip_longest(search_rollouts(problem, T, np.inf, rest, look), cheap):
                 yield from filter(None, pair)
     yield from _unlike(seen)[1:]
 
@@ -134,9 +134,11 @@ def _within(problem: Problem, path: Path) -> Problem:
         u_upper=np.where(np.isfinite(problem.u_upper), problem.u_upper, high + wide))
 
 
-def glance(search: Bench, bent: bool) -> list[Seen]:
+def glance(search: Bench, bent: bool) -> list[RolloutEnd]:
     """
-    Return some of what `nearest` looks for longer, of inputs at any distance from rest, in order.
+    Return some of what `search_rollouts` looks for longer, of inputs at any distance from rest.
+
+    They are in order.
 
     What costs less than the path found last is often near rest. Where no end is prescribed all
     paths lead somewhere: what lies behind the cheapest of each kind, where `bent` whatever it
@@ -149,7 +151,7 @@ def glance(search: Bench, bent: bool) -> list[Seen]:
     if problem.q:
         led = _Led(search, problem, _glanced(search, problem, T, chance, _GLANCE), _STEPS[0])
         return led.seen(most)
-    seen = list[Seen]()
+    seen = list[RolloutEnd]()
     for steps in _STEPS if bent else _STEPS[:1]:
         drawn = _glanced(search, problem, T, chance, _OPEN[bent][0])
         coarse = _drawn_again(search, problem, drawn, steps, chance, *_OPEN[bent][1:])
@@ -215,7 +217,7 @@ class _Led:
     def kinds(self, most: int) -> Index:
         """Return the cheapest of each kind of path, so many at most, among the cheapest."""
         order = self.order(np.inf)[:_AMONG * most]
-        seen = [Seen(float(rank), self.path(k)) for rank, k in enumerate(order)]
+        seen = [RolloutEnd(float(rank), self.path(k)) for rank, k in enumerate(order)]
         return np.array([order[int(each.gap)] for each, *_ in _alike(seen)[:most]], dtype=np.int64)
 
     def best_of_each(self, many: int) -> Index:
@@ -230,9 +232,9 @@ class _Led:
             error = np.nan_to_num(np.abs(self._cost - other._cost), nan=np.inf)
             return bool(np.median(error) <= _AGREE * np.nan_to_num(np.ptp(self._cost)))
 
-    def seen(self, most: float) -> list[Seen]:
+    def seen(self, most: float) -> list[RolloutEnd]:
         """Return the paths that cost less than `most`, in order."""
-        return [Seen(float(self.gap[k]), self.path(k)) for k in self.order(most)]
+        return [RolloutEnd(float(self.gap[k]), self.path(k)) for k in self.order(most)]
 
     def path(self, k: int) -> Path:
         """Return the path under one of the inputs."""
@@ -263,8 +265,8 @@ class _Drawn:
         return _Drawn(np.clip(self.part[rows] + noise, 0, 1), length)
 
 
-def nearest(problem: Problem, T: float, most: float = np.inf, rest: Array | None = None,
-            look: _Look = _LONG) -> list[Path]:
+def search_rollouts(problem: Problem, T: float, most: float = np.inf, rest: Array | None = None,
+                    look: _Look = _LONG) -> list[Path]:
     """
     Return paths that obey the dynamics from x(0) on and end near psi = 0, at a cost below `most`.
 
@@ -286,14 +288,14 @@ def nearest(problem: Problem, T: float, most: float = np.inf, rest: Array | None
     drawn = _Drawn(part, np.exp(
         chance.uniform(np.log(shortest), np.log(longest), count)))
     rolled_out = _Rollouts(problem, spans, most, look.steps)
-    kept: list[Seen] = []
+    kept: list[RolloutEnd] = []
     for generation in range(look.generations):
         ends, path = rolled_out(drawn)
         best = [end for span in ends for end in sorted(span)[:look.fittest // len(ends)]
                 if np.isfinite(end.gap + end.cost) and end.step > 1]
         if not best:
             break
-        kept += [Seen(end.gap, path(end)) for end in best]
+        kept += [RolloutEnd(end.gap, path(end)) for end in best]
         parents = [best[i] for i in chance.integers(0, len(best), count)]
         k, step = np.array([(end.number, end.step) for end in parents]).T
         used = step / look.steps if final.free else np.ones(count)
@@ -307,15 +309,15 @@ def nearest(problem: Problem, T: float, most: float = np.inf, rest: Array | None
     return _unlike(kept)
 
 
-def _unlike(kept: list[Seen]) -> list[Path]:
+def _unlike(kept: list[RolloutEnd]) -> list[Path]:
     """Return paths, in turn the nearest of those that go the same way."""
     return [each.path for turn in zip_longest(*_alike(kept)) for each in turn if each is not None]
 
 
-def _alike(kept: list[Seen]) -> list[list[Seen]]:
+def _alike(kept: list[RolloutEnd]) -> list[list[RolloutEnd]]:
     """Return paths parted by the way they go, the nearest first."""
     kept = sorted(kept, key=lambda each: each.gap)
-    alike: list[list[Seen]] = []
+    alike: list[list[RolloutEnd]] = []
     if not kept:
         return alike
     way = np.stack([_way(path) for _, path in kept])
@@ -353,8 +355,8 @@ class _Rollouts:
 
     def __init__(self, problem: Problem, spans: Array, most: float, steps: int) -> None:
         self._problem, self._spans, self._most, self._steps = problem, spans, most, steps
-        self._rate = Batch([problem.x, problem.u, problem.p], [problem.f, problem.L])
-        self._ends = Batch([problem.x, problem.p], [problem.psi, problem.V])
+        self._rate = VectorizedFunction([problem.x, problem.u, problem.p], [problem.f, problem.L])
+        self._ends = VectorizedFunction([problem.x, problem.p], [problem.psi, problem.V])
         self._size: Array | None = None
 
     def __call__(self, drawn: _Drawn) -> tuple[list[list[_End]], Callable[[_End], Path]]:
@@ -404,7 +406,7 @@ def _part_at(problem: Problem, u: Array) -> Array:
     return np.asarray((u - lower) / np.where(upper > lower, upper - lower, 1.0))
 
 
-def _rolled_out(problem: Problem, rate: Batch, u: Array, length: Array,
+def _rolled_out(problem: Problem, rate: VectorizedFunction, u: Array, length: Array,
                 steps: int) -> tuple[Array, Array]:
     """Return states (K, steps + 1, n) and the running cost under inputs held in turn."""
     h = length[:, None] / steps

@@ -17,7 +17,7 @@ import numpy as np
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.transcription.mesh import Path, uniform
-from obc_ros.core.solver.transcription.program import Outcome
+from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _RATIO = 2**0.5     # from one window to the next
 _UP, _DOWN = 6, 4   # windows, at most
@@ -36,7 +36,7 @@ def of_other_lengths(search: Bench, starts: Iterator[Path], twice: bool) -> list
     if search.last is None or not _weighs(search.problem):
         return []
     outcome, begun = search.last.outcome, search.work
-    found: list[Outcome] = []
+    found: list[TranscriptionOutcome] = []
     for T in [T for T in _lengths(search, outcome) for _ in range(1 + twice)]:
         most = max(_WORK, begun)
         if search.monitor.stopped or search.work - begun > most:
@@ -45,7 +45,7 @@ def of_other_lengths(search: Bench, starts: Iterator[Path], twice: bool) -> list
             new = _held(search, T, start)
             if new.converged and new.objective < outcome.objective:
                 found.append(new)
-    kept: list[Outcome] = []
+    kept: list[TranscriptionOutcome] = []
     for each in sorted(found, key=lambda each: each.objective):
         if all(abs(each.objective - other.objective) > _SAME * abs(other.objective)
                for other in kept):
@@ -60,7 +60,7 @@ def _weighs(problem: Problem) -> bool:
         or ca.depends_on(problem.V, problem.x))
 
 
-def _lengths(search: Bench, outcome: Outcome) -> list[float]:
+def _lengths(search: Bench, outcome: TranscriptionOutcome) -> list[float]:
     """Return the middle of windows beside the one of the path found last, longer ones first."""
     problem, path = search.problem, outcome.path
     final, T = problem.final_time, float(path.t[-1])
@@ -76,7 +76,7 @@ def _lengths(search: Bench, outcome: Outcome) -> list[float]:
     return [each for each in longer + shorter if final.lower <= each <= upper]
 
 
-def _held(search: Bench, T: float, start: Path) -> Outcome:
+def _held(search: Bench, T: float, start: Path) -> TranscriptionOutcome:
     """Return what a coarse mesh gives from a start, stretched, with T in the window around one."""
     free = search.problem
     final, wide = free.final_time, _RATIO**0.5

@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.solver.adjoint.costates import Integrator
+from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.transcription.mesh import Layout, Mesh, Path, Phase, uniform
-from obc_ros.core.solver.transcription.program import Outcome
+from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _HALVINGS = 6
 _REFINED, _ITERATIONS = 4, 150   # meshes tried over one horizon, iterations on each
@@ -24,7 +24,7 @@ _FINE = 32          # points at which what follows is integrated, in each of its
 _FAR = 10.0         # of the size of the path so far: where what follows is not to be used
 
 
-def lengthened(search: Bench, intervals: int) -> Outcome | None:
+def lengthened(search: Bench, intervals: int) -> TranscriptionOutcome | None:
     """
     Return an outcome over [0, T] that is to be believed, found over longer and longer horizons.
 
@@ -35,7 +35,7 @@ def lengthened(search: Bench, intervals: int) -> Outcome | None:
     if search.quick or whole.q or final.free or search.kit.twin:
         return None
     start = search.kit.guesser.line(whole, final.value)
-    outcome: Outcome | None = None
+    outcome: TranscriptionOutcome | None = None
     monitor, search.monitor = search.monitor, search.monitor.part(_WORK)
     try:
         for halvings in range(_HALVINGS, -1, -1):
@@ -55,7 +55,7 @@ def lengthened(search: Bench, intervals: int) -> Outcome | None:
     return outcome
 
 
-def _believed(search: Bench, mesh: Mesh, path: Path) -> Outcome | None:
+def _believed(search: Bench, mesh: Mesh, path: Path) -> TranscriptionOutcome | None:
     """Return what meshes that are made finer lead to, once it is to be believed."""
     for number in range(_REFINED):
         if search.monitor.stopped or not search.monitor.allows(mesh.layout.intervals):
@@ -72,7 +72,8 @@ def _believed(search: Bench, mesh: Mesh, path: Path) -> Outcome | None:
     return None
 
 
-def _longer(problem: Problem, integrator: Integrator, outcome: Outcome, intervals: int,
+def _longer(problem: Problem, integrator: CostateIntegrator, outcome: TranscriptionOutcome,
+            intervals: int,
             length: float) -> tuple[Mesh, Path]:
     """Return a mesh and a path over a longer time: the path known, and what its end leads to."""
     known = outcome.path

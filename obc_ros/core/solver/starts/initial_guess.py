@@ -10,14 +10,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.numerics.vectorized import Batch
+from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.least_time_form import final_time
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.solver.adjoint.costates import Integrator
+from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.exact.reachable_set import first_reach
 from obc_ros.core.solver.transcription.mesh import Path
-from obc_ros.core.solver.transcription.program import Scales
+from obc_ros.core.solver.transcription.program import ProblemScales
 
 _POINTS = 21
 _SCATTERED = 3.0   # times how far inputs take states, or their sizes: where paths are looked for
@@ -37,11 +37,12 @@ class Guesser:
         x, u, p = problem.x, problem.u, problem.p
         slope = ca.jacobian(problem.psi, x)
         self._curved = ca.depends_on(slope, x)
-        self._psi = Batch([x, p], [problem.psi, slope], 1)
-        self._rest = Batch([x, u, p], [
+        self._psi = VectorizedFunction([x, p], [problem.psi, slope], 1)
+        self._rest = VectorizedFunction([x, u, p], [
             problem.f, ca.jacobian(problem.f, u), ca.jacobian(problem.f, x),
             ca.jacobian(problem.L, u)], 1)
-        self._all = Batch([x, u, p], [ca.vertcat(problem.f, problem.L, problem.path)], 1)
+        self._all = VectorizedFunction([x, u, p], [ca.vertcat(problem.f, problem.L, problem.path)],
+                                       1)
         self._last: tuple[Problem, Array, NDArray[np.bool_]] | None = None
         self._last_line: tuple[Problem, float, Path] | None = None
 
@@ -117,7 +118,7 @@ class Guesser:
                 periods[i] = turn
         return periods
 
-    def sizes(self, problem: Problem, path: Path) -> Scales:
+    def sizes(self, problem: Problem, path: Path) -> ProblemScales:
         """Return typical sizes where a search starts: also of what does not move on its path."""
         found = scales(problem, path)
         points = len(path.ua)
@@ -151,7 +152,7 @@ class Guesser:
         T = path.t[-1] / (1 + path.t[-1] * np.abs(np.linalg.eigvals(A)).max(initial=0.0))
         return first_reach(A, B, T)
 
-    def _beside(self, problem: Problem, path: Path, sizes: Scales) -> float:
+    def _beside(self, problem: Problem, path: Path, sizes: ProblemScales) -> float:
         """Return what paths cost about the sizes of states and inputs beside one without L."""
         n, start, steady = problem.n, path.x[0], path.ua[0]
         away = np.diag(np.concatenate([sizes.x, sizes.u]))
@@ -195,7 +196,7 @@ class Guesser:
         return path if np.isfinite(slope).all() else _path(
             T * s, x, self._along(problem, path, x))
 
-    def driven(self, problem: Problem, integrator: Integrator, u: Array, T: float) -> Path:
+    def driven(self, problem: Problem, integrator: CostateIntegrator, u: Array, T: float) -> Path:
         """Return the path under inputs u (21, m), cut where it leaves all sense."""
         t = np.linspace(0.0, T, _POINTS)
         u = _inside(u, problem.u_lower, problem.u_upper)
@@ -209,7 +210,7 @@ class Guesser:
         x = x[np.minimum(np.arange(_POINTS), last)]
         return _path(t, _inside(x, problem.x_lower, problem.x_upper), u)
 
-    def starts(self, problem: Problem, integrator: Integrator,
+    def starts(self, problem: Problem, integrator: CostateIntegrator,
                spans: Callable[[], tuple[Array, Array] | None] = lambda: None) -> Iterator[Path]:
         """
         Yield starts without end, the most promising first.
@@ -255,7 +256,7 @@ class Guesser:
         reach = reach * np.max(far[moves] / reach[moves]) if moves.any() else reach
         return np.where(far > 0, far, _ASIDE * np.where(reach > 0, reach, sizes.x))
 
-    def scattered(self, problem: Problem, integrator: Integrator, starts: Iterator[Path],
+    def scattered(self, problem: Problem, integrator: CostateIntegrator, starts: Iterator[Path],
                   cost: float) -> Iterator[Path]:
         """
         Yield lines to final states that are drawn around x(0) where psi leaves them open.
@@ -276,7 +277,8 @@ class Guesser:
             else:
                 yield next(starts)
 
-    def room(self, problem: Problem, integrator: Integrator, cost: float) -> tuple[Array, Array]:
+    def room(self, problem: Problem, integrator: CostateIntegrator, cost: float) -> tuple[Array,
+                                                                                          Array]:
         """
         Return how far (n,) from x(0) and (m,) from rest paths may lead that cost no more.
 
@@ -350,7 +352,7 @@ def _power(size: Array | float) -> Array:
     return np.asarray(np.exp2(np.round(np.log2(np.clip(size, 1e-8, 1e12)))))
 
 
-def joined(path: Path, periods: Array) -> Path:
+def join_whole_turns(path: Path, periods: Array) -> Path:
     """Return a path of constant inputs in each interval as one without jumps, nor whole turns."""
     u = path.ua.copy()
     for i in np.flatnonzero(np.isfinite(periods)):
@@ -360,7 +362,7 @@ def joined(path: Path, periods: Array) -> Path:
     return replace(path, ua=nodes[:-1], ub=nodes[1:])
 
 
-def scales(problem: Problem, path: Path) -> Scales:
+def scales(problem: Problem, path: Path) -> ProblemScales:
     """Return typical sizes of states and inputs, from a path and the bounds."""
     def size(values: Array, lower: Array, upper: Array) -> Array:
         seen = np.max(np.abs(values), axis=0, initial=0.0)
@@ -368,6 +370,6 @@ def scales(problem: Problem, path: Path) -> Scales:
         largest = np.where(seen > 0, seen, np.where(span > 0, span, 1.0))
         return _power(largest)
 
-    return Scales(size(path.x, problem.x_lower, problem.x_upper),
-                  size(np.vstack([path.ua, path.ub]), problem.u_lower, problem.u_upper),
-                  float(np.exp2(np.round(np.log2(path.t[-1])))), 1.0)
+    return ProblemScales(size(path.x, problem.x_lower, problem.x_upper),
+                         size(np.vstack([path.ua, path.ub]), problem.u_lower, problem.u_upper),
+                         float(np.exp2(np.round(np.log2(path.t[-1])))), 1.0)

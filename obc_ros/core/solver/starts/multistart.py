@@ -13,13 +13,13 @@ from obc_ros.core.ocp.solution import MOST_MINIMA, Solution
 from obc_ros.core.solver.adjoint.mesh_refinement import below
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.improve.hamiltonian_wells import on_best_branch
-from obc_ros.core.solver.program_cache import Answered, numbers
+from obc_ros.core.solver.program_cache import Answered, collect_numbers
 from obc_ros.core.solver.proofs.optimality import local
-from obc_ros.core.solver.starts.cross_entropy import glance, interleaved, Seen
+from obc_ros.core.solver.starts.cross_entropy import glance, interleaved, RolloutEnd
 from obc_ros.core.solver.starts.final_time_windows import of_other_lengths
 from obc_ros.core.solver.transcription.local_minima import ANOTHER
 from obc_ros.core.solver.transcription.mesh import Path, split, uniform
-from obc_ros.core.solver.transcription.program import Outcome
+from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _EXPLORING = (0.15, 0.3)   # part of the work for further starts, of easy and of hard problems
 _HARD = 3000
@@ -55,7 +55,7 @@ def ended(work: Generator[None, None, Solution]) -> Solution:
             return cast('Solution', end.value)
 
 
-def started(search: Bench, first: Outcome) -> tuple[Solution, float]:
+def started(search: Bench, first: TranscriptionOutcome) -> tuple[Solution, float]:
     """
     Return the answer that a coarse outcome leads to, or one that costs less, and its coarse cost.
 
@@ -84,7 +84,7 @@ def started(search: Bench, first: Outcome) -> tuple[Solution, float]:
 
 
 def explored(search: Bench, best: Solution, floor: float,
-             others: Sequence[Outcome] = ()) -> Solution:
+             others: Sequence[TranscriptionOutcome] = ()) -> Solution:
     """
     Return the best answer after some more starts, and after what others have led to.
 
@@ -98,7 +98,8 @@ def explored(search: Bench, best: Solution, floor: float,
     uneven = search.kit.uneven_costs(search.problem, abs(floor))
     promising, lengths = ([], []) if alone else _lined_up(
         search, floor, uneven=uneven, bent=bent)
-    found, ground = list[Outcome](), floor   # `ground`: of the best, on the coarse mesh
+    # `ground`: of the best, on the coarse mesh.
+    found, ground = list[TranscriptionOutcome](), floor
     ties = [floor]   # coarse costs of what was followed up
     refined = [best.objective] if best.certified else []   # and those that it led to
     # Starts, more after each that has led to something better.
@@ -140,14 +141,14 @@ def explored(search: Bench, best: Solution, floor: float,
                 search.stated, kept.extremal, kept.sizes))
         search.kit.remember(replace(
             kept, rivals=_rivals(found, ground), refined=best.objective / ground if ground else 1,
-            looked=numbers(search.stated),
+            looked=collect_numbers(search.stated),
             optimality=local(search.tried, best.objective, search.minima)))
         search.kit.several |= search.familiar.minima > 1
     return best
 
 
 def _lined_up(search: Bench, floor: float, *, uneven: bool,
-              bent: bool) -> tuple[list[Seen], list[Path]]:
+              bent: bool) -> tuple[list[RolloutEnd], list[Path]]:
     """Line up further starts; return the promising ones, and those of other lengths."""
     problem, begun, lengths = search.problem, search.work, list[Path]()
     if uneven:
@@ -229,7 +230,7 @@ def _rough(search: Bench) -> bool:
     return search.typical > _SLOW or search.familiar.rough
 
 
-def _pursued(search: Bench, floor: float, outcome: Outcome) -> Outcome:
+def _pursued(search: Bench, floor: float, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
     """Return an outcome, or what it leads to where a lower cost is not to be believed yet."""
     if below(outcome.objective, floor, ANOTHER):
         if not outcome.converged and outcome.infeasibility <= _MET:   # ended too soon
@@ -249,7 +250,8 @@ def _tie(best: Solution, ground: float) -> float:
     return ground + 2 * error if best.certified and error < _SAYS * abs(ground) else -np.inf
 
 
-def _may_be_better(search: Bench, outcome: Outcome, best: Solution, kept: Answered | None,
+def _may_be_better(search: Bench, outcome: TranscriptionOutcome, best: Solution,
+                   kept: Answered | None,
                    ground: float, *, lower: bool) -> bool:
     """
     Return whether an outcome may be better on a finer mesh, too, where coarse costs err.
@@ -270,7 +272,7 @@ def _may_be_better(search: Bench, outcome: Outcome, best: Solution, kept: Answer
     return _SAME * abs(known.objective) < abs(apart) and apart < 2 * error
 
 
-def _others(search: Bench, found: list[Outcome], followed: list[float],
+def _others(search: Bench, found: list[TranscriptionOutcome], followed: list[float],
             ground: float) -> list[float]:
     """
     Return the costs of minima that were not followed up, on the mesh on which they were met.
@@ -288,9 +290,9 @@ def _others(search: Bench, found: list[Outcome], followed: list[float],
     return costs
 
 
-def _rivals(found: list[Outcome], ground: float) -> tuple[Outcome, ...]:
+def _rivals(found: list[TranscriptionOutcome], ground: float) -> tuple[TranscriptionOutcome, ...]:
     """Return outcomes of other minima whose costs are not much more than the best one's."""
-    rivals: list[Outcome] = []
+    rivals: list[TranscriptionOutcome] = []
     for outcome in sorted(found, key=lambda outcome: outcome.objective):
         above = outcome.objective - (rivals[-1].objective if rivals else ground)
         if (outcome.converged and above > ANOTHER * abs(ground)

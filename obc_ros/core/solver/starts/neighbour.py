@@ -9,7 +9,7 @@ from obc_ros.core.ocp.solution import Optimality, Solution, Status
 from obc_ros.core.solver.adjoint.mesh_refinement import below
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.improve.kink_mesh import neighbouring
-from obc_ros.core.solver.program_cache import Answered, numbers
+from obc_ros.core.solver.program_cache import Answered, collect_numbers
 from obc_ros.core.solver.proofs.contradictions import contradiction
 from obc_ros.core.solver.proofs.optimality import local
 from obc_ros.core.solver.transcription.local_minima import ANOTHER
@@ -51,7 +51,7 @@ def beside_neighbour(search: Bench) -> Solution | None:
     costs = rivals(search, last) if answer and answer.certified and search.last else None
     if answer and search.last and costs is not None and not beaten(answer, costs):
         known = last.optimality
-        if known is None or not np.array_equal(last.numbers, numbers(search.stated)):
+        if known is None or not np.array_equal(last.numbers, collect_numbers(search.stated)):
             known = beside(answer, costs)
         search.kit.remember(replace(search.last, optimality=known))
         return replace(answer, optimality=known)

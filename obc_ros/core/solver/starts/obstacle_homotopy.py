@@ -16,12 +16,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Mask
-from obc_ros.core.numerics.vectorized import Batch
+from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.starts.initial_guess import scales
 from obc_ros.core.solver.transcription.mesh import Path
-from obc_ros.core.solver.transcription.program import Outcome
+from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 from scipy.optimize import least_squares
 
 _SEEN = 81            # points of the line at which obstacles are looked for
@@ -35,7 +35,7 @@ _OBEY, _ARRIVE, _EASY = 30.0, 10.0, 0.01
 _TRIALS, _ROOM = 15, 1e-9   # and the least room between bounds
 
 
-def started_around(search: Bench, outcome: Outcome) -> int:
+def started_around(search: Bench, outcome: TranscriptionOutcome) -> int:
     """Start next from ways past obstacles, in as long as an outcome takes; return how many."""
     problem, guesser = search.problem, search.kit.guesser
     if search.kit.twin or not np.isfinite(outcome.path.t[-1]):
@@ -65,7 +65,7 @@ def around(problem: Problem, line: Path) -> list[Path]:
     s = np.linspace(0.0, 1.0, _SEEN)
     x = np.column_stack([np.interp(s * line.t[-1], line.t, column) for column in line.x.T])
     path = ca.substitute(problem.path, problem.u, ca.DM.zeros(problem.m))   # other rows have u
-    seen = Batch([problem.x, problem.p], [path, ca.jacobian(path, problem.x).T])
+    seen = VectorizedFunction([problem.x, problem.p], [path, ca.jacobian(path, problem.x).T])
     value, slopes = seen(x, problem.p_value)
     slopes = slopes.reshape(_SEEN, -1, problem.n)
     room = np.minimum(value - problem.path_lower, problem.path_upper - value)
@@ -100,7 +100,7 @@ def _curved(problem: Problem) -> NDArray[np.int64]:
     return np.array(rows, dtype=np.int64)
 
 
-def _sides(problem: Problem, seen: Batch, line: tuple[Array, Array, Array], row: int,
+def _sides(problem: Problem, seen: VectorizedFunction, line: tuple[Array, Array, Array], row: int,
            slope: Array) -> list[Array]:
     """
     Return how far (n,) to leave a line, either way, to pass a constraint.
@@ -160,7 +160,7 @@ class Follower:
     def __init__(self, problem: Problem, line: Path, fixed: Mask) -> None:
         x, u = problem.x, problem.u
         self._problem, self._N = problem, len(line.t) - 1
-        self._rate = Batch([x, u, problem.p], [
+        self._rate = VectorizedFunction([x, u, problem.p], [
             problem.f, ca.jacobian(problem.f, x).T, ca.jacobian(problem.f, u).T])
         placed = _depends(problem)[_curved(problem)].any(axis=0)
         self._placed, self._fixed = np.flatnonzero(placed), np.flatnonzero(fixed)

@@ -16,7 +16,7 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.solver.transcription.program import Outcome
+from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _ROUNDNESS = (1e-2, 1e-3, 1e-4, 1e-6)   # eps, round by round
 
@@ -62,7 +62,7 @@ class Twin:
             u_upper=np.array(upper), p_value=np.append(stated.p_value, eps),
             guess=Guess(stated.guess.x, guess, stated.guess.final_time))
 
-    def back(self, outcome: Outcome, stated: Problem) -> Outcome:
+    def back(self, outcome: TranscriptionOutcome, stated: Problem) -> TranscriptionOutcome:
         """Return an outcome with the inputs of the problem as it was stated."""
         matrix = np.zeros((len(self.split), stated.m))
         for row, (index, sign) in enumerate(self.split):

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index
-from obc_ros.core.solver.nlp.active_set import follow
+from obc_ros.core.solver.nlp.active_set import follow_active_set
 from obc_ros.core.solver.nlp.interior_point import (
     BESIDE,
-    Goal,
     Interior,
     Iterate,
     Pattern,
-    solve,
-    Values,
+    ProgramValues,
+    solve_program,
+    StoppingRule,
 )
 from obc_ros.core.solver.nlp.negative_curvature import left_behind
 from obc_ros.core.solver.transcription.block_program import Whole
@@ -27,7 +27,7 @@ _PENALTY = 1e7       # of J'J, when H is tested
 _STEEPEST = 100.0   # of a cost
 _FAR, _NEAR = (0.1, 1e-2), (1e-6, 1e-6)   # mu, distance from bounds
 _RESUMED = 100.0, 1e-8, 1e-4   # mu at an answer's neighbour: part of the answer's, least, most
-_NEARLY = Goal(feasible=1e-8, optimal=1e-8)   # where it is tried to hold what is at bounds
+_NEARLY = StoppingRule(feasible=1e-8, optimal=1e-8)   # where it is tried to hold what is at bounds
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ class Stages:
         self._kept = np.flatnonzero((rows < self.size) & (columns < self.size))
         self.pattern = Pattern(rows[self._kept], columns[self._kept], self.size, border)
         self._without: tuple[Any, Index] = None, np.zeros(0, dtype=np.int64)
-        self._squared: tuple[Values | None, Array] = None, np.zeros(0)
+        self._squared: tuple[ProgramValues | None, Array] = None, np.zeros(0)
         self._number()
 
     def _number(self) -> None:
@@ -140,7 +140,7 @@ class Stages:
         i, j = np.where(edge, j, i), np.where(edge, i, j)
         return Pattern(i, j, self.size, self.pattern.border, triangle=True), kept
 
-    def convex(self, values: Values, fixed: NDArray[np.bool_], diagonal: Array) -> bool:
+    def convex(self, values: ProgramValues, fixed: NDArray[np.bool_], diagonal: Array) -> bool:
         """
         Return whether the Hessian with a diagonal added is positive definite where J d = 0.
 
@@ -161,7 +161,7 @@ class Stages:
         return pattern.definite(self._squared[1], self._without[1], diagonal)
 
     @np.errstate(over='ignore', invalid='ignore')   # steps that lead far away are not taken
-    def run(self, w: Array, bounds: tuple[Array, Array], goal: Goal,
+    def run(self, w: Array, bounds: tuple[Array, Array], goal: StoppingRule,
             watch: Callable[[float, float], bool], *, near: bool = False,
             multipliers: tuple[Array, Array] | None = None, mu: float = 0.0) -> Found:
         """
@@ -201,7 +201,7 @@ class Stages:
             side = ((z > 0) & (upper - y <= beside)).astype(np.int8)
             side[(z < 0) & (y - lower <= beside)] = -1
             side[lower == upper] = 0
-            followed = follow(self, (lower, upper), y, side, goal, seen)
+            followed = follow_active_set(self, (lower, upper), y, side, goal, seen)
             if followed is not None:
                 return self._followed((lower, upper), *followed)
         work = Interior(self, lower, upper)
@@ -217,17 +217,17 @@ class Stages:
             work.multipliers(now)
         if not goal.rough:
             # Near the end it is clear what is at a bound: held there it is found exactly.
-            now = solve(work, now, _NEARLY, seen)
-            followed = follow(self, (lower, upper), now.y, work.sides(now), goal, seen
-                              ) if now.converged else None
+            now = solve_program(work, now, _NEARLY, seen)
+            followed = follow_active_set(self, (lower, upper), now.y, work.sides(now), goal, seen
+                                         ) if now.converged else None
             if followed is not None:
                 return self._followed((lower, upper), *followed[:2],
                                       now.iterations + followed[2])
             now.converged = False
-        end = solve(work, now, goal, seen)
+        end = solve_program(work, now, goal, seen)
         return self._found(work, left_behind(work, end, goal, seen))
 
-    def _followed(self, bounds: tuple[Array, Array], y: Array, there: Values, steps: int
+    def _followed(self, bounds: tuple[Array, Array], y: Array, there: ProgramValues, steps: int
                   ) -> Found:
         held = (y <= bounds[0]) | (y >= bounds[1])
         return Found(y[self.at_w], there.f / self.factor, there.c[self.at_rows],
@@ -247,7 +247,7 @@ class Stages:
                      end.y[self.at_rows] / self.factor, end.converged, end.status,
                      end.iterations, end.mu)
 
-    def values(self, y: Array) -> Values:
+    def values(self, y: Array) -> ProgramValues:
         """Return everything at y."""
         known = np.concatenate([y, self._constants, [self.factor]])
         flat, parts = np.empty(self._places[-1].stop), []
@@ -259,8 +259,8 @@ class Stages:
             self._slots, flat[self._summands], 3 * self.size + 2), dtype=float)
         c, slope, cost_slope = sums[:-2].reshape(3, -1)
         cost_slope *= self.factor
-        return Values(self.factor * float(sums[-2]), c, slope, cost_slope,
-                      flat[self._entries], tuple(parts))
+        return ProgramValues(self.factor * float(sums[-2]), c, slope, cost_slope,
+                             flat[self._entries], tuple(parts))
 
     def merit(self, y: Array) -> tuple[float, Array]:
         """Return f and c at y."""

@@ -15,7 +15,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Index
-from obc_ros.core.numerics.vectorized import Batch
+from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.solver.transcription.step_derivatives import StepDerivatives
 
 # A function, and the rows and columns of the entries of its result.
@@ -78,15 +78,16 @@ class Piece:
     @cached_property
     def whole(self) -> 'Whole':
         """Return everything at once, for numpy arrays."""
-        values = Batch(self._arguments, [self._g, self._cost], 8)
+        values = VectorizedFunction(self._arguments, [self._g, self._cost], 8)
         if self._derivatives is not None:
             known = self._derivatives()
             return Whole(self.r, np.array(known.slope.row(), dtype=np.int64), _places(known.J),
                          _places(known.H), known, values)
         factor, lam, slope, J, H, both = self._symbols
         return Whole(self.r, np.array(slope.row(), dtype=np.int64), _places(J), _places(H),
-                     Batch([*self._arguments, factor, lam],
-                           [self._g, self._cost, slope.nz[:], both, J.nz[:], H.nz[:]], 8), values)
+                     VectorizedFunction([*self._arguments, factor, lam],
+                                        [self._g, self._cost, slope.nz[:], both, J.nz[:], H.nz[:]],
+                                        8), values)
 
     @staticmethod
     def _sparse(name: str, arguments: list[ca.SX], value: ca.SX) -> Derivative:
@@ -113,8 +114,8 @@ class Whole:
     slope: Index
     jacobian: tuple[Index, Index]
     curvature: tuple[Index, Index]
-    batch: Batch | StepDerivatives
-    values: Batch
+    batch: VectorizedFunction | StepDerivatives
+    values: VectorizedFunction
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +139,7 @@ class Block:
 
 
 @dataclass(frozen=True, eq=False)
-class Program:
+class BlockProgram:
     """A nonlinear program in unknowns w and constants c, with its exact derivatives."""
 
     nlp: dict[str, ca.MX]
@@ -182,7 +183,7 @@ def _mapped(derivative: Derivative, arguments: Sequence[ca.MX]) -> ca.MX:
     return ca.vec(function.map(arguments[0].size2())(*arguments).nz[:])
 
 
-def assemble(blocks: Sequence[Block], unknowns: int, shared: int, constants: int) -> Program:
+def assemble(blocks: Sequence[Block], unknowns: int, shared: int, constants: int) -> BlockProgram:
     """
     Return the program of all blocks.
 
@@ -230,7 +231,7 @@ def assemble(blocks: Sequence[Block], unknowns: int, shared: int, constants: int
                         _mapped(block.piece.curvature, args))
         first += length
     g = ca.vertcat(*rows)
-    return Program(
+    return BlockProgram(
         {'x': w, 'p': c, 'f': cost, 'g': g},
         {'grad_f': ca.Function('grad_f', [w, c], [cost, ca.densify(gradient.matrix())],
                                ['x', 'p'], ['f', 'grad_f_x']),

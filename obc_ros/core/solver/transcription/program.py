@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.numerics.collocation import collocation, gauss_points
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.solver.nlp.interior_point import Goal
-from obc_ros.core.solver.nlp.progress import Monitor, Watch
+from obc_ros.core.solver.nlp.interior_point import StoppingRule
+from obc_ros.core.solver.nlp.progress import ProgressMonitor, Watch
 from obc_ros.core.solver.transcription.banded_program import Found, Stages
-from obc_ros.core.solver.transcription.block_program import assemble, Block, Piece, Program
+from obc_ros.core.solver.transcription.block_program import assemble, Block, BlockProgram, Piece
 from obc_ros.core.solver.transcription.intervals import Pieces
 from obc_ros.core.solver.transcription.local_minima import Familiar
 from obc_ros.core.solver.transcription.mesh import HELD, Layout, Mesh, Path, STEPPED
-from obc_ros.core.solver.transcription.tightening import Limits
+from obc_ros.core.solver.transcription.tightening import TightenedLimits
 
 _COMMON: dict[str, object] = {
     'print_level': 0, 'sb': 'yes', 'linear_solver': 'mumps', 'tol': 1e-9,
@@ -49,7 +49,7 @@ _STARTS: dict[str, dict[str, object]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class TranscriptionOutcome:
     """
     What the solver of the nonlinear program returned.
 
@@ -91,7 +91,7 @@ class Outcome:
     lam_w: Array
     lam_g: Array
     mu: float
-    scales: 'Scales | None' = None
+    scales: 'ProblemScales | None' = None
 
     def pressure(self) -> Array:
         """Return by how much J grows with drawing in each bound of x and of c, (n + l,)."""
@@ -113,7 +113,7 @@ class Outcome:
 
 
 @dataclass(frozen=True, eq=False)
-class Scales:
+class ProblemScales:
     """Typical sizes of the states (n,), the inputs (m,), the time and the cost."""
 
     x: Array
@@ -219,7 +219,7 @@ class Transcription:
                       self.at_x[-1], np.hstack([self.at_x, inputs]), self.unknowns, self.shared)
 
     @cached_property
-    def _program(self) -> Program:
+    def _program(self) -> BlockProgram:
         layout, pieces, problem = self.layout, self._pieces, self._problem
         none = np.zeros((1, 0), dtype=np.int64)
         blocks = [
@@ -258,7 +258,7 @@ class Transcription:
         """Return the mesh points, shape (N + 1,)."""
         return np.append(0.0, np.cumsum(mesh.fractions * durations[self.layout.phase_of]))
 
-    def start(self, mesh: Mesh, guess: Path, durations: Array, scales: Scales) -> Array:
+    def start(self, mesh: Mesh, guess: Path, durations: Array, scales: ProblemScales) -> Array:
         """Return the unknowns that follow a guess stretched to the given durations."""
         t = self.times(mesh, durations)
         stretch = guess.t[-1] / t[-1]
@@ -276,7 +276,8 @@ class Transcription:
             w[self.at_duration] = durations / scales.time
         return w
 
-    def multipliers(self, mesh: Mesh, start: Array, guide: 'Outcome', scales: Scales,
+    def multipliers(self, mesh: Mesh, start: Array, guide: 'TranscriptionOutcome',
+                    scales: ProblemScales,
                     bounds: tuple[Array, Array]) -> tuple[Array, Array]:
         """Return signs of `lam_w` and values of `lam_g` that follow from an outcome nearby."""
         t = self.times(mesh, guide.path.durations)[1:]
@@ -289,13 +290,14 @@ class Transcription:
         return (np.where(inputs, sign, 0.0),
                 np.append((-lam * scales.x).ravel(), guide.nu) / scales.cost)
 
-    def _constants(self, problem: Problem, mesh: Mesh, scales: Scales, T: float) -> Array:
+    def _constants(self, problem: Problem, mesh: Mesh, scales: ProblemScales, T: float) -> Array:
         held = [mesh.held[number, i] / scales.u[i] for number, i in self.held]
         given = [] if self.layout.free_durations else [T / scales.time]
         return np.concatenate([problem.p_value, scales.x, scales.u, [scales.time, scales.cost],
                                mesh.fractions, held, given])
 
-    def _bounds(self, problem: Problem, mesh: Mesh, scales: Scales, limits: 'Limits'
+    def _bounds(self, problem: Problem, mesh: Mesh, scales: ProblemScales,
+                limits: 'TightenedLimits'
                 ) -> tuple[Array, Array]:
         size = np.concatenate([scales.x, scales.u, [scales.time]])
         lower, upper = ((np.concatenate([x, u, [0.0]]) / size)[self.which] for x, u in (
@@ -338,7 +340,8 @@ class Transcription:
         intervals = np.array([phase.intervals for phase in layout.phases])
         return self.unknowns - n >= equations + int(intervals @ equalities.sum(axis=1))
 
-    def _row_bounds(self, problem: Problem, mesh: Mesh, scales: Scales, limits: Limits
+    def _row_bounds(self, problem: Problem, mesh: Mesh, scales: ProblemScales,
+                    limits: TightenedLimits
                     ) -> tuple[Array, Array]:
         N, s = self.layout.intervals, self.layout.stages
         collocation, margin = np.zeros(self.n * (s + 1)), limits.margin[self.n:]
@@ -369,11 +372,12 @@ class Transcription:
             values[np.concatenate(spare)] = none
         return bounds
 
-    def solve(self, problem: Problem, mesh: Mesh, start: Array, scales: Scales,
-              limits: Limits, monitor: Monitor, *, near: bool = False, rough: float = 0.0,
+    def solve(self, problem: Problem, mesh: Mesh, start: Array, scales: ProblemScales,
+              limits: TightenedLimits, monitor: ProgressMonitor, *, near: bool = False,
+              rough: float = 0.0,
               once: bool = False, known: Familiar | None = None,
               multipliers: tuple[Array, Array] | None = None,
-              guide: 'Outcome | None' = None) -> Outcome:
+              guide: 'TranscriptionOutcome | None' = None) -> TranscriptionOutcome:
         """
         Solve the program for the numbers of a problem of the same structure.
 
@@ -414,7 +418,7 @@ class Transcription:
                 return monitor.step(f * scales.cost, worst) or once and again
 
             found = self._staged.run(
-                start, (lower, upper), Goal(rough=rough, spare=once), seen, near=near,
+                start, (lower, upper), StoppingRule(rough=rough, spare=once), seen, near=near,
                 multipliers=guessed, mu=0.0 if guide is None else guide.mu)
             if found.converged or once or monitor.stopped or monitor.spent:
                 return self._outcome(problem, mesh, scales, found, (0.0, 0.0))
@@ -446,8 +450,8 @@ class Transcription:
         rows = lam[:self.n * (s + 1)].reshape(s + 1, self.n)
         return np.asarray(derivative[:, 0] @ rows[:s] - end[0] * rows[s])
 
-    def _outcome(self, problem: Problem, mesh: Mesh, scales: Scales, found: Found,
-                 row_bounds: tuple[Array | float, Array | float]) -> Outcome:
+    def _outcome(self, problem: Problem, mesh: Mesh, scales: ProblemScales, found: Found,
+                 row_bounds: tuple[Array | float, Array | float]) -> TranscriptionOutcome:
         w, lam_w, g, lam_g = found.w, found.lam_w, found.g, found.lam_g
         everything = np.append(w, self._constants(problem, mesh, scales, problem.final_time.value))
         durations = everything[self.at_duration] * scales.time
@@ -470,7 +474,7 @@ class Transcription:
         node_bounds[0] = 0.0
         rows = lam[:first].reshape(N, -1)[:, self.n * s:self.n * (s + 1)]
         costates = np.vstack([self._first_costate(lam) / scales.x, -rows / scales.x])
-        return Outcome(
+        return TranscriptionOutcome(
             mesh, path, found.converged, found.status, found.f * scales.cost, violation,
             found.iterations, lam[first:first + self.q], costates, node_bounds,
             bounds[self.at_inner] / scales.x, node_path, local[:, 1:], sides, w, lam_w, lam_g,

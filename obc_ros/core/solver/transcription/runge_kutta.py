@@ -13,11 +13,11 @@ Rate = Callable[[ca.SX, ca.SX], tuple[ca.SX, ca.SX]]
 
 # J. C. Butcher, On Runge-Kutta processes of high order, J. Austral. Math. Soc. 4 (1964).
 C = (0.0, 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2, 1.0)
-A: tuple[tuple[float, ...], ...] = (
+TABLEAU_A: tuple[tuple[float, ...], ...] = (
     (), (1 / 3,), (0.0, 2 / 3), (1 / 12, 1 / 3, -1 / 12),
     (-1 / 16, 9 / 8, -3 / 16, -3 / 8), (0.0, 9 / 8, -3 / 8, -3 / 4, 1 / 2),
     (9 / 44, -9 / 11, 63 / 44, 18 / 11, 0.0, -16 / 11))
-B = (11 / 120, 0.0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120)
+TABLEAU_B = (11 / 120, 0.0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120)
 
 
 def rate_of(problem: Problem) -> Rate:
@@ -49,10 +49,10 @@ def step(rate: Callable[[ca.SX, ca.SX], ca.SX], x: ca.SX, inputs: tuple[ca.SX, c
 
     """
     start, slopes = ca.vertcat(x, 0), list[ca.SX]()
-    for row, u in zip(A, _called(_along(inputs[0].numel()), *inputs), strict=True):
+    for row, u in zip(TABLEAU_A, _called(_along(inputs[0].numel()), *inputs), strict=True):
         inner = _called(_after(row, start.numel()), start, h, *slopes)[0] if row else start
         slopes.append(rate(inner, u))
-    end, = _called(_after(B, start.numel()), start, h, *slopes)
+    end, = _called(_after(TABLEAU_B, start.numel()), start, h, *slopes)
     return end[:-1], end[-1]
 
 

@@ -14,7 +14,7 @@ _BESIDE = 9.0    # margins from a bound at which x(0) is on it
 
 
 @dataclass(frozen=True, eq=False)
-class Limits:
+class TightenedLimits:
     """
     Bounds besides those of the problem.
 

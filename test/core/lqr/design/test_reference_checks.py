@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.closed_loop import references
 from obc_ros.core.closed_loop.control import Leg, Prediction, Reference, Rules
-from obc_ros.core.closed_loop.feedback import Limits, Regulator
-from obc_ros.core.closed_loop.loop import Loop
-from obc_ros.core.lqr.design.design import ALWAYS, Design, design, plant, Sampling
+from obc_ros.core.closed_loop.feedback import InputLimits, StateFeedback
+from obc_ros.core.closed_loop.loop import ControlLoop
+from obc_ros.core.lqr.design.design import ALWAYS, Design, design, linearize_plant, Sampling
 from obc_ros.core.lqr.design.reference_checks import allowed_error, check
-from obc_ros.core.lqr.design.reference_tracking import Course, course
+from obc_ros.core.lqr.design.reference_tracking import Course, read_course
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import RefusedReferenceError
 import pytest
@@ -23,20 +23,20 @@ from scipy.integrate import solve_ivp
 
 Array = NDArray[np.float64]
 
-VEHICLE = registry.get('vehicle', {})
-FREE = Limits((-math.inf,) * 2, (math.inf,) * 2)
+VEHICLE = registry.get_system('vehicle', {})
+FREE = InputLimits((-math.inf,) * 2, (math.inf,) * 2)
 WIDE = ((-math.inf, math.inf),) * 3
 
 
 def given(t: Any, x: Any, u: Any, holds: bool = False) -> Course:
     """Return a reference of the vehicle."""
-    return course(VEHICLE, ((), ()), t, np.ravel(x).tolist(), np.ravel(u).tolist(),
-                  'zoh' if holds else 'linear', None)
+    return read_course(VEHICLE, ((), ()), t, np.ravel(x).tolist(), np.ravel(u).tolist(),
+                       'zoh' if holds else 'linear', None)
 
 
 def regulator(sampling: Sampling = ALWAYS) -> Design:
     """Return a design for the vehicle."""
-    held = plant(VEHICLE, (0.0, 0.0, 0.0), (10.0, 0.0))
+    held = linearize_plant(VEHICLE, (0.0, 0.0, 0.0), (10.0, 0.0))
     return design(held, {'weights': 'matrices', 'Qx': (1.0,) * 3, 'Qu': (1.0,) * 2, 'cross': (),
                          'x_max': (), 'u_max': (), 'H': (), 'rho': 1.0, 'stability': 0.0},
                   (), (), sampling)
@@ -86,7 +86,7 @@ def test_the_path_of_the_plant_is_accepted(holds: bool, sampling: Sampling) -> N
     for samples in (9, 41):
         along = bend(samples=samples, holds=holds)
         top = float(along.u[:, 0].max())
-        check(along, regulator(sampling), Limits((0.0, -0.2), (top * (1.0 - 1e-7), 0.2)),
+        check(along, regulator(sampling), InputLimits((0.0, -0.2), (top * (1.0 - 1e-7), 0.2)),
               allowed_error(along))
 
 
@@ -96,7 +96,7 @@ def test_inputs_beyond_the_limits_are_refused() -> None:
             r'^v is 12 m/s at t = 4 s, the limit is 10 m/s; '
             r'phi is -0\.07568 rad at t = 4 s, the limit is -0\.05 rad; '
             r'phi is 0\.09.* rad at t = 1\.6 s, the limit is 0\.05 rad$')):
-        check(bend(), regulator(), Limits((0.0, -0.05), (10.0, 0.05)), WIDE)
+        check(bend(), regulator(), InputLimits((0.0, -0.05), (10.0, 0.05)), WIDE)
 
 
 def test_the_path_of_another_plant_is_refused() -> None:
@@ -140,13 +140,13 @@ def test_a_path_without_a_rate_is_refused() -> None:
 
 def held(begin: int | None, px: float, allowed: float = 0.5, end: float = 2.0) -> Leg:
     """Return a reference that holds px, with a gain of its own."""
-    law = Regulator((px, 0.0), (0.0,), ((3.0, 3.0),), (0.0, 0.0))
+    law = StateFeedback((px, 0.0), (0.0,), ((3.0, 3.0),), (0.0, 0.0))
     return Leg(Reference(begin, end), law, law, ((-allowed, allowed),) * 2, ('m', ''))
 
 
 def test_a_reference_that_is_far_away_is_not_taken_up() -> None:
     """The set point goes on, to the last bit; the reason names state, distance and bound."""
-    loop, plain = Loop(control(legs=(held(2 * S, 5.0),))), Loop(control())
+    loop, plain = ControlLoop(control(legs=(held(2 * S, 5.0),))), ControlLoop(control())
     states = [(t, [0.1 * t, 0.3]) for t in np.arange(0.0, 5.0, 0.25).tolist()]
     assert answers(loop, *states) == answers(plain, *states)
     assert list(loop.refused) == ["px is 4.8 m from the plan's start 5 m, allowed 0.5 m"]
@@ -156,7 +156,7 @@ def test_a_reference_that_is_far_away_is_not_taken_up() -> None:
 def test_a_reference_is_judged_by_the_state_at_its_beginning() -> None:
     """Near now and far then it is refused; far now and near then it is followed."""
     for now, then, is_refused in ((5.0, 0.0, True), (0.0, 5.1, False)):
-        loop = Loop(control(legs=(held(S, 5.0),)))
+        loop = ControlLoop(control(legs=(held(S, 5.0),)))
         u = answers(loop, (0.0, [now, 0.0]), (1.0, [then, 0.0]))[-1]
         assert bool(loop.refused) is is_refused
         assert u == pytest.approx([-then if is_refused else -3.0 * (then - 5.0)])
@@ -164,10 +164,10 @@ def test_a_reference_is_judged_by_the_state_at_its_beginning() -> None:
 
 def test_a_reference_that_came_before_the_first_state_is_judged_by_it() -> None:
     """It moves nothing before."""
-    loop = Loop(control(legs=(held(None, 5.0),)))
+    loop = ControlLoop(control(legs=(held(None, 5.0),)))
     assert answers(loop, (7.0, [0.0, 0.0])) == [[0.0]]
     assert len(loop.refused) == 1
-    loop = Loop(control(legs=(held(None, 5.0),)))
+    loop = ControlLoop(control(legs=(held(None, 5.0),)))
     assert answers(loop, (7.0, [5.2, 0.0])) == [pytest.approx([-0.6])]
     assert list(loop.events) == ['the reference of 2 s is taken up']
 
@@ -175,11 +175,11 @@ def test_a_reference_that_came_before_the_first_state_is_judged_by_it() -> None:
 def test_a_reference_joined_in_the_middle_is_judged_there() -> None:
     """The ramp px = t from 0 is at 1 m after 1 s."""
     ramp = replace(leg(0, 2.0), allowed=((-0.5, 0.5),) * 2, units=('m', 'm/s'))
-    loop = Loop(control(legs=(ramp,)))
+    loop = ControlLoop(control(legs=(ramp,)))
     answers(loop, (1.0, [0.0, 1.0]))
     assert list(loop.refused) == ['px is 1 m from 1 m of the plan at t = 1 s, allowed 0.5 m']
     ramp = replace(leg(0, 2.0), allowed=((-0.5, 0.5),) * 2, units=('m', 'm/s'))
-    loop = Loop(control(legs=(ramp,)))
+    loop = ControlLoop(control(legs=(ramp,)))
     answers(loop, (1.0, [1.0, 1.0]), (2.5, [2.0, 0.0]))
     assert not loop.refused
     assert list(loop.events) == [
@@ -189,7 +189,7 @@ def test_a_reference_joined_in_the_middle_is_judged_there() -> None:
 def test_what_was_followed_goes_on_when_the_next_is_refused() -> None:
     """With a reference in force, that one."""
     first, second = held(0, 5.0, end=4.0), held(S, 9.0)
-    loop = Loop(control(legs=(first, second)))
+    loop = ControlLoop(control(legs=(first, second)))
     u = answers(loop, (0.5, [5.0, 0.0]), (1.5, [5.1, 0.0]), (9.0, [5.2, 0.0]))
     assert u == [pytest.approx([0.0]), pytest.approx([-0.3]), pytest.approx([-0.6])]
     assert len(loop.refused) == 1
@@ -197,7 +197,7 @@ def test_what_was_followed_goes_on_when_the_next_is_refused() -> None:
 
 def test_a_stopped_loop_judges_when_it_is_started() -> None:
     """Not by where the plant was when the reference came."""
-    loop = Loop(control(legs=(held(0, 5.0, end=9.0),)))
+    loop = ControlLoop(control(legs=(held(0, 5.0, end=9.0),)))
     loop.stop('by hand')
     answers(loop, (0.0, [0.0, 0.0]))
     assert not loop.refused and not loop.events
@@ -210,9 +210,9 @@ def test_a_reference_is_judged_by_the_state_when_its_first_command_acts() -> Non
     """With a delay of 1 s and a plant that rolls on at 4 m/s: 4 m from where it is."""
     rolls = Prediction(((1.0, 1.0), (0.0, 1.0)), (((0.5,), (1.0,)),), S, S)
     for px, is_refused in ((0.0, True), (4.0, False)):
-        law = Regulator((px, 4.0), (0.0,), K, (0.0, 0.0))
+        law = StateFeedback((px, 4.0), (0.0,), K, (0.0, 0.0))
         near = Leg(Reference(S, 2.0), law, law, ((-0.5, 0.5),) * 2, ('m', 'm/s'))
-        loop = Loop(control(legs=(near,), prediction=rolls))
+        loop = ControlLoop(control(legs=(near,), prediction=rolls))
         answers(loop, (0.0, [0.0, 4.0]))
         assert bool(loop.refused) is is_refused
 
@@ -220,7 +220,7 @@ def test_a_reference_is_judged_by_the_state_when_its_first_command_acts() -> Non
 # After an outage
 
 
-def resumed(loop: Loop, *states: tuple[float, list[float]]) -> list[list[float] | None]:
+def resumed(loop: ControlLoop, *states: tuple[float, list[float]]) -> list[list[float] | None]:
     """Return the answers after an outage, in which on_stale has acted."""
     assert loop.overdue(states[0][0]) is not None and loop.is_stale
     return answers(loop, *states)
@@ -233,7 +233,7 @@ def moving(begin: int = 0, end: float = 4.0, allowed: float = 0.5) -> Leg:
 
 def test_a_reference_that_has_left_the_plant_behind_is_given_up() -> None:
     """The plant stood while no state came. It stands on, and holds the set point after a start."""
-    loop = Loop(control(legs=(moving(),), u=7.0, rest=(7.0,)))
+    loop = ControlLoop(control(legs=(moving(),), u=7.0, rest=(7.0,)))
     answers(loop, (0.0, [0.0, 1.0]), (0.4, [0.4, 1.0]))
     assert resumed(loop, (1.4, [0.5, 0.0]), (1.5, [1.5, 1.0])) == [[7.0], [7.0]]
     assert list(loop.refused) == [
@@ -247,7 +247,7 @@ def test_a_reference_that_has_left_the_plant_behind_is_given_up() -> None:
 
 def test_a_reference_that_the_plant_kept_up_with_goes_on() -> None:
     """As it would have without the outage."""
-    loop, plain = Loop(control(legs=(moving(),))), Loop(control(legs=(moving(),)))
+    loop, plain = ControlLoop(control(legs=(moving(),))), ControlLoop(control(legs=(moving(),)))
     before, after = [(0.0, [0.0, 1.0]), (0.4, [0.4, 1.0])], [(1.4, [1.3, 1.1]), (1.5, [1.4, 1.0])]
     answers(loop, *before)
     assert resumed(loop, *after) == answers(plain, *before, *after)[2:]
@@ -256,7 +256,7 @@ def test_a_reference_that_the_plant_kept_up_with_goes_on() -> None:
 
 def test_a_gap_that_nobody_noticed_is_an_outage_too() -> None:
     """Where the machine stood still on_stale could not act."""
-    loop = Loop(control(legs=(moving(),)))
+    loop = ControlLoop(control(legs=(moving(),)))
     answers(loop, (0.4, [0.4, 1.0]), (0.8, [0.0, 1.0]))   # 0.4 s are none
     assert not loop.stopped
     answers(loop, (1.4, [0.5, 0.0]))
@@ -265,11 +265,11 @@ def test_a_gap_that_nobody_noticed_is_an_outage_too() -> None:
 
 def test_an_outage_over_the_end_of_a_reference() -> None:
     """Its end is where the plant should be; one that had ended before is a set point."""
-    loop = Loop(control(legs=(moving(end=2.0),), u=7.0, rest=(7.0,)))
+    loop = ControlLoop(control(legs=(moving(end=2.0),), u=7.0, rest=(7.0,)))
     answers(loop, (1.0, [1.0, 1.0]))
     assert resumed(loop, (9.0, [1.0, 0.0])) == [[7.0]]
     assert 'px is 1 m from 2 m of the plan at t = 2 s' in loop.refused[0]
-    loop = Loop(control(legs=(moving(end=2.0),)))
+    loop = ControlLoop(control(legs=(moving(end=2.0),)))
     answers(loop, (1.7, [1.7, 1.0]), (2.1, [2.0, 0.0]))
     assert resumed(loop, (9.0, [1.0, 0.0])) == [[1.5]]    # 0.5 - (1 - 2)
     assert not loop.refused and not loop.stopped
@@ -278,7 +278,7 @@ def test_an_outage_over_the_end_of_a_reference() -> None:
 def test_the_next_reference_takes_over_after_an_outage() -> None:
     """If the plant is near it; else neither it nor the one before is followed."""
     for px, is_refused in ((5.2, False), (1.0, True)):
-        loop = Loop(control(legs=(moving(), held(S, 5.0)), u=7.0, rest=(7.0,)))
+        loop = ControlLoop(control(legs=(moving(), held(S, 5.0)), u=7.0, rest=(7.0,)))
         answers(loop, (0.4, [0.4, 1.0]))
         u = resumed(loop, (3.0, [px, 0.0]))
         assert bool(loop.stopped) is is_refused and len(loop.refused) == 2 * is_refused
@@ -287,7 +287,7 @@ def test_the_next_reference_takes_over_after_an_outage() -> None:
 
 def test_a_rate_does_not_skip_the_judgement() -> None:
     """The first state that is answered after the outage is judged."""
-    loop = Loop(control(legs=(moving(),), rules=Rules(period=S, state_timeout=0.5)))
+    loop = ControlLoop(control(legs=(moving(),), rules=Rules(period=S, state_timeout=0.5)))
     answers(loop, (0.0, [0.0, 1.0]))
     assert resumed(loop, (0.9, [0.0, 0.0]), (1.0, [0.0, 0.0])) == [None, [0.0]]
     assert loop.stopped.startswith('after 0.9 s without a state, px is 1 m from 1 m')
@@ -295,7 +295,7 @@ def test_a_rate_does_not_skip_the_judgement() -> None:
 
 def test_a_reference_is_judged_again_where_time_begins_again() -> None:
     """A simulation that was reset starts elsewhere."""
-    loop = Loop(control(legs=(held(S, 5.0),), rules=Rules(state_timeout=0.5)))
+    loop = ControlLoop(control(legs=(held(S, 5.0),), rules=Rules(state_timeout=0.5)))
     answers(loop, (1.0, [5.0, 0.0]))
     assert not loop.refused
     loop.answer(0, [0.0, 0.0], 2.0)
@@ -307,13 +307,13 @@ def test_a_reference_is_judged_again_where_time_begins_again() -> None:
 def test_an_error_of_an_angle_wraps() -> None:
     """A turn more or less is no distance."""
     turned = control(legs=(held(0, 2.0 * math.pi),))
-    turned = replace(turned, limits=Limits((-9.0,), (9.0,), (0,)))
-    assert not list(references.judge(turned, 0, [0.1, 0.0]))
+    turned = replace(turned, limits=InputLimits((-9.0,), (9.0,), (0,)))
+    assert not list(references.judge_references(turned, 0, [0.1, 0.0]))
 
 
 def test_states_that_are_back_are_told_with_how_long_they_were_missing() -> None:
     """By the steady clock."""
-    loop = Loop(control(rules=Rules(state_timeout=0.5)))
+    loop = ControlLoop(control(rules=Rules(state_timeout=0.5)))
     loop.answer(0, [0.0, 0.0], 10.0)
     assert loop.overdue(10.6) == [0.0]
     loop.answer(S, [0.0, 0.0], 13.25)

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.closed_loop.control import Control, Rules
-from obc_ros.core.closed_loop.feedback import Limits, rows
-from obc_ros.core.closed_loop.loop import Loop
+from obc_ros.core.closed_loop.feedback import InputLimits, rows
+from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.closed_loop.simulator import Simulator
-from obc_ros.core.lqr.design.design import Design, design, plant, Sampling
-from obc_ros.core.lqr.design.reference_tracking import Course, course, horizon, leg
+from obc_ros.core.lqr.design.design import Design, design, linearize_plant, Sampling
+from obc_ros.core.lqr.design.reference_tracking import Course, horizon, leg, read_course
 from obc_ros.core.lqr.sampled import discretised
 from obc_ros.core.riccati.fixed_horizon import finite_horizon
 from obc_ros.core.systems import registry
@@ -28,13 +28,14 @@ SPEED, LENGTH = 10.0, 2.0
 def given(system: Any, t: Any, x: Any, u: Any, interpolation: str = 'linear',
           begin: int | None = 0, names: Any = ((), ())) -> Course:
     """Return the course of arrays."""
-    return course(system, names, np.ravel(t).tolist(), np.ravel(x).tolist(),
-                  np.ravel(u).tolist(), interpolation, begin)
+    return read_course(system, names, np.ravel(t).tolist(), np.ravel(x).tolist(),
+                       np.ravel(u).tolist(), interpolation, begin)
 
 
 def double_integrator() -> Design:
     """Return a design of Example 2.4."""
-    return design(plant(registry.get('double_integrator')), {'Qx': (4.0, 0.5), 'Qu': (0.5,)})
+    return design(linearize_plant(registry.get_system('double_integrator')),
+                  {'Qx': (4.0, 0.5), 'Qu': (0.5,)})
 
 
 def test_gains_are_those_of_the_riccati_equation() -> None:
@@ -69,7 +70,7 @@ def test_samples_are_interpolated() -> None:
 
 def test_angles_go_the_short_way() -> None:
     """A heading that wraps is interpolated across the wrap."""
-    system = registry.get('vehicle')
+    system = registry.get_system('vehicle')
     x = [[0.0, 0.0, math.pi - 0.1], [1.0, 0.0, -math.pi + 0.1]]
     along = given(system, [0.0, 1.0], x, [[10.0, 0.0]] * 2)
     assert np.diff(along.x[:, 2]) == pytest.approx(0.2)
@@ -91,7 +92,7 @@ def test_what_is_refused(t: Any, x: Any, u: Any, interpolation: str, names: Any,
                          ) -> None:
     """Each fault has its sentence."""
     with pytest.raises(StatementError) as error:
-        given(registry.get('double_integrator'), t, x, u, interpolation, 0, names)
+        given(registry.get_system('double_integrator'), t, x, u, interpolation, 0, names)
     assert str(error.value).startswith(sentence)
 
 
@@ -110,9 +111,9 @@ def drive(found: Design, courses: tuple[Course, ...], start: list[float], begin:
     """Return times, states and inputs of the vehicle in closed loop."""
     system = found.plant.system
     control = Control(
-        found.regulator, Limits(tuple(system.u_min), tuple(system.u_max), (1,)), (0.0,),
+        found.regulator, InputLimits(tuple(system.u_min), tuple(system.u_max), (1,)), (0.0,),
         system.state_names, Rules(), tuple(leg(each, found)[0] for each in courses))
-    loop, car = Loop(control), Simulator(system, start)
+    loop, car = ControlLoop(control), Simulator(system, start)
     t, x, u = [], [], []
     for k in range(round((end - begin) / dt)):
         now = begin + k * dt
@@ -128,7 +129,7 @@ def drive(found: Design, courses: tuple[Course, ...], start: list[float], begin:
 
 def lateral() -> Design:
     """Return the design of the vehicle across the road."""
-    return design(plant(registry.get('vehicle_lateral')), {
+    return design(linearize_plant(registry.get_system('vehicle_lateral')), {
         'weights': 'bryson', 'x_max': (0.1, 0.1), 'u_max': (0.2,)})
 
 
@@ -183,12 +184,12 @@ def test_one_reference_gives_way_to_the_next() -> None:
 
 def test_an_end_that_cannot_be_held_is_told() -> None:
     """A vehicle that stands cannot be steered; an aircraft that moves cannot stay."""
-    found = design(plant(registry.get('vehicle')), {})
+    found = design(linearize_plant(registry.get_system('vehicle')), {})
     still = given(found.plant.system, [0.0, 1.0], np.zeros((2, 3)), [[1.0, 0.0], [0.0, 0.0]])
     law, words = leg(still, found)
     assert 'left alone' in words and law.after.u == (0.0, 0.0)
     assert law.after.K == ((0.0,) * 3,) * 2
-    flying = design(plant(registry.get('aircraft')), {})
+    flying = design(linearize_plant(registry.get_system('aircraft')), {})
     moving = given(flying.plant.system, [0.0, 1.0], [[0.0] * 6, [1, 0, 0, 5, 0, 0]],
                    [[0.0, 39.2]] * 2)
     law, words = leg(moving, flying)
@@ -197,7 +198,7 @@ def test_an_end_that_cannot_be_held_is_told() -> None:
 
 def test_with_integral_action_and_cross_terms() -> None:
     """The gains along it end in those of the design at its end, whatever the cost."""
-    found = design(plant(registry.get('vehicle_lateral')), {
+    found = design(linearize_plant(registry.get_system('vehicle_lateral')), {
         'Qx': (1.0, 2.0), 'Qu': (0.5,), 'cross': (0.1, 0.2), 'stability': 0.5},
         ('py',), (2.0,))
     t = np.linspace(0.0, 3.0, 301)
@@ -208,7 +209,7 @@ def test_with_integral_action_and_cross_terms() -> None:
 
 def test_an_answer_that_ends_at_rest_is_held_there() -> None:
     """Solvers leave 1e-8 of a speed; the end is rest all the same, with the input that holds."""
-    found = design(plant(registry.get('aircraft')), {})
+    found = design(linearize_plant(registry.get_system('aircraft')), {})
     system, T = found.plant.system, np.linspace(0.0, 2.0, 21)
     x = np.outer(T / 2.0, [1.0, 2.0, 0.0, 0.5, 0.0, 0.0])
     x[-1] = [1.0, 2.0, 1e-8, -2e-8, 3e-8, 1e-8]
@@ -271,7 +272,8 @@ def test_a_horizon_costs_least() -> None:
 
 def test_a_sampled_horizon() -> None:
     """The sum of the sampled cost, backwards from P1 in whole periods."""
-    found = design(plant(registry.get('double_integrator')), {'Qx': (4.0, 0.5), 'Qu': (0.5,)},
+    found = design(linearize_plant(registry.get_system('double_integrator')),
+                   {'Qx': (4.0, 0.5), 'Qu': (0.5,)},
                    sampling=Sampling(0.1, exact=True))
     P1 = np.diag([10.0, 2.0])
     gains = horizon(found, 1.0, P1).gains
@@ -305,22 +307,24 @@ def test_a_terminal_weight_at_the_end_of_a_reference() -> None:
 
 def test_a_constant_push_is_compensated_along_a_reference_that_changes_speed() -> None:
     """From 10 to 2 m/s with a crooked wheel: only integral action keeps to the line."""
-    system = registry.get('vehicle')
+    system = registry.get_system('vehicle')
     t = np.linspace(0.0, 30.0, 301)
     v = np.interp(t, [10.0, 20.0], [10.0, 2.0])
     px = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
     x, u = np.stack([px, 0 * t, 0 * t], axis=1), np.stack([v, 0 * t], axis=1)
     worst = {}
     for integral in ((), ('py',)):
-        found = design(plant(system), {'Qx': (1.0, 4.0, 1.0), 'Qu': (1.0, 1.0)}, integral,
+        found = design(linearize_plant(system), {'Qx': (1.0, 4.0, 1.0), 'Qu': (1.0, 1.0)},
+                       integral,
                        (4.0,) * len(integral))
         law = leg(given(system, t, x, u), found)[0]
         if integral:  # it changes along the way
             Ki = [abs(law.along.at(s).Ki[1][0]) for s in (5.0, 15.0, 29.0)]
             assert max(Ki) > 1.01 * min(Ki)
-        control = Control(found.regulator, Limits(tuple(system.u_min), tuple(system.u_max), (2,)),
+        control = Control(found.regulator,
+                          InputLimits(tuple(system.u_min), tuple(system.u_max), (2,)),
                           (0.0, 0.0), system.state_names, Rules(), (law,), rows(found.C))
-        loop, car, error = Loop(control), Simulator(system, [0.0, 0.0, 0.0]), []
+        loop, car, error = ControlLoop(control), Simulator(system, [0.0, 0.0, 0.0]), []
         for k in range(3_000):
             command = loop.answer(k * S // 100, car.x.tolist(), 0.01 * k)
             assert command is not None

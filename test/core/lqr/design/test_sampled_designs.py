@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.closed_loop.control import Control
-from obc_ros.core.closed_loop.feedback import Limits
-from obc_ros.core.closed_loop.loop import Loop
+from obc_ros.core.closed_loop.feedback import InputLimits
+from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.closed_loop.simulation_settings import Conditions
 from obc_ros.core.closed_loop.simulator import Simulator
-from obc_ros.core.lqr.design.design import Design, design, plant, Sampling
-from obc_ros.core.lqr.design.reference_tracking import course, leg
+from obc_ros.core.lqr.design.design import Design, design, linearize_plant, Sampling
+from obc_ros.core.lqr.design.reference_tracking import leg, read_course
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import RefusedDesignError, StatementError
 import pytest
@@ -30,10 +30,10 @@ def fly(found: Design, h: float, delay: float) -> Array:
     """Return the largest of |x| over each second of flight from px = 0.3."""
     system = found.plant.system
     control = Control(
-        found.regulator, Limits(tuple(system.u_min), tuple(system.u_max), (2,)),
+        found.regulator, InputLimits(tuple(system.u_min), tuple(system.u_max), (2,)),
         found.plant.rest, system.state_names,
         prediction=found.prediction)
-    loop = Loop(control)
+    loop = ControlLoop(control)
     craft = Simulator(system, [0.3, 0.0, 0.0, 0.0, 0.0, 0.0],
                       Conditions(dt=1e-3, input_delay=delay))
     sizes = []
@@ -48,7 +48,7 @@ def fly(found: Design, h: float, delay: float) -> Array:
 
 def test_example_2_5_at_20_hz_and_50_ms_of_delay() -> None:
     """The continuous gain is unstable there; the sampled design with prediction flies."""
-    at = plant(registry.get('aircraft'))
+    at = linearize_plant(registry.get_system('aircraft'))
     continuous = design(at, EXAMPLE_2_5)
     with pytest.raises(RefusedDesignError, match=(
             'held for 0.3 s .* set design = sampled with sample_time = 0.3 first')):
@@ -62,7 +62,7 @@ def test_example_2_5_at_20_hz_and_50_ms_of_delay() -> None:
 
 def test_poles_of_the_sampled_loop() -> None:
     """They tend to those of the continuous design with the period."""
-    at = plant(registry.get('double_integrator'))
+    at = linearize_plant(registry.get_system('double_integrator'))
     continuous = design(at, {})
     quick = design(at, {}, sampling=Sampling(1e-4, exact=True))
     np.testing.assert_allclose(quick.K, continuous.K, rtol=1e-3)
@@ -82,10 +82,10 @@ def test_what_is_refused(given: dict[str, Any], sentence: str) -> None:
 
 def test_a_reference_with_a_sampled_design() -> None:
     """The gains along it are sampled ones too, and end in that of the design."""
-    found = design(plant(registry.get('double_integrator')), {},
+    found = design(linearize_plant(registry.get_system('double_integrator')), {},
                    sampling=Sampling(0.2, exact=True))
     t = np.linspace(0.0, 20.0, 201)
-    along = course(found.plant.system, ((), ()), t.tolist(), [0.0] * 402, [0.0] * 201, '', 0)
+    along = read_course(found.plant.system, ((), ()), t.tolist(), [0.0] * 402, [0.0] * 201, '', 0)
     law = leg(along, found)[0]
     np.testing.assert_allclose(law.along.at(0.0).K, found.K, rtol=1e-9)
     np.testing.assert_allclose(law.along.at(20.0).K, found.K, rtol=1e-9)

@@ -4,7 +4,7 @@
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.ocp.certificate.hamiltonian_minimum import InputMinimum, Scales
+from obc_ros.core.ocp.certificate.hamiltonian_minimum import HamiltonianScales, InputMinimum
 from obc_ros.core.ocp.statement import problem_from_mapping
 import pytest
 
@@ -24,7 +24,8 @@ def gaps(problem, u, lam, mu=None, scale=1.0):
     mu = np.zeros((K, problem.path.numel())) if mu is None else np.reshape(mu, (K, -1))
     minimum = InputMinimum(problem)
     at = minimum.points(problem, np.zeros((K, 1)), u, np.broadcast_to(lam, (K, 1)), mu)
-    return minimum.gap(problem, at, np.arange(K), Scales(np.full(problem.m, scale), 1.0))
+    return minimum.gap(problem, at, np.arange(K),
+                       HamiltonianScales(np.full(problem.m, scale), 1.0))
 
 
 def brute_force(problem, u, lam, low=-1.0, high=1.0):

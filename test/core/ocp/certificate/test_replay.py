@@ -6,8 +6,8 @@ import math
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.numerics.vectorized import Batch
-from obc_ros.core.ocp.certificate.replay import Integrator, Intervals
+from obc_ros.core.numerics.vectorized import VectorizedFunction
+from obc_ros.core.ocp.certificate.replay import Intervals, ReplayIntegrator
 from obc_ros.core.ocp.statement import problem_from_mapping
 import pytest
 from scipy.integrate import solve_ivp
@@ -35,7 +35,7 @@ def intervals(problem, h, x, lam, ua, ub, s=None, m=None):
 
 def replayed(problem, course, tolerance=1e-10):
     """Return the replay of intervals."""
-    return Integrator(problem).replay(course, problem.p_value, np.ones(4), tolerance)
+    return ReplayIntegrator(problem).replay(course, problem.p_value, np.ones(4), tolerance)
 
 
 def test_linear_inputs_on_a_double_integrator():
@@ -100,7 +100,8 @@ def test_a_course_that_ends_in_infinity_is_said_to():
 @pytest.mark.parametrize('count', [1, 31, 32, 33, 127, 1024, 1500])
 def test_a_batch_gives_what_one_by_one_gives(count):
     x, p = ca.SX.sym('x', 2), ca.SX.sym('p', 1)
-    batch = Batch([x, ca.SX(0, 1), p], [ca.sin(x)*p, ca.SX(0, 1), ca.jacobian(x**2, x), p])
+    batch = VectorizedFunction([x, ca.SX(0, 1), p],
+                               [ca.sin(x)*p, ca.SX(0, 1), ca.jacobian(x**2, x), p])
     rows = np.linspace(-3, 3, 2*count).reshape(count, 2)
     sine, none, slope, same = batch(rows, np.zeros(0), np.array([2.0]))
     assert sine == pytest.approx(2*np.sin(rows))
@@ -117,9 +118,9 @@ def test_costates_of_what_decays_at_once_are_integrated_from_the_end():
     x0 = v0 + (1 - v0) / 999   # without a fast part
     course = intervals(problem, h, [[x0 + (1 - v0) * 2 / 999, v0]], 0, 1, 1)
     run = problem.p_value, np.ones(4), 1e-8
-    forward = Integrator(problem).replay(course, *run)
+    forward = ReplayIntegrator(problem).replay(course, *run)
     assert not forward.converged
-    found, defect = Integrator(problem).there_and_back(forward, course, end, *run)
+    found, defect = ReplayIntegrator(problem).there_and_back(forward, course, end, *run)
     assert found.converged
 
     def back(s, z):
@@ -138,7 +139,7 @@ def test_a_defect_of_costates_grows_no_more_than_is_said():
     """With df/dx = -k x and scales that leave its norm as it is the bound is the growth, e^kh."""
     h, k = 0.25, 8.0
     problem = stated({'x': f'-{k}*x + u', 'v': 'x*0'}, 'u**2')
-    integrator, p = Integrator(problem), problem.p_value
+    integrator, p = ReplayIntegrator(problem), problem.p_value
     for size in (1.0, 1e6):   # of states; that of costates is its inverse
         scale = np.array([size, size, 1/size, 1/size])
         ends = []

@@ -14,7 +14,7 @@ from obc_ros.core.solver.arcs.phases import DEGREE, Phased
 from obc_ros.core.solver.descent import Search
 from obc_ros.core.solver.improve.phase_samples import sampled
 from obc_ros.core.solver.improve.state_arcs import settled
-from obc_ros.core.solver.nlp.progress import Monitor
+from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.program_cache import Kit
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.starts.horizon_continuation import lengthened
@@ -42,7 +42,7 @@ def test_a_full_tank_weighs_only_in_the_end_while_its_inflow_is_shut():
     arcs = [Arc(0.0, 1.3, (1.0,), (0,)), Arc(1.3, 3.0, (0.0,), (0,))]
     found = PhasedProgram(problem, (True,)).solve(
         problem, arcs, [np.full(3, 1 / 3)] * 2, guess, scales(problem, guess),
-        np.zeros(1, dtype=bool), Monitor())
+        np.zeros(1, dtype=bool), ProgressMonitor())
     assert found.converged
     assert found.cost == pytest.approx(-2.5, abs=1e-7)
     assert found.durations == pytest.approx([1, 2], abs=1e-6)
@@ -107,7 +107,7 @@ def test_costates_that_change_within_an_interval():
     line = kit.guesser.line(problem, 1.0)
     found = kit.phased.solve(
         problem, [Arc(0.0, 1.0, (np.nan,))], [np.full(24, 1 / 24)], line, scales(problem, line),
-        np.zeros(2, dtype=bool), Monitor())
+        np.zeros(2, dtype=bool), ProgressMonitor())
     answer = sampled(problem, kit.phased, kit.judge, found, 300)
     lam_x = np.exp(-40 * (1 - answer.t))
     assert answer.lam == pytest.approx(np.column_stack([lam_x, 1 - lam_x]), abs=2e-5)
@@ -122,7 +122,7 @@ def test_a_long_horizon_with_a_bound_of_the_state_is_found_from_short_ones():
     costs = []
     for more in ({}, {'state_bounds': {'v': [-6, None]}}):
         problem = problem_from_mapping(pendulum | more)
-        search = Search(problem, Kit(problem), Monitor(60.0))
+        search = Search(problem, Kit(problem), ProgressMonitor(60.0))
         search.stages = 3
         outcome = lengthened(search, 4)
         assert outcome is not None and outcome.converged
@@ -179,7 +179,7 @@ def test_no_phase_begins_where_inputs_do_not_jump():
     free, on = (np.nan, np.nan), (0, 0, 0, 1)
     arcs = [Arc(0.0, 1.0, free, on), Arc(1.0, 2.0, free, on, jump=True)]
     found = settled(problem, PhasedProgram(problem, (True, True)), arcs, guess,
-                    scales(problem, guess), np.zeros(3, dtype=bool), Monitor(), 1,
+                    scales(problem, guess), np.zeros(3, dtype=bool), ProgressMonitor(), 1,
                     spread_like(guess))
     assert len(found.arcs) == 1
     assert found.cost == pytest.approx(1.55597519, abs=1e-8)
@@ -220,7 +220,7 @@ def test_inputs_that_weigh_nothing_at_the_end_go_on_as_before():
     kit = Kit(problem)
     found = kit.phased.solve(
         problem, [Arc(0.0, 1.0, (np.nan, np.nan), (0, 0, 0, 0, 1))], [np.full(4, 0.25)], guess,
-        scales(problem, guess), np.zeros(4, dtype=bool), Monitor())
+        scales(problem, guess), np.zeros(4, dtype=bool), ProgressMonitor())
     assert found.converged
     assert found.cost == pytest.approx(-np.sqrt(0.5), abs=1e-9)
     assert found.u == pytest.approx(np.full((4, DEGREE, 2), np.sqrt(0.5)), abs=1e-5)

@@ -13,7 +13,7 @@ from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.ocp.statement import load_file, problem_from_mapping
 from obc_ros.core.solver.descent import Search
 from obc_ros.core.solver.diagnosis.explanation import explain
-from obc_ros.core.solver.nlp.progress import Monitor
+from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.program_cache import Kit
 from obc_ros.core.solver.proofs.interval_bounds import lowest
 from obc_ros.core.solver.solve import solve
@@ -76,7 +76,7 @@ def test_what_led_nowhere_leaves_time_to_say_why():
     mapping = load_file(PROBLEMS / 'quad_2d_mintime.yaml')[0]
     T = 0.8987
     problem = problem_from_mapping(mapping | {'final_time': {'free': False, 'value': T / 2}})
-    search = Search(problem, Kit(problem), Monitor())
+    search = Search(problem, Kit(problem), ProgressMonitor())
     coarse, spent = search.coarse, []
     search.coarse = lambda: (coarse(), spent.append(search.work))[0]
     search.run()

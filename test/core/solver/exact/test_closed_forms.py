@@ -152,7 +152,7 @@ def areas(path):
 def test_brockett(m, seed):
     random = np.random.default_rng(seed).normal(size=(m, m))
     wanted = random - random.T
-    path = closed_forms.brockett(wanted, np.linspace(0, 1, 65))
+    path = closed_forms.solve_brockett(wanted, np.linspace(0, 1, 65))
     Y, end, J = areas(path)
     np.testing.assert_allclose(Y, wanted, atol=1e-12)
     np.testing.assert_allclose(end, 0, atol=1e-12)
@@ -164,7 +164,7 @@ def test_brockett(m, seed):
 
 def test_brockett_with_equal_singular_values():
     wanted = np.kron(np.eye(2), [[0, 1], [-1, 0]])
-    Y, _, J = areas(closed_forms.brockett(wanted, np.linspace(0, 1, 65)))
+    Y, _, J = areas(closed_forms.solve_brockett(wanted, np.linspace(0, 1, 65)))
     np.testing.assert_allclose(Y, wanted, atol=1e-12)
     assert pytest.approx(3 * pi) == J
 
@@ -172,7 +172,7 @@ def test_brockett_with_equal_singular_values():
 @settings(max_examples=30, deadline=None)
 @given(st.tuples(*[st.floats(-5, 5)] * 3))
 def test_brockett_in_three_dimensions(y):
-    path = closed_forms.brockett(np.cross(y, np.eye(3)).T, np.linspace(0, 1, 33))
+    path = closed_forms.solve_brockett(np.cross(y, np.eye(3)).T, np.linspace(0, 1, 33))
     Y, _, J = areas(path)
     for z in np.eye(3):
         np.testing.assert_allclose(Y @ z, np.cross(y, z), atol=1e-12)
@@ -183,7 +183,7 @@ def test_brockett_in_three_dimensions(y):
 def test_no_random_neighbour_of_brocketts_path_is_cheaper():
     # q + h with h a sinusoid that is zero at both ends, then scaled to the same area.
     t = np.linspace(0, 1, 129)
-    path = closed_forms.brockett([[0, 2.0], [-2.0, 0]], t)
+    path = closed_forms.solve_brockett([[0, 2.0], [-2.0, 0]], t)
     rng = np.random.default_rng(1)
     for _ in range(100):
         k, size = rng.integers(1, 6, 2), 0.2 * rng.normal(size=2)
@@ -214,10 +214,10 @@ def test_straight_line():
     (lambda: closed_forms.scalar_infinite_horizon(1, 1, 1, [-1]), 'not before t0'),
     (lambda: closed_forms.double_integrator_regulator(0), 'q = 0'),
     (lambda: closed_forms.lag_regulator(-1), 'a = -1'),
-    (lambda: closed_forms.brockett([[0, 1], [1, 0]], [0]), 'must be skew'),
-    (lambda: closed_forms.brockett([[0, 1, 2], [1, 0, 1]], [0]), 'square matrix'),
-    (lambda: closed_forms.brockett([[0, inf], [-inf, 0]], [0]), 'finite'),
-    (lambda: closed_forms.brockett([[0, 1], [-1, 0]], [2]), 'within \\[0, 1\\]'),
+    (lambda: closed_forms.solve_brockett([[0, 1], [1, 0]], [0]), 'must be skew'),
+    (lambda: closed_forms.solve_brockett([[0, 1, 2], [1, 0, 1]], [0]), 'square matrix'),
+    (lambda: closed_forms.solve_brockett([[0, inf], [-inf, 0]], [0]), 'finite'),
+    (lambda: closed_forms.solve_brockett([[0, 1], [-1, 0]], [2]), 'within \\[0, 1\\]'),
     (lambda: closed_forms.straight_line([1], [1, 2], [0]), 'one dimension'),
     (lambda: closed_forms.straight_line([1, inf], [1, 2], [0]), 'finite'),
 ])

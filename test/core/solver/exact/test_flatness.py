@@ -8,7 +8,7 @@ from math import pi
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from obc_ros.core.numerics.polynomial_bases import basis, KINDS
+from obc_ros.core.numerics.polynomial_bases import basis, BASIS_KINDS
 from obc_ros.core.solver.exact import closed_forms, flatness
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import StatementError
@@ -17,7 +17,7 @@ from scipy.integrate import solve_bvp
 from scipy.interpolate import BSpline
 
 EXERCISE_2_4 = {'a': -1.0}   # x' = -a x + b u is the registered x' = a x + b u with a = -1
-AIRCRAFT = registry.get('aircraft', {'c': 0.0})
+AIRCRAFT = registry.get_system('aircraft', {'c': 0.0})
 HOVER = [0, 39.2]
 
 
@@ -48,7 +48,7 @@ def meets(system, found, start, goal):
         np.testing.assert_allclose(difference, 0, atol=1e-9)
 
 
-@pytest.mark.parametrize('kind', KINDS)
+@pytest.mark.parametrize('kind', BASIS_KINDS)
 @pytest.mark.parametrize('M', [5, 9])
 def test_bases_against_their_definitions(kind, M):
     s = np.linspace(0, 1, 11)
@@ -66,7 +66,7 @@ def test_bases_against_their_definitions(kind, M):
 
 def test_exercise_2_4_c_by_hand():
     # M = 2: xd is linear in t and ud = (xd' + a xd) / b.
-    system = registry.get('scalar', {'a': -0.7, 'b': 2.0})
+    system = registry.get_system('scalar', {'a': -0.7, 'b': 2.0})
     found = flatness.generate(system, [1.0], [3.0], 4.0, t0=0.5)
     t, x, u = found.sample(9)
     line = 1 + 2 * (t - 0.5) / 4
@@ -78,14 +78,14 @@ def test_exercise_2_4_c_by_hand():
 def test_exercise_2_4_d_costs_of_both_approaches():
     # Errata 7: x(1) = 1 is imposed, b = 1.
     optimum = closed_forms.scalar_between(-1, 1, 0, 1, [0, 1], tf=1)
-    found = flatness.generate(registry.get('scalar', EXERCISE_2_4), [0], [1], 1.0, Qu=[0.5])
+    found = flatness.generate(registry.get_system('scalar', EXERCISE_2_4), [0], [1], 1.0, Qu=[0.5])
     assert pytest.approx(1 / (1 - np.exp(-2))) == optimum.J
     assert pytest.approx(7 / 6) == found.J
 
 
-@pytest.mark.parametrize('kind', KINDS)
+@pytest.mark.parametrize('kind', BASIS_KINDS)
 def test_exercise_2_4_e_spare_coefficients(kind):
-    system = registry.get('scalar', EXERCISE_2_4)
+    system = registry.get_system('scalar', EXERCISE_2_4)
     optimum = closed_forms.scalar_between(-1, 1, 0, 1, np.linspace(0, 1, 33), tf=1)
     found = [flatness.generate(system, [0], [1], 1.0, kind=kind, coefficients=M, Qu=[0.5])
              for M in (2, 3, 5, 9)]
@@ -102,25 +102,27 @@ def test_exercise_2_5_falls_to_the_optimum():
         lambda t, y: np.vstack((-y[0]**3 - y[1], 3 * y[0]**2 * y[1], y[1]**2 / 2)),
         lambda a, b: np.array([a[0], b[0] - 1, a[2]]), np.linspace(0, 1, 51),
         np.vstack((np.linspace(0, 1, 51), -np.ones(51), np.zeros(51))), tol=1e-9)
-    costs = [flatness.generate(registry.get('cubic'), [0], [1], 1.0, coefficients=M, Qu=[0.5]).J
+    costs = [
+        flatness.generate(registry.get_system('cubic'), [0], [1], 1.0, coefficients=M, Qu=[0.5]).J
              for M in (2, 4, 6, 10)]
     assert all(more < less for less, more in pairwise(costs))
     assert costs[-1] == pytest.approx(bvp.y[2, -1], rel=1e-6)
 
 
 @settings(max_examples=20, deadline=None)
-@given(st.tuples(*[st.floats(-3, 3)] * 4), st.floats(0.3, 5), st.sampled_from(KINDS))
+@given(st.tuples(*[st.floats(-3, 3)] * 4), st.floats(0.3, 5), st.sampled_from(BASIS_KINDS))
 def test_double_integrator_of_least_effort(ends, T, kind):
     x0, v0, x1, v1 = ends
     # The optimum is a cubic polynomial: four coefficients reach it.
-    found = flatness.generate(registry.get('double_integrator'), [x0, v0], [x1, v1], T, kind=kind)
+    found = flatness.generate(registry.get_system('double_integrator'), [x0, v0], [x1, v1], T,
+                              kind=kind)
     way, turn = x1 - x0 - v0 * T, v1 - v0
     wanted = 12 * way**2 / T**3 - 12 * way * turn / T**2 + 4 * turn**2 / T
     assert pytest.approx(wanted, abs=1e-8 * (1 + wanted)) == found.J
-    meets(registry.get('double_integrator'), found, [x0, v0], [x1, v1])
+    meets(registry.get_system('double_integrator'), found, [x0, v0], [x1, v1])
 
 
-@pytest.mark.parametrize('kind', KINDS)
+@pytest.mark.parametrize('kind', BASIS_KINDS)
 @pytest.mark.parametrize(('name', 'start', 'goal', 'T', 'options'), [
     ('vehicle', [0, -2, 0], [100, 2, 0], 10.0, {'ur': [10, 0]}),
     ('vehicle', [0, 0, 0.3], [20, 8, -0.4], 4.0,
@@ -130,13 +132,13 @@ def test_double_integrator_of_least_effort(ends, T, kind):
     ('two_wheeled', [1, 1, 3.0], [-2, 1.5, -3.1], 6.0, {}),
 ])
 def test_vehicles(kind, name, start, goal, T, options):
-    system = registry.get(name)
+    system = registry.get_system(name)
     found = flatness.generate(system, start, goal, T, kind=kind, coefficients=7, **options)
     meets(system, found, start, goal)
     put_back(system, found)
 
 
-@pytest.mark.parametrize('kind', KINDS)
+@pytest.mark.parametrize('kind', BASIS_KINDS)
 def test_aircraft_without_drag(kind):
     start, goal = np.zeros(6), [1, 1, 0, 0, 0, 0]
     costs = []
@@ -159,7 +161,7 @@ def test_aircraft_between_tilted_states():
 
 
 def test_state_weights_count_wrapped_angles():
-    system = registry.get('two_wheeled')
+    system = registry.get_system('two_wheeled')
     options = {'coefficients': 6, 'Qx': [0, 0, 1], 'Qu': [1, 1]}
     once = flatness.generate(system, [0, 0, 0], [4, 1, 0], 5.0, xr=[0, 0, 0], **options)
     round_ = flatness.generate(system, [0, 0, 0], [4, 1, 0], 5.0, xr=[0, 0, 2 * pi], **options)
@@ -167,7 +169,7 @@ def test_state_weights_count_wrapped_angles():
 
 
 def test_no_random_neighbour_is_cheaper():
-    system = registry.get('cubic')
+    system = registry.get_system('cubic')
     found = flatness.generate(system, [0.2], [1.5], 2.0, coefficients=6, Qx=[1])
     nodes, weights = np.polynomial.legendre.leggauss(40)
     s = (nodes + 1) / 2
@@ -201,19 +203,20 @@ def test_no_random_neighbour_is_cheaper():
 ])
 def test_why_not(name, arguments, options, text):
     with pytest.raises(StatementError, match=text):
-        flatness.generate(registry.get(name), *arguments, **options)
+        flatness.generate(registry.get_system(name), *arguments, **options)
 
 
 def test_systems_that_their_parameters_keep_from_being_flat():
     with pytest.raises(StatementError, match='flat for r = 0'):
-        flatness.generate(registry.get('aircraft', {'c': 0.0, 'r': 0.0}), np.zeros(6), np.zeros(6),
+        flatness.generate(registry.get_system('aircraft', {'c': 0.0, 'r': 0.0}), np.zeros(6),
+                          np.zeros(6),
                           1.0)
     with pytest.raises(StatementError, match='flat for b = 0'):
-        flatness.generate(registry.get('cubic', {'b': 0.0}), [0], [1], 1.0)
+        flatness.generate(registry.get_system('cubic', {'b': 0.0}), [0], [1], 1.0)
 
 
 @pytest.mark.parametrize('n', [1, 0, 2.5, True, None])
 def test_bad_number_of_samples(n):
-    found = flatness.generate(registry.get('cubic'), [0], [1], 1.0)
+    found = flatness.generate(registry.get_system('cubic'), [0], [1], 1.0)
     with pytest.raises(StatementError, match='2 or more times'):
         found.sample(n)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.ocp.problem import FinalTime, Problem
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.solver.exact.two_wheeled import least_time, solve_two_wheeled
+from obc_ros.core.solver.exact.two_wheeled import find_least_time_path, solve_two_wheeled
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.text.errors import StatementError
 import pytest
@@ -39,7 +39,7 @@ def robot(start, goal, L=1.0, M=1.0, order=(0, 1, 2), rate=1.0, upper=50.0, weig
 @given(poses, poses, limits, limits)
 @example((0.0, 0.0, 2.0**-23), (2.0**-23, 0.0, 2.0**-23), 3.0, 1.0)
 def test_pontryagin(start, goal, L, M):
-    found = least_time(start, goal, L, M)
+    found = find_least_time_path(start, goal, L, M)
     x, u, lam = found.x, found.u, found.lam
     assert found.status is Status.SOLVED
     assert (np.abs(u) <= [L + 1e-12, M + 1e-12]).all()
@@ -62,7 +62,7 @@ def test_pontryagin(start, goal, L, M):
 @settings(max_examples=100, deadline=None)
 @given(poses, poses, limits, limits)
 def test_inputs_drive_the_states(start, goal, L, M):
-    found = least_time(start, goal, L, M)
+    found = find_least_time_path(start, goal, L, M)
     assert tuple(found.x[0]) == start
     np.testing.assert_allclose(found.x[-1, :2], goal[:2], atol=1e-12)
     assert abs(np.exp(1j * found.x[-1, 2]) - np.exp(1j * goal[2])) < 1e-12
@@ -77,7 +77,7 @@ def test_inputs_drive_the_states(start, goal, L, M):
 
 
 def test_turning_on_the_spot_takes_as_long_as_three_arcs():
-    found = least_time((0, 0, 0), (0, 0, pi / 2), 1, 1)
+    found = find_least_time_path((0, 0, 0), (0, 0, pi / 2), 1, 1)
     assert found.objective == pytest.approx(pi / 2, abs=1e-12)
     first, last = found.switching_times[0], pi / 2 - found.switching_times[1]
     # The circles' centres are 2, 2 and sqrt(2) apart.
@@ -89,7 +89,8 @@ def test_turning_on_the_spot_takes_as_long_as_three_arcs():
 @settings(max_examples=50, deadline=None)
 @given(poses, poses, limits, st.floats(0.1, 10))
 def test_scaling_both_limits_scales_time(start, goal, L, factor):
-    once, scaled = least_time(start, goal, L, 1.0), least_time(start, goal, factor * L, factor)
+    once, scaled = find_least_time_path(start, goal, L,
+                                        1.0), find_least_time_path(start, goal, factor * L, factor)
     assert scaled.objective == pytest.approx(once.objective / factor, rel=1e-9)
 
 
@@ -97,7 +98,7 @@ def test_scaling_both_limits_scales_time(start, goal, L, factor):
 def test_the_problem_is_recognised_in_any_order(order):
     start, goal = (0.2, -0.1, 0.3), (1.5, 1.0, 1.2)
     problem = robot(start, goal, 1.3, 0.8, order, rate=3.0)
-    found, direct = solve_two_wheeled(problem), least_time(start, goal, 1.3, 0.8)
+    found, direct = solve_two_wheeled(problem), find_least_time_path(start, goal, 1.3, 0.8)
     assert found.objective == pytest.approx(3 * direct.objective)
     np.testing.assert_allclose(found.x[:, list(order)], direct.x)
     np.testing.assert_allclose(found.lam[-1], 2 * found.nu)
@@ -122,9 +123,9 @@ def test_too_little_time_is_said():
 @pytest.mark.parametrize('limit', [0, -1, float('inf'), float('nan'), '1', None])
 def test_bad_limits(limit):
     with pytest.raises(StatementError, match='max_speed must be a finite number > 0'):
-        least_time((0, 0, 0), (1, 0, 0), limit, 1.0)
+        find_least_time_path((0, 0, 0), (1, 0, 0), limit, 1.0)
     with pytest.raises(StatementError, match='max_turn_rate'):
-        least_time((0, 0, 0), (1, 0, 0), 1.0, limit)
+        find_least_time_path((0, 0, 0), (1, 0, 0), 1.0, limit)
 
 
 def test_solve_answers_by_the_shortest_path():

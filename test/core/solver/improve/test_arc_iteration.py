@@ -6,7 +6,7 @@ from pathlib import Path
 
 from obc_ros.core.ocp.statement import load_file, problem_from_mapping
 from obc_ros.core.solver.descent import Search
-from obc_ros.core.solver.nlp.progress import Monitor
+from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.program_cache import Kit
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.transcription.mesh import uniform
@@ -24,7 +24,7 @@ def test_what_coarse_paths_cost_without_the_gaps_between_their_steps(intervals: 
     problem = problem_from_mapping(mapping)
     least, costs, closed = mapping['expected']['objective'], [], []
     for stages in (0, 3):
-        search = Search(problem, Kit(problem), Monitor())
+        search = Search(problem, Kit(problem), ProgressMonitor())
         line = search.kit.guesser.line(problem, problem.final_time.value)
         outcome = search.collocate(uniform(problem, intervals, stages), line)
         assert outcome.converged

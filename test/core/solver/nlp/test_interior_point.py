@@ -8,13 +8,19 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.statement import problem_from_mapping
-from obc_ros.core.solver.nlp.active_set import follow
-from obc_ros.core.solver.nlp.interior_point import Goal, Interior, Pattern, solve, Values
-from obc_ros.core.solver.nlp.progress import Monitor
+from obc_ros.core.solver.nlp.active_set import follow_active_set
+from obc_ros.core.solver.nlp.interior_point import (
+    Interior,
+    Pattern,
+    ProgramValues,
+    solve_program,
+    StoppingRule,
+)
+from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.starts.initial_guess import Guesser, scales
 from obc_ros.core.solver.transcription.mesh import uniform
-from obc_ros.core.solver.transcription.program import Outcome, Transcription
-from obc_ros.core.solver.transcription.tightening import Limits
+from obc_ros.core.solver.transcription.program import Transcription, TranscriptionOutcome
+from obc_ros.core.solver.transcription.tightening import TightenedLimits
 import pytest
 
 
@@ -39,19 +45,19 @@ class Small:
         rows, columns = np.indices((self.size, self.size)).reshape(2, -1)
         self.pattern = Pattern(rows, columns, self.size, 0)
 
-    def values(self, y: np.ndarray) -> Values:
+    def values(self, y: np.ndarray) -> ProgramValues:
         f, g, slope, cost, H, J = (value.full() for value in self._all(y))
         none, c = np.zeros(self.size - self.n), np.zeros(self.size)
         c[self.n:] = g.ravel()
         K = np.block([[H, J.T], [J, np.zeros((len(J), len(J)))]])
-        return Values(float(f[0, 0]), c, np.append(slope.ravel(), none),
-                      np.append(cost.ravel(), none), K.ravel(), ((J, H),))
+        return ProgramValues(float(f[0, 0]), c, np.append(slope.ravel(), none),
+                             np.append(cost.ravel(), none), K.ravel(), ((J, H),))
 
     def merit(self, y: np.ndarray) -> tuple[float, np.ndarray]:
         there = self.values(y)
         return there.f, there.c
 
-    def convex(self, values: Values, fixed: np.ndarray, diagonal: np.ndarray) -> bool:
+    def convex(self, values: ProgramValues, fixed: np.ndarray, diagonal: np.ndarray) -> bool:
         (J, H), = values.parts
         free = ~fixed[:self.n]
         full = H + np.diag(diagonal[:self.n])
@@ -66,10 +72,11 @@ def bounds(program: Small, lower: list[float], upper: list[float]) -> tuple[np.n
 
 
 def answered(program: Small, lower: list[float], upper: list[float], start: list[float],
-             goal: Goal | None = None) -> tuple[np.ndarray, bool, str]:
+             goal: StoppingRule | None = None) -> tuple[np.ndarray, bool, str]:
     work = Interior(program, *bounds(program, lower, upper))
     y = np.append(np.array(start, dtype=float), np.zeros(program.size - program.n))
-    end = solve(work, work.begin(y, 0.1, 1e-2), goal or Goal(), lambda f, worst: False)
+    end = solve_program(work, work.begin(y, 0.1, 1e-2), goal or StoppingRule(), lambda f,
+                        worst: False)
     return end.y, end.converged, end.status
 
 
@@ -110,7 +117,7 @@ def test_a_cost_that_is_good_enough_ends_the_work_sooner():
         program = hs71()
         work = Interior(program, *bounds(program, [1, 1, 1, 1, 0], [5, 5, 5, 5, np.inf]))
         start = work.begin(np.append([1.0, 5, 5, 1, 1], [0, 0]), 0.1, 1e-2)
-        end = solve(work, start, Goal(rough=rough), lambda f, worst: False)
+        end = solve_program(work, start, StoppingRule(rough=rough), lambda f, worst: False)
         assert end.values.f == pytest.approx(17.0140173, rel=max(rough, 1e-6))
         steps[rough] = end.iterations
     assert steps[1e-2] < steps[0.0]
@@ -147,8 +154,10 @@ def test_following_finds_which_bounds_are_active():
     a = np.array([0.9, 0.6, -0.3, 0.1])
     program = Small(ca.sumsqr(w - a), ca.sum1(w) - 1, w)
     for side in ([0, 0, 0, 0], [-1, 0, 0, -1], [0, -1, -1, 0]):
-        found = follow(program, bounds(program, [0] * 4, [np.inf] * 4), np.array([0.25] * 4 + [0]),
-                       np.array([*side, 0], dtype=np.int8), Goal(), lambda f, worst: False)
+        found = follow_active_set(program, bounds(program, [0] * 4, [np.inf] * 4),
+                                  np.array([0.25] * 4 + [0]),
+                                  np.array([*side, 0], dtype=np.int8), StoppingRule(), lambda f,
+                                  worst: False)
         assert found is not None
         np.testing.assert_allclose(found[0][:4], [0.65, 0.35, 0, 0], atol=1e-9)
 
@@ -156,8 +165,9 @@ def test_following_finds_which_bounds_are_active():
 def test_following_takes_no_saddle_for_an_answer():
     w = ca.SX.sym('w', 2)
     program = Small(w[0] * w[1], ca.SX(0, 1), w)
-    assert follow(program, bounds(program, [-1, -1], [1, 1]), np.array([0.1, 0.1]),
-                  np.zeros(2, dtype=np.int8), Goal(), lambda f, worst: False) is None
+    assert follow_active_set(program, bounds(program, [-1, -1], [1, 1]), np.array([0.1, 0.1]),
+                             np.zeros(2, dtype=np.int8), StoppingRule(), lambda f,
+                             worst: False) is None
 
 
 def pendulum(**changes: object) -> Problem:
@@ -168,7 +178,8 @@ def pendulum(**changes: object) -> Problem:
         'final_time': {'free': False, 'value': 5}} | changes)
 
 
-def transcribed(problem: Problem, *, own: bool, near: Outcome | None = None) -> Outcome:
+def transcribed(problem: Problem, *, own: bool,
+                near: TranscriptionOutcome | None = None) -> TranscriptionOutcome:
     mesh = uniform(problem, 20, 0)
     program = Transcription(problem, mesh.layout)
     if not own:
@@ -177,10 +188,11 @@ def transcribed(problem: Problem, *, own: bool, near: Outcome | None = None) -> 
     guess = guesser.line(problem, problem.final_time.value if not problem.final_time.free else 3.0)
     sizes = scales(problem, guess)
     final = problem.final_time
-    limits = Limits(np.array([final.lower]), np.array([final.upper]), np.zeros(problem.n),
-                    guesser.final_state(problem)[1])
+    limits = TightenedLimits(np.array([final.lower]), np.array([final.upper]), np.zeros(problem.n),
+                             guesser.final_state(problem)[1])
     start = program.start(mesh, guess, guess.durations, sizes) if near is None else near.w
-    return program.solve(problem, mesh, start, sizes, limits, Monitor(), near=near is not None,
+    return program.solve(problem, mesh, start, sizes, limits, ProgressMonitor(),
+                         near=near is not None,
                          multipliers=None if near is None else (near.lam_w, near.lam_g))
 
 

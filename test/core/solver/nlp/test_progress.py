@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """What stops a solver, and what stops a part of the work only."""
 
-from obc_ros.core.solver.nlp.progress import Monitor
+from obc_ros.core.solver.nlp.progress import ProgressMonitor
 import pytest
 
 
 @pytest.mark.parametrize('each', [1, 7, 16])
 def test_a_part_ends_after_its_work_and_not_the_whole(each: int) -> None:
     """However the work is spread over solvers; what comes after it has none left."""
-    whole = Monitor()
+    whole = ProgressMonitor()
     part = whole.part(100)
     steps = 0
     for _ in range(3):
@@ -23,7 +23,7 @@ def test_a_part_ends_after_its_work_and_not_the_whole(each: int) -> None:
 
 def test_a_part_of_a_part_takes_from_both() -> None:
     """And ends with either."""
-    part = Monitor().part(100)
+    part = ProgressMonitor().part(100)
     for wanted in ('spent', '', 'spent'):
         inner = part.part(60)
         inner.limit(1000, 10)
@@ -38,7 +38,7 @@ def test_a_part_of_a_part_takes_from_both() -> None:
 
 def test_iterations_end_a_solver_and_not_a_part() -> None:
     """As they end one of the whole work."""
-    part = Monitor().part(1000)
+    part = ProgressMonitor().part(1000)
     part.limit(5, 10)
     assert [part.step(0.0, 0.0) for _ in range(5)] == [False] * 4 + [True]
     assert part.spent and not part.stopped
@@ -49,7 +49,7 @@ def test_iterations_end_a_solver_and_not_a_part() -> None:
 def test_what_cancels_the_whole_cancels_a_part() -> None:
     """At the next iteration, and for good."""
     wishes = iter([False, False, True, False])
-    whole = Monitor(report=lambda *_: next(wishes))
+    whole = ProgressMonitor(report=lambda *_: next(wishes))
     part = whole.part(1000)
     assert [part.step(0.0, 0.0) for _ in range(4)] == [False, False, True, True]
     assert part.stopped == whole.stopped == 'cancelled'
@@ -58,7 +58,7 @@ def test_what_cancels_the_whole_cancels_a_part() -> None:
 
 def test_a_part_has_no_more_time_than_the_whole() -> None:
     """Nor more than its own."""
-    assert Monitor(0.0).part(1000).step(0.0, 0.0)
-    whole = Monitor(60.0)
+    assert ProgressMonitor(0.0).part(1000).step(0.0, 0.0)
+    whole = ProgressMonitor(60.0)
     part = whole.part(1000, 0.0)
     assert part.step(0.0, 0.0) and part.stopped == 'timed_out' and not whole.stopped

@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.nonconvexity import Uneven
 from obc_ros.core.ocp.statement import problem_from_mapping
-from obc_ros.core.solver.adjoint.costates import Integrator
+from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.mesh_refinement import Error, finer
-from obc_ros.core.solver.nlp.progress import Monitor
-from obc_ros.core.solver.starts.cross_entropy import nearest
+from obc_ros.core.solver.nlp.progress import ProgressMonitor
+from obc_ros.core.solver.starts.cross_entropy import search_rollouts
 from obc_ros.core.solver.starts.initial_guess import Guesser, scales
 from obc_ros.core.solver.transcription.block_program import assemble, Block, Piece
 from obc_ros.core.solver.transcription.intervals import Pieces
@@ -28,7 +28,7 @@ from obc_ros.core.solver.transcription.mesh import (
     uniform,
 )
 from obc_ros.core.solver.transcription.program import Transcription
-from obc_ros.core.solver.transcription.tightening import Limits
+from obc_ros.core.solver.transcription.tightening import TightenedLimits
 import pytest
 
 LQ = {
@@ -57,11 +57,11 @@ def solved(mapping, mesh, **limits):
     sizes = scales(problem, guess)
     count = len(mesh.layout.phases)
     durations = np.full(count, guess.t[-1] / count)
-    bounds = Limits(limits.get('shortest', np.zeros(count)),
-                    limits.get('longest', np.full(count, 1e3)), np.zeros(problem.n),
-                    np.zeros(problem.n, dtype=bool))
+    bounds = TightenedLimits(limits.get('shortest', np.zeros(count)),
+                             limits.get('longest', np.full(count, 1e3)), np.zeros(problem.n),
+                             np.zeros(problem.n, dtype=bool))
     start = program.start(mesh, guess, durations, sizes)
-    return problem, program.solve(problem, mesh, start, sizes, bounds, Monitor())
+    return problem, program.solve(problem, mesh, start, sizes, bounds, ProgressMonitor())
 
 
 def test_derivatives_of_a_program_are_those_of_its_expressions():
@@ -146,7 +146,7 @@ def test_cost_above_the_least_falls_with_the_fourth_power(stages):
 def test_costates_have_the_sign_of_the_hamiltonian(stages):
     """lam(0) = dJ/dx0 = P(0) x0, from the sweep and from the multipliers."""
     problem, outcome = solved(LQ, lambda p: uniform(p, 32, stages))
-    course = Integrator(problem).extremal(problem, outcome, 2)
+    course = CostateIntegrator(problem).extremal(problem, outcome, 2)
     assert course.lam[0, 0] == pytest.approx(LQ_COSTATE, abs=1e-6)
     np.testing.assert_allclose(course.lam_end[1::2], outcome.costates[1:], atol=1e-7)
     if stages:
@@ -224,16 +224,16 @@ def test_a_monitor_ends_a_solver_within_an_iteration():
     guess = Guesser(problem).line(problem, 10.0)
     sizes = scales(problem, guess)
     program = Transcription(problem, mesh.layout)
-    monitor = Monitor(10.0, report)
+    monitor = ProgressMonitor(10.0, report)
     outcome = program.solve(
         problem, mesh, program.start(mesh, guess, guess.durations, sizes), sizes,
-        Limits(np.zeros(1), np.ones(1), np.zeros(3), np.zeros(3, dtype=bool)), monitor)
+        TightenedLimits(np.zeros(1), np.ones(1), np.zeros(3), np.zeros(3, dtype=bool)), monitor)
     assert not outcome.converged and monitor.stopped == 'cancelled' and seen == [1, 2, 3]
 
 
 def test_no_start_comes_twice():
     problem = problem_from_mapping(LANE_CHANGE)
-    starts = Guesser(problem).starts(problem, Integrator(problem))
+    starts = Guesser(problem).starts(problem, CostateIntegrator(problem))
     seen = [np.hstack([start.x[:-1], start.ua]) for start in islice(starts, 20)]
     assert all(np.abs(a - b).max() > 1e-6 for a, b in combinations(seen, 2))
 
@@ -282,8 +282,8 @@ def test_lines_are_scattered_over_the_final_states_that_are_open():
         'states': ['x', 'y'], 'dynamics': {'x': 'u', 'y': 'x + u'},
         'initial_state': {'x': 1, 'y': 1}, 'terminal_constraints': ['y - 2']})
     guesser = Guesser(problem)
-    starts = guesser.starts(problem, Integrator(problem))
-    paths = list(islice(guesser.scattered(problem, Integrator(problem), starts, 1.0), 12))
+    starts = guesser.starts(problem, CostateIntegrator(problem))
+    paths = list(islice(guesser.scattered(problem, CostateIntegrator(problem), starts, 1.0), 12))
     ends = np.sort([path.x[-1, 0] for k, path in enumerate(paths, 1) if k % 3])
     assert np.ptp(ends) > 3 and np.diff(ends).max() < 2
     assert all(path.x[-1, 1] == 2 for k, path in enumerate(paths, 1) if k % 3)
@@ -298,7 +298,7 @@ def test_inputs_drawn_at_random_lead_near_where_no_line_does():
         'initial_state': {'x': 0, 'y': 0, 'a': 0}, 'input_bounds': {'w': [-1, 1]},
         'terminal_constraints': ['x', 'y - 0.5'],
         'final_time': {'free': True, 'lower': 0.1, 'upper': 30}})
-    paths, integrator = nearest(problem, 4.0), Integrator(problem)
+    paths, integrator = search_rollouts(problem, 4.0), CostateIntegrator(problem)
     assert np.abs(paths[0].x[-1, :2] - [0, 0.5]).max() < 0.15
     for path in paths[:6]:
         x, _ = integrator.forward(problem, path.t, path.ua, path.ub)
