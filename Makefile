@@ -15,6 +15,10 @@ SOLVER := $(addsuffix .py,$(addprefix test/core/,solver/improve/test_hamiltonian
 	solver/starts/test_final_time_windows solver/test_linear_quadratic solver/nlp/test_minimize \
 	solver/exact/test_time_optimal solver/nlp/test_interior_point))
 
+# What depends on the ROS 2 distribution: the three nodes, parameter files, the profile of Fast DDS.
+SMOKE := $(addprefix test/,nodes/test_loop_over_dds.py nodes/test_server_requests.py \
+	nodes/test_parameter_files.py ros/test_middleware.py)
+
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 # What takes minutes shows what it does, and for how long.
 SHOWN := $(BIN)/python requirements/progress.py
@@ -28,7 +32,7 @@ SOURCES := setup.py pyproject.toml package.xml CMakeLists.txt cmake resource \
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH
 unexport ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION _ROS_WHEELS_BOOTSTRAP_COMPLETE VIRTUAL_ENV
 
-.PHONY: help setup develop demo test kernel lint house bench gallery docs clean
+.PHONY: help setup develop demo test smoke kernel lint house bench gallery docs clean
 .DELETE_ON_ERROR:
 
 help: ## say what there is to make
@@ -44,6 +48,9 @@ demo: setup ## the set-up, then the loop in flight (SYSTEM=aircraft|vehicle)
 
 test: setup ## the set-up and every test, two at a time
 	$(BIN)/pytest -n 2 --dist worksteal $(ARGS)
+
+smoke: setup ## the three nodes, for another distribution (DISTRO=kilted)
+	$(BIN)/pytest -n 2 --dist worksteal $(ARGS) $(SMOKE)
 
 kernel: setup ## the solver's tests with another kernel of OpenBLAS (KERNEL=Haswell|Nehalem|...)
 	OPENBLAS_CORETYPE=$(KERNEL) $(BIN)/pytest -n 2 --dist worksteal -m 'not nodes' $(ARGS) $(SOLVER)
