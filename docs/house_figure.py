@@ -216,8 +216,10 @@ def _text_box(house: House, name: str, at: tuple[float, float, float], also: Edg
     x, y, width = at
     is_inner = _solver_folder(name) is not None
     files = len(house.files.get(name, ()))
-    lines = [('inner', _last(name)), ('also', f'{files} files')] if is_inner else [
-        ('name', f'{name.replace(".", "/")}\t{files} files')]
+    label, count = name.replace('.', '/'), f'{files} files'
+    lines = [('inner', _last(name)), ('also', count)] if is_inner else [('name', label), (
+        'also', count)] if len(_wrapped('name', f'{label}  {count}', width)) > 1 else [
+        ('name', f'{label}\t{count}')]
     lines += _wrapped('text', house.sentences[name].replace('`', ''), width)
     if name == SOLVER:
         lines += _wrapped('also', f'files: {", ".join(map(_last, house.files[name]))}', width)
