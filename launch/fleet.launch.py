@@ -5,10 +5,10 @@ Many loops on one machine: a plant_simulator and an lqr_node for each vehicle, i
 
 ros2 launch obc_ros fleet.launch.py vehicles:=10 scenario:=vehicle prefix:=robot
 
-starts /robot1 to /robot10. Stamps are those of the clock on the wall, which all share, or of the
-/clock that another simulator publishes (use_sim_time:=true). The nodes keep to this machine unless
-the environment, or discovery_range:=SUBNET, says otherwise. An argument that is not understood is
-answered before any node starts.
+starts /robot1 to /robot10. Stamps are those of the system clock, which all nodes share, or of the
+/clock that another simulator publishes (use_sim_time:=true). The nodes communicate on this machine
+only, unless the environment or discovery_range:=SUBNET says otherwise. An invalid argument is
+reported before any node starts.
 """
 
 from pathlib import Path
@@ -24,21 +24,21 @@ CONFIG = Path(__file__).resolve().parents[1] / 'config'
 SCENARIOS = sorted(each.stem for each in CONFIG.glob('*.yaml'))
 SCENARIO = [f'{CONFIG}/', LaunchConfiguration('scenario'), '.yaml']
 ARGUMENTS = (
-    ('vehicles', '10', 'how many'),
-    ('scenario', 'vehicle', 'which file of config/', SCENARIOS),
-    ('params_file', SCENARIO, 'parameters in place of those of the scenario: any of any node'),
+    ('vehicles', '10', 'number of vehicles'),
+    ('scenario', 'vehicle', 'file of config/', SCENARIOS),
+    ('params_file', SCENARIO, 'parameters that override those of the scenario, for any node'),
     ('namespace', '', 'namespace of the whole fleet'),
-    ('prefix', 'vehicle', 'what each namespace is called, before its number from 1 on'),
-    ('use_sim_time', 'false', 'take time from /clock'),
-    ('plant', 'true', 'start the simulated plants; false on robots'),
-    ('state_source', '', 'topic of the states, in place of that of the parameter files',
+    ('prefix', 'vehicle', 'name of each namespace, followed by its number from 1 on'),
+    ('use_sim_time', 'false', 'use the time of /clock'),
+    ('plant', 'true', 'false: no simulators, as real robots replace them'),
+    ('state_source', '', 'topic of the states; empty: that of the parameter files',
      ['', 'state', 'odom']),
-    ('command_sink', '', 'topic of the commands, in place of that of the parameter files',
+    ('command_sink', '', 'topic of the commands; empty: that of the parameter files',
      ['', 'command', 'cmd_vel', 'wrench']),
-    ('respawn', 'false', 'start a node again, 1 s after it has ended unasked'),
+    ('respawn', 'false', 'true: restart a node 1 s after it has ended unexpectedly'),
     ('discovery_range',
      EnvironmentVariable('ROS_AUTOMATIC_DISCOVERY_RANGE', default_value='LOCALHOST'),
-     'who may find the nodes: LOCALHOST, or SUBNET for other machines'),
+     'LOCALHOST, or SUBNET to discover nodes on other machines'),
 )
 # Of a scenario: its plant waits for nobody and leaves the one /clock alone.
 IN_COMPANY = {'lockstep': False, 'publish_clock': False, 'speed': 1.0}

@@ -5,8 +5,8 @@ One loop: plant_simulator, lqr_node and trajectory_server.
 
 ros2 launch obc_ros loop.launch.py scenario:=aircraft namespace:=robot1 use_sim_time:=true
 
-The nodes keep to this machine unless the environment, or discovery_range:=SUBNET, says otherwise.
-An argument that is not understood is answered before any node starts.
+The nodes communicate on this machine only, unless the environment or discovery_range:=SUBNET says
+otherwise. An invalid argument is reported before any node starts.
 """
 
 from pathlib import Path
@@ -22,22 +22,22 @@ CONFIG = Path(__file__).resolve().parents[1] / 'config'
 SCENARIOS = sorted(each.stem for each in CONFIG.glob('*.yaml'))
 SCENARIO = [f'{CONFIG}/', LaunchConfiguration('scenario'), '.yaml']
 ARGUMENTS = (
-    ('scenario', 'aircraft', 'which file of config/', SCENARIOS),
-    ('params_file', SCENARIO, 'parameters in place of those of the scenario: any of any node'),
+    ('scenario', 'aircraft', 'file of config/', SCENARIOS),
+    ('params_file', SCENARIO, 'parameters that override those of the scenario, for any node'),
     ('namespace', '', 'namespace of the whole loop'),
-    ('use_sim_time', 'false', 'take time from /clock'),
-    ('speed', '1.0', 'simulated seconds a second; 0: as fast as it can'),
-    ('lockstep', 'false', 'each step of the plant waits for its command'),
-    ('plant', 'true', 'start the simulated plant; false on a robot'),
-    ('server', 'true', 'start the trajectory server'),
-    ('state_source', '', 'topic of the states, in place of that of the parameter files',
+    ('use_sim_time', 'false', 'use the time of /clock'),
+    ('speed', '1.0', 'simulated seconds per second; 0: as fast as possible'),
+    ('lockstep', 'false', 'true: each step of the plant waits for its command'),
+    ('plant', 'true', 'false: no simulator, as a real robot replaces it'),
+    ('server', 'true', 'false: without trajectory_server'),
+    ('state_source', '', 'topic of the states; empty: that of the parameter files',
      ['', 'state', 'odom']),
-    ('command_sink', '', 'topic of the commands, in place of that of the parameter files',
+    ('command_sink', '', 'topic of the commands; empty: that of the parameter files',
      ['', 'command', 'cmd_vel', 'wrench']),
-    ('respawn', 'false', 'start a node again, 1 s after it has ended unasked'),
+    ('respawn', 'false', 'true: restart a node 1 s after it has ended unexpectedly'),
     ('discovery_range',
      EnvironmentVariable('ROS_AUTOMATIC_DISCOVERY_RANGE', default_value='LOCALHOST'),
-     'who may find the nodes: LOCALHOST, or SUBNET for other machines'),
+     'LOCALHOST, or SUBNET to discover nodes on other machines'),
 )
 
 
