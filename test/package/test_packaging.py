@@ -285,8 +285,3 @@ def test_what_is_unsafe_is_found(text, tmp_path, monkeypatch):
     monkeypatch.setitem(globals(), 'ROOT', tmp_path)
     (tmp_path / 'file.py').write_text(text)
     assert list(unsafe(tmp_path / 'file.py'))
-
-
-def test_no_file_is_longer_than_500_lines():
-    lengths = {name(path): len(path.read_text(encoding='utf-8').splitlines()) for path in PYTHON}
-    assert {path: length for path, length in lengths.items() if length > 500} == {}
