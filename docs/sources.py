@@ -41,7 +41,7 @@ class Interface:
 
 @dataclass(frozen=True)
 class Row:
-    """A parameter; `default` and `choices` are Python values, the others as in `Entry`."""
+    """A parameter; `default` and `choices` are Python values, the others as in `ParameterRow`."""
 
     name: str
     default: Any
@@ -181,7 +181,8 @@ def _group(source: Source, field: str, members: ast.expr) -> Iterator[Row]:
     source, function = source.definition(members.id)
     for node in ast.walk(function):
         match node:
-            case ast.Call(func=ast.Name(id='Entry'), args=[name, default, description, *rest]):
+            case ast.Call(func=ast.Name(id='ParameterRow'),
+                          args=[name, default, description, *rest]):
                 unit = rest[0].value if rest and isinstance(rest[0], ast.Constant) else ''
                 bounds = {each.arg: source.value(each.value) for each in node.keywords}
                 yield Row(f'{field}.{_pattern(name)}', source.value(default),

@@ -104,7 +104,7 @@ def solve_two_wheeled(problem: Problem) -> Solution | None:
 
 def _drive(path: CarPath, L: float, M: float) -> Solution:
     """Return the trajectory along a path at full speed."""
-    T = path.length / L
+    T = path.length / L if path.word else 0.0   # what is left of a length is rounding
     costate = _costate(path, L, M)
     t, x, u, begin = [], [], [], 0.0
     for steering, length in path.segments or (('S', 0.0),):

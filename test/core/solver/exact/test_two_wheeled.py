@@ -38,6 +38,7 @@ def robot(start, goal, L=1.0, M=1.0, order=(0, 1, 2), rate=1.0, upper=50.0, weig
 @settings(max_examples=200, deadline=None)
 @given(poses, poses, limits, limits)
 @example((0.0, 0.0, 2.0**-23), (2.0**-23, 0.0, 2.0**-23), 3.0, 1.0)
+@example((0.0, 0.0, 0.0), (0.0, 0.0, 2.4e-289), 1.0, 1.0)
 def test_pontryagin(start, goal, L, M):
     found = find_least_time_path(start, goal, L, M)
     x, u, lam = found.x, found.u, found.lam
