@@ -68,10 +68,10 @@ def test_a_node_that_cannot_leave_the_graph_ends(probe: Any, domain: int) -> Non
 STUCK_CLIENT = """
 import ctypes
 from obc_ros.cli.client import Client
-from obc_ros.cli.ros_graph import joined
+from obc_ros.cli.ros_graph import join_graph
 from obc_ros.ros import executor
 executor.PATIENCE = 0.5
-with joined(lambda: None, Client) as client:
+with join_graph(lambda: None, Client) as client:
     client.node.destroy_node = lambda: ctypes.PyDLL(None).sleep(60)
 """
 
