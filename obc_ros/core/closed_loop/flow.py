@@ -229,7 +229,7 @@ class PlantFlow:
             buffer.set_arg(index, memoryview(values))  # type: ignore[call-arg] # as in C++
         for index, values in enumerate((self._buffers[source ^ 1], self._error)):
             if index < function.n_out():
-                buffer.set_res(index, memoryview(values))  # type: ignore[call-arg] # likewise
+                buffer.set_res(index, memoryview(values))  # type: ignore[call-arg] # as in C++
         self._kept.append(buffer)
         step: Callable[[], None] = evaluate
         return step

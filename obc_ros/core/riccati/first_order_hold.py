@@ -35,7 +35,7 @@ _MOST_STEPS = 2**18     # of all blocks; with few states these bound time and me
 _MOST_GROWTH = 20.0     # of the states over a step, on the average of the rows: e^3
 _SHORT = 0.5            # norm of a rate times a step of which the exponential is taken
 _ALLOWED = 1e-5         # a tenth of what the certificate allows; all intervals, as in `_errors`
-_OF_THE_COST = 100.0    # likewise: a cost is to be right to 1e-7
+_OF_THE_COST = 100.0    # a cost is to be right to 1e-7
 
 
 @dataclass(frozen=True, eq=False)

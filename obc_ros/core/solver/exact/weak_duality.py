@@ -208,7 +208,7 @@ def _excluded(plant: Affine, x0: Array, T: float, demands: _Demands) -> bool:
     return _proves(plant, x0, T, demands, y)
 
 
-@np.errstate(over='ignore', invalid='ignore')   # likewise
+@np.errstate(over='ignore', invalid='ignore')   # as in `_separates`
 def _proves(plant: Affine, x0: Array, T: float, demands: _Demands, y: Array) -> bool:
     """Return whether weights y >= 0 of the demands add up to what no input achieves."""
     n, m = plant.B.shape
