@@ -81,8 +81,8 @@ def request(data: Any) -> None:
         final_time=FinalTime(free=data.ConsumeBool(), value=text(data), lower=text(data),
                              upper=text(data), guess=text(data)))
     try:
-        packet = messages.plain_request('solve', SolveOptimalControl.Request(problem=problem))
-        statement.problem_from_mapping(packet.plain['statement'])
+        packet = messages.read_request('solve', SolveOptimalControl.Request(problem=problem))
+        statement.build_problem(packet.plain['statement'])
     except StatementError as error:
         assert str(error)
 
@@ -94,7 +94,7 @@ def yaml(data: Any) -> None:
         file.flush()
         try:
             for mapping in statement.load_file(file.name):
-                statement.problem_from_mapping(mapping)
+                statement.build_problem(mapping)
         except StatementError as error:
             assert str(error)
 

@@ -17,7 +17,7 @@ import sys
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.ocp.problem import FinalTime, Problem
-from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.solve import solve
 
 CHANGE = 1e-12   # relative, the largest
@@ -56,7 +56,7 @@ def main() -> None:
     assert timing
     seconds, seed = float(sys.argv[1]), int(sys.argv[2])
     for file in map(Path, sys.argv[3:]):
-        problem = problem_from_mapping(load_file(file)[0])
+        problem = build_problem(load_file(file)[0])
         found = solve(Changed(seed).problem(problem) if seed else problem, time_limit=seconds)
         print(json.dumps({'name': file.stem, 'status': found.status.value,
                           'cost': float(found.objective)}), flush=True)

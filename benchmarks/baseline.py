@@ -27,7 +27,7 @@ import time
 from typing import Any
 
 import _recorder
-from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.text.errors import ObcError
 
@@ -45,7 +45,7 @@ def solve_files(pattern: str, time_limit: float) -> Records:
     for path in sorted((TESTS / 'problems').glob(pattern)):
         for number, mapping in enumerate(load_file(path), 1):
             begun = time.process_time()
-            found = solve(problem_from_mapping(mapping), time_limit=time_limit)
+            found = solve(build_problem(mapping), time_limit=time_limit)
             records[f'{path.stem}#{number}'] = {
                 **_recorder.answer(found), 'time': time.process_time() - begun}
             print(f'\r{path.stem:60.60}', end='', file=sys.stderr, flush=True)

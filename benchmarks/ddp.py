@@ -23,7 +23,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.solve import Cache, solve
 from optimal_control import end_error, held_step, HOVER, STATE
 
@@ -42,7 +42,7 @@ def pulled(goal: dict[str, int]) -> str:
 
 def aircraft() -> Problem:
     """Return the transfer of the aircraft in 5 s."""
-    return problem_from_mapping({
+    return build_problem({
         'system': 'aircraft', 'running_cost': f'f1**2 + (f2 - {HOVER})**2',
         'terminal_cost': pulled(GOAL_AIRCRAFT),
         'initial_state': dict.fromkeys(GOAL_AIRCRAFT, 0),
@@ -52,7 +52,7 @@ def aircraft() -> Problem:
 
 def lane_change() -> Problem:
     """Return the lane change of a kinematic bicycle."""
-    return problem_from_mapping({
+    return build_problem({
         'states': ['px', 'py', 'theta'], 'inputs': ['v', 'phi'], 'parameters': {'l': 3},
         'dynamics': {'px': 'v*cos(theta)', 'py': 'v*sin(theta)', 'theta': 'v/l*tan(phi)'},
         'running_cost': STATE, 'terminal_cost': pulled(GOAL_LANE),

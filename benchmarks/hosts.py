@@ -21,7 +21,7 @@ import _hosts
 from _machine import Stalls, still, told
 from diagnostic_msgs.msg import DiagnosticArray
 from obc_ros.msg import Command, State
-from obc_ros.ros.conversions import nanoseconds
+from obc_ros.ros.conversions import read_nanoseconds
 from obc_ros.ros.service_qos import BURST
 from obc_ros.srv import DesignLqr
 import rclpy
@@ -71,10 +71,10 @@ class Watch:
         self._context.try_shutdown()
 
     def _on_state(self, message: State) -> None:
-        self.states.append((nanoseconds(message.header.stamp), message.x))
+        self.states.append((read_nanoseconds(message.header.stamp), message.x))
 
     def _on_command(self, message: Command) -> None:
-        self.commands.append((nanoseconds(message.header.stamp), time.time_ns()))
+        self.commands.append((read_nanoseconds(message.header.stamp), time.time_ns()))
 
     def _on_report(self, message: DiagnosticArray) -> None:
         for status in message.status:

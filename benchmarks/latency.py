@@ -21,7 +21,7 @@ import subprocess
 import time
 
 from _hosts import enter, udp_only
-from obc_ros.cli.processes import free_domain, isolate
+from obc_ros.cli.processes import isolate, reserve_domain
 from obc_ros.msg import Command, State, Trajectory
 import rclpy
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
@@ -161,7 +161,7 @@ def main() -> int:
     args = timing.arguments(__doc__ or '', udp=0)
     if args.udp and (fault := enter()):
         raise SystemExit(fault)
-    with free_domain() as domain:
+    with reserve_domain() as domain:
         isolate(domain)
         if args.udp:
             udp_only()

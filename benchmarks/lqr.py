@@ -18,10 +18,10 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.lqr.lqr import lqr
-from obc_ros.core.lqr.margins import figures
-from obc_ros.core.riccati.fixed_horizon import finite_horizon
+from obc_ros.core.lqr.margins import compute_margins
+from obc_ros.core.riccati.fixed_horizon import solve_finite_horizon
 from obc_ros.core.systems import registry
-from obc_ros.core.systems.equilibrium import equilibrium, linearize
+from obc_ros.core.systems.equilibrium import find_equilibrium, linearize
 from scipy.linalg import expm, solve_continuous_lyapunov
 
 Array = NDArray[np.float64]
@@ -35,7 +35,7 @@ def main() -> int:
     """Measure and print; return the exit status."""
     args = timing.arguments('linear quadratic regulators')
     aircraft = registry.get_system('aircraft')
-    at = equilibrium(aircraft)
+    at = find_equilibrium(aircraft)
     pvtol = linearize(aircraft, at.x, at.u)
     stationary('aircraft, n = 6', pvtol, 0.3, args.peers)
     for n in (2, 12, 50):
@@ -91,12 +91,12 @@ def horizon(plant: Plant) -> None:
     Q, R, P1 = np.eye(6), np.eye(2), 10 * np.eye(6)
     t = np.linspace(0.0, HORIZON, SAMPLES)
     times = timing.measure({
-        'finite_horizon': lambda: finite_horizon(A, B, Q, R, P1, t, HORIZON),
+        'finite_horizon': lambda: solve_finite_horizon(A, B, Q, R, P1, t, HORIZON),
         'Hamiltonian exponential, stepped': lambda: stepped(A, B, Q, P1)})
     timing.times_table(f'P and K of the aircraft on {SAMPLES} points of {HORIZON:g} s', times,
                        'Hamiltonian exponential, stepped')
     exact = exact_horizon(A, B, Q, P1)
-    ours, _ = finite_horizon(A, B, Q, R, P1, t, HORIZON)
+    ours, _ = solve_finite_horizon(A, B, Q, R, P1, t, HORIZON)
     error = max(distance(P, wide) for P, wide in zip(ours, exact, strict=True))
     theirs = max(distance(P, wide) for P, wide in zip(stepped(A, B, Q, P1)[0], exact, strict=True))
     print(f'  largest relative error of P: finite_horizon {error:.1e}, stepped {theirs:.1e}')
@@ -163,7 +163,7 @@ def margins(plant: Plant) -> None:
     """Time poles, margins and step figures."""
     A, B = plant
     design = lqr(A, B, np.eye(6), np.eye(2))
-    times = timing.measure({'figures': lambda: figures(A, B, design.K)})
+    times = timing.measure({'figures': lambda: compute_margins(A, B, design.K)})
     timing.times_table('Poles, margins and steps of the aircraft', times, 'figures')
     timing.require('figures [ms]', times['figures'].median * 1e3, 10.0)
 

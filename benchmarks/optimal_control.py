@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 from obc_ros.core.numerics.explicit_steps import rk4
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.solve import Cache, solve
-from obc_ros.core.solver.starts.initial_guess import Guesser, scales
-from obc_ros.core.solver.transcription.mesh import uniform
+from obc_ros.core.solver.starts.initial_guess import estimate_scales, Guesser
+from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 from obc_ros.core.solver.transcription.program import Transcription
 from obc_ros.core.solver.transcription.tightening import TightenedLimits
 
@@ -55,7 +55,7 @@ def main() -> int:
 
 def bicycle(cost: str) -> Problem:
     """Return the lane change."""
-    return problem_from_mapping({
+    return build_problem({
         'states': ['px', 'py', 'theta'], 'inputs': ['v', 'phi'], 'parameters': {'l': 3},
         'dynamics': {'px': 'v*cos(theta)', 'py': 'v*sin(theta)', 'theta': 'v/l*tan(phi)'},
         'running_cost': cost, 'initial_state': {'px': 0, 'py': -2, 'theta': 0},
@@ -66,7 +66,7 @@ def bicycle(cost: str) -> Problem:
 
 def aircraft(T: float) -> Problem:
     """Return the transfer of the aircraft from hover at (0, 0) to hover at (1, 1)."""
-    return problem_from_mapping({
+    return build_problem({
         'system': 'aircraft', 'running_cost': f'f1**2 + (f2 - {HOVER})**2',
         'initial_state': dict.fromkeys(('px', 'py', 'theta', 'vx', 'vy', 'omega'), 0),
         'terminal_constraints': ['px - 1', 'py - 1', 'theta', 'vx', 'vy', 'omega'],
@@ -318,7 +318,7 @@ def chain(n: int) -> Problem:
     names = [f'x{i}' for i in range(n)]
     dynamics = {name: f'{after} - 0.1*sin({name})' for name, after in zip(
         names, [*names[1:], 'u'], strict=True)}
-    return problem_from_mapping({
+    return build_problem({
         'states': names, 'inputs': ['u'], 'dynamics': dynamics, 'running_cost': 'u**2 + x0**2',
         'initial_state': {name: 1.0 if name == 'x0' else 0.0 for name in names},
         'final_time': {'free': False, 'value': 5}})
@@ -326,9 +326,9 @@ def chain(n: int) -> Problem:
 
 def one_solve(problem: Problem, N: int) -> tuple[float, timing.Times, int]:
     """Return the time to build, the times to solve and the iterations of one program."""
-    mesh = uniform(problem, N, 0)
+    mesh = build_uniform_mesh(problem, N, 0)
     guess = Guesser(problem).line(problem, problem.final_time.value)
-    sizes = scales(problem, guess)
+    sizes = estimate_scales(problem, guess)
     limits = TightenedLimits(np.zeros(1), np.ones(1), np.zeros(problem.n),
                              np.zeros(problem.n, dtype=bool))
     begun = time.perf_counter()

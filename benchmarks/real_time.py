@@ -34,7 +34,7 @@ import time
 
 from _hosts import enter, udp_only
 from diagnostic_msgs.msg import DiagnosticArray
-from obc_ros.cli.processes import Children, free_domain, isolate
+from obc_ros.cli.processes import Children, isolate, reserve_domain
 import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -115,7 +115,7 @@ def main() -> int:
     if args.udp and (fault := enter()):
         raise SystemExit(fault)
     runs = []
-    with free_domain() as domain:
+    with reserve_domain() as domain:
         isolate(domain)
         if args.udp:
             udp_only()

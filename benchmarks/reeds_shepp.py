@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from obc_ros.core.solver.exact.reeds_shepp import lengths, shortest_path
+from obc_ros.core.solver.exact.reeds_shepp import find_lengths, find_shortest_path
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ def main() -> int:
 def sampled(pairs: list[Any], ompl: 'Ompl | None') -> None:
     """Time a path with its points."""
     rivals: dict[str, Callable[[], object]] = {
-        OURS: lambda: [shortest_path(a, b, 1.0).sample(POINTS) for a, b in pairs]}
+        OURS: lambda: [find_shortest_path(a, b, 1.0).sample(POINTS) for a, b in pairs]}
     if ompl:
         rivals[THEIRS] = lambda: [ompl.sample(a, b) for a, b in pairs]
     times = timing.measure(rivals, per=TIMED)
@@ -57,7 +57,7 @@ def sampled(pairs: list[Any], ompl: 'Ompl | None') -> None:
 def one_by_one(pairs: list[Any], ompl: 'Ompl | None') -> None:
     """Time a path without points."""
     rivals: dict[str, Callable[[], object]] = {
-        OURS: lambda: [shortest_path(a, b, 1.0) for a, b in pairs]}
+        OURS: lambda: [find_shortest_path(a, b, 1.0) for a, b in pairs]}
     if ompl:
         rivals[THEIRS] = lambda: [ompl.length(a, b) for a, b in pairs]
     times = timing.measure(rivals, per=TIMED)
@@ -66,7 +66,7 @@ def one_by_one(pairs: list[Any], ompl: 'Ompl | None') -> None:
 
 def at_once(starts: Array, goals: Array, ompl: 'Ompl | None') -> None:
     """Time lengths in one call, and compare them."""
-    rivals: dict[str, Callable[[], object]] = {OURS: lambda: lengths(starts, goals, 1.0)}
+    rivals: dict[str, Callable[[], object]] = {OURS: lambda: find_lengths(starts, goals, 1.0)}
     pairs = list(zip(starts.tolist(), goals.tolist(), strict=True))
     if ompl:
         rivals[THEIRS] = lambda: [ompl.length(a, b) for a, b in pairs]
@@ -74,7 +74,7 @@ def at_once(starts: Array, goals: Array, ompl: 'Ompl | None') -> None:
     timing.times_table(f'{PAIRS} lengths at once', times, THEIRS if ompl else OURS)
     if ompl:
         theirs = np.array([ompl.length(a, b) for a, b in pairs])
-        worst = float(np.abs(lengths(starts, goals, 1.0) - theirs).max())
+        worst = float(np.abs(find_lengths(starts, goals, 1.0) - theirs).max())
         timing.require('largest difference of a length from OMPL', worst, 1e-9)
 
 

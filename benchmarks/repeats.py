@@ -22,7 +22,7 @@ import numpy as np
 from obc_ros.core.ocp.certificate.replay import LEAST_COST
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
-from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.solve import Cache, solve
 
 PROBLEMS = Path(__file__).resolve().parent.parent / 'test' / 'problems'
@@ -57,9 +57,9 @@ def compared(mapping: dict[str, Any]) -> Iterator[str]:
 def variants(mapping: dict[str, Any]) -> Iterator[Problem]:
     """Yield the problem as it stands and with its changes, each read anew."""
     chance = np.random.default_rng(0)
-    yield problem_from_mapping(mapping)
+    yield build_problem(mapping)
     for _ in range(CHANGES):
-        problem = problem_from_mapping(mapping)
+        problem = build_problem(mapping)
         x0, p = (value * (1 + SIZE * chance.uniform(-1, 1, len(value)))
                  for value in (problem.x0, problem.p_value))
         yield replace(problem, x0=np.clip(x0, problem.x_lower, problem.x_upper), p_value=p)

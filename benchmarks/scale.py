@@ -20,7 +20,7 @@ import time
 
 from _machine import processor_time, share, Stalls, told
 from diagnostic_msgs.msg import DiagnosticArray
-from obc_ros.cli.processes import free_domain, isolate
+from obc_ros.cli.processes import isolate, reserve_domain
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -74,7 +74,7 @@ def loops(count: int, rate: float) -> Iterator[list[int]]:
 
 def measure(count: int, rate: float, seconds: float) -> tuple[str, ...]:
     """Return a row of the table for a number of loops."""
-    with free_domain() as domain, loops_on(domain, count, rate) as (listener, executor, pids):
+    with reserve_domain() as domain, loops_on(domain, count, rate) as (listener, executor, pids):
         deadline = time.monotonic() + 30.0 + 3.0 * count
         while len([1 for value in listener.all('lqr_node', 'rate [Hz]') if value > 0.0]) < count:
             executor.spin_once(timeout_sec=0.1)

@@ -24,8 +24,8 @@ from _endless import endless
 from _machine import children
 from obc_ros.action import SolveOptimalControl
 from obc_ros.cli.client import Client, START
-from obc_ros.cli.processes import Children, free_domain, isolate
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.cli.processes import Children, isolate, reserve_domain
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.msg import LqrWeights
 from obc_ros.ros import messages
 from obc_ros.ros.service_qos import BURST
@@ -60,8 +60,8 @@ def scalar() -> Solve.Request:
 
 def request(mapping: dict[str, Any]) -> Solve.Request:
     """Return the request for the problem of a statement."""
-    problem = problem_from_mapping(mapping)
-    return Solve.Request(problem=messages.problem_message(mapping, problem.guess))
+    problem = build_problem(mapping)
+    return Solve.Request(problem=messages.build_problem_message(mapping, problem.guess))
 
 
 class Caller:
@@ -83,7 +83,7 @@ def latency(client: Client) -> None:
     """Compare a design with the least that a service call takes, a solve with the bare solve."""
     asked = GetParameters.Request(names=['workers'])
     design = Caller(client, DesignLqr, 'design_lqr', regulator())
-    plain = messages.plain_request('solve', scalar())
+    plain = messages.read_request('solve', scalar())
     plain.plain['cache_size'] = 8
     solve = Caller(client, Solve, 'solve', scalar())
 
@@ -207,7 +207,7 @@ def main() -> int:
     """Measure; the exit status is 0 when all that is promised holds."""
     timing.arguments(__doc__)
     with ExitStack() as stack:
-        isolate(stack.enter_context(free_domain()))
+        isolate(stack.enter_context(reserve_domain()))
         children = stack.enter_context(Children(Path(stack.enter_context(
             tempfile.TemporaryDirectory()))))
         children.start('trajectory_server')

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from obc_ros.core.closed_loop.simulation_settings import Conditions, Gust
 from obc_ros.core.closed_loop.simulator import Simulator
 from obc_ros.core.systems import registry
-from obc_ros.core.systems.equilibrium import equilibrium, linearize
+from obc_ros.core.systems.equilibrium import find_equilibrium, linearize
 from scipy.linalg import solve_continuous_are
 
 Array = NDArray[np.float64]
@@ -181,7 +181,7 @@ def scipy_steps(integrate: Any) -> dict[str, Callable[[], None]]:
 
 def accuracy() -> None:
     """Fly the step of figure 2.4 for 10 s beside a reference."""
-    goal = equilibrium(AIRCRAFT, [1, 1, 0, 0, 0, 0])
+    goal = find_equilibrium(AIRCRAFT, [1, 1, 0, 0, 0, 0])
     A, B = linearize(AIRCRAFT, goal.x, goal.u)
     K = B.T @ solve_continuous_are(A, B, np.eye(6), np.eye(2))
 

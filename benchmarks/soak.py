@@ -23,7 +23,7 @@ from typing import Any
 
 from _machine import children, memory, Stalls, still, told, zombies
 from diagnostic_msgs.msg import DiagnosticArray
-from obc_ros.cli.processes import die_with_parent, free_domain, isolate
+from obc_ros.cli.processes import die_with_parent, isolate, reserve_domain
 from obc_ros.msg import Command
 from obc_ros.ros.service_qos import BURST
 from obc_ros.srv import DesignLqr
@@ -258,7 +258,7 @@ def report(soak: Soak, args: Any, stalls: list[tuple[float, float]], left: list[
 def main() -> int:
     """Soak, and report."""
     args = timing.arguments(__doc__ or '', seconds=60.0, unanswered=UNANSWERED, back=BACK)
-    with free_domain() as domain:
+    with reserve_domain() as domain:
         isolate(domain)
         rclpy.init()
         soak = Soak()

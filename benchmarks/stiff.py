@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.solve import solve
 
 Mapping = dict[str, object]
@@ -73,11 +73,11 @@ def stated(dynamics: dict[str, str], cost: str, start: dict[str, float]) -> Mapp
 def beside(title: str, mapping: Mapping, limit: float, kept: list[tuple[str, float, float]]
            ) -> list[tuple[object, ...]]:
     """Return the rows of a problem, and take note of what must hold."""
-    problem = problem_from_mapping(mapping)
+    problem = build_problem(mapping)
     collocated, answers = by_hand(problem), list[Solution]()
 
     def answer() -> None:
-        answers.append(solve(problem_from_mapping(mapping)))
+        answers.append(solve(build_problem(mapping)))
 
     times = timing.measure({'ours': answer, 'IPOPT': collocated}, rounds=7, least=0.0)
     found, cost = answers[-1], collocated()

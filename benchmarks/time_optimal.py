@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ def main() -> int:
 
 def question(dynamics: dict[str, str], start: tuple[float, ...]) -> Problem:
     """Return: from start to the origin in least time."""
-    return problem_from_mapping({
+    return build_problem({
         'states': list(dynamics), 'inputs': ['u'], 'dynamics': dynamics, 'running_cost': 1,
         'initial_state': dict(zip(dynamics, start, strict=True)),
         'terminal_constraints': list(dynamics), 'input_bounds': {'u': [-1, 1]},

@@ -22,13 +22,13 @@ import _truths
 import numpy as np
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
 from obc_ros.core.solver.exact.two_wheeled import solve_two_wheeled
 from obc_ros.core.solver.linear_quadratic import solve_lq
 from obc_ros.core.solver.proofs.contradictions import CHECKS
-from obc_ros.core.solver.proofs.existence import without_minimum
-from obc_ros.core.solver.proofs.singular_expressions import undefined
+from obc_ros.core.solver.proofs.existence import explain_no_minimum
+from obc_ros.core.solver.proofs.singular_expressions import explain_undefined
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.text.errors import StatementError
 
@@ -63,9 +63,9 @@ def findings(truth: _truths.Truth, problem: Problem) -> Iterator[tuple[str, str]
         for sentence in check(problem):
             yield check.__name__.strip('_'), sentence
             break
-    if sentence := without_minimum(problem):
+    if sentence := explain_no_minimum(problem):
         yield 'without_minimum', sentence
-    if sentence := undefined(problem, truth.t, truth.x, truth.u):
+    if sentence := explain_undefined(problem, truth.t, truth.x, truth.u):
         yield 'undefined', sentence
     for special in SPECIAL:
         answer = special(problem)
@@ -79,7 +79,7 @@ def ask_feasible(count: int, rng: np.random.Generator, until: float) -> Tally:
     for number in _counted('feasible', count, until, tally):
         truth = _truths.feasible(rng)
         try:
-            problem = problem_from_mapping(truth.mapping)
+            problem = build_problem(truth.mapping)
         except StatementError as error:   # a constraint that depends on no state
             tally.found[f'refused: {str(error)[:40]}'] += 1
             continue
@@ -107,7 +107,7 @@ def ask_infeasible(count: int, rng: np.random.Generator, until: float) -> Tally:
     tally = Tally()
     for _ in _counted('infeasible', count, until, tally):
         kind, mapping = _truths.infeasible(rng)
-        answer = solve(problem_from_mapping(mapping), time_limit=LIMIT)
+        answer = solve(build_problem(mapping), time_limit=LIMIT)
         tally.asked[kind] += 1
         tally.found[answer.status.value] += 1
         if answer.status is Status.SOLVED or answer.certified:
@@ -120,7 +120,7 @@ def ask_convex(count: int, rng: np.random.Generator, until: float) -> Tally:
     tally = Tally()
     for _ in _counted('convex', count, until, tally):
         kind, mapping, least = _truths.convex(rng)
-        answer = solve(problem_from_mapping(mapping), time_limit=LIMIT)
+        answer = solve(build_problem(mapping), time_limit=LIMIT)
         tally.asked[kind] += 1
         tally.found[answer.status.value] += 1
         if answer.status is Status.INFEASIBLE:

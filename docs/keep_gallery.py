@@ -20,7 +20,7 @@ import textwrap
 from typing import Any
 
 from obc_ros.cli.gallery.entries.all import ENTRIES
-from obc_ros.cli.gallery.page import ERRORS, markup, plain_text
+from obc_ros.cli.gallery.page import ERRORS, format_markup, strip_markup
 from PIL import Image
 
 Record = Mapping[str, Any]
@@ -70,7 +70,7 @@ def keep_figure(source: Path, target: Path) -> None:
 
 def sections(record: Record, stem: str, commit: str) -> Iterator[str]:
     """Yield the parts of the page of an entry."""
-    name = f'{record["label"]}: {plain_text(record["title"])}'
+    name = f'{record["label"]}: {strip_markup(record["title"])}'
     yield f'# {name}'
     yield paragraph(f'{record["source"]} of R. M. Murray, Optimization-Based Control, chapter 2.')
     yield from map(paragraph, record['statement'])
@@ -114,7 +114,7 @@ def paragraph(text: str) -> str:
 def markdown(text: str) -> str:
     """Return a text in the markup of the gallery as Markdown, with its mathematics as HTML."""
     return ''.join(part if re.fullmatch('`[^`]*`', part) else
-                   re.sub(r'([\\*_|\[\]~`])', r'\\\1', markup(part))
+                   re.sub(r'([\\*_|\[\]~`])', r'\\\1', format_markup(part))
                    for part in re.split(r'(`[^`]*`)', text))
 
 

@@ -157,7 +157,7 @@ def parameters(root: Path, module: str) -> list[Row]:
     for node in settings.body:
         match node:
             case ast.AnnAssign(target=ast.Name(id=name), value=ast.Call(
-                    func=ast.Name(id='parameter')) as call):
+                    func=ast.Name(id='declare_field')) as call):
                 rows.append(_row(source, name, call))
             case ast.AnnAssign(target=ast.Name(id=name), value=ast.Call(
                     func=ast.Name(id='group'), args=[members])):
@@ -175,7 +175,7 @@ def _row(source: Source, field: str, call: ast.Call) -> Row:
 
 def _group(source: Source, field: str, members: ast.expr) -> Iterator[Row]:
     """Yield what a group's generator yields; STATE and NAME stand for what a system decides."""
-    if not isinstance(members, ast.Name) or members.id == 'system_parameters':
+    if not isinstance(members, ast.Name) or members.id == 'list_system_parameters':
         yield Row(f'{field}.NAME', None, 'parameters and construction options of the system')
         return
     source, function = source.definition(members.id)

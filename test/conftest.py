@@ -15,7 +15,7 @@ from pathlib import Path
 import signal
 
 from hypothesis import settings
-from obc_ros.cli.processes import free_domain
+from obc_ros.cli.processes import reserve_domain
 from obc_ros.ros.middleware import choose_profile
 import pytest
 import support
@@ -78,7 +78,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
 @pytest.fixture
 def domain() -> Iterator[int]:
     """Return a domain id that nothing else on this machine uses."""
-    with free_domain() as domain:
+    with reserve_domain() as domain:
         yield domain
 
 

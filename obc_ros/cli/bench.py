@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run benchmarks; 0 if all of them held what they must, 1 if not, 2 for an unknown name."""
     try:
-        scripts = benchmarks()
+        scripts = find_benchmarks()
     except ObcError as error:
         print(f'obc bench: {error}', file=sys.stderr)
         return 2
@@ -41,13 +41,14 @@ def run(args: argparse.Namespace) -> int:
     if args.list:
         print('\n'.join(scripts))
         return 0
-    failed = [name for name in args.names or scripts if not passes(scripts[name], args.peers)]
+    failed = [name for name in args.names or scripts
+              if not run_benchmark(scripts[name], args.peers)]
     if failed:
         print(f'obc bench: not as required: {", ".join(failed)}', file=sys.stderr)
     return 1 if failed else 0
 
 
-def benchmarks() -> dict[str, Path]:
+def find_benchmarks() -> dict[str, Path]:
     """
     Return the scripts by name.
 
@@ -65,7 +66,7 @@ def benchmarks() -> dict[str, Path]:
     return scripts
 
 
-def passes(script: Path, peers: bool) -> bool:
+def run_benchmark(script: Path, peers: bool) -> bool:
     """Run one benchmark and return whether it held what it must."""
     print(f'== {script.stem} ==', flush=True)
     options = ['--peers'] if peers else []

@@ -15,7 +15,7 @@ import tempfile
 from typing import Any
 
 from obc_ros.action import SolveOptimalControl
-from obc_ros.cli.processes import Children, free_domain, isolate
+from obc_ros.cli.processes import Children, isolate, reserve_domain
 from obc_ros.cli.ros_graph import Graph, join_graph, ServerLostError
 from obc_ros.ros.service_qos import BURST
 from rcl_interfaces.srv import GetParameters
@@ -70,7 +70,7 @@ class Client(Graph):
 
 
 @contextmanager
-def connected(*parameters: str) -> Iterator[Client]:
+def connect_client(*parameters: str) -> Iterator[Client]:
     """
     Yield a client of a running server, or of one of its own started with `parameters`.
 
@@ -90,17 +90,17 @@ def connected(*parameters: str) -> Iterator[Client]:
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix='obc_')))
         children = stack.enter_context(Children(folder))
-        look = LOOK_HERE if somebody_here() else CLIENT_LOOK
+        look = LOOK_HERE if is_domain_used() else CLIENT_LOOK
         with join_graph(children.check, Client) as client:
             if client.find(look):
                 yield client
                 return
-        isolate(stack.enter_context(free_domain()))
-        yield stack.enter_context(served(children, *parameters))
+        isolate(stack.enter_context(reserve_domain()))
+        yield stack.enter_context(serve_client(children, *parameters))
 
 
 @contextmanager
-def served(children: Children, *parameters: str) -> Iterator[Client]:
+def serve_client(children: Children, *parameters: str) -> Iterator[Client]:
     """
     Yield a client of a server that is started among `children`, on this process's domain.
 
@@ -118,7 +118,7 @@ def served(children: Children, *parameters: str) -> Iterator[Client]:
         yield client
 
 
-def somebody_here() -> bool:
+def is_domain_used() -> bool:
     """Return whether a process of this machine takes part in this process's domain."""
     domain = os.environ.get('ROS_DOMAIN_ID', '')
     first = 7410 + 250 * (int(domain) if domain.isdigit() else 0)

@@ -155,7 +155,7 @@ def _lines(axes: Axes, label: str, t: Array, values: Array, template: str,
     """Draw the columns of a group, or all, a name in the same colour in every panel."""
     shown = range(len(names)) if group is None else group
     for index in shown:
-        axes.plot(t, values[:, index], label=f'${template.format(symbol(names[index]))}$',
+        axes.plot(t, values[:, index], label=f'${template.format(typeset_symbol(names[index]))}$',
                   color=LINE_COLOURS[index % len(LINE_COLOURS)],
                   linestyle=DASHES[index // len(LINE_COLOURS) % len(DASHES)], **style)
     axes.set_ylabel(label)
@@ -163,7 +163,7 @@ def _lines(axes: Axes, label: str, t: Array, values: Array, template: str,
         axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), ncols=1 + (len(shown) > 6))
 
 
-def symbol(name: str) -> str:
+def typeset_symbol(name: str) -> str:
     """Return a name as mathematics: theta as the letter, x1 with an index."""
     word, index = re.fullmatch(r'(.*?)_?(\d*)', name).groups()
     letter = (f'\\{word}' if word in GREEK else word if len(word) == 1 else

@@ -11,11 +11,11 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 import numpy as np
 from obc_ros.cli.processes import Children
-from obc_ros.cli.recording import CLOCK, LATCHED, Recorder, stamp
+from obc_ros.cli.recording import CLOCK, LATCHED, read_stamp, Recorder
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import Command, LqrDesign, State, Trajectory
-from obc_ros.ros.executor import leaving
+from obc_ros.ros.executor import limit_leaving
 from rcl_interfaces.msg import Log, Parameter, ParameterEvent
 from rcl_interfaces.srv import SetParametersAtomically
 import rclpy
@@ -37,7 +37,7 @@ class Samples:
     def append(self, data: bytes, published: int) -> None:
         """Keep one serialised message."""
         self.data.append(data)
-        self.stamp.append(stamp(data))
+        self.stamp.append(read_stamp(data))
         self.published.append(published)
 
 
@@ -91,7 +91,7 @@ class Pilot:
     def close(self) -> None:
         """End the node."""
         self._executor.shutdown()
-        with leaving():
+        with limit_leaving():
             self.node.destroy_node()
             rclpy.shutdown(context=self._context)
 

@@ -54,7 +54,7 @@ class Version(argparse.Action):
         parser.exit()
 
 
-def available() -> dict[str, str]:
+def find_subcommands() -> dict[str, str]:
     """Return the subcommands whose module is installed, with one line of help each."""
     return {name: text for name, text in {**SUBCOMMANDS, **ROS2}.items()
             if util.find_spec(_module(name))}
@@ -78,7 +78,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         '--version', action=Version, nargs=0, help='print the version and exit')
     commands = parser.add_subparsers(title='commands', metavar='COMMAND', required=True)
     used = next((word for word in arguments if not word.startswith('-')), None)
-    for name, text in available().items():
+    for name, text in find_subcommands().items():
         listed = {} if name in ROS2 else {'help': text}  # the epilog lists the others
         command = commands.add_parser(
             name, description=f'{text[:1].upper()}{text[1:]}.', **listed)

@@ -47,7 +47,7 @@ class InterruptedByUserError(ObcError):
 
 
 @contextmanager
-def free_domain() -> Iterator[int]:
+def reserve_domain() -> Iterator[int]:
     """Yield a DDS domain id that nobody on this machine uses, and keep it ours meanwhile."""
     for domain in DOMAINS:
         path = Path(tempfile.gettempdir()) / f'ros_domain_{domain}.lock'
@@ -124,7 +124,7 @@ def _is_held(file: Path) -> bool:
 
 
 @contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path) -> Iterator[None]:
     """
     Make a folder for answers, and keep other commands from writing theirs there meanwhile.
 

@@ -110,7 +110,7 @@ class Recorder:
         name = node.resolve_topic_name(topic)
         message_type = type_name(message_class)
         schema = self._writer.register_schema(
-            name=message_type, encoding='ros2msg', data=definition(message_type).encode())
+            name=message_type, encoding='ros2msg', data=get_definition(message_type).encode())
         identifier = self._writer.register_channel(
             topic=name, message_encoding='cdr', schema_id=schema,
             metadata={'offered_qos_profiles': yaml.safe_dump([_qos_for_rosbag2(qos)])})
@@ -130,7 +130,7 @@ class Recorder:
                         listener(data, info['source_timestamp'])
                     if self._ordered:
                         self._kept.append(
-                            (stamp(data), channel.identifier, len(self._kept), channel, data))
+                            (read_stamp(data), channel.identifier, len(self._kept), channel, data))
                     else:
                         self._write(channel, data, self.now())
 
@@ -176,7 +176,7 @@ class Recorder:
                        'message_count': total}]}}
 
 
-def stamp(data: bytes) -> int:
+def read_stamp(data: bytes) -> int:
     """Return the stamp [ns] of a serialised message that begins with a header."""
     seconds, nanoseconds = struct.unpack_from('<iI', data, 4)  # after CDR's own header
     return int(seconds * 10**9 + nanoseconds)
@@ -188,7 +188,7 @@ def type_name(message_class: Any) -> str:
     return f'{package}/{kind}/{message_class.__name__}'
 
 
-def definition(message_type: str) -> str:
+def get_definition(message_type: str) -> str:
     """Return the text of a message definition followed by those of all types it uses."""
     texts: dict[str, str] = {}
     waiting = [message_type]

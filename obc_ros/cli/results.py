@@ -17,8 +17,8 @@ from pathlib import Path
 import re
 from typing import Any, TypeVar
 
-from obc_ros.core.text.errors import DynamicsError, ObcError, shown, StatementError
-from obc_ros.core.text.yaml_files import entries
+from obc_ros.core.text.errors import DynamicsError, ObcError, quote, StatementError
+from obc_ros.core.text.yaml_files import read_entries
 
 FileEntry = dict[str, Any] | StatementError
 
@@ -71,8 +71,8 @@ def read_questions(kind: type[Kind], files: Iterable[Path]) -> list[Kind]:
             elif not alone:
                 name = f"{file.stem}_{where.rpartition(' ')[2]}"
             wanted = file.stem if alone else name
-            unique = file_name(wanted, (each.file_name for each in asked))
-            asked.append(kind(name, where, unique, renamed=unique != file_name(wanted, ())))
+            unique = choose_file_name(wanted, (each.file_name for each in asked))
+            asked.append(kind(name, where, unique, renamed=unique != choose_file_name(wanted, ())))
             try:
                 if isinstance(entry, StatementError):
                     raise entry
@@ -81,9 +81,9 @@ def read_questions(kind: type[Kind], files: Iterable[Path]) -> list[Kind]:
                 asked[-1].end('malformed', str(error))
     count = Counter(each.name for each in asked)
     for each in asked:
-        each.label = shown(each.name, 80)
+        each.label = quote(each.name, 80)
         if count[each.name] > 1:
-            each.label += f' ({shown(each.where, None)})'
+            each.label += f' ({quote(each.where, None)})'
     return asked
 
 
@@ -145,7 +145,7 @@ def save_answers(asked: Sequence[Kind], args: argparse.Namespace,
 def _entries(file: Path) -> list[tuple[str, FileEntry]]:
     """Return what a file holds and where it stands in it, or what is wrong instead."""
     try:
-        return entries(file)
+        return read_entries(file)
     except StatementError as error:
         return [(str(file), error)]
 
@@ -177,7 +177,7 @@ def write(folder: Path, name: str, result: Mapping[str, Any]) -> None:
         raise ObcError(f'{folder / name}.json cannot be written: {error.strerror}') from error
 
 
-def file_name(name: str, taken: Iterable[str]) -> str:
+def choose_file_name(name: str, taken: Iterable[str]) -> str:
     """Return `name` as part of a file's name, with a number behind it if it is taken already."""
     safe = re.sub(r'[^\w.+-]', '_', name).encode()[:LONGEST].decode(errors='ignore')
     safe = safe.lstrip('.') or 'problem'
@@ -188,7 +188,7 @@ def file_name(name: str, taken: Iterable[str]) -> str:
     return unique
 
 
-def exit_status(statuses: Iterable[str]) -> int:
+def get_exit_status(statuses: Iterable[str]) -> int:
     """Return 0 when all is solved, 2 when a question is malformed, else 1."""
     found = set(statuses)
     return 2 if 'malformed' in found else int(found != {'solved'})

@@ -15,7 +15,7 @@ from typing import Any
 
 from obc_ros.cli.processes import find_log_folder
 from obc_ros.core.text.errors import ObcError
-from obc_ros.ros.executor import leaving, sentence
+from obc_ros.ros.executor import limit_leaving, summarize_error
 from obc_ros.ros.middleware import choose_profile
 from obc_ros.ros.service_qos import BURST
 import rclpy
@@ -133,11 +133,11 @@ class Graph:
         full = name if name.startswith('/') else f'/{name}'
         if not self.until(lambda: full in self.nodes(hidden=True), timeout):
             raise ObcError(f'Node not found: no node {full} within {timeout:g} s; '
-                           + running(self.nodes()))
+                           + report_nodes(self.nodes()))
         return full
 
 
-def running(nodes: list[str]) -> str:
+def report_nodes(nodes: list[str]) -> str:
     """Say which nodes run; where there are none, where they were looked for."""
     if nodes:
         return f'running: {", ".join(nodes)}'
@@ -169,13 +169,13 @@ def join_graph(check: Callable[[], None] = lambda: None, kind: Callable[..., Gra
     try:
         rclpy.init(args=[], context=context)
     except RuntimeError as error:  # RCLError, for an environment that rcl does not take
-        raise ObcError(sentence(error)) from error
+        raise ObcError(summarize_error(error)) from error
     graph = kind(context, check)
     try:
         yield graph
     except NameValidationException as error:
-        raise ObcError(sentence(error)) from error
+        raise ObcError(summarize_error(error)) from error
     finally:
-        with leaving():
+        with limit_leaving():
             graph.close()
             context.try_shutdown()

@@ -9,7 +9,7 @@ import os
 import sys
 from typing import Protocol
 
-from obc_ros.core.text.errors import shown
+from obc_ros.core.text.errors import quote
 
 
 def open_streams() -> None:
@@ -47,11 +47,11 @@ class PlainLines:
 
     def end(self, name: str, text: str) -> None:
         """Say what came of `name`."""
-        print(shown(f'{name}: {text}', None), file=sys.stderr, flush=True)
+        print(quote(f'{name}: {text}', None), file=sys.stderr, flush=True)
 
 
 @contextmanager
-def progress() -> Iterator[Lines]:
+def show_progress() -> Iterator[Lines]:
     """Yield lines of progress that are alive on a terminal."""
     if not sys.stderr.isatty():
         yield PlainLines()

@@ -26,22 +26,22 @@ from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.lqr.design.reference_checks import check
 from obc_ros.core.lqr.design.reference_tracking import Course
 from obc_ros.core.lqr.design.report import Change, change
-from obc_ros.core.text.errors import ObcError, shown, StatementError
+from obc_ros.core.text.errors import ObcError, quote, StatementError
 from obc_ros.msg import LqrDesign, Trajectory
 from obc_ros.nodes.lqr import topic_peers, topics
-from obc_ros.nodes.lqr.design_message import design_message, fill_suggestion, suggestion
+from obc_ros.nodes.lqr.design_message import design_message, fill_suggestion, suggest_weights
 from obc_ros.nodes.lqr.diagnostics import LoopMonitor
 from obc_ros.nodes.lqr.settings import (
-    ending,
-    former,
+    apply_request,
+    describe_ending,
+    describe_opening,
+    explain_former_limits,
     judge_lqr_settings,
     LqrCandidate,
-    opening,
     Settings,
-    tried,
 )
 from obc_ros.ros import state_sources
-from obc_ros.ros.conversions import make_body_reader, nanoseconds
+from obc_ros.ros.conversions import make_body_reader, read_nanoseconds
 from obc_ros.ros.executor import run
 from obc_ros.ros.hardware_id import identify
 from obc_ros.ros.parameters.node_parameters import Parameters
@@ -78,7 +78,8 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         self._adopted: LqrCandidate | None = None
         self._courses: tuple[Course, ...] = ()
         self._table = Parameters(
-            self, Settings, self._judge, self._adopt, self._monitor.refused, opening, former)
+            self, Settings, self._judge, self._adopt, self._monitor.refused, describe_opening,
+            explain_former_limits)
         self._adopted, self._revision, self._change = self._table.candidate, 1, Change()
         self._loop = ControlLoop(self._adopted.control)
         self._create_topics(self._table.settings)
@@ -149,7 +150,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         else:
             clock = None if self._is_simulated else time_ns()
             speed = message.twist.twist.linear.x if self._has_speed else None
-            u = loop.answer(nanoseconds(header.stamp), x, begun, clock, speed)
+            u = loop.answer(read_nanoseconds(header.stamp), x, begun, clock, speed)
             if u is not None:
                 self._commands.publish(self._sink.message(u, header.stamp))
                 self._monitor.latencies.append(monotonic() - begun)
@@ -171,8 +172,8 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         if frame == wanted or not (wanted or self._frame):
             self._frame = frame
             return True
-        self._loop.drop('frame', f"a state in the frame '{shown(frame)}' was dropped: wanted "
-                                 f"'{shown(wanted or self._frame)}'", now)
+        self._loop.drop('frame', f"a state in the frame '{quote(frame)}' was dropped: wanted "
+                                 f"'{quote(wanted or self._frame)}'", now)
         return False
 
     def _on_deadline(self, _: Any) -> None:
@@ -236,7 +237,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         self._loop.adopt(candidate.control)
         self._log.info(
             'reference', f'a reference of {courses[-1].reference.duration:g} s, '
-            f'{ending(courses[-1], candidate)}' if courses else
+            f'{describe_ending(courses[-1], candidate)}' if courses else
             'no reference is followed')
 
     def _refuse_reference(self, reason: str) -> None:
@@ -254,7 +255,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     def _on_try_design(self, request: TryDesign.Request, response: TryDesign.Response
                        ) -> TryDesign.Response:
         try:
-            response.design = self._tried(tried(request.weights, self._table.settings))
+            response.design = self._tried(apply_request(request.weights, self._table.settings))
         except ObcError as error:
             response.message = str(error)
         else:
@@ -264,7 +265,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     def _on_suggest_weights(self, request: SuggestWeights.Request,
                             response: SuggestWeights.Response) -> SuggestWeights.Response:
         try:
-            found = suggestion(request, self._adopted.design.plant)
+            found = suggest_weights(request, self._adopted.design.plant)
             fill_suggestion(response, found)
             response.design = self._tried({
                 'weights': 'matrices', 'cross': (),
@@ -386,7 +387,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     def _diagnose(self) -> None:
         self._tell_news()
         self._look_at_clock()
-        for sentence in self._monitor.found(topic_peers.faults(
+        for sentence in self._monitor.found(topic_peers.find_faults(
                 self, [self._states.topic_name, self._commands.topic_name],
                 [self._references.topic_name])):
             self.get_logger().warning(sentence)

@@ -24,7 +24,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from nav_msgs.msg import Odometry
-from obc_ros.core.closed_loop.paced_plant import grid, PacedPlant, Pacing
+from obc_ros.core.closed_loop.paced_plant import choose_step, PacedPlant, Pacing
 from obc_ros.core.closed_loop.simulation_settings import (
     Conditions,
     Gust,
@@ -38,8 +38,8 @@ from obc_ros.msg import Command, State
 from obc_ros.ros import conversions
 from obc_ros.ros.executor import run
 from obc_ros.ros.hardware_id import HARDWARE, identify
-from obc_ros.ros.messages import doubles
-from obc_ros.ros.parameters.node_parameters import group, parameter, ParameterRow, Parameters
+from obc_ros.ros.messages import flatten_doubles
+from obc_ros.ros.parameters.node_parameters import declare_field, group, ParameterRow, Parameters
 from obc_ros.ros.subscription_thread import Apart, OwnThread, PRIORITY
 from obc_ros.ros.throttled_log import ThrottledLog
 from rclpy.clock import Clock
@@ -78,7 +78,7 @@ def _of_disturbances(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
 
 def _system(values: Mapping[str, Any]) -> System:
     prefix = 'system_parameters.'
-    return conversions.chosen_system(values['system'], {
+    return conversions.choose_system(values['system'], {
         name.removeprefix(prefix): value for name, value in values.items()
         if name.startswith(prefix)})
 
@@ -87,36 +87,37 @@ def _system(values: Mapping[str, Any]) -> System:
 class Settings:
     """The parameters of the node."""
 
-    system: str = parameter(
+    system: str = declare_field(
         'aircraft', 'name of a registered system, or path of a YAML file', read_only=True)
-    system_parameters: Mapping[str, Any] = group(conversions.system_parameters)
-    x0: tuple[float, ...] = parameter(
+    system_parameters: Mapping[str, Any] = group(conversions.list_system_parameters)
+    x0: tuple[float, ...] = declare_field(
         (), 'initial state, also after ~/reset; empty: the set point')
-    dt: float = parameter(
+    dt: float = declare_field(
         0.001, 'maximum step of the integration; the publishing period is divided evenly', 's',
         lower=1e-6, upper=1e3, read_only=True)
-    publish_rate: float = parameter(
+    publish_rate: float = declare_field(
         200.0, 'states per simulated second', 'Hz', lower=1e-3, upper=1e5, read_only=True)
-    speed: float = parameter(
+    speed: float = declare_field(
         1.0, 'simulated seconds per second; 0: as fast as possible', lower=0.0, upper=1e6)
-    lockstep: bool = parameter(
+    lockstep: bool = declare_field(
         False, 'true: after each state, wait for its command', read_only=True)
-    publish_clock: bool = parameter(
+    publish_clock: bool = declare_field(
         False, 'true: publish simulated time on /clock', read_only=True)
-    integrator: str = parameter('rk4', 'fixed steps of dt, or adaptive steps', choices=INTEGRATORS)
-    tolerance: float = parameter(
+    integrator: str = declare_field('rk4', 'fixed steps of dt, or adaptive steps',
+                                    choices=INTEGRATORS)
+    tolerance: float = declare_field(
         1e-9, 'error of the adaptive integrator per simulated second', '1/s',
         lower=SMALLEST_TOLERANCE, upper=1.0, used_when=(('integrator', 'adaptive'),))
-    actuator_lag: tuple[float, ...] = parameter(
+    actuator_lag: tuple[float, ...] = declare_field(
         (), 'time constant of each actuator, or one for all; 0: no lag', 's', lower=0.0)
-    input_delay: float = parameter(
+    input_delay: float = declare_field(
         0.0, 'time from a command to its effect', 's', lower=0.0, upper=1e3)
-    command_timeout: float = parameter(
+    command_timeout: float = declare_field(
         0.0, 'simulated time without a command until the input at rest acts; 0: never', 's',
         lower=0.0, used_when=(('lockstep', False),))
-    seed: int = parameter(0, 'seed of the noise', lower=0, used_when=(('noise.*',),))
-    priority: int = parameter(0, PRIORITY, lower=0, upper=99, read_only=True)
-    hardware_id: str = parameter('', HARDWARE)
+    seed: int = declare_field(0, 'seed of the noise', lower=0, used_when=(('noise.*',),))
+    priority: int = declare_field(0, PRIORITY, lower=0, upper=99, read_only=True)
+    hardware_id: str = declare_field('', HARDWARE)
     noise: Mapping[str, float] = group(_of_states)
     disturbance: Mapping[str, float] = group(_of_disturbances)
 
@@ -146,8 +147,8 @@ def judge_plant_settings(settings: Settings) -> PlantCandidate:
         If they are impossible.
 
     """
-    system = conversions.chosen_system(settings.system, settings.system_parameters)
-    dt, steps = grid(settings.dt, settings.publish_rate)
+    system = conversions.choose_system(settings.system, settings.system_parameters)
+    dt, steps = choose_step(settings.dt, settings.publish_rate)
     disturbance = settings.disturbance
     conditions = Conditions(
         dt, settings.integrator, settings.tolerance, settings.actuator_lag, settings.input_delay,
@@ -242,7 +243,7 @@ class PlantSimulator(Node):
         conversions.set_stamp(message.header.stamp, plant.stamp)
         if self._clock_out:
             self._clock_out.publish(ClockMessage(clock=message.header.stamp))
-        message.x = doubles(plant.sample)
+        message.x = flatten_doubles(plant.sample)
         self._states.publish(message)
         if self._odom and self._odom.get_subscription_count():
             self._odometry.header.stamp = message.header.stamp
@@ -251,7 +252,7 @@ class PlantSimulator(Node):
             self._odom.publish(self._odometry)
 
     def _on_command(self, message: Command) -> None:
-        stamp = conversions.nanoseconds(message.header.stamp)
+        stamp = conversions.read_nanoseconds(message.header.stamp)
         with self._lock:
             reason = self._plant.command(stamp, message.u, self._now()[0])
         if reason:

@@ -7,7 +7,7 @@ from time import monotonic
 from typing import Any
 
 from obc_ros.core.text.errors import StatementError
-from obc_ros.ros.messages import check_size, parameters
+from obc_ros.ros.messages import check_size, read_parameters
 from obc_ros.ros.state_sources import Body, FrameError, SOURCES
 from obc_ros.ros.throttled_log import ThrottledLog
 from rclpy.node import Node
@@ -72,7 +72,7 @@ class PresentState:
         from obc_ros.core.solver.motion_planning import find_registered
         from obc_ros.ros.conversions import make_state_reader
         check_size(request)
-        given = parameters('system_parameters', request.system_parameters)
+        given = read_parameters('system_parameters', request.system_parameters)
         return make_state_reader(self._topic,
                                  find_registered(request.system, given))(self._message)
 

@@ -23,14 +23,14 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from obc_ros.action import SolveOptimalControl as SolveAction
 from obc_ros.core.ocp.solution import MAX_INTERVALS
-from obc_ros.core.text.errors import ObcError, shown, StatementError
+from obc_ros.core.text.errors import ObcError, quote, StatementError
 from obc_ros.msg import Trajectory
 from obc_ros.nodes.present_state import PresentState
 from obc_ros.ros import messages
-from obc_ros.ros.callback_guards import outlive
+from obc_ros.ros.callback_guards import guard_callbacks
 from obc_ros.ros.executor import run
 from obc_ros.ros.hardware_id import identify
-from obc_ros.ros.parameters.node_parameters import parameter, Parameters
+from obc_ros.ros.parameters.node_parameters import declare_field, Parameters
 from obc_ros.ros.service_qos import be_patient, BURST
 from obc_ros.ros.state_sources import SOURCES, STATE_SOURCE
 from obc_ros.ros.throttled_log import ThrottledLog
@@ -61,21 +61,21 @@ Progress = Callable[[str, int, float, float], None]
 class Settings:
     """The parameters of the node."""
 
-    workers: int = parameter(2, 'number of solver processes', lower=1, upper=64)
-    time_limit: float = parameter(
+    workers: int = declare_field(2, 'number of solver processes', lower=1, upper=64)
+    time_limit: float = declare_field(
         60.0, 'maximum time from a request to its response', 's', lower=SHORTEST,
         upper=LONGEST_LIMIT)
-    max_intervals: int = parameter(
+    max_intervals: int = declare_field(
         MAX_INTERVALS, 'maximum number of mesh intervals of a solution', lower=10, upper=100_000)
-    cache_size: int = parameter(
+    cache_size: int = declare_field(
         32, 'number of problem structures whose solvers each worker keeps', lower=1, upper=10_000)
-    queue_length: int = parameter(
+    queue_length: int = declare_field(
         128, 'maximum number of waiting requests; others are rejected', lower=0, upper=10_000)
-    hardware_id: str = parameter(
+    hardware_id: str = declare_field(
         '', 'hardware_id of the diagnostics; empty: the namespace, or else the name of the node')
-    state_timeout: float = parameter(
+    state_timeout: float = declare_field(
         0.5, 'maximum age of the state at which a plan may begin', 's', lower=1e-3)
-    state_source: str = parameter(
+    state_source: str = declare_field(
         'state', STATE_SOURCE, choices=tuple(SOURCES), read_only=True)
 
 
@@ -120,7 +120,7 @@ class TrajectoryServer(Node):
             offered = self.create_service(
                 service, name, callback, qos_profile=BURST, callback_group=group)
             be_patient(self, offered)
-            outlive(self, offered, offered.srv_name)
+            guard_callbacks(self, offered, offered.srv_name)
         self._action = ActionServer(
             self, SolveAction, '~/solve_optimal_control', self._execute, callback_group=group,
             cancel_callback=self._cancel, result_timeout=RESULT_TIMEOUT,
@@ -208,7 +208,7 @@ class TrajectoryServer(Node):
                    progress: Progress = lambda *_: None, goal: Any = None) -> Packet:
         """Return a worker's answer to a request, or why there is none."""
         try:
-            packet = messages.plain_request(kind, request)
+            packet = messages.read_request(kind, request)
             limit = self._limit(time_limit)
         except StatementError as error:
             return self._refuse(kind, 'malformed', str(error))
@@ -217,7 +217,7 @@ class TrajectoryServer(Node):
             cache_size=settings.cache_size, max_intervals=settings.max_intervals)
         future: Future = Future()
         job = Job(kind, packet, limit, lambda answer: self._deliver(future, answer), progress,
-                  messages.affinity(packet))
+                  messages.compute_affinity(packet))
         quick = kind == 'design_lqr' and len(request.a) <= QUICK
         (self._designers if quick else self._solvers).submit(job)
         if goal:
@@ -267,7 +267,7 @@ class TrajectoryServer(Node):
 
     def _log_refusal(self, kind: str, reason: str) -> None:
         self._log.warning(
-            'refused', f'a request of ~/{kind} was refused: {shown(str(reason), 500)}')
+            'refused', f'a request of ~/{kind} was refused: {quote(str(reason), 500)}')
 
     def _count(self, packet: Packet) -> Packet:
         self._statuses[packet.plain['status']] += 1

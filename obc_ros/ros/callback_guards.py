@@ -27,7 +27,7 @@ def guard(node: Node) -> None:
     _guard_clock(node)
 
 
-def outlive(node: Node, entity: Any, name: str) -> None:
+def guard_callbacks(node: Node, entity: Any, name: str) -> None:
     """
     Have a node outlive an error in the callback of a service or of a subscription.
 

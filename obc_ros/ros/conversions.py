@@ -35,7 +35,7 @@ _POSE, _TWIST = ('px', 'py', 'theta'), ('vx', 'vy', 'omega')
 _XX, _YY, _ZZ, _PITCH, _YAW = 0, 7, 14, 28, 35  # of a 6 x 6 covariance
 
 
-def nanoseconds(stamp: Time) -> int:
+def read_nanoseconds(stamp: Time) -> int:
     """Return a stamp as nanoseconds."""
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
@@ -45,7 +45,7 @@ def set_stamp(stamp: Time, time: int) -> None:
     stamp.sec, stamp.nanosec = divmod(time, 10**9)
 
 
-def system_parameters(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
+def list_system_parameters(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
     """
     Yield the parameters and options of the system that `values` names, for `parameters.group`.
 
@@ -56,7 +56,7 @@ def system_parameters(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
 
     """
     name = str(values['system'])
-    options = registry.options(name)
+    options = registry.get_options(name)
     for option, default in options.items():
         yield ParameterRow(
             option, tuple(default) if isinstance(default, (tuple, list)) else default,
@@ -72,13 +72,13 @@ def system_parameters(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
             each.name, each.value, each.description, each.unit, each.lower, each.upper)
 
 
-def chosen_system(name: str, values: Mapping[str, Any]) -> System:
+def choose_system(name: str, values: Mapping[str, Any]) -> System:
     """
     Return a system with the values that differ from those it was declared with.
 
     What a file gives as an expression of other parameters thus follows them.
     """
-    declared = {entry.name: entry.default for entry in system_parameters({'system': name})}
+    declared = {entry.name: entry.default for entry in list_system_parameters({'system': name})}
     return registry.get_system(name, {key: value for key, value in values.items()
                                       if value != declared.get(key)})
 

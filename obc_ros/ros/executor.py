@@ -20,8 +20,8 @@ import sys
 import threading
 from time import monotonic, sleep
 
-from obc_ros.core.text.errors import ObcError, shown, StatementError
-from obc_ros.ros.callback_guards import outlive
+from obc_ros.core.text.errors import ObcError, quote, StatementError
+from obc_ros.ros.callback_guards import guard_callbacks
 from obc_ros.ros.middleware import choose_profile
 from obc_ros.ros.service_qos import be_patient
 import rclpy
@@ -41,12 +41,12 @@ PATIENCE = 10.0  # [s] with a node that is leaving the graph
 # reaches them after the farewell of its participant makes them list the node for ever.
 SETTLE = 0.2
 # [s] for each node in the graph, 1 s at most, in which those that are told to end together leave
-# one by one: the news of another's leaving is what `leaving` is about.
+# one by one: the news of another's leaving is what `limit_leaving` is about.
 ROOM = 0.02
 
 
 @contextmanager
-def leaving() -> Iterator[None]:
+def limit_leaving() -> Iterator[None]:
     """
     End the process with status 1 if a node does not leave the graph.
 
@@ -78,17 +78,17 @@ def run(build: Callable[[], Node]) -> int:
             node = build()
             for service in node.services:  # those of parameters among them
                 be_patient(node, service)
-                outlive(node, service, service.srv_name)
+                guard_callbacks(node, service, service.srv_name)
             for subscription in node.subscriptions:
-                outlive(node, subscription, subscription.topic_name)
+                guard_callbacks(node, subscription, subscription.topic_name)
         except _UNFIT as error:
-            print(f'{Path(sys.argv[0]).stem}: {sentence(error)}', file=sys.stderr)
+            print(f'{Path(sys.argv[0]).stem}: {summarize_error(error)}', file=sys.stderr)
             rclpy.try_shutdown()
             return 1
         try:
             _spin(node, stop)
         finally:
-            with leaving():
+            with limit_leaving():
                 with node.handle:   # what is in use is destroyed after that: the node comes last
                     room = _room(node)
                     node.destroy_node()
@@ -113,7 +113,7 @@ def _room(node: Node) -> float:
 def _refuse(words: list[str]) -> None:
     """Refuse what is no ROS argument: parameters that stand before --ros-args have no effect."""
     if words:
-        raise StatementError(f"'{shown(words[0])}' is not understood; parameters are given as in: "
+        raise StatementError(f"'{quote(words[0])}' is not understood; parameters are given as in: "
                              '--ros-args -p system:=aircraft --params-file FILE')
 
 
@@ -198,7 +198,7 @@ def _answer(node: Node, executor: SingleThreadedExecutor) -> None:
         sleep(SETTLE)
 
 
-def sentence(error: Exception) -> str:
+def summarize_error(error: Exception) -> str:
     """Return what an error says without the places in rcl's sources and on one line."""
     words = ' '.join(re.sub(r', at /\S+:\d+', '', str(error)).split())
     if 'Sequence should be of same type' in words:

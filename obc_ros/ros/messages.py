@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from obc_ros.core.ocp import solution
 from obc_ros.core.ocp.guess import Guess
-from obc_ros.core.text.errors import shown, StatementError
+from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.msg import (
     Certificate,
     FinalTime,
@@ -82,14 +82,14 @@ def read_statement(problem: OptimalControlProblem) -> dict[str, Any]:
         'system': problem.system,
         'states': list(problem.states),
         'inputs': list(problem.inputs),
-        'parameters': parameters('parameters', problem.parameters),
-        'dynamics': expressions('dynamics', problem.dynamics),
+        'parameters': read_parameters('parameters', problem.parameters),
+        'dynamics': read_expressions('dynamics', problem.dynamics),
         'running_cost': problem.running_cost,
         'terminal_cost': problem.terminal_cost,
-        'initial_state': expressions('initial_state', problem.initial_state),
+        'initial_state': read_expressions('initial_state', problem.initial_state),
         'terminal_constraints': list(problem.terminal_constraints),
-        'input_bounds': bounds('input_bounds', problem.input_bounds),
-        'state_bounds': bounds('state_bounds', problem.state_bounds),
+        'input_bounds': read_message_bounds('input_bounds', problem.input_bounds),
+        'state_bounds': read_message_bounds('state_bounds', problem.state_bounds),
         'path_constraints': [
             {'expr': each.expr, 'lower': each.lower or None, 'upper': each.upper or None}
             for each in problem.path_constraints],
@@ -103,7 +103,7 @@ def read_statement(problem: OptimalControlProblem) -> dict[str, Any]:
     return _without_empty(entries)
 
 
-def problem_message(mapping: Mapping[str, Any], guess: Guess) -> OptimalControlProblem:
+def build_problem_message(mapping: Mapping[str, Any], guess: Guess) -> OptimalControlProblem:
     """
     Return the message of a statement.
 
@@ -125,9 +125,9 @@ def problem_message(mapping: Mapping[str, Any], guess: Guess) -> OptimalControlP
     message.terminal_constraints = [
         _text(each) for each in mapping.get('terminal_constraints') or ()]
     for key in ('parameters', 'dynamics', 'initial_state'):
-        setattr(message, key, named_expressions(mapping.get(key) or {}))
+        setattr(message, key, build_named_expressions(mapping.get(key) or {}))
     for key in ('input_bounds', 'state_bounds'):
-        setattr(message, key, named_bounds(mapping.get(key) or {}))
+        setattr(message, key, build_named_bounds(mapping.get(key) or {}))
     message.path_constraints = [
         PathConstraint(**{key: _text(value) for key, value in each.items()})
         for each in mapping.get('path_constraints') or ()]
@@ -135,13 +135,13 @@ def problem_message(mapping: Mapping[str, Any], guess: Guess) -> OptimalControlP
     message.final_time = FinalTime(free=final_time.pop('free'), **{
         key: _text(value) for key, value in final_time.items()})
     message.initial_guess = InitialGuess(
-        states=[NamedValues(name=name, values=doubles(x)) for name, x in guess.x.items()],
-        inputs=[NamedValues(name=name, values=doubles(u)) for name, u in guess.u.items()],
+        states=[NamedValues(name=name, values=flatten_doubles(x)) for name, x in guess.x.items()],
+        inputs=[NamedValues(name=name, values=flatten_doubles(u)) for name, u in guess.u.items()],
         final_time=guess.final_time or 0.0)
     return message
 
 
-def expressions(where: str, entries: Iterable[NamedExpression]) -> dict[str, str]:
+def read_expressions(where: str, entries: Iterable[NamedExpression]) -> dict[str, str]:
     """
     Return name to expression, in order.
 
@@ -154,7 +154,7 @@ def expressions(where: str, entries: Iterable[NamedExpression]) -> dict[str, str
     return _unique(where, ((each.name, each.expression) for each in entries))
 
 
-def parameters(where: str, entries: Iterable[NamedExpression]) -> dict[str, Any]:
+def read_parameters(where: str, entries: Iterable[NamedExpression]) -> dict[str, Any]:
     """
     Return name to expression, or to the list that an option of a system is, written as JSON.
 
@@ -164,11 +164,11 @@ def parameters(where: str, entries: Iterable[NamedExpression]) -> dict[str, Any]
         If a name stands twice, or what begins with a bracket is no list.
 
     """
-    return {name: _list(f'{where}.{shown(name)}', text) if text.startswith('[') else text
-            for name, text in expressions(where, entries).items()}
+    return {name: _list(f'{where}.{quote(name)}', text) if text.startswith('[') else text
+            for name, text in read_expressions(where, entries).items()}
 
 
-def bounds(where: str, entries: Iterable[NamedBounds]) -> dict[str, list[str | None]]:
+def read_message_bounds(where: str, entries: Iterable[NamedBounds]) -> dict[str, list[str | None]]:
     """
     Return name to [lower, upper], None for none.
 
@@ -182,19 +182,19 @@ def bounds(where: str, entries: Iterable[NamedBounds]) -> dict[str, list[str | N
         (each.name, [each.lower or None, each.upper or None]) for each in entries))
 
 
-def named_expressions(mapping: Mapping[str, Any]) -> list[NamedExpression]:
+def build_named_expressions(mapping: Mapping[str, Any]) -> list[NamedExpression]:
     """Return a mapping of names to numbers or expressions as messages."""
     return [NamedExpression(name=name, expression=_text(value))
             for name, value in mapping.items()]
 
 
-def named_bounds(mapping: Mapping[str, Any]) -> list[NamedBounds]:
+def build_named_bounds(mapping: Mapping[str, Any]) -> list[NamedBounds]:
     """Return a mapping of names to [lower, upper] (or None) as messages."""
     return [NamedBounds(name=name, lower=_text(pair[0]), upper=_text(pair[1]))
             for name, pair in mapping.items() if pair is not None]
 
 
-def plain_request(kind: str, request: Any) -> Packet:
+def read_request(kind: str, request: Any) -> Packet:
     """
     Return a request as plain data.
 
@@ -215,19 +215,19 @@ def _solve_request(request: Any) -> Packet:
 def _minimize_request(request: Any) -> Packet:
     return Packet({'statement': _without_empty({
         'variables': list(request.variables),
-        'parameters': expressions('parameters', request.parameters),
+        'parameters': read_expressions('parameters', request.parameters),
         'cost': request.cost,
         'equalities': list(request.equalities),
         'inequalities': list(request.inequalities),
-        'bounds': bounds('bounds', request.bounds),
+        'bounds': read_message_bounds('bounds', request.bounds),
         'guess': request.guess.tolist()})})
 
 
 def _plan_request(request: Any) -> Packet:
     return Packet(
         {'system': request.system, 'objective': request.objective,
-         'parameters': parameters('system_parameters', request.system_parameters),
-         'input_bounds': bounds('input_bounds', request.input_bounds),
+         'parameters': read_parameters('system_parameters', request.system_parameters),
+         'input_bounds': read_message_bounds('input_bounds', request.input_bounds),
          'final_time': request.final_time},
         _arrays(request, 'start', 'goal', 'qx', 'qu'))
 
@@ -236,7 +236,7 @@ def _design_request(request: Any) -> Packet:
     weights = request.weights
     return Packet(
         {'system': request.system,
-         'parameters': parameters('system_parameters', request.system_parameters),
+         'parameters': read_parameters('system_parameters', request.system_parameters),
          'sample_time': request.sample_time, 'delay': request.delay,
          'weights': weights.weights, 'rho': weights.rho, 'stability': weights.stability},
         _arrays(request, 'setpoint', 'setpoint_input', 'a', 'b')
@@ -251,7 +251,7 @@ def _arrays(message: Any, *names: str) -> dict[str, Any]:
     return {name: np.array(getattr(message, name), np.float64) for name in names}
 
 
-def affinity(request: Packet) -> str:
+def compute_affinity(request: Packet) -> str:
     """Return a text that is equal for statements which differ in numbers only."""
     given = request.plain.get('statement', {})
     shape = [given.get(key) for key in ('system', 'states', 'inputs', 'dynamics', 'running_cost',
@@ -273,30 +273,30 @@ def fill_answer(response: Any, packet: Packet) -> None:
 
     """
     plain = dict(packet.plain)
-    response.certificate = certificate_message(plain.pop('certificate', None))
+    response.certificate = build_certificate_message(plain.pop('certificate', None))
     response.optimality = Optimality(**plain.pop('optimality', None) or {})
     response.success = plain['status'] == 'solved' and response.certificate.holds
     for name in set(response.get_fields_and_field_types()) & set(plain):
         setattr(response, name, plain[name])
     if 'nu' in packet.arrays and hasattr(response, 'nu'):
-        response.nu = doubles(packet.arrays['nu'])
+        response.nu = flatten_doubles(packet.arrays['nu'])
     if 't' in packet.arrays:
         response.trajectory = Trajectory(
             system=plain['system'], state_names=plain['states'], input_names=plain['inputs'],
             interpolation=plain['interpolation'],
-            **{name: doubles(packet.arrays[name])
+            **{name: flatten_doubles(packet.arrays[name])
                for name in ('t', 'x', 'u', 'lam', 'hamiltonian', 'switching_times')})
 
 
 def fill_minimum(response: Any, packet: Packet) -> None:
     """Put the answer of `requests` to ``~/minimize`` into its response."""
     plain = dict(packet.plain)
-    response.certificate = certificate_message(plain.pop('certificate', None))
+    response.certificate = build_certificate_message(plain.pop('certificate', None))
     response.success = plain['status'] == 'solved' and response.certificate.holds
     for name, value in plain.items():
         setattr(response, name, value)
     for name, values in packet.arrays.items():
-        setattr(response, name, doubles(values))
+        setattr(response, name, flatten_doubles(values))
 
 
 def fill_design(response: Any, packet: Packet) -> None:
@@ -306,16 +306,16 @@ def fill_design(response: Any, packet: Packet) -> None:
     if not response.success:
         response.message = f'{status}: {response.message}'
     else:
-        response.design = lqr_design({**packet.plain['design'], **packet.arrays})
+        response.design = build_lqr_design({**packet.plain['design'], **packet.arrays})
 
 
-def lqr_design(fields: Mapping[str, Any]) -> LqrDesign:
-    """Return the message with the fields that `report.fields` returns."""
-    return LqrDesign(**{name: doubles(value) if isinstance(value, np.ndarray) else value
+def build_lqr_design(fields: Mapping[str, Any]) -> LqrDesign:
+    """Return the message with the fields that `report_fields` returns."""
+    return LqrDesign(**{name: flatten_doubles(value) if isinstance(value, np.ndarray) else value
                         for name, value in fields.items()})
 
 
-def certificate_message(conditions: Mapping[str, Mapping[str, float]] | None) -> Certificate:
+def build_certificate_message(conditions: Mapping[str, Mapping[str, float]] | None) -> Certificate:
     """Return the certificate with these residuals and tolerances; an empty one for None."""
     if conditions is None:
         return Certificate(sentence='there is no answer to certify')
@@ -331,7 +331,7 @@ def certificate_message(conditions: Mapping[str, Mapping[str, float]] | None) ->
                  f'{worst} does not hold: its residual is {residual:.2g}, over {tolerance:.2g}')
 
 
-def doubles(values: Any) -> 'array[float]':
+def flatten_doubles(values: Any) -> 'array[float]':
     """Return numbers of any shape, row by row, as the value of a float64[] field."""
     return array('d', np.asarray(values, np.float64).tobytes())
 
@@ -344,7 +344,7 @@ def _unique(where: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, value in pairs:
         if name in found:
-            raise StatementError(f"{where}: '{shown(name)}' stands twice")
+            raise StatementError(f"{where}: '{quote(name)}' stands twice")
         found[name] = value
     return found
 
@@ -363,4 +363,4 @@ def _list(where: str, text: str) -> Any:
     try:
         return json.loads(text)
     except (json.JSONDecodeError, RecursionError) as error:
-        raise StatementError(f'{where}: {shown(text)} is no list of numbers: {error}') from None
+        raise StatementError(f'{where}: {quote(text)} is no list of numbers: {error}') from None

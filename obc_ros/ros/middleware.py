@@ -22,7 +22,7 @@ WISHES = (*VARIABLES, 'FASTDDS_BUILTIN_TRANSPORTS')
 KILTED = 9  # the version of its rclpy; it has Fast DDS 3 and complains of the old variable
 
 
-def profile(environment: Mapping[str, str], folder: Path) -> dict[str, str]:
+def find_profile(environment: Mapping[str, str], folder: Path) -> dict[str, str]:
     """Return the variable that names the profile; nothing where the user has a wish."""
     if any(name in environment for name in WISHES) or any(
             (folder / name).exists() for name in FILES):
@@ -36,4 +36,4 @@ def profile(environment: Mapping[str, str], folder: Path) -> dict[str, str]:
 
 def choose_profile() -> None:
     """Have this process and its children use the profile; before a node is created."""
-    os.environ.update(profile(os.environ, Path()))
+    os.environ.update(find_profile(os.environ, Path()))

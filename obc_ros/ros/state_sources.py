@@ -12,7 +12,7 @@ odom   Odometry  pose, and twist in the child frame; see `conversions`
 """
 
 from nav_msgs.msg import Odometry
-from obc_ros.core.text.errors import shown, StatementError
+from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.msg import State
 
 SOURCES = {'state': State, 'odom': Odometry}
@@ -34,10 +34,10 @@ class Body:
         child = message.child_frame_id
         if child == message.header.frame_id:
             raise FrameError(
-                f"odometry with child_frame_id = header.frame_id = '{shown(child)}': its twist "
+                f"odometry with child_frame_id = header.frame_id = '{quote(child)}': its twist "
                 'belongs in the frame of the body')
         if self._frame and child != self._frame:
-            raise FrameError(f"odometry of '{shown(child)}', after that of '{shown(self._frame)}'")
+            raise FrameError(f"odometry of '{quote(child)}', after that of '{quote(self._frame)}'")
 
     def keep(self, message: Odometry) -> None:
         """Take the body of a message for the one that is read."""

@@ -18,7 +18,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from obc_ros.core.lqr.design.design import design, linearize_plant, LinearizedPlant, Sampling
-from obc_ros.core.lqr.design.report import Change, fields
+from obc_ros.core.lqr.design.report import Change, report_fields
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import (
@@ -29,7 +29,7 @@ from obc_ros.core.ocp.solution import (
     Solution,
     Status,
 )
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.motion_planning import find_registered, Motion, state_motion
 from obc_ros.core.solver.nlp.minimize import minimize
 from obc_ros.core.solver.solve import Cache, solve
@@ -62,7 +62,7 @@ def answer(kind: str, request: Packet, time_limit: float, report: Report,
         return Packet({'status': 'malformed', 'message': str(error)})
 
 
-def solution_packet(problem: Problem, solution: Solution, system: str) -> Packet:
+def pack_solution(problem: Problem, solution: Solution, system: str) -> Packet:
     """Return an answer as plain data, with the names that its arrays go by."""
     return Packet(
         {'status': solution.status.value, 'message': solution.message,
@@ -91,13 +91,13 @@ def _optimality(found: Optimality | None) -> dict[str, Any] | None:
 
 def _solve(request: Packet, time_limit: float, report: Report, keep: Keep) -> Packet:
     plain = request.plain
-    problem = problem_from_mapping(plain['statement'])
+    problem = build_problem(plain['statement'])
     system = plain['statement'].get('system', '')
     solution = solve(problem, method=plain['method'], time_limit=time_limit,
                      report=report, cache=_cache(plain['cache_size']),
                      max_intervals=plain.get('max_intervals', MAX_INTERVALS),
-                     keep=lambda path: keep(solution_packet(problem, path, system)))
-    return solution_packet(problem, solution, system)
+                     keep=lambda path: keep(pack_solution(problem, path, system)))
+    return pack_solution(problem, solution, system)
 
 
 def _minimize(request: Packet, time_limit: float, report: Report, keep: Keep) -> Packet:
@@ -117,12 +117,12 @@ def _plan(request: Packet, time_limit: float, report: Report, keep: Keep) -> Pac
     begun = time.monotonic()
     if motion.objective != 'time' and not motion.final_time:
         motion = replace(motion, final_time=_ample_time(motion, time_limit / 2, report, cache))
-    problem = problem_from_mapping(state_motion(motion))
+    problem = build_problem(state_motion(motion))
     left = time_limit - (time.monotonic() - begun)
     solution = solve(problem, time_limit=left, report=report, cache=cache,
                      max_intervals=plain.get('max_intervals', MAX_INTERVALS),
-                     keep=lambda path: keep(solution_packet(problem, path, motion.system)))
-    return solution_packet(problem, solution, motion.system)
+                     keep=lambda path: keep(pack_solution(problem, path, motion.system)))
+    return pack_solution(problem, solution, motion.system)
 
 
 def _design_lqr(request: Packet, time_limit: float, report: Report, keep: Keep) -> Packet:
@@ -144,7 +144,7 @@ def _design_lqr(request: Packet, time_limit: float, report: Report, keep: Keep) 
             'stability': plain['stability']}, sampling=sampling)
     except RefusedDesignError as error:
         return Packet({'status': 'refused', 'message': str(error)})
-    entries = fields(found, Change(), None)
+    entries = report_fields(found, Change(), None)
     arrays = {name: value for name, value in entries.items() if isinstance(value, np.ndarray)}
     message = {name: value for name, value in entries.items() if name not in arrays}
     message['sentence'] = message['sentence'].removeprefix(': ')  # matrices have no name
@@ -176,7 +176,7 @@ def _given_plant(a: Array, b: Array) -> LinearizedPlant:
 def _ample_time(motion: Motion, time_limit: float, report: Report, cache: Cache) -> float:
     """Return twice the least time of a motion; 0 where there is none or it is not found."""
     try:
-        problem = problem_from_mapping(state_motion(replace(motion, objective='time')))
+        problem = build_problem(state_motion(replace(motion, objective='time')))
     except ObcError:
         return 0.0  # inputs without bounds; what else is wrong with the motion is seen again
     solution = solve(problem, time_limit=time_limit, report=report, cache=cache)

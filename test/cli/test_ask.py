@@ -333,7 +333,7 @@ def test_interrupted_before_a_server_is_found_there_are_answers(
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(client, 'connected', interrupted)
+    monkeypatch.setattr(client, 'connect_client', interrupted)
     (tmp_path / 'good.yaml').write_text(yaml.safe_dump(question))
     assert main([command, str(tmp_path / 'good.yaml'), '--json', str(tmp_path)]) == 1
     answer = read(tmp_path / 'good.json')

@@ -72,8 +72,8 @@ def test_interrupted_it_leaves_no_process_and_no_traceback(tmp_path):
 
 
 def test_the_benchmarks_of_the_project_are_found():
-    assert {'simulate'} <= set(bench.benchmarks())
-    assert 'timing' not in bench.benchmarks()
+    assert {'simulate'} <= set(bench.find_benchmarks())
+    assert 'timing' not in bench.find_benchmarks()
 
 
 def test_rivals_are_timed_in_turn_by_the_clock_that_is_given():

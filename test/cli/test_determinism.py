@@ -11,7 +11,7 @@ from typing import Any
 from obc_ros.cli.demo import vehicle
 from obc_ros.cli.demo.flight import Event, Flight, fly, set_parameters
 from obc_ros.cli.flight_client import Pilot
-from obc_ros.cli.processes import free_domain, isolate
+from obc_ros.cli.processes import isolate, reserve_domain
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import Trajectory
 from obc_ros.srv import PlanMotion
@@ -64,7 +64,7 @@ def test_two_flights_in_lockstep_give_the_same_bytes(
     for number, others in enumerate((0, 1)):
         busy = [subprocess.Popen([sys.executable, '-c', BUSY]) for _ in range(others)]
         try:
-            with free_domain() as domain:
+            with reserve_domain() as domain:
                 isolate(domain)
                 fly(flight, tmp_path / str(number), False, lambda pilot, wall: 0)
         finally:

@@ -7,14 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 from obc_ros.cli.ask.problem_requests import Question
 from obc_ros.cli.figures import _alike, _slopes, draw_solution
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem
 
 MAPPING = {
     'name': 'scaled', 'states': ['x', 'v', 'theta_1'], 'inputs': ['u', 'w'],
     'dynamics': {'x': 'v', 'v': 'u*x', 'theta_1': '-theta_1 + w'}, 'running_cost': 'u**2 + w',
     'initial_state': {'x': 1000, 'v': 1, 'theta_1': 0}, 'input_bounds': {'w': [-1, 1]},
     'state_bounds': {'x': [900, None]}, 'final_time': {'free': False, 'value': 1}}
-PROBLEM = problem_from_mapping(MAPPING)
+PROBLEM = build_problem(MAPPING)
 T = np.linspace(0, 1, 11)
 X = np.column_stack([1000 + T, 1 + 0 * T, T * 0])
 U = np.column_stack([T, 1 - T])

@@ -13,7 +13,7 @@ import shlex
 
 from matplotlib.figure import Figure
 import numpy as np
-from obc_ros.cli.client import served
+from obc_ros.cli.client import serve_client
 from obc_ros.cli.gallery import page, ros2_commands
 from obc_ros.cli.gallery import records as gallery
 from obc_ros.cli.gallery import runner as desks
@@ -22,7 +22,7 @@ from obc_ros.cli.gallery.entries.all import ENTRIES
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.loop import UnansweredError
 from obc_ros.cli.obc import main, parse
-from obc_ros.cli.processes import Children, free_domain, isolate
+from obc_ros.cli.processes import Children, isolate, reserve_domain
 from obc_ros.cli.ros2.yaml_messages import fill, find_type
 from obc_ros.cli.ros2.yaml_messages import parse_values as parse_yaml
 from obc_ros.ros.messages import read_statement
@@ -45,10 +45,10 @@ def desk(out: Path) -> Iterator[desks.Desk]:
     """Return a desk at a server of its own."""
     before = dict(os.environ)
     try:
-        with free_domain() as domain:
+        with reserve_domain() as domain:
             isolate(domain)
             with Children(out / 'log') as children, ExitStack() as stack:
-                yield desks.Desk(lambda: stack.enter_context(served(children)),
+                yield desks.Desk(lambda: stack.enter_context(serve_client(children)),
                                  out / 'recordings')
     finally:
         os.environ.clear()
@@ -95,7 +95,7 @@ def test_hypotheses_of_theorem_2_2() -> None:
 
 def test_systems_of_exercise_2_7() -> None:
     """They are observable, as the exercise has it, and most of them need a feedback."""
-    systems = linear.random_systems()
+    systems = linear.draw_systems()
     assert len(systems) == linear.SYSTEMS
     assert all(_reaches(A.T, C.T) for A, _, C, _ in systems)
     assert sum(np.linalg.eigvals(A).real.max() > 0 for A, *_ in systems) > linear.SYSTEMS / 2
@@ -183,7 +183,7 @@ def test_a_number_that_is_off_fails_the_entry(tmp_path: Path,
     records = [gallery.work(entry, desk, tmp_path) for entry in entries]
     assert [record['holds'] for record in records] == [False, False]
     assert records[1]['message'] == 'no <answer>'
-    assert 'no &lt;answer&gt;' in page.page(records)
+    assert 'no &lt;answer&gt;' in page.render_page(records)
     monkeypatch.setattr(gallery, 'work_all', lambda *given: given[-1].extend(records))
     assert main(['gallery', '2.2', '--out', str(tmp_path)]) == 1
 
@@ -242,7 +242,7 @@ def test_numbers(value: float | None, html: str) -> None:
     ('$sin θ < 1$', 'sin <i>θ</i> &lt; 1'),
     ('`lqr_node` of $K$', '<code>lqr_node</code> of <i>K</i>')])
 def test_markup(text: str, html: str) -> None:
-    assert page.markup(text) == html
+    assert page.format_markup(text) == html
 
 
 def test_commands_say_what_was_asked() -> None:
@@ -252,13 +252,13 @@ def test_commands_say_what_was_asked() -> None:
         'final_time': {'free': True, 'lower': 0.1, 'upper': 3}}
     request = desks.solve_request(problem, 'arcs')
     given = yaml.safe_load(shlex.split(
-        ros2_commands.service_call('solve', SolveOptimalControl, request))[-1])
+        ros2_commands.write_service_call('solve', SolveOptimalControl, request))[-1])
     assert given['method'] == 'arcs'
     again = read_statement(fill(SolveOptimalControl.Request(), given).problem)
     assert again == read_statement(request.problem)
     case = {'A': [[0, 1], [0, 0]], 'B': [[0], [1]], 'Qx': [1, 0], 'Qu': [0.1]}
     request = desks.design_request(case)
-    command = ros2_commands.service_call('design_lqr', DesignLqr, request)
+    command = ros2_commands.write_service_call('design_lqr', DesignLqr, request)
     assert shlex.split(command)[:5] == [
         'ros2', 'service', 'call', '/trajectory_server/design_lqr', 'obc_ros/srv/DesignLqr']
     assert fill(DesignLqr.Request(), yaml.safe_load(shlex.split(command)[-1])) == request

@@ -24,7 +24,7 @@ def greet(monkeypatch):
 
     module = SimpleNamespace(
         add_arguments=lambda parser: parser.add_argument('number', type=int), run=run)
-    monkeypatch.setattr(obc, 'available', lambda: {'solve': 'greet', 'lqr': 'never loaded'})
+    monkeypatch.setattr(obc, 'find_subcommands', lambda: {'solve': 'greet', 'lqr': 'never loaded'})
     monkeypatch.setattr(
         obc, 'import_module', {'obc_ros.cli.ask.solve': module}.__getitem__)
     return seen
@@ -65,14 +65,14 @@ def test_help_lists_what_is_installed_and_imports_nothing_heavy():
     answer = subprocess.run(
         [sys.executable, '-c', program], capture_output=True, text=True, check=True).stdout
     assert answer.endswith('[]\n')
-    for name in obc.available():
+    for name in obc.find_subcommands():
         assert f'\n    {name}' in answer
 
 
 def test_reader_that_leaves_early_is_no_crash():
     program = (
         'import sys; from types import SimpleNamespace; from obc_ros.cli import obc\n'
-        'obc.available = lambda: {"solve": ""}\n'
+        'obc.find_subcommands = lambda: {"solve": ""}\n'
         'obc.import_module = lambda name: SimpleNamespace(add_arguments=lambda parser: None,\n'
         '    run=lambda args: print("line\\n" * 100000) or 0)\n'
         'sys.exit(obc.main(["solve"]))')

@@ -10,7 +10,7 @@ import sys
 import tempfile
 
 from obc_ros.cli import processes
-from obc_ros.cli.processes import Children, free_domain, InterruptedByUserError
+from obc_ros.cli.processes import Children, InterruptedByUserError, reserve_domain
 import pytest
 
 
@@ -40,7 +40,7 @@ def test_a_folder_that_cannot_be_made_leaves_the_signals_alone(tmp_path):
 def test_what_killed_processes_left_is_removed_from_a_domain_that_is_taken(tmp_path, monkeypatch):
     monkeypatch.setattr(processes, 'SHARED_MEMORY', tmp_path)
     monkeypatch.setattr(processes, 'DOMAINS', range(101, 0, -1))  # others begin with the lowest
-    with free_domain() as domain:
+    with reserve_domain() as domain:
         first = 7400 + 250 * domain
     dead = ['fastrtps_port{}', 'fastrtps_port{}_el', 'sem.fastrtps_port{}_mutex']
     alive = ['fastdds_port{}', 'fastdds_port{}_sl', 'sem.fastdds_port{}_mutex']
@@ -61,7 +61,7 @@ def test_what_killed_processes_left_is_removed_from_a_domain_that_is_taken(tmp_p
             tmp_path / alive[1].format(7011)).open('rb') as common:
         fcntl.flock(held, fcntl.LOCK_SH)
         fcntl.flock(common, fcntl.LOCK_EX)
-        with free_domain() as again:
+        with reserve_domain() as again:
             assert again == domain
     assert sorted(each.name for each in tmp_path.iterdir()) == sorted(others)
 
@@ -79,7 +79,7 @@ def test_there_is_a_folder_for_logs_without_a_home(tmp_path, monkeypatch, home, 
 
 def test_a_folder_has_one_writer_at_a_time(tmp_path):
     folder = tmp_path / 'out'
-    with processes.alone_in(folder):
+    with processes.lock_folder(folder):
         program = (
             'import sys; from obc_ros.cli import obc\n'
             f'sys.exit(obc.main(["demo", "vehicle", "--out", {str(folder)!r}]))')
@@ -87,5 +87,5 @@ def test_a_folder_has_one_writer_at_a_time(tmp_path):
             [sys.executable, '-c', program], capture_output=True, text=True, check=False)
         assert (second.returncode, second.stdout) == (1, '')
         assert 'out is being written by another command; give another folder' in second.stderr
-    with processes.alone_in(folder):
+    with processes.lock_folder(folder):
         assert not list(folder.iterdir())

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from nav_msgs.msg import Odometry
 import numpy as np
-from obc_ros.cli.recording import definition, LATCHED, LIVE, Recorder
+from obc_ros.cli.recording import get_definition, LATCHED, LIVE, Recorder
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import State, Trajectory
 import pytest
@@ -59,7 +59,7 @@ def test_an_empty_recording_is_readable(tmp_path: Path) -> None:
 
 def test_definitions_hold_every_type_once() -> None:
     """A definition names all the types it uses, each once."""
-    text = definition('nav_msgs/msg/Odometry')
+    text = get_definition('nav_msgs/msg/Odometry')
     types = [line for line in text.splitlines() if line.startswith('MSG: ')]
     assert len(types) == len(set(types))
     assert {'MSG: std_msgs/Header', 'MSG: builtin_interfaces/Time', 'MSG: geometry_msgs/Pose',
@@ -69,4 +69,4 @@ def test_definitions_hold_every_type_once() -> None:
 def test_a_missing_package_is_named() -> None:
     """The error says which package is missing and what to do."""
     with pytest.raises(ObcError, match="'no_such_msgs' is not installed"):
-        definition('no_such_msgs/msg/Thing')
+        get_definition('no_such_msgs/msg/Thing')

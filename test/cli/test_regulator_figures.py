@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
-from obc_ros.cli.ask.regulator_figures import draw_regulator, figure
+from obc_ros.cli.ask.regulator_figures import draw_figure, draw_regulator
 from obc_ros.cli.ask.regulator_requests import Case
 from obc_ros.core.lqr.design.design import design, linearize_plant, Sampling
 from obc_ros.core.lqr.design.report import Change
@@ -43,7 +43,7 @@ CASES: list[dict[str, Any]] = [
 def test_curves_say_what_the_numbers_say(asked: dict[str, Any], tmp_path: Any) -> None:
     """Rise time, phase margin and bandwidth are read off the curves; rho = 1 is on the locus."""
     case = solved(**asked)
-    step, magnitude, locus, phase = figure(case).axes[:4]
+    step, magnitude, locus, phase = draw_figure(case).axes[:4]
     for index, line in enumerate(step.lines[:2]):
         t, y = line.get_data()
         rise = t[np.argmax(y >= 0.9)] - t[np.argmax(y >= 0.1)]
@@ -79,7 +79,7 @@ def test_curves_of_what_a_server_answers(spawn: Any, probe: Any) -> None:
     case.take({'name': 'flight', 'system': 'aircraft', 'Qx': [1.0] * 6, 'Qu': [1.0, 1.0]})
     case.design = ask(1.0)
     case.end('solved', case.design.sentence)
-    step, magnitude, locus, phase = figure(case).axes[:4]
+    step, magnitude, locus, phase = draw_figure(case).axes[:4]
     A, B, K = (np.reshape(values, (rows, -1)) for values, rows in (
         (case.design.a, 6), (case.design.b, 6), (case.design.k, 2)))
     for index in range(2):

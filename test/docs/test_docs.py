@@ -15,7 +15,7 @@ import signal
 import subprocess
 import sys
 
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.systems import registry
 import pytest
 import support
@@ -92,9 +92,9 @@ def test_the_modules_are_those_of_the_package(sources):
 def test_the_systems_are_those_that_are_registered():
     text = (DOCS / 'systems.md').read_text(encoding='utf-8').partition('\n## ')[0]
     rows = re.findall(r'^\| `(\w+)` \| ([^|]*) \| ([^|]*) \|.*\| ([^|]*)\|$', text, re.MULTILINE)
-    assert {name for name, *_ in rows} == set(registry.names())
+    assert {name for name, *_ in rows} == set(registry.list_systems())
     for name, states, inputs, parameters in rows:
-        if not registry.options(name):
+        if not registry.get_options(name):
             system = registry.get_system(name)
             assert (states, inputs) == (', '.join(system.state_names),
                                         ', '.join(system.input_names))
@@ -112,7 +112,7 @@ def test_commands_name_what_there_is(page, sources):
 
 
 def test_the_examples_are_problems():
-    problems = {caption: problem_from_mapping(yaml.safe_load(text))
+    problems = {caption: build_problem(yaml.safe_load(text))
                 for language, caption, text in blocks('examples.md') if language == 'yaml'}
     assert len(problems) > 3
     assert [f'{each.name}.yaml' for each in problems.values()] == list(problems)

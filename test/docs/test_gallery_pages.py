@@ -10,7 +10,7 @@ import subprocess
 from obc_ros.cli.gallery import records
 from obc_ros.cli.gallery.entries.all import ENTRIES
 from obc_ros.cli.gallery.entry import GalleryEntry, TOLERANCE
-from obc_ros.cli.gallery.page import plain_text
+from obc_ros.cli.gallery.page import strip_markup
 from obc_ros.cli.obc import parse
 from obc_ros.cli.ros2.yaml_messages import fill, find_type
 from obc_ros.cli.ros2.yaml_messages import parse_values as parse_yaml
@@ -46,7 +46,7 @@ def test_the_index_has_the_order_of_the_book() -> None:
 @EACH_ENTRY
 def test_a_page_is_of_its_entry(entry: GalleryEntry) -> None:
     text = read(entry)
-    name = f'{records.label(entry.name)}: {plain_text(entry.title)}'
+    name = f'{records.label(entry.name)}: {strip_markup(entry.title)}'
     assert text.startswith(f'# {name}\n')
     assert f'![Figure of {name}]({STEMS[entry.name]}.png)' in text
     assert f'`obc gallery {entry.name}`' in text

@@ -18,9 +18,9 @@ from _endless import endless  # of benchmarks/
 from lqr_bench import Heard
 import numpy as np
 from obc_ros.cli.recording import LATCHED, LIVE, Recorder
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.msg import Command, LqrDesign, State, Trajectory
-from obc_ros.ros.messages import problem_message
+from obc_ros.ros.messages import build_problem_message
 from obc_ros.srv import DesignLqr, SolveOptimalControl
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -143,8 +143,8 @@ def test_nodes_that_stand_still_in_any_phase_go_on(spawn, probe):
 def test_a_worker_in_any_phase_costs_at_most_its_request(spawn, probe, number):
     server = spawn('trajectory_server', {'workers': 1, 'time_limit': 1.0})
     mapping = endless()
-    slow = SolveOptimalControl.Request(problem=problem_message(
-        mapping, problem_from_mapping(mapping).guess))
+    slow = SolveOptimalControl.Request(problem=build_problem_message(
+        mapping, build_problem(mapping).guess))
     for delay in (0.0, 0.1, 0.5):  # while it starts, as it begins, as it solves
         probe.wait_for(lambda: children(server.pid), what='a worker')
         client = probe.node.create_client(SolveOptimalControl, '/trajectory_server/solve')

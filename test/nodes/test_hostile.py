@@ -29,8 +29,8 @@ from lifecycle_msgs.srv import (
 )
 from nav_msgs.msg import Odometry
 from obc_ros.action import SolveOptimalControl as SolveAction
-from obc_ros.cli.processes import free_domain
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.cli.processes import reserve_domain
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.text.errors import StatementError
 from obc_ros.core.text.expressions import parse_expression, parse_number
 from obc_ros.msg import (
@@ -45,7 +45,7 @@ from obc_ros.msg import (
     State,
     Trajectory,
 )
-from obc_ros.ros.messages import plain_request, problem_message
+from obc_ros.ros.messages import build_problem_message, read_request
 from obc_ros.srv import (
     DesignLqr,
     Minimize,
@@ -140,7 +140,7 @@ class Victims:
 
 @pytest.fixture(scope='module')
 def victims(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Victims]:
-    with free_domain() as domain:
+    with reserve_domain() as domain:
         victims = Victims(tmp_path_factory.mktemp('hostile'), domain)
         for name in NODES:
             victims.probe.wait_for_node(name)
@@ -190,7 +190,7 @@ def sane_requests() -> dict[str, Any]:
         'path_constraints': [{'expr': 'p + v', 'lower': -3}],
         'final_time': {'free': False, 'value': 5},
         'initial_guess': {'states': {'p': [1, 0.5, 0]}, 'inputs': {'u': 0}}}
-    problem = problem_message(mapping, problem_from_mapping(mapping).guess)
+    problem = build_problem_message(mapping, build_problem(mapping).guess)
     weights = LqrWeights(qx=[1.0] * 6, qu=[1.0] * 2)
     return {
         'solve': SolveOptimalControl.Request(problem=problem, method='auto'),
@@ -418,8 +418,8 @@ def test_a_text_of_any_size_is_refused_at_once(text, seconds):
        st.sampled_from(['auto', '', 'x', 'lq']))
 def test_any_problem_is_a_problem_or_refused(message, method):
     try:
-        packet = plain_request('solve', SolveOptimalControl.Request(
+        packet = read_request('solve', SolveOptimalControl.Request(
             problem=message, method=method))
-        problem_from_mapping(packet.plain['statement'])
+        build_problem(packet.plain['statement'])
     except StatementError as error:
         assert str(error)

@@ -9,7 +9,7 @@ import numpy as np
 from obc_ros.core.closed_loop.simulator import Simulator
 from obc_ros.core.systems import registry
 from obc_ros.msg import Command, LqrDesign, State
-from obc_ros.ros.conversions import nanoseconds
+from obc_ros.ros.conversions import read_nanoseconds
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -27,7 +27,8 @@ def test_the_loop_over_dds_gives_the_states_of_the_loop_in_one_process(spawn, pr
         **LOCKSTEP, 'qos_overrides./state.publisher.depth': all_of_them})
     probe.wait_for(lambda: states, what='the first state, which waits for its answer')
     spawn('lqr_node', {'system': 'aircraft'})
-    probe.wait_for(lambda: nanoseconds(states[-1].header.stamp) > count * 5_000_000 and designs)
+    probe.wait_for(lambda: read_nanoseconds(states[-1].header.stamp) > count * 5_000_000
+                   and designs)
     design = designs[-1]
     K, xe, ue = np.reshape(design.k, (2, 6)), np.array(design.xe), np.array(design.ue)
     simulator = Simulator(registry.get_system('aircraft'), X0)
@@ -36,7 +37,7 @@ def test_the_loop_over_dds_gives_the_states_of_the_loop_in_one_process(spawn, pr
         wanted.append(simulator.x)
         simulator.command(ue - K @ (simulator.x - xe))
         simulator.advance(5)
-    flown = {nanoseconds(state.header.stamp) // 5_000_000: state.x for state in states}
+    flown = {read_nanoseconds(state.header.stamp) // 5_000_000: state.x for state in states}
     assert set(flown) >= set(range(count))
     assert max(np.abs(x - np.array(flown[k])).max() for k, x in enumerate(wanted)) < 1e-12
 

@@ -14,7 +14,7 @@ from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from obc_ros.action import SolveOptimalControl as SolveAction
-from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.msg import (
     InitialGuess,
     LqrWeights,
@@ -23,7 +23,7 @@ from obc_ros.msg import (
     NamedValues,
     OptimalControlProblem,
 )
-from obc_ros.ros.messages import problem_message
+from obc_ros.ros.messages import build_problem_message
 from obc_ros.srv import DesignLqr, SolveOptimalControl
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -42,7 +42,7 @@ PROBLEMS = Path(__file__).parents[1] / 'problems'
 
 def message(mapping):
     """Return the message of a statement."""
-    return problem_message(mapping, problem_from_mapping(mapping).guess)
+    return build_problem_message(mapping, build_problem(mapping).guess)
 
 
 def scalar(a=1.0, T=1.0):

@@ -161,12 +161,13 @@ def test_the_noise_is_told_as_covariance():
 def test_stamps_are_nanoseconds(time):
     stamp = Time()
     conversions.set_stamp(stamp, time)
-    assert conversions.nanoseconds(stamp) == time
+    assert conversions.read_nanoseconds(stamp) == time
 
 
 def test_the_parameters_of_a_system_are_its_parameters_and_options():
     def declared(name):
-        return {entry.name: entry for entry in conversions.system_parameters({'system': name})}
+        return {entry.name: entry
+                for entry in conversions.list_system_parameters({'system': name})}
 
     aircraft = declared('aircraft')
     assert set(aircraft) == {'m', 'J', 'r', 'g', 'c'}
@@ -182,7 +183,7 @@ def test_only_values_that_were_changed_are_given_to_a_system(tmp_path):
     path = tmp_path / 'plant.yaml'
     path.write_text('states: [x]\ninputs: [u]\nparameters: {m: 1, M: 2*m}\n'
                     'dynamics: {x: u/M}\n')
-    chosen = conversions.chosen_system(str(path), {'m': 3.0, 'M': 2.0})
+    chosen = conversions.choose_system(str(path), {'m': 3.0, 'M': 2.0})
     assert_allclose(chosen.p_value, [3, 6])
-    linear = conversions.chosen_system('linear', {'A': (0.0, 1.0, 0.0, 0.0), 'B': (0.0, 1.0)})
+    linear = conversions.choose_system('linear', {'A': (0.0, 1.0, 0.0, 0.0), 'B': (0.0, 1.0)})
     assert linear.n == 2

@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 from obc_ros.core.ocp.solution import Certificate, Optimality, Solution, Status
-from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.text.errors import StatementError
 from obc_ros.msg import NamedBounds, NamedExpression, NamedValues, OptimalControlProblem
 from obc_ros.ros import messages
@@ -48,9 +48,9 @@ def over_the_wire(message):
 @pytest.mark.parametrize('mapping', [EVERYTHING, LINEAR, *(load_file(file)[0] for file in FILES)],
                          ids=lambda mapping: mapping['name'])
 def test_a_statement_survives_the_message(mapping):
-    problem = problem_from_mapping(mapping)
-    message = over_the_wire(messages.problem_message(mapping, problem.guess))
-    arrived = problem_from_mapping(unpack(pack(Packet(messages.read_statement(message)))).plain)
+    problem = build_problem(mapping)
+    message = over_the_wire(messages.build_problem_message(mapping, problem.guess))
+    arrived = build_problem(unpack(pack(Packet(messages.read_statement(message)))).plain)
     assert arrived.name == problem.name
     assert arrived.structure == problem.structure
     assert (arrived.states, arrived.inputs) == (problem.states, problem.inputs)
@@ -95,12 +95,12 @@ def test_a_parameter_that_begins_as_a_list_and_is_none_is_refused(text):
 ])
 def test_a_request_has_a_largest_size(kind, request_):
     with pytest.raises(StatementError, match=r'has \d+ bytes of text and numbers; at most'):
-        messages.plain_request(kind, request_)
+        messages.read_request(kind, request_)
 
 
 def test_affinity_sees_what_is_solved_and_not_its_numbers():
     def affinity(**changes):
-        return messages.affinity(Packet({'statement': {**EVERYTHING, **changes}}))
+        return messages.compute_affinity(Packet({'statement': {**EVERYTHING, **changes}}))
     same = affinity()
     assert affinity(parameters={'a': 0.2, 'b': 3, 'c': -1}, terminal_constraints=['x - 21.5', 'v'],
                     initial_state={'x': 7, 'v': 8}) == same
@@ -125,9 +125,9 @@ def solution_of(problem, **changes):
 
 def answered(response, **changes):
     """Return a response that carries the solution, over the wire."""
-    problem = problem_from_mapping(EVERYTHING)
+    problem = build_problem(EVERYTHING)
     solution = solution_of(problem, **changes)
-    packet = unpack(pack(requests.solution_packet(problem, solution, 'aircraft')))
+    packet = unpack(pack(requests.pack_solution(problem, solution, 'aircraft')))
     messages.fill_answer(response, packet)
     return solution, over_the_wire(response)
 

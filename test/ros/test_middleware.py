@@ -6,27 +6,27 @@ from pathlib import Path
 import re
 from typing import Any
 
-from obc_ros.ros.middleware import FILES, PROFILE, profile, WISHES
+from obc_ros.ros.middleware import FILES, find_profile, PROFILE, WISHES
 import pytest
 
 
 def test_the_profile_is_for_who_has_no_wish(tmp_path: Path) -> None:
     """One variable, that of the Fast DDS that is installed; it names a file that is there."""
-    (name, value), = profile({'HOME': '/'}, tmp_path).items()
+    (name, value), = find_profile({'HOME': '/'}, tmp_path).items()
     assert name in WISHES and Path(value) == PROFILE and PROFILE.is_file()
 
 
 @pytest.mark.parametrize('wish', WISHES)
 def test_a_variable_comes_first(tmp_path: Path, wish: str) -> None:
     """Empty ones too: that is how to have Fast DDS as it is."""
-    assert profile({wish: ''}, tmp_path) == {}
+    assert find_profile({wish: ''}, tmp_path) == {}
 
 
 @pytest.mark.parametrize('file', FILES)
 def test_a_file_comes_first(tmp_path: Path, file: str) -> None:
     """Fast DDS reads it where it is started."""
     (tmp_path / file).touch()
-    assert profile({}, tmp_path) == {}
+    assert find_profile({}, tmp_path) == {}
 
 
 def test_messages_do_not_go_by_shared_memory(spawn: Any, domain: int) -> None:

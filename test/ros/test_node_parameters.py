@@ -9,10 +9,10 @@ from typing import Any
 
 from hypothesis import given, settings, strategies
 from obc_ros.core.text.errors import ObcError, StatementError
-from obc_ros.ros.conversions import system_parameters
+from obc_ros.ros.conversions import list_system_parameters
 from obc_ros.ros.parameters.node_parameters import (
+    declare_field,
     group,
-    parameter,
     ParameterRow,
     Parameters,
     Value,
@@ -29,19 +29,19 @@ from rclpy.parameter import Parameter
 class Settings:
     """A table with every kind of parameter."""
 
-    system: str = parameter('aircraft', 'registered system', read_only=True)
-    system_parameters: Mapping[str, Value] = group(system_parameters)
-    Qx: tuple[float, ...] = parameter((1.0, 1.0), 'state weight')
-    Qu: tuple[float, ...] = parameter((1.0,), 'input weight', lower=0.0)
-    x_max: tuple[float, ...] = parameter((), 'scales')
-    u_max: tuple[float, ...] = parameter((), 'limits', finite=False)
-    rate: float = parameter(0.0, 'commands a second', 'Hz', lower=0.0)
-    delay: float = parameter(0.0, 'input delay', 's', lower=0.0, upper=1.0)
-    steps: int = parameter(10, 'number of steps', lower=1)
-    lockstep: bool = parameter(False, 'wait for the command')
-    on_stale: str = parameter('hold', 'what to do', choices=('equilibrium', 'hold', 'silent'))
-    integral: tuple[str, ...] = parameter((), 'names of states', texts=True)
-    gust: float = parameter(0.0, 'gust', name='disturbance.gust')
+    system: str = declare_field('aircraft', 'registered system', read_only=True)
+    system_parameters: Mapping[str, Value] = group(list_system_parameters)
+    Qx: tuple[float, ...] = declare_field((1.0, 1.0), 'state weight')
+    Qu: tuple[float, ...] = declare_field((1.0,), 'input weight', lower=0.0)
+    x_max: tuple[float, ...] = declare_field((), 'scales')
+    u_max: tuple[float, ...] = declare_field((), 'limits', finite=False)
+    rate: float = declare_field(0.0, 'commands a second', 'Hz', lower=0.0)
+    delay: float = declare_field(0.0, 'input delay', 's', lower=0.0, upper=1.0)
+    steps: int = declare_field(10, 'number of steps', lower=1)
+    lockstep: bool = declare_field(False, 'wait for the command')
+    on_stale: str = declare_field('hold', 'what to do', choices=('equilibrium', 'hold', 'silent'))
+    integral: tuple[str, ...] = declare_field((), 'names of states', texts=True)
+    gust: float = declare_field(0.0, 'gust', name='disturbance.gust')
 
 
 class Judged:

@@ -15,7 +15,7 @@ import time
 
 from hypothesis import given, settings, strategies
 import numpy as np
-from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.workers import pool as workers
 from obc_ros.workers.pool import Job, Pool, RequestOutcome
 from obc_ros.workers.wire import pack, Packet, unpack
@@ -217,7 +217,7 @@ def test_a_worker_killed_in_the_middle_of_a_solve_leaves_its_path():
         found, path = answer.packet.plain, answer.packet.arrays
         assert found['status'] == 'not_converged'
         assert f'cost {found["objective"]:.8g}, not certified because' in found['message']
-        problem = problem_from_mapping(statement)
+        problem = build_problem(statement)
         assert path['x'].shape == (len(path['t']), problem.n)
         assert path['x'][0] == pytest.approx(problem.x0)
         residuals, tolerances = (found['certificate'][key] for key in ('residuals', 'tolerances'))

@@ -15,7 +15,7 @@ from obc_ros.cli.ask.problem_requests import Question
 from obc_ros.cli.client import Client
 from obc_ros.cli.processes import InterruptedByUserError
 from obc_ros.cli.terminal import Lines
-from obc_ros.ros.messages import problem_message
+from obc_ros.ros.messages import build_problem_message
 
 CANCEL = 2.0  # [s] in which cancelled requests are answered
 
@@ -79,7 +79,7 @@ class RequestBatch:
 
     def _send(self, question: Question) -> None:
         goal = SolveOptimalControl.Goal(
-            problem=problem_message(question.mapping, question.problem.guess),
+            problem=build_problem_message(question.mapping, question.problem.guess),
             method=self._method or question.problem.method, time_limit=self._time_limit)
         self._lines.update(question.label, 'sent')
         self._flights.append(

@@ -8,8 +8,8 @@ from typing import Any
 
 from obc_ros.cli import results, terminal
 from obc_ros.cli.ask.regulator_requests import Case
-from obc_ros.core.lqr.design.report import matrices
-from obc_ros.core.text.errors import ObcError, shown
+from obc_ros.core.lqr.design.report import read_matrices
+from obc_ros.core.text.errors import ObcError, quote
 
 HEADER = ('case', 'status', 'gain K', 'poles')
 DESIGN_COLOURS = {'solved': 'green', 'refused': 'red', 'malformed': 'red'}
@@ -32,15 +32,15 @@ def run(args: argparse.Namespace) -> int:
         _show(asked)
     finally:  # also when nobody reads what is printed
         results.save_answers(asked, args, _draw)
-    return results.exit_status(case.status for case in asked)
+    return results.get_exit_status(case.status for case in asked)
 
 
 def _design(asked: list[Case]) -> None:
     """Have a server answer the cases; each has a status afterwards."""
     try:
-        from obc_ros.cli.client import connected  # ROS only when there is a question
+        from obc_ros.cli.client import connect_client  # ROS only when there is a question
         from obc_ros.srv import DesignLqr
-        with connected() as client:
+        with connect_client() as client:
             for case in asked:
                 response = client.ask(DesignLqr, 'design_lqr', _request(DesignLqr, case.given))
                 status, _, words = response.message.partition(': ')
@@ -59,7 +59,7 @@ def _show(asked: list[Case]) -> None:
     terminal.print_table(HEADER, [_row(case) for case in asked], DESIGN_COLOURS)
     for case in asked:
         if case.message:
-            print(shown(f'{case.label}: {case.message}', None))
+            print(quote(f'{case.label}: {case.message}', None))
 
 
 def _draw(path: Path, case: Case) -> None:
@@ -70,14 +70,14 @@ def _draw(path: Path, case: Case) -> None:
 
 def _request(service: Any, given: Any) -> Any:
     from obc_ros.msg import LqrWeights
-    from obc_ros.ros.messages import doubles, named_expressions
+    from obc_ros.ros.messages import build_named_expressions, flatten_doubles
 
     def numbers(*keys: str) -> dict[str, Any]:
-        return {key.lower(): doubles(given[key]) for key in keys if key in given}
+        return {key.lower(): flatten_doubles(given[key]) for key in keys if key in given}
 
     plain = {key: given[key] for key in ('system', 'sample_time', 'delay') if key in given}
     return service.Request(
-        system_parameters=named_expressions(given.get('parameters', {})),
+        system_parameters=build_named_expressions(given.get('parameters', {})),
         weights=LqrWeights(
             weights=given['weights'],
             **numbers('Qx', 'Qu', 'cross', 'x_max', 'u_max', 'H'),
@@ -88,7 +88,7 @@ def _request(service: Any, given: Any) -> Any:
 def _row(case: Case) -> tuple[str, ...]:
     if not case.design:
         return case.label, case.status, '', ''
-    told = matrices(case.design)
+    told = read_matrices(case.design)
     gain = '; '.join(' '.join(f'{entry:.5g}' for entry in row) for row in told.K)
     return case.label, case.status, _short(gain), _short(', '.join(map(_pole, told.poles)))
 

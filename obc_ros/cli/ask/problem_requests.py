@@ -8,7 +8,7 @@ from typing import Any
 
 from obc_ros.cli.results import Asked
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem
 
 
 @dataclass(eq=False)
@@ -28,7 +28,7 @@ class Question(Asked):
     def take(self, entry: dict[str, Any]) -> None:
         """Keep the statement and the problem that it is."""
         self.mapping = entry
-        self.problem = problem_from_mapping(entry)
+        self.problem = build_problem(entry)
 
     def as_json(self) -> dict[str, Any]:
         """Return what ``NAME.json`` holds; without an answer all numbers are null or empty."""

@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli.ask.regulator_requests import Case
-from obc_ros.cli.figures import FEW, LINE_COLOURS, save_figure, STYLE, symbol, THIN
-from obc_ros.core.lqr.design.report import matrices
+from obc_ros.cli.figures import FEW, LINE_COLOURS, save_figure, STYLE, THIN, typeset_symbol
+from obc_ros.core.lqr.design.report import read_matrices
 from obc_ros.core.lqr.lqr import lqr
-from obc_ros.core.lqr.sampled import held, sampled_lqr
+from obc_ros.core.lqr.sampled import discretize_plant, sampled_lqr
 from obc_ros.core.lqr.weights import Weights
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import RefusedDesignError
@@ -37,12 +37,12 @@ def draw_regulator(path: Path, case: Case) -> None:
 
     """
     with matplotlib.rc_context(STYLE):
-        save_figure(figure(case), path)
+        save_figure(draw_figure(case), path)
 
 
-def figure(case: Case) -> Figure:
+def draw_figure(case: Case) -> Figure:
     """Return the figure of a case that has a design: step, magnitude, root locus, phase."""
-    A, B, Qx, Qu, K, _, poles = matrices(case.design)
+    A, B, Qx, Qu, K, _, poles = read_matrices(case.design)
     design, given = case.design, case.given or {}
     cross = np.reshape(given['cross'], B.shape) if 'cross' in given else None
     loop = LinearLoop(A, B, K, poles, design.sample_time, design.delay)
@@ -70,7 +70,7 @@ class LinearLoop:
     @property
     def plant(self) -> tuple[Array, Array]:
         """Return A and B of the plant as the gain sees it: of held inputs, if it is sampled."""
-        return held(self.A, self.B, self.period) if self.period else (self.A, self.B)
+        return discretize_plant(self.A, self.B, self.period) if self.period else (self.A, self.B)
 
 
 def find_held_states(A: Array, B: Array) -> Iterator[int]:
@@ -95,7 +95,8 @@ def _steps(axes: Axes, loop: LinearLoop, names: list[str]) -> None:
     states = list(find_held_states(loop.A, loop.B))
     for index, i in enumerate(states):
         axes.plot(loop.delay + dt * np.arange(count + 1), 1.0 - np.array(powers)[:, i, i],
-                  label=f'${symbol(names[i])}$', color=LINE_COLOURS[index % len(LINE_COLOURS)],
+                  label=f'${typeset_symbol(names[i])}$',
+                  color=LINE_COLOURS[index % len(LINE_COLOURS)],
                   marker='.' if count < SHOWN else '')
     axes.axhline(1.0, **THIN)
     axes.set_xlabel('time [s]')
@@ -114,7 +115,8 @@ def _frequency(magnitude: Axes, phase: Axes, loop: LinearLoop, names: list[str])
         others = [k for k in range(len(names)) if k != j]
         opened = s[:, None, None] * np.eye(len(A)) - A + B[:, others] @ K[others]
         gain = (K[j] @ np.linalg.solve(opened, B[:, [j]]))[:, 0]
-        style = {'color': LINE_COLOURS[j % len(LINE_COLOURS)], 'label': f'${symbol(name)}$'}
+        style = {'color': LINE_COLOURS[j % len(LINE_COLOURS)],
+                 'label': f'${typeset_symbol(name)}$'}
         magnitude.loglog(w, np.abs(gain), **style)
         angle = np.rad2deg(np.unwrap(np.angle(gain)))
         # a regulator crosses 1 for the last time between -180 and 0 degrees

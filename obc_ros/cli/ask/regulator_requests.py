@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 from obc_ros.cli.results import Asked
-from obc_ros.core.lqr.design.report import matrices
+from obc_ros.core.lqr.design.report import read_matrices
 from obc_ros.core.lqr.weights import WEIGHT_KINDS
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.motion_planning import find_registered
 from obc_ros.core.systems.file import FOR_PEOPLE
 from obc_ros.core.text.errors import StatementError
-from obc_ros.core.text.expressions import describe_type, near, parse_number
+from obc_ros.core.text.expressions import describe_type, parse_number, suggest_name
 from obc_ros.core.text.fields import check_keys
 
 PLANT = ('A', 'B')
@@ -52,7 +52,7 @@ class Case(Asked):
         found: dict[str, Any] = {'name': self.name, 'status': self.status,
                                  'message': self.message, 'K': [], 'P': [], 'poles': []}
         if self.design:
-            told = matrices(self.design)
+            told = read_matrices(self.design)
             found |= {'K': told.K.tolist(), 'P': told.P.tolist(),
                       'poles': [[pole.real, pole.imag] for pole in told.poles.tolist()]}
         return found
@@ -82,7 +82,8 @@ def check_case(mapping: Mapping[Any, Any]) -> dict[str, Any]:
     if found['weights'] not in WEIGHT_KINDS:
         raise StatementError(
             f'weights: wanted one of {", ".join(WEIGHT_KINDS)}, found '
-            f'{describe_type(found["weights"])}{near(str(found["weights"]), WEIGHT_KINDS)}')
+            f'{describe_type(found["weights"])}'
+            f'{suggest_name(str(found["weights"]), WEIGHT_KINDS)}')
     for key in ('Qx', 'Qu') if found['weights'] == 'matrices' else ():
         if key not in found:
             raise StatementError(f'{key}: missing; wanted a list of rows or a diagonal')

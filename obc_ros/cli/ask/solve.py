@@ -9,8 +9,8 @@ from typing import Any
 
 from obc_ros.cli import results, terminal
 from obc_ros.cli.ask.problem_requests import Question
-from obc_ros.core.ocp.method_names import method_of, NAMES
-from obc_ros.core.text.errors import ObcError, shown, StatementError
+from obc_ros.core.ocp.method_names import get_method, NAMES
+from obc_ros.core.text.errors import ObcError, quote, StatementError
 from obc_ros.workers.pool import LONGEST_LIMIT, SHORTEST
 
 HEADER = ('problem', 'status', 'cost', 'certificate', 'optimum', 'method', 'time')
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
         _show(asked)
     finally:  # also when nobody reads what is printed
         results.save_answers(asked, args, _draw)
-    return results.exit_status(
+    return results.get_exit_status(
         'solved' if question.result and question.result.success else
         'malformed' if question.status == 'malformed' else 'unanswered' for question in asked)
 
@@ -56,7 +56,7 @@ def _seconds(text: str) -> float:
 
 def _method(name: str) -> str:
     try:
-        return method_of(name)
+        return get_method(name)
     except StatementError as error:
         raise argparse.ArgumentTypeError(str(error).removeprefix('method: ')) from None
 
@@ -68,8 +68,8 @@ def _solve(asked: list[Question], time_limit: float, method: str) -> None:
     parameters = [f'time_limit:={max(time_limit, SHORTEST)}'] if time_limit else []
     try:
         from obc_ros.cli.ask.batch import RequestBatch  # ROS only when there is a question
-        from obc_ros.cli.client import connected
-        with connected(*parameters) as client, terminal.progress() as lines:
+        from obc_ros.cli.client import connect_client
+        with connect_client(*parameters) as client, terminal.show_progress() as lines:
             RequestBatch(client, asked, time_limit, lines, method).work()
     except (InterruptedByUserError, KeyboardInterrupt) as error:
         _end(asked, 'cancelled', str(error) or 'ended by SIGINT')
@@ -94,7 +94,7 @@ def _show(asked: list[Question]) -> None:
     terminal.print_table(HEADER, [_row(question) for question in asked], STATUS_COLOURS)
     for question in asked:
         if question.status != 'solved' and question.message:
-            print(shown(f'{question.label}: {question.message}', None))
+            print(quote(f'{question.label}: {question.message}', None))
 
 
 def _row(question: Question) -> tuple[str, ...]:

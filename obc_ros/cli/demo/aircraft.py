@@ -15,9 +15,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from obc_ros.cli import terminal
 from obc_ros.cli.demo.flight import Event, Flight, fly, set_parameters
-from obc_ros.cli.demo.report import loop_rows, measure_step
+from obc_ros.cli.demo.report import measure_step, report_loop
 from obc_ros.cli.flight_client import Pilot
-from obc_ros.core.lqr.design.report import matrices
+from obc_ros.core.lqr.design.report import read_matrices
 from obc_ros.msg import LqrDesign
 from scipy.linalg import expm
 
@@ -94,7 +94,7 @@ def _conclude(pilot: Pilot, wall: float, steps: list[UnitStep], out: Path) -> in
     terminal.print_table(
         ('unit step', 'axis', 'rise time', 'overshoot', 'settling', 'peak |f - fe|'),
                          rows)
-    terminal.print_table(('the loop', ''), loop_rows(pilot, wall))
+    terminal.print_table(('the loop', ''), report_loop(pilot, wall))
     figure = out / 'aircraft.png'
     _draw(t, x, tu, u, steps, figure)
     print(f'figure {figure}   recording {out / "aircraft"}')
@@ -121,7 +121,7 @@ def _draw(t: Array, x: Array, tu: Array, u: Array, steps: list[UnitStep], path: 
 
 def _linear(step: UnitStep) -> tuple[Array, Array, Array]:
     """Return t, x and u - ue of the same step on the linearization, which the book draws."""
-    told = matrices(step.design)
+    told = read_matrices(step.design)
     times = np.linspace(0.0, step.span, 1001)
     one = expm((told.A - told.B @ told.K) * times[1])
     errors = [-np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0])]

@@ -17,10 +17,10 @@ import os
 from pathlib import Path
 import sys
 
-from obc_ros.cli.client import somebody_here
-from obc_ros.cli.processes import alone_in, free_domain, isolate
+from obc_ros.cli.client import is_domain_used
+from obc_ros.cli.processes import isolate, lock_folder, reserve_domain
 from obc_ros.cli.ros_graph import Graph, join_graph, keep_to_this_machine, LOOK
-from obc_ros.core.text.errors import ObcError, shown
+from obc_ros.core.text.errors import ObcError, quote
 
 LAST_DOMAIN = 232  # its ports are the last that there are
 
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     """Run a demonstration; return the exit status."""
     from obc_ros.cli.demo import aircraft, vehicle
     scenario = {'aircraft': aircraft, 'vehicle': vehicle}[args.scenario]
-    with alone_in(args.out), _own_domain() as domain:
+    with lock_folder(args.out), _own_domain() as domain:
         isolate(domain)
         obc = sys.argv[0] if Path(sys.argv[0]).name == 'obc' else 'obc'
         print(f'{args.scenario}: three nodes over DDS, domain {domain}, this machine only; '
@@ -66,12 +66,12 @@ def _own_domain() -> Iterator[int]:
     """
     named = os.environ.get('ROS_DOMAIN_ID', '')
     if not named:
-        with free_domain() as domain:
+        with reserve_domain() as domain:
             yield domain
         return
     if not named.isdecimal() or int(named) > LAST_DOMAIN:
-        raise ObcError(f'ROS_DOMAIN_ID={shown(named)}: wanted a number from 0 to {LAST_DOMAIN}')
-    if somebody_here():
+        raise ObcError(f'ROS_DOMAIN_ID={quote(named)}: wanted a number from 0 to {LAST_DOMAIN}')
+    if is_domain_used():
         keep_to_this_machine()
         with join_graph() as graph:
             if graph.until(partial(_ends, graph), LOOK):

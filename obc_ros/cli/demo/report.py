@@ -39,7 +39,7 @@ def measure_step(t: Array, y: Array, start: float, target: float) -> StepFigures
     return StepFigures(float(rise), float(max(0.0, share.max() - 1.0)), float(settling))
 
 
-def loop_rows(pilot: Pilot, wall: float) -> list[tuple[str, str]]:
+def report_loop(pilot: Pilot, wall: float) -> list[tuple[str, str]]:
     """Return what to say of the loop itself, as name and value."""
     late = pilot.latencies() * 1e3
     simulated = pilot.now

@@ -13,9 +13,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from obc_ros.cli import terminal
 from obc_ros.cli.demo.flight import Event, Flight, fly
-from obc_ros.cli.demo.report import loop_rows
+from obc_ros.cli.demo.report import report_loop
 from obc_ros.cli.flight_client import Pilot
-from obc_ros.core.systems.courses import lateral_reference, make_slalom
+from obc_ros.core.systems.courses import build_lateral_reference, make_slalom
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import NamedBounds, Trajectory
 from obc_ros.srv import PlanMotion
@@ -62,7 +62,8 @@ def _plan(pilot: Pilot, planned: list[Trajectory]) -> str:
 def _slalom(pilot: Pilot, course: list[Trajectory]) -> str:
     """Publish y = r(t) with the angle and steering that follow it exactly (flatness)."""
     t = np.linspace(0.0, COURSE, int(COURSE * 500) + 1)
-    x, phi = lateral_reference(*make_slalom(t, AMPLITUDE, FREQUENCY, end=COURSE), SPEED, LENGTH)
+    x, phi = build_lateral_reference(*make_slalom(t, AMPLITUDE, FREQUENCY, end=COURSE), SPEED,
+                                     LENGTH)
     pilot.pause(True)
     trajectory = Trajectory(
         system='vehicle_lateral', state_names=['py', 'theta'], input_names=['phi'],
@@ -98,7 +99,7 @@ def _conclude(pilot: Pilot, wall: float, reference: Trajectory, lateral: int, na
         ('lateral error at the end', f'{1e3 * abs(error[-1]):.2f} mm'),
         ('largest heading error', f'{1e3 * np.abs(heading).max():.2f} mrad'),
         ('largest steering angle', f'{np.abs(u[:, -1]).max():.3f} rad'),
-        *loop_rows(pilot, wall)])
+        *report_loop(pilot, wall)])
     path = out / f'{name.replace(" ", "_")}.png'
     _draw(name, (times, wanted[:, lateral]), (t, x[:, lateral]), (t[during], error),
           (tu, u[:, -1]), path)

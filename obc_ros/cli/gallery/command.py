@@ -11,7 +11,7 @@ import argparse
 from pathlib import Path
 import sys
 
-from obc_ros.cli.processes import alone_in
+from obc_ros.cli.processes import lock_folder
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,5 +37,5 @@ def run(args: argparse.Namespace) -> int:
         return 0
     chosen = [entry for name, entry in known.items() if not args.names or name in args.names]
     from obc_ros.cli.gallery.records import work_and_write  # nor is ROS needed before
-    with alone_in(args.out):
+    with lock_folder(args.out):
         return work_and_write(chosen, args.out, list(known))

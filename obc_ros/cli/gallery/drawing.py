@@ -24,8 +24,8 @@ DPI = 200
 EXACT = {'color': 'black', 'linestyle': (0, (1, 2.5)), 'linewidth': 1.6, 'zorder': 5}
 
 
-def panels(rows: int, columns: int, height: float = HEIGHT, **options: Any
-           ) -> tuple[Figure, Any]:
+def create_panels(rows: int, columns: int, height: float = HEIGHT, **options: Any
+                  ) -> tuple[Figure, Any]:
     """Return a figure and its axes, an array (rows, columns)."""
     figure = Figure(figsize=(WIDTH, height * rows), layout='constrained')
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
@@ -38,12 +38,12 @@ def label_axes(axes: Axes, title: str, x: str, y: str, *, legend: bool | str = F
         axes.legend(loc=legend if isinstance(legend, str) else 'best')
 
 
-def legend_below(figure: Figure, axes: Axes, columns: int = 4) -> None:
+def place_legend_below(figure: Figure, axes: Axes, columns: int = 4) -> None:
     """Put the legend of axes below the figure."""
     figure.legend(*axes.get_legend_handles_labels(), loc='outside lower center', ncols=columns)
 
 
-def arrow(axes: Axes, start: Any, direction: Any, **style: Any) -> None:
+def draw_arrow(axes: Axes, start: Any, direction: Any, **style: Any) -> None:
     """Draw a vector."""
     begin, by = np.asarray(start, dtype=float), np.asarray(direction, dtype=float)
     axes.annotate('', begin + by, begin, arrowprops={'arrowstyle': '-|>', 'linewidth': 1.6,

@@ -16,8 +16,8 @@ RateFunction = Callable[[Array, Array], Any]
 Law = Callable[[float, Array], Array]
 
 
-def sampled_loop(A: Array, B: Array, K: Array, x0: ArrayLike, step: float, count: int
-                 ) -> tuple[Array, Array]:
+def run_sampled_loop(A: Array, B: Array, K: Array, x0: ArrayLike, step: float, count: int
+                     ) -> tuple[Array, Array]:
     """
     Return states and inputs of x' = A x + B u, u = -K x(t_k) held for a step, at t_0 .. t_count.
 
@@ -33,8 +33,8 @@ def sampled_loop(A: Array, B: Array, K: Array, x0: ArrayLike, step: float, count
     return states, -states @ np.asarray(K).T
 
 
-def simulated_loop(rate: RateFunction, law: Law, x0: ArrayLike, step: float, count: int
-                   ) -> tuple[Array, Array]:
+def simulate_loop(rate: RateFunction, law: Law, x0: ArrayLike, step: float, count: int
+                  ) -> tuple[Array, Array]:
     """
     Return states and inputs of x' = rate(x, u), u = law(t_k, x(t_k)) held for a step.
 
@@ -49,14 +49,14 @@ def simulated_loop(rate: RateFunction, law: Law, x0: ArrayLike, step: float, cou
     return np.array(x), np.array(u)
 
 
-def free_motion(A: Array, x0: ArrayLike, t: Array) -> Array:
+def compute_free_motion(A: Array, x0: ArrayLike, t: Array) -> Array:
     """Return x of x' = A x at times t, shape (N, n)."""
     E, V = np.linalg.eig(A)
     modes = np.linalg.solve(V, np.asarray(x0, dtype=complex))
     return np.real((V * modes) @ np.exp(np.outer(E, t))).T
 
 
-def matched(poles: Complex, wanted: Complex) -> Complex:
+def match_poles(poles: Complex, wanted: Complex) -> Complex:
     """Return poles in the order that brings them nearest to the wanted ones."""
     _, order = linear_sum_assignment(np.abs(np.subtract.outer(wanted, poles)))
     return poles[order]

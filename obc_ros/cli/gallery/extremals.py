@@ -39,7 +39,7 @@ BISECTIONS = 50
 SIGNS = (1, -1)
 
 
-def least_times(goals: ArrayLike) -> Array:
+def find_least_times(goals: ArrayLike) -> Array:
     """
     Return the least times from (0, 0, 0) to goals with |v|, |omega| <= 1.
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.cli.flight_client import Pilot
-from obc_ros.cli.gallery.ros2_commands import argument, publish, run_node, set_parameter
+from obc_ros.cli.gallery.ros2_commands import publish, run_node, set_parameter, write_argument
 from obc_ros.cli.processes import Children
 from obc_ros.cli.recording import Recorder
 from obc_ros.core.numerics.arrays import Array
@@ -161,9 +161,10 @@ def run_loop(folder: Path, plant: Mapping[str, Any], regulator: Mapping[str, Any
 
 
 def _arguments(parameters: Mapping[str, Any]) -> list[str]:
-    return [word for name, value in parameters.items() for word in ('-p', argument(name, value))]
+    return [word for name,
+            value in parameters.items() for word in ('-p', write_argument(name, value))]
 
 
-def column(values: NDArray[np.float64], width: int) -> NDArray[np.float64]:
+def reshape_rows(values: NDArray[np.float64], width: int) -> NDArray[np.float64]:
     """Return row-major numbers as an array (N, width)."""
     return np.asarray(values, dtype=float).reshape(-1, width)

@@ -69,7 +69,7 @@ footer { color: var(--soft); font-size: 14px; margin-top: 50px; padding-bottom: 
 """
 
 
-def page(records: Sequence[Record]) -> str:
+def render_page(records: Sequence[Record]) -> str:
     """Return the page of entries, given as ``gallery.json`` holds them."""
     numbers = sum(row['values'] for record in records for row in record['rows'])
     held = sum(record['holds'] for record in records)
@@ -85,22 +85,22 @@ def page(records: Sequence[Record]) -> str:
         f'<title>obc_ros: gallery</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n'
         f'<header>\n{head}\n</header>\n<nav>\n{_contents(records)}\n</nav>\n<main>\n'
         + '\n'.join(map(_article, records)) + '\n</main>\n<footer>\n<p>'
-        + markup(f'{ERRORS} `obc gallery` made this page. The numbers are in `gallery.json`, '
-                 'recordings of the loops in `recordings`.')
+        + format_markup(f'{ERRORS} `obc gallery` made this page. The numbers are in '
+                        '`gallery.json`, recordings of the loops in `recordings`.')
         + '</p>\n</footer>\n</body>\n</html>\n')
 
 
-def markup(text: str) -> str:
+def format_markup(text: str) -> str:
     """Return a text as HTML."""
     return ''.join(_part(part) for part in _PARTS.split(text))
 
 
-def plain_text(text: str) -> str:
+def strip_markup(text: str) -> str:
     """Return a text without its markup, for a terminal."""
     return re.sub(r'[$`{}]', '', text)
 
 
-def scientific(text: str) -> str:
+def format_scientific(text: str) -> str:
     """Return a number as Python writes it, with its power of ten as markup."""
     digits, _, exponent = text.partition('e')
     return f'${digits}·10^{{{int(exponent)}}}$' if exponent else f'${digits}$'
@@ -108,13 +108,13 @@ def scientific(text: str) -> str:
 
 def show_number(value: float | None) -> str:
     """Return a number with the digits that are compared."""
-    return '-' if value is None else markup(scientific(f'{value:.10g}'))
+    return '-' if value is None else format_markup(format_scientific(f'{value:.10g}'))
 
 
 def _contents(records: Sequence[Record]) -> str:
     rows = '\n'.join(
         f'<tr><td><a href="#{_anchor(each)}">{html.escape(each["label"])}</a></td>'
-        f'<td><a href="#{_anchor(each)}">{markup(each["title"])}</a></td>'
+        f'<td><a href="#{_anchor(each)}">{format_markup(each["title"])}</a></td>'
         f'<td class="number">{sum(row["values"] for row in each["rows"])}</td>'
         f'<td class="number">{_error(each)}</td><td class="number">{each["seconds"]:.1f} s</td>'
         f'<td>{_verdict(each["holds"])}</td></tr>'
@@ -126,19 +126,19 @@ def _contents(records: Sequence[Record]) -> str:
 
 def _article(record: Record) -> str:
     parts = [f'<article id="{_anchor(record)}">',
-             f'<h2>{html.escape(record["label"])}: {markup(record["title"])}</h2>',
-             f'<p class="source">{markup(record["source"])}</p>',
-             *(f'<p>{markup(each)}</p>' for each in record['statement'])]
+             f'<h2>{html.escape(record["label"])}: {format_markup(record["title"])}</h2>',
+             f'<p class="source">{format_markup(record["source"])}</p>',
+             *(f'<p>{format_markup(each)}</p>' for each in record['statement'])]
     if record['erratum']:
-        finding = f'<p>{markup(record["finding"])}</p>' if record['finding'] else ''
+        finding = f'<p>{format_markup(record["finding"])}</p>' if record['finding'] else ''
         parts.append('<div class="erratum"><p><b>Erratum.</b> '
-                     f'{markup(record["erratum"])}</p>{finding}</div>')
+                     f'{format_markup(record["erratum"])}</p>{finding}</div>')
     if record['message']:
         parts.append(f'<p class="bad">{html.escape(record["message"])}</p>')
     if record['figure']:
-        shown = html.escape(f'{record["label"]}: {plain_text(record["title"])}')
+        shown = html.escape(f'{record["label"]}: {strip_markup(record["title"])}')
         parts.append(f'<figure><img src="{record["figure"]}" alt="Figure of {shown}"></figure>')
-    parts += [f'<p>{markup(each)}</p>' for each in record['notes']]
+    parts += [f'<p>{format_markup(each)}</p>' for each in record['notes']]
     if record['rows']:
         parts.append(_table(record['rows']))
     if record['commands']:
@@ -152,12 +152,12 @@ def _article(record: Record) -> str:
 
 def _table(rows: Sequence[Record]) -> str:
     lines = '\n'.join(
-        f'<tr><td>{markup(row["what"])}{_many(row)}</td>'
+        f'<tr><td>{format_markup(row["what"])}{_many(row)}</td>'
         f'<td class="number">{show_number(row["measured"])}</td>'
         f'<td class="number">{show_number(row["exact"])}</td>'
-        f'<td class="number {"good" if row["holds"] else "bad"}">{error(row["error"])}'
+        f'<td class="number {"good" if row["holds"] else "bad"}">{format_error(row["error"])}'
         f'{" <small>(relative)</small>" if row["relative"] else ""}</td>'
-        f'<td>{markup(row["by"])}</td></tr>' for row in rows)
+        f'<td>{format_markup(row["by"])}</td></tr>' for row in rows)
     return ('<table>\n<tr><th>quantity</th><th>result</th><th>reference</th><th>error</th>'
             f'<th>source of the reference</th></tr>\n{lines}\n</table>')
 
@@ -168,12 +168,13 @@ def _many(row: Record) -> str:
 
 def _error(record: Record) -> str:
     errors = [row['error'] for row in record['rows']]
-    return '' if not errors else error(None if None in errors else max(errors))
+    return '' if not errors else format_error(None if None in errors else max(errors))
 
 
-def error(value: float | None) -> str:
+def format_error(value: float | None) -> str:
     """Return an error, of which two digits say enough."""
-    return ('infinite' if value is None else markup(scientific(f'{value:.1e}')) if value
+    return ('infinite' if value is None else format_markup(format_scientific(f'{value:.1e}'))
+            if value
             else '0')
 
 

@@ -11,12 +11,12 @@ import time
 from typing import Any
 
 from obc_ros.cli import figures, terminal
-from obc_ros.cli.client import served, ServerLostError
+from obc_ros.cli.client import serve_client, ServerLostError
 from obc_ros.cli.gallery import drawing
 from obc_ros.cli.gallery.entry import GalleryEntry
-from obc_ros.cli.gallery.page import page, plain_text
+from obc_ros.cli.gallery.page import render_page, strip_markup
 from obc_ros.cli.gallery.runner import Desk
-from obc_ros.cli.processes import Children, free_domain, InterruptedByUserError, isolate
+from obc_ros.cli.processes import Children, InterruptedByUserError, isolate, reserve_domain
 from obc_ros.cli.results import convert_to_json
 from obc_ros.cli.results import write as write_json
 from obc_ros.core.text.errors import ObcError
@@ -46,11 +46,11 @@ def work_and_write(chosen: Sequence[GalleryEntry], out: Path, order: Sequence[st
 
 def work_all(entries: Sequence[GalleryEntry], out: Path, records: list[dict[str, Any]]) -> None:
     """Append the records of entries, worked by nodes on a domain of their own."""
-    with free_domain() as domain:
+    with reserve_domain() as domain:
         isolate(domain)
         with (Children(out / 'log') as children, ExitStack() as stack,
-              terminal.progress() as lines):
-            desk = Desk(lambda: stack.enter_context(served(children)), out / 'recordings')
+              terminal.show_progress() as lines):
+            desk = Desk(lambda: stack.enter_context(serve_client(children)), out / 'recordings')
             for entry in entries:
                 lines.update(entry.name, entry.title)
                 records.append(work(entry, desk, out))
@@ -93,13 +93,13 @@ def write_record(out: Path, records: Sequence[dict[str, Any]], order: Sequence[s
     try:
         known = json.loads(before.read_text(encoding='utf-8'))['entries']
         found = {record['name']: record for record in known if record['name'] in order}
-        page(known)
+        render_page(known)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):  # none, or of another kind
         found = {}
     found |= {record['name']: convert_to_json(record) for record in records}
     entries = [found[name] for name in order if name in found]
     write_json(out, 'gallery', {'entries': entries})
-    (out / 'index.html').write_text(page(entries), encoding='utf-8')
+    (out / 'index.html').write_text(render_page(entries), encoding='utf-8')
 
 
 def _verdict(record: dict[str, Any]) -> str:
@@ -113,7 +113,7 @@ def _show(records: Sequence[dict[str, Any]]) -> None:
             print(f'{record["name"]}: {record["message"]}')
         for row in record['rows']:
             if not row['holds']:
-                print(f'{record["name"]}: {plain_text(row["what"])}: {row["measured"]:.10g}, '
+                print(f'{record["name"]}: {strip_markup(row["what"])}: {row["measured"]:.10g}, '
                       f'reference {row["exact"]:.10g}, error {row["error"]:.1e}')
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 
-def service_call(name: str, kind: Any, request: Any) -> str:
+def write_service_call(name: str, kind: Any, request: Any) -> str:
     """Return the command that makes a request of the trajectory server."""
     text = _quoted(_flow(drop_defaults(request)))
     return (f'ros2 service call /trajectory_server/{name} obc_ros/srv/{kind.__name__} {text}')
@@ -45,7 +45,7 @@ def set_parameter(node: str, name: str, value: Any) -> str:
     return f'ros2 param set /{node} {name} {_quoted(_flow(_value(value)))}'
 
 
-def argument(name: str, value: Any) -> str:
+def write_argument(name: str, value: Any) -> str:
     """Return ``name:=value`` as a node is given it."""
     return f'{name}:={_flow(_value(value))}'
 
@@ -63,7 +63,7 @@ def drop_defaults(message: Any) -> Any:
 
 
 def _argument(name: str, value: Any) -> str:
-    text = argument(name, value)
+    text = write_argument(name, value)
     return _quoted(text) if ' ' in text or '[' in text else text
 
 

@@ -16,13 +16,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from obc_ros.cli.client import Client
-from obc_ros.cli.gallery.loop import column, NodeLoop, run_loop, UnansweredError
-from obc_ros.cli.gallery.ros2_commands import service_call
-from obc_ros.core.lqr.design.report import matrices
+from obc_ros.cli.gallery.loop import NodeLoop, reshape_rows, run_loop, UnansweredError
+from obc_ros.cli.gallery.ros2_commands import write_service_call
+from obc_ros.core.lqr.design.report import read_matrices
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.msg import LqrWeights
-from obc_ros.ros.messages import doubles, named_bounds, named_expressions, problem_message
+from obc_ros.ros.messages import (
+    build_named_bounds,
+    build_named_expressions,
+    build_problem_message,
+    flatten_doubles,
+)
 from obc_ros.ros.service_qos import BURST
 from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
 
@@ -119,7 +124,7 @@ class Desk:
         self._client.wait(service.service_is_ready, service.service_is_ready)
         asked = list(requests)
         for request in asked[:show]:
-            self.note(service_call(REQUEST_NAMES[kind], kind, request))
+            self.note(write_service_call(REQUEST_NAMES[kind], kind, request))
         futures: list[Any] = []
 
         def advance() -> bool:
@@ -176,7 +181,7 @@ class Desk:
         responses = self.ask([design_request(each) for each in cases], DesignLqr, show)
         for each in responses:
             _check(each.success, each)
-        return [regulator(each.design) for each in responses]
+        return [read_design(each.design) for each in responses]
 
     def loop(self, name: str, plant: ReportedValues,
              regulator: ReportedValues) -> AbstractContextManager[NodeLoop]:
@@ -189,15 +194,16 @@ class Desk:
 def solve_request(statement: ReportedValues, method: str = '') -> Any:
     """Return the request of a problem."""
     return SolveOptimalControl.Request(
-        problem=problem_message({'name': 'problem', **statement}, Guess()), method=method)
+        problem=build_problem_message({'name': 'problem', **statement}, Guess()), method=method)
 
 
 def minimize_request(question: ReportedValues) -> Any:
     """Return the request of a minimisation."""
     given = dict(question)
     return Minimize.Request(
-        parameters=named_expressions(given.pop('parameters', {})),
-        bounds=named_bounds(given.pop('bounds', {})), guess=doubles(given.pop('guess', ())),
+        parameters=build_named_expressions(given.pop('parameters', {})),
+        bounds=build_named_bounds(given.pop('bounds', {})),
+        guess=flatten_doubles(given.pop('guess', ())),
         **given)
 
 
@@ -205,26 +211,27 @@ def plan_request(motion: ReportedValues) -> Any:
     """Return the request of a motion."""
     given = dict(motion)
     return PlanMotion.Request(
-        system_parameters=named_expressions(given.pop('system_parameters', {})),
-        input_bounds=named_bounds(given.pop('input_bounds', {})),
-        **{key: doubles(given.pop(key)) for key in ('start', 'goal', 'qx', 'qu') if key in given},
+        system_parameters=build_named_expressions(given.pop('system_parameters', {})),
+        input_bounds=build_named_bounds(given.pop('input_bounds', {})),
+        **{key: flatten_doubles(given.pop(key)) for key in ('start', 'goal', 'qx', 'qu')
+           if key in given},
         **given)
 
 
 def design_request(case: ReportedValues) -> Any:
     """Return the request of a regulator."""
     given = dict(case)
-    own = {key.lower(): doubles(np.asarray(given.pop(key), dtype=float).ravel())
+    own = {key.lower(): flatten_doubles(np.asarray(given.pop(key), dtype=float).ravel())
            for key in ('A', 'B', 'setpoint', 'setpoint_input') if key in given}
     own |= {key: given.pop(key) for key in ('system', 'sample_time') if key in given}
-    parameters = named_expressions(given.pop('parameters', {}))
+    parameters = build_named_expressions(given.pop('parameters', {}))
     return DesignLqr.Request(
         system_parameters=parameters, **own, weights=LqrWeights(**{
             key.lower(): _weight(value) for key, value in given.items()}))
 
 
 def _weight(value: ArrayLike) -> Any:
-    return value if isinstance(value, (str, float)) else doubles(
+    return value if isinstance(value, (str, float)) else flatten_doubles(
         np.asarray(value, dtype=float).ravel())
 
 
@@ -239,7 +246,7 @@ def _trajectory(response: Any) -> Trajectory:
     n, m = len(path.state_names), len(path.input_names)
 
     def named(names: Sequence[str], values: Any, width: int) -> dict[str, Array]:
-        return dict(zip(names, column(values, width).T, strict=True))
+        return dict(zip(names, reshape_rows(values, width).T, strict=True))
 
     return Trajectory(
         np.array(path.t), named(path.state_names, path.x, n), named(path.input_names, path.u, m),
@@ -248,7 +255,7 @@ def _trajectory(response: Any) -> Trajectory:
         np.array(path.switching_times), response.message, response.certificate.sentence)
 
 
-def regulator(design: Any) -> AnsweredRegulator:
+def read_design(design: Any) -> AnsweredRegulator:
     """Return what an LqrDesign tells."""
-    told = matrices(design)
+    told = read_matrices(design)
     return AnsweredRegulator(told.A, told.B, told.K, told.P, told.poles, design)

@@ -7,8 +7,14 @@ import sys
 from typing import Any
 
 from action_msgs.msg import GoalStatus
-from obc_ros.cli.ros2.verbs import add_verbs, run_verb, seconds
-from obc_ros.cli.ros2.yaml_messages import FieldError, fill, find_type, parse_values, to_yaml
+from obc_ros.cli.ros2.verbs import add_verbs, parse_seconds, run_verb
+from obc_ros.cli.ros2.yaml_messages import (
+    convert_to_yaml,
+    FieldError,
+    fill,
+    find_type,
+    parse_values,
+)
 from obc_ros.cli.ros_graph import Graph, join_graph, LOOK
 from obc_ros.core.text.errors import ObcError
 from rclpy.action import ActionClient, get_action_names_and_types
@@ -29,7 +35,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
                        help='fields of the goal in YAML (default: none)')
     given.add_argument('--stdin', action='store_true', help='read the fields from standard input')
     parser.add_argument('-f', '--feedback', action='store_true', help='print the feedback')
-    parser.add_argument('--timeout', type=seconds, default=LOOK, metavar='N',
+    parser.add_argument('--timeout', type=parse_seconds, default=LOOK, metavar='N',
                         help='wait for the server for N seconds (default: %(default)g)')
 
 
@@ -43,7 +49,7 @@ def send_goal(args: argparse.Namespace) -> int:
     name = args.action_name if args.action_name.startswith('/') else f'/{args.action_name}'
 
     def tell(feedback: Any) -> None:
-        print(f'Feedback:\n    {to_yaml(feedback.feedback)}', flush=True)
+        print(f'Feedback:\n    {convert_to_yaml(feedback.feedback)}', flush=True)
 
     with join_graph() as graph:
         client = ActionClient(graph.node, kind, name)
@@ -53,7 +59,7 @@ def send_goal(args: argparse.Namespace) -> int:
                 there = [each for each, _ in get_action_names_and_types(graph.node)]
                 raise ObcError(f'no action {name} of that type within {args.timeout:g} s; '
                                f'there is {", ".join(there) or "none"}')
-            print(f'Sending goal:\n     {to_yaml(goal)}', flush=True)
+            print(f'Sending goal:\n     {convert_to_yaml(goal)}', flush=True)
             return _follow(graph, client, name, goal, tell if args.feedback else None)
         finally:
             client.destroy()
@@ -79,7 +85,7 @@ def _follow(graph: Graph, client: ActionClient, name: str, goal: Any, tell: Any)
             wait(result)
             print('Goal canceled.')
         raise
-    print(f'Result:\n    {to_yaml(answer.result)}')
+    print(f'Result:\n    {convert_to_yaml(answer.result)}')
     names = {getattr(GoalStatus, f'STATUS_{each}'): each
              for each in ('SUCCEEDED', 'CANCELED', 'ABORTED')}
     print(f'Goal finished with status: {names.get(answer.status, "UNKNOWN")}')

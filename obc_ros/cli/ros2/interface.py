@@ -8,7 +8,7 @@ import re
 
 from obc_ros.cli.ros2.verbs import add_verbs
 from obc_ros.cli.share_folders import share_directory
-from obc_ros.core.text.errors import ObcError, shown
+from obc_ros.core.text.errors import ObcError, quote
 
 # A field or a constant: its type, of which a package or a capital tells a message.
 FIELD = re.compile(r'\s*(?P<type>(?:\w+/)?[A-Z]\w*|\w+/\w+)(?:\[[^]]*\])?\s+\w')
@@ -65,7 +65,7 @@ def _parts(name: str) -> tuple[str, str, str]:
     """Return package, kind and name of an interface."""
     found = re.fullmatch(r'(\w+)/(msg|srv|action)/(\w+)', name)
     if not found:
-        raise ObcError(f"Invalid name '{shown(name)}'. Expected three parts separated by '/': "
+        raise ObcError(f"Invalid name '{quote(name)}'. Expected three parts separated by '/': "
                        'PACKAGE/msg/NAME, PACKAGE/srv/NAME or PACKAGE/action/NAME')
     return found[1], found[2], found[3]
 

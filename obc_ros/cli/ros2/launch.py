@@ -25,7 +25,7 @@ from obc_ros.cli.ros2.launch_file import LaunchFile, Started
 from obc_ros.cli.ros2.run import find_executable
 from obc_ros.cli.ros_graph import keep_to_this_machine
 from obc_ros.cli.share_folders import share_directory
-from obc_ros.core.text.errors import ObcError, shown
+from obc_ros.core.text.errors import ObcError, quote
 import yaml
 
 OWN = ('loop', 'fleet')  # launch files of this package that need no more than their names
@@ -71,14 +71,14 @@ def _find(package: str, name: str) -> Path:
     path = folder / name
     if Path(name).name != name or not path.is_file():
         there = ', '.join(sorted(each.name for each in folder.glob('*.launch.*')))
-        raise ObcError(f"{package} has no launch file '{shown(name)}'; it has {there or 'none'}")
+        raise ObcError(f"{package} has no launch file '{quote(name)}'; it has {there or 'none'}")
     return path
 
 
 def _argument(word: str) -> tuple[str, str]:
     name, separator, value = word.partition(':=')
     if not separator or not name:
-        raise ObcError(f"malformed launch argument '{shown(word)}', "
+        raise ObcError(f"malformed launch argument '{quote(word)}', "
                        "expected format '<name>:=<value>'")
     return name, value
 

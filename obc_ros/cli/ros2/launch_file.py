@@ -17,7 +17,7 @@ import sys
 from types import ModuleType
 from typing import Any
 
-from obc_ros.core.text.errors import ObcError, shown
+from obc_ros.core.text.errors import ObcError, quote
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class DeclareLaunchArgument:
             raise ObcError(f'{self.name}:= has no default: {self.description}')
         value = given[self.name] if self.name in given else _perform(self.default_value, context)
         if self.choices is not None and value not in self.choices:
-            raise ObcError(f'Argument "{self.name}" provided value "{shown(value)}" is not valid. '
+            raise ObcError(f'Argument "{self.name}" provided value "{quote(value)}" is not valid. '
                            f'Valid options are: {self.choices}')
         return value
 
@@ -217,7 +217,7 @@ class LaunchFile:
         names = [each.name for each in self.arguments]
         for name in given:
             if name not in names:
-                raise ObcError(f"{self.path.name} has no argument '{shown(name)}'; "
+                raise ObcError(f"{self.path.name} has no argument '{quote(name)}'; "
                                f'it has {", ".join(names)}')
         context, variables = LaunchContext(), dict[str, str]()
         try:
@@ -252,7 +252,7 @@ def _perform(value: Any, context: Mapping[str, str]) -> str:
 def _truth(text: str) -> bool:
     """Return what true, false, 1 and 0 say."""
     if text.strip().lower() not in ('true', '1', 'false', '0'):
-        raise ObcError(f"wanted 'true' or 'false', got '{shown(text)}'")
+        raise ObcError(f"wanted 'true' or 'false', got '{quote(text)}'")
     return text.strip().lower() in ('true', '1')
 
 

@@ -8,7 +8,7 @@ import sys
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from obc_ros.cli.ros2.verbs import add_node, add_verbs, run_verb
 from obc_ros.cli.ros_graph import Graph, join_graph, LOOK
-from obc_ros.core.text.errors import ObcError, shown
+from obc_ros.core.text.errors import ObcError, quote
 
 run = run_verb
 
@@ -56,7 +56,7 @@ def set_state(args: argparse.Namespace) -> int:
         if not wanted:
             raise ObcError('Unknown transition requested, available ones are: '
                            + ', '.join(f'{each.label} [{each.id}]' for each in there)
-                           + f"; not '{shown(args.transition)}'")
+                           + f"; not '{quote(args.transition)}'")
         done = graph.call(ChangeState, f'{node}/change_state',
                           ChangeState.Request(transition=wanted[0])).success
     print('Transitioning successful' if done else 'Transitioning failed',

@@ -12,7 +12,7 @@ from typing import Any
 
 from obc_ros.cli.ros2.verbs import add_node, add_verbs, run_verb
 from obc_ros.cli.ros_graph import Graph, join_graph
-from obc_ros.core.text.errors import ObcError, shown
+from obc_ros.core.text.errors import ObcError, quote
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.parameter import (
@@ -240,7 +240,7 @@ def _unknown(graph: Graph, node: str, names: list[str]) -> int:
             print(f"'{name}' of {node} has no value", file=sys.stderr)
             continue
         near = ' or '.join(get_close_matches(name, known))
-        print(f"{node} has no parameter '{shown(name)}'"
+        print(f"{node} has no parameter '{quote(name)}'"
               + (f'; did you mean {near}?' if near else f': see obc param list {node}'),
               file=sys.stderr)
     return 1

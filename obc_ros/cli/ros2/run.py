@@ -8,7 +8,7 @@ from pathlib import Path
 import sys
 
 from obc_ros.cli.ros_graph import keep_to_this_machine
-from obc_ros.core.text.errors import ObcError, shown
+from obc_ros.core.text.errors import ObcError, quote
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,6 +42,6 @@ def find_executable(package: str, name: str) -> Path:
     there = {path.name: path for folder in reversed(folders) if folder.is_dir()
              for path in folder.iterdir() if path.is_file() and os.access(path, os.X_OK)}
     if name not in there:
-        raise ObcError(f"No executable found: '{shown(package)}' has no '{shown(name)}'; "
+        raise ObcError(f"No executable found: '{quote(package)}' has no '{quote(name)}'; "
                        f'it has {", ".join(sorted(there)) or "none"}')
     return there[name]

@@ -6,7 +6,7 @@ import argparse
 from functools import partial
 import sys
 
-from obc_ros.cli.ros2.verbs import add_list, add_verbs, list_names, run_verb, seconds
+from obc_ros.cli.ros2.verbs import add_list, add_verbs, list_names, parse_seconds, run_verb
 from obc_ros.cli.ros2.yaml_messages import FieldError, fill, find_type, parse_values
 from obc_ros.cli.ros_graph import join_graph, LOOK
 from obc_ros.core.text.errors import ObcError
@@ -28,7 +28,7 @@ def _call_arguments(parser: argparse.ArgumentParser) -> None:
     given.add_argument('values', nargs='?', default='{}',
                        help="fields of the request in YAML: '{a: 1, b: [1, 2]}' (default: none)")
     given.add_argument('--stdin', action='store_true', help='read the fields from standard input')
-    parser.add_argument('--timeout', type=seconds, default=LOOK, metavar='N',
+    parser.add_argument('--timeout', type=parse_seconds, default=LOOK, metavar='N',
                         help='wait for the service for N seconds (default: %(default)g)')
 
 

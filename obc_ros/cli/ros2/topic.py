@@ -11,10 +11,23 @@ import sys
 import time
 from typing import Any
 
-from obc_ros.cli.ros2.verbs import add_direct, add_list, add_verbs, list_names, run_verb, seconds
-from obc_ros.cli.ros2.yaml_messages import FieldError, fill, find_type, parse_values, to_yaml
+from obc_ros.cli.ros2.verbs import (
+    add_direct,
+    add_list,
+    add_verbs,
+    list_names,
+    parse_seconds,
+    run_verb,
+)
+from obc_ros.cli.ros2.yaml_messages import (
+    convert_to_yaml,
+    FieldError,
+    fill,
+    find_type,
+    parse_values,
+)
 from obc_ros.cli.ros_graph import Graph, join_graph, LOOK
-from obc_ros.core.text.errors import ObcError, shown
+from obc_ros.core.text.errors import ObcError, quote
 from rclpy.qos import (
     DurabilityPolicy,
     QoSDurabilityPolicy,
@@ -33,10 +46,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verbs."""
     add_verbs(parser, {
         'list': ('list the topics', partial(add_list, what='topics'), list_topics),
-        'info': ('show publishers and subscribers', _info_arguments, info),
+        'info': ('show publishers and subscribers', _info_arguments, print_info),
         'echo': ('print messages', _echo_arguments, echo),
-        'hz': ('print the rate of messages', _hz_arguments, hz),
-        'pub': ('publish a message', _pub_arguments, pub)})
+        'hz': ('print the rate of messages', _hz_arguments, print_rate),
+        'pub': ('publish a message', _pub_arguments, publish_message)})
 
 
 def _info_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,7 +63,7 @@ def _echo_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('message_type', nargs='?', help='message type (default: looked up)')
     _add_qos(parser)
     parser.add_argument('--once', action='store_true', help='print one message and end')
-    parser.add_argument('--timeout', type=seconds, metavar='N', help='end after N seconds')
+    parser.add_argument('--timeout', type=parse_seconds, metavar='N', help='end after N seconds')
     parser.add_argument('--field', metavar='A.B', help='print one field')
     parser.add_argument('-f', '--full-length', action='store_true',
                         help='print long sequences and texts in full')
@@ -78,14 +91,14 @@ def _pub_arguments(parser: argparse.ArgumentParser) -> None:
     often = parser.add_mutually_exclusive_group()
     often.add_argument('-1', '--once', action='store_true', help='one message')
     often.add_argument('-t', '--times', type=int, default=0, metavar='N', help='N messages')
-    parser.add_argument('-r', '--rate', type=seconds, default=1.0, metavar='N',
+    parser.add_argument('-r', '--rate', type=parse_seconds, default=1.0, metavar='N',
                         help='N messages per second (default: %(default)g)')
     parser.add_argument('-w', '--wait-matching-subscriptions', type=int, metavar='N',
                         help='wait for N subscriptions (default: 1 where messages are counted, '
                              'else 0)')
-    parser.add_argument('--max-wait-time-secs', type=seconds, metavar='N',
+    parser.add_argument('--max-wait-time-secs', type=parse_seconds, metavar='N',
                         help='wait at most N seconds for them')
-    parser.add_argument('--keep-alive', type=seconds, default=0.1, metavar='N',
+    parser.add_argument('--keep-alive', type=parse_seconds, default=0.1, metavar='N',
                         help='stay for N seconds after the last message (default: %(default)g)')
     _add_qos(parser)
 
@@ -107,7 +120,7 @@ def list_topics(args: argparse.Namespace) -> int:
     return list_names(args, lambda node: node.get_topic_names_and_types())
 
 
-def info(args: argparse.Namespace) -> int:
+def print_info(args: argparse.Namespace) -> int:
     """Print the ends of a topic."""
     topic = _full(args.topic_name)
     end = '\n\n' if args.verbose else '\n'
@@ -146,7 +159,7 @@ def echo(args: argparse.Namespace) -> int:
             return
         count += 1
         if hasattr(value, 'get_fields_and_field_types'):
-            print(to_yaml(value, **options), end='---\n', flush=True)
+            print(convert_to_yaml(value, **options), end='---\n', flush=True)
         else:
             print(value, end='\n---\n', flush=True)
 
@@ -160,7 +173,7 @@ def echo(args: argparse.Namespace) -> int:
     return 0
 
 
-def hz(args: argparse.Namespace) -> int:
+def print_rate(args: argparse.Namespace) -> int:
     """Print once a second at which rate the messages of a topic come."""
     topic = _full(args.topic_name)
     times: deque[int] = deque(maxlen=max(args.window, 1) + 1)  # [ns]
@@ -190,7 +203,7 @@ def _tell_rate(times: Sequence[int]) -> None:
           f'std dev: {statistics.pstdev(steps):.5f}s window: {len(steps)}', flush=True)
 
 
-def pub(args: argparse.Namespace) -> int:
+def publish_message(args: argparse.Namespace) -> int:
     """Publish a message, once or at a rate."""
     topic = _full(args.topic_name)
     kind = find_type(args.message_type, 'msg')
@@ -281,7 +294,7 @@ def _path(field: str | None) -> list[str]:
         return []
     path = [each for each in field.split('.') if each]
     if not path:
-        raise ObcError(f"Invalid field value '{shown(field)}'")
+        raise ObcError(f"Invalid field value '{quote(field)}'")
     return path
 
 
@@ -291,7 +304,7 @@ def _field(message: Any, path: list[str]) -> Any:
     for name in path:
         fields = getattr(value, 'get_fields_and_field_types', dict)()
         if name not in fields:
-            raise ObcError(f"Invalid field '{'.'.join(map(shown, path))}': no '{shown(name)}'"
+            raise ObcError(f"Invalid field '{'.'.join(map(quote, path))}': no '{quote(name)}'"
                            + (f'; wanted {", ".join(fields)}' if fields else ''))
         value = getattr(value, name)
     return value

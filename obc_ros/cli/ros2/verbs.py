@@ -30,7 +30,7 @@ def run_verb(args: argparse.Namespace) -> int:
 
 def add_direct(parser: argparse.ArgumentParser) -> None:
     """Declare what `ros2` takes of every look at the graph."""
-    parser.add_argument('--spin-time', type=seconds, default=QUIET, metavar='S',
+    parser.add_argument('--spin-time', type=parse_seconds, default=QUIET, metavar='S',
                         help='look until there has been no news for S seconds '
                              '(default: %(default)g)')
     parser.add_argument('--no-daemon', action='store_true',
@@ -68,14 +68,14 @@ def add_node(parser: argparse.ArgumentParser, *, optional: bool = False) -> None
         parser.add_argument('node_name', nargs='?', help='name of the node (default: all)')
     else:
         parser.add_argument('node_name', help='name of the node: /lqr_node')
-    parser.add_argument('--timeout', type=seconds, default=LOOK, metavar='N',
+    parser.add_argument('--timeout', type=parse_seconds, default=LOOK, metavar='N',
                         help='wait for the node for N seconds (default: %(default)g)')
     parser.add_argument('--include-hidden-nodes', action='store_true',
                         help='include nodes whose names begin with _')
     add_direct(parser)
 
 
-def seconds(text: str) -> float:
+def parse_seconds(text: str) -> float:
     """Return a number above 0."""
     value = float(text)
     if not 0.0 < value < float('inf'):

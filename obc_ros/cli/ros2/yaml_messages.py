@@ -9,7 +9,7 @@ import re
 from typing import Any
 
 import numpy as np
-from obc_ros.core.text.errors import ObcError, shown
+from obc_ros.core.text.errors import ObcError, quote
 from rosidl_parser.definition import (
     AbstractNestedType,
     AbstractString,
@@ -47,7 +47,7 @@ def find_type(name: str, kind: str) -> Any:
     if len(parts) == 2:
         parts.insert(1, kind)
     if len(parts) != 3 or parts[1] != kind or not all(part.isidentifier() for part in parts):
-        raise ObcError(f"'{shown(name)}' is no name of a type; wanted PACKAGE/{kind}/NAME")
+        raise ObcError(f"'{quote(name)}' is no name of a type; wanted PACKAGE/{kind}/NAME")
     try:
         module = import_module(f'{parts[0]}.{kind}')
     except ModuleNotFoundError as error:
@@ -73,7 +73,7 @@ def parse_values(text: str) -> dict[str, Any]:
     except yaml.YAMLError as error:
         raise FieldError(f'not YAML: {error}') from error
     if not isinstance(values, dict):
-        raise FieldError(f"'{shown(text)}' is no mapping of fields; "
+        raise FieldError(f"'{quote(text)}' is no mapping of fields; "
                          "wanted '{FIELD: VALUE, ...}'")
     return values
 
@@ -101,7 +101,7 @@ def fill(message: Any, values: Mapping[str, Any], *, now: Any = None, path: str 
     """
     types = dict(zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True))
     for name, value in values.items():
-        where = f'{path}{shown(str(name))}'
+        where = f'{path}{quote(str(name))}'
         if name not in types:
             raise FieldError(f'{where}: there is no such field; there is '
                              + (', '.join(types) or 'none'))
@@ -123,7 +123,7 @@ def _converted(value: Any, kind: Any, where: str, now: Any) -> Any:
 
 def _sequence(value: Any, kind: Any, where: str, now: Any) -> Any:
     if not isinstance(value, list):
-        raise FieldError(f'{where}: {shown(str(value))} is no list; wanted [...]')
+        raise FieldError(f'{where}: {quote(str(value))} is no list; wanted [...]')
     size = getattr(kind, 'size', None) if isinstance(kind, Array) else None
     most = kind.maximum_size if isinstance(kind, BoundedSequence) else len(value)
     if (size is not None and len(value) != size) or len(value) > most:
@@ -145,14 +145,14 @@ def _message(value: Any, kind: NamespacedType, where: str, now: Any) -> Any:
         message.stamp = now
         return message
     if not isinstance(value, dict):
-        raise FieldError(f'{where}: {shown(str(value))} is no mapping of the fields of {full}')
+        raise FieldError(f'{where}: {quote(str(value))} is no mapping of the fields of {full}')
     return fill(message, value, now=now, path=f'{where}.')
 
 
 def _text(value: Any, kind: Any, where: str) -> str:
     """Return a text that can be sent; a number that stands for one is taken."""
     if not isinstance(value, (str, bool, int, float)):
-        raise FieldError(f'{where}: {shown(str(value))} is no text')
+        raise FieldError(f'{where}: {quote(str(value))} is no text')
     text = str(value)
     if len(text) > getattr(kind, 'maximum_size', len(text)):
         raise FieldError(f'{where} has {len(text)} characters; '
@@ -160,7 +160,7 @@ def _text(value: Any, kind: Any, where: str) -> str:
     try:
         text.encode()
     except UnicodeError as error:
-        raise FieldError(f'{where}: {shown(text)} cannot be sent') from error
+        raise FieldError(f'{where}: {quote(text)} cannot be sent') from error
     return text
 
 
@@ -169,7 +169,7 @@ def _basic(value: Any, typename: str, where: str) -> Any:
     if typename == 'boolean':
         if isinstance(value, bool):
             return value
-        raise FieldError(f'{where}: {shown(str(value))} is neither true nor false')
+        raise FieldError(f'{where}: {quote(str(value))} is neither true nor false')
     wanted = float if typename in ('float', 'double', 'long double') else int
     try:
         if isinstance(value, bool):
@@ -178,7 +178,7 @@ def _basic(value: Any, typename: str, where: str) -> Any:
         if wanted is int and isinstance(value, float) and number != value:
             raise ValueError
     except (TypeError, ValueError, OverflowError) as error:
-        raise FieldError(f'{where}: {shown(str(value))} is no '
+        raise FieldError(f'{where}: {quote(str(value))} is no '
                          + ('number' if wanted is float else 'integer')) from error
     if wanted is int and not (limits := _limits(typename))[0] <= number <= limits[1]:
         raise FieldError(f'{where}: {number} is not from {limits[0]} to {limits[1]}')
@@ -193,8 +193,8 @@ def _limits(typename: str) -> tuple[int, int]:
     return low, low + 2 ** bits - 1
 
 
-def to_plain(value: Any, *, truncate: int | None = None, no_arr: bool = False,
-             no_str: bool = False, kind: Any = None) -> Any:
+def convert_to_plain(value: Any, *, truncate: int | None = None, no_arr: bool = False,
+                     no_str: bool = False, kind: Any = None) -> Any:
     """
     Return a message, or a value of one, as YAML has it.
 
@@ -212,7 +212,8 @@ def to_plain(value: Any, *, truncate: int | None = None, no_arr: bool = False,
     """
     options = {'truncate': truncate, 'no_arr': no_arr, 'no_str': no_str}
     if hasattr(value, 'get_fields_and_field_types'):
-        return {name: to_plain(getattr(value, name), **options, kind=of) for name, of in zip(
+        return {name: convert_to_plain(getattr(value, name), **options, kind=of) for name,
+                of in zip(
             value.get_fields_and_field_types(), value.SLOT_TYPES, strict=True)}
     if isinstance(value, (bytes, str)):
         text = value.decode('latin-1') if isinstance(value, bytes) else value
@@ -222,7 +223,7 @@ def to_plain(value: Any, *, truncate: int | None = None, no_arr: bool = False,
     if isinstance(value, (list, tuple, array, np.ndarray)):
         if no_arr and kind is not None:
             return _abbreviated(value, kind)
-        items = [to_plain(each, **options) for each in value[:truncate]]
+        items = [convert_to_plain(each, **options) for each in value[:truncate]]
         return items + ['...'] * (truncate is not None and len(value) > truncate)
     return value.item() if isinstance(value, np.generic) else value
 
@@ -242,7 +243,8 @@ def _abbreviated(value: Sequence[Any], kind: Any) -> str:
     return f'<sequence type: {name}{most}, length: {len(value)}>'
 
 
-def to_yaml(value: Any, **options: Any) -> str:
-    """Return a message as text in YAML; the options are those of `to_plain`."""
-    return yaml.safe_dump(to_plain(value, **options), allow_unicode=True, width=float('inf'),
+def convert_to_yaml(value: Any, **options: Any) -> str:
+    """Return a message as text in YAML; the options are those of `convert_to_plain`."""
+    return yaml.safe_dump(convert_to_plain(value, **options), allow_unicode=True,
+                          width=float('inf'),
                           default_flow_style=False, sort_keys=False)

@@ -104,8 +104,10 @@ class Gains:
         if k + 1 >= len(self.grid):
             return self.K[-1], self.Ki[-1]
         part = (value - self.grid[k]) / (self.grid[k + 1] - self.grid[k])
-        return (tuple(map(between, self.K[k], self.K[k + 1], (part,) * len(self.K[k]))),
-                tuple(map(between, self.Ki[k], self.Ki[k + 1], (part,) * len(self.Ki[k]))))
+        return (tuple(map(interpolate_vectors, self.K[k], self.K[k + 1],
+                          (part,) * len(self.K[k]))),
+                tuple(map(interpolate_vectors, self.Ki[k], self.Ki[k + 1],
+                          (part,) * len(self.Ki[k]))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,21 +170,21 @@ class InputLimits:
         return clipped
 
 
-def feedback(point: ReferencePoint, e: Sequence[float]) -> list[float]:
+def compute_feedback(point: ReferencePoint, e: Sequence[float]) -> list[float]:
     """Return ur - K e, shape (m,), not yet within the limits."""
     return [u - sum(map(mul, row, e)) for u, row in zip(point.u, point.K, strict=True)]
 
 
-def between(a: Vector, b: Vector, part: float) -> Vector:
+def interpolate_vectors(a: Vector, b: Vector, part: float) -> Vector:
     """Return what lies between two vectors, `part` of the way from the first."""
     return tuple([p + part * (q - p) for p, q in zip(a, b, strict=True)])
 
 
-def rows(matrix: Sequence[Sequence[float]] | Any) -> Rows:
+def convert_rows(matrix: Sequence[Sequence[float]] | Any) -> Rows:
     """Return a matrix, of an array too, as a tuple of rows of plain floats."""
-    return tuple(vector(row) for row in matrix)
+    return tuple(convert_vector(row) for row in matrix)
 
 
-def vector(values: Sequence[float] | Any) -> Vector:
+def convert_vector(values: Sequence[float] | Any) -> Vector:
     """Return numbers, of an array too, as a tuple of plain floats."""
     return tuple(map(float, values))

@@ -30,7 +30,7 @@ _SMALLEST_STEP = 1e-13  # [s]
 _MOST_STEPS = 100_000   # between two jumps; more would keep the caller waiting
 
 
-def snapped(time: float) -> float:
+def snap_to_grid(time: float) -> float:
     """Return a time [steps], on the grid if it is as good as there."""
     if not abs(time) < _LAST_WHOLE:
         return time
@@ -112,7 +112,7 @@ class PlantFlow:
         gust, dt = self._conditions.gust, self._conditions.dt
         if not any(gust.amplitude):
             return ()
-        return snapped(gust.start / dt), snapped((gust.start + gust.duration) / dt)
+        return snap_to_grid(gust.start / dt), snap_to_grid((gust.start + gust.duration) / dt)
 
     def run(self, now: float, stop: float) -> None:
         """

@@ -16,8 +16,13 @@ from operator import add, mul, sub
 
 from obc_ros.core.closed_loop import references
 from obc_ros.core.closed_loop.control import Control, Schedule
-from obc_ros.core.closed_loop.feedback import feedback, ReferenceLaw, ReferencePoint, StateFeedback
-from obc_ros.core.closed_loop.message_stamps import age, NS, StampOrder
+from obc_ros.core.closed_loop.feedback import (
+    compute_feedback,
+    ReferenceLaw,
+    ReferencePoint,
+    StateFeedback,
+)
+from obc_ros.core.closed_loop.message_stamps import compute_age, NS, StampOrder
 from obc_ros.core.closed_loop.references import Running, set_point
 from obc_ros.core.closed_loop.sent_commands import Sent
 
@@ -207,7 +212,7 @@ class ControlLoop:
 
     def _is_timely(self, stamp: int, clock: int | None, now: float) -> bool:
         timeout = self._next.rules.stamp_timeout
-        self.lag = None if clock is None else age(stamp, clock)
+        self.lag = None if clock is None else compute_age(stamp, clock)
         if not timeout or self.lag is None or abs(self.lag) <= timeout:
             return True
         kind, words = ('old', 'before') if self.lag > 0.0 else ('ahead', 'after')
@@ -258,7 +263,7 @@ class ControlLoop:
             self._smooth(control, before, stamp, x)
         if ahead.law is not self._reported:
             self._reported = ahead.law
-            self.events.extend(references.events(control.legs, ahead.law))
+            self.events.extend(references.describe_events(control.legs, ahead.law))
         here = self._point(control, now, stamp)
         error = control.limits.error(x, here.x)
         if control.rules.x_limits and self._is_beyond(control, error):
@@ -298,7 +303,7 @@ class ControlLoop:
                 if ahead.law is not now.law:
                     on = self._point(control, now, later).x
                     e = control.limits.error(list(map(add, on, e)), point.x)
-        u = feedback(point, e)
+        u = compute_feedback(point, e)
         if control.C:
             for j, row in enumerate(point.Ki):
                 u[j] -= self._w[j] + sum(map(mul, row, z))
@@ -311,7 +316,7 @@ class ControlLoop:
 
     def _running(self, control: Control, stamp: int) -> Running:
         """Return the law in force at a stamp."""
-        if running := references.in_force(control.legs, stamp):
+        if running := references.find_current(control.legs, stamp):
             return running
         if control is self._control:
             return self._setpoint
@@ -435,14 +440,15 @@ class ControlLoop:
         """Return the regulator of `new` with its set point where it is, and the stamp of t = 0."""
         old = self._control
         moved = self._regulator.at((stamp - self._setpoint.origin) * NS).x
-        if references.accepted(old.legs) and not new.legs:  # go on from the end of a reference
+        # Go on from the end of a reference.
+        if references.select_accepted(old.legs) and not new.legs:
             here = self._point(old, self._running(old, stamp), stamp).x
             moves = map(any, zip(old.regulator.drift, new.regulator.drift, strict=True))
             moved = tuple([h if v else m for h, m, v in zip(here, moved, moves, strict=True)])
         x = [is_now if wanted == before else wanted for wanted, before, is_now in zip(
             new.regulator.x, old.regulator.x, moved, strict=True)]
         regulator = replace(new.regulator, x=tuple(x))
-        if new.horizon is None or references.begins_anew(old, new):
+        if new.horizon is None or references.restarts_horizon(old, new):
             return regulator, stamp
         origin = self._setpoint.origin
         return replace(regulator, x=regulator.at((origin - stamp) * NS).x), origin

@@ -6,7 +6,7 @@ NS = 1e-9  # [s]
 OTHER_CLOCK = 3600.0  # [s] stamps further off than this were not made by the same clock
 
 
-def age(stamp: int, clock: int) -> float | None:
+def compute_age(stamp: int, clock: int) -> float | None:
     """Return how old a stamp [ns] is by a clock [ns] in seconds; None: of another clock."""
     seconds = (clock - stamp) * NS
     return seconds if abs(seconds) < OTHER_CLOCK else None

@@ -55,7 +55,7 @@ class Pacing:
     command_timeout: float = 0.0
 
 
-def grid(dt: float, publish_rate: float) -> tuple[float, int]:
+def choose_step(dt: float, publish_rate: float) -> tuple[float, int]:
     """
     Return the step [s], at most dt, and how many make the period of publishing.
 

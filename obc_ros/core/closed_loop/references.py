@@ -27,22 +27,22 @@ def set_point(control: Control, regulator: StateFeedback, origin: int) -> Runnin
     return Running(BlendedFeedback(regulator, control.horizon.gains), origin, True)
 
 
-def accepted(legs: Sequence[Leg]) -> list[Leg]:
+def select_accepted(legs: Sequence[Leg]) -> list[Leg]:
     """Return the references that have not been refused."""
     return [leg for leg in legs if not leg.reference.refused]
 
 
-def begins_anew(old: Control, new: Control) -> bool:
+def restarts_horizon(old: Control, new: Control) -> bool:
     """Return whether the horizon of `new`, in place of `old`, begins at its first state."""
     return (old.horizon is None or new.horizon is None
             or old.horizon.time != new.horizon.time
             or (old.regulator.x, old.regulator.u) != (new.regulator.x, new.regulator.u)
-            or bool(accepted(old.legs)) and not new.legs)
+            or bool(select_accepted(old.legs)) and not new.legs)
 
 
-def in_force(legs: Sequence[Leg], stamp: int) -> Running | None:
+def find_current(legs: Sequence[Leg], stamp: int) -> Running | None:
     """Return the law of the last reference that has begun at a stamp [ns]; None: none has."""
-    leg = last_begun(legs, stamp)
+    leg = find_last_begun(legs, stamp)
     if leg is None:
         return None
     reference = leg.reference
@@ -52,7 +52,7 @@ def in_force(legs: Sequence[Leg], stamp: int) -> Running | None:
     return Running(leg.after, end) if stamp >= end else Running(leg.along, reference.begin)
 
 
-def last_begun(legs: Sequence[Leg], stamp: int) -> Leg | None:
+def find_last_begun(legs: Sequence[Leg], stamp: int) -> Leg | None:
     """Return the last reference that has begun at a stamp [ns] and was not refused."""
     return next((leg for leg in reversed(legs) if not leg.reference.refused and (
         leg.reference.begin is None or stamp >= leg.reference.begin)), None)
@@ -104,7 +104,7 @@ def judge_again(control: Control, stamp: int, x: Sequence[float]) -> str:
     held as a set point is, and not judged. One that is too far is given up together with what was
     followed before it: the plant is at neither.
     """
-    leg, now = last_begun(control.legs, stamp), in_force(control.legs, stamp)
+    leg, now = find_last_begun(control.legs, stamp), find_current(control.legs, stamp)
     if leg is None or now is None or leg.reference.begin is None or leg.reference.told != 'begun':
         return ''
     wanted = now.law.at((stamp - now.origin) * NS).x
@@ -115,7 +115,7 @@ def judge_again(control: Control, stamp: int, x: Sequence[float]) -> str:
     return reason
 
 
-def events(legs: Sequence[Leg], law: ReferenceLaw) -> Iterator[str]:
+def describe_events(legs: Sequence[Leg], law: ReferenceLaw) -> Iterator[str]:
     """Yield in words what a law that comes into force begins or ends; each once."""
     for leg in legs:
         reference = leg.reference
@@ -129,15 +129,16 @@ def events(legs: Sequence[Leg], law: ReferenceLaw) -> Iterator[str]:
 
 def _distance(control: Control, leg: Leg, t: float, x: Sequence[float], wanted: Sequence[float]
               ) -> str:
-    """Return how far a state is from where a reference is at its time t [s], as `distance`."""
+    """Return how far a state is from a reference at its time t [s], as `describe_miss` does."""
     if not leg.allowed:
         return ''
-    return distance(control.limits.error(x, wanted), wanted, min(t, leg.reference.duration),
-                    leg.allowed, control.names, leg.units)
+    return describe_miss(control.limits.error(x, wanted), wanted, min(t, leg.reference.duration),
+                         leg.allowed, control.names, leg.units)
 
 
-def distance(error: Sequence[float], wanted: Sequence[float], t: float, allowed: AllowedErrors,
-             names: Sequence[str], units: Sequence[str]) -> str:
+def describe_miss(error: Sequence[float], wanted: Sequence[float], t: float,
+                  allowed: AllowedErrors,
+                  names: Sequence[str], units: Sequence[str]) -> str:
     """
     Return which states are too far from a reference, in words; empty: none is.
 
@@ -155,8 +156,8 @@ def distance(error: Sequence[float], wanted: Sequence[float], t: float, allowed:
     """
     where = "the plan's start {}" if t == 0.0 else f'{{}} of the plan at t = {t:.4g} s'
     return '; '.join(
-        f'{name} is {with_unit(abs(e), unit)} from {where.format(with_unit(xr, unit))}, '
-        f'allowed {with_unit(-low if e < 0.0 else high, unit)}'
+        f'{name} is {format_unit(abs(e), unit)} from {where.format(format_unit(xr, unit))}, '
+        f'allowed {format_unit(-low if e < 0.0 else high, unit)}'
         for e, xr, (low, high), name, unit in zip(
             error, wanted, allowed, names, units, strict=True)
         if not is_within(e, low, high))
@@ -167,6 +168,6 @@ def is_within(error: float, low: float, high: float) -> bool:
     return low * (1.0 + 1e-9) <= error <= high * (1.0 + 1e-9)
 
 
-def with_unit(value: float, unit: str) -> str:
+def format_unit(value: float, unit: str) -> str:
     """Return a number with its unit, if it has one."""
     return f'{value:.4g} {unit}'.rstrip()

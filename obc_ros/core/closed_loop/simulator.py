@@ -12,10 +12,10 @@ from collections.abc import Sequence
 import math
 
 import numpy as np
-from obc_ros.core.closed_loop.flow import PlantFlow, snapped
+from obc_ros.core.closed_loop.flow import PlantFlow, snap_to_grid
 from obc_ros.core.closed_loop.simulation_settings import Conditions
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.systems.equilibrium import check_numbers, equilibrium
+from obc_ros.core.systems.equilibrium import check_numbers, find_equilibrium
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import DynamicsError, StatementError
 
@@ -33,7 +33,7 @@ class Simulator:
         Initial state; the system's set point if left out.
     conditions : Conditions, optional
     u0 : array, shape (m,), optional
-        What acts until the first command; `resting_input` of x0 if left out.
+        What acts until the first command; `compute_resting_input` of x0 if left out.
 
     Raises
     ------
@@ -96,8 +96,9 @@ class Simulator:
         """Go back to the start, or to another one; commands are forgotten and noise repeats."""
         if x0 is not None:
             self._x0 = check_numbers('x0', x0, self.system.state_names)
-            self._u0 = clipped(resting_input(self.system, self._x0) if u0 is None
-                               else check_numbers('u0', u0, self.system.input_names), self.system)
+            self._u0 = clip_input(compute_resting_input(self.system, self._x0) if u0 is None
+                                  else check_numbers('u0', u0, self.system.input_names),
+                                  self.system)
         self.steps = 0
         self.target = self._u0
         self._waiting: deque[tuple[float, tuple[float, ...]]] = deque()
@@ -144,7 +145,7 @@ class Simulator:
         if delay or self._waiting:
             # After a change to a shorter delay a command must not overtake an earlier one.
             earliest = self._waiting[-1][0] if self._waiting else 0.0
-            self._waiting.append((max(snapped(self.steps + delay), earliest), values))
+            self._waiting.append((max(snap_to_grid(self.steps + delay), earliest), values))
         else:
             self._take_effect(self.steps, values)
 
@@ -195,10 +196,10 @@ class Simulator:
             sound = False
         if not sound:  # or so large that the sum is not finite
             values = tuple(check_numbers('u', u, self.system.input_names))
-        return clipped(values, self.system) if self._limits else values
+        return clip_input(values, self.system) if self._limits else values
 
 
-def resting_input(system: System, x: NumberList) -> Array:
+def compute_resting_input(system: System, x: NumberList) -> Array:
     """
     Return the input that holds x, or where there is none, the system's set point.
 
@@ -206,13 +207,13 @@ def resting_input(system: System, x: NumberList) -> Array:
     """
     for state in (x, None):
         try:
-            return equilibrium(system, state).u
+            return find_equilibrium(system, state).u
         except DynamicsError:
             continue
     return np.array(system.setpoint_input)
 
 
-def clipped(u: NumberList, system: System) -> tuple[float, ...]:
+def clip_input(u: NumberList, system: System) -> tuple[float, ...]:
     """Return an input (m,) within the limits of the actuators."""
     return tuple([min(max(float(value), signal.lower), signal.upper)
                   for value, signal in zip(u, system.inputs, strict=True)])

@@ -121,9 +121,9 @@ def lqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
     F = lapack.dtrtrs(L, B.T, lower=1)[0].T
     solution = care.solve_continuous(Ac, F, Qc)
     if solution is None:
-        raise RefusedDesignError(stabilizability.why_not(Ac, F, Qc, stability=stability))
+        raise RefusedDesignError(stabilizability.explain_no_gain(Ac, F, Qc, stability=stability))
     if not (sees_all or to_rest):
-        unseen = stabilizability.unseen(Ac, F, Qc, stability=stability)
+        unseen = stabilizability.name_undetectable_modes(Ac, F, Qc, stability=stability)
         if unseen:
             raise RefusedDesignError(unseen)
     right = B.T @ solution.P
@@ -141,7 +141,7 @@ def lqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
     if not (robust >= _LEAST_ROBUSTNESS and solution.error <= stabilizability.LARGEST_ERROR
             and solution.residual <= _LARGEST_RESIDUAL and E[-1].real < -stability):
         raise RefusedDesignError(
-            stabilizability.why_not(Ac, F, Qc, stability=stability, error=solution.error))
+            stabilizability.explain_no_gain(Ac, F, Qc, stability=stability, error=solution.error))
     return LqrDesign(A, B, Qx, Qu, cross, stability, K, solution.P, E, solution.residual,
                      solution.error, robust)
 
@@ -184,16 +184,17 @@ def dlqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
     L, Ac, Qc, sees_all = checks.remove_cross_term(A, B, Qx, Qu, cross)
     Ac = growth * Ac
     F = growth * lapack.dtrtrs(L, B.T, lower=1)[0].T
-    scale = care.balancing(Ac, F, Qc)
+    scale = care.compute_balancing(Ac, F, Qc)
     ratio = scale / scale[:, None]
     solution = dare.solve_discrete(Ac * ratio, F / scale[:, None], Qc * (scale * scale[:, None]))
     if not sees_all:
-        unseen = stabilizability.unseen(Ac, F, Qc, stability=stability, period=period)
+        unseen = stabilizability.name_undetectable_modes(Ac, F, Qc, stability=stability,
+                                                         period=period)
         if unseen:
             raise RefusedDesignError(unseen)
     if solution is None:
         raise RefusedDesignError(
-            stabilizability.why_not(Ac, F, Qc, stability=stability, period=period))
+            stabilizability.explain_no_gain(Ac, F, Qc, stability=stability, period=period))
     P = solution.P / (scale * scale[:, None])
     BP = growth * growth * B.T @ P
     right = BP @ A
@@ -209,7 +210,7 @@ def dlqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
                                               growth * _rounding(A, B, K) * ratio)
     if not (robust >= _LEAST_ROBUSTNESS and solution.error <= stabilizability.LARGEST_ERROR
             and solution.residual <= _LARGEST_RESIDUAL and np.abs(E).max() < 1.0 / growth):
-        raise RefusedDesignError(stabilizability.why_not(
+        raise RefusedDesignError(stabilizability.explain_no_gain(
             Ac, F, Qc, stability=stability, period=period, error=solution.error))
     return LqrDesign(A, B, Qx, Qu, cross, stability, K, P, E, solution.residual,
                      solution.error, robust, period)

@@ -66,8 +66,8 @@ class Figures:
     peak_input: Array
 
 
-def figures(A: Array, B: Array, K: Array, period: float = 0.0, states: int | None = None
-            ) -> Figures:
+def compute_margins(A: Array, B: Array, K: Array, period: float = 0.0, states: int | None = None
+                    ) -> Figures:
     """
     Return what the feedback u = -K x does to dx/dt = A x + B u, or x+ = A x + B u.
 
@@ -235,7 +235,7 @@ def compute_step_figures(A: Array, B: Array, K: Array, poles: Complex, period: f
     """
     Return rise time, overshoot, settling time and peak input, as in `Figures`.
 
-    The parameters are those of `figures`, and the closed loop's poles in the s plane.
+    The parameters are those of `compute_margins`, and the closed loop's poles in the s plane.
     """
     states = len(A) if states is None else states
     n, m = B.shape

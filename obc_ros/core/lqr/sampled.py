@@ -59,7 +59,7 @@ class SampledDesign:
     @property
     def spectral_radius(self) -> float:
         """Return the largest modulus of the poles of the loop."""
-        return spectral_radius(self.loop)
+        return compute_spectral_radius(self.loop)
 
 
 @np.errstate(all='ignore')  # what overflows is refused
@@ -89,12 +89,12 @@ def sampled_lqr(A: Array, B: Array, weights: Weights, period: float, delay: floa
     _check_times(period, delay)
     # What is refused is what was typed, not what sampling makes of it.
     checks.remove_cross_term(*checks.check_matrices(A, B, weights.Qx, weights.Qu, weights.cross))
-    Ad, Bd, cost = discretised(A, B, weights, period)
+    Ad, Bd, cost = discretize_cost(A, B, weights, period)
     design = dlqr(Ad, Bd, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability,
                   period=period)
-    Phi, Gamma = prediction(A, B, period, delay)
-    loop = closed_loop(A, B, design.K, period, delay, Phi, Gamma)
-    X = dare.stein(loop, np.eye(len(loop)))
+    Phi, Gamma = predict_delayed_state(A, B, period, delay)
+    loop = build_delayed_loop(A, B, design.K, period, delay, Phi, Gamma)
+    X = dare.solve_stein(loop, np.eye(len(loop)))
     robust = 0.0 if X is None else dare.measure_discrete_robustness(loop, X,
                                                                     4 * EPS * np.abs(loop))
     if not robust >= _LEAST_ROBUSTNESS:
@@ -104,8 +104,8 @@ def sampled_lqr(A: Array, B: Array, weights: Weights, period: float, delay: floa
     return SampledDesign(design, delay, Phi, Gamma, loop, robust)
 
 
-def discretised(A: Array, B: Array, weights: Weights, period: float
-                ) -> tuple[Array, Array, Weights]:
+def discretize_cost(A: Array, B: Array, weights: Weights, period: float
+                    ) -> tuple[Array, Array, Weights]:
     """
     Return the plant of held inputs and the weights whose sum is the integral of the cost.
 
@@ -151,7 +151,7 @@ def discretised(A: Array, B: Array, weights: Weights, period: float
         weights, Qx=total[:n, :n], Qu=total[n:, n:], cross=total[:n, n:])
 
 
-def held(A: Array, B: Array, time: float) -> tuple[Array, Array]:
+def discretize_plant(A: Array, B: Array, time: float) -> tuple[Array, Array]:
     """Return (Ad, Bd) of dx/dt = A x + B u with u held for a time [s]."""
     n, m = B.shape
     M = np.zeros((n + m, n + m))
@@ -160,7 +160,8 @@ def held(A: Array, B: Array, time: float) -> tuple[Array, Array]:
     return flow[:n, :n], flow[:n, n:]
 
 
-def prediction(A: Array, B: Array, period: float, delay: float) -> tuple[Array, tuple[Array, ...]]:
+def predict_delayed_state(A: Array, B: Array, period: float,
+                          delay: float) -> tuple[Array, tuple[Array, ...]]:
     """
     Return Phi, Gamma with x(t_k + delay) = Phi x_k + Gamma_1 u_(k-1) + Gamma_2 u_(k-2) + ...
 
@@ -177,14 +178,14 @@ def prediction(A: Array, B: Array, period: float, delay: float) -> tuple[Array, 
     gammas: list[Array] = []
     # The oldest command still acts for the part of a period, the younger ones for a whole one.
     for length in ([rest] if rest else []) + [period] * whole:
-        step, push = held(A, B, length)
+        step, push = discretize_plant(A, B, length)
         gammas = [step @ gamma for gamma in gammas] + [push]
         carried = step @ carried
     return carried, tuple(reversed(gammas))
 
 
-def closed_loop(A: Array, B: Array, K: Array, period: float, delay: float,
-                Phi: Array | None = None, Gamma: tuple[Array, ...] = ()) -> Array:
+def build_delayed_loop(A: Array, B: Array, K: Array, period: float, delay: float,
+                       Phi: Array | None = None, Gamma: tuple[Array, ...] = ()) -> Array:
     """
     Return the loop of (x_k, u_(k-1), ..., u_(k-d)) under a gain and a delay.
 
@@ -197,13 +198,13 @@ def closed_loop(A: Array, B: Array, K: Array, period: float, delay: float,
     period, delay : float
         [s]
     Phi, Gamma : ndarray and tuple of ndarray, optional
-        From `prediction`.
+        From `predict_delayed_state`.
 
     """
     n, m = B.shape
     whole, rest = _split(period, delay)
     held_back = whole + bool(rest)
-    late, early = held(A, B, rest), held(A, B, period - rest)
+    late, early = discretize_plant(A, B, rest), discretize_plant(A, B, period - rest)
     commands = [-K @ (np.eye(n) if Phi is None else Phi)] + [
         -K @ gamma for gamma in Gamma] + [np.zeros((m, m))] * (held_back - len(Gamma))
     u = np.concatenate(commands[:held_back + 1], axis=1)
@@ -218,7 +219,7 @@ def closed_loop(A: Array, B: Array, K: Array, period: float, delay: float,
     return np.concatenate([x, *newest_first[:held_back]])
 
 
-def spectral_radius(M: Array) -> float:
+def compute_spectral_radius(M: Array) -> float:
     """Return the largest modulus of the eigenvalues of M."""
     return float(np.abs(np.linalg.eigvals(M)).max())
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.rounding import EPS, TINY
-from obc_ros.core.riccati.care import balancing
+from obc_ros.core.riccati.care import compute_balancing
 from scipy.linalg import lapack
 
 Modes = NDArray[np.complex128]
@@ -19,8 +19,8 @@ TOO_FAR_APART = 'A, B, Qx and Qu are too far apart in size for double precision'
 _UNSEEN = 1e-14  # relative distance to an unobservable pair at which a mode counts as unseen
 
 
-def why_not(A: Array, F: Array, Q: Array, *, stability: float = 0.0, period: float = 0.0,
-            error: float = math.nan) -> str:
+def explain_no_gain(A: Array, F: Array, Q: Array, *, stability: float = 0.0, period: float = 0.0,
+                    error: float = math.nan) -> str:
     """
     Say why there is no stabilising gain that can be proved.
 
@@ -57,11 +57,12 @@ def why_not(A: Array, F: Array, Q: Array, *, stability: float = 0.0, period: flo
             + (', or ask for less than this degree of stability' if stability else ''))
 
 
-def unseen(A: Array, F: Array, Q: Array, *, stability: float = 0.0, period: float = 0.0) -> str:
+def name_undetectable_modes(A: Array, F: Array, Q: Array, *, stability: float = 0.0,
+                            period: float = 0.0) -> str:
     """
     Name the modes of A that do not decay and that the cost does not see; empty when there is none.
 
-    The parameters are those of `why_not`.
+    The parameters are those of `explain_no_gain`.
     """
     A, _, Q = _balanced(A, F, Q)
     modes = _lost(A, Q, _UNSEEN, period)
@@ -72,7 +73,7 @@ def unseen(A: Array, F: Array, Q: Array, *, stability: float = 0.0, period: floa
 
 
 def _balanced(A: Array, F: Array, Q: Array) -> tuple[Array, Array, Array]:
-    d = balancing(A, F, Q)
+    d = compute_balancing(A, F, Q)
     return A * (d / d[:, None]), F / d[:, None], Q * (d * d[:, None])
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.riccati.checks import check_semidefinite
-from obc_ros.core.text.errors import shown, StatementError
+from obc_ros.core.text.errors import quote, StatementError
 
 Numbers = Sequence[float] | Sequence[Sequence[float]] | Array
 
@@ -251,7 +251,7 @@ def _list(name: str, numbers: Any, finite: bool = True) -> Array:
     if values.size == 0:
         return np.zeros(0)
     if values.dtype.kind not in 'fiu':
-        raise StatementError(f'{name}: wanted numbers but found {shown(str(numbers))}')
+        raise StatementError(f'{name}: wanted numbers but found {quote(str(numbers))}')
     values = values.astype(float)
     if finite and not np.isfinite(values).all():
         i = int(np.flatnonzero(~np.isfinite(values))[0])

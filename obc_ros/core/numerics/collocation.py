@@ -10,14 +10,14 @@ from obc_ros.core.numerics.arrays import Array
 
 
 @cache
-def gauss_points(stages: int) -> Array:
+def compute_gauss_points(stages: int) -> Array:
     """Return the Gauss points in (0, 1)."""
     if not stages:
         return np.zeros(0)
     return np.asarray((np.polynomial.legendre.leggauss(stages)[0] + 1) / 2)
 
 
-def lagrange(points: Array) -> list[np.poly1d]:
+def build_lagrange_polynomials(points: Array) -> list[np.poly1d]:
     """Return the polynomials of Lagrange: each is 1 at its point and 0 at the others."""
     found = []
     for i, point in enumerate(points):
@@ -27,14 +27,14 @@ def lagrange(points: Array) -> list[np.poly1d]:
 
 
 @cache
-def collocation(stages: int, kind: str = 'legendre') -> tuple[Array, Array, Array, Array]:
+def build_collocation(stages: int, kind: str = 'legendre') -> tuple[Array, Array, Array, Array]:
     """
     Return points c, weights b, derivatives D (s, s + 1) and end values e (s + 1,).
 
     Of the points of Gauss and Legendre, or with ``radau`` of Radau's, the last of which is 1.
     """
     points = np.append(0.0, ca.collocation_points(stages, kind))
-    through_all = lagrange(points)
+    through_all = build_lagrange_polynomials(points)
     derivative = np.column_stack([np.polyder(each)(points[1:]) for each in through_all])
-    weights = np.array([np.polyint(each)(1.0) for each in lagrange(points[1:])])
+    weights = np.array([np.polyint(each)(1.0) for each in build_lagrange_polynomials(points[1:])])
     return points[1:], weights, derivative, np.array([each(1.0) for each in through_all])

@@ -34,7 +34,7 @@ class Interval:
 WHOLE = Interval(-inf, inf)
 
 
-def enclosure(function: ca.Function, boxes: list[tuple[Array, Array]]) -> list[Interval]:
+def enclose_outputs(function: ca.Function, boxes: list[tuple[Array, Array]]) -> list[Interval]:
     """
     Return an interval for each entry of the one output of a function of SX.
 
@@ -67,12 +67,12 @@ def enclosure(function: ca.Function, boxes: list[tuple[Array, Array]]) -> list[I
     return result
 
 
-def plus(a: Interval, b: Interval) -> Interval:
+def add_intervals(a: Interval, b: Interval) -> Interval:
     """Return where sums of numbers of two intervals are."""
     return Interval(_sum(a.low, b.low, -inf), _sum(a.high, b.high, inf))
 
 
-def times(a: Interval, b: Interval) -> Interval:
+def multiply_intervals(a: Interval, b: Interval) -> Interval:
     """Return where products of numbers of two intervals are."""
     ends = [(x, y) for x in (a.low, a.high) for y in (b.low, b.high)]
     return Interval(min(_product(x, y, -inf) for x, y in ends),
@@ -121,7 +121,7 @@ def _outward(value: float, towards: float, units: int = 1) -> float:
 
 
 def _subtract(a: Interval, b: Interval) -> Interval:
-    return plus(a, Interval(-b.high, -b.low))
+    return add_intervals(a, Interval(-b.high, -b.low))
 
 
 def _divide(a: Interval, b: Interval) -> Interval:
@@ -236,12 +236,12 @@ _PI = nextafter(pi, inf)
 _HYPERBOLIC = _rising(math.cosh, (0.0, inf), (1.0, inf))
 
 _OPERATIONS: dict[int, Callable[..., Interval]] = {
-    ca.OP_ADD: plus,
+    ca.OP_ADD: add_intervals,
     ca.OP_SUB: _subtract,
-    ca.OP_MUL: times,
+    ca.OP_MUL: multiply_intervals,
     ca.OP_DIV: _divide,
     ca.OP_NEG: lambda a: Interval(-a.high, -a.low),
-    ca.OP_TWICE: lambda a: plus(a, a),
+    ca.OP_TWICE: lambda a: add_intervals(a, a),
     ca.OP_INV: lambda a: _divide(Interval(1.0, 1.0), a),
     ca.OP_SQ: _square,
     ca.OP_POW: _power,

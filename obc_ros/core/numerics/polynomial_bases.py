@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.text.errors import shown, StatementError
+from obc_ros.core.text.errors import quote, StatementError
 
 BasisKind = Literal['polynomial', 'bezier', 'bspline']
 BASIS_KINDS: tuple[BasisKind, ...] = ('polynomial', 'bezier', 'bspline')
@@ -58,7 +58,7 @@ class Basis:
         return np.array([0.0, 1.0]) if self.kind == 'polynomial' else np.unique(self.knots)
 
 
-def basis(kind: str, M: int, degree: int) -> Basis:
+def build_basis(kind: str, M: int, degree: int) -> Basis:
     """
     Return M functions of a kind; `degree` is that of B-splines, M - 1 at most.
 
@@ -72,7 +72,7 @@ def basis(kind: str, M: int, degree: int) -> Basis:
         if known == kind:
             return Basis(known, M, min(degree, M - 1) if known == 'bspline' else M - 1)
     raise StatementError(
-        f"basis '{shown(str(kind))}' is unknown; there are {', '.join(BASIS_KINDS)}")
+        f"basis '{quote(str(kind))}' is unknown; there are {', '.join(BASIS_KINDS)}")
 
 
 def _splines(knots: Array, degree: int, s: Array, derivative: int) -> Array:

@@ -33,7 +33,7 @@ class TooHardError(Exception):
     """An expression has a number that is not finite, or too many terms."""
 
 
-def rational(value: float) -> Fraction:
+def convert_to_rational(value: float) -> Fraction:
     """Return the number that a double stands for, as it is written."""
     if not isfinite(value):
         raise TooHardError
@@ -117,8 +117,8 @@ class Algebra:
         if operation in (ca.OP_SIN, ca.OP_COS) and operands[0]:
             [a] = operands
             if a[max(a)] < 0:
-                value = self.apply(operation, [negative(a)])
-                return value if operation == ca.OP_COS else negative(value)
+                value = self.apply(operation, [negate(a)])
+                return value if operation == ca.OP_COS else negate(value)
         if len(operands) == 1:
             return self.generator(self._atom(operation, operands[0]))
         key = (operation, *(frozenset(each.items()) for each in operands))
@@ -182,7 +182,7 @@ def make_constant(value: int | Fraction) -> Polynomial:
     return {_ONE: Fraction(value)} if value else {}
 
 
-def negative(a: Polynomial) -> Polynomial:
+def negate(a: Polynomial) -> Polynomial:
     """Return -a."""
     return {monomial: -value for monomial, value in a.items()}
 
@@ -192,15 +192,15 @@ _SIMPLE: dict[int, Callable[..., Polynomial]] = {
     ca.OP_SUB: lambda algebra, a, b: algebra.add(a, b, Fraction(-1)),
     ca.OP_MUL: lambda algebra, a, b: algebra.multiply(a, b),
     ca.OP_DIV: lambda algebra, a, b: algebra.multiply(a, algebra.inverse(b)),
-    ca.OP_NEG: lambda algebra, a: negative(a),
+    ca.OP_NEG: lambda algebra, a: negate(a),
     ca.OP_TWICE: lambda algebra, a: algebra.add(a, a),
     ca.OP_INV: lambda algebra, a: algebra.inverse(a),
     ca.OP_SQ: lambda algebra, a: algebra.multiply(a, a),
 }
 
 
-def polynomials(function: ca.Function, values: Sequence[Sequence[float | None] | Array]
-                ) -> tuple[Algebra, list[Polynomial]]:
+def read_polynomials(function: ca.Function, values: Sequence[Sequence[float | None] | Array]
+                     ) -> tuple[Algebra, list[Polynomial]]:
     """
     Return the entries of the one output of a function of SX as polynomials.
 
@@ -229,9 +229,10 @@ def polynomials(function: ca.Function, values: Sequence[Sequence[float | None] |
         if operation == ca.OP_INPUT:
             value = values[inputs[0]][inputs[1]]
             work[outputs[0]] = (algebra.generator(place[inputs[0], inputs[1]]) if value is None
-                                else make_constant(rational(value)))
+                                else make_constant(convert_to_rational(value)))
         elif operation == ca.OP_CONST:
-            work[outputs[0]] = make_constant(rational(float(function.instruction_constant(k))))
+            work[outputs[0]] = make_constant(
+                convert_to_rational(float(function.instruction_constant(k))))
         elif operation == ca.OP_OUTPUT:
             result[outputs[1]] = work[inputs[0]]
         else:
@@ -239,7 +240,7 @@ def polynomials(function: ca.Function, values: Sequence[Sequence[float | None] |
     return algebra, result
 
 
-def affine_parts(a: Polynomial, symbols: int) -> tuple[list[Fraction], Fraction] | None:
+def split_affine(a: Polynomial, symbols: int) -> tuple[list[Fraction], Fraction] | None:
     """Return the coefficients of the symbols and the constant of a polynomial of degree 1."""
     row, rest = [Fraction(0)] * symbols, Fraction(0)
     for monomial, value in a.items():
@@ -270,7 +271,7 @@ def reduce_rows(rows: Sequence[RationalRow]) -> dict[int, RationalRow]:
     return found
 
 
-def null_space(rows: Sequence[RationalRow], columns: int) -> list[RationalRow]:
+def find_null_space(rows: Sequence[RationalRow], columns: int) -> list[RationalRow]:
     """Return a basis of the vectors that rows take to zero."""
     found = reduce_rows(rows)
     return [{free: Fraction(1)} | {pivot: -row[free] for pivot, row in found.items()

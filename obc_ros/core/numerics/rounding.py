@@ -19,8 +19,9 @@ def norm(M: Array) -> float:
     return math.sqrt(float(np.vdot(M, M)))
 
 
-def borne_by_modes(M: Array, gap: Callable[[NDArray[np.complex128]], Array], rounding: Array
-                   ) -> float:
+def compute_mode_tolerance(M: Array, gap: Callable[[NDArray[np.complex128]], Array],
+                           rounding: Array
+                           ) -> float:
     """
     Return how many times the perturbations |E| <= rounding a matrix can bear and stay stable.
 

@@ -16,7 +16,12 @@ from math import exp, factorial, inf
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.numerics.interval_arithmetic import enclosure, Interval, plus, times
+from obc_ros.core.numerics.interval_arithmetic import (
+    add_intervals,
+    enclose_outputs,
+    Interval,
+    multiply_intervals,
+)
 
 Box = tuple[Array, Array]
 
@@ -87,7 +92,7 @@ class Tube:
 
     def _first_sizes(self, y: Array, T: float) -> Array:
         """Return what counts as one in each component at first."""
-        box = np.array([(each.low, each.high) for each in enclosure(
+        box = np.array([(each.low, each.high) for each in enclose_outputs(
             self._terms[0], [(y, y), self._p])])
         moved = T * np.abs(np.where(np.isfinite(box), box, 0.0)).max(axis=1)
         size = np.abs(y) + moved
@@ -110,9 +115,9 @@ class Tube:
         series = [Interval(each, each) for each in y.tolist()]
         for k in range(1, _ORDER + 1):
             last = k == _ORDER
-            term = enclosure(self._terms[k - 1], [box if last else (y, y), self._p])
+            term = enclose_outputs(self._terms[k - 1], [box if last else (y, y), self._p])
             factor = Interval(_below(h**k / factorial(k)), _above(h**k / factorial(k)))
-            series = [plus(each, times(factor, more))
+            series = [add_intervals(each, multiply_intervals(factor, more))
                       for each, more in zip(series, term, strict=True)]
         low, high = np.array([(each.low, each.high) for each in series]).T
         if not np.isfinite([low, high]).all():
@@ -130,8 +135,8 @@ class Tube:
         """Return a box that no path from y +- radius leaves within h."""
         low, high = y - radius, y + radius
         for _ in range(_INFLATED):
-            rates = enclosure(self._terms[0], [(low, high), self._p])
-            moved = [times(Interval(0.0, h), rate) for rate in rates]
+            rates = enclose_outputs(self._terms[0], [(low, high), self._p])
+            moved = [multiply_intervals(Interval(0.0, h), rate) for rate in rates]
             pad = 4 * np.spacing(np.abs(low) + np.abs(high))   # of the sums below
             a = y - radius + [each.low for each in moved] - pad
             b = y + radius + [each.high for each in moved] + pad
@@ -146,7 +151,7 @@ class Tube:
     def _growth(self, box: Box, size: Array) -> float:
         """Return a bound of the logarithmic norm of the Jacobian, in units of the sizes."""
         n = len(size)
-        found = enclosure(self._slope, [box, self._p])
+        found = enclose_outputs(self._slope, [box, self._p])
         low, high = (np.array(ends).reshape(n, n, order='F') for ends in zip(
             *((each.low, each.high) for each in found), strict=True))
         if not np.isfinite([low, high]).all():

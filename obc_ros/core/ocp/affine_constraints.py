@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Mask
 from obc_ros.core.numerics.rational_polynomials import (
-    affine_parts,
-    null_space,
-    polynomials,
+    find_null_space,
     RationalRow,
+    read_polynomials,
+    split_affine,
     TooHardError,
 )
 from obc_ros.core.ocp.problem import Problem
@@ -64,34 +64,34 @@ class End:
         return pinned
 
 
-def affine_end(problem: Problem) -> End | None:
+def find_affine_end(problem: Problem) -> End | None:
     """Return where the affine terminal constraints hold, None if there are none to speak of."""
     n = problem.n
     psi = ca.Function('psi', [problem.x, problem.p], [ca.densify(problem.psi)])
     try:
-        found = polynomials(psi, [[None] * n, problem.p_value])[1] if problem.q else []
+        found = read_polynomials(psi, [[None] * n, problem.p_value])[1] if problem.q else []
     except TooHardError:
         return None
     rows: dict[int, RationalRow] = {}
     for number, each in enumerate(found):
-        if part := affine_parts(each, n):
+        if part := split_affine(each, n):
             rows[number] = {k: value for k, value in enumerate([*part[0], part[1]]) if value}
     if not rows:
         return None
-    echelon, clash = eliminated(rows, n)
+    echelon, clash = eliminate_rows(rows, n)
     x = [Fraction(0)] * n
     for pivot in sorted(echelon, reverse=True):   # free states at 0, the others from the last one
         row = echelon[pivot]
         x[pivot] = -(row.get(n, Fraction(0)) + sum((
             value * x[k] for k, value in row.items() if pivot < k < n), Fraction(0))) / row[pivot]
-    directions = null_space([{k: value for k, value in row.items() if k < n}
-                             for row in rows.values()], n)
+    directions = find_null_space([{k: value for k, value in row.items() if k < n}
+                                  for row in rows.values()], n)
     clear = _rank(rows, n) == n - len(directions)
     return End(rows, x, directions, clash, clear and clash is None)
 
 
-def eliminated(rows: dict[int, RationalRow], n: int) -> tuple[dict[int, RationalRow],
-                                                              Clash | None]:
+def eliminate_rows(rows: dict[int, RationalRow], n: int) -> tuple[dict[int, RationalRow],
+                                                                  Clash | None]:
     """
     Return rows in echelon form by their pivots, and the first clash that comes out.
 

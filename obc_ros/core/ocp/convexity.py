@@ -48,7 +48,7 @@ class Shape:
         return self.negative() if factor < 0 else self
 
 
-def convex_problem(problem: Problem) -> bool:
+def is_convex_problem(problem: Problem) -> bool:
     """
     Return whether a path that satisfies Pontryagin's conditions is shown to be the best.
 

@@ -58,7 +58,7 @@ class _Form:
     is_affine: bool
 
 
-def target(problem: Problem) -> Target | None:
+def find_target(problem: Problem) -> Target | None:
     """Return the target of a problem of least time, None for another problem."""
     bounded = (np.isfinite(problem.x_lower).any() or np.isfinite(problem.x_upper).any()
                or problem.path.numel() > 0)
@@ -76,7 +76,7 @@ def target(problem: Problem) -> Target | None:
     return Target(rate, V, C, d)
 
 
-def affine(problem: Problem) -> Affine | None:
+def find_affine_dynamics(problem: Problem) -> Affine | None:
     """Return the dynamics if they are affine in x and u together, else None."""
     form = _form(problem)
     if not form.is_affine:
@@ -116,7 +116,7 @@ def _new_form(problem: Problem) -> _Form:
                  not ca.depends_on(constant, z), not ca.depends_on(J[end:, :], z))
 
 
-def final_time(problem: Problem) -> float:
+def get_final_time(problem: Problem) -> float:
     """Return T, or where the search for it starts."""
     final = problem.final_time
     if not final.free:

@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The names of the methods that answer a problem; `solve` has the methods."""
 
-from obc_ros.core.text.errors import shown, StatementError
-from obc_ros.core.text.expressions import describe_type, near
+from obc_ros.core.text.errors import quote, StatementError
+from obc_ros.core.text.expressions import describe_type, suggest_name
 
 AUTO = 'auto'
 NAMES = (AUTO, 'riccati', 'time_optimal', 'reeds_shepp', 'transcription', 'arcs', 'indirect')
 
 
-def method_of(value: object) -> str:
+def get_method(value: object) -> str:
     """
     Return a method's name, 'auto' for none.
 
@@ -25,6 +25,6 @@ def method_of(value: object) -> str:
         raise StatementError(f'method: wanted a name, found {describe_type(value)}; '
                              f'there are {", ".join(NAMES)}')
     if value not in NAMES:
-        raise StatementError(f"method: '{shown(value)}' is unknown{near(value, NAMES)}; "
+        raise StatementError(f"method: '{quote(value)}' is unknown{suggest_name(value, NAMES)}; "
                              f'there are {", ".join(NAMES)}')
     return value

@@ -21,7 +21,7 @@ _DOWN = 1e-6        # of the largest curvature, what counts as downwards
 _ROUNDING = 1e-12   # likewise, in units in which all curvatures along axes are 1
 
 
-def convex_paths(problem: Problem) -> bool:
+def has_convex_paths(problem: Problem) -> bool:
     """Return whether mixtures of paths are paths: all but the costs is affine, T is given."""
     z = ca.vertcat(problem.x, problem.u)
     slopes = ca.jacobian(ca.vertcat(problem.f, problem.psi, problem.path), z)

@@ -25,7 +25,7 @@ _ROUNDING, _MOST = 1e-12, 0.9   # of a rate larger than such a part of all: few 
 _FAR = 0.05            # of the largest amount: beyond what the errors of steps explain
 
 
-def amounts(problem: Problem, size: Array) -> NDArray[np.bool_]:
+def find_amounts(problem: Problem, size: Array) -> NDArray[np.bool_]:
     """
     Return which states seem to stay at or above zero by themselves, shape (n,).
 
@@ -61,7 +61,7 @@ def _never_falls(rate: Array) -> bool:
         return bool(np.all(rate >= -_ROUNDING * np.quantile(np.abs(rate), _MOST)))
 
 
-def kept(problem: Problem, astray: Sequence[Array]) -> Problem:
+def keep_amounts_positive(problem: Problem, astray: Sequence[Array]) -> Problem:
     """
     Return a problem that keeps amounts from becoming negative, or itself if it has no need to.
 
@@ -71,6 +71,6 @@ def kept(problem: Problem, astray: Sequence[Array]) -> Problem:
     size = np.abs(paths).max(axis=0)
     far = paths.min(axis=0) < -_FAR * size
     below = far & (problem.x_lower < 0) & (problem.x0 >= 0)
-    below = below & amounts(problem, size) if below.any() else below
+    below = below & find_amounts(problem, size) if below.any() else below
     return replace(problem, x_lower=np.where(below, 0.0, problem.x_lower),
                    structure='') if below.any() else problem

@@ -18,23 +18,23 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.guess import Guess
-from obc_ros.core.ocp.method_names import method_of
+from obc_ros.core.ocp.method_names import get_method
 from obc_ros.core.ocp.problem import FinalTime, Problem
 from obc_ros.core.systems import registry
 from obc_ros.core.systems.file import FOR_PEOPLE, OF_A_PLANT
 from obc_ros.core.text import expressions
-from obc_ros.core.text.errors import ObcError, shown, StatementError
-from obc_ros.core.text.expressions import check_name, describe_type, near, parse_number
+from obc_ros.core.text.errors import ObcError, quote, StatementError
+from obc_ros.core.text.expressions import check_name, describe_type, parse_number, suggest_name
 from obc_ros.core.text.fields import (
-    bounds_of,
     check_keys,
-    limits,
+    evaluate_limits,
     list_of,
-    mapping_of,
-    names_of,
-    section_of,
+    read_bounds,
+    read_mapping,
+    read_names,
+    read_section,
 )
-from obc_ros.core.text.yaml_files import entries
+from obc_ros.core.text.yaml_files import read_entries
 
 FOR_THE_SOLVER = (
     'name', 'system', 'states', 'inputs', 'parameters', 'dynamics', 'running_cost',
@@ -61,7 +61,7 @@ class _Plant:
     u_upper: Array
 
 
-def problem_from_mapping(mapping: object) -> Problem:
+def build_problem(mapping: object) -> Problem:
     """
     Return the problem that a mapping of the keys of a problem file states.
 
@@ -77,7 +77,7 @@ def problem_from_mapping(mapping: object) -> Problem:
         If the statement is malformed; the text begins with the key at fault.
 
     """
-    given = mapping_of(mapping, 'problem')
+    given = read_mapping(mapping, 'problem')
     check_keys(given, FOR_THE_SOLVER, OF_A_PLANT + FOR_PEOPLE)
     _bounded_text(given)
     plant = _registered_plant(given) if given.get('system') is not None else _own_plant(given)
@@ -103,7 +103,7 @@ def problem_from_mapping(mapping: object) -> Problem:
         x0=_initial_state(given, plant), x_lower=x_lower, x_upper=x_upper, u_lower=u_lower,
         u_upper=u_upper, path_lower=path_lower, path_upper=path_upper, final_time=final_time,
         guess=_guess(given, plant, final_time), angles=plant.angles,
-        method=method_of(given.get('method')),
+        method=get_method(given.get('method')),
         structure=_structure(functions, bounds, final_time))
     _defined_at_start(problem, functions)
     return problem
@@ -123,7 +123,7 @@ def load_file(path: str | Path) -> list[dict[str, Any]]:
 
     """
     mappings = []
-    for _, entry in entries(path):
+    for _, entry in read_entries(path):
         if isinstance(entry, StatementError):
             raise entry
         mappings.append(entry)
@@ -131,7 +131,7 @@ def load_file(path: str | Path) -> list[dict[str, Any]]:
 
 
 def _short(value: object) -> str:
-    return shown(str(value))
+    return quote(str(value))
 
 
 def _column(rows: Iterable[ca.SX]) -> ca.SX:
@@ -166,27 +166,28 @@ def _bounded_text(given: Mapping[Any, Any]) -> None:
 
 
 def _unknown(name: object, known: tuple[str, ...], where: str, what: str) -> StatementError:
-    return StatementError(f"{where}: '{_short(name)}' is not {what}{near(str(name), known)}; "
+    return StatementError(f"{where}: '{_short(name)}' is not {what}"
+                          f"{suggest_name(str(name), known)}; "
                           f"there {'is' if len(known) == 1 else 'are'} "
                           f"{_short(', '.join(known)) or 'none'}")
 
 
 def _own_plant(given: Mapping[Any, Any]) -> _Plant:
     """Return the plant whose states, inputs and dynamics the statement gives."""
-    states, inputs = names_of(given, 'states'), names_of(given, 'inputs')
+    states, inputs = read_names(given, 'states'), read_names(given, 'inputs')
     for name in inputs:
         if name in states:
             raise StatementError(f"inputs: '{name}' is both a state and an input")
     x = {name: ca.SX.sym(name) for name in states}
     u = {name: ca.SX.sym(name) for name in inputs}
     values: dict[str, float] = {}
-    for name, value in section_of(given, 'parameters').items():
+    for name, value in read_section(given, 'parameters').items():
         values[_parameter(name, states, inputs)] = parse_number(value, values,
                                                                 f'parameters.{name}')
     p = {name: ca.SX.sym(name) for name in values}
     if given.get('dynamics') is None:
         raise StatementError('dynamics: missing; wanted an equation for each state')
-    equations = mapping_of(given['dynamics'], 'dynamics')
+    equations = read_mapping(given['dynamics'], 'dynamics')
     for name in equations:
         if name not in states:
             raise _unknown(name, states, f'dynamics.{_short(name)}', 'a state')
@@ -217,10 +218,10 @@ def _registered_plant(given: Mapping[Any, Any]) -> _Plant:
     name = given['system']
     if not isinstance(name, str):
         raise StatementError(f'system: wanted a name, found {describe_type(name)}')
-    section = section_of(given, 'parameters')
+    section = read_section(given, 'parameters')
     try:
         options = {key: _option(section[key], f'parameters.{key}')
-                   for key in registry.options(name) if key in section}
+                   for key in registry.get_options(name) if key in section}
         system = registry.get_registered(name, options)
     except ObcError as error:
         raise StatementError(f'system: {error}') from None
@@ -284,14 +285,14 @@ def _bounds(given: Mapping[Any, Any], key: str, names: tuple[str, ...],
             upper: Array | None = None) -> tuple[Array, Array]:
     low = np.full(len(names), -np.inf) if lower is None else lower.copy()
     high = np.full(len(names), np.inf) if upper is None else upper.copy()
-    for name, value in section_of(given, key).items():
+    for name, value in read_section(given, key).items():
         where = f'{key}.{_short(name)}'
         if name not in names:
             raise _unknown(name, names, where, f'a{"n" * (key == "input_bounds")} '
                                                f'{key.removesuffix("_bounds")}')
         if value is not None:
             index = names.index(name)
-            low[index], high[index] = bounds_of(value, values, where)
+            low[index], high[index] = read_bounds(value, values, where)
     return low, high
 
 
@@ -301,14 +302,14 @@ def _path_constraints(given: Mapping[Any, Any], plant: _Plant) -> tuple[ca.SX, A
     names = plant.x | plant.u
     for index, entry in enumerate([] if value is None else list_of(value, 'path_constraints')):
         where = f'path_constraints[{index}]'
-        entry = mapping_of(entry, where)
+        entry = read_mapping(entry, where)
         check_keys(entry, ('expr', 'lower', 'upper'), where=where)
         if entry.get('expr') is None:
             raise StatementError(f'{where}: expr is missing')
         row = expressions.parse_expression(entry['expr'], names | plant.p, f'{where}.expr')
         if not any(ca.depends_on(row, symbol) for symbol in names.values()):
             raise StatementError(f'{where}.expr: depends on no state and no input')
-        low, high = limits(entry.get('lower'), entry.get('upper'), plant.values, where)
+        low, high = evaluate_limits(entry.get('lower'), entry.get('upper'), plant.values, where)
         if math.isinf(low) and math.isinf(high):
             raise StatementError(f'{where}: wanted a lower or an upper bound, found neither')
         rows.append(row)
@@ -321,7 +322,7 @@ def _initial_state(given: Mapping[Any, Any], plant: _Plant) -> Array:
     wanted = f"a number for each state: {{{', '.join(f'{name}: 0' for name in plant.states[:9])}}}"
     if given.get('initial_state') is None:
         raise StatementError(f'initial_state: missing; wanted {wanted}')
-    start = mapping_of(given['initial_state'], 'initial_state', wanted)
+    start = read_mapping(given['initial_state'], 'initial_state', wanted)
     for name in start:
         if name not in plant.states:
             raise _unknown(name, plant.states, f'initial_state.{_short(name)}', 'a state')
@@ -336,7 +337,7 @@ def _final_time(given: Mapping[Any, Any], values: Mapping[str, float]) -> FinalT
     forms = '{free: false, value: 5} or {free: true, lower: 0.1, upper: 20}'
     if given.get('final_time') is None:
         raise StatementError(f'final_time: missing; wanted {forms}')
-    entry = mapping_of(given['final_time'], 'final_time', forms)
+    entry = read_mapping(given['final_time'], 'final_time', forms)
     check_keys(entry, ('free', 'value', 'lower', 'upper', 'guess'), where='final_time')
     free = entry.get('free')
     if not isinstance(free, bool):
@@ -373,7 +374,7 @@ def _positive(value: float, where: str) -> float:
 
 
 def _guess(given: Mapping[Any, Any], plant: _Plant, final_time: FinalTime) -> Guess:
-    entry = section_of(given, 'initial_guess')
+    entry = read_section(given, 'initial_guess')
     check_keys(entry, ('states', 'inputs', 'final_time'), where='initial_guess')
     final = entry.get('final_time')
     if final is not None:
@@ -389,7 +390,8 @@ def _profiles(entry: Mapping[Any, Any], key: str, names: tuple[str, ...],
               values: Mapping[str, float]) -> dict[str, Array]:
     found = {}
     part = entry.get(key)
-    for name, value in ({} if part is None else mapping_of(part, f'initial_guess.{key}')).items():
+    for name, value in ({} if part is None
+                        else read_mapping(part, f'initial_guess.{key}')).items():
         where = f'initial_guess.{key}.{_short(name)}'
         if name not in names:
             raise _unknown(name, names, where, f'one of the {key}')

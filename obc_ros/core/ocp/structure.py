@@ -8,7 +8,7 @@ from obc_ros.core.numerics.arrays import Mask
 from obc_ros.core.ocp.problem import Problem
 
 
-def switching_inputs(problem: Problem) -> tuple[bool, ...]:
+def find_switching_inputs(problem: Problem) -> tuple[bool, ...]:
     """Return for each input whether H is linear in it while the others stay."""
     lam = ca.SX.sym('lam', problem.n)
     H = problem.L + ca.dot(lam, problem.f)
@@ -17,7 +17,7 @@ def switching_inputs(problem: Problem) -> tuple[bool, ...]:
         for u in ca.vertsplit(problem.u))
 
 
-def idle_inputs(problem: Problem) -> tuple[bool, ...]:
+def find_idle_inputs(problem: Problem) -> tuple[bool, ...]:
     """Return for each input whether it moves nothing, at T, that weighs there or in L."""
     x, u = problem.x, problem.u
     lam = ca.jacobian_sparsity(ca.vertcat(problem.V, problem.psi), x).get_triplet()[1]
@@ -26,7 +26,7 @@ def idle_inputs(problem: Problem) -> tuple[bool, ...]:
     return tuple(j not in weighs for j in range(problem.m))
 
 
-def deciding(problem: Problem) -> Mask:
+def find_deciding_inputs(problem: Problem) -> Mask:
     """Return which inputs enter the rate of each row of (x, c), (n + l, m); none of mixed rows."""
     rows = ca.vertcat(problem.x, problem.path)
     rate = ca.mtimes(ca.jacobian(rows, problem.x), problem.f)
@@ -38,14 +38,14 @@ def deciding(problem: Problem) -> Mask:
     return found
 
 
-def sharing(problem: Problem) -> Mask:
+def find_shared_inputs(problem: Problem) -> Mask:
     """Return which inputs path constraints hold, (m,)."""
     found: Mask = np.zeros(problem.m, dtype=bool)
     found[ca.jacobian_sparsity(problem.path, problem.u).get_triplet()[1]] = True
     return found
 
 
-def branching(problem: Problem) -> Mask:
+def find_branching_inputs(problem: Problem) -> Mask:
     """Return in which bounded inputs H may have several least points, shape (m,)."""
     boxed = np.isfinite(problem.u_lower) & np.isfinite(problem.u_upper)
     lam, u = ca.SX.sym('lam', problem.n), problem.u

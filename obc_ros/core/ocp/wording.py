@@ -15,9 +15,9 @@ def format_number(value: float) -> str:
     return f'{value:.6g}' if abs(value) > 1e-12 else '0'
 
 
-def terminal(problem: Problem, row: int) -> str:
+def describe_terminal(problem: Problem, row: int) -> str:
     """Return a terminal constraint in words, ``x = 2`` where it is that simple."""
-    rows = affine_rows(problem)
+    rows = find_affine_rows(problem)
     if rows is None or not rows.affine[row]:
         return f'terminal_constraints[{row}]'
     names = [(name, a) for name, a in zip(problem.states, rows.A[row], strict=True) if a]
@@ -49,7 +49,7 @@ def _sum(terms: list[tuple[str, float]]) -> str:
     return text[3:] if text.startswith(' + ') else '-' + text[3:]
 
 
-def affine_rows(problem: Problem) -> AffineRows | None:
+def find_affine_rows(problem: Problem) -> AffineRows | None:
     """Return the terminal constraints, and which of them are affine; None if there are none."""
     if not problem.q:
         return None

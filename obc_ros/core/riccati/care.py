@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.numerics.rounding import borne_by_modes, COMFORTABLE, EPS, norm, TINY
+from obc_ros.core.numerics.rounding import COMFORTABLE, compute_mode_tolerance, EPS, norm, TINY
 from obc_ros.core.riccati import dare, propagation
 from scipy.linalg import lapack
 
@@ -78,7 +78,7 @@ def solve_continuous(A: Array, F: Array, Q: Array) -> RiccatiSolution | None:
 
     """
     H = np.empty((2 * len(A), 2 * len(A)), order='F')
-    scale = balancing(A, F, Q, H)
+    scale = compute_balancing(A, F, Q, H)
     A = A * (scale / scale[:, None])
     F = F / scale[:, None]
     Q = Q * (scale * scale[:, None])
@@ -94,7 +94,7 @@ def solve_continuous(A: Array, F: Array, Q: Array) -> RiccatiSolution | None:
     return RiccatiSolution(P, found.residual, found.error, found.X, scale)
 
 
-def balancing(A: Array, F: Array, Q: Array, H: Array | None = None) -> Array:
+def compute_balancing(A: Array, F: Array, Q: Array, H: Array | None = None) -> Array:
     """
     Return the powers of 2 d (n,) for which x = diag(d) z balances the Hamiltonian matrix.
 
@@ -176,8 +176,9 @@ def _by_doubling(A: Array, G: Array, Q: Array) -> _Iterate | None:
     try:
         left = np.linalg.inv(A - speed * identity)
         right = np.linalg.inv((A - speed * identity).T + Q @ left @ G)
-        P = propagation.doubled(identity + 2.0 * speed * right.T, 2.0 * speed * left @ G @ right,
-                                2.0 * speed * right @ Q @ left)
+        P = propagation.double_horizon(identity + 2.0 * speed * right.T,
+                                       2.0 * speed * left @ G @ right,
+                                       2.0 * speed * right @ Q @ left)
         if P is None:
             return None
         M = A - G @ P
@@ -187,7 +188,7 @@ def _by_doubling(A: Array, G: Array, Q: Array) -> _Iterate | None:
     step = identity + 2.0 * speed * back
 
     def lyapunov(C: Array) -> Array:
-        X = dare.stein(step, 2.0 * speed * back.T @ C @ back)
+        X = dare.solve_stein(step, 2.0 * speed * back.T @ C @ back)
         return np.full_like(C, math.nan) if X is None else X
 
     return _newton(A, G, Q, P, lyapunov)
@@ -288,7 +289,7 @@ def measure_robustness(M: Array, X: Array, rounding: Array) -> float:
     """
     bound = _by_lyapunov(M, X, rounding)
     return bound if bound > COMFORTABLE else max(
-        bound, borne_by_modes(M, lambda modes: -modes.real, rounding))
+        bound, compute_mode_tolerance(M, lambda modes: -modes.real, rounding))
 
 
 def _by_lyapunov(M: Array, X: Array, rounding: Array) -> float:

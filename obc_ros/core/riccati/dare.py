@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.numerics.rounding import borne_by_modes, COMFORTABLE, EPS, norm, TINY
-from obc_ros.core.riccati.propagation import doubled
+from obc_ros.core.numerics.rounding import COMFORTABLE, compute_mode_tolerance, EPS, norm, TINY
+from obc_ros.core.riccati.propagation import double_horizon
 from scipy.linalg import lapack
 
 _LONGEST = 60  # doublings: 1e18 steps
@@ -64,7 +64,7 @@ def solve_discrete(A: Array, F: Array, Q: Array) -> DiscreteSolution | None:
     discrete-time algebraic Riccati equations, International Journal of Control 77, 2004.
 
     """
-    P = doubled(A, F @ F.T, Q)
+    P = double_horizon(A, F @ F.T, Q)
     if P is None:
         return None
     M, K, X = A, F.T, P
@@ -75,11 +75,11 @@ def solve_discrete(A: Array, F: Array, Q: Array) -> DiscreteSolution | None:
         inner.flat[::len(inner) + 1] += 1.0
         K = lapack.dposv(inner, right @ A, lower=1)[1]
         M = A - F @ K
-        sums = stein(M, np.eye(len(A)))
+        sums = solve_stein(M, np.eye(len(A)))
         if sums is None:
             return None
         X = sums
-        correction = stein(M, _residual(M, K, Q, P)[0])
+        correction = solve_stein(M, _residual(M, K, Q, P)[0])
         if correction is None or not norm(correction) < 0.5 * step:
             break
         P, step = P + correction, norm(correction)
@@ -98,7 +98,7 @@ def _residual(M: Array, K: Array, Q: Array, P: Array) -> tuple[Array, float]:
     return 0.5 * (R + R.T), norm(moved) + norm(spent) + norm(Q) + norm(P) + TINY
 
 
-def stein(M: Array, C: Array) -> Array | None:
+def solve_stein(M: Array, C: Array) -> Array | None:
     """Return X with X - M'X M = C, the sum of M'^k C M^k; None when it does not converge."""
     X = C
     for _ in range(_LONGEST):
@@ -138,4 +138,4 @@ def measure_discrete_robustness(M: Array, X: Array, rounding: Array) -> float:
             reach = left / (size + math.sqrt(size * size + norm(X) * left))
             bound = reach / max(norm(rounding), TINY)
     return bound if bound > COMFORTABLE else max(
-        bound, borne_by_modes(M, lambda modes: 1.0 - np.abs(modes), rounding))
+        bound, compute_mode_tolerance(M, lambda modes: 1.0 - np.abs(modes), rounding))

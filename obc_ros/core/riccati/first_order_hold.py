@@ -114,7 +114,7 @@ class Feedback:
             last = block == len(self.blocks) - 1
             end = self.P1 if last else self.costs(block + 1)[0]
             halvings = self.halvings[block]
-            self._costs[block] = propagation.backward(
+            self._costs[block] = propagation.propagate_steps_back(
                 self._levels(block, halvings), end, 2**halvings)[::-1]
         return self._costs[block]
 
@@ -165,7 +165,7 @@ class Feedback:
         x, y = np.empty((2, len(self.blocks), steps + 1, len(z)))
         for block in range(len(self.blocks)):
             last = block == len(self.blocks) - 1
-            x[block], y[block] = propagation.inside(
+            x[block], y[block] = propagation.solve_inside(
                 self._levels(block, halvings), z,
                 self.P1 if last else self.costs(block + 1)[0], steps)
             z = x[block, -1]
@@ -184,7 +184,7 @@ class Feedback:
         if level not in self._joined:
             half = self._stretch(level + 1)
             self._joined[level] = (propagation.is_convex(half) or propagation.is_apart(half)
-                                   ) and propagation.keeps_digits(self._stretch(level))
+                                   ) and propagation.is_accurate_join(self._stretch(level))
         return self._joined[level]
 
     def _length(self, block: int) -> int:
@@ -201,7 +201,7 @@ class Feedback:
         identity, speed = np.eye(len(e.A)), norm(e.A) + math.sqrt(norm(e.G) * norm(e.Q))
         return _doubled(
             self._stretches, level, self.T, speed,
-            lambda step: propagation.of_plant(e.A, e.G, e.Q, step),
+            lambda step: propagation.build_stretch(e.A, e.G, e.Q, step),
             lambda half: propagation.join_stretches(half, half, identity))
 
     def _flow(self, level: int) -> Array:
@@ -368,12 +368,12 @@ def _errors(form: LqForm, t: Array, x: Array, u: Array, lam: Array, bends: Array
 def evaluate_hamiltonian(form: LqForm, x: Array, u: Array, lam: Array) -> tuple[Array, Array,
                                                                                 Array]:
     """Return L, H = L + lam'f and |L| + |lam|'|f| at each sample."""
-    L = running_cost(form, x, u)
+    L = evaluate_running_cost(form, x, u)
     terms = lam * (x @ form.A.T + u @ form.B.T + form.a)
     return L, L + terms.sum(axis=1), np.abs(L) + np.abs(terms).sum(axis=1)
 
 
-def running_cost(form: LqForm, x: Array, u: Array) -> Array:
+def evaluate_running_cost(form: LqForm, x: Array, u: Array) -> Array:
     """Return L at each sample."""
     L: Array = (
         0.5 * np.einsum('...i,...i->...', x @ form.Q, x)

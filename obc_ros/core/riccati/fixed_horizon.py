@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.riccati import checks, propagation
-from obc_ros.core.riccati.care import balancing
+from obc_ros.core.riccati.care import compute_balancing
 from obc_ros.core.text.errors import StatementError
 from scipy.linalg import lapack
 
 
-def finite_horizon(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, P1: ArrayLike,
-                   t: Sequence[float] | Array, T: float, *, cross: ArrayLike | None = None
-                   ) -> tuple[Array, Array]:
+def solve_finite_horizon(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, P1: ArrayLike,
+                         t: Sequence[float] | Array, T: float, *, cross: ArrayLike | None = None
+                         ) -> tuple[Array, Array]:
     """
     Return the solution of the Riccati differential equation (2.7) and the gain, u = -K(t) x.
 
@@ -58,10 +58,11 @@ def finite_horizon(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, P1:
     L, Ac, Qc, _ = checks.remove_cross_term(A, B, Qx, Qu, cross)
     to_go = _to_go(t, T)
     F = lapack.dtrtrs(L, B.T, lower=1)[0].T
-    d = balancing(Ac, F, Qc)
+    d = compute_balancing(Ac, F, Qc)
     F = F / d[:, None]
     weight = d * d[:, None]
-    P = propagation.at(Ac * (d / d[:, None]), F @ F.T, Qc * weight, P1 * weight, to_go) / weight
+    P = propagation.evaluate_before_end(Ac * (d / d[:, None]), F @ F.T, Qc * weight, P1 * weight,
+                                        to_go) / weight
     right = P.reshape(-1, len(A)) @ B
     if cross is not None:
         right = (right.reshape(len(P), *B.shape) + cross).reshape(right.shape)

@@ -39,7 +39,7 @@ class LqForm:
     d: Array
 
 
-def lq_form(problem: Problem) -> LqForm | None:
+def find_lq_form(problem: Problem) -> LqForm | None:
     """
     Return the matrices of a problem with linear f and psi and quadratic L and V.
 

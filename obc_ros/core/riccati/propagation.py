@@ -23,7 +23,7 @@ _MOST_GROWTH = 30.0  # of the state over a joined stretch: its square is lost of
 _SHORT = 0.5  # norm of the Hamiltonian matrix times the length of which the exponential is taken
 
 
-def of_plant(A: Array, G: Array, Q: Array, length: float) -> Stretch:
+def build_stretch(A: Array, G: Array, Q: Array, length: float) -> Stretch:
     """
     Return the stretch of dx/dt = A x - G y, dy/dt = -Q x - A'y over `length` seconds.
 
@@ -55,7 +55,7 @@ def join_stretches(first: Stretch, second: Stretch, identity: Array) -> Stretch:
     return A2 @ moved, _symmetric(G), _symmetric(H)
 
 
-def before(stretch: Stretch, P: Array) -> Array:
+def propagate_back(stretch: Stretch, P: Array) -> Array:
     """
     Return the cost matrices at the start of a stretch for those at its end.
 
@@ -77,7 +77,7 @@ def before(stretch: Stretch, P: Array) -> Array:
     return _symmetric(moved + H)
 
 
-def ladder(stretch: Stretch, steps: int) -> list[Stretch]:
+def build_doublings(stretch: Stretch, steps: int) -> list[Stretch]:
     """
     Return the stretch of a step, and each joined of two of the one before, within so many steps.
 
@@ -87,17 +87,17 @@ def ladder(stretch: Stretch, steps: int) -> list[Stretch]:
     found, identity, convex = [stretch], np.eye(len(stretch[0])), is_convex(stretch)
     while 2**len(found) <= steps and (convex or is_apart(found[-1])):
         longer = join_stretches(found[-1], found[-1], identity)
-        if not keeps_digits(longer):
+        if not is_accurate_join(longer):
             break
         found.append(longer)
     return found
 
 
-def backward(levels: list[Stretch], P: Array, steps: int) -> Array:
+def propagate_steps_back(levels: list[Stretch], P: Array, steps: int) -> Array:
     """
     Return the cost matrices 0, 1, ..., `steps` steps before the end, shape (steps+1, n, n).
 
-    Each level, of `ladder`, moves all matrices found so far at once.
+    Each level, of `build_doublings`, moves all matrices found so far at once.
     """
     found = np.empty((steps + 1, *P.shape))
     found[0] = P
@@ -106,7 +106,7 @@ def backward(levels: list[Stretch], P: Array, steps: int) -> Array:
         level = min(count.bit_length(), len(levels)) - 1
         reach = 1 << level
         more = min(reach, steps + 1 - count)
-        found[count:count + more] = before(
+        found[count:count + more] = propagate_back(
             levels[level], found[count - reach:count - reach + more])
         count += more
     return found
@@ -123,12 +123,12 @@ def is_apart(stretch: Stretch) -> bool:
     return bool(np.linalg.eigvals(np.eye(len(H)) + G @ H).real.min() > 0.5)
 
 
-def keeps_digits(stretch: Stretch) -> bool:
+def is_accurate_join(stretch: Stretch) -> bool:
     """Return whether states grow so little over a joined stretch that no digits are lost."""
     return norm(stretch[0]) < _MOST_GROWTH * len(stretch[0])
 
 
-def inside(levels: list[Stretch], x: Array, P: Array, steps: int) -> tuple[Array, Array]:
+def solve_inside(levels: list[Stretch], x: Array, P: Array, steps: int) -> tuple[Array, Array]:
     """
     Return states and costates along the optimal path, each of shape (steps + 1, n).
 
@@ -138,7 +138,7 @@ def inside(levels: list[Stretch], x: Array, P: Array, steps: int) -> tuple[Array
     Parameters
     ----------
     levels : list of tuple of ndarray, shape (n, n)
-        As of `ladder`.
+        As of `build_doublings`.
     x : ndarray, shape (n,)
         At the start.
     P : ndarray, shape (n, n)
@@ -149,7 +149,7 @@ def inside(levels: list[Stretch], x: Array, P: Array, steps: int) -> tuple[Array
     """
     (A, G, H), identity = levels[-1], np.eye(len(x))
     reach = 1 << (len(levels) - 1)
-    weights = backward(levels[-1:], P, steps // reach - 1)[::-1]
+    weights = propagate_steps_back(levels[-1:], P, steps // reach - 1)[::-1]
     X, Y = np.empty((2, steps + 1, len(x)))
     X[0] = x
     for k, weight in zip(range(reach, steps + 1, reach), weights, strict=True):
@@ -168,7 +168,7 @@ def inside(levels: list[Stretch], x: Array, P: Array, steps: int) -> tuple[Array
     return X, Y
 
 
-def doubled(A: Array, G: Array, H: Array) -> Array | None:
+def double_horizon(A: Array, G: Array, H: Array) -> Array | None:
     """
     Return the least cost matrix over ever longer horizons made of the stretch (A, G, H).
 
@@ -191,7 +191,7 @@ def _symmetric(M: Array) -> Array:
     return half + np.swapaxes(half, -1, -2)
 
 
-def at(A: Array, G: Array, Q: Array, P1: Array, to_go: Array) -> Array:
+def evaluate_before_end(A: Array, G: Array, Q: Array, P1: Array, to_go: Array) -> Array:
     """
     Return the solutions of the Riccati differential equation at given times before the end.
 
@@ -207,19 +207,20 @@ def at(A: Array, G: Array, Q: Array, P1: Array, to_go: Array) -> Array:
     ndarray, shape (N, n, n)
 
     """
-    P = P1 if to_go[-1] == 0.0 else before(of_plant(A, G, Q, to_go[-1]), P1[None])[0]
+    P = P1 if to_go[-1] == 0.0 else propagate_back(build_stretch(A, G, Q, to_go[-1]), P1[None])[0]
     steps = len(to_go) - 1
     if not steps:
         return P[None].copy()
     lengths = -np.diff(to_go)[::-1]
     length = (to_go[0] - to_go[-1]) / steps
     if np.abs(lengths - length).max() <= 1e-12 * to_go[0]:
-        return backward(ladder(of_plant(A, G, Q, length), steps), P, steps)[::-1]
+        return propagate_steps_back(build_doublings(build_stretch(A, G, Q, length), steps), P,
+                                    steps)[::-1]
     found = np.empty((steps + 1, *P.shape))
     found[steps] = P
     known: dict[float, Stretch] = {}
     for k, length in enumerate(lengths.tolist()):
         if length not in known:
-            known[length] = of_plant(A, G, Q, length)
-        found[steps - 1 - k] = before(known[length], found[steps - k][None])[0]
+            known[length] = build_stretch(A, G, Q, length)
+        found[steps - 1 - k] = propagate_back(known[length], found[steps - k][None])[0]
     return found

@@ -22,13 +22,13 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.rounding import norm, TINY
 from obc_ros.core.ocp.solution import Optimality, Solution, Status
 from obc_ros.core.riccati import propagation
-from obc_ros.core.riccati.care import balancing
+from obc_ros.core.riccati.care import compute_balancing
 from obc_ros.core.riccati.first_order_hold import (
     evaluate_hamiltonian,
+    evaluate_running_cost,
     Extended,
     Feedback,
     follow_feedback,
-    running_cost,
 )
 from obc_ros.core.riccati.problem_matrices import LqForm
 from scipy.integrate import romb
@@ -95,7 +95,7 @@ def _extended(form: LqForm) -> Extended:
     linear = form.q - form.N @ right[:, n]
     L = lapack.dpotrf(form.R, lower=1)[0]
     F = lapack.dtrtrs(L, form.B.T, lower=1)[0].T
-    d = balancing(A, F, Q)
+    d = compute_balancing(A, F, Q)
     A, F, Q, C = A * (d / d[:, None]), F / d[:, None], Q * (d * d[:, None]), form.C * d
     G = F @ F.T
     row = np.linalg.norm(C, axis=1)
@@ -129,7 +129,7 @@ def _terminal_weight(extended: Extended, T: float) -> tuple[Array, Array]:
     short = min(T, 3.0 / (norm(A) + math.sqrt(norm(G) * norm(Q)) + TINY))
     reached = np.zeros(len(C))
     while len(C):
-        spread = propagation.of_plant(A, G, np.zeros_like(Q), short)[1]
+        spread = propagation.build_stretch(A, G, np.zeros_like(Q), short)[1]
         share = np.einsum('ij,jk,ik->i', C, spread, C) / max(norm(spread), TINY)
         reached = np.where(share > _UNREACHED, share * norm(spread), 0.0)
         if share.min() > 1e-6 or short >= T:
@@ -157,13 +157,13 @@ def _has_minimum(A: Array, G: Array, Q: Array, P: Array, T: float) -> bool:
     """Return whether P stays finite back to 0: I + G P keeps its positive eigenvalues."""
     speed = norm(A) + norm(G) + norm(Q)
     steps = max(1, min(_MOST_STEPS, math.ceil(4.0 * T * speed)))
-    stretch = propagation.of_plant(A, G, Q, T / steps)
+    stretch = propagation.build_stretch(A, G, Q, T / steps)
     sizes, vectors = np.linalg.eigh(stretch[1])
     root = vectors * np.sqrt(np.maximum(sizes, 0.0))
     for _ in range(steps):
         if np.linalg.eigvalsh(np.eye(len(A)) + root.T @ P @ root)[0] <= 1e-12:
             return False
-        P = propagation.before(stretch, P[None])[0]
+        P = propagation.propagate_back(stretch, P[None])[0]
     return True
 
 
@@ -210,7 +210,7 @@ def _spent(form: LqForm, t: Array, x: Array, u: Array) -> float:
     z'P z / 2 is the same number, but where little is spent to meet an end it is the difference
     of terms that are larger by orders of magnitude.
     """
-    L = running_cost(form, x, u)
+    L = evaluate_running_cost(form, x, u)
     running = np.array([romb(*block) for block in zip(L, t[:, 1] - t[:, 0], strict=True)])
     end = x[-1, -1]
     return float(running.sum() + 0.5 * end @ form.P1 @ end + form.p1 @ end + form.terminal_cost)

@@ -10,39 +10,43 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.certificate.certificate import certify
-from obc_ros.core.ocp.least_time_form import final_time
-from obc_ros.core.ocp.positivity import kept
+from obc_ros.core.ocp.least_time_form import get_final_time
+from obc_ros.core.ocp.positivity import keep_amounts_positive
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
 from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.adjoint.mesh_refinement import (
-    below,
-    drawn_in,
+    compute_tightening,
     Error,
     EXCEEDED,
-    finer,
-    followed,
+    follow_minimum,
+    is_below,
     Judgement,
     measure_loss,
+    refine_mesh,
 )
-from obc_ros.core.solver.arcs.control_discontinuities import switching_times
-from obc_ros.core.solver.arcs.input_arcs import jumping_inputs
+from obc_ros.core.solver.arcs.control_discontinuities import find_switching_times
+from obc_ros.core.solver.arcs.input_arcs import find_jumping_inputs
 from obc_ros.core.solver.improve.arc_iteration import ArcIteration
-from obc_ros.core.solver.improve.kink_mesh import on_kinks
-from obc_ros.core.solver.improve.state_arcs import along_bounds, at_once
+from obc_ros.core.solver.improve.kink_mesh import solve_on_kinks
+from obc_ros.core.solver.improve.state_arcs import solve_along_bounds, solve_at_once
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.program_cache import Answered, Kit
-from obc_ros.core.solver.proofs.contradictions import contradiction
-from obc_ros.core.solver.proofs.optimality import local
-from obc_ros.core.solver.starts.cross_entropy import from_rollouts
-from obc_ros.core.solver.starts.horizon_continuation import lengthened
-from obc_ros.core.solver.starts.initial_guess import join_whole_turns, scales
-from obc_ros.core.solver.starts.multistart import ended, explored, started
-from obc_ros.core.solver.starts.neighbour import beside_neighbour
-from obc_ros.core.solver.starts.obstacle_homotopy import started_around
+from obc_ros.core.solver.proofs.contradictions import explain_contradiction
+from obc_ros.core.solver.proofs.optimality import describe_local
+from obc_ros.core.solver.starts.cross_entropy import start_from_rollouts
+from obc_ros.core.solver.starts.horizon_continuation import lengthen_horizon
+from obc_ros.core.solver.starts.initial_guess import estimate_scales, join_whole_turns
+from obc_ros.core.solver.starts.multistart import (
+    descend_from_coarse,
+    explore_starts,
+    finish_descent,
+)
+from obc_ros.core.solver.starts.neighbour import solve_from_neighbour
+from obc_ros.core.solver.starts.obstacle_homotopy import start_around
 from obc_ros.core.solver.transcription.local_minima import Familiar
-from obc_ros.core.solver.transcription.mesh import Mesh, Path, split, STEPPED, uniform
+from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Mesh, Path, split, STEPPED
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
 from obc_ros.core.solver.transcription.tightening import TightenedLimits
 
@@ -84,7 +88,8 @@ class Search:
 
     def __init__(self, problem: Problem, kit: Kit, monitor: ProgressMonitor, *,
                  with_arcs: bool = True,
-                 quick: bool = False, why_not: Callable[[Problem], str] = contradiction) -> None:
+                 quick: bool = False,
+                 why_not: Callable[[Problem], str] = explain_contradiction) -> None:
         self.stated, self.kit, self.monitor, self.quick = problem, kit, monitor, quick
         self.why_not = why_not
         self.problem = problem if kit.twin is None else kit.twin.problem(problem, 0)
@@ -171,7 +176,8 @@ class Search:
             self.starts = chain(known, self.kit.guesser.starts(
                 self.problem, self.kit.integrator, lambda: self.familiar.spans))
             self.periods = self.kit.guesser.periods(self.problem)
-            longer = lengthened(self, COARSE) if found and intervals == levels[1][0] else None
+            longer = lengthen_horizon(self,
+                                      COARSE) if found and intervals == levels[1][0] else None
             found = [longer] if longer else self._from_starts()
             good = [outcome for outcome in found if longer or self.believed(outcome)]
             if good:
@@ -182,7 +188,7 @@ class Search:
             if self.reason or self.monitor.stopped:
                 break
         else:
-            good = from_rollouts(self, final_time(self.problem))
+            good = start_from_rollouts(self, get_final_time(self.problem))
             found, self.led_somewhere = good or found, bool(good)
         return sorted(found, key=lambda outcome: (not outcome.converged, (
             outcome.objective if self.led_somewhere else outcome.infeasibility)))
@@ -205,7 +211,7 @@ class Search:
                 good, self.typical = True, outcome.iterations
                 self.keep(outcome)
             if number == 1 and not (self.quick and good):
-                ways = started_around(self, outcome)
+                ways = start_around(self, outcome)
             patient = self.work - begun < _PATIENCE * (1 + self.stages)
             most = _STARTS if self.quick else _STARTS_MOST
             if (self.monitor.stopped or self.quick and good or number >= ways + (
@@ -222,13 +228,14 @@ class Search:
         start, rough = next(self.starts), _ROUGH
         if np.isfinite(self.periods).any():
             # Linear from one whole turn to another, angles as inputs make much of coarse steps.
-            steps = uniform(self.problem, self.intervals, self.stages, STEPPED)
+            steps = build_uniform_mesh(self.problem, self.intervals, self.stages, STEPPED)
             stepped = self.collocate(steps, start, most=_COARSE_ITERATIONS)
             # Near what it leads to.
             start, rough = join_whole_turns(stepped.path, self.periods), 0.0
         # Where no end is prescribed, cheap paths drawn at random deserve more than one method.
         once = once and not (self.familiar.daring and not self.problem.q)
-        outcome = self.collocate(uniform(self.problem, self.intervals, self.stages), start,
+        outcome = self.collocate(build_uniform_mesh(self.problem, self.intervals, self.stages),
+                                 start,
                                  most=most, rough=rough, once=once, known=self.familiar)
         self.familiar.ended(outcome.objective, outcome.infeasibility,
                             outcome.path if outcome.converged else None)
@@ -262,12 +269,12 @@ class Search:
     def sizes(self, outcome: TranscriptionOutcome) -> ProblemScales:
         """Return the scales of a path that was found, its cost among them."""
         cost = abs(outcome.objective)
-        return replace(scales(self.problem, outcome.path), cost=cost if cost > 0 else 1.0)
+        return replace(estimate_scales(self.problem, outcome.path), cost=cost if cost > 0 else 1.0)
 
     def rethought(self, outcome: TranscriptionOutcome, course: Extremal,
                   above: float) -> TranscriptionOutcome:
         """Return the outcome, or a better one: with arcs if inputs jump, else without detours."""
-        jumping = jumping_inputs(self.problem, outcome.path)
+        jumping = find_jumping_inputs(self.problem, outcome.path)
         if self.may_hold and any(jumping) and not self.held_in_vain:
             free, self.switching = self.switching, jumping
             new = ArcIteration(self, COARSE).settled(outcome)
@@ -282,13 +289,13 @@ class Search:
     def unwound(self, outcome: TranscriptionOutcome, course: Extremal,
                 above: float) -> TranscriptionOutcome:
         """Return the outcome, or one without the detours that its inputs make between points."""
-        u = followed(self.problem, self.kit.integrator, course)
-        mesh = split(uniform(self.problem, COARSE, self.stages), np.full(COARSE, 4))
+        u = follow_minimum(self.problem, self.kit.integrator, course)
+        mesh = split(build_uniform_mesh(self.problem, COARSE, self.stages), np.full(COARSE, 4))
         if not self.monitor.allows(mesh.layout.intervals):
             return outcome
         start = replace(outcome.path, ua=u[:-1], ub=u[1:])
         new = self.collocate(mesh, start, start.t[-1:], sizes=self.sizes(outcome))
-        nearby = new.converged and not below(
+        nearby = new.converged and not is_below(
             outcome.objective, new.objective, max(above, _WORTH_A_LOOK))
         better = nearby and self.given_away(new, self.course(new)) < above
         return new if better else outcome
@@ -318,7 +325,7 @@ class Search:
                 return
             if self.kit.twin:
                 self.problem = self.kit.twin.problem(self.stated, turn + 1)
-            if turn and (aligned := on_kinks(self, outcome, course)) is not None:
+            if turn and (aligned := solve_on_kinks(self, outcome, course)) is not None:
                 outcome = aligned
                 continue
             self.widen_margin(course)
@@ -338,7 +345,7 @@ class Search:
         if not self.bounded:
             return
         value = self.kit.fitter(self.problem).values(self.problem, course)
-        self.margin, self.exceeded = drawn_in(self.problem, value, course, self.margin)
+        self.margin, self.exceeded = compute_tightening(self.problem, value, course, self.margin)
 
     def finer(self, outcome: TranscriptionOutcome, course: Extremal) -> Mesh:
         """Return a mesh that is finer where the path gives cost away."""
@@ -350,8 +357,8 @@ class Search:
         if self.bounded:
             errors.append(Error(self.exceeded, EXCEEDED[0], 2.0))
         longest = outcome.path.t[-1] / (2 * COARSE)
-        return finer(outcome.mesh, outcome.path, verdict.kinks, errors, longest,
-                     self.monitor.max_intervals)
+        return refine_mesh(outcome.mesh, outcome.path, verdict.kinks, errors, longest,
+                           self.monitor.max_intervals)
 
     def solution(self, outcome: TranscriptionOutcome, course: Extremal) -> Solution:
         """Return an outcome as samples, with its certificate."""
@@ -360,7 +367,7 @@ class Search:
             outcome = self.kit.twin.back(outcome, problem)
             course = self.course(outcome, stated=True)
         known = self._extremal(outcome)
-        times = np.cumsum(known.lengths)[:-1] if known else switching_times(outcome)
+        times = np.cumsum(known.lengths)[:-1] if known else find_switching_times(outcome)
         found = replace(self.kit.judge.samples(problem, course), switching_times=times,
                         iterations=self.monitor.iterations)
         if self.monitor.stopped:   # judging a path that is no answer may take long
@@ -389,10 +396,10 @@ class Search:
         """Return the best answer found, with its certificate; without a path if there is none."""
         found = self._run()
         return found if found.optimality else replace(
-            found, optimality=local(self.tried, found.objective, self.minima))
+            found, optimality=describe_local(self.tried, found.objective, self.minima))
 
     def _run(self) -> Solution:
-        if (known := beside_neighbour(self)) is not None:
+        if (known := solve_from_neighbour(self)) is not None:
             return known
         starts = self.coarse()
         if self.reason:
@@ -409,10 +416,11 @@ class Search:
             self.monitor = self.monitor.part(self.work + _MIXED, _VAIN[1]*self.monitor.remaining())
         if self.quick:
             return self.followed_up(starts[0])
-        best, floor = started(self, starts[0])
-        if not (best.certified or self.monitor.stopped) and (reason := contradiction(self.stated)):
+        best, floor = descend_from_coarse(self, starts[0])
+        if not (best.certified
+                or self.monitor.stopped) and (reason := explain_contradiction(self.stated)):
             return Solution(Status.INFEASIBLE, reason)   # by steps with errors there are paths
-        return explored(self, best, floor, starts[1:])
+        return explore_starts(self, best, floor, starts[1:])
 
     def mixes(self, outcome: TranscriptionOutcome) -> bool:
         """Return whether an input is between its bounds for long where H is concave in it."""
@@ -430,7 +438,7 @@ class Search:
 
     def inside(self, astray: list[TranscriptionOutcome]) -> Solution | None:
         """Return a certified answer, or one for a path astray, found where no amount is < 0."""
-        problem = kept(self.stated, [outcome.path.x for outcome in astray])
+        problem = keep_amounts_positive(self.stated, [outcome.path.x for outcome in astray])
         if problem is self.stated:
             return None
         answer = Search(problem, Kit(problem), self.monitor, with_arcs=self.may_hold).run()
@@ -441,12 +449,12 @@ class Search:
 
     def followed_up(self, start: TranscriptionOutcome, rounds: int = _ROUNDS) -> Solution:
         """Return the best answer that improving a coarse outcome gives."""
-        return ended(self.following(start, rounds))
+        return finish_descent(self.following(start, rounds))
 
     def following(self, start: TranscriptionOutcome,
                   rounds: int = _ROUNDS) -> Generator[None, None, Solution]:
         """Return what `followed_up` does, at leisure: yield after each mesh."""
-        if (found := at_once(self, start)) is not None:
+        if (found := solve_at_once(self, start)) is not None:
             return found
         best: Solution | None = None
         nearest = tried = start
@@ -466,7 +474,7 @@ class Search:
             chorded = above > _CLOSE_ENOUGH[1] and self.judged(course).chorded
             if number in _MESHES and above < _NEAR_BOUNDS and (chorded or not held):
                 tried = outcome
-                if (found := along_bounds(self, outcome, best)) is not None:
+                if (found := solve_along_bounds(self, outcome, best)) is not None:
                     return found
             late = self.work - begun > _FOR_DIGITS * (1 + self.stages)
             close = above < _CLOSE_ENOUGH[self.bounded]
@@ -478,7 +486,7 @@ class Search:
         if best is None:
             best, self.last = self.solution(outcome, self.course(outcome)), self.answered(outcome)
         if not best.certified and nearest is not tried:
-            return along_bounds(self, nearest) or best
+            return solve_along_bounds(self, nearest) or best
         return best
 
     def answered(self, outcome: TranscriptionOutcome) -> Answered:

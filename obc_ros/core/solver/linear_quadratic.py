@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
-from obc_ros.core.riccati.problem_matrices import lq_form
+from obc_ros.core.riccati.problem_matrices import find_lq_form
 from obc_ros.core.riccati.terminal_constraints import solve_form
-from obc_ros.core.solver.proofs.contradictions import contradiction
+from obc_ros.core.solver.proofs.contradictions import explain_contradiction
 
 
 def solve_lq(problem: Problem) -> Solution | None:
@@ -33,11 +33,11 @@ def solve_lq(problem: Problem) -> Solution | None:
     """
     if problem.final_time.free or problem.path.numel():
         return None
-    form = lq_form(problem)
+    form = find_lq_form(problem)
     if form is None:
         return None
     solution = solve_form(form, problem.x0, problem.final_time.value, problem.states)
-    if solution.status is Status.INFEASIBLE and not contradiction(problem):
+    if solution.status is Status.INFEASIBLE and not explain_contradiction(problem):
         # What doubles cannot tell from out of reach may be within it.
         solution = replace(solution, status=Status.NOT_CONVERGED, message=(
             f'no path was found; infeasibility is not proved ({solution.message})'))

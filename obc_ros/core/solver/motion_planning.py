@@ -18,9 +18,9 @@ from obc_ros.core.lqr.lqr import lqr
 from obc_ros.core.lqr.weights import square
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems import registry
-from obc_ros.core.systems.equilibrium import check_numbers, equilibrium, linearize
+from obc_ros.core.systems.equilibrium import check_numbers, find_equilibrium, linearize
 from obc_ros.core.systems.system import System
-from obc_ros.core.text.errors import DynamicsError, RefusedDesignError, shown, StatementError
+from obc_ros.core.text.errors import DynamicsError, quote, RefusedDesignError, StatementError
 from obc_ros.core.text.expressions import parse_number
 
 OBJECTIVES = ('time', 'effort', 'quadratic')
@@ -64,7 +64,7 @@ def state_motion(motion: Motion) -> dict[str, Any]:
 
     """
     if motion.objective not in OBJECTIVES:
-        raise StatementError(f"objective = '{shown(motion.objective)}': wanted one of "
+        raise StatementError(f"objective = '{quote(motion.objective)}': wanted one of "
                              f'{", ".join(OBJECTIVES)}')
     system = find_registered(motion.system, motion.parameters)
     start = check_numbers('start', motion.start, system.state_names)
@@ -109,7 +109,7 @@ def find_registered(name: str, parameters: Mapping[str, Any]) -> System:
 
     """
     values = {key: value if isinstance(value, list) else
-              parse_number(value, {}, f'parameters.{shown(key)}') for key,
+              parse_number(value, {}, f'parameters.{quote(key)}') for key,
               value in parameters.items()}
     return registry.get_registered(name, {
         key: int(value) if isinstance(value, float) and value.is_integer() else value
@@ -119,7 +119,7 @@ def find_registered(name: str, parameters: Mapping[str, Any]) -> System:
 def _input_at(system: System, goal: Array) -> Array:
     """Return the input that holds the system at the goal; the system's own where none does."""
     try:
-        return equilibrium(system, goal).u
+        return find_equilibrium(system, goal).u
     except DynamicsError:
         return np.array(system.setpoint_input)
 
@@ -130,7 +130,7 @@ def _bounds(system: System, tighter: Mapping[str, Any]) -> dict[str, tuple[Any, 
            for signal in system.inputs}
     for name, (lower, upper) in tighter.items():
         if name not in own:
-            raise StatementError(f"input_bounds: '{shown(name)}' is not an input of "
+            raise StatementError(f"input_bounds: '{quote(name)}' is not an input of "
                                  f'{system.name}; there {"is" if system.m == 1 else "are"} '
                                  f'{", ".join(own)}')
         low, high = own[name]

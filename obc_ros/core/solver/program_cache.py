@@ -11,17 +11,21 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.ocp.nonconvexity import convex_paths, Uneven
+from obc_ros.core.ocp.nonconvexity import has_convex_paths, Uneven
 from obc_ros.core.ocp.problem import Problem, SYMBOLIC
 from obc_ros.core.ocp.solution import Optimality
-from obc_ros.core.ocp.structure import branching, deciding, switching_inputs
+from obc_ros.core.ocp.structure import (
+    find_branching_inputs,
+    find_deciding_inputs,
+    find_switching_inputs,
+)
 from obc_ros.core.solver.adjoint.bvp import Indirect
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.multipliers import Fitter
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.starts.initial_guess import Guesser
-from obc_ros.core.solver.transcription.absolute_values import twin
+from obc_ros.core.solver.transcription.absolute_values import build_smooth_twin
 from obc_ros.core.solver.transcription.intervals import Pieces
 from obc_ros.core.solver.transcription.mesh import Layout
 from obc_ros.core.solver.transcription.program import (
@@ -96,12 +100,12 @@ class Kit:
 
     def __init__(self, problem: Problem) -> None:
         begun = time.monotonic()
-        self.twin = twin(problem)
+        self.twin = build_smooth_twin(problem)
         self.judge = CostateIntegrator(problem)
         smooth = self.twin.problem(problem, 0) if self.twin else problem
         self.integrator = CostateIntegrator(smooth) if self.twin else self.judge
         self.guesser = Guesser(smooth)
-        self.switching = switching_inputs(smooth)
+        self.switching = find_switching_inputs(smooth)
         self.affine = not ca.depends_on(
             ca.jacobian(problem.f, ca.vertcat(problem.x, problem.u)),
             ca.vertcat(problem.x, problem.u))
@@ -164,12 +168,12 @@ class Kit:
     @cached_property
     def deciding(self) -> NDArray[np.bool_]:
         """Return which inputs enter the rate of each row of (x, c)."""
-        return deciding(self._smooth)
+        return find_deciding_inputs(self._smooth)
 
     @cached_property
     def branching(self) -> NDArray[np.bool_]:
         """Return in which inputs H may have several least points."""
-        return branching(self._smooth)
+        return find_branching_inputs(self._smooth)
 
     @cached_property
     def _uneven(self) -> Uneven:
@@ -186,7 +190,7 @@ class Kit:
 
     @cached_property
     def _convex_paths(self) -> bool:
-        return self.affine and not self.twin and convex_paths(self._problem)
+        return self.affine and not self.twin and has_convex_paths(self._problem)
 
     @cached_property
     def indirect(self) -> Indirect:

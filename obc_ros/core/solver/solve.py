@@ -9,26 +9,26 @@ import time
 
 import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify
-from obc_ros.core.ocp.method_names import AUTO, method_of
+from obc_ros.core.ocp.method_names import AUTO, get_method
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import MAX_INTERVALS, Report, Solution, Status
 from obc_ros.core.solver.descent import Search
-from obc_ros.core.solver.diagnosis.explanation import explain, proved_infeasible
-from obc_ros.core.solver.diagnosis.unboundedness import outgrown
+from obc_ros.core.solver.diagnosis.explanation import explain, is_proved_infeasible
+from obc_ros.core.solver.diagnosis.unboundedness import explain_larger_inputs
 from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
 from obc_ros.core.solver.exact.two_wheeled import solve_two_wheeled
-from obc_ros.core.solver.improve.indirect import refine_indirectly, touched_up
+from obc_ros.core.solver.improve.indirect import refine_after_search, refine_indirectly
 from obc_ros.core.solver.linear_quadratic import solve_lq
 from obc_ros.core.solver.nlp.best_path import BestPath
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.program_cache import Kit
 from obc_ros.core.solver.proofs.existence import (
-    indifferent,
-    of_least_effort,
-    wish,
-    without_minimum,
+    advise_bounds,
+    explain_no_minimum,
+    find_constant_cost,
+    state_least_effort,
 )
-from obc_ros.core.solver.proofs.optimality import told
+from obc_ros.core.solver.proofs.optimality import add_optimality
 
 Method = Callable[[Problem, Kit, ProgressMonitor], Solution]
 
@@ -86,7 +86,7 @@ def _transcription(problem: Problem, kit: Kit, monitor: ProgressMonitor) -> Solu
 def _arcs(problem: Problem, kit: Kit, monitor: ProgressMonitor) -> Solution:
     search = Search(problem, kit, monitor)
     answer = search.run()
-    return answer if search.monitor.stopped else touched_up(search, answer)
+    return answer if search.monitor.stopped else refine_after_search(search, answer)
 
 
 def _indirect(problem: Problem, kit: Kit, monitor: ProgressMonitor) -> Solution:
@@ -109,20 +109,20 @@ def _auto(problem: Problem, kit: Kit, monitor: ProgressMonitor) -> Solution:
             return replace(judged, method=name)
         if monitor.best:
             monitor.best.take(problem, judged)
-    if not kit.answers and without_minimum(problem):
+    if not kit.answers and explain_no_minimum(problem):
         return Solution(Status.NOT_CONVERGED, 'the cost has no minimum', method='arcs')
-    if (L := indifferent(problem)) is not None:
+    if (L := find_constant_cost(problem)) is not None:
         return replace(_any_path(problem, L, monitor), method='arcs')
     search = _asking(problem, kit, monitor)
     answer = search.run()
     if not search.monitor.stopped:
-        answer = touched_up(search, answer)
+        answer = refine_after_search(search, answer)
     return replace(answer, method='arcs')
 
 
 def _any_path(problem: Problem, L: float, monitor: ProgressMonitor) -> Solution:
     """Return a path of a problem that is indifferent to which one it is: that of least effort."""
-    other = of_least_effort(problem)
+    other = state_least_effort(problem)
     found = _asking(other, Kit(other), monitor).run()
     if not found.t.size:
         return found
@@ -133,7 +133,7 @@ def _any_path(problem: Problem, L: float, monitor: ProgressMonitor) -> Solution:
 def _asking(problem: Problem, kit: Kit, monitor: ProgressMonitor) -> Search:
     """Return a search that asks for a proof that there is no path while it has found none."""
     def why_not(problem: Problem) -> str:
-        solvers = _explaining(monitor) if proved_infeasible(problem) else ()
+        solvers = _explaining(monitor) if is_proved_infeasible(problem) else ()
         reason = explain(problem, *solvers)
         return reason.sentence if reason and reason.infeasible else ''
 
@@ -204,7 +204,7 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
         If the method is unknown.
 
     """
-    method = method_of(method or problem.method)
+    method = get_method(method or problem.method)
     begun = time.monotonic()
     part, most = _JUDGING
     monitor = ProgressMonitor(time_limit - min(part * time_limit, most), report, max_intervals)
@@ -215,15 +215,15 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
     late = monitor.stopped and (monitor.stopped == 'cancelled' or not np.isfinite(found.objective))
     if found.status is not Status.INFEASIBLE and (found.certificate or not late):
         found = _judged(problem, found)
-    sentence = outgrown(problem, found, _attempt(monitor)) if (
+    sentence = explain_larger_inputs(problem, found, _attempt(monitor)) if (
         method == AUTO and found.method == 'arcs' and found.certified
-        and indifferent(problem) is None) else ''
+        and find_constant_cost(problem) is None) else ''
     if sentence:
         found = _without_least(problem, found, sentence, monitor, time_limit)
     else:
         found = _ended(problem, found, monitor, time_limit, method)
     built, kit.build_time = kit.build_time, 0.0
-    found = told(problem, found)
+    found = add_optimality(problem, found)
     return replace(found, method=found.method or method, iterations=monitor.iterations,
                    build_time=built, solve_time=time.monotonic() - begun - built)
 
@@ -233,7 +233,7 @@ def _judged(problem: Problem, found: Solution) -> Solution:
     if not found.t.size:
         return found
     certificate = found.certificate or certify(problem, found)
-    if not certificate.holds and (L := indifferent(problem)) is not None:
+    if not certificate.holds and (L := find_constant_cost(problem)) is not None:
         found = _without_multipliers(found, L)
         certificate = certify(problem, found)
     if certificate.holds:
@@ -291,7 +291,7 @@ def _ended(problem: Problem, found: Solution, monitor: ProgressMonitor, time_lim
     if found.status in (Status.SOLVED, Status.INFEASIBLE):
         return found
     if monitor.stopped == 'timed_out':
-        advice = wish(problem)
+        advice = advise_bounds(problem)
         return replace(found, status=Status.TIMED_OUT, message=(
             f'no certified answer within {time_limit:g} s{path}{advice and "; "}{advice}'))
     if method in ('riccati', 'time_optimal') or found.method == 'riccati':
@@ -313,7 +313,7 @@ def _explained(problem: Problem, found: Solution, monitor: ProgressMonitor) -> S
         sentence = found.message
         if found.certificate and found.certificate.residuals['dynamics'] > _NO_PATH:
             sentence = f'no path was found that meets all constraints; in the nearest {sentence}'
-        return replace(found, message='; '.join(filter(None, (sentence, wish(problem)))))
+        return replace(found, message='; '.join(filter(None, (sentence, advise_bounds(problem)))))
     if not reason.infeasible:
         is_path = found.certificate is not None and found.certificate.feasible
         return replace(found, message='; '.join(

@@ -18,8 +18,8 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import StatementError
 
 
-def lateral_reference(y: Array, dy: Array, ddy: Array, speed: float, length: float
-                      ) -> tuple[Array, Array]:
+def build_lateral_reference(y: Array, dy: Array, ddy: Array, speed: float, length: float
+                            ) -> tuple[Array, Array]:
     """
     Return states and input of the vehicle at a given speed that drives py = y(t) exactly.
 

@@ -44,7 +44,7 @@ class Equilibrium:
 
 
 @np.errstate(all='ignore')  # what overflows does not hold
-def equilibrium(
+def find_equilibrium(
     system: System,
     x: Sequence[float] | Array | None = None,
     u: Sequence[float] | Array | None = None,
@@ -106,7 +106,7 @@ def find_nearest_equilibrium(system: System, x: Array, u: Array) -> Equilibrium:
     inputs, held = np.arange(system.n + system.m) >= system.n, ~_may_move_on(system)
     best = _solve(system, np.concatenate([x, u]), inputs, held)
     best = _newton(system, np.concatenate([best.x, best.u]), inputs | True, held)
-    return equilibrium(system, best.x, best.u)
+    return find_equilibrium(system, best.x, best.u)
 
 
 def linearize(system: System, x: Array, u: Array) -> tuple[Array, Array]:

@@ -17,15 +17,15 @@ from typing import Any
 import casadi as ca
 from obc_ros.core.systems.system import define, Parameter, Signal, System
 from obc_ros.core.text import expressions
-from obc_ros.core.text.errors import ObcError, shown, StatementError
-from obc_ros.core.text.expressions import check_name, describe_type, near, parse_number
+from obc_ros.core.text.errors import ObcError, quote, StatementError
+from obc_ros.core.text.expressions import check_name, describe_type, parse_number, suggest_name
 from obc_ros.core.text.fields import (
-    bounds_of,
     check_keys,
     check_unique,
     Given,
-    names_of,
-    section_of,
+    read_bounds,
+    read_names,
+    read_section,
 )
 from obc_ros.core.text.yaml_files import read_yaml
 
@@ -69,7 +69,7 @@ def load_system(path: str | Path) -> System:
 
 def _system(given: Given, stem: str, chosen: Values) -> System:
     check_keys(given, PLANT, TASK + FOR_PEOPLE)
-    states, inputs = names_of(given, 'states'), names_of(given, 'inputs')
+    states, inputs = read_names(given, 'states'), read_names(given, 'inputs')
     values = _parameters(given, (*states, *inputs), chosen)
     equations = _by_name(given, 'dynamics', states)
     for missing in (name for name in states if name not in equations):
@@ -102,16 +102,16 @@ def _system(given: Given, stem: str, chosen: Values) -> System:
 
 def _by_name(given: Given, key: str, known: Sequence[str]) -> dict[str, Any]:
     """Return a section whose keys are known names; it may be left out or empty."""
-    section = section_of(given, key)
+    section = read_section(given, key)
     for name in section:
         if name not in known:
-            raise StatementError(f"{key}: '{shown(str(name))}' is none of {', '.join(known)}"
-                                 f'{near(str(name), known)}')
+            raise StatementError(f"{key}: '{quote(str(name))}' is none of {', '.join(known)}"
+                                 f'{suggest_name(str(name), known)}')
     return dict(section)
 
 
 def _parameters(given: Given, taken: tuple[str, ...], chosen: Values) -> dict[str, float]:
-    section = section_of(given, 'parameters')
+    section = read_section(given, 'parameters')
     check_unique((*taken, *(check_name(name, 'parameters') for name in section)),
                   'states, inputs and parameters')
     values: dict[str, float] = {}
@@ -130,7 +130,7 @@ def _bounds(given: Given, key: str, names: Sequence[str],
             values: Values) -> dict[str, tuple[float, float]]:
     section = _by_name(given, key, names)
     return {name: (-math.inf, math.inf) if section.get(name) is None else
-            bounds_of(section[name], values, f'{key}.{name}') for name in names}
+            read_bounds(section[name], values, f'{key}.{name}') for name in names}
 
 
 def _texts(given: Given, key: str, names: Sequence[str]) -> dict[str, str]:
@@ -147,7 +147,7 @@ def _chosen(given: Given, key: str, names: Sequence[str]) -> tuple[str, ...]:
         raise StatementError(f'{key}: wanted a list of states, found {describe_type(chosen)}')
     for name in chosen:
         if name not in names:
-            raise StatementError(f"{key}: '{shown(str(name))}' is none of {', '.join(names)}")
+            raise StatementError(f"{key}: '{quote(str(name))}' is none of {', '.join(names)}")
     return tuple(chosen)
 
 

@@ -31,7 +31,7 @@ def define_double_integrator() -> System:
         description='double integrator (Examples 2.3 and 2.4)')
 
 
-def nonholonomic_integrator() -> System:
+def build_nonholonomic_integrator() -> System:
     """
     Return the nonholonomic integrator x1' = u1, x2' = u2, x3' = x2 u1 with |ui| <= 1.
 

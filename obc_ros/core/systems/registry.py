@@ -19,9 +19,9 @@ from typing import Any
 from obc_ros.core.systems import aircraft, integrators, linear, scalar, two_wheeled, vehicle
 from obc_ros.core.systems.file import load_system
 from obc_ros.core.systems.system import System
-from obc_ros.core.text.errors import DynamicsError, ObcError, shown
+from obc_ros.core.text.errors import DynamicsError, ObcError, quote
 
-__all__ = ['get_system', 'is_file', 'load_system', 'names', 'options', 'get_registered']
+__all__ = ['get_options', 'get_registered', 'get_system', 'is_file', 'list_systems', 'load_system']
 
 GROUP = 'obc_ros.systems'
 
@@ -33,7 +33,7 @@ _OWN: dict[str, Callable[..., System]] = {
     'double_integrator': integrators.define_double_integrator,
     'scalar': scalar.system,
     'cubic': scalar.cubic,
-    'nonholonomic_integrator': integrators.nonholonomic_integrator,
+    'nonholonomic_integrator': integrators.build_nonholonomic_integrator,
     'brockett': integrators.define_brockett,
     'linear': linear.system,
 }
@@ -42,7 +42,7 @@ _FAULTS = (ArithmeticError, AssertionError, AttributeError, ImportError, LookupE
            OSError, RuntimeError, SyntaxError, TypeError, ValueError)
 
 
-def names() -> tuple[str, ...]:
+def list_systems() -> tuple[str, ...]:
     """Return the names of all registered systems; nothing of another package is imported."""
     return (*_OWN, *sorted(set(_entry_points()) - set(_OWN)))
 
@@ -106,7 +106,7 @@ def get_registered(name: str, parameters: Mapping[str, Any] | None = None,
     return system.with_parameters(given)
 
 
-def options(name: str) -> dict[str, Any]:
+def get_options(name: str) -> dict[str, Any]:
     """Return the options that a system is built of, with their defaults; a file has none."""
     if is_file(name):
         return {}
@@ -131,7 +131,7 @@ def _factory(name: str) -> Callable[..., System]:
         known = (*_OWN, *sorted(others))
         near = difflib.get_close_matches(name[:64], known, n=1)
         hint = f" (did you mean '{near[0]}'?)" if near else ''
-        raise DynamicsError(f"unknown system '{shown(name)}'{hint}; there are {', '.join(known)}, "
+        raise DynamicsError(f"unknown system '{quote(name)}'{hint}; there are {', '.join(known)}, "
                             'and the path of a YAML file where files are read')
     entry = others[name]
     try:

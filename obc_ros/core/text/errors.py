@@ -14,7 +14,7 @@ class ObcError(ValueError):
 
     def __str__(self) -> str:
         """Return the text on one line, without what a terminal would obey."""
-        return shown(super().__str__(), None)
+        return quote(super().__str__(), None)
 
 
 class StatementError(ObcError):
@@ -33,7 +33,7 @@ class RefusedReferenceError(ObcError):
     """A reference was given that the plant cannot take up or follow."""
 
 
-def shown(text: str, longest: int | None = 60) -> str:
+def quote(text: str, longest: int | None = 60) -> str:
     """
     Return a text from outside as a message has it.
 

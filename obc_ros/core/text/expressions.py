@@ -18,7 +18,7 @@ import re
 from typing import Any, NamedTuple
 
 import casadi as ca
-from obc_ros.core.text.errors import shown, StatementError
+from obc_ros.core.text.errors import quote, StatementError
 
 MAX_LENGTH = 20_000   # characters
 MAX_SYMBOLS = 4_000   # numbers, names, operators and brackets
@@ -150,7 +150,7 @@ def check_name(name: object, where: str) -> str:
     return name
 
 
-def near(name: str, known: Collection[str]) -> str:
+def suggest_name(name: str, known: Collection[str]) -> str:
     """Return `` (did you mean 'x'?)`` for the nearest of the known names; '' if none is near."""
     matches = difflib.get_close_matches(name[:64], known, n=1)
     return f" (did you mean '{matches[0]}'?)" if matches else ''
@@ -171,7 +171,7 @@ def describe_type(value: object) -> str:
 
 
 def _short(text: str) -> str:
-    return shown(text, 40)
+    return quote(text, 40)
 
 
 def _plain_number(value: object, where: str) -> float:
@@ -426,7 +426,7 @@ def _unknown(name: str, names: Collection[str], where: str) -> str:
 def _hint(name: str, known: Collection[str]) -> str:
     if name in _OTHER_NAMES:
         return f" (did you mean '{_OTHER_NAMES[name]}'?)"
-    return near(name, known)
+    return suggest_name(name, known)
 
 
 def _short_list(names: str) -> str:

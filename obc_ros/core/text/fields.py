@@ -11,16 +11,16 @@ from collections.abc import Mapping, Sequence
 import math
 from typing import Any
 
-from obc_ros.core.text.errors import shown, StatementError
-from obc_ros.core.text.expressions import check_name, describe_type, near, parse_number
+from obc_ros.core.text.errors import quote, StatementError
+from obc_ros.core.text.expressions import check_name, describe_type, parse_number, suggest_name
 
 MAX_COUNT = 1_000  # entries of a list or mapping
 
 Given = Mapping[Any, Any]
 
 
-def mapping_of(value: object, where: str, wanted: str = 'a mapping of keys to values',
-               most: int = MAX_COUNT) -> Given:
+def read_mapping(value: object, where: str, wanted: str = 'a mapping of keys to values',
+                 most: int = MAX_COUNT) -> Given:
     """Return a mapping of at most `most` entries."""
     if not isinstance(value, Mapping):
         raise StatementError(f'{where}: wanted {wanted}, found {describe_type(value)}')
@@ -39,10 +39,10 @@ def list_of(value: object, where: str, wanted: str = 'a list', most: int = MAX_C
     return list(value)
 
 
-def section_of(given: Given, key: str, most: int = MAX_COUNT) -> Given:
+def read_section(given: Given, key: str, most: int = MAX_COUNT) -> Given:
     """Return a mapping that may be left out or left empty."""
     value = given.get(key)
-    return {} if value is None else mapping_of(value, key, most=most)
+    return {} if value is None else read_mapping(value, key, most=most)
 
 
 def check_keys(given: Given, known: Sequence[str], others: Sequence[str] = (), where: str = ''
@@ -50,12 +50,12 @@ def check_keys(given: Given, known: Sequence[str], others: Sequence[str] = (), w
     """Refuse a key that is neither `known`, which the message lists, nor one of the `others`."""
     for key in given:
         if key not in known and key not in others:
-            place = f'{where}.{shown(str(key))}' if where else shown(str(key))
-            raise StatementError(f'{place}: unknown key{near(str(key), known)}; there are '
+            place = f'{where}.{quote(str(key))}' if where else quote(str(key))
+            raise StatementError(f'{place}: unknown key{suggest_name(str(key), known)}; there are '
                                  f'{", ".join(known)}')
 
 
-def names_of(given: Given, key: str, most: int = MAX_COUNT) -> tuple[str, ...]:
+def read_names(given: Given, key: str, most: int = MAX_COUNT) -> tuple[str, ...]:
     """Return the names that a list holds: one or more, each once."""
     if given.get(key) is None:
         raise StatementError(f'{key}: missing; wanted a list of names')
@@ -73,16 +73,16 @@ def check_unique(names: Sequence[str], where: str) -> None:
             raise StatementError(f"{where}: '{name}' stands twice")
 
 
-def bounds_of(value: object, values: Mapping[str, float], where: str) -> tuple[float, float]:
+def read_bounds(value: object, values: Mapping[str, float], where: str) -> tuple[float, float]:
     """Return [lower, upper], which may be expressions of `values`; -inf and inf for null."""
     pair = list_of(value, where, '[lower, upper]')
     if len(pair) != 2:
         raise StatementError(f'{where}: wanted [lower, upper], found {len(pair)} entries')
-    return limits(pair[0], pair[1], values, where)
+    return evaluate_limits(pair[0], pair[1], values, where)
 
 
-def limits(lower: object, upper: object, values: Mapping[str, float], where: str
-           ) -> tuple[float, float]:
+def evaluate_limits(lower: object, upper: object, values: Mapping[str, float], where: str
+                    ) -> tuple[float, float]:
     """Return two bounds, which may be expressions of `values`; -inf and inf for None."""
     for bound, side in ((lower, 'lower'), (upper, 'upper')):
         if isinstance(bound, float) and math.isinf(bound):

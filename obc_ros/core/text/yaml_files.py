@@ -6,7 +6,7 @@ from collections.abc import Hashable
 from pathlib import Path
 from typing import Any
 
-from obc_ros.core.text.errors import shown, StatementError
+from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.core.text.expressions import describe_type
 import yaml
 
@@ -36,7 +36,7 @@ class _Loader(yaml.SafeLoader):
             if isinstance(key.value, str):
                 if key.value in seen:
                     raise yaml.constructor.ConstructorError(
-                        None, None, f"the key '{shown(key.value)}' stands twice", key.start_mark)
+                        None, None, f"the key '{quote(key.value)}' stands twice", key.start_mark)
                 seen.add(key.value)
         return super().construct_mapping(node, deep)
 
@@ -67,16 +67,16 @@ def read_yaml(path: str | Path) -> Any:
     except yaml.MarkedYAMLError as error:
         mark, what = error.problem_mark, ', '.join(filter(None, (error.context, error.problem)))
         where = f'line {mark.line + 1}, column {mark.column + 1}: ' if mark else ''
-        raise StatementError(f'{path}: {where}{shown(what, 300)}') from None
+        raise StatementError(f'{path}: {where}{quote(what, 300)}') from None
     except yaml.reader.ReaderError as error:
         raise StatementError(f'{path}: no text in UTF-8, from position {error.position} on: '
                              f'{error.reason}') from None
     # ValueError: a scalar that looks like a date or a number but is none.
     except (yaml.YAMLError, ValueError) as error:
-        raise StatementError(f'{path}: {shown(" ".join(str(error).split()), 300)}') from None
+        raise StatementError(f'{path}: {quote(" ".join(str(error).split()), 300)}') from None
 
 
-def entries(path: str | Path) -> list[tuple[str, dict[str, Any] | StatementError]]:
+def read_entries(path: str | Path) -> list[tuple[str, dict[str, Any] | StatementError]]:
     """
     Return the mappings that a YAML file holds, each with its place in words; or why it is none.
 

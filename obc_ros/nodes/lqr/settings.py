@@ -17,28 +17,42 @@ from obc_ros.core.closed_loop.control import (
     Schedule,
     STALE,
 )
-from obc_ros.core.closed_loop.feedback import Gains, InputLimits, rows, Vector, vector
+from obc_ros.core.closed_loop.feedback import (
+    convert_rows,
+    convert_vector,
+    Gains,
+    InputLimits,
+    Vector,
+)
 from obc_ros.core.lqr.design.design import (
     Design,
     design,
     linearize_plant,
     LinearizedPlant,
     Sampling,
-    scheduled,
+    schedule_gains,
 )
-from obc_ros.core.lqr.design.input_limits import check_all_limited, former_limits, input_limits
-from obc_ros.core.lqr.design.reference_checks import allowed_error
-from obc_ros.core.lqr.design.reference_tracking import Course, horizon, leg
-from obc_ros.core.lqr.design.set_point import check_set_point, described
+from obc_ros.core.lqr.design.input_limits import (
+    check_all_limited,
+    resolve_input_limits,
+    translate_former_limits,
+)
+from obc_ros.core.lqr.design.reference_checks import compute_allowed_error
+from obc_ros.core.lqr.design.reference_tracking import (
+    compute_horizon_law,
+    compute_tracking_law,
+    Course,
+)
+from obc_ros.core.lqr.design.set_point import check_set_point, describe_set_point
 from obc_ros.core.lqr.weights import count, square, WEIGHT_KINDS
 from obc_ros.core.riccati.checks import check_semidefinite
-from obc_ros.core.text.errors import shown, StatementError
+from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.msg import LqrWeights
 from obc_ros.nodes.lqr.topics import ROBOTS, Sink, SINKS
-from obc_ros.ros.conversions import chosen_system, system_parameters
+from obc_ros.ros.conversions import choose_system, list_system_parameters
 from obc_ros.ros.hardware_id import HARDWARE
 from obc_ros.ros.parameters.conditions import is_used
-from obc_ros.ros.parameters.node_parameters import group, parameter, Value
+from obc_ros.ros.parameters.node_parameters import declare_field, group, Value
 from obc_ros.ros.state_sources import SOURCES, STATE_SOURCE
 from obc_ros.ros.subscription_thread import PRIORITY
 
@@ -49,112 +63,113 @@ DESIGNS = ('continuous', 'sampled')
 class Settings:
     """The parameters of lqr_node."""
 
-    system: str = parameter(
+    system: str = declare_field(
         'aircraft', 'name of a registered system, or path of a YAML file', read_only=True)
-    system_parameters: Mapping[str, Value] = group(system_parameters)
-    setpoint: Vector = parameter(
+    system_parameters: Mapping[str, Value] = group(list_system_parameters)
+    setpoint: Vector = declare_field(
         (), 'state to hold: n numbers in SI units and radians; empty: the default of the system, '
         'if that is an equilibrium')
-    setpoint_input: Vector = parameter(
+    setpoint_input: Vector = declare_field(
         (), 'input at the set point, if the state does not determine it: m numbers; empty: the '
         'default of the system, if the set point does not move with it')
-    weights: str = parameter('matrices', 'how the weights are given', choices=WEIGHT_KINDS)
-    Qx: Vector = parameter(
+    weights: str = declare_field('matrices', 'how the weights are given', choices=WEIGHT_KINDS)
+    Qx: Vector = declare_field(
         (), 'state weight: n numbers (diagonal) or n*n numbers row by row; empty: identity',
         used_when=(('weights', 'matrices'),))
-    Qu: Vector = parameter(
+    Qu: Vector = declare_field(
         (), 'input weight: m numbers (diagonal) or m*m numbers row by row; empty: identity',
         used_when=(('weights', 'matrices'),))
-    cross: Vector = parameter((), "cross weight N of 2 x'N u: n*m numbers row by row; empty: none")
-    x_max: Vector = parameter(
+    cross: Vector = declare_field((),
+                                  "cross weight N of 2 x'N u: n*m numbers row by row; empty: none")
+    x_max: Vector = declare_field(
         (), 'acceptable error of each state, in its unit; empty: 1 each', finite=False,
         used_when=(('weights', 'bryson'),))
-    u_max: Vector = parameter(
+    u_max: Vector = declare_field(
         (), 'acceptable deviation of each input, in its unit; a scale, not a limit (see '
         'u_limits); empty: 1 each', finite=False, used_when=(('weights', 'bryson'),))
-    H: Vector = parameter(
+    H: Vector = declare_field(
         (), "output matrix of z = H x in the cost z'z + rho u'u: p*n numbers row by row",
         used_when=(('weights', 'output'),))
-    rho: float = parameter(
+    rho: float = declare_field(
         1.0, "weight of u'u relative to z'z", lower=0.0, used_when=(('weights', 'output'),))
-    stability: float = parameter(
+    stability: float = declare_field(
         0.0, 'prescribed degree of stability: the real parts of all poles are below its negative',
         '1/s', lower=0.0)
-    integral: tuple[str, ...] = parameter(
+    integral: tuple[str, ...] = declare_field(
         (), 'names of the states with integral action', texts=True)
-    Qi: Vector = parameter(
+    Qi: Vector = declare_field(
         (), 'weights of the integral states; empty: 1 each', used_when=(('integral',),))
-    design: str = parameter('continuous', 'time domain of the design', choices=DESIGNS)
-    rate: float = parameter(
+    design: str = declare_field('continuous', 'time domain of the design', choices=DESIGNS)
+    rate: float = declare_field(
         0.0, 'maximum rate of commands, by the stamps of the states; 0: one for every state',
         'Hz', lower=0.0)
-    sample_time: float = parameter(
+    sample_time: float = declare_field(
         0.0, 'sampling period of the design, if design is sampled or delay is set; 0: 1/rate', 's',
         lower=0.0, used_when=(('design', 'sampled'), ('delay',)))
-    delay: float = parameter(
+    delay: float = declare_field(
         0.0, 'known time from a command to its effect', 's', lower=0.0)
-    horizon: float = parameter(
+    horizon: float = declare_field(
         0.0, 'time to reach the set point with a time-varying gain, from a change of the set '
         'point or a start; then the constant gain is used. 0: always the constant gain', 's',
         lower=0.0, upper=1e6)
-    P1: Vector = parameter(
+    P1: Vector = declare_field(
         (), 'terminal weight of the horizon or of a reference: n numbers (diagonal) or n*n '
         'numbers row by row; empty: the infinite-horizon cost matrix P at the final set point')
-    schedule: str = parameter(
+    schedule: str = declare_field(
         '', 'scheduling variable of the gain: an input (such as v of the vehicle), from odom or '
         'from the last command, or a parameter of the system that odom measures as the forward '
         'speed (v of vehicle_lateral); empty: none')
-    schedule_range: Vector = parameter(
+    schedule_range: Vector = declare_field(
         (), 'minimum and maximum of the scheduling variable; outside, the nearest gain is used',
         used_when=(('schedule',),))
-    state_timeout: float = parameter(
+    state_timeout: float = declare_field(
         0.5, 'age of the last valid state at which on_stale acts; 0: never', 's', lower=0.0)
-    stamp_timeout: float = parameter(
+    stamp_timeout: float = declare_field(
         0.5, "maximum difference of a state's stamp and the node's clock; other states are "
         "dropped. 0: no check. There is no check in simulated time, and for differences above one "
         'hour', 's', lower=0.0)
-    on_stale: str = parameter(
+    on_stale: str = declare_field(
         'equilibrium', 'command while no state arrives: the input at rest (equilibrium), the last '
         'command (hold) or none (silent)', choices=STALE,
         used_when=(('state_timeout',),))
-    u_limits: Vector = parameter(
+    u_limits: Vector = declare_field(
         (), 'limits of the inputs, in their units: the maximum absolute value of each (m '
         'numbers), within the limits of the system; or lower and upper limit of each (2 m '
         'numbers), in place of those. Infinite: the limit of the system; empty: the limits of the '
         'system', finite=False)
-    unlimited: bool = parameter(
+    unlimited: bool = declare_field(
         False, 'true: the inputs of a robot need no limits',
         used_when=(('command_sink', *ROBOTS),))
-    x_limits: Vector = parameter(
+    x_limits: Vector = declare_field(
         (), 'maximum absolute error of each state (n numbers), or lower and upper limit of each '
         '(2 n numbers), outside which on_envelope acts; empty: none', finite=False)
-    on_envelope: str = parameter(
+    on_envelope: str = declare_field(
         'stop', 'action outside x_limits: stop until ~/start, or one of those of on_stale',
         choices=ENVELOPE, used_when=(('x_limits',),))
-    start_tolerance: Vector = parameter(
+    start_tolerance: Vector = declare_field(
         (), 'maximum distance of each state from a reference, in its unit (n numbers), at the '
         'start and when its inputs are applied; other references are rejected. If it is exceeded '
         'when states return after state_timeout, the node stops until ~/start. Empty: x_limits, '
         'else a tenth of the range of the state along the reference (a range below 1 counts as 1)',
         lower=0.0, finite=False)
-    state_source: str = parameter(
+    state_source: str = declare_field(
         'state', STATE_SOURCE, choices=tuple(SOURCES), read_only=True)
-    command_sink: str = parameter(
+    command_sink: str = declare_field(
         'command', 'topic of the commands, with its type: command (Command), cmd_vel '
         '(TwistStamped, the vehicle) or wrench (WrenchStamped, the aircraft)',
         choices=tuple(SINKS), read_only=True)
-    cmd_vel_stamped: bool = parameter(
+    cmd_vel_stamped: bool = declare_field(
         True, 'true: cmd_vel is a TwistStamped; false: a Twist, which has no stamp',
         read_only=True, used_when=(('command_sink', 'cmd_vel'),))
-    transition_time: float = parameter(
+    transition_time: float = declare_field(
         0.0, 'time in which the jump of the command after a change decays, and the time from rest '
         'to the first command of a robot; 0: the command jumps', 's', lower=0.0,
         default_when=(('command_sink', *ROBOTS), 1.0))
-    frame_id: str = parameter(
+    frame_id: str = declare_field(
         '', 'frame_id of the states; empty: that of the first state')
-    hardware_id: str = parameter('', HARDWARE)
-    priority: int = parameter(0, PRIORITY, lower=0, upper=99, read_only=True)
-    autostart: bool = parameter(
+    hardware_id: str = declare_field('', HARDWARE)
+    priority: int = declare_field(0, PRIORITY, lower=0, upper=99, read_only=True)
+    autostart: bool = declare_field(
         True, 'true: the node configures and activates itself; false: it waits for the lifecycle '
         'services', read_only=True)
 
@@ -218,13 +233,13 @@ def judge_lqr_settings(settings: Settings, courses: tuple[Course, ...] = ()) -> 
         names=found.plant.system.state_names,
         rules=rules,
         legs=tuple(_judged(each, found, settings, rules) for each in courses),
-        C=rows(found.C),
+        C=convert_rows(found.C),
         prediction=found.prediction,
         horizon=_horizon(found, settings.horizon, settings.P1) if settings.horizon else None,
         schedule=_table(settings, found)[0] if settings.schedule else None))
 
 
-def former(given: Mapping[str, Any], values: Mapping[str, Value]) -> str:
+def explain_former_limits(given: Mapping[str, Any], values: Mapping[str, Value]) -> str:
     """
     Return what to write for u_min and u_max where they are given as limits, which they once were.
 
@@ -240,31 +255,31 @@ def former(given: Mapping[str, Any], values: Mapping[str, Value]) -> str:
              and not (name == 'u_max' and (values['weights'] == 'bryson' or not values['u_max']))]
     if not names:
         return ''
-    system = chosen_system(str(values['system']), {
+    system = choose_system(str(values['system']), {
         name.partition('.')[2]: value for name, value in values.items()
         if name.startswith('system_parameters.')})
-    return former_limits(system, {name: given[name] for name in names})
+    return translate_former_limits(system, {name: given[name] for name in names})
 
 
-def opening(candidate: LqrCandidate) -> str:
+def describe_opening(candidate: LqrCandidate) -> str:
     """Return what a node is about to do: plant, set point, limits, topics and frame."""
     settings, held = candidate.settings, candidate.design.plant
     limits = candidate.control.limits
     bounds = zip(held.system.inputs, limits.lower, limits.upper, strict=True)
     return '; '.join((
-        f'system: {held.system.name}', *described(held),
+        f'system: {held.system.name}', *describe_set_point(held),
         'limits: ' + ', '.join(f'{signal.name} in [{low:g}, {high:g}] {signal.unit}'.rstrip()
                                for signal, low, high in bounds),
         f'source: {settings.state_source}', f'sink: {settings.command_sink}',
         f'frame: {settings.frame_id or "that of the first state"}'))
 
 
-def ending(course: Course, candidate: LqrCandidate) -> str:
+def describe_ending(course: Course, candidate: LqrCandidate) -> str:
     """Return what happens at the end of a reference."""
     return _leg(course, candidate.design, candidate.settings.P1)[1]
 
 
-def tried(weights: LqrWeights, now: Settings) -> dict[str, Any]:
+def apply_request(weights: LqrWeights, now: Settings) -> dict[str, Any]:
     """Return the settings that a message asks for; its empty fields leave them as they are."""
     given: dict[str, Any] = {
         'weights': weights.weights, 'rho': weights.rho, 'stability': weights.stability,
@@ -290,7 +305,7 @@ def _key(value: Any) -> Any:
 @functools.lru_cache(maxsize=4)
 def _plant(system: str, parameters: tuple[tuple[str, Value], ...], setpoint: Vector,
            setpoint_input: Vector) -> LinearizedPlant:
-    return linearize_plant(chosen_system(system, dict(parameters)), setpoint, setpoint_input)
+    return linearize_plant(choose_system(system, dict(parameters)), setpoint, setpoint_input)
 
 
 @functools.lru_cache(maxsize=4)  # what is still in use need not be designed again
@@ -319,18 +334,19 @@ def _judged(course: Course, found: Design, settings: Settings, rules: Rules) -> 
     """Return the law along a reference, with what is allowed where it is taken up."""
     system = found.plant.system
     return replace(_leg(course, found, settings.P1)[0],
-                   allowed=allowed_error(course, rules.x_limits, settings.start_tolerance),
+                   allowed=compute_allowed_error(course, rules.x_limits, settings.start_tolerance),
                    units=tuple(signal.unit for signal in system.states))
 
 
 @functools.lru_cache(maxsize=4)
 def _leg(course: Course, found: Design, P1: Vector) -> tuple[Leg, str]:
-    return leg(course, found, square('P1', P1, found.plant.system.n) if P1 else None)
+    return compute_tracking_law(course, found,
+                                square('P1', P1, found.plant.system.n) if P1 else None)
 
 
 @functools.lru_cache(maxsize=4)
 def _horizon(found: Design, time: float, P1: Vector) -> Horizon:
-    return horizon(found, time, square('P1', P1, found.plant.system.n) if P1 else None)
+    return compute_horizon_law(found, time, square('P1', P1, found.plant.system.n) if P1 else None)
 
 
 def _table(settings: Settings, found: Design) -> tuple[Schedule, str]:
@@ -348,7 +364,7 @@ def _scheduled(found: Design, name: str, between: Vector, setpoint: Vector,
     system = found.plant.system
     known = {each.name: each for each in (*system.inputs, *system.parameters)}
     if name not in known:
-        raise StatementError(f"schedule: {system.name} has no input or parameter '{shown(name)}'; "
+        raise StatementError(f"schedule: {system.name} has no input or parameter '{quote(name)}'; "
                              f'it has {", ".join(known)}')
     index = system.input_names.index(name) if name in system.input_names else -1
     if is_measured and known[name].unit != 'm/s':
@@ -356,11 +372,12 @@ def _scheduled(found: Design, name: str, between: Vector, setpoint: Vector,
     if index < 0 and not is_measured:
         raise StatementError(f'schedule = {name}: a State does not tell it; set state_source = '
                              'odom')
-    made = scheduled(found, _plant_at(found, name, index, setpoint, setpoint_input), *between)
+    made = schedule_gains(found, _plant_at(found, name, index, setpoint, setpoint_input), *between)
     changes = ('however it changes' if made.rate == math.inf else
                f'while it changes by up to {made.rate:.3g} a second')
-    gains = Gains(vector(made.values), tuple(rows(K[:, :system.n]) for K in made.K),
-                  tuple(rows(K[:, system.n:]) if len(found.C) else () for K in made.K))
+    gains = Gains(convert_vector(made.values),
+                  tuple(convert_rows(K[:, :system.n]) for K in made.K),
+                  tuple(convert_rows(K[:, system.n:]) if len(found.C) else () for K in made.K))
     return (Schedule(gains, index),
             f'{len(made.values)} gains, proved to stabilise all over it, {changes}')
 
@@ -384,7 +401,7 @@ def _plant_at(found: Design, name: str, index: int, setpoint: Vector, setpoint_i
 
 def _limits(settings: Settings, held: LinearizedPlant) -> InputLimits:
     angles = tuple(i for i, is_angle in enumerate(held.system.angles) if is_angle)
-    lower, upper = input_limits(held, settings.u_limits)
+    lower, upper = resolve_input_limits(held, settings.u_limits)
     if settings.command_sink in ROBOTS and not settings.unlimited:
         check_all_limited(held, settings.u_limits, lower, upper, settings.command_sink)
     return InputLimits(lower, upper, angles)

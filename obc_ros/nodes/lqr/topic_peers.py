@@ -9,7 +9,7 @@ from rclpy.qos import qos_check_compatible, QoSCompatibility
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 
-def faults(node: Node, topics: Iterable[str], shared: Iterable[str] = ()) -> dict[str, str]:
+def find_faults(node: Node, topics: Iterable[str], shared: Iterable[str] = ()) -> dict[str, str]:
     """
     Return a sentence for each thing that is wrong around a node's topics.
 

@@ -26,9 +26,9 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Twist, TwistStamped, WrenchStamped
 from obc_ros.core.lqr.design.reference_tracking import Course, read_course
 from obc_ros.core.systems.system import System
-from obc_ros.core.text.errors import shown, StatementError
+from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.msg import Command, Trajectory
-from obc_ros.ros.conversions import BASE, nanoseconds
+from obc_ros.ros.conversions import BASE, read_nanoseconds
 
 SINKS = {'command': Command, 'cmd_vel': TwistStamped, 'wrench': WrenchStamped}
 ROBOTS = ('cmd_vel', 'wrench')  # sinks that no simulated plant of this package hears
@@ -103,12 +103,12 @@ def read_courses(message: Trajectory, system: System, frame: str, present: tuple
     if not message.t and not message.x and not message.u:
         return ()
     if message.system not in ('', system.name):
-        raise StatementError(f"it is for '{shown(message.system)}', not for {system.name}")
+        raise StatementError(f"it is for '{quote(message.system)}', not for {system.name}")
     given = message.header.frame_id
     if given and frame and given != frame:
-        raise StatementError(f"it is in the frame '{shown(given)}', the states are in "
-                             f"'{shown(frame)}'")
-    stamp = nanoseconds(message.header.stamp)
+        raise StatementError(f"it is in the frame '{quote(given)}', the states are in "
+                             f"'{quote(frame)}'")
+    stamp = read_nanoseconds(message.header.stamp)
     new = read_course(system, (message.state_names, message.input_names), message.t, message.x,
                       message.u, message.interpolation, stamp or None)
     begun = [each for each in present

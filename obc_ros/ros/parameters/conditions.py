@@ -41,8 +41,8 @@ def is_used(used_when: UsedWhen, values: Mapping[str, Value]) -> bool:
     return not used_when or any(condition_holds(each, values) for each in used_when)
 
 
-def idle(rows: Mapping[str, ParameterLike], name: str, values: Mapping[str, Value], *,
-         is_start: bool = False) -> str:
+def explain_idle(rows: Mapping[str, ParameterLike], name: str, values: Mapping[str, Value], *,
+                 is_start: bool = False) -> str:
     """
     Return the sentence for a parameter that none of its conditions gives an effect.
 
@@ -69,11 +69,11 @@ def idle(rows: Mapping[str, ParameterLike], name: str, values: Mapping[str, Valu
                      'set_parameters_atomically')
 
 
-def depth(rows: Mapping[str, ParameterLike], name: str) -> int:
+def count_depth(rows: Mapping[str, ParameterLike], name: str) -> int:
     """Return how many parameters in a row have to be set before one is used; 0: none."""
     if name not in rows or not rows[name].used_when:
         return 0
-    return 1 + max(depth(rows, str(each[0])) for each in rows[name].used_when)
+    return 1 + max(count_depth(rows, str(each[0])) for each in rows[name].used_when)
 
 
 def _names(condition: Condition, values: Mapping[str, Value]) -> Iterator[str]:

@@ -3,7 +3,7 @@
 """
 Parameters of a node: declared from one table, judged together, adopted at once.
 
-The table is a frozen dataclass whose fields are made by `parameter` and `group`::
+The table is a frozen dataclass whose fields are made by `declare_field` and `group`::
 
     @dataclass(frozen=True)
     class Settings:
@@ -24,17 +24,23 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields, MISSING, replace
 from typing import Any, Generic, TypeVar
 
-from obc_ros.core.text.errors import ObcError, shown, StatementError
+from obc_ros.core.text.errors import ObcError, quote, StatementError
 from obc_ros.ros.callback_guards import guard
-from obc_ros.ros.parameters.conditions import condition_holds, depth, idle, is_used, Value
+from obc_ros.ros.parameters.conditions import (
+    condition_holds,
+    count_depth,
+    explain_idle,
+    is_used,
+    Value,
+)
 from obc_ros.ros.parameters.services import serve_parameters
-from obc_ros.ros.parameters.table import group, hint, parameter, ParameterRow
+from obc_ros.ros.parameters.table import declare_field, group, ParameterRow, suggest_key
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import get_parameter_value, Parameter
 from yaml import YAMLError
 
-__all__ = ['ParameterRow', 'group', 'parameter', 'Parameters', 'Value']
+__all__ = ['ParameterRow', 'declare_field', 'group', 'Parameters', 'Value']
 
 Settings = TypeVar('Settings')
 Candidate = TypeVar('Candidate')
@@ -49,7 +55,7 @@ class Parameters(Generic[Settings, Candidate]):
     node : rclpy.node.Node
         Created with ``allow_undeclared_parameters=True``, so that a wrong name is answered here.
     table : type
-        The frozen dataclass made of `parameter` and `group`.
+        The frozen dataclass made of `declare_field` and `group`.
     judge : callable
         Returns the candidate for given settings or raises ObcError; has no side effects.
     adopt : callable
@@ -110,7 +116,7 @@ class Parameters(Generic[Settings, Candidate]):
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._post_set)
         serve_parameters(node, self._is_kept, self._attempt,
-                         lambda name: depth(self._entries, name))
+                         lambda name: count_depth(self._entries, name))
         guard(node)
 
     def _rows(self) -> Iterable[ParameterRow]:
@@ -139,7 +145,7 @@ class Parameters(Generic[Settings, Candidate]):
         if advice := self._former(given, self._values):
             raise StatementError(advice)
         for name in self._idle(self._values):
-            raise StatementError(idle(self._entries, name, self._values, is_start=True))
+            raise StatementError(explain_idle(self._entries, name, self._values, is_start=True))
 
     def _idle(self, values: Mapping[str, Value]) -> Iterator[str]:
         """Yield the parameters that have no effect and other values than their defaults."""
@@ -151,12 +157,12 @@ class Parameters(Generic[Settings, Candidate]):
         others = [name for name in self._overrides
                   if not (self._node.has_parameter(name) or name.startswith('qos_overrides.'))]
         for name in others:
-            if near := hint(name, self._entries):
+            if near := suggest_key(name, self._entries):
                 self._node.get_logger().warning(
-                    f"no parameter '{shown(name)}': it has no effect{near}")
+                    f"no parameter '{quote(name)}': it has no effect{near}")
         if others:
             self._node.get_logger().info(
-                f'given but not parameters of this node: {shown(", ".join(sorted(others)), 300)}')
+                f'given but not parameters of this node: {quote(", ".join(sorted(others)), 300)}')
 
     def _assembled(self, values: Mapping[str, Value]) -> Settings:
         arguments: dict[str, Any] = {}
@@ -251,7 +257,8 @@ class Parameters(Generic[Settings, Candidate]):
         values = {**self._values, **ours}
         for name in self._idle(values):
             raise StatementError(
-                idle(self._entries, name, values) + self._advice({name: values[name]}, values))
+                explain_idle(self._entries, name, values) + self._advice({name: values[name]},
+                                                                         values))
         settings = self._assembled(values)
         return values, settings, self._judge(settings)
 
@@ -279,10 +286,10 @@ class Parameters(Generic[Settings, Candidate]):
                 if not self._node.has_parameter(change.name):
                     advice = self._advice({change.name: change.value}, self._values)
                     raise StatementError(
-                        f"no parameter '{shown(change.name)}'"
-                        f'{advice or hint(change.name, self._entries)}')
+                        f"no parameter '{quote(change.name)}'"
+                        f'{advice or suggest_key(change.name, self._entries)}')
             elif change.type_ is Parameter.Type.NOT_SET:
-                raise StatementError(f'{shown(change.name)} cannot be deleted, only set')
+                raise StatementError(f'{quote(change.name)} cannot be deleted, only set')
             else:
                 values[change.name] = entry.value(change)
         return values

@@ -16,7 +16,7 @@ The services that set parameters of a node, where rclpy raises or refuses withou
 from collections.abc import Callable
 from typing import Any
 
-from obc_ros.core.text.errors import shown
+from obc_ros.core.text.errors import quote
 from obc_ros.ros.throttled_log import ThrottledLog
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
@@ -104,8 +104,8 @@ def _logged(callback: Callable[[Any, Any], Any], log: ThrottledLog) -> Callable[
             names, results = [', '.join(names)], [answered.result]
         for name, result in zip(names, results, strict=True):
             if not result.successful:
-                log.warning('refused', f'a change of {shown(name, 100)} was refused: '
-                                       f'{shown(result.reason, 500)}')
+                log.warning('refused', f'a change of {quote(name, 100)} was refused: '
+                                       f'{quote(result.reason, 500)}')
         return answered
 
     return answer
@@ -115,7 +115,7 @@ def _unknown_type(given: list[Any]) -> SetParametersResult | None:
     for each in given:
         if each.value.type not in TYPES:
             return SetParametersResult(
-                reason=f'{shown(each.name)}: there is no parameter type {each.value.type}')
+                reason=f'{quote(each.name)}: there is no parameter type {each.value.type}')
     return None
 
 

@@ -9,7 +9,7 @@ import math
 import re
 from typing import Any
 
-from obc_ros.core.text.errors import shown, StatementError
+from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.ros.parameters.conditions import Condition, UsedWhen, Value
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.parameter import Parameter
@@ -144,8 +144,8 @@ class ParameterRow:
     def _check_choice(self, value: str) -> None:
         if self.choices and value not in self.choices:
             raise StatementError(
-                f"{self.name} = '{shown(value)}': wanted {_listed(self.choices)}"
-                f'{hint(value, self.choices)}')
+                f"{self.name} = '{quote(value)}': wanted {_listed(self.choices)}"
+                f'{suggest_key(value, self.choices)}')
 
     def _check_number(self, name: str, value: float) -> None:
         if math.isnan(value) or (self.finite and math.isinf(value)):
@@ -157,7 +157,7 @@ class ParameterRow:
                                  .rstrip())
 
 
-def parameter(
+def declare_field(
     default: Value,
     description: str,
     unit: str = '',
@@ -222,7 +222,7 @@ def _listed(choices: tuple[str, ...]) -> str:
     return ' or '.join(f"'{choice}'" for choice in choices)
 
 
-def hint(name: str, known: Iterable[str]) -> str:
+def suggest_key(name: str, known: Iterable[str]) -> str:
     """Return a question for the known name that is closest to one, or an empty text."""
     # two of three letters say more than half of eight
     cutoff = 0.5 if len(name) <= 3 else 0.65

@@ -9,7 +9,7 @@ from typing import Any
 
 import _endless  # of benchmarks/
 from obc_ros.cli.gallery.runner import solve_request
-from obc_ros.cli.ros2.yaml_messages import to_yaml
+from obc_ros.cli.ros2.yaml_messages import convert_to_yaml
 from obc_ros.msg import Trajectory
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -145,7 +145,7 @@ def test_what_is_not_there_is_said(loop: None, domain: int, tmp_path: Any) -> No
 def test_ctrl_c_cancels_a_goal(spawn: Any, domain: int, tmp_path: Any) -> None:
     server = spawn('trajectory_server', {'workers': 1})
     server.wait_for_output('ready')
-    endless = to_yaml(solve_request(_endless.endless(), ''))
+    endless = convert_to_yaml(solve_request(_endless.endless(), ''))
     with subprocess.Popen(
             Terminal('obc', domain, tmp_path).command(
                 'action', 'send_goal', '/trajectory_server/solve_optimal_control',

@@ -7,12 +7,12 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseWithCovariance
 from obc_ros.cli.ros2.yaml_messages import (
+    convert_to_plain,
+    convert_to_yaml,
     FieldError,
     fill,
     find_type,
     parse_values,
-    to_plain,
-    to_yaml,
 )
 from obc_ros.core.text.errors import ObcError
 from obc_ros.msg import LqrDesign, State
@@ -83,15 +83,16 @@ def test_arrays_bytes_and_times_are_filled() -> None:
 
 def test_a_message_becomes_yaml_and_comes_back() -> None:
     design = LqrDesign(revision=3, system='ü', k=[1.0, float('inf')], state_names=['a'])
-    text = to_yaml(design)
+    text = convert_to_yaml(design)
     assert 'system: ü\n' in text and '- .inf\n' in text and text.startswith('header:\n  stamp:\n')
     assert fill(LqrDesign(), yaml.safe_load(text)) == design
-    short = to_plain(design, no_arr=True, no_str=True)
+    short = convert_to_plain(design, no_arr=True, no_str=True)
     assert short['k'] == '<sequence type: double, length: 2>'
     assert short['state_names'] == '<sequence type: string, length: 1>'
     assert short['system'] == '<string length: <1>>'
-    assert to_plain(LqrDesign(k=[1.0] * 5, system='abcd'), truncate=2)['k'] == [1.0, 1.0, '...']
-    assert to_plain(LqrDesign(system='abcd'), truncate=2)['system'] == 'ab...'
+    assert convert_to_plain(LqrDesign(k=[1.0] * 5, system='abcd'), truncate=2)['k'] == [1.0, 1.0,
+                                                                                        '...']
+    assert convert_to_plain(LqrDesign(system='abcd'), truncate=2)['system'] == 'ab...'
 
 
 @pytest.mark.parametrize('name', [

@@ -9,7 +9,13 @@ from hypothesis import given, settings, strategies
 from loop_bench import answers, control, leg, MS, S
 import numpy as np
 from obc_ros.core.closed_loop.control import Rules
-from obc_ros.core.closed_loop.feedback import feedback, InputLimits, ReferencePoint, rows, vector
+from obc_ros.core.closed_loop.feedback import (
+    compute_feedback,
+    convert_rows,
+    convert_vector,
+    InputLimits,
+    ReferencePoint,
+)
 from obc_ros.core.closed_loop.loop import ControlLoop
 import pytest
 
@@ -23,8 +29,9 @@ def test_law_is_the_matrix_product(n: int, m: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     x, xr, ur, gain = (rng.normal(size=size) for size in (n, n, m, (m, n)))
     limits = InputLimits((-1.0,) * m, (0.5,) * m)
-    e = limits.error(x.tolist(), vector(xr))
-    u = feedback(ReferencePoint(vector(xr), vector(ur), rows(gain)), e)
+    e = limits.error(x.tolist(), convert_vector(xr))
+    u = compute_feedback(ReferencePoint(convert_vector(xr), convert_vector(ur),
+                                        convert_rows(gain)), e)
     expected = ur - gain @ (x - xr)
     np.testing.assert_allclose(u, expected, rtol=1e-13, atol=1e-13)
     clipped = limits.clip(u)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 from obc_ros.core.closed_loop.paced_plant import (
-    grid,
+    choose_step,
     HELD_UP,
     LATE,
     PacedPlant,
@@ -56,16 +56,16 @@ class Bench:
 
 
 def test_the_grid_divides_the_period():
-    assert grid(1e-3, 200.0) == (1e-3, 5)
-    assert grid(1e-3, 1000.0) == (1e-3, 1)
-    assert grid(1e-2, 1000.0) == (1e-3, 1)
-    dt, steps = grid(1e-3, 300.0)
+    assert choose_step(1e-3, 200.0) == (1e-3, 5)
+    assert choose_step(1e-3, 1000.0) == (1e-3, 1)
+    assert choose_step(1e-2, 1000.0) == (1e-3, 1)
+    dt, steps = choose_step(1e-3, 300.0)
     assert (steps, dt * steps) == (4, pytest.approx(1 / 300))
 
 
 @given(st.floats(1e-4, 1.0), st.floats(0.1, 1e4))
 def test_the_grid_is_never_coarser_than_asked(dt, rate):
-    step, steps = grid(dt, rate)
+    step, steps = choose_step(dt, rate)
     assert steps >= 1
     assert step <= dt * (1 + 1e-9)
     assert step * steps == pytest.approx(1 / rate, rel=1e-12)

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 from obc_ros.core.closed_loop.simulation_settings import Conditions, Gust
-from obc_ros.core.closed_loop.simulator import resting_input, Simulator
+from obc_ros.core.closed_loop.simulator import compute_resting_input, Simulator
 from obc_ros.core.systems import registry
-from obc_ros.core.systems.equilibrium import equilibrium, linearize
+from obc_ros.core.systems.equilibrium import find_equilibrium, linearize
 from obc_ros.core.text.errors import DynamicsError, ObcError, StatementError
 import pytest
 from scipy.integrate import quad, solve_ivp
@@ -26,7 +26,7 @@ def aircraft():
 @pytest.fixture(scope='module')
 def feedback(aircraft):
     """Return u = ue - K (x - xe) about (1, 1) with Qx = Qu = I."""
-    hover = equilibrium(aircraft, [1, 1, 0, 0, 0, 0])
+    hover = find_equilibrium(aircraft, [1, 1, 0, 0, 0, 0])
     A, B = linearize(aircraft, hover.x, hover.u)
     K = B.T @ solve_continuous_are(A, B, np.eye(6), np.eye(2))
     return lambda x: hover.u - K @ (x - hover.x)
@@ -289,8 +289,8 @@ def test_until_the_first_command_the_plant_rests(aircraft):
     simulator = Simulator(aircraft, [3, 4, 0, 0, 0, 0])
     simulator.advance(1000)
     assert_allclose(simulator.x, [3, 4, 0, 0, 0, 0], atol=1e-12)
-    assert_allclose(resting_input(aircraft, [0, 0, 0.3, 0, 0, 0]), [0, 39.2], atol=1e-12)
-    assert_allclose(resting_input(registry.get_system('scalar'), [2.0]), [-2.0])
+    assert_allclose(compute_resting_input(aircraft, [0, 0, 0.3, 0, 0, 0]), [0, 39.2], atol=1e-12)
+    assert_allclose(compute_resting_input(registry.get_system('scalar'), [2.0]), [-2.0])
     straight = Simulator(registry.get_system('vehicle'), [0, -2, 0])
     straight.advance(1000)
     assert_allclose(straight.x, [10, -2, 0], atol=1e-12)

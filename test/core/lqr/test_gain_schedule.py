@@ -13,7 +13,7 @@ from obc_ros.core.lqr.design.design import (
     linearize_plant,
     LinearizedPlant,
     Sampling,
-    scheduled,
+    schedule_gains,
 )
 from obc_ros.core.lqr.gain_schedule import compute_schedule, Table
 from obc_ros.core.lqr.lqr import lqr
@@ -145,14 +145,14 @@ def test_of_a_design() -> None:
 
     given: dict[str, Any] = {'Qx': (1.0, 0.1), 'Qu': (1.0,)}
     found = design(at(10.0), given, ('py',), (1.0,))
-    made = scheduled(found, at, SLOW, FAST)
+    made = schedule_gains(found, at, SLOW, FAST)
     assert made.K.shape[1:] == (1, 3)
     np.testing.assert_allclose(gain(made, 10.0)[0], found.lqr.K[0], rtol=0.02)
     held = design(at(1.0), given, sampling=Sampling(0.05))
-    assert len(scheduled(held, at, SLOW, 10.0).K) == 2
+    assert len(schedule_gains(held, at, SLOW, 10.0).K) == 2
     slow = design(at(1.0), given, sampling=Sampling(0.5))
     with pytest.raises(RefusedDesignError, match='held for 0.5 s'):
-        scheduled(slow, at, SLOW, FAST)
+        schedule_gains(slow, at, SLOW, FAST)
     exact = design(at(1.0), given, sampling=Sampling(0.05, exact=True))
     with pytest.raises(StatementError, match='wanted design = continuous'):
-        scheduled(exact, at, SLOW, FAST)
+        schedule_gains(exact, at, SLOW, FAST)

@@ -7,7 +7,7 @@ import math
 import control
 import numpy as np
 from obc_ros.core.lqr.lqr import dlqr, lqr
-from obc_ros.core.lqr.margins import compute_step_figures, figures
+from obc_ros.core.lqr.margins import compute_margins, compute_step_figures
 from plants import aircraft, CHAIN, FORCE
 import pytest
 from scipy.linalg import expm
@@ -22,7 +22,7 @@ def random_plant(seed, n, m):
 def test_double_integrator_closed_form():
     """K = [1, sqrt 2]: L = (1 + sqrt(2) s) / s^2, its closed loop overshoots by e^-pi."""
     design = lqr(CHAIN, FORCE, np.diag([1, 0]), [[1]])
-    found = figures(CHAIN, FORCE, design.K)
+    found = compute_margins(CHAIN, FORCE, design.K)
     w = math.sqrt(1 + math.sqrt(2))  # w^4 = 1 + 2 w^2
     assert found.bandwidth[0] == pytest.approx(w, rel=1e-9)
     assert found.phase_margin[0] == pytest.approx(math.atan(math.sqrt(2) * w), rel=1e-9)
@@ -40,7 +40,7 @@ def test_double_integrator_closed_form():
 def test_unstable_scalar_has_the_guaranteed_gain_reduction(a):
     """K = 2 a for Qx = 0: the loop gain 2 may shrink by half, the input holds the set point."""
     design = lqr([[a]], [[1]], [[0]], [[1]], to_rest=True)
-    found = figures(design.A, design.B, design.K)
+    found = compute_margins(design.A, design.B, design.K)
     assert found.gain_reduction_margin[0] == pytest.approx(0.5, rel=1e-9)
     assert found.phase_margin[0] == pytest.approx(math.pi / 3, rel=1e-9)
     assert found.rise_time[0] == pytest.approx(math.log(9) / a, rel=1e-3)
@@ -55,7 +55,7 @@ def test_unstable_scalar_has_the_guaranteed_gain_reduction(a):
 ])
 def test_margins_equal_control(design):
     A, B, K, m = design.A, design.B, design.K, design.B.shape[1]
-    found = figures(A, B, K, design.period)
+    found = compute_margins(A, B, K, design.period)
     for i in range(m):
         rest = [k for k in range(m) if k != i]
         loop = control.ss(A - B[:, rest] @ K[rest], B[:, [i]], K[[i]], 0, design.period)
@@ -79,7 +79,7 @@ def test_margins_equal_control(design):
 def test_step_figures_equal_control(weights):
     A, B = aircraft()
     design = lqr(A, B, np.eye(6), weights * np.eye(2))
-    found = figures(A, B, design.K)
+    found = compute_margins(A, B, design.K)
     M = A - B @ design.K
     peaks = []
     for i in range(2):
@@ -97,7 +97,7 @@ def test_step_figures_equal_control(weights):
 def test_fast_position_beside_a_slow_one():
     """The grid of a step follows its own time scale, not that of the slowest mode."""
     A = np.zeros((2, 2))
-    found = figures(A, np.eye(2), np.diag([1000.0, 0.01]))
+    found = compute_margins(A, np.eye(2), np.diag([1000.0, 0.01]))
     assert found.rise_time == pytest.approx(math.log(9) / np.array([1000.0, 0.01]), rel=1e-2)
     assert found.settling_time == pytest.approx(math.log(50) / np.array([1000, 0.01]), rel=1e-2)
 
@@ -106,7 +106,7 @@ def test_lightly_damped_resonance_is_seen():
     """S of K = small gain on a resonance with damping 1e-4: the peak lies between grid points."""
     A = np.array([[0.0, 1.0], [-1.0, -2e-4]])
     B, K = np.array([[0.0], [1.0]]), np.array([[2e-4, 0.0]])
-    found = figures(A, B, K)
+    found = compute_margins(A, B, K)
     w = np.linspace(0.99, 1.01, 2000001)
     s = 1j * w
     S = (s * s + 2e-4 * s + 1) / (s * s + 2e-4 * s + 1 + 2e-4)
@@ -117,7 +117,7 @@ def test_defective_closed_loop():
     """Three equal poles in one chain: the modal form does not exist."""
     A = np.eye(3, k=1)
     B = np.eye(3)[:, 2:]
-    found = figures(A, B, np.array([[1.0, 3.0, 3.0]]))  # (s + 1)^3
+    found = compute_margins(A, B, np.array([[1.0, 3.0, 3.0]]))  # (s + 1)^3
     loop = control.tf([3, 3, 1], [1, 0, 0, 0])
     gain, phase, _, _, crossover, _ = control.stability_margins(loop)
     assert found.gain_reduction_margin[0] == pytest.approx(gain, rel=1e-6)
@@ -132,7 +132,7 @@ def test_many_inputs_with_and_without_a_modal_form(spread):
     n, m = 8, 5
     B, K = rng.standard_normal((n, m)), 0.1 * rng.standard_normal((m, n))
     M = 0.3 * np.eye(n, k=1) - np.diag(1.0 + spread * np.arange(n))
-    found = figures(M + B @ K, B, K)
+    found = compute_margins(M + B @ K, B, K)
     w = np.geomspace(1e-3, 1e2, 20001)
     T = K @ np.linalg.solve(1j * w[:, None, None] * np.eye(n) - M, B + 0j)
     assert found.sensitivity_peak == pytest.approx(
@@ -147,7 +147,7 @@ def test_many_inputs_with_and_without_a_modal_form(spread):
 
 def test_sampled_delay_modes():
     """A mode at z = 0 is a very fast one, not an infinite one."""
-    found = figures(np.array([[0.0]]), np.array([[1.0]]), np.array([[0.0]]), period=0.1)
+    found = compute_margins(np.array([[0.0]]), np.array([[1.0]]), np.array([[0.0]]), period=0.1)
     assert np.isfinite(found.poles).all()
     assert found.rise_time.shape == (1,)
 

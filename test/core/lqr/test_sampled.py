@@ -34,7 +34,7 @@ def flight(A, B, K, period, delay, seconds, Phi=None, Gamma=()):
         for low, high in zip(edges[:-1], edges[1:], strict=True):
             active = math.floor((0.5 * (low + high) - delay) / period)
             u = commands[active] if active >= 0 else np.zeros(2)
-            step, push = sampled.held(A, B, high - low)
+            step, push = sampled.discretize_plant(A, B, high - low)
             x = step @ x + push @ u
     return np.array(states)
 
@@ -43,8 +43,8 @@ def test_example_2_5_at_20_hz_with_50_ms_of_delay():
     """The continuous gain throws the aircraft off; the sampled one is proved to hold it."""
     A, B = aircraft()
     K = lqr(A, B, EXAMPLE_2_5.Qx, EXAMPLE_2_5.Qu).K
-    naive = sampled.closed_loop(A, B, K, 0.05, 0.05)
-    assert sampled.spectral_radius(naive) == pytest.approx(1.11, abs=0.005)
+    naive = sampled.build_delayed_loop(A, B, K, 0.05, 0.05)
+    assert sampled.compute_spectral_radius(naive) == pytest.approx(1.11, abs=0.005)
     found = sampled.sampled_lqr(A, B, EXAMPLE_2_5, 0.05, 0.05)
     assert found.spectral_radius < 0.98
     assert found.robustness > 1e6
@@ -75,7 +75,7 @@ def test_prediction_makes_the_delay_harmless(delay):
 def test_unpredicted_loop_is_the_flight(delay):
     A, B = aircraft()
     K = lqr(A, B, np.eye(6), np.eye(2)).K
-    loop = sampled.closed_loop(A, B, K, 0.05, delay)
+    loop = sampled.build_delayed_loop(A, B, K, 0.05, delay)
     states = flight(A, B, K, 0.05, delay, 2)
     z = np.zeros(len(loop))
     z[:6] = states[0]
@@ -90,7 +90,7 @@ def test_cost_is_the_integral():
     rng = np.random.default_rng(4)
     x0, u = rng.standard_normal(6), rng.standard_normal(2)
     cost = Weights(np.diag([1.0, 2, 3, 4, 5, 6]), np.diag([7.0, 8]), cross=0.1 * np.ones((6, 2)))
-    _, _, found = sampled.discretised(A, B, cost, 0.3)
+    _, _, found = sampled.discretize_cost(A, B, cost, 0.3)
 
     def rate(t, z):
         x = z[:6]
@@ -104,7 +104,7 @@ def test_cost_is_the_integral():
 @pytest.mark.parametrize('rate', [1.0, 1e2, 1e4, 1e6])
 def test_stiff_plants_keep_their_digits(rate):
     """The textbook exponential holds exp(+rate): here nothing grows."""
-    Ad, Bd, found = sampled.discretised(
+    Ad, Bd, found = sampled.discretize_cost(
         np.array([[-rate]]), np.array([[rate]]), Weights(np.eye(1), np.eye(1)), 1.0)
     e = math.exp(-rate)
     assert Ad[0, 0] == pytest.approx(e, rel=1e-9, abs=1e-300)
@@ -125,13 +125,13 @@ def test_sampled_cost_is_below_that_of_other_gains():
     """P is the integral of the cost; no other held feedback has less."""
     A, B = aircraft()
     found = sampled.sampled_lqr(A, B, Weights(np.eye(6), np.eye(2)), 0.1)
-    Ad, Bd, cost = sampled.discretised(A, B, Weights(np.eye(6), np.eye(2)), 0.1)
+    Ad, Bd, cost = sampled.discretize_cost(A, B, Weights(np.eye(6), np.eye(2)), 0.1)
     rng = np.random.default_rng(6)
     K = found.design.K
     assert Ad == pytest.approx(expm(A * 0.1), rel=1e-10, abs=1e-14)
     for other in (K, *(K + 0.05 * rng.standard_normal(K.shape) for _ in range(20))):
         M = Ad - Bd @ other
-        if sampled.spectral_radius(M) >= 1:
+        if sampled.compute_spectral_radius(M) >= 1:
             continue
         Q = cost.Qx - cost.cross @ other - other.T @ cost.cross.T + other.T @ cost.Qu @ other
         P, power = Q.copy(), M

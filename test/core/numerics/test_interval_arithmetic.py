@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import mpmath
 import numpy as np
-from obc_ros.core.numerics.interval_arithmetic import enclosure, WHOLE
+from obc_ros.core.numerics.interval_arithmetic import enclose_outputs, WHOLE
 from obc_ros.core.text.expressions import parse_expression
 import pytest
 
@@ -41,7 +41,7 @@ def between(text, x, y):
     """Return the enclosure of an expression of x and y."""
     function = ca.Function('f', [ca.vertcat(X, Y)],
                            [parse_expression(text, {'x': X, 'y': Y}, 'text')])
-    [found] = enclosure(function, [(np.array([x[0], y[0]]), np.array([x[1], y[1]]))])
+    [found] = enclose_outputs(function, [(np.array([x[0], y[0]]), np.array([x[1], y[1]]))])
     return found
 
 

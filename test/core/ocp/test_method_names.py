@@ -5,9 +5,9 @@
 import json
 
 from obc_ros.cli.obc import main
-from obc_ros.core.ocp.method_names import method_of, NAMES
+from obc_ros.core.ocp.method_names import get_method, NAMES
 from obc_ros.core.ocp.solution import MAX_INTERVALS
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.solve import METHODS, solve
 from obc_ros.core.text.errors import StatementError
 from obc_ros.workers.requests import answer
@@ -26,11 +26,11 @@ def test_each_method_has_a_name():
 
 
 def test_the_method_of_a_problem_answers_it_unless_another_is_asked_for():
-    problem = problem_from_mapping({**SCALAR, 'method': 'transcription'})
-    assert problem_from_mapping(SCALAR).method == 'auto'
+    problem = build_problem({**SCALAR, 'method': 'transcription'})
+    assert build_problem(SCALAR).method == 'auto'
     assert solve(problem).method == 'transcription'
     assert solve(problem, method='arcs').method == 'arcs'
-    assert problem.structure == problem_from_mapping(SCALAR).structure
+    assert problem.structure == build_problem(SCALAR).structure
 
 
 @pytest.mark.parametrize('given, asked, method', [
@@ -48,7 +48,7 @@ def test_a_request_has_the_last_word(given, asked, method):
     ('x' * 10_000, 'is unknown'), ('auto\n', 'is unknown')])
 def test_an_unknown_method_is_refused_with_those_that_exist(value, words):
     with pytest.raises(StatementError, match='^method: ') as error:
-        problem_from_mapping({**SCALAR, 'method': value})
+        build_problem({**SCALAR, 'method': value})
     assert words in str(error.value)
     assert ', '.join(NAMES) in str(error.value)
     assert len(str(error.value)) < 300
@@ -56,7 +56,7 @@ def test_an_unknown_method_is_refused_with_those_that_exist(value, words):
 
 @pytest.mark.parametrize('value', [None, ''])
 def test_none_is_auto(value):
-    assert method_of(value) == 'auto'
+    assert get_method(value) == 'auto'
 
 
 def test_the_command_line_checks_the_name(capsys):

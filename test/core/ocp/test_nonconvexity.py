@@ -3,7 +3,7 @@
 """Problems of which no path is better than one that satisfies Pontryagin's conditions."""
 
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.program_cache import Kit
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.starts import multistart
@@ -19,7 +19,7 @@ BLOCK = {
 
 
 def convex(**changes):
-    problem = problem_from_mapping(BLOCK | changes)
+    problem = build_problem(BLOCK | changes)
     return Kit(problem).convex(problem)
 
 
@@ -46,8 +46,8 @@ def test_not_to_be_taken_for_convex(changes):
 
 
 def test_nothing_better_is_looked_for_where_there_is_nothing(monkeypatch):
-    monkeypatch.setattr(multistart, 'interleaved', None)
+    monkeypatch.setattr(multistart, 'interleave_rollouts', None)
     monkeypatch.setattr(multistart, '_enough', None)
-    assert solve(problem_from_mapping(BLOCK)).status is Status.SOLVED
+    assert solve(build_problem(BLOCK)).status is Status.SOLVED
     with pytest.raises(TypeError):
-        solve(problem_from_mapping(BLOCK | {'dynamics': {'x': 'v', 'v': 'u*(1 + x**2)'}}))
+        solve(build_problem(BLOCK | {'dynamics': {'x': 'v', 'v': 'u*(1 + x**2)'}}))

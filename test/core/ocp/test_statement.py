@@ -11,7 +11,7 @@ import casadi as ca
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.text.errors import StatementError
 import pytest
 
@@ -51,7 +51,7 @@ def changed(path, value):
 
 
 def test_a_statement_becomes_a_problem():
-    problem = problem_from_mapping(GOOD)
+    problem = build_problem(GOOD)
     assert (problem.name, problem.states, problem.inputs) == ('lander', ('h', 'v'), ('u',))
     assert problem.parameters[:3] == ('g', 'weight', 'top')
     assert problem.p_value[:3] == pytest.approx([1.5, 3, 10])
@@ -78,7 +78,7 @@ def test_optional_keys_may_be_left_out_or_left_empty():
     for empty in ({}, dict.fromkeys(
             ('parameters', 'terminal_constraints', 'input_bounds', 'state_bounds',
              'path_constraints', 'initial_guess', 'running_cost', 'terminal_cost'))):
-        problem = problem_from_mapping(least | empty)
+        problem = build_problem(least | empty)
         assert problem.final_time.value == 0.1
         assert problem.psi.shape == (0, 1)
         assert problem.path.shape == (0, 1)
@@ -92,8 +92,8 @@ def test_optional_keys_may_be_left_out_or_left_empty():
     ('path_constraints.0.lower', -3), ('initial_guess', {}), ('name', 'other'),
     ('title', 'other')])
 def test_other_numbers_keep_the_structure(path, value):
-    assert (problem_from_mapping(changed(path, value)).structure
-            == problem_from_mapping(GOOD).structure)
+    assert (build_problem(changed(path, value)).structure
+            == build_problem(GOOD).structure)
 
 
 @pytest.mark.parametrize(('path', 'value'), [
@@ -102,19 +102,19 @@ def test_other_numbers_keep_the_structure(path, value):
     ('input_bounds.u', [1, 1]), ('state_bounds', {}), ('path_constraints', []),
     ('final_time', {'free': False, 'value': 3}), ('terminal_cost', '2*v**2')])
 def test_other_expressions_change_the_structure(path, value):
-    assert (problem_from_mapping(changed(path, value)).structure
-            != problem_from_mapping(GOOD).structure)
+    assert (build_problem(changed(path, value)).structure
+            != build_problem(GOOD).structure)
 
 
 def test_numbers_of_terminal_constraints_follow_the_parameters():
-    problem = problem_from_mapping(changed('terminal_constraints', ['h**3 - 2*pi', 'v + g']))
+    problem = build_problem(changed('terminal_constraints', ['h**3 - 2*pi', 'v + g']))
     assert problem.parameters[:3] == ('g', 'weight', 'top')
     psi = ca.Function('psi', [problem.x, problem.p], [problem.psi])
     assert psi([3, 4], problem.p_value).full().ravel() == pytest.approx([27 - 2*math.pi, 5.5])
 
 
 def test_an_initial_state_outside_the_state_bounds_is_no_malformed_statement():
-    assert problem_from_mapping(changed('initial_state.h', -5)).x0[0] == -5
+    assert build_problem(changed('initial_state.h', -5)).x0[0] == -5
 
 
 FAULTS = [
@@ -242,7 +242,7 @@ FAULTS = [
                          ids=[f'{path}={value}'[:50] for path, value, _ in FAULTS])
 def test_a_fault_is_named_with_its_key(path, value, said):
     with pytest.raises(StatementError, match=said) as error:
-        problem_from_mapping(changed(path, value))
+        build_problem(changed(path, value))
     assert len(str(error.value)) < 500
 
 
@@ -253,7 +253,7 @@ VEHICLE = {
 
 
 def test_a_registered_system_stands_in_place_of_states_inputs_and_dynamics():
-    problem = problem_from_mapping(VEHICLE)
+    problem = build_problem(VEHICLE)
     assert problem.states == ('px', 'py', 'theta')
     assert problem.angles == (False, False, True)
     assert dict(zip(problem.parameters, problem.p_value, strict=True)) == {'l': 3, 'reach': 6}
@@ -264,15 +264,15 @@ def test_a_registered_system_stands_in_place_of_states_inputs_and_dynamics():
 
 
 def test_the_inputs_of_a_registered_system_have_its_limits_unless_others_are_given():
-    problem = problem_from_mapping(VEHICLE)
+    problem = build_problem(VEHICLE)
     assert (problem.u_lower.tolist(), problem.u_upper.tolist()) == ([0, -0.6], [math.inf, 0.6])
-    problem = problem_from_mapping(VEHICLE | {'input_bounds': {'phi': [None, 0.1]}})
+    problem = build_problem(VEHICLE | {'input_bounds': {'phi': [None, 0.1]}})
     assert (problem.u_lower.tolist(), problem.u_upper.tolist()) == ([0, -math.inf],
                                                                     [math.inf, 0.1])
 
 
 def test_a_system_may_have_options_among_its_parameters():
-    problem = problem_from_mapping(VEHICLE | {
+    problem = build_problem(VEHICLE | {
         'system': 'linear', 'parameters': {'A': [[0, 1], [0, 0]], 'B': [[0], [1]], 'w': 2},
         'running_cost': 'w*u1**2', 'initial_state': {'x1': 0, 'x2': 0}})
     assert (problem.states, problem.inputs, problem.parameters) == (
@@ -293,13 +293,13 @@ def test_a_system_may_have_options_among_its_parameters():
 ], ids=str)
 def test_a_fault_beside_a_system_is_named(change, said):
     with pytest.raises(StatementError, match=said):
-        problem_from_mapping(VEHICLE | change)
+        build_problem(VEHICLE | change)
 
 
 @pytest.mark.parametrize('value', [None, 3, 'text', [GOOD], True], ids=str)
 def test_a_problem_is_a_mapping(value):
     with pytest.raises(StatementError, match='^problem: wanted a mapping'):
-        problem_from_mapping(value)
+        build_problem(value)
 
 
 def test_expressions_are_bounded_together():
@@ -307,9 +307,9 @@ def test_expressions_are_bounded_together():
     huge = GOOD | {'states': states, 'dynamics': dict.fromkeys(states, '+'.join(['u'] * 1900))}
     started = time.process_time()
     with pytest.raises(StatementError, match='together'):
-        problem_from_mapping(huge)
+        build_problem(huge)
     with pytest.raises(StatementError, match='1001 entries'):
-        problem_from_mapping(GOOD | {'states': [f'x{index}' for index in range(1001)]})
+        build_problem(GOOD | {'states': [f'x{index}' for index in range(1001)]})
     assert time.process_time() - started < 0.5
 
 
@@ -325,7 +325,7 @@ _ANYTHING = st.recursive(
 @given(st.sampled_from([key for key in GOOD if key != 'system']), _ANYTHING)
 def test_any_value_of_any_key_gives_a_problem_or_a_statement_error(key, value):
     try:
-        problem_from_mapping(GOOD | {key: value})
+        build_problem(GOOD | {key: value})
     except StatementError as error:
         assert ': ' in str(error)
 
@@ -333,7 +333,7 @@ def test_any_value_of_any_key_gives_a_problem_or_a_statement_error(key, value):
 @pytest.mark.parametrize('path', sorted(PROBLEMS.glob('*.yaml')), ids=lambda path: path.stem)
 def test_the_problem_files_are_well_formed(path):
     for mapping in load_file(path):
-        problem = problem_from_mapping(mapping)
+        problem = build_problem(mapping)
         assert problem.n and problem.m
         assert set(mapping['expected']) >= {'objective', 'tolerance'}
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.lqr.lqr import lqr
 from obc_ros.core.riccati import propagation
-from obc_ros.core.riccati.fixed_horizon import finite_horizon
+from obc_ros.core.riccati.fixed_horizon import solve_finite_horizon
 from obc_ros.core.text.errors import RefusedDesignError, StatementError
 from plants import aircraft, CHAIN, FORCE
 import pytest
@@ -34,7 +34,7 @@ def test_aircraft_is_as_exact_as_its_condition_allows(P1):
     A, B = aircraft()
     t, n, worst = np.linspace(0, 5, 501), 6, np.zeros(2)
     cost = np.eye(n), np.eye(2), P1 * np.eye(n)
-    P, K = finite_horizon(A, B, *cost, t, 5.0)
+    P, K = solve_finite_horizon(A, B, *cost, t, 5.0)
     for k in (499, 497, 400, 137, 0):
         exact = high_precision.riccati(A, B, *cost, 5.0 - t[k])
         worst = np.maximum(worst, high_precision.riccati_condition(
@@ -51,7 +51,7 @@ def test_aircraft_is_as_exact_as_its_condition_allows(P1):
 def test_example_2_2(a, b, c, T):
     """Qx = 0: no stationary solution is seen by the cost; 1 / P is linear in exp(-2 a tau)."""
     t = np.linspace(0, T, 101)
-    P, K = finite_horizon([[a]], [[b]], [[0]], [[1]], [[c]], t, T)
+    P, K = solve_finite_horizon([[a]], [[b]], [[0]], [[1]], [[c]], t, T)
     tau = T - t
     if a > 0:
         shrunk = np.exp(-2 * a * tau)
@@ -66,7 +66,7 @@ def test_example_2_2(a, b, c, T):
 def test_unstable_mode_that_no_input_reaches():
     """P grows with exp(2 t) there; each entry keeps its digits."""
     A, B, Q = np.diag([1.0, -1.0]), np.array([[0.0], [1.0]]), np.array([[1.0, 0.3], [0.3, 1.0]])
-    P, _ = finite_horizon(A, B, Q, [[1]], np.eye(2), [0, 10, 20, 29], 30.0)
+    P, _ = solve_finite_horizon(A, B, Q, [[1]], np.eye(2), [0, 10, 20, 29], 30.0)
     for k, to_go in enumerate([30, 20, 10, 1]):
         exact = high_precision.riccati(A, B, Q, [[1]], np.eye(2), to_go)
         assert P[k] == pytest.approx(exact, rel=1e-11)
@@ -79,7 +79,7 @@ def test_random_plants_and_long_horizons(seed):
     A, B = 2 * rng.standard_normal((n, n)), rng.standard_normal((n, m))
     H, H1 = rng.standard_normal((2, seed % 3, n))
     Q, P1 = H.T @ H, H1.T @ H1
-    P, _ = finite_horizon(A, B, Q, np.eye(m), P1, np.linspace(0, 8, 65), 8.0)
+    P, _ = solve_finite_horizon(A, B, Q, np.eye(m), P1, np.linspace(0, 8, 65), 8.0)
     for k in (0, 32, 60):
         exact = high_precision.riccati(A, B, Q, np.eye(m), P1, 8.0 - k / 8)
         assert abs(P[k] - exact).max() <= 1e-11 * max(abs(exact).max(), 1e-300)
@@ -87,7 +87,7 @@ def test_random_plants_and_long_horizons(seed):
 
 def test_long_horizon_ends_in_the_stationary_solution():
     A, B = aircraft()
-    P, K = finite_horizon(A, B, np.eye(6), np.eye(2), np.zeros((6, 6)), [0.0], 1e4)
+    P, K = solve_finite_horizon(A, B, np.eye(6), np.eye(2), np.zeros((6, 6)), [0.0], 1e4)
     design = lqr(A, B, np.eye(6), np.eye(2))
     assert error(P[0], design.P) <= 1e-12
     assert error(K[0], design.K) <= 1e-12
@@ -99,12 +99,12 @@ def test_any_grid_says_the_same():
     uneven = np.sort(rng.uniform(0, 4.5, 30))
     even = np.linspace(0, 4.5, 46)
     cost = (A, B, np.eye(6), np.eye(2), 3 * np.eye(6))
-    P_uneven, _ = finite_horizon(*cost, uneven, 5.0)
-    P_even, _ = finite_horizon(*cost, even, 5.0)
+    P_uneven, _ = solve_finite_horizon(*cost, uneven, 5.0)
+    P_even, _ = solve_finite_horizon(*cost, even, 5.0)
     for k in (0, 11, 29):
-        alone, _ = finite_horizon(*cost, [uneven[k]], 5.0)
+        alone, _ = solve_finite_horizon(*cost, [uneven[k]], 5.0)
         assert error(P_uneven[k], alone[0]) <= 1e-12
-        alone, _ = finite_horizon(*cost, [even[k]], 5.0)
+        alone, _ = solve_finite_horizon(*cost, [even[k]], 5.0)
         assert error(P_even[k], alone[0]) <= 1e-12
 
 
@@ -113,8 +113,9 @@ def test_cross_term():
     A, B = aircraft()
     N = 0.1 * np.random.default_rng(1).standard_normal((6, 2))
     t = [0.0, 1.0, 2.0]
-    P, K = finite_horizon(A, B, np.eye(6), np.eye(2), np.eye(6), t, 3.0, cross=N)
-    plain, gain = finite_horizon(A - B @ N.T, B, np.eye(6) - N @ N.T, np.eye(2), np.eye(6), t, 3.0)
+    P, K = solve_finite_horizon(A, B, np.eye(6), np.eye(2), np.eye(6), t, 3.0, cross=N)
+    plain, gain = solve_finite_horizon(A - B @ N.T, B, np.eye(6) - N @ N.T, np.eye(2), np.eye(6),
+                                       t, 3.0)
     assert pytest.approx(plain, rel=1e-11) == P
     assert pytest.approx(gain + N.T, rel=1e-10) == K
 
@@ -124,7 +125,7 @@ def test_differential_equation_holds():
     A, B = aircraft()
     Q, h = np.diag([100, 1, 2 * np.pi / 9, 0, 0, 0]), 1e-3
     t = np.arange(2001) * h
-    P, K = finite_horizon(A, B, Q, 0.1 * np.eye(2), np.eye(6), t, 2.0)
+    P, K = solve_finite_horizon(A, B, Q, 0.1 * np.eye(2), np.eye(6), t, 2.0)
     rate = (P[:-4] - 8 * P[1:-3] + 8 * P[3:-1] - P[4:]) / (12 * h)
     P, K = P[2:-2], K[2:-2]
     defect = rate + P @ A + A.T @ P - np.swapaxes(K, 1, 2) @ (0.1 * K) + Q
@@ -138,8 +139,8 @@ def test_stretches_join_in_any_order(seed, first, second):
     rng = np.random.default_rng(seed)
     A, F, H = rng.standard_normal((3, 3, 3))
     G, Q = F @ F.T, H @ H.T
-    a, b = (propagation.of_plant(A, G, Q, length) for length in (first, second))
-    whole = propagation.of_plant(A, G, Q, first + second)
+    a, b = (propagation.build_stretch(A, G, Q, length) for length in (first, second))
+    whole = propagation.build_stretch(A, G, Q, first + second)
     both = propagation.join_stretches(a, b, np.eye(3))
     for one, other in zip(whole, both, strict=True):
         assert abs(one - other).max() <= 1e-9 * abs(one).max()
@@ -151,10 +152,10 @@ def test_refusals():
                         ([], 1.0, 'finite times'), ([0, math.nan], 1.0, 'finite times'),
                         ([0], math.inf, 'finite final time')]:
         with pytest.raises(StatementError, match=words):
-            finite_horizon(*good, t, T)
+            solve_finite_horizon(*good, t, T)
     with pytest.raises(RefusedDesignError, match=r'P1\[1\] = -1: P1 must be positive'):
-        finite_horizon(CHAIN, FORCE, np.eye(2), [[1]], np.diag([1, -1]), [0], 1.0)
+        solve_finite_horizon(CHAIN, FORCE, np.eye(2), [[1]], np.diag([1, -1]), [0], 1.0)
     with pytest.raises(StatementError, match=r'P1: expected \(2, 2\) but found \(3, 3\)'):
-        finite_horizon(CHAIN, FORCE, np.eye(2), [[1]], np.eye(3), [0], 1.0)
+        solve_finite_horizon(CHAIN, FORCE, np.eye(2), [[1]], np.eye(3), [0], 1.0)
     with pytest.raises(RefusedDesignError, match='Qu'):
-        finite_horizon(CHAIN, FORCE, np.eye(2), [[0]], np.eye(2), [0], 1.0)
+        solve_finite_horizon(CHAIN, FORCE, np.eye(2), [[0]], np.eye(2), [0], 1.0)

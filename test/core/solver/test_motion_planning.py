@@ -8,8 +8,8 @@ import math
 from casadi import Function
 from hypothesis import given, settings, strategies
 import numpy as np
-from obc_ros.core.ocp.statement import problem_from_mapping
-from obc_ros.core.solver.exact.reeds_shepp import shortest_path
+from obc_ros.core.ocp.statement import build_problem
+from obc_ros.core.solver.exact.reeds_shepp import find_shortest_path
 from obc_ros.core.solver.motion_planning import Motion, state_motion
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import ObcError
@@ -51,7 +51,7 @@ def test_least_time_of_the_robot_is_the_shortest_path():
     answer = plan(Motion('two_wheeled', [0, 0, 0], [1, 1, 1.0], 'time'))
     assert answer.plain['status'] == 'solved'
     assert answer.plain['objective'] == pytest.approx(
-        shortest_path((0, 0, 0), (1, 1, 1.0), 1.0).length, rel=1e-5)
+        find_shortest_path((0, 0, 0), (1, 1, 1.0), 1.0).length, rel=1e-5)
 
 
 def test_a_bounded_system_is_given_twice_its_least_time():
@@ -66,7 +66,7 @@ def test_weights_are_about_the_goal_and_the_input_that_holds_it():
     goal = [1.0, 2.0, 0.0, 0.0, 0.0, 0.0]
     Qx, Qu = np.diag(np.arange(1.0, 7.0)), np.array([[2.0, 0.5], [0.5, 3.0]])
     Qx[0, 3] = Qx[3, 0] = 0.25
-    problem = problem_from_mapping(state_motion(Motion(
+    problem = build_problem(state_motion(Motion(
         'aircraft', [0.0] * 6, goal, 'quadratic', Qx=Qx.ravel(), Qu=Qu.ravel(), final_time=5.0)))
     L = Function('L', [problem.x, problem.u, problem.p], [problem.L])
     rng = np.random.default_rng(3)
@@ -79,7 +79,7 @@ def test_weights_are_about_the_goal_and_the_input_that_holds_it():
 
 def test_numbers_are_not_part_of_the_structure():
     def structure(**changes):
-        return problem_from_mapping(state_motion(replace(
+        return build_problem(state_motion(replace(
             Motion('aircraft', [0] * 6, [1, 1, 0, 0, 0, 0], 'quadratic', final_time=3.0),
             **changes))).structure
     assert structure() == structure(goal=[2, 3, 0.5, 0, 0, 0], start=[1] * 6, final_time=4.0,
@@ -107,13 +107,13 @@ def test_the_goal_of_an_angle_is_the_nearest(start, goal):
 ])
 def test_malformed_motions(changes, words):
     with pytest.raises(ObcError, match='.') as error:
-        problem_from_mapping(state_motion(replace(PLANAR, **changes)))
+        build_problem(state_motion(replace(PLANAR, **changes)))
     assert words in str(error.value)
 
 
 def test_bounds_are_the_tighter_ones():
     def bounds(**given):
-        problem = problem_from_mapping(state_motion(Motion(
+        problem = build_problem(state_motion(Motion(
             'two_wheeled', [0, 0, 0], [1, 1, 1], 'time', input_bounds=given)))
         return [*problem.u_lower, *problem.u_upper]
     assert bounds() == [-1, -1, 1, 1]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from obc_ros.core.ocp.certificate.replay import LEAST_COST
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.solve import Cache, solve
 import pytest
 
@@ -26,7 +26,7 @@ QUICK = [
 
 
 def least_fuel(start, dynamics):
-    return problem_from_mapping({
+    return build_problem({
         'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': dynamics},
         'running_cost': 'abs(u)', 'initial_state': {'x': start, 'v': 0},
         'terminal_constraints': ['x', 'v'], 'input_bounds': {'u': [-1, 1]},
@@ -53,10 +53,10 @@ def test_least_fuel_of_an_oscillator_again_and_again():
 def test_a_neighbour_that_contradicts_itself_is_refused_at_once():
     """An end that is beyond a bound by little, after one that is not."""
     mapping, cache = load_file(PROBLEMS / 'missile.yaml')[0], Cache()
-    assert solve(problem_from_mapping(mapping), cache=cache).status is Status.SOLVED
+    assert solve(build_problem(mapping), cache=cache).status is Status.SOLVED
     beyond = {**mapping, 'terminal_constraints': [
         row.replace('310', '310.2') for row in mapping['terminal_constraints']]}
-    refused = solve(problem_from_mapping(beyond), cache=cache)
+    refused = solve(build_problem(beyond), cache=cache)
     assert refused.status is Status.INFEASIBLE
     assert 'exclude each other' in refused.message
 
@@ -64,9 +64,9 @@ def test_a_neighbour_that_contradicts_itself_is_refused_at_once():
 def variants(name):
     """Yield a problem as it stands and with three changes of its numbers, each read anew."""
     mapping, chance = load_file(PROBLEMS / f'{name}.yaml')[0], np.random.default_rng(0)
-    yield problem_from_mapping(mapping)
+    yield build_problem(mapping)
     for _ in range(3):
-        problem = problem_from_mapping(mapping)
+        problem = build_problem(mapping)
         x0, p = (value * (1 + 1e-3 * chance.uniform(-1, 1, len(value)))
                  for value in (problem.x0, problem.p_value))
         yield replace(problem, x0=np.clip(x0, problem.x_lower, problem.x_upper), p_value=p)

@@ -8,7 +8,7 @@ import sys
 
 import _rounding  # of benchmarks/
 import numpy as np
-from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.transcription.mesh import Path
 import pytest
 import rounding  # of benchmarks/
@@ -41,7 +41,7 @@ def test_what_differs_is_told():
 
 
 def test_every_number_of_a_statement_is_changed_a_little():
-    problem = problem_from_mapping(load_file(rounding.PROBLEMS / 'zermelo_shear.yaml')[0])
+    problem = build_problem(load_file(rounding.PROBLEMS / 'zermelo_shear.yaml')[0])
     changed = _rounding.Changed(1).problem(problem)
     assert changed.structure == problem.structure
     for name in ('p_value', 'x0', 'u_upper'):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.solve import Cache, METHODS, solve
 from obc_ros.core.text.errors import StatementError
 import pytest
@@ -46,12 +46,12 @@ NAMES = (
 def stated(name, **changes):
     """Return the problem of a file, some keys replaced, and its mapping."""
     mapping = load_file(PROBLEMS / f'{name}.yaml')[0] | changes
-    return problem_from_mapping(mapping), mapping
+    return build_problem(mapping), mapping
 
 
 def simple(states, dynamics, running_cost, start, final_time, **more):
     """Return a problem with one input u from its essentials."""
-    return problem_from_mapping({
+    return build_problem({
         'states': states, 'inputs': ['u'], 'dynamics': dynamics, 'running_cost': running_cost,
         'initial_state': start, 'final_time': final_time} | more)
 
@@ -159,7 +159,7 @@ ANY_PATH = {
 
 @pytest.mark.parametrize('name', ANY_PATH)
 def test_any_path_will_do_where_none_costs_anything(name):
-    problem = problem_from_mapping({'running_cost': '0'} | ANY_PATH[name])
+    problem = build_problem({'running_cost': '0'} | ANY_PATH[name])
     solution = solve(problem)
     assert (solution.status, solution.objective) == (Status.SOLVED, 0.0), solution.message
     _, psi = replayed(problem, solution)
@@ -184,7 +184,7 @@ def test_exercise_2_3_as_it_is_stated(end):
     # The integral of the length of u has no slope at u = 0, and no speed is better than another.
     names = [f'x{i}' for i in range(len(end))]
     inputs = [f'u{i}' for i in range(len(end))]
-    solution = solve(problem_from_mapping({
+    solution = solve(build_problem({
         'states': names, 'inputs': inputs, 'dynamics': dict(zip(names, inputs, strict=True)),
         'running_cost': f'sqrt({" + ".join(f"{name}**2" for name in inputs)})',
         'initial_state': dict.fromkeys(names, 0),
@@ -336,7 +336,7 @@ def test_an_extremal_with_conjugate_points_is_no_answer():
     The weight of px rewards swerving, which loses speed along the road: 3007.732 by a zero-order
     hold on 1000 intervals.
     """
-    found = solve(problem_from_mapping({
+    found = solve(build_problem({
         'states': ['px', 'py', 'theta'], 'inputs': ['v', 'phi'],
         'dynamics': {'px': 'v*cos(theta)', 'py': 'v*sin(theta)', 'theta': 'v/3*tan(phi)'},
         'running_cost': '0.1*(px-100)**2+10*(py-2)**2+0.1*theta**2+0.1*(v-10)**2+phi**2',

@@ -10,7 +10,7 @@ from obc_ros.core.ocp.certificate.affine_replay import AffineReplay, replay_affi
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.certificate.replay import Intervals, ReplayIntegrator
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.riccati import propagation
 from obc_ros.core.solver.linear_quadratic import solve_lq
 from obc_ros.core.solver.solve import solve
@@ -20,7 +20,7 @@ from scipy.linalg import expm, solve_continuous_are
 
 
 def stated(dynamics, running_cost, initial_state, T, **more):
-    return problem_from_mapping({
+    return build_problem({
         'states': list(dynamics), 'inputs': ['u'], 'dynamics': dynamics,
         'running_cost': running_cost, 'initial_state': initial_state,
         'final_time': {'free': False, 'value': T}} | more)
@@ -193,9 +193,9 @@ def test_the_inside_of_stretches_is_what_the_hamiltonian_system_leads_along(weig
     n, steps, step = 3, 32, 0.04
     A, half = chance.standard_normal((2, n, n))
     G, Q, P = half @ half.T, weight * np.eye(n), np.diag([2.0, 0.0, 1.0])
-    levels = [propagation.of_plant(A, G, Q, step * 2**k) for k in range(doublings + 1)]
+    levels = [propagation.build_stretch(A, G, Q, step * 2**k) for k in range(doublings + 1)]
     x0 = chance.standard_normal(n)
-    x, y = propagation.inside(levels, x0, P, steps)
+    x, y = propagation.solve_inside(levels, x0, P, steps)
     both = np.hstack([x, y])
     flow = expm(step * np.block([[A, -G], [-Q, -A.T]]))
     assert x[0] == pytest.approx(x0, rel=1e-12)

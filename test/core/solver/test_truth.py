@@ -7,7 +7,7 @@ from math import inf
 import _truths  # of benchmarks/
 import numpy as np
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.solve import solve
 import pytest
 import truth  # likewise
@@ -66,4 +66,4 @@ def test_each_reason_for_which_there_is_no_path_is_proved(kind):
         found, mapping = _truths.infeasible(rng)
         if found == kind:
             break
-    assert solve(problem_from_mapping(mapping)).status is Status.INFEASIBLE
+    assert solve(build_problem(mapping)).status is Status.INFEASIBLE

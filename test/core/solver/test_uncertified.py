@@ -6,11 +6,11 @@ from pathlib import Path
 import re
 
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.solve import solve
 from obc_ros.ros import messages
 from obc_ros.srv import PlanMotion, SolveOptimalControl
-from obc_ros.workers.requests import solution_packet
+from obc_ros.workers.requests import pack_solution
 import pytest
 
 PROBLEMS = Path(__file__).parents[2] / 'problems'
@@ -20,7 +20,7 @@ SENTENCE = r'cost (\S+), not certified because .+: residual (\S+), allowed (\S+)
 @pytest.fixture(scope='module')
 def coarse():
     """Return a problem and its answer on a mesh that is too coarse for a certificate."""
-    problem = problem_from_mapping(load_file(PROBLEMS / 'vanderpol_bounded.yaml')[0])
+    problem = build_problem(load_file(PROBLEMS / 'vanderpol_bounded.yaml')[0])
     return problem, solve(problem, max_intervals=10)
 
 
@@ -48,7 +48,7 @@ def test_a_path_on_a_mesh_that_is_too_coarse(coarse):
 
 def test_a_path_that_is_no_minimum_beside_the_reason():
     """What falls without end has paths, and the answer is one of them."""
-    found = solve(problem_from_mapping({
+    found = solve(build_problem({
         'states': ['x', 'y'], 'inputs': ['u'], 'dynamics': {'x': 'u', 'y': 'x'},
         'initial_state': {'x': 0, 'y': 0}, 'running_cost': 'x*u + y',
         'final_time': {'free': False, 'value': 1}}))
@@ -63,7 +63,7 @@ def test_a_path_that_is_no_minimum_beside_the_reason():
 def test_a_path_when_the_time_is_up(monkeypatch):
     """A search that is ended after a few iterations."""
     from obc_ros.core.solver.nlp.progress import ProgressMonitor
-    problem = problem_from_mapping(load_file(PROBLEMS / 'vanderpol_bounded.yaml')[0])
+    problem = build_problem(load_file(PROBLEMS / 'vanderpol_bounded.yaml')[0])
     step = ProgressMonitor.step
 
     def late(self, cost, infeasibility):
@@ -83,7 +83,7 @@ def test_a_path_when_the_time_is_up(monkeypatch):
 def test_it_is_in_the_message_and_is_no_success(coarse):
     problem, found = coarse
     for response in (SolveOptimalControl.Response(), PlanMotion.Response()):
-        messages.fill_answer(response, solution_packet(problem, found, ''))
+        messages.fill_answer(response, pack_solution(problem, found, ''))
         assert not response.success
         assert not response.certificate.holds
         assert response.status == 'not_converged'

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.solve import Cache, solve
 import pytest
 from scipy.optimize import minimize_scalar
@@ -21,7 +21,7 @@ PROBLEMS = Path(__file__).parents[2] / 'problems'
 def stated(name):
     """Return the problem of a file, and what is expected of it."""
     mapping = load_file(PROBLEMS / f'{name}.yaml')[0]
-    return problem_from_mapping(mapping), mapping['expected']
+    return build_problem(mapping), mapping['expected']
 
 
 def in_units(problem, *, scale=1.0, shift=0.0, cost=1.0, time=1.0):

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 from obc_ros.core.lqr.lqr import lqr
-from obc_ros.core.lqr.margins import figures
+from obc_ros.core.lqr.margins import compute_margins
 from obc_ros.core.lqr.weights import Weights
 from obc_ros.core.systems import courses
 from obc_ros.core.text.errors import StatementError
@@ -25,7 +25,8 @@ def lateral(x, phi, v=SPEED):
 def test_slalom_of_1_m_and_1_hz_is_driven_exactly():
     """Integrating the nonlinear vehicle under the feedforward alone comes back to the course."""
     def reference(t):
-        return courses.lateral_reference(*courses.make_slalom(np.atleast_1d(t)), SPEED, LENGTH)
+        return courses.build_lateral_reference(*courses.make_slalom(np.atleast_1d(t)), SPEED,
+                                               LENGTH)
 
     def rate(t, x):
         return lateral(x, reference(t)[1][0, 0])
@@ -65,11 +66,12 @@ def test_feedback_brings_an_offset_vehicle_onto_the_slalom():
     K = lqr(*vehicle(SPEED, LENGTH), COST.Qx, COST.Qu).K
 
     def rate(t, x):
-        xd, ud = courses.lateral_reference(*courses.make_slalom(np.atleast_1d(t)), SPEED, LENGTH)
+        xd, ud = courses.build_lateral_reference(*courses.make_slalom(np.atleast_1d(t)), SPEED,
+                                                 LENGTH)
         return lateral(x, ud[0, 0] - float((K @ (x - xd[0]))[0]))
 
     end = solve_ivp(rate, (0, 6), [0.3, 0.1], rtol=1e-8, max_step=0.05).y[:, -1]
-    xd, _ = courses.lateral_reference(*courses.make_slalom(np.array([6.0])), SPEED, LENGTH)
+    xd, _ = courses.build_lateral_reference(*courses.make_slalom(np.array([6.0])), SPEED, LENGTH)
     assert end == pytest.approx(xd[0], abs=1e-4)
 
 
@@ -80,7 +82,7 @@ def test_exercise_2_10_numbers(q):
     K = lqr(A, B, np.diag([q, 0.0]), [[1.0]]).K
     w0 = math.sqrt(SPEED**2 / LENGTH * math.sqrt(q))
     assert pytest.approx(np.array([[math.sqrt(q), math.sqrt(2) * w0 * LENGTH / SPEED]])) == K
-    found = figures(A, B, K)
+    found = compute_margins(A, B, K)
     unit = math.sqrt(1 + math.sqrt(2))
     assert found.overshoot[0] == pytest.approx(math.exp(-math.pi), rel=1e-3)
     assert found.bandwidth[0] == pytest.approx(unit * w0, rel=1e-9)
@@ -90,4 +92,5 @@ def test_exercise_2_10_numbers(q):
 
 def test_a_course_faster_than_the_vehicle_is_refused():
     with pytest.raises(StatementError, match='across the road at up to 12'):
-        courses.lateral_reference(np.zeros(2), np.array([0, 12.0]), np.zeros(2), 10.0, LENGTH)
+        courses.build_lateral_reference(np.zeros(2), np.array([0, 12.0]), np.zeros(2), 10.0,
+                                        LENGTH)

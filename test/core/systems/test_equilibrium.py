@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 import numpy as np
 from numpy.testing import assert_allclose
 from obc_ros.core.systems import registry
-from obc_ros.core.systems.equilibrium import equilibrium, linearize
+from obc_ros.core.systems.equilibrium import find_equilibrium, linearize
 from obc_ros.core.text.errors import DynamicsError
 import pytest
 
@@ -15,10 +15,10 @@ value = st.floats(-5.0, 5.0)
 A, B = [[0.0, 1.0], [-2.0, 3.0]], [[0.0], [1.0]]
 
 
-@pytest.mark.parametrize('name', registry.names())
+@pytest.mark.parametrize('name', registry.list_systems())
 def test_every_system_is_held_at_its_own_set_point(name):
     system = registry.get_system(name, **({'A': A, 'B': B} if name == 'linear' else {}))
-    found = equilibrium(system)
+    found = find_equilibrium(system)
     f = system.f(found.x, found.u)
     assert_allclose(f, found.drift, atol=1e-12)
     assert_allclose(found.x, system.setpoint)
@@ -29,14 +29,14 @@ def test_every_system_is_held_at_its_own_set_point(name):
 @given(st.tuples(value, value), st.floats(0.5, 20.0), st.floats(1.0, 20.0))
 def test_the_aircraft_hovers_with_its_weight_wherever_it_is(position, m, g):
     aircraft = registry.get_system('aircraft', {'m': m, 'g': g})
-    found = equilibrium(aircraft, [*position, 0, 0, 0, 0])
+    found = find_equilibrium(aircraft, [*position, 0, 0, 0, 0])
     assert_allclose(found.u, [0, m * g], rtol=1e-13, atol=1e-13)
     assert not found.drift.any()
 
 
 def test_the_aircraft_cannot_hover_tilted():
     with pytest.raises(DynamicsError) as error:
-        equilibrium(registry.get_system('aircraft'), [1, 2, 0.3, 0, 0, 0])
+        find_equilibrium(registry.get_system('aircraft'), [1, 2, 0.3, 0, 0, 0])
     words = str(error.value)
     assert words.startswith('no input holds the aircraft at theta = 0.3 rad: the nearest, f1 = ')
     assert 'dvx/dt = -2.7' in words
@@ -49,8 +49,8 @@ def test_a_free_state_is_found_with_the_input():
     aircraft = registry.get_system('aircraft')
     target = [0, 0, 0, 3.0, 0, 0]
     with pytest.raises(DynamicsError, match='vx = 3 m/s'):
-        equilibrium(aircraft, target)
-    found = equilibrium(aircraft, target, free=['theta'])
+        find_equilibrium(aircraft, target)
+    found = find_equilibrium(aircraft, target, free=['theta'])
     drag, weight = 0.05 * 3.0, 4.0 * 9.8
     assert found.x[2] == pytest.approx(-np.arctan(drag / weight), rel=1e-12)
     assert_allclose(found.u, [0, np.hypot(drag, weight)], rtol=1e-12, atol=1e-12)
@@ -60,23 +60,23 @@ def test_a_free_state_is_found_with_the_input():
 @given(st.floats(-3.0, 3.0), st.floats(0.1, 30.0))
 def test_the_vehicle_drives_on_along_its_heading_at_the_speed_asked_for(theta, v):
     vehicle = registry.get_system('vehicle')
-    found = equilibrium(vehicle, [1, 2, theta], [v, 0.2])
+    found = find_equilibrium(vehicle, [1, 2, theta], [v, 0.2])
     assert_allclose(found.u, [v, 0], atol=1e-12)
     assert_allclose(found.drift, [v * np.cos(theta), v * np.sin(theta), 0], atol=1e-12)
 
 
 def test_drift_is_only_in_states_that_f_does_not_depend_on():
     integrator = registry.get_system('double_integrator')
-    assert_allclose(equilibrium(integrator, [1, 2]).drift, [2, 0])
+    assert_allclose(find_equilibrium(integrator, [1, 2]).drift, [2, 0])
     stable = registry.get_system('linear', A=A, B=B)  # here x1 enters f: it may not move on
     with pytest.raises(DynamicsError, match='dx1/dt = '):
-        equilibrium(stable, [1, 2])
-    assert_allclose(equilibrium(registry.get_system('scalar', {'a': 0.0}), [3.0]).u, [0])
+        find_equilibrium(stable, [1, 2])
+    assert_allclose(find_equilibrium(registry.get_system('scalar', {'a': 0.0}), [3.0]).u, [0])
 
 
 @given(st.floats(-3, 3), st.floats(0.1, 3), st.floats(0.1, 3))
 def test_the_cubic_is_held_where_it_is_asked_to(x, a, b):
-    found = equilibrium(registry.get_system('cubic', {'a': a, 'b': b}), [x])
+    found = find_equilibrium(registry.get_system('cubic', {'a': a, 'b': b}), [x])
     assert found.u[0] == pytest.approx(a * x**3 / b, rel=1e-9, abs=1e-12)
 
 
@@ -86,7 +86,7 @@ def test_linear_systems_are_held_where_they_can_be(n, seed):
     A, B = generator.normal(size=(n, n)), generator.normal(size=(n, n))
     assume(np.linalg.cond(B) < 1e4)
     x = generator.normal(size=n)
-    found = equilibrium(registry.get_system('linear', A=A, B=B), x)
+    found = find_equilibrium(registry.get_system('linear', A=A, B=B), x)
     assert_allclose(A @ x + B @ found.u, found.drift, atol=1e-8)
 
 
@@ -95,13 +95,13 @@ def test_an_input_beyond_its_limits_does_not_count(tmp_path):
     path.write_text('states: [h, v]\ninputs: [u]\ndynamics: {h: v, v: u - 9.8}\n'
                     'input_bounds: {u: [0, 9]}\nunits: {u: m/s^2}\n')
     with pytest.raises(DynamicsError, match=r'needs u = 9.8 m/s\^2: u is limited to \[0, 9\]'):
-        equilibrium(registry.load_system(path))
+        find_equilibrium(registry.load_system(path))
 
 
 def test_a_start_without_slope_is_left(tmp_path):
     path = tmp_path / 'square.yaml'
     path.write_text('states: [x]\ninputs: [u]\ndynamics: {x: u**2 - x}\n')
-    found = equilibrium(registry.load_system(path), [4.0])
+    found = find_equilibrium(registry.load_system(path), [4.0])
     assert abs(found.u[0]) == pytest.approx(2.0, rel=1e-9)
 
 
@@ -110,7 +110,7 @@ def test_where_f_is_not_defined_is_said(tmp_path):
     path.write_text('states: [x]\ninputs: [u]\ndynamics: {x: sqrt(x) + u}\n')
     root = registry.load_system(path)
     with pytest.raises(DynamicsError, match='at x = -1: f is not defined there'):
-        equilibrium(root, [-1.0])
+        find_equilibrium(root, [-1.0])
     with pytest.raises(DynamicsError, match='derivative of dx/dt by x is inf'):
         linearize(root, np.zeros(1), np.zeros(1))
 
@@ -125,4 +125,4 @@ def test_where_f_is_not_defined_is_said(tmp_path):
 ])
 def test_a_malformed_set_point_is_answered_in_words(x, u, free, words):
     with pytest.raises(DynamicsError, match=words):
-        equilibrium(registry.get_system('aircraft'), x, u, free)
+        find_equilibrium(registry.get_system('aircraft'), x, u, free)

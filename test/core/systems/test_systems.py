@@ -15,7 +15,7 @@ import pytest
 
 A = [[0.0, 1.0, 0.5], [-2.0, 0.3, 0.0], [0.0, 0.0, -1.0]]
 B = [[0.0, 1.0], [2.0, 0.0], [0.0, -3.0]]
-CASES = [*((name, {}) for name in registry.names() if name != 'linear'),
+CASES = [*((name, {}) for name in registry.list_systems() if name != 'linear'),
          ('linear', {'A': A, 'B': B}), ('brockett', {'m': 2}), ('brockett', {'m': 5})]
 value = st.floats(-2.0, 2.0)
 
@@ -174,9 +174,9 @@ def test_brockett_refuses_other_dimensions(m):
 
 
 def test_options_are_told():
-    assert registry.options('brockett') == {'m': 3}
-    assert set(registry.options('linear')) == {'A', 'B'}
-    assert registry.options('aircraft') == {}
+    assert registry.get_options('brockett') == {'m': 3}
+    assert set(registry.get_options('linear')) == {'A', 'B'}
+    assert registry.get_options('aircraft') == {}
     with pytest.raises(DynamicsError, match="no option 'A'"):
         registry.get_system('aircraft', A=1)
 
@@ -214,7 +214,7 @@ def test_limits_follow_the_parameters():
 
 @given(st.text(max_size=30))
 def test_an_unknown_name_is_answered_in_words(name):
-    if name not in registry.names():
+    if name not in registry.list_systems():
         with pytest.raises(ObcError):
             registry.get_registered(name)
 
@@ -268,7 +268,7 @@ aircraft = plug_ins:impostor
 
 
 def test_another_package_adds_a_system(plugins):
-    assert 'pendulum' in registry.names()
+    assert 'pendulum' in registry.list_systems()
     pendulum = registry.get_system('pendulum', {'length': 2.0})
     assert_allclose(pendulum.f(np.array([1.0, 3.0]), np.zeros(1)), [3, 4.9])
 

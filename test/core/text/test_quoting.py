@@ -14,9 +14,9 @@ from obc_ros.core.ocp import statement
 from obc_ros.core.solver import motion_planning, solve
 from obc_ros.core.solver.nlp import minimize
 from obc_ros.core.systems import registry
-from obc_ros.core.text.errors import ObcError, shown
+from obc_ros.core.text.errors import ObcError, quote
 from obc_ros.core.text.expressions import parse_expression, parse_number
-from obc_ros.core.text.yaml_files import entries
+from obc_ros.core.text.yaml_files import read_entries
 
 GOOD: dict[str, Any] = {
     'name': 'good', 'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'},
@@ -35,7 +35,7 @@ def obeyed(text: str) -> list[str]:
 
 
 def problem(**changes: Any) -> Callable[[], Any]:
-    return lambda: statement.problem_from_mapping({**GOOD, **changes})
+    return lambda: statement.build_problem({**GOOD, **changes})
 
 
 def quoted(text: str) -> list[Callable[[], Any]]:
@@ -52,20 +52,20 @@ def quoted(text: str) -> list[Callable[[], Any]]:
         lambda: parse_number(text, {}, text), lambda: parse_expression(text, {}, text),
         lambda: minimize.minimize({'variables': ['x'], 'cost': text, 'bounds': pair}),
         lambda: minimize.minimize({'variables': [text], 'cost': '1'}),
-        lambda: polynomial_bases.basis(text, 3, 2),
+        lambda: polynomial_bases.build_basis(text, 3, 2),
         lambda: motion_planning.find_registered(text, {}),
         lambda: motion_planning.find_registered('aircraft', one),
         lambda: registry.get_system(text),
-        lambda: solve.solve(statement.problem_from_mapping(GOOD), method=text),
-        lambda: weights.square('Qx', [text], 1), lambda: list(entries(text))]
+        lambda: solve.solve(statement.build_problem(GOOD), method=text),
+        lambda: weights.square('Qx', [text], 1), lambda: list(read_entries(text))]
 
 
 @given(TEXTS, st.none() | st.integers(4, 80))
 def test_what_is_shown_can_be_printed(text: str, longest: int | None) -> None:
-    assert not obeyed(shown(text, longest))
-    assert shown(shown(text, None), None) == shown(text, None)
+    assert not obeyed(quote(text, longest))
+    assert quote(quote(text, None), None) == quote(text, None)
     if text.isascii() and text.isprintable():
-        assert shown(text, None) == text
+        assert quote(text, None) == text
 
 
 @given(TEXTS)

@@ -12,9 +12,9 @@ from nav_msgs.msg import Odometry
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.lqr.lqr import lqr
-from obc_ros.core.riccati.fixed_horizon import finite_horizon
+from obc_ros.core.riccati.fixed_horizon import solve_finite_horizon
 from obc_ros.core.systems import registry
-from obc_ros.core.systems.courses import lateral_reference, make_slalom
+from obc_ros.core.systems.courses import build_lateral_reference, make_slalom
 from obc_ros.msg import LqrWeights, State, Trajectory
 from obc_ros.srv import TryDesign
 import pytest
@@ -44,7 +44,7 @@ def test_a_horizon_with_a_terminal_cost(spawn: Any, probe: Any) -> None:
     assert 'is to be reached within 2 s' in bench.design(1).sentence
 
     def gain(to_go: float, P1: Any) -> Array:
-        return finite_horizon(A, B, np.diag([1.0, 0.0]), [[1.0]], P1, [0.0], to_go)[1][0]
+        return solve_finite_horizon(A, B, np.diag([1.0, 0.0]), [[1.0]], P1, [0.0], to_go)[1][0]
 
     P1 = np.diag([50.0, 10.0])
     for t in (0.0, 0.5, 1.5, 1.9, 2.0):
@@ -277,7 +277,7 @@ def test_slalom_of_1_m_and_1_hz(spawn: Any, probe: Any) -> None:
                   x_max=[0.1, 0.1], u_max=[0.2], transition_time=0.2,
                   start_tolerance=[0.3, 0.5])
     t = np.linspace(0.0, 6.0, 3_001)
-    x, u = lateral_reference(*make_slalom(t), 10.0, 2.0)
+    x, u = build_lateral_reference(*make_slalom(t), 10.0, 2.0)
     publisher = probe.publisher(Trajectory, 'reference', LATCHED)
     publisher.publish(reference(t, x, u, 100.0))
     bench.process.wait_for_output('a reference of 6 s')

@@ -8,11 +8,11 @@ from typing import Any
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli.figures import LINE_COLOURS, THIN
-from obc_ros.cli.gallery.drawing import EXACT, label_axes, panels
+from obc_ros.cli.gallery.drawing import create_panels, EXACT, label_axes
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
-from obc_ros.cli.gallery.exact_loops import sampled_loop, simulated_loop
+from obc_ros.cli.gallery.exact_loops import run_sampled_loop, simulate_loop
 from obc_ros.cli.gallery.loop import NodeLoop, Run
-from obc_ros.cli.gallery.runner import Desk, regulator
+from obc_ros.cli.gallery.runner import Desk, read_design
 from obc_ros.core.numerics.arrays import Array
 from scipy.linalg import solve_continuous_are
 
@@ -26,7 +26,7 @@ MEANT = [100.0, 1.0, (3.6 / pi)**2, 0.0, 0.0, 0.0]
 STEPS, LONG = 10.0, 15.0  # [s] of Figures 2.4 and 2.5
 
 
-def linear_model() -> tuple[Array, Array]:
+def linearize_at_hover() -> tuple[Array, Array]:
     """Return A and B at hover."""
     A, B = np.zeros((6, 6)), np.zeros((6, 2))
     A[:3, 3:] = np.eye(3)
@@ -35,15 +35,15 @@ def linear_model() -> tuple[Array, Array]:
     return A, B
 
 
-def gain(Qx: list[float], rho: float) -> Array:
+def compute_gain(Qx: list[float], rho: float) -> Array:
     """Return K of u = -K x, without the server."""
-    A, B = linear_model()
+    A, B = linearize_at_hover()
     return B.T @ solve_continuous_are(A, B, np.diag(Qx), rho * np.eye(2)) / rho
 
 
 def example_2_5(desk: Desk) -> EntryResult:
     """Answer Example 2.5: fly the linear model and the nonlinear aircraft."""
-    A, B = linear_model()
+    A, B = linearize_at_hover()
     cases = {rho: (IDENTITY, rho, STEPS) for rho in (1.0, 0.1, 10.0, 1e2, 1e4)}
     cases |= {'printed': (PRINTED, 0.1, LONG), 'meant': (MEANT, 0.1, LONG)}
     plant = {'system': 'linear', 'system_parameters.A': A, 'system_parameters.B': B}
@@ -54,21 +54,21 @@ def example_2_5(desk: Desk) -> EntryResult:
                    {'system': 'aircraft', 'setpoint': GOAL, 'Qx': IDENTITY,
                     'Qu': [1.0, 1.0]}) as loop:
         whole = {name: _fly(loop, *cases[name]) for name in (1.0, 'printed')}
-        model = regulator(loop.design)
+        model = read_design(loop.design)
     rows = [
         ComparedRow('linearization: $A$', model.A, A, 'Newton, at hover'),
         ComparedRow('linearization: $B$', model.B, B, 'Newton, at hover'),
-        ComparedRow('printed weights: $K$', model.K, gain(PRINTED, 0.1),
+        ComparedRow('printed weights: $K$', model.K, compute_gain(PRINTED, 0.1),
                     'SciPy, `solve_continuous_are`')]
     for name, (Qx, rho, _) in cases.items():
         run, text = linear[name], _text(name)
-        x, u = sampled_loop(A, B, gain(Qx, rho), -GOAL, STEP, len(run.t) - 1)
+        x, u = run_sampled_loop(A, B, compute_gain(Qx, rho), -GOAL, STEP, len(run.t) - 1)
         rows += [ComparedRow(f'{text}, linear: $x(t)$', run.x, GOAL + x, 'recursion, SciPy gain'),
                  ComparedRow(f'{text}, linear: $u(t)$', run.u, u, 'recursion, SciPy gain')]
     for name in whole:
         Qx, rho, _ = cases[name]
         run = whole[name]
-        x, u = _simulated(gain(Qx, rho), len(run.t) - 1)
+        x, u = _simulated(compute_gain(Qx, rho), len(run.t) - 1)
         rows += [
             ComparedRow(f'{_text(name)}, aircraft: $x(t)$', run.x, x, 'Dormand-Prince 8(5,3)'),
                  ComparedRow(f'{_text(name)}, aircraft: inputs [N]', run.u, u,
@@ -109,7 +109,7 @@ def _simulated(K: Array, count: int) -> tuple[Array, Array]:
         return [vx, vy, omega, (u[0] * c - u[1] * s - DAMPING * vx) / MASS,
                 (u[0] * s + u[1] * c - DAMPING * vy) / MASS - GRAVITY, ARM * u[0] / INERTIA]
 
-    return simulated_loop(rate, lambda _, x: hover - K @ (x - GOAL), np.zeros(6), STEP, count)
+    return simulate_loop(rate, lambda _, x: hover - K @ (x - GOAL), np.zeros(6), STEP, count)
 
 
 def _text(name: float | str) -> str:
@@ -118,7 +118,7 @@ def _text(name: float | str) -> str:
 
 
 def _draw(linear: dict[Any, Run], whole: dict[Any, Run]) -> Figure:
-    figure, ((a, legend, caption), (b, inputs, all_inputs), (fall, tilt, weights)) = panels(
+    figure, ((a, legend, caption), (b, inputs, all_inputs), (fall, tilt, weights)) = create_panels(
         3, 3, 2.55)
     for axes, name in ((a, 1.0), (b, 'printed'), (fall, 'printed')):
         for index, text in enumerate('xy'):

@@ -15,12 +15,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli.figures import LINE_COLOURS
-from obc_ros.cli.gallery.drawing import EXACT, label_axes, legend_below, panels
+from obc_ros.cli.gallery.drawing import create_panels, EXACT, label_axes, place_legend_below
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
-from obc_ros.cli.gallery.page import scientific
+from obc_ros.cli.gallery.page import format_scientific
 from obc_ros.cli.gallery.runner import Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.solver.exact.closed_forms import scalar_between, scalar_finite_horizon
+from obc_ros.core.solver.exact.closed_forms import (
+    solve_scalar_between,
+    solve_scalar_finite_horizon,
+)
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq, minimize
 
@@ -34,8 +37,8 @@ _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 NODES, SHARES = (_POINTS + 1) * TF / 2, _WEIGHTS * TF / 2  # exact to degree 47
 
 
-def optimal(power: int, x0: float, c: float, end: float | None = None, *, a: float = 1.0,
-            b: float = 1.0, tf: float = TF) -> dict[str, Any]:
+def state_problem(power: int, x0: float, c: float, end: float | None = None, *, a: float = 1.0,
+                  b: float = 1.0, tf: float = TF) -> dict[str, Any]:
     """Return the problem for x' = -a x^power + b u, with x(tf) = end if that is given."""
     fixed = {} if end is None else {'terminal_constraints': [f'x - {end!r}']}
     return {'states': ['x'], 'inputs': ['u'], 'parameters': {'a': a, 'b': b, 'c': c},
@@ -44,7 +47,7 @@ def optimal(power: int, x0: float, c: float, end: float | None = None, *, a: flo
             'final_time': {'free': False, 'value': tf}, **fixed}
 
 
-def flat(M: int, power: int) -> dict[str, Any]:
+def state_flat_request(M: int, power: int) -> dict[str, Any]:
     """Return the question for the M coefficients of z from 0 to 1, by the cost of a quadrature."""
     names = [f'c{k}' for k in range(M)]
     terms = []
@@ -64,17 +67,17 @@ def compute_curve(c: Sequence[float], t: Array) -> tuple[Array, Array]:
 
 def exercise_2_4(desk: Desk) -> EntryResult:
     """Answer Exercise 2.4, (a) to (e)."""
-    free = desk.solve(**optimal(1, 1.0, 1.0))
-    many = desk.solve_all([optimal(1, 1.0, c) for c in MANY_WEIGHTS], show=0)
-    other = desk.solve(**optimal(1, **OTHER), show=0)
-    nothing = desk.solve(**optimal(1, 0.0, 1.0), show=0)
-    best = desk.solve(**optimal(1, 0.0, 1.0, 1.0))
-    found = desk.minimize_all([flat(M, 1) for M in COUNTS])
-    a = scalar_finite_horizon(-1.0, 1.0, 1.0, 1.0, free.t, tf=TF)
-    b = scalar_finite_horizon(-OTHER['a'], OTHER['b'], OTHER['c'], OTHER['x0'], other.t,
-                              tf=OTHER['tf'])
+    free = desk.solve(**state_problem(1, 1.0, 1.0))
+    many = desk.solve_all([state_problem(1, 1.0, c) for c in MANY_WEIGHTS], show=0)
+    other = desk.solve(**state_problem(1, **OTHER), show=0)
+    nothing = desk.solve(**state_problem(1, 0.0, 1.0), show=0)
+    best = desk.solve(**state_problem(1, 0.0, 1.0, 1.0))
+    found = desk.minimize_all([state_flat_request(M, 1) for M in COUNTS])
+    a = solve_scalar_finite_horizon(-1.0, 1.0, 1.0, 1.0, free.t, tf=TF)
+    b = solve_scalar_finite_horizon(-OTHER['a'], OTHER['b'], OTHER['c'], OTHER['x0'], other.t,
+                                    tf=OTHER['tf'])
     ends = [exp(-TF) / (1 + c * (1 - exp(-2 * TF)) / 2) for c in MANY_WEIGHTS]
-    between = scalar_between(-1.0, 1.0, 0.0, 1.0, best.t, tf=TF)
+    between = solve_scalar_between(-1.0, 1.0, 0.0, 1.0, best.t, tf=TF)
     t = np.linspace(0, TF, 101)
     z, dz = compute_curve(found[0].x, t)
     rows = [
@@ -107,7 +110,7 @@ def exercise_2_4(desk: Desk) -> EntryResult:
         'ends, $M = 2$. (d) The flat trajectory costs '
         f'{100 * shares[0]:.2g} % more than the optimum. (e) Coefficients to spare lower the '
         f'cost: {100 * shares[1]:.2g} % above the optimum with $M = 3$, '
-        f'{scientific(f"{100 * shares[2]:.1g}")} % with $M = 4$.',),
+        f'{format_scientific(f"{100 * shares[2]:.1g}")} % with $M = 4$.',),
         f'The optimum of part (a) from $x(0) = 0$ has $J = {nothing.J:.3g}$ and ends at '
         f'$x(1) = {nothing.x["x"][-1]:.3g}$; with $x(1) = 1$ demanded, $J = {best.J:.6f}$.')
 
@@ -126,9 +129,9 @@ def _least_square(M: int) -> float:
 
 def exercise_2_5(desk: Desk) -> EntryResult:
     """Answer Exercise 2.5."""
-    free = desk.solve(**optimal(3, 1.0, 1.0), method='indirect')
-    best = desk.solve(**optimal(3, 0.0, 1.0, 1.0), method='indirect')
-    found = desk.minimize_all([flat(M, 3) for M in COUNTS])
+    free = desk.solve(**state_problem(3, 1.0, 1.0), method='indirect')
+    best = desk.solve(**state_problem(3, 0.0, 1.0, 1.0), method='indirect')
+    found = desk.minimize_all([state_flat_request(M, 3) for M in COUNTS])
     x, lam, J = _shoot(free.t)
     E, dx = _first_integral()
     way = _along(dx, best.t)
@@ -216,7 +219,7 @@ def _least(M: int) -> float:
 def _draw(drift: str, free: Trajectory, best: Trajectory, found: list[Any], power: int
           ) -> tuple[Figure, Axes]:
     """Return a figure, and those axes of it that are still empty."""
-    figure, ((states, inputs), (costs, last)) = panels(2, 2, 2.9)
+    figure, ((states, inputs), (costs, last)) = create_panels(2, 2, 2.9)
     t = np.linspace(0, TF, 101)
     for index, M in enumerate((2, 3)):
         z, dz = compute_curve(found[index].x, t)
@@ -228,7 +231,7 @@ def _draw(drift: str, free: Trajectory, best: Trajectory, found: list[Any], powe
         axes.plot(free.t, other, color=LINE_COLOURS[3], label='(a) optimal from $x(0) = 1$')
         axes.set_xlim(0, TF)
     if power == 1:
-        known = scalar_finite_horizon(-1.0, 1.0, 1.0, 1.0, t, tf=TF)
+        known = solve_scalar_finite_horizon(-1.0, 1.0, 1.0, 1.0, t, tf=TF)
         shown = (np.sinh(t) / sinh(1), np.exp(t) / sinh(1)), (known.x, known.u)
     else:
         x, lam, _ = _shoot(t)
@@ -240,7 +243,7 @@ def _draw(drift: str, free: Trajectory, best: Trajectory, found: list[Any], powe
         inputs.plot(t, u, **EXACT)
     label_axes(states, 'state', 'time $t$ [s]', '$x(t)$')
     label_axes(inputs, 'input', 'time $t$ [s]', '$u(t)$ [1/s]')
-    legend_below(figure, states, 5)
+    place_legend_below(figure, states, 5)
     costs.semilogy(COUNTS, [each.objective - best.J for each in found], 'o-',
                    color=LINE_COLOURS[0])
     costs.set_xticks(COUNTS)

@@ -8,9 +8,9 @@ from typing import Any
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli.figures import LINE_COLOURS, THIN
-from obc_ros.cli.gallery.drawing import label_axes, legend_below, panels
+from obc_ros.cli.gallery.drawing import create_panels, label_axes, place_legend_below
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
-from obc_ros.cli.gallery.page import scientific
+from obc_ros.cli.gallery.page import format_scientific
 from obc_ros.cli.gallery.runner import Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array
 from scipy.interpolate import CubicHermiteSpline
@@ -30,7 +30,7 @@ def solve_double_integrator(x: float, v: float) -> tuple[float, float, float]:
     return side * v + 2 * root, side * v + root, side
 
 
-def oscillator(first: int, switches: int, begin: float, end: float) -> tuple[Array, Array]:
+def start_backwards(first: int, switches: int, begin: float, end: float) -> tuple[Array, Array]:
     """
     Return the state from which these arcs lead to the origin, and the times between them.
 
@@ -53,7 +53,7 @@ def example_2_3(desk: Desk) -> EntryResult:
     plain = desk.solve_all([{
         'system': 'double_integrator', 'initial_state': {'x1': x, 'x2': v}, **common}
         for x, v in STARTS])
-    known = [oscillator(*arcs) for arcs in ARCS]
+    known = [start_backwards(*arcs) for arcs in ARCS]
     turning = desk.solve_all([{
         'states': ['x1', 'x2'], 'inputs': ['u'], 'dynamics': {'x1': 'x2', 'x2': '-x1 + u'},
         'initial_state': {'x1': float(x), 'x2': float(v)}, **common} for (x, v), _ in known])
@@ -109,7 +109,7 @@ def _costates(paths: list[Trajectory], plain: Array, known: list[tuple[Array, Ar
 
 
 def _draw_2_3(plain: list[Trajectory], turning: list[Trajectory]) -> Figure:
-    figure, ((left, middle, right),) = panels(1, 3, 3.3, width_ratios=(1, 1, 1.1))
+    figure, ((left, middle, right),) = create_panels(1, 3, 3.3, width_ratios=(1, 1, 1.1))
     for axes, paths in ((left, plain), (middle, turning)):
         for path in paths:
             for sign, colour in ((-1, LINE_COLOURS[0]), (1, LINE_COLOURS[1])):
@@ -140,7 +140,7 @@ def _draw_2_3(plain: list[Trajectory], turning: list[Trajectory]) -> Figure:
                '$u$, $\\lambda^T B$, $H$')
     right.set(xlim=(0, path.T), ylim=(-1.3, 1.7))
     right.legend(loc='upper center', ncols=3, columnspacing=1.2)
-    legend_below(figure, left, 3)
+    place_legend_below(figure, left, 3)
     return figure
 
 
@@ -154,11 +154,11 @@ def smooth(path: Trajectory) -> tuple[Array, Array, Array]:
 
 
 LINES = (0.5, 2.0, 3.0)
-LOOPS = ((1.0, 1.0), (2.0, 0.5), (0.5, 1.5))  # a and d of `diamond`
+LOOPS = ((1.0, 1.0), (2.0, 0.5), (0.5, 1.5))  # a and d of `walk_diamond`
 AREAS = (0.5, 2.0)
 
 
-def diamond(a: float, d: float) -> tuple[float, float, list[float]]:
+def walk_diamond(a: float, d: float) -> tuple[float, float, list[float]]:
     """
     Return x3(T), T and the switching times of the way round a diamond to (a, 0, x3).
 
@@ -170,7 +170,7 @@ def diamond(a: float, d: float) -> tuple[float, float, list[float]]:
     return 2 * r * r - a * a / 4, 2 * (r + d), [d, d + r, d + 2 * r]
 
 
-def costates(a: float, d: float, t: Array) -> Array:
+def compute_diamond_costates(a: float, d: float, t: Array) -> Array:
     """
     Return the costates, shape (N, 3), on the way round a diamond.
 
@@ -185,7 +185,7 @@ def costates(a: float, d: float, t: Array) -> Array:
 def example_2_6(desk: Desk) -> EntryResult:
     """Answer Example 2.6: the singular line, and paths that switch."""
     lines = desk.solve_all([_nonholonomic(rho, 0.0) for rho in LINES])
-    exact = [diamond(a, d) for a, d in LOOPS]
+    exact = [walk_diamond(a, d) for a, d in LOOPS]
     loops = desk.solve_all([
         _nonholonomic(a, x3) for (a, _), (x3, _, _) in zip(LOOPS, exact, strict=True)])
     closed = desk.solve_all([_nonholonomic(0.0, area) for area in AREAS], show=0)
@@ -207,7 +207,7 @@ def example_2_6(desk: Desk) -> EntryResult:
                         'corners of the diamond'),
             ComparedRow(f'to $({a:g}, 0, {x3:g})$: costates',
                         np.column_stack([path.lam[name] for name in ('x1', 'x2', 'x3')]),
-                        costates(a, d, path.t),
+                        compute_diamond_costates(a, d, path.t),
                         '$(d, x_1 - a/2, -1) / (d + a/2)$; $d$ is how far back')]
     shown, paths = loops[0], [*lines, *loops, *closed]
     rows += [
@@ -216,7 +216,7 @@ def example_2_6(desk: Desk) -> EntryResult:
         ComparedRow('$H$ along all paths', np.concatenate([p.hamiltonian for p in paths]),
                     np.zeros(sum(p.t.size for p in paths)), '$H = 0$, as $T$ is free')]
     printed = _printed(shown)
-    off = float(np.abs(costates(*LOOPS[0], shown.t)[:, 1] - shown.lam['x2']).max())
+    off = float(np.abs(compute_diamond_costates(*LOOPS[0], shown.t)[:, 1] - shown.lam['x2']).max())
     return EntryResult(rows, _draw_2_6(lines[1], shown, printed), (
         'On the line $λ_2 ≡ λ_3 ≡ 0$: $H$ does not depend on $u_2$, the extremal is singular in '
         '$u_2$. The least time $ρ$ requires only $u_1 ≡ 1$: every $x_2(t)$ with zero mean that '
@@ -226,7 +226,7 @@ def example_2_6(desk: Desk) -> EntryResult:
         'the switching times.'),
         f'On the path to (1, 0, 4.25), $λ_2$ integrated by the printed equation is off by up to '
         f'{np.abs(printed - shown.lam["x2"]).max():.2g}; by the corrected one by '
-        f'{scientific(f"{off:.0e}")}.')
+        f'{format_scientific(f"{off:.0e}")}.')
 
 
 def _nonholonomic(x1: float, x3: float) -> dict[str, Any]:
@@ -243,7 +243,7 @@ def _printed(path: Trajectory) -> Array:
 
 
 def _draw_2_6(line: Trajectory, loop: Trajectory, printed: Array) -> Figure:
-    figure, ((plane, third), (inputs, costates)) = panels(2, 2, 2.9)
+    figure, ((plane, third), (inputs, costates)) = create_panels(2, 2, 2.9)
     s = np.linspace(0, 2, 201)
     plane.plot(s, np.interp(s, [0, 0.5, 1.5, 2], [0, 0.5, -0.5, 0]), color='0.7',
                label='same time to (2, 0, 0)')
@@ -256,7 +256,7 @@ def _draw_2_6(line: Trajectory, loop: Trajectory, printed: Array) -> Figure:
     plane.set(aspect='equal')
     plane.set(xticks=[-1, 0, 1, 2], yticks=[0, 1, 2])
     label_axes(plane, 'paths in the plane', '$x_1$', '$x_2$')
-    legend_below(figure, plane, 3)
+    place_legend_below(figure, plane, 3)
     for path, colour in ((line, LINE_COLOURS[1]), (loop, LINE_COLOURS[0])):
         third.plot(path.t, path.x['x3'], color=colour)
     label_axes(third, 'third state', 'time $t$ [s]', '$x_3$')

@@ -7,21 +7,21 @@ from typing import Any
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli.figures import LINE_COLOURS
-from obc_ros.cli.gallery.drawing import EXACT, label_axes, panels
-from obc_ros.cli.gallery.entries.regulators import lq_problem
+from obc_ros.cli.gallery.drawing import create_panels, EXACT, label_axes
+from obc_ros.cli.gallery.entries.regulators import state_lq_problem
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
-from obc_ros.cli.gallery.exact_loops import free_motion, matched
+from obc_ros.cli.gallery.exact_loops import compute_free_motion, match_poles
 from obc_ros.cli.gallery.loop import UnansweredError
 from obc_ros.cli.gallery.runner import AnsweredRegulator, design_request, Desk
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.solver.exact.closed_forms import lag_regulator
+from obc_ros.core.solver.exact.closed_forms import solve_lag_regulator
 from obc_ros.srv import DesignLqr
 from scipy.linalg import solve_continuous_are
 
 SYSTEMS = 24
 
 
-def random_systems() -> list[tuple[Array, Array, Array, float]]:
+def draw_systems() -> list[tuple[Array, Array, Array, float]]:
     """Return A, B, C and rho of random systems with 2 to 6 states, most of them unstable."""
     random = np.random.default_rng(27)
     found = []
@@ -34,7 +34,7 @@ def random_systems() -> list[tuple[Array, Array, Array, float]]:
 
 def exercise_2_7(desk: Desk) -> EntryResult:
     """Answer Exercise 2.7 on random systems, and its counterexample."""
-    systems = random_systems()
+    systems = draw_systems()
     designs = desk.design_all([
         {'A': A, 'B': B, 'weights': 'output', 'H': C, 'rho': rho} for A, B, C, rho in systems])
     refused, = desk.ask([design_request(
@@ -47,7 +47,7 @@ def exercise_2_7(desk: Desk) -> EntryResult:
         K = B.T @ P / rho
         gains.append((found.K, K))
         E = np.linalg.eigvals(A - B @ K)
-        poles.append(matched(found.E, E))
+        poles.append(match_poles(found.E, E))
         wanted.append(E)
     own, exact = np.concatenate(poles), np.concatenate(wanted)
     rows = [
@@ -66,7 +66,7 @@ def exercise_2_7(desk: Desk) -> EntryResult:
 
 
 def _draw_2_7(systems: list[Any], designs: list[AnsweredRegulator]) -> Figure:
-    figure, ((plane, slowest),) = panels(1, 2, 3.3)
+    figure, ((plane, slowest),) = create_panels(1, 2, 3.3)
     for (A, *_), found in zip(systems, designs, strict=True):
         before = np.linalg.eigvals(A)
         plane.plot(before.real, before.imag, 'x', color='0.6', markersize=5)
@@ -97,7 +97,7 @@ ZEROS = (0.5, 1.0, 4.0)
 X0, LONG = np.array([1.0, 0.0]), 60.0  # [s] the slowest pole is at -0.34
 
 
-def lag(a: float) -> tuple[Array, Array]:
+def build_lag(a: float) -> tuple[Array, Array]:
     """Return A and B of Exercise 2.8."""
     return np.array([[0.0, 1.0], [0.0, -a]]), np.array([[0.0], [1.0]])
 
@@ -106,16 +106,17 @@ def exercise_2_8(desk: Desk) -> EntryResult:
     """Answer Exercise 2.8 over a and b."""
     Qx, Qu = np.diag([1.0, 0.0]), np.eye(1)
     designs = desk.design_all([
-        {'A': lag(a)[0], 'B': lag(a)[1], 'Qx': [1.0, 0.0], 'Qu': [1.0]} for a in LAGS])
-    paths = desk.solve_all([lq_problem(*lag(a), Qx, Qu, X0, LONG) for a in LAGS], show=0)
-    exact = [lag_regulator(a) for a in LAGS]
+        {'A': build_lag(a)[0], 'B': build_lag(a)[1], 'Qx': [1.0, 0.0], 'Qu': [1.0]} for a in LAGS])
+    paths = desk.solve_all([state_lq_problem(*build_lag(a), Qx, Qu, X0, LONG) for a in LAGS],
+                           show=0)
+    exact = [solve_lag_regulator(a) for a in LAGS]
     four = []
     for a, found in zip(LAGS, designs, strict=True):
         (p11, p12), (p21, p22) = found.P
         four.append([1 - p12 * p21, p11 - a * p12 - p12 * p22, p11 - a * p21 - p21 * p22,
                      p12 + p21 - 2 * a * p22 - p22**2])
-    motions = [free_motion(A - B @ own.K, X0, path.t) for (A, B), own, path in zip(
-        map(lag, LAGS), exact, paths, strict=True)]
+    motions = [compute_free_motion(A - B @ own.K, X0, path.t) for (A, B), own, path in zip(
+        map(build_lag, LAGS), exact, paths, strict=True)]
     outputs = [(b * path.x['x1'] + path.x['x2'], motion @ [b, 1.0])
                for path, motion in zip(paths, motions, strict=True) for b in ZEROS]
     rows = [
@@ -143,7 +144,7 @@ def exercise_2_8(desk: Desk) -> EntryResult:
 
 
 def _draw_2_8(designs: list[AnsweredRegulator], paths: list[Any], motions: list[Array]) -> Figure:
-    figure, ((gains, loop, outputs),) = panels(1, 3)
+    figure, ((gains, loop, outputs),) = create_panels(1, 3)
     a = np.linspace(0, 3.2, 100)
     root = np.sqrt(a**2 + 2)
     gains.plot(a, np.ones_like(a), color=LINE_COLOURS[0], linewidth=1)

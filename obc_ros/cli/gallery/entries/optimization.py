@@ -8,7 +8,7 @@ from typing import Any
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli.figures import LINE_COLOURS, THIN
-from obc_ros.cli.gallery.drawing import arrow, label_axes, panels, WIDTH
+from obc_ros.cli.gallery.drawing import create_panels, draw_arrow, label_axes, WIDTH
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.runner import Desk, minimize_request
 from obc_ros.core.numerics.arrays import Array
@@ -139,8 +139,8 @@ def _draw_plane(axes: Any, found: Any) -> None:
               bbox=WHITE)
     at = np.array(found.x)
     gradient = 2 * (at - [a, b])
-    arrow(axes, at, 0.8 * gradient, color=LINE_COLOURS[0])
-    arrow(axes, at, [1, -1], color=LINE_COLOURS[2])
+    draw_arrow(axes, at, 0.8 * gradient, color=LINE_COLOURS[0])
+    draw_arrow(axes, at, [1, -1], color=LINE_COLOURS[2])
     for text, end, colour in (('F', 0.8 * gradient, LINE_COLOURS[0]),
                               ('G', [1, -1], LINE_COLOURS[2])):
         axes.text(*(at + end + [0.1, 0.12]), rf'$\partial {text}/\partial x$', color=colour,
@@ -247,7 +247,7 @@ def _saddle(random: np.random.Generator, G: Array) -> tuple[Array, Array, Array]
 
 
 def _draw_ex_2_1(measured: Array, c: Array, lam: list[Any], exact: list[Array]) -> Figure:
-    figure, ((spanned, curved, saddle),) = panels(1, 3)
+    figure, ((spanned, curved, saddle),) = create_panels(1, 3)
     for axes, values, wanted, title in (
             (spanned, measured, c, r'(a) $F = \lambda_1 G_1 + \lambda_2 G_2$'),
             (curved, np.array(lam), np.array([e[N:] for e in exact]), '(b) quadratic $f$')):

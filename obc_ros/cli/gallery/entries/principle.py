@@ -7,7 +7,7 @@ from typing import Any
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli.figures import LINE_COLOURS, THIN
-from obc_ros.cli.gallery.drawing import EXACT, label_axes, panels
+from obc_ros.cli.gallery.drawing import create_panels, EXACT, label_axes
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.runner import Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array
@@ -17,7 +17,7 @@ from scipy.optimize import fsolve
 LIMIT, TARGET, T = 0.6, 1.0, 3.0  # |u|, theta(T) [rad], [s]
 
 
-def law(lam: Any) -> Any:
+def minimize_hamiltonian(lam: Any) -> Any:
     """Return the input that minimises H over |u| <= LIMIT."""
     return np.clip(-lam, -LIMIT, LIMIT)
 
@@ -35,14 +35,15 @@ def theorem_2_1(desk: Desk) -> EntryResult:
     nu = path.nu[0]
     grid = np.linspace(-LIMIT, LIMIT, 241)
     H = compute_hamiltonian(path, grid[:, None])
-    least = compute_hamiltonian(path, law(path.lam['omega']))
-    H0 = law(lam2[0])**2 / 2 + lam2[0] * law(lam2[0])  # at x(0) = 0
+    least = compute_hamiltonian(path, minimize_hamiltonian(path.lam['omega']))
+    first = minimize_hamiltonian(lam2[0])  # at x(0) = 0
+    H0 = first**2 / 2 + lam2[0] * first
     rows = [
         ComparedRow("$x' = (∂H/∂λ)^T$: $θ*(t)$ [rad]", path.x['theta'], theta, 'shooting'),
         ComparedRow("$x' = (∂H/∂λ)^T$: $ω*(t)$ [rad/s]", path.x['omega'], omega, 'shooting'),
         ComparedRow("$-λ' = (∂H/∂x)^T$: $λ_1(t)$", path.lam['theta'], lam1, 'shooting'),
         ComparedRow("$-λ' = (∂H/∂x)^T$: $λ_2(t)$", path.lam['omega'], lam2, 'shooting'),
-        ComparedRow('$u*(t)$ [rad/s²]', path.u['u'], law(lam2), 'shooting'),
+        ComparedRow('$u*(t)$ [rad/s²]', path.u['u'], minimize_hamiltonian(lam2), 'shooting'),
         ComparedRow('$x(0)$ given', [path.x['theta'][0], path.x['omega'][0]], [0.0, 0.0], '0'),
         ComparedRow('$ψ(x(T)) = θ(T) - 1$ [rad]', path.x['theta'][-1] - TARGET, 0.0, '0'),
         ComparedRow('$λ(T) = ∂V/∂x + ν^T ∂ψ/∂x$',
@@ -78,7 +79,7 @@ def shoot(t: Array) -> tuple[Array, Array, Array, Array, float]:
     """Return theta, omega, lambda_1, lambda_2 at times, and J, without the server."""
     def slope(_: float, y: Array) -> list[Any]:
         theta, omega, lam1, lam2, _ = y
-        u = law(lam2)
+        u = minimize_hamiltonian(lam2)
         return [omega, u - np.sin(theta), lam2 * np.cos(theta) - theta, -lam1,
                 (theta**2 + u**2) / 2]
 
@@ -96,7 +97,7 @@ def shoot(t: Array) -> tuple[Array, Array, Array, Array, float]:
 
 
 def _draw(path: Trajectory, exact: tuple[Array, ...], grid: Array, valley: Array) -> Figure:
-    figure, ((states, costates), (inputs, above)) = panels(2, 2, 2.9)
+    figure, ((states, costates), (inputs, above)) = create_panels(2, 2, 2.9)
     for axes, pairs, values, names in (
             (states, path.x, exact[:2], (r'$\theta$', r'$\omega$')),
             (costates, path.lam, exact[2:], (r'$\lambda_1$', r'$\lambda_2$'))):

@@ -8,13 +8,13 @@ from typing import Any
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli.figures import LINE_COLOURS, THIN
-from obc_ros.cli.gallery.drawing import EXACT, label_axes, panels
+from obc_ros.cli.gallery.drawing import create_panels, EXACT, label_axes
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
-from obc_ros.cli.gallery.exact_loops import free_motion, sampled_loop
+from obc_ros.cli.gallery.exact_loops import compute_free_motion, run_sampled_loop
 from obc_ros.cli.gallery.loop import Run
 from obc_ros.cli.gallery.runner import AnsweredRegulator, Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.solver.exact.closed_forms import double_integrator_regulator
+from obc_ros.core.solver.exact.closed_forms import solve_double_integrator_regulator
 from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
 
 N, M = 4, 2
@@ -30,7 +30,8 @@ def make_plant() -> tuple[Array, Array, Array, Array]:
         np.diag([1.0, 0.5])
 
 
-def lq_problem(A: Array, B: Array, Qx: Array, Qu: Array, x0: Array, T: float) -> dict[str, Any]:
+def state_lq_problem(
+        A: Array, B: Array, Qx: Array, Qu: Array, x0: Array, T: float) -> dict[str, Any]:
     """Return the problem with the cost of Theorem 2.2 over [0, T]."""
     n, m = B.shape
     x, u = [f'x{i + 1}' for i in range(n)], [f'u{j + 1}' for j in range(m)]
@@ -48,12 +49,13 @@ def theorem_2_2(desk: Desk) -> EntryResult:
     Qx = H.T @ H
     found, = desk.design_all([{'A': A, 'B': B, 'Qx': Qx, 'Qu': Qu}])
     starts = np.vstack([np.eye(N)[0], np.ones(N)])
-    long = desk.solve_all([lq_problem(A, B, Qx, Qu, x0, LONG) for x0 in starts])
-    short = desk.solve_all([lq_problem(A, B, Qx, Qu, starts[-1], T) for T in HORIZONS], show=0)
+    long = desk.solve_all([state_lq_problem(A, B, Qx, Qu, x0, LONG) for x0 in starts])
+    short = desk.solve_all([state_lq_problem(A, B, Qx, Qu, starts[-1], T) for T in HORIZONS],
+                           show=0)
     P = solve_continuous_are(A, B, Qx, Qu)
     K = np.linalg.solve(Qu, B.T @ P)
     left = P @ A + A.T @ P - P @ B @ K + Qx
-    motion = free_motion(A - B @ K, starts[-1], long[-1].t)
+    motion = compute_free_motion(A - B @ K, starts[-1], long[-1].t)
     own = found.P @ A + A.T @ found.P - found.P @ B @ found.K + Qx
     rows = [
         ComparedRow('$P$', found.P, P, 'SciPy, `solve_continuous_are`'),
@@ -92,7 +94,7 @@ def _draw_thm_2_2(found: AnsweredRegulator, short: list[Trajectory], long: Traje
     A, B, H, Qu = make_plant()
     x0 = np.ones(N)
     best = float(x0 @ found.P @ x0)
-    figure, ((costs, states, gains),) = panels(1, 3)
+    figure, ((costs, states, gains),) = create_panels(1, 3)
     T = np.linspace(0.05, 12, 200)
     costs.plot(HORIZONS, [path.J for path in short], 'o', color=LINE_COLOURS[0], markersize=4,
                label='trajectory_server')
@@ -139,7 +141,7 @@ DOUBLE = {'A': [[0.0, 1.0], [0.0, 0.0]], 'B': [[0.0], [1.0]]}
 def example_2_4(desk: Desk) -> EntryResult:
     """Answer Example 2.4 over q, and compare its gain with the printed one in a loop."""
     found = desk.design_all([{**DOUBLE, 'Qx': [q * q, 0.0], 'Qu': [1.0]} for q in WEIGHTS])
-    exact = [double_integrator_regulator(q) for q in WEIGHTS]
+    exact = [solve_double_integrator_regulator(q) for q in WEIGHTS]
     printed = np.array([[1 / Q, sqrt(2 / Q)]])
     cost, cost_printed = (path.J for path in desk.solve_all([
         _with_gain(np.array([[Q, sqrt(2 * Q)]])), _with_gain(printed)], show=0))
@@ -151,7 +153,7 @@ def example_2_4(desk: Desk) -> EntryResult:
         wrong = loop.run(DURATION)
     count = len(right.t) - 1
     A, B = (np.array(DOUBLE[key]) for key in 'AB')
-    ends = [sampled_loop(A, B, K, [1, 0], STEP, count) for K in (exact[4].K, printed)]
+    ends = [run_sampled_loop(A, B, K, [1, 0], STEP, count) for K in (exact[4].K, printed)]
     rows = [
         ComparedRow('$K$ for seven $q$ from 0.1 to 10', [each.K for each in found],
                     [each.K for each in exact], '$[q, √(2q)]$'),
@@ -189,7 +191,7 @@ def _with_gain(K: Array) -> dict[str, Any]:
 
 
 def _draw_2_4(found: list[AnsweredRegulator], right: Run, wrong: Run) -> Figure:
-    figure, ((gains, states, inputs),) = panels(1, 3)
+    figure, ((gains, states, inputs),) = create_panels(1, 3)
     q = np.logspace(-1, 1, 100)
     for index, (own, printed) in enumerate(((q, 1 / q), (np.sqrt(2 * q), np.sqrt(2 / q)))):
         gains.loglog(WEIGHTS, [each.K[0, index] for each in found], 'os'[index],

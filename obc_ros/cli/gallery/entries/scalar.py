@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 from obc_ros.cli.figures import LINE_COLOURS, THIN
-from obc_ros.cli.gallery.drawing import EXACT, label_axes, legend_below, panels
+from obc_ros.cli.gallery.drawing import create_panels, EXACT, label_axes, place_legend_below
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.loop import UnansweredError
 from obc_ros.cli.gallery.runner import design_request, Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.solver.exact.closed_forms import scalar_finite_horizon, scalar_infinite_horizon
+from obc_ros.core.solver.exact.closed_forms import (
+    solve_scalar_finite_horizon,
+    solve_scalar_infinite_horizon,
+)
 from obc_ros.srv import DesignLqr
 
 WEIGHTS = (0.1, 1.0, 10.0, 100.0)
@@ -29,13 +32,13 @@ def state_example_2_2(a: float, b: float, x0: float, tf: float, c: float | None)
             'final_time': {'free': False, 'value': tf}}
 
 
-def book_2_4(t: Array, c: float) -> Array:
+def evaluate_equation_2_4(t: Array, c: float) -> Array:
     """Return u*(t) as equation (2.4) has it."""
     s = 2 * A - B**2 * c * (1 - np.exp(2 * A * TF))
     return -2 * A * B * c * np.exp(A * (2 * TF - t)) * X0 / s
 
 
-def book_2_5(t: Array, c: float) -> Array:
+def evaluate_equation_2_5(t: Array, c: float) -> Array:
     """Return x*(t) as equation (2.5) has it."""
     s = 2 * A - B**2 * c * (1 - np.exp(2 * A * TF))
     return (X0 * np.exp(A * t) + B**2 * c * np.exp(A * TF) * X0 / s
@@ -49,11 +52,13 @@ def example_2_2(desk: Desk) -> EntryResult:
     limit = desk.solve(**state_example_2_2(A, B, X0, TF, None))
     rows = []
     for c, path in zip(WEIGHTS, paths, strict=True):
-        rows += [ComparedRow(f'$x*(t)$, $c = {c:g}$', path.x['x'], book_2_5(path.t, c),
+        rows += [ComparedRow(f'$x*(t)$, $c = {c:g}$', path.x['x'],
+                             evaluate_equation_2_5(path.t, c),
                              'equation (2.5)'),
-                 ComparedRow(f'$u*(t)$, $c = {c:g}$', path.u['u'], book_2_4(path.t, c),
+                 ComparedRow(f'$u*(t)$, $c = {c:g}$', path.u['u'],
+                             evaluate_equation_2_4(path.t, c),
                              'equation (2.4)')]
-    costate = paths[2].lam['x'], 10.0 * book_2_5(np.array(TF), 10.0) * np.exp(
+    costate = paths[2].lam['x'], 10.0 * evaluate_equation_2_5(np.array(TF), 10.0) * np.exp(
         A * (TF - paths[2].t))
     growth = 1 - np.exp(-2 * A * TF)
     ends = np.array([path.x['x'][-1] for path in many])
@@ -63,7 +68,8 @@ def example_2_2(desk: Desk) -> EntryResult:
                     [2 * A * np.exp(A * TF) * X0 / (2 * A + B**2 * c * np.expm1(2 * A * TF))
                      for c in MANY_WEIGHTS], 'equation (2.5) at $t_f$', relative=True),
         ComparedRow('cost $J$ for $c$ from 0.01 to $10^8$', [path.J for path in many],
-                    [scalar_finite_horizon(A, B, c, X0, [0.0], tf=TF).J for c in MANY_WEIGHTS],
+                    [solve_scalar_finite_horizon(A, B, c, X0, [0.0], tf=TF).J
+                     for c in MANY_WEIGHTS],
                     '$½ P(t_0) x(t_0)^2$', relative=True),
         ComparedRow('$x(t_f)$ with the constraint $x(t_f) = 0$', limit.x['x'][-1], 0.0,
                     'the limit $c → ∞$'),
@@ -77,13 +83,13 @@ def example_2_2(desk: Desk) -> EntryResult:
 
 
 def _draw_2_2(paths: list[Trajectory], many: list[Trajectory], limit: Trajectory) -> Any:
-    figure, ((states, inputs, ends),) = panels(1, 3)
+    figure, ((states, inputs, ends),) = create_panels(1, 3)
     t = np.linspace(0, TF, 200)
     for c, path, colour in zip(WEIGHTS, paths, LINE_COLOURS, strict=False):
         states.plot(path.t, path.x['x'], color=colour, label=f'$c = {c:g}$')
         inputs.plot(path.t, path.u['u'], color=colour, label=f'$c = {c:g}$')
-        states.plot(t, book_2_5(t, c), **EXACT)
-        inputs.plot(t, book_2_4(t, c), **EXACT)
+        states.plot(t, evaluate_equation_2_5(t, c), **EXACT)
+        inputs.plot(t, evaluate_equation_2_4(t, c), **EXACT)
     for axes, values in ((states, limit.x['x']), (inputs, limit.u['u'])):
         axes.plot(limit.t, values, color='0.8', linewidth=4, zorder=1, label='$x(t_f) = 0$')
         axes.plot([], [], label='equations (2.5), (2.4)', **EXACT)
@@ -91,11 +97,12 @@ def _draw_2_2(paths: list[Trajectory], many: list[Trajectory], limit: Trajectory
     ends.loglog(MANY_WEIGHTS, [path.x['x'][-1] for path in many], 'o', markersize=4,
                 color=LINE_COLOURS[0], label='trajectory_server')
     fine = np.logspace(-2, 8, 200)
-    ends.loglog(fine, [book_2_5(np.array(TF), c) for c in fine], label='equation (2.5)', **EXACT)
+    ends.loglog(fine, [evaluate_equation_2_5(np.array(TF), c) for c in fine],
+                label='equation (2.5)', **EXACT)
     label_axes(states, 'state', 'time $t$ [s]', '$x^*(t)$')
     label_axes(inputs, 'input', 'time $t$ [s]', '$u^*(t)$ [1/s]')
     label_axes(ends, 'final state', 'weight $c$', '$x^*(t_f)$', legend=True)
-    legend_below(figure, states, 6)
+    place_legend_below(figure, states, 6)
     figure.suptitle(f'$\\dot x = ax + bu$,  $a = {A:g}$ s$^{{-1}}$,  $b = {B:g}$,  '
                     f'$x(0) = {X0:g}$,  $t_f = {TF:g}$ s')
     return figure
@@ -117,8 +124,8 @@ def exercise_2_9(desk: Desk) -> EntryResult:
         raise UnansweredError('a gain was given for $Q_x = 0$, which sees no state')
     rows, distances = [], []
     for (c, tf), path in zip(CURVES, paths, strict=True):
-        exact = scalar_finite_horizon(a, b, c, x0, path.t, tf=tf)
-        far = scalar_infinite_horizon(a, b, x0, path.t).x
+        exact = solve_scalar_finite_horizon(a, b, c, x0, path.t, tf=tf)
+        far = solve_scalar_infinite_horizon(a, b, x0, path.t).x
         name = f'$c = {c:g}$, $t_f = {tf:g}$ s'
         rows.append(ComparedRow(f'$x*(t)$, {name}', path.x['x'], exact.x, 'Example 2.2',
                                 relative=True))
@@ -161,7 +168,7 @@ def _ratio(path: Trajectory, exact: float) -> tuple[Array, Array]:
 
 
 def _draw_2_9(paths: list[Trajectory], distances: Sequence[float]) -> Any:
-    figure, ((short, long, away),) = panels(1, 3, 3.3, width_ratios=(1.2, 1.2, 1))
+    figure, ((short, long, away),) = create_panels(1, 3, 3.3, width_ratios=(1.2, 1.2, 1))
     for (c, tf), path, colour in zip(CURVES, paths, LINE_COLOURS, strict=False):
         for axes in (short, long):
             axes.plot(path.t, path.x['x'], color=colour, linestyle='-' if c > 1 else '--',
@@ -178,7 +185,7 @@ def _draw_2_9(paths: list[Trajectory], distances: Sequence[float]) -> Any:
     away.set(xscale='log', xlim=(min(distances) / 10, 30))
     away.invert_yaxis()
     away.axvline(min(distances), **THIN)
-    legend_below(figure, short, 4)
+    place_legend_below(figure, short, 4)
     label_axes(away, 'distance from $x^*_\\infty$', '$\\max_t |x^* - x^*_\\infty|$',
                '$c$, $t_f$')
     figure.suptitle('$\\dot x = ax + bu$,  $a = 2$ s$^{-1}$,  $b = 0.5$,  $x(t_0) = 4$')

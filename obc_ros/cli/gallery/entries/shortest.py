@@ -9,22 +9,22 @@ from typing import Any
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli.figures import LINE_COLOURS
-from obc_ros.cli.gallery.drawing import EXACT, label_axes, legend_below, panels, WIDTH
+from obc_ros.cli.gallery.drawing import create_panels, EXACT, label_axes, place_legend_below, WIDTH
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
 from obc_ros.cli.gallery.runner import Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.solver.exact.closed_forms import solve_brockett, straight_line
+from obc_ros.core.solver.exact.closed_forms import solve_brockett, solve_straight_line
 
 VECTORS = ((1.0, 2.0, 2.0), (0.3, -0.4, 1.2))
 START, END = np.array([0.0, 0.0]), np.array([3.0, 4.0])
 
 
-def skew(y: tuple[float, ...]) -> Array:
+def build_skew_matrix(y: tuple[float, ...]) -> Array:
     """Return the matrix Y(1) of part (b)."""
     return np.cross(y, np.eye(3)).T
 
 
-def planes() -> list[Array]:
+def build_goal_matrices() -> list[Array]:
     """Return the Y of part (c): m = 2, m = 4 with the planes (1, 2) and (3, 4), a random m = 5."""
     two, four = np.zeros((2, 2)), np.zeros((4, 4))
     two[0, 1], four[0, 1], four[2, 3] = 1.0, 2.0, 1.0
@@ -46,17 +46,17 @@ def state_exercise_2_2(Y: Array) -> dict[str, Any]:
         'final_time': {'free': False, 'value': 1}}
 
 
-def input_of(path: Trajectory, m: int) -> Array:
+def read_inputs(path: Trajectory, m: int) -> Array:
     """Return the input, shape (N, m)."""
     return np.stack([path.u[f'u{i + 1}'] for i in range(m)], axis=1)
 
 
-def costate_of(path: Trajectory, m: int) -> Array:
+def read_costates(path: Trajectory, m: int) -> Array:
     """Return the costate of q, shape (N, m)."""
     return np.stack([path.lam[f'q{i + 1}'] for i in range(m)], axis=1)
 
 
-def rotations(path: Trajectory, m: int) -> Array:
+def find_rotations(path: Trajectory, m: int) -> Array:
     """Return the eigenvalues of Lambda / (pi i) that belong to planes, in their order."""
     Lambda = np.zeros((m, m))
     for i, j in combinations(range(m), 2):
@@ -67,28 +67,30 @@ def rotations(path: Trajectory, m: int) -> Array:
 
 def exercise_2_2(desk: Desk) -> EntryResult:
     """Answer Exercise 2.2, (b) and (c)."""
-    three = desk.solve_all([state_exercise_2_2(skew(y)) for y in VECTORS], method='indirect')
-    others = desk.solve_all([state_exercise_2_2(Y) for Y in planes()], method='indirect', show=0)
+    three = desk.solve_all([state_exercise_2_2(build_skew_matrix(y)) for y in VECTORS],
+                           method='indirect')
+    others = desk.solve_all([state_exercise_2_2(Y) for Y in build_goal_matrices()],
+                            method='indirect', show=0)
     rows = []
     for y, path in zip(VECTORS, three, strict=True):
-        u, length = input_of(path, 3), float(np.linalg.norm(y))
+        u, length = read_inputs(path, 3), float(np.linalg.norm(y))
         name = f'$y = ({", ".join(f"{each:g}" for each in y)})$'
-        exact = circle(y, u[0], path.t)
+        exact = compute_circle_inputs(y, u[0], path.t)
         rows += [
             ComparedRow(f'(b) {name}: cost $J$', path.J, pi * length, '$π |y|$'),
             ComparedRow(f'(b) {name}: $|u(t)|$', np.linalg.norm(u, axis=1),
                         np.full(len(u), sqrt(2 * pi * length)), '$√(2π|y|)$'),
             ComparedRow(f'(b) {name}: $u(t)$', u, exact,
                         '$u(0) cos 2πt - (y/|y|) × u(0) sin 2πt$'),
-            ComparedRow(f'(b) {name}: costate $λ(t)$', costate_of(path, 3), -(u[0] + exact) / 2,
+            ComparedRow(f'(b) {name}: costate $λ(t)$', read_costates(path, 3), -(u[0] + exact) / 2,
                         '$-½ (u(0) + u(t))$, the circle'),
             ComparedRow(f'(b) {name}: $y^T u(t)$', u @ y, np.zeros(len(u)), '0')]
-    for Y, path in zip(planes(), others, strict=True):
+    for Y, path in zip(build_goal_matrices(), others, strict=True):
         m = len(Y)
         rows += [
             ComparedRow(f'(c) $m = {m}$: cost $J$', path.J, solve_brockett(Y, [0.0]).J,
                         '$π (σ_1 + 2σ_2 + ..)$'),
-            ComparedRow(f'(c) $m = {m}$: eigenvalues of $Λ/πi$', rotations(path, m),
+            ComparedRow(f'(c) $m = {m}$: eigenvalues of $Λ/πi$', find_rotations(path, m),
                         np.arange(-(m // 2), m // 2 + 1)[np.arange(-(m // 2), m // 2 + 1) != 0],
                         'a whole number of circles each')]
     return EntryResult(rows, _draw_2_2(three[0], others[1]), (
@@ -101,7 +103,7 @@ def exercise_2_2(desk: Desk) -> EntryResult:
         'the eigenvalues $± kπi$.',))
 
 
-def circle(y: tuple[float, ...], u0: Array, t: Array) -> Array:
+def compute_circle_inputs(y: tuple[float, ...], u0: Array, t: Array) -> Array:
     """Return the inputs of part (b) that start as u0."""
     normal = np.array(y) / np.linalg.norm(y)
     angle = 2 * pi * t[:, None]
@@ -126,8 +128,8 @@ def _draw_2_2(three: Trajectory, four: Trajectory) -> Figure:
     for axis in (solid.xaxis, solid.zaxis):
         axis.set_rotate_label(False)
     solid.set_zlabel('$q_3$')
-    u = input_of(three, 3)
-    exact = circle(VECTORS[0], u[0], three.t)
+    u = read_inputs(three, 3)
+    exact = compute_circle_inputs(VECTORS[0], u[0], three.t)
     for index in range(3):
         inputs.plot(three.t, u[:, index], color=LINE_COLOURS[index], label=f'$u_{index + 1}$')
         inputs.plot(three.t, exact[:, index], **EXACT)
@@ -159,7 +161,7 @@ def exercise_2_3(desk: Desk) -> EntryResult:
     fastest = desk.solve(**{
         **common, 'inputs': ['phi'], 'dynamics': {'x': 'cos(phi)', 'y': 'sin(phi)'},
         'running_cost': '1', 'final_time': {'free': True, 'lower': 0.1, 'upper': 20}})
-    exact = straight_line(START, END, energy.t)
+    exact = solve_straight_line(START, END, energy.t)
     speed = np.stack([slower.u['u1'], slower.u['u2']], axis=1)
     rows = [
         ComparedRow("$∫ x'^T x' dt$: cost", energy.J, exact.energy, '$|x_f - x_0|^2$'),
@@ -167,11 +169,12 @@ def exercise_2_3(desk: Desk) -> EntryResult:
                     exact.u.T, '$x_f - x_0$, constant'),
         ComparedRow("$∫ x'^T x' dt$: $x(t)$", [energy.x['x'], energy.x['y']],
                     exact.x.T, 'the straight line'),
-        ComparedRow('its length [m]', length(energy), exact.length, '$|x_f - x_0|$'),
+        ComparedRow('its length [m]', measure_length(energy), exact.length, '$|x_f - x_0|$'),
         ComparedRow('least time at unit speed: $T$ [s]', fastest.T, exact.length, '$|x_f - x_0|$'),
         ComparedRow('least time at unit speed: $λ$', [fastest.lam['x'], fastest.lam['y']],
                     np.outer(exact.lam, np.ones(fastest.t.size)), '$-(x_f - x_0)/|x_f - x_0|$'),
-        ComparedRow('another speed: length [m]', length(slower), exact.length, '$|x_f - x_0|$'),
+        ComparedRow('another speed: length [m]', measure_length(slower), exact.length,
+                    '$|x_f - x_0|$'),
         ComparedRow('another speed: $u(t)$', speed,
                     np.outer(3 / log(4) / (1 + 3 * slower.t), END),
                     '$(x_f - x_0) 3/(1 + 3t) ln 4$'),
@@ -184,13 +187,13 @@ def exercise_2_3(desk: Desk) -> EntryResult:
         'is a maximum velocity, and the least time is the length.',))
 
 
-def length(path: Trajectory) -> float:
+def measure_length(path: Trajectory) -> float:
     """Return the length of a path [m]."""
     return float(np.hypot(np.diff(path.x['x']), np.diff(path.x['y'])).sum())
 
 
 def _draw_2_3(energy: Trajectory, slower: Trajectory, fastest: Trajectory) -> Figure:
-    figure, ((plane, speeds, ways),) = panels(1, 3)
+    figure, ((plane, speeds, ways),) = create_panels(1, 3)
     for path, colour, marker, text in (
             (energy, LINE_COLOURS[0], 'o', 'least $\\int \\dot x^T \\dot x\\,dt$'),
             (slower, LINE_COLOURS[1], 's', 'another speed'),
@@ -210,7 +213,7 @@ def _draw_2_3(energy: Trajectory, slower: Trajectory, fastest: Trajectory) -> Fi
     label_axes(ways, 'distance covered', 'time $t$ [s]', '$\\int |u|\\,dt$ [m]')
     for axes in (speeds, ways):
         axes.set(xlim=(0, 5.1), ylim=(0, None))
-    legend_below(figure, plane, 3)
+    place_legend_below(figure, plane, 3)
     return figure
 
 

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 import numpy as np
 from obc_ros.cli.figures import LINE_COLOURS
-from obc_ros.cli.gallery.drawing import label_axes, panels
+from obc_ros.cli.gallery.drawing import create_panels, label_axes
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
-from obc_ros.cli.gallery.extremals import least_times
+from obc_ros.cli.gallery.extremals import find_least_times
 from obc_ros.cli.gallery.runner import Desk, Trajectory
 from obc_ros.core.numerics.arrays import Array
 from scipy.ndimage import distance_transform_edt, label
@@ -56,7 +56,7 @@ def exercise_2_6(desk: Desk) -> EntryResult:
         ends[:, 2] = np.remainder(ends[:, 2] - heading + pi, 2 * pi) - pi + heading
         name = f'map of {len(goals)} goals, $θ_f = {heading:.4g}$'
         rows += [
-            ComparedRow(f'{name}: $T$ [s]', [path.T for path in paths], least_times(goals),
+            ComparedRow(f'{name}: $T$ [s]', [path.T for path in paths], find_least_times(goals),
                         PRINCIPLE),
             ComparedRow(f'{name}: the arcs end at the goal', ends, np.array(goals),
                         'arcs and lines integrated'),
@@ -102,17 +102,18 @@ def _single_rows(straight: list[Trajectory], turns: list[Trajectory],
                     'L+R-L+: three circles that touch, $2 asin(½ sin 45°)$ in the middle'),
         ComparedRow('turn by 90 degrees with $v = 0$: $T$ [s]', spot.T, pi / 2, '$(π/2)/M$'),
         ComparedRow('left, straight, right: $T$ [s]', [path.T for path in tangents],
-                    [left_straight_right(goal) for goal in TANGENTS],
+                    [time_left_straight_right(goal) for goal in TANGENTS],
                     'inner tangent of two circles'),
-        ComparedRow('four other goals: $T$ [s]', [path.T for path in others], least_times(OTHERS),
+        ComparedRow('four other goals: $T$ [s]', [path.T for path in others],
+                    find_least_times(OTHERS),
                     PRINCIPLE),
         ComparedRow('the same by `method: arcs`, which knows no words', [path.T for path in again],
-                    least_times(OTHERS), PRINCIPLE),
+                    find_least_times(OTHERS), PRINCIPLE),
         ComparedRow('$H$ on these paths', np.concatenate([path.hamiltonian for path in others]),
                     np.zeros(sum(path.t.size for path in others)), '0, as $T$ is free')]
 
 
-def left_straight_right(goal: Pose) -> float:
+def time_left_straight_right(goal: Pose) -> float:
     """Return the time of the path L+S+R+ with L = M = 1."""
     x, y, theta = goal
     dx, dy = x + sin(theta), y - cos(theta) - 1
@@ -121,7 +122,7 @@ def left_straight_right(goal: Pose) -> float:
     return turn + sqrt(distance**2 - 4) + turn - theta
 
 
-def pieces(path: Trajectory) -> list[tuple[float, float, float]]:
+def split_path(path: Trajectory) -> list[tuple[float, float, float]]:
     """Return duration, v and omega of each stretch with constant inputs."""
     ends = [0.0, *path.switching_times, path.T]
     found = []
@@ -131,10 +132,10 @@ def pieces(path: Trajectory) -> list[tuple[float, float, float]]:
     return found
 
 
-def word(path: Trajectory) -> str:
+def spell_path(path: Trajectory) -> str:
     """Return the word of a path: C and S, with a bar where the direction changes."""
     text, before = '', 0.0
-    for _, v, omega in pieces(path):
+    for _, v, omega in split_path(path):
         text += ('|' if before * v < 0 else '') + ('C' if abs(omega) > 0.5 else 'S')
         before = v
     return text
@@ -143,7 +144,7 @@ def word(path: Trajectory) -> str:
 def _driven(path: Trajectory) -> tuple[float, float, float]:
     """Return where the inputs lead to, piece by piece in closed form."""
     x = y = theta = 0.0
-    for time, v, omega in pieces(path):
+    for time, v, omega in split_path(path):
         after = theta + omega * time
         if omega:
             x, y = (x + v / omega * (sin(after) - sin(theta)),
@@ -170,12 +171,12 @@ def _mirrored(goals: list[Pose], paths: list[Trajectory]) -> tuple[Array, Array]
 
 
 def _draw(maps: list[Any], shown: list[Trajectory]) -> Figure:
-    figure, (axes,) = panels(1, 3, 3.3)
-    words = sorted({word(path) for _, paths in maps for path in paths},
+    figure, (axes,) = create_panels(1, 3, 3.3)
+    words = sorted({spell_path(path) for _, paths in maps for path in paths},
                    key=lambda text: (len(text.replace('|', '')), text))
     for plot, heading, (_, paths) in zip(axes, HEADINGS, maps, strict=False):
         index, time = (np.reshape(values, (POINTS, POINTS)) for values in (
-            [words.index(word(path)) for path in paths], [path.T for path in paths]))
+            [words.index(spell_path(path)) for path in paths], [path.T for path in paths]))
         plot.pcolormesh(PLACE, PLACE, index, cmap=ListedColormap(LIGHT[:len(words)]),
                         norm=BoundaryNorm(np.arange(len(words) + 1) - 0.5, len(words)),
                         shading='nearest')
@@ -199,7 +200,8 @@ def _draw(maps: list[Any], shown: list[Trajectory]) -> Figure:
         back = np.where(path.u['v'] < 0, 1.0, np.nan)
         axes[2].plot(path.x['px'] * back, path.x['py'] * back, color=colour, linewidth=3.2)
         x, y, theta = (path.x[name][-1] for name in ('px', 'py', 'theta'))
-        axes[2].text(x + 0.4 * cos(theta) + 0.1, y + 0.4 * sin(theta), word(path), color=colour,
+        axes[2].text(x + 0.4 * cos(theta) + 0.1, y + 0.4 * sin(theta), spell_path(path),
+                     color=colour,
                      va='center', fontsize=8.5)
         _robot(axes[2], x, y, theta, colour)
     _robot(axes[2], 0.0, 0.0, 0.0)

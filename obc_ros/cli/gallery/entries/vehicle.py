@@ -9,14 +9,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 from obc_ros.cli.figures import LINE_COLOURS, THIN
-from obc_ros.cli.gallery.drawing import EXACT, label_axes, legend_below, panels
+from obc_ros.cli.gallery.drawing import create_panels, EXACT, label_axes, place_legend_below
 from obc_ros.cli.gallery.entry import ComparedRow, EntryResult, GalleryEntry
-from obc_ros.cli.gallery.exact_loops import simulated_loop
+from obc_ros.cli.gallery.exact_loops import simulate_loop
 from obc_ros.cli.gallery.loop import Run
 from obc_ros.cli.gallery.runner import AnsweredRegulator, Desk
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.msg import Trajectory
-from obc_ros.ros.messages import doubles
+from obc_ros.ros.messages import flatten_doubles
 from scipy.optimize import brentq
 
 SPEED, LENGTH = 10.0, 2.0  # [m/s], [m]
@@ -50,7 +50,8 @@ def make_course(name: str) -> Trajectory:
     """Return the slalom as a reference."""
     t = STEP * np.arange(round(COURSE / STEP) + 1)
     x, phi = follow_slalom(t)[name]
-    reference = Trajectory(t=doubles(t), x=doubles(x.ravel().round(15)), u=doubles(phi.round(15)),
+    reference = Trajectory(t=flatten_doubles(t), x=flatten_doubles(x.ravel().round(15)),
+                           u=flatten_doubles(phi.round(15)),
                            interpolation='linear')
     reference.header.stamp.nanosec = round(BEGIN * 1e9)
     return reference
@@ -70,8 +71,8 @@ def exercise_2_10(desk: Desk) -> EntryResult:
         loop.set('plant_simulator', x0=[0.0, 0.0])
         loop.set(setpoint=[0.0, 0.0])
         driven['off'] = loop.run(SHOWN, make_course('flat'), 'flat')
-    wanted = simulated_loop(_rate, lambda _, at: -GAIN @ (at - [1.0, 0.0]), [0.0, 0.0], STEP,
-                            len(step.t) - 1)
+    wanted = simulate_loop(_rate, lambda _, at: -GAIN @ (at - [1.0, 0.0]), [0.0, 0.0], STEP,
+                           len(step.t) - 1)
     message, crossover = design.message, OMEGA0 * sqrt(1 + sqrt(2))
     rows = [
         ComparedRow('(a) $K$', design.K, GAIN, '$[1/√ρ, √(2l/√ρ)]$'),
@@ -94,7 +95,7 @@ def exercise_2_10(desk: Desk) -> EntryResult:
         x, u = _followed(name, len(driven[name].t) - 1)
         rows += [ComparedRow(f'(b) {text}: $y$, $θ$', driven[name].x, x, 'Dormand-Prince 8(5,3)'),
                  ComparedRow(f'(b) {text}: $φ$ [rad]', driven[name].u, u, 'Dormand-Prince 8(5,3)')]
-    away = {name: run.x[:, 0] - wanted_at(run.t) for name, run in driven.items()}
+    away = {name: run.x[:, 0] - evaluate_reference(run.t) for name, run in driven.items()}
     worst = {name: np.abs(error[driven[name].t > SHOWN - 1]).max() for name, error in away.items()}
     return EntryResult(rows, _draw(design, step, driven, away), (
         f'(a) $Q_x = diag(1, 0)$, $Q_u = {RHO:g}$: $ω_0 = {OMEGA0:.3f}$ rad/s, $ζ = 0.707$. '
@@ -115,7 +116,7 @@ def exercise_2_10(desk: Desk) -> EntryResult:
         'corrected within two seconds.'))
 
 
-def wanted_at(t: Array) -> Array:
+def evaluate_reference(t: Array) -> Array:
     """Return r(t); before the course begins where it begins."""
     return np.cos(RATE * np.maximum(t - BEGIN, 0.0))
 
@@ -131,7 +132,7 @@ def _followed(name: str, count: int) -> tuple[Array, Array]:
         u: Array = phi - GAIN @ (x - wanted)
         return u
 
-    return simulated_loop(_rate, law, start, STEP, count)
+    return simulate_loop(_rate, law, start, STEP, count)
 
 
 def _rate(x: Array, u: Array) -> list[Any]:
@@ -171,7 +172,7 @@ def _closed(K: Array, w: Array) -> Any:
 
 def _draw(design: AnsweredRegulator, step: Run, driven: dict[str, Run],
           away: dict[str, Array]) -> Figure:
-    figure, ((response, magnitude, phase), (path, steering, error)) = panels(2, 3, 2.9)
+    figure, ((response, magnitude, phase), (path, steering, error)) = create_panels(2, 3, 2.9)
     t = np.linspace(0, DURATION, 300)
     w = OMEGA0 / sqrt(2)
     response.plot(step.t, step.x[:, 0], color=LINE_COLOURS[0], label='nonlinear model')
@@ -183,7 +184,7 @@ def _draw(design: AnsweredRegulator, step: Run, driven: dict[str, Run],
                legend='lower right')
     _draw_frequency(magnitude, phase, design)
     course_t = np.linspace(BEGIN, SHOWN, 500)
-    path.plot(course_t, wanted_at(course_t), label='$r(t)$', **EXACT)
+    path.plot(course_t, evaluate_reference(course_t), label='$r(t)$', **EXACT)
     for index, (name, text) in enumerate((
             ('flat', 'flat feedforward'), ('linear', 'linear feedforward'),
             ('none', 'feedback alone'), ('off', 'flat feedforward, start 1 m off'))):
@@ -199,7 +200,7 @@ def _draw(design: AnsweredRegulator, step: Run, driven: dict[str, Run],
     label_axes(steering, '(b) steering', 'time $t$ [s]', r'$\phi$ [rad]')
     error.set(xlim=(0, SHOWN), ylim=(1e-3, 4))
     label_axes(error, '(b) tracking error', 'time $t$ [s]', '$|y - r|$ [m]')
-    legend_below(figure, error, 4)
+    place_legend_below(figure, error, 4)
     return figure
 
 

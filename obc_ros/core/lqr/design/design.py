@@ -13,15 +13,20 @@ from typing import Any
 
 import numpy as np
 from obc_ros.core.closed_loop.control import Prediction
-from obc_ros.core.closed_loop.feedback import rows, StateFeedback, Vector, vector
+from obc_ros.core.closed_loop.feedback import convert_rows, convert_vector, StateFeedback, Vector
 from obc_ros.core.lqr.gain_schedule import compute_schedule, Table
 from obc_ros.core.lqr.lqr import lqr, LqrDesign
-from obc_ros.core.lqr.sampled import closed_loop, prediction, sampled_lqr, spectral_radius
+from obc_ros.core.lqr.sampled import (
+    build_delayed_loop,
+    compute_spectral_radius,
+    predict_delayed_state,
+    sampled_lqr,
+)
 from obc_ros.core.lqr.weights import choose, Weights, with_integrals
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.systems.equilibrium import Equilibrium, equilibrium, linearize
+from obc_ros.core.systems.equilibrium import Equilibrium, find_equilibrium, linearize
 from obc_ros.core.systems.system import System
-from obc_ros.core.text.errors import DynamicsError, RefusedDesignError, shown, StatementError
+from obc_ros.core.text.errors import DynamicsError, quote, RefusedDesignError, StatementError
 
 
 @dataclass(frozen=True)
@@ -132,16 +137,19 @@ class Design:
         period, delay = self.sampling.period, self.sampling.delay
         if not delay:
             return None
-        Phi, Gammas = prediction(*self.augmented(self.plant.A, self.plant.B), period, delay)
+        Phi, Gammas = predict_delayed_state(*self.augmented(self.plant.A, self.plant.B), period,
+                                            delay)
         return Prediction(
-            rows(Phi), tuple(map(rows, Gammas)), round(period * 1e9), round(delay * 1e9))
+            convert_rows(Phi), tuple(map(convert_rows, Gammas)), round(period * 1e9),
+            round(delay * 1e9))
 
     @property
     def regulator(self) -> StateFeedback:
         """Return the law about the set point."""
         at = self.plant.equilibrium
-        return StateFeedback(vector(at.x), vector(at.u), rows(self.K), vector(at.drift),
-                             rows(self.Ki) if len(self.C) else ())
+        return StateFeedback(convert_vector(at.x), convert_vector(at.u), convert_rows(self.K),
+                             convert_vector(at.drift),
+                             convert_rows(self.Ki) if len(self.C) else ())
 
 
 def linearize_plant(system: System, setpoint: Sequence[float] = (),
@@ -163,7 +171,7 @@ def linearize_plant(system: System, setpoint: Sequence[float] = (),
         If no input within the limits holds the system there.
 
     """
-    at = equilibrium(system, setpoint or None, setpoint_input or None)
+    at = find_equilibrium(system, setpoint or None, setpoint_input or None)
     A, B = linearize(system, at.x, at.u)
     return LinearizedPlant(system, at, A, B, _rest(system, at))
 
@@ -211,9 +219,9 @@ def design_again(found: Design, plant: LinearizedPlant) -> Design:
         *found.augmented(plant.A, plant.B), found.cost, found.sampling))
 
 
-def scheduled(found: Design, plant_at: Callable[[float], LinearizedPlant], lower: float,
-              upper: float
-              ) -> Table:
+def schedule_gains(found: Design, plant_at: Callable[[float], LinearizedPlant], lower: float,
+                   upper: float
+                   ) -> Table:
     """
     Return the gains of a design for a range of a variable, those of the integrals as last columns.
 
@@ -255,8 +263,8 @@ def scheduled(found: Design, plant_at: Callable[[float], LinearizedPlant], lower
 def _check_held(A: Array, B: Array, K: Array, sampling: Sampling, remedy: str) -> None:
     """Raise RefusedDesignError where a continuous gain does not bear its period and delay."""
     period, delay = sampling.period, sampling.delay
-    radius = spectral_radius(closed_loop(
-        A, B, K, period, delay, *prediction(A, B, period, delay)))
+    radius = compute_spectral_radius(build_delayed_loop(
+        A, B, K, period, delay, *predict_delayed_state(A, B, period, delay)))
     if not radius < 1.0:
         late = f' and {delay:g} s late' if delay else ''
         raise RefusedDesignError(
@@ -283,16 +291,16 @@ def _gain(A: Array, B: Array, cost: Weights, sampling: Sampling) -> LqrDesign:
 
 def _rest(system: System, at: Equilibrium) -> Vector:
     if not at.drift.any():
-        return vector(at.u)
+        return convert_vector(at.u)
     try:
-        still = equilibrium(system, at.x, np.zeros(system.m))
+        still = find_equilibrium(system, at.x, np.zeros(system.m))
     except DynamicsError:
-        return vector(at.u)
-    return vector(at.u if still.drift.any() else still.u)
+        return convert_vector(at.u)
+    return convert_vector(at.u if still.drift.any() else still.u)
 
 
 def _index(system: System, name: str) -> int:
     if name not in system.state_names:
-        raise StatementError(f"integral: there is no state '{shown(name)}' in "
+        raise StatementError(f"integral: there is no state '{quote(name)}' in "
                              f'{", ".join(system.state_names)}')
     return system.state_names.index(name)

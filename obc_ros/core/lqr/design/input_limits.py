@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 import math
 from typing import Any
 
-from obc_ros.core.closed_loop.feedback import Vector, vector
+from obc_ros.core.closed_loop.feedback import convert_vector, Vector
 from obc_ros.core.lqr.design.design import LinearizedPlant
 from obc_ros.core.lqr.weights import count
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import StatementError
 
 
-def input_limits(plant: LinearizedPlant, given: Sequence[float]) -> tuple[Vector, Vector]:
+def resolve_input_limits(plant: LinearizedPlant, given: Sequence[float]) -> tuple[Vector, Vector]:
     """
     Return lower and upper limits of the inputs, shape (m,) each.
 
@@ -59,7 +59,7 @@ def input_limits(plant: LinearizedPlant, given: Sequence[float]) -> tuple[Vector
         if not low <= value <= high:
             raise StatementError(f'{name} = {value:.6g} holds the set point, outside {source} of '
                                  f'[{low:g}, {high:g}]')
-    return vector(low for low, _ in bounds), vector(high for _, high in bounds)
+    return convert_vector(low for low, _ in bounds), convert_vector(high for _, high in bounds)
 
 
 def check_all_limited(plant: LinearizedPlant, given: Sequence[float], lower: Vector, upper: Vector,
@@ -89,7 +89,7 @@ def check_all_limited(plant: LinearizedPlant, given: Sequence[float], lower: Vec
         f'u_limits: [{pairs}], lower and upper of {units}, or unlimited: true to go without')
 
 
-def former_limits(system: System, given: Mapping[str, Any]) -> str:
+def translate_former_limits(system: System, given: Mapping[str, Any]) -> str:
     """Return what to write in place of u_min and u_max (m numbers each), once limits."""
     lower, upper = system.u_min.tolist(), system.u_max.tolist()
     lower = _numbers(given.get('u_min')) or lower

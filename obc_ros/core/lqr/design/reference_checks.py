@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 from obc_ros.core.closed_loop.feedback import InputLimits
-from obc_ros.core.closed_loop.references import AllowedErrors, is_within, with_unit
+from obc_ros.core.closed_loop.references import AllowedErrors, format_unit, is_within
 from obc_ros.core.lqr.design.design import Design
 from obc_ros.core.lqr.design.reference_tracking import Course
 from obc_ros.core.numerics.arrays import Array
@@ -23,8 +23,9 @@ PART = 0.1         # of the range of a state along a reference, by which the pla
 _ROUNDING = 1e-6   # of an input's size: how far a solver's answer may be beyond a limit
 
 
-def allowed_error(along: Course, x_limits: AllowedErrors = (), tolerance: Sequence[float] = ()
-                  ) -> AllowedErrors:
+def compute_allowed_error(along: Course, x_limits: AllowedErrors = (),
+                          tolerance: Sequence[float] = ()
+                          ) -> AllowedErrors:
     """
     Return by how much the plant may be off a reference that it takes up.
 
@@ -70,7 +71,7 @@ def check(along: Course, found: Design, limits: InputLimits, allowed: AllowedErr
     limits : Limits
         Of the inputs.
     allowed : tuple of (float, float)
-        (n,) bounds of x - xr, as of `allowed_error`.
+        (n,) bounds of x - xr, as of `compute_allowed_error`.
 
     Raises
     ------
@@ -95,8 +96,8 @@ def _beyond_limits(along: Course, system: System, limits: InputLimits) -> list[s
             size = max(abs(bound), float(np.abs(values).max()))
             if side * (values[k] - bound) > _ROUNDING * size:
                 sentences.append(
-                    f'{signal.name} is {with_unit(values[k], signal.unit)} at t = '
-                    f'{along.t[k]:.4g} s, the limit is {with_unit(bound, signal.unit)}')
+                    f'{signal.name} is {format_unit(values[k], signal.unit)} at t = '
+                    f'{along.t[k]:.4g} s, the limit is {format_unit(bound, signal.unit)}')
     return sentences
 
 
@@ -118,8 +119,8 @@ def _off_dynamics(along: Course, system: System, allowed: AllowedErrors, time: f
         at = np.where(grown, along.t[k + 1], at)
     return [
         f'the plant does not move along it: with its inputs {signal.name} would be '
-        f'{with_unit(abs(e), signal.unit)} off at t = {t:.4g} s, allowed '
-        f'{with_unit(-low if e < 0.0 else high, signal.unit)}'
+        f'{format_unit(abs(e), signal.unit)} off at t = {t:.4g} s, allowed '
+        f'{format_unit(-low if e < 0.0 else high, signal.unit)}'
         for signal, e, t, (low, high) in zip(system.states, largest, at, allowed, strict=True)
         if not is_within(float(e), low, high)]
 

@@ -15,24 +15,24 @@ from dataclasses import dataclass
 import numpy as np
 from obc_ros.core.closed_loop.control import Horizon, Leg, Reference
 from obc_ros.core.closed_loop.feedback import (
-    between,
     BlendedFeedback,
+    convert_rows,
+    convert_vector,
     Gains,
+    interpolate_vectors,
     ReferenceLaw,
     ReferencePoint,
     Rows,
-    rows,
     StateFeedback,
     Vector,
-    vector,
 )
 from obc_ros.core.lqr.design.design import Design, design_again, linearize_plant, LinearizedPlant
-from obc_ros.core.lqr.sampled import discretised
+from obc_ros.core.lqr.sampled import discretize_cost
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.riccati import propagation
 from obc_ros.core.systems.equilibrium import find_nearest_equilibrium, linearize
 from obc_ros.core.systems.system import System
-from obc_ros.core.text.errors import DynamicsError, RefusedDesignError, shown, StatementError
+from obc_ros.core.text.errors import DynamicsError, quote, RefusedDesignError, StatementError
 
 MOST = 200_000  # samples
 _INTERVALS = 300  # of the gain; in between it is interpolated
@@ -98,7 +98,7 @@ def read_course(system: System, names: tuple[Sequence[str], Sequence[str]], t: S
     if times[-1] <= times[0]:
         raise StatementError('t: the last time is not after the first')
     if interpolation not in ('', 'linear', 'zoh'):
-        raise StatementError(f"interpolation = '{shown(interpolation)}': wanted 'linear' or 'zoh'")
+        raise StatementError(f"interpolation = '{quote(interpolation)}': wanted 'linear' or 'zoh'")
     states = _table('x', x, times.size, system.state_names, names[0])
     inputs = _table('u', u, times.size, system.input_names, names[1])
     for i, is_angle in enumerate(system.angles):
@@ -108,7 +108,7 @@ def read_course(system: System, names: tuple[Sequence[str], Sequence[str]], t: S
                   interpolation == 'zoh')
 
 
-def leg(along: Course, found: Design, P1: Array | None = None) -> tuple[Leg, str]:
+def compute_tracking_law(along: Course, found: Design, P1: Array | None = None) -> tuple[Leg, str]:
     """
     Return the law along a reference, with the weights of a design, and how it ends in words.
 
@@ -131,11 +131,12 @@ def leg(along: Course, found: Design, P1: Array | None = None) -> tuple[Leg, str
     grid = _grid(along.t[0], along.t[-1], found)
     gains = _gains(grid, found, _terminal(at_end, P1), lambda t: linearize(
         found.plant.system, *_sample(along, t)))
-    path = LawAlongReference(vector(along.t), rows(along.x), rows(along.u), along.holds, gains)
+    path = LawAlongReference(convert_vector(along.t), convert_rows(along.x),
+                             convert_rows(along.u), along.holds, gains)
     return Leg(along.reference, path, _settling(gains, after, at_end, P1)), ending
 
 
-def horizon(found: Design, time: float, P1: Array | None = None) -> Horizon:
+def compute_horizon_law(found: Design, time: float, P1: Array | None = None) -> Horizon:
     """
     Return the gains that reach a set point within a time, and the one of the design afterwards.
 
@@ -182,8 +183,9 @@ class LawAlongReference:
         while self.t[k] == self.t[k + 1]:
             k -= 1  # the last sample stands twice
         part = (t - self.t[k]) / (self.t[k + 1] - self.t[k])
-        u = self.u[k] if self.holds else between(self.u[k], self.u[k + 1], part)
-        return ReferencePoint(between(self.x[k], self.x[k + 1], part), u, *self.gains.at(t))
+        u = self.u[k] if self.holds else interpolate_vectors(self.u[k], self.u[k + 1], part)
+        return ReferencePoint(interpolate_vectors(self.x[k], self.x[k + 1], part), u,
+                              *self.gains.at(t))
 
 
 def _end(along: Course, found: Design) -> tuple[Design, StateFeedback, str]:
@@ -197,7 +199,7 @@ def _end(along: Course, found: Design) -> tuple[Design, StateFeedback, str]:
         held = design_again(found, there)
     except RefusedDesignError as error:
         still = StateFeedback(
-            vector(x), there.rest, ((0.0,) * system.n,) * system.m, (0.0,) * system.n,
+            convert_vector(x), there.rest, ((0.0,) * system.n,) * system.m, (0.0,) * system.n,
             ((0.0,) * len(found.C),) * system.m)
         return found, still, f'then its end is not held but left alone: {error}'
     return held, held.regulator, 'then its end is held'
@@ -274,8 +276,8 @@ def _gains(grid: Array, found: Design, P1: Array,
     if not all(np.isfinite(K).all() for K in gains):
         raise DynamicsError('the gain along the reference is not finite')
     gains.reverse()
-    return Gains(vector(grid), tuple(rows(K[:, :n]) for K in gains),
-                 tuple(rows(K[:, n:]) if len(found.C) else () for K in gains))
+    return Gains(convert_vector(grid), tuple(convert_rows(K[:, :n]) for K in gains),
+                 tuple(convert_rows(K[:, n:]) if len(found.C) else () for K in gains))
 
 
 def _step(A: Array, B: Array, found: Design, P: Array, time: float) -> tuple[Array, Array]:
@@ -286,7 +288,7 @@ def _step(A: Array, B: Array, found: Design, P: Array, time: float) -> tuple[Arr
     B_right, N_right = right[:, :len(A)], right[:, len(A):]
     if time:
         M = A - B @ N_right + weights.stability * np.eye(len(A))
-        P = propagation.before(propagation.of_plant(
+        P = propagation.propagate_back(propagation.build_stretch(
             M, B @ B_right, weights.Qx - N @ N_right, time), P[None])[0]
     return P, B_right @ P + N_right
 
@@ -295,7 +297,7 @@ def _sampled_step(A: Array, B: Array, found: Design, P: Array, time: float
                   ) -> tuple[Array, Array]:
     """Return P a time [s] earlier, in whole periods, and the gain there."""
     period = found.lqr.period
-    A, B, cost = discretised(A, B, found.cost, period)
+    A, B, cost = discretize_cost(A, B, found.cost, period)
     N = np.zeros_like(B) if cost.cross is None else cost.cross
     growth, K = np.exp(2.0 * cost.stability * period), None
     for _ in range(round(time / period)):
@@ -320,7 +322,7 @@ def _sample(along: Course, t: float) -> tuple[Array, Array]:
 def _table(name: str, numbers: Sequence[float], count: int, wanted: tuple[str, ...],
            given: Sequence[str]) -> Array:
     if given and sorted(given) != sorted(wanted):
-        raise StatementError(f'{name}: the reference has {shown(", ".join(given), 200)}; wanted '
+        raise StatementError(f'{name}: the reference has {quote(", ".join(given), 200)}; wanted '
                              f'{", ".join(wanted)}')
     values = np.array(numbers, dtype=float)
     if values.size != count * len(wanted):

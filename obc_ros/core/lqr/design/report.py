@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.lqr.design.design import Design
-from obc_ros.core.lqr.margins import Figures, figures
+from obc_ros.core.lqr.margins import compute_margins, Figures
 from obc_ros.core.numerics.arrays import Array
 
 
@@ -60,7 +60,7 @@ def change(before: Design, after: Design, jump: Sequence[float] | None) -> Chang
     return Change(largest, tuple(jump or ()), words)
 
 
-def fields(design: Design, made: Change, error: Sequence[float] | None) -> dict[str, Any]:
+def report_fields(design: Design, made: Change, error: Sequence[float] | None) -> dict[str, Any]:
     """
     Return the fields of the message LqrDesign that say what a design is.
 
@@ -77,7 +77,7 @@ def fields(design: Design, made: Change, error: Sequence[float] | None) -> dict[
     plant, found = design.plant, design.lqr
     n = plant.system.n
     P = found.P[:n, :n]
-    seen = figures(found.A, found.B, found.K, found.period, n)
+    seen = compute_margins(found.A, found.B, found.K, found.period, n)
     return {
         'system': plant.system.name,
         'state_names': list(plant.system.state_names),
@@ -111,8 +111,8 @@ class Matrices(NamedTuple):
     poles: NDArray[np.complex128]
 
 
-def matrices(told: Any) -> Matrices:
-    """Return the matrices that a message with the fields of `fields` tells."""
+def read_matrices(told: Any) -> Matrices:
+    """Return the matrices that a message with the fields of `report_fields` tells."""
     n, m = len(told.xe), len(told.ue)
 
     def rows(numbers: Any, of: int) -> Array:

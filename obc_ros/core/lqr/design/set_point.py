@@ -58,7 +58,7 @@ def check_set_point(plant: LinearizedPlant, setpoint: Sequence[float],
             f'{_told(system.inputs, at.u)}), or another')
 
 
-def described(plant: LinearizedPlant) -> tuple[str, str]:
+def describe_set_point(plant: LinearizedPlant) -> tuple[str, str]:
     """Return the set point xe, with how it moves, and its input ue, in words."""
     system, at = plant.system, plant.equilibrium
     motion = f', moving: {_motion(plant)}' if any(_movers(plant)) else ''

@@ -53,7 +53,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.numerics.vectorized import VectorizedFunction
-from obc_ros.core.ocp.certificate.defect_correction import correction
+from obc_ros.core.ocp.certificate.defect_correction import find_correction
 from obc_ros.core.ocp.certificate.hamiltonian_minimum import HamiltonianScales as InputScales
 from obc_ros.core.ocp.certificate.hamiltonian_minimum import InputMinimum, Points
 from obc_ros.core.ocp.certificate.replay import Intervals, LEAST_COST, PARTS, ReplayIntegrator
@@ -289,7 +289,7 @@ class _Judge:
         after = np.zeros((len(self.rows), self.problem.n))
         np.add.at(after, np.maximum(np.searchsorted(self.rows, np.arange(len(jumps)), 'right') - 1,
                                     0), jumps)
-        return correction(
+        return find_correction(
             self.problem, self.replay.x[:, PARTS // 2], self.replay.u[:, PARTS // 2],
             self.intervals.h, after, (slopes, np.where(sizes > 0, sizes, 1.0)), self.scales.u)
 

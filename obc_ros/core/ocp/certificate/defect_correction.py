@@ -22,8 +22,8 @@ _FINEST = 2.0**-4   # of |A| h, for which four terms are exact enough
 _MET = 1e-6         # of its size: how nearly a terminal constraint is met
 
 
-def correction(problem: Problem, x: Array, u: Array, h: Array, jumps: Array,
-               ends: tuple[Array, Array], u_scale: Array) -> float:
+def find_correction(problem: Problem, x: Array, u: Array, h: Array, jumps: Array,
+                    ends: tuple[Array, Array], u_scale: Array) -> float:
     """
     Return the least change of the inputs, root mean square, that makes up for jumps of x.
 

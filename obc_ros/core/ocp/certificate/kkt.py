@@ -119,12 +119,12 @@ def polish_minimum(program: StaticProgram, x: Array) -> KktPoint:
     Multipliers are those of least squares, the inequalities' not negative. A step that leads
     away is not taken.
     """
-    point = multipliers(program, x)
+    point = fit_multipliers(program, x)
     for _ in range(_NEWTON_STEPS):
         step = _newton_step(program, point)
         if step is None or np.abs(step).max(initial=0) <= 1e-15 * (1 + np.abs(point.x).max()):
             break
-        moved = multipliers(program, np.clip(point.x + step, program.lower, program.upper))
+        moved = fit_multipliers(program, np.clip(point.x + step, program.lower, program.upper))
         if not _error(program, moved) < _error(program, point):
             break
         point = moved
@@ -158,7 +158,7 @@ def certify_minimum(program: StaticProgram, point: KktPoint) -> Certificate:
     curvature, scale = _tangent_curvature(program, point)
     residuals = {
         'stationarity': float(np.abs(slope[free]).max(initial=0)) / size,
-        'feasibility': violation(program, point.x, c, J),
+        'feasibility': measure_violation(program, point.x, c, J),
         'signs': max(float(np.abs(wrong).max()),
                      float((-point.mu * steepness).max(initial=0))) / size,
         'complementarity': float(np.abs(point.mu * c[k:]).max(initial=0)) / (size * far),
@@ -167,7 +167,7 @@ def certify_minimum(program: StaticProgram, point: KktPoint) -> Certificate:
     return Certificate(residuals, dict(TOLERANCES))
 
 
-def violation(program: StaticProgram, x: Array, c: Array, J: Array) -> float:
+def measure_violation(program: StaticProgram, x: Array, c: Array, J: Array) -> float:
     """Return the largest violation of a constraint or bound, relative to the size of its terms."""
     k = program.k
     excess = np.concatenate((np.abs(c[:k]), np.maximum(c[k:], 0))) / _sizes(x, J)
@@ -179,7 +179,7 @@ def _sizes(x: Array, J: Array) -> Array:
     return np.asarray(1 + np.abs(J) @ np.abs(x))
 
 
-def multipliers(program: StaticProgram, x: Array) -> KktPoint:
+def fit_multipliers(program: StaticProgram, x: Array) -> KktPoint:
     """Return x with the multipliers that come closest to grad l = 0, mu >= 0 and 0 if inactive."""
     from scipy.optimize import lsq_linear
 
@@ -212,7 +212,7 @@ def multipliers(program: StaticProgram, x: Array) -> KktPoint:
     return KktPoint(x, every[:k], every[k:], dependent, _has_descent(program.hessian(x, every)))
 
 
-def strained(program: StaticProgram, point: KktPoint) -> bool:
+def is_strained(program: StaticProgram, point: KktPoint) -> bool:
     """Return whether grad l is small only where much larger terms than grad F cancel."""
     _, _, gradient, J = program.values(point.x)
     terms = np.abs(np.concatenate((point.lam, point.mu))[:, None] * J)

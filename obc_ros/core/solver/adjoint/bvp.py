@@ -22,7 +22,7 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.bvp_equations import Equations, Hamiltonian, Unknowns
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues, cut_evenly
 from obc_ros.core.solver.adjoint.costates import Extremal
-from obc_ros.core.solver.adjoint.mesh_refinement import cuts
+from obc_ros.core.solver.adjoint.mesh_refinement import choose_cuts
 from obc_ros.core.solver.arcs.input_arcs import Arc
 from obc_ros.core.solver.transcription.program import ProblemScales
 
@@ -103,7 +103,7 @@ class Indirect:
 
     def _finer(self, system: Equations, found: BoundaryValues) -> tuple[Equations, Unknowns]:
         """Return the equations on intervals as short as needed, and the unknowns of a solution."""
-        counts = cuts(system.defects(found), _DEFECT / len(system.arc_of), 6.0)
+        counts = choose_cuts(system.defects(found), _DEFECT / len(system.arc_of), 6.0)
         finer = system.on(np.repeat(system.fractions / counts, counts),
                           np.repeat(system.arc_of, counts))
         return finer, finer.near(found)

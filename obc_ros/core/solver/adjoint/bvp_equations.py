@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index
-from obc_ros.core.numerics.collocation import collocation, gauss_points
+from obc_ros.core.numerics.collocation import build_collocation, compute_gauss_points
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
@@ -158,7 +158,7 @@ class Equations:
         self.switches = np.argmax((self.free[:-1] != self.free[1:])
                                   | (self.level[:-1] != self.level[1:]), axis=1)
         self.ends = np.append(np.flatnonzero(np.diff(self.arc_of)) + 1, len(self.arc_of))
-        _, weights, derivative, _ = collocation(_STAGES)
+        _, weights, derivative, _ = build_collocation(_STAGES)
         self.a, self.b = np.linalg.inv(derivative[:, 1:]), weights
 
     def on(self, fractions: Array, arc_of: Index) -> 'Equations':
@@ -207,7 +207,7 @@ class Equations:
         h = self.fractions * found.lengths[self.arc_of]
         t = np.append(0.0, np.cumsum(h))[:-1]
         z, _ = found.at(*found.where(t, self.arc_of))
-        inner = (t[:, None] + h[:, None] * gauss_points(_STAGES)).ravel()
+        inner = (t[:, None] + h[:, None] * compute_gauss_points(_STAGES)).ravel()
         y, u = found.at(*found.where(inner, np.repeat(self.arc_of, _STAGES)))
         N, scales = len(h), self.scales
         last = np.flatnonzero(np.diff(found.arc_of, append=-1))
@@ -231,7 +231,7 @@ class Equations:
         def at(times: Array, seen: Array, values: Array) -> Array:
             return np.stack([np.interp(times, seen, column) for column in values.T], axis=-1)
 
-        inner = t[:-1, None] + h[:, None] * gauss_points(_STAGES)
+        inner = t[:-1, None] + h[:, None] * compute_gauss_points(_STAGES)
         inputs = np.where(self.free[self.arc_of][:, None], at(inner, middle, u),
                           self.level[self.arc_of][:, None])
         ends, off = np.cumsum(lengths), 1e-6 * t[-1]
@@ -393,7 +393,7 @@ class Equations:
 @cache
 def _outer() -> Array:
     """Return the values at 0 and 1 of the polynomials that are 1 at one Gauss point."""
-    return np.array([np.linalg.solve(np.vander(gauss_points(_STAGES)).T, power)
+    return np.array([np.linalg.solve(np.vander(compute_gauss_points(_STAGES)).T, power)
                      for power in np.vander([0.0, 1.0], _STAGES)])
 
 

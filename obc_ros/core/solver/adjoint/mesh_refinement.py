@@ -88,7 +88,7 @@ def measure_loss(problem: Problem, integrator: CostateIntegrator, course: Extrem
                      float(np.ptp(H)))
 
 
-def followed(problem: Problem, integrator: CostateIntegrator, course: Extremal) -> Array:
+def follow_minimum(problem: Problem, integrator: CostateIntegrator, course: Extremal) -> Array:
     """
     Return inputs at the interval ends, (N + 1, m), that follow one least point of H in time.
 
@@ -153,7 +153,7 @@ def _crossings(problem: Problem, t: Array, targets: Array) -> Array:
     return np.sort(np.array(found))
 
 
-def cuts(errors: Array, share: float, rate: float) -> Index:
+def choose_cuts(errors: Array, share: float, rate: float) -> Index:
     """
     Return into how many parts to cut each interval so that its error is `share` at most.
 
@@ -164,8 +164,8 @@ def cuts(errors: Array, share: float, rate: float) -> Index:
     return np.clip(number, 1, _MOST_CUTS).astype(np.int64)
 
 
-def finer(mesh: Mesh, path: Path, kinks: Array, errors: Sequence[Error], longest: float,
-          most: int) -> Mesh:
+def refine_mesh(mesh: Mesh, path: Path, kinks: Array, errors: Sequence[Error], longest: float,
+                most: int) -> Mesh:
     """
     Return a mesh that is finer where errors are too large, and no finer than needed.
 
@@ -173,7 +173,7 @@ def finer(mesh: Mesh, path: Path, kinks: Array, errors: Sequence[Error], longest
     mesh of one phase has at most `most` intervals, unless it has nearly as many already.
     """
     def cut(of: Sequence[Array]) -> Index:
-        counts = [cuts(values, error.share, error.rate)
+        counts = [choose_cuts(values, error.share, error.rate)
                   for values, error in zip(of, errors, strict=True)]
         return np.asarray(np.max(counts, axis=0))
 
@@ -187,7 +187,7 @@ def finer(mesh: Mesh, path: Path, kinks: Array, errors: Sequence[Error], longest
         may = _straight(path, mesh.layout.phase_of) & (merged == 1) & (h[:-1] + h[1:] < longest)
         for k in np.flatnonzero(may):
             spare[k] = not spare[k - 1]
-    mesh = aligned(mesh, path.t, kinks, spare)
+    mesh = align_mesh(mesh, path.t, kinks, spare)
     points = np.append(0.0, np.cumsum(mesh.fractions * path.durations[mesh.layout.phase_of]))
     middle = (points[:-1] + points[1:]) / 2
     k = np.clip(np.searchsorted(path.t, middle) - 1, 0, len(number) - 1)
@@ -219,7 +219,7 @@ def _straight(path: Path, phase_of: Index) -> NDArray[np.bool_]:
     return np.asarray(np.all(off <= size, axis=1) & (phase_of[:-1] == phase_of[1:]))
 
 
-def aligned(mesh: Mesh, t: Array, kinks: Array, spare: NDArray[np.bool_]) -> Mesh:
+def align_mesh(mesh: Mesh, t: Array, kinks: Array, spare: NDArray[np.bool_]) -> Mesh:
     """
     Return the mesh with a point at each of the given times and without spare inner points.
 
@@ -252,8 +252,8 @@ def aligned(mesh: Mesh, t: Array, kinks: Array, spare: NDArray[np.bool_]) -> Mes
                    fractions=np.concatenate(fractions))
 
 
-def drawn_in(problem: Problem, value: Array, course: Extremal,
-             margin: Array) -> tuple[Array, Array]:
+def compute_tightening(problem: Problem, value: Array, course: Extremal,
+                       margin: Array) -> tuple[Array, Array]:
     """
     Return by how much to draw in bounds, (n + l,), and by how much intervals exceed them, (N,).
 
@@ -281,6 +281,6 @@ def drawn_in(problem: Problem, value: Array, course: Extremal,
     return drawn, np.maximum(bend, 0.0) * h2
 
 
-def below(cost: float, other: float, part: float) -> bool:
+def is_below(cost: float, other: float, part: float) -> bool:
     """Return whether a cost is below another by more than a part of it."""
     return cost < other - part * abs(other)

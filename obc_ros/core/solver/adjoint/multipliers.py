@@ -22,7 +22,7 @@ from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
 from obc_ros.core.solver.adjoint.costates import Extremal
-from obc_ros.core.solver.arcs.mixed_constraints import densities
+from obc_ros.core.solver.arcs.mixed_constraints import compute_densities
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 from obc_ros.core.solver.transcription.runge_kutta import step
 
@@ -185,7 +185,7 @@ class Fitter:
         value = self.values(problem, course)
         mass = np.hstack([outcome.node_bounds, outcome.node_path])
         slopes = self._shaped(self._point(course.x, course.ua, problem.p_value))[4]
-        weights = densities(outcome, slopes[:, self.n:], course.ua)
+        weights = compute_densities(outcome, slopes[:, self.n:], course.ua)
         found = []
         for sign, bound in ((1, np.append(problem.x_upper, problem.path_upper)),
                             (-1, np.append(problem.x_lower, problem.path_lower))):

@@ -24,8 +24,8 @@ _LARGEST = 0.3    # of the largest slope of H in a phase: it is steep where that
 _SHORT = 0.2      # of a phase: the longest part that is at a bound at one end of it
 
 
-def at_bounds(problem: Problem, found: Phased, switching: NDArray[np.bool_],
-              deciding: NDArray[np.bool_]) -> list[Arc]:
+def cut_at_bounds(problem: Problem, found: Phased, switching: NDArray[np.bool_],
+                  deciding: NDArray[np.bool_]) -> list[Arc]:
     """
     Return the arcs of a path that was found, cut where inputs come to their bounds in them.
 
@@ -58,8 +58,9 @@ def at_bounds(problem: Problem, found: Phased, switching: NDArray[np.bool_],
     return arcs
 
 
-def at_ends(problem: Problem, program: PhasedProgram, found: Phased, t: Array, x: Array, u: Array,
-            Hu: Array) -> list[Arc]:
+def cut_at_ends(problem: Problem, program: PhasedProgram, found: Phased, t: Array, x: Array,
+                u: Array,
+                Hu: Array) -> list[Arc]:
     """
     Return the arcs of a path that was found, cut where it may come to a singular one by a bang.
 

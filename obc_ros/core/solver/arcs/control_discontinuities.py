@@ -23,7 +23,7 @@ _LEVEL = 0.01      # of the range of an input on the path: what is no jump
 _APART = 1.5       # intervals, closer than which an end of an arc is that jump
 
 
-def jumps(path: Path, of: Sequence[bool]) -> Array:
+def find_jumps(path: Path, of: Sequence[bool]) -> Array:
     """Return the times at which some of the inputs `of` jump, or slope as steeply as they can."""
     t, chosen = path.t, np.array(of, dtype=bool)
     u = np.stack([path.ua, path.ub])[:, :, chosen]
@@ -46,15 +46,15 @@ def jumps(path: Path, of: Sequence[bool]) -> Array:
     return np.sort(np.array(found))
 
 
-def with_jumps(arcs: Sequence[Arc], path: Path, of: Sequence[bool],
-               mixed: Sequence[bool] = ()) -> list[Arc]:
+def cut_at_jumps(arcs: Sequence[Arc], path: Path, of: Sequence[bool],
+                 mixed: Sequence[bool] = ()) -> list[Arc]:
     """
     Return arcs that end also where inputs jump that are free there.
 
     On bounds of the state they follow these; not on constraints of inputs, rows that are `mixed`.
     """
     kept = list[Arc]()
-    T, times = path.t[-1], jumps(path, of)
+    T, times = path.t[-1], find_jumps(path, of)
     widths = np.diff(path.t)
     for arc in arcs:
         start = arc.start
@@ -69,7 +69,7 @@ def with_jumps(arcs: Sequence[Arc], path: Path, of: Sequence[bool],
     return kept
 
 
-def with_steps(path: Path, arcs: Sequence[Arc]) -> Path:
+def sharpen_steps(path: Path, arcs: Sequence[Arc]) -> Path:
     """
     Return a path whose inputs step where arcs begin with a jump, in place of the slope around it.
 
@@ -100,7 +100,7 @@ def _follows(arc: Arc, mixed: Sequence[bool]) -> bool:
     return any(on and not (mixed and mixed[row]) for row, on in enumerate(arc.on))
 
 
-def switching_times(outcome: TranscriptionOutcome) -> Array:
+def find_switching_times(outcome: TranscriptionOutcome) -> Array:
     """Return the times at which phases meet and inputs jump, or come to bounds or leave them."""
     mesh, path = outcome.mesh, outcome.path
     ends = np.cumsum(path.durations)[:-1]

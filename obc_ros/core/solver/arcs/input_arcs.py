@@ -53,7 +53,7 @@ class _Span:
     level: float
 
 
-def jumping_inputs(problem: Problem, path: Path) -> tuple[bool, ...]:
+def find_jumping_inputs(problem: Problem, path: Path) -> tuple[bool, ...]:
     """Return for each input whether it goes from bound to bound within an interval or two."""
     jumps = []
     for i in range(problem.m):
@@ -88,7 +88,7 @@ def find_arcs(problem: Problem, path: Path, switching: Sequence[bool],
             spans.append(_unheld(row) if curved is not None and curved[i] else row)
         else:
             spans.append([_Span(0.0, path.t[-1], math.nan)])
-    return admitted(problem, join(spans), _SMEAR * float(np.diff(path.t).max()))
+    return drop_excluded_bounds(problem, join(spans), _SMEAR * float(np.diff(path.t).max()))
 
 
 def _unheld(spans: list[_Span]) -> list[_Span]:
@@ -105,7 +105,7 @@ def _unheld(spans: list[_Span]) -> list[_Span]:
     return kept
 
 
-def admitted(problem: Problem, arcs: list[Arc], smear: float) -> list[Arc]:
+def drop_excluded_bounds(problem: Problem, arcs: list[Arc], smear: float) -> list[Arc]:
     """
     Return arcs without inputs at bounds that path constraints do not let them have together.
 
@@ -235,8 +235,8 @@ def _tidy(spans: list[_Span], T: float) -> list[_Span]:
     return kept
 
 
-def arc_mesh(problem: Problem, arcs: Sequence[Arc], stages: int, density: float,
-             least: tuple[int, int] = (3, 8)) -> tuple[Mesh, Array]:
+def build_arc_mesh(problem: Problem, arcs: Sequence[Arc], stages: int, density: float,
+                   least: tuple[int, int] = (3, 8)) -> tuple[Mesh, Array]:
     """
     Return a mesh with one phase for each arc, and the lengths of the arcs.
 
@@ -267,14 +267,14 @@ def arc_mesh(problem: Problem, arcs: Sequence[Arc], stages: int, density: float,
     return Mesh(layout, fractions, held, on), np.array([arc.end - arc.start for arc in arcs])
 
 
-def closed(arcs: Sequence[Arc], T: float) -> list[Arc]:
+def close_gaps(arcs: Sequence[Arc], T: float) -> list[Arc]:
     """Return arcs over [0, T] without gaps, equal neighbours as one."""
     rows = [_tidy([_Span(arc.start, arc.end, arc.levels[i]) for arc in arcs], T)
             for i in range(len(arcs[0].levels))]
     return join(rows)
 
 
-def shortest(arcs: Sequence[Arc], curved: Mask, least: float) -> Array:
+def limit_shortening(arcs: Sequence[Arc], curved: Mask, least: float) -> Array:
     """
     Return how short arcs may become at once: a part `least` of what they are, or more.
 
@@ -292,15 +292,15 @@ def shortest(arcs: Sequence[Arc], curved: Mask, least: float) -> Array:
     return kept
 
 
-def signature(arcs: Sequence[Arc]) -> Signature:
+def get_signature(arcs: Sequence[Arc]) -> Signature:
     """Return the levels of all arcs and the bounds they are on or touch, comparable."""
     return tuple(tuple(None if math.isnan(v) else v for v in arc.levels) + (
         arc.on if any(arc.on) else ()) + ((None, *arc.met) if any(arc.met) else ())
         for arc in arcs)
 
 
-def opened(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem,
-           judged: Sequence[bool], moving: Sequence[bool]) -> list[Arc]:
+def open_arcs(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem,
+              judged: Sequence[bool], moving: Sequence[bool]) -> list[Arc]:
     """
     Return arcs with inputs moved or set free where dH/du says that their bound is wrong.
 
@@ -345,11 +345,11 @@ def opened(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem,
                 row.append(_Span(start, end, level if bad[part[0]] else arc.levels[i]))
                 start = end
         spans.append(_tidy(row, arcs[-1].end))
-    return admitted(problem, join(spans), 0.0)
+    return drop_excluded_bounds(problem, join(spans), 0.0)
 
 
-def sloped(arcs: Sequence[Arc], t: Array, Hu: tuple[Array, Array], curved: Sequence[bool]
-           ) -> list[Arc]:
+def insert_free_arcs(arcs: Sequence[Arc], t: Array, Hu: tuple[Array, Array], curved: Sequence[bool]
+                     ) -> list[Arc]:
     """
     Return arcs with a free one wherever an input does not jump but slopes from bound to bound.
 
@@ -400,7 +400,7 @@ def _vanishes(t: Array, values: Array, near: float) -> float:
     return float(zeros[np.argmin(np.abs(zeros - near))])
 
 
-def moved(arcs: Sequence[Arc], durations: Array, least: float) -> bool:
+def have_moved(arcs: Sequence[Arc], durations: Array, least: float) -> bool:
     """Return whether arcs end elsewhere than as many phases, by a part of T."""
     ends = np.cumsum(durations)
     return len(arcs) == len(ends) and bool(np.any(np.abs(

@@ -12,13 +12,13 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
-from obc_ros.core.numerics.collocation import collocation
+from obc_ros.core.numerics.collocation import build_collocation
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.arcs.constraint_orders import BoundRates
 from obc_ros.core.solver.arcs.input_arcs import Arc
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.arcs.phases import DEGREE, Phased
-from obc_ros.core.solver.arcs.state_contacts import StateContact, with_contacts
+from obc_ros.core.solver.arcs.state_contacts import add_contacts, StateContact
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _WEIGHS = 1e-4   # of the largest density: what is not there
@@ -27,7 +27,7 @@ _STEPS = 3       # of Newton onto a constraint
 _WRONG = 1e-6    # likewise on an arc, of the wrong sign
 
 
-def densities(outcome: TranscriptionOutcome, slopes: Array, u: Array) -> Array:
+def compute_densities(outcome: TranscriptionOutcome, slopes: Array, u: Array) -> Array:
     """
     Return what path constraints weigh in each interval of a transcription, (N, points, l).
 
@@ -42,15 +42,15 @@ def densities(outcome: TranscriptionOutcome, slopes: Array, u: Array) -> Array:
     return np.asarray(np.where(np.abs(found) > least, found, 0.0))
 
 
-def holding(problem: Problem, outcome: TranscriptionOutcome,
-            program: PhasedProgram) -> list[StateContact]:
+def find_active(problem: Problem, outcome: TranscriptionOutcome,
+                program: PhasedProgram) -> list[StateContact]:
     """Return where constraints on inputs weigh in a transcription."""
     path, n, bounds = outcome.path, problem.n, program.bounds
     t, count = path.t, len(path.ua)
     slopes = program.rows_u.map(count)(
         path.x[:-1].T, path.ua.T, ca.repmat(problem.p_value, 1, count)).full()
     slopes = slopes.reshape(bounds.count, count, problem.m)[n:].swapaxes(0, 1)
-    weights = densities(outcome, slopes, path.ua)
+    weights = compute_densities(outcome, slopes, path.ua)
     found = []
     for row in np.flatnonzero(bounds.orders[n:] == 0).tolist():
         least = _WEIGHS * np.abs(weights[:, :, row]).max(initial=0.0)
@@ -60,11 +60,11 @@ def holding(problem: Problem, outcome: TranscriptionOutcome,
     return found
 
 
-def reheld(arcs: list[Arc], found: Phased, bounds: BoundRates) -> list[Arc]:
+def hold_constraints(arcs: list[Arc], found: Phased, bounds: BoundRates) -> list[Arc]:
     """Return arcs that are on constraints of inputs where these weigh along phases found."""
     rows = np.flatnonzero(bounds.orders == 0)
     points = np.append(0.0, np.cumsum(found.h))
-    t = points[:-1, None] + found.h[:, None] * collocation(DEGREE, 'radau')[0]
+    t = points[:-1, None] + found.h[:, None] * build_collocation(DEGREE, 'radau')[0]
     new: list[StateContact] = []
     changed = False
     for row in rows.tolist():
@@ -88,11 +88,12 @@ def reheld(arcs: list[Arc], found: Phased, bounds: BoundRates) -> list[Arc]:
         return arcs
     off = [replace(arc, on=tuple(0 if row in rows else on for row, on in enumerate(arc.on)))
            for arc in arcs]
-    return with_contacts(off, new, bounds.deciding, bounds.orders == 0) if new else off
+    return add_contacts(off, new, bounds.deciding, bounds.orders == 0) if new else off
 
 
-def on_constraints(problem: Problem, program: PhasedProgram, found: Phased, x: Array, u: Array
-                   ) -> Array:
+def move_onto_constraints(problem: Problem, program: PhasedProgram, found: Phased, x: Array,
+                          u: Array
+                          ) -> Array:
     """
     Return samples of inputs (K, s, m) moved onto the constraint that holds them in each phase.
 

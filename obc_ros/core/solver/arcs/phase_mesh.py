@@ -4,7 +4,7 @@
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.numerics.collocation import collocation
+from obc_ros.core.numerics.collocation import build_collocation
 from obc_ros.core.solver.arcs.phases import DEGREE, Phased
 from obc_ros.core.solver.transcription.mesh import Path
 
@@ -35,7 +35,7 @@ def spread_as_wanted(found: Phased) -> tuple[tuple[Array, Array], int]:
 
 def _highest(values: Array) -> Array:
     """Return the highest coefficients in all intervals, (K, n), of their sizes."""
-    points = 2 * np.append(0.0, collocation(DEGREE, 'radau')[0]) - 1
+    points = 2 * np.append(0.0, build_collocation(DEGREE, 'radau')[0]) - 1
     highest = np.polynomial.legendre.legfit(points, np.eye(DEGREE + 1), DEGREE)[DEGREE]
     size = np.maximum(np.abs(values).max(axis=(0, 1)), 1e-300)
     return np.asarray(np.abs(np.einsum('j,kjn->kn', highest, values)) / size)

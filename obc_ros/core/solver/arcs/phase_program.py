@@ -24,11 +24,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
-from obc_ros.core.numerics.collocation import collocation, lagrange
+from obc_ros.core.numerics.collocation import build_collocation, build_lagrange_polynomials
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.structure import idle_inputs
+from obc_ros.core.ocp.structure import find_idle_inputs
 from obc_ros.core.solver.arcs.constraint_orders import BoundRates
-from obc_ros.core.solver.arcs.input_arcs import Arc, shortest
+from obc_ros.core.solver.arcs.input_arcs import Arc, limit_shortening
 from obc_ros.core.solver.arcs.phases import DEGREE, Grazing, OUTWARDS, Phased
 from obc_ros.core.solver.nlp.progress import ProgressMonitor, Watch
 from obc_ros.core.solver.transcription.mesh import Path
@@ -49,7 +49,7 @@ class PhasedProgram:
 
     def __init__(self, problem: Problem, switching: Sequence[bool]) -> None:
         self.problem, self.switching = problem, np.array(switching)
-        self.bounds, self.idle = BoundRates(problem), np.array(idle_inputs(problem))
+        self.bounds, self.idle = BoundRates(problem), np.array(find_idle_inputs(problem))
         # Inputs of a phase of no length may be any: next to constraints of theirs it stays there.
         self.least = _LEAST if np.any(self.bounds.orders == 0) else 0.0
         x, u, p = problem.x, problem.u, problem.p
@@ -59,12 +59,12 @@ class PhasedProgram:
         rows = ca.vertcat(x, problem.path)
         self.rows = ca.Function('rows', [x, u, p], [rows])
         self.rows_u = ca.Function('rows_u', [x, u, p], [ca.jacobian(rows, u)])
-        points, self.weights, self.derivative, _ = collocation(DEGREE, 'radau')
+        points, self.weights, self.derivative, _ = build_collocation(DEGREE, 'radau')
         self.points = np.append(0.0, points)
 
     def shortest(self, arcs: Sequence[Arc]) -> Array:
         """Return how short the phases of some arcs may become at once."""
-        return shortest(arcs, ~self.switching, self.least)
+        return limit_shortening(arcs, ~self.switching, self.least)
 
     @cached_property
     def held(self) -> list[ca.Function]:
@@ -281,7 +281,7 @@ class _Solve:
 
     def _first(self, u: ca.MX, phase: int) -> ca.MX:
         """Return the inputs where a phase begins, which is none of Radau's points, (m,)."""
-        first = [each(0.0) for each in lagrange(self.program.points[1:])]
+        first = [each(0.0) for each in build_lagrange_polynomials(self.program.points[1:])]
         a = int(self.first[phase]) * DEGREE
         return ca.mtimes(u[:, a:a + DEGREE], ca.DM(first))
 

@@ -33,8 +33,9 @@ class StateContact:
     beside: float
 
 
-def contacts(problem: Problem, outcome: TranscriptionOutcome, value: Array, margin: Array,
-             decided: Mask, *, perhaps: bool = False, near: float = _NEAR) -> list[StateContact]:
+def find_contacts(problem: Problem, outcome: TranscriptionOutcome, value: Array, margin: Array,
+                  decided: Mask, *, perhaps: bool = False,
+                  near: float = _NEAR) -> list[StateContact]:
     """
     Return where a path is on bounds of the state, from its mesh points.
 
@@ -74,8 +75,8 @@ def contacts(problem: Problem, outcome: TranscriptionOutcome, value: Array, marg
     return found
 
 
-def with_contacts(arcs: Sequence[Arc], found: Sequence[StateContact], free: Mask,
-                  mixed: Mask | None = None) -> list[Arc]:
+def add_contacts(arcs: Sequence[Arc], found: Sequence[StateContact], free: Mask,
+                 mixed: Mask | None = None) -> list[Arc]:
     """
     Return arcs that begin and end where contacts do, on their bounds besides those they are on.
 

@@ -25,33 +25,33 @@ from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.ocp.nonconvexity import convex_paths
+from obc_ros.core.ocp.nonconvexity import has_convex_paths
 from obc_ros.core.ocp.problem import FinalTime, Problem
 from obc_ros.core.ocp.solution import Solution
 from obc_ros.core.ocp.wording import format_number, state_bound
 from obc_ros.core.solver.diagnosis.feasibility import (
-    elastic,
+    describe_broken_bound,
+    describe_shortfall,
     FEASIBLE,
+    find_blocking_bound,
     is_path,
-    not_held,
-    shortfall,
-    soft,
+    relax_path_constraints,
+    relax_terminal,
     Solver,
-    to_blame,
 )
-from obc_ros.core.solver.diagnosis.forward_check import leads_there
-from obc_ros.core.solver.diagnosis.monotone_resources import too_little
-from obc_ros.core.solver.diagnosis.relaxed_controls import chattering, relaxed
-from obc_ros.core.solver.diagnosis.unboundedness import unbounded
-from obc_ros.core.solver.exact.weak_duality import excluded
-from obc_ros.core.solver.proofs.contradictions import contradiction
-from obc_ros.core.solver.proofs.existence import without_minimum
+from obc_ros.core.solver.diagnosis.forward_check import reaches_end
+from obc_ros.core.solver.diagnosis.monotone_resources import explain_shortage
+from obc_ros.core.solver.diagnosis.relaxed_controls import explain_chattering, relax_controls
+from obc_ros.core.solver.diagnosis.unboundedness import explain_unbounded
+from obc_ros.core.solver.exact.weak_duality import is_excluded
+from obc_ros.core.solver.proofs.contradictions import explain_contradiction
+from obc_ros.core.solver.proofs.existence import explain_no_minimum
 from obc_ros.core.solver.proofs.singular_expressions import (
-    kinked,
-    level,
-    runs_away,
-    steep,
-    undefined,
+    explain_escape,
+    explain_kink,
+    explain_level_terminal,
+    explain_steep_root,
+    explain_undefined,
 )
 
 # Of what a certificate may leave: for a path but for little, and but for its steps as well.
@@ -89,18 +89,18 @@ def explain(problem: Problem, solve: Solver | None = None, thorough: Solver | No
         The best path that was found for the problem.
 
     """
-    sentence = contradiction(problem)
+    sentence = explain_contradiction(problem)
     if sentence:
         return Reason(True, sentence)
-    sentence = without_minimum(problem)
+    sentence = explain_no_minimum(problem)
     if sentence or solve is None:
         return Reason(False, sentence) if sentence else None
     return _Doubt(problem, solve, thorough or solve).reason(found)
 
 
-def proved_infeasible(problem: Problem) -> bool:
+def is_proved_infeasible(problem: Problem) -> bool:
     """Return whether weights of the constraints prove that no path meets them all."""
-    return convex_paths(problem) and excluded(problem)
+    return has_convex_paths(problem) and is_excluded(problem)
 
 
 class _Doubt:
@@ -110,39 +110,40 @@ class _Doubt:
         self.problem, self.solve = problem, solve
         self.thorough = thorough
         self.lost = True  # whether no path was found that keeps to the problem
-        self.convex = convex_paths(problem)
+        self.convex = has_convex_paths(problem)
         self._shown: bool | None = None
 
     @property
     def shown(self) -> bool:
         """Whether it is proved that no path meets all constraints."""
         if self._shown is None:
-            self._shown = proved_infeasible(self.problem)
+            self._shown = is_proved_infeasible(self.problem)
         return self._shown
 
     def reason(self, found: Solution | None) -> Reason | None:
         """Return why there is no answer, None if that remains unknown."""
         problem = self.problem
-        if found is not None and (sentence := undefined(problem, found.t, found.x, found.u)):
+        if found is not None and (sentence := explain_undefined(problem, found.t, found.x,
+                                                                found.u)):
             return Reason(False, sentence)
         self.lost = found is None or not is_path(found)
         if found is not None and _arrives(found) and (
-                sentence := kinked(problem, found.t, found.x, found.u)
-                or steep(problem, found.t, found.x, found.u)):
+                sentence := explain_kink(problem, found.t, found.x, found.u)
+                or explain_steep_root(problem, found.t, found.x, found.u)):
             return Reason(False, sentence)
         if found is not None and not self.lost and (
-                sentence := level(problem, found.x[-1])):
+                sentence := explain_level_terminal(problem, found.x[-1])):
             return Reason(False, sentence)
-        kept = found is not None and not self.lost and not shortfall(problem, found)
+        kept = found is not None and not self.lost and not describe_shortfall(problem, found)
         if kept or problem.q == 0 and not _bounded(problem):
             return self.mixed(found) or self.without_end(found)
-        nearest = self.best(elastic(problem))
+        nearest = self.best(relax_terminal(problem))
         if not self.keeps(nearest):
-            sentence = undefined(problem, nearest.t, nearest.x, nearest.u)
+            sentence = explain_undefined(problem, nearest.t, nearest.x, nearest.u)
             return Reason(False, sentence) if sentence else (
                 self.not_held() or problem.q and (self.too_short() or self.too_little())
                 or self.without_end(found) or self.leapt(nearest))
-        missed = shortfall(problem, nearest)
+        missed = describe_shortfall(problem, nearest)
         if not missed:
             return self.mixed(found) or self.without_end(found)
         if found is not None and _almost(problem, found) and not self.shown:
@@ -171,20 +172,20 @@ class _Doubt:
 
     def mixed(self, found: Solution | None) -> Reason | None:
         """Return that the least cost is approached by ever faster switching, if it is."""
-        other = relaxed(self.problem, found) if found is not None and found.t.size else None
+        other = relax_controls(self.problem, found) if found is not None and found.t.size else None
         # Bounds that a path just misses do not matter where mixtures of an input's bounds do.
         if found is None or other is None or self.lost and other.m > self.problem.m:
             return None
         answer = self.thorough(other)
-        sentence = chattering(
+        sentence = explain_chattering(
             self.problem, other, answer, found) if answer.certified else ''
         return Reason(False, sentence) if sentence else None
 
     def without_end(self, found: Solution | None) -> Reason | None:
         """Return that states, or the cost, grow without end, if they do."""
-        sentence = unbounded(self.problem, self.certified, None if self.lost else found)
+        sentence = explain_unbounded(self.problem, self.certified, None if self.lost else found)
         if not sentence and self.lost:
-            sentence = runs_away(self.problem, _last(self.problem))
+            sentence = explain_escape(self.problem, _last(self.problem))
         return Reason(False, sentence) if sentence else None
 
     def too_short(self) -> Reason | None:
@@ -195,14 +196,14 @@ class _Doubt:
         answer = self.solve(later)
         if not is_path(answer) and _roughly(answer):
             answer = self.thorough(later)
-        if not is_path(answer) or shortfall(problem, answer):
+        if not is_path(answer) or describe_shortfall(problem, answer):
             return None
         early = answer.t[-1] <= last * (1 + 1e-6)
         if not early and not self.convex:
             answer = self.thorough(later)
             early = not is_path(answer) or answer.t[-1] <= last * (1 + 1e-6)
         if early and not self.convex and not problem.final_time.free and (
-                leads_there(problem, answer)):
+                reaches_end(problem, answer)):
             return Reason(False, f'no path was found that meets the terminal constraints at T = '
                                  f'{last:.6g}; one meets them at T = {answer.t[-1]:.4g}')
         if early:
@@ -217,7 +218,7 @@ class _Doubt:
 
     def too_little(self) -> Reason | None:
         """Return that the terminal constraints take more of a state than there is."""
-        sentence = too_little(self.problem, self.thorough)
+        sentence = explain_shortage(self.problem, self.thorough)
         if not sentence:
             return None
         return Reason(True, sentence) if self.shown else Reason(
@@ -226,7 +227,7 @@ class _Doubt:
     def missing(self, missed: str) -> Reason:
         """Return what of the terminal constraints is out of reach, and for which bound."""
         problem = self.problem
-        blamed = to_blame(problem, self.solve)
+        blamed = find_blocking_bound(problem, self.solve)
         if blamed and self.shown:
             name, without = blamed
             return Reason(True, (
@@ -241,8 +242,8 @@ class _Doubt:
 
     def not_held(self) -> Reason | None:
         """Return which state bound or path constraint cannot be held."""
-        answer = self.best(soft(self.problem))
-        found = not_held(self.problem, answer)
+        answer = self.best(relax_path_constraints(self.problem))
+        found = describe_broken_bound(self.problem, answer)
         if not found:
             return None
         name, how = found
@@ -299,7 +300,7 @@ def _roughly(solution: Solution) -> bool:
 def _almost(problem: Problem, found: Solution) -> bool:
     """Return whether an answer ends as it has to and nearly keeps to the problem on the way."""
     residuals = found.certificate.residuals if found.certificate else {}
-    return not shortfall(problem, found) and all(
+    return not describe_shortfall(problem, found) and all(
         residuals.get(key, np.inf) <= limit for key, limit in _NEARLY.items())
 
 

@@ -17,8 +17,8 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
-from obc_ros.core.ocp.structure import switching_inputs
-from obc_ros.core.ocp.wording import format_number, state_bound, terminal
+from obc_ros.core.ocp.structure import find_switching_inputs
+from obc_ros.core.ocp.wording import describe_terminal, format_number, state_bound
 
 Solver = Callable[[Problem], Solution]
 Explanation = Callable[[Solution], str]
@@ -38,14 +38,14 @@ def is_path(solution: Solution, wide: float = FEASIBLE['bounds']) -> bool:
         for key, limit in (FEASIBLE | {'bounds': wide}).items())
 
 
-def shortfall(problem: Problem, nearest: Solution) -> str:
+def describe_shortfall(problem: Problem, nearest: Solution) -> str:
     """Say by how much terminal constraints are missed at the end of a path; '' if none is."""
     psi = ca.Function('psi', [problem.x, problem.p], [problem.psi])
     values = psi(nearest.x[-1], problem.p_value).full()[:, 0]
     part = np.abs(values) / _sizes(problem)
     parts = []
     for row in map(int, np.flatnonzero(part > max(_MISSED, _OF_MOST * part.max(initial=0.0)))):
-        wanted = terminal(problem, row)
+        wanted = describe_terminal(problem, row)
         name, _, value = wanted.partition(' = ')
         if name in problem.states:
             there = nearest.x[-1, problem.states.index(name)]
@@ -55,17 +55,17 @@ def shortfall(problem: Problem, nearest: Solution) -> str:
     return ', '.join(parts)
 
 
-def elastic(problem: Problem) -> Problem:
+def relax_terminal(problem: Problem) -> Problem:
     """Return the problem of coming as near as possible to the terminal constraints."""
     nearest = replace(problem, L=ca.SX(0), psi=ca.SX(0, 1), structure='',
                       V=ca.sumsqr(problem.psi / _sizes(problem)))
     boxed = np.isfinite([problem.u_lower, problem.u_upper]).all()
     # Without a cost of inputs arcs along their bounds are found as such.
-    return nearest if boxed and all(switching_inputs(nearest)) else replace(
+    return nearest if boxed and all(find_switching_inputs(nearest)) else replace(
         nearest, L=_effort(problem))
 
 
-def soft(problem: Problem) -> Problem:
+def relax_path_constraints(problem: Problem) -> Problem:
     """Return the problem of breaking state bounds and path constraints as little as possible."""
     cost = _effort(problem)
     rows = [*zip(ca.vertsplit(problem.x), problem.x_lower, problem.x_upper, strict=True)]
@@ -102,11 +102,11 @@ def _sizes(problem: Problem) -> Array:
     return np.where(np.isfinite(size) & (size > 0), size, 1.0)
 
 
-def to_blame(problem: Problem, solve: Solver) -> tuple[str, str] | None:
+def find_blocking_bound(problem: Problem, solve: Solver) -> tuple[str, str] | None:
     """Return the bound that keeps the terminal constraints from being met, and what it is for."""
     for name, freed, seen in _without(problem):
-        answer = solve(elastic(freed))
-        if is_path(answer) and not shortfall(freed, answer):
+        answer = solve(relax_terminal(freed))
+        if is_path(answer) and not describe_shortfall(freed, answer):
             return name, seen(answer)
     return None
 
@@ -119,11 +119,11 @@ def _without(problem: Problem) -> Iterator[tuple[str, Problem, Explanation]]:
             if np.isfinite(bounds[index]):
                 key = 'x_upper' if upper else 'x_lower'
                 yield (f'state bound {state_bound(problem, index, upper)}',
-                       without_bound(problem, key, index),
+                       remove_bound(problem, key, index),
                        _extreme(problem.states[index], index, upper, 'x'))
     for row in range(problem.path.numel()):
         yield (f'path_constraints[{row}]',
-               without_bound(without_bound(problem, 'path_lower', row), 'path_upper', row),
+               remove_bound(remove_bound(problem, 'path_lower', row), 'path_upper', row),
                lambda _: 'they can be met')
     for index in range(problem.m):
         for upper in (True, False):
@@ -131,11 +131,11 @@ def _without(problem: Problem) -> Iterator[tuple[str, Problem, Explanation]]:
             if np.isfinite(bound):
                 name = problem.inputs[index]
                 yield (f'input bound {name} {"<=" if upper else ">="} {format_number(bound)}',
-                       without_bound(problem, 'u_upper' if upper else 'u_lower', index),
+                       remove_bound(problem, 'u_upper' if upper else 'u_lower', index),
                        _extreme(name, index, upper, 'u'))
 
 
-def without_bound(problem: Problem, key: str, index: int) -> Problem:
+def remove_bound(problem: Problem, key: str, index: int) -> Problem:
     """Return a problem without one bound."""
     values = getattr(problem, key).copy()
     values[index] = np.inf if key.endswith('upper') else -np.inf
@@ -152,7 +152,7 @@ def _extreme(name: str, index: int, upper: bool, kind: str) -> Explanation:
     return seen
 
 
-def not_held(problem: Problem, answer: Solution) -> tuple[str, str] | None:
+def describe_broken_bound(problem: Problem, answer: Solution) -> tuple[str, str] | None:
     """Return which bound the answer to the soft problem breaks most, and how."""
     if not is_path(answer):
         return None

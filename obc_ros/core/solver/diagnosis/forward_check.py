@@ -16,7 +16,7 @@ _PARTS = 16     # of each interval of a path
 _AWAY = 1e-2    # relative: how far from where it is said to end a path may end
 
 
-def guided(problem: Problem, found: Solution) -> Problem:
+def guess_from_inputs(problem: Problem, found: Solution) -> Problem:
     """Return a problem whose guess is where the inputs of a path lead, as far as it has them."""
     t = np.linspace(0.0, found.t[-1], _POINTS)
     u = np.clip(np.column_stack([np.interp(t, found.t, column) for column in found.u.T]),
@@ -29,7 +29,7 @@ def guided(problem: Problem, found: Solution) -> Problem:
         float(t[-1]) if problem.final_time.free else None))
 
 
-def leads_there(problem: Problem, found: Solution) -> bool:
+def reaches_end(problem: Problem, found: Solution) -> bool:
     """
     Return whether the inputs of a path lead from x(0) to where it ends, nearly.
 

@@ -15,9 +15,9 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.wording import format_number, state_bound
-from obc_ros.core.solver.diagnosis.feasibility import shortfall, Solver, without_bound
-from obc_ros.core.solver.proofs.interval_bounds import steady
-from obc_ros.core.solver.proofs.singular_expressions import suspects
+from obc_ros.core.solver.diagnosis.feasibility import describe_shortfall, remove_bound, Solver
+from obc_ros.core.solver.proofs.interval_bounds import bound_rates
+from obc_ros.core.solver.proofs.singular_expressions import find_suspects
 
 _NEXT_TO_0 = 1e-2   # of a bound
 _SHORT = 1e-4   # of its size: what a supply has to lack
@@ -32,9 +32,9 @@ class Supply:
     problem: Problem
 
 
-def supplies(problem: Problem) -> Iterator[Supply]:
+def find_supplies(problem: Problem) -> Iterator[Supply]:
     """Yield the bounded states that change in one direction only."""
-    for index, rate in enumerate(steady(problem)):
+    for index, rate in enumerate(bound_rates(problem)):
         for upper, bound, one_way in (
                 (False, problem.x_lower[index], rate.high <= 0),
                 (True, problem.x_upper[index], rate.low >= 0)):
@@ -47,14 +47,14 @@ def supplies(problem: Problem) -> Iterator[Supply]:
 def _freed(problem: Problem, index: int, upper: bool, bound: float) -> Problem:
     """Return a problem without a bound, or with one next to 0 where x_i must not pass through."""
     key = 'x_upper' if upper else 'x_lower'
-    freed, x = without_bound(problem, key, index), problem.x[index]
+    freed, x = remove_bound(problem, key, index), problem.x[index]
     if (bound < 0 if upper else bound > 0) and any(
-            ca.depends_on(each.value, x) for each in suspects(problem)):
+            ca.depends_on(each.value, x) for each in find_suspects(problem)):
         getattr(freed, key)[index] = _NEXT_TO_0 * bound
     return freed
 
 
-def too_little(problem: Problem, solve: Solver) -> str:
+def explain_shortage(problem: Problem, solve: Solver) -> str:
     """
     Return which supply seems not to suffice for the terminal constraints, with numbers, or ''.
 
@@ -67,9 +67,9 @@ def too_little(problem: Problem, solve: Solver) -> str:
         may be a better one: the finding is no proof.
 
     """
-    for supply in supplies(problem):
+    for supply in find_supplies(problem):
         answer = solve(supply.problem)
-        if not answer.certified or shortfall(supply.problem, answer):
+        if not answer.certified or describe_shortfall(supply.problem, answer):
             continue
         left = float(answer.x[-1, supply.index])
         bound = float((problem.x_upper if supply.upper else problem.x_lower)[supply.index])

@@ -35,7 +35,7 @@ _GUESSED = 101   # likewise, of a guess
 _SHARED = '#share'   # how the name of an input's share ends
 
 
-def relaxed(problem: Problem, found: Solution) -> Problem | None:
+def relax_controls(problem: Problem, found: Solution) -> Problem | None:
     """Return the problem with mixtures of two inputs, or None where they cannot cost less."""
     x, u, p = problem.x, problem.u, problem.p
     if ca.depends_on(problem.path, u) or _convex(problem, found):
@@ -128,7 +128,7 @@ def _convex(problem: Problem, found: Solution) -> bool:
     return True
 
 
-def chattering(problem: Problem, other: Problem, mixed: Solution, found: Solution) -> str:
+def explain_chattering(problem: Problem, other: Problem, mixed: Solution, found: Solution) -> str:
     """Return a sentence if the answer of the relaxed problem costs less by mixing inputs."""
     m, gain = problem.m, found.objective - mixed.objective
     if other.m == m:

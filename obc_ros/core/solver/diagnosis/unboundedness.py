@@ -14,9 +14,9 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
-from obc_ros.core.solver.diagnosis.feasibility import is_path, shortfall, Solver
-from obc_ros.core.solver.diagnosis.forward_check import guided
-from obc_ros.core.solver.proofs.existence import growing, wish
+from obc_ros.core.solver.diagnosis.feasibility import describe_shortfall, is_path, Solver
+from obc_ros.core.solver.diagnosis.forward_check import guess_from_inputs
+from obc_ros.core.solver.proofs.existence import advise_bounds, find_growing_inputs
 
 _BOXES = (10.0, 100.0, 1000.0)
 _PART = 0.1         # of a cost: what counts as much less
@@ -24,14 +24,14 @@ _IMPULSE, _INSTANT = 0.1, 1e-4   # parts: of the largest input and its integral;
 _MORE = 3.0         # times the largest inputs of an answer: where a cheaper one is looked for
 
 
-def outgrown(problem: Problem, found: Solution, solve: Solver) -> str:
+def explain_larger_inputs(problem: Problem, found: Solution, solve: Solver) -> str:
     """
     Return a sentence if larger inputs cost much less than those of a certified answer; else ''.
 
     Where H is linear in an input without bounds, an answer that runs off to infinity has
     residuals that are small beside its own size.
     """
-    if not wish(problem):
+    if not advise_bounds(problem):
         return ''
     if name := _impulsive(problem, found):
         return f'no least cost was found: {name} has an impulse, larger and shorter without end'
@@ -39,15 +39,16 @@ def outgrown(problem: Problem, found: Solution, solve: Solver) -> str:
     room = _MORE * np.maximum(largest, 1e-6 * largest.max())
     other = solve(_boxed(problem, room if largest.any() else np.ones(problem.m)))
     if not is_path(other):
-        return unbounded(problem, solve, None)
-    if problem.q and shortfall(problem, other) or (
+        return explain_unbounded(problem, solve, None)
+    if problem.q and describe_shortfall(problem, other) or (
             found.objective - other.objective <= _PART * abs(found.objective)):
         return ''
     return (f'no least cost was found: {found.objective:.4g} with inputs up to '
-            f'{largest.max():.4g}, {other.objective:.4g} with larger ones; {wish(problem)}')
+            f'{largest.max():.4g}, {other.objective:.4g} with larger ones; '
+            f'{advise_bounds(problem)}')
 
 
-def unbounded(problem: Problem, solve: Solver, found: Solution | None) -> str:
+def explain_unbounded(problem: Problem, solve: Solver, found: Solution | None) -> str:
     """
     Return a sentence if the cost goes on falling as the inputs are given more room.
 
@@ -60,8 +61,8 @@ def unbounded(problem: Problem, solve: Solver, found: Solution | None) -> str:
     costs, full = [], True
     for room in _BOXES:
         boxed = _boxed(problem, room * size)
-        answer = solve(boxed if found is None else guided(boxed, found))
-        if not is_path(answer) or (problem.q and shortfall(problem, answer)):
+        answer = solve(boxed if found is None else guess_from_inputs(boxed, found))
+        if not is_path(answer) or (problem.q and describe_shortfall(problem, answer)):
             return ''
         costs.append(float(answer.objective))
         full &= bool((np.abs(answer.u).max(axis=0) >= 0.99 * room * size)[free].any())
@@ -86,7 +87,7 @@ def _boxed(problem: Problem, room: Array) -> Problem:
 def _impulsive(problem: Problem, found: Solution) -> str:
     """Return an input without bounds that does part of its work in next to no time, or ''."""
     h = np.diff(found.t)
-    for name in growing(problem):
+    for name in find_growing_inputs(problem):
         size = np.abs(found.u[:, problem.inputs.index(name)])
         high = np.maximum(size[:-1], size[1:])
         short = high > _IMPULSE * size.max()

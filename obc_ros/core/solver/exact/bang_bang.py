@@ -23,7 +23,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.solver.exact.reachable_set import exponential, Reach
+from obc_ros.core.solver.exact.reachable_set import compute_exponential, Reach
 
 Integers = NDArray[np.int_]
 Unknown = Literal['time', 'level', 'abnormal']
@@ -84,7 +84,7 @@ class BangBang:
         return np.asarray(-2 * (self.sign * self.level)[self.owner] * (-1.0)**count)
 
 
-def switches(reach: Reach, T: float, eta: Array) -> BangBang:
+def find_extreme_inputs(reach: Reach, T: float, eta: Array) -> BangBang:
     """Return the inputs that reach farthest along eta by T, to the accuracy of a grid."""
     tau = reach.times(T, finer=4)
     s = eta @ reach.switching(reach.table(tau))
@@ -121,7 +121,7 @@ def polish(reach: Reach, guess: BangBang, unknown: Unknown = 'time') -> BangBang
         guess = replace(guess, nu=guess.nu / (1 - normal) if normal < 1 else guess.nu)
     for _ in range(len(guess.tau) + 1):
         found, converged = _newton(scaled, guess, unknown)
-        guess = without_short_arcs(found)
+        guess = drop_short_arcs(found)
         if len(guess.tau) == len(found.tau):
             break
     if not converged:
@@ -171,7 +171,7 @@ def _solved(reach: Reach, now: BangBang, unknown: Unknown) -> bool:
     """Return whether the equations hold, each beside the size of its terms."""
     residual, J = _equations(reach, now, unknown)
     q, k = len(now.nu), len(now.tau)
-    start = np.abs(reach.C) @ np.abs(exponential(reach.A * now.T)) @ np.abs(reach.x0)
+    start = np.abs(reach.C) @ np.abs(compute_exponential(reach.A * now.T)) @ np.abs(reach.x0)
     size = np.abs(J[q:, k + 1:]) @ np.abs(now.nu)
     return bool((np.abs(residual[:q]) < _SOLVED + _ROUNDING * start).all()
                 and (np.abs(residual[q:]) < _SOLVED * (1 + size)).all())
@@ -181,7 +181,7 @@ def _equations(reach: Reach, now: BangBang, unknown: Unknown) -> tuple[Array, Ar
     """Return the residuals (C x(T) - d, s(tau), H) and their Jacobian in (tau, T, nu)."""
     n, m = reach.B.shape
     k, q = len(now.tau), len(reach.d)
-    E = exponential(reach.Z * np.append(now.tau, now.T)[:, None, None])[:, :n]
+    E = compute_exponential(reach.Z * np.append(now.tau, now.T)[:, None, None])[:, :n]
     jumps, end = now.jumps(), now.v(np.array([now.T]))[0]
     b = reach.B[:, now.owner]
     moved = np.einsum('iab,bi->ai', E[:-1, :, :n], b)
@@ -233,7 +233,7 @@ def _moved(now: BangBang, step: Array, unknown: Unknown) -> tuple[BangBang, floa
     return replace(moved, T=now.T + factor * step[k]), factor
 
 
-def without_short_arcs(now: BangBang, shortest: float = _NO_ARC) -> BangBang:
+def drop_short_arcs(now: BangBang, shortest: float = _NO_ARC) -> BangBang:
     """Return the inputs with arcs left out that are shorter than `shortest` T."""
     keep = np.ones(len(now.tau), dtype=bool)
     sign = now.sign.copy()

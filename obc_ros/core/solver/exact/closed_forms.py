@@ -42,8 +42,8 @@ class ScalarPath:
     P: float
 
 
-def scalar_finite_horizon(a: float, b: float, c: float, x0: float, t: ArrayLike, *,
-                          t0: float = 0.0, tf: float) -> ScalarPath:
+def solve_scalar_finite_horizon(a: float, b: float, c: float, x0: float, t: ArrayLike, *,
+                                t0: float = 0.0, tf: float) -> ScalarPath:
     """
     Return the minimum of the integral of u^2 / 2 over [t0, tf] + c x(tf)^2 / 2 for x' = a x + b u.
 
@@ -101,8 +101,8 @@ def scalar_finite_horizon(a: float, b: float, c: float, x0: float, t: ArrayLike,
     return ScalarPath(times, x, -b * lam, lam, P * x0 * x0 / 2, P)
 
 
-def scalar_infinite_horizon(a: float, b: float, x0: float, t: ArrayLike, *,
-                            t0: float = 0.0) -> ScalarPath:
+def solve_scalar_infinite_horizon(a: float, b: float, x0: float, t: ArrayLike, *,
+                                  t0: float = 0.0) -> ScalarPath:
     """
     Return the minimum of the integral of u^2 / 2 over [t0, inf) with x(inf) = 0, x' = a x + b u.
 
@@ -138,8 +138,9 @@ def scalar_infinite_horizon(a: float, b: float, x0: float, t: ArrayLike, *,
     return ScalarPath(times, x, -b * P * x, P * x, P * x0 * x0 / 2, P)
 
 
-def scalar_between(a: float, b: float, x0: float, xf: float, t: ArrayLike, *, t0: float = 0.0,
-                   tf: float) -> ScalarPath:
+def solve_scalar_between(a: float, b: float, x0: float, xf: float, t: ArrayLike, *,
+                         t0: float = 0.0,
+                         tf: float) -> ScalarPath:
     """
     Return the minimum of the integral of u^2 / 2 over [t0, tf] with x(tf) = xf, x' = a x + b u.
 
@@ -211,7 +212,7 @@ class SecondOrderDesign:
     zeta: float
 
 
-def double_integrator_regulator(q: float) -> SecondOrderDesign:
+def solve_double_integrator_regulator(q: float) -> SecondOrderDesign:
     """
     Return the minimum of the integral of q^2 x1^2 + u^2 for x1'' = u (Example 2.4).
 
@@ -224,7 +225,7 @@ def double_integrator_regulator(q: float) -> SecondOrderDesign:
                              sqrt(q), 1 / sqrt(2))
 
 
-def lag_regulator(a: float) -> SecondOrderDesign:
+def solve_lag_regulator(a: float) -> SecondOrderDesign:
     """
     Return the minimum of the integral of x1^2 + u^2 for x1' = x2, x2' = -a x2 + u.
 
@@ -345,7 +346,7 @@ class StraightPath:
     lam: Array
 
 
-def straight_line(x0: ArrayLike, xf: ArrayLike, t: ArrayLike) -> StraightPath:
+def solve_straight_line(x0: ArrayLike, xf: ArrayLike, t: ArrayLike) -> StraightPath:
     """
     Return the path of least length between two points, for x' = u over [0, 1].
 

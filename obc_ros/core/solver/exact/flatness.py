@@ -32,7 +32,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.numerics.polynomial_bases import Basis, basis
+from obc_ros.core.numerics.polynomial_bases import Basis, build_basis
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import StatementError
 
@@ -187,7 +187,7 @@ def generate(system: System, start: ArrayLike, goal: ArrayLike, T: float, *,
     u1 = _vector('goal_input', usual if goal_input is None else goal_input, system.m)
     way = _way(u0, u1) if form.moving else 1.0
     ends = np.stack((_flag(system, form, x0, u0), _flag(system, form, x1, u1)))
-    chosen = basis(kind, int(M), form.r + 1)
+    chosen = build_basis(kind, int(M), form.r + 1)
     weights = (_root('Qx', Qx, np.zeros((system.n, system.n))),
                _root('Qu', Qu, np.eye(system.m)),
                _vector('xr', np.zeros(system.n) if xr is None else xr, system.n),
@@ -212,11 +212,11 @@ def _least(chosen: Basis, ends: Array, T: float, r: int, cost: '_Cost',
     The search begins with the polynomial that has no coefficient to spare and, where there are
     many, also with the best one that has a few; minima are local.
     """
-    plain = basis('polynomial', 2 * r, 0)
+    plain = build_basis('polynomial', 2 * r, 0)
     z = np.linalg.solve(_at_ends(plain, T, r), np.concatenate(
         [ends[:, :, k] for k in range(r)]))
     found = [_newton(chosen, plain, z, ends, T, r, cost)]
-    short = basis('polynomial', 2 * r + _FEW, 0)
+    short = build_basis('polynomial', 2 * r + _FEW, 0)
     if chosen.M > short.M:
         better, _ = _newton(short, plain, z, ends, T, r, few(short))
         found.append(_newton(chosen, short, better, ends, T, r, cost))

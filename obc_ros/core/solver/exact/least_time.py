@@ -13,8 +13,13 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.solver.exact.bang_bang import BangBang, polish, switches, without_short_arcs
-from obc_ros.core.solver.exact.reachable_set import exponential, Reach
+from obc_ros.core.solver.exact.bang_bang import (
+    BangBang,
+    drop_short_arcs,
+    find_extreme_inputs,
+    polish,
+)
+from obc_ros.core.solver.exact.reachable_set import compute_exponential, Reach
 
 _ROUNDS = 100
 # Fraction of the gap that is open when Newton's method is first tried; then at every half of it.
@@ -67,7 +72,7 @@ class FirstTime:
     at_once: bool = False
 
 
-def first_time(reach: Reach, lower: float, upper: float) -> FirstTime:
+def find_first_time(reach: Reach, lower: float, upper: float) -> FirstTime:
     """
     Return the least time within [lower, upper] at which C x(T) = d can hold.
 
@@ -99,7 +104,7 @@ def _backwards(reach: Reach, upper: float) -> Reach | None:
 def _forwards(reach: Reach, answer: BangBang) -> BangBang:
     """Return the answer to the reversed question as one to the question itself."""
     sign = answer.v(np.array([answer.T]))[0] / np.where(answer.level > 0, answer.level, 1.0)
-    lam = exponential(-reach.A.T * answer.T) @ -answer.nu
+    lam = compute_exponential(-reach.A.T * answer.T) @ -answer.nu
     order = np.argsort(-answer.tau)
     nu = np.asarray(np.linalg.solve(reach.C.T, lam), dtype=float)
     turned = replace(answer, nu=nu, tau=(answer.T - answer.tau)[order],
@@ -222,7 +227,7 @@ def _deciding_part(reach: Reach, T: float, eta: Array) -> _Part:
     s = np.abs(eta @ reach.switching(reach.table(reach.times(T)))).max(axis=0)
     singular = s <= _SINGULAR * s.max()
     columns = np.flatnonzero(~singular)
-    free, tied = directions(reach.A, reach.B[:, singular], reach.C)
+    free, tied = split_directions(reach.A, reach.B[:, singular], reach.C)
     part = replace(reach, B=reach.B[:, columns], C=tied.T @ reach.C, d=tied.T @ reach.d)
     return _Part(reach, part, np.asarray(tied.T @ eta), columns, np.flatnonzero(singular), tied,
                  free)
@@ -252,7 +257,7 @@ def _level(reach: Reach, T: float, gap: Array, eta: Array) -> BangBang | None:
     """Return the bang-bang inputs of the lowest level that close a gap by T."""
     n = len(reach.x0)
     rest = Reach(reach.A, reach.B, np.zeros(n), np.zeros(n), reach.C, gap)
-    guess = switches(rest, T, eta)
+    guess = find_extreme_inputs(rest, T, eta)
     reached = rest.reached(T, eta)
     if not reached > 0:   # the inputs do nothing along this direction that doubles show
         return None
@@ -262,10 +267,10 @@ def _level(reach: Reach, T: float, gap: Array, eta: Array) -> BangBang | None:
 
 def _polished(part: _Part, T: float, abnormal: bool) -> BangBang | None:
     """Return the answer near T, its singular inputs at the lowest level that will do."""
-    guess = switches(part.part, T, part.eta)
+    guess = find_extreme_inputs(part.part, T, part.eta)
     found = polish(part.part, guess)
     if abnormal and (found is None or part.part.reached(T, found.nu) > _STEEP * T):
-        found = polish(part.part, without_short_arcs(guess, _SHORT), 'abnormal') or found
+        found = polish(part.part, drop_short_arcs(guess, _SHORT), 'abnormal') or found
     if found is None:
         return None
     m = part.whole.B.shape[1]
@@ -274,7 +279,7 @@ def _polished(part: _Part, T: float, abnormal: bool) -> BangBang | None:
     found = _joined(nothing, found, part.columns)
     if not len(part.singular):
         return found
-    reach, x = part.whole, final_state(part.whole, found)
+    reach, x = part.whole, compute_final_state(part.whole, found)
     gap = part.free.T @ (reach.d - reach.C @ x)
     rest = _from_zero(reach, part.singular, part.free, gap)
     filled = _lowest(rest, found.T, 1e-12 * (np.abs(reach.d).max() + np.abs(x).max()))
@@ -307,7 +312,7 @@ def _lowest(reach: Reach, T: float, small: float) -> BangBang | None:
     found = _joined(found, level, part.columns)
     if not len(part.singular):
         return found
-    gap = part.free.T @ (reach.d - reach.C @ final_state(reach, found))
+    gap = part.free.T @ (reach.d - reach.C @ compute_final_state(reach, found))
     rest = _lowest(_from_zero(reach, part.singular, part.free, gap), T, small)
     return None if rest is None else _joined(found, rest, part.singular)
 
@@ -320,7 +325,7 @@ def _joined(found: BangBang, more: BangBang, columns: NDArray[np.int_]) -> BangB
                    owner=np.concatenate((found.owner, columns[more.owner])))
 
 
-def final_state(reach: Reach, inputs: BangBang) -> Array:
+def compute_final_state(reach: Reach, inputs: BangBang) -> Array:
     """Return x(T), shape (n,)."""
     n, m = reach.B.shape
     tau = np.concatenate(([0.0], np.sort(inputs.tau), [inputs.T]))
@@ -330,7 +335,7 @@ def final_state(reach: Reach, inputs: BangBang) -> Array:
     return np.asarray(whole[-1, :, :n] @ reach.x0 + whole[-1, :, -1] + driven)
 
 
-def directions(A: Array, B: Array, C: Array) -> tuple[Array, Array]:
+def split_directions(A: Array, B: Array, C: Array) -> tuple[Array, Array]:
     """
     Return the directions of y = C x that B's inputs move, and those that they do not.
 

@@ -80,14 +80,14 @@ class Reach:
         rows = np.empty((len(tau), len(self.d), len(self.Z)))
         rows[0] = 0
         rows[0, :, :len(self.A)] = self.C
-        rows[0] = rows[0] @ exponential(self.Z * tau[0])
+        rows[0] = rows[0] @ compute_exponential(self.Z * tau[0])
         done = 1
         steps = np.diff(tau)
         while done < len(tau):
             # Runs of equal steps by doubling.
             h = steps[done - 1]
             end = done - 1 + _run(steps[done - 1:])
-            first, power = done - 1, exponential(self.Z * h)
+            first, power = done - 1, compute_exponential(self.Z * h)
             have = 1
             while first + have <= end:
                 take = min(have, end - first - have + 1)
@@ -185,7 +185,7 @@ class Reach:
         return float(found.x[-1] / size), eta / (eta @ g)
 
 
-def exponential(matrix: Array) -> Array:
+def compute_exponential(matrix: Array) -> Array:
     """
     Return e^matrix, shape (..., n, n), whatever the units of the states.
 
@@ -207,7 +207,7 @@ def _run(steps: Array) -> int:
     return int(np.argmax(differ)) if differ.any() else len(steps)
 
 
-def first_reach(A: Array, B: Array, T: float) -> Array:
+def bound_first_reach(A: Array, B: Array, T: float) -> Array:
     """Return how far (n,) inputs of B's sizes take each state in T, by A's powers up to n - 1."""
     moved, found = B * T, np.zeros(len(A))
     for k in range(len(A)):

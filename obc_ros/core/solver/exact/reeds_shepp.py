@@ -44,7 +44,7 @@ _Rows = tuple[Array | float, Array | float, float, Array]
 
 _TWO_PI = 2 * pi
 _MIRROR = str.maketrans('LR', 'RL')
-# Poses at a time in `lengths`: what fits into a cache.
+# Poses at a time in `find_lengths`: what fits into a cache.
 _CHUNK = 2048
 # Distance [radii] beyond which angles have no digits left.
 _FAR = 1e12
@@ -176,8 +176,8 @@ class CarPath(NamedTuple):
         return begins, pieces
 
 
-def shortest_path(start: Sequence[float] | Array, goal: Sequence[float] | Array,
-                  radius: float) -> CarPath:
+def find_shortest_path(start: Sequence[float] | Array, goal: Sequence[float] | Array,
+                       radius: float) -> CarPath:
     """
     Return the shortest path from start to goal with turns of at least the given radius.
 
@@ -211,7 +211,7 @@ def shortest_path(start: Sequence[float] | Array, goal: Sequence[float] | Array,
                    tuple([Segment(letter, part * radius) for letter, part in parts]))
 
 
-def lengths(starts: ArrayLike, goals: ArrayLike, radius: float) -> Array:
+def find_lengths(starts: ArrayLike, goals: ArrayLike, radius: float) -> Array:
     """
     Return the lengths of many shortest paths at once.
 

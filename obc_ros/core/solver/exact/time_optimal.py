@@ -22,15 +22,25 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.ocp.least_time_form import Affine, affine, final_time, Target, target
+from obc_ros.core.ocp.least_time_form import (
+    Affine,
+    find_affine_dynamics,
+    find_target,
+    get_final_time,
+    Target,
+)
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Optimality, Solution, Status
 from obc_ros.core.solver.exact import double_integrator
 from obc_ros.core.solver.exact.bang_bang import BangBang
-from obc_ros.core.solver.exact.least_time import directions, final_state, first_time
-from obc_ros.core.solver.exact.reachable_set import exponential, first_reach, Reach
-from obc_ros.core.solver.exact.unreachable_modes import out_of_reach
-from obc_ros.core.solver.exact.weak_duality import never_met
+from obc_ros.core.solver.exact.least_time import (
+    compute_final_state,
+    find_first_time,
+    split_directions,
+)
+from obc_ros.core.solver.exact.reachable_set import bound_first_reach, compute_exponential, Reach
+from obc_ros.core.solver.exact.unreachable_modes import explain_unreachable_mode
+from obc_ros.core.solver.exact.weak_duality import is_never_met
 
 _METHOD = 'time_optimal'
 # Samples of an arc: at least, at most, and so that fast modes are followed.
@@ -63,8 +73,8 @@ def solve_time_optimal(problem: Problem) -> Solution | None:
 
     """
     began = perf_counter()
-    aim = target(problem)
-    plant = affine(problem) if aim else None
+    aim = find_target(problem)
+    plant = find_affine_dynamics(problem) if aim else None
     if aim is None or plant is None:
         return None
     found = _double_integrator(problem, aim, plant) or _general(problem, aim, plant)
@@ -139,20 +149,20 @@ def _general(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
     driven = np.flatnonzero(half > 0)
     B = (plant.B * half)[:, driven]
     stated = Reach(plant.A, B, c, problem.x0, aim.C, aim.d)
-    scaled, size, unit = _scaled(stated, final_time(problem))
+    scaled, size, unit = _scaled(stated, get_final_time(problem))
     bounds = problem.final_time
 
     def none(reason: str) -> Solution:
-        return _none(reason, never_met(scaled, bounds.lower, bounds.upper))
+        return _none(reason, is_never_met(scaled, bounds.lower, bounds.upper))
 
     rows, contradiction = _independent(scaled)
     if contradiction:
         return none('the terminal constraints contradict each other')
     whole = replace(scaled, C=rows.T @ scaled.C, d=rows.T @ scaled.d)
-    moved, fixed = directions(whole.A, whole.B, whole.C)
+    moved, fixed = split_directions(whole.A, whole.B, whole.C)
 
     def in_words(part: Reach) -> str | None:
-        return out_of_reach(problem.states, replace(stated, C=part.C / size, d=part.d))
+        return explain_unreachable_mode(problem.states, replace(stated, C=part.C / size, d=part.d))
 
     if fixed.shape[1]:
         meets = _meets_by_itself(whole, fixed, bounds.upper)
@@ -163,7 +173,7 @@ def _general(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
         if meets == 'passing' or not moved.shape[1]:
             return None
     reach = replace(whole, C=moved.T @ whole.C, d=moved.T @ whole.d)
-    found = first_time(reach, bounds.lower, bounds.upper)
+    found = find_first_time(reach, bounds.lower, bounds.upper)
     if found.answer is None:
         return none(_why_not(bounds.upper, reach, in_words)
                     ) if found.too_short >= bounds.upper else None
@@ -178,7 +188,7 @@ def _scaled(stated: Reach, T: float) -> tuple[Reach, Array, Array]:
     With the sizes of states and of constraints, powers of 2. What is independent, or moved, is
     not to depend on the units of a statement.
     """
-    size = first_reach(stated.A, stated.B, T)
+    size = bound_first_reach(stated.A, stated.B, T)
     for other in (np.abs(stated.x0), T * np.abs(stated.c), np.ones(len(size))):
         size = np.where(size > 0, size, other)
     size = np.exp2(np.round(np.log2(np.clip(size, 1e-100, 1e100))))
@@ -213,7 +223,7 @@ def _why_not(upper: float, reach: Reach, in_words: Callable[[Reach], str | None]
     """Return why there is no answer by the upper bound of T, as far as is known."""
     reason = in_words(reach)
     if reason is None:
-        later = first_time(reach, upper, _FARTHER * upper).answer
+        later = find_first_time(reach, upper, _FARTHER * upper).answer
         reason = _out_of_time(upper, later.T) if later is not None else (
             f'the terminal constraints cannot be met by T = {upper:.10g}: the inputs, '
             'within their bounds, do not reach that far')
@@ -240,7 +250,8 @@ def _multiplier(reach: Reach, answer: BangBang) -> Array:
     """Return nu of the answer; of an abnormal one a large multiple with H = 0 at T added."""
     if answer.normal:
         return answer.nu
-    xdot = reach.A @ final_state(reach, answer) + reach.B @ (answer.sign * answer.level) + reach.c
+    xdot = reach.A @ compute_final_state(reach,
+                                         answer) + reach.B @ (answer.sign * answer.level) + reach.c
     rate = reach.C @ xdot
     balance = -rate / max(float(rate @ rate), 1e-300)
     return balance + _ABNORMAL * max(float(np.linalg.norm(balance)), 1.0) * answer.nu
@@ -262,7 +273,7 @@ def _solution(problem: Problem, reach: Reach, answer: BangBang, aim: Target,
     for k, duration in enumerate(np.diff(edges)):
         step = np.zeros((n + 1, n + 1))
         step[:n, :n], step[:n, n] = reach.A, reach.B @ v[k] + reach.c
-        step = exponential(step * (duration / (per_arc - 1)))
+        step = compute_exponential(step * (duration / (per_arc - 1)))
         rows = range(k * per_arc, (k + 1) * per_arc)
         x[rows[0]] = z[:n]
         for row in rows[1:]:
@@ -270,7 +281,7 @@ def _solution(problem: Problem, reach: Reach, answer: BangBang, aim: Target,
             x[row] = z[:n]
     costate = aim.C.T @ answer.nu
     for k in range(len(edges) - 2, -1, -1):
-        back = exponential(reach.A.T * (edges[k + 1] - edges[k]) / (per_arc - 1))
+        back = compute_exponential(reach.A.T * (edges[k + 1] - edges[k]) / (per_arc - 1))
         last = (k + 1) * per_arc - 1
         lam[last] = costate
         for row in range(last, k * per_arc, -1):

@@ -23,10 +23,10 @@ from math import ceil, isfinite, pi
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.ocp.least_time_form import Target, target
+from obc_ros.core.ocp.least_time_form import find_target, Target
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Optimality, Solution, Status
-from obc_ros.core.solver.exact.reeds_shepp import CarPath, shortest_path
+from obc_ros.core.solver.exact.reeds_shepp import CarPath, find_shortest_path
 from obc_ros.core.text.errors import StatementError
 
 LetterOrder = tuple[int, ...]
@@ -66,7 +66,7 @@ def find_least_time_path(start: Sequence[float] | Array, goal: Sequence[float] |
     for name, value in (('max_speed', max_speed), ('max_turn_rate', max_turn_rate)):
         if not (isinstance(value, (int, float)) and isfinite(value) and value > 0):
             raise StatementError(f'{name} must be a finite number > 0; found {value!r:.80}')
-    path = shortest_path(start, goal, max_speed / max_turn_rate)
+    path = find_shortest_path(start, goal, max_speed / max_turn_rate)
     return _drive(path, float(max_speed), float(max_turn_rate))
 
 
@@ -193,7 +193,7 @@ def _recognise(problem: Problem) -> tuple[Target, LetterOrder, LetterOrder] | No
         return None
     if (problem.u_lower != -problem.u_upper).any() or not (problem.u_upper > 0).all():
         return None
-    aim = target(problem)
+    aim = find_target(problem)
     if aim is None or np.linalg.matrix_rank(aim.C) < 3:
         return None
     f = ca.substitute(problem.f, problem.p, ca.DM(problem.p_value))

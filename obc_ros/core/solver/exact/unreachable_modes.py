@@ -18,7 +18,7 @@ from obc_ros.core.solver.exact.reachable_set import Reach
 _ACCURACY = 1e-9
 
 
-def out_of_reach(states: tuple[str, ...], reach: Reach) -> str | None:
+def explain_unreachable_mode(states: tuple[str, ...], reach: Reach) -> str | None:
     """
     Return a sentence if a real mode of A keeps the terminal constraints from ever being met.
 

@@ -23,9 +23,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.ocp.least_time_form import Affine, affine
+from obc_ros.core.ocp.least_time_form import Affine, find_affine_dynamics
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.solver.exact.reachable_set import exponential, Reach
+from obc_ros.core.solver.exact.reachable_set import compute_exponential, Reach
 
 _MARGIN = 1e-9      # of the sizes of all terms, on the way to them too
 _ROUNDING = 20 * np.finfo(float).eps   # of a step's terms, for each of as many states
@@ -36,7 +36,7 @@ _MOST_GROWTH = 30.0   # of the states, as a power of e, beyond which doubles say
 _NODES, _CELLS = 96, 2    # times at which state bounds count; cells between two of them
 
 
-def never_met(reach: Reach, lower: float, upper: float) -> bool:
+def is_never_met(reach: Reach, lower: float, upper: float) -> bool:
     """
     Return whether it is proved that C x(T) = d holds at no T of [lower, upper].
 
@@ -125,7 +125,7 @@ class _Demands:
     at: NDArray[np.int_]
 
 
-def excluded(problem: Problem) -> bool:
+def is_excluded(problem: Problem) -> bool:
     """
     Return whether it is proved that no path meets all constraints.
 
@@ -133,7 +133,7 @@ def excluded(problem: Problem) -> bool:
     constraints those count that have no input in them; with state bounds, at some times only,
     which excludes less.
     """
-    plant = affine(problem)
+    plant = find_affine_dynamics(problem)
     boxed = np.isfinite([problem.u_lower, problem.u_upper]).all()
     if plant is None or not boxed or problem.final_time.free:
         return False
@@ -184,7 +184,7 @@ def _excluded(plant: Affine, x0: Array, T: float, demands: _Demands) -> bool:
     N = _NODES * _CELLS
     Z = np.zeros((n + m + 1, n + m + 1))
     Z[:n, :n], Z[:n, n:n + m], Z[:n, -1] = plant.A, plant.B, plant.c
-    step = exponential(Z * (T / N))
+    step = compute_exponential(Z * (T / N))
     E, G, drift = step[:n, :n], step[:n, n:n + m], step[:n, -1]
     free, forced = [x0], np.zeros((N + 1, n, N * m))   # x at the ends of cells, by cells' inputs
     for k in range(N):
@@ -216,7 +216,7 @@ def _proves(plant: Affine, x0: Array, T: float, demands: _Demands, y: Array) -> 
     h = T / (_NODES * parts)
     Z = np.zeros((n + m + 1, n + m + 1))
     Z[:n, :n], Z[:n, n:n + m], Z[:n, -1] = plant.A, plant.B, plant.c
-    step = exponential(Z * h)
+    step = compute_exponential(Z * h)
     w, reached, constant, size = np.zeros(n), 0.0, 0.0, 0.0
     for node in range(_NODES, 0, -1):
         rows = demands.at == node

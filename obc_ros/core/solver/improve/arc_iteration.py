@@ -9,22 +9,22 @@ compared, until they stay the same.
 
 
 import numpy as np
-from obc_ros.core.ocp.structure import sharing
-from obc_ros.core.solver.adjoint.mesh_refinement import below
-from obc_ros.core.solver.arcs.control_discontinuities import with_jumps, with_steps
+from obc_ros.core.ocp.structure import find_shared_inputs
+from obc_ros.core.solver.adjoint.mesh_refinement import is_below
+from obc_ros.core.solver.arcs.control_discontinuities import cut_at_jumps, sharpen_steps
 from obc_ros.core.solver.arcs.input_arcs import (
     Arc,
-    arc_mesh,
-    closed,
+    build_arc_mesh,
+    close_gaps,
     find_arcs,
-    moved,
-    opened,
+    get_signature,
+    have_moved,
+    open_arcs,
     Signature,
-    signature,
 )
-from obc_ros.core.solver.arcs.state_contacts import contacts, with_contacts
+from obc_ros.core.solver.arcs.state_contacts import add_contacts, find_contacts
 from obc_ros.core.solver.bench import Bench
-from obc_ros.core.solver.transcription.mesh import uniform
+from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _ROUNDS = 10
@@ -55,15 +55,15 @@ class ArcIteration:
         now, seen, density = free, {free}, 2.0 * self.coarse
         for _ in range(_ROUNDS):
             arcs = found = self.shown(outcome)
-            if signature(arcs) == now:
+            if get_signature(arcs) == now:
                 arcs = self.checked(found, outcome)
-            shown = signature(arcs)
-            elsewhere = moved(arcs, outcome.path.durations, _VANISHING)
+            shown = get_signature(arcs)
+            elsewhere = have_moved(arcs, outcome.path.durations, _VANISHING)
             if search.monitor.stopped or shown == now and not elsewhere:
                 break
             if shown == now:
                 new = self.with_arcs(arcs, outcome, density, _SEEN)
-                if new is None or not below(new.objective, outcome.objective, _CLOSE):
+                if new is None or not is_below(new.objective, outcome.objective, _CLOSE):
                     new, now = self.freed(found, outcome, density, seen)
                     if new is None:
                         break
@@ -75,7 +75,7 @@ class ArcIteration:
                     break
             seen.add(shown)
             new = self.with_arcs(arcs, outcome, density)
-            if new is None and signature(found) == now:
+            if new is None and get_signature(found) == now:
                 new, shown = self.freed(found, outcome, density, seen)
             if new is not None:
                 outcome, now = new, shown
@@ -86,7 +86,7 @@ class ArcIteration:
             if not search.monitor.allows(int(density)):
                 break
             new = search.collocate(
-                uniform(self.problem, int(density), search.stages), outcome.path,
+                build_uniform_mesh(self.problem, int(density), search.stages), outcome.path,
                 outcome.path.t[-1:], near=True, sizes=search.sizes(outcome))
             if not new.converged:
                 break
@@ -103,7 +103,7 @@ class ArcIteration:
         bound is no better there it is free.
         """
         arcs = self.checked(found, outcome, moving=False)
-        shown = signature(arcs)
+        shown = get_signature(arcs)
         if shown in seen or self.search.monitor.stopped:
             return None, shown
         seen.add(shown)
@@ -118,8 +118,8 @@ class ArcIteration:
     def broken(self, arcs: list[Arc], outcome: TranscriptionOutcome) -> list[Arc]:
         """Return arcs that end where inputs jump without coming to a bound."""
         loose = ~(np.isfinite(self.problem.u_lower) | np.isfinite(self.problem.u_upper))
-        of = (loose | sharing(self.problem)) & np.array(self.switching)
-        return with_jumps(arcs, outcome.path, of) if of.any() else arcs
+        of = (loose | find_shared_inputs(self.problem)) & np.array(self.switching)
+        return cut_at_jumps(arcs, outcome.path, of) if of.any() else arcs
 
     def touching(self, arcs: list[Arc], outcome: TranscriptionOutcome) -> list[Arc]:
         """Return arcs, those on bounds of the state among them if inputs switch at their ends."""
@@ -129,15 +129,15 @@ class ArcIteration:
         path, problem = outcome.path, self.problem
         value = self.kit.fitter(problem).at(
             problem, path.x, np.vstack([path.ua, path.ub[-1:]]))
-        found = contacts(problem, outcome, value, self.search.margin, free.any(axis=1),
-                         perhaps=self.touch == _PERHAPS)
-        return with_contacts(arcs, found, free) if found else arcs
+        found = find_contacts(problem, outcome, value, self.search.margin, free.any(axis=1),
+                              perhaps=self.touch == _PERHAPS)
+        return add_contacts(arcs, found, free) if found else arcs
 
     def touches_otherwise(self, outcome: TranscriptionOutcome, seen: set[Signature]) -> bool:
         """Go on to other arcs on bounds that an outcome may show; return whether there are."""
         while self.touch < _NEVER:
             self.touch += 1
-            if signature(self.shown(outcome)) not in seen:
+            if get_signature(self.shown(outcome)) not in seen:
                 return True
         self.touch = 0
         return False
@@ -150,13 +150,13 @@ class ArcIteration:
         `kept`: the part of their lengths that arcs at bounds have at least.
         """
         search = self.search
-        mesh, durations = arc_mesh(
+        mesh, durations = build_arc_mesh(
             self.problem, arcs, search.stages, density / outcome.path.t[-1])
         if not search.monitor.allows(mesh.layout.intervals) or not self.kit.transcription(
                 self.problem, mesh.layout).solvable(self.problem, mesh):
             return None
         held = [not np.isnan(arc.levels).any() for arc in arcs]
-        new = search.collocate(mesh, with_steps(outcome.path, arcs), durations, near=True,
+        new = search.collocate(mesh, sharpen_steps(outcome.path, arcs), durations, near=True,
                                sizes=search.sizes(outcome), least=kept * durations * held,
                                most=_PATIENT)
         return new if new.converged and self.no_dearer(new, outcome) else None
@@ -177,7 +177,7 @@ class ArcIteration:
         arcs = [arc for arc in self.shown(outcome)
                 if arc.end - arc.start > _VANISHING * T]
         density = max(2.0 * self.coarse, outcome.mesh.layout.intervals)
-        new = self.with_arcs(closed(arcs, T), outcome, density)
+        new = self.with_arcs(close_gaps(arcs, T), outcome, density)
         dearer = _DEARER[self.vanished(outcome)] * abs(outcome.objective)
         return outcome if new is None or new.objective > outcome.objective + dearer else new
 
@@ -200,5 +200,5 @@ class ArcIteration:
         _, Hu, _ = self.kit.integrator.hamiltonian(
             self.problem, x, u, (course.lam + course.lam_end) / 2, mu)
         moves = self.kit.switching if moving else (False,) * self.problem.m
-        arcs = opened(arcs, course.t, Hu, self.problem, self.kit.switching, moves)
+        arcs = open_arcs(arcs, course.t, Hu, self.problem, self.kit.switching, moves)
         return self.broken(self.touching(arcs, outcome), outcome)

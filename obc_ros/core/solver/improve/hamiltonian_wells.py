@@ -14,11 +14,11 @@ import math
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
-from obc_ros.core.numerics.collocation import gauss_points
+from obc_ros.core.numerics.collocation import compute_gauss_points
 from obc_ros.core.solver.adjoint.costates import Extremal
-from obc_ros.core.solver.adjoint.mesh_refinement import below
-from obc_ros.core.solver.arcs.control_discontinuities import jumps, with_steps
-from obc_ros.core.solver.arcs.input_arcs import Arc, arc_mesh, moved
+from obc_ros.core.solver.adjoint.mesh_refinement import is_below
+from obc_ros.core.solver.arcs.control_discontinuities import find_jumps, sharpen_steps
+from obc_ros.core.solver.arcs.input_arcs import Arc, build_arc_mesh, have_moved
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
@@ -36,7 +36,7 @@ _VANISHING, _JUMP = 1e-3, 0.05   # parts: of T, a phase without length; of an in
 _BESIDE = 1.5         # intervals from the end of a phase, within which a slope belongs to it
 
 
-def on_best_branch(search: Bench, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
+def move_to_best_branch(search: Bench, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
     """Return an outcome, or a better one whose inputs are where H is least."""
     if search.quick or search.kit.twin or not search.kit.branching.any():
         return outcome
@@ -47,7 +47,7 @@ def on_best_branch(search: Bench, outcome: TranscriptionOutcome) -> Transcriptio
             return _with_jumps(search, best) if _leaps(search, best) else best
         found = [new for path in paths if (new := _from_inputs(search, best, path)) is not None]
         new = min(found, key=lambda each: each.objective, default=best)
-        if search.monitor.stopped or not below(new.objective, best.objective, _SAME):
+        if search.monitor.stopped or not is_below(new.objective, best.objective, _SAME):
             break
         best = _with_jumps(search, new)
     return best
@@ -111,7 +111,7 @@ def _from_inputs(search: Bench, outcome: TranscriptionOutcome,
         (x,), _ = search.kit.integrator.forward_each(problem, t[None], held[None])
     # What ends as it has to is changed less by inputs that no longer lead there.
     if np.isfinite(x).all() and not problem.q:
-        inner = path.t[:-1, None] + h[:, None] * gauss_points(path.inner.shape[1])
+        inner = path.t[:-1, None] + h[:, None] * compute_gauss_points(path.inner.shape[1])
         path = replace(path, x=x[np.append(0, np.cumsum(steps))], inner=np.stack([
             np.interp(inner, t, column) for column in x.T], axis=2))
     new = search.collocate(outcome.mesh, path, near=True, most=_ITERATIONS)
@@ -121,7 +121,7 @@ def _from_inputs(search: Bench, outcome: TranscriptionOutcome,
 def _leaps(search: Bench, outcome: TranscriptionOutcome) -> bool:
     """Return whether an input goes from one least point of H to another, bounds not both."""
     problem, path, here = search.problem, outcome.path, search.kit.branching
-    at = np.clip(np.searchsorted(path.t, jumps(path, here.tolist())) - 1, 0, len(path.ua) - 1)
+    at = np.clip(np.searchsorted(path.t, find_jumps(path, here.tolist())) - 1, 0, len(path.ua) - 1)
     if not at.size:
         return False
     before, after = path.ua[np.maximum(at - 1, 0)], path.ub[np.minimum(at + 1, len(path.ub) - 1)]
@@ -144,15 +144,15 @@ def _with_jumps(search: Bench, outcome: TranscriptionOutcome) -> TranscriptionOu
     """
     for _ in range(_SETTLING):
         path, arcs = outcome.path, _apart(search, outcome)
-        if len(arcs) == len(path.durations) and not moved(arcs, path.durations, _VANISHING):
+        if len(arcs) == len(path.durations) and not have_moved(arcs, path.durations, _VANISHING):
             break
-        mesh, durations = arc_mesh(
+        mesh, durations = build_arc_mesh(
             search.problem, arcs, search.stages, len(path.ua) / path.t[-1])
         if not search.monitor.allows(mesh.layout.intervals):
             break
-        new = search.collocate(mesh, with_steps(path, arcs), durations, near=True,
+        new = search.collocate(mesh, sharpen_steps(path, arcs), durations, near=True,
                                sizes=search.sizes(outcome), most=_ITERATIONS)
-        if not new.converged or below(outcome.objective, new.objective, _SAME):
+        if not new.converged or is_below(outcome.objective, new.objective, _SAME):
             break
         outcome = new
     return outcome
@@ -163,7 +163,7 @@ def _apart(search: Bench, outcome: TranscriptionOutcome) -> list[Arc]:
     problem, path, here = search.problem, outcome.path, search.kit.branching
     first = np.flatnonzero(np.diff(outcome.mesh.layout.phase_of)) + 1
     ends, least = path.t[first], _VANISHING * path.t[-1]
-    span, found = (problem.u_upper - problem.u_lower)[here], jumps(path, here.tolist())
+    span, found = (problem.u_upper - problem.u_lower)[here], find_jumps(path, here.tolist())
     times = found.tolist()
     for group in filter(len, np.split(first, np.flatnonzero(np.diff(ends) > least) + 1)):
         jump = path.ua[group[-1], here] - path.ub[group[0] - 1, here]

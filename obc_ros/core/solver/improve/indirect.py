@@ -18,7 +18,7 @@ from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
 from obc_ros.core.solver.bench import Bench
-from obc_ros.core.solver.improve.kink_mesh import boundary_values, points
+from obc_ros.core.solver.improve.kink_mesh import build_points, solve_boundary_values
 from obc_ros.core.solver.program_cache import Answered
 
 _PRECISE, _QUICK = 2e-7, 1e-5   # of its size: how far u may be off u*, alone and after a search
@@ -43,7 +43,7 @@ def refine_indirectly(search: Bench, answer: Solution) -> Solution:
     return _better(search, answer, found, _PRECISE)
 
 
-def touched_up(search: Bench, answer: Solution) -> Solution:
+def refine_after_search(search: Bench, answer: Solution) -> Solution:
     """
     Return the indirect answer near one found by a search, or that one.
 
@@ -76,8 +76,8 @@ def _boundary_values(search: Bench) -> BoundaryValues | None:
     if known is not None:
         return search.kit.indirect.refined(
             search.stated, known, outcome.path.t, search.sizes(outcome))
-    return boundary_values(search.kit, search.stated, outcome, search.course(outcome),
-                           search.sizes(outcome))
+    return solve_boundary_values(search.kit, search.stated, outcome, search.course(outcome),
+                                 search.sizes(outcome))
 
 
 def _better(search: Bench, answer: Solution, found: BoundaryValues, wanted: float) -> Solution:
@@ -97,7 +97,7 @@ def _better(search: Bench, answer: Solution, found: BoundaryValues, wanted: floa
 def _sampled(search: Bench, found: BoundaryValues, wanted: float) -> Solution:
     """Return boundary values as samples, with those at both ends of each arc."""
     problem, longest = search.stated, found.lengths.sum() / _FEWEST_SAMPLES
-    points_, of = points(found, wanted, longest, _MOST_SAMPLES)
+    points_, of = build_points(found, wanted, longest, _MOST_SAMPLES)
     # Where the start of each interval, and the end of each arc, stand in a row.
     starts, last = np.arange(len(of)) + of, np.flatnonzero(np.diff(of, append=-1))
     t, arc = np.empty(len(of) + len(last)), np.empty(len(of) + len(last), dtype=np.int64)

@@ -15,11 +15,11 @@ from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues, cut_evenly
 from obc_ros.core.solver.adjoint.costates import Extremal
-from obc_ros.core.solver.adjoint.mesh_refinement import below
-from obc_ros.core.solver.arcs.input_arcs import Arc, find_arcs, sloped
+from obc_ros.core.solver.adjoint.mesh_refinement import is_below
+from obc_ros.core.solver.arcs.input_arcs import Arc, find_arcs, insert_free_arcs
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.program_cache import Answered, Kit
-from obc_ros.core.solver.transcription.mesh import Mesh, Path, uniform
+from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Mesh, Path
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
 
 _LARGEST = 3e7     # entries of the matrices of all intervals
@@ -28,8 +28,9 @@ _WORSE = 1e-5      # relative: by how much the cost on such a mesh may be larger
 _LONGEST = 32      # intervals at least, of equal lengths
 
 
-def boundary_values(kit: Kit, problem: Problem, outcome: TranscriptionOutcome, course: Extremal,
-                    scales: ProblemScales, *, rough: bool = False) -> BoundaryValues | None:
+def solve_boundary_values(kit: Kit, problem: Problem, outcome: TranscriptionOutcome,
+                          course: Extremal,
+                          scales: ProblemScales, *, rough: bool = False) -> BoundaryValues | None:
     """Return the solution of the boundary value problem next to an outcome and its course."""
     arcs = find_arcs(problem, outcome.path, (True,) * problem.m)
     singular = any(linear and np.isnan(level) for arc in arcs
@@ -50,11 +51,12 @@ def _with_slopes(kit: Kit, problem: Problem, arcs: Sequence[Arc], course: Extrem
             held = u.copy()
             held[:, i] = bound[i]
             slopes[side, :, i] = kit.judge.hamiltonian(problem, x, held, lam)[1][:, i]
-    return sloped(arcs, course.t, (slopes[0], slopes[1]), [not each for each in kit.switching])
+    return insert_free_arcs(arcs, course.t, (slopes[0], slopes[1]),
+                            [not each for each in kit.switching])
 
 
-def points(found: BoundaryValues, error: float, longest: float, most: int
-           ) -> tuple[Array, Index]:
+def build_points(found: BoundaryValues, error: float, longest: float, most: int
+                 ) -> tuple[Array, Index]:
     """
     Return mesh points, shape (N + 1,), and the arc of each interval between them.
 
@@ -73,8 +75,8 @@ def points(found: BoundaryValues, error: float, longest: float, most: int
     return np.interp(inner, total, np.append(0.0, np.cumsum(found.h))), arc
 
 
-def neighbouring(kit: Kit, problem: Problem, last: Answered
-                 ) -> tuple[BoundaryValues, TranscriptionOutcome] | None:
+def start_from_neighbour(kit: Kit, problem: Problem, last: Answered
+                         ) -> tuple[BoundaryValues, TranscriptionOutcome] | None:
     """Return where to start from an answer to a neighbour whose kinks are known."""
     known = last.extremal
     if known is None:
@@ -86,12 +88,12 @@ def neighbouring(kit: Kit, problem: Problem, last: Answered
         return None
     before, after = (np.append(0.0, np.cumsum(each.lengths)) for each in (known, found))
     t = np.interp(last.outcome.path.t, before, after)
-    return found, on_points(problem, found, t, np.searchsorted(
+    return found, transcribe_on_points(problem, found, t, np.searchsorted(
         after[1:-1], (t[:-1] + t[1:]) / 2))
 
 
-def on_points(problem: Problem, found: BoundaryValues, t: Array,
-              arc: Index) -> TranscriptionOutcome:
+def transcribe_on_points(problem: Problem, found: BoundaryValues, t: Array,
+                         arc: Index) -> TranscriptionOutcome:
     """Return boundary values as the outcome of a transcription with mesh points in given arcs."""
     n, T = problem.n, t[-1]
     za, ua = found.at(*found.where(t[:-1], arc))
@@ -99,7 +101,8 @@ def on_points(problem: Problem, found: BoundaryValues, t: Array,
     ua, ub = (np.clip(np.where(np.isnan(found.levels[arc]), u, found.levels[arc]),
                       problem.u_lower, problem.u_upper) for u in (ua, ub))
     z = np.vstack([za, zb[-1:]])
-    mesh = Mesh(uniform(problem, len(arc), 0).layout, np.diff(t) / T, np.zeros((1, problem.m)))
+    mesh = Mesh(build_uniform_mesh(problem, len(arc), 0).layout, np.diff(t) / T,
+                np.zeros((1, problem.m)))
     l = int(problem.path.numel())  # noqa: E741  # as in Outcome
     path = Path(t, z[:, :n], np.zeros((len(arc), 0, n)), ua, ub, np.array([T]))
     return TranscriptionOutcome(
@@ -109,24 +112,25 @@ def on_points(problem: Problem, found: BoundaryValues, t: Array,
         np.zeros(0), 0.0)
 
 
-def on_kinks(search: Bench, outcome: TranscriptionOutcome,
-             course: Extremal) -> TranscriptionOutcome | None:
+def solve_on_kinks(search: Bench, outcome: TranscriptionOutcome,
+                   course: Extremal) -> TranscriptionOutcome | None:
     """Return the outcome on a mesh with a point at each kink of the inputs, if found once."""
     layout = outcome.mesh.layout
     if (search.extremal is not None or search.bounded or search.kit.twin
             or any(search.switching) or len(layout.phases) > 1 or layout.stages):
         return None
-    found = boundary_values(search.kit, search.stated, outcome, course, search.sizes(outcome),
-                            rough=True)
+    found = solve_boundary_values(search.kit, search.stated, outcome, course,
+                                  search.sizes(outcome),
+                                  rough=True)
     if found is None or len(found.lengths) == 1:
         return None
-    guide = on_points(search.stated, found, *points(
+    guide = transcribe_on_points(search.stated, found, *build_points(
         found, _KINKED, outcome.path.t[-1] / _LONGEST, 2 * search.monitor.max_intervals))
     if not search.monitor.allows(guide.mesh.layout.intervals):
         return None
     new = search.collocate(guide.mesh, guide.path, near=True, sizes=search.sizes(outcome),
                            guide=guide)
-    if not new.converged or below(outcome.objective, new.objective, _WORSE):
+    if not new.converged or is_below(outcome.objective, new.objective, _WORSE):
         return None
     search.extremal = found
     return new

@@ -14,13 +14,13 @@ import math
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
-from obc_ros.core.numerics.collocation import collocation, lagrange
+from obc_ros.core.numerics.collocation import build_collocation, build_lagrange_polynomials
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution, Status
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.multipliers import Fitter
-from obc_ros.core.solver.arcs.mixed_constraints import on_constraints
+from obc_ros.core.solver.arcs.mixed_constraints import move_onto_constraints
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.arcs.phases import DEGREE, Phased
 from obc_ros.core.solver.transcription.mesh import Path
@@ -33,10 +33,10 @@ _UNEVEN = 15.0        # times as many samples as usual where inputs bend most
 _OFF = 1e-4           # of its size: steps that leave a collocation so far err themselves
 
 
-def as_path(found: Phased) -> Path:
+def join_phases(found: Phased) -> Path:
     """Return phases as a path between the ends of their intervals."""
     at = np.append(0.0, np.cumsum(found.h))
-    points = collocation(DEGREE, 'radau')[0]
+    points = build_collocation(DEGREE, 'radau')[0]
     first = _basis(points, np.zeros(1))[0][0]
     x = np.vstack([found.x[:, 0], found.x[-1:, -1]])
     return Path(at, x, np.zeros((len(found.x), 0, x.shape[1])),
@@ -45,13 +45,14 @@ def as_path(found: Phased) -> Path:
 
 def _basis(points: Array, tau: Array, derivatives: int = 0) -> list[Array]:
     """Return Lagrange's polynomials through points at times (..., s), and their derivatives."""
-    return [np.stack([np.polyder(each, order)(tau) for each in lagrange(points)], axis=-1)
+    return [np.stack([np.polyder(each, order)(tau)
+                      for each in build_lagrange_polynomials(points)], axis=-1)
             for order in range(derivatives + 1)]
 
 
 def _parts(found: Phased, samples: int) -> Index:
     """Return into how many parts samples divide each interval: more where inputs bend."""
-    bends, = _basis(collocation(DEGREE, 'radau')[0], np.linspace(0.0, 1.0, DEGREE), 2)[2:]
+    bends, = _basis(build_collocation(DEGREE, 'radau')[0], np.linspace(0.0, 1.0, DEGREE), 2)[2:]
     size = np.maximum(np.abs(found.u).max(axis=(0, 1)), 1e-300)
     bend = np.sqrt(np.abs(np.einsum('sj,kjm->ksm', bends, found.u) / size).max(axis=(1, 2)))
     share = np.minimum(bend / max(bend.mean(), 1e-300), _UNEVEN)
@@ -59,8 +60,9 @@ def _parts(found: Phased, samples: int) -> Index:
     return np.asarray(np.maximum(2, np.rint(usual * (1 + share))), dtype=np.int64)
 
 
-def sampled(problem: Problem, program: PhasedProgram, integrator: CostateIntegrator, found: Phased,
-            samples: int) -> Solution:
+def sample_phases(problem: Problem, program: PhasedProgram, integrator: CostateIntegrator,
+                  found: Phased,
+                  samples: int) -> Solution:
     """Return phases as samples, with the costates and densities of the stated bounds."""
     bounds, points = program.bounds, program.points
     parts = _parts(found, samples)
@@ -72,7 +74,8 @@ def sampled(problem: Problem, program: PhasedProgram, integrator: CostateIntegra
     x, lam = (np.einsum('ksj,kjn->ksn', on_x, values) for values in (found.x, found.lam))
     u, bend = (np.einsum('ksj,kjm->ksm', on_u[order], found.u) for order in (0, 2))
     # Straight lines between samples of u are off it by h^2 / 12 of its bend in the mean.
-    u = on_constraints(problem, program, found, x, u) - bend / (12 * parts[:, None, None]**2)
+    u = move_onto_constraints(problem, program, found, x,
+                              u) - bend / (12 * parts[:, None, None]**2)
     eta = [np.einsum('ksj,kjr->ksr', basis, found.eta) / found.h[:, None, None]**order
            for order, basis in enumerate(on_u)]
     density = np.zeros_like(eta[0])
@@ -97,14 +100,14 @@ def sampled(problem: Problem, program: PhasedProgram, integrator: CostateIntegra
     return _joined(problem, integrator, found, t, x, u, lam, density)
 
 
-def certified(problem: Problem, program: PhasedProgram, integrator: CostateIntegrator,
-              fitter: Fitter,
-              found: Phased) -> Solution:
+def certify_samples(problem: Problem, program: PhasedProgram, integrator: CostateIntegrator,
+                    fitter: Fitter,
+                    found: Phased) -> Solution:
     """Return phases as samples with their certificate; more where these are all it lacks."""
     free, off = any(np.isnan(arc.levels).any() for arc in found.arcs), math.inf
     for samples in _SAMPLES if free else _SAMPLES[:1]:   # straight lines say all where none is
         answer = fitter.pressed(
-            problem, sampled(problem, program, integrator, found, samples))
+            problem, sample_phases(problem, program, integrator, found, samples))
         certificate = certify(problem, answer)
         answer, worst = replace(answer, certificate=certificate), certificate.worst
         off, before = certificate.residuals[worst] / certificate.tolerances[worst], off

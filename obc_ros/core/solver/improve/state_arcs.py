@@ -15,24 +15,24 @@ import math
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
-from obc_ros.core.numerics.collocation import collocation
+from obc_ros.core.numerics.collocation import build_collocation
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
-from obc_ros.core.solver.adjoint.mesh_refinement import below
-from obc_ros.core.solver.arcs.bang_arcs import at_bounds, at_ends
+from obc_ros.core.solver.adjoint.mesh_refinement import is_below
+from obc_ros.core.solver.arcs.bang_arcs import cut_at_bounds, cut_at_ends
 from obc_ros.core.solver.arcs.constraint_orders import BoundRates
-from obc_ros.core.solver.arcs.control_discontinuities import with_jumps, with_steps
-from obc_ros.core.solver.arcs.input_arcs import Arc, find_arcs, opened, Signature, signature
-from obc_ros.core.solver.arcs.mixed_constraints import holding, reheld
+from obc_ros.core.solver.arcs.control_discontinuities import cut_at_jumps, sharpen_steps
+from obc_ros.core.solver.arcs.input_arcs import Arc, find_arcs, get_signature, open_arcs, Signature
+from obc_ros.core.solver.arcs.mixed_constraints import find_active, hold_constraints
 from obc_ros.core.solver.arcs.phase_mesh import spread_as_wanted, spread_by_error, spread_like
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.arcs.phases import DEGREE, Grazing, Phased
-from obc_ros.core.solver.arcs.state_contacts import contacts, StateContact, with_contacts
+from obc_ros.core.solver.arcs.state_contacts import add_contacts, find_contacts, StateContact
 from obc_ros.core.solver.bench import Bench
-from obc_ros.core.solver.improve.phase_samples import as_path, BY_SAMPLES, certified
+from obc_ros.core.solver.improve.phase_samples import BY_SAMPLES, certify_samples, join_phases
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
-from obc_ros.core.solver.transcription.mesh import Path, uniform
+from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
 
 _ROUNDS = 6
@@ -75,16 +75,16 @@ def read_spans(problem: Problem, program: PhasedProgram, outcome: TranscriptionO
     arcs = find_arcs(problem, outcome.path, (True,) * problem.m)
     bounds, T = program.bounds, outcome.path.t[-1]
     mixed = bounds.orders == 0
-    found = _merged(contacts(problem, outcome, value, margin, bounds.orders > 0, near=_NEAR)
-                    + holding(problem, outcome, program), gap * T)
+    found = _merged(find_contacts(problem, outcome, value, margin, bounds.orders > 0, near=_NEAR)
+                    + find_active(problem, outcome, program), gap * T)
     found = [each for each in found if not _implied(each, arcs, bounds.deciding[each.row])
              and (each.end - each.start > each.beside / 2
                   or bounds.orders[each.row] and each.end < T)]
     if found:
-        arcs = with_contacts(arcs, found, bounds.deciding, mixed)
+        arcs = add_contacts(arcs, found, bounds.deciding, mixed)
     jumping = bounds.deciding[mixed].any(axis=0) & switching
-    arcs = with_jumps(arcs, outcome.path, jumping.tolist(), mixed.tolist())
-    return tidied(_without_smears(arcs, switching, gap * T))
+    arcs = cut_at_jumps(arcs, outcome.path, jumping.tolist(), mixed.tolist())
+    return tidy_arcs(_without_smears(arcs, switching, gap * T))
 
 
 def _implied(contact: StateContact, arcs: list[Arc], deciding: Mask) -> bool:
@@ -127,7 +127,7 @@ def _without_smears(arcs: list[Arc], switching: tuple[bool, ...], gap: float) ->
     return kept
 
 
-def tidied(arcs: list[Arc]) -> list[Arc]:
+def tidy_arcs(arcs: list[Arc]) -> list[Arc]:
     """Return arcs without the shortest, joined where neighbours are the same."""
     T = arcs[-1].end
     kept: list[Arc] = []
@@ -143,9 +143,9 @@ def tidied(arcs: list[Arc]) -> list[Arc]:
     return kept
 
 
-def settled(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Path,
-            sizes: ProblemScales, pinned: Mask, monitor: ProgressMonitor, fine: float,
-            spread: tuple[Array, Array]) -> Phased | None:
+def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Path,
+                sizes: ProblemScales, pinned: Mask, monitor: ProgressMonitor, fine: float,
+                spread: tuple[Array, Array]) -> Phased | None:
     """
     Return the path with arcs, without those that vanish.
 
@@ -158,18 +158,18 @@ def settled(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess: Pa
             return None
         monitor.limit(_ITERATIONS, K * DEGREE)
         found = program.solve(problem, arcs, meshes, guess, sizes, pinned, monitor)
-        smooth = tidied([replace(arc, jump=False) for arc in arcs])
+        smooth = tidy_arcs([replace(arc, jump=False) for arc in arcs])
         if not found.converged and len(smooth) < len(arcs):
             arcs = smooth
             continue
         lengths, shortest = np.array([arc.end - arc.start for arc in arcs]), program.shortest(arcs)
         short = shortest + np.where(shortest > 0, _LIMIT * (lengths - shortest), 0.0)
         arcs = found.arcs
-        kept = tidied(_shrunk(_that_jump(found), program.bounds))
+        kept = tidy_arcs(_shrunk(_that_jump(found), program.bounds))
         if len(kept) == len(arcs) and np.all(found.durations >= short):
             return _grazing(problem, program, found, sizes, pinned, monitor, found.grazing()
                             ) if found.converged else None
-        arcs, guess = kept, as_path(found)
+        arcs, guess = kept, join_phases(found)
     return None
 
 
@@ -191,7 +191,7 @@ def _that_jump(found: Phased) -> list[Arc]:
 
     When nothing else changes, where such a phase begins would be undetermined.
     """
-    path, size = as_path(found), np.maximum(np.abs(found.u).max(axis=(0, 1)), 1e-300)
+    path, size = join_phases(found), np.maximum(np.abs(found.u).max(axis=(0, 1)), 1e-300)
     first = np.cumsum([0] + [len(mesh) for mesh in found.meshes])
     return [replace(arc, jump=bool(arc.jump and np.any(
         np.abs(path.ua[k] - path.ub[k - 1]) > _NO_JUMP * size)))
@@ -199,7 +199,7 @@ def _that_jump(found: Phased) -> list[Arc]:
 
 
 def _meshes(arcs: list[Arc], spread: tuple[Array, Array], fine: float) -> list[Array]:
-    """Return the lengths of the intervals of each phase, as parts of it, as `settled` says."""
+    """Return the lengths of the intervals of each phase, as parts of it, as `settle_arcs` says."""
     (t, share), meshes = spread, []
     t = t * (arcs[-1].end / t[-1])
     for arc in arcs:
@@ -217,8 +217,8 @@ def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: Pro
         return found
     monitor.limit(_ITERATIONS)
     new = program.solve(
-        problem, found.arcs, found.meshes, as_path(found), sizes, pinned, monitor, where)
-    same = new.converged and len(tidied(new.arcs)) == len(new.arcs) and not below(
+        problem, found.arcs, found.meshes, join_phases(found), sizes, pinned, monitor, where)
+    same = new.converged and len(tidy_arcs(new.arcs)) == len(new.arcs) and not is_below(
         found.cost, new.cost, _SAME)
     return new if same else found
 
@@ -229,8 +229,8 @@ def _may_have_arcs(search: Bench) -> bool:
         search.quick or search.kit.twin or search.monitor.stopped)
 
 
-def along_bounds(search: Bench, outcome: TranscriptionOutcome, known: Solution | None = None
-                 ) -> Solution | None:
+def solve_along_bounds(search: Bench, outcome: TranscriptionOutcome, known: Solution | None = None
+                       ) -> Solution | None:
     """
     Return an answer with arcs along bounds near an outcome, if one is certified.
 
@@ -274,22 +274,22 @@ class _Turn:
 
     @property
     def key(self) -> tuple[Signature, float, int]:
-        return signature(self.arcs), self.fine, self.graded
+        return get_signature(self.arcs), self.fine, self.graded
 
     def like(self, found: Phased, arcs: list[Arc]) -> None:
         """Go on with other arcs than those that were found."""
-        self.arcs, self.guess, self.off = arcs, with_steps(as_path(found), arcs), math.inf
+        self.arcs, self.guess, self.off = arcs, sharpen_steps(join_phases(found), arcs), math.inf
 
     def finer(self, found: Phased, erred: float, monitor: ProgressMonitor) -> None:
         """Go on with shorter steps, where those that were taken err."""
         self.fine *= 2
-        again, self.led_to = signature(found.arcs) == self.led_to, signature(found.arcs)
+        again, self.led_to = get_signature(found.arcs) == self.led_to, get_signature(found.arcs)
         if again and erred < _STEADY * self.erred:
             monitor.extend(_AT_ONCE)
         if again or erred > _STIFF * self.erred:
             self.spread = spread_by_error(found)
             if again or len(found.arcs) == len(self.arcs):
-                self.arcs, self.guess = found.arcs, as_path(found)
+                self.arcs, self.guess = found.arcs, join_phases(found)
         self.erred = erred
 
 
@@ -302,7 +302,7 @@ def _settled_on(search: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], a
     """
     problem, monitor, pinned = search.problem, search.monitor, search.pinned
     program, judge, fitter = search.kit.phased, search.kit.judge, search.kit.fitter(problem)
-    turn, sizes = _Turn(arcs, with_steps(outcome.path, arcs), spread_like(outcome.path)), (
+    turn, sizes = _Turn(arcs, sharpen_steps(outcome.path, arcs), spread_like(outcome.path)), (
         search.sizes(outcome))
     for number in range(_ROUNDS + _GRADED):
         if number and turn.key in seen:
@@ -310,11 +310,11 @@ def _settled_on(search: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], a
         if turn.fine > _FINEST or turn.key in seen:
             break
         seen.add(turn.key)
-        found = settled(problem, program, turn.arcs, turn.guess, sizes, pinned, monitor,
-                        turn.fine, turn.spread)
+        found = settle_arcs(problem, program, turn.arcs, turn.guess, sizes, pinned, monitor,
+                            turn.fine, turn.spread)
         if found is None or found.cost > allowed:
             break
-        answer = certified(problem, program, judge, fitter, found)
+        answer = certify_samples(problem, program, judge, fitter, found)
         assert answer.certificate is not None
         if answer.certificate.holds:
             return answer
@@ -322,24 +322,25 @@ def _settled_on(search: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], a
         erred = answer.certificate.residuals['dynamics']
         if erred > _COARSE:
             # Steps that err so much say nothing of arcs, but where a bound weighs.
-            touched = touching(problem, found.arcs, found, program.bounds, answer.t, value)
-            if signature(touched) != signature(found.arcs) and (
-                    signature(touched), turn.fine, turn.graded) not in seen:
+            touched = add_touching_arcs(problem, found.arcs, found, program.bounds, answer.t,
+                                        value)
+            if get_signature(touched) != get_signature(found.arcs) and (
+                    get_signature(touched), turn.fine, turn.graded) not in seen:
                 turn.like(found, touched)
             else:
                 turn.finer(found, erred, monitor)
             continue
-        new = reread(problem, program, judge, found, answer, value)
-        if signature(new) != signature(found.arcs):
+        new = reread_arcs(problem, program, judge, found, answer, value)
+        if get_signature(new) != get_signature(found.arcs):
             turn.like(found, new)
             continue
         # When a path comes to a bound smoothly its cost hardly depends on when it does.
         smooth = _grazing(problem, program, found, sizes, pinned, monitor,
                           found.grazing(_NEARLY, touched=True))
         if smooth is not found and (
-                better := certified(problem, program, judge, fitter, smooth)).certified:
+                better := certify_samples(problem, program, judge, fitter, smooth)).certified:
             return better
-        turn.arcs, turn.guess = new, with_steps(as_path(found), new)
+        turn.arcs, turn.guess = new, sharpen_steps(join_phases(found), new)
         if not _resolved(turn, problem, program, judge, found, answer, seen):
             break
     return None
@@ -355,8 +356,8 @@ def _resolved(turn: _Turn, problem: Problem, program: PhasedProgram, judge: Cost
     if turn.off > _SLOWLY * before:
         _, Hu, _ = judge.hamiltonian(problem, answer.x, answer.u, answer.lam,
                                      answer.path_multipliers)
-        ended = at_ends(problem, program, found, answer.t, answer.x, answer.u, Hu)
-        if (signature(ended), turn.fine, turn.graded) not in seen:
+        ended = cut_at_ends(problem, program, found, answer.t, answer.x, answer.u, Hu)
+        if (get_signature(ended), turn.fine, turn.graded) not in seen:
             turn.like(found, ended)
             return True
     if worst == 'costate' and turn.graded < _GRADED:   # it may change within a small part of T
@@ -369,7 +370,7 @@ def _resolved(turn: _Turn, problem: Problem, program: PhasedProgram, judge: Cost
     return turn.off <= _WORSE * before
 
 
-def at_once(search: Bench, start: TranscriptionOutcome) -> Solution | None:
+def solve_at_once(search: Bench, start: TranscriptionOutcome) -> Solution | None:
     """
     Return an answer with arcs along bounds near a coarse outcome, if it shows them.
 
@@ -381,19 +382,20 @@ def at_once(search: Bench, start: TranscriptionOutcome) -> Solution | None:
     try:
         for finer in (1, *_FINER):
             search.monitor = whole.part(_AT_ONCE)
-            mesh = uniform(problem, finer * start.mesh.layout.intervals, search.stages)
+            mesh = build_uniform_mesh(problem, finer * start.mesh.layout.intervals, search.stages)
             if finer > 1 and whole.allows(mesh.layout.intervals):
                 new = search.collocate(mesh, outcome.path, near=True, sizes=search.sizes(outcome))
                 outcome = new if new.converged else outcome
-            if (answer := along_bounds(search, outcome)) is not None:
+            if (answer := solve_along_bounds(search, outcome)) is not None:
                 return answer
         return None
     finally:
         search.monitor = whole
 
 
-def reread(problem: Problem, program: PhasedProgram, integrator: CostateIntegrator, found: Phased,
-           answer: Solution, value: Array) -> list[Arc]:
+def reread_arcs(problem: Problem, program: PhasedProgram, integrator: CostateIntegrator,
+                found: Phased,
+                answer: Solution, value: Array) -> list[Arc]:
     """
     Return the arcs of a path that was found, changed where it shows that they are not right.
 
@@ -408,9 +410,9 @@ def reread(problem: Problem, program: PhasedProgram, integrator: CostateIntegrat
     _, Hu, _ = integrator.hamiltonian(
         problem, x, u, lam, None if mu is None else (mu[rows] + mu[rows + 1]) / 2)
     bounds = program.bounds
-    new = opened(at_bounds(problem, found, program.switching, bounds.deciding),
-                 np.append(answer.t[rows], answer.t[-1]), Hu, problem,
-                 (True,) * problem.m, program.switching.tolist())
+    new = open_arcs(cut_at_bounds(problem, found, program.switching, bounds.deciding),
+                    np.append(answer.t[rows], answer.t[-1]), Hu, problem,
+                    (True,) * problem.m, program.switching.tolist())
     times = np.unique([arc.end for arc in (*found.arcs, *new)])
     cut, start = [], 0.0
     for end in times[np.append(np.diff(times) > 1e-9 * times[-1], True)]:
@@ -419,11 +421,13 @@ def reread(problem: Problem, program: PhasedProgram, integrator: CostateIntegrat
         cut.append(Arc(start, float(end), level.levels, on.on,
                        jump=on.jump and abs(start - on.start) <= 1e-9 * times[-1]))
         start = float(end)
-    return touching(problem, reheld(tidied(cut), found, bounds), found, bounds, answer.t, value)
+    return add_touching_arcs(problem, hold_constraints(tidy_arcs(cut), found, bounds), found,
+                             bounds, answer.t, value)
 
 
-def touching(problem: Problem, arcs: list[Arc], found: Phased, bounds: BoundRates, times: Array,
-             value: Array) -> list[Arc]:
+def add_touching_arcs(problem: Problem, arcs: list[Arc], found: Phased, bounds: BoundRates,
+                      times: Array,
+                      value: Array) -> list[Arc]:
     """
     Return arcs near those found, which touch bounds, or stay on them, where these weigh.
 
@@ -440,7 +444,7 @@ def touching(problem: Problem, arcs: list[Arc], found: Phased, bounds: BoundRate
             for row in np.flatnonzero(arc.on)]
     held += [(time, time, row, sign) for time, row, sign in met]
     t = np.append(0.0, np.cumsum(found.h))
-    t = (t[:-1, None] + found.h[:, None] * collocation(d, 'radau')[0]).ravel()
+    t = (t[:-1, None] + found.h[:, None] * build_collocation(d, 'radau')[0]).ravel()
     longer = []
     for row in np.flatnonzero(np.abs(found.pushed).max(axis=(0, 1)) > _WEIGHS).tolist():
         for sign in (1, -1):
@@ -466,7 +470,7 @@ def touching(problem: Problem, arcs: list[Arc], found: Phased, bounds: BoundRate
                 longer.append(StateContact(row, sign, start, end, 0.0))
                 met = [each for each in met if each[1] != row or not start <= each[0] <= end]
     if longer:
-        arcs = with_contacts(arcs, longer, bounds.deciding)
+        arcs = add_contacts(arcs, longer, bounds.deciding)
     for time, row, sign in met:
         arcs = _met(arcs, time, row, sign, bounds.count)
     return arcs

@@ -16,26 +16,26 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.numerics.interval_arithmetic import enclosure
+from obc_ros.core.numerics.interval_arithmetic import enclose_outputs
 from obc_ros.core.numerics.rational_polynomials import (
-    affine_parts,
-    polynomials,
     RationalRow,
+    read_polynomials,
+    split_affine,
     TooHardError,
 )
-from obc_ros.core.ocp.affine_constraints import eliminated
+from obc_ros.core.ocp.affine_constraints import eliminate_rows
 from obc_ros.core.ocp.certificate import kkt
 from obc_ros.core.ocp.solution import Certificate, Report, Status
-from obc_ros.core.text.errors import shown, StatementError
-from obc_ros.core.text.expressions import check_name, near, parse_expression, parse_number
+from obc_ros.core.text.errors import quote, StatementError
+from obc_ros.core.text.expressions import check_name, parse_expression, parse_number, suggest_name
 from obc_ros.core.text.fields import (
-    bounds_of,
     check_keys,
     Given,
     list_of,
-    mapping_of,
-    names_of,
-    section_of,
+    read_bounds,
+    read_mapping,
+    read_names,
+    read_section,
 )
 
 KEYS = ('variables', 'parameters', 'cost', 'equalities', 'inequalities', 'bounds', 'guess')
@@ -186,7 +186,7 @@ def _sentence(question: _Question, F: float, point: kkt.KktPoint, convex: bool,
 def _why_not(program: kkt.StaticProgram, point: kkt.KktPoint, certificate: Certificate,
              F: float) -> str:
     worst = certificate.worst
-    if worst in ('stationarity', 'attained') and kkt.strained(program, point):
+    if worst in ('stationarity', 'attained') and kkt.is_strained(program, point):
         return (f'stopped at F = {F:.10g}: towards it the gradients of the active constraints '
                 'become linearly dependent (LICQ fails) and the multipliers grow without end')
     if worst == 'stationarity' and point.dependent:
@@ -241,19 +241,19 @@ def _is_excluded(program: kkt.StaticProgram) -> bool:
     G, g = (ca.Function('rows', [program.x], [ca.densify(each)])
             for each in (program.G, program.g))
     slack = _EXCLUDED
-    if any(each.low > slack or each.high < -slack for each in enclosure(G, box)) or any(
-            each.low > slack for each in enclosure(g, box)):
+    if any(each.low > slack or each.high < -slack for each in enclose_outputs(G, box)) or any(
+            each.low > slack for each in enclose_outputs(g, box)):
         return True
     n = program.x.numel()
     try:
-        found = polynomials(G, [[None] * n])[1]
+        found = read_polynomials(G, [[None] * n])[1]
     except TooHardError:
         return False
     rows: dict[int, RationalRow] = {}
     for index, each in enumerate(found):
-        if part := affine_parts(each, n):
+        if part := split_affine(each, n):
             rows[index] = {k: value for k, value in enumerate([*part[0], part[1]]) if value}
-    return eliminated(rows, n)[1] is not None
+    return eliminate_rows(rows, n)[1] is not None
 
 
 def _least_violation(program: kkt.StaticProgram, start: Array) -> Array:
@@ -310,7 +310,7 @@ def _run(program: kkt.StaticProgram, solver: ca.Function, start: Array) -> _Run:
         return _Run(start, start, math.inf, 'a value that is not finite')
     first = program.values(start)[0]
     drop = _UNBOUNDED * (1 + (abs(first) if np.isfinite(first) else 0.0))
-    feasible = kkt.violation(program, x, c, J) <= 1e-6
+    feasible = kkt.measure_violation(program, x, c, J) <= 1e-6
     if feasible and F - drop < 0:
         return _Run(start, x, F, 'unbounded')
     stuck = said == 'Infeasible_Problem_Detected' or (
@@ -348,9 +348,9 @@ def _starts(question: _Question) -> Iterator[Array]:
 
 def _question(statement: object) -> _Question:
     """Return the checked statement."""
-    given = mapping_of(statement, 'minimize')
+    given = read_mapping(statement, 'minimize')
     check_keys(given, KEYS)
-    names = names_of(given, 'variables', MAX_COUNT)
+    names = read_names(given, 'variables', MAX_COUNT)
     values = _parameters(given, names)
     x = ca.vertcat(*(ca.SX.sym(name) for name in names))
     symbols = {name: x[i] for i, name in enumerate(names)}
@@ -371,7 +371,7 @@ def _column(given: Given, key: str, sign: str, symbols: Mapping[str, ca.SX]
     texts = _list(given, key)
     column = ca.vertcat(ca.SX(0, 1), *(
         parse_expression(text, symbols, f'{key}[{i}]') for i, text in enumerate(texts)))
-    return column, [f'{key}[{i}] ({shown(str(text))} {sign})' for i, text in enumerate(texts)]
+    return column, [f'{key}[{i}] ({quote(str(text))} {sign})' for i, text in enumerate(texts)]
 
 
 def _list(given: Given, key: str) -> list[Any]:
@@ -382,7 +382,7 @@ def _list(given: Given, key: str) -> list[Any]:
 
 def _parameters(given: Given, names: tuple[str, ...]) -> dict[str, float]:
     values: dict[str, float] = {}
-    for name, text in section_of(given, 'parameters', MAX_COUNT).items():
+    for name, text in read_section(given, 'parameters', MAX_COUNT).items():
         check_name(name, 'parameters')
         if name in names:
             raise StatementError(f"parameters: '{name}' is a variable too")
@@ -393,12 +393,12 @@ def _parameters(given: Given, names: tuple[str, ...]) -> dict[str, float]:
 def _bounds(given: Given, names: tuple[str, ...], values: dict[str, float]
             ) -> tuple[Array, Array]:
     lower, upper = np.full(len(names), -np.inf), np.full(len(names), np.inf)
-    for name, pair in section_of(given, 'bounds', MAX_COUNT).items():
+    for name, pair in read_section(given, 'bounds', MAX_COUNT).items():
         if name not in names:
-            raise StatementError(f"bounds: '{shown(str(name))}' is not a variable"
-                                 f'{near(str(name), names)}')
+            raise StatementError(f"bounds: '{quote(str(name))}' is not a variable"
+                                 f'{suggest_name(str(name), names)}')
         i = names.index(name)
-        lower[i], upper[i] = bounds_of(pair, values, f'bounds.{name}')
+        lower[i], upper[i] = read_bounds(pair, values, f'bounds.{name}')
     return lower, upper
 
 

@@ -22,8 +22,8 @@ _LESS = 1e-9       # relative cost
 _MOST = 3          # saddles in a row
 
 
-def left_behind(work: Interior, end: Iterate, goal: StoppingRule,
-                watch: Callable[[float, float], bool]) -> Iterate:
+def leave_saddle(work: Interior, end: Iterate, goal: StoppingRule,
+                 watch: Callable[[float, float], bool]) -> Iterate:
     """
     Return where a run ended, or what is found below if that is a saddle.
 

@@ -17,17 +17,30 @@ from fractions import Fraction
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
-from obc_ros.core.numerics.interval_arithmetic import enclosure, Interval, plus, times
-from obc_ros.core.numerics.rational_polynomials import null_space, rational
-from obc_ros.core.ocp.affine_constraints import affine_end, End
-from obc_ros.core.ocp.least_time_form import affine
+from obc_ros.core.numerics.interval_arithmetic import (
+    add_intervals,
+    enclose_outputs,
+    Interval,
+    multiply_intervals,
+)
+from obc_ros.core.numerics.rational_polynomials import convert_to_rational, find_null_space
+from obc_ros.core.ocp.affine_constraints import End, find_affine_end
+from obc_ros.core.ocp.least_time_form import find_affine_dynamics
 from obc_ros.core.ocp.problem import FinalTime, Problem
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.wording import affine_rows, format_number, state_bound, terminal
+from obc_ros.core.ocp.wording import (
+    describe_terminal,
+    find_affine_rows,
+    format_number,
+    state_bound,
+)
 from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
-from obc_ros.core.solver.proofs.interval_bounds import nowhere
-from obc_ros.core.solver.proofs.invariants import changed
-from obc_ros.core.solver.proofs.uncontrolled_states import combinations_missed, states_missed
+from obc_ros.core.solver.proofs.interval_bounds import find_unsatisfiable
+from obc_ros.core.solver.proofs.invariants import find_changed_invariants
+from obc_ros.core.solver.proofs.uncontrolled_states import (
+    find_missed_combinations,
+    find_missed_states,
+)
 
 # Relative size of what counts as a contradiction: far below intention. Rounding is bounded.
 _SLACK = 1e-9
@@ -35,7 +48,7 @@ _MISSED = 1e-6     # likewise, where a certificate leaves something open
 _VALUES = 1001     # of a state between its ends
 
 
-def contradiction(problem: Problem) -> str:
+def explain_contradiction(problem: Problem) -> str:
     """Return a sentence that says which parts of a problem exclude each other, or ''."""
     for check in CHECKS:
         for sentence in check(problem):
@@ -68,15 +81,15 @@ def _path_at(problem: Problem, box: tuple[Array, Array], where: str, known: Mask
         if ca.depends_on(rate[row, :], problem.u) or not known[uses].all():
             continue
         # Affine in u: the value at one input and the slopes say all.
-        [value] = enclosure(ca.Function('value', symbols, [problem.path[row]]),
-                            [box, (middle, middle), p])
-        slopes = enclosure(ca.Function('slopes', symbols, [ca.densify(rate[row, :]).T]),
-                           [box, (middle, middle), p])
+        [value] = enclose_outputs(ca.Function('value', symbols, [problem.path[row]]),
+                                  [box, (middle, middle), p])
+        slopes = enclose_outputs(ca.Function('slopes', symbols, [ca.densify(rate[row, :]).T]),
+                                 [box, (middle, middle), p])
         total, fixed = value, True
         for k, slope in enumerate(slopes):
             if slope.low or slope.high:
                 fixed = False
-                total = plus(total, times(slope, plus(
+                total = add_intervals(total, multiply_intervals(slope, add_intervals(
                     Interval(float(u[0][k]), float(u[1][k])),
                     Interval(-float(middle[k]), -float(middle[k])))))
         slack = _SLACK * (1 + max(abs(value.low), abs(value.high)))
@@ -99,7 +112,7 @@ def _range(a: Array, b: float, lower: Array, upper: Array) -> tuple[float, float
 
 
 def _at_end(problem: Problem) -> Iterator[str]:
-    end = affine_end(problem)
+    end = find_affine_end(problem)
     if end is None:
         return
     for row, parts in end.rows.items():
@@ -112,7 +125,7 @@ def _at_end(problem: Problem) -> Iterator[str]:
         if low > slack or high < -slack:
             yield _against_bounds(problem, row, a, low > slack)
     if end.clash is not None:
-        names = [terminal(problem, k) for k in sorted(end.clash.weights)]
+        names = [describe_terminal(problem, k) for k in sorted(end.clash.weights)]
         yield (f'{names[0]} holds at no state' if len(names) == 1 else
                f'terminal constraints {", ".join(names[:-1])} and {names[-1]} exclude each other')
     yield from _where_pinned(problem, end)
@@ -124,7 +137,7 @@ def _against_bounds(problem: Problem, row: int, a: Array, over: bool) -> str:
               for index in map(int, np.flatnonzero(a))]
     plural = 's' * (len(blamed) > 1)
     return (f'state bound{plural} {", ".join(blamed)} and terminal constraint '
-            f'{terminal(problem, row)} exclude each other')
+            f'{describe_terminal(problem, row)} exclude each other')
 
 
 def _box(end: End) -> tuple[Array, Array]:
@@ -145,7 +158,7 @@ def _where_pinned(problem: Problem, end: End) -> Iterator[str]:
         if not pinned[used].all():
             continue
         psi = ca.Function('psi', [problem.x, problem.p], [problem.psi[row]])
-        [value] = enclosure(psi, [box, (problem.p_value, problem.p_value)])
+        [value] = enclose_outputs(psi, [box, (problem.p_value, problem.p_value)])
         size = _MISSED * (1 + float(np.abs(x).max()))**2
         if value.low > size or value.high < -size:
             where = ', '.join(f'{name} = {format_number(float(x[index]))}' for index,
@@ -178,13 +191,14 @@ def _together_against_bounds(problem: Problem, end: End) -> Iterator[str]:
     kept = nearest.active_mask != 0
     free = [k for k in range(n) if not kept[k] and not np.isfinite(
         [problem.x_lower[k], problem.x_upper[k]]).all()]
-    basis = null_space([{j: end.rows[row][k] for j, row in enumerate(rows) if k in end.rows[row]}
-                        for k in free], len(rows))
+    basis = find_null_space([{j: end.rows[row][k] for j,
+                              row in enumerate(rows) if k in end.rows[row]}
+                             for k in free], len(rows))
     if not basis or not np.isfinite(y).all() or not y.any():
         return
     spanned = np.array([[float(each.get(j, 0)) for j in range(len(rows))] for each in basis])
     parts = np.linalg.lstsq(spanned.T, y, rcond=None)[0]
-    weights = [sum((rational(part) * each.get(j, Fraction(0)) for part, each in zip(
+    weights = [sum((convert_to_rational(part) * each.get(j, Fraction(0)) for part, each in zip(
         parts.tolist(), basis, strict=True)), Fraction(0)) for j in range(len(rows))]
     total = [sum((weight * end.rows[row].get(k, Fraction(0)) for weight, row in zip(
         weights, rows, strict=True)), Fraction(0)) for k in range(n + 1)]
@@ -194,7 +208,7 @@ def _together_against_bounds(problem: Problem, end: End) -> Iterator[str]:
                             [problem.x_lower, problem.x_upper], 0.0)).max(axis=0)
     size = np.abs([float(weight) for weight in weights]) @ (np.abs(A) @ reach + np.abs(b))
     if sum(terms) + float(total[n]) > _MISSED * size:
-        names = ', '.join(terminal(problem, row) for row, weight in zip(
+        names = ', '.join(describe_terminal(problem, row) for row, weight in zip(
             rows, weights, strict=True) if weight)
         bounds = ', '.join(
             state_bound(problem, i, bool(nearest.active_mask[i] > 0))
@@ -203,7 +217,7 @@ def _together_against_bounds(problem: Problem, end: End) -> Iterator[str]:
 
 
 def _path_at_end(problem: Problem) -> Iterator[str]:
-    end = affine_end(problem) if problem.path.numel() else None
+    end = find_affine_end(problem) if problem.path.numel() else None
     if end is None or not end.is_clear:
         return
     pinned = end.pinned()
@@ -241,26 +255,27 @@ def _in_between(problem: Problem, end: Array, pinned: Mask) -> Iterator[str]:
 def _words(problem: Problem) -> list[str]:
     """Return the bounds of each state, the lower one first, and the terminal constraints."""
     return [state_bound(problem, index, upper) for index in range(problem.n)
-            for upper in (False, True)] + [terminal(problem, row) for row in range(problem.q)]
+            for upper in (False, True)] + [describe_terminal(problem, row)
+                                           for row in range(problem.q)]
 
 
 def _beyond_control(problem: Problem) -> Iterator[str]:
     """Yield what is demanded of states that no input enters, directly or through others."""
-    yield from states_missed(problem, _words(problem))
+    yield from find_missed_states(problem, _words(problem))
 
 
 def _beyond_reach(problem: Problem) -> Iterator[str]:
     """Yield what is demanded of modes of a linear system that no input reaches."""
-    end = affine_end(problem) if affine(problem) is not None else None
+    end = find_affine_end(problem) if find_affine_dynamics(problem) is not None else None
     if end is not None and end.clash is None:
-        yield from combinations_missed(problem, end, _words(problem))
+        yield from find_missed_combinations(problem, end, _words(problem))
 
 
 def _too_soon(problem: Problem) -> Iterator[str]:
     """Yield the least time of a linear system with bounded inputs if there is less time."""
-    rows = affine_rows(problem)
+    rows = find_affine_rows(problem)
     boxed = np.isfinite(problem.u_lower).all() and np.isfinite(problem.u_upper).all()
-    if rows is None or not rows.affine.any() or not boxed or affine(problem) is None:
+    if rows is None or not rows.affine.any() or not boxed or find_affine_dynamics(problem) is None:
         return
     final, unlimited, none = problem.final_time, np.full(problem.n, np.inf), np.zeros(0)
     within = FinalTime(free=True, lower=0.0, upper=final.upper if final.free else final.value)
@@ -276,13 +291,13 @@ def _too_soon(problem: Problem) -> Iterator[str]:
 
 def _too_far(problem: Problem) -> Iterator[str]:
     """Yield what holds nowhere within the bounds, or nowhere within reach."""
-    yield from nowhere(problem)
+    yield from find_unsatisfiable(problem)
 
 
 def _not_conserved(problem: Problem) -> Iterator[str]:
     """Yield what no input changes and is not the same at the end."""
     if problem.q:
-        yield from changed(problem)
+        yield from find_changed_invariants(problem)
 
 
 # In the order in which a sentence is looked for.

@@ -20,14 +20,14 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.numerics.rational_polynomials import (
-    affine_parts,
     Polynomial,
-    polynomials,
+    read_polynomials,
+    split_affine,
     TooHardError,
 )
-from obc_ros.core.ocp.least_time_form import affine
+from obc_ros.core.ocp.least_time_form import find_affine_dynamics
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.solver.exact.reachable_set import exponential
+from obc_ros.core.solver.exact.reachable_set import compute_exponential
 
 _INSTANTS = 20   # times at which dH/du is looked at: if it does not vanish there it never does
 _NONE, _CLEAR = 1e-12, 1e-6   # relative: a singular value that is none, and one that is
@@ -41,7 +41,7 @@ class _Curvature:
     linear: Mask
 
 
-def without_minimum(problem: Problem) -> str:
+def explain_no_minimum(problem: Problem) -> str:
     """Return a sentence if the cost has no minimum for want of bounds on an input, else ''."""
     free = _unlimited(problem)
     if not free.any():
@@ -57,22 +57,22 @@ def without_minimum(problem: Problem) -> str:
     return _linear(problem, both) if both.any() else ''
 
 
-def growing(problem: Problem) -> list[str]:
+def find_growing_inputs(problem: Problem) -> list[str]:
     """Return the inputs without bounds in which H is linear."""
     free = _unlimited(problem)
     free &= _curvature(problem).linear if free.any() else free
     return [name for name, yes in zip(problem.inputs, free, strict=True) if yes]
 
 
-def wish(problem: Problem) -> str:
+def advise_bounds(problem: Problem) -> str:
     """Return the advice to bound the inputs that nothing keeps from growing; '' if none."""
-    names = growing(problem)
+    names = find_growing_inputs(problem)
     return (f'nothing keeps {", ".join(names)} from growing without end (the cost is linear in '
             f'{"them" if len(names) > 1 else "it"}): input_bounds may be missing'
             if names else '')
 
 
-def indifferent(problem: Problem) -> float | None:
+def find_constant_cost(problem: Problem) -> float | None:
     """Return L if no path costs more than another, so that all multipliers are 0; else None."""
     if problem.L.is_constant() and problem.V.is_constant():
         L = float(problem.L)
@@ -80,7 +80,7 @@ def indifferent(problem: Problem) -> float | None:
     return None
 
 
-def of_least_effort(problem: Problem) -> Problem:
+def state_least_effort(problem: Problem) -> Problem:
     """
     Return a problem whose answer is one of a problem of which every path is an answer.
 
@@ -128,7 +128,7 @@ def _exact(problem: Problem, expressions: ca.SX) -> list[Polynomial]:
     that the second derivative of 0.3 u^2 - 0.2 u^2 - 0.1 u^2 is below 0 there.
     """
     function = ca.Function('exact', [problem.x, problem.u, problem.p], [ca.densify(expressions)])
-    return polynomials(
+    return read_polynomials(
         function, [[None] * problem.n, [None] * problem.m, problem.p_value])[1]
 
 
@@ -137,12 +137,12 @@ def _linear(problem: Problem, free: Mask) -> str:
     bounded = np.isfinite([problem.x_lower, problem.x_upper]).any() or problem.path.numel()
     slopes = ca.jacobian(ca.vertcat(problem.L, problem.V, problem.psi),
                          ca.vertcat(problem.x, problem.u))
-    if (affine(problem) is None or bounded or problem.final_time.free
+    if (find_affine_dynamics(problem) is None or bounded or problem.final_time.free
             or ca.depends_on(slopes, ca.vertcat(problem.x, problem.u))):
         return ''
     n, q, T = problem.n, problem.q, problem.final_time.value
     try:
-        parts = [affine_parts(each, n + problem.m) for each in _exact(
+        parts = [split_affine(each, n + problem.m) for each in _exact(
             problem, ca.vertcat(problem.f, problem.L, problem.V, problem.psi))]
     except TooHardError:
         return ''
@@ -158,7 +158,7 @@ def _linear(problem: Problem, free: Mask) -> str:
     B = B_all[:, free].T
     rows, wanted = [], []
     for tau in np.linspace(0.0, T, _INSTANTS):
-        flow = exponential(Z * tau)
+        flow = compute_exponential(Z * tau)
         rows.append(B @ flow[:n, :n] @ psi_x.T)
         wanted.append(-L_u[free] - B @ (flow[:n, :n] @ V_x + flow[:n, n]))
     M, r = np.vstack(rows), np.concatenate(wanted)

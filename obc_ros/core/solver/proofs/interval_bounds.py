@@ -12,16 +12,21 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
-from obc_ros.core.numerics.interval_arithmetic import enclosure, Interval, plus, times
-from obc_ros.core.ocp.least_time_form import affine
+from obc_ros.core.numerics.interval_arithmetic import (
+    add_intervals,
+    enclose_outputs,
+    Interval,
+    multiply_intervals,
+)
+from obc_ros.core.ocp.least_time_form import find_affine_dynamics
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.wording import format_number, terminal
-from obc_ros.core.solver.proofs.singular_expressions import steep_operands
+from obc_ros.core.ocp.wording import describe_terminal, format_number
+from obc_ros.core.solver.proofs.singular_expressions import find_steep_operands
 
 _MARGIN = 1e-6   # of the ends of an interval: what a certificate leaves open
 
 
-def lowest(problem: Problem) -> Array:
+def find_lower_bounds(problem: Problem) -> Array:
     """
     Return values that the states stay above, shape (n,): their bounds, or 0 where they turn back.
 
@@ -43,23 +48,23 @@ def lowest(problem: Problem) -> Array:
     return np.where(stays, np.maximum(problem.x_lower, 0.0), problem.x_lower)
 
 
-def steady(problem: Problem) -> list[Interval]:
+def bound_rates(problem: Problem) -> list[Interval]:
     """Return between which values the rate of each state stays."""
-    return _rates(problem, lowest(problem), problem.x_upper)
+    return _rates(problem, find_lower_bounds(problem), problem.x_upper)
 
 
-def nowhere(problem: Problem) -> Iterator[str]:
+def find_unsatisfiable(problem: Problem) -> Iterator[str]:
     """
     Yield path constraints and terminal constraints that hold nowhere within the bounds.
 
     A state whose rate keeps within bounds wherever the path may be keeps within bounds itself,
     and so perhaps do others then: it is said, too, what terminal constraint holds nowhere there.
     """
-    low, high = lowest(problem), problem.x_upper
+    low, high = find_lower_bounds(problem), problem.x_upper
     yield from _path(problem, low, high)
     last = problem.final_time.upper if problem.final_time.free else problem.final_time.value
     # Of linear systems more can be said, and is: by when.
-    curved = bool(problem.q) and affine(problem) is None
+    curved = bool(problem.q) and find_affine_dynamics(problem) is None
     for within in ('within its bounds', 'within reach')[:1 + curved]:
         for row, found in enumerate(_values(problem, problem.psi, low, high)):
             margin = _margin(found)
@@ -67,7 +72,7 @@ def nowhere(problem: Problem) -> Iterator[str]:
                 more = (_turning(problem, row, low) if within == 'within its bounds' else
                         _extent(problem, row, low, high))
                 nearest = found.low if found.low > 0 else found.high
-                yield (f'the terminal constraint {terminal(problem, row)} holds nowhere'
+                yield (f'the terminal constraint {describe_terminal(problem, row)} holds nowhere'
                        f'{more}: it is missed by at least {format_number(abs(nearest))}')
         for _ in range(problem.n):
             reached = [_after(float(x), rate, last) for x, rate in zip(
@@ -78,8 +83,9 @@ def nowhere(problem: Problem) -> Iterator[str]:
 
 def _after(x: float, rate: Interval, last: float) -> Interval:
     """Return where a state is between 0 and `last` that starts at x and has such a rate."""
-    moved = times(Interval(last, last), Interval(min(rate.low, 0.0), max(rate.high, 0.0)))
-    return plus(Interval(x, x), moved)
+    moved = multiply_intervals(Interval(last, last),
+                               Interval(min(rate.low, 0.0), max(rate.high, 0.0)))
+    return add_intervals(Interval(x, x), moved)
 
 
 def _path(problem: Problem, low: Array, high: Array) -> Iterator[str]:
@@ -100,13 +106,14 @@ def _path(problem: Problem, low: Array, high: Array) -> Iterator[str]:
 def _values(problem: Problem, expressions: ca.SX, low: Array, high: Array) -> list[Interval]:
     """Return between which values expressions stay, the states within these bounds."""
     function = ca.Function('values', [problem.x, problem.u, problem.p], [ca.densify(expressions)])
-    return enclosure(function, [(low, high), (problem.u_lower, problem.u_upper),
-                                (problem.p_value, problem.p_value)])
+    return enclose_outputs(function, [(low, high), (problem.u_lower, problem.u_upper),
+                                      (problem.p_value, problem.p_value)])
 
 
 def _rooted(problem: Problem) -> NDArray[np.bool_]:
     """Return on which states a function with an infinite slope is done in a rate, shape (n,)."""
-    under = [value for where, value in steep_operands(problem) if where.startswith('dynamics.')]
+    under = [value for where,
+             value in find_steep_operands(problem) if where.startswith('dynamics.')]
     return np.array([any(ca.depends_on(value, x) for value in under)
                      for x in ca.vertsplit(problem.x)])
 

@@ -22,15 +22,15 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.rational_polynomials import (
     Algebra,
+    convert_to_rational,
+    find_null_space,
     make_constant,
-    null_space,
     Polynomial,
-    polynomials,
-    rational,
     RationalRow,
+    read_polynomials,
     TooHardError,
 )
-from obc_ros.core.ocp.affine_constraints import affine_end, End
+from obc_ros.core.ocp.affine_constraints import End, find_affine_end
 from obc_ros.core.ocp.problem import Problem
 
 StateMonomial = tuple[int, ...]
@@ -43,12 +43,12 @@ _REACH = 3.0     # of inputs without a bound, in units of 1 + |the other bound|
 _SEED = 5
 
 
-def changed(problem: Problem) -> Iterator[str]:
+def find_changed_invariants(problem: Problem) -> Iterator[str]:
     """Yield what has another value at the end than at the start though no input changes it."""
     states = range(problem.n)
     if not problem.q or problem.n > _MOST:
         return
-    end = affine_end(problem)
+    end = find_affine_end(problem)
     if end is None or not end.is_clear:
         return
     try:
@@ -92,7 +92,7 @@ def _exact_rates(problem: Problem) -> tuple[Algebra, list[Polynomial]]:
     f = ca.Function('f', [problem.x, problem.u, problem.p], [ca.densify(problem.f)])
     held = [float(low) if low == high else None
             for low, high in zip(problem.u_lower, problem.u_upper, strict=True)]
-    return polynomials(f, [[None] * problem.n, held, problem.p_value])
+    return read_polynomials(f, [[None] * problem.n, held, problem.p_value])
 
 
 def _changed(problem: Problem, end: _Surface, rates: tuple[Algebra, list[Polynomial]],
@@ -140,7 +140,7 @@ def _proved(end: _Surface, rates: tuple[Algebra, list[Polynomial]], monomials: l
         terms = dict.fromkeys(term for each in columns for term in each)
         rows += [{k: each[term] for k, each in enumerate(columns) if term in each}
                  for term in terms]
-    return null_space(rows, len(monomials))
+    return find_null_space(rows, len(monomials))
 
 
 def _compared(problem: Problem, end: _Surface, c: RationalRow,
@@ -150,12 +150,12 @@ def _compared(problem: Problem, end: _Surface, c: RationalRow,
         return
     lead = max(c.values(), key=abs)
     c = {k: value / lead for k, value in c.items()}
-    x0 = [rational(value) for value in problem.x0]
+    x0 = [convert_to_rational(value) for value in problem.x0]
     terms_before = [value * _product(x0, monomials[k]) for k, value in c.items()]
     terms_after = [value * _product(end.x, monomials[k]) for k, value in c.items()]
     before, after = sum(terms_before, Fraction(0)), sum(terms_after, Fraction(0))
     size = sum((abs(each) for each in (*terms_before, *terms_after, *c.values())), Fraction(0))
-    if abs(after - before) > rational(_FAR) * size:
+    if abs(after - before) > convert_to_rational(_FAR) * size:
         numbers = np.array([float(c.get(k, 0)) for k in range(len(monomials))])
         yield (f'{_text(problem, numbers, monomials)} is constant whatever the inputs are: it is '
                f'{float(before):.9g} at the initial state and {float(after):.9g} '

@@ -13,11 +13,11 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from obc_ros.core.ocp.convexity import convex_problem
-from obc_ros.core.ocp.least_time_form import affine, target
+from obc_ros.core.ocp.convexity import is_convex_problem
+from obc_ros.core.ocp.least_time_form import find_affine_dynamics, find_target
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Certificate, MOST_MINIMA, Optimality, Solution
-from obc_ros.core.solver.proofs.existence import indifferent
+from obc_ros.core.solver.proofs.existence import find_constant_cost
 from obc_ros.core.solver.transcription.local_minima import ANOTHER
 from scipy.optimize import lsq_linear
 
@@ -25,7 +25,7 @@ _KEPT = 1e-9    # relative: by how much a target that is kept may move
 _NORMAL = 0.1   # of L: what the residuals of H may be for L to count in H = L + lam'f
 
 
-def told(problem: Problem, found: Solution) -> Solution:
+def add_optimality(problem: Problem, found: Solution) -> Solution:
     """Return a solution that says how good it is, if it is certified."""
     if not found.certified:
         return replace(found, optimality=None)
@@ -36,10 +36,10 @@ def told(problem: Problem, found: Solution) -> Solution:
     if reason:
         return replace(found, optimality=Optimality('global', reason))
     starts, others = (known.starts, known.minima) if known else (1, ())
-    return replace(found, optimality=local(starts, found.objective, others))
+    return replace(found, optimality=describe_local(starts, found.objective, others))
 
 
-def local(starts: int, best: float, others: Iterable[float]) -> Optimality:
+def describe_local(starts: int, best: float, others: Iterable[float]) -> Optimality:
     """
     Return what a search has shown.
 
@@ -66,9 +66,9 @@ def local(starts: int, best: float, others: Iterable[float]) -> Optimality:
 
 def _proof(problem: Problem, found: Solution) -> str:
     """Return why no path costs less than a certified one; '' where that is not shown."""
-    if indifferent(problem) is not None:
+    if find_constant_cost(problem) is not None:
         return 'every path costs the same'
-    if convex_problem(problem):
+    if is_convex_problem(problem):
         return 'convex'
     if found.certificate and _least_time(problem, found, found.certificate):
         return 'least time of a linear system'
@@ -77,8 +77,8 @@ def _proof(problem: Problem, found: Solution) -> str:
 
 def _least_time(problem: Problem, found: Solution, certificate: Certificate) -> bool:
     """Return whether a normal extremal meets a target of a linear system that can be kept."""
-    aim = target(problem)
-    plant = affine(problem) if aim else None
+    aim = find_target(problem)
+    plant = find_affine_dynamics(problem) if aim else None
     if aim is None or plant is None:
         return False
     T, final = float(found.t[-1]), problem.final_time

@@ -41,7 +41,7 @@ class Suspect:
     may_be_negative: bool
 
 
-def undefined(problem: Problem, t: Array, x: Array, u: Array) -> str:
+def explain_undefined(problem: Problem, t: Array, x: Array, u: Array) -> str:
     """
     Return which expression has no value on a path, where and why; '' if all have one.
 
@@ -53,7 +53,7 @@ def undefined(problem: Problem, t: Array, x: Array, u: Array) -> str:
         The path; between its points a divisor that changes its sign is taken to vanish.
 
     """
-    found = suspects(problem)
+    found = find_suspects(problem)
     if not found or not t.size or not (np.isfinite(x).all() and np.isfinite(u).all()):
         return ''
     values = _values(problem, [each.value for each in found], x, u)
@@ -73,11 +73,12 @@ def undefined(problem: Problem, t: Array, x: Array, u: Array) -> str:
     return f'{what} at t = {t[k]:.4g} on the nearest path that was found, where {state[:200]}'
 
 
-def kinked(problem: Problem, t: Array, x: Array, u: Array) -> str:
+def explain_kink(problem: Problem, t: Array, x: Array, u: Array) -> str:
     """
     Return which absolute value of states has its kink on a path, and what to write; '' if none.
 
-    Without a slope there the costate equation says nothing. Parameters are those of `undefined`.
+    Without a slope there the costate equation says nothing.
+    The parameters are those of `explain_undefined`.
     """
     found = [(where, operands[0]) for where, operation, operands in chain(
                  _operations(problem), ((_AT_END, *each) for each in _done_in(problem, problem.V)))
@@ -100,13 +101,13 @@ def kinked(problem: Problem, t: Array, x: Array, u: Array) -> str:
     return ''
 
 
-def steep(problem: Problem, t: Array, x: Array, u: Array) -> str:
+def explain_steep_root(problem: Problem, t: Array, x: Array, u: Array) -> str:
     """
     Return which root of states vanishes on a path, and what to write; '' if none does.
 
-    Its slope is infinite there, and with it dlam/dt. Parameters are those of `undefined`.
+    Its slope is infinite there, and with it dlam/dt. Parameters are those of `explain_undefined`.
     """
-    found = [*roots(problem)]
+    found = [*find_roots(problem)]
     if not found or not t.size or not (np.isfinite(x).all() and np.isfinite(u).all()):
         return ''
     for (where, value), row in zip(
@@ -122,7 +123,7 @@ def steep(problem: Problem, t: Array, x: Array, u: Array) -> str:
     return ''
 
 
-def level(problem: Problem, x: Array) -> str:
+def explain_level_terminal(problem: Problem, x: Array) -> str:
     """
     Return which terminal constraint has no slope where it is met, next to x(T); '' if none.
 
@@ -156,7 +157,7 @@ def level(problem: Problem, x: Array) -> str:
     return ''
 
 
-def runs_away(problem: Problem, T: float) -> str:
+def explain_escape(problem: Problem, T: float) -> str:
     """
     Return a sentence if the states grow beyond all bounds before T with every input tried.
 
@@ -205,14 +206,14 @@ def _quoted(problem: Problem, value: ca.SX) -> str:
     return what if len(what) <= _QUOTED else f'{what[:_QUOTED]}...'
 
 
-def roots(problem: Problem) -> Iterator[tuple[str, ca.SX]]:
+def find_roots(problem: Problem) -> Iterator[tuple[str, ca.SX]]:
     """Yield where roots of states are taken, and of what: their slopes are infinite at 0."""
     for where, operation, operands in _operations(problem):
         if _root(operation, operands) and ca.depends_on(operands[0], problem.x):
             yield where, operands[0]
 
 
-def steep_operands(problem: Problem) -> Iterator[tuple[str, ca.SX]]:
+def find_steep_operands(problem: Problem) -> Iterator[tuple[str, ca.SX]]:
     """
     Yield where operations whose slope is infinite somewhere are done, and on what.
 
@@ -265,7 +266,7 @@ def _done_in(problem: Problem, expression: ca.SX) -> Iterator[tuple[int, list[ca
                                 else ca.SX.unary(operation, *operands))
 
 
-def suspects(problem: Problem) -> list[Suspect]:
+def find_suspects(problem: Problem) -> list[Suspect]:
     """Return the divisors, and the arguments of logarithms and roots, of all expressions."""
     found = [each for where, operation, operands in _operations(problem)
              for each in _of(operation, operands, where)]

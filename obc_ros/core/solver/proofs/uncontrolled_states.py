@@ -16,14 +16,19 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Mask
-from obc_ros.core.numerics.interval_arithmetic import enclosure, Interval, plus, times
+from obc_ros.core.numerics.interval_arithmetic import (
+    add_intervals,
+    enclose_outputs,
+    Interval,
+    multiply_intervals,
+)
 from obc_ros.core.numerics.rational_polynomials import (
-    affine_parts,
-    null_space,
-    polynomials,
-    rational,
+    convert_to_rational,
+    find_null_space,
     RationalRow,
+    read_polynomials,
     reduce_rows,
+    split_affine,
     TooHardError,
 )
 from obc_ros.core.numerics.taylor_enclosure import Box, TaylorStep, Tube
@@ -35,7 +40,7 @@ _EARLIER, _PARTS = 16, 32   # steps, at least: before the end may be, and while 
 _MOST = 12       # states of a linear system
 
 
-def states_missed(problem: Problem, words: list[str]) -> Iterator[str]:
+def find_missed_states(problem: Problem, words: list[str]) -> Iterator[str]:
     """
     Yield what is demanded of states that no input enters, and what they do instead.
 
@@ -84,7 +89,7 @@ def _left(problem: Problem, alone: NDArray[np.int_], steps: list[TaylorStep], no
                     break
 
 
-def combinations_missed(problem: Problem, end: End, words: list[str]) -> Iterator[str]:
+def find_missed_combinations(problem: Problem, end: End, words: list[str]) -> Iterator[str]:
     """Yield what is demanded of modes of a linear system that no input reaches."""
     n = problem.n
     try:
@@ -98,8 +103,8 @@ def combinations_missed(problem: Problem, end: End, words: list[str]) -> Iterato
     # Combinations eta'C of terminal constraints that are combinations omega'W as well.
     columns = [{k: value for k, value in end.rows[number].items() if k < n}
                for number in numbers] + [{k: -value for k, value in w.items()} for w in W]
-    both = null_space([{j: column[k] for j, column in enumerate(columns) if k in column}
-                       for k in range(n)], len(columns))
+    both = find_null_space([{j: column[k] for j, column in enumerate(columns) if k in column}
+                            for k in range(n)], len(columns))
     steps: list[TaylorStep] | None = None
     for vector in both:
         eta = {numbers[j]: value for j, value in vector.items() if j < len(numbers)}
@@ -159,7 +164,7 @@ def _boxes_at_the_end(problem: Problem, steps: list[TaylorStep]) -> list[Box]:
 
 def _demanded(problem: Problem, steps: list[TaylorStep], psi: ca.Function) -> list[Interval]:
     p = problem.p_value, problem.p_value
-    return [enclosure(psi, [box, p])[0] for box in _boxes_at_the_end(problem, steps)]
+    return [enclose_outputs(psi, [box, p])[0] for box in _boxes_at_the_end(problem, steps)]
 
 
 def _terms(problem: Problem, steps: list[TaylorStep], psi: ca.Function) -> float:
@@ -170,7 +175,7 @@ def _terms(problem: Problem, steps: list[TaylorStep], psi: ca.Function) -> float
     slopes = ca.Function('slopes', [y, q], [ca.densify(ca.jacobian(psi(y, q), y)).T])
     for box in _boxes_at_the_end(problem, steps):
         most = np.maximum(np.abs(box[0]), np.abs(box[1]))
-        each = [max(abs(one.low), abs(one.high)) for one in enclosure(slopes, [box, p])]
+        each = [max(abs(one.low), abs(one.high)) for one in enclose_outputs(slopes, [box, p])]
         found = max(found, float(most @ np.array(each)))
     return found
 
@@ -206,7 +211,7 @@ def _uncontrollable(problem: Problem) -> tuple[list[RationalRow], list[RationalR
     movable = _movable(problem)
     held = [None if moves else float(low)
             for moves, low in zip(movable, problem.u_lower, strict=True)]
-    parts = [affine_parts(each, n + int(movable.sum())) for each in polynomials(
+    parts = [split_affine(each, n + int(movable.sum())) for each in read_polynomials(
         f, [[None] * n, held, problem.p_value])[1]]
     if any(part is None for part in parts) or not m:
         return None
@@ -223,7 +228,7 @@ def _uncontrollable(problem: Problem) -> tuple[list[RationalRow], list[RationalR
         columns = [{i: value for i in range(n) if (value := sum((
             a * column.get(k, Fraction(0)) for k, a in A[i].items()), Fraction(0)))}
             for column in moved]
-    W = null_space(moved, n)
+    W = find_null_space(moved, n)
     if not W:
         return None
     constants = [sum((value * rows[i][1] for i, value in w.items()), Fraction(0)) for w in W]
@@ -260,7 +265,7 @@ def _modes_alone(problem: Problem, W: list[RationalRow], A: list[RationalRow],
     for number, (i, j) in enumerate(places):
         g[i] += p[number] * y[j]
     g += p[len(places):]
-    x0 = [rational(value) for value in problem.x0]
+    x0 = [convert_to_rational(value) for value in problem.x0]
     start = [sum((value * x0[k] for k, value in w.items()), Fraction(0)) for w in W]
     return list(Tube(y, p, ca.densify(g), _around(values)).steps(
         _around(start), _stops(problem)))
@@ -278,13 +283,14 @@ def _dot(weights: RationalRow, rest: Fraction, box: Box) -> Interval:
     total = Interval(float(low[0]), float(high[0]))
     for k, value in weights.items():
         below, above = _around([value])
-        total = plus(total, times(Interval(float(below[0]), float(above[0])),
-                                  Interval(float(box[0][k]), float(box[1][k]))))
+        total = add_intervals(total, multiply_intervals(Interval(float(below[0]), float(above[0])),
+                                                        Interval(float(box[0][k]),
+                                                                 float(box[1][k]))))
     return total
 
 
 def _scaled(value: Interval, factor: float) -> Interval:
-    return times(value, Interval(factor, factor))
+    return multiply_intervals(value, Interval(factor, factor))
 
 
 def _names(A: list[RationalRow]) -> str:

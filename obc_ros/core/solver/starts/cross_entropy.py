@@ -20,7 +20,7 @@ from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.transcription.local_minima import Familiar
-from obc_ros.core.solver.transcription.mesh import Path, uniform
+from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 
@@ -61,7 +61,7 @@ _CHEAP = 2    # before dearer ones, which come nearer to psi = 0
 _VAIN = 3, 6  # in a row that led to nothing new, once there is an answer, and where it is bent
 
 
-def from_rollouts(search: Bench, T: float) -> list[TranscriptionOutcome]:
+def start_from_rollouts(search: Bench, T: float) -> list[TranscriptionOutcome]:
     """Return outcomes to be believed from starts that inputs drawn at random lead to, if any."""
     problem = search.problem
     if search.quick or not problem.q or search.kit.twin:
@@ -76,7 +76,7 @@ def from_rollouts(search: Bench, T: float) -> list[TranscriptionOutcome]:
         search.looked_from += 1
         search.tried += 1
         usual = 2 * found[0].iterations if found else _ITERATIONS
-        outcome = search.collocate(uniform(problem, _INTERVALS, search.stages), path,
+        outcome = search.collocate(build_uniform_mesh(problem, _INTERVALS, search.stages), path,
                                    most=min(usual, _ITERATIONS), known=search.familiar)
         search.familiar.ended(outcome.objective, outcome.infeasibility,
                               outcome.path if outcome.converged else None)
@@ -87,8 +87,8 @@ def from_rollouts(search: Bench, T: float) -> list[TranscriptionOutcome]:
     return found
 
 
-def interleaved(search: Bench, starts: Iterator[Path], seen: list[RolloutEnd],
-                rough: Callable[[], bool], bent: bool) -> Iterator[Path]:
+def interleave_rollouts(search: Bench, starts: Iterator[Path], seen: list[RolloutEnd],
+                        rough: Callable[[], bool], bent: bool) -> Iterator[Path]:
     """
     Yield starts, each after a path to near psi = 0 that obeys the dynamics, and costs less if any.
 
@@ -134,7 +134,7 @@ def _within(problem: Problem, path: Path) -> Problem:
         u_upper=np.where(np.isfinite(problem.u_upper), problem.u_upper, high + wide))
 
 
-def glance(search: Bench, bent: bool) -> list[RolloutEnd]:
+def search_rollouts_briefly(search: Bench, bent: bool) -> list[RolloutEnd]:
     """
     Return some of what `search_rollouts` looks for longer, of inputs at any distance from rest.
 

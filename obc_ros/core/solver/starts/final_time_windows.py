@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.bench import Bench
-from obc_ros.core.solver.transcription.mesh import Path, uniform
+from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _RATIO = 2**0.5     # from one window to the next
@@ -27,7 +27,7 @@ _KEPT = 4
 _WORK = 3000
 
 
-def of_other_lengths(search: Bench, starts: Iterator[Path], twice: bool) -> list[Path]:
+def find_other_lengths(search: Bench, starts: Iterator[Path], twice: bool) -> list[Path]:
     """
     Return paths near minima over T that may cost less than the path found last, cheapest first.
 
@@ -85,7 +85,8 @@ def _held(search: Bench, T: float, start: Path) -> TranscriptionOutcome:
         final, lower=max(T / wide, final.lower), upper=min(T * wide, final.upper)))
     try:
         return search.collocate(
-            uniform(free, search.intervals, search.stages), stretched, most=_MOST, rough=_ROUGH,
+            build_uniform_mesh(free, search.intervals, search.stages), stretched, most=_MOST,
+            rough=_ROUGH,
             once=True)
     finally:
         search.problem = free

@@ -14,7 +14,7 @@ import numpy as np
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.bench import Bench
-from obc_ros.core.solver.transcription.mesh import Layout, Mesh, Path, Phase, uniform
+from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Layout, Mesh, Path, Phase
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _HALVINGS = 6
@@ -24,7 +24,7 @@ _FINE = 32          # points at which what follows is integrated, in each of its
 _FAR = 10.0         # of the size of the path so far: where what follows is not to be used
 
 
-def lengthened(search: Bench, intervals: int) -> TranscriptionOutcome | None:
+def lengthen_horizon(search: Bench, intervals: int) -> TranscriptionOutcome | None:
     """
     Return an outcome over [0, T] that is to be believed, found over longer and longer horizons.
 
@@ -42,7 +42,7 @@ def lengthened(search: Bench, intervals: int) -> TranscriptionOutcome | None:
             length = final.value / 2**halvings
             search.problem = replace(whole, final_time=replace(final, value=length))
             if outcome is None:
-                mesh = uniform(search.problem, intervals, search.stages)
+                mesh = build_uniform_mesh(search.problem, intervals, search.stages)
                 path = replace(start, t=start.t / 2**halvings, durations=np.array([length]))
             else:
                 mesh, path = _longer(

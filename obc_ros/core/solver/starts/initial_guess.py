@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.guess import Guess
-from obc_ros.core.ocp.least_time_form import final_time
+from obc_ros.core.ocp.least_time_form import get_final_time
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
-from obc_ros.core.solver.exact.reachable_set import first_reach
+from obc_ros.core.solver.exact.reachable_set import bound_first_reach
 from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import ProblemScales
 
@@ -120,7 +120,7 @@ class Guesser:
 
     def sizes(self, problem: Problem, path: Path) -> ProblemScales:
         """Return typical sizes where a search starts: also of what does not move on its path."""
-        found = scales(problem, path)
+        found = estimate_scales(problem, path)
         points = len(path.ua)
         values, = self._all(path.x[:points], path.ua, problem.p_value)
         f, L = values[:, :problem.n], values[:, problem.n]
@@ -150,7 +150,7 @@ class Guesser:
         if not (np.all(np.isfinite(A)) and np.all(np.isfinite(B))):
             return np.zeros(problem.n)
         T = path.t[-1] / (1 + path.t[-1] * np.abs(np.linalg.eigvals(A)).max(initial=0.0))
-        return first_reach(A, B, T)
+        return bound_first_reach(A, B, T)
 
     def _beside(self, problem: Problem, path: Path, sizes: ProblemScales) -> float:
         """Return what paths cost about the sizes of states and inputs beside one without L."""
@@ -176,7 +176,7 @@ class Guesser:
         """Return the input (m,) that lines begin with, of whatever length the last one was."""
         last = self._last_line
         path = (last[2] if last is not None and last[0] is problem
-                else self.line(problem, final_time(problem)))
+                else self.line(problem, get_final_time(problem)))
         return np.asarray(path.ua[0])
 
     def _line(self, problem: Problem, T: float) -> Path:
@@ -219,7 +219,7 @@ class Guesser:
         drawn around them; where T is free its guess is stretched, too. `spans`: returns how far
         states and inputs went on paths found since, which says more than a line.
         """
-        T = final_time(problem)
+        T = get_final_time(problem)
         line = self.line(problem, T)
         u = np.vstack([line.ua, line.ub[-1:]])
         chance = np.random.default_rng(1)
@@ -264,7 +264,7 @@ class Guesser:
         Their inputs are those that lead along them, as far as any do. `cost`: of the best path
         that is known; where inputs worth as much lead is looked, too.
         """
-        line = self.line(problem, final_time(problem))
+        line = self.line(problem, get_final_time(problem))
         _, fixed = self.final_state(problem)
         room, _ = self.room(problem, integrator, cost)
         room[fixed] = 0.0
@@ -285,7 +285,7 @@ class Guesser:
         As far as each input alone takes the states, held where it costs so much. Their sizes
         would not do: they are those of a path that may have hardly moved, or begun far away.
         """
-        line = self.line(problem, final_time(problem))
+        line = self.line(problem, get_final_time(problem))
         T, rest, found = float(line.t[-1]), line.ua[0], self.sizes(problem, line)
         cost = max(cost, found.cost)   # paths that cost next to nothing say nothing
         sizes = np.exp2(np.arange(-_DOUBLINGS, _DOUBLINGS))[:, None]
@@ -362,7 +362,7 @@ def join_whole_turns(path: Path, periods: Array) -> Path:
     return replace(path, ua=nodes[:-1], ub=nodes[1:])
 
 
-def scales(problem: Problem, path: Path) -> ProblemScales:
+def estimate_scales(problem: Problem, path: Path) -> ProblemScales:
     """Return typical sizes of states and inputs, from a path and the bounds."""
     def size(values: Array, lower: Array, upper: Array) -> Array:
         seen = np.max(np.abs(values), axis=0, initial=0.0)

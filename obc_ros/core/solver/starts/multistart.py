@@ -10,15 +10,19 @@ from typing import cast
 
 import numpy as np
 from obc_ros.core.ocp.solution import MOST_MINIMA, Solution
-from obc_ros.core.solver.adjoint.mesh_refinement import below
+from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.bench import Bench
-from obc_ros.core.solver.improve.hamiltonian_wells import on_best_branch
+from obc_ros.core.solver.improve.hamiltonian_wells import move_to_best_branch
 from obc_ros.core.solver.program_cache import Answered, collect_numbers
-from obc_ros.core.solver.proofs.optimality import local
-from obc_ros.core.solver.starts.cross_entropy import glance, interleaved, RolloutEnd
-from obc_ros.core.solver.starts.final_time_windows import of_other_lengths
+from obc_ros.core.solver.proofs.optimality import describe_local
+from obc_ros.core.solver.starts.cross_entropy import (
+    interleave_rollouts,
+    RolloutEnd,
+    search_rollouts_briefly,
+)
+from obc_ros.core.solver.starts.final_time_windows import find_other_lengths
 from obc_ros.core.solver.transcription.local_minima import ANOTHER
-from obc_ros.core.solver.transcription.mesh import Path, split, uniform
+from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path, split
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 _EXPLORING = (0.15, 0.3)   # part of the work for further starts, of easy and of hard problems
@@ -46,7 +50,7 @@ _WEARY, _FOR_ROUGH = (500_000, 50_000), 3000
 _LAVISH = 150_000   # work for further starts, once there is an answer that holds
 
 
-def ended(work: Generator[None, None, Solution]) -> Solution:
+def finish_descent(work: Generator[None, None, Solution]) -> Solution:
     """Return what work at leisure leads to."""
     while True:
         try:
@@ -55,14 +59,14 @@ def ended(work: Generator[None, None, Solution]) -> Solution:
             return cast('Solution', end.value)
 
 
-def started(search: Bench, first: TranscriptionOutcome) -> tuple[Solution, float]:
+def descend_from_coarse(search: Bench, first: TranscriptionOutcome) -> tuple[Solution, float]:
     """
     Return the answer that a coarse outcome leads to, or one that costs less, and its coarse cost.
 
     A path that winds between obstacles may need meshes that take a minute where another one is
     found at once: after some work a few starts are looked at, before finer meshes.
     """
-    first = on_best_branch(search, first)
+    first = move_to_best_branch(search, first)
     begun, work = search.work, search.following(first)
     try:
         while search.work - begun <= _LONG:
@@ -73,18 +77,18 @@ def started(search: Bench, first: TranscriptionOutcome) -> tuple[Solution, float
     for _ in range(_LOOKS):
         beside.reset()
         outcome = beside.from_next_start(once=True, hard=True)
-        if below(outcome.objective, cheapest.objective, ANOTHER) and beside.believed(outcome):
+        if is_below(outcome.objective, cheapest.objective, ANOTHER) and beside.believed(outcome):
             cheapest = outcome
     other = None if cheapest is first else beside.followed_up(cheapest)
     search.work, search.tried = beside.work, beside.tried
     if other is None or not other.certified:
-        return ended(work), first.objective
+        return finish_descent(work), first.objective
     search.last = beside.last
     return other, cheapest.objective
 
 
-def explored(search: Bench, best: Solution, floor: float,
-             others: Sequence[TranscriptionOutcome] = ()) -> Solution:
+def explore_starts(search: Bench, best: Solution, floor: float,
+                   others: Sequence[TranscriptionOutcome] = ()) -> Solution:
     """
     Return the best answer after some more starts, and after what others have led to.
 
@@ -113,7 +117,7 @@ def explored(search: Bench, best: Solution, floor: float,
         outcome = others[number] if number < len(others) else _pursued(
             search, floor, search.from_next_start(
                 once=best.certified, hard=uneven or before > _HARD))
-        lower = below(outcome.objective, floor, ANOTHER)
+        lower = is_below(outcome.objective, floor, ANOTHER)
         falls = lower and not outcome.converged and outcome.infeasibility <= _MET
         tied = (outcome.converged and len(ties) < _TIES and outcome.objective < _tie(best, ground)
                 and all(abs(outcome.objective - other) > _SAME * abs(other) for other in ties))
@@ -142,7 +146,7 @@ def explored(search: Bench, best: Solution, floor: float,
         search.kit.remember(replace(
             kept, rivals=_rivals(found, ground), refined=best.objective / ground if ground else 1,
             looked=collect_numbers(search.stated),
-            optimality=local(search.tried, best.objective, search.minima)))
+            optimality=describe_local(search.tried, best.objective, search.minima)))
         search.kit.several |= search.familiar.minima > 1
     return best
 
@@ -156,11 +160,11 @@ def _lined_up(search: Bench, floor: float, *, uneven: bool,
             problem, search.kit.integrator, search.starts, abs(floor))
         if problem.q:
             return [], lengths
-    promising = glance(search, bent or uneven)
+    promising = search_rollouts_briefly(search, bent or uneven)
     if not uneven:
-        lengths = of_other_lengths(search, search.starts, bent)
+        lengths = find_other_lengths(search, search.starts, bent)
     aside = search.work - begun
-    search.starts = chain(lengths, interleaved(
+    search.starts = chain(lengths, interleave_rollouts(
         search, search.starts, promising,
         lambda: search.work - aside > _HARD or _rough(search), bent))
     return promising, lengths
@@ -174,7 +178,7 @@ def _to_be_told(other: Solution, best: Solution) -> bool:
     """
     def cheaper(one: Solution, than: Solution) -> bool:
         both = one.certified and than.certified
-        return below(one.objective, than.objective, _CHEAPER if both else ANOTHER)
+        return is_below(one.objective, than.objective, _CHEAPER if both else ANOTHER)
 
     def feasible(one: Solution) -> bool:
         return bool(one.certificate and one.certificate.feasible)
@@ -232,7 +236,7 @@ def _rough(search: Bench) -> bool:
 
 def _pursued(search: Bench, floor: float, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
     """Return an outcome, or what it leads to where a lower cost is not to be believed yet."""
-    if below(outcome.objective, floor, ANOTHER):
+    if is_below(outcome.objective, floor, ANOTHER):
         if not outcome.converged and outcome.infeasibility <= _MET:   # ended too soon
             later = search.collocate(outcome.mesh, outcome.path, near=True, most=_ITERATIONS)
             outcome = later if later.converged else outcome
@@ -261,7 +265,7 @@ def _may_be_better(search: Bench, outcome: TranscriptionOutcome, best: Solution,
     if kept is None or abs(best.objective - ground) <= _ERRS * abs(ground) or (
             outcome.mesh.layout.intervals > search.intervals):
         return True
-    mesh = uniform(search.problem, _FINER * search.intervals, search.stages)
+    mesh = build_uniform_mesh(search.problem, _FINER * search.intervals, search.stages)
     if not search.monitor.allows(mesh.layout.intervals):
         return True
     known, new = (search.collocate(mesh, path, path.t[-1:], near=True, most=_ITERATIONS)

@@ -6,19 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 from obc_ros.core.ocp.solution import Optimality, Solution, Status
-from obc_ros.core.solver.adjoint.mesh_refinement import below
+from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.bench import Bench
-from obc_ros.core.solver.improve.kink_mesh import neighbouring
+from obc_ros.core.solver.improve.kink_mesh import start_from_neighbour
 from obc_ros.core.solver.program_cache import Answered, collect_numbers
-from obc_ros.core.solver.proofs.contradictions import contradiction
-from obc_ros.core.solver.proofs.optimality import local
+from obc_ros.core.solver.proofs.contradictions import explain_contradiction
+from obc_ros.core.solver.proofs.optimality import describe_local
 from obc_ros.core.solver.transcription.local_minima import ANOTHER
 
 _ITERATIONS, _ROUNDS = 15, 3   # what takes more has come far, perhaps past better paths; meshes
 _RIVAL_ITERATIONS = 150
 
 
-def beside_neighbour(search: Bench) -> Solution | None:
+def solve_from_neighbour(search: Bench) -> Solution | None:
     """Return a certified answer found from that of a neighbour, if no rival is better."""
     last = None if search.quick else search.kit.neighbour(search.stated)
     if last is None or last.outcome.mesh.layout.intervals > search.monitor.max_intervals:
@@ -27,7 +27,7 @@ def beside_neighbour(search: Bench) -> Solution | None:
         search.problem = search.kit.twin.problem(search.stated)   # the sharpest
     start, search.margin = last.outcome, last.margin
     search.stages = start.mesh.layout.stages
-    near = neighbouring(search.kit, search.stated, last)
+    near = start_from_neighbour(search.kit, search.stated, last)
     if near is None:
         outcome = search.collocate(start.mesh, start.path, near=True, sizes=last.sizes,
                                    most=_ITERATIONS, warm=start)
@@ -39,7 +39,7 @@ def beside_neighbour(search: Bench) -> Solution | None:
     if answer is not None and answer.certified:
         search.last = replace(last, problem=search.stated, outcome=outcome,
                               extremal=search.extremal)
-    elif reason := contradiction(search.stated):   # what is near has an answer, this has none
+    elif reason := explain_contradiction(search.stated):  # the neighbour has an answer
         return Solution(Status.INFEASIBLE, reason)
     else:
         search.kit.answers.remove(last)   # nor does it serve the next one
@@ -48,11 +48,11 @@ def beside_neighbour(search: Bench) -> Solution | None:
             answer = search.followed_up(outcome, _ROUNDS)
             search.last = search.last and replace(
                 search.last, rivals=last.rivals, refined=last.refined, looked=last.looked)
-    costs = rivals(search, last) if answer and answer.certified and search.last else None
-    if answer and search.last and costs is not None and not beaten(answer, costs):
+    costs = follow_rivals(search, last) if answer and answer.certified and search.last else None
+    if answer and search.last and costs is not None and not is_beaten(answer, costs):
         known = last.optimality
         if known is None or not np.array_equal(last.numbers, collect_numbers(search.stated)):
-            known = beside(answer, costs)
+            known = compare_with_rivals(answer, costs)
         search.kit.remember(replace(search.last, optimality=known))
         return replace(answer, optimality=known)
     search.extremal, search.nearby = None, False
@@ -61,20 +61,20 @@ def beside_neighbour(search: Bench) -> Solution | None:
     return None
 
 
-def rivals(search: Bench, last: Answered) -> list[float]:
+def follow_rivals(search: Bench, last: Answered) -> list[float]:
     """Return what the rivals of a neighbour's answer cost here, as on the meshes of its own."""
     outcomes = [search.collocate(rival.mesh, rival.path, near=True, most=_RIVAL_ITERATIONS)
                 for rival in last.rivals]
     return [last.refined * outcome.objective for outcome in outcomes if outcome.converged]
 
 
-def beaten(answer: Solution, costs: list[float]) -> bool:
+def is_beaten(answer: Solution, costs: list[float]) -> bool:
     """Return whether a rival of a neighbour's answer has come to cost less than its own."""
-    return any(below(cost, answer.objective, ANOTHER) for cost in costs)
+    return any(is_below(cost, answer.objective, ANOTHER) for cost in costs)
 
 
-def beside(answer: Solution, costs: list[float]) -> Optimality:
+def compare_with_rivals(answer: Solution, costs: list[float]) -> Optimality:
     """Return what following an answer and its rivals from a neighbour has shown."""
-    found = local(1 + len(costs), answer.objective, costs)
+    found = describe_local(1 + len(costs), answer.objective, costs)
     return replace(found, reason=f'{found.reason}, each an answer to the same problem with '
                                  'other numbers')

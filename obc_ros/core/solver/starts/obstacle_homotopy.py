@@ -19,7 +19,7 @@ from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.bench import Bench
-from obc_ros.core.solver.starts.initial_guess import scales
+from obc_ros.core.solver.starts.initial_guess import estimate_scales
 from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 from scipy.optimize import least_squares
@@ -35,19 +35,19 @@ _OBEY, _ARRIVE, _EASY = 30.0, 10.0, 0.01
 _TRIALS, _ROOM = 15, 1e-9   # and the least room between bounds
 
 
-def started_around(search: Bench, outcome: TranscriptionOutcome) -> int:
+def start_around(search: Bench, outcome: TranscriptionOutcome) -> int:
     """Start next from ways past obstacles, in as long as an outcome takes; return how many."""
     problem, guesser = search.problem, search.kit.guesser
     if search.kit.twin or not np.isfinite(outcome.path.t[-1]):
         return 0
     line = guesser.line(problem, float(outcome.path.t[-1]))
-    if ways := around(problem, line):
+    if ways := bend_around(problem, line):
         follow = Follower(problem, line, guesser.final_state(problem)[1])
         search.starts = chain(map(follow, ways), search.starts)
     return len(ways)
 
 
-def around(problem: Problem, line: Path) -> list[Path]:
+def bend_around(problem: Problem, line: Path) -> list[Path]:
     """
     Return lines bent around the constraints that are in the way, the shortest first.
 
@@ -165,7 +165,7 @@ class Follower:
         placed = _depends(problem)[_curved(problem)].any(axis=0)
         self._placed, self._fixed = np.flatnonzero(placed), np.flatnonzero(fixed)
         self._rest = np.vstack([line.ua, line.ub[-1:]])
-        found = scales(problem, line)
+        found = estimate_scales(problem, line)
         length = float(np.linalg.norm(np.ptp(line.x[:, placed], axis=0)))
         self._x_size, self._u_size = np.where(placed, length, found.x), found.u
 

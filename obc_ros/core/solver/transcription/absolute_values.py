@@ -75,7 +75,7 @@ class Twin:
         return np.asarray(self.kinks(stated.p_value).full()[:, 0])
 
 
-def twin(problem: Problem) -> Twin | None:
+def build_smooth_twin(problem: Problem) -> Twin | None:
     """Return the smooth twin of a problem, or None if it has no absolute values."""
     function = ca.Function('stated', [problem.x, problem.u, problem.p], [
         problem.f, problem.L, problem.path, problem.psi, problem.V])

@@ -20,7 +20,7 @@ from obc_ros.core.solver.nlp.interior_point import (
     solve_program,
     StoppingRule,
 )
-from obc_ros.core.solver.nlp.negative_curvature import left_behind
+from obc_ros.core.solver.nlp.negative_curvature import leave_saddle
 from obc_ros.core.solver.transcription.block_program import Whole
 
 _PENALTY = 1e7       # of J'J, when H is tested
@@ -225,7 +225,7 @@ class Stages:
                                       now.iterations + followed[2])
             now.converged = False
         end = solve_program(work, now, goal, seen)
-        return self._found(work, left_behind(work, end, goal, seen))
+        return self._found(work, leave_saddle(work, end, goal, seen))
 
     def _followed(self, bounds: tuple[Array, Array], y: Array, there: ProgramValues, steps: int
                   ) -> Found:

@@ -5,10 +5,10 @@
 from functools import partial
 
 import casadi as ca
-from obc_ros.core.numerics.collocation import collocation, gauss_points
+from obc_ros.core.numerics.collocation import build_collocation, compute_gauss_points
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.transcription.block_program import Piece
-from obc_ros.core.solver.transcription.runge_kutta import rate_of, step_of
+from obc_ros.core.solver.transcription.runge_kutta import build_rate, step_of
 from obc_ros.core.solver.transcription.step_derivatives import StepDerivatives
 
 
@@ -16,8 +16,8 @@ def _gauss(problem: Problem, states: tuple[ca.SX, ca.SX, ca.SX], inputs: tuple[c
            h: ca.SX) -> tuple[list[ca.SX], ca.SX]:
     """Return the rows and the cost of an interval by collocation at the Gauss points."""
     xa, inner, xb = states
-    c, b, derivative, last = collocation(inner.shape[1])
-    rate, rows, cost, end = rate_of(problem), [], ca.SX(0), last[0] * xa
+    c, b, derivative, last = build_collocation(inner.shape[1])
+    rate, rows, cost, end = build_rate(problem), [], ca.SX(0), last[0] * xa
     for j, point in enumerate(c):
         f, L = rate(inner[:, j], (1 - point) * inputs[0] + point * inputs[1])
         rows.append(derivative[j, 0] * xa + ca.mtimes(inner, ca.DM(derivative[j, 1:])) - h * f)
@@ -57,7 +57,7 @@ class Pieces:
         rows, cost = (_gauss if stages else _explicit)(
             problem, (sx * xa, ca.repmat(sx, 1, stages) * inner, sx * xb), (su * ua, su * ub), h)
         points = [(xa, ua)] + [(inner[:, j], (1 - c) * ua + c * ub)
-                               for j, c in enumerate(gauss_points(stages))]
+                               for j, c in enumerate(compute_gauss_points(stages))]
         at_points = (limits(sx * x, su * u, problem.p) for x, u in points)
         self.interval = Piece(
             *given, ca.vertcat(*(row / sx for row in rows), *at_points), cost / sj,

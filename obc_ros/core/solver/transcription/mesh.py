@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
-from obc_ros.core.numerics.collocation import gauss_points
+from obc_ros.core.numerics.collocation import compute_gauss_points
 from obc_ros.core.ocp.problem import Problem
 
 LINEAR, STEPPED, HELD = 'linear', 'stepped', 'held'
@@ -125,7 +125,7 @@ class Path:
         """Return states at any times, linear between all known ones."""
         t, x = self.t, self.x
         if self.inner.shape[1]:
-            c = gauss_points(self.inner.shape[1])
+            c = compute_gauss_points(self.inner.shape[1])
             t = np.append(t[:-1, None] + np.diff(t)[:, None] * np.append(0.0, c), t[-1])
             x = np.vstack([np.concatenate([x[:-1, None], self.inner], axis=1).reshape(
                 -1, x.shape[1]), x[-1:]])
@@ -147,7 +147,7 @@ class Path:
         return np.asarray((1 - part) * self.ua[k] + part * self.ub[k])
 
 
-def uniform(problem: Problem, intervals: int, stages: int, mode: str = LINEAR) -> Mesh:
+def build_uniform_mesh(problem: Problem, intervals: int, stages: int, mode: str = LINEAR) -> Mesh:
     """Return a mesh of one phase and equal intervals."""
     phase = Phase(intervals, (mode,) * problem.m, (False,) * problem.m)
     layout = Layout((phase,), stages, problem.final_time.free)

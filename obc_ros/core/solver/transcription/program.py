@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index
-from obc_ros.core.numerics.collocation import collocation, gauss_points
+from obc_ros.core.numerics.collocation import build_collocation, compute_gauss_points
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.nlp.interior_point import StoppingRule
 from obc_ros.core.solver.nlp.progress import ProgressMonitor, Watch
@@ -106,7 +106,7 @@ class TranscriptionOutcome:
         """
         mass = np.zeros((len(self.path.ua) * parts + 1, self.path.x.shape[1]))
         mass[::parts] = self.node_bounds
-        for j, c in enumerate(gauss_points(self.inner_bounds.shape[1])):
+        for j, c in enumerate(compute_gauss_points(self.inner_bounds.shape[1])):
             place = round(c * parts)
             mass[place:place + (len(mass) - 1):parts] += self.inner_bounds[:, j]
         return mass
@@ -142,7 +142,7 @@ class Transcription:
         self._pieces = pieces or Pieces(problem, layout.stages, layout.free_durations)
         self.n, self.m, self.q = problem.n, problem.m, problem.q
         self.l = int(problem.path.numel())
-        self.c = gauss_points(layout.stages)
+        self.c = compute_gauss_points(layout.stages)
         self._number(problem)
         self._problem = problem
         jacobian = ca.jacobian_sparsity(problem.path, ca.vertcat(problem.x, problem.u))
@@ -446,7 +446,7 @@ class Transcription:
         s = self.layout.stages
         if not s:
             return np.full(self.n, np.nan)
-        _, _, derivative, end = collocation(s)
+        _, _, derivative, end = build_collocation(s)
         rows = lam[:self.n * (s + 1)].reshape(s + 1, self.n)
         return np.asarray(derivative[:, 0] @ rows[:s] - end[0] * rows[s])
 

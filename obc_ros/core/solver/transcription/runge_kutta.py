@@ -20,7 +20,7 @@ TABLEAU_A: tuple[tuple[float, ...], ...] = (
 TABLEAU_B = (11 / 120, 0.0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120)
 
 
-def rate_of(problem: Problem) -> Rate:
+def build_rate(problem: Problem) -> Rate:
     """Return f and L of a problem as a function of x and u."""
     function = ca.Function('rate', [problem.x, problem.u, problem.p], [problem.f, problem.L])
 

@@ -14,7 +14,7 @@ from obc_ros.core.closed_loop.control import Leg, Prediction, Reference, Rules
 from obc_ros.core.closed_loop.feedback import InputLimits, StateFeedback
 from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.lqr.design.design import ALWAYS, Design, design, linearize_plant, Sampling
-from obc_ros.core.lqr.design.reference_checks import allowed_error, check
+from obc_ros.core.lqr.design.reference_checks import check, compute_allowed_error
 from obc_ros.core.lqr.design.reference_tracking import Course, read_course
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import RefusedReferenceError
@@ -64,15 +64,16 @@ def bend(length: float = 2.0, samples: int = 41, holds: bool = False) -> Course:
 def test_what_is_allowed_follows_the_range_of_the_reference() -> None:
     """A tenth of the range, and of one unit where the range is smaller."""
     along = given([0.0, 10.0], [[5.0, 0.0, 0.1], [45.0, 2.0, 0.1]], [[4.0, 0.0]] * 2)
-    assert np.allclose(allowed_error(along), [(-4.0, 4.0), (-0.2, 0.2), (-0.1, 0.1)])
+    assert np.allclose(compute_allowed_error(along), [(-4.0, 4.0), (-0.2, 0.2), (-0.1, 0.1)])
 
 
 def test_what_is_allowed_is_what_is_given() -> None:
     """First start_tolerance, then x_limits where they have a bound."""
     along = given([0.0, 10.0], [[5.0, 0.0, 0.1], [45.0, 2.0, 0.1]], [[4.0, 0.0]] * 2)
     limits = ((-1.0, 2.0), (-math.inf, 3.0), (-math.inf, math.inf))
-    assert np.allclose(allowed_error(along, limits), [(-1.0, 2.0), (-0.2, 3.0), (-0.1, 0.1)])
-    assert allowed_error(along, limits, (2.0, 1.0, math.inf)) == (
+    assert np.allclose(compute_allowed_error(along, limits),
+                       [(-1.0, 2.0), (-0.2, 3.0), (-0.1, 0.1)])
+    assert compute_allowed_error(along, limits, (2.0, 1.0, math.inf)) == (
         (-2.0, 2.0), (-1.0, 1.0), (-math.inf, math.inf))
 
 
@@ -87,7 +88,7 @@ def test_the_path_of_the_plant_is_accepted(holds: bool, sampling: Sampling) -> N
         along = bend(samples=samples, holds=holds)
         top = float(along.u[:, 0].max())
         check(along, regulator(sampling), InputLimits((0.0, -0.2), (top * (1.0 - 1e-7), 0.2)),
-              allowed_error(along))
+              compute_allowed_error(along))
 
 
 def test_inputs_beyond_the_limits_are_refused() -> None:
@@ -105,7 +106,7 @@ def test_the_path_of_another_plant_is_refused() -> None:
     with pytest.raises(RefusedReferenceError, match=(
             r'the plant does not move along it: with its inputs theta would be .* rad off at '
             r't = .* s, allowed')):
-        check(along, regulator(), FREE, allowed_error(along))
+        check(along, regulator(), FREE, compute_allowed_error(along))
     check(along, regulator(), FREE, WIDE)
 
 
@@ -125,14 +126,14 @@ def test_a_jump_of_a_state_is_refused() -> None:
     x = [[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [10.0, 3.0, 0.0], [20.0, 3.0, 0.0]]
     along = given([0.0, 1.0, 1.0, 2.0], x, [[10.0, 0.0]] * 4)
     with pytest.raises(RefusedReferenceError, match='py would be 3 m off at t = 1 s, allowed 0.3'):
-        check(along, regulator(), FREE, allowed_error(along))
+        check(along, regulator(), FREE, compute_allowed_error(along))
 
 
 def test_a_path_without_a_rate_is_refused() -> None:
     """Where f overflows nothing is within what is allowed."""
     along = given([0.0, 1.0], [[0.0, 0.0, 0.0]] * 2, [[1e308, 1.5707963267948966]] * 2)
     with pytest.raises(RefusedReferenceError, match='does not move along it'):
-        check(along, regulator(), FREE, allowed_error(along))
+        check(along, regulator(), FREE, compute_allowed_error(along))
 
 
 # The start

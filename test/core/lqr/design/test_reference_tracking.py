@@ -8,13 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.closed_loop.control import Control, Rules
-from obc_ros.core.closed_loop.feedback import InputLimits, rows
+from obc_ros.core.closed_loop.feedback import convert_rows, InputLimits
 from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.closed_loop.simulator import Simulator
 from obc_ros.core.lqr.design.design import Design, design, linearize_plant, Sampling
-from obc_ros.core.lqr.design.reference_tracking import Course, horizon, leg, read_course
-from obc_ros.core.lqr.sampled import discretised
-from obc_ros.core.riccati.fixed_horizon import finite_horizon
+from obc_ros.core.lqr.design.reference_tracking import (
+    compute_horizon_law,
+    compute_tracking_law,
+    Course,
+    read_course,
+)
+from obc_ros.core.lqr.sampled import discretize_cost
+from obc_ros.core.riccati.fixed_horizon import solve_finite_horizon
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import StatementError
 import pytest
@@ -43,10 +48,10 @@ def test_gains_are_those_of_the_riccati_equation() -> None:
     found, T = double_integrator(), 6.0
     t = np.linspace(0.0, T, 601)
     along = given(found.plant.system, t, np.stack([t, np.ones_like(t)], axis=1), 0 * t)
-    law = leg(along, found)[0].along
+    law = compute_tracking_law(along, found)[0].along
     grid = np.array(law.gains.grid)  # type: ignore[attr-defined]
-    _, K = finite_horizon(found.plant.A, found.plant.B, found.weights.Qx, found.weights.Qu,
-                          found.lqr.P, grid, T)
+    _, K = solve_finite_horizon(found.plant.A, found.plant.B, found.weights.Qx, found.weights.Qu,
+                                found.lqr.P, grid, T)
     np.testing.assert_allclose([law.at(s).K for s in grid], K, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(law.at(0.0).K, found.K, rtol=1e-6)
 
@@ -55,16 +60,17 @@ def test_samples_are_interpolated() -> None:
     """Linear or held, with jumps where a time stands twice, and names in any order."""
     found = double_integrator()
     t, x, u = [0.0, 1.0, 1.0, 2.0], [[0, 0], [1, 1], [1, 1], [2, 2]], [0.0, 2.0, -2.0, 4.0]
-    linear = leg(given(found.plant.system, t, x, u), found)[0].along
+    linear = compute_tracking_law(given(found.plant.system, t, x, u), found)[0].along
     assert [linear.at(s).u[0] for s in (-1.0, 0.5, 1.0, 1.5, 2.0, 9.0)] == [0, 1, -2, 1, 4, 4]
     assert linear.at(0.25).x == (0.25, 0.25)
-    held = leg(given(found.plant.system, t, x, u, 'zoh'), found)[0].along
+    held = compute_tracking_law(given(found.plant.system, t, x, u, 'zoh'), found)[0].along
     assert [held.at(s).u[0] for s in (0.5, 1.0, 1.5)] == [0.0, -2.0, -2.0]
     swapped = given(found.plant.system, [0.0, 1.0], [[0.0, 5.0], [1.0, 6.0]], [0.0, 0.0],
                     names=(('x2', 'x1'), ()))
     assert swapped.x.tolist() == [[5.0, 0.0], [6.0, 1.0]]
-    last = leg(given(found.plant.system, [0.0, 1.0, 1.0], [[0, 0], [1, 0], [2, 0]],
-                     [0, 1, 2]), found)[0].along
+    last = compute_tracking_law(given(found.plant.system, [0.0, 1.0, 1.0],
+                                      [[0, 0], [1, 0], [2, 0]],
+                                      [0, 1, 2]), found)[0].along
     assert last.at(1.0).x == (1.0, 0.0)
 
 
@@ -112,7 +118,8 @@ def drive(found: Design, courses: tuple[Course, ...], start: list[float], begin:
     system = found.plant.system
     control = Control(
         found.regulator, InputLimits(tuple(system.u_min), tuple(system.u_max), (1,)), (0.0,),
-        system.state_names, Rules(), tuple(leg(each, found)[0] for each in courses))
+        system.state_names, Rules(),
+        tuple(compute_tracking_law(each, found)[0] for each in courses))
     loop, car = ControlLoop(control), Simulator(system, start)
     t, x, u = [], [], []
     for k in range(round((end - begin) / dt)):
@@ -162,7 +169,7 @@ def test_its_end_is_held() -> None:
     found, t = lateral(), np.linspace(0.0, 4.0, 2_001)
     x, u = slalom(t)
     u[-1] = 0.0  # as the road goes on straight
-    law, words = leg(given(found.plant.system, t, x, u), found)
+    law, words = compute_tracking_law(given(found.plant.system, t, x, u), found)
     assert words == 'then its end is held'
     times, driven, inputs = drive(
         found, (given(found.plant.system, t, x, u),), x[0].tolist(), 0.0, 7.0)
@@ -186,13 +193,13 @@ def test_an_end_that_cannot_be_held_is_told() -> None:
     """A vehicle that stands cannot be steered; an aircraft that moves cannot stay."""
     found = design(linearize_plant(registry.get_system('vehicle')), {})
     still = given(found.plant.system, [0.0, 1.0], np.zeros((2, 3)), [[1.0, 0.0], [0.0, 0.0]])
-    law, words = leg(still, found)
+    law, words = compute_tracking_law(still, found)
     assert 'left alone' in words and law.after.u == (0.0, 0.0)
     assert law.after.K == ((0.0,) * 3,) * 2
     flying = design(linearize_plant(registry.get_system('aircraft')), {})
     moving = given(flying.plant.system, [0.0, 1.0], [[0.0] * 6, [1, 0, 0, 5, 0, 0]],
                    [[0.0, 39.2]] * 2)
-    law, words = leg(moving, flying)
+    law, words = compute_tracking_law(moving, flying)
     assert 'then the set point is held' in words and law.after.x == (0.0,) * 6
 
 
@@ -202,7 +209,7 @@ def test_with_integral_action_and_cross_terms() -> None:
         'Qx': (1.0, 2.0), 'Qu': (0.5,), 'cross': (0.1, 0.2), 'stability': 0.5},
         ('py',), (2.0,))
     t = np.linspace(0.0, 3.0, 301)
-    law = leg(given(found.plant.system, t, np.zeros((301, 2)), 0 * t), found)[0]
+    law = compute_tracking_law(given(found.plant.system, t, np.zeros((301, 2)), 0 * t), found)[0]
     np.testing.assert_allclose(law.along.at(3.0).K, found.K, rtol=1e-9)
     np.testing.assert_allclose(law.along.at(0.0).K, found.K, rtol=1e-6)  # it stays there
 
@@ -214,13 +221,14 @@ def test_an_answer_that_ends_at_rest_is_held_there() -> None:
     x = np.outer(T / 2.0, [1.0, 2.0, 0.0, 0.5, 0.0, 0.0])
     x[-1] = [1.0, 2.0, 1e-8, -2e-8, 3e-8, 1e-8]
     u = [[0.3, 45.0]] * 21
-    law, words = leg(given(system, T, x, u), found)
+    law, words = compute_tracking_law(given(system, T, x, u), found)
     assert words == 'then its end is held'
     end = law.after.at(0.0)
     np.testing.assert_allclose(end.x, [1.0, 2.0, 0, 0, 0, 0], atol=1e-7)
     np.testing.assert_allclose(system.f(np.array(end.x), np.array(end.u)), 0.0, atol=1e-7)
     x[-1, 3] = 0.5
-    assert 'the set point is held, as no input holds' in leg(given(system, T, x, u), found)[1]
+    assert 'the set point is held, as no input holds' in compute_tracking_law(given(system, T, x,
+                                                                                    u), found)[1]
 
 
 # A terminal weight
@@ -230,15 +238,15 @@ def test_an_answer_that_ends_at_rest_is_held_there() -> None:
 def test_a_horizon_has_the_gains_of_the_riccati_equation(P1: Array) -> None:
     """K(t) of (2.7) backwards from P1, also where it changes fast, then the steady gain."""
     found, T = double_integrator(), 3.0
-    gains = horizon(found, T, P1).gains
+    gains = compute_horizon_law(found, T, P1).gains
     grid = np.array(gains.grid[:-1])
     assert grid[-1] == T
     A, B, Qx, Qu = found.plant.A, found.plant.B, found.weights.Qx, found.weights.Qu
-    _, K = finite_horizon(A, B, Qx, Qu, P1, grid, T)
+    _, K = solve_finite_horizon(A, B, Qx, Qu, P1, grid, T)
     np.testing.assert_allclose(gains.K[:-1], K, rtol=1e-9, atol=1e-9)
-    assert gains.at(T + 10.0) == (rows(found.K), ())
+    assert gains.at(T + 10.0) == (convert_rows(found.K), ())
     t = np.sort(np.concatenate([np.linspace(0.0, T, 777), T - np.geomspace(1e-5, 0.1, 50)]))
-    _, K = finite_horizon(A, B, Qx, Qu, P1, np.unique(t), T)
+    _, K = solve_finite_horizon(A, B, Qx, Qu, P1, np.unique(t), T)
     error = np.abs(K - [gains.at(s)[0] for s in np.unique(t)])
     assert (error <= 0.05 * np.abs(K) + 1e-3 * np.abs(found.K).max()).all()
 
@@ -246,7 +254,7 @@ def test_a_horizon_has_the_gains_of_the_riccati_equation(P1: Array) -> None:
 def test_a_horizon_without_a_weight_is_the_steady_design() -> None:
     """P1 = P leaves P where it is."""
     found = double_integrator()
-    for K in horizon(found, 2.0).gains.K:
+    for K in compute_horizon_law(found, 2.0).gains.K:
         np.testing.assert_allclose(K, found.K, rtol=1e-9)
 
 
@@ -254,7 +262,7 @@ def test_a_horizon_costs_least() -> None:
     """x0'P(0) x0 is what the run costs, and other gains cost more."""
     found, T, P1 = double_integrator(), 2.0, np.diag([50.0, 5.0])
     A, B, Qx, Qu = found.plant.A, found.plant.B, found.weights.Qx, found.weights.Qu
-    gains = horizon(found, T, P1).gains
+    gains = compute_horizon_law(found, T, P1).gains
 
     def cost(scale: float) -> float:
         def rate(t: float, z: Array) -> Array:
@@ -264,7 +272,7 @@ def test_a_horizon_costs_least() -> None:
         *x, J = solve_ivp(rate, (0.0, T), [1.0, -0.5, 0.0], rtol=1e-9, max_step=0.01).y[:, -1]
         return float(J + np.array(x) @ P1 @ x)
 
-    P, _ = finite_horizon(A, B, Qx, Qu, P1, [0.0], T)
+    P, _ = solve_finite_horizon(A, B, Qx, Qu, P1, [0.0], T)
     x0 = np.array([1.0, -0.5])
     assert cost(1.0) == pytest.approx(x0 @ P[0] @ x0, rel=1e-3)
     assert cost(0.9) > cost(1.0) < cost(1.1)
@@ -276,8 +284,8 @@ def test_a_sampled_horizon() -> None:
                    {'Qx': (4.0, 0.5), 'Qu': (0.5,)},
                    sampling=Sampling(0.1, exact=True))
     P1 = np.diag([10.0, 2.0])
-    gains = horizon(found, 1.0, P1).gains
-    Ad, Bd, cost = discretised(found.plant.A, found.plant.B, found.weights, 0.1)
+    gains = compute_horizon_law(found, 1.0, P1).gains
+    Ad, Bd, cost = discretize_cost(found.plant.A, found.plant.B, found.weights, 0.1)
     assert cost.cross is not None
     P = P1
     for k in range(9, -1, -1):
@@ -285,14 +293,15 @@ def test_a_sampled_horizon() -> None:
         K = np.linalg.solve(cost.Qu + Bd.T @ P @ Bd, right)
         P = Ad.T @ P @ Ad + cost.Qx - right.T @ K
         np.testing.assert_allclose(gains.at(0.1 * k)[0], K, rtol=1e-9)
-    assert gains.at(5.0)[0] == rows(found.K)
+    assert gains.at(5.0)[0] == convert_rows(found.K)
 
 
 def test_a_terminal_weight_at_the_end_of_a_reference() -> None:
     """The gain ends in Qu^-1 B'P1 and goes over to that which holds the end without a jump."""
     found, T, P1 = double_integrator(), 3.0, np.diag([40.0, 8.0])
     t = np.linspace(0.0, T, 31)
-    law = leg(given(found.plant.system, t, np.zeros((31, 2)), 0 * t), found, P1)[0]
+    law = compute_tracking_law(given(found.plant.system, t, np.zeros((31, 2)), 0 * t), found,
+                               P1)[0]
     last = np.linalg.solve(found.weights.Qu, found.plant.B.T @ P1)
     np.testing.assert_allclose(law.along.at(T).K, last)
     np.testing.assert_allclose(law.after.at(0.0).K, last)
@@ -317,13 +326,13 @@ def test_a_constant_push_is_compensated_along_a_reference_that_changes_speed() -
         found = design(linearize_plant(system), {'Qx': (1.0, 4.0, 1.0), 'Qu': (1.0, 1.0)},
                        integral,
                        (4.0,) * len(integral))
-        law = leg(given(system, t, x, u), found)[0]
+        law = compute_tracking_law(given(system, t, x, u), found)[0]
         if integral:  # it changes along the way
             Ki = [abs(law.along.at(s).Ki[1][0]) for s in (5.0, 15.0, 29.0)]
             assert max(Ki) > 1.01 * min(Ki)
         control = Control(found.regulator,
                           InputLimits(tuple(system.u_min), tuple(system.u_max), (2,)),
-                          (0.0, 0.0), system.state_names, Rules(), (law,), rows(found.C))
+                          (0.0, 0.0), system.state_names, Rules(), (law,), convert_rows(found.C))
         loop, car, error = ControlLoop(control), Simulator(system, [0.0, 0.0, 0.0]), []
         for k in range(3_000):
             command = loop.answer(k * S // 100, car.x.tolist(), 0.01 * k)

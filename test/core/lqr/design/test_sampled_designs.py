@@ -14,7 +14,7 @@ from obc_ros.core.closed_loop.loop import ControlLoop
 from obc_ros.core.closed_loop.simulation_settings import Conditions
 from obc_ros.core.closed_loop.simulator import Simulator
 from obc_ros.core.lqr.design.design import Design, design, linearize_plant, Sampling
-from obc_ros.core.lqr.design.reference_tracking import leg, read_course
+from obc_ros.core.lqr.design.reference_tracking import compute_tracking_law, read_course
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import RefusedDesignError, StatementError
 import pytest
@@ -86,9 +86,9 @@ def test_a_reference_with_a_sampled_design() -> None:
                    sampling=Sampling(0.2, exact=True))
     t = np.linspace(0.0, 20.0, 201)
     along = read_course(found.plant.system, ((), ()), t.tolist(), [0.0] * 402, [0.0] * 201, '', 0)
-    law = leg(along, found)[0]
+    law = compute_tracking_law(along, found)[0]
     np.testing.assert_allclose(law.along.at(0.0).K, found.K, rtol=1e-9)
     np.testing.assert_allclose(law.along.at(20.0).K, found.K, rtol=1e-9)
     other = replace(found, cost=replace(found.cost, Qx=4 * found.cost.Qx))
     K = design(found.plant, {'Qx': (4.0, 4.0)}, sampling=found.sampling).K
-    np.testing.assert_allclose(leg(along, other)[0].along.at(0.0).K, K, rtol=1e-6)
+    np.testing.assert_allclose(compute_tracking_law(along, other)[0].along.at(0.0).K, K, rtol=1e-6)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify, TOLERANCES
 from obc_ros.core.ocp.solution import Certificate, Solution, Status
-from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem, load_file
 import pytest
 
 PROBLEMS = Path(__file__).parents[3] / 'problems'
@@ -20,13 +20,13 @@ PROBLEMS = Path(__file__).parents[3] / 'problems'
 
 def stated(name, **changes):
     """Return the problem of a file, some keys replaced."""
-    return problem_from_mapping(load_file(PROBLEMS / f'{name}.yaml')[0] | changes)
+    return build_problem(load_file(PROBLEMS / f'{name}.yaml')[0] | changes)
 
 
 def simple(states, inputs, dynamics, running_cost, start, duration, **more):
     """Return a problem from its essentials; a number for the duration fixes it."""
     final_time = duration if isinstance(duration, dict) else {'free': False, 'value': duration}
-    return problem_from_mapping({
+    return build_problem({
         'states': states, 'inputs': inputs, 'dynamics': dynamics, 'running_cost': running_cost,
         'initial_state': start, 'final_time': final_time} | more)
 
@@ -209,7 +209,7 @@ def test_example_2_2_is_certified_for_any_numbers(a, b, c, T, x0):
 def test_units_change_no_residual(unit, money):
     problem, solution = bryson_denham(51)
     names = load_file(PROBLEMS / 'bryson_denham.yaml')[0]
-    scaled = problem_from_mapping(names | {
+    scaled = build_problem(names | {
         'running_cost': f'{money/unit**2}*0.5*u**2', 'parameters': {'l': unit/9},
         'initial_state': {'x': 0, 'v': unit}, 'terminal_constraints': ['x', f'v + {unit}']})
     other = replace(solution, x=solution.x*unit, u=solution.u*unit, lam=solution.lam*money/unit,

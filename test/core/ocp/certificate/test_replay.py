@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.certificate.replay import Intervals, ReplayIntegrator
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem
 import pytest
 from scipy.integrate import solve_ivp
 
@@ -17,7 +17,7 @@ QUARTERS = np.linspace(0, 1, 5)
 
 def stated(dynamics, running_cost, **more):
     """Return a problem with the states x and v and one input, all of them 0 at the start."""
-    return problem_from_mapping({
+    return build_problem({
         'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': dynamics, 'running_cost': running_cost,
         'initial_state': {'x': 0, 'v': 0}, 'final_time': {'free': False, 'value': 1}} | more)
 

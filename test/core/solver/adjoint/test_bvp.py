@@ -7,7 +7,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.adjoint import bvp_equations
 from obc_ros.core.solver.solve import Cache, solve
 import pytest
@@ -18,7 +18,7 @@ PROBLEMS = Path(__file__).parents[3] / 'problems'
 
 def answered(name, **changes):
     """Return a problem of a file and its answer by the indirect method."""
-    problem = problem_from_mapping(load_file(PROBLEMS / f'{name}.yaml')[0] | changes)
+    problem = build_problem(load_file(PROBLEMS / f'{name}.yaml')[0] | changes)
     solution = solve(problem, method='indirect')
     assert solution.status is Status.SOLVED, solution.message
     return problem, solution
@@ -84,7 +84,7 @@ def test_what_it_does_without_is_said():
 
 def test_samples_are_those_of_the_extremal():
     """Of dx/dt = -x + u, x(0) = 0 and x(1) = 1: x = sinh t / sinh 1, u = e^t / sinh 1 = -lam."""
-    problem = problem_from_mapping({
+    problem = build_problem({
         'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': '-x + u'}, 'running_cost': 'u**2/2',
         'initial_state': {'x': 0}, 'terminal_constraints': ['x - 1'],
         'final_time': {'free': False, 'value': 1}})
@@ -99,7 +99,7 @@ def test_samples_are_those_of_the_extremal():
 @pytest.mark.parametrize('name', ['brockett_3', 'orbit_transfer', 'rayleigh_bounded'])
 def test_auto_returns_the_input_that_minimises_h(name):
     """Where dH/du says what u is, the samples are off it by less than 1e-4 of its size."""
-    problem = problem_from_mapping(load_file(PROBLEMS / f'{name}.yaml')[0])
+    problem = build_problem(load_file(PROBLEMS / f'{name}.yaml')[0])
     solution = solve(problem)
     assert solution.certificate.holds
     costate = ca.SX.sym('lam', problem.n)
@@ -113,7 +113,7 @@ def test_auto_returns_the_input_that_minimises_h(name):
 
 
 def test_asked_twice_the_answer_is_as_good():
-    problem = problem_from_mapping(load_file(PROBLEMS / 'vanderpol_bounded.yaml')[0])
+    problem = build_problem(load_file(PROBLEMS / 'vanderpol_bounded.yaml')[0])
     cache = Cache()
     once, again = (solve(problem, method='indirect', cache=cache) for _ in range(2))
     assert again.iterations < once.iterations

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.solve import solve
 import pytest
 from scipy.optimize import brentq
@@ -17,7 +17,7 @@ def disc(**changes):
     """Return the problem of thrust in a disc, some keys replaced, and its mapping."""
     path = Path(__file__).parents[3] / 'problems' / 'thrust_in_a_disc.yaml'
     mapping = load_file(path)[0] | changes
-    return problem_from_mapping(mapping), mapping
+    return build_problem(mapping), mapping
 
 
 def test_a_constraint_on_inputs_that_holds_nowhere_changes_nothing():
@@ -26,9 +26,9 @@ def test_a_constraint_on_inputs_that_holds_nowhere_changes_nothing():
             'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 0},
             'terminal_constraints': ['x - 6', 'v'], 'input_bounds': {'u': [-1, 2]},
             'final_time': {'free': False, 'value': 6}}
-    without = solve(problem_from_mapping(free))
+    without = solve(build_problem(free))
     assert np.max(without.u[:, 0] * without.x[:, 1]) < 0.8
-    limited = solve(problem_from_mapping(
+    limited = solve(build_problem(
         free | {'path_constraints': [{'expr': 'u*v', 'upper': 0.9}]}))
     assert limited.status is without.status is Status.SOLVED
     assert limited.objective == pytest.approx(without.objective, rel=1e-7)
@@ -37,7 +37,7 @@ def test_a_constraint_on_inputs_that_holds_nowhere_changes_nothing():
 @pytest.mark.parametrize('T', [3.1, 4.3])
 def test_modes_whose_parts_add_up_to_one_switch_together(T):
     """Idle, then y to 1, which costs half of what x does, then x to 1: 2 (1/2) + 1/2 + 1."""
-    solution = solve(problem_from_mapping({
+    solution = solve(build_problem({
         'states': ['x', 'y'], 'inputs': ['u', 'v', 'w'], 'dynamics': {'x': 'u', 'y': 'v'},
         'running_cost': '2*x + y', 'initial_state': {'x': 0, 'y': 0},
         'terminal_constraints': ['x - 1', 'y - 1'],
@@ -51,7 +51,7 @@ def test_modes_whose_parts_add_up_to_one_switch_together(T):
 
 def test_an_equality_whose_sides_are_zero_weighs_all_the_same():
     """From (1, 1) to x = 2 along rays of the origin only: y = x and twice the cost of x alone."""
-    solution = solve(problem_from_mapping({
+    solution = solve(build_problem({
         'states': ['x', 'y'], 'inputs': ['u', 'w'], 'dynamics': {'x': 'u', 'y': 'w'},
         'running_cost': 'u**2 + w**2', 'initial_state': {'x': 1, 'y': 1},
         'terminal_constraints': ['x - 2'], 'final_time': {'free': False, 'value': 1},
@@ -62,7 +62,7 @@ def test_an_equality_whose_sides_are_zero_weighs_all_the_same():
 
 def test_two_thrusters_of_given_sum():
     """Full thrust there, full thrust back: held inputs meet the equality of themselves."""
-    solution = solve(problem_from_mapping({
+    solution = solve(build_problem({
         'states': ['s', 'v'], 'inputs': ['a', 'b'], 'dynamics': {'s': 'v', 'v': 'a - b'},
         'running_cost': 1, 'initial_state': {'s': 0, 'v': 0},
         'terminal_constraints': ['s - 1', 'v'], 'input_bounds': {'a': [0, 1], 'b': [0, 1]},

@@ -3,22 +3,22 @@
 """Phases of unknown lengths, and long horizons, where the path that shows them is a coarse one."""
 
 import numpy as np
-from obc_ros.core.numerics.collocation import collocation
+from obc_ros.core.numerics.collocation import build_collocation
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import problem_from_mapping
-from obc_ros.core.solver.arcs.bang_arcs import at_bounds, at_ends
+from obc_ros.core.ocp.statement import build_problem
+from obc_ros.core.solver.arcs.bang_arcs import cut_at_bounds, cut_at_ends
 from obc_ros.core.solver.arcs.input_arcs import Arc
 from obc_ros.core.solver.arcs.phase_mesh import spread_as_wanted, spread_by_error, spread_like
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.arcs.phases import DEGREE, Phased
 from obc_ros.core.solver.descent import Search
-from obc_ros.core.solver.improve.phase_samples import sampled
-from obc_ros.core.solver.improve.state_arcs import settled
+from obc_ros.core.solver.improve.phase_samples import sample_phases
+from obc_ros.core.solver.improve.state_arcs import settle_arcs
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.program_cache import Kit
 from obc_ros.core.solver.solve import solve
-from obc_ros.core.solver.starts.horizon_continuation import lengthened
-from obc_ros.core.solver.starts.initial_guess import scales
+from obc_ros.core.solver.starts.horizon_continuation import lengthen_horizon
+from obc_ros.core.solver.starts.initial_guess import estimate_scales
 from obc_ros.core.solver.transcription.mesh import Path
 import pytest
 
@@ -32,7 +32,7 @@ def test_a_full_tank_weighs_only_in_the_end_while_its_inflow_is_shut():
     Its bound holds itself while u = 0; were it held at all points, what it weighs would be
     anything between them. The path that shows the phases has no point in the second one.
     """
-    problem = problem_from_mapping({
+    problem = build_problem({
         'states': ['V'], 'inputs': ['u'], 'dynamics': {'V': 'u'}, 'running_cost': '-V',
         'initial_state': {'V': 0}, 'input_bounds': {'u': [0, 1]}, 'state_bounds': {'V': [None, 1]},
         'final_time': FIXED})
@@ -41,7 +41,7 @@ def test_a_full_tank_weighs_only_in_the_end_while_its_inflow_is_shut():
     guess = Path(t, V, np.zeros((3, 0, 1)), u, u, np.array([3.0]))
     arcs = [Arc(0.0, 1.3, (1.0,), (0,)), Arc(1.3, 3.0, (0.0,), (0,))]
     found = PhasedProgram(problem, (True,)).solve(
-        problem, arcs, [np.full(3, 1 / 3)] * 2, guess, scales(problem, guess),
+        problem, arcs, [np.full(3, 1 / 3)] * 2, guess, estimate_scales(problem, guess),
         np.zeros(1, dtype=bool), ProgressMonitor())
     assert found.converged
     assert found.cost == pytest.approx(-2.5, abs=1e-7)
@@ -55,7 +55,7 @@ def test_a_full_tank_weighs_only_in_the_end_while_its_inflow_is_shut():
 def test_intervals_go_where_steps_err():
     """Of four steps along exp(-40 t) all but the first err little."""
     edges = np.linspace(0, 1, 5)
-    tau = np.append(0.0, collocation(DEGREE, 'radau')[0])
+    tau = np.append(0.0, build_collocation(DEGREE, 'radau')[0])
     x = np.exp(-40 * (edges[:-1, None] + 0.25 * tau))[:, :, None]
     u = np.zeros((4, DEGREE, 1))
     found = Phased([Arc(0.0, 1.0, (np.nan,), (0,))], [np.full(4, 0.25)], np.ones(1), x, u, x,
@@ -71,11 +71,11 @@ def test_intervals_go_where_steps_err():
 
 def test_phases_are_cut_where_inputs_come_to_their_bounds():
     """An input that rests at 1 until t = 1, falls to -1 at t = 2 and rests there until t = 3."""
-    problem = problem_from_mapping({
+    problem = build_problem({
         'states': ['x', 'v'], 'inputs': ['u', 'w'], 'dynamics': {'x': 'v', 'v': 'u + w'},
         'running_cost': 'u**2 + w**2', 'initial_state': {'x': 0, 'v': 0},
         'input_bounds': {'u': [-1, 1], 'w': [-1, 1]}, 'final_time': FIXED})
-    count, tau = 12, np.append(0.0, collocation(DEGREE, 'radau')[0])
+    count, tau = 12, np.append(0.0, build_collocation(DEGREE, 'radau')[0])
     t = (np.arange(count)[:, None] + tau) * 3 / count
     x = np.zeros((*t.shape, 2))
     u = np.stack([np.clip(3 - 2 * t[:, 1:], -1, 1), np.ones_like(t[:, 1:])], axis=2)
@@ -83,7 +83,7 @@ def test_phases_are_cut_where_inputs_come_to_their_bounds():
     free = (np.nan, np.nan)
     found = Phased([Arc(0.0, 3.0, free)], [np.full(count, 1 / count)], np.full(1, 3.0), x, u, x,
                    nothing, np.zeros(0), 0.0, True, {}, nothing, [])
-    parts = at_bounds(problem, found, np.array([True, False]), np.zeros((2, 2), dtype=bool))
+    parts = cut_at_bounds(problem, found, np.array([True, False]), np.zeros((2, 2), dtype=bool))
     # Where w may not be held it is left free, though it is at its bound throughout.
     assert [part.end for part in parts] == pytest.approx([1, 2, 3])
     assert [part.start for part in parts] == pytest.approx([0, 1, 2])
@@ -99,16 +99,17 @@ def test_costates_that_change_within_an_interval():
     lam_x = exp(-40 (T - t)) and lam_y = 1 - lam_x; of polynomials through the points of the
     collocation alone that asks for ten times as many intervals.
     """
-    problem = problem_from_mapping({
+    problem = build_problem({
         'states': ['x', 'y'], 'inputs': ['u'], 'dynamics': {'x': '40*(y - x)', 'y': 'u'},
         'running_cost': 'u**2/2', 'terminal_cost': 'x', 'initial_state': {'x': 0, 'y': 0},
         'input_bounds': {'u': [-9, 9]}, 'final_time': {'free': False, 'value': 1}})
     kit = Kit(problem)
     line = kit.guesser.line(problem, 1.0)
     found = kit.phased.solve(
-        problem, [Arc(0.0, 1.0, (np.nan,))], [np.full(24, 1 / 24)], line, scales(problem, line),
+        problem, [Arc(0.0, 1.0, (np.nan,))], [np.full(24, 1 / 24)], line,
+        estimate_scales(problem, line),
         np.zeros(2, dtype=bool), ProgressMonitor())
-    answer = sampled(problem, kit.phased, kit.judge, found, 300)
+    answer = sample_phases(problem, kit.phased, kit.judge, found, 300)
     lam_x = np.exp(-40 * (1 - answer.t))
     assert answer.lam == pytest.approx(np.column_stack([lam_x, 1 - lam_x]), abs=2e-5)
 
@@ -121,10 +122,10 @@ def test_a_long_horizon_with_a_bound_of_the_state_is_found_from_short_ones():
         'final_time': {'free': False, 'value': 40}}
     costs = []
     for more in ({}, {'state_bounds': {'v': [-6, None]}}):
-        problem = problem_from_mapping(pendulum | more)
+        problem = build_problem(pendulum | more)
         search = Search(problem, Kit(problem), ProgressMonitor(60.0))
         search.stages = 3
-        outcome = lengthened(search, 4)
+        outcome = lengthen_horizon(search, 4)
         assert outcome is not None and outcome.converged
         costs.append(outcome.objective)
     assert costs[1] == pytest.approx(costs[0], rel=5e-3)
@@ -132,7 +133,7 @@ def test_a_long_horizon_with_a_bound_of_the_state_is_found_from_short_ones():
 
 def test_a_path_touches_an_obstacle_along_its_side():
     """A path across the disc is cheaper than one that touches it: only tangents are allowed."""
-    found = solve(problem_from_mapping({
+    found = solve(build_problem({
         'states': ['x', 'y', 'th'], 'inputs': ['w'],
         'dynamics': {'x': 'cos(th)', 'y': 'sin(th)', 'th': 'w'}, 'running_cost': '1 + w**2/5',
         'initial_state': {'x': -2, 'y': -0.156, 'th': 0},
@@ -149,7 +150,7 @@ def test_a_path_touches_an_obstacle_along_its_side():
 
 def test_states_at_samples_follow_from_the_inputs_straight_between_them():
     """A pendulum turned by 2 rad in 3 s, its rate bounded: not only where intervals end."""
-    problem = problem_from_mapping({
+    problem = build_problem({
         'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u - sin(x)'},
         'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 0},
         'terminal_constraints': ['x - 2', 'v'], 'state_bounds': {'v': [None, 0.85]},
@@ -166,7 +167,7 @@ def test_no_phase_begins_where_inputs_do_not_jump():
 
     T: of (ux, uy) along (T - t, k), the k and T with x(T) = vy(T) = 1, by quadrature.
     """
-    problem = problem_from_mapping({
+    problem = build_problem({
         'states': ['x', 'vx', 'vy'], 'inputs': ['ux', 'uy'],
         'dynamics': {'x': 'vx', 'vx': 'ux', 'vy': 'uy'}, 'running_cost': 1,
         'initial_state': {'x': 0, 'vx': 0, 'vy': 0}, 'terminal_constraints': ['x - 1', 'vy - 1'],
@@ -178,16 +179,17 @@ def test_no_phase_begins_where_inputs_do_not_jump():
                  np.array([2.0]))
     free, on = (np.nan, np.nan), (0, 0, 0, 1)
     arcs = [Arc(0.0, 1.0, free, on), Arc(1.0, 2.0, free, on, jump=True)]
-    found = settled(problem, PhasedProgram(problem, (True, True)), arcs, guess,
-                    scales(problem, guess), np.zeros(3, dtype=bool), ProgressMonitor(), 1,
-                    spread_like(guess))
+    found = settle_arcs(problem, PhasedProgram(problem, (True, True)), arcs, guess,
+                        estimate_scales(problem, guess), np.zeros(3, dtype=bool),
+                        ProgressMonitor(), 1,
+                        spread_like(guess))
     assert len(found.arcs) == 1
     assert found.cost == pytest.approx(1.55597519, abs=1e-8)
 
 
 def test_a_free_phase_does_not_swallow_the_one_at_a_bound_before_it():
     """Its input may begin with that bound, at the same cost; one that switches may not."""
-    problem = problem_from_mapping({
+    problem = build_problem({
         'states': ['x'], 'inputs': ['u', 's'], 'dynamics': {'x': 'u + s'},
         'running_cost': 'x**2 + u**2', 'initial_state': {'x': 1},
         'input_bounds': {'u': [-1, 1], 's': [-1, 1]}, 'final_time': FIXED})
@@ -204,7 +206,7 @@ def test_inputs_that_weigh_nothing_at_the_end_go_on_as_before():
     At T the costates of the speeds are zero: there the thrust could be any in the disc, and the
     path that the phases are read off has it the other way round.
     """
-    problem = problem_from_mapping({
+    problem = build_problem({
         'states': ['x', 'y', 'vx', 'vy'], 'inputs': ['a', 'b'],
         'dynamics': {'x': 'vx', 'y': 'vy', 'vx': 'a', 'vy': 'b'}, 'running_cost': '0',
         'terminal_cost': '-x - y', 'initial_state': dict.fromkeys(('x', 'y', 'vx', 'vy'), 0),
@@ -220,13 +222,13 @@ def test_inputs_that_weigh_nothing_at_the_end_go_on_as_before():
     kit = Kit(problem)
     found = kit.phased.solve(
         problem, [Arc(0.0, 1.0, (np.nan, np.nan), (0, 0, 0, 0, 1))], [np.full(4, 0.25)], guess,
-        scales(problem, guess), np.zeros(4, dtype=bool), ProgressMonitor())
+        estimate_scales(problem, guess), np.zeros(4, dtype=bool), ProgressMonitor())
     assert found.converged
     assert found.cost == pytest.approx(-np.sqrt(0.5), abs=1e-9)
     assert found.u == pytest.approx(np.full((4, DEGREE, 2), np.sqrt(0.5)), abs=1e-5)
     # dH/da = lam_vx + 2 eta a = 0, lam_vx = -(1 - t)
     assert found.eta[:, :, 4] == pytest.approx(
-        (1 - (np.arange(4)[:, None] + collocation(DEGREE, 'radau')[0]) / 4) * np.sqrt(0.5),
+        (1 - (np.arange(4)[:, None] + build_collocation(DEGREE, 'radau')[0]) / 4) * np.sqrt(0.5),
         abs=1e-5)
 
 
@@ -241,7 +243,7 @@ def slopes_of(sign: float) -> tuple[np.ndarray, np.ndarray]:
 def test_a_singular_arc_may_begin_and_end_with_a_bang(
         sign: float, limit: float, level: float, on: int) -> None:
     """At the bound of the input, or on the path constraint that it meets before."""
-    problem = problem_from_mapping({
+    problem = build_problem({
         'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'running_cost': 'x**2',
         'initial_state': {'x': 0}, 'input_bounds': {'u': [-2, 2]}, 'final_time': FIXED,
         'path_constraints': [{'expr': 'u + x', 'lower': -limit, 'upper': limit}]})
@@ -251,8 +253,8 @@ def test_a_singular_arc_may_begin_and_end_with_a_bang(
     found = Phased([Arc(0.0, 3.0, (np.nan,))], [np.full(4, 0.25)], np.full(1, 3.0), x, u, x, eta,
                    np.zeros(0), 0.0, True, {}, eta, [])
     t, Hu = slopes_of(sign)
-    arcs = at_ends(problem, PhasedProgram(problem, (True,)), found, t, np.zeros((301, 1)),
-                   np.full((301, 1), 0.1), Hu[:, None])
+    arcs = cut_at_ends(problem, PhasedProgram(problem, (True,)), found, t, np.zeros((301, 1)),
+                       np.full((301, 1), 0.1), Hu[:, None])
     assert [arc.end for arc in arcs] == pytest.approx([0.1, 2.8, 3], abs=0.02)
     assert np.array([arc.levels for arc in arcs])[:, 0] == pytest.approx(
         [level, np.nan, level], nan_ok=True)
@@ -267,7 +269,7 @@ def test_a_turn_too_short_for_the_mesh_is_found():
     """
     road = '0.03*sin(s/20)'
     pace = f'(1 - n*{road})/(v*cos(a))'
-    answer = solve(problem_from_mapping({
+    answer = solve(build_problem({
         'states': ['n', 'a', 'v', 's'], 'inputs': ['k', 'c'],
         'dynamics': {'n': f'v*sin(a)*{pace}', 'a': f'k*v*{pace} - {road}', 'v': f'c*{pace}',
                      's': '1'},

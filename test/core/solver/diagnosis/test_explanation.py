@@ -10,12 +10,12 @@ import re
 import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.solution import Solution, Status
-from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.descent import Search
 from obc_ros.core.solver.diagnosis.explanation import explain
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.program_cache import Kit
-from obc_ros.core.solver.proofs.interval_bounds import lowest
+from obc_ros.core.solver.proofs.interval_bounds import find_lower_bounds
 from obc_ros.core.solver.solve import solve
 import pytest
 from scipy.integrate import solve_ivp
@@ -44,7 +44,7 @@ def quickly(problem):
 
 def reason(mapping, **changes):
     """Return why a problem has no answer."""
-    found = explain(problem_from_mapping(mapping | changes), quickly)
+    found = explain(build_problem(mapping | changes), quickly)
     assert found is not None
     return found
 
@@ -62,20 +62,20 @@ def numbers(text):
 
 
 def test_a_contradiction_needs_no_solver():
-    problem = problem_from_mapping(BLOCK | {'terminal_constraints': ['v - 2'],
-                                            'state_bounds': {'v': [None, 1]}})
+    problem = build_problem(BLOCK | {'terminal_constraints': ['v - 2'],
+                                     'state_bounds': {'v': [None, 1]}})
     found = explain(problem)
     assert found is not None
     assert found.infeasible
     assert found.sentence == 'state bound v <= 1 and terminal constraint v = 2 exclude each other'
-    assert explain(problem_from_mapping(BLOCK | LONGER)) is None
+    assert explain(build_problem(BLOCK | LONGER)) is None
 
 
 def test_what_led_nowhere_leaves_time_to_say_why():
     """Half of the published least time of a quadrotor: little more work, then the reason."""
     mapping = load_file(PROBLEMS / 'quad_2d_mintime.yaml')[0]
     T = 0.8987
-    problem = problem_from_mapping(mapping | {'final_time': {'free': False, 'value': T / 2}})
+    problem = build_problem(mapping | {'final_time': {'free': False, 'value': T / 2}})
     search = Search(problem, Kit(problem), ProgressMonitor())
     coarse, spent = search.coarse, []
     search.coarse = lambda: (coarse(), spent.append(search.work))[0]
@@ -90,7 +90,7 @@ def test_what_led_nowhere_leaves_time_to_say_why():
 def test_too_short_a_time_where_the_nearest_path_is_hard_to_find():
     """From rest no input moves x: the nearest path is hard to find, the least time is not."""
     mapping = load_file(PROBLEMS / 'brachistochrone_wall.yaml')[0]
-    found = solve(problem_from_mapping(mapping | {'final_time': {'free': False, 'value': 0.45}}))
+    found = solve(build_problem(mapping | {'final_time': {'free': False, 'value': 0.45}}))
     assert_only_searched(found)
     assert numbers(found.message)[-1] == pytest.approx(math.sqrt(math.pi / 9.81), rel=1e-5)
 
@@ -98,7 +98,7 @@ def test_too_short_a_time_where_the_nearest_path_is_hard_to_find():
 def test_what_a_weak_motor_leaves_undone():
     """Of a pendulum, in at most 40 s: its energy grows by |u| |w| <= 0.01 * 2 at most."""
     mapping = load_file(PROBLEMS / 'pendulum_mintime.yaml')[0]
-    found = solve(problem_from_mapping(mapping | {'input_bounds': {'u': [-0.01, 0.01]}}))
+    found = solve(build_problem(mapping | {'input_bounds': {'u': [-0.01, 0.01]}}))
     assert found.status in (Status.NOT_CONVERGED, Status.INFEASIBLE)
     text = re.search(r'nearest ends with th = (\S+) instead of 3.14159', found.message)
     assert text is not None
@@ -178,20 +178,20 @@ def test_a_cost_without_lower_bound():
 
 
 def test_a_problem_with_an_answer_is_not_explained_away():
-    feasible = problem_from_mapping(BLOCK | {'final_time': {'free': False, 'value': 3}})
+    feasible = build_problem(BLOCK | {'final_time': {'free': False, 'value': 3}})
     assert explain(feasible, quickly) is None
-    assert explain(problem_from_mapping(LAG | {'terminal_constraints': []}), quickly) is None
+    assert explain(build_problem(LAG | {'terminal_constraints': []}), quickly) is None
 
 
 def test_a_solver_that_fails_gives_no_reason():
     def failing(_):
         return Solution(Status.TIMED_OUT, 'no time')
-    assert explain(problem_from_mapping(BLOCK | LONGER), failing) is None
+    assert explain(build_problem(BLOCK | LONGER), failing) is None
 
 
 def test_a_least_cost_that_only_ever_faster_switching_approaches():
     """Bolza's example: x**2 + (u**2 - 1)**2 is nearly 0 for u = 1 and u = -1 in turn."""
-    found = solve(problem_from_mapping({
+    found = solve(build_problem({
         'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'initial_state': {'x': 0},
         'running_cost': 'x**2 + (u**2 - 1)**2', 'terminal_constraints': ['x'],
         'final_time': {'free': False, 'value': 1}}))
@@ -205,7 +205,7 @@ def test_a_least_cost_that_only_ever_faster_switching_approaches():
 
 def test_a_cost_without_bound_whose_residuals_are_small_beside_its_size():
     """The integral of x u + y is x(1)**2 / 2 plus that of y: as low as u makes it."""
-    found = solve(problem_from_mapping({
+    found = solve(build_problem({
         'states': ['x', 'y'], 'inputs': ['u'], 'dynamics': {'x': 'u', 'y': 'x'},
         'initial_state': {'x': 0, 'y': 0}, 'running_cost': 'x*u + y',
         'final_time': {'free': False, 'value': 1}}))
@@ -215,7 +215,7 @@ def test_a_cost_without_bound_whose_residuals_are_small_beside_its_size():
 
 def test_a_cost_that_falls_without_end_beside_a_minimum():
     """Near x = 0 the integral of u^2 - x^4 is least there; x = r t makes it r^2 - r^4/5."""
-    found = solve(problem_from_mapping({
+    found = solve(build_problem({
         'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'initial_state': {'x': 0},
         'running_cost': 'u**2 - x**4', 'final_time': {'free': False, 'value': 1}}))
     assert found.status is Status.NOT_CONVERGED
@@ -231,13 +231,13 @@ def test_an_equality_of_inputs_that_holds_between_mesh_points_but_nearly_is_not_
              'running_cost': 'x**2 + y**2 + a**2 + b**2', 'initial_state': {'x': 1, 'y': 2},
              'path_constraints': [{'expr': 'a + b + x', 'lower': 0, 'upper': 0}],
              'final_time': {'free': False, 'value': 2}}
-    found = explain(problem_from_mapping(block), quickly)
+    found = explain(build_problem(block), quickly)
     assert found is None or not found.infeasible
 
 
 def test_a_ring_around_the_start():
     """No path from 0 to 3 keeps away from the circle of radius 2, whatever its mesh points do."""
-    ring = problem_from_mapping({
+    ring = build_problem({
         'states': ['x', 'y'], 'inputs': ['a', 'b'], 'dynamics': {'x': 'a', 'y': 'b'},
         'running_cost': 'a**2 + b**2', 'initial_state': {'x': 0, 'y': 0},
         'terminal_constraints': ['x - 3', 'y'],
@@ -284,7 +284,7 @@ def test_a_rocket_that_burns_most_by_thrusting_to_and_fro():
         return fly([way + 1.7 * (t - reached), 1.7], t, -1.1, lambda t, z: z[1])
 
     least = braked(brentq(lambda t: braked(t)[1] - 10, reached, 8, xtol=1e-12))[0]
-    found = solve(problem_from_mapping({
+    found = solve(build_problem({
         'states': ['s', 'v', 'm'], 'inputs': ['u'], 'running_cost': '1',
         'dynamics': {'s': 'v', 'v': '(u - 0.2*v**2)/m', 'm': '-0.01*u**2'},
         'initial_state': {'s': 0, 'v': 0, 'm': 1}, 'terminal_constraints': ['s - 10', 'v'],
@@ -306,20 +306,20 @@ CELL = {
 
 def test_too_little_charge():
     """Of rest to rest over d in T: the integral of a^2 is 12 d^2 / T^3 at least, here 1.2."""
-    found = solve(problem_from_mapping(CELL))
+    found = solve(build_problem(CELL))
     assert_only_searched(found)
     sentence, left = found.message.split(' it is ', 1)
     assert sentence == ('no path was found that keeps to all constraints: E only falls, and where '
                         'the terminal constraints are met at T = 10')
     assert ' at most, beyond state bound E >= 0' in left
     assert numbers(left)[0] == pytest.approx(-1.2, rel=1e-5)
-    assert solve(problem_from_mapping(CELL | {
+    assert solve(build_problem(CELL | {
         'initial_state': {'x': 0, 'v': 0, 'E': 2.21}})).certified
 
 
 def test_too_little_fuel():
     """Of a rocket without weight: m(T) is m(0) exp(-v(T) / 30), and m divides on the way."""
-    found = solve(problem_from_mapping({
+    found = solve(build_problem({
         'states': ['v', 'm'], 'inputs': ['F'], 'dynamics': {'v': 'F/m', 'm': '-F/30'},
         'running_cost': 'F**2', 'initial_state': {'v': 0, 'm': 10},
         'terminal_constraints': ['v - 20'], 'input_bounds': {'F': [0, 40]},
@@ -331,7 +331,7 @@ def test_too_little_fuel():
 
 def test_too_small_a_tank():
     """Of a solution that is made stronger by adding: (1 - c) V stays what it is, 1."""
-    found = solve(problem_from_mapping({
+    found = solve(build_problem({
         'states': ['V', 'c'], 'inputs': ['q'], 'dynamics': {'V': 'q', 'c': 'q/V*(1 - c)'},
         'running_cost': 'q**2', 'initial_state': {'V': 1, 'c': 0},
         'terminal_constraints': ['c - 0.8'], 'input_bounds': {'q': [0, 1]},
@@ -344,7 +344,7 @@ def test_too_small_a_tank():
 @pytest.mark.parametrize('T', [20, 25.5])
 def test_too_short_a_time_within_limits_of_speed_and_acceleration(T):
     """Starting and braking take 6 each within these limits, 5 wide: x gets 5 (T - 6) far."""
-    found = solve(problem_from_mapping({
+    found = solve(build_problem({
         'states': ['x', 'v', 'a'], 'inputs': ['j'], 'dynamics': {'x': 'v', 'v': 'a', 'a': 'j'},
         'running_cost': 'j**2', 'initial_state': {'x': 0, 'v': 0, 'a': 0},
         'terminal_constraints': ['x - 100', 'v', 'a'], 'input_bounds': {'j': [-1, 1]},
@@ -356,7 +356,7 @@ def test_too_short_a_time_within_limits_of_speed_and_acceleration(T):
 
 
 def test_a_goal_inside_an_obstacle_that_leaves_the_heading_open():
-    found = explain(problem_from_mapping({
+    found = explain(build_problem({
         'states': ['x', 'y', 'heading'], 'inputs': ['v', 'w'],
         'dynamics': {'x': 'v*cos(heading)', 'y': 'v*sin(heading)', 'heading': 'w'},
         'running_cost': 'v**2 + w**2', 'initial_state': {'x': 0, 'y': 0, 'heading': 0},
@@ -370,7 +370,7 @@ def test_a_goal_inside_an_obstacle_that_leaves_the_heading_open():
 
 
 def test_a_path_constraint_that_holds_nowhere():
-    found = explain(problem_from_mapping(LAG | {
+    found = explain(build_problem(LAG | {
         'terminal_constraints': [], 'path_constraints': [
             {'expr': 'sin(x) + u**2', 'lower': None, 'upper': -2}]}))
     assert found is not None
@@ -385,7 +385,7 @@ def test_too_little_vaccine():
 
     From S = 1 to 1/2 without a disease takes 1/2, given at once or little by little.
     """
-    found = solve(problem_from_mapping({
+    found = solve(build_problem({
         'states': ['S', 'c'], 'inputs': ['u'], 'dynamics': {'S': '-u*S', 'c': 'u*S'},
         'running_cost': 'u**2', 'initial_state': {'S': 1, 'c': 0},
         'terminal_constraints': ['S - 0.5'], 'input_bounds': {'u': [0, 1]},
@@ -397,7 +397,7 @@ def test_too_little_vaccine():
 
 def test_states_that_turn_back_at_zero():
     def lower(dynamics, x0):
-        return lowest(problem_from_mapping({
+        return find_lower_bounds(build_problem({
             'states': list(dynamics), 'inputs': ['u'], 'dynamics': dynamics, 'running_cost': 'u',
             'initial_state': x0, 'input_bounds': {'u': [0, 1]},
             'final_time': {'free': False, 'value': 1}})).tolist()
@@ -414,7 +414,7 @@ def test_states_that_turn_back_at_zero():
 
 def test_what_lies_below_zero():
     # A logistic growth that is harvested comes as near to 0 as 1e-9, but never below.
-    found = explain(problem_from_mapping(LAG | {
+    found = explain(build_problem(LAG | {
         'dynamics': {'x': 'x*(1 - x) - u*x'}, 'initial_state': {'x': 0.5},
         'terminal_constraints': ['x + 0.2']}))
     assert found is not None

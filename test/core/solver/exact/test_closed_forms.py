@@ -35,7 +35,7 @@ def book(a, b, c, x0, t0, tf, t):
 def test_example_2_2_to_the_last_digits(a, T, t0):
     t = t0 + T * np.array([0, 0.1, 0.5, 0.9, 0.999, 1])
     t[-1] = t0 + T
-    found = closed_forms.scalar_finite_horizon(a, 0.5, 10, 4, t, t0=t0, tf=t0 + T)
+    found = closed_forms.solve_scalar_finite_horizon(a, 0.5, 10, 4, t, t0=t0, tf=t0 + T)
     for k, time in enumerate(t):
         u, x = book(a, 0.5, 10, 4, t0, t0 + T, time)
         assert found.u[k] == pytest.approx(u, rel=1e-12)
@@ -46,7 +46,7 @@ def test_example_2_2_to_the_last_digits(a, T, t0):
 @given(st.floats(-2, 2), positive, st.floats(0, 20), st.floats(-3, 3), positive, st.floats(-1, 1))
 def test_pontryagin_of_the_finite_horizon(a, b, c, x0, T, t0):
     t = np.linspace(t0, t0 + T, 41)
-    found = closed_forms.scalar_finite_horizon(a, b, c, x0, t, t0=t0, tf=t0 + T)
+    found = closed_forms.solve_scalar_finite_horizon(a, b, c, x0, t, t0=t0, tf=t0 + T)
     scale = 1 + abs(found.x).max() + abs(found.lam).max() * b * b
     np.testing.assert_allclose(found.u, -b * found.lam)
     np.testing.assert_allclose(found.lam, found.lam[-1] * np.exp(a * (t[-1] - t)), atol=1e-12)
@@ -61,18 +61,19 @@ def test_pontryagin_of_the_finite_horizon(a, b, c, x0, T, t0):
 
 
 def test_seed_problem():
-    found = closed_forms.scalar_finite_horizon(1, 1, 1, 1, [0, 1], tf=1)
+    found = closed_forms.solve_scalar_finite_horizon(1, 1, 1, 1, [0, 1], tf=1)
     assert pytest.approx(0.8807970779778824, rel=1e-14) == found.J
     assert found.x[-1] == pytest.approx(0.6480542736638853, rel=1e-14)
 
 
 def test_terminal_state_as_its_weight_grows():
     weights = [1, 1e2, 1e4, 1e8, 1e16]
-    finals = [closed_forms.scalar_finite_horizon(2, 0.5, c, 4, [1], tf=1).x[0] for c in weights]
+    finals = [closed_forms.solve_scalar_finite_horizon(2, 0.5, c, 4, [1], tf=1).x[0]
+              for c in weights]
     assert all(late < early for early, late in pairwise(finals))
     t = np.linspace(0, 1, 11)
-    limit = closed_forms.scalar_finite_horizon(2, 0.5, inf, 4, t, tf=1)
-    large = closed_forms.scalar_finite_horizon(2, 0.5, 1e14, 4, t, tf=1)
+    limit = closed_forms.solve_scalar_finite_horizon(2, 0.5, inf, 4, t, tf=1)
+    large = closed_forms.solve_scalar_finite_horizon(2, 0.5, 1e14, 4, t, tf=1)
     assert limit.x[-1] == 0
     np.testing.assert_allclose(large.u, limit.u, rtol=1e-12)
     np.testing.assert_allclose(large.x, limit.x, atol=1e-12)
@@ -80,11 +81,11 @@ def test_terminal_state_as_its_weight_grows():
 
 def test_exercise_2_9_is_the_limit_of_long_horizons():
     t = np.linspace(0, 3, 7)
-    infinite = closed_forms.scalar_infinite_horizon(2, 0.5, 4, t)
+    infinite = closed_forms.solve_scalar_infinite_horizon(2, 0.5, 4, t)
     assert pytest.approx(16) == infinite.P
     assert pytest.approx(128) == infinite.J
     np.testing.assert_allclose(infinite.u, -0.5 * infinite.P * infinite.x)
-    errors = [abs(closed_forms.scalar_finite_horizon(2, 0.5, c, 4, [0.25], tf=tf).x
+    errors = [abs(closed_forms.solve_scalar_finite_horizon(2, 0.5, c, 4, [0.25], tf=tf).x
                   - 4 * np.exp(-0.5))[0] for tf in (0.5, 1, 10) for c in (0.1, 10)]
     # tf = 10, c = 10 is the closest of the six.
     assert np.argmin(errors) >= 4
@@ -95,7 +96,7 @@ def test_exercise_2_9_is_the_limit_of_long_horizons():
 @given(st.floats(-3, 3), positive, st.floats(-3, 3), st.floats(-3, 3), positive)
 def test_between_two_states(a, b, x0, xf, T):
     t = np.linspace(0.5, 0.5 + T, 21)
-    found = closed_forms.scalar_between(a, b, x0, xf, t, t0=0.5, tf=0.5 + T)
+    found = closed_forms.solve_scalar_between(a, b, x0, xf, t, t0=0.5, tf=0.5 + T)
     scale = 1 + abs(found.x).max() + abs(found.u).max()
     assert found.x[0] == pytest.approx(x0, abs=1e-12)
     assert found.x[-1] == pytest.approx(xf, abs=1e-12)
@@ -109,7 +110,7 @@ def test_between_two_states(a, b, x0, xf, T):
 
 def test_between_two_states_far_apart_in_time():
     for a in (-20.0, 20.0):
-        found = closed_forms.scalar_between(a, 1, 2, 3, np.linspace(0, 100, 5), tf=100)
+        found = closed_forms.solve_scalar_between(a, 1, 2, 3, np.linspace(0, 100, 5), tf=100)
         assert np.isfinite(found.u).all()
         np.testing.assert_allclose(found.x[[0, -1]], [2, 3])
 
@@ -117,7 +118,7 @@ def test_between_two_states_far_apart_in_time():
 @pytest.mark.parametrize('q', [0.1, 1, 2, 30])
 def test_example_2_4_as_corrected(q):
     A, B = np.array([[0, 1], [0, 0]]), np.array([[0], [1]])
-    found = closed_forms.double_integrator_regulator(q)
+    found = closed_forms.solve_double_integrator_regulator(q)
     np.testing.assert_allclose(
         found.P, solve_continuous_are(A, B, np.diag([q * q, 0]), np.eye(1)), rtol=1e-9)
     np.testing.assert_allclose(found.K, B.T @ found.P)
@@ -127,7 +128,7 @@ def test_example_2_4_as_corrected(q):
 @pytest.mark.parametrize('a', [0.1, 1, 1e3])
 def test_exercise_2_8(a):
     A, B = np.array([[0, 1], [0, -a]]), np.array([[0], [1]])
-    found = closed_forms.lag_regulator(a)
+    found = closed_forms.solve_lag_regulator(a)
     residual = A.T @ found.P + found.P @ A - found.P @ B @ B.T @ found.P + np.diag([1, 0])
     np.testing.assert_allclose(residual, 0, atol=1e-12 * max(a, 1))
     np.testing.assert_allclose(found.K, B.T @ found.P)
@@ -194,32 +195,35 @@ def test_no_random_neighbour_of_brocketts_path_is_cheaper():
 
 
 def test_straight_line():
-    path = closed_forms.straight_line([1, 2], [4, 6], np.linspace(0, 1, 5))
+    path = closed_forms.solve_straight_line([1, 2], [4, 6], np.linspace(0, 1, 5))
     assert path.length == 5
     np.testing.assert_allclose(path.x[[0, -1]], [[1, 2], [4, 6]])
     np.testing.assert_allclose(path.lam, [-0.6, -0.8])
     H = np.linalg.norm(path.u, axis=1) + path.u @ path.lam
     np.testing.assert_allclose(H, 0, atol=1e-15)
-    assert closed_forms.straight_line([1, 2], [1, 2], [0.5]).length == 0
+    assert closed_forms.solve_straight_line([1, 2], [1, 2], [0.5]).length == 0
 
 
 @pytest.mark.parametrize(('call', 'text'), [
-    (lambda: closed_forms.scalar_finite_horizon(inf, 1, 1, 1, [0], tf=1), 'a = inf'),
-    (lambda: closed_forms.scalar_finite_horizon(1, 0, 1, 1, [0], tf=1), 'b = 0'),
-    (lambda: closed_forms.scalar_finite_horizon(1, 1, -1, 1, [0], tf=1), 'c = -1'),
-    (lambda: closed_forms.scalar_finite_horizon(1, 1, float('nan'), 1, [0], tf=1), 'c = nan'),
-    (lambda: closed_forms.scalar_finite_horizon(1, 1, 1, 1, [0], tf=0), 't0 = 0 is not before'),
-    (lambda: closed_forms.scalar_finite_horizon(1, 1, 1, 1, [2], tf=1), 'times must lie within'),
-    (lambda: closed_forms.scalar_infinite_horizon(0, 1, 1, [0]), 'a = 0'),
-    (lambda: closed_forms.scalar_infinite_horizon(1, 1, 1, [-1]), 'not before t0'),
-    (lambda: closed_forms.double_integrator_regulator(0), 'q = 0'),
-    (lambda: closed_forms.lag_regulator(-1), 'a = -1'),
+    (lambda: closed_forms.solve_scalar_finite_horizon(inf, 1, 1, 1, [0], tf=1), 'a = inf'),
+    (lambda: closed_forms.solve_scalar_finite_horizon(1, 0, 1, 1, [0], tf=1), 'b = 0'),
+    (lambda: closed_forms.solve_scalar_finite_horizon(1, 1, -1, 1, [0], tf=1), 'c = -1'),
+    (lambda: closed_forms.solve_scalar_finite_horizon(1, 1, float('nan'), 1, [0], tf=1),
+     'c = nan'),
+    (lambda: closed_forms.solve_scalar_finite_horizon(1, 1, 1, 1, [0], tf=0),
+     't0 = 0 is not before'),
+    (lambda: closed_forms.solve_scalar_finite_horizon(1, 1, 1, 1, [2], tf=1),
+     'times must lie within'),
+    (lambda: closed_forms.solve_scalar_infinite_horizon(0, 1, 1, [0]), 'a = 0'),
+    (lambda: closed_forms.solve_scalar_infinite_horizon(1, 1, 1, [-1]), 'not before t0'),
+    (lambda: closed_forms.solve_double_integrator_regulator(0), 'q = 0'),
+    (lambda: closed_forms.solve_lag_regulator(-1), 'a = -1'),
     (lambda: closed_forms.solve_brockett([[0, 1], [1, 0]], [0]), 'must be skew'),
     (lambda: closed_forms.solve_brockett([[0, 1, 2], [1, 0, 1]], [0]), 'square matrix'),
     (lambda: closed_forms.solve_brockett([[0, inf], [-inf, 0]], [0]), 'finite'),
     (lambda: closed_forms.solve_brockett([[0, 1], [-1, 0]], [2]), 'within \\[0, 1\\]'),
-    (lambda: closed_forms.straight_line([1], [1, 2], [0]), 'one dimension'),
-    (lambda: closed_forms.straight_line([1, inf], [1, 2], [0]), 'finite'),
+    (lambda: closed_forms.solve_straight_line([1], [1, 2], [0]), 'one dimension'),
+    (lambda: closed_forms.solve_straight_line([1, inf], [1, 2], [0]), 'finite'),
 ])
 def test_bad_input(call, text):
     with pytest.raises(StatementError, match=text):

@@ -8,7 +8,7 @@ from math import pi
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from obc_ros.core.numerics.polynomial_bases import basis, BASIS_KINDS
+from obc_ros.core.numerics.polynomial_bases import BASIS_KINDS, build_basis
 from obc_ros.core.solver.exact import closed_forms, flatness
 from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import StatementError
@@ -52,7 +52,7 @@ def meets(system, found, start, goal):
 @pytest.mark.parametrize('M', [5, 9])
 def test_bases_against_their_definitions(kind, M):
     s = np.linspace(0, 1, 11)
-    mine = basis(kind, M, 3)
+    mine = build_basis(kind, M, 3)
     for order in range(4):
         if kind == 'polynomial':
             wanted = np.column_stack([
@@ -77,7 +77,7 @@ def test_exercise_2_4_c_by_hand():
 
 def test_exercise_2_4_d_costs_of_both_approaches():
     # Errata 7: x(1) = 1 is imposed, b = 1.
-    optimum = closed_forms.scalar_between(-1, 1, 0, 1, [0, 1], tf=1)
+    optimum = closed_forms.solve_scalar_between(-1, 1, 0, 1, [0, 1], tf=1)
     found = flatness.generate(registry.get_system('scalar', EXERCISE_2_4), [0], [1], 1.0, Qu=[0.5])
     assert pytest.approx(1 / (1 - np.exp(-2))) == optimum.J
     assert pytest.approx(7 / 6) == found.J
@@ -86,7 +86,7 @@ def test_exercise_2_4_d_costs_of_both_approaches():
 @pytest.mark.parametrize('kind', BASIS_KINDS)
 def test_exercise_2_4_e_spare_coefficients(kind):
     system = registry.get_system('scalar', EXERCISE_2_4)
-    optimum = closed_forms.scalar_between(-1, 1, 0, 1, np.linspace(0, 1, 33), tf=1)
+    optimum = closed_forms.solve_scalar_between(-1, 1, 0, 1, np.linspace(0, 1, 33), tf=1)
     found = [flatness.generate(system, [0], [1], 1.0, kind=kind, coefficients=M, Qu=[0.5])
              for M in (2, 3, 5, 9)]
     for more, less in pairwise(found[::-1]):

@@ -8,8 +8,8 @@ from math import acos, asin, cos, hypot, pi, remainder, sin, sqrt
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from obc_ros.cli.gallery.extremals import least_times
-from obc_ros.core.solver.exact.reeds_shepp import lengths, shortest_path
+from obc_ros.cli.gallery.extremals import find_least_times
+from obc_ros.core.solver.exact.reeds_shepp import find_lengths, find_shortest_path
 from obc_ros.core.text.errors import StatementError
 import pytest
 
@@ -55,7 +55,7 @@ def random_poses(n, box=5, seed=1):
     ((0, 0, 0), '', 0),
 ])
 def test_paths_known_without_computation(goal, word, length):
-    path = shortest_path(ORIGIN, goal, 1)
+    path = find_shortest_path(ORIGIN, goal, 1)
     assert (path.word, path.length) == (word, pytest.approx(length, abs=1e-12))
 
 
@@ -65,14 +65,14 @@ def test_parking_a_step_to_the_side(d):
     # and its mirror image, so that (d + 2)^2 = 4 (5 - 4 cos a) by the law of cosines.
     a = acos((20 - (d + 2)**2) / 16)
     t = asin(2 * sin(a) / (d + 2))
-    path = shortest_path(ORIGIN, (0, d, 0), 1)
+    path = find_shortest_path(ORIGIN, (0, d, 0), 1)
     assert path.length == pytest.approx(2 * (a + t), rel=1e-9)
 
 
 @settings(max_examples=300, deadline=None)
 @given(poses, poses, st.floats(0.05, 20))
 def test_segments_end_at_the_goal(start, goal, radius):
-    path = shortest_path(start, goal, radius)
+    path = find_shortest_path(start, goal, radius)
     assert apart(drive(start, path.segments, radius), goal) < 1e-12 * max(10, radius)
     assert sum(abs(s.length) for s in path.segments) == pytest.approx(
         path.length, abs=1e-12 * max(1, radius))
@@ -84,7 +84,7 @@ def test_segments_end_at_the_goal(start, goal, radius):
 @given(poses, st.lists(st.tuples(st.sampled_from('LSR'), st.floats(-3, 3)), max_size=6))
 def test_no_random_word_is_shorter(start, segments):
     goal = drive(start, segments, 1.0)
-    assert shortest_path(start, goal, 1.0).length <= sum(abs(s[1]) for s in segments) + 1e-9
+    assert find_shortest_path(start, goal, 1.0).length <= sum(abs(s[1]) for s in segments) + 1e-9
 
 
 TINY = (1e-12, 1e-10, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 0.03125, 0.3)
@@ -100,9 +100,9 @@ def test_no_word_of_tiny_parts_is_shorter(letters, signs):
              for sizes in product(TINY, repeat=len(letters))]
     goals = [drive(ORIGIN, word, 1.0) for word in words]
     known = np.array([sum(abs(length) for _, length in word) for word in words])
-    paths = [shortest_path(ORIGIN, goal, 1.0) for goal in goals]
+    paths = [find_shortest_path(ORIGIN, goal, 1.0) for goal in goals]
     assert (np.array([path.length for path in paths]) <= known + 1e-9).all()
-    assert (lengths(ORIGIN, goals, 1.0) <= known + 1e-9).all()
+    assert (find_lengths(ORIGIN, goals, 1.0) <= known + 1e-9).all()
     for path, goal in zip(paths, goals, strict=True):
         assert apart(drive(ORIGIN, path.segments, 1.0), goal) < 1e-11
 
@@ -111,11 +111,13 @@ def test_no_word_of_tiny_parts_is_shorter(letters, signs):
 def test_no_extremal_of_the_maximum_principle_is_shorter(box):
     """They are found without a list of words and without a formula of `reeds_shepp`."""
     _, goals = random_poses(2_000, box, seed=3)
-    np.testing.assert_allclose(lengths(ORIGIN, goals, 1.0), least_times(goals), atol=1e-11)
+    np.testing.assert_allclose(find_lengths(ORIGIN, goals, 1.0), find_least_times(goals),
+                               atol=1e-11)
 
 
 def test_extremals_to_special_poses():
-    np.testing.assert_allclose(lengths(ORIGIN, SPECIAL, 1.0), least_times(SPECIAL), atol=1e-11)
+    np.testing.assert_allclose(find_lengths(ORIGIN, SPECIAL, 1.0), find_least_times(SPECIAL),
+                               atol=1e-11)
 
 
 def test_the_value_function_satisfies_its_hjb_equation():
@@ -124,10 +126,11 @@ def test_the_value_function_satisfies_its_hjb_equation():
     start, goal = random_poses(20_000)
     h = 1e-5
     gradient, kinks = [], np.zeros(len(goal), dtype=bool)
-    middle = lengths(start, goal, 1.0)
+    middle = find_lengths(start, goal, 1.0)
     for k in range(3):
         step = h * np.eye(3)[k]
-        ahead, behind = lengths(start, goal + step, 1.0), lengths(start, goal - step, 1.0)
+        ahead, behind = find_lengths(start, goal + step, 1.0), find_lengths(start, goal - step,
+                                                                            1.0)
         gradient.append((ahead - behind) / (2 * h))
         kinks |= abs(ahead - 2 * middle + behind) > 100 * h**2
     speed = abs(gradient[0] * np.cos(goal[:, 2]) + gradient[1] * np.sin(goal[:, 2]))
@@ -140,27 +143,28 @@ def test_the_value_function_satisfies_its_hjb_equation():
 def test_lengths_are_a_metric():
     a, b = random_poses(5_000)
     c, _ = random_poses(5_000, seed=2)
-    np.testing.assert_allclose(lengths(a, b, 1.0), lengths(b, a, 1.0), atol=1e-12)
-    assert (lengths(a, c, 1.0) <= lengths(a, b, 1.0) + lengths(b, c, 1.0) + 1e-12).all()
-    assert (lengths(a, b, 1.0) >= np.hypot(*(a - b)[:, :2].T) - 1e-12).all()
-    assert (lengths(a, a, 1.0) == 0).all()
+    np.testing.assert_allclose(find_lengths(a, b, 1.0), find_lengths(b, a, 1.0), atol=1e-12)
+    assert (find_lengths(a, c, 1.0) <= find_lengths(a, b, 1.0) + find_lengths(b, c,
+                                                                              1.0) + 1e-12).all()
+    assert (find_lengths(a, b, 1.0) >= np.hypot(*(a - b)[:, :2].T) - 1e-12).all()
+    assert (find_lengths(a, a, 1.0) == 0).all()
 
 
 @pytest.mark.parametrize('box', [0.05, 1, 5, 40])
 def test_many_at_once_are_as_one_at_a_time(box):
     starts, goals = random_poses(1_000, box)
-    single = [shortest_path(a, b, 0.7).length for a, b in zip(starts, goals, strict=True)]
-    np.testing.assert_allclose(lengths(starts, goals, 0.7), single, atol=1e-12)
+    single = [find_shortest_path(a, b, 0.7).length for a, b in zip(starts, goals, strict=True)]
+    np.testing.assert_allclose(find_lengths(starts, goals, 0.7), single, atol=1e-12)
 
 
 def test_special_poses_are_continuous():
     goals = np.array(SPECIAL, dtype=float)
-    exact = lengths(ORIGIN, goals, 1.0)
-    near = lengths(ORIGIN, goals + [1e-11, -1e-11, 1e-11], 1.0)
+    exact = find_lengths(ORIGIN, goals, 1.0)
+    near = find_lengths(ORIGIN, goals + [1e-11, -1e-11, 1e-11], 1.0)
     # The length is Hoelder continuous of order 1/2 sideways.
     np.testing.assert_allclose(exact, near, atol=3e-5)
     for goal, length in zip(goals, exact, strict=True):
-        path = shortest_path(ORIGIN, goal, 1.0)
+        path = find_shortest_path(ORIGIN, goal, 1.0)
         assert path.length == pytest.approx(length, abs=1e-12)
         assert apart(drive(ORIGIN, path.segments, 1.0), goal) < 1e-12
 
@@ -168,7 +172,7 @@ def test_special_poses_are_continuous():
 @settings(max_examples=100, deadline=None)
 @given(poses, poses, st.integers(2, 60))
 def test_samples(start, goal, n):
-    path = shortest_path(start, goal, 1.5)
+    path = find_shortest_path(start, goal, 1.5)
     points = path.sample(n)
     assert points.shape == (n, 3)
     assert tuple(points[0]) == start
@@ -178,14 +182,14 @@ def test_samples(start, goal, n):
         moved = points[k + 1] - points[k]
         assert hypot(moved[0], moved[1]) <= step + 1e-9
         assert abs(moved[2]) <= step / 1.5 + 1e-9
-        partial = shortest_path(points[k], points[k + 1], 1.5).length
+        partial = find_shortest_path(points[k], points[k + 1], 1.5).length
         assert partial <= step + 1e-6
 
 
 def test_samples_lie_on_the_driven_path():
     starts, goals = random_poses(200)
     for start, goal in zip(starts, goals, strict=True):
-        path = shortest_path(start, goal, 1.0)
+        path = find_shortest_path(start, goal, 1.0)
         distances = np.linspace(0, path.length, 13)
         for distance, point in zip(distances, path.at(distances), strict=True):
             driven, left = [], distance
@@ -209,13 +213,13 @@ def test_samples_lie_on_the_driven_path():
 ])
 def test_bad_input(start, goal, radius, text):
     with pytest.raises(StatementError, match=text):
-        shortest_path(start, goal, radius)
+        find_shortest_path(start, goal, radius)
 
 
 @pytest.mark.parametrize('n', [1, 0, -3, 2.5, None, True, '5'])
 def test_bad_number_of_samples(n):
     with pytest.raises(StatementError, match='2 or more points'):
-        shortest_path(ORIGIN, (1, 1, 1), 1).sample(n)
+        find_shortest_path(ORIGIN, (1, 1, 1), 1).sample(n)
 
 
 @pytest.mark.parametrize(('starts', 'goals', 'text'), [
@@ -228,7 +232,7 @@ def test_bad_number_of_samples(n):
 ])
 def test_bad_batches(starts, goals, text):
     with pytest.raises(StatementError, match=text):
-        lengths(starts, goals, 1.0)
+        find_lengths(starts, goals, 1.0)
 
 
 def test_20_000_random_pairs_against_ompl():
@@ -236,7 +240,7 @@ def test_20_000_random_pairs_against_ompl():
     space = base.ReedsSheppStateSpace(1.0)
     one, other = space.allocState(), space.allocState()
     starts, goals = random_poses(20_000)
-    found = lengths(starts, goals, 1.0)
+    found = find_lengths(starts, goals, 1.0)
     for a, b, length in zip(starts.tolist(), goals.tolist(), found, strict=True):
         for state, (x, y, theta) in ((one, a), (other, b)):
             state.setX(x)
@@ -244,4 +248,4 @@ def test_20_000_random_pairs_against_ompl():
             state.setYaw(theta)
         distance = space.distance(one, other)
         assert abs(length - distance) <= 1e-9
-        assert abs(shortest_path(a, b, 1.0).length - distance) <= 1e-9
+        assert abs(find_shortest_path(a, b, 1.0).length - distance) <= 1e-9

@@ -4,12 +4,12 @@
 
 from pathlib import Path
 
-from obc_ros.core.ocp.statement import load_file, problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.descent import Search
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.program_cache import Kit
 from obc_ros.core.solver.solve import solve
-from obc_ros.core.solver.transcription.mesh import uniform
+from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 import pytest
 
 
@@ -21,12 +21,12 @@ def test_what_coarse_paths_cost_without_the_gaps_between_their_steps(intervals: 
     With 16 intervals one of them is below the least cost (published), which no input attains.
     """
     mapping = load_file(Path(__file__).parents[3] / 'problems' / 'rayleigh_bounded.yaml')[0]
-    problem = problem_from_mapping(mapping)
+    problem = build_problem(mapping)
     least, costs, closed = mapping['expected']['objective'], [], []
     for stages in (0, 3):
         search = Search(problem, Kit(problem), ProgressMonitor())
         line = search.kit.guesser.line(problem, problem.final_time.value)
-        outcome = search.collocate(uniform(problem, intervals, stages), line)
+        outcome = search.collocate(build_uniform_mesh(problem, intervals, stages), line)
         assert outcome.converged
         costs.append(outcome.objective - least)
         closed.append(search.kit.integrator.closed(problem, outcome) - least)
@@ -43,7 +43,7 @@ def test_a_singular_arc_between_bounds_that_a_coarse_path_shows_as_a_jump_to_and
     and a search over the switching times and the coefficients.
     """
     mapping = load_file(Path(__file__).parents[3] / 'problems' / 'goddard.yaml')[0]
-    problem = problem_from_mapping(mapping | {'initial_state': {'h': 1.001, 'v': 0, 'm': 1.001}})
+    problem = build_problem(mapping | {'initial_state': {'h': 1.001, 'v': 0, 'm': 1.001}})
     found = solve(problem)
     assert found.certified
     assert found.objective == pytest.approx(-1.017400253188, abs=1e-9)

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.ocp.statement import problem_from_mapping
-from obc_ros.core.solver.improve.kink_mesh import points
+from obc_ros.core.ocp.statement import build_problem
+from obc_ros.core.solver.improve.kink_mesh import build_points
 from obc_ros.core.solver.solve import Cache, solve
 import pytest
 
@@ -18,7 +18,7 @@ HELD = 3007.73213
 
 def lane_change(phi=0.1):
     """Return the lane change of a kinematic bicycle that rushes ahead, then weaves."""
-    return problem_from_mapping({
+    return build_problem({
         'states': ['px', 'py', 'theta'], 'inputs': ['v', 'phi'], 'parameters': {'l': 3},
         'dynamics': {'px': 'v*cos(theta)', 'py': 'v*sin(theta)', 'theta': 'v/l*tan(phi)'},
         'running_cost': '0.1*(px - 100)**2 + 10*(py - 2)**2 + 0.1*theta**2 + 0.1*(v - 10)**2'
@@ -35,7 +35,7 @@ def test_of_an_extremal_that_is_no_path_no_mesh_without_end_is_made(slope):
     strayed = SimpleNamespace(
         u=np.ones((6, 2, 1)), du=np.array([[[0.0], [slope]]] * 6), h=np.full(6, 0.5),
         arc_of=np.array([0, 0, 0, 1, 1, 1]))
-    t, arc = points(strayed, 1e-4, 0.1, 1000)
+    t, arc = build_points(strayed, 1e-4, 0.1, 1000)
     assert t[0] == 0
     assert t[-1] == pytest.approx(3)
     assert np.all(np.diff(t) > 0)
@@ -45,7 +45,7 @@ def test_of_an_extremal_that_is_no_path_no_mesh_without_end_is_made(slope):
 
 def pulled(T):
     """Return u^2 - x^2 over a time about that of its conjugate point, pi, with bounds on u."""
-    return problem_from_mapping({
+    return build_problem({
         'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'running_cost': 'u**2 - x**2',
         'initial_state': {'x': 0.3}, 'terminal_constraints': ['x'],
         'input_bounds': {'u': [-0.25, 0.25]}, 'final_time': {'free': False, 'value': T}})

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.nlp.active_set import follow_active_set
 from obc_ros.core.solver.nlp.interior_point import (
     Interior,
@@ -17,8 +17,8 @@ from obc_ros.core.solver.nlp.interior_point import (
     StoppingRule,
 )
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
-from obc_ros.core.solver.starts.initial_guess import Guesser, scales
-from obc_ros.core.solver.transcription.mesh import uniform
+from obc_ros.core.solver.starts.initial_guess import estimate_scales, Guesser
+from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 from obc_ros.core.solver.transcription.program import Transcription, TranscriptionOutcome
 from obc_ros.core.solver.transcription.tightening import TightenedLimits
 import pytest
@@ -171,7 +171,7 @@ def test_following_takes_no_saddle_for_an_answer():
 
 
 def pendulum(**changes: object) -> Problem:
-    return problem_from_mapping({
+    return build_problem({
         'states': ['q', 'w'], 'inputs': ['u'], 'dynamics': {'q': 'w', 'w': 'u - sin(q)'},
         'running_cost': 'u**2 + 0.1*q**2', 'initial_state': {'q': 1, 'w': 0},
         'terminal_constraints': ['q', 'w'], 'input_bounds': {'u': [-0.4, 0.4]},
@@ -180,13 +180,13 @@ def pendulum(**changes: object) -> Problem:
 
 def transcribed(problem: Problem, *, own: bool,
                 near: TranscriptionOutcome | None = None) -> TranscriptionOutcome:
-    mesh = uniform(problem, 20, 0)
+    mesh = build_uniform_mesh(problem, 20, 0)
     program = Transcription(problem, mesh.layout)
     if not own:
         program.__dict__['_staged'] = None
     guesser = Guesser(problem)
     guess = guesser.line(problem, problem.final_time.value if not problem.final_time.free else 3.0)
-    sizes = scales(problem, guess)
+    sizes = estimate_scales(problem, guess)
     final = problem.final_time
     limits = TightenedLimits(np.array([final.lower]), np.array([final.upper]), np.zeros(problem.n),
                              guesser.final_state(problem)[1])

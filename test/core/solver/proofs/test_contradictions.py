@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import load_file, problem_from_mapping
-from obc_ros.core.solver.proofs.contradictions import contradiction
-from obc_ros.core.solver.proofs.invariants import changed
+from obc_ros.core.ocp.statement import build_problem, load_file
+from obc_ros.core.solver.proofs.contradictions import explain_contradiction
+from obc_ros.core.solver.proofs.invariants import find_changed_invariants
 from obc_ros.core.solver.solve import solve
 import pytest
 from scipy.integrate import solve_ivp
@@ -32,13 +32,13 @@ SPLIT = BLOCK | {
 
 def said(base=BLOCK, **changes):
     """Return the sentence about a problem with some keys replaced."""
-    return contradiction(problem_from_mapping(base | changes))
+    return explain_contradiction(build_problem(base | changes))
 
 
 @pytest.mark.parametrize('path', PROBLEMS, ids=lambda path: path.stem)
 def test_no_problem_with_an_answer_is_accused(path):
     for mapping in load_file(path):
-        assert contradiction(problem_from_mapping(mapping)) == ''
+        assert explain_contradiction(build_problem(mapping)) == ''
 
 
 @pytest.mark.parametrize(('changes', 'sentence'), [
@@ -285,7 +285,7 @@ DESCENT = {
 def test_bounds_far_from_zero_make_no_quantity_constant():
     """10 z + v^2 is constant under a = 5 only, which is not the only input."""
     assert said(DESCENT) == ''
-    found = solve(problem_from_mapping(DESCENT))
+    found = solve(build_problem(DESCENT))
     assert found.status is Status.SOLVED, found.message
 
 
@@ -293,12 +293,12 @@ def test_bounds_far_from_zero_make_no_quantity_constant():
 @given(st.floats(1, 1e4), st.floats(1e-3, 10), st.sampled_from((-1.0, 1.0)), st.floats(0.1, 20))
 def test_no_quantity_is_constant_under_inputs_on_one_side(near, width, side, drift):
     bounds = sorted([side * near, side * (near + width)])
-    stated = problem_from_mapping(DESCENT | {
+    stated = build_problem(DESCENT | {
         'dynamics': {'z': 'v', 'v': f'a + {drift!r}'}, 'input_bounds': {'a': bounds}})
-    assert list(changed(stated)) == []
-    stated = problem_from_mapping(DESCENT | {
+    assert list(find_changed_invariants(stated)) == []
+    stated = build_problem(DESCENT | {
         'dynamics': {'z': 'a*v', 'v': f'a*v + {drift!r}'}, 'input_bounds': {'a': bounds}})
-    assert list(changed(stated)) == []
+    assert list(find_changed_invariants(stated)) == []
 
 
 @pytest.mark.parametrize(('dynamics', 'end', 'quantity'), [
@@ -312,7 +312,7 @@ def test_no_quantity_is_constant_under_inputs_on_one_side(near, width, side, dri
 ])
 def test_identities_are_proved(dynamics, end, quantity):
     bounds = {'u': [5, 5] if quantity.startswith('10') else [0, 1]}
-    found = list(changed(problem_from_mapping(BLOCK | {
+    found = list(find_changed_invariants(build_problem(BLOCK | {
         'dynamics': dynamics, 'initial_state': {'x': 1, 'v': 0.5}, 'terminal_constraints': end,
         'input_bounds': bounds})))
     assert found
@@ -324,7 +324,7 @@ def test_identities_are_proved(dynamics, end, quantity):
 def test_what_is_nearly_constant_is_not_called_constant(seed, drift):
     rng = np.random.default_rng(seed)
     s, r, d = rng.normal(size=3).tolist()
-    assert list(changed(problem_from_mapping(BLOCK | {
+    assert list(find_changed_invariants(build_problem(BLOCK | {
         'dynamics': {'x': f'({s!r})*v*u + ({drift!r})*u*x', 'v': f'-({s!r})*x*u'},
         'initial_state': {'x': r, 'v': d}, 'terminal_constraints': [f'x - {2*abs(r) + 1}', 'v'],
     }))) == []
@@ -334,9 +334,9 @@ def test_terminal_constraints_that_leave_a_line():
     """x^2 + v^2 = 1 is met on all lines that cross the circle; not so where x = v = 1."""
     turn = {'dynamics': {'x': 'u*v', 'v': '-u*x'}, 'initial_state': {'x': 1, 'v': 0}}
     for end in (['x - v'], ['x + v - 1'], ['0.1*x + 0.2*v - 0.1', 'x + 2*v - 1'], ['x**2 - v']):
-        assert list(changed(problem_from_mapping(BLOCK | turn | {
+        assert list(find_changed_invariants(build_problem(BLOCK | turn | {
             'terminal_constraints': end}))) == []
-    [found] = changed(problem_from_mapping(BLOCK | turn | {'terminal_constraints': [
+    [found] = find_changed_invariants(build_problem(BLOCK | turn | {'terminal_constraints': [
         'x - v', 'x + v - 2', 'x**3 - 1']}))
     assert found.startswith('x**2 + v**2 is constant whatever the inputs are: it is 1 at the '
                             'initial state and 2 where')

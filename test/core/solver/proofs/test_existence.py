@@ -5,8 +5,12 @@
 from pathlib import Path
 
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import load_file, problem_from_mapping
-from obc_ros.core.solver.proofs.existence import indifferent, wish, without_minimum
+from obc_ros.core.ocp.statement import build_problem, load_file
+from obc_ros.core.solver.proofs.existence import (
+    advise_bounds,
+    explain_no_minimum,
+    find_constant_cost,
+)
 from obc_ros.core.solver.solve import solve
 import pytest
 
@@ -20,7 +24,7 @@ PROBLEMS = sorted((Path(__file__).parents[3] / 'problems').glob('*.yaml'))
 
 def problem(**changes):
     """Return a double integrator's problem with changes."""
-    return problem_from_mapping(BLOCK | changes)
+    return build_problem(BLOCK | changes)
 
 
 @pytest.mark.parametrize('changes', [
@@ -32,10 +36,10 @@ def problem(**changes):
     {'running_cost': 'x + v'}])
 def test_a_cost_that_falls_without_end(changes):
     stated = problem(**changes)
-    assert without_minimum(stated).startswith('the cost has no lower bound: ')
+    assert explain_no_minimum(stated).startswith('the cost has no lower bound: ')
     found = solve(stated)
     assert found.status is Status.NOT_CONVERGED
-    assert found.message == without_minimum(stated)
+    assert found.message == explain_no_minimum(stated)
 
 
 @pytest.mark.parametrize('changes', [
@@ -44,13 +48,13 @@ def test_a_cost_that_falls_without_end(changes):
     {'running_cost': 'v'}, {'running_cost': 'u'}, {'running_cost': '3'},
     {'running_cost': 'x**2'}, {'running_cost': 'abs(u)'}])
 def test_a_cost_with_a_lower_bound(changes):
-    assert without_minimum(problem(**changes)) == ''
+    assert explain_no_minimum(problem(**changes)) == ''
 
 
 @pytest.mark.parametrize('path', PROBLEMS, ids=lambda path: path.stem)
 def test_no_problem_with_an_answer_is_accused(path):
     for mapping in load_file(path):
-        assert without_minimum(problem_from_mapping(mapping)) == ''
+        assert explain_no_minimum(build_problem(mapping)) == ''
 
 
 def test_a_contradiction_comes_first():
@@ -60,15 +64,16 @@ def test_a_contradiction_comes_first():
 
 
 def test_advice_to_bound_an_input():
-    assert 'nothing keeps u from growing' in wish(problem(running_cost='x**2'))
-    assert wish(problem()) == wish(problem(input_bounds={'u': [-1, 1]}, running_cost='x')) == ''
+    assert 'nothing keeps u from growing' in advise_bounds(problem(running_cost='x**2'))
+    assert advise_bounds(problem()) == advise_bounds(problem(input_bounds={'u': [-1, 1]},
+                                                             running_cost='x')) == ''
 
 
 @pytest.mark.parametrize('final_time', [
     {'free': False, 'value': 3}, {'free': True, 'lower': 0.1, 'upper': 10}])
 def test_where_every_path_costs_the_same_each_is_an_answer(final_time):
     stated = problem(running_cost='0', input_bounds={'u': [-1, 1]}, final_time=final_time)
-    assert indifferent(stated) == 0.0
+    assert find_constant_cost(stated) == 0.0
     found = solve(stated)
     assert found.status is Status.SOLVED, found.message
     assert found.objective == 0.0

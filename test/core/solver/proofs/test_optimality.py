@@ -8,10 +8,10 @@ import casadi as ca
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
-from obc_ros.core.ocp.convexity import convex_problem
+from obc_ros.core.ocp.convexity import is_convex_problem
 from obc_ros.core.ocp.solution import MOST_MINIMA, Solution, Status
-from obc_ros.core.ocp.statement import load_file, problem_from_mapping
-from obc_ros.core.solver.proofs.optimality import local, told
+from obc_ros.core.ocp.statement import build_problem, load_file
+from obc_ros.core.solver.proofs.optimality import add_optimality, describe_local
 from obc_ros.core.solver.solve import Cache, solve
 import pytest
 
@@ -32,7 +32,7 @@ ROBOT = {
 
 
 def problem(**changes):
-    return problem_from_mapping(BLOCK | changes)
+    return build_problem(BLOCK | changes)
 
 
 @pytest.mark.parametrize('changes', [
@@ -45,7 +45,7 @@ def problem(**changes):
                           {'expr': '5 - x**4', 'lower': 0}, {'expr': 'x + v', 'lower': -9}]},
 ])
 def test_convex(changes):
-    assert convex_problem(problem(**changes))
+    assert is_convex_problem(problem(**changes))
 
 
 @pytest.mark.parametrize('changes', [
@@ -62,7 +62,7 @@ def test_convex(changes):
     {'final_time': {'free': True, 'lower': 1, 'upper': 3}},
 ])
 def test_not_to_be_taken_for_convex(changes):
-    assert not convex_problem(problem(**changes))
+    assert not is_convex_problem(problem(**changes))
 
 
 @st.composite
@@ -88,7 +88,7 @@ def test_what_is_called_convex_lies_below_its_chords(text, lower):
     except Exception as error:   # no value at the start
         assert 'running_cost' in str(error) or 'value' in str(error) or 'start' in str(error)
         return
-    if not convex_problem(stated):
+    if not is_convex_problem(stated):
         return
     L = ca.Function('L', [ca.vertcat(stated.x, stated.u)], [stated.L])
     chance = np.random.default_rng(0)
@@ -110,7 +110,7 @@ def test_what_is_called_convex_lies_below_its_chords(text, lower):
     (BLOCK | FREE | {'running_cost': 0}, 'every path costs the same'),
 ], ids=lambda each: each if isinstance(each, str) else '')
 def test_the_best_path_is_called_so_where_it_is_proved(mapping, reason):
-    found = solve(problem_from_mapping(mapping))
+    found = solve(build_problem(mapping))
     assert found.status is Status.SOLVED
     assert (found.optimality.kind, found.optimality.reason) == ('global', reason)
     assert found.optimality.minima == ()
@@ -125,7 +125,7 @@ def test_the_best_path_is_called_so_where_it_is_proved(mapping, reason):
                     'initial_state': {'x': 0.5, 'v': 0.2}},
 ])
 def test_what_is_not_proved_is_called_local(mapping):
-    found = solve(problem_from_mapping(mapping))
+    found = solve(build_problem(mapping))
     assert found.status is Status.SOLVED
     assert found.optimality.kind == 'local'
     assert found.optimality.starts >= 1
@@ -135,10 +135,10 @@ def test_what_is_not_proved_is_called_local(mapping):
 def test_a_robot_that_is_another_one_at_other_places_is_not_taken_for_the_two_wheeled():
     """What vanishes at some points need not vanish; parameters with a value of 1 do not matter."""
     zero = '(theta - 0.7)*(theta + 1.9)*(theta - 2.6)'
-    other = problem_from_mapping(ROBOT | {'dynamics': ROBOT['dynamics'] | {
+    other = build_problem(ROBOT | {'dynamics': ROBOT['dynamics'] | {
         'py': f'sin(theta)*v + 0.1*{zero}'}})
     assert solve(other, method='reeds_shepp').status is Status.NOT_CONVERGED
-    same = problem_from_mapping(ROBOT | {'parameters': {'k': 1}, 'dynamics': ROBOT['dynamics'] | {
+    same = build_problem(ROBOT | {'parameters': {'k': 1}, 'dynamics': ROBOT['dynamics'] | {
         'theta': 'k*omega'}})
     assert solve(same, method='reeds_shepp').status is Status.SOLVED
 
@@ -147,7 +147,7 @@ def test_the_aircrafts_two_minima_are_told_and_the_answer_is_the_lower():
     """Example 2.2 in 5 s: 1.0832 and 1.2271, each an extremal."""
     mapping, = load_file(PROBLEMS / 'aircraft_5.yaml')
     cache = Cache()
-    first, again = (solve(problem_from_mapping(mapping), cache=cache) for _ in range(2))
+    first, again = (solve(build_problem(mapping), cache=cache) for _ in range(2))
     for found in (first, again):
         known = found.optimality
         assert known.kind == 'local'
@@ -159,13 +159,13 @@ def test_the_aircrafts_two_minima_are_told_and_the_answer_is_the_lower():
 
 def test_costs_are_told_in_order_once_each_and_no_more_than_so_many():
     costs = [5.0, 2.0, 1.0004, 2.0004, *np.arange(10.0, 40.0), 0.5]
-    found = local(50, 1.0, costs)
+    found = describe_local(50, 1.0, costs)
     assert found.minima[:3] == (1.0, 2.0, 5.0)
     assert len(found.minima) == MOST_MINIMA
     assert found.reason == 'the cheapest of 33 local minima met from 50 starts'
-    assert local(1, -3.0, []).reason == 'the only local minimum met from 1 start'
+    assert describe_local(1, -3.0, []).reason == 'the only local minimum met from 1 start'
 
 
 def test_nothing_is_said_of_an_answer_that_is_not_certified():
-    assert told(problem(), Solution(
-        Status.NOT_CONVERGED, '', 1.0, optimality=local(3, 1.0, []))).optimality is None
+    assert add_optimality(problem(), Solution(
+        Status.NOT_CONVERGED, '', 1.0, optimality=describe_local(3, 1.0, []))).optimality is None

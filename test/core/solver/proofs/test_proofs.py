@@ -10,14 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import mpmath
 import numpy as np
-from obc_ros.core.numerics.rational_polynomials import null_space, polynomials
+from obc_ros.core.numerics.rational_polynomials import find_null_space, read_polynomials
 from obc_ros.core.numerics.taylor_enclosure import Tube
-from obc_ros.core.ocp.affine_constraints import affine_end
-from obc_ros.core.ocp.statement import problem_from_mapping
-from obc_ros.core.solver.exact.reachable_set import exponential, Reach
-from obc_ros.core.solver.exact.weak_duality import excluded, never_met
-from obc_ros.core.solver.proofs.contradictions import contradiction
-from obc_ros.core.solver.proofs.existence import without_minimum
+from obc_ros.core.ocp.affine_constraints import find_affine_end
+from obc_ros.core.ocp.statement import build_problem
+from obc_ros.core.solver.exact.reachable_set import compute_exponential, Reach
+from obc_ros.core.solver.exact.weak_duality import is_excluded, is_never_met
+from obc_ros.core.solver.proofs.contradictions import explain_contradiction
+from obc_ros.core.solver.proofs.existence import explain_no_minimum
 import pytest
 from scipy.linalg import expm
 
@@ -30,7 +30,7 @@ PAIR = {
 
 def stated(**changes):
     """Return a double integrator's problem with some keys replaced."""
-    return problem_from_mapping(PAIR | changes)
+    return build_problem(PAIR | changes)
 
 
 # ---------------------------------------------------------------- false proofs of 2fa802b
@@ -48,7 +48,7 @@ def stated(**changes):
      'final_time': {'free': True, 'lower': 1, 'upper': 2}},
 ])
 def test_no_false_proof(changes):
-    assert contradiction(stated(**changes)) == ''
+    assert explain_contradiction(stated(**changes)) == ''
 
 
 @pytest.mark.parametrize('cost', [
@@ -56,7 +56,7 @@ def test_no_false_proof(changes):
     '0.3*u - 0.2*u - 0.1*u', '0.1*u + 0.2*u - 0.3*u'])
 def test_terms_of_an_input_that_cancel_in_decimals(cost):
     """No cost here is below 0; in doubles what cancels leaves up to 6e-17 of either sign."""
-    assert without_minimum(stated(running_cost=cost, input_bounds={})) == ''
+    assert explain_no_minimum(stated(running_cost=cost, input_bounds={})) == ''
 
 
 # ---------------------------------------------------------------- enclosures of paths
@@ -115,12 +115,12 @@ def test_what_an_input_reaches_is_never_called_out_of_reach(seed, n, T):
     for v in rng.choice([-1.0, 1.0, rng.uniform(-1, 1)], parts):
         x = step[:n, :n] @ x + step[:n, n] * v + step[:n, -1]
     reach = Reach(A, B, c, x0, np.eye(n), x)
-    assert not never_met(reach, T, T)
-    assert not never_met(reach, 0.0, 1.1 * T)
+    assert not is_never_met(reach, T, T)
+    assert not is_never_met(reach, 0.0, 1.1 * T)
     far = reach.reached(T, np.eye(n)[0])   # of the first state alone
     free = expm(Z * T)[0] @ np.concatenate([x0, [0.0, 1.0]])
     alone = Reach(A, B, c, x0, np.eye(n)[:1], np.array([free + far * 1.001 + 1e-3]))
-    assert never_met(alone, T, T)
+    assert is_never_met(alone, T, T)
 
 
 @pytest.mark.parametrize(('T', 'bounds', 'proved'), [
@@ -128,13 +128,14 @@ def test_what_an_input_reaches_is_never_called_out_of_reach(seed, n, T):
     (5.3, {'v': [-0.2, 0.2]}, False), (3.0, {'x': [None, 0.9]}, True)])
 def test_problems_of_a_double_integrator_are_excluded_just_where_they_are(T, bounds, proved):
     # From rest to rest over 1 in 2 at least; within |v| <= 0.2 in 1/0.2 + 0.2 = 5.2.
-    assert excluded(stated(final_time={'free': False, 'value': T}, state_bounds=bounds)) is proved
+    assert is_excluded(stated(final_time={'free': False, 'value': T},
+                              state_bounds=bounds)) is proved
 
 
 def test_the_exponential_of_states_in_far_units():
     """What two equal modes drive: entries of 5e17 beside 8e-3, each right in itself."""
     rate, T, far = 8.478e-3, 152.0, (5.45e17, -7.65e17)
-    found = exponential(T * np.array([[rate, 0, 0], [0, rate, 0], [*far, 0]]))
+    found = compute_exponential(T * np.array([[rate, 0, 0], [0, rate, 0], [*far, 0]]))
     grown, driven = math.exp(rate * T), math.expm1(rate * T) / rate
     exact = np.array([[grown, 0, 0], [0, grown, 0], [far[0] * driven, far[1] * driven, 1]])
     assert found == pytest.approx(exact, rel=1e-13)
@@ -142,7 +143,7 @@ def test_the_exponential_of_states_in_far_units():
 
 def test_no_direction_is_proved_from_what_rounding_left():
     """The third state is the difference of two that inputs move alike: its unit is next to 0."""
-    assert contradiction(stated(
+    assert explain_contradiction(stated(
         states=['x', 'y', 'z'], inputs=['w'],
         initial_state={'x': 7.368741154814138e-08, 'y': 1.0667385307101855,
                        'z': -6.748415067481089e-05},
@@ -166,7 +167,7 @@ def test_what_rounding_is_measured_by_holds_the_states(seed, n, T):
     A, B, c, x0 = (rng.normal(size=shape) for shape in ((n, n), (n, 1), n, n))
     reach = Reach(A, B, c, x0, np.eye(n), x0)
     for t in np.linspace(0, T, 7):
-        flow = exponential(reach.Z * t)[:n]
+        flow = compute_exponential(reach.Z * t)[:n]
         assert np.all(np.abs(flow) @ np.append(np.abs(x0), [1, 1]) <= reach.sizes(T) * (1 + 1e-9))
 
 
@@ -180,24 +181,24 @@ def test_polynomials_that_are_equal_are_the_same():
         (a + b)**3 - a**3 - 3*a*b*(a + b) - b**3, ca.sin(a*b)**2 + ca.cos(b*a)**2 - 1,
         a/(1 + b**2) + a*b**2/(1 + b**2) - a, ca.sqrt(1 + a)**2 - 1 - a,
         ca.tan(a)*ca.cos(a) - ca.sin(a), ca.sin(a - b) + ca.sin(b - a), a/b*b - a)
-    algebra, found = polynomials(ca.Function('f', [x], [ca.vertcat(*zero)]), [[None, None]])
+    algebra, found = read_polynomials(ca.Function('f', [x], [ca.vertcat(*zero)]), [[None, None]])
     assert all(each == {} for one in found for each in algebra.cleared([one]))
     other = (a + b, ca.sin(a)**2 - ca.cos(a)**2, 1/(1 + a) - 1/(2 + a), ca.sqrt(a) - a)
-    algebra, found = polynomials(ca.Function('f', [x], [ca.vertcat(*other)]), [[None, None]])
+    algebra, found = read_polynomials(ca.Function('f', [x], [ca.vertcat(*other)]), [[None, None]])
     assert all(each for one in found for each in algebra.cleared([one]))
 
 
 def test_null_space_is_exact():
     rows = [{0: Fraction(1), 1: Fraction(1, 3)}, {1: Fraction(2), 2: Fraction(-1, 7)}]
-    [vector] = null_space(rows, 3)
+    [vector] = find_null_space(rows, 3)
     for row in rows:
         assert sum(value * vector.get(k, 0) for k, value in row.items()) == 0
 
 
 def test_dependent_terminal_constraints_are_told_from_contradictory_ones():
-    end = affine_end(stated(terminal_constraints=['0.1*x + 0.2*v - 0.3', 'x + 2*v - 3']))
+    end = find_affine_end(stated(terminal_constraints=['0.1*x + 0.2*v - 0.3', 'x + 2*v - 3']))
     assert end.clash is None and end.is_clear and len(end.directions) == 1
-    end = affine_end(stated(terminal_constraints=['0.1*x + 0.2*v - 0.3', 'x + 2*v - 4']))
+    end = find_affine_end(stated(terminal_constraints=['0.1*x + 0.2*v - 0.3', 'x + 2*v - 4']))
     assert end.clash is not None
-    near = affine_end(stated(terminal_constraints=['x + v - 1', 'x + 1.0000000001*v - 2']))
+    near = find_affine_end(stated(terminal_constraints=['x + v - 1', 'x + 1.0000000001*v - 2']))
     assert near.clash is None and not near.is_clear

@@ -3,7 +3,7 @@
 """Free final times with several minima: the best one is found, not the one nearest to a guess."""
 
 import numpy as np
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.solve import solve
 import pytest
 
@@ -28,7 +28,7 @@ def least(x, v, end, rate):
 @pytest.mark.parametrize(('x', 'v', 'end', 'rate'), [
     (1.0, 0.5, 1.2, 0.045), (1.5, -0.5, 0.5, 0.01), (2.0, 0.0, -1.0, 0.02)])
 def test_an_end_that_an_oscillation_meets_a_turn_later(x, v, end, rate):
-    answer = solve(problem_from_mapping({
+    answer = solve(build_problem({
         'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': '-x + u'},
         'initial_state': {'x': x, 'v': v}, 'running_cost': f'{rate} + u**2',
         'terminal_constraints': [f'x - {end}', 'v'],

@@ -5,10 +5,10 @@
 from itertools import pairwise
 
 import numpy as np
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.starts.initial_guess import Guesser
-from obc_ros.core.solver.starts.obstacle_homotopy import around, Follower
+from obc_ros.core.solver.starts.obstacle_homotopy import bend_around, Follower
 import pytest
 
 DISCS = ((1.5, 0.7, 0.6), (2.8, 1.6, 0.6))
@@ -16,7 +16,7 @@ DISCS = ((1.5, 0.7, 0.6), (2.8, 1.6, 0.6))
 
 def unicycle(discs):
     """Return a unicycle that passes discs (centre, radius) on its way from (0, 0) to (4, 2)."""
-    return problem_from_mapping({
+    return build_problem({
         'states': ['px', 'py', 'theta'], 'inputs': ['v', 'omega'],
         'dynamics': {'px': 'v*cos(theta)', 'py': 'v*sin(theta)', 'theta': 'omega'},
         'running_cost': 'v**2 + omega**2', 'initial_state': {'px': 0, 'py': 0, 'theta': 0},
@@ -29,7 +29,7 @@ def unicycle(discs):
 
 def point_mass(discs, side):
     """Return a point mass that passes discs in least time; `side` -1: all in the mirror."""
-    return problem_from_mapping({
+    return build_problem({
         'states': ['px', 'py', 'vx', 'vy'], 'inputs': ['ax', 'ay'],
         'dynamics': {'px': 'vx', 'py': 'vy', 'vx': 'ax', 'vy': 'ay'}, 'running_cost': 1,
         'initial_state': dict.fromkeys(('px', 'py', 'vx', 'vy'), 0),
@@ -50,7 +50,7 @@ def turns(path, disc):
 def test_lines_are_bent_to_either_side_of_each():
     """Of two discs in the way there are four choices of sides; seen from a centre they differ."""
     problem = unicycle(DISCS)
-    ways = around(problem, Guesser(problem).line(problem, 5.0))
+    ways = bend_around(problem, Guesser(problem).line(problem, 5.0))
     sides = {tuple(bool(turns(way, disc) > 0) for disc in DISCS) for way in ways}
     assert len(ways) == 4 and len(sides) == 4
     length = [np.linalg.norm(np.diff(way.x[:, :2], axis=0), axis=1).sum() for way in ways]
@@ -70,7 +70,7 @@ def test_what_follows_a_way_obeys_the_dynamics_and_goes_the_same_way():
         return np.abs(np.diff(path.x, axis=0) - np.diff(path.t)[:, None]
                       * (f[1:] + f[:-1]) / 2).max()
 
-    for way in around(problem, line):
+    for way in bend_around(problem, line):
         path = follow(way)
         assert defect(path) < 0.01 < 0.1 < defect(way)
         assert np.all(np.abs(path.x[-1] - [4, 2, 0]) < 0.05)
@@ -81,13 +81,13 @@ def test_what_follows_a_way_obeys_the_dynamics_and_goes_the_same_way():
 def test_what_is_not_in_the_way_bends_nothing(disc):
     """A disc that no line aside of the straight one meets leaves the straight one alone."""
     problem = unicycle([disc])
-    assert around(problem, Guesser(problem).line(problem, 5.0)) == []
+    assert bend_around(problem, Guesser(problem).line(problem, 5.0)) == []
 
 
 def test_a_disc_in_the_middle_of_the_line_is_passed_on_either_side():
     """There its constraint has no slope aside."""
     problem = unicycle([(2.0, 1.0, 0.5)])
-    ways = around(problem, Guesser(problem).line(problem, 5.0))
+    ways = bend_around(problem, Guesser(problem).line(problem, 5.0))
     assert sorted(np.sign(turns(way, (2.0, 1.0))) for way in ways) == [-1, 1]
 
 
@@ -102,7 +102,7 @@ def test_the_mirror_image_is_as_good():
 
 def test_an_obstacle_beside_a_constraint_on_inputs():
     """The library died of the second constraint, which has the input in it."""
-    stated = problem_from_mapping({
+    stated = build_problem({
         'states': ['x', 'y'], 'inputs': ['a', 'b'], 'dynamics': {'x': 'a', 'y': 'b'},
         'running_cost': 'a**2 + b**2', 'initial_state': {'x': 0, 'y': 0},
         'terminal_constraints': ['x - 4', 'y'], 'path_constraints': [

@@ -8,16 +8,17 @@ import math
 import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.nonconvexity import Uneven
-from obc_ros.core.ocp.statement import problem_from_mapping
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
-from obc_ros.core.solver.adjoint.mesh_refinement import Error, finer
+from obc_ros.core.solver.adjoint.mesh_refinement import Error, refine_mesh
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.starts.cross_entropy import search_rollouts
-from obc_ros.core.solver.starts.initial_guess import Guesser, scales
+from obc_ros.core.solver.starts.initial_guess import estimate_scales, Guesser
 from obc_ros.core.solver.transcription.block_program import assemble, Block, Piece
 from obc_ros.core.solver.transcription.intervals import Pieces
 from obc_ros.core.solver.transcription.local_minima import Familiar
 from obc_ros.core.solver.transcription.mesh import (
+    build_uniform_mesh,
     HELD,
     Layout,
     LINEAR,
@@ -25,7 +26,6 @@ from obc_ros.core.solver.transcription.mesh import (
     Path,
     Phase,
     split,
-    uniform,
 )
 from obc_ros.core.solver.transcription.program import Transcription
 from obc_ros.core.solver.transcription.tightening import TightenedLimits
@@ -49,12 +49,12 @@ LANE_CHANGE = {
 
 def solved(mapping, mesh, **limits):
     """Return the problem and the outcome of one program from the straight line."""
-    problem = problem_from_mapping(mapping)
+    problem = build_problem(mapping)
     mesh = mesh(problem)
     guess = Guesser(problem).line(problem, 1.0 if np.isnan(problem.final_time.value)
                                   else problem.final_time.value)
     program = Transcription(problem, mesh.layout)
-    sizes = scales(problem, guess)
+    sizes = estimate_scales(problem, guess)
     count = len(mesh.layout.phases)
     durations = np.full(count, guess.t[-1] / count)
     bounds = TightenedLimits(limits.get('shortest', np.zeros(count)),
@@ -99,7 +99,7 @@ def test_derivatives_of_a_program_are_those_of_its_expressions():
     (('sin(x*y) + u**2', 'u*w*exp(-x)'), '(x - y*u)**2 + w**2')])
 def test_derivatives_of_an_interval_are_those_of_its_expressions(f, cost, free):
     """By the chain rule through the stages, against CasADi's of the whole step."""
-    problem = problem_from_mapping({
+    problem = build_problem({
         'states': ['x', 'y'], 'inputs': ['u', 'w'], 'parameters': {'k': 2},
         'dynamics': dict(zip('xy', f, strict=True)), 'running_cost': cost,
         'initial_state': {'x': 1, 'y': 2}, 'final_time': {'free': False, 'value': 1}})
@@ -135,7 +135,7 @@ def test_derivatives_of_an_interval_are_those_of_its_expressions(f, cost, free):
 def test_cost_above_the_least_falls_with_the_fourth_power(stages):
     above = []
     for intervals in (4, 8, 16):
-        _, outcome = solved(LQ, lambda p, n=intervals: uniform(p, n, stages))
+        _, outcome = solved(LQ, lambda p, n=intervals: build_uniform_mesh(p, n, stages))
         assert outcome.converged
         above.append(outcome.objective - LQ_COST)
     assert all(value > 0 for value in above)
@@ -145,7 +145,7 @@ def test_cost_above_the_least_falls_with_the_fourth_power(stages):
 @pytest.mark.parametrize('stages', [0, 3])
 def test_costates_have_the_sign_of_the_hamiltonian(stages):
     """lam(0) = dJ/dx0 = P(0) x0, from the sweep and from the multipliers."""
-    problem, outcome = solved(LQ, lambda p: uniform(p, 32, stages))
+    problem, outcome = solved(LQ, lambda p: build_uniform_mesh(p, 32, stages))
     course = CostateIntegrator(problem).extremal(problem, outcome, 2)
     assert course.lam[0, 0] == pytest.approx(LQ_COSTATE, abs=1e-6)
     np.testing.assert_allclose(course.lam_end[1::2], outcome.costates[1:], atol=1e-7)
@@ -157,7 +157,7 @@ def test_costates_have_the_sign_of_the_hamiltonian(stages):
 def test_input_integrated_by_others_meets_the_terminal_constraints(stages):
     """The path is that of the input returned: solve_ivp under it ends where it should."""
     from scipy.integrate import solve_ivp
-    problem, outcome = solved(LANE_CHANGE, lambda p: uniform(p, 40, stages))
+    problem, outcome = solved(LANE_CHANGE, lambda p: build_uniform_mesh(p, 40, stages))
     path = outcome.path
     f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f, problem.L])
 
@@ -191,8 +191,8 @@ def test_phases_of_unknown_length_find_a_switch_off_the_grid():
 
 
 def test_a_mesh_is_cut_without_moving_its_points():
-    problem = problem_from_mapping(LQ)
-    mesh = uniform(problem, 3, 0)
+    problem = build_problem(LQ)
+    mesh = build_uniform_mesh(problem, 3, 0)
     finer = split(mesh, np.array([1, 3, 2]))
     assert finer.layout.intervals == 6
     np.testing.assert_allclose(np.cumsum(finer.fractions)[[0, 3, 5]], np.cumsum(mesh.fractions))
@@ -206,7 +206,7 @@ def test_an_arc_that_has_shrunk_to_nothing_is_not_cut():
     path = Path(np.array([0.0, 0.5, 1.0, 1.0, 1.0]), np.zeros((5, 1)), np.zeros((4, 0, 1)),
                 u, u + [[1.0], [-1.0], [1.0], [-1.0]], np.array([1.0, 0.0]))
     for share, counts in ((1e-3, [8, 2]), (10.0, [4, 4])):
-        new = finer(mesh, path, np.zeros(0), [Error(np.ones(4), share, 1.0)], 1.0, 100)
+        new = refine_mesh(mesh, path, np.zeros(0), [Error(np.ones(4), share, 1.0)], 1.0, 100)
         assert [each.intervals for each in new.layout.phases][1] <= counts[1]
         assert np.all(new.fractions > 0)
         assert new.fractions.sum() == pytest.approx(2)
@@ -219,10 +219,10 @@ def test_a_monitor_ends_a_solver_within_an_iteration():
         seen.append(iteration)
         return iteration >= 3
 
-    problem = problem_from_mapping(LANE_CHANGE)
-    mesh = uniform(problem, 10, 3)
+    problem = build_problem(LANE_CHANGE)
+    mesh = build_uniform_mesh(problem, 10, 3)
     guess = Guesser(problem).line(problem, 10.0)
-    sizes = scales(problem, guess)
+    sizes = estimate_scales(problem, guess)
     program = Transcription(problem, mesh.layout)
     monitor = ProgressMonitor(10.0, report)
     outcome = program.solve(
@@ -232,7 +232,7 @@ def test_a_monitor_ends_a_solver_within_an_iteration():
 
 
 def test_no_start_comes_twice():
-    problem = problem_from_mapping(LANE_CHANGE)
+    problem = build_problem(LANE_CHANGE)
     starts = Guesser(problem).starts(problem, CostateIntegrator(problem))
     seen = [np.hstack([start.x[:-1], start.ua]) for start in islice(starts, 20)]
     assert all(np.abs(a - b).max() > 1e-6 for a, b in combinations(seen, 2))
@@ -272,13 +272,13 @@ def test_a_search_shows_by_its_iterates_that_it_brings_nothing_new():
     ('u**2', 'x**2', False), ('u**2 - x**2', '0', False), ('u**2 + x**4', 'exp(x)', False),
     ('u**2', 'sin(x)', True), ('u**2 + x**4 - x**2', '0', True), ('u**4 - u**2', '0', True)])
 def test_costs_with_hollows_are_told_from_others(running_cost, terminal_cost, uneven):
-    problem = problem_from_mapping(
+    problem = build_problem(
         LQ | {'running_cost': running_cost, 'terminal_cost': terminal_cost})
     assert Uneven(problem)(problem, np.full(1, 3.0), np.full(1, 3.0)) is uneven
 
 
 def test_lines_are_scattered_over_the_final_states_that_are_open():
-    problem = problem_from_mapping(LQ | {
+    problem = build_problem(LQ | {
         'states': ['x', 'y'], 'dynamics': {'x': 'u', 'y': 'x + u'},
         'initial_state': {'x': 1, 'y': 1}, 'terminal_constraints': ['y - 2']})
     guesser = Guesser(problem)
@@ -292,7 +292,7 @@ def test_lines_are_scattered_over_the_final_states_that_are_open():
 
 def test_inputs_drawn_at_random_lead_near_where_no_line_does():
     """A point inside of a car's turning circle: a line to it is no path."""
-    problem = problem_from_mapping({
+    problem = build_problem({
         'states': ['x', 'y', 'a'], 'inputs': ['w'], 'running_cost': '1',
         'dynamics': {'x': 'cos(a)', 'y': 'sin(a)', 'a': 'w'},
         'initial_state': {'x': 0, 'y': 0, 'a': 0}, 'input_bounds': {'w': [-1, 1]},
