@@ -7,7 +7,7 @@ The costates have the sign of H = L + lam' f; dlam/dt = -dH/dx, and at T
 lam = dV/dx + nu' dpsi/dx.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -32,21 +32,39 @@ class Status(str, Enum):
     MALFORMED = 'malformed'
 
 
-_FEASIBLE = ('dynamics', 'start', 'end', 'bounds', 'cost')
+class Condition(str, Enum):
+    """A necessary condition that a certificate holds an answer to; see `certificate`."""
+
+    DYNAMICS = 'dynamics'
+    START = 'start'
+    END = 'end'
+    BOUNDS = 'bounds'
+    COSTATE = 'costate'
+    MINIMUM = 'minimum'
+    TRANSVERSALITY = 'transversality'
+    HAMILTONIAN = 'hamiltonian'
+    FINAL_TIME = 'final_time'
+    COST = 'cost'
+
+    __str__ = str.__str__
+
+
+# The conditions for being a path of the problem, extremal or not.
+_FEASIBLE = (Condition.DYNAMICS, Condition.START, Condition.END, Condition.BOUNDS, Condition.COST)
 
 
 @dataclass(frozen=True)
 class Certificate:
     """
-    One scaled residual for each necessary condition, and the tolerance it was held to.
+    One scaled residual for each necessary condition, and its tolerance.
 
-    `residuals` and `tolerances` share their keys: dynamics, start, end, bounds, costate, minimum,
-    transversality, hamiltonian, final_time (free T only), cost. A residual that cannot be
-    computed is infinite.
+    `residuals` and `tolerances` share their keys: each `Condition` (FINAL_TIME for a free T only),
+    or each `KktCondition` for a minimum of finitely many variables. A residual that cannot be
+    computed is infinite. Both have no unit.
     """
 
-    residuals: dict[str, float]
-    tolerances: dict[str, float]
+    residuals: Mapping[str, float]
+    tolerances: Mapping[str, float]
 
     @property
     def holds(self) -> bool:

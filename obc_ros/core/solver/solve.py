@@ -3,7 +3,7 @@
 """Answer an optimal control problem by the method its structure asks for, and certify it."""
 
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 import time
 
@@ -11,7 +11,7 @@ import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.method_names import AUTO, get_method
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.solution import MAX_INTERVALS, Report, Solution, Status
+from obc_ros.core.ocp.solution import Condition, MAX_INTERVALS, Report, Solution, Status
 from obc_ros.core.solver.descent import Search
 from obc_ros.core.solver.diagnosis.explanation import explain, is_proved_infeasible
 from obc_ros.core.solver.diagnosis.unboundedness import explain_larger_inputs
@@ -32,17 +32,18 @@ from obc_ros.core.solver.proofs.optimality import add_optimality
 
 Method = Callable[[Problem, Kit, ProgressMonitor], Solution]
 
-_FAULTS = {
-    'dynamics': 'the states do not follow from the inputs',
-    'start': 'the path does not start at x(0)',
-    'end': 'the terminal constraints are not met',
-    'bounds': 'a bound is exceeded',
-    'costate': 'the costates do not obey their equation',
-    'minimum': 'the input does not minimise the Hamiltonian',
-    'transversality': 'the costates at T are not those of the terminal cost and constraints',
-    'hamiltonian': 'the Hamiltonian is not constant',
-    'final_time': 'the Hamiltonian is not zero, as it is for the best final time',
-    'cost': 'the cost is not that of the path',
+_FAULTS: Mapping[str, str] = {
+    Condition.DYNAMICS: 'the states do not follow from the inputs',
+    Condition.START: 'the path does not start at x(0)',
+    Condition.END: 'the terminal constraints are not met',
+    Condition.BOUNDS: 'a bound is exceeded',
+    Condition.COSTATE: 'the costates do not obey their equation',
+    Condition.MINIMUM: 'the input does not minimise the Hamiltonian',
+    Condition.TRANSVERSALITY: 'the costates at T are not those of the terminal cost and '
+                              'constraints',
+    Condition.HAMILTONIAN: 'the Hamiltonian is not constant',
+    Condition.FINAL_TIME: 'the Hamiltonian is not zero, as it is for the best final time',
+    Condition.COST: 'the cost is not that of the path',
 }
 _EXPLAINING = 400_000   # work, as in `search`, for a reason at most
 _ATTEMPT = 150_000      # likewise, for one problem solved in the other's place
@@ -311,7 +312,7 @@ def _explained(problem: Problem, found: Solution, monitor: ProgressMonitor) -> S
     reason = explain(problem, *_explaining(monitor), found=found)
     if reason is None or monitor.stopped == 'cancelled':
         sentence = found.message
-        if found.certificate and found.certificate.residuals['dynamics'] > _NO_PATH:
+        if found.certificate and found.certificate.residuals[Condition.DYNAMICS] > _NO_PATH:
             sentence = f'no path was found that meets all constraints; in the nearest {sentence}'
         return replace(found, message='; '.join(filter(None, (sentence, advise_bounds(problem)))))
     if not reason.infeasible:

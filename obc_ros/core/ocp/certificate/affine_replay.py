@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The course of an interval by matrix exponentials, where f is affine and L quadratic.
+Replay of an interval by matrix exponentials, for affine f and quadratic L.
 
 With w = (u, s, m) linear in time and y = (x, w, dw/dt, 1)
 
@@ -12,9 +12,9 @@ and over a time h
     y(h) = E y(0),   lam(0) = F'lam(h) + S y(0),   lam(h) = G lam(0) - R y(0),
     J(h) = y(0)'W y(0) / 2
 
-where F is the part of E that belongs to x. What belongs to twice the time follows from what
-belongs to it once, so that an interval costs the same however fast the states are. No step is
-taken, and nothing of how the answer was found enters.
+where F is the block of E that belongs to x. The matrices of the time 2 h follow from those of h,
+so that the work for an interval hardly depends on its stiffness. The solver's mesh and method are
+not used.
 """
 
 from collections import defaultdict
@@ -28,13 +28,13 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 from scipy.linalg import expm
 
-_SAME = 1e-9    # relative: lengths that are taken as one move a state by this part of its change
-_SHORT = 0.5    # norm of the rates times a length of which the exponential is taken
+_SAME = 1e-9    # relative difference of interval lengths that are treated as equal
+_SHORT = 0.5    # norm of the rates times the time for which the exponential is computed
 
 
 @dataclass(frozen=True, eq=False)
 class IntervalFlow:
-    """What belongs to a time: the matrices above, F being the corner of E."""
+    """The matrices at the head of this file for one time h."""
 
     E: Array
     S: Array
@@ -43,7 +43,7 @@ class IntervalFlow:
     W: Array
 
     def doubled(self) -> 'IntervalFlow':
-        """Return what belongs to twice the time."""
+        """Return the matrices of twice the time."""
         E, G = self.E, self.G
         F = E[:len(G), :len(G)]
         return IntervalFlow(E @ E, self.S + F.T @ self.S @ E, G @ G, G @ self.R + self.R @ E,
@@ -67,7 +67,7 @@ class Rates:
     slope: float
 
     def flow(self, h: float) -> IntervalFlow:
-        """Return what belongs to a time so short that nothing grows."""
+        """Return the matrices of a time h [s], short relative to the fastest rate."""
         n, d = self.C.shape
         back = expm(h * np.block([[-self.Y[:n, :n].T, -self.C], [np.zeros((d, n)), self.Y]]))
         cost = expm(h * np.block([[-self.Y.T, self.D], [np.zeros((d, d)), self.Y]]))
@@ -81,7 +81,7 @@ class Rates:
 
 
 class AffineReplay:
-    """The matrices of a problem's structure, for any numbers; `None` of them if it has none."""
+    """The matrices of a problem's structure, for any values of its numbers."""
 
     def __init__(self, problem: Problem) -> None:
         n = problem.n
@@ -99,14 +99,14 @@ class AffineReplay:
 
     def rates(self, p: Array, scale: Array, w: Array, h: Array) -> Rates | None:
         """
-        Return the matrices for numbers of the parameters, if the problem is affine.
+        Return the matrices for values of the parameters; None if the problem is not affine.
 
         Parameters
         ----------
         p : ndarray
             Values of the parameters.
         scale : ndarray, shape (n,)
-            What counts as one in x.
+            Scaling factors of x.
         w : ndarray, shape (., k)
             Some values of w, for its units.
         h : ndarray
@@ -178,7 +178,7 @@ def replay_affine(rates: Rates, h: Array, x: Array, w: tuple[Array, Array], lam:
 
 
 def _grouped(rates: Rates, h: Array) -> list[tuple[NDArray[np.intp], IntervalFlow]]:
-    """Return the intervals of each length, and what belongs to it."""
+    """Return the indices of the intervals of each length, and its matrices."""
     shortest: dict[float, dict[int, list[int]]] = defaultdict(lambda: defaultdict(list))
     known = np.zeros(0)
     for k in np.argsort(np.frexp(h)[0]).tolist():

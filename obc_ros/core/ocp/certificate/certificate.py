@@ -1,46 +1,48 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Pontryagin's conditions (Theorem 2.1) for an answer, from the problem and the answer alone.
+The certificate: residuals of Pontryagin's conditions (Theorem 2.1).
 
-Every residual has no unit. With |.| the largest absolute value over time,
+They are computed from the problem and the solution alone, without any part of the solver. A
+residual has no unit. Let |.| be the largest absolute value over time. The scaling factors are
 
     s_i = |x_i|,  l = max_i s_i |lam_i|,
     c = integral of |L| + |V(x(T))|,  H0 = max over time of abs L + abs lam' abs f
 
-are what counts as one in x_i, in the cost, in s_i lam_i and in H; where one of them vanishes the
-others give it a floor (`_Scales`). States that stay at their origin vanish, too, though rounding
-errors of the inputs move them. Intervals are between samples; the input of the answer is linear
-or constant in each, as the answer says, and is replayed from the returned x and lam of the
-interval's start (`replay`), or lam from its end where only that is stable: a defect is what is
-left at the other end. The sum over all intervals is what counts, so that a finer grid does not
-hide an error.
+of x_i, of the cost, of s_i lam_i and of H. A factor that vanishes is replaced by a lower bound
+from the others (`_Scales`). States that only rounding errors move from the origin have s_i = 0.
+
+An interval lies between two samples. Its input is linear or constant, as the solution's
+`interpolation` says. The equations of x and lam are integrated over it from the returned values
+at its start (`replay`). Where the equation of lam is unstable in this direction, lam is
+integrated from the end of the interval instead. A defect is the difference at the other end.
+Residuals sum the defects of all intervals, so that a finer grid does not hide an error.
 
 ============== ===============================================================================
-dynamics       sum over intervals of max_i |defect of x_i| / s_i; and, where a terminal constraint
-               has no multiplier, so that the costates do not see what is done to meet it, 1e-2 of
-               the change of the inputs that would make up for the defects (`defect_correction`)
+dynamics       sum over intervals of max_i |defect of x_i| / s_i; where a terminal constraint has
+               multiplier 0, also 1e-2 times the change of the inputs that corrects the defects
+               (`defect_correction`), since the costates do not contain that constraint
 start          max_i |x_i(0) - x0_i| / s_i, and |t(0)| / T
 end            max_j |psi_j(x(T))| / (sum_i |dpsi_j/dx_i| s_i), x(T) replayed; for a given T also
-               |t(T) - T| / T; and 1e-3 |nu|'|psi(x(T))| / (integral of |L| + |V(x(T))|), for what
-               is met in the limit only costs without end to meet more closely
+               |t(T) - T| / T; and 1e-3 |nu|'|psi(x(T))| / (integral of |L| + |V(x(T))|), since a
+               constraint that is met only asymptotically has an unbounded multiplier
 bounds         largest excess of u at samples, of x and of the path constraints at samples and,
                by cubic interpolation of the replay, between them; over the constraint's scale,
                for c(x, u) = 0 the largest sum of |dc_j/dx_i| s_i and |dc_j/du_i| |u_i|
 costate        sum over intervals and jumps of max_i s_i |defect of lam_i| / l, the defect of
-               dlam/dt = -dH/dx - s - c_x' m less what multipliers of active state bounds and
-               path constraints account for, their masses of the right sign
+               dlam/dt = -dH/dx - s - c_x' m, less the part that multipliers of active state
+               bounds and path constraints of the right sign account for
 minimum        max over samples of (H - min over the input set of H) / H0, and 10 times the
-               integral of this difference over c, whichever is larger; where path constraints
-               c <= b hold inputs, of H + m'c with m'(b - c), if it is larger
-transversality max_i s_i |lam_i(T) - dV/dx_i - (nu' dpsi/dx)_i| / l, nu least squares if the
-               answer has none; bounds active at T may account for it as in `costate`
+               integral of this difference over c, whichever is larger; with path constraints
+               c <= b on inputs also the difference of H + m'c, plus m'(b - c), if it is larger
+transversality max_i s_i |lam_i(T) - dV/dx_i - (nu' dpsi/dx)_i| / l, with nu by least squares if
+               the solution has none; bounds active at T may account for it as in `costate`
 hamiltonian    (max H - min H over samples) / H0, and largest error of the returned H / H0
 final_time     for a free T: |H(T)| / H0, or only its wrong sign (H > 0 at the upper end of the
                admissible times, H < 0 at the lower), and the excess of T / T
 cost           e / c, e = |integral of L + V(x(T)) - objective|, both replayed; and
-               0.1 (e + g) / max(integral of |L| + |V(x(T))|, 1e-4 l), g being what it costs, to
-               first order, to make up for what is missed: |nu|'|psi(x(T))| + |lam(0)'(x(0) - x0)
+               0.1 (e + g) / max(integral of |L| + |V(x(T))|, 1e-4 l), where g is the first-order
+               cost of correcting start, path and end: |nu|'|psi(x(T))| + |lam(0)'(x(0) - x0)
                + sum of lam'(defects of x)|
 ============== ===============================================================================
 """
@@ -58,32 +60,46 @@ from obc_ros.core.ocp.certificate.hamiltonian_minimum import HamiltonianScales a
 from obc_ros.core.ocp.certificate.hamiltonian_minimum import InputMinimum, Points
 from obc_ros.core.ocp.certificate.replay import Intervals, LEAST_COST, PARTS, ReplayIntegrator
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.solution import Certificate, Solution
+from obc_ros.core.ocp.solution import Certificate, Condition, Solution
 
-# A coarse mesh, a local minimum of H or a wrong multiplier are far above these, an answer whose
-# cost is right to six digits is below.
-TOLERANCES = {
-    'dynamics': 1e-6, 'start': 1e-6, 'end': 1e-6, 'bounds': 1e-6, 'costate': 1e-4,
-    'minimum': 1e-4, 'transversality': 1e-4, 'hamiltonian': 1e-4, 'final_time': 1e-4,
-    'cost': 1e-6}
-REPLAY_ERROR = 1e-7   # estimated, of all intervals together
-ACTIVE = 1e-5   # of its scale: how near its bound an active constraint is
-_KEPT = 32
-_FORCELESS = 1e-6  # of the size of lam: multipliers of terminal constraints that bear on nothing
-# A cost is right to 1e-5, to first order; costates 1e4 times as large belong to no cost at all.
+# A coarse mesh, a local minimum of H or a wrong multiplier gives residuals far above these. A
+# solution whose cost is right to six digits is below them.
+TOLERANCES: dict[str, float] = {
+    Condition.DYNAMICS: 1e-6, Condition.START: 1e-6, Condition.END: 1e-6, Condition.BOUNDS: 1e-6,
+    Condition.COSTATE: 1e-4, Condition.MINIMUM: 1e-4, Condition.TRANSVERSALITY: 1e-4,
+    Condition.HAMILTONIAN: 1e-4, Condition.FINAL_TIME: 1e-4, Condition.COST: 1e-6}
+REPLAY_ERROR = 1e-7   # estimated integration error of all intervals together
+ACTIVE = 1e-5   # distance of an active constraint from its bound, relative to its scale
+_KEPT = 32      # problems whose compiled functions are kept
+_FORCELESS = 1e-6  # relative to lam: below it a terminal multiplier counts as 0
+# A cost is right to 1e-5, to first order. Costates 1e4 times as large as the cost belong to an
+# abnormal extremal.
 _OF_COST, _ABNORMAL = 0.1, 1e-4
-_ROUNDING = 1e-9, 1e-10   # of the unit of x; of f, relative to what the inputs make of it
+# States, and f relative to its part from the inputs, that count as rounding errors.
+_ROUNDING = 1e-9, 1e-10
 
 
 def certify(problem: Problem, solution: Solution) -> Certificate:
     """
-    Return the residuals of the necessary conditions that an answer leaves.
+    Return the residuals of the necessary conditions for a solution.
 
-    Nothing but `problem` and the answer's t, x, u, lam, nu, hamiltonian, objective, interpolation
-    and multipliers is used. An answer whose arrays do not fit together, or are not finite, has
-    infinite residuals.
+    Parameters
+    ----------
+    problem : Problem
+        The problem, with the numbers that were solved for.
+    solution : Solution
+        Its t (N,), x (N, n), u (N, m), lam (N, n), nu (q,) or empty, hamiltonian (N,), objective,
+        interpolation and multipliers are read, nothing else.
+
+    Returns
+    -------
+    Certificate
+        Residuals and tolerances, see the head of this file. All residuals are infinite if arrays
+        have wrong shapes or hold a number that is not finite.
+
     """
-    keys = [key for key in TOLERANCES if key != 'final_time' or problem.final_time.free]
+    keys = [key for key in TOLERANCES
+            if key is not Condition.FINAL_TIME or problem.final_time.free]
     tolerances = {key: TOLERANCES[key] for key in keys}
     if not _fits(problem, solution):
         return Certificate(dict.fromkeys(keys, np.inf), tolerances)
@@ -93,7 +109,7 @@ def certify(problem: Problem, solution: Solution) -> Certificate:
 
 
 class _Functions:
-    """What of a problem's structure is evaluated, built once."""
+    """The compiled functions of a problem's structure."""
 
     def __init__(self, problem: Problem) -> None:
         x, u, p = problem.x, problem.u, problem.p
@@ -125,7 +141,7 @@ def _functions(problem: Problem) -> _Functions:
 
 
 def _fits(problem: Problem, solution: Solution) -> bool:
-    """Return whether the arrays of an answer have their shapes and are finite and in order."""
+    """Return whether the arrays have their shapes, are finite, and t increases."""
     N = len(solution.t)
     shapes = [(solution.t, (N,)), (solution.x, (N, problem.n)), (solution.u, (N, problem.m)),
               (solution.lam, (N, problem.n)), (solution.hamiltonian, (N,))]
@@ -152,7 +168,7 @@ class _Scales:
 
 
 class _Judge:
-    """One answer beside its problem; a method for each condition."""
+    """The residuals of one solution; a method for each condition."""
 
     def __init__(self, problem: Problem, solution: Solution, functions: _Functions) -> None:
         self.problem, self.solution, self.functions = problem, solution, functions
@@ -172,7 +188,7 @@ class _Judge:
         self.growth = partial(functions.integrator.growth, ahead, *run[:3])
         self.replay, self.lam_defect = self.costates_from()
         self.points = self._points()
-        # Two rows: where the replay ends, and where the answer does.
+        # Row 0: at the end of the replay. Row 1: at the last sample.
         self.end = functions.end(np.stack([self.replay.x[-1, -1], solution.x[-1]]), self.p)
         self.lam_size = lam
         self.scales = self._scales(lam)
@@ -181,20 +197,20 @@ class _Judge:
         """
         Return all residuals.
 
-        Where states decay fast costates grow from the starts of intervals, and their rounding
-        errors with them: what is left there counts if it is less where it does not grow, at the
-        starts. That is looked at where it may be little enough.
+        Where states decay fast, costates and their rounding errors grow from the start of an
+        interval to its end. The defect at the start, of an integration from the end, counts
+        instead if it is smaller. It is computed only where it may be within the tolerance.
         """
         found = self._residuals()
-        allowed = TOLERANCES['costate']
-        if (self.replay.converged and allowed < found['costate']
-                and not found['costate'] > allowed * self.growth()):
+        allowed = TOLERANCES[Condition.COSTATE]
+        if (self.replay.converged and allowed < found[Condition.COSTATE]
+                and not found[Condition.COSTATE] > allowed * self.growth()):
             ahead = self.replay, self.lam_defect, self.points, self.scales
             self.replay, self.lam_defect = self.costates_from(back=True)
             self.points = self._points()
             self.scales = self._scales(self.lam_size)
             other = self._residuals() if self.replay.converged else found
-            if other['costate'] < found['costate']:
+            if other[Condition.COSTATE] < found[Condition.COSTATE]:
                 return other
             self.replay, self.lam_defect, self.points, self.scales = ahead
         return found
@@ -203,16 +219,16 @@ class _Judge:
         with np.errstate(all='ignore'):
             excess, upper_active, lower_active = self._bounds()
             return {
-                'dynamics': self._dynamics(),
-                'start': self._start(),
-                'end': self._end(),
-                'bounds': excess,
-                'costate': self._costate(upper_active, lower_active),
-                'minimum': self._minimum(),
-                'transversality': self._transversality(upper_active[-1], lower_active[-1]),
-                'hamiltonian': self._hamiltonian(),
-                'final_time': self._final_time(),
-                'cost': self._cost(),
+                Condition.DYNAMICS: self._dynamics(),
+                Condition.START: self._start(),
+                Condition.END: self._end(),
+                Condition.BOUNDS: excess,
+                Condition.COSTATE: self._costate(upper_active, lower_active),
+                Condition.MINIMUM: self._minimum(),
+                Condition.TRANSVERSALITY: self._transversality(upper_active[-1], lower_active[-1]),
+                Condition.HAMILTONIAN: self._hamiltonian(),
+                Condition.FINAL_TIME: self._final_time(),
+                Condition.COST: self._cost(),
             }
 
     def _intervals(self) -> Intervals:
@@ -226,12 +242,12 @@ class _Judge:
             ub=solution.u[ends], sa=s[k], sb=s[k + 1], ma=m[k], mb=m[k + 1])
 
     def _points(self) -> Points:
-        """Return H and what belongs to it at the quarters of all intervals."""
+        """Return H, its derivatives and its terms at the quarters of all intervals."""
         course, tau = self.replay, np.linspace(0, 1, PARTS + 1)[None, :, None]
-        # A defect of lam is the business of `costate`: here lam passes through its samples.
+        # `_costate` judges the defect of lam; here lam passes through its samples.
         lam = course.lam - tau*(course.lam[:, -1:] - self.solution.lam[self.rows + 1, None])
         mu = (1 - tau)*self.intervals.ma[:, None] + tau*self.intervals.mb[:, None]
-        # Of a bound that is none a multiplier says nothing of H.
+        # Multipliers of infinite bounds are ignored.
         mu = np.clip(mu, np.where(np.isfinite(self.problem.path_lower), -np.inf, 0.0),
                      np.where(np.isfinite(self.problem.path_upper), np.inf, 0.0))
         return self.functions.minimum.points(
@@ -248,7 +264,7 @@ class _Judge:
         return np.asarray(np.maximum(size, 1e-2 * min(1.0, float(size.max())) or 1.0))
 
     def _at_rest(self) -> bool:
-        """Return whether the inputs hold x = 0, where the path starts, but for rounding."""
+        """Return whether x(0) = 0 and the inputs hold x = 0, up to rounding errors."""
         if self.problem.x0.any():
             return False
         x, u, f = self.problem.x, self.problem.u, self.problem.f
@@ -278,7 +294,7 @@ class _Judge:
         return max(float((defect / self.scales.x).max(axis=1).sum()), 1e-2 * self._correction())
 
     def _correction(self) -> float:
-        """Return by how much inputs differ from ones that lead to the end, if lam says nothing."""
+        """Return the change of the inputs that corrects the defects, if some nu_j vanish."""
         if not self.problem.q:
             return 0.0
         slopes = self.end[3][0].reshape(self.problem.q, -1)
@@ -340,7 +356,7 @@ class _Judge:
             high, low = _highest(g, dg, h), -_highest(-g, -dg, h)
             over = np.maximum(high - upper[row], lower[row] - low) / size[row]
             excess = max(excess, float(over.max()))
-            # What exceeds a bound is still active there.
+            # A bound that is exceeded is active.
             upper_active[:, row] = high >= upper[row] - ACTIVE*size[row]
             lower_active[:, row] = low <= lower[row] + ACTIVE*size[row]
         return excess, upper_active, lower_active
@@ -363,7 +379,7 @@ class _Judge:
         total = float(left.sum())
         jumps = np.flatnonzero(np.diff(solution.t) == 0)
         if jumps.size:
-            # A jump is next to the interval that ends there, and to the one that begins.
+            # A jump lies between the interval that ends there and the one that begins there.
             after = np.minimum(np.searchsorted(k, jumps), len(k) - 1)
             before = np.maximum(np.searchsorted(k, jumps) - 1, 0)
             total += float(self._unexplained(
@@ -377,7 +393,8 @@ class _Judge:
         """
         Return the part of each costate defect that no admissible multiplier accounts for.
 
-        `defect` (K, n): lam before less after; `mass` (K, n + l): what multipliers account for.
+        `defect` (K, n) is lam before less lam after, `mass` (K, n + l) the integrals of the
+        returned multipliers.
         """
         n = self.problem.n
         rest = defect * (self.scales.x / self.scales.lam)
@@ -385,7 +402,7 @@ class _Judge:
         lost = np.zeros(len(rest))
         columns = {int(row): self._column(int(row), x, u) for row in possible}
         for row, column in columns.items():
-            # Mass where the constraint is not active is a wrong multiplier.
+            # A nonzero multiplier of an inactive constraint is an error.
             size = np.abs(column).max(axis=1)
             lost += size * np.where(upper[:, row], 0.0, np.maximum(mass[:, row], 0.0))
             lost += size * np.where(lower[:, row], 0.0, np.maximum(-mass[:, row], 0.0))
@@ -419,9 +436,9 @@ class _Judge:
             self.problem, self.points, np.append(first, len(self.points.x) - 1),
             InputScales(self.scales.u, self.scales.H)))
         samples = gap[:, :1] if self.solution.interpolation == 'zoh' else gap[:, [0, -1]]
-        given_away = float(self.intervals.h @ (gap @ (np.array([7, 32, 12, 32, 7]) / 90)))
+        loss = float(self.intervals.h @ (gap @ (np.array([7, 32, 12, 32, 7]) / 90)))
         scale = max(self.scales.cost, 1e-3 * self.scales.H * self.duration)
-        return max(float(samples.max()) / self.scales.H, 10.0 * given_away / scale)
+        return max(float(samples.max()) / self.scales.H, 10.0 * loss / scale)
 
     def _transversality(self, upper: Mask, lower: Mask) -> float:
         q, solution = self.problem.q, self.solution
@@ -458,19 +475,19 @@ class _Judge:
         return max(error / self.scales.cost, _OF_COST * (error + owed) / unit)
 
     def _owed(self) -> float:
-        """Return what it costs, to first order, to make up for what start, path and end miss."""
+        """Return the first-order cost of correcting the errors of start, path and end."""
         lam, missed = self.solution.lam, self.solution.x[0] - self.problem.x0
         end = float(np.abs(self._nu()) @ np.abs(self.end[2][0])) if self.problem.q else 0.0
         return end + abs(float(lam[0] @ missed + np.sum(lam[1:] * self._jumps())))
 
     def _jumps(self) -> Array:
-        """Return the defects of x, (N - 1, n): samples less where the replay ends."""
+        """Return the defects of x, (N - 1, n): each sample less the end of the replay to it."""
         jumps = np.diff(self.solution.x, axis=0)
         jumps[self.rows] = self.solution.x[self.rows + 1] - self.replay.x[:, -1]
         return np.asarray(jumps)
 
     def _nu(self) -> Array:
-        """Return the multipliers of the terminal constraints (q,): least squares if none."""
+        """Return the terminal multipliers (q,), by least squares if the solution has none."""
         if self.solution.nu.size:
             return self.solution.nu
         slopes = self.end[3][1].reshape(self.problem.q, -1) * self.scales.x

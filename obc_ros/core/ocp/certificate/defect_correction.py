@@ -1,15 +1,16 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether there is a path close to one whose states jump a little at the ends of its intervals.
+Defect correction: the change of the inputs that corrects small jumps of the states.
 
-x' = x u never passes 0, but a path may: it falls to 1e-9, jumps to -1e-9, which is nothing beside
-its size, and grows from there. The jumps are carried to T by what follows,
+A small defect need not be harmless. No solution of x' = x u changes its sign, but a path with
+jumps can: it falls to 1e-9, jumps to -1e-9, which is small relative to its size, and grows from
+there. The linearised dynamics carry the jumps d_k to T,
 
-    dx_(k+1) = A_k dx_k + B_k du_k + d_k,
+    dx_(k+1) = A_k dx_k + B_k du_k + d_k.
 
-and are harmless if a small change of the inputs makes up for them: always where an unstable
-system can be steered, and never there.
+The jumps are harmless if a small change du of the inputs corrects them. A controllable system
+has such a change even if it is unstable; x' = x u at x = 0 has none.
 """
 
 import casadi as ca
@@ -18,29 +19,34 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 
-_FINEST = 2.0**-4   # of |A| h, for which four terms are exact enough
-_MET = 1e-6         # of its size: how nearly a terminal constraint is met
+_FINEST = 2.0**-4   # |A| h up to which four terms of the exponential series are enough
+_MET = 1e-6         # error of a terminal constraint that counts as met, relative to its size
 
 
 def find_correction(problem: Problem, x: Array, u: Array, h: Array, jumps: Array,
                     ends: tuple[Array, Array], u_scale: Array) -> float:
     """
-    Return the least change of the inputs, root mean square, that makes up for jumps of x.
+    Return the smallest change of the inputs, root mean square, that corrects jumps of x.
 
     Parameters
     ----------
     problem : Problem
-        Whose dynamics are linearised.
+        Its dynamics are linearised.
     x, u : ndarray, shape (K, n), (K, m)
         States and inputs in the middle of each interval.
     h : ndarray, shape (K,)
         Lengths of the intervals.
     jumps : ndarray, shape (K, n)
-        Of x at their ends.
+        Jumps of x at the ends of the intervals.
     ends : pair of ndarray, shape (q, n), (q,)
         Slopes of the terminal constraints, and their sizes.
     u_scale : ndarray, shape (m,)
-        What counts as one in u.
+        Scaling factors of u.
+
+    Returns
+    -------
+    float
+        In units of `u_scale`; infinite if the linearised dynamics are not finite.
 
     """
     f_x, f_u = VectorizedFunction([problem.x, problem.u, problem.p], [
@@ -48,7 +54,7 @@ def find_correction(problem: Problem, x: Array, u: Array, h: Array, jumps: Array
             x, u, problem.p_value)
     n, T, (slopes, sizes) = problem.n, float(h.sum()), ends
     A = _exponentials(f_x.reshape(-1, n, n) * h[:, None, None])
-    # Of a change by one, held for all T, each interval has its part.
+    # A change of one scaling factor over all of T has the root mean square 1.
     B = f_u.reshape(-1, n, problem.m) * (u_scale * np.sqrt(h * T)[:, None])[:, None, :]
     carried, reached = np.zeros(n), np.zeros((n, n))
     for a, b, jump in zip(A, B, jumps, strict=True):
@@ -62,7 +68,7 @@ def find_correction(problem: Problem, x: Array, u: Array, h: Array, jumps: Array
 
 
 def _exponentials(M: Array) -> Array:
-    """Return the exponential of each matrix, (K, n, n)."""
+    """Return the exponential of each matrix, shape (K, n, n)."""
     size = float(np.abs(M).sum(axis=2).max(initial=0.0))
     halvings = max(0, int(np.ceil(np.log2(max(size, 1e-300) / _FINEST))))
     M = M / 2.0**halvings

@@ -1,15 +1,17 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-How far an input is from the least H = L + lam' f over the whole input set.
+The gap of an input: H = L + lam' f less its minimum over the whole input set.
 
-H is a sum of terms in separate groups of inputs, found from which inputs dH/du_j depends on. In
-a group where H is affine or quadratic the least value over the box is computed. In any other one
-it is searched for: over a grid of the inputs that enter nonlinearly, the others being chosen best
-at each grid point, over the box or over a window where the box is unbounded. Inputs that share a
-path constraint c(x, u) <= b are one group, searched where the constraint is met; and where it
-holds them H is above its least value by at most what H + mu' c is above its own, and mu' (b - c):
-on the chord of a disc between two points of its circle that is what is given away.
+H is a sum of terms in separate groups of inputs. The groups follow from the inputs on which each
+dH/du_j depends. In a group where H is affine or quadratic, the minimum over the box is computed.
+In any other group it is searched for on a grid of the inputs that enter nonlinearly, over the
+box, or over a window where the box is unbounded. The other inputs of the group are optimal at
+each grid point.
+
+Inputs that share a path constraint c(x, u) <= b are one group, searched where the constraint is
+met. With an active constraint, the gap of H is at most the gap of H + mu' c plus mu' (b - c).
+This distinguishes an input on the boundary of a disc from one on an inscribed polygon.
 """
 
 from dataclasses import dataclass
@@ -23,19 +25,20 @@ from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 
 _KINKED = (ca.OP_FABS, ca.OP_SIGN)
-_GRID = {1: 41, 2: 15, 3: 7, 4: 5}   # points along each axis, two beyond four axes
-_MOST_AXES = 8
-_WINDOW = 5.0                        # of the input's scale, beyond the path, where unbounded
-_SWEEPS = 60
+_GRID = {1: 41, 2: 15, 3: 7, 4: 5}   # number of axes: points along each; 2 for more axes
+_MOST_AXES = 8                       # for which all vertices of the box are tried
+_WINDOW = 5.0                        # times the input's scale, beyond the path, if unbounded
+_SWEEPS = 60                         # of a descent over one input at a time
 
 
 @dataclass(frozen=True)
 class _Group:
     """
-    Inputs, by number, whose terms of H belong together.
+    Inputs, by index, that enter H together.
 
-    `searched` are those of a grid; given them, H is a sum of quadratics in each of the others,
-    or a quadratic if there are none. `rows`: the path constraints that they share.
+    `searched` are the inputs of the grid. Given them, H is a sum of quadratics in each of the
+    others. If there are none, H is a quadratic in all. `rows` are the path constraints that the
+    inputs share.
     """
 
     inputs: tuple[int, ...]
@@ -51,7 +54,7 @@ class _Group:
 @dataclass(frozen=True, eq=False)
 class Points:
     """
-    H and what belongs to it at K points.
+    H, its terms and its derivatives at K points.
 
     `x`, `lam`, `f` (K, n), `u` (K, m), `mu`, `c` (K, l), `L`, `H`, `size` (K,) with
     size = |L| + |lam|'|f|, and of H + mu' c with respect to u `slope` (K, m) and `curvature`
@@ -71,20 +74,20 @@ class Points:
     curvature: Array
 
     def some(self, rows: Index) -> 'Points':
-        """Return the points of these numbers."""
+        """Return the points with these indices."""
         return Points(**{name: values[rows] for name, values in vars(self).items()})
 
 
 @dataclass(frozen=True, eq=False)
 class HamiltonianScales:
-    """What counts as one: `u` (m,) in each input and `H` in the Hamiltonian."""
+    """Scaling factors: `u` (m,) of the inputs, `H` of the Hamiltonian."""
 
     u: Array
     H: float
 
 
 class InputMinimum:
-    """H of a problem and its least value over the input set, for any numbers."""
+    """H of a problem and its minimum over the input set, for any values of its numbers."""
 
     def __init__(self, problem: Problem) -> None:
         x, u, p, lam = problem.x, problem.u, problem.p, ca.SX.sym('lam', problem.n)
@@ -103,13 +106,13 @@ class InputMinimum:
 
     @cached_property
     def _beside(self) -> list[int]:
-        """Return the inputs whose least values follow from those that are searched."""
+        """Return the inputs whose minimisers follow from those that are searched."""
         return [j for group in self._groups if group.searched
                 for j in group.inputs if j not in group.searched]
 
     @cached_property
     def _few(self) -> VectorizedFunction:
-        """Return H, the path constraints and derivatives by inputs beside searched ones."""
+        """Return H, the path constraints, and dH/du, d2H/du2 of inputs that are not searched."""
         problem = self._problem
         u = problem.u[self._beside]
         H_u = ca.gradient(self._H, u) if self._beside else ca.SX(0, 1)
@@ -117,28 +120,48 @@ class InputMinimum:
             self._H, problem.path, H_u, ca.diag(ca.jacobian(H_u, u))])
 
     def points(self, problem: Problem, x: Array, u: Array, lam: Array, mu: Array) -> Points:
-        """Return H and what belongs to it; arrays of K rows, numbers those of `problem`."""
-        f, c, L, H, size, slope, curvature = self._points(x, u, lam, mu, problem.p_value)
-        return Points(x, u, lam, mu, f, c, L[:, 0], H[:, 0], size[:, 0], slope,
-                      curvature.reshape(-1, problem.m, problem.m))
-
-    def gap(self, problem: Problem, at: Points, searched: Index,
-            scales: HamiltonianScales) -> Array:
         """
-        Return H less its least value over the input set, shape (K,), >= 0.
+        Return H, its terms and its derivatives at K points.
 
         Parameters
         ----------
         problem : Problem
-            Of the structure this was built for; its numbers are used.
+            A problem of the structure that this was built for; its numbers are used.
+        x, u, lam, mu : ndarray, shape (K, n), (K, m), (K, n), (K, l)
+            States, inputs, costates, multipliers of the path constraints.
+
+        Returns
+        -------
+        Points
+
+        """
+        f, c, L, H, size, slope, curvature = self._points(x, u, lam, mu, problem.p_value)
+        return Points(
+            x=x, u=u, lam=lam, mu=mu, f=f, c=c, L=L[:, 0], H=H[:, 0], size=size[:, 0],
+            slope=slope, curvature=curvature.reshape(-1, problem.m, problem.m))
+
+    def gap(self, problem: Problem, at: Points, searched: Index,
+            scales: HamiltonianScales) -> Array:
+        """
+        Return H less its minimum over the input set.
+
+        Parameters
+        ----------
+        problem : Problem
+            A problem of the structure that this was built for; its numbers are used.
         at : Points
-            Where path constraints hold inputs, the gap of H + mu' c in its quadratic model
-            with mu' (b - c) counts too, if it is larger.
+            With path constraints on inputs, the gap of the quadratic model of H + mu' c plus
+            mu' (b - c) counts if it is larger.
         searched : ndarray of int
             The points at which groups without closed form are searched over the whole input
-            set; at the others they are compared with a better input nearby.
-        scales : Scales
-            Where an unbounded input has no curvature, moving it by its scale is what is gained.
+            set. At the other points they are compared with a better input nearby.
+        scales : HamiltonianScales
+            An unbounded input in which H is affine counts with a change by its scale.
+
+        Returns
+        -------
+        ndarray, shape (K,)
+            At least 0, in units of H.
 
         """
         total = np.zeros(len(at.x))
@@ -177,7 +200,7 @@ class InputMinimum:
 
     def _search(self, problem: Problem, group: _Group, at: Points,
                 scales: HamiltonianScales) -> Array:
-        """Return H less the least value found from a grid, shape (K,)."""
+        """Return H less the smallest value found from a grid, shape (K,)."""
         index = list(group.searched)
         box = _Box(problem.u_lower[index], problem.u_upper[index], scales.u[index], scales.H)
         grid = _grid(at.u[:, index], box)
@@ -200,7 +223,7 @@ class InputMinimum:
         least = value[np.arange(K), best]
         if group.constrained:
             return np.asarray(at.H - least)
-        # Far from u, and nearly as good on the grid: perhaps better off it.
+        # A point far from u that is nearly as good on the grid may be better beside the grid.
         start = u.reshape(K, G, -1)[np.arange(K), best]
         spacing = (grid.max(axis=0) - grid.min(axis=0)) / (_GRID.get(len(index), 2) - 1)
         far = np.any(np.abs(start - at.u)[:, index] > 1.5*spacing, axis=1)
@@ -244,7 +267,7 @@ def _groups(problem: Problem) -> list[_Group]:
     m, u, lam = problem.m, problem.u, ca.SX.sym('lam', problem.n)
     Hu = ca.gradient(problem.L + ca.dot(lam, problem.f), u)
     Huu = ca.jacobian(Hu, u)
-    # The pattern has an entry wherever dH/du_i depends on u_j, of |u| too.
+    # The sparsity has an entry wherever dH/du_i depends on u_j, also through |u|.
     linked = np.eye(m, dtype=bool)
     linked[Huu.sparsity().get_triplet()] = True
     rows = np.zeros((problem.path.numel(), m), dtype=bool)
@@ -277,7 +300,7 @@ def _groups(problem: Problem) -> list[_Group]:
 
 
 def _slack(problem: Problem, at: Points, rows: list[int]) -> Array:
-    """Return mu' (b - c) of some path constraints, (K,), b being the bounds that mu is of."""
+    """Return mu' (b - c) of some path constraints, (K,); b are the bounds of the sign of mu."""
     mu, c = at.mu[:, rows], at.c[:, rows]
     room = np.where(mu > 0, problem.path_upper[rows] - c, c - problem.path_lower[rows])
     return np.asarray(np.sum(np.abs(mu) * np.where(mu == 0, 0.0, np.maximum(room, 0.0)), axis=1))
@@ -292,7 +315,7 @@ def _line(slope: Array, curvature: Array, lower: Array, upper: Array, scale: flo
           H: float) -> Array:
     """Return the step that minimises slope d + curvature d^2 / 2 for lower <= d <= upper."""
     flat = np.abs(curvature) * scale**2 <= 1e-9 * H
-    # Without curvature or bound no step is least: the loss of one scale is what is reported.
+    # Without curvature or bound there is no minimum: a step of one scale is taken.
     edge = np.where(flat, scale, 1e150)
     low = np.where(np.isfinite(lower), lower, -edge)
     high = np.where(np.isfinite(upper), upper, edge)
@@ -305,10 +328,10 @@ def _line(slope: Array, curvature: Array, lower: Array, upper: Array, scale: flo
 
 def _descend(slope: Array, Q: Array, u: Array, box: _Box) -> tuple[Array, Array]:
     """
-    Return the step d, shape (K, r), least for slope'd + d'Q d / 2 in the box, and that value.
+    Return the step d, shape (K, r), that minimises slope'd + d'Q d / 2 in the box; the minimum.
 
-    Exact for one input, for two in a finite box and, in the limit of its sweeps over one input at
-    a time, for Q >= 0; for any other Q also started from the vertices.
+    It is exact for one input, and for two in a finite box. Otherwise it sweeps over one input at a
+    time, which converges for Q >= 0; for another Q it starts from the vertices of the box as well.
     """
     K, r = slope.shape
     low, high = box.lower - u, box.upper - u

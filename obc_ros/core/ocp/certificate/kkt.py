@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The conditions for a minimum of F(x) subject to G(x) = 0, g(x) <= 0 and x in a box (section 2.1).
+The conditions for a minimum of F(x) with G(x) = 0, g(x) <= 0 and x in a box (section 2.1).
 
 With l = F + lam'G + mu'g, a regular minimum satisfies
 
@@ -9,11 +9,12 @@ With l = F + lam'G + mu'g, a regular minimum satisfies
     mu >= 0, mu_j g_j = 0,
     and d'(Hess l) d >= 0 for all d that keep the active constraints.
 
-It is a stationary point of l, which need not be a minimum of it: for F = x1^2 - x2^2, G = x2 the
+The minimum is a stationary point of l, not always a minimum of l: for F = x1^2 - x2^2, G = x2 the
 origin is a saddle of l.
 """
 
 from dataclasses import dataclass
+from enum import Enum
 from functools import cached_property
 
 import casadi as ca
@@ -21,14 +22,32 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.ocp.solution import Certificate
 
-TOLERANCES = {'stationarity': 1e-6, 'feasibility': 1e-7, 'signs': 1e-6, 'complementarity': 1e-6,
-              'second_order': 1e-6, 'attained': 1e-5}
-# A constraint or bound this close to its limit may be active.
+
+class KktCondition(str, Enum):
+    """A condition that a certificate holds a minimum of finitely many variables to."""
+
+    STATIONARITY = 'stationarity'
+    FEASIBILITY = 'feasibility'
+    SIGNS = 'signs'
+    COMPLEMENTARITY = 'complementarity'
+    SECOND_ORDER = 'second_order'
+    ATTAINED = 'attained'
+
+    __str__ = str.__str__
+
+
+TOLERANCES: dict[str, float] = {
+    KktCondition.STATIONARITY: 1e-6, KktCondition.FEASIBILITY: 1e-7, KktCondition.SIGNS: 1e-6,
+    KktCondition.COMPLEMENTARITY: 1e-6, KktCondition.SECOND_ORDER: 1e-6,
+    KktCondition.ATTAINED: 1e-5}
+# A constraint or bound this close to its limit may be active, relative to its size.
 _ACTIVE = 1e-6
+# Singular values below this, relative to the largest, count as 0.
 _DEPENDENT = 1e-9
-# Terms of multipliers beyond this, relative to grad F, say that gradients come to depend.
+# Terms of multipliers larger than this, relative to grad F: the gradients of the constraints are
+# nearly linearly dependent.
 _STRAINED = 1e5
-# A gradient vanishes if it changes sign within this, relative to 1 + |x|.
+# A gradient vanishes if it changes sign within this distance, relative to 1 + |x|.
 _FLAT = 1e-4
 _NEWTON_STEPS = 60
 
@@ -116,8 +135,19 @@ def polish_minimum(program: StaticProgram, x: Array) -> KktPoint:
     """
     Return a stationary point near x by Newton's method on the active constraints.
 
-    Multipliers are those of least squares, the inequalities' not negative. A step that leads
-    away is not taken.
+    Parameters
+    ----------
+    program : StaticProgram
+        The problem.
+    x : ndarray, shape (n,)
+        Where to start.
+
+    Returns
+    -------
+    KktPoint
+        Its multipliers are fitted by least squares, with mu >= 0. A step that does not reduce the
+        residual is not taken.
+
     """
     point = fit_multipliers(program, x)
     for _ in range(_NEWTON_STEPS):
@@ -133,11 +163,22 @@ def polish_minimum(program: StaticProgram, x: Array) -> KktPoint:
 
 def certify_minimum(program: StaticProgram, point: KktPoint) -> Certificate:
     """
-    Return the residuals of the conditions above, from the problem and the point alone.
+    Return the residuals of the conditions at the head of this file.
 
-    stationarity and signs are relative to the largest term of grad l, complementarity to it and
-    the size of g, second_order to the Hessian; attained is the Newton step relative to 1 + |x|,
-    large where F falls for ever towards a value that it does not attain.
+    Parameters
+    ----------
+    program : StaticProgram
+        The problem.
+    point : KktPoint
+        Its x, lam and mu are read, nothing else.
+
+    Returns
+    -------
+    Certificate
+        stationarity and signs are relative to the largest term of grad l, complementarity to this
+        term and the size of g, second_order to the Hessian. attained is the Newton step relative
+        to 1 + |x|; it is large where F decreases towards an infimum that is not attained.
+
     """
     F, c, gradient, J = program.values(point.x)
     k = program.k
@@ -156,19 +197,33 @@ def certify_minimum(program: StaticProgram, point: KktPoint) -> Certificate:
     far = 1 + float(np.abs(point.x).max())
     step = _newton_step(program, point)
     curvature, scale = _tangent_curvature(program, point)
-    residuals = {
-        'stationarity': float(np.abs(slope[free]).max(initial=0)) / size,
-        'feasibility': measure_violation(program, point.x, c, J),
-        'signs': max(float(np.abs(wrong).max()),
-                     float((-point.mu * steepness).max(initial=0))) / size,
-        'complementarity': float(np.abs(point.mu * c[k:]).max(initial=0)) / (size * far),
-        'second_order': max(-curvature, 0.0) / scale,
-        'attained': np.inf if step is None else float(np.abs(step).max(initial=0)) / far}
+    residuals: dict[str, float] = {
+        KktCondition.STATIONARITY: float(np.abs(slope[free]).max(initial=0)) / size,
+        KktCondition.FEASIBILITY: measure_violation(program, point.x, c, J),
+        KktCondition.SIGNS: max(float(np.abs(wrong).max()),
+                                float((-point.mu * steepness).max(initial=0))) / size,
+        KktCondition.COMPLEMENTARITY: (
+            float(np.abs(point.mu * c[k:]).max(initial=0)) / (size * far)),
+        KktCondition.SECOND_ORDER: max(-curvature, 0.0) / scale,
+        KktCondition.ATTAINED: (
+            np.inf if step is None else float(np.abs(step).max(initial=0)) / far)}
     return Certificate(residuals, dict(TOLERANCES))
 
 
 def measure_violation(program: StaticProgram, x: Array, c: Array, J: Array) -> float:
-    """Return the largest violation of a constraint or bound, relative to the size of its terms."""
+    """
+    Return the largest violation of a constraint or bound, relative to the size of its terms.
+
+    Parameters
+    ----------
+    program : StaticProgram
+        The problem.
+    x : ndarray, shape (n,)
+        The point.
+    c, J : ndarray, shape (k + l,), (k + l, n)
+        Values of (G, g) there, and their Jacobian.
+
+    """
     k = program.k
     excess = np.concatenate((np.abs(c[:k]), np.maximum(c[k:], 0))) / _sizes(x, J)
     outside = np.maximum(program.lower - x, x - program.upper) / (1 + np.abs(x))
@@ -180,7 +235,17 @@ def _sizes(x: Array, J: Array) -> Array:
 
 
 def fit_multipliers(program: StaticProgram, x: Array) -> KktPoint:
-    """Return x with the multipliers that come closest to grad l = 0, mu >= 0 and 0 if inactive."""
+    """
+    Return x with the multipliers that minimise |grad l|, mu >= 0, and 0 if inactive.
+
+    Parameters
+    ----------
+    program : StaticProgram
+        The problem.
+    x : ndarray, shape (n,)
+        The point.
+
+    """
     from scipy.optimize import lsq_linear
 
     _, c, gradient, J = program.values(x)
@@ -203,7 +268,7 @@ def fit_multipliers(program: StaticProgram, x: Array) -> KktPoint:
         unit = (A / sizes[:, None]).T
         found, _, rank, _ = np.linalg.lstsq(unit, -gradient, rcond=_DEPENDENT)
         if ((found < low) | (found > high)).any():
-            # Nor do multipliers without end make up for what dependent gradients do not span.
+            # Large multipliers must not fit what linearly dependent gradients do not span.
             left, values, right = np.linalg.svd(unit, full_matrices=False)
             unit = (left[:, :rank] * values[:rank]) @ right[:rank]
             found = lsq_linear(unit, -gradient, (low, high), method='bvls').x
@@ -213,14 +278,14 @@ def fit_multipliers(program: StaticProgram, x: Array) -> KktPoint:
 
 
 def is_strained(program: StaticProgram, point: KktPoint) -> bool:
-    """Return whether grad l is small only where much larger terms than grad F cancel."""
+    """Return whether terms of grad l much larger than grad F cancel in it."""
     _, _, gradient, J = program.values(point.x)
     terms = np.abs(np.concatenate((point.lam, point.mu))[:, None] * J)
     return bool(terms.max(initial=0) > _STRAINED * np.abs(gradient).max())
 
 
 def _vanishing(program: StaticProgram, x: Array, J: Array) -> Mask:
-    """Return which constraints have a gradient that a small step changes altogether."""
+    """Return which constraints have a gradient that a small step changes by its own size."""
     if not len(J):
         return np.zeros(0, dtype=bool)
     step = _FLAT * (1 + np.abs(x)) * np.resize((1.0, -0.7, 0.4), len(x))
@@ -249,7 +314,7 @@ def _active(program: StaticProgram, x: Array, c: Array, J: Array) -> Mask:
 
 
 def _kept(program: StaticProgram, point: KktPoint) -> tuple[Array, Array]:
-    """Return active constraints' values and their gradients, and those of the active bounds."""
+    """Return the values and gradients of the active constraints, then of the active bounds."""
     _, c, _, J = program.values(point.x)
     active = _active(program, point.x, c, J)
     at_lower, at_upper = _at_bounds(program, point.x)
@@ -289,7 +354,7 @@ def _error(program: StaticProgram, point: KktPoint) -> float:
 
 
 def _tangent_curvature(program: StaticProgram, point: KktPoint) -> tuple[float, float]:
-    """Return the least curvature of the Lagrangian along the active constraints; its scale."""
+    """Return the smallest curvature of the Lagrangian along the active constraints; its scale."""
     H = program.hessian(point.x, np.concatenate((point.lam, point.mu)))
     _, rows = _kept(program, point)
     if not (np.isfinite(H).all() and np.isfinite(rows).all()):

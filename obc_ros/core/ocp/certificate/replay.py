@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What the input of an answer does between the answer's own samples.
+Replay: integration of states, costates and cost between the samples of a solution.
 
 Over each interval [t_k, t_k + h] the equations
 
@@ -9,16 +9,16 @@ Over each interval [t_k, t_k + h] the equations
 
 are integrated from the returned x_k and lam_k under the returned input, with s and m the
 densities of the multipliers of state bounds and path constraints. The method is the explicit
-Runge-Kutta pair of Dormand and Prince, order 5, in equal steps that are halved until the
-embedded error estimate is small: nothing of how the answer was found enters.
+Runge-Kutta pair of Dormand and Prince, order 5. Equal steps are halved until the embedded error
+estimate is small. The solver's mesh and method are not used.
 
-Where f is affine and L quadratic and many steps would be needed, as of stiff plants, matrix
-exponentials take their place (`affine_replay`), which are exact.
+If f is affine, L quadratic and many steps would be needed, as for stiff plants, exact matrix
+exponentials replace the steps (`affine_replay`).
 
-Where the states decay so fast within an interval that costates grow beyond all numbers, these are
-integrated from the returned lam at the interval's end back to its start, along the states found
-on the way there: what decays one way decays for the other then, and a defect is what is left at
-the start. Steps are halved until two courses agree.
+Where states decay fast, the costate equation is unstable forwards and its solution overflows. The
+costates are then integrated backwards, from the returned lam at the end of the interval, along
+the states of the forward integration. Their defect is the difference at the start. Steps are
+halved until two results agree.
 """
 
 from dataclasses import dataclass
@@ -45,26 +45,26 @@ _A = (
     (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84),
 )
 _ERROR = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
-# E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, II.6: the course
+# E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, II.6: values
 # within a step, of order 4.
 _DENSE = (-12715105075 / 11282082432, 0.0, 87487479700 / 32700410799,
           -10690763975 / 1880347072, 701980252875 / 199316789632, -1453857185 / 822651844,
           69997945 / 29380423)
 
-PARTS = 4           # an interval is seen at its quarters
-FEWEST_STEPS = 2    # in one interval
-_MANY_STEPS = 32    # likewise, beyond which exponentials are taken where they can be
-_STEPS_BACK = 32    # likewise, there and back
-_AT_ONCE = 256      # intervals, there and back
-_FAR = 1e3          # times its scale: beyond it what is integrated grows without end
-LEAST_COST = 1e-6   # what counts as one in a cost that vanishes
-MOST_STEPS = 2048
+PARTS = 4           # values are returned at the quarters of an interval
+FEWEST_STEPS = 2    # in an interval, at first
+_MANY_STEPS = 32    # in an interval; for more, matrix exponentials are used if f is affine
+_STEPS_BACK = 32    # in an interval, at first, for costates integrated backwards
+_AT_ONCE = 256      # intervals integrated together backwards
+_FAR = 1e3          # times its scale: beyond it a value counts as unbounded growth
+LEAST_COST = 1e-6   # scaling factor of a cost that vanishes
+MOST_STEPS = 2048   # in an interval
 
 
 @dataclass(frozen=True, eq=False)
 class Intervals:
     """
-    The intervals of an answer: where each starts, and its input and multiplier densities.
+    The intervals of a solution: values at the start, inputs and multiplier densities.
 
     `h` (K,); `x`, `lam` (K, n) at the start; `ua`, `ub` (K, m), `sa`, `sb` (K, n) and `ma`, `mb`
     (K, l) at the start and at the end, linear in between.
@@ -81,17 +81,17 @@ class Intervals:
     mb: Array
 
     def some(self, rows: Index) -> 'Intervals':
-        """Return the intervals of these numbers."""
+        """Return the intervals with these indices."""
         return Intervals(**{name: values[rows] for name, values in vars(self).items()})
 
 
 @dataclass(frozen=True, eq=False)
 class Replay:
     """
-    The course of each interval at its quarters 0, 1/4, 1/2, 3/4, 1.
+    Values of each interval at its quarters 0, 1/4, 1/2, 3/4, 1.
 
-    `x`, `lam` (K, 5, n), `u` (K, 5, m), `cost` (K,) the integral of L over each interval,
-    `failed` the intervals whose error estimates stayed above the limit.
+    `x`, `lam` (K, 5, n), `u` (K, 5, m); `cost` (K,) is the integral of L over each interval,
+    `failed` the indices of intervals whose error estimate stayed above the limit.
     """
 
     x: Array
@@ -107,7 +107,7 @@ class Replay:
 
 
 class ReplayIntegrator:
-    """The right-hand sides for a problem's states, costates and cost, for any numbers."""
+    """The equations of states, costates and cost of a problem, for any values of its numbers."""
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
@@ -120,18 +120,23 @@ class ReplayIntegrator:
 
     def replay(self, intervals: Intervals, p: Array, scale: Array, tolerance: float) -> Replay:
         """
-        Return the course of every interval.
+        Return the values of every interval, integrated from its start.
 
         Parameters
         ----------
         intervals : Intervals
-            Starts, inputs and multiplier densities.
+            Values at the start, inputs and multiplier densities.
         p : ndarray
             Values of the parameters.
         scale : ndarray, shape (2 n,)
-            What counts as one in x and lam; in the cost it is the cost found, or `LEAST_COST`.
+            Scaling factors of x and lam. That of the cost is the cost found, or `LEAST_COST`.
         tolerance : float
             Largest scaled error of an interval.
+
+        Returns
+        -------
+        Replay
+            Intervals that miss the tolerance with `MOST_STEPS` steps are in `failed`.
 
         """
         K, n = intervals.x.shape
@@ -142,17 +147,17 @@ class ReplayIntegrator:
                 z[rows], error = self._course(intervals.some(rows), p, steps)
             cost = max(float(np.abs(z[:, -1, -1]).sum()), LEAST_COST)
             error = np.max(error / np.append(scale, cost), axis=1)
-            # A course that is not finite is tried again with smaller steps.
+            # An interval whose values are not finite is integrated again in smaller steps.
             bad = ~(error <= tolerance)
             rows, error = rows[bad], error[bad]
             worst = float(error.max(initial=0.0)) if np.all(np.isfinite(error)) else np.inf
-            # The estimate goes down with the fourth power of the number of steps.
+            # The estimate falls with the fourth power of the number of steps.
             wanted = 1.3 * steps * min((worst / tolerance)**0.25, 50.0)
             more = PARTS * max(-(-2*steps // PARTS), math.ceil(wanted / PARTS))
             before, steps = steps, min(more, MOST_STEPS)
             if rows.size and steps > _MANY_STEPS and (rates := self._rates(intervals, p, scale)):
                 z[rows] = self._exactly(rates, intervals.some(rows), intervals.lam[rows])
-                # Costates that grow that far are followed from the ends.
+                # Costates that grow so far are integrated from the ends (`there_and_back`).
                 rows = rows[~(np.abs(z[rows, :, :2*n]) <= _FAR * scale).all(axis=(1, 2))]
                 break
         parts = np.linspace(0.0, 1.0, PARTS + 1)[None, :, None]
@@ -164,12 +169,25 @@ class ReplayIntegrator:
                        scale: Array, tolerance: float, *, back: bool = False
                        ) -> tuple[Replay, Array]:
         """
-        Return a course with costates from the ends if they grow without end from the starts.
+        Return values whose costates are integrated from the ends if that is the stable way.
 
-        Parameters are those of `replay`, whose answer is `course`; `lam_end` (K, n) are the
-        returned costates at the ends, `back` whether they are taken from there anyway. The
-        second, (K, n), is what is left of lam in each interval: at its end, or at its start where
-        that is where the course goes.
+        Parameters
+        ----------
+        course : Replay
+            What `replay` returned.
+        intervals, p, scale, tolerance
+            As in `replay`.
+        lam_end : ndarray, shape (K, n)
+            The solution's costates at the ends of the intervals.
+        back : bool
+            Integrate from the ends even if the costates of `course` stay bounded.
+
+        Returns
+        -------
+        Replay, ndarray of shape (K, n)
+            The values, and the defect of lam: at the end of each interval, or at its start if the
+            costates were integrated from the end.
+
         """
         n, failed, far = intervals.x.shape[1], course.failed, _FAR * scale
         x, lam = (np.abs(part[failed]).max(axis=(0, 1)) if failed.size else np.zeros(n)
@@ -195,7 +213,7 @@ class ReplayIntegrator:
     @staticmethod
     def _from_ends(course: Replay, intervals: Intervals, z: Array, failed: Index
                    ) -> tuple[Replay, Array]:
-        """Return a course whose costates come from the ends, and what is left at the starts."""
+        """Return values whose costates come from the ends, and the defects at the starts."""
         n = intervals.x.shape[1]
         defect = intervals.lam - z[:, 0, n:2*n]
         parts = np.linspace(0.0, 1.0, PARTS + 1)[:, None]
@@ -207,7 +225,7 @@ class ReplayIntegrator:
         return AffineReplay(self._problem)
 
     def _rates(self, intervals: Intervals, p: Array, scale: Array) -> Rates | None:
-        """Return the matrices of an affine problem; None where it is none."""
+        """Return the matrices of an affine problem; None for another problem."""
         return self._affine.rates(p, scale[:intervals.x.shape[1]], np.vstack(
             _inputs(intervals)), intervals.h)
 
@@ -220,10 +238,10 @@ class ReplayIntegrator:
 
     def growth(self, course: Replay, intervals: Intervals, p: Array, scale: Array) -> float:
         """
-        Return the most by which a defect of lam grows from the start of an interval to its end.
+        Return a bound of the factor by which a defect of lam grows within an interval.
 
-        In units of `scale`, (2 n,), it is at most exp(h |df/dx|), here with Frobenius' norm, the
-        larger one of both ends.
+        In units of `scale` (2 n,) it is exp(h |df/dx|), with the Frobenius norm, the larger one
+        of both ends. Other parameters are those of `replay`.
         """
         if rates := self._rates(intervals, p, scale):
             n = intervals.x.shape[1]
@@ -240,7 +258,7 @@ class ReplayIntegrator:
             return self._rate.joined(state, given, p)[:, n:2*n]
 
         with np.errstate(all='ignore'):
-            none = rate(np.zeros(n))   # the equation is linear in lam
+            none = rate(np.zeros(n))   # the equation is affine in lam
             slopes = np.stack([rate(row) - none for row in np.diag(scale[n:])], axis=1) / scale[n:]
             size = np.linalg.norm(slopes, axis=(1, 2)).reshape(2, K).max(axis=0)
             return float(np.exp(np.max(intervals.h * size)))
@@ -303,7 +321,7 @@ class ReplayIntegrator:
                 bend = h*slopes[0] - half
                 seen.append(z + (half + (bend + (half - h*slopes[-1] - bend
                                                  + h*_sum(_DENSE, slopes)/2)/2)/2)/2)
-            # The last row of the pair is its step, and its slope the next one's first.
+            # The last row of the pair is its step; its slope is the first of the next step.
             z, slopes[0] = end, slopes[-1]
             if (step + 1) % max(steps // PARTS, 1) == 0:
                 seen.append(z)
@@ -317,12 +335,12 @@ def _inputs(intervals: Intervals) -> tuple[Array, Array]:
 
 
 def _cubic(tau: float, h: Array, x: Array, f: Array) -> Array:
-    """Return the cubic through two values with their slopes, at the part tau of a step."""
+    """Return the cubic Hermite interpolant at the fraction tau of a step."""
     return np.asarray(x[0] + tau * (h*f[0] + tau * (
         3*(x[1] - x[0]) - h*(2*f[0] + f[1]) + tau*(2*(x[0] - x[1]) + h*(f[0] + f[1])))))
 
 
 def _sum(weights: tuple[float, ...], slopes: Array) -> Array:
-    """Return the sum of the first slopes, shape (., K, length), by weight."""
+    """Return the weighted sum of the first slopes, shape (., K, length)."""
     count = len(weights)
     return np.asarray(np.dot(weights, slopes[:count].reshape(count, -1))).reshape(slopes.shape[1:])

@@ -27,7 +27,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.nonconvexity import has_convex_paths
 from obc_ros.core.ocp.problem import FinalTime, Problem
-from obc_ros.core.ocp.solution import Solution
+from obc_ros.core.ocp.solution import Condition, Solution
 from obc_ros.core.ocp.wording import format_number, state_bound
 from obc_ros.core.solver.diagnosis.feasibility import (
     describe_broken_bound,
@@ -55,8 +55,8 @@ from obc_ros.core.solver.proofs.singular_expressions import (
 )
 
 # Of what a certificate may leave: for a path but for little, and but for its steps as well.
-_NEARLY = FEASIBLE | {'start': 1e-3, 'end': 1e-3, 'bounds': 1e-3}
-_ROUGHLY = _NEARLY | {'dynamics': 1e-2}
+_NEARLY = FEASIBLE | {Condition.START: 1e-3, Condition.END: 1e-3, Condition.BOUNDS: 1e-3}
+_ROUGHLY = _NEARLY | {Condition.DYNAMICS: 1e-2}
 _WIDE = 1e-2        # of its bounds: where a path may go that shows what is out of reach
 _PART = 0.1         # of its terms, that Pontryagin's conditions may leave
 _LATER = 50.0       # times T up to which a least time is looked for
@@ -253,7 +253,7 @@ class _Doubt:
     def leapt(self, nearest: Solution) -> Reason | None:
         """Return that a path keeps to bounds at mesh points only, as it leaps over a wall."""
         certificate = nearest.certificate
-        if certificate is None or certificate.fault != 'bounds':
+        if certificate is None or certificate.fault != Condition.BOUNDS:
             return None
         names = [state_bound(self.problem, i, upper) for upper, bounds in (
             (False, self.problem.x_lower), (True, self.problem.x_upper))
@@ -262,7 +262,7 @@ class _Doubt:
         return Reason(False, (
             f'no path was found that meets the terminal constraints and keeps to '
             f'{" and ".join(names)} all the way: the nearest exceeds a bound between mesh points '
-            f'by {certificate.residuals["bounds"]:.1g} of its size'))
+            f'by {certificate.residuals[Condition.BOUNDS]:.1g} of its size'))
 
 
 def _nearly_optimal(answer: Solution) -> bool:
@@ -270,7 +270,8 @@ def _nearly_optimal(answer: Solution) -> bool:
     certificate = answer.certificate
     return certificate is not None and all(
         certificate.residuals[key] <= _PART
-        for key in ('costate', 'minimum', 'transversality', 'hamiltonian'))
+        for key in (Condition.COSTATE, Condition.MINIMUM, Condition.TRANSVERSALITY,
+                    Condition.HAMILTONIAN))
 
 
 def _last(problem: Problem) -> float:
@@ -287,7 +288,7 @@ def _arrives(solution: Solution) -> bool:
     certificate = solution.certificate
     return certificate is not None and all(
         certificate.residuals.get(key, 0.0) <= certificate.tolerances.get(key, 0.0)
-        for key in ('start', 'end', 'bounds'))
+        for key in (Condition.START, Condition.END, Condition.BOUNDS))
 
 
 def _roughly(solution: Solution) -> bool:

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.solution import Solution
+from obc_ros.core.ocp.solution import Condition, Solution
 from obc_ros.core.ocp.structure import find_switching_inputs
 from obc_ros.core.ocp.wording import describe_terminal, format_number, state_bound
 
@@ -24,18 +24,18 @@ Solver = Callable[[Problem], Solution]
 Explanation = Callable[[Solution], str]
 
 # What a certificate may leave of these conditions for a path to count as one.
-FEASIBLE = {'dynamics': 1e-4, 'start': 1e-5, 'bounds': 1e-4}
+FEASIBLE = {Condition.DYNAMICS: 1e-4, Condition.START: 1e-5, Condition.BOUNDS: 1e-4}
 _MISSED = 1e-4      # of a constraint's size: beyond the accuracy of an elastic answer
 _OF_MOST = 1e-2     # of the largest of what is missed: less is not worth a word
 _EFFORT = 1e-8      # weight of the inputs in problems that would not determine them otherwise
 
 
-def is_path(solution: Solution, wide: float = FEASIBLE['bounds']) -> bool:
+def is_path(solution: Solution, wide: float = FEASIBLE[Condition.BOUNDS]) -> bool:
     """Return whether an answer, optimal or not, is a path; `wide`: of its bounds, at most."""
     certificate = solution.certificate
     return certificate is not None and all(
         certificate.residuals.get(key, np.inf) <= limit
-        for key, limit in (FEASIBLE | {'bounds': wide}).items())
+        for key, limit in (FEASIBLE | {Condition.BOUNDS: wide}).items())
 
 
 def describe_shortfall(problem: Problem, nearest: Solution) -> str:

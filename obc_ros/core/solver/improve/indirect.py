@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.ocp.certificate.certificate import certify
-from obc_ros.core.ocp.solution import Solution, Status
+from obc_ros.core.ocp.solution import Condition, Solution, Status
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.improve.kink_mesh import build_points, solve_boundary_values
@@ -86,7 +86,7 @@ def _better(search: Bench, answer: Solution, found: BoundaryValues, wanted: floa
     judged = answer.certificate
     if judged is not None and judged.feasible:
         # An extremal costs no more than a path beside it, but for the errors of that path.
-        error = _DEARER + judged.residuals['dynamics'] + judged.residuals['end']
+        error = _DEARER + judged.residuals[Condition.DYNAMICS] + judged.residuals[Condition.END]
         if new.objective > answer.objective + error * abs(answer.objective):
             return answer
     new = replace(new, certificate=certify(search.stated, new))

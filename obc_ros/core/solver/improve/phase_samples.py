@@ -17,7 +17,7 @@ from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.numerics.collocation import build_collocation, build_lagrange_polynomials
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.solution import Solution, Status
+from obc_ros.core.ocp.solution import Condition, Solution, Status
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.multipliers import Fitter
 from obc_ros.core.solver.arcs.mixed_constraints import move_onto_constraints
@@ -25,7 +25,8 @@ from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.arcs.phases import DEGREE, Phased
 from obc_ros.core.solver.transcription.mesh import Path
 
-BY_SAMPLES = 'dynamics', 'bounds', 'cost', 'minimum'   # what more samples may take away
+# The conditions whose residuals more samples may reduce.
+BY_SAMPLES = Condition.DYNAMICS, Condition.BOUNDS, Condition.COST, Condition.MINIMUM
 _SAMPLES = 1000, 4000, 16_000
 _ALMOST = 100.0       # times its tolerance: such a residual that they may take away
 _JUMP = 1e-3          # of its size: less of an input between two phases is none

@@ -17,7 +17,7 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.numerics.collocation import build_collocation
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.solution import Solution
+from obc_ros.core.ocp.solution import Condition, Solution
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.arcs.bang_arcs import cut_at_bounds, cut_at_ends
@@ -319,7 +319,7 @@ def _settled_on(search: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], a
         if answer.certificate.holds:
             return answer
         value = fitter.at(problem, answer.x, answer.u)
-        erred = answer.certificate.residuals['dynamics']
+        erred = answer.certificate.residuals[Condition.DYNAMICS]
         if erred > _COARSE:
             # Steps that err so much say nothing of arcs, but where a bound weighs.
             touched = add_touching_arcs(problem, found.arcs, found, program.bounds, answer.t,
@@ -360,7 +360,8 @@ def _resolved(turn: _Turn, problem: Problem, program: PhasedProgram, judge: Cost
         if (get_signature(ended), turn.fine, turn.graded) not in seen:
             turn.like(found, ended)
             return True
-    if worst == 'costate' and turn.graded < _GRADED:   # it may change within a small part of T
+    # The costates may change within a small part of T.
+    if worst == Condition.COSTATE and turn.graded < _GRADED:
         turn.spread, count = spread_as_wanted(found)
         turn.graded, turn.fine = turn.graded + 1, max(turn.fine, count / _INTERVALS)
         return True

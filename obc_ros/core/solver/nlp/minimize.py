@@ -25,6 +25,7 @@ from obc_ros.core.numerics.rational_polynomials import (
 )
 from obc_ros.core.ocp.affine_constraints import eliminate_rows
 from obc_ros.core.ocp.certificate import kkt
+from obc_ros.core.ocp.certificate.kkt import KktCondition
 from obc_ros.core.ocp.solution import Certificate, Report, Status
 from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.core.text.expressions import check_name, parse_expression, parse_number, suggest_name
@@ -186,18 +187,20 @@ def _sentence(question: _Question, F: float, point: kkt.KktPoint, convex: bool,
 def _why_not(program: kkt.StaticProgram, point: kkt.KktPoint, certificate: Certificate,
              F: float) -> str:
     worst = certificate.worst
-    if worst in ('stationarity', 'attained') and kkt.is_strained(program, point):
+    if (worst in (KktCondition.STATIONARITY, KktCondition.ATTAINED)
+            and kkt.is_strained(program, point)):
         return (f'stopped at F = {F:.10g}: towards it the gradients of the active constraints '
                 'become linearly dependent (LICQ fails) and the multipliers grow without end')
-    if worst == 'stationarity' and point.dependent:
+    if worst == KktCondition.STATIONARITY and point.dependent:
         return (f'stopped at F = {F:.10g}: the gradients of the active constraints are linearly '
                 'dependent there (LICQ fails) and no multipliers exist')
-    if worst == 'attained':
+    if worst == KktCondition.ATTAINED:
         return (f'F falls towards {F:.6g} and the minimum is not attained: it keeps falling as x '
                 'grows, or along a flat valley')
-    reason = {'stationarity': 'the gradient is not balanced by those of the constraints; is F '
-                              'smooth there?',
-              'second_order': 'it is a saddle along the constraints, not a minimum'}
+    reason: Mapping[str, str] = {
+        KktCondition.STATIONARITY: 'the gradient is not balanced by those of the constraints; is '
+                                   'F smooth there?',
+        KktCondition.SECOND_ORDER: 'it is a saddle along the constraints, not a minimum'}
     return (f'stopped at F = {F:.10g}, which is not certified: {worst} '
             f'{certificate.residuals[worst]:.2g} (tolerance {certificate.tolerances[worst]:.0e})'
             + (f': {reason[worst]}' if worst in reason else ''))
