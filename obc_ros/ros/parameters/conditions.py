@@ -18,8 +18,8 @@ from collections.abc import Iterator, Mapping
 from typing import Protocol
 
 Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
-Condition = tuple[str | bool, ...]
-UsedWhen = tuple[Condition, ...]
+ParameterCondition = tuple[str | bool, ...]
+UsedWhen = tuple[ParameterCondition, ...]
 
 
 class ParameterLike(Protocol):
@@ -29,7 +29,7 @@ class ParameterLike(Protocol):
     read_only: bool
 
 
-def condition_holds(condition: Condition, values: Mapping[str, Value]) -> bool:
+def condition_holds(condition: ParameterCondition, values: Mapping[str, Value]) -> bool:
     """Return whether a condition holds for the values of all parameters by name."""
     others = [values[name] for name in _names(condition, values)]
     wanted = condition[1:]
@@ -76,7 +76,7 @@ def count_depth(rows: Mapping[str, ParameterLike], name: str) -> int:
     return 1 + max(count_depth(rows, str(each[0])) for each in rows[name].used_when)
 
 
-def _names(condition: Condition, values: Mapping[str, Value]) -> Iterator[str]:
+def _names(condition: ParameterCondition, values: Mapping[str, Value]) -> Iterator[str]:
     name = str(condition[0])
     if not name.endswith('*'):
         yield name
@@ -84,7 +84,7 @@ def _names(condition: Condition, values: Mapping[str, Value]) -> Iterator[str]:
     yield from (each for each in values if each.startswith(name[:-1]))
 
 
-def _present(condition: Condition, values: Mapping[str, Value]) -> str:
+def _present(condition: ParameterCondition, values: Mapping[str, Value]) -> str:
     """Return the value, in words, of a parameter that does not meet its condition."""
     value = values[next(_names(condition, values))]
     return 'empty' if value in ((), '') else _word(value)

@@ -10,7 +10,7 @@ import re
 from typing import Any
 
 from obc_ros.core.text.errors import quote, StatementError
-from obc_ros.ros.parameters.conditions import Condition, UsedWhen, Value
+from obc_ros.ros.parameters.conditions import ParameterCondition, UsedWhen, Value
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.parameter import Parameter
 
@@ -52,7 +52,7 @@ class ParameterRow:
     finite: bool = True
     texts: bool = False
     used_when: UsedWhen = ()
-    default_when: tuple[Condition, Value] | None = None
+    default_when: tuple[ParameterCondition, Value] | None = None
 
     @property
     def type(self) -> Parameter.Type:
@@ -170,7 +170,7 @@ def declare_field(
     finite: bool = True,
     texts: bool = False,
     used_when: UsedWhen = (),
-    default_when: tuple[Condition, Value] | None = None,
+    default_when: tuple[ParameterCondition, Value] | None = None,
 ) -> Any:
     """
     Return a field of a table that is one ROS parameter.
