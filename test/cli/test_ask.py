@@ -411,7 +411,7 @@ def test_regulators(obc, tmp_path):
     poles = [
         complex(*pole) for pole in example['poles']]
     assert np.allclose(np.poly(poles), [1, math.sqrt(2 * q), q])
-    assert 'out of reach' in found['out_of_reach']['message']
+    assert 'uncontrollable' in found['out_of_reach']['message']
     assert 'Qu[0] = -1' in found['indefinite']['message']
     assert len(found['aircraft']['K']) == 2
     assert {path.stem for path in tmp_path.glob('*.png')} == {'example_2_4', 'aircraft', 'bryson'}

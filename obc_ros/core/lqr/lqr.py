@@ -5,7 +5,8 @@ The linear quadratic regulator (section 2.4).
 
 Minimise J = integral of x'Qx x + 2 x'N u + u'Qu u over [0, infinity) subject to dx/dt = A x + B u.
 
-A design is returned only with its proof; otherwise the error says in words what stands against it.
+A design is returned only if closed-loop stability has been verified with bounds of the rounding
+errors. Otherwise the error names the reason.
 """
 
 from dataclasses import dataclass
@@ -27,16 +28,16 @@ _LEAST_ROBUSTNESS = 10.0
 @dataclass(frozen=True, eq=False)
 class LqrDesign:
     """
-    A state feedback u = -K x that is proved to stabilise, and what it was designed for.
+    A state feedback u = -K x with verified stability, the plant and the cost.
 
     Attributes
     ----------
     A, B : ndarray, shape (n, n) and (n, m)
-        The plant; of the sampled plant when `period` is positive.
+        The plant; the sampled plant if `period` is positive.
     Qx, Qu : ndarray, shape (n, n) and (m, m)
         Weights.
     cross : ndarray, shape (n, m), or None
-        N of 2 x'N u.
+        N in 2 x'N u.
     stability : float
         Prescribed degree of stability [1/s].
     K : ndarray, shape (m, n)
@@ -44,14 +45,14 @@ class LqrDesign:
     P : ndarray, shape (n, n)
         Riccati solution; J* = x0'P x0.
     E : ndarray, shape (n,), complex
-        Closed-loop poles, the slowest last; in the z plane when `period` is positive.
+        Closed-loop poles, the slowest last; in the z plane if `period` is positive.
     residual : float
-        Of the Riccati equation, relative to the size of its terms.
+        Residual of the Riccati equation, relative to the size of its terms.
     error : float
-        Estimated bound of the relative error of P made by rounding.
+        Estimated bound of the relative rounding error of P.
     robustness : float
-        The closed loop stays stable when each entry of A, B and K is wrong by this many units of
-        rounding (a lower bound).
+        Lower bound: the closed loop stays stable if each entry of A, B and K changes by at most
+        this many rounding units.
     period : float
         Sampling period [s]; 0: continuous time.
 
@@ -72,7 +73,7 @@ class LqrDesign:
     period: float = 0.0
 
 
-@np.errstate(all='ignore')  # what overflows is refused: no comparison with nan holds
+@np.errstate(all='ignore')  # an overflow is rejected: a comparison with nan is false
 def lqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
         cross: ArrayLike | None = None, stability: float = 0.0, to_rest: bool = False
         ) -> LqrDesign:
@@ -86,11 +87,11 @@ def lqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
     Qx, Qu : array_like, shape (n, n) and (m, m)
         Weights; symmetric, Qx >= 0, Qu > 0.
     cross : array_like, shape (n, m), optional
-        N of 2 x'N u; [[Qx, N], [N', Qu]] >= 0.
+        N in 2 x'N u; [[Qx, N], [N', Qu]] >= 0.
     stability : float
         Prescribed degree of stability [1/s]: poles left of -stability (Anderson and Moore).
     to_rest : bool
-        Demand x(infinity) = 0 even of modes that the cost does not see (Exercise 2.9).
+        Require x(infinity) = 0 also for modes that are not detectable (Exercise 2.9).
 
     Returns
     -------
@@ -101,16 +102,16 @@ def lqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
     Raises
     ------
     StatementError
-        If a matrix has a wrong size, an entry that is no finite number, or is not symmetric.
+        If a matrix has a wrong size, an entry that is not finite, or is not symmetric.
     RefusedDesignError
-        If no gain can be proved to stabilise and to be optimal: Qx or Qu not definite, an unstable
-        mode of A out of reach of B or not seen by Qx, or a problem too ill-conditioned. The
-        message names the entry or the mode.
+        If Qx or Qu is not definite, (A, B) is not stabilisable, (A, Qx) is not detectable, or
+        stability and accuracy cannot be verified in double precision. The message names the
+        entry or the mode.
 
     References
     ----------
-    Equation (2.9) and Theorem 2.2 (its "Qu = H'H" must read Qx = H'H; stabilisable and detectable
-    is enough).
+    Equation (2.9) and Theorem 2.2 (its "Qu = H'H" must read Qx = H'H; stabilisability and
+    detectability suffice).
 
     """
     A, B, Qx, Qu, cross = checks.check_matrices(A, B, Qx, Qu, cross)
@@ -121,9 +122,11 @@ def lqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
     F = lapack.dtrtrs(L, B.T, lower=1)[0].T
     solution = care.solve_continuous(Ac, F, Qc)
     if solution is None:
-        raise RefusedDesignError(stabilizability.explain_no_gain(Ac, F, Qc, stability=stability))
+        raise RefusedDesignError(stabilizability.explain_no_gain(
+            Ac, F, Qc, stability=stability, has_cross=cross is not None))
     if not (sees_all or to_rest):
-        unseen = stabilizability.name_undetectable_modes(Ac, F, Qc, stability=stability)
+        unseen = stabilizability.name_undetectable_modes(
+            Ac, F, Qc, stability=stability, has_cross=cross is not None)
         if unseen:
             raise RefusedDesignError(unseen)
     right = B.T @ solution.P
@@ -140,10 +143,10 @@ def lqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
     robust = care.measure_robustness(M, solution.X, _rounding(A, B, K) * ratio)
     if not (robust >= _LEAST_ROBUSTNESS and solution.error <= stabilizability.LARGEST_ERROR
             and solution.residual <= _LARGEST_RESIDUAL and E[-1].real < -stability):
-        raise RefusedDesignError(
-            stabilizability.explain_no_gain(Ac, F, Qc, stability=stability, error=solution.error))
-    return LqrDesign(A, B, Qx, Qu, cross, stability, K, solution.P, E, solution.residual,
-                     solution.error, robust)
+        raise RefusedDesignError(stabilizability.explain_no_gain(
+            Ac, F, Qc, stability=stability, error=solution.error, has_cross=cross is not None))
+    return LqrDesign(A=A, B=B, Qx=Qx, Qu=Qu, cross=cross, stability=stability, K=K, P=solution.P,
+                     E=E, residual=solution.residual, error=solution.error, robustness=robust)
 
 
 @np.errstate(all='ignore')
@@ -160,7 +163,7 @@ def dlqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
     Qx, Qu, cross : array_like, shape (n, n), (m, m), (n, m)
         Weights as for `lqr`.
     stability : float
-        Prescribed degree of stability [1/s]: poles within exp(-stability period).
+        Prescribed degree of stability [1/s]: |z| < exp(-stability period) for all poles z.
     period : float
         Sampling period [s].
 
@@ -188,13 +191,13 @@ def dlqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
     ratio = scale / scale[:, None]
     solution = dare.solve_discrete(Ac * ratio, F / scale[:, None], Qc * (scale * scale[:, None]))
     if not sees_all:
-        unseen = stabilizability.name_undetectable_modes(Ac, F, Qc, stability=stability,
-                                                         period=period)
+        unseen = stabilizability.name_undetectable_modes(
+            Ac, F, Qc, stability=stability, period=period, has_cross=cross is not None)
         if unseen:
             raise RefusedDesignError(unseen)
     if solution is None:
-        raise RefusedDesignError(
-            stabilizability.explain_no_gain(Ac, F, Qc, stability=stability, period=period))
+        raise RefusedDesignError(stabilizability.explain_no_gain(
+            Ac, F, Qc, stability=stability, period=period, has_cross=cross is not None))
     P = solution.P / (scale * scale[:, None])
     BP = growth * growth * B.T @ P
     right = BP @ A
@@ -211,9 +214,11 @@ def dlqr(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLike, *,
     if not (robust >= _LEAST_ROBUSTNESS and solution.error <= stabilizability.LARGEST_ERROR
             and solution.residual <= _LARGEST_RESIDUAL and np.abs(E).max() < 1.0 / growth):
         raise RefusedDesignError(stabilizability.explain_no_gain(
-            Ac, F, Qc, stability=stability, period=period, error=solution.error))
-    return LqrDesign(A, B, Qx, Qu, cross, stability, K, P, E, solution.residual,
-                     solution.error, robust, period)
+            Ac, F, Qc, stability=stability, period=period, error=solution.error,
+            has_cross=cross is not None))
+    return LqrDesign(A=A, B=B, Qx=Qx, Qu=Qu, cross=cross, stability=stability, K=K, P=P, E=E,
+                     residual=solution.residual, error=solution.error, robustness=robust,
+                     period=period)
 
 
 def _check_stability(stability: float) -> None:
@@ -222,7 +227,7 @@ def _check_stability(stability: float) -> None:
 
 
 def _rounding(A: Array, B: Array, K: Array) -> Array:
-    """Return a bound of what rounding of A, B, K and their product does to A - B K."""
+    """Return a bound of the rounding error of A - B K, entry by entry."""
     bound: Array = EPS * (np.abs(A) + (B.shape[1] + 2) * (np.abs(B) @ np.abs(K)))
     return bound
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which modes of a plant stand in the way of a regulator, and the words for it."""
+"""Stabilisability and detectability of a plant, and the error messages."""
 
 import math
 
@@ -13,63 +13,79 @@ from scipy.linalg import lapack
 
 Modes = NDArray[np.complex128]
 
-LARGEST_ERROR = 1e-4  # of P; one in the fourth digit of the gain
-TOO_FAR_APART = 'A, B, Qx and Qu are too far apart in size for double precision'
+LARGEST_ERROR = 1e-4  # relative error of P; the gain then has four digits
+TOO_FAR_APART = 'the entries of A, B, Qx and Qu differ too much in size for double precision'
 
-_UNSEEN = 1e-14  # relative distance to an unobservable pair at which a mode counts as unseen
+# Distances to an unobservable pair, relative to the norm of A.
+_LOST = 1e-8     # a mode is numerically unobservable
+_EXACT = 1e-12   # the message does not say "numerically"
+_UNSEEN = 1e-14  # an optimal gain is rejected, because it leaves the mode as it is
 
 
 def explain_no_gain(A: Array, F: Array, Q: Array, *, stability: float = 0.0, period: float = 0.0,
-                    error: float = math.nan) -> str:
+                    error: float = math.nan, has_cross: bool = False) -> str:
     """
-    Say why there is no stabilising gain that can be proved.
+    Explain why no gain with verified stability was found.
 
     Parameters
     ----------
     A, F, Q : ndarray, shape (n, n), (n, m), (n, n)
-        dx/dt = A x + F u (or x+ = A x + F u) with the cost x'Q x + u'u; `stability` is in A and F.
+        dx/dt = A x + F u (or x+ = A x + F u) with the cost x'Q x + u'u; A and F contain the shift
+        by `stability`.
     stability : float
-        The degree of stability wanted [1/s].
+        Prescribed degree of stability [1/s].
     period : float
         Sampling period [s]; 0: continuous time.
     error : float
-        Relative error of the solution of the Riccati equation; nan when there is none.
+        Relative error of the Riccati solution; nan: there is no solution.
+    has_cross : bool
+        Whether the cost has a cross term N, so that A is A - B Qu^-1 N'.
 
     """
-    alike = A, F / np.maximum(np.linalg.norm(F, axis=0), TINY), Q  # inputs that cost the same
+    unit = A, F / np.maximum(np.linalg.norm(F, axis=0), TINY), Q  # without the weights of inputs
     A, F, Q = _balanced(A, F, Q)
     if not np.isfinite(np.array([np.linalg.norm(M) for M in (A, F @ F.T, Q)])).all():
         return TOO_FAR_APART
-    lost = _out_of_reach(A, F, period)
-    if lost.size:
-        near = not _out_of_reach(*_balanced(*alike)[:2], period).size
-        return _clause(lost, 'all but out of reach of the inputs at these weights; bring those of '
-                       'Qu closer together' if near else 'out of reach of the inputs',
-                       stability, period)
-    unseen = _lost(A, Q, 1e-8, period)
-    if unseen.size:
-        return _clause(unseen, 'not seen by Qx; give it a weight', stability, period)
+    modes = _uncontrollable(A, F, _LOST, period)
+    if modes.size:
+        by_weights = not _uncontrollable(*_balanced(*unit)[:2], _LOST, period).size
+        is_exact = _uncontrollable(A, F, _EXACT, period).size == modes.size and not by_weights
+        word = '' if is_exact else 'numerically '
+        return _explain(modes, '(A, B)', f'{word}not stabilisable'
+                        + ' at these weights' * by_weights, f'is {word}uncontrollable',
+                        stability, period) + (
+            '; use entries of Qu of more similar size' if by_weights else '')
+    modes = _unobservable(A, Q, _LOST, period)
+    if modes.size:
+        word = '' if _unobservable(A, Q, _EXACT, period).size == modes.size else 'numerically '
+        return _explain(modes, _pair(has_cross), f'{word}not detectable',
+                        'does not appear in the cost', stability, period) + '; add a weight'
     if error > LARGEST_ERROR:
-        return (f'the Riccati equation is too ill-conditioned: rounding leaves P uncertain by '
-                f'{min(error, 1.0):.1g} of its size; bring the weights closer together')
-    return ('no gain can be proved to stabilise: rounding alone may put a mode of the closed loop '
-            'on the border of stability; bring the weights closer together'
-            + (', or ask for less than this degree of stability' if stability else ''))
+        return (f'the Riccati equation is too ill-conditioned: the estimated relative rounding '
+                f'error of P is {min(error, 1.0):.1g}; use weights of more similar size')
+    return ('stability of the closed loop cannot be verified: rounding errors alone may make a '
+            'mode unstable; use weights of more similar size'
+            + (', or a smaller degree of stability' if stability else ''))
 
 
 def name_undetectable_modes(A: Array, F: Array, Q: Array, *, stability: float = 0.0,
-                            period: float = 0.0) -> str:
+                            period: float = 0.0, has_cross: bool = False) -> str:
     """
-    Name the modes of A that do not decay and that the cost does not see; empty when there is none.
+    Name the modes of A that do not decay and are not in the cost; empty if there are none.
 
     The parameters are those of `explain_no_gain`.
     """
     A, _, Q = _balanced(A, F, Q)
-    modes = _lost(A, Q, _UNSEEN, period)
+    modes = _unobservable(A, Q, _UNSEEN, period)
     if not modes.size:
         return ''
-    return _clause(modes, 'not seen by Qx: the least cost leaves it as it is; give it a weight',
-                   stability, period)
+    return _explain(modes, _pair(has_cross), 'not detectable', 'does not appear in the cost',
+                    stability, period) + '; add a weight'
+
+
+def _pair(has_cross: bool) -> str:
+    # With N the pair is (A - B Qu^-1 N', Qx - N Qu^-1 N'), which nobody has written down.
+    return 'the plant with this cost' if has_cross else '(A, Qx)'
 
 
 def _balanced(A: Array, F: Array, Q: Array) -> tuple[Array, Array, Array]:
@@ -77,17 +93,17 @@ def _balanced(A: Array, F: Array, Q: Array) -> tuple[Array, Array, Array]:
     return A * (d / d[:, None]), F / d[:, None], Q * (d * d[:, None])
 
 
-def _out_of_reach(A: Array, F: Array, period: float) -> Modes:
-    return _lost(A.T, F.T, 1e-8, period)
+def _uncontrollable(A: Array, F: Array, tolerance: float, period: float) -> Modes:
+    return _unobservable(A.T, F.T, tolerance, period)
 
 
-def _lost(A: Array, C: Array, tolerance: float, period: float) -> Modes:
+def _unobservable(A: Array, C: Array, tolerance: float, period: float) -> Modes:
     """
-    Return the modes of A that do not decay and that C does not see.
+    Return the modes of A that do not decay and are unobservable through C.
 
-    A mode s is seen when the smallest singular value of [A - s I; C], C scaled to the norm of A,
-    is above `tolerance` times that norm (the test of Popov, Belevitch and Hautus). Only the
-    invariant subspace of such modes is looked at.
+    A mode s is observable if the smallest singular value of [A - s I; C], C scaled to the norm of
+    A, is above `tolerance` times that norm (test of Popov, Belevitch and Hautus). The test is
+    restricted to the invariant subspace of the modes that do not decay.
     """
     n = len(A)
     size = max(float(np.linalg.norm(A)), 1e-300)
@@ -107,19 +123,24 @@ def _lost(A: Array, C: Array, tolerance: float, period: float) -> Modes:
     return lost
 
 
-def _clause(modes: Modes, text: str, stability: float, period: float) -> str:
-    """Say something of modes of A, named once each without `stability`; of a pair one is named."""
+def _explain(modes: Modes, pair: str, verdict: str, reason: str, stability: float, period: float
+             ) -> str:
+    """Return the verdict on a pair with the modes, each named once, without the shift."""
     names: list[str] = []
     for mode in modes:
         shifted = mode * math.exp(-stability * period) if period else mode - stability
         re, im = shifted.real + 0.0, abs(shifted.imag)
         if abs(re) < 1e-12 * abs(mode):
             re = 0.0
-        name = f'{re:+.4g}' if im == 0.0 else f'{re:+.4g} +- {im:.4g}j'
+        name = ('z = ' if period else 's = ') + (f'{re:+.4g}' if re else '0')
+        if im:
+            name += f' +- {im:.4g}j'
         if name not in names:
             names.append(name)
-    what = 'mode' if len(names) == 1 else 'modes'
-    verb = 'is' if len(names) == 1 else 'are'
-    of = 'the sampled A' if period else 'A'
-    wanted = f' and a degree of stability of {stability:g} is wanted' if stability else ''
-    return f'the {what} at {" and ".join(names)} of {of} {verb} {text}{wanted}'
+    what = 'mode'
+    if len(names) > 1:
+        what, reason = 'modes', reason.replace('is ', 'are ', 1).replace('does ', 'do ', 1)
+    if period:
+        pair = f'the sampled {pair.removeprefix("the ")}'
+    degree = f' with the degree of stability {stability:g} 1/s' if stability else ''
+    return f'{pair} is {verdict}{degree}: the {what} {" and ".join(names)} {reason}'

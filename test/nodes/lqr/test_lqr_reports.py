@@ -98,8 +98,8 @@ def test_the_numbers_of_exercise_2_10(spawn: Any, probe: Any) -> None:
 
 
 @pytest.mark.parametrize(('A', 'B', 'Qx', 'Qu', 'sentence'), [
-    ([1.0, 0.0, 0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0], 'the mode at +1 of A is out of reach'),
-    ([1.0, 0.0, 0.0, -1.0], [1.0, 1.0], [0.0, 1.0], [1.0], 'not seen by Qx'),
+    ([1.0, 0.0, 0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0], 'the mode s = +1 is uncontrollable'),
+    ([1.0, 0.0, 0.0, -1.0], [1.0, 1.0], [0.0, 1.0], [1.0], '(A, Qx) is not detectable'),
     ([0.0, 1.0, 0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [-1.0], 'Qu[0] = -1: Qu must be positive'),
     ([0.0, 1.0, 0.0, 0.0], [0.0, 1.0], [1.0, 2.0, 3.0, 1.0], [1.0], 'Qx must be symmetric'),
 ])
