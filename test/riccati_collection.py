@@ -195,7 +195,8 @@ OTHERS = {
 }
 
 # Rounded to three digits as it is printed, Qx of example 3 has the eigenvalue -0.0012.
-_INDEFINITE = 'Qx must be positive semidefinite: scaled to a unit diagonal it has the eigenvalue'
+_INDEFINITE = ('Qx must be positive semidefinite: scaled to a unit diagonal, its minimum '
+               'eigenvalue is')
 EXAMPLE_3 = (
     [[0, 1, 0, 0], [0, -1.89, 0.39, -5.53], [0, -0.034, -2.98, 2.43],
      [0.034, -0.0011, -0.99, -0.21]],

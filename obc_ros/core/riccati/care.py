@@ -1,13 +1,13 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The algebraic Riccati equation (2.9), solved with a proof.
+The continuous algebraic Riccati equation (2.9), with a bound of the error.
 
 A'P + P A - P G P + Q = 0, G = B Qu^-1 B'
 
-The stabilising solution comes from the stable invariant subspace of the Hamiltonian matrix
-(Laub 1979), in scaled coordinates, and is corrected by Newton's method (Kleinman 1968). The proof
-is a Lyapunov matrix X of the closed loop: it bounds the distance to instability and the error
+The stabilising solution is computed in scaled coordinates from the stable invariant subspace of
+the Hamiltonian matrix (Laub 1979) and corrected by Newton's method (Kleinman 1968). A Lyapunov
+matrix X of the closed loop bounds the distance to instability and gives an estimate of the error
 of P.
 """
 
@@ -26,16 +26,16 @@ from scipy.linalg import lapack
 @dataclass(frozen=True, eq=False)
 class RiccatiSolution:
     """
-    The stabilising solution of a Riccati equation and what is known of it.
+    The stabilising solution of a Riccati equation and its accuracy.
 
     Attributes
     ----------
     P : ndarray, shape (n, n)
         The solution, symmetric.
     residual : float
-        Of the equation, relative to the size of its terms.
+        Norm of the residual of the equation, relative to the size of its terms.
     error : float
-        Estimated bound of the error of P by rounding, relative to P, in scaled coordinates.
+        Estimated bound of the rounding error of P, relative to P, in scaled coordinates.
     X : ndarray, shape (n, n)
         Lyapunov matrix of the closed loop M in scaled coordinates: M'X + X M = -I
         (discrete: M'X M - X = -I).
@@ -65,10 +65,9 @@ def solve_continuous(A: Array, F: Array, Q: Array) -> RiccatiSolution | None:
     Returns
     -------
     RiccatiSolution or None
-        None when the Hamiltonian matrix has no stable subspace of dimension n within rounding: an
-        unstable mode is out of reach, or a mode on the imaginary axis does not appear in Q.
-        Otherwise it is as good as its `error` says; whether a gain made of it stabilises is for
-        `measure_robustness` to say.
+        None if there is no stabilising solution within rounding: (A, F) is not stabilisable, or
+        a mode on the imaginary axis is unobservable in Q. Otherwise `error` states the accuracy;
+        whether the gain stabilises is checked by `measure_robustness`.
 
     References
     ----------
@@ -96,9 +95,22 @@ def solve_continuous(A: Array, F: Array, Q: Array) -> RiccatiSolution | None:
 
 def compute_balancing(A: Array, F: Array, Q: Array, H: Array | None = None) -> Array:
     """
-    Return the powers of 2 d (n,) for which x = diag(d) z balances the Hamiltonian matrix.
+    Return the scaling d for which x = diag(d) z balances the Hamiltonian matrix.
 
-    `H` is room (2 n, 2 n) to work in.
+    Parameters
+    ----------
+    A, Q : ndarray, shape (n, n)
+        Matrices of the equation; Q symmetric.
+    F : ndarray, shape (n, m)
+        Factor of G = F F'.
+    H : ndarray, shape (2 n, 2 n), optional
+        Workspace in column-major order; it is overwritten.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Powers of 2, so that scaling is exact; ones if an entry of the matrix is not finite.
+
     """
     n = len(A)
     if H is None:
@@ -114,9 +126,9 @@ def compute_balancing(A: Array, F: Array, Q: Array, H: Array | None = None) -> A
     return d
 
 
-_LARGE = 40  # states from which on doubling, all products of matrices, is faster than Schur
+_LARGE = 40  # states from which doubling, which consists of matrix products, beats Schur
 _REFINEMENTS = 12
-_WANTED_ERROR = 1e-10  # of a bound that is some hundred times the error
+_WANTED_ERROR = 1e-10  # of the estimated bound, which is about a hundred times the error
 
 
 def _is_stable(re: float, im: float) -> bool:
@@ -132,7 +144,7 @@ def _inverse(M: Array) -> Array | None:
 
 
 class _Iterate(NamedTuple):
-    """What RiccatiSolution says, in scaled coordinates."""
+    """The fields of RiccatiSolution, in scaled coordinates."""
 
     P: Array
     residual: float
@@ -141,7 +153,7 @@ class _Iterate(NamedTuple):
 
 
 def _by_schur(A: Array, G: Array, Q: Array, H: Array) -> _Iterate | None:
-    """Return the solution spanned by the stable subspace; `H` is room to work in."""
+    """Return the solution spanned by the stable subspace; `H` is workspace."""
     n = len(A)
     H[:n, :n] = A
     np.negative(G, out=H[:n, n:])
@@ -163,7 +175,7 @@ def _by_schur(A: Array, G: Array, Q: Array, H: Array) -> _Iterate | None:
 
 def _by_doubling(A: Array, G: Array, Q: Array) -> _Iterate | None:
     """
-    Return the solution of the discrete equation that the Cayley transform makes of this one.
+    Apply the Cayley transform and solve the discrete equation by doubling.
 
     E. K.-W. Chu, H.-Y. Fan, W.-W. Lin, A structure-preserving doubling algorithm for
     continuous-time algebraic Riccati equations, Linear Algebra and its Applications 396, 2005.
@@ -211,7 +223,7 @@ def _newton(A: Array, G: Array, Q: Array, P: Array, lyapunov: Callable[[Array], 
 
 def _residual(A: Array, G: Array, Q: Array, P: Array) -> tuple[Array, float]:
     """Return A'P + P A - P G P + Q and the size of its terms."""
-    PA = P.dot(A)  # of small matrices `dot` takes half the time of `@`
+    PA = P.dot(A)  # for small matrices `dot` takes half the time of `@`
     PGP = P.dot(G).dot(P)
     R: Array = PA + PA.T - PGP + Q
     return R, 2.0 * norm(PA) + norm(PGP) + norm(Q) + TINY
@@ -228,9 +240,9 @@ def _lyapunov(C: Array, T: Array, V: Array, W: Array) -> Array:
 
 def _refine(A: Array, F: Array, Q: Array, start: _Iterate) -> _Iterate:
     """
-    Continue with Newton's method, the residual in extended precision.
+    Continue with Newton's method; the residual is evaluated in extended precision.
 
-    The error is then the size of the last correction, and what rounding of the residual can do.
+    The error is then the norm of the last correction plus the effect of rounding the residual.
     """
     wide = np.longdouble
     P, F_wide, A_wide, Q_wide = (M.astype(wide) for M in (start.P, F, A, Q))
@@ -255,8 +267,8 @@ def _refine(A: Array, F: Array, Q: Array, start: _Iterate) -> _Iterate:
     terms = terms + terms.T + np.abs(narrow) @ np.abs(F @ F.T) @ np.abs(narrow) + np.abs(Q)
     lost = len(A) * float(np.finfo(wide).eps) * min(
         norm(_sensitivity(M, terms)), norm(terms) * norm(X))
-    # Where G is large in directions that cancel in P G P, all that rounding of P leaves is of
-    # the size of the terms within this product.
+    # Where G is large in directions that cancel in P G P, the residual of the rounded P has the
+    # size of the terms within this product.
     R, size = _residual(A, F @ F.T, Q, narrow)
     error = step + EPS + lost / (norm(narrow) + TINY)
     return _Iterate(narrow, norm(R) / max(size, norm(terms)), error, X)
@@ -275,16 +287,19 @@ def _sensitivity(M: Array, C: Array) -> Array:
 
 def measure_robustness(M: Array, X: Array, rounding: Array) -> float:
     """
-    Return how many times the perturbations |E| <= rounding the matrix M can bear and stay stable.
-
-    A lower bound; 0: nothing is proved.
+    Bound from below the factor c for which M + c E is stable for all |E| <= rounding.
 
     Parameters
     ----------
     M, X : ndarray, shape (n, n)
-        X should solve M'X + X M = -I; how well it does is checked.
+        X should solve M'X + X M = -I; the residual is checked.
     rounding : ndarray, shape (n, n)
         Bound of the absolute error of each entry of M.
+
+    Returns
+    -------
+    float
+        The lower bound of c; 0 if stability is not proved.
 
     """
     bound = _by_lyapunov(M, X, rounding)

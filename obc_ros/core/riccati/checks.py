@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The matrices of a linear quadratic problem: taken when they fit, refused in words otherwise."""
+"""Checks of the matrices of a linear quadratic problem: shape, symmetry and definiteness."""
 
 from typing import Any
 
@@ -10,20 +10,34 @@ from obc_ros.core.numerics.rounding import EPS
 from obc_ros.core.text.errors import RefusedDesignError, StatementError
 from scipy.linalg import lapack
 
-LARGEST = 400  # states; far beyond it one request would block its server for minutes
-LARGEST_NUMBER = 1e100  # products of four stay finite
+LARGEST = 400  # states or inputs; a much larger request would block its server for minutes
+LARGEST_NUMBER = 1e100  # a product of three such numbers is finite
 
 
 def check_matrices(A: Any, B: Any, Qx: Any, Qu: Any, cross: Any
                    ) -> tuple[Array, Array, Array, Array, Array | None]:
     """
-    Return float copies of matrices that fit.
+    Check shapes, numbers and symmetry, and return float copies.
+
+    Parameters
+    ----------
+    A, B : array_like, shape (n, n) and (n, m)
+        System and input matrix.
+    Qx, Qu : array_like, shape (n, n) and (m, m)
+        Weights, symmetric; definiteness is checked by `remove_cross_term`.
+    cross : array_like, shape (n, m), or None
+        Weight N of the cross term 2 x'N u.
+
+    Returns
+    -------
+    tuple of ndarray
+        A, B, Qx, Qu and cross; cross is None if it was.
 
     Raises
     ------
     StatementError
-        If one is no matrix of finite numbers, of another size than A (n, n) and B (n, m) ask for,
-        or not symmetric (Qx, Qu), or if there are more than `LARGEST` states or inputs.
+        If an argument is not a matrix of finite numbers, has the wrong shape or is not symmetric
+        (Qx, Qu), or if there are more than `LARGEST` states or inputs.
 
     """
     A, B = _matrix('A', A), _matrix('B', B)
@@ -51,7 +65,7 @@ def _matrix(name: str, M: Any) -> Array:
     if given.ndim != 2:
         raise StatementError(f'{name}: expected a matrix (rows, columns) but found {given.shape}')
     matrix: Array = given.astype(float, copy=False)
-    # The sum of squares is quickest; it is nan when one of them is.
+    # The sum of squares is the fastest check; it is nan if an entry is.
     if not np.vdot(matrix, matrix) <= LARGEST_NUMBER**2 and not (
             np.abs(matrix) <= LARGEST_NUMBER).all():
         i, j = np.argwhere(~(np.abs(matrix) <= LARGEST_NUMBER))[0]
@@ -82,16 +96,26 @@ def _symmetric(name: str, M: Any, n: int) -> Array:
 def remove_cross_term(A: Array, B: Array, Qx: Array, Qu: Array, cross: Array | None
                       ) -> tuple[Array, Array, Array, bool]:
     """
-    Check the weights and remove the cross term.
+    Check the definiteness of the weights and remove the cross term.
+
+    Parameters
+    ----------
+    A, B, Qx, Qu, cross : ndarray
+        As returned by `check_matrices`; cross is N.
 
     Returns
     -------
     L : ndarray, shape (m, m)
-        Qu = L L'.
+        Lower Cholesky factor, Qu = L L'.
     A, Q : ndarray, shape (n, n)
         A - B Qu^-1 N' and Qx - N Qu^-1 N'.
     sees_all : bool
-        Whether Q is positive definite, so that every mode is seen.
+        Whether Q is positive definite, so that (A, Q) is observable.
+
+    Raises
+    ------
+    RefusedDesignError
+        If Qu is not positive definite, or Q not positive semidefinite.
 
     """
     L = _definite('Qu', Qu)
@@ -105,13 +129,13 @@ def remove_cross_term(A: Array, B: Array, Qx: Array, Qu: Array, cross: Array | N
     diagonal = Q.diagonal()
     sees_all = info == 0 and bool((root.diagonal()**2 > 1e-10 * diagonal).all())
     if not sees_all:
-        what = 'Qx' if cross is None else 'the matrix of Qx, cross and Qu'
+        what = 'Qx' if cross is None else "Qx - cross Qu^-1 cross'"
         _check_semidefinite('Qx', Qx, Q, what)
     return L, A, Q, sees_all
 
 
 def _definite(name: str, M: Array) -> Array:
-    """Return the lower Cholesky factor, or say why there is none."""
+    """Return the lower Cholesky factor; raise RefusedDesignError if there is none."""
     L: Array
     L, info = lapack.dpotrf(M, lower=1)
     diagonal = M.diagonal()
@@ -121,13 +145,17 @@ def _definite(name: str, M: Array) -> Array:
                 raise RefusedDesignError(
                     f'{name}[{i}] = {value:g}: {name} must be positive definite')
         least = _least_eigenvalue(M)
-        raise RefusedDesignError(f'{name} is no positive definite matrix: scaled to a unit '
-                                 f'diagonal it has the eigenvalue {least:.3g}')
+        raise RefusedDesignError(f'{name} must be positive definite: scaled to a unit diagonal, '
+                                 f'its minimum eigenvalue is {least:.3g}')
     return L
 
 
 def _check_semidefinite(name: str, M: Array, reduced: Array, what: str) -> None:
-    """Refuse M if `reduced`, M less what the cross term takes, is not positive semidefinite."""
+    """
+    Raise RefusedDesignError if M or `reduced` is not positive semidefinite.
+
+    `reduced` is M minus the contribution of the cross term.
+    """
     for i, value in enumerate(M.diagonal()):
         if value < 0.0:
             raise RefusedDesignError(
@@ -136,12 +164,13 @@ def _check_semidefinite(name: str, M: Array, reduced: Array, what: str) -> None:
         if M[i, i] == 0.0 and i != j:
             raise RefusedDesignError(f'{name}[{i}, {j}] = {M[i, j]:g} but {name}[{i}, {i}] = 0: '
                                      f'{name} must be positive semidefinite')
-    # What is left of M has the rounding of M: it is seen in the units of M.
+    # `reduced` carries the rounding error of M and is therefore scaled by the diagonal of M.
     size = np.sqrt(np.where(M.diagonal() > 0.0, M.diagonal(), 1.0))
     least = float(np.linalg.eigvalsh(reduced / size / size[:, None])[0])
     if least < -1e-12 * len(M):
-        raise RefusedDesignError(f'{what} must be positive semidefinite: scaled to a unit '
-                                 f'diagonal it has the eigenvalue {least:.3g}')
+        scaling = 'to a unit diagonal' if what == name else f'by the diagonal of {name}'
+        raise RefusedDesignError(f'{what} must be positive semidefinite: scaled {scaling}, its '
+                                 f'minimum eigenvalue is {least:.3g}')
 
 
 def _least_eigenvalue(M: Array) -> float:
@@ -150,7 +179,30 @@ def _least_eigenvalue(M: Array) -> float:
 
 
 def check_semidefinite(name: str, M: Any, n: int) -> Array:
-    """Return M (n, n), symmetric and positive semidefinite, or say why not."""
+    """
+    Check that a weight is symmetric and positive semidefinite, and return a float copy.
+
+    Parameters
+    ----------
+    name : str
+        Name of the weight, for messages.
+    M : array_like, shape (n, n)
+        The weight.
+    n : int
+        Number of rows and columns.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+
+    Raises
+    ------
+    StatementError
+        If M is not a symmetric (n, n) matrix of finite numbers.
+    RefusedDesignError
+        If M is not positive semidefinite.
+
+    """
     matrix = _symmetric(name, M, n)
     if lapack.dpotrf(matrix)[1]:
         _check_semidefinite(name, matrix, matrix, name)

@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The discrete algebraic Riccati equation, solved by doubling the horizon, with a proof.
+The discrete algebraic Riccati equation, solved by doubling, with an estimate of the error.
 
 P = A'P (I + G P)^-1 A + Q, G = B Qu^-1 B', for x+ = A x + B u and the sum of x'Qx x + u'Qu u
 """
@@ -15,22 +15,23 @@ from obc_ros.core.numerics.rounding import COMFORTABLE, compute_mode_tolerance, 
 from obc_ros.core.riccati.propagation import double_horizon
 from scipy.linalg import lapack
 
-_LONGEST = 60  # doublings: 1e18 steps
+_LONGEST = 60  # doublings, which are 1e18 steps
 
 
 class DiscreteSolution(NamedTuple):
     """
-    The solution of the discrete Riccati equation and what is known of it.
+    The solution of the discrete Riccati equation and its accuracy.
 
     Attributes
     ----------
     P : ndarray, shape (n, n)
+        The solution, symmetric.
     residual : float
-        Of the equation, relative to the size of its terms.
+        Norm of the residual of the equation, relative to the size of its terms.
     error : float
-        Estimated bound of the error of P by rounding, relative to P.
+        Estimated bound of the rounding error of P, relative to P.
     X : ndarray, shape (n, n)
-        M'X M - X = -I for the closed loop M.
+        Lyapunov matrix of the closed loop M: M'X M - X = -I.
 
     """
 
@@ -42,9 +43,9 @@ class DiscreteSolution(NamedTuple):
 
 def solve_discrete(A: Array, F: Array, Q: Array) -> DiscreteSolution | None:
     """
-    Return the solution of P = A'P (I + F F'P)^-1 A + Q that is the least cost.
+    Return the solution of P = A'P (I + F F'P)^-1 A + Q that is the minimum cost matrix.
 
-    It stabilises when every mode of A that does not decay is within reach of F and seen by Q.
+    Its gain stabilises if (A, F) is stabilisable and (A, Q) is detectable.
 
     Parameters
     ----------
@@ -56,7 +57,7 @@ def solve_discrete(A: Array, F: Array, Q: Array) -> DiscreteSolution | None:
     Returns
     -------
     DiscreteSolution or None
-        None when the cost grows without bound or the closed loop does not decay.
+        None if the cost grows without bound or the closed loop is not stable.
 
     References
     ----------
@@ -91,7 +92,7 @@ def solve_discrete(A: Array, F: Array, Q: Array) -> DiscreteSolution | None:
 
 
 def _residual(M: Array, K: Array, Q: Array, P: Array) -> tuple[Array, float]:
-    """Return M'P M + K'K + Q - P, the defect of P as the cost of the gain K, and its scale."""
+    """Return M'P M + K'K + Q - P, the residual of P as the cost of K, and its scale."""
     moved = M.T @ P @ M
     spent = K.T @ K
     R = moved + spent + Q - P
@@ -99,7 +100,20 @@ def _residual(M: Array, K: Array, Q: Array, P: Array) -> tuple[Array, float]:
 
 
 def solve_stein(M: Array, C: Array) -> Array | None:
-    """Return X with X - M'X M = C, the sum of M'^k C M^k; None when it does not converge."""
+    """
+    Solve X - M'X M = C by doubling the sum of M'^k C M^k.
+
+    Parameters
+    ----------
+    M, C : ndarray, shape (n, n)
+        M with spectral radius below 1.
+
+    Returns
+    -------
+    ndarray, shape (n, n), or None
+        X; None if the sum does not converge.
+
+    """
     X = C
     for _ in range(_LONGEST):
         more = M.T @ X @ M
@@ -115,16 +129,21 @@ def solve_stein(M: Array, C: Array) -> Array | None:
 
 def measure_discrete_robustness(M: Array, X: Array, rounding: Array) -> float:
     """
-    Return how many times the perturbations |E| <= rounding the matrix M can bear and stay stable.
+    Bound from below the factor c for which M + c E is stable for all |E| <= rounding.
 
-    A lower bound, from (M + E)'X (M + E) < X or from the modes; 0: nothing is proved.
+    The bound follows from (M + E)'X (M + E) < X or from the modes of M.
 
     Parameters
     ----------
     M, X : ndarray, shape (n, n)
-        X should solve M'X M - X = -I; how well it does is checked.
+        X should solve M'X M - X = -I; the residual is checked.
     rounding : ndarray, shape (n, n)
         Bound of the absolute error of each entry of M.
+
+    Returns
+    -------
+    float
+        The lower bound of c; 0 if stability is not proved.
 
     """
     bound = 0.0

@@ -1,16 +1,17 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The path of a linear quadratic problem under the optimal feedback, its input linear in between.
+The path of a linear quadratic problem under the optimal feedback with a piecewise linear input.
 
-Lines through samples of the optimal input do not lead where the optimal path does: the error is
-that of the lines times how fast the plant is. Here the states are those that the lines lead to,
-and the feedback u = F(t) (x, 1, nu) holds at the samples: what this gives away is of second order
-in the cost, however stiff the plant. The multipliers nu are those for which the path under the
-lines meets C x(T) = d.
+Linear interpolation between samples of the optimal input does not reproduce the optimal path: a
+fast plant amplifies the interpolation error. Here the states are integrated exactly under the
+piecewise linear input, and the feedback u = F(t) (x, 1, nu) holds at the samples. The excess cost
+is then of second order in the interpolation error, however stiff the plant. The multipliers nu are
+chosen such that the path under the piecewise linear input meets C x(T) = d.
 
-The horizon is cut into blocks of T 2^-k, each cut into 2^c equal steps, so that every step is T
-times a power of 1/2, and what belongs to it is what belongs to its half, doubled.
+The horizon is divided into blocks of length T 2^-k, and each block into 2^c equal steps. The
+length of every step is T times a power of 1/2, so that its matrices follow from those of half the
+step by doubling.
 """
 
 from collections.abc import Callable
@@ -27,23 +28,24 @@ from scipy.linalg import expm
 
 Of = TypeVar('Of')
 
-_FEWEST = 3             # halvings of a block
+_FEWEST = 3             # initial halvings of a block
 _MOST_AT_ONCE = 3       # halvings added in one round
 _ROUNDS = 12
-_LARGEST_TABLE = 2e7    # numbers of P(t) at all steps (160 MB)
-_MOST_STEPS = 2**18     # of all blocks; with few states these bound time and memory
-_MOST_GROWTH = 20.0     # of the states over a step, on the average of the rows: e^3
-_SHORT = 0.5            # norm of a rate times a step of which the exponential is taken
-_ALLOWED = 1e-5         # a tenth of what the certificate allows; all intervals, as in `_errors`
-_OF_THE_COST = 100.0    # a cost is to be right to 1e-7
+_LARGEST_TABLE = 2e7    # entries of P(t) at all steps (160 MB)
+_MOST_STEPS = 2**18     # of all blocks; with few states this bounds time and memory
+_MOST_GROWTH = 20.0     # largest norm of the transition matrix of a step per state, about e^3
+_SHORT = 0.5            # largest norm of a rate matrix times the step of which expm is taken
+_ALLOWED = 1e-5         # sum of `_errors`, a tenth of the tolerance of the certificate
+_OF_THE_COST = 100.0    # weight of the excess cost: its relative tolerance is 1e-7
 
 
 @dataclass(frozen=True, eq=False)
 class Extended:
     """
-    A problem in z, with the units `scale` (n,) of x, `one` of the constant, `row` (q,) of psi.
+    A problem in the scaled, extended state z = (x, one, nu).
 
-    A, G, Q, P1 are (n+1+q, n+1+q), C (q, n+1+q) holds psi = C z.
+    The units are `scale` (n,) of x, `one` of the constant and `row` (q,) of psi. A, G, Q and P1
+    are (n+1+q, n+1+q); psi = C z with C (q, n+1+q).
     """
 
     form: LqForm
@@ -63,14 +65,14 @@ class Extended:
 
     @property
     def x_block(self) -> tuple[Array, Array, Array, Array]:
-        """Return the parts of A, G, Q, P1 that belong to x."""
+        """Return the (n, n) blocks of A, G, Q, P1 that belong to x."""
         n = self.n
         return self.A[:n, :n], self.G[:n, :n], self.Q[:n, :n], self.P1[:n, :n]
 
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """A path: t (N,), x, lam (N, n), u (N, m), nu (q,); `errors` (N-1,) is what lines leave."""
+    """A path: t (N,), x, lam (N, n), u (N, m), nu (q,); `errors` (N-1,) of the intervals."""
 
     t: Array
     x: Array
@@ -81,7 +83,7 @@ class Held:
 
 
 class Feedback:
-    """P(t) and what belongs to the steps of a horizon, from 0 to T in blocks."""
+    """P(t), the feedback and the transition matrices of all steps from 0 to T, by blocks."""
 
     def __init__(self, extended: Extended, P1: Array, blocks: list[tuple[float, float]]) -> None:
         self.extended, self.P1, self.blocks, self.T = extended, P1, blocks, blocks[-1][1]
@@ -98,13 +100,13 @@ class Feedback:
         return np.linspace(*self.blocks[block], 2**self.halvings[block] + 1)
 
     def refine(self, block: int, more: int) -> None:
-        """Halve the steps of a block, so many times."""
+        """Halve the steps of a block `more` times."""
         self.halvings[block] += more
         for known in (self._costs, self._laws, self._inputs):
             known.pop(block, None)
 
     def may_refine(self, more: Index) -> bool:
-        """Return whether steps and memory allow for so many halvings of each block."""
+        """Return whether `more` (blocks,) halvings stay within the limits of steps and memory."""
         steps = sum(1 << int(each) for each in self.halvings + more)
         return steps <= min(_MOST_STEPS, _LARGEST_TABLE / self.P1.size)
 
@@ -172,7 +174,7 @@ class Feedback:
         return np.array([np.linspace(*block, steps + 1) for block in self.blocks]), x, y
 
     def _levels(self, block: int, halvings: int) -> list[propagation.Stretch]:
-        """Return the stretch of a block's 2^`halvings` steps, and those of more, as a ladder."""
+        """Return the stretches of 1, 2, 4, ... of the 2^`halvings` steps of a block."""
         level = self._length(block) + halvings
         found = [self._stretch(level)]
         while len(found) <= halvings and self._joins(level - len(found)):
@@ -180,7 +182,7 @@ class Feedback:
         return found
 
     def _joins(self, level: int) -> bool:
-        """Return whether two stretches may be joined to one of T 2^-`level`."""
+        """Return whether two stretches may be joined to one of length T 2^-`level`."""
         if level not in self._joined:
             half = self._stretch(level + 1)
             self._joined[level] = (propagation.is_convex(half) or propagation.is_apart(half)
@@ -188,12 +190,12 @@ class Feedback:
         return self._joined[level]
 
     def _length(self, block: int) -> int:
-        """Return k, a block being T 2^-k long."""
+        """Return k for the length T 2^-k of a block."""
         low, high = self.blocks[block]
         return round(math.log2(self.T / (high - low)))
 
     def _level(self, block: int) -> int:
-        """Return k, the steps of a block being T 2^-k."""
+        """Return k for the length T 2^-k of the steps of a block."""
         return self._length(block) + self.halvings[block]
 
     def _stretch(self, level: int) -> propagation.Stretch:
@@ -205,7 +207,7 @@ class Feedback:
             lambda half: propagation.join_stretches(half, half, identity))
 
     def _flow(self, level: int) -> Array:
-        """Return what becomes of (x, one, u, du/dt) over a step."""
+        """Return the transition matrix of (x, one, u, du/dt) over a step."""
         form, scale, one = self.extended.form, self.extended.scale, self.extended.one
         n, m = form.B.shape
         rate = np.zeros((n + 1 + 2*m, n + 1 + 2*m))
@@ -219,7 +221,7 @@ class Feedback:
 
 def _doubled(known: dict[int, Of], level: int, T: float, speed: float,
              begin: Callable[[float], Of], double: Callable[[Of], Of]) -> Of:
-    """Return what belongs to a step of T 2^-level: that of a short one, doubled."""
+    """Return the matrices of a step of T 2^-level, by doubling those of a short step."""
     first = level
     while first not in known and speed * T * 0.5**first > _SHORT:
         first += 1
@@ -232,18 +234,24 @@ def _doubled(known: dict[int, Of], level: int, T: float, speed: float,
 
 def follow_feedback(feedback: Feedback, x0: Array, nu: Array) -> Held | None:
     """
-    Return the path from x0 on as fine a grid as lines of the input need, if that is not too fine.
+    Return the path from x0 under a piecewise linear input, on a grid that is refined as needed.
 
-    Lines do not hold states that grow on their own by much within a step.
+    A step over which the free response grows by more than `_MOST_GROWTH` is halved first: a
+    piecewise linear input does not stabilise such a step.
 
     Parameters
     ----------
     feedback : Feedback
-        Of the problem; blocks are refined where they need it.
+        Of the problem; its blocks are refined.
     x0 : ndarray, shape (n,)
-        In units of `scale`.
+        Initial state in units of `scale`.
     nu : ndarray, shape (q,)
         Multipliers of the optimal path.
+
+    Returns
+    -------
+    Held or None
+        None if the grid would exceed the limits of steps and memory, or the path is not finite.
 
     """
     with np.errstate(all='ignore'):
@@ -272,10 +280,11 @@ def follow_feedback(feedback: Feedback, x0: Array, nu: Array) -> Held | None:
 
 def _halvings(errors: Array, halvings: Index) -> Index:
     """
-    Return how often the steps of each block are to be halved.
+    Return how many times the steps of each block should be halved.
 
-    What lines leave in a block is quartered by halving its steps: so that it becomes little
-    enough with the fewest steps in all, these grow by (error / number of steps)^(1/3).
+    Halving the steps of a block divides its error by 4. The tolerance is met with the minimum
+    number of steps if that of each block grows by a factor proportional to
+    (error / number of steps)^(1/3).
     """
     sizes = 2**halvings
     of_blocks = np.add.reduceat(errors, np.cumsum(sizes) - sizes) + TINY
@@ -288,10 +297,10 @@ def _halvings(errors: Array, halvings: Index) -> Index:
 
 
 def _followed(feedback: Feedback, x0: Array, nu: Array) -> Held:
-    """Return the path on the grid as it is, with the nu for which it meets C x(T) = d."""
+    """Return the path on the present grid, with the nu for which it meets C x(T) = d."""
     extended = feedback.extended
     n, q, blocks = len(x0), len(nu), range(len(feedback.blocks))
-    # Columns: the path with nu as given, and what a change of each nu by one makes of it.
+    # Columns: the path for the given nu and its derivative with respect to each nu.
     start = np.zeros((n + 1 + q, 1 + q))
     start[:, 0] = np.concatenate([x0, [extended.one], nu])
     start[n + 1:, 1:] = np.eye(q)
@@ -339,7 +348,7 @@ def _steps(feedback: Feedback, block: int, y: Array) -> Array:
 
 
 def _bends(u: Array) -> Array:
-    """Return by how much the input passes by the middle of a line, for each step of a block."""
+    """Estimate the deviation of the input from its chord at the middle of each step."""
     second = np.diff(u, 2, axis=0) / 8.0
     before, after = np.vstack([second[:1], second]), np.vstack([second, second[-1:]])
     return np.where(np.abs(before) > np.abs(after), before, after)
@@ -348,10 +357,10 @@ def _bends(u: Array) -> Array:
 def _errors(form: LqForm, t: Array, x: Array, u: Array, lam: Array, bends: Array, pushed: Array
             ) -> Array:
     """
-    Return what each line leaves of Pontryagin's conditions and of the cost, without unit.
+    Return for each interval the dimensionless error in Pontryagin's conditions and in the cost.
 
-    `pushed` (N-1, n) is what `bends` make of dlam/dt. Defects of lam and changes of H count as in
-    the certificate, what is given away `_OF_THE_COST` times as much as there.
+    `pushed` (N-1, n) is the change of dlam/dt caused by `bends`. Defects of lam and changes of H
+    are scaled as in the certificate; the excess cost is multiplied by `_OF_THE_COST`.
     """
     h = np.diff(t)
     size = np.abs(x).max(axis=0)

@@ -1,14 +1,13 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Linear quadratic problems with a fixed horizon: the Riccati differential equation (2.7).
+The Riccati differential equation (2.7): linear quadratic problems with a fixed horizon.
 
 -dP/dt = P A + A'P - P B Qu^-1 B'P + Qx, P(T) = P1, u = -Qu^-1 B'P(t) x
 
-P is not integrated: parts of the horizon are joined (`propagation`), which is exact to rounding
-for long horizons and unstable plants too, and needs no stationary solution. What is affine or
-constrained at T joins the state: with (x, 1, nu) the value function
-V(x) = x'P x / 2 + p'x + ..., its linear part and the multipliers nu of C x(T) = d are one P.
+P is not integrated step by step: intervals of the horizon are joined (`propagation`). This is
+accurate to rounding, also for long horizons and unstable plants, and needs no stationary solution.
+Affine terms and terminal constraints are treated in `terminal_constraints`.
 """
 
 from collections.abc import Sequence
@@ -29,28 +28,32 @@ def solve_finite_horizon(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLik
     """
     Return the solution of the Riccati differential equation (2.7) and the gain, u = -K(t) x.
 
-    They minimise the integral of x'Qx x + 2 x'N u + u'Qu u over [t, T] plus x(T)'P1 x(T).
+    The gain minimises the integral of x'Qx x + 2 x'N u + u'Qu u over [t, T] plus x(T)'P1 x(T).
 
     Parameters
     ----------
     A, B, Qx, Qu, cross : array_like
-        As for `lqr.lqr`; Qx >= 0, Qu > 0. Neither stabilisable nor detectable is needed.
+        As for `lqr.lqr`; Qx >= 0, Qu > 0. Stabilisability and detectability are not needed.
     P1 : array_like, shape (n, n)
         Terminal weight; symmetric, P1 >= 0.
     t : sequence of float, shape (N,)
-        Times [s], increasing, at most T. Equally spaced ones are much faster.
+        Times [s], increasing, at most T. Equally spaced times are much faster.
     T : float
         Final time [s].
 
     Returns
     -------
     P : ndarray, shape (N, n, n)
+        P(t); the minimum cost from t on is x'P x.
     K : ndarray, shape (N, m, n)
+        K(t).
 
     Raises
     ------
-    StatementError, RefusedDesignError
-        If a matrix does not fit, or is not definite as needed; if times are not increasing.
+    StatementError
+        If a matrix has the wrong shape or is not symmetric, or times do not increase.
+    RefusedDesignError
+        If a weight is not definite as required.
 
     """
     A, B, Qx, Qu, cross = checks.check_matrices(A, B, Qx, Qu, cross)
@@ -71,7 +74,7 @@ def solve_finite_horizon(A: ArrayLike, B: ArrayLike, Qx: ArrayLike, Qu: ArrayLik
 
 
 def _to_go(t: Sequence[float] | Array, T: float) -> Array:
-    """Return T - t, checked."""
+    """Return T - t; raise StatementError if the times are not finite and increasing."""
     times = np.asarray(t, dtype=float)
     if times.ndim != 1 or not times.size or not np.isfinite(times).all() or not math.isfinite(T):
         raise StatementError('t and T: wanted a list of finite times and a finite final time')

@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Recognise a linear quadratic problem and read its matrices, exactly.
+Recognition of linear quadratic problems, and their matrices.
 
 dx/dt = A x + B u + a
 L     = x'Q x / 2 + x'N u + u'R u / 2 + q'x + r'u + constant,  R > 0
@@ -16,7 +16,7 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 
-_DEFINITE = 1e-13   # least eigenvalue of R with ones on its diagonal
+_DEFINITE = 1e-13   # minimum eigenvalue of R scaled to a unit diagonal
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +41,19 @@ class LqForm:
 
 def find_lq_form(problem: Problem) -> LqForm | None:
     """
-    Return the matrices of a problem with linear f and psi and quadratic L and V.
+    Return the matrices of a problem with affine f and psi and quadratic L and V.
 
-    None when it is not one, or its cost is not strictly convex in u. Bounds, path constraints and
-    the final time are not looked at.
+    Parameters
+    ----------
+    problem : Problem
+        Its bounds, path constraints and final time are ignored.
+
+    Returns
+    -------
+    LqForm or None
+        None if the problem is not linear quadratic, a matrix is not finite, or L is not strictly
+        convex in u.
+
     """
     x, u = problem.x, problem.u
     z = ca.vertcat(x, u)
@@ -74,7 +83,7 @@ def find_lq_form(problem: Problem) -> LqForm | None:
 
 
 def _is_definite(R: Array) -> bool:
-    """Return whether R > 0 in whatever units, and not by the rounding of a factor alone."""
+    """Return whether R, scaled to a unit diagonal, is positive definite beyond rounding."""
     size = np.diag(R)
     if not np.all(size > 0.0):
         return False

@@ -1,14 +1,14 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Stretches of time of a linear quadratic problem, and how they join.
+Riccati propagation: solutions over intervals of time, joined by doubling.
 
-Three matrices (A, G, H) say all of a stretch: from the state x at its start and the costate y at
-its end follow the state A x - G y at its end and the costate H x + A'y at its start. With the
-terminal weight P, y = P x(end), its least cost is half of x'(H + A'P (I + G P)^-1 A) x. Two
-stretches after each other are such three matrices again, so that each joining doubles the horizon;
-with H and P positive semidefinite nothing in it grows, however long the horizon and however
-unstable the plant.
+A stretch is an interval of time of a linear quadratic problem, given by three matrices (A, G, H).
+The state x at its start and the costate y at its end determine the state A x - G y at its end and
+the costate H x + A'y at its start. With the terminal weight P, y = P x(end), and the minimum cost
+is half of x'(H + A'P (I + G P)^-1 A) x. Two consecutive stretches are one stretch again, so that
+each join doubles the horizon. With H and P positive semidefinite the eigenvalues of I + G H and
+I + G P are at least 1, however long the horizon and however unstable the plant.
 """
 
 import numpy as np
@@ -18,17 +18,30 @@ from scipy.linalg import expm
 
 Stretch = tuple[Array, Array, Array]
 
-_LONGEST = 60  # doublings: 1e18 steps
-_MOST_GROWTH = 30.0  # of the state over a joined stretch: its square is lost of the digits
-_SHORT = 0.5  # norm of the Hamiltonian matrix times the length of which the exponential is taken
+_LONGEST = 60  # doublings, which are 1e18 steps
+_MOST_GROWTH = 30.0  # of the state over a joined stretch; rounding errors grow by its square
+_SHORT = 0.5  # largest norm of the Hamiltonian matrix times the length of which expm is taken
 
 
 def build_stretch(A: Array, G: Array, Q: Array, length: float) -> Stretch:
     """
-    Return the stretch of dx/dt = A x - G y, dy/dt = -Q x - A'y over `length` seconds.
+    Return the stretch of dx/dt = A x - G y, dy/dt = -Q x - A'y over a length of time.
 
     The exponential of this Hamiltonian matrix is taken over a time so short that neither x nor y
-    grows much; joining does the rest.
+    grows much; the result is doubled until the length is reached.
+
+    Parameters
+    ----------
+    A, G, Q : ndarray, shape (n, n)
+        G and Q symmetric.
+    length : float
+        Length of time [s], > 0.
+
+    Returns
+    -------
+    tuple of three ndarray, shape (n, n)
+        (A, G, H) of the stretch.
+
     """
     n = len(A)
     H = np.empty((2 * n, 2 * n))
@@ -44,7 +57,7 @@ def build_stretch(A: Array, G: Array, Q: Array, length: float) -> Stretch:
 
 
 def join_stretches(first: Stretch, second: Stretch, identity: Array) -> Stretch:
-    """Return the stretch that is `first` and then `second`; leading axes are batches."""
+    """Return the stretch of `first` followed by `second`; leading axes are batches."""
     A1, G1, H1 = first
     A2, G2, H2 = second
     n = len(identity)
@@ -69,7 +82,7 @@ def propagate_back(stretch: Stretch, P: Array) -> Array:
     """
     A, G, H = stretch
     count, n, _ = P.shape
-    rows = P.reshape(-1, n)  # one product of matrices for the whole batch, not one for each
+    rows = P.reshape(-1, n)  # one matrix product for the whole batch
     inner = (rows @ G).reshape(count, n, n)
     inner.reshape(count, -1)[:, ::n + 1] += 1.0
     Y = np.linalg.solve(inner, (rows @ A).reshape(count, n, n))
@@ -79,10 +92,10 @@ def propagate_back(stretch: Stretch, P: Array) -> Array:
 
 def build_doublings(stretch: Stretch, steps: int) -> list[Stretch]:
     """
-    Return the stretch of a step, and each joined of two of the one before, within so many steps.
+    Return the stretches of 1, 2, 4, ... steps, at most `steps`.
 
-    A stretch is not joined where digits would be lost: over unstable modes that the cost does not
-    see, and near a conjugate point when H is indefinite.
+    Doubling ends before digits would be lost: with unstable modes that are unobservable in the
+    cost, and near a conjugate point if H is indefinite.
     """
     found, identity, convex = [stretch], np.eye(len(stretch[0])), is_convex(stretch)
     while 2**len(found) <= steps and (convex or is_apart(found[-1])):
@@ -97,7 +110,7 @@ def propagate_steps_back(levels: list[Stretch], P: Array, steps: int) -> Array:
     """
     Return the cost matrices 0, 1, ..., `steps` steps before the end, shape (steps+1, n, n).
 
-    Each level, of `build_doublings`, moves all matrices found so far at once.
+    Each of the `levels` from `build_doublings` propagates all matrices found so far at once.
     """
     found = np.empty((steps + 1, *P.shape))
     found[0] = P
@@ -113,18 +126,18 @@ def propagate_steps_back(levels: list[Stretch], P: Array, steps: int) -> Array:
 
 
 def is_convex(stretch: Stretch) -> bool:
-    """Return whether costs on a stretch are convex, and so on all that are joined of it."""
+    """Return whether the cost on a stretch, and thus on all joins of it, is convex."""
     return bool(np.linalg.eigvalsh(stretch[2])[0] >= 0.0)
 
 
 def is_apart(stretch: Stretch) -> bool:
-    """Return whether two such stretches, one after the other, are far from a conjugate point."""
+    """Return whether two consecutive such stretches are far from a conjugate point."""
     _, G, H = stretch
     return bool(np.linalg.eigvals(np.eye(len(H)) + G @ H).real.min() > 0.5)
 
 
 def is_accurate_join(stretch: Stretch) -> bool:
-    """Return whether states grow so little over a joined stretch that no digits are lost."""
+    """Return whether the state grows by less than `_MOST_GROWTH` over a joined stretch."""
     return norm(stretch[0]) < _MOST_GROWTH * len(stretch[0])
 
 
@@ -132,19 +145,20 @@ def solve_inside(levels: list[Stretch], x: Array, P: Array, steps: int) -> tuple
     """
     Return states and costates along the optimal path, each of shape (steps + 1, n).
 
-    Between states x and costates y'' at the two ends of a stretch that is joined of two (A, G, H)
-    lie x' = A x - G y' and y' = H x' + A'y'': the same matrices for all stretches of a length.
+    A stretch joined from two stretches (A, G, H) has the state x at its start and the costate y''
+    at its end. In its middle, x' = A x - G y' and y' = H x' + A'y''. The matrices are the same for
+    all stretches of one length.
 
     Parameters
     ----------
     levels : list of tuple of ndarray, shape (n, n)
-        As of `build_doublings`.
+        From `build_doublings`.
     x : ndarray, shape (n,)
-        At the start.
+        State at the start.
     P : ndarray, shape (n, n)
-        Costates at the end for the states there.
+        Terminal weight; the costate at the end is P x.
     steps : int
-        A multiple of the steps of the last level.
+        Number of steps, a multiple of those of the last level.
 
     """
     (A, G, H), identity = levels[-1], np.eye(len(x))
@@ -170,9 +184,10 @@ def solve_inside(levels: list[Stretch], x: Array, P: Array, steps: int) -> tuple
 
 def double_horizon(A: Array, G: Array, H: Array) -> Array | None:
     """
-    Return the least cost matrix over ever longer horizons made of the stretch (A, G, H).
+    Return the limit of the minimum cost matrix as the horizon is doubled.
 
-    None when it grows without bound.
+    The first horizon is the stretch (A, G, H). None if the matrix grows without bound or does not
+    converge.
     """
     identity = np.eye(len(A))
     for _ in range(_LONGEST):
@@ -200,11 +215,12 @@ def evaluate_before_end(A: Array, G: Array, Q: Array, P1: Array, to_go: Array) -
     A, G, Q, P1 : ndarray, shape (n, n)
         -dP/dt = P A + A'P - P G P + Q, P = P1 at the end.
     to_go : ndarray, shape (N,)
-        [s], decreasing, not negative.
+        Times before the end [s], decreasing, not negative.
 
     Returns
     -------
     ndarray, shape (N, n, n)
+        P at each time.
 
     """
     P = P1 if to_go[-1] == 0.0 else propagate_back(build_stretch(A, G, Q, to_go[-1]), P1[None])[0]

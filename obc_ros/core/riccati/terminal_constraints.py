@@ -1,17 +1,17 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The optimal path of a linear quadratic problem with terminal constraints, without shooting.
+The optimal path of a linear quadratic problem with affine terms and terminal constraints.
 
-The state is extended to z = (x, 1, nu): what is affine in the problem and C x(T) = d, whose
-multipliers nu are constants, are then quadratic in z, and one matrix P(t) holds the value function
-z'P z / 2, which is least in u and stationary in nu:
+The state is extended to z = (x, 1, nu) with the multipliers nu of C x(T) = d, which are constant.
+Affine terms and terminal constraints are then quadratic in z, and one matrix P(t) contains the
+value function z'P z / 2, which is minimal in u and stationary in nu:
 
     -dP/dt = P A + A'P - P G P + Q, P(T) = [[P1, p1, C'], [p1', 0, -d'], [C, -d, 0]]
     P_nunu nu = -(P_nux x0 + P_nu1)
 
-The terminal weight c_i (C x(T) - d)_i^2 is added: it changes nothing where C x(T) = d, but keeps
-the feedback stable on the way, so that no digit is lost over a long horizon.
+The terminal weight c_i (C x(T) - d)_i^2 / 2 is added. It vanishes where C x(T) = d, but makes the
+feedback stabilising before T, so that no digits are lost over a long horizon.
 """
 
 import math
@@ -37,20 +37,20 @@ from scipy.linalg import expm, lapack
 Places = NDArray[np.intp]
 SampledPath = tuple[Array, Array, Array, Array, Array, float]
 
-_UNREACHED = 1e-12  # relative size of what the input reaches at which it counts as nothing
-_MISSED = 1e-8      # relative miss of a terminal constraint at which it counts as met
-_ROUNDING = 1e-9    # relative size of what may be nothing but rounding
-_DEFECT = 3e-7      # of the dynamics under linear interpolation of u, all intervals together
-_LARGEST_DEFECT = 6e-7  # before it grows, if samples are as many as they may be
-_MOST_GROWTH = 30.0  # of a defect until T that is allowed for; more needs feedback, not samples
-_FEWEST, _MOST = 64, 32768  # samples of a block, of all, of the optimal path
+_UNREACHED = 1e-12  # relative controllability below which a direction is uncontrollable
+_MISSED = 1e-8      # relative residual at which a terminal constraint counts as met
+_ROUNDING = 1e-9    # relative size below which a product may be rounding error
+_DEFECT = 3e-7      # of the dynamics with piecewise linear u at T, sum of all intervals
+_LARGEST_DEFECT = 6e-7  # without growth until T, accepted at the largest number of samples
+_MOST_GROWTH = 30.0  # of a defect until T that is accounted for
+_FEWEST, _MOST = 64, 32768  # samples of the optimal path: in a block, in all blocks
 _MOST_HALVINGS = 24
-_LARGEST_TABLE = 4e5        # samples times numbers of P(t), beyond which lines serve instead
+_LARGEST_TABLE = 4e5        # samples times entries of P(t); beyond it `follow_feedback` is used
 _MOST_STEPS = 20000         # of the search for a conjugate point
 
 
 class _NoAnswerError(Exception):
-    """Why there is no optimal path; the solution to return."""
+    """No optimal path was found; `solution` reports the reason."""
 
     def __init__(self, status: Status, message: str) -> None:
         super().__init__(message)
@@ -59,7 +59,7 @@ class _NoAnswerError(Exception):
 
 def solve_form(form: LqForm, x0: Array, T: float, names: tuple[str, ...]) -> Solution:
     """
-    Return the optimal path from x0 over T seconds, or say why there is none.
+    Return the optimal path from x0 over T seconds, or the reason why there is none.
 
     Parameters
     ----------
@@ -70,7 +70,14 @@ def solve_form(form: LqForm, x0: Array, T: float, names: tuple[str, ...]) -> Sol
     T : float
         Final time [s].
     names : tuple of str
-        Of the states, for the words.
+        Names of the states, for messages.
+
+    Returns
+    -------
+    Solution
+        Its status is SOLVED; INFEASIBLE if the input does not affect a terminal constraint that
+        is not met; NOT_CONVERGED if the cost has no minimum or rounding hides the effect of the
+        input on the terminal constraints.
 
     """
     extended = _extended(form)
@@ -119,10 +126,10 @@ def _extended(form: LqForm) -> Extended:
 
 def _terminal_weight(extended: Extended, T: float) -> tuple[Array, Array]:
     """
-    Return P(T) with the weights c of the terminal constraints, and the roots of c.
+    Return P(T) with the weights c of the terminal constraints, and the square roots of c.
 
-    A weight is the inverse of what the input reaches in a short time. If the problem is not convex
-    as it stands, it may be on C x(T) = d: then larger weights make it so.
+    A weight is the inverse of the controllability Gramian of its constraint over a short time. A
+    problem that is not convex may be convex on C x(T) = d; larger weights then make it convex.
     """
     A, G, Q, P1 = extended.x_block
     C = extended.C[:, :extended.n]
@@ -145,8 +152,8 @@ def _terminal_weight(extended: Extended, T: float) -> tuple[Array, Array]:
             break
         c = 100.0 * c
     raise _NoAnswerError(Status.NOT_CONVERGED, (
-        'the cost has no minimum: within the horizon lies a conjugate point, beyond which the '
-        'input lowers the cost without bound'))
+        'the cost has no minimum: the horizon contains a conjugate point, beyond which the cost '
+        'is unbounded below'))
 
 
 def _is_semidefinite(M: Array) -> bool:
@@ -154,7 +161,7 @@ def _is_semidefinite(M: Array) -> bool:
 
 
 def _has_minimum(A: Array, G: Array, Q: Array, P: Array, T: float) -> bool:
-    """Return whether P stays finite back to 0: I + G P keeps its positive eigenvalues."""
+    """Return whether P is finite from T to 0: the eigenvalues of I + G P remain positive."""
     speed = norm(A) + norm(G) + norm(Q)
     steps = max(1, min(_MOST_STEPS, math.ceil(4.0 * T * speed)))
     stretch = propagation.build_stretch(A, G, Q, T / steps)
@@ -172,8 +179,8 @@ def _path(extended: Extended, P1: Array, unit: Array, x0: Array, T: float,
     """
     Return x, u, lam, t, nu and the cost.
 
-    They are samples of the optimal path, as many as linear u needs; where that is too many, as of
-    stiff plants, they are samples of a path that linear u leads along.
+    They are samples of the optimal path, dense enough for linear interpolation of u. If that needs
+    too many samples, as for stiff plants, they are samples of the path under a piecewise linear u.
     """
     form, blocks = extended.form, _blocks(extended, T)
     start = np.append(x0 / extended.scale, extended.one)
@@ -187,7 +194,7 @@ def _path(extended: Extended, P1: Array, unit: Array, x0: Array, T: float,
     while held is None:
         t, x, u, lam = _samples(feedback, np.append(start, nu), count)
         kept, error, defect = _thinned(form, t, x, u)
-        # Halving steps quarters both.
+        # Halving the steps divides both the error and the defect by 4.
         wanted = count * 2 ** max(1, math.ceil(0.5 * math.log2(max(error / _DEFECT, 1.0))))
         enough = error <= _DEFECT or count == largest and defect <= _LARGEST_DEFECT
         if lines and not enough and (
@@ -205,10 +212,10 @@ def _path(extended: Extended, P1: Array, unit: Array, x0: Array, T: float,
 
 def _spent(form: LqForm, t: Array, x: Array, u: Array) -> float:
     """
-    Return the cost of samples of the optimal path, by Romberg's rule in each block.
+    Return the cost of the sampled optimal path, by Romberg integration in each block.
 
-    z'P z / 2 is the same number, but where little is spent to meet an end it is the difference
-    of terms that are larger by orders of magnitude.
+    z'P z / 2 is equal to the cost, but suffers from cancellation: where little is spent to meet
+    the terminal constraints, it is a difference of terms that are larger by orders of magnitude.
     """
     L = evaluate_running_cost(form, x, u)
     running = np.array([romb(*block) for block in zip(L, t[:, 1] - t[:, 0], strict=True)])
@@ -228,7 +235,7 @@ def _samples(feedback: Feedback, z: Array, count: int) -> tuple[Array, Array, Ar
 
 
 def _blocks(extended: Extended, T: float) -> list[tuple[float, float]]:
-    """Halve the horizon towards both ends, where the path has layers as thin as 1 / speed."""
+    """Divide the horizon into blocks, halved towards both ends down to layers of 1 / speed."""
     A, G, Q, _ = extended.x_block
     speed = norm(A) + math.sqrt(norm(G) * norm(Q))
     halvings = min(_MOST_HALVINGS, max(0, math.ceil(math.log2(max(T * speed / 4.0, 1.0)))))
@@ -239,7 +246,11 @@ def _blocks(extended: Extended, T: float) -> list[tuple[float, float]]:
 
 def _multipliers(extended: Extended, P0: Array, unit: Array, start: Array, T: float,
                  names: tuple[str, ...]) -> Array:
-    """Solve P_nunu nu = -(P_nux x0 + P_nu1), or say which constraint the input does not reach."""
+    """
+    Solve P_nunu nu = -(P_nux x0 + P_nu1).
+
+    Raise _NoAnswerError if the input does not affect a constraint that is not met.
+    """
     n1 = extended.n + 1
     if len(P0) == n1:
         return np.zeros(0)
@@ -255,9 +266,9 @@ def _multipliers(extended: Extended, P0: Array, unit: Array, start: Array, T: fl
         if abs(way @ (unit * miss)) > _MISSED * (np.abs(way) @ (unit * size)):
             if _is_moved(extended, way * unit):
                 raise _NoAnswerError(Status.NOT_CONVERGED, (
-                    'the input reaches the terminal constraints, but what it does to them within '
-                    f'T = {T:g} is lost in the accuracy of numbers: take T, or the unit of time, '
-                    'nearer to how fast the states move'))
+                    f'within T = {T:g} the effect of the input on the terminal constraints is '
+                    'below the rounding error: choose T, or the unit of time, closer to the time '
+                    'constants of the system'))
             raise _NoAnswerError(Status.INFEASIBLE, _out_of_reach(
                 extended, way * unit, float(way @ (unit * miss)), T, names))
     open_ways = ways[:, shares > _UNREACHED]
@@ -267,7 +278,7 @@ def _multipliers(extended: Extended, P0: Array, unit: Array, start: Array, T: fl
 
 
 def _is_moved(extended: Extended, way: Array) -> bool:
-    """Return whether G acts on a combination of constraints, or on one of its derivatives."""
+    """Return whether the input affects a combination of constraints or a derivative of it."""
     A, G, *_ = extended.x_block
     row = (way @ extended.C)[:extended.n]
     size = np.abs(way) @ np.abs(extended.C)[:, :extended.n]
@@ -282,7 +293,7 @@ def _is_moved(extended: Extended, way: Array) -> bool:
 
 def _out_of_reach(extended: Extended, way: Array, miss: float, T: float, names: tuple[str, ...]
                   ) -> str:
-    """Name the combination of states at T that the input does not change."""
+    """Return a message that names the combination of states that the input does not affect."""
     n = extended.n
     along = way @ extended.C
     coefficients = along[:n] / extended.scale
@@ -300,25 +311,25 @@ def _out_of_reach(extended: Extended, way: Array, miss: float, T: float, names: 
             size = '' if abs(abs(value) - 1.0) < 1e-12 else f'{abs(value):.4g} '
             terms.append(f'{"-" if value < 0.0 else "+"} {size}{name}')
     text = ' '.join(terms).removeprefix('+ ') or '0'
-    return (f'the terminal constraints cannot be met: the input does not reach {text}, which at '
-            f'T = {T:g} is {there:.6g} whatever the input; wanted is {wanted:.6g}')
+    return (f'the terminal constraints cannot be met: the input does not affect {text}; at '
+            f'T = {T:g} it is {there:.6g} for every input, but {wanted:.6g} is required')
 
 
 def _thinned(form: LqForm, t: Array, x: Array, u: Array
              ) -> tuple[tuple[Places, ...], float, float]:
     """
-    Return the samples (block, place) that linear u needs, and error and defect with all of them.
+    Return the samples (block, place) that linear u needs, and error and defect of all samples.
 
-    The defect is that of the dynamics relative to the largest states, of all intervals together;
-    the error is what it has grown to at T. A sample is left out when the line between its
-    neighbours passes by it.
+    The defect is that of the dynamics with linear interpolation of u, relative to the largest
+    states and summed over all intervals. The error is the defect after its growth until T. A
+    sample is left out if linear interpolation between its neighbours is accurate enough.
     """
     blocks, count = len(t), t.shape[1] - 1
     size = np.abs(x).max(axis=(0, 1))
     size[size == 0.0] = max(float(size.max()), TINY)
     growth = _growth(form.A * (size / size[:, None]), t)
     plain = 0.0
-    levels = []  # middles of intervals of 2 reach samples, and the error of leaving them out
+    levels = []  # middles of intervals of 2 * reach samples, and the error of omitting them
     reach = 1
     while reach < count:
         middle = np.arange(reach, count, 2 * reach)
@@ -329,7 +340,7 @@ def _thinned(form: LqForm, t: Array, x: Array, u: Array
         defect *= growth[:, middle]
         levels.append((reach, middle, defect))
         reach *= 2
-    finest = 0.25 * float(levels[0][2].sum())  # halving the length quarters the bend
+    finest = 0.25 * float(levels[0][2].sum())  # halving the length divides the bend by 4
     ends = max(1, count * blocks // _FEWEST)
     for share in (1e-2, 1e-3, 1e-4, 1e-5, 0.0):
         keep = np.zeros((blocks, count + 1), dtype=bool)
@@ -342,12 +353,12 @@ def _thinned(form: LqForm, t: Array, x: Array, u: Array
             left_out += float(defect[~keep[:, middle]].sum())
         if left_out <= max(_DEFECT, 2.0 * finest):
             break
-    keep[1:, 0] = False  # it is the last of the block before
+    keep[1:, 0] = False  # it is the last sample of the preceding block
     return np.nonzero(keep), finest, plain
 
 
 def _growth(A: Array, t: Array) -> Array:
-    """Return by how much dx/dt = A x grows from each time until T, at least 1."""
+    """Estimate the growth of solutions of dx/dt = A x until T: 1 to `_MOST_GROWTH`."""
     T = t[-1, -1]
     with np.errstate(all='ignore'):
         step, power, sizes = expm(A * (T / 64)), np.eye(len(A)), [1.0]

@@ -121,7 +121,7 @@ def test_cross_term_completes_the_square():
 
 
 def test_cross_term_that_makes_the_cost_indefinite_is_refused():
-    with pytest.raises(RefusedDesignError, match='Qx, cross and Qu must be positive semidefinite'):
+    with pytest.raises(RefusedDesignError, match="Qx - cross Qu.-1 cross' must be positive"):
         lqr(CHAIN, FORCE, np.eye(2), [[1]], cross=[[2], [0]])
 
 
@@ -171,9 +171,9 @@ def test_indefinite_weights_are_named():
     for Qx, Qu, words in [
         (np.eye(6), np.diag([1, -0.1]), 'Qu[1] = -0.1: Qu must be positive definite'),
         (np.eye(6), np.diag([0, 1]), 'Qu[0] = 0: Qu must be positive definite'),
-        (np.eye(6), [[1, 2], [2, 1]], 'Qu is no positive definite matrix: scaled to a unit '
-         'diagonal it has the eigenvalue -1'),
-        (np.eye(6), [[1, 1], [1, 1]], 'Qu is no positive definite matrix: scaled to a unit '),
+        (np.eye(6), [[1, 2], [2, 1]], 'Qu must be positive definite: scaled to a unit '
+         'diagonal, its minimum eigenvalue is -1'),
+        (np.eye(6), [[1, 1], [1, 1]], 'Qu must be positive definite: scaled to a unit '),
         (np.diag([1, 1, -2, 1, 1, 1]), np.eye(2), 'Qx[2] = -2: Qx must be positive semidefinite'),
         (np.fliplr(np.eye(6)), np.eye(2), 'Qx[0, 5] = 1 but Qx[0, 0] = 0: Qx must be positive'),
     ]:
