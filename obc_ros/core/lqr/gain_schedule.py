@@ -1,14 +1,15 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Gains that follow a variable of the plant, such as the speed of a vehicle (Exercise 2.10).
+Gain schedules over a variable of the plant, such as the speed of a vehicle (Exercise 2.10).
 
-Between two values v of the table the gain K is a straight line in v. With A and B straight lines
-too, as they are for the vehicle, and X(v) > 0 between solutions of Lyapunov equations at the two,
-S = (A - B K)'X + X (A - B K) is a cubic in v. Its Bernstein coefficients bound it: where all are
-negative definite, x'X x decreases at every v in between, and still does while v changes at a rate
-r as long as S + r dX/dv and S - r dX/dv are negative definite. A plant that is no straight line in
-v is taken at four points of each interval.
+Between two values v of the table the gain K is linear in v. X(v) > 0 is linear too, between
+solutions of the Lyapunov equations at the two values. If A and B are linear in v, as for the
+vehicle, S = (A - B K)'X + X (A - B K) is a cubic in v, which its Bernstein coefficients bound. If
+all of them are negative definite, x'X x decreases at every v in the interval. It also decreases
+while v changes at a rate r if S + r dX/dv and S - r dX/dv are negative definite. If A or B is not
+linear in v, S is interpolated through four points of each interval, and stability in between is
+not proved.
 """
 
 from collections.abc import Callable
@@ -25,7 +26,7 @@ from scipy.linalg import solve_continuous_lyapunov
 PlantAt = Callable[[float], tuple[Array, Array]]
 
 _MOST = 1025  # gains
-_ANY = 1e6  # [1/s] of the range: a rate above it is rounding
+_ANY = 1e6  # [1/s] relative to the range; a larger rate is finite by rounding only
 _THIRDS = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
 # From the values of a cubic there to its Bernstein coefficients.
 _BERNSTEIN = np.array([[1.0, 0.0, 0.0, 0.0], [-5.0 / 6.0, 3.0, -1.5, 1.0 / 3.0],
@@ -35,16 +36,16 @@ _BERNSTEIN = np.array([[1.0, 0.0, 0.0, 0.0], [-5.0 / 6.0, 3.0, -1.5, 1.0 / 3.0],
 @dataclass(frozen=True, eq=False)
 class Table:
     """
-    Gains for a range of a variable, proved to stabilise all over it.
+    Gains for a range of a variable, with stability verified on the whole range.
 
     Attributes
     ----------
     values : ndarray, shape (N,)
         Increasing values of the variable.
     K : ndarray, shape (N, m, n)
-        The gain for each; straight lines in between.
+        The gain for each value; linear in between.
     rate : float
-        However the variable changes by up to so much a second, the loop is stable.
+        The loop is stable while the variable changes by at most this much a second.
 
     """
 
@@ -55,7 +56,7 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class _Knot:
-    """The gain at a value of the variable, and X of the Lyapunov equation there."""
+    """The gain at a value of the variable, and the solution X of the Lyapunov equation."""
 
     value: float
     K: Array
@@ -65,10 +66,10 @@ class _Knot:
 def compute_schedule(plant: PlantAt, weights: Weights, lower: float, upper: float, *,
                      tolerance: float = 0.01) -> Table:
     """
-    Return gains for every value of a variable in a range.
+    Return a table of gains for the values of a variable in a range.
 
-    A value is added where the interpolated gain is further than `tolerance` from the designed one,
-    or stability in between is not proved.
+    A value is added where the interpolated gain differs from the designed one by more than
+    `tolerance`, or where stability in between is not verified.
 
     Parameters
     ----------
@@ -79,21 +80,26 @@ def compute_schedule(plant: PlantAt, weights: Weights, lower: float, upper: floa
     lower, upper : float
         The range.
     tolerance : float
-        Of the gain, relative to its largest entry.
+        Tolerance of the gain, relative to its largest entry.
+
+    Returns
+    -------
+    Table
 
     Raises
     ------
     StatementError
         If the range is empty.
     RefusedDesignError
-        If no gain can be proved to stabilise at some value, or between values.
+        If stability cannot be verified at some value, or between values.
 
     """
     if not (math.isfinite(lower) and math.isfinite(upper) and lower < upper):
-        raise StatementError(f'a schedule from {lower:g} to {upper:g}: wanted a range')
+        raise StatementError(f'a schedule from {lower:g} to {upper:g}: wanted finite values, the '
+                             'first below the second')
     knots = [_knot(plant, weights, lower), _knot(plant, weights, upper)]
     rate, done = math.inf, 1
-    while done < len(knots):  # what is before the last that is done is proved
+    while done < len(knots):  # the first `done` values are verified
         low, high = knots[done - 1:done + 1]
         middle = _knot(plant, weights, 0.5 * (low.value + high.value))
         gap = np.abs(middle.K - 0.5 * (low.K + high.K)).max()
@@ -104,7 +110,8 @@ def compute_schedule(plant: PlantAt, weights: Weights, lower: float, upper: floa
             knots.insert(done, middle)
         else:
             raise RefusedDesignError(
-                f'the gain cannot be proved to stabilise between {low.value:g} and {high.value:g}')
+                'the stability of the interpolated gain cannot be verified between '
+                f'{low.value:g} and {high.value:g}')
     return Table(np.array([knot.value for knot in knots]), np.array([knot.K for knot in knots]),
                  rate if rate < _ANY * (upper - lower) else math.inf)
 
@@ -112,15 +119,15 @@ def compute_schedule(plant: PlantAt, weights: Weights, lower: float, upper: floa
 def _knot(plant: PlantAt, weights: Weights, value: float) -> _Knot:
     A, B = plant(value)
     design = lqr(A, B, weights.Qx, weights.Qu, cross=weights.cross, stability=weights.stability)
-    # any weight would do; that of P does not depend on the units of the states
+    # Any positive weight is valid; the diagonal of P does not depend on the units of the states.
     X = solve_continuous_lyapunov((A - B @ design.K).T, -np.diag(np.diag(design.P)))
-    # and any size; this one changes least with the variable
+    # Any size is valid; with a unit determinant X changes little with the variable.
     X *= math.exp(-np.linalg.slogdet(X)[1] / len(X))
     return _Knot(value, design.K, 0.5 * (X + X.T))
 
 
 def _rate(plant: PlantAt, low: _Knot, high: _Knot) -> float:
-    """Return the rate of the variable that is borne between two values; 0: nothing is proved."""
+    """Return the largest rate of the variable with verified stability; 0: none is verified."""
     slopes = []
     for part in _THIRDS:
         A, B = plant(low.value + part * (high.value - low.value))
@@ -134,7 +141,7 @@ def _rate(plant: PlantAt, low: _Knot, high: _Knot) -> float:
             L = np.linalg.cholesky(-S)
             np.linalg.cholesky(low.X)
             np.linalg.cholesky(high.X)
-        except np.linalg.LinAlgError:  # not definite
+        except np.linalg.LinAlgError:  # not positive definite
             return 0.0
         relative = np.linalg.solve(L, np.linalg.solve(L, dX).T)
         rate = min(rate, 1.0 / max(float(np.abs(np.linalg.eigvalsh(relative)).max()), 1e-300))

@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What a state feedback u = -K x does: poles, margins of each input's loop, figures of a step.
+Poles, stability margins and step figures of a state feedback u = -K x.
 
-With T(s) = K (s I - A + B K)^-1 B the sensitivity at the plant's input is S = I - T. The loop of
-input i, broken there with the others closed, is L = 1 / S_ii - 1, so that one sweep of the closed
-loop gives every margin.
+With T(s) = K (s I - A + B K)^-1 B the sensitivity at the plant's input is S = I - T. The loop gain
+at input i, with the other loops closed, is L = 1 / S_ii - 1. One frequency sweep of the closed
+loop therefore gives all margins.
 """
 
 from collections.abc import Callable
@@ -16,38 +16,38 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array, Complex
 from scipy.linalg import expm, schur
 
-_POINTS = 400  # of the sweep, besides those around each mode
-_SAMPLES = 1024  # of a step
-_AT_ONCE = 1_000_000  # numbers that a sweep holds
+_POINTS = 400  # frequencies of the sweep, besides those near each mode
+_SAMPLES = 1024  # samples of a step response
+_AT_ONCE = 1_000_000  # numbers of T that are evaluated at once
 
 
 @dataclass(frozen=True, eq=False)
 class Figures:
     """
-    What a closed loop does.
+    Poles, margins and step figures of a closed loop.
 
     Attributes
     ----------
     poles : ndarray, shape (n,), complex
-        [rad/s]; of a sampled loop the equivalent log(z) / period.
+        [rad/s]; for a sampled loop the equivalent log(z) / period.
     damping, frequency : ndarray, shape (n,)
         Damping ratio and natural frequency [rad/s] of each pole.
     gain_margin, gain_reduction_margin : ndarray, shape (m,)
-        Factors up to and down to which each input's loop gain may change; inf and 0: any.
+        Upper and lower limit of a factor of each loop gain; inf and 0: no limit.
     phase_margin : ndarray, shape (m,)
-        [rad]; inf when the loop gain crosses 1 nowhere.
+        [rad]; inf if the loop gain never crosses 1.
     disk_margin : ndarray, shape (m,)
-        Largest alpha such that the loop bears any factor in the disk with the diameter
+        Largest alpha such that the loop is stable for every factor in the disk with the diameter
         (2 - alpha) / (2 + alpha) to (2 + alpha) / (2 - alpha).
     bandwidth : ndarray, shape (m,)
-        [rad/s] highest frequency at which the loop gain crosses 1; 0: nowhere.
+        [rad/s] highest frequency at which the loop gain crosses 1; 0: none.
     sensitivity_peak : float
         Largest singular value of S over frequency.
     rise_time, overshoot, settling_time : ndarray, shape (n,)
-        Of a unit step of the set point of each state that can be held anywhere: 10 % to 90 % [s],
-        a fraction, to within 2 % [s]. nan: the state cannot be held, or does not come to rest.
+        Unit step of the set point of each state that can be held at any value: 10 % to 90 % [s],
+        a fraction, to within 2 % [s]. nan: the state cannot be held, or the loop is not stable.
     peak_input : ndarray, shape (m,)
-        Largest |u| over these steps; nan without one.
+        Largest |u| over these steps; nan if there is none.
 
     """
 
@@ -69,7 +69,7 @@ class Figures:
 def compute_margins(A: Array, B: Array, K: Array, period: float = 0.0, states: int | None = None
                     ) -> Figures:
     """
-    Return what the feedback u = -K x does to dx/dt = A x + B u, or x+ = A x + B u.
+    Return the figures of the feedback u = -K x of dx/dt = A x + B u, or of x+ = A x + B u.
 
     Parameters
     ----------
@@ -78,7 +78,11 @@ def compute_margins(A: Array, B: Array, K: Array, period: float = 0.0, states: i
     period : float
         Sampling period [s]; 0: continuous time.
     states : int, optional
-        Look at steps of the first so many states only (the others are the controller's own).
+        Number of states whose steps are evaluated: those before the states of the controller.
+
+    Returns
+    -------
+    Figures
 
     """
     M = A - B @ K
@@ -90,11 +94,17 @@ def compute_margins(A: Array, B: Array, K: Array, period: float = 0.0, states: i
     loop = _margins(_Transfer(M, B, K, modes, V, period), B.shape[1],
                     _grid(poles, plant, period), period)
     steps = compute_step_figures(A, B, K, poles, period, states)
-    return Figures(poles, damping, frequency, *loop, *steps)
+    gain, reduction, phase, disk, bandwidth, sensitivity = loop
+    rise, overshoot, settling, peak = steps
+    return Figures(
+        poles=poles, damping=damping, frequency=frequency, gain_margin=gain,
+        gain_reduction_margin=reduction, phase_margin=phase, disk_margin=disk,
+        bandwidth=bandwidth, sensitivity_peak=sensitivity, rise_time=rise, overshoot=overshoot,
+        settling_time=settling, peak_input=peak)
 
 
 def _continuous(modes: Complex, period: float) -> Complex:
-    """Return modes in the s plane; one at z = 0, a delay, becomes a very fast one."""
+    """Return modes in the s plane; a mode at z = 0, a delay, becomes a very fast one."""
     if not period:
         return modes
     small = np.abs(modes) < 1e-12
@@ -102,7 +112,7 @@ def _continuous(modes: Complex, period: float) -> Complex:
 
 
 class _Transfer:
-    """T = K (s I - M)^-1 B at many frequencies, by the modes of M, or by its triangular form."""
+    """T = K (s I - M)^-1 B over frequency, from the modes of M or from its Schur form."""
 
     def __init__(self, M: Array, B: Array, K: Array, modes: Complex, V: Complex, period: float
                  ) -> None:
@@ -145,7 +155,7 @@ class _Transfer:
 
 
 def _grid(poles: Complex, plant: Complex, period: float) -> Array:
-    """Return frequencies [rad/s] from far below the slowest mode to far above the fastest."""
+    """Return frequencies [rad/s] from below the slowest mode to above the fastest one."""
     sizes = np.abs(np.concatenate([poles, plant]))
     sizes = sizes[sizes > 1e-9 * sizes.max()]
     top = math.pi / period if period else 1e3 * sizes.max()
@@ -175,7 +185,7 @@ def _margins(transfer: _Transfer, m: int, w: Array, period: float
 
 def _gain_margins(loop: Callable[[Array], Complex], w: Array, T: Complex, period: float
                   ) -> tuple[float, float]:
-    """1 + g L = 0 for g = -S / T, real and positive."""
+    """Return the limits of a real factor g of L; 1 + g L = 0 for g = -S / T."""
     ends = np.array([0.0, math.pi / period]) if period else np.array([0.0])
     crossings = np.append(_roots(lambda t: (t * (1.0 - t.conj())).imag, loop, w, T), ends)
     t = loop(crossings)
@@ -187,7 +197,7 @@ def _gain_margins(loop: Callable[[Array], Complex], w: Array, T: Complex, period
 
 
 def _phase_margin(loop: Callable[[Array], Complex], w: Array, T: Complex) -> tuple[float, float]:
-    """|L| = 1 where |T| = |S|."""
+    """Return the phase margin and the highest crossover; |L| = 1 where |T| = |S|."""
     crossovers = _roots(lambda t: np.abs(t) - np.abs(1.0 - t), loop, w, T)
     if not crossovers.size:
         return math.inf, 0.0
@@ -197,7 +207,7 @@ def _phase_margin(loop: Callable[[Array], Complex], w: Array, T: Complex) -> tup
 
 def _roots(what: Callable[[Complex], Array], loop: Callable[[Array], Complex], w: Array,
            T: Complex) -> Array:
-    """Return the frequencies at which a figure of the loop changes its sign."""
+    """Return the frequencies at which a function of the loop changes its sign."""
     values = what(T)
     at = np.flatnonzero(np.signbit(values[:-1]) != np.signbit(values[1:]))
     low, high, sign = w[at], w[at + 1], np.signbit(values[at])
@@ -216,7 +226,7 @@ _PARTS = np.linspace(0.0, 1.0, 65)
 
 
 def _peak(figure: Callable[[Array], Array], w: Array, at_once: int = _AT_ONCE) -> float:
-    """Return the largest value of a figure over frequency, evaluated at so many at once."""
+    """Return the largest value of a function of frequency; `at_once`: frequencies in a call."""
     values = np.concatenate([figure(w[k:k + at_once]) for k in range(0, len(w), at_once)])
     best = float(values.max())
     at = int(values.argmax())
@@ -235,7 +245,8 @@ def compute_step_figures(A: Array, B: Array, K: Array, poles: Complex, period: f
     """
     Return rise time, overshoot, settling time and peak input, as in `Figures`.
 
-    The parameters are those of `compute_margins`, and the closed loop's poles in the s plane.
+    The parameters are those of `compute_margins`. `poles` are the closed-loop poles in the s
+    plane.
     """
     states = len(A) if states is None else states
     n, m = B.shape
@@ -265,14 +276,14 @@ def compute_step_figures(A: Array, B: Array, K: Array, poles: Complex, period: f
 
 
 def _lowest(x: Array, rate: Array, bend: Array) -> float:
-    """Return the least value: beside the lowest sample that of its parabola, if it bends."""
+    """Return the minimum, refined by a parabola at the lowest sample where it is convex."""
     k = int(np.argmin(x))
     inside = 0 < k < len(x) - 1 and bend[k] > 0.0
     return float(x[k] - (rate[k]**2 / (2.0 * bend[k]) if inside else 0.0))
 
 
 def _fall(M: Array, i: int, length: float, period: float) -> tuple[Array, Array]:
-    """Return times and the distance to the set point from a unit error of state i."""
+    """Return times and the error of all states after a unit error of state i."""
     if period:
         step, dt = M, period
         count = max(2, min(_SAMPLES * 16, math.ceil(length / period)))
@@ -299,7 +310,7 @@ def _rise_time(t: Array, y: Array, rate: Array) -> float:
 
 
 def _crossing(t: Array, y: Array, rate: Array) -> float:
-    """Return where the cubic with these values and slopes at both ends, y[0] < 0 <= y[1], is 0."""
+    """Return the zero of the Hermite cubic with these values and slopes; y[0] < 0 <= y[1]."""
     h, rise = t[1] - t[0], y[1] - y[0]
     cubic = np.polynomial.Polynomial([
         y[0], h * rate[0], 3 * rise - h * (2 * rate[0] + rate[1]), h * rate.sum() - 2 * rise])

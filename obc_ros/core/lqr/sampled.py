@@ -1,13 +1,13 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Regulators for an input that is held over a period and acts late.
+Sampled regulators for a held input with a known delay.
 
-The sampled cost is the integral itself: between samples the plant moves under a constant input,
-and x'Qx x + 2 x'N u + u'Qu u is integrated along that motion (Van Loan 1978), here by doubling a
-short piece, in which nothing cancels however stiff the plant. The command given at t_k acts from
-t_k + delay on, for one period: from there the problem is the one without delay, so that the best
-command is -K x(t_k + delay), the state predicted with the commands on their way.
+The sampled cost is the integral of the continuous cost. Between samples the input is constant, and
+x'Qx x + 2 x'N u + u'Qu u is integrated along the motion (Van Loan 1978). The integral over a short
+interval is doubled repeatedly, which avoids cancellation for stiff plants. The command of t_k acts
+from t_k + delay on, for one period. From there on the problem has no delay. The optimal command is
+therefore -K x(t_k + delay), where the state is predicted with the commands that are still to act.
 """
 
 from dataclasses import dataclass, replace
@@ -22,15 +22,15 @@ from obc_ros.core.riccati import checks, dare
 from obc_ros.core.text.errors import RefusedDesignError, StatementError
 from scipy.linalg import expm
 
-MOST = 300            # periods that a delay may last; a design for so many takes a second
-_WHOLE = 1e-9         # of a period: nearer to a whole number of periods than this is that number
+MOST = 300            # periods of a delay; a design for this many takes a second
+_WHOLE = 1e-9         # of a period; a delay this near to a multiple of the period is rounded to it
 _LEAST_ROBUSTNESS = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class SampledDesign:
     """
-    A feedback u_k = -K (Phi x_k + sum of Gamma_j u_(k-j)), proved for its period and delay.
+    A feedback u_k = -K (Phi x_k + sum of Gamma_j u_(k-j)), verified for its period and delay.
 
     Attributes
     ----------
@@ -39,13 +39,13 @@ class SampledDesign:
     delay : float
         Known time until a command acts [s].
     Phi : ndarray, shape (n, n)
-        Carries the state over the delay.
+        Transition matrix over the delay.
     Gamma : tuple of ndarray, shape (n, m)
-        What the commands on their way do to it: of u_(k-1), u_(k-2), ...
+        Input matrices over the delay for u_(k-1), u_(k-2), ...
     loop : ndarray, shape (n + d m, n + d m)
         The closed loop of (x_k, u_(k-1), ..., u_(k-d)).
     robustness : float
-        Units of rounding that `loop` bears (a lower bound).
+        Lower bound of the rounding units in each entry of `loop` under which it stays stable.
 
     """
 
@@ -58,15 +58,15 @@ class SampledDesign:
 
     @property
     def spectral_radius(self) -> float:
-        """Return the largest modulus of the poles of the loop."""
+        """Return the largest modulus of the closed-loop poles."""
         return compute_spectral_radius(self.loop)
 
 
-@np.errstate(all='ignore')  # what overflows is refused
+@np.errstate(all='ignore')  # an overflow is rejected
 def sampled_lqr(A: Array, B: Array, weights: Weights, period: float, delay: float = 0.0
                 ) -> SampledDesign:
     """
-    Return the regulator that minimises the cost of dx/dt = A x + B u with a held and late input.
+    Return the optimal regulator of dx/dt = A x + B u for a held and delayed input.
 
     Parameters
     ----------
@@ -75,19 +75,28 @@ def sampled_lqr(A: Array, B: Array, weights: Weights, period: float, delay: floa
     weights : Weights
         Its cost in continuous time.
     period, delay : float
-        [s]; any delay, not only whole periods.
+        [s]; the delay need not be a multiple of the period.
+
+    Returns
+    -------
+    SampledDesign
 
     Raises
     ------
     StatementError
         If the period or the delay cannot be used.
     RefusedDesignError
-        If a weight is not definite, or no gain, or not the loop with its delay, can be proved to
-        be stable.
+        If a weight is not definite, or the stability of the loop with its delay cannot be
+        verified.
+
+    References
+    ----------
+    C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE Trans. Automatic
+    Control 23 (1978).
 
     """
     _check_times(period, delay)
-    # What is refused is what was typed, not what sampling makes of it.
+    # Errors must name the entries of the given weights, not those of the sampled ones.
     checks.remove_cross_term(*checks.check_matrices(A, B, weights.Qx, weights.Qu, weights.cross))
     Ad, Bd, cost = discretize_cost(A, B, weights, period)
     design = dlqr(Ad, Bd, cost.Qx, cost.Qu, cross=cost.cross, stability=cost.stability,
@@ -99,29 +108,36 @@ def sampled_lqr(A: Array, B: Array, weights: Weights, period: float, delay: floa
                                                                     4 * EPS * np.abs(loop))
     if not robust >= _LEAST_ROBUSTNESS:
         raise RefusedDesignError(
-            f'the loop with period = {period:g} and delay = {delay:g} cannot be proved to be '
-            f'stable: the plant moves too far in that time to be predicted')
+            f'the stability of the loop with period = {period:g} and delay = {delay:g} cannot be '
+            'verified: the state changes too much in that time to be predicted')
     return SampledDesign(design, delay, Phi, Gamma, loop, robust)
 
 
 def discretize_cost(A: Array, B: Array, weights: Weights, period: float
                     ) -> tuple[Array, Array, Weights]:
     """
-    Return the plant of held inputs and the weights whose sum is the integral of the cost.
+    Return the sampled plant and the sampled weights whose sum is the integral of the cost.
 
     Parameters
     ----------
     A, B : ndarray, shape (n, n) and (n, m)
         The plant in continuous time.
     weights : Weights
-        Its cost in continuous time; a degree of stability stays one of the sampled loop.
+        Its cost in continuous time; the degree of stability is passed on unchanged.
     period : float
-        [s]
+        Time for which an input is held [s].
+
+    Returns
+    -------
+    Ad, Bd : ndarray, shape (n, n) and (n, m)
+        The sampled plant.
+    weights : Weights
+        The sampled cost, with a cross term.
 
     Raises
     ------
     StatementError
-        If the plant moves beyond the range of numbers within the period.
+        If a state within the period exceeds the range of double precision.
 
     """
     n, m = B.shape
@@ -152,7 +168,21 @@ def discretize_cost(A: Array, B: Array, weights: Weights, period: float
 
 
 def discretize_plant(A: Array, B: Array, time: float) -> tuple[Array, Array]:
-    """Return (Ad, Bd) of dx/dt = A x + B u with u held for a time [s]."""
+    """
+    Return Ad, Bd of x(t + time) = Ad x(t) + Bd u for dx/dt = A x + B u with a constant u.
+
+    Parameters
+    ----------
+    A, B : ndarray, shape (n, n) and (n, m)
+        The plant in continuous time.
+    time : float
+        Time for which the input is held [s].
+
+    Returns
+    -------
+    Ad, Bd : ndarray, shape (n, n) and (n, m)
+
+    """
     n, m = B.shape
     M = np.zeros((n + m, n + m))
     M[:n, :n], M[:n, n:] = A, B
@@ -172,11 +202,17 @@ def predict_delayed_state(A: Array, B: Array, period: float,
     period, delay : float
         [s]
 
+    Returns
+    -------
+    Phi : ndarray, shape (n, n)
+    Gamma : tuple of ndarray, shape (n, m)
+        The matrix of the last command first.
+
     """
     whole, rest = _split(period, delay)
     carried = np.eye(len(A))
     gammas: list[Array] = []
-    # The oldest command still acts for the part of a period, the younger ones for a whole one.
+    # The oldest command acts for the rest of a period, every later one for a whole period.
     for length in ([rest] if rest else []) + [period] * whole:
         step, push = discretize_plant(A, B, length)
         gammas = [step @ gamma for gamma in gammas] + [push]
@@ -187,18 +223,21 @@ def predict_delayed_state(A: Array, B: Array, period: float,
 def build_delayed_loop(A: Array, B: Array, K: Array, period: float, delay: float,
                        Phi: Array | None = None, Gamma: tuple[Array, ...] = ()) -> Array:
     """
-    Return the loop of (x_k, u_(k-1), ..., u_(k-d)) under a gain and a delay.
-
-    Without `Phi` the gain acts on x_k as if there were no delay; with it on the predicted state.
+    Return the closed loop of (x_k, u_(k-1), ..., u_(k-d)) for a gain and a delay.
 
     Parameters
     ----------
     A, B, K : ndarray, shape (n, n), (n, m), (m, n)
-        The plant in continuous time and the gain.
+        The plant in continuous time and the gain; u = -K x.
     period, delay : float
         [s]
     Phi, Gamma : ndarray and tuple of ndarray, optional
-        From `predict_delayed_state`.
+        From `predict_delayed_state`: the gain acts on the predicted state. Without them it acts
+        on x_k.
+
+    Returns
+    -------
+    ndarray, shape (n + d m, n + d m)
 
     """
     n, m = B.shape
@@ -212,7 +251,7 @@ def build_delayed_loop(A: Array, B: Array, K: Array, period: float, delay: float
                             np.zeros((m, (held_back - 1 - j) * m))], axis=1)
             for j in range(held_back)]
     newest_first = [u, *past]
-    # In the period from t_k on the command of `held_back` periods ago acts for `rest` seconds.
+    # After t_k the command of `held_back` periods ago acts for `rest` seconds.
     x = np.eye(n, n + held_back * m)
     x = late[0] @ x + late[1] @ newest_first[held_back]
     x = early[0] @ x + early[1] @ newest_first[whole]
@@ -220,12 +259,24 @@ def build_delayed_loop(A: Array, B: Array, K: Array, period: float, delay: float
 
 
 def compute_spectral_radius(M: Array) -> float:
-    """Return the largest modulus of the eigenvalues of M."""
+    """
+    Return the largest modulus of the eigenvalues of M.
+
+    Parameters
+    ----------
+    M : ndarray, shape (n, n)
+        A loop in discrete time; it is stable if the result is below 1.
+
+    Returns
+    -------
+    float
+
+    """
     return float(np.abs(np.linalg.eigvals(M)).max())
 
 
 def _split(period: float, delay: float) -> tuple[int, float]:
-    """Return the whole periods in a delay and the rest of it [s]."""
+    """Return the number of whole periods in a delay and the remainder [s]."""
     whole = math.floor(delay / period + _WHOLE)
     rest = delay - whole * period
     return whole, rest if rest > _WHOLE * period else 0.0

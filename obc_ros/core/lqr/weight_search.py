@@ -1,11 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Weights for a wanted response: step (2) of Bryson and Ho's method (section 2.5), by search.
+Weights for a specified step response: step (2) of Bryson and Ho's method (section 2.5).
 
-The first weights are the inverse squares of given scales. Multiplied are the scale of all inputs
-(the trade-off of the table), that of all states that are no positions (damping), and that of each
-position and input alone, until the wishes are met, or it is plain which exclude each other.
+The first weights are the inverse squares of given scales. The search multiplies the scale of all
+inputs (the trade-off of the table), the scale of all states but the positions (damping), and the
+scales of single positions and inputs. It ends when the specifications are met, or reports those
+that it could not meet together.
 """
 
 from collections.abc import Sequence
@@ -21,26 +22,26 @@ from obc_ros.core.lqr.weights import from_bryson, Weights
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import RefusedDesignError, StatementError
 
-_SCALES = np.geomspace(1e-3, 1e3, 13)  # of the inputs: rows of the table
+_SCALES = np.geomspace(1e-3, 1e3, 13)  # factors of all inputs: rows of the table
 _DAMPINGS = (1.0, 0.1, 0.3, 3.0, 10.0)
-_STEPS = (4.0, 2.0, 1.3, 1.1)          # of the search, factors
-_MOST = 500                            # designs tried for each group of wishes
+_STEPS = (4.0, 2.0, 1.3, 1.1)          # factors of the search, in this order
+_MOST = 500                            # designs tried for each group of specifications
 _MET = 1.0 + 1e-6
 
 
 @dataclass(frozen=True)
-class Wishes:
+class StepSpecifications:
     """
-    What is wanted of unit steps of the positions.
+    Specifications of unit steps of the set point of the positions.
 
     Attributes
     ----------
     rise_time : float
-        Longest 10 % to 90 % rise time of the slowest position [s]; 0: no wish.
+        Maximum 10 % to 90 % rise time of the slowest position [s]; 0: not specified.
     overshoot : float
-        Largest overshoot, as a fraction; 0: no wish.
+        Maximum overshoot, as a fraction; 0: not specified.
     peak_input : tuple of float
-        (m,) largest |u - ue|, in the inputs' units; empty: no wish; an entry of 0 likewise.
+        (m,) maximum |u - ue|, in the units of the inputs; empty, or an entry of 0: not specified.
 
     """
 
@@ -51,7 +52,7 @@ class Wishes:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """Weights that were tried: the factors, the design and what its steps do."""
+    """Weights that were tried: the factor of the inputs, the design and its step figures."""
 
     scale: float
     weights: Weights
@@ -64,18 +65,18 @@ class Trial:
 @dataclass(frozen=True, eq=False)
 class Suggestion:
     """
-    The weights nearest to the wishes.
+    The weights nearest to the specifications.
 
     Attributes
     ----------
     success : bool
-        Whether all wishes are met.
+        Whether all specifications are met.
     message : str
-        What was found, or which wishes exclude each other.
+        The figures reached, or the specifications that were not met together.
     best : Trial
         The suggested weights.
     table : tuple of Trial
-        What the scale of all inputs trades off, from small inputs to large ones.
+        The trade-off over the scale of all inputs, from small inputs to large ones.
 
     """
 
@@ -85,8 +86,8 @@ class Suggestion:
     table: tuple[Trial, ...]
 
 
-class Wish(NamedTuple):
-    """One wish: its name in words, its value, and which figure of a trial it is of."""
+class Specification(NamedTuple):
+    """One specification: its name, its value, and the figure of a trial that it limits."""
 
     name: str
     value: float
@@ -96,37 +97,42 @@ class Wish(NamedTuple):
 _RISE, _OVERSHOOT = -2, -1  # figures; from 0 on: the peak of that input
 
 
-def suggest(A: Array, B: Array, wishes: Wishes, *, x_max: Sequence[float] = (),
+def suggest(A: Array, B: Array, wanted: StepSpecifications, *, x_max: Sequence[float] = (),
             u_max: Sequence[float] = (), inputs: Sequence[str] = ()) -> Suggestion:
     """
-    Return weights whose regulator answers steps of the set point as wished.
+    Return weights whose regulator meets specifications of its step response.
 
     Parameters
     ----------
     A, B : ndarray, shape (n, n) and (n, m)
         The plant.
-    wishes : Wishes
-        What is wanted.
+    wanted : StepSpecifications
+        The specifications.
     x_max, u_max : sequence of float
-        Starting scales (n,) and (m,) in the units of states and inputs; empty: 1 each.
+        Initial scales (n,) and (m,) in the units of states and inputs; empty: 1 each.
     inputs : sequence of str
-        Names of the inputs, for the words.
+        Names of the inputs, for the message.
+
+    Returns
+    -------
+    Suggestion
+        The nearest weights, also if not all specifications are met.
 
     Raises
     ------
     StatementError
-        If a wish or a scale cannot be used, or no state can be held at another value.
+        If a specification or a scale cannot be used, or no state can be held at another value.
     RefusedDesignError
-        If no weights at all can be proved to stabilise.
+        If no gain is found for the first weights.
 
     """
-    return _Search(A, B, _checked(wishes, B.shape[1]), x_max, u_max, inputs).run()
+    return _Search(A, B, _checked(wanted, B.shape[1]), x_max, u_max, inputs).run()
 
 
 class _Search:
-    """The designs tried so far, and those next to the best one."""
+    """The designs tried so far, by their factors."""
 
-    def __init__(self, A: Array, B: Array, wishes: Wishes, x_max: Sequence[float],
+    def __init__(self, A: Array, B: Array, wanted: StepSpecifications, x_max: Sequence[float],
                  u_max: Sequence[float], inputs: Sequence[str]) -> None:
         self.A, self.B = A, B
         n, m = B.shape
@@ -136,10 +142,10 @@ class _Search:
         rise = compute_step_figures(A, B, first.K, first.E)[0]
         self.positions = np.flatnonzero(np.isfinite(rise))
         if not self.positions.size:
-            raise StatementError('no state of this system can be held at another value: there is '
-                                 'no step to judge')
-        self.wanted = _wanted(wishes, self.names)
-        # Factors: of all inputs, of all states that are no positions, of each position and input.
+            raise StatementError('no state of this system can be held at another value: no step '
+                                 'response is defined')
+        self.wanted = _list_specifications(wanted, self.names)
+        # Factors: all inputs, all states but the positions, each position, each input.
         self.trials: dict[tuple[float, ...], Trial | None] = {}
         self.neutral = (1.0, 1.0) + (1.0,) * (len(self.positions) + m)
 
@@ -150,12 +156,12 @@ class _Search:
                 self._try((float(scale), damping, *self.neutral[2:]))
         best = self._improved(self.wanted)
         rows = tuple(trial for trial in table if trial is not None)
-        if all(_excess(best, wish) <= _MET for wish in self.wanted):
-            return Suggestion(True, self._met(best), best, rows)
-        return Suggestion(False, self._excluded(), best, rows)
+        if all(_excess(best, each) <= _MET for each in self.wanted):
+            return Suggestion(True, self._describe(best), best, rows)
+        return Suggestion(False, self._describe_conflict(), best, rows)
 
-    def _improved(self, wanted: list[Wish]) -> Trial:
-        """Follow the trial nearest to some wishes, one factor at a time, in ever smaller steps."""
+    def _improved(self, wanted: list[Specification]) -> Trial:
+        """Improve the nearest trial by a coordinate search over the factors."""
         best = min((key for key, trial in self.trials.items() if trial is not None),
                    key=lambda key: self._misfit(key, wanted))
         most = len(self.trials) + _MOST
@@ -196,69 +202,73 @@ class _Search:
     def _design(self, weights: Weights) -> LqrDesign:
         return lqr(self.A, self.B, weights.Qx, weights.Qu)
 
-    def _misfit(self, key: tuple[float, ...], wanted: list[Wish]) -> float:
-        """Return by how much a trial misses wishes, then how far it is from the start."""
+    def _misfit(self, key: tuple[float, ...], wanted: list[Specification]) -> float:
+        """Return the violation of the specifications, or without one the size of the factors."""
         trial = self._try(key)
         if trial is None:
             return math.inf
-        missed = sum(max(0.0, math.log(max(_excess(trial, wish), 1e-9) / _MET)) for wish in wanted)
+        missed = sum(max(0.0, math.log(max(_excess(trial, each), 1e-9) / _MET)) for each in wanted)
         distance = sum(abs(math.log(factor)) for factor in key)
         return 100.0 + missed if missed else 0.01 * distance
 
-    def _met(self, best: Trial) -> str:
-        words = ', '.join(f'{wish.name} {_figure(best, wish):.3g} (wanted {wish.value:.3g})'
-                          for wish in self.wanted)
-        return f'all wishes are met: {words}' if words else 'no wish: these are the given scales'
+    def _describe(self, best: Trial) -> str:
+        words = ', '.join(f'{each.name} {_figure(best, each):.3g} (wanted {each.value:.3g})'
+                          for each in self.wanted)
+        return (f'all specifications are met: {words}' if words else
+                'no specification: these are the weights of the given scales')
 
-    def _excluded(self) -> str:
-        """Name the fewest wishes that are not met together, and what was reached for each."""
+    def _describe_conflict(self) -> str:
+        """Name the smallest group of specifications that was not met, and the figures found."""
         for count in range(1, len(self.wanted) + 1):
             for group in combinations(self.wanted, count):
                 trial = self._improved(list(group))
-                if any(_excess(trial, wish) > _MET for wish in group):
-                    return self._exclusion(group)
-        return 'the wishes were met in part only: no weights were found that meet them together'
+                if any(_excess(trial, each) > _MET for each in group):
+                    return self._describe_group(group)
+        return 'no weights were found that meet all specifications together'
 
-    def _exclusion(self, group: tuple[Wish, ...]) -> str:
+    def _describe_group(self, group: tuple[Specification, ...]) -> str:
         trials = [trial for trial in self.trials.values() if trial is not None]
         clauses = []
-        for wish in group:
-            others = [other for other in group if other is not wish]
-            kept = [_figure(trial, wish) for trial in trials
+        for one in group:
+            others = [other for other in group if other is not one]
+            kept = [_figure(trial, one) for trial in trials
                     if all(_excess(trial, other) <= _MET for other in others)]
             if kept:
                 names = ' and '.join(other.name for other in others)
-                condition = f'with {names} kept, ' if names else ''
-                clauses.append(f'{condition}the least {wish.name} found was {min(kept):.3g}')
-        wanted = ' and '.join(f'{wish.name} {wish.value:.3g}' for wish in group)
-        verb = 'exclude each other' if len(group) > 1 else 'is out of reach'
-        return f'{wanted} {verb}: {"; ".join(clauses)}'
+                condition = f' with {names} met' if names else ''
+                clauses.append(f'the minimum {one.name} found{condition} is {min(kept):.3g}')
+        wanted = ' and '.join(f'{one.name} {one.value:.3g}' for one in group)
+        together = ' together' if len(group) > 1 else ''
+        return f'no weights were found that meet {wanted}{together}: {"; ".join(clauses)}'
 
 
-def _wanted(wishes: Wishes, names: tuple[str, ...]) -> list[Wish]:
-    wanted = [Wish('rise time', wishes.rise_time, _RISE),
-              Wish('overshoot', wishes.overshoot, _OVERSHOOT)]
-    wanted += [Wish(f'peak of {name}', value, i) for i, (name, value) in enumerate(
-        zip(names, wishes.peak_input, strict=False))]
-    return [wish for wish in wanted if wish.value]
+def _list_specifications(wanted: StepSpecifications, names: tuple[str, ...]
+                         ) -> list[Specification]:
+    given = [Specification('rise time', wanted.rise_time, _RISE),
+             Specification('overshoot', wanted.overshoot, _OVERSHOOT)]
+    given += [Specification(f'peak of {name}', value, i) for i, (name, value) in enumerate(
+        zip(names, wanted.peak_input, strict=False))]
+    return [each for each in given if each.value]
 
 
-def _figure(trial: Trial, wish: Wish) -> float:
-    if wish.figure == _RISE:
+def _figure(trial: Trial, wanted: Specification) -> float:
+    if wanted.figure == _RISE:
         return trial.rise_time
-    return trial.overshoot if wish.figure == _OVERSHOOT else float(trial.peak_input[wish.figure])
+    return trial.overshoot if wanted.figure == _OVERSHOOT else float(
+        trial.peak_input[wanted.figure])
 
 
-def _excess(trial: Trial, wish: Wish) -> float:
-    """Return a figure of a trial relative to what is wanted."""
-    return _figure(trial, wish) / wish.value
+def _excess(trial: Trial, wanted: Specification) -> float:
+    """Return a figure of a trial relative to its specification."""
+    return _figure(trial, wanted) / wanted.value
 
 
-def _checked(wishes: Wishes, m: int) -> Wishes:
-    for name, value in (('rise_time', wishes.rise_time), ('overshoot', wishes.overshoot),
-                        *((f'peak_input[{i}]', each) for i, each in enumerate(wishes.peak_input))):
+def _checked(wanted: StepSpecifications, m: int) -> StepSpecifications:
+    for name, value in (('rise_time', wanted.rise_time), ('overshoot', wanted.overshoot),
+                        *((f'peak_input[{i}]', each) for i, each in enumerate(wanted.peak_input))):
         if not (math.isfinite(value) and value >= 0.0):
-            raise StatementError(f'{name} = {value:g}: wanted 0 (no wish) or a positive number')
-    if len(wishes.peak_input) not in (0, m):
-        raise StatementError(f'peak_input has {len(wishes.peak_input)} numbers; wanted {m}')
-    return wishes
+            raise StatementError(
+                f'{name} = {value:g}: wanted 0 (not specified) or a positive number')
+    if len(wanted.peak_input) not in (0, m):
+        raise StatementError(f'peak_input has {len(wanted.peak_input)} numbers; wanted {m}')
+    return wanted

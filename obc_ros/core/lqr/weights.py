@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Choosing the cost of a linear quadratic regulator (section 2.5).
+Choice of the cost of a linear quadratic regulator (section 2.5).
 
-The cost is the integral of x'Qx x + 2 x'N u + u'Qu u. This is the one way from the numbers that
-someone typed to Qx, Qu and N: nothing else turns lists into weights.
+The cost is the integral of x'Qx x + 2 x'N u + u'Qu u. All conversions from lists of numbers to Qx,
+Qu and N are in this module.
 """
 
 from collections.abc import Sequence
@@ -31,9 +31,9 @@ class Weights:
     Qx, Qu : ndarray, shape (n, n) and (m, m)
         State and input weights.
     cross : ndarray, shape (n, m), or None
-        N of 2 x'N u.
+        N in 2 x'N u.
     stability : float
-        Prescribed degree of stability [1/s]: the cost is weighted with exp(2 stability t), so that
+        Prescribed degree of stability [1/s]: the cost is weighted with exp(2 stability t), and so
         the closed-loop poles lie left of -stability.
 
     """
@@ -48,7 +48,7 @@ def choose(n: int, m: int, *, weights: str = 'matrices', Qx: Numbers = (), Qu: N
            cross: Numbers = (), x_max: Numbers = (), u_max: Numbers = (), H: Numbers = (),
            rho: float = 1.0, stability: float = 0.0) -> Weights:
     """
-    Return the cost that was asked for, from plain lists of numbers.
+    Return the cost that is given by lists of numbers.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def choose(n: int, m: int, *, weights: str = 'matrices', Qx: Numbers = (), Qu: N
         Number of states and inputs.
     weights : str
         'matrices': from Qx and Qu; 'bryson': from x_max and u_max; 'output': from H and rho.
-        What the chosen kind does not use is ignored, so that one can switch between kinds.
+        Arguments of the other kinds are ignored.
     Qx, Qu : sequence of float
         n or n*n, m or m*m numbers: a diagonal, or a full matrix row by row.
     cross : sequence of float
@@ -70,11 +70,15 @@ def choose(n: int, m: int, *, weights: str = 'matrices', Qx: Numbers = (), Qu: N
     stability : float
         Prescribed degree of stability [1/s].
 
+    Returns
+    -------
+    Weights
+
     Raises
     ------
     StatementError
-        If a list has a wrong number of entries, or an entry is no number or out of range. The
-        definiteness of Qx and Qu is judged by the design.
+        If a list has a wrong number of entries, or an entry is not a number or out of range. The
+        design checks the definiteness of Qx and Qu.
 
     """
     if weights == 'matrices':
@@ -102,20 +106,20 @@ def from_matrices(n: int, m: int, Qx: Numbers, Qu: Numbers) -> Weights:
 
 def from_bryson(n: int, m: int, x_max: Numbers, u_max: Numbers) -> Weights:
     """
-    Return diagonal weights by Bryson's rule: the inverse squares of the largest deviations.
+    Return diagonal weights by Bryson's rule: the inverse squares of acceptable deviations.
 
     Parameters
     ----------
     n, m : int
         Number of states and inputs.
     x_max, u_max : sequence of float
-        Largest acceptable deviation of each state (n numbers; inf: of no concern) and each input
-        (m numbers), each in its own unit.
+        Largest acceptable deviation of each state (n numbers; inf: weight 0) and each input (m
+        numbers), in their units.
 
     Raises
     ------
     StatementError
-        If there are not so many, or one is not positive.
+        If a list has a wrong length, or a number is not positive.
 
     """
     return Weights(np.diag(_inverse_squares('x_max', x_max, n, may_be_infinite=True)),
@@ -154,7 +158,7 @@ def from_output(n: int, m: int, H: Numbers, rho: float) -> Weights:
 def with_integrals(A: Array, B: Array, weights: Weights, C: Numbers, Qi: Numbers
                    ) -> tuple[Array, Array, Weights]:
     """
-    Augment a plant with the integrals of chosen outputs, so that a regulator rejects constants.
+    Augment a plant with the integrals of outputs, so that constant disturbances are rejected.
 
     The state becomes (x, xi) with dxi/dt = C x.
 
@@ -167,7 +171,7 @@ def with_integrals(A: Array, B: Array, weights: Weights, C: Numbers, Qi: Numbers
     C : sequence of float
         p*n numbers row by row: the outputs to integrate.
     Qi : sequence of float
-        p or p*p numbers: weight of the integrals.
+        p or p*p numbers: weights of the integrals.
 
     Returns
     -------
@@ -205,7 +209,20 @@ def with_integrals(A: Array, B: Array, weights: Weights, C: Numbers, Qi: Numbers
 
 def square(name: str, numbers: Numbers, n: int) -> Array:
     """
-    Return the (n, n) matrix that n (a diagonal) or n*n (row by row) numbers mean.
+    Return the (n, n) matrix that is given by n (diagonal) or n*n (row by row) numbers.
+
+    Parameters
+    ----------
+    name : str
+        Name of the matrix, for the error.
+    numbers : sequence of float
+        The diagonal, or all entries row by row.
+    n : int
+        Size of the matrix.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
 
     Raises
     ------
@@ -223,7 +240,7 @@ def square(name: str, numbers: Numbers, n: int) -> Array:
 
 
 def check_number(name: str, value: Any) -> float:
-    """Return a finite float, or say that `name` is none."""
+    """Return a value as a finite float; an error begins with `name`."""
     return float(_list(name, [value])[0])
 
 
@@ -238,12 +255,25 @@ def _inverse_squares(name: str, numbers: Numbers, n: int, may_be_infinite: bool)
 
 
 def count(size: int) -> str:
-    """Return how many numbers there are, in words."""
+    """
+    Return the size of a list in words.
+
+    Parameters
+    ----------
+    size : int
+        Number of its entries.
+
+    Returns
+    -------
+    str
+        'no numbers', '1 number', '2 numbers', ...
+
+    """
     return '1 number' if size == 1 else f'{size or "no"} numbers'
 
 
 def _list(name: str, numbers: Any, finite: bool = True) -> Array:
-    """Return a flat copy as floats; a number is named by its place when it cannot be used."""
+    """Return a flat copy as floats; an error names the index of the number."""
     try:
         values = np.array(numbers).ravel()
     except ValueError as error:

@@ -130,7 +130,7 @@ def test_refusals() -> None:
     """A range that is none, a speed without steering."""
     cost = Weights(np.eye(2), np.eye(1))
     for lower, upper in ((2.0, 1.0), (math.nan, 1.0), (0.0, math.inf)):
-        with pytest.raises(StatementError, match='wanted a range'):
+        with pytest.raises(StatementError, match='wanted finite values'):
             compute_schedule(vehicle, cost, lower, upper)
     with pytest.raises(RefusedDesignError, match='uncontrollable'):
         compute_schedule(vehicle, cost, 0.0, 1.0)

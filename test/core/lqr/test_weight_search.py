@@ -1,13 +1,13 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Weights for a wanted response: found, judged again by control, and refused with reasons."""
+"""Weights for a specified response: found, verified by control, and rejected with reasons."""
 
 import math
 
 import control
 import numpy as np
 from obc_ros.core.lqr.lqr import lqr
-from obc_ros.core.lqr.weight_search import suggest, Wishes
+from obc_ros.core.lqr.weight_search import StepSpecifications, suggest
 from obc_ros.core.text.errors import StatementError
 from plants import aircraft, CHAIN, FORCE
 import pytest
@@ -23,19 +23,19 @@ def judged(A, B, weights, i):
 
 @pytest.mark.parametrize('rise, overshoot, peak', [
     (1.0, 0.05, 0.0), (0.3, 0.02, 0.0), (3.0, 0.0, 1.0), (0.0, 0.01, 0.5), (2.2, 0.05, 1.2)])
-def test_wishes_of_a_double_integrator_are_met(rise, overshoot, peak):
-    found = suggest(CHAIN, FORCE, Wishes(rise, overshoot, (peak,)), inputs=['force'])
+def test_specifications_of_a_double_integrator_are_met(rise, overshoot, peak):
+    found = suggest(CHAIN, FORCE, StepSpecifications(rise, overshoot, (peak,)), inputs=['force'])
     assert found.success
-    assert found.message.startswith('all wishes are met')
+    assert found.message.startswith('all specifications are met')
     seen_rise, seen_overshoot = judged(CHAIN, FORCE, found.best.weights, 0)
     assert not rise or seen_rise <= rise * 1.01
     assert not overshoot or seen_overshoot <= overshoot + 1e-3
     assert not peak or abs(found.best.design.K[0, 0]) <= peak * 1.01  # at t = 0
 
 
-def test_wishes_of_the_aircraft_are_met():
+def test_specifications_of_the_aircraft_are_met():
     A, B = aircraft()
-    found = suggest(A, B, Wishes(1.0, 0.10, (40.0, 40.0)), inputs=['f1', 'f2'])
+    found = suggest(A, B, StepSpecifications(1.0, 0.10, (40.0, 40.0)), inputs=['f1', 'f2'])
     assert found.success, found.message
     for i in range(2):
         rise, overshoot = judged(A, B, found.best.weights, i)
@@ -44,7 +44,7 @@ def test_wishes_of_the_aircraft_are_met():
 
 
 def test_table_is_the_trade_off():
-    found = suggest(CHAIN, FORCE, Wishes(1.0))
+    found = suggest(CHAIN, FORCE, StepSpecifications(1.0))
     scale = [trial.scale for trial in found.table]
     assert scale == sorted(scale)
     assert len(scale) >= 10
@@ -54,30 +54,33 @@ def test_table_is_the_trade_off():
     assert all(after <= 1.001 * before for before, after in zip(rise[:-1], rise[1:], strict=True))
 
 
-def test_wishes_that_exclude_each_other_are_named():
+def test_conflicting_specifications_are_named():
     """From rest a force of 0.1 needs sqrt(2 / 0.1) s and more for 1 m."""
-    found = suggest(CHAIN, FORCE, Wishes(0.5, 0.0, (0.1,)), inputs=['force'])
+    found = suggest(CHAIN, FORCE, StepSpecifications(0.5, 0.0, (0.1,)), inputs=['force'])
     assert not found.success
-    assert 'rise time 0.5 and peak of force 0.1 exclude each other' in found.message
-    assert 'with peak of force kept, the least rise time found was' in found.message
-    assert 'with rise time kept, the least peak of force found was' in found.message
+    assert found.message.startswith('no weights were found that meet rise time 0.5 and peak of '
+                                    'force 0.1 together: the minimum rise time found with peak ')
+    assert 'the minimum peak of force found with rise time met is' in found.message
     assert np.linalg.eigvals(CHAIN - FORCE @ found.best.design.K).real.max() < 0
 
 
-def test_one_impossible_wish_is_named():
+def test_one_impossible_specification_is_named():
     """An unstable plant held at 1 needs its input: no weights lower it."""
-    found = suggest(np.array([[1.0]]), np.array([[1.0]]), Wishes(0.0, 0.0, (0.5,)))
+    found = suggest(np.array([[1.0]]), np.array([[1.0]]), StepSpecifications(0.0, 0.0, (0.5,)))
     assert not found.success
-    assert 'peak of input 0 0.5 is out of reach: the least peak of input 0' in found.message
+    assert found.message.startswith('no weights were found that meet peak of input 0 0.5: the '
+                                    'minimum peak of input 0 found is')
 
 
 def test_refusals():
-    for wishes, words in [(Wishes(-1.0), 'rise_time = -1'), (Wishes(1.0, math.nan), 'overshoot'),
-                          (Wishes(1.0, 0.1, (1.0, 2.0)), 'peak_input has 2 numbers; wanted 1'),
-                          (Wishes(peak_input=(math.inf,)), 'peak_input')]:
+    for wanted, words in [
+            (StepSpecifications(-1.0), 'rise_time = -1'),
+            (StepSpecifications(1.0, math.nan), 'overshoot'),
+            (StepSpecifications(1.0, 0.1, (1.0, 2.0)), 'peak_input has 2 numbers; wanted 1'),
+            (StepSpecifications(peak_input=(math.inf,)), 'peak_input')]:
         with pytest.raises(StatementError, match=words):
-            suggest(CHAIN, FORCE, wishes)
+            suggest(CHAIN, FORCE, wanted)
     with pytest.raises(StatementError, match='x_max has 1 number; wanted 2'):
-        suggest(CHAIN, FORCE, Wishes(1.0), x_max=[1.0])
+        suggest(CHAIN, FORCE, StepSpecifications(1.0), x_max=[1.0])
     with pytest.raises(StatementError, match='no state of this system can be held'):
-        suggest(np.array([[-1.0]]), np.array([[0.0]]), Wishes(1.0))
+        suggest(np.array([[-1.0]]), np.array([[0.0]]), StepSpecifications(1.0))

@@ -140,7 +140,7 @@ def test_integral_action_removes_what_a_constant_push_leaves(spawn: Any, probe: 
 # Suggestions
 
 
-def test_all_three_wishes_and_the_table(spawn: Any, probe: Any) -> None:
+def test_all_three_specifications_and_the_table(spawn: Any, probe: Any) -> None:
     """Rise time, overshoot and peak input are kept; a row of the table is what its scale does."""
     bench = Bench(spawn, probe, system='double_integrator')
     asked = SuggestWeights.Request(rise_time=1.0, overshoot=0.05, peak_input=[8.0],
@@ -159,7 +159,7 @@ def test_all_three_wishes_and_the_table(spawn: Any, probe: Any) -> None:
         assert row.peak_input[0] == pytest.approx(answer.table_peak_input[k], rel=1e-6)
     asked.peak_input = [1.0]  # a bang of 1 does not rise in a second
     refused = probe.call(SuggestWeights, '/lqr_node/suggest_weights', asked)
-    assert not refused.success and 'exclude each other' in refused.message
+    assert not refused.success and 'together: the minimum ' in refused.message
     assert len(bench.designs) == 1
 
 

@@ -129,23 +129,23 @@ def test_integral_action(spawn: Any, probe: Any) -> None:
 
 
 def test_suggested_weights(spawn: Any, probe: Any) -> None:
-    """Wishes in, weights out that fulfil them, with the trade-off; the loop runs meanwhile."""
+    """Weights that meet specifications, with the trade-off; the loop runs meanwhile."""
     bench = Bench(spawn, probe, system='double_integrator')
     before = bench.answer([0.1, 0.0])
 
-    def wish(**fields: Any) -> Any:
+    def specify(**fields: Any) -> Any:
         return probe.call(SuggestWeights, '/lqr_node/suggest_weights',
                           SuggestWeights.Request(**fields))
 
-    answer = wish(rise_time=0.5, overshoot=0.1)
+    answer = specify(rise_time=0.5, overshoot=0.1)
     assert answer.success, answer.message
     assert answer.design.rise_time[0] <= 0.5 and answer.design.overshoot[0] <= 0.1
     rise, peak = answer.table_rise_time, answer.table_peak_input  # from small inputs to large
     assert rise[0] > 10 * rise[-1] and peak[0] < 0.1 * peak[-1]
     assert len(answer.table_peak_input) == len(answer.table_scale) > 3
-    assert not wish(rise_time=1e-3, peak_input=[1e-3]).success
-    assert 'rise_time' in wish(rise_time=-1.0).message
-    assert wish(x_max=[1.0]).message
+    assert not specify(rise_time=1e-3, peak_input=[1e-3]).success
+    assert 'rise_time' in specify(rise_time=-1.0).message
+    assert specify(x_max=[1.0]).message
     assert (bench.answer([0.1, 0.0]) == before).all() and len(bench.designs) == 1
     assert bench.set(Qx=list(answer.qx), Qu=list(answer.qu)).successful
     assert bench.design(2).rise_time[0] == pytest.approx(answer.design.rise_time[0])
