@@ -40,7 +40,7 @@ def solve_lq(problem: Problem) -> Solution | None:
     if solution.status is Status.INFEASIBLE and not explain_contradiction(problem):
         # What doubles cannot tell from out of reach may be within it.
         solution = replace(solution, status=Status.NOT_CONVERGED, message=(
-            f'no path was found; infeasibility is not proved ({solution.message})'))
+            f'no path was found; infeasibility has not been proved ({solution.message})'))
     if not solution.t.size:
         return solution if _is_unbounded(problem) else None
     return solution if _is_unbounded(problem) or _is_within(problem, solution) else None

@@ -164,7 +164,7 @@ METHODS: dict[str, Method] = {
     'riccati': _special(solve_lq, (
         'riccati answers linear quadratic problems with a fixed final time and no active bound')),
     'time_optimal': _special(solve_time_optimal, (
-        'time_optimal answers linear problems of least time with bounded inputs')),
+        'time_optimal solves linear minimum-time problems with bounded inputs')),
     'reeds_shepp': _special(solve_two_wheeled, (
         'reeds_shepp answers motions of least time of a two wheeled robot whose shortest path '
         'ends at the angle that is asked for')),

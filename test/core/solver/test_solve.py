@@ -421,7 +421,7 @@ def test_methods_alone():
     refused = solve(least_time, method='riccati')
     assert refused.status is Status.NOT_CONVERGED and 'linear quadratic' in refused.message
     refused = solve(lq, method='time_optimal')
-    assert refused.status is Status.NOT_CONVERGED and 'least time' in refused.message
+    assert refused.status is Status.NOT_CONVERGED and 'minimum time' in refused.message
 
 
 def test_an_unknown_method_is_named_with_those_that_exist():
@@ -433,14 +433,14 @@ def test_an_unknown_method_is_named_with_those_that_exist():
 @pytest.mark.parametrize('problem, words', [
     (lambda: simple(['x', 'v'], {'x': 'v', 'v': 'u'}, 'u**2', {'x': 1, 'v': 0},
                     {'free': False, 'value': 1.5}, terminal_constraints=['x', 'v'],
-                    input_bounds={'u': [-1, 1]}), 'least time is 2'),
+                    input_bounds={'u': [-1, 1]}), 'minimum time is 2'),
     (lambda: simple(['x', 'v'], {'x': 'v', 'v': 'u'}, 'u**2', {'x': 0, 'v': 0},
                     {'free': False, 'value': 3}, terminal_constraints=['v - 2'],
                     state_bounds={'v': [None, 1]}), 'v <= 1'),
     (lambda: simple(['x', 'v'], {'x': 'v', 'v': 'u'}, 'u**2', {'x': 0, 'v': 0},
                     {'free': False, 'value': 3}, terminal_constraints=['x - 1', 'v'],
                     input_bounds={'u': [-1, 1]}, state_bounds={'v': [-0.2, 0.2]}),
-     'least time is 5.2'),
+     'minimum time is 5.2'),
 ])
 def test_infeasible_problems_come_back_with_the_reason(problem, words):
     solution = solve(problem(), time_limit=30)

@@ -60,7 +60,7 @@ _ROUGHLY = _NEARLY | {Condition.DYNAMICS: 1e-2}
 _WIDE = 1e-2        # of its bounds: where a path may go that shows what is out of reach
 _PART = 0.1         # of its terms, that Pontryagin's conditions may leave
 _LATER = 50.0       # times T up to which a least time is looked for
-_UNPROVED = 'infeasibility is not proved'
+_UNPROVED = 'infeasibility has not been proved'
 
 
 @dataclass(frozen=True)
@@ -212,7 +212,7 @@ class _Doubt:
         found = format_number(least) if answer.certified else f'about {least:.3g}'
         if self.shown:
             return Reason(True, f'the terminal constraints cannot be met by T = {last:.6g}: the '
-                                f'least time is {found}')
+                                f'minimum time is {found}')
         return Reason(False, f'no path was found that meets the terminal constraints by T = '
                              f'{last:.6g}: the quickest takes {found}; {_UNPROVED}')
 

@@ -1,3 +1,3 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Answers in closed form, or exact to rounding, for problems of special structure."""
+"""Solutions in closed form, or exact up to rounding, of problems with special structure."""

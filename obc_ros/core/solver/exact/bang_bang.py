@@ -1,20 +1,20 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Switching times of bang-bang inputs to a linear system, to the last digits.
+Switching times of bang-bang inputs to a linear system, by Newton's method.
 
-With tau = T - t the time to go and s_j(tau) = nu' C e^(A tau) b_j the switching functions, the
-unknowns are the switching times tau_i, the multipliers nu, and T; the equations are
+Let tau = T - t be the time to go and s_j(tau) = nu' C e^(A tau) b_j the switching functions. The
+unknowns are the switching times tau_i, the multipliers nu, and T. The equations are
 
     C x(T) = d,   s_j(tau_i) = 0,   1 + nu' C f(x(T), u(T)) = 0  (H = 0 at T).
 
-Newton's method solves all of them at once. Where the start lies on a switching curve, arcs are
-missing and nu is not unique: the least squares step solves what is consistent, and a linear
-programme then finds a nu with the right signs.
+Newton's method solves them together. If x(0) lies on a switching curve, arcs vanish and nu is not
+unique: a least squares step solves the consistent equations, and a linear programme then finds a
+nu with the right signs.
 
-Inputs whose switching function vanishes identically are singular: T does not depend on them and
-any input that meets the other terminal constraints will do. The one taken is bang-bang at the
-lowest level, |v_j| = level <= 1, by the same equations with the level in place of T.
+Inputs whose switching function vanishes identically are singular: T does not depend on them, and
+any input that meets the other terminal constraints is optimal. The one returned is bang-bang at
+the lowest level, |v_j| = level <= 1. It solves the same equations with the level in place of T.
 """
 
 from dataclasses import dataclass, replace
@@ -28,18 +28,13 @@ from obc_ros.core.solver.exact.reachable_set import compute_exponential, Reach
 Integers = NDArray[np.int_]
 Unknown = Literal['time', 'level', 'abnormal']
 
-_STEPS = 40
-# Values of a switching function this small beside its largest are a switch.
-_ZERO = 1e-9
-# Arcs this short beside T are none.
-_NO_ARC = 1e-9
-_SOLVED, _ROUNDING = 1e-10, 1e-12
-# Steps this many times as large as where they start from lead nowhere.
-_DIVERGED = 1e6
-# Steps end this small where Newton's method converges.
-_STILL = 1e-8
-# So does a T this many times that of the guess.
-_LONGER = 4
+_STEPS = 40         # iterations of Newton's method
+_ZERO = 1e-9        # of a switching function's largest value: smaller values count as 0
+_NO_ARC = 1e-9      # of T: shorter arcs are left out
+_SOLVED, _ROUNDING = 1e-10, 1e-12   # residual allowed, relative to 1 and to the terms
+_DIVERGED = 1e6     # relative size of a step beyond which Newton's method has diverged
+_STILL = 1e-8       # relative size of the last step if Newton's method has converged
+_LONGER = 4         # times the T of the guess beyond which Newton's method has diverged
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +53,7 @@ class BangBang:
     sign, level : ndarray, shape (m,)
         v_j at T and |v_j|.
     normal : bool
-        Whether nu belongs to the cost T; if not, |nu| = 1 belongs to no cost (an abnormal
-        extremal).
+        Whether nu belongs to the cost T; otherwise the extremal is abnormal and |nu| = 1.
 
     """
 
@@ -85,12 +79,12 @@ class BangBang:
 
 
 def find_extreme_inputs(reach: Reach, T: float, eta: Array) -> BangBang:
-    """Return the inputs that reach farthest along eta by T, to the accuracy of a grid."""
+    """Return the inputs that maximise eta' C x(T), to the accuracy of a grid."""
     tau = reach.times(T, finer=4)
     s = eta @ reach.switching(reach.table(tau))
     found, owner, sign = [np.zeros(0)], [], np.ones(s.shape[1])
     for j, column in enumerate(s.T):
-        # A zero that falls on a point of the grid lies between its neighbours too.
+        # Grid points with s = 0 are left out: the zero then lies between their neighbours.
         k = np.flatnonzero(np.abs(column) > _ZERO * np.abs(column).max())
         times, values = tau[k], column[k]
         i = np.flatnonzero(values[:-1] * values[1:] < 0)
@@ -105,10 +99,10 @@ def polish(reach: Reach, guess: BangBang, unknown: Unknown = 'time') -> BangBang
     """
     Return the solution of Pontryagin's conditions near a guess, or None.
 
-    With `unknown` = 'level', T stays and the common level of the inputs is found instead, with
+    With `unknown` = 'level', T is given and the common level of the inputs is found instead, with
     x0 = 0, c = 0 and nu' d = -1 in place of H = 0. 'abnormal' is 'time' with nu' C f(T) = 0 and
-    |nu| = 1 in place of H = 0: no finite nu satisfies that. Without a target or without inputs
-    there is nothing to solve.
+    |nu| = 1 in place of H = 0, which no finite nu satisfies. None is also returned if there are
+    no terminal constraints or no inputs.
     """
     if not len(reach.d) or not reach.B.shape[1]:
         return None
@@ -133,7 +127,7 @@ def polish(reach: Reach, guess: BangBang, unknown: Unknown = 'time') -> BangBang
 
 
 def _scaled(reach: Reach, T: float) -> tuple[Reach, Array]:
-    """Return the question with rows of C combined so that what is reached is about round."""
+    """Return the problem with rows of C combined so that the reachable set is nearly round."""
     n, m = reach.B.shape
     columns = np.diff(reach.table(reach.times(T))[:, :, n:n + m], axis=0).transpose(0, 2, 1)
     _, R = np.linalg.qr(columns.reshape(-1, len(reach.d)) * np.sqrt(len(columns)))
@@ -142,7 +136,7 @@ def _scaled(reach: Reach, T: float) -> tuple[Reach, Array]:
 
 
 def _newton(reach: Reach, guess: BangBang, unknown: Unknown) -> tuple[BangBang, bool]:
-    """Return where Newton's method ends, and whether the equations hold there."""
+    """Return the last iterate of Newton's method, and whether it solves the equations."""
     now, size = guess, np.inf
     for _ in range(_STEPS):
         residual, J = _equations(reach, now, unknown)
@@ -152,7 +146,7 @@ def _newton(reach: Reach, guess: BangBang, unknown: Unknown) -> tuple[BangBang, 
         columns[k] = 1.0 if unknown == 'level' else now.T
         if not (np.isfinite(J).all() and np.isfinite(residual).all()):
             return now, False
-        # The rows of C x(T) = d are of one size as they are, even where T does not change them.
+        # `_scaled` has given the rows of C x(T) = d one size; T may have no influence on them.
         rows = np.maximum(np.linalg.norm(J * columns, axis=1), 1e-300)
         rows[:len(now.nu)] = 1
         step = columns * np.linalg.lstsq(J * columns / rows[:, None], -residual / rows,
@@ -163,12 +157,12 @@ def _newton(reach: Reach, guess: BangBang, unknown: Unknown) -> tuple[BangBang, 
             return now, False
         if factor == 1 and size < 1e-13:
             break
-    # Steps that shrink slowly lead to an abnormal extremal, where the equations have no solution.
+    # If steps shrink slowly the limit is an abnormal extremal and the equations have no solution.
     return now, size < _STILL and _solved(reach, now, unknown)
 
 
 def _solved(reach: Reach, now: BangBang, unknown: Unknown) -> bool:
-    """Return whether the equations hold, each beside the size of its terms."""
+    """Return whether the equations hold, each relative to the size of its terms."""
     residual, J = _equations(reach, now, unknown)
     q, k = len(now.nu), len(now.tau)
     start = np.abs(reach.C) @ np.abs(compute_exponential(reach.A * now.T)) @ np.abs(reach.x0)
@@ -189,7 +183,7 @@ def _equations(reach: Reach, now: BangBang, unknown: Unknown) -> tuple[Array, Ar
     x = jumps @ G + E[-1, :, n:n + m] @ end
     v = now.sign * now.level
     if unknown == 'level':
-        # The Jacobian's column is that of the level.
+        # The column of the Jacobian belongs to the level, not to T.
         column, rate, xdot = x / now.level[0], reach.d, None
     else:
         x = x + E[-1, :, :n] @ reach.x0 + E[-1, :, -1]
@@ -214,7 +208,7 @@ def _equations(reach: Reach, now: BangBang, unknown: Unknown) -> tuple[Array, Ar
 
 
 def _moved(now: BangBang, step: Array, unknown: Unknown) -> tuple[BangBang, float]:
-    """Return the point a step leads to, shortened so that no arc loses 9/10 of its length."""
+    """Return the next iterate and the factor of the step: each arc keeps 1/10 of its length."""
     k = len(now.tau)
     T = now.T if unknown == 'level' else now.T + step[k]
     factor = 1.0
@@ -234,7 +228,7 @@ def _moved(now: BangBang, step: Array, unknown: Unknown) -> tuple[BangBang, floa
 
 
 def drop_short_arcs(now: BangBang, shortest: float = _NO_ARC) -> BangBang:
-    """Return the inputs with arcs left out that are shorter than `shortest` T."""
+    """Return the inputs without arcs that are shorter than `shortest` T."""
     keep = np.ones(len(now.tau), dtype=bool)
     sign = now.sign.copy()
     for j in range(len(sign)):
@@ -249,7 +243,7 @@ def drop_short_arcs(now: BangBang, shortest: float = _NO_ARC) -> BangBang:
 
 
 def _with_right_signs(reach: Reach, found: BangBang, unknown: Unknown) -> BangBang | None:
-    """Return the answer with a nu whose switching functions have the signs of the inputs."""
+    """Return the inputs with a nu whose switching functions have the right signs, or None."""
     tau = reach.times(found.T, finer=4)
     s = reach.switching(reach.table(tau))
     v = np.sign(found.v(tau))
@@ -266,7 +260,7 @@ def _signs_hold(nu: Array, s: Array, v: Array) -> bool:
 
 def _other_multiplier(reach: Reach, found: BangBang, unknown: Unknown, tau: Array,
                       s: Array) -> Array | None:
-    """Return the nu that keeps the switching functions farthest from zero on the arcs."""
+    """Return the nu that maximises the distance of the switching functions from 0 on the arcs."""
     from scipy.optimize import linprog
 
     q, k = len(found.nu), len(found.tau)

@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Answers of chapter 2 that can be written down.
+Closed-form solutions of problems of chapter 2.
 
-Examples 2.2 and 2.4, Exercises 2.2, 2.3, 2.4(a), 2.8 and 2.9. Where the book's formulas are
-misprinted or lose digits, the corrected ones are evaluated, in a form that does not.
+Examples 2.2 and 2.4, Exercises 2.2, 2.3, 2.4(a), 2.8 and 2.9. Misprints of the book are corrected,
+and formulas that lose digits are evaluated in an equivalent form that does not.
 """
 
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import StatementError
 
-_SKEW = 1e-12  # what rounding may leave of Y + Y', relative to Y
+_SKEW = 1e-12  # largest Y + Y' that counts as rounding, relative to Y
 
 
 @dataclass(frozen=True, eq=False)
 class ScalarPath:
     """
-    An optimal trajectory of a scalar system.
+    Optimal trajectory of a scalar system.
 
     Attributes
     ----------
@@ -45,16 +45,15 @@ class ScalarPath:
 def solve_scalar_finite_horizon(a: float, b: float, c: float, x0: float, t: ArrayLike, *,
                                 t0: float = 0.0, tf: float) -> ScalarPath:
     """
-    Return the minimum of the integral of u^2 / 2 over [t0, tf] + c x(tf)^2 / 2 for x' = a x + b u.
+    Minimise the integral of u^2 / 2 over [t0, tf] + c x(tf)^2 / 2 subject to x' = a x + b u.
 
-    Example 2.2, equations (2.4) and (2.5), for a > 0, and Exercise 2.4(a) with -a in place of a.
-    With S = tf - t0 and r = tf - t, for either sign,
+    With S = tf - t0 and r = tf - t, for either sign of a,
 
         x(t) = x0 e^(-|a| (S - r)) Q(r) / Q(S),    Q(r) = e^(-2 a r) + b^2 c W(r)  (a > 0),
                                                    Q(r) = 1 + b^2 c W(r)           (a <= 0),
 
-    W(r) = (1 - e^(-2 |a| r)) / (2 |a|): a sum of terms of one sign, where (2.5) is a difference
-    that has no digit left at a = 2, S = 10.
+    W(r) = (1 - e^(-2 |a| r)) / (2 |a|). All terms of this sum have one sign. Equation (2.5) is a
+    difference, which has no correct digit left at a = 2, S = 10.
 
     Parameters
     ----------
@@ -78,20 +77,24 @@ def solve_scalar_finite_horizon(a: float, b: float, c: float, x0: float, t: Arra
     StatementError
         If a number is not finite or out of its range.
 
+    References
+    ----------
+    Example 2.2, equations (2.4) and (2.5), for a > 0; Exercise 2.4(a) with -a in place of a.
+
     """
     _finite(a=a, b=b, x0=x0, t0=t0, tf=tf)
     if not c >= 0:
-        raise StatementError(f'c = {c}: the weight of x(tf) is >= 0')
+        raise StatementError(f'c = {c}: the weight of x(tf) must be >= 0')
     _nonzero(b=b)
     times = _times(t, t0, tf)
     S, r, growth = tf - t0, tf - times, abs(a)
-    # Everything divided by c where that is infinite.
+    # If c is infinite, numerators and denominators are divided by c.
     own, weight = (0.0, b * b) if isinf(c) else (1.0, b * b * c)
     size = 1.0 if isinf(c) else c
 
     def q(r: Array) -> Array:
-        w = -np.expm1(-2 * growth * r) / (2 * growth) if growth else r
-        return np.asarray(own * (np.exp(-2 * a * r) if a > 0 else 1.0) + weight * w)
+        return np.asarray(own * (np.exp(-2 * a * r) if a > 0 else 1.0)
+                          + weight * _decayed(growth, r))
 
     whole = float(q(np.array(S)))
     x = x0 * np.exp(-growth * (S - r)) * q(r) / whole
@@ -104,19 +107,19 @@ def solve_scalar_finite_horizon(a: float, b: float, c: float, x0: float, t: Arra
 def solve_scalar_infinite_horizon(a: float, b: float, x0: float, t: ArrayLike, *,
                                   t0: float = 0.0) -> ScalarPath:
     """
-    Return the minimum of the integral of u^2 / 2 over [t0, inf) with x(inf) = 0, x' = a x + b u.
+    Minimise the integral of u^2 / 2 over [t0, inf) with x(inf) = 0, subject to x' = a x + b u.
 
-    Exercise 2.9: P = 2 a / b^2 and u = -b P x, so that x' = -a x. P = 0 solves the Riccati
-    equation too; it is x(inf) = 0 that chooses P > 0. For a <= 0 nothing has to be done.
+    For a > 0, P = 2 a / b^2 and u = -b P x, so that x' = -a x. P = 0 also solves the Riccati
+    equation; the condition x(inf) = 0 selects P > 0. For a < 0, u = 0 is optimal.
 
     Parameters
     ----------
     a, b, x0 : float
-        System, b not 0, and x(t0).
+        System, a and b not 0, and x(t0).
     t : array_like, shape (N,)
-        Times from t0 on [s].
+        Times, not before `t0` [s].
     t0 : float
-        [s]
+        Initial time [s].
 
     Returns
     -------
@@ -125,7 +128,11 @@ def solve_scalar_infinite_horizon(a: float, b: float, x0: float, t: ArrayLike, *
     Raises
     ------
     StatementError
-        If a number is not finite or out of its range; if a = 0, where no minimum is attained.
+        If a number is not finite or out of its range; if a = 0, for which no minimum is attained.
+
+    References
+    ----------
+    Exercise 2.9.
 
     """
     _finite(a=a, b=b, x0=x0, t0=t0)
@@ -139,26 +146,22 @@ def solve_scalar_infinite_horizon(a: float, b: float, x0: float, t: ArrayLike, *
 
 
 def solve_scalar_between(a: float, b: float, x0: float, xf: float, t: ArrayLike, *,
-                         t0: float = 0.0,
-                         tf: float) -> ScalarPath:
+                         t0: float = 0.0, tf: float) -> ScalarPath:
     """
-    Return the minimum of the integral of u^2 / 2 over [t0, tf] with x(tf) = xf, x' = a x + b u.
+    Minimise the integral of u^2 / 2 over [t0, tf] with x(tf) = xf, subject to x' = a x + b u.
 
-    What Exercise 2.4(d) compares flat trajectories with: part (a) leads from x(t0) = 0 nowhere.
-    x'' = a^2 x, so that
+    The solution of x'' = a^2 x,
 
         x(t) = (x0 sinh(a (tf - t)) + xf sinh(a (t - t0))) / sinh(a (tf - t0)),
 
-    evaluated without overflow. P is nan, since J is no multiple of x0^2.
+    is evaluated without overflow. `P` is nan, because J is not a multiple of x0^2.
 
     Parameters
     ----------
     a, b, x0, xf : float
         System, b not 0, and x at both ends.
-    t : array_like, shape (N,)
-        Times within [t0, tf] [s].
-    t0, tf : float
-        [s], t0 < tf.
+    t, t0, tf
+        As for `solve_scalar_finite_horizon`.
 
     Returns
     -------
@@ -167,20 +170,22 @@ def solve_scalar_between(a: float, b: float, x0: float, xf: float, t: ArrayLike,
     Raises
     ------
     StatementError
-        If a number is not finite or out of its range.
+        As `solve_scalar_finite_horizon`.
+
+    References
+    ----------
+    Exercise 2.4(d), which compares flat trajectories with it: from x(t0) = 0 the solution of
+    part (a) is x = 0.
 
     """
     _finite(a=a, b=b, x0=x0, xf=xf, t0=t0, tf=tf)
     _nonzero(b=b)
     times = _times(t, t0, tf)
     S, s, k = tf - t0, times - t0, abs(a)
-
-    def w(r: Array) -> Array:
-        return np.asarray(-np.expm1(-2 * k * r) / (2 * k) if k else r)
-
-    whole = float(w(np.array(S)))
-    x = (x0 * np.exp(-k * s) * w(S - s) + xf * np.exp(-k * (S - s)) * w(s)) / whole
-    # What is missing at tf, seen from the end at which it is not small beside its growth.
+    whole = float(_decayed(k, np.array(S)))
+    x = (x0 * np.exp(-k * s) * _decayed(k, S - s)
+         + xf * np.exp(-k * (S - s)) * _decayed(k, s)) / whole
+    # xf - e^(a S) x0, scaled by e^(-a S) if a > 0 to avoid overflow.
     if a > 0:
         missing = xf * exp(-a * S) - x0
         u, J = missing * np.exp(-a * s) / (b * whole), missing**2 / (2 * b * b * whole)
@@ -193,7 +198,7 @@ def solve_scalar_between(a: float, b: float, x0: float, xf: float, t: ArrayLike,
 @dataclass(frozen=True, eq=False)
 class SecondOrderDesign:
     """
-    A regulator of a second-order system.
+    Optimal regulator of a second-order system.
 
     Attributes
     ----------
@@ -214,10 +219,29 @@ class SecondOrderDesign:
 
 def solve_double_integrator_regulator(q: float) -> SecondOrderDesign:
     """
-    Return the minimum of the integral of q^2 x1^2 + u^2 for x1'' = u (Example 2.4).
+    Minimise the integral of q^2 x1^2 + u^2 over [0, inf) subject to x1'' = u.
 
     K = [q, sqrt(2 q)], the second row of P = [[sqrt(2 q^3), q], [q, sqrt(2 q)]], and
-    omega0 = sqrt(q); the K and omega0 printed in the example hold for q = 1 only.
+    omega0 = sqrt(q). The K and omega0 printed in the book hold for q = 1 only.
+
+    Parameters
+    ----------
+    q : float
+        Square root of the weight of x1, > 0.
+
+    Returns
+    -------
+    SecondOrderDesign
+
+    Raises
+    ------
+    StatementError
+        If `q` is not a finite number > 0.
+
+    References
+    ----------
+    Example 2.4.
+
     """
     _positive(q=q)
     root = sqrt(2 * q)
@@ -227,10 +251,29 @@ def solve_double_integrator_regulator(q: float) -> SecondOrderDesign:
 
 def solve_lag_regulator(a: float) -> SecondOrderDesign:
     """
-    Return the minimum of the integral of x1^2 + u^2 for x1' = x2, x2' = -a x2 + u.
+    Minimise the integral of x1^2 + u^2 over [0, inf) subject to x1' = x2, x2' = -a x2 + u.
 
-    Exercise 2.8: K = [1, sqrt(a^2 + 2) - a], omega0 = 1, zeta = sqrt(a^2 + 2) / 2. The zero b of
-    the transfer function does not enter.
+    K = [1, sqrt(a^2 + 2) - a], omega0 = 1, zeta = sqrt(a^2 + 2) / 2. The zero b of the transfer
+    function has no influence.
+
+    Parameters
+    ----------
+    a : float
+        Reciprocal of the time constant of the lag [1/s], > 0.
+
+    Returns
+    -------
+    SecondOrderDesign
+
+    Raises
+    ------
+    StatementError
+        If `a` is not a finite number > 0.
+
+    References
+    ----------
+    Exercise 2.8.
+
     """
     _positive(a=a)
     root = sqrt(a * a + 2)
@@ -263,17 +306,19 @@ class BrockettPath:
 
 def solve_brockett(Y: ArrayLike, t: ArrayLike) -> BrockettPath:
     """
-    Return the least integral of u'u / 2 over [0, 1] that leads (0, 0) to (0, Y).
+    Minimise the integral of u'u / 2 over [0, 1] from (0, 0) to (0, Y) for Brockett's system.
 
-    Exercise 2.2 for q' = u, Y' = q u' - u q', any m. The optimal inputs satisfy u' = Omega u with
-    a constant skew Omega (a). With Y = sum of sigma_k (e_k f_k' - f_k e_k') over orthonormal
-    planes, sigma_1 >= sigma_2 >= ..., the k-th plane is circled k times (c):
+    The system is dq/dt = u, dY/dt = q u' - u q' with q and u of any size m. The optimal inputs
+    satisfy du/dt = Omega u with a constant skew-symmetric Omega (a). Let Y be the sum of
+    sigma_k (e_k f_k' - f_k e_k') over orthonormal pairs (e_k, f_k), sigma_1 >= sigma_2 >= ... The
+    path circles k times in the k-th plane (c):
 
         u(t) = sum of sqrt(2 pi k sigma_k) (-e_k sin(2 pi k t) + f_k cos(2 pi k t)),
         J = pi (sigma_1 + 2 sigma_2 + 3 sigma_3 + ...).
 
-    Different frequencies keep the planes from moving each other; the largest sigma gets the
-    lowest. For m = 3 (b), Y z = y x z, there is one plane, normal to y, and J = pi |y|.
+    Because the frequencies differ, the motions in different planes do not interact; the largest
+    sigma has the lowest frequency. For m = 3 (b), with Y z = y x z, there is one plane, normal to
+    y, and J = pi |y|.
 
     Parameters
     ----------
@@ -289,12 +334,12 @@ def solve_brockett(Y: ArrayLike, t: ArrayLike) -> BrockettPath:
     Raises
     ------
     StatementError
-        If Y is not a skew matrix of finite numbers, or a time is not within [0, 1].
+        If Y is not a skew-symmetric matrix of finite numbers, or a time is not within [0, 1].
 
     References
     ----------
-    R. W. Brockett, Control theory and singular Riemannian geometry, in: New Directions in Applied
-    Mathematics, Springer, 1981.
+    Exercise 2.2. R. W. Brockett, Control theory and singular Riemannian geometry, in: New
+    Directions in Applied Mathematics, Springer, 1981.
 
     """
     matrix = np.asarray(Y, dtype=float)
@@ -303,7 +348,7 @@ def solve_brockett(Y: ArrayLike, t: ArrayLike) -> BrockettPath:
     if not np.isfinite(matrix).all():
         raise StatementError('Y must consist of finite numbers')
     if np.abs(matrix + matrix.T).max() > _SKEW * np.abs(matrix).max():
-        raise StatementError("Y must be skew, Y' = -Y")
+        raise StatementError("Y must be skew-symmetric, Y' = -Y")
     times = _times(t, 0.0, 1.0)
     # For an eigenvector v of i Y with eigenvalue s > 0: Y re(v) = s im(v), Y im(v) = -s re(v).
     values, vectors = np.linalg.eigh(1j * (matrix - matrix.T) / 2)
@@ -322,19 +367,20 @@ def solve_brockett(Y: ArrayLike, t: ArrayLike) -> BrockettPath:
 @dataclass(frozen=True, eq=False)
 class StraightPath:
     """
-    The shortest path between two points (Exercise 2.3), at constant speed over [0, 1].
+    Shortest path between two points, at constant speed over [0, 1].
 
     Attributes
     ----------
     t : ndarray, shape (N,)
+        Times [s].
     x, u : ndarray, shape (N, n)
-        Positions and velocity.
+        Position [m] and velocity [m/s].
     length : float
-        Integral of |u|; the same for every other speed along the line.
+        Integral of |u| [m]; it does not depend on the speed along the line.
     energy : float
-        Integral of u'u, which constant speed alone minimises.
+        Integral of u'u; only constant speed minimises it.
     lam : ndarray, shape (n,)
-        Costate for the length, -u / |u|; zero for a path of no length.
+        Costate of the length, -u / |u|; zero for a path of length 0.
 
     """
 
@@ -348,28 +394,36 @@ class StraightPath:
 
 def solve_straight_line(x0: ArrayLike, xf: ArrayLike, t: ArrayLike) -> StraightPath:
     """
-    Return the path of least length between two points, for x' = u over [0, 1].
+    Minimise the length of the path between two points, for x' = u over [0, 1].
 
-    For L = |u| the conditions fix the direction of u and not its size: H = |u| + lam'u = 0 for
-    every u along -lam. There is no maximum velocity in the problem.
+    For L = |u| the necessary conditions determine the direction of u, not its size:
+    H = |u| + lam'u = 0 for every u along -lam. The problem has no maximum speed.
 
     Parameters
     ----------
     x0, xf : array_like, shape (n,)
-        [m]
+        Initial and final position [m].
     t : array_like, shape (N,)
         Times within [0, 1] [s].
+
+    Returns
+    -------
+    StraightPath
 
     Raises
     ------
     StatementError
-        If the points are not finite or not of one dimension, or a time is not within [0, 1].
+        If the points are not finite or not of equal dimension, or a time is not within [0, 1].
+
+    References
+    ----------
+    Exercise 2.3.
 
     """
     start, end = np.asarray(x0, dtype=float), np.asarray(xf, dtype=float)
     if start.shape != end.shape or start.ndim != 1 or not start.size:
         raise StatementError(
-            f'x0 and xf must be points of one dimension; found {start.shape} and {end.shape}')
+            f'x0 and xf must be points of equal dimension; found {start.shape} and {end.shape}')
     if not (np.isfinite(start).all() and np.isfinite(end).all()):
         raise StatementError('x0 and xf must consist of finite numbers')
     times = _times(t, 0.0, 1.0)
@@ -377,6 +431,11 @@ def solve_straight_line(x0: ArrayLike, xf: ArrayLike, t: ArrayLike) -> StraightP
     length = float(np.linalg.norm(u))
     return StraightPath(times, start + np.outer(times, u), np.tile(u, (len(times), 1)), length,
                         length**2, -u / length if length else np.zeros_like(u))
+
+
+def _decayed(k: float, r: Array) -> Array:
+    """Return the integral of e^(-2 k s) over s in [0, r]."""
+    return np.asarray(-np.expm1(-2 * k * r) / (2 * k) if k else r)
 
 
 def _times(t: ArrayLike, t0: float, tf: float) -> Array:
@@ -398,7 +457,7 @@ def _finite(**values: float) -> None:
 def _nonzero(**values: float) -> None:
     for name, value in values.items():
         if value == 0:
-            raise StatementError(f'{name} = 0: wanted another number')
+            raise StatementError(f'{name} = 0: wanted a nonzero number')
 
 
 def _positive(**values: float) -> None:

@@ -1,15 +1,16 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Least time for the double integrator p'' = w, w within [low, high], in closed form (Example 2.3).
+Minimum time of the double integrator p'' = w, w within [low, high], in closed form (Example 2.3).
 
-An extremal changes from one limit to the other at most once. With w1 for a time t1 and then w2
+An extremal switches between the limits at most once. With w = w1 for a time t1 and then w = w2
 for t2,
 
-    v0 + w1 t1 + w2 t2 = vf,   p0 + v0 t1 + w1 t1^2 / 2 + vf t2 - w2 t2^2 / 2 = pf,
+    v0 + w1 t1 + w2 t2 = vf,   p0 + v0 t1 + w1 t1^2 / 2 + vf t2 - w2 t2^2 / 2 = pf.
 
-a quadratic equation for each of the two orders. The least sum of non-negative roots is T. From
-H = 1 + lam_p v + lam_v w = 0 and lam_v = 0 at the switch, lam_p = -1 / v there.
+This is a quadratic equation for each of the two orders of the limits. T is the minimum sum of
+nonnegative roots. From H = 1 + lam_p v + lam_v w = 0 and lam_v = 0 at the switch follows
+lam_p = -1 / v there.
 """
 
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ class Arcs:
     """
     Acceleration `first` for `t1` and then `second` for `t2` [s]; costates of p and of v at T.
 
-    An answer of one arc has t2 = 0.
+    A solution with one arc has t2 = 0.
     """
 
     first: float
@@ -42,7 +43,7 @@ class Arcs:
 def solve_least_time(p0: float, v0: float, pf: float, vf: float, low: float,
                      high: float) -> Arcs | None:
     """
-    Return the answer; None if there is none of this form with finite costates.
+    Return the time-optimal arcs, None if no solution of this form has finite costates.
 
     Parameters
     ----------
@@ -51,13 +52,17 @@ def solve_least_time(p0: float, v0: float, pf: float, vf: float, low: float,
     low, high : float
         Bounds of the acceleration, low < high.
 
+    Returns
+    -------
+    Arcs or None
+
     """
     best = (inf, 0.0, 0.0, 0.0, 0.0)
     for w1, w2 in ((low, high), (high, low)):
         if abs(w2) >= abs(w1):
             durations = _durations(p0, v0, pf, vf, w1, w2)
         else:
-            # The same in reversed time: from the goal, speeds negative.
+            # The same problem in reversed time: from the goal, with negative speeds.
             durations = [(t1, t2) for t2, t1 in _durations(pf, -vf, p0, -v0, w2, w1)]
         best = min([best, *((t1 + t2, w1, t1, w2, t2) for t1, t2 in durations)])
     T, w1, t1, w2, t2 = best
@@ -68,13 +73,13 @@ def solve_least_time(p0: float, v0: float, pf: float, vf: float, low: float,
         # lam_v has the sign of -(w2 - w1) on the last arc.
         return Arcs(w1, t1, w2, t2, -1 / speed, t2 / speed) if (w2 - w1) * speed < 0 else None
     w, other = (w1, w2) if t1 > 0 else (w2, w1)
-    # One arc: lam_p = 0 leaves lam_v w = -1, which has to prefer w to the other limit.
+    # One arc: lam_p = 0 gives lam_v w = -1; w, not the other limit, must minimise lam_v w.
     return Arcs(w, T, w, 0.0, 0.0, -1 / w) if w * (w - other) > 0 else None
 
 
 def _durations(p0: float, v0: float, pf: float, vf: float, w1: float,
                w2: float) -> list[tuple[float, float]]:
-    """Return the pairs (t1, t2) that solve both equations, none negative; w2 is not 0."""
+    """Return the nonnegative pairs (t1, t2) that solve both equations; w2 is not 0."""
     ratio = w1 / w2
     roots = _roots(w1 * (1 - ratio) / 2, v0 * (1 - ratio),
                    p0 - pf + (vf + v0) * (vf - v0) / (2 * w2))

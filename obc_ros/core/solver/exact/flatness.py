@@ -3,13 +3,13 @@
 """
 Trajectories of differentially flat systems between two states (Exercises 2.4 and 2.5).
 
-States and inputs are functions of flat outputs z and their derivatives up to order r, so that any
-smooth z with the right values at both ends is a trajectory. z is a sum of M basis functions; 2 r
-coefficients for each output meet the ends, and what is left over minimises
+States and inputs are functions of flat outputs z and their derivatives up to order r. Hence any
+smooth z with the right values at both ends is a trajectory. Each output is a sum of M basis
+functions; 2 r coefficients satisfy the end conditions, and the others minimise
 
     J = integral of (x - xr)'Qx (x - xr) + (u - ur)'Qu (u - ur).
 
-With more coefficients J falls to the optimum.
+As M increases J decreases to the optimum.
 
 ================= ============================== ===
 system            flat outputs                   r
@@ -39,20 +39,20 @@ from obc_ros.core.text.errors import StatementError
 Expressions = Sequence[Any]
 
 MAX_COEFFICIENTS = 60
-_NODES = 12          # of a quadrature, for each piece; at least _LEAST_NODES together
+_NODES = 12          # nodes of the quadrature for each piece; at least _LEAST_NODES together
 _LEAST_NODES = 96
-_STEPS = 200
-_FEW = 4             # coefficients to spare of the polynomial that a longer search begins with
-_SLOWEST = 1e-3      # speed beside its mean below which a heading is not defined
+_STEPS = 200         # iterations of Newton's method
+_FEW = 4             # free coefficients of the polynomial that a second search begins with
+_SLOWEST = 1e-3      # speed relative to its mean below which the heading is undefined
 
 
 @dataclass(frozen=True)
 class _Form:
     """
-    What makes a system flat.
+    Flat outputs of a system and the inverse map.
 
-    `outputs` maps (x, p) to z, `inverse` (z, p, way) to (x, u), z[i][k] being the k-th derivative
-    of output i; `inputs` returns the inputs at both ends where none are given.
+    `outputs` maps (x, p) to z, `inverse` maps (z, p, way) to (x, u), where z[i][k] is the k-th
+    derivative of output i. `inputs` returns the default inputs at both ends.
     """
 
     r: int
@@ -66,17 +66,18 @@ class _Form:
 @dataclass(frozen=True, eq=False)
 class FlatTrajectory:
     """
-    A trajectory given by its flat outputs.
+    Trajectory given by its flat outputs.
 
     Attributes
     ----------
     t0, T : float
-        Begin and duration [s].
+        Initial time and duration [s].
     basis : Basis
+        Basis functions of (t - t0) / T.
     coefficients : ndarray, shape (M, outputs)
-        Of the flat outputs, as functions of (t - t0) / T.
+        Coefficients of the flat outputs.
     minimal : int
-        Least number of coefficients of an output that meet both ends.
+        Minimum number of coefficients of an output that satisfy both end conditions.
     J : float
         Cost.
 
@@ -103,7 +104,7 @@ class FlatTrajectory:
         """
         Return states (N, n) and inputs (N, m) at times [s] in increasing order.
 
-        Angles are continuous from the first time on if the times are dense.
+        Angles are continuous if the times are dense.
         """
         inverse = _inverse(self._system, self._form, self._way)
         flag = self.flag(t)
@@ -122,7 +123,7 @@ class FlatTrajectory:
         Raises
         ------
         StatementError
-            If n is no whole number of at least 2.
+            If n is not an integer of at least 2.
 
         """
         if not isinstance(n, (int, np.integer)) or isinstance(n, bool) or n < 2:
@@ -153,15 +154,15 @@ def generate(system: System, start: ArrayLike, goal: ArrayLike, T: float, *,
     coefficients : int, optional
         M for each flat output, at least 2 r; 2 r if left out.
     start_input, goal_input : array_like, shape (m,), optional
-        Inputs from which derivatives of z at the ends follow, taken as constant there: the speed
-        of a vehicle (by default the distance over T), the thrust of an aircraft (by default that
-        of hovering). Others are not used.
+        Inputs at the ends, constant near them; derivatives of z at the ends follow from them.
+        Used are the speed of a vehicle (default: distance over T) and the thrust of an aircraft
+        (default: hovering).
     Qx, Qu : array_like, shape (n,) or (n, n), (m,) or (m, m), optional
         Weights >= 0; zero and identity if left out.
     xr, ur : array_like, shape (n,), (m,), optional
-        What x and u are compared with; zero if left out.
+        Reference of x and u; zero if left out.
     t0 : float
-        [s]
+        Initial time [s].
 
     Returns
     -------
@@ -207,10 +208,11 @@ def generate(system: System, start: ArrayLike, goal: ArrayLike, T: float, *,
 def _least(chosen: Basis, ends: Array, T: float, r: int, cost: '_Cost',
            few: Callable[[Basis], '_Cost']) -> tuple[Array, float]:
     """
-    Return the coefficients that meet the ends at the lowest cost that is found.
+    Return the coefficients that satisfy the end conditions at the lowest cost found, and the cost.
 
-    The search begins with the polynomial that has no coefficient to spare and, where there are
-    many, also with the best one that has a few; minima are local.
+    The search begins with the polynomial without free coefficients. If there are many
+    coefficients, a second search begins with the best polynomial with a few free ones. Minima are
+    local.
     """
     plain = build_basis('polynomial', 2 * r, 0)
     z = np.linalg.solve(_at_ends(plain, T, r), np.concatenate(
@@ -224,26 +226,26 @@ def _least(chosen: Basis, ends: Array, T: float, r: int, cost: '_Cost',
 
 
 def _at_ends(chosen: Basis, T: float, r: int) -> Array:
-    """Return what maps coefficients to derivatives of order below r at both ends."""
+    """Return the matrix that maps coefficients to derivatives of order below r at both ends."""
     sides = np.array([0.0, 1.0])
     return np.concatenate([chosen.values(sides, k) / T**k for k in range(r)])
 
 
 def _newton(chosen: Basis, near: Basis, z: Array, ends: Array, T: float, r: int,
             cost: '_Cost') -> tuple[Array, float]:
-    """Return coefficients of least cost, from those that come closest to z in another basis."""
+    """Return coefficients at a minimum of the cost, from those closest to z in another basis."""
     E, e = _at_ends(chosen, T, r), np.concatenate([ends[:, :, k] for k in range(r)])
     alpha = np.linalg.lstsq(chosen.values(cost.s), near.values(cost.s) @ z, rcond=None)[0]
     alpha = alpha + np.linalg.lstsq(E, e - E @ alpha, rcond=None)[0]
     N = np.linalg.svd(E)[2][2 * r:].T
     J, slope, H = cost.derivatives(alpha, N)
     if not np.isfinite(J):
-        raise StatementError('the way between the ends is not one that the system can go: its '
-                             'inputs are not finite')
+        raise StatementError('the initial path between the ends is not a trajectory of the '
+                             'system: its inputs are not finite')
     damping = 0.0
     for _ in range(_STEPS if N.shape[1] else 0):
         values, vectors = np.linalg.eigh(H)
-        # Downhill along directions of negative curvature too.
+        # Absolute values: the step also descends along directions of negative curvature.
         curvature = np.maximum(np.abs(values), 1e-13 * np.abs(values).max()) + damping
         step = -vectors @ ((vectors.T @ slope) / curvature)
         moved = alpha + N @ step.reshape(N.shape[1], -1)
@@ -300,18 +302,18 @@ class _Cost:
 
 
 def _keeps_moving(found: FlatTrajectory) -> None:
-    """Refuse a trajectory along which the speed vanishes, and with it the heading."""
+    """Reject a trajectory on which the speed vanishes: its heading is undefined there."""
     t = found.t0 + found.T * np.linspace(0, 1, 400)
     velocity = found.flag(t)[:, :, 1]
     speed = np.hypot(*velocity.T)
-    # Two velocities in a row that point apart have rest between them.
+    # Between two successive velocities at an obtuse angle the vehicle comes to rest.
     slow = speed <= _SLOWEST * speed.mean()
     slow[1:] |= np.sum(velocity[1:] * velocity[:-1], axis=1) <= 0
     k = int(np.argmax(slow))
     if slow[k]:
         raise StatementError(
-            f'the way stops at t = {t[k]:.4g}: at rest the heading is no function of px and py. '
-            'Give other speeds at the ends, or more time')
+            f'the path stops at t = {t[k]:.4g}: at rest the heading is not a function of px and '
+            'py. Give other speeds at the ends, or more time')
 
 
 def _way(u0: Array, u1: Array) -> float:
@@ -319,12 +321,12 @@ def _way(u0: Array, u1: Array) -> float:
     if u0[0] * u1[0] <= 0:
         raise StatementError(
             f'speeds {u0[0]:g} and {u1[0]:g} at the ends: wanted two of one sign, not 0; at rest '
-            'the heading is no function of the flat outputs px and py')
+            'the heading is not a function of the flat outputs px and py')
     return 1.0 if u0[0] > 0 else -1.0
 
 
 def _flag(system: System, form: _Form, x: Array, u: Array) -> Array:
-    """Return z and its derivatives of order below r where u is held, shape (outputs, r)."""
+    """Return z and its derivatives of order below r for constant u, shape (outputs, r)."""
     rate: Any = ca.vertcat(*form.outputs(ca.vertsplit(system.x), ca.vertsplit(system.p)))
     columns = []
     for _ in range(form.r):
@@ -377,13 +379,13 @@ def _root(name: str, weight: ArrayLike | None, default: Array) -> Array:
 def _form(system: System) -> _Form:
     form = _FORMS.get(system.name)
     if form is None:
-        raise StatementError(f"'{system.name}' is not known to be differentially flat; known are "
-                             f'{", ".join(_FORMS)}')
+        raise StatementError(f"'{system.name}' is not known to be differentially flat; flat "
+                             f'systems are {", ".join(_FORMS)}')
     values = dict(zip((p.name for p in system.parameters), system.p_value.tolist(), strict=True))
     if system.name == 'aircraft' and values['c'] != 0:
         raise StatementError(
             f'the aircraft is flat for c = 0 only: its flat outputs are a point that the thrust '
-            f'cannot push sideways, and drag (c = {values["c"]:g}) moves that point')
+            f'cannot accelerate sideways, and drag (c = {values["c"]:g}) accelerates that point')
     if system.name == 'aircraft' and values['r'] == 0:
         raise StatementError('the aircraft is not flat for r = 0: no input turns it')
     if system.name in ('scalar', 'cubic') and values['b'] == 0:

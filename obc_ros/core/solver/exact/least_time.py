@@ -1,10 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The least time in which a linear system with bounded inputs meets its target, proved least.
+Minimum time in which a linear system with bounded inputs meets its target, with a lower bound.
 
-The method is in `reachable_set`; here it is iterated, and its last step handed to Newton's
-method (`bang_bang`).
+The method of `reachable_set` is iterated. Newton's method (`bang_bang`) solves the last step.
 """
 
 from dataclasses import dataclass, replace
@@ -24,46 +23,46 @@ from obc_ros.core.solver.exact.reachable_set import compute_exponential, Reach
 _ROUNDS = 100
 # Fraction of the gap that is open when Newton's method is first tried; then at every half of it.
 _CLOSE = 0.5
-# Fraction that is open when an abnormal extremal is looked for too, and where the target may be
-# met for an instant only; and when proofs, which a tangency makes flat, come no closer.
+# Below the first fraction an abnormal extremal is also looked for, and the target may be met for
+# an instant only; below the second the search ends, as a tangency keeps the bound from rising.
 _TOUCHING, _TOUCHED = 1e-3, 1e-5
-# Costates this steep, mean |lam'B| beside the rate 1 of the cost, may belong to an abnormal one.
+# Mean |lam'B| above which the extremal may be abnormal; the running cost is 1.
 _STEEP = 1e4
-# Arcs this short beside T are left out where no normal extremal is found.
+# Part of T below which arcs are left out if no normal extremal is found.
 _SHORT = 0.02
-# The target is at rest if f there is this small beside f at the start, inputs in their middle.
+# The target is at rest if |f| there is below this part of |f| at x(0), inputs in their middle.
 _AT_REST = 0.1
-# Where proofs are looked for first, beside the upper bound; then four times as far each time.
+# First time up to which a proof is evaluated, as a part of the upper bound; then 4 times as far.
 _FIRST_HORIZON = 1e-5
-# How often, and into how many points, an interval is divided where a proof may fail unseen.
+# An interval between whose ends a proof may fail is divided this often, into so many points.
 _ZOOMS, _ZOOM = 12, 33
-# How often the interval is divided that holds the end of a proof.
+# The interval that contains the end of a proof is divided this often.
 _NARROWED = 2
-# What a proof must exceed zero by, relative to its terms: the accuracy of the integrals.
+# Margin of a proof relative to its terms: the accuracy of the integrals.
 _SURE = 1e-7
 _ROUNDING = 1e-10
-# A proof that comes this close to an answer leaves nothing between them.
+# Relative gap between a lower bound and a solution that counts as none.
 _NEAR = 1e-8
-# An input whose switching function is this small beside the largest does not decide T.
+# An input whose switching function is this small relative to the largest does not determine T.
 _SINGULAR = 1e-6
-# e^(A T) beyond this says nothing in double precision.
+# Largest real part of a pole times T: beyond it e^(A T) overflows or has no correct digits.
 _MOST_GROWTH = 300.0
 
 
 @dataclass(frozen=True, eq=False)
 class FirstTime:
     """
-    What is known of the least time.
+    Bounds of the minimum time, and the inputs if they were found.
 
     Attributes
     ----------
     answer : BangBang or None
-        Inputs that meet the target at the least time.
+        Inputs that meet the target in the minimum time.
     too_short : float
-        The target is met at no time before this [s]; the upper bound if it never is. Less than
-        that if the search ended undecided.
+        The target is met at no time before this [s]. It is the upper bound of T if no time is
+        long enough, and less if the search ended undecided.
     at_once : bool
-        The target can be met at the lower bound already.
+        Whether the target can be met at the lower bound of T.
 
     """
 
@@ -74,10 +73,10 @@ class FirstTime:
 
 def find_first_time(reach: Reach, lower: float, upper: float) -> FirstTime:
     """
-    Return the least time within [lower, upper] at which C x(T) = d can hold.
+    Return the minimum time within [lower, upper] at which C x(T) = d can hold.
 
-    Every row of C must be within reach of the inputs. The question is asked backwards from the
-    target when that is the end at rest: then g(T) does not turn and proofs reach far.
+    The inputs must act on every row of C. If the target is a single state at rest the problem is
+    solved in reversed time: then the direction of g(T) hardly changes and one eta excludes many T.
     """
     back = _backwards(reach, upper)
     if back is not None:
@@ -90,7 +89,7 @@ def find_first_time(reach: Reach, lower: float, upper: float) -> FirstTime:
 
 
 def _backwards(reach: Reach, upper: float) -> Reach | None:
-    """Return the question in reversed time, if the target is a single state at rest."""
+    """Return the problem in reversed time if the target is a single state at rest, else None."""
     n = len(reach.x0)
     if len(reach.d) < n or -reach.poles.real.min() * upper > _MOST_GROWTH:
         return None
@@ -102,7 +101,7 @@ def _backwards(reach: Reach, upper: float) -> Reach | None:
 
 
 def _forwards(reach: Reach, answer: BangBang) -> BangBang:
-    """Return the answer to the reversed question as one to the question itself."""
+    """Return the solution of the problem, given that of the problem in reversed time."""
     sign = answer.v(np.array([answer.T]))[0] / np.where(answer.level > 0, answer.level, 1.0)
     lam = compute_exponential(-reach.A.T * answer.T) @ -answer.nu
     order = np.argsort(-answer.tau)
@@ -154,7 +153,7 @@ def _search(reach: Reach, lower: float, upper: float) -> FirstTime:
 
 
 def _no_longer_proved(reach: Reach, eta: Array, T: float, horizon: float) -> float | None:
-    """Return the first time after T at which eta does not prove that time to be too short."""
+    """Return the first time after T that eta does not prove too short, None if there is none."""
     tau = T + reach.times(horizon - T)
     narrowed = 0
     for _ in range(_ZOOMS):
@@ -174,13 +173,14 @@ def _no_longer_proved(reach: Reach, eta: Array, T: float, horizon: float) -> flo
     a, b = margin[end - 1:end + 1]
     if a <= 0:
         return float(tau[end - 1])
-    # The nearer root of chord and tangent is not beyond the margin's, convex or concave.
+    # Whether the margin is convex or concave, its root is not before the nearer of the roots of
+    # chord and tangent.
     chord = a / (a - b) * (tau[end] - tau[end - 1])
     return float(tau[end - 1] + min(chord, a / max(-slope[end - 1], a / chord)))
 
 
 def _dip(tau: Array, margin: Array, slope: Array) -> int | None:
-    """Return the first interval at whose ends the tangents meet below zero, if any."""
+    """Return the first interval whose tangents at both ends intersect below zero, or None."""
     down, up, h = slope[:-1], slope[1:], np.diff(tau)
     falls = (down < 0) & (up > 0)
     steepness = np.where(falls, up - down, 1.0)
@@ -190,7 +190,7 @@ def _dip(tau: Array, margin: Array, slope: Array) -> int | None:
 
 
 def _proved(reach: Reach, answer: BangBang, T: float) -> bool:
-    """Return whether the answer's nu proves all times from T to shortly before it too short."""
+    """Return whether nu proves all times from T to shortly before the solution's too short."""
     tau = np.linspace(T, answer.T, 64, endpoint=False)
     tau = np.append(reach.times(T), tau[1:]) if T else tau
     margin, _ = reach.margin(-answer.nu, tau, -_ROUNDING)
@@ -200,17 +200,18 @@ def _proved(reach: Reach, answer: BangBang, T: float) -> bool:
 @dataclass(frozen=True, eq=False)
 class _Part:
     """
-    The part of a question that decides T: without its singular inputs and what they reach.
+    The part of a problem that determines T: without singular inputs and the directions they move.
 
     Attributes
     ----------
     whole, part : Reach
+        The problem and its part.
     eta : ndarray, shape (r,)
         Direction, for the rows of `part`.
     columns, singular : ndarray of int
         Inputs of `part`, and the others.
     tied, free : ndarray, shapes (q, r) and (q, q - r)
-        Combinations of the terminal constraints that the singular inputs do not move, and do.
+        Combinations of the terminal constraints on which the singular inputs do not act, and act.
 
     """
 
@@ -235,10 +236,10 @@ def _deciding_part(reach: Reach, T: float, eta: Array) -> _Part:
 
 def _direction(reach: Reach, T: float, eta: Array, warm: bool) -> tuple[float, Array, _Part]:
     """
-    Return the largest multiple of g(T) reached, its eta, and the inputs that decide it.
+    Return the largest multiple of g(T) reached, its eta, and the part that determines it.
 
-    The switching times are exact, unless Newton's method fails. With `warm`, eta is close and the
-    linear programme is left out.
+    The switching times are exact unless Newton's method fails. With `warm`, eta is a good guess
+    and the linear programme is tried only after it.
     """
     multiple = inf
     for start in (eta, None) if warm else (None,):
@@ -259,14 +260,14 @@ def _level(reach: Reach, T: float, gap: Array, eta: Array) -> BangBang | None:
     rest = Reach(reach.A, reach.B, np.zeros(n), np.zeros(n), reach.C, gap)
     guess = find_extreme_inputs(rest, T, eta)
     reached = rest.reached(T, eta)
-    if not reached > 0:   # the inputs do nothing along this direction that doubles show
+    if not reached > 0:   # in double precision the inputs do not act along this direction
         return None
     level = np.full(len(guess.level), max(1 / reached, 1e-12))
     return polish(rest, replace(guess, level=level), 'level')
 
 
 def _polished(part: _Part, T: float, abnormal: bool) -> BangBang | None:
-    """Return the answer near T, its singular inputs at the lowest level that will do."""
+    """Return the solution near T with singular inputs at the lowest sufficient level, or None."""
     guess = find_extreme_inputs(part.part, T, part.eta)
     found = polish(part.part, guess)
     if abnormal and (found is None or part.part.reached(T, found.nu) > _STEEP * T):
@@ -289,16 +290,16 @@ def _polished(part: _Part, T: float, abnormal: bool) -> BangBang | None:
 
 
 def _from_zero(reach: Reach, columns: NDArray[np.int_], rows: Array, gap: Array) -> Reach:
-    """Return the question how some inputs close a gap in combinations of the constraints."""
+    """Return the problem of closing a gap in combinations of the constraints by some inputs."""
     n = len(reach.x0)
     return Reach(reach.A, reach.B[:, columns], np.zeros(n), np.zeros(n), rows.T @ reach.C, gap)
 
 
 def _lowest(reach: Reach, T: float, small: float) -> BangBang | None:
     """
-    Return bang-bang inputs from zero to d at T, each at the lowest level that will do.
+    Return bang-bang inputs from zero to d at T, each at the lowest sufficient level, or None.
 
-    Those that decide the highest level come first, then what is left is asked of the others.
+    The inputs that determine the highest level are found first; the others close what is left.
     """
     m = reach.B.shape[1]
     found = BangBang(T, np.zeros(len(reach.d)), np.zeros(0), np.zeros(0, int), np.ones(m),
@@ -318,7 +319,7 @@ def _lowest(reach: Reach, T: float, small: float) -> BangBang | None:
 
 
 def _joined(found: BangBang, more: BangBang, columns: NDArray[np.int_]) -> BangBang:
-    """Return inputs some columns of which are taken from another answer."""
+    """Return the inputs with some columns taken from another solution."""
     sign, level = found.sign.copy(), found.level.copy()
     sign[columns], level[columns] = more.sign, more.level
     return replace(found, sign=sign, level=level, tau=np.concatenate((found.tau, more.tau)),
@@ -337,7 +338,7 @@ def compute_final_state(reach: Reach, inputs: BangBang) -> Array:
 
 def split_directions(A: Array, B: Array, C: Array) -> tuple[Array, Array]:
     """
-    Return the directions of y = C x that B's inputs move, and those that they do not.
+    Return the directions of y = C x on which the inputs act, and those on which they do not.
 
     Returns
     -------

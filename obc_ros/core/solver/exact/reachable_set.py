@@ -1,23 +1,23 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What a linear system with bounded inputs reaches, and when for the first time.
+Reachable set of a linear system with bounded inputs.
 
-dx/dt = A x + B v + c, |v_j| <= 1, x(0) = x0; wanted is the least T with C x(T) = d.
+dx/dt = A x + B v + c, |v_j| <= 1, x(0) = x0. `least_time` looks for the minimum T with C x(T) = d.
 
-With tau = T - t the time to go, the gap that the input has to close by T is
+With tau = T - t the time to go, the input must supply
 
-    g(T) = d - C e^(A T) x0 - integral of C e^(A tau) c,
+    g(T) = d - C e^(A T) x0 - integral of C e^(A tau) c
 
-and the input closes it if and only if for all eta
+by T. It can if and only if for all eta
 
     eta' g(T) <= integral of sum_j |eta' C e^(A tau) b_j| over [0, T].
 
-An eta that violates this at T proves that T is too short, and so is every later time up to the
-first at which the same eta no longer violates it: the search jumps there and never passes the
-least time, whatever the start, the target and the drift (L. W. Neustadt, 1960; J. H. Eaton, 1962).
-The eta comes from a linear programme, the largest multiple of g(T) that is reached. Close to the
-answer `bang_bang` takes over.
+An eta that violates this inequality at T proves that T is too short. Every later time up to the
+first at which the same eta no longer violates it is too short as well. The search continues from
+that time and therefore never passes the minimum time, for any x0, d and c (L. W. Neustadt, 1960;
+J. H. Eaton, 1962). The eta comes from a linear programme: the largest multiple of g(T) that the
+inputs reach. Close to the minimum time `bang_bang` takes over.
 """
 
 from dataclasses import dataclass
@@ -30,15 +30,16 @@ from obc_ros.core.numerics.arrays import Array
 
 # Cells of a grid: at least, at most, and for each period of the fastest mode.
 _CELLS, _MOST_CELLS, _CELLS_PER_PERIOD = 256, 8192, 24
-_PARTS = 32     # of a horizon, in which rounding errors are followed
+_PARTS = 32     # parts of the horizon for which rounding errors are bounded separately
 
 
 @dataclass(frozen=True, eq=False)
 class Reach:
     """
-    The question: shapes A (n, n), B (n, m), c (n,), x0 (n,), C (q, n), d (q,).
+    The linear system, its initial state and the target C x(T) = d.
 
-    Every direction of C must be within reach of the inputs: see `controllable_part`.
+    Shapes: A (n, n), B (n, m), c (n,), x0 (n,), C (q, n), d (q,). The inputs must act on every
+    direction of C: see `least_time.split_directions`.
     """
 
     A: Array
@@ -50,7 +51,7 @@ class Reach:
 
     @cached_property
     def Z(self) -> Array:
-        """Return the generator of (x, v, 1): e^(Z t) holds e^(A t) and the integrals of it."""
+        """Return the generator of (x, v, 1): e^(Z t) contains e^(A t) and its integrals."""
         n, m = self.B.shape
         Z = np.zeros((n + m + 1, n + m + 1))
         Z[:n, :n], Z[:n, n:n + m], Z[:n, -1] = self.A, self.B, self.c
@@ -62,7 +63,7 @@ class Reach:
         return np.asarray(np.linalg.eigvals(self.A), dtype=complex)
 
     def times(self, T: float, finer: int = 1) -> Array:
-        """Return times to go in [0, T], dense enough for every mode, closer at stiff ends."""
+        """Return times to go in [0, T], dense enough for every mode, denser at stiff ends."""
         period_cells = _CELLS_PER_PERIOD * np.abs(self.poles.imag).max(initial=0) * T / (2 * pi)
         cells = finer * min(max(_CELLS, ceil(period_cells)), _MOST_CELLS)
         stiffness = np.abs(self.poles.real).max(initial=0) * T
@@ -84,7 +85,7 @@ class Reach:
         done = 1
         steps = np.diff(tau)
         while done < len(tau):
-            # Runs of equal steps by doubling.
+            # Rows for a run of equal steps are computed by doubling.
             h = steps[done - 1]
             end = done - 1 + _run(steps[done - 1:])
             first, power = done - 1, compute_exponential(self.Z * h)
@@ -99,10 +100,10 @@ class Reach:
 
     def sizes(self, T: float) -> Array:
         """
-        Return bounds (n,) of what the terms of x(t), t <= T, add up to on the way to it.
+        Return bounds (n,) of the terms of x(t), t <= T, including intermediate terms.
 
-        They are the largest |e^(A (t - s))| |e^(A s)| (|x0|, 1, 1): a rounding error relative to
-        a term at s grows to no more than that. Times are told apart by 1/32 of T.
+        The bounds are the largest |e^(A (t - s))| |e^(A s)| (|x0|, 1, 1). A rounding error
+        relative to a term at s grows to at most this value. Times are resolved to 1/32 of T.
         """
         tau = self.times(T)
         whole = Reach(self.A, self.B, self.c, self.x0, np.eye(len(self.A)), self.x0)
@@ -128,9 +129,10 @@ class Reach:
 
     def margin(self, eta: Array, tau: Array, tolerance: float) -> tuple[Array, Array]:
         """
-        Return eta' g(T) less what the inputs reach along eta, for each T of tau, and its slope.
+        Return eta' g(T) minus the most that the inputs reach along eta, and its derivative.
 
-        A positive margin proves T too short. `tolerance` times the terms is taken off.
+        Both are given for each T of tau. A positive margin proves that T is too short.
+        `tolerance` times the terms is subtracted.
         """
         table = self.table(tau)
         wanted, reached = self.gap(table) @ eta, self._reached(eta, tau, table)
@@ -139,7 +141,7 @@ class Reach:
         return wanted - reached - tolerance * (np.abs(wanted) + reached), slope
 
     def reached(self, T: float, eta: Array) -> float:
-        """Return how far the inputs reach along eta by T: the largest eta' C x."""
+        """Return the largest contribution of the inputs to eta' C x(T)."""
         tau = self.times(T, finer=4)
         return float(self._reached(eta, tau, self.table(tau))[-1])
 
@@ -156,9 +158,9 @@ class Reach:
 
     def largest_multiple(self, T: float) -> tuple[float, Array]:
         """
-        Return the largest multiple of g(T) that is reached at T, and the eta that proves it.
+        Return the largest multiple of g(T) that the inputs reach at T, and the eta that proves it.
 
-        The multiple is at least 1 if T is long enough. eta' g(T) = 1.
+        The multiple is at least 1 if T is long enough; eta is scaled such that eta' g(T) = 1.
         """
         from scipy.optimize import linprog
 
@@ -187,10 +189,21 @@ class Reach:
 
 def compute_exponential(matrix: Array) -> Array:
     """
-    Return e^matrix, shape (..., n, n), whatever the units of the states.
+    Return the matrix exponential, accurate for states in units of any size.
 
-    Scales of 2^k are taken out first, without rounding: where entries differ by many orders of
-    magnitude the largest would cost all digits of the others.
+    The matrix is first balanced by powers of 2, which causes no rounding. Without balancing,
+    entries that are many orders of magnitude below the largest would have no correct digits.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (..., n, n)
+        Square matrices.
+
+    Returns
+    -------
+    ndarray, shape (..., n, n)
+        nan if an entry is not finite.
+
     """
     from scipy.linalg import expm, matrix_balance
 
@@ -202,13 +215,28 @@ def compute_exponential(matrix: Array) -> Array:
 
 
 def _run(steps: Array) -> int:
-    """Return how many of the first steps are equal."""
+    """Return the number of equal steps at the beginning."""
     differ = np.abs(steps - steps[0]) > 1e-9 * steps[0]
     return int(np.argmax(differ)) if differ.any() else len(steps)
 
 
 def bound_first_reach(A: Array, B: Array, T: float) -> Array:
-    """Return how far (n,) inputs of B's sizes take each state in T, by A's powers up to n - 1."""
+    """
+    Return the largest contribution of constant inputs to each state within a time T.
+
+    Parameters
+    ----------
+    A, B : ndarray, shape (n, n) and (n, m)
+        Linear system; inputs have the size 1.
+    T : float
+        Duration [s].
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Largest |A^k B T^(k + 1) / (k + 1)!| over the inputs and over k < n.
+
+    """
     moved, found = B * T, np.zeros(len(A))
     for k in range(len(A)):
         found = np.maximum(found, np.abs(moved).max(axis=1, initial=0.0))

@@ -6,17 +6,17 @@ Shortest paths of a car that goes forwards and backwards (Reeds and Shepp, 1990)
 Minimise the length of (x, y, theta) from start to goal subject to |curvature| <= 1 / radius,
 cusps allowed. One of 48 words of at most five arcs and straight lines is shortest.
 
-Every word is a chain of circles that touch, or that a line joins. With rho e^(i theta) the vector
-from the first circle's centre to the last's in the frame of the start, and radius 1, the middle
-of the chain follows from rho alone, the first arc is t = theta + kappa(rho) >= 0, and the last is
-what is left of the turn phi:
+Every word is a chain of circles that touch or are joined by a line. Let rho e^(i theta) be the
+vector from the first circle's centre to the last's in the frame of the start, with radius 1. The
+middle of the chain depends on rho only, the first arc is t = theta + kappa(rho) >= 0, and the last
+arc completes the turn phi:
 
     v = phi - t + beta   (first and last circle on the same side),
     v = t - phi + beta   (on opposite sides).
 
-`_same_side` and `_opposite` hold the words that start with L+. The others are their images when
-time is reversed (theta, phi -> pi - theta, -phi), when left and right change places, and when the
-path is travelled from goal to start. The formulas are derived, not copied: (8.3), (8.4) and
+`_same_side` and `_opposite` contain the words that start with L+. The others are their images
+under time reversal (theta, phi -> pi - theta, -phi), under reflection (left and right exchanged),
+and under travel from goal to start. The formulas are derived, not copied: (8.3), (8.4) and
 (8.11) are misprinted in the paper.
 
 References
@@ -44,17 +44,17 @@ _Rows = tuple[Array | float, Array | float, float, Array]
 
 _TWO_PI = 2 * pi
 _MIRROR = str.maketrans('LR', 'RL')
-# Poses at a time in `find_lengths`: what fits into a cache.
+# Poses per chunk in `find_lengths`, so that the arrays fit into a cache.
 _CHUNK = 2048
-# Distance [radii] beyond which angles have no digits left.
+# Distance [radii] beyond which angles have no correct digits.
 _FAR = 1e12
 # Angles this close to pi count as pi.
 _EPS = 1e-12
-# Angles short of 0 (or beyond pi) by this are taken as they are, the arc driven the other way: a
-# path to the goal all the same, and the shortest when rounding has moved an angle out of its
-# interval, which for short straight parts it does by up to the square root of its unit.
+# Angles below 0 (or above pi) by less than this are accepted; the arc is driven the other way. The
+# path still ends at the goal. It is the shortest if rounding has moved an angle out of its
+# interval; for short straight parts the error reaches the square root of the unit of rounding.
 _LOOSE = 1e-6
-# What a straight part may fall short of zero by, and still be one of no length.
+# A straight part that is negative by less than this has length 0.
 _SHORT = 1e-13
 
 
@@ -67,18 +67,18 @@ class Segment(NamedTuple):
 
 class CarPath(NamedTuple):
     """
-    A shortest path.
+    Shortest path of a car.
 
     Attributes
     ----------
     start, goal : tuple of float
         (x, y, theta) [m, m, rad].
     radius : float
-        Least turning radius [m].
+        Minimum turning radius [m].
     length : float
-        [m], the sum of the segments' absolute lengths.
+        Sum of the segments' absolute lengths [m].
     segments : tuple of Segment
-        In order; none of length zero.
+        In order; none has length zero.
 
     """
 
@@ -95,7 +95,7 @@ class CarPath(NamedTuple):
 
     def sample(self, n: int) -> Array:
         """
-        Return n points of the path, equally spaced by length, both ends included.
+        Return n points of the path, equally spaced in arc length, including both ends.
 
         Parameters
         ----------
@@ -105,8 +105,8 @@ class CarPath(NamedTuple):
         Returns
         -------
         ndarray, shape (n, 3)
-            x, y [m] and theta [rad]. theta is continuous: it starts as the start's and ends as
-            the goal's up to a multiple of 2 pi.
+            x, y [m] and theta [rad]. theta is continuous; it ends at the goal's theta plus a
+            multiple of 2 pi.
 
         Raises
         ------
@@ -125,12 +125,12 @@ class CarPath(NamedTuple):
 
     def at(self, distance: ArrayLike) -> Array:
         """
-        Return x, y, theta where `distance` [m] of the path has been travelled.
+        Return the poses (x, y, theta) at given arc lengths.
 
         Parameters
         ----------
         distance : array_like, shape (k,)
-            Within [0, length]; what is outside is taken as the nearer end.
+            Arc lengths from the start [m]; clipped to [0, length].
 
         Returns
         -------
@@ -186,11 +186,11 @@ def find_shortest_path(start: Sequence[float] | Array, goal: Sequence[float] | A
     start, goal : sequence of 3 float
         (x, y, theta) [m, m, rad].
     radius : float
-        [m], > 0.
+        Minimum turning radius [m], > 0.
 
     Returns
     -------
-    Path
+    CarPath
         ``length`` [m], ``word``, ``segments``, ``sample(n)``.
 
     Raises
@@ -213,19 +213,19 @@ def find_shortest_path(start: Sequence[float] | Array, goal: Sequence[float] | A
 
 def find_lengths(starts: ArrayLike, goals: ArrayLike, radius: float) -> Array:
     """
-    Return the lengths of many shortest paths at once.
+    Return the lengths of many shortest paths.
 
     Parameters
     ----------
     starts, goals : array_like, shape (N, 3) or (3,)
-        (x, y, theta) [m, m, rad]; a single pose goes with every other.
+        (x, y, theta) [m, m, rad]; a single pose is combined with all others.
     radius : float
-        Least turning radius [m], > 0.
+        Minimum turning radius [m], > 0.
 
     Returns
     -------
     ndarray, shape (N,)
-        [m]
+        Lengths [m].
 
     Raises
     ------
@@ -238,7 +238,7 @@ def find_lengths(starts: ArrayLike, goals: ArrayLike, radius: float) -> Array:
     try:
         first, last = np.broadcast_arrays(first, last)
     except ValueError:
-        raise StatementError(f'{len(first)} starts do not go with {len(last)} goals') from None
+        raise StatementError(f'{len(first)} starts do not match {len(last)} goals') from None
     result = np.empty(len(first))
     for k in range(0, len(first), _CHUNK):
         x0, y0, theta0 = first[k:k + _CHUNK].T
@@ -255,15 +255,15 @@ def find_lengths(starts: ArrayLike, goals: ArrayLike, radius: float) -> Array:
 def _solve(x: float, y: float, phi: float) -> tuple[float, list[tuple[str, float]]]:
     """Return the length and the parts of the shortest path of radius 1 from (0, 0, 0)."""
     s, c = sin(phi), cos(phi)
-    # Vectors from the left circle of the start to the left and to the right one of the goal, and
-    # of the mirror image.
+    # Vectors from the left circle of the start to the left and to the right circle of the goal,
+    # for the problem and for its mirror image.
     chains = [(hypot(xi, eta), atan2(eta, xi), turn, turn_sign, mirrored) for
               xi, eta, turn, turn_sign, mirrored in (
                   (x - s, y - 1 + c, phi, 1.0, False), (x + s, -y - 1 + c, -phi, 1.0, True),
                   (x + s, y - 1 - c, phi, -1.0, False), (x - s, -y - 1 - c, -phi, -1.0, True))]
     best, found = inf, None
     for rho, theta, turn, sense, mirrored in chains:
-        # (theta, phi) of: the word, time reversed, travelled from the goal, and both.
+        # (theta, phi) of the word, time reversed, travelled from the goal, and both.
         back = sense * (turn - theta)
         images = ((theta, turn, 0), (pi - theta, -turn, 1),
                   (back, sense * turn, 2), (pi - back, -sense * turn, 3))
@@ -281,7 +281,7 @@ def _solve(x: float, y: float, phi: float) -> tuple[float, list[tuple[str, float
                     continue
                 length += abs(v)
                 if length < best:
-                    # Opposite words travelled from the goal start on the other side.
+                    # If travelled from the goal, opposite words start on the other side.
                     best, found = length, (row, image, mirrored ^ (sense * image < -1), t, v)
     assert found is not None  # one of the words L+S+L+, L-S-L-, R+S+R+, R-S-R- always exists
     return best, _parts(*found)
@@ -355,7 +355,7 @@ def _lengths(x: Array, y: Array, phi: Array) -> Array:
                         t = _wrap(angle + kappa)
                         v = _wrap((sign or 1.0) * (sense * (turn - t) + beta))
                         good = _forward(t) & _forward(v) if sign else _forward(t)
-                        # fmin passes over middles that are nan: words that do not exist.
+                        # fmin ignores nan middles: these words do not exist.
                         best = np.fmin(
                             best, np.where(good, np.abs(t) + middle + np.abs(v), inf))
     return best

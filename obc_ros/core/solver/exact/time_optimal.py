@@ -7,11 +7,11 @@ Minimise the integral of L over [0, T] for a constant L > 0 subject to x' = A x 
 x(0) = x0, C x(T) = d, u in a box, T free. The inputs are bang-bang, u = -sgn(B'lam) about the
 middle of the box, except where a switching function vanishes identically.
 
-The double integrator is solved in closed form (`double_integrator`), other systems by proving
-times too short until none is left (`first_time`). Inputs that do not decide T are singular; they
-are given the lowest constant magnitude that meets the target. An abnormal extremal, which no
-costate with H = L + lam'f satisfies, is recognised; its costate is given the largest multiplier
-that leaves room for L.
+The double integrator is solved in closed form (`double_integrator`). For other systems a lower
+bound of T rises until the target is met (`least_time`). Inputs that do not determine T are
+singular; they are given the lowest constant magnitude that meets the target. An abnormal extremal
+satisfies the conditions with H = lam'f only; its costate is a large multiple of the abnormal one,
+so that the residuals of H = L + lam'f are small relative to its size.
 """
 
 from collections.abc import Callable
@@ -43,19 +43,19 @@ from obc_ros.core.solver.exact.unreachable_modes import explain_unreachable_mode
 from obc_ros.core.solver.exact.weak_duality import is_never_met
 
 _METHOD = 'time_optimal'
-# Samples of an arc: at least, at most, and so that fast modes are followed.
+# Samples of an arc: at least, at most; in between by the fastest mode.
 _SAMPLES, _MOST_SAMPLES = 17, 200
-# Times the upper bound of T up to which a least time is looked for, to name it.
+# Times the upper bound of T up to which the minimum time is looked for, for the message.
 _FARTHER = 64.0
-# Part of a least time in closed form by which too short a one has to be shorter.
+# Relative margin by which a T must be below the minimum time in closed form to be infeasible.
 _CLEARLY = 1e-7
-# Multiplier of an abnormal costate, beside the one that balances L.
+# Size of an abnormal costate relative to the one that balances L.
 _ABNORMAL = 1e7
 
 
 def solve_time_optimal(problem: Problem) -> Solution | None:
     """
-    Return the answer of least time to a linear problem.
+    Return the minimum-time solution of a linear problem.
 
     Parameters
     ----------
@@ -66,10 +66,11 @@ def solve_time_optimal(problem: Problem) -> Solution | None:
     -------
     Solution or None
         None if the problem is not of this form (L a constant > 0, V constant, f affine, psi
-        affine, T free, u bounded, x free), if T is held up by its lower bound, or if the least
-        time is not found. Status ``infeasible`` says why in words, and is proved for all T
-        between the bounds (`weak_duality`); what is not is ``not_converged``. Inputs
-        are constant between samples ('zoh'); at a switch the time stands twice.
+        affine, T free, u bounded, x free), if the lower bound of T is active, or if the minimum
+        time is not found. The status is ``infeasible`` if it is proved that the target is met at
+        no T between the bounds (`weak_duality`; the closed form for the double integrator), and
+        ``not_converged`` if no such T is found without proof; the message gives the reason.
+        Inputs are constant between samples ('zoh'); the time of a switch appears twice.
 
     """
     began = perf_counter()
@@ -82,7 +83,7 @@ def solve_time_optimal(problem: Problem) -> Solution | None:
 
 
 def _double_integrator(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
-    """Return the answer in closed form if the problem is a double integrator's, q = n = 2."""
+    """Return the closed-form solution for a double integrator with q = n = 2, else None."""
     A, B, c = plant.A, plant.B, plant.c
     if A.shape != (2, 2) or B.shape != (2, 1) or len(aim.d) != 2:
         return None
@@ -143,7 +144,7 @@ def _arcs_solution(
 
 
 def _general(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
-    """Return the answer for any linear system with bounded inputs."""
+    """Return the solution for any linear system with bounded inputs."""
     half = (problem.u_upper - problem.u_lower) / 2
     c = plant.c + plant.B @ (problem.u_lower + half)
     driven = np.flatnonzero(half > 0)
@@ -169,7 +170,8 @@ def _general(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
         if meets == 'never':
             return none(in_words(whole) or (
                 'the inputs do not act on a combination of states that the terminal constraints '
-                f'fix, and by itself it does not meet them by T = {bounds.upper:.10g}'))
+                'determine, and without inputs it does not meet them by T = '
+                f'{bounds.upper:.10g}'))
         if meets == 'passing' or not moved.shape[1]:
             return None
     reach = replace(whole, C=moved.T @ whole.C, d=moved.T @ whole.d)
@@ -183,10 +185,10 @@ def _general(problem: Problem, aim: Target, plant: Affine) -> Solution | None:
 
 def _scaled(stated: Reach, T: float) -> tuple[Reach, Array, Array]:
     """
-    Return the question with each state in units of how far inputs take it in a time T.
+    Return the problem with scaled states and constraints, and both scales.
 
-    With the sizes of states and of constraints, powers of 2. What is independent, or moved, is
-    not to depend on the units of a statement.
+    The unit of a state is its largest change by the inputs within T. All scales are powers of 2.
+    Because of the scaling, ranks do not depend on the units in which a problem is stated.
     """
     size = bound_first_reach(stated.A, stated.B, T)
     for other in (np.abs(stated.x0), T * np.abs(stated.c), np.ones(len(size))):
@@ -199,7 +201,7 @@ def _scaled(stated: Reach, T: float) -> tuple[Reach, Array, Array]:
 
 
 def _independent(aim: Reach) -> tuple[Array, bool]:
-    """Return combinations of the terminal constraints that are independent; whether they clash."""
+    """Return independent combinations of the terminal constraints, and whether all contradict."""
     U, sizes, _ = np.linalg.svd(aim.C)
     rank = int(np.sum(sizes > 1e-12 * max(sizes[0], 1e-300)))
     if rank == len(aim.d):
@@ -210,7 +212,7 @@ def _independent(aim: Reach) -> tuple[Array, bool]:
 
 def _meets_by_itself(reach: Reach, fixed: Array,
                      upper: float) -> Literal['always', 'passing', 'never']:
-    """Return when directions that no input moves are on target, among the times up to upper."""
+    """Return when the directions on which no input acts meet the target, for T up to upper."""
     gap = reach.gap(reach.table(reach.times(upper))) @ fixed
     size = 1 + np.abs(reach.d).max() + np.abs(reach.x0).max()
     if np.abs(gap).max() <= 1e-9 * size:
@@ -220,19 +222,19 @@ def _meets_by_itself(reach: Reach, fixed: Array,
 
 
 def _why_not(upper: float, reach: Reach, in_words: Callable[[Reach], str | None]) -> str:
-    """Return why there is no answer by the upper bound of T, as far as is known."""
+    """Return why the target is not met by the upper bound of T, as far as is known."""
     reason = in_words(reach)
     if reason is None:
         later = find_first_time(reach, upper, _FARTHER * upper).answer
         reason = _out_of_time(upper, later.T) if later is not None else (
-            f'the terminal constraints cannot be met by T = {upper:.10g}: the inputs, '
-            'within their bounds, do not reach that far')
+            f'the terminal constraints cannot be met by T = {upper:.10g}: the bounded inputs do '
+            'not reach that far')
     return reason
 
 
 def _out_of_time(upper: float, least: float) -> str:
     return (f'the terminal constraints cannot be met by T = {upper:.10g}: '
-            f'the least time is {least:.10g}')
+            f'the minimum time is {least:.10g}')
 
 
 def _too_short(upper: float, least: float, clearly: bool) -> Solution:
@@ -240,14 +242,14 @@ def _too_short(upper: float, least: float, clearly: bool) -> Solution:
 
 
 def _none(reason: str, proved: bool) -> Solution:
-    """Return the answer that there is none, or that none was found."""
+    """Return the result for an infeasible problem, or for one without a path found."""
     return Solution(Status.INFEASIBLE, reason, method=_METHOD) if proved else Solution(
-        Status.NOT_CONVERGED, f'no path was found; infeasibility is not proved ({reason})',
+        Status.NOT_CONVERGED, f'no path was found; infeasibility has not been proved ({reason})',
         method=_METHOD)
 
 
 def _multiplier(reach: Reach, answer: BangBang) -> Array:
-    """Return nu of the answer; of an abnormal one a large multiple with H = 0 at T added."""
+    """Return nu; for an abnormal extremal a large multiple of it, plus a nu with H = 0 at T."""
     if answer.normal:
         return answer.nu
     xdot = reach.A @ compute_final_state(reach,
@@ -259,7 +261,7 @@ def _multiplier(reach: Reach, answer: BangBang) -> Array:
 
 def _solution(problem: Problem, reach: Reach, answer: BangBang, aim: Target,
               driven: NDArray[np.int_]) -> Solution:
-    """Return states, inputs and costates along an answer."""
+    """Return states, inputs and costates for the inputs found."""
     n, T = problem.n, float(answer.T)
     switches = _merged(np.sort(T - answer.tau), T)
     edges = np.concatenate(([0.0], switches, [T]))
@@ -302,16 +304,16 @@ def _solution(problem: Problem, reach: Reach, answer: BangBang, aim: Target,
 
 
 def _merged(times: Array, T: float) -> Array:
-    """Return times in order without those that two inputs share, and without the ends."""
+    """Return times in order without duplicates and without the ends of [0, T]."""
     times = times[(times > 1e-12 * T) & (times < (1 - 1e-12) * T)]
     return times[np.diff(times, prepend=-T) > 1e-12 * T]
 
 
 def _sentence(T: float, switches: int, singular: list[str] | None = None,
               normal: bool = True) -> str:
-    text = f'least time {T:.10g}, bang-bang with {switches} switch{"es" * (switches != 1)}'
+    text = f'minimum time {T:.10g}, bang-bang with {switches} switch{"es" * (switches != 1)}'
     if singular:
-        text += f'; singular: {", ".join(singular)}, of the least constant magnitude that will do'
+        text += f'; singular: {", ".join(singular)}, at the smallest sufficient constant magnitude'
     if not normal:
         text += '; abnormal: no finite costate satisfies H = 0, a very large one nearly does'
     return text

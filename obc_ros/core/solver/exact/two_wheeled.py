@@ -1,18 +1,18 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Least time for the two-wheeled robot (Exercise 2.6).
+Minimum time of the two-wheeled robot (Exercise 2.6).
 
 Minimise T subject to x' = v cos(theta), y' = v sin(theta), theta' = omega, |v| <= L, |omega| <= M.
 
-A shortest path of turning radius L / M, driven at |v| = L, takes the least time. It is not the
-only answer: the exercise's claim that every optimal trajectory has |v| = L is false. Turning on
-the spot (v = 0, |omega| = M) takes as long as the three arcs that end at the same place.
+A shortest path of turning radius L / M, driven at |v| = L, takes the minimum time. Other
+solutions may exist: the exercise's claim that every optimal trajectory has |v| = L is false.
+Turning on the spot (v = 0, |omega| = M) takes as long as the three arcs that end in the same pose.
 
 With H = 1 + v p + omega lambda3, p = lambda1 cos(theta) + lambda2 sin(theta), the costates
 lambda1 and lambda2 are constant and lambda3 = lambda3(0) + lambda1 (y - y0) - lambda2 (x - x0).
-v = -L sgn(p) and omega = -M sgn(lambda3), so p = 0 at a cusp and lambda3 = 0 where the turn
-changes and on lines. H = 0 makes (1, lambda) normal: L |p| + M |lambda3| = 1.
+v = -L sgn(p) and omega = -M sgn(lambda3). Hence p = 0 at a cusp, and lambda3 = 0 on lines and
+where the direction of turning changes. H = 0 gives L |p| + M |lambda3| = 1.
 """
 
 from collections.abc import Sequence
@@ -32,17 +32,16 @@ from obc_ros.core.text.errors import StatementError
 LetterOrder = tuple[int, ...]
 
 _METHOD = 'reeds_shepp'
-# Largest step between samples [rad of turn, or radii of length].
-_STEP = 0.05
-_MAX_SAMPLES = 200
-_DEPTH = 8   # of expressions that are compared
+_STEP = 0.05         # largest step between samples [rad of turn, or radii of length]
+_MAX_SAMPLES = 200   # samples of a segment
+_DEPTH = 8           # depth to which expressions are compared
 
 
 def find_least_time_path(start: Sequence[float] | Array, goal: Sequence[float] | Array,
                          max_speed: float,
                          max_turn_rate: float) -> Solution:
     """
-    Return a trajectory of least time between two poses of a two-wheeled robot.
+    Return a minimum-time trajectory between two poses of a two-wheeled robot.
 
     Parameters
     ----------
@@ -72,13 +71,25 @@ def find_least_time_path(start: Sequence[float] | Array, goal: Sequence[float] |
 
 def solve_two_wheeled(problem: Problem) -> Solution | None:
     """
-    Return the answer to a problem that is Exercise 2.6 in other names, or None if it is not.
+    Return the minimum-time solution of a problem that is equivalent to Exercise 2.6.
 
-    The problem is recognised by its dynamics, whatever the names and order of its states; it has
-    a constant L > 0 and V, symmetric bounds on v and omega, a free T, and fixes the whole final
-    state. A T above its upper bound is infeasible, and the message says so. Since a Problem's
-    theta does not wrap, None is also returned if the shortest path turns by another multiple of
-    2 pi than the terminal constraint says, and if T is below its lower bound.
+    The problem is recognised by its dynamics; its states may have other names and another order.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    Solution or None
+        None if the problem is not of this form: constant L > 0 and V, symmetric bounds on v and
+        omega, T free, and terminal constraints that determine the whole final state. Because
+        theta does not wrap in a Problem, None is also returned if the shortest path ends at a
+        theta that differs from the required one by a multiple of 2 pi, and if the minimum time is
+        below the lower bound of T. If the minimum time is above the upper bound of T, the status
+        is ``infeasible``.
+
     """
     form = _recognise(problem)
     if form is None:
@@ -91,7 +102,7 @@ def solve_two_wheeled(problem: Problem) -> Solution | None:
     if shortest > bounds.upper:
         return Solution(Status.INFEASIBLE, method=_METHOD, message=(
             f'the terminal constraints cannot be met by T = {bounds.upper:.10g}: '
-            f'the least time is {shortest:.10g}'))
+            f'the minimum time is {shortest:.10g}'))
     if len(found.t) == 1 or shortest < bounds.lower or abs(found.x[-1, 2] - goal[2]) > 1e-9:
         return None
     back = np.argsort(order)
@@ -104,7 +115,7 @@ def solve_two_wheeled(problem: Problem) -> Solution | None:
 
 def _drive(path: CarPath, L: float, M: float) -> Solution:
     """Return the trajectory along a path at full speed."""
-    T = path.length / L if path.word else 0.0   # what is left of a length is rounding
+    T = path.length / L if path.word else 0.0   # without segments the length is a rounding error
     costate = _costate(path, L, M)
     t, x, u, begin = [], [], [], 0.0
     for steering, length in path.segments or (('S', 0.0),):
@@ -131,7 +142,7 @@ def _drive(path: CarPath, L: float, M: float) -> Solution:
 
 
 def _sentence(path: CarPath, T: float) -> str:
-    sentence = f'least time {T:.10g} along {path.word or "no path: start and goal are the same"}'
+    sentence = f'minimum time {T:.10g} along {path.word or "no path: start and goal are the same"}'
     if path.segments and path.start[:2] == path.goal[:2]:
         sentence += '; turning on the spot (v = 0) takes as long'
     return sentence
@@ -146,14 +157,14 @@ def _costates(costate: Array, states: Array) -> Array:
 
 def _costate(path: CarPath, L: float, M: float) -> Array:
     """
-    Return lambda(0), which makes every switch of the path that of Pontryagin's conditions.
+    Return the lambda(0) for which Pontryagin's conditions give the switches of the path.
 
     H = 0 is linear in lambda(0), and holds on a whole segment if it holds at one of its points;
-    v p <= 0 and omega lambda3 <= 0 are inequalities. Three segments fix lambda(0); with fewer
-    the inequalities choose, by a linear programme that keeps them as far from zero as it can.
+    v p <= 0 and omega lambda3 <= 0 are inequalities. Three segments determine lambda(0). With
+    fewer, a linear programme maximises the distance of the inequalities from equality.
     """
     x0, y0, _ = path.start
-    # Scaled to one size: lambda1 and lambda2 are per metre, H = 0 sets all three against 1.
+    # Scaled to the same size: lambda1 and lambda2 are per metre, and H = 0 relates all to 1.
     scale = np.array([1 / path.radius, 1 / path.radius, 1.0]) / M
     zeros, signs, begin = [], [], 0.0
     for steering, length in path.segments:

@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Why a linear system with bounded inputs never meets a target, mode by mode.
+Real modes of a linear system with bounded inputs that never meet a target.
 
-For a left eigenvector w of A with real eigenvalue sigma, y = w'x obeys a scalar equation
-y' = sigma y + gamma + rho v, |v| <= 1. Where y cannot even begin to rise it never does, and where
-sigma < 0 it stays below its equilibrium for v = 1; downwards alike.
+For a left eigenvector w of A with real eigenvalue sigma, y = w'x satisfies the scalar equation
+y' = sigma y + gamma + rho v, |v| <= 1. If y cannot rise at t = 0 it never rises above y(0). If
+sigma < 0, y stays below its equilibrium for v = 1. The same holds downwards.
 """
 
 from math import inf
@@ -14,8 +14,7 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.exact.reachable_set import Reach
 
-# Relative accuracy of eigenvectors and of what is compared with their help.
-_ACCURACY = 1e-9
+_ACCURACY = 1e-9   # relative accuracy of eigenvectors and of comparisons that use them
 
 
 def explain_unreachable_mode(states: tuple[str, ...], reach: Reach) -> str | None:
@@ -27,7 +26,7 @@ def explain_unreachable_mode(states: tuple[str, ...], reach: Reach) -> str | Non
     states : tuple of str
         Names of the states.
     reach : Reach
-        The question; its rows of C independent.
+        The problem; the rows of C are independent.
 
     """
     for sigma, w in _modes(reach.A, reach.B):
@@ -64,16 +63,16 @@ def _mode(name: str, sigma: float, w: Array, reach: Reach, wanted: float) -> str
             sigma < 0) else inf
         if goal > limit + _ACCURACY * (abs(y) + abs(limit) + abs(goal)) or (
                 limit < inf and limit != y and goal >= limit):
-            reason = (f'the unstable mode of eigenvalue {sigma:.6g} runs away faster than the '
-                      'inputs can turn it back' if sigma > 0 and limit == y else
+            reason = (f'the unstable mode of eigenvalue {sigma:.6g} grows faster than the '
+                      'inputs can counteract' if sigma > 0 and limit == y else
                       'the inputs are too weak' if rho > 0 else 'no input acts on it')
-            return (f'{name} cannot {verb} {sign * limit:.6g} and has to be {wanted:.6g} at T: '
+            return (f'{name} cannot {verb} {sign * limit:.6g} but must be {wanted:.6g} at T: '
                     f'{reason}')
     return None
 
 
 def _combination(states: tuple[str, ...], w: Array) -> str:
-    """Return w'x in words, the largest coefficient being 1."""
+    """Return w'x as text; its largest coefficient is 1."""
     text = ''
     for name, weight in zip(states, w, strict=True):
         if abs(weight) > _ACCURACY:

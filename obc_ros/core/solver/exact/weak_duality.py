@@ -1,20 +1,20 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Proofs that no input within its bounds leads a linear system where it has to be, by weak duality.
+Infeasibility proofs for linear systems with bounded inputs, by weak duality.
 
-For dx/dt = A x + B v + c, |v_j| <= 1, and any weights y_k of what is demanded at times t_k,
+For dx/dt = A x + B v + c, |v_j| <= 1, and any weights y_k of constraints at times t_k,
 
-    sum of y_k' x(t_k) = (what A, c and x(0) make of it) + integral of w(t) B v(t),
+    sum of y_k' x(t_k) = (a constant that follows from A, c and x(0)) + integral of w(t) B v(t),
 
-w(t) being the sum of y_k' e^(A (t_k - t)) over t_k >= t; its least value is that of the first part
-less the integral of |w B|. If that is more than the demands add up to, no input meets them. A
-linear programme proposes the weights; the inequality, in which every input counts and not only
-those of the programme, is evaluated anew with a bound for the integral. Nothing depends on how
-near the programme came to its optimum.
+where w(t) is the sum of y_k' e^(A (t_k - t)) over t_k >= t. The minimum over all inputs is the
+constant minus the integral of |w B|. If it exceeds the weighted sum of what the constraints allow,
+no input satisfies them. A linear programme suggests the weights. The inequality is then evaluated
+for all inputs, not only those of the programme, with a bound of the integral. The proof does not
+depend on the accuracy of the programme.
 
-Numbers are doubles. Rounding is bounded step by step (`Reach.sizes`): an inequality counts that
-holds by more than 1e-9 of the sizes of all terms that lead to it.
+Numbers are doubles. Rounding errors are bounded step by step (`Reach.sizes`): an inequality counts
+only if it holds by more than 1e-9 of the sizes of all terms that lead to it.
 """
 
 from dataclasses import dataclass
@@ -27,20 +27,21 @@ from obc_ros.core.ocp.least_time_form import Affine, find_affine_dynamics
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.exact.reachable_set import compute_exponential, Reach
 
-_MARGIN = 1e-9      # of the sizes of all terms, on the way to them too
-_ROUNDING = 20 * np.finfo(float).eps   # of a step's terms, for each of as many states
-_FINER = 16         # times as many cells as the programme has
-_PROGRAMMES = 40    # linear ones, for all times at which the end may be
-_SHORTEST = 1e-3    # of the last time: an interval of times that is not halved
-_MOST_GROWTH = 30.0   # of the states, as a power of e, beyond which doubles say nothing
-_NODES, _CELLS = 96, 2    # times at which state bounds count; cells between two of them
+_MARGIN = 1e-9      # of the sizes of all terms, intermediate terms included
+_ROUNDING = 20 * np.finfo(float).eps   # of a step's terms, for each state
+_FINER = 16         # times as many cells as in the linear programme
+_PROGRAMMES = 40    # linear programmes, at most, for all admissible final times
+_SHORTEST = 1e-3    # of the last time: shorter intervals of times are not halved
+_MOST_GROWTH = 30.0   # largest real part of a pole times T for which doubles are accurate enough
+_NODES, _CELLS = 96, 2    # times at which state bounds are imposed; cells between two of them
 
 
 def is_never_met(reach: Reach, lower: float, upper: float) -> bool:
     """
     Return whether it is proved that C x(T) = d holds at no T of [lower, upper].
 
-    The interval is halved until one direction separates the target from all that is reached.
+    The interval is halved until one direction separates the target from the reachable set for
+    all T of a part.
     """
     if not len(reach.d) or not upper or reach.poles.real.max(initial=0.0) * upper > _MOST_GROWTH:
         return False
@@ -56,7 +57,7 @@ def is_never_met(reach: Reach, lower: float, upper: float) -> bool:
                 return False
             eta = _direction(reach, T)
             if eta is None:
-                return False   # it is met at this time, as far as the programme can tell
+                return False   # according to the programme the target can be met at this time
             if _separates(reach, eta, a, b, sizes):
                 break
         else:
@@ -67,7 +68,7 @@ def is_never_met(reach: Reach, lower: float, upper: float) -> bool:
 
 
 def _direction(reach: Reach, T: float) -> Array | None:
-    """Return a direction in which the target is out of reach at T, None if there is none."""
+    """Return a direction that separates the target from the reachable set at T, or None."""
     gap = reach.gap(reach.table(np.array([0.0, T])))[-1] if T else reach.d - reach.C @ reach.x0
     if not gap.any() or not np.isfinite(gap).all():
         return None
@@ -77,9 +78,9 @@ def _direction(reach: Reach, T: float) -> Array | None:
     return eta if multiple < 1 and np.isfinite(eta).all() else None
 
 
-@np.errstate(over='ignore', invalid='ignore')   # where bounds are infinite nothing is proved
+@np.errstate(over='ignore', invalid='ignore')   # infinite bounds prove nothing
 def _separates(reach: Reach, eta: Array, lower: float, upper: float, sizes: Array) -> bool:
-    """Return whether eta'(d - C x(T)) > 0 whatever the inputs are, for all T of an interval."""
+    """Return whether eta'(d - C x(T)) > 0 for all inputs and for all T of an interval."""
     tau = reach.times(upper, _FINER) if upper else np.zeros(1)
     tau = np.unique(np.append(tau, lower))
     table = reach.table(tau)
@@ -102,9 +103,9 @@ def _separates(reach: Reach, eta: Array, lower: float, upper: float, sizes: Arra
 
 def _absolute(A: Array, B: Array, w: Array, h: Array, integral: Array) -> Array:
     """
-    Return bounds of the integral of the sum of |w b_j| over cells, shape (N - 1,).
+    Return upper bounds of the integral of the sum of |w b_j| over cells, shape (N - 1,).
 
-    `w` (N, n): at their ends, where dw/dt = +- w A; `integral` (N - 1, m): of w b_j, exact.
+    `w` (N, n): at the ends of cells, dw/dt = +- w A; `integral` (N - 1, m): of w b_j, exact.
     """
     s = np.abs(w @ B)
     growth = np.exp(np.linalg.norm(A, 2) * h)
@@ -118,7 +119,7 @@ def _absolute(A: Array, B: Array, w: Array, h: Array, integral: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Demands:
-    """Rows S (r, n) of S x <= s, at which of the times (r,)."""
+    """Constraints S x <= s, shapes (r, n) and (r,), each at one of the times, `at` (r,)."""
 
     S: Array
     s: Array
@@ -127,11 +128,22 @@ class _Demands:
 
 def is_excluded(problem: Problem) -> bool:
     """
-    Return whether it is proved that no path meets all constraints.
+    Return whether it is proved that no path satisfies all constraints.
 
-    Only where dynamics and constraints are affine, T is given and inputs are bounded. Of path
-    constraints those count that have no input in them; with state bounds, at some times only,
-    which excludes less.
+    Proofs exist only for affine dynamics and constraints, given T and bounded inputs. State bounds
+    and path constraints without inputs are imposed at a finite number of times, other path
+    constraints are ignored; fewer constraints exclude fewer problems, never too many.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    bool
+        False if nothing is proved.
+
     """
     plant = find_affine_dynamics(problem)
     boxed = np.isfinite([problem.u_lower, problem.u_upper]).all()
@@ -177,7 +189,7 @@ def _demands(problem: Problem) -> _Demands | None:
 
 
 def _excluded(plant: Affine, x0: Array, T: float, demands: _Demands) -> bool:
-    """Return whether weights of the demands are found that prove that not all can be met."""
+    """Return whether weights are found that prove that no input satisfies all constraints."""
     from scipy.optimize import linprog
 
     n, m = plant.B.shape
@@ -186,7 +198,8 @@ def _excluded(plant: Affine, x0: Array, T: float, demands: _Demands) -> bool:
     Z[:n, :n], Z[:n, n:n + m], Z[:n, -1] = plant.A, plant.B, plant.c
     step = compute_exponential(Z * (T / N))
     E, G, drift = step[:n, :n], step[:n, n:n + m], step[:n, -1]
-    free, forced = [x0], np.zeros((N + 1, n, N * m))   # x at the ends of cells, by cells' inputs
+    # x at the ends of cells without inputs, and its derivative by the inputs of all cells.
+    free, forced = [x0], np.zeros((N + 1, n, N * m))
     for k in range(N):
         free.append(E @ free[-1] + drift)
         forced[k + 1] = E @ forced[k]
@@ -210,7 +223,7 @@ def _excluded(plant: Affine, x0: Array, T: float, demands: _Demands) -> bool:
 
 @np.errstate(over='ignore', invalid='ignore')   # as in `_separates`
 def _proves(plant: Affine, x0: Array, T: float, demands: _Demands, y: Array) -> bool:
-    """Return whether weights y >= 0 of the demands add up to what no input achieves."""
+    """Return whether no input satisfies the sum of the constraints with weights y >= 0."""
     n, m = plant.B.shape
     parts = _CELLS * _FINER * 4
     h = T / (_NODES * parts)

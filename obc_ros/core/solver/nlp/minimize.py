@@ -234,8 +234,8 @@ def _infeasible(question: _Question, runs: list[_Run]) -> Minimum:
     if _is_excluded(program):
         return Minimum(Status.INFEASIBLE, f'no point satisfies all constraints: {where}')
     return Minimum(Status.NOT_CONVERGED, (
-        f'no point was found that satisfies all constraints: {where}; infeasibility is not '
-        'proved'))
+        f'no point was found that satisfies all constraints: {where}; infeasibility has '
+        'not been proved'))
 
 
 def _is_excluded(program: kkt.StaticProgram) -> bool:

@@ -53,7 +53,7 @@ def assert_only_searched(found):
     """No proof is known here: what was found is said, and that it is none."""
     assert found.status is Status.NOT_CONVERGED
     assert 'no path was found' in found.message
-    assert 'infeasibility is not proved' in found.message
+    assert 'infeasibility has not been proved' in found.message
 
 
 def numbers(text):
@@ -111,7 +111,7 @@ def test_too_short_a_time(changes):
     found = reason(BLOCK, **changes)
     assert found.infeasible
     assert found.sentence == (
-        'the terminal constraints cannot be met by T = 1.5: the least time is 2')
+        'the terminal constraints cannot be met by T = 1.5: the minimum time is 2')
 
 
 def test_too_short_a_time_for_a_nonlinear_system():
@@ -123,7 +123,7 @@ def test_too_short_a_time_for_a_nonlinear_system():
         'final_time': {'free': False, 'value': 4}})
     assert not found.infeasible
     assert found.sentence.startswith('no path was found that meets the terminal constraints by T')
-    assert found.sentence.endswith('infeasibility is not proved')
+    assert found.sentence.endswith('infeasibility has not been proved')
     assert numbers(found.sentence)[-1] == pytest.approx(5, rel=1e-3)
 
 
@@ -350,7 +350,7 @@ def test_too_short_a_time_within_limits_of_speed_and_acceleration(T):
         'terminal_constraints': ['x - 100', 'v', 'a'], 'input_bounds': {'j': [-1, 1]},
         'state_bounds': {'v': [-5, 5], 'a': [-1, 1]}, 'final_time': {'free': False, 'value': T}}))
     assert found.status is Status.INFEASIBLE
-    sentence = f'the terminal constraints cannot be met by T = {T:g}: the least time is '
+    sentence = f'the terminal constraints cannot be met by T = {T:g}: the minimum time is '
     assert found.message.startswith(sentence)
     assert numbers(found.message[len(sentence):])[0] == pytest.approx(26, rel=1e-4)
 

@@ -222,7 +222,7 @@ def test_straight_line():
     (lambda: closed_forms.solve_brockett([[0, 1, 2], [1, 0, 1]], [0]), 'square matrix'),
     (lambda: closed_forms.solve_brockett([[0, inf], [-inf, 0]], [0]), 'finite'),
     (lambda: closed_forms.solve_brockett([[0, 1], [-1, 0]], [2]), 'within \\[0, 1\\]'),
-    (lambda: closed_forms.solve_straight_line([1], [1, 2], [0]), 'one dimension'),
+    (lambda: closed_forms.solve_straight_line([1], [1, 2], [0]), 'equal dimension'),
     (lambda: closed_forms.solve_straight_line([1, inf], [1, 2], [0]), 'finite'),
 ])
 def test_bad_input(call, text):

@@ -199,7 +199,7 @@ def test_no_random_neighbour_is_cheaper():
     ('two_wheeled', ([0, 0, 0], [1, 0, 0], 1.0),
      {'start_input': [1, 0], 'goal_input': [-1, 0]}, 'two of one sign'),
     ('two_wheeled', ([0, 0, 0], [-1, 0, 0], 1.0),
-     {'start_input': [1, 0], 'goal_input': [1, 0]}, 'the way stops at'),
+     {'start_input': [1, 0], 'goal_input': [1, 0]}, 'the path stops at'),
 ])
 def test_why_not(name, arguments, options, text):
     with pytest.raises(StatementError, match=text):

@@ -227,7 +227,7 @@ def test_bad_number_of_samples(n):
     ([[0, 0, np.inf]], ORIGIN, 'starts must be rows'),
     (ORIGIN, [['0', '0', '0']], 'goals must be rows'),
     (ORIGIN, [[0, 0, 0], [1]], 'goals must be rows'),
-    (np.zeros((2, 3)), np.zeros((3, 3)), '2 starts do not go with 3 goals'),
+    (np.zeros((2, 3)), np.zeros((3, 3)), '2 starts do not match 3 goals'),
     (ORIGIN, [[1e200, 0, 0]], 'too far apart'),
 ])
 def test_bad_batches(starts, goals, text):

@@ -303,17 +303,17 @@ def test_dependent_terminal_constraints():
 
 @pytest.mark.parametrize(('arguments', 'text'), [
     ((DOUBLE, [0, 1], (1, 0)),
-     'the terminal constraints cannot be met by T = 1.5: the least time is 2'),
+     'the terminal constraints cannot be met by T = 1.5: the minimum time is 2'),
     ((*chain(3), (1, 0, 0)),
-     'the terminal constraints cannot be met by T = 1.5: the least time is 3.174802104'),
-    (([[1]], [1], [1.5]), 'x0 cannot fall below 1.5 and has to be 0 at T: the unstable mode of '
-                          'eigenvalue 1 runs away faster than the inputs can turn it back'),
+     'the terminal constraints cannot be met by T = 1.5: the minimum time is 3.174802104'),
+    (([[1]], [1], [1.5]), 'x0 cannot fall below 1.5 but must be 0 at T: the unstable mode of '
+                          'eigenvalue 1 grows faster than the inputs can counteract'),
     (([[-1]], [1], [0.5], [2]),
-     'x0 cannot rise above 1 and has to be 2 at T: the inputs are too weak'),
+     'x0 cannot rise above 1 but must be 2 at T: the inputs are too weak'),
     (([[-1, 0], [0, 0]], [1, 0], (0.5, 1), (0, 2)),
-     'x1 cannot rise above 1 and has to be 2 at T: no input acts on it'),
+     'x1 cannot rise above 1 but must be 2 at T: no input acts on it'),
     (([[0, 0], [0, 0]], [1, 1], (1, 0)),
-     'x0 - x1 cannot fall below 1 and has to be 0 at T: no input acts on it'),
+     'x0 - x1 cannot fall below 1 but must be 0 at T: no input acts on it'),
     (([[1, 1], [-2, 1]], [1, 0], (3, 0)), 'do not reach that far'),
 ])
 def test_why_not(arguments, text):

@@ -118,7 +118,7 @@ def test_too_little_time_is_said():
     found = solve_two_wheeled(robot((0, 0, 0), (4, 0, 0), upper=3.0))
     assert found.status is Status.INFEASIBLE
     assert found.message == (
-        'the terminal constraints cannot be met by T = 3: the least time is 4')
+        'the terminal constraints cannot be met by T = 3: the minimum time is 4')
 
 
 @pytest.mark.parametrize('limit', [0, -1, float('inf'), float('nan'), '1', None])

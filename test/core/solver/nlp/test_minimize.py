@@ -168,7 +168,7 @@ def test_the_lowest_of_several_minima():
      Status.INFEASIBLE, 'is violated by 0.5'),
     # Nobody has proved this one: it is not called infeasible.
     ({'variables': ['x', 'y'], 'cost': 'x', 'equalities': ['x**2 + y**2 - 1', 'x*y - 1']},
-     Status.NOT_CONVERGED, 'infeasibility is not proved'),
+     Status.NOT_CONVERGED, 'infeasibility has not been proved'),
     ({'variables': ['x'], 'cost': '-x'}, Status.NOT_CONVERGED, 'unbounded below'),
     ({'variables': ['x', 'y'], 'cost': 'x**2 - y**2'}, Status.NOT_CONVERGED, 'unbounded below'),
     ({'variables': ['x'], 'cost': 'x**3 - 3*x'}, Status.NOT_CONVERGED, 'a local minimum is -2'),

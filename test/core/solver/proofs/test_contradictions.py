@@ -121,8 +121,8 @@ def test_a_mode_out_of_reach():
         f'x = 0 with y = 0 is missed by {math.exp(2)/math.sqrt(2):.6g}')
     assert said(twins, terminal_constraints=['x - 2']) == ''
     assert said(twins, terminal_constraints=['x']) == (
-        'x cannot fall below 1 and has to be 0 at T: the unstable mode of eigenvalue 1 runs away '
-        'faster than the inputs can turn it back')
+        'x cannot fall below 1 but must be 0 at T: the unstable mode of eigenvalue 1 grows '
+        'faster than the inputs can counteract')
     assert said(twins, terminal_constraints=['x', 'y'],
                 initial_state={'x': 0.5, 'y': 0.5}) == ''
     assert said(twins, terminal_constraints=['x', 'y'], final_time=TIMED['final_time']) == (
@@ -156,7 +156,7 @@ def test_a_wall_across_the_way(path, sentence):
 
 def test_too_soon_for_a_linear_system():
     short = {'final_time': {'free': False, 'value': 1.5}, 'terminal_constraints': ['x - 1', 'v']}
-    words = 'the terminal constraints cannot be met by T = 1.5: the least time is 2'
+    words = 'the terminal constraints cannot be met by T = 1.5: the minimum time is 2'
     assert said(BLOCK, **short) == words
     # State bounds leave less, a curved constraint more asks for more.
     more = f'{words}, without regard to the other constraints'
