@@ -1,3 +1,3 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A plant dx/dt = f(x, u; p): its definition, the registered ones, equilibria."""
+"""Controlled systems dx/dt = f(x, u; p): definition, registry, files and equilibria."""

@@ -10,15 +10,15 @@ from obc_ros.core.systems.system import define, Parameter, Signal, System
 
 def system() -> System:
     """
-    Return the aircraft: a rigid body in the vertical plane, pushed off its centre of mass.
+    Return the aircraft, a rigid body in the vertical plane with thrust off its centre of mass.
 
     m vx' = f1 cos(theta) - f2 sin(theta) - c vx
     m vy' = f1 sin(theta) + f2 cos(theta) - c vy - m g
     J omega' = r f1
 
     px is to the right, py up, theta counter-clockwise. f1 and f2 act at the distance r below the
-    centre of mass, f1 along the body's own x axis and f2 along its own y axis: at theta = 0 a
-    positive f1 pushes to the right and rotates counter-clockwise, f2 carries the weight.
+    centre of mass, f1 along the x axis of the body and f2 along its y axis. At theta = 0 a
+    positive f1 accelerates to the right and counter-clockwise; f2 balances the weight.
 
     References
     ----------

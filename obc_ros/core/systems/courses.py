@@ -1,14 +1,14 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The vehicle on a course across the road: its feedforward by flatness (Exercise 2.10).
+Feedforward of the vehicle along a lateral course, by flatness (Exercise 2.10).
 
 The position py of the rear axle is a flat output of
 
     py' = v sin(theta), theta' = (v / l) tan(phi)
 
-so that a course given with two derivatives determines heading and steering. Gains that follow the
-speed are in `gain_schedule`, those along any reference, from (2.7), in `reference_tracking`.
+so that a course py(t) and two derivatives determine heading and steering. Gains scheduled with the
+speed are in `gain_schedule`, gains along a reference, from (2.7), in `reference_tracking`.
 """
 
 import math
@@ -21,7 +21,7 @@ from obc_ros.core.text.errors import StatementError
 def build_lateral_reference(y: Array, dy: Array, ddy: Array, speed: float, length: float
                             ) -> tuple[Array, Array]:
     """
-    Return states and input of the vehicle at a given speed that drives py = y(t) exactly.
+    Return the states and the input of the vehicle that follow py = y(t) exactly.
 
     Parameters
     ----------
@@ -40,12 +40,12 @@ def build_lateral_reference(y: Array, dy: Array, ddy: Array, speed: float, lengt
     Raises
     ------
     StatementError
-        If the course asks for more than the speed across the road.
+        If |dy| reaches the speed of the vehicle.
 
     """
     if not np.abs(dy).max(initial=0.0) < speed:
-        raise StatementError(f'the course moves across the road at up to {np.abs(dy).max():.3g} '
-                             f'm/s; the vehicle has {speed:g} m/s in all')
+        raise StatementError(f'the course requires a lateral speed of {np.abs(dy).max():.3g} '
+                             f'm/s; the speed of the vehicle is {speed:g} m/s')
     turn = ddy / np.sqrt(speed**2 - dy**2)
     x = np.column_stack([y, np.arcsin(dy / speed)])
     return x, np.arctan(length * turn / speed)[:, None]
@@ -56,21 +56,21 @@ def make_slalom(t: Array, amplitude: float = 1.0, frequency: float = 1.0, fade: 
     """
     Return y = amplitude sin(2 pi frequency t) and two derivatives, faded in and out.
 
-    The fading is smooth to the third derivative, so that the steering has no jump.
+    The fade has three continuous derivatives, so that the steering is continuous.
 
     Parameters
     ----------
     t : ndarray, shape (N,)
         Times [s]; the slalom lasts from 0 to `end`.
     amplitude, frequency : float
-        [m], [Hz]
+        [m], [Hz].
     fade, end : float
-        How long it is faded in, and out again [s], and when it has ended [s].
+        Duration of fading in and of fading out [s]; end of the slalom [s].
 
     Returns
     -------
     y, dy, ddy : ndarray, shape (N,)
-        [m], [m/s], [m/s^2]
+        [m], [m/s], [m/s^2].
 
     """
     w = 2.0 * math.pi * frequency

@@ -1,11 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Where a system can stay, and its linearization there.
+Equilibria of a system and its linearization there.
 
-Find u, and states that are left free, with f(x, u) = 0. States that f does not depend on may move
-on: a vehicle that drives straight ahead has f = (v, 0, 0) for ever. There f is the drift, and
-dx/dt - drift is linearized about xe + drift t with constant A and B.
+An equilibrium is an input u, and values of the free states, with f(x, u) = 0. States on which f
+does not depend may drift at a constant rate: a vehicle that drives straight ahead has
+f = (v, 0, 0). The drift is then f(xe, ue), and the deviation from xe + drift t is linearized with
+constant A and B.
 """
 
 from collections.abc import Sequence
@@ -19,22 +20,22 @@ from obc_ros.core.text.errors import DynamicsError, ObcError, StatementError
 
 _STEPS = 50
 _HALVINGS = 30
-_TOLERANCE = 1e-10  # of f, relative to the terms it is made of
-_NEGLIGIBLE = 1e-5  # of what is tolerated: more steps would only follow rounding
+_TOLERANCE = 1e-10  # of f, relative to its terms
+_NEGLIGIBLE = 1e-5  # times the tolerance, where Newton's method ends: below it is rounding error
 
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
     """
-    State and input that stay, or move on at a constant rate.
+    State and input with constant dx/dt: zero, or a drift of states that f does not depend on.
 
     Attributes
     ----------
     x, u : ndarray, shape (n,) and (m,)
         State xe and input ue.
     drift : ndarray, shape (n,)
-        f(xe, ue); nonzero only in states that f does not depend on. The system stays at
-        xe + drift * t under ue.
+        f(xe, ue); nonzero only for states that f does not depend on. Under ue the state is
+        xe + drift * t.
 
     """
 
@@ -43,7 +44,7 @@ class Equilibrium:
     drift: Array
 
 
-@np.errstate(all='ignore')  # what overflows does not hold
+@np.errstate(all='ignore')  # an overflow is not an equilibrium
 def find_equilibrium(
     system: System,
     x: Sequence[float] | Array | None = None,
@@ -51,24 +52,28 @@ def find_equilibrium(
     free: Sequence[str] = (),
 ) -> Equilibrium:
     """
-    Return the equilibrium at a set point, by Newton's method.
+    Find the equilibrium at a set point by Newton's method.
 
     Parameters
     ----------
     system : System
-        With the parameter values that count.
-    x : array, shape (n,), optional
-        Set point; the system's own if left out.
-    u : array, shape (m,), optional
-        Input to start from; what the set point leaves open of it (the speed of a vehicle) stays
-        as it is. The system's own if left out.
+        With the parameter values in use.
+    x : array_like, shape (n,), optional
+        Set point; default: that of the system.
+    u : array_like, shape (m,), optional
+        Initial guess of the input; default: that of the system. Inputs that the set point does not
+        determine (the speed of a vehicle) keep these values.
     free : sequence of str
-        Names of states to be found too, from their values in `x`.
+        Names of states to solve for too, starting from their values in `x`.
+
+    Returns
+    -------
+    Equilibrium
 
     Raises
     ------
     DynamicsError
-        If no input within the limits holds the system there; it says what is left over.
+        If no equilibrium is found there, with the residual, or its input is outside the limits.
 
     """
     x = check_numbers(f'set point of {system.name}', system.setpoint if x is None else x,
@@ -93,14 +98,25 @@ def find_equilibrium(
 
 def find_nearest_equilibrium(system: System, x: Array, u: Array) -> Equilibrium:
     """
-    Return the equilibrium next to a state that nearly is one, such as the end of an answer.
+    Find the equilibrium next to a state that nearly is one, such as the end of a solution.
 
-    The inputs, from `u` (m,), have to hold x (n,) as well as they can; then the states move too.
+    Newton's method solves first for the inputs alone, then for states and inputs.
+
+    Parameters
+    ----------
+    system : System
+        With the parameter values in use.
+    x, u : ndarray, shape (n,) and (m,)
+        State and input to start from.
+
+    Returns
+    -------
+    Equilibrium
 
     Raises
     ------
     DynamicsError
-        If there is none to be found.
+        If no equilibrium is found.
 
     """
     inputs, held = np.arange(system.n + system.m) >= system.n, ~_may_move_on(system)
@@ -111,7 +127,18 @@ def find_nearest_equilibrium(system: System, x: Array, u: Array) -> Equilibrium:
 
 def linearize(system: System, x: Array, u: Array) -> tuple[Array, Array]:
     """
-    Return A = df/dx and B = df/du at state x (n,) and input u (m,).
+    Return A = df/dx and B = df/du.
+
+    Parameters
+    ----------
+    system : System
+        With the parameter values in use.
+    x, u : ndarray, shape (n,) and (m,)
+        State and input.
+
+    Returns
+    -------
+    A, B : ndarray, shape (n, n) and (n, m)
 
     Raises
     ------
@@ -123,26 +150,36 @@ def linearize(system: System, x: Array, u: Array) -> tuple[Array, Array]:
     for matrix, by in ((A, system.states), (B, system.inputs)):
         for i, j in np.argwhere(~np.isfinite(matrix)):
             raise DynamicsError(
-                f'{system.name}: the derivative of d{system.states[i].name}/dt by {by[j].name} '
-                f'is {matrix[i, j]} {_at(system.states, x)}, {_listed(system.inputs, u)}')
+                f'{system.name}: the derivative of d{system.states[i].name}/dt with respect to '
+                f'{by[j].name} is {matrix[i, j]} {_at(system.states, x)}, '
+                f'{_listed(system.inputs, u)}')
     return A, B
 
 
 def check_numbers(what: str, given: Sequence[float] | Array, names: Sequence[str],
                   wrong: type[ObcError] = StatementError) -> Array:
     """
-    Return one finite number for each name, as an array.
+    Check that there is one finite number for each name, and return them as an array.
 
     Parameters
     ----------
     what : str
-        What they are, for the message.
+        Description of the numbers, with which a message begins.
     given : sequence of float
         The numbers.
     names : sequence of str
-        What each is for.
+        Names of the N entries.
     wrong : type
-        Error that is raised when they are not so many or not finite.
+        Class of the error.
+
+    Returns
+    -------
+    ndarray, shape (N,)
+
+    Raises
+    ------
+    ObcError
+        Of the class `wrong`, if the numbers are not N or not finite.
 
     """
     try:
@@ -160,7 +197,7 @@ def check_numbers(what: str, given: Sequence[float] | Array, names: Sequence[str
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """A candidate: the norm of f of the held states, and it relative to what is tolerated."""
+    """A candidate; `size` is the norm of f of the held states, `left` is f over its tolerance."""
 
     x: Array
     u: Array
@@ -174,14 +211,14 @@ class _Found:
 
 
 def _may_move_on(system: System) -> Mask:
-    """Return for each state whether f, with the parameters in use, does not depend on it."""
+    """Return for each state whether f is independent of it for the parameters in use."""
     f = ca.substitute(system.xdot, system.p, ca.DM(system.p_value))
     columns = ca.jacobian(f, system.x).sparsity().get_triplet()[1]
     return ~np.isin(np.arange(system.n), columns)
 
 
 def _solve(system: System, start: Array, loose: Mask, held: Mask) -> _Found:
-    """Return the first equilibrium from the start, or from others where it has no slope."""
+    """Return the first equilibrium found from `start`, or from shifted starts (zero slopes)."""
     best = _newton(system, start, loose, held)
     for shift in (1e-3, -1e-3, 1.0, -1.0):
         if best.holds:
@@ -192,7 +229,7 @@ def _solve(system: System, start: Array, loose: Mask, held: Mask) -> _Found:
 
 
 def _keep_inputs(system: System, u: Array, best: _Found, loose: Mask, held: Mask) -> _Found:
-    """Return an equilibrium that leaves as many inputs as they were as can be left."""
+    """Return an equilibrium in which as many inputs as possible have the value in `u`."""
     loose = loose.copy()
     for j in np.flatnonzero(best.u != u):
         start = np.concatenate([best.x, best.u])
@@ -206,7 +243,7 @@ def _keep_inputs(system: System, u: Array, best: _Found, loose: Mask, held: Mask
 
 
 def _newton(system: System, start: Array, loose: Mask, held: Mask) -> _Found:
-    """Reduce |f| of the held states by least-squares Newton steps, the shortest ones."""
+    """Reduce |f| of the held states by damped Newton steps of minimum norm."""
     found = _candidate(system, start, held)
     for _ in range(_STEPS):
         J = np.hstack(system.jacobians(found.x, found.u))[held][:, loose]
@@ -229,7 +266,7 @@ def _candidate(system: System, z: Array, held: Mask) -> _Found:
     if not np.isfinite(f).all():
         return _Found(x, u, f, np.inf, np.inf)
     fx, fu = map(np.abs, system.jacobians(x, u))
-    # What f is computed from bounds what rounding leaves of it.
+    # The rounding error of f is proportional to its terms.
     terms = 1e-3 + fx @ np.abs(x) + fu @ np.abs(u) + np.abs(system.f(0 * x, 0 * u))
     terms[~np.isfinite(terms)] = 1e-3
     left = np.abs(f[held]) / (_TOLERANCE * terms[held])
@@ -247,14 +284,15 @@ def _check_limits(system: System, found: _Found) -> None:
 
 
 def _refusal(system: System, x: Array, best: _Found, held: Mask, free: Sequence[str]) -> str:
-    what = (f'no input {"and " + ", ".join(free) + " " if free else ""}holds the {system.name} '
-            + _at(system.states, np.where(held, x, 0.0)))
+    what = (f'found no equilibrium of the {system.name} '
+            + _at(system.states, np.where(held, x, 0.0))
+            + (f' with {", ".join(free)} free' if free else ''))
     if not np.isfinite(best.f).all():
-        return f'{what}: f is not defined there'
+        return f'{what}: f is undefined there'
     rest = ', '.join(f'd{signal.name}/dt = {value:.3g} {_per_second(signal.unit)}'.rstrip()
                      for signal, value, kept in zip(system.states, best.f, held, strict=True)
                      if kept and abs(value) > 1e-3 * np.abs(best.f[held]).max())
-    return f'{what}: the nearest, {_listed(system.inputs, best.u)}, leaves {rest}'
+    return f'{what}: the best input, {_listed(system.inputs, best.u)}, leaves {rest}'
 
 
 def _at(signals: Sequence[Signal], x: Array) -> str:
@@ -270,7 +308,7 @@ def _listed(signals: Sequence[Signal], values: Sequence[float] | Array) -> str:
 
 
 def _per_second(unit: str) -> str:
-    """Return the unit of the rate of a quantity."""
+    """Return the unit of the derivative of a quantity with respect to time."""
     if not unit:
         return '1/s'
     return f'{unit}^2' if unit.endswith('/s') else f'{unit}/s'

@@ -3,10 +3,10 @@
 """
 Systems in YAML files.
 
-The keys are those of a problem file; what states the task (costs, initial state, constraints,
-final time) is left aside, so that a problem file is a plant too. Keys of a plant alone: `units`
-(of states, inputs, parameters), `angles` (states that wrap), `setpoint`, `setpoint_input`,
-`parameter_bounds`, `plane` and `description`.
+A system file has the keys of a problem file. Keys of the task (costs, initial state, constraints,
+final time) are ignored, so that a problem file is a system file too. These keys belong to a system
+only: `units` (of states, inputs, parameters), `angles` (states modulo 2 pi), `setpoint`,
+`setpoint_input`, `parameter_bounds`, `plane` and `description`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,16 +44,25 @@ Values = Mapping[str, float]
 
 def load_system(path: str | Path) -> System:
     """
-    Return the system that a YAML file describes.
+    Read a system from a YAML file.
 
-    Limits, set point and parameters may be expressions of the parameters (of earlier ones); they
-    follow when a parameter is given another value.
+    Limits and the set point may be expressions of the parameters, and a parameter may be an
+    expression of earlier ones. They are evaluated again when a parameter changes.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file; it contains one mapping of keys.
+
+    Returns
+    -------
+    System
 
     Raises
     ------
     StatementError
-        If the file cannot be read, a key is unknown, or a value is malformed; with the file and
-        the key.
+        If the file cannot be read, a key is unknown, or a value is malformed. The message begins
+        with the file and the key.
 
     """
     given = read_yaml(path)
@@ -101,11 +110,11 @@ def _system(given: Given, stem: str, chosen: Values) -> System:
 
 
 def _by_name(given: Given, key: str, known: Sequence[str]) -> dict[str, Any]:
-    """Return a section whose keys are known names; it may be left out or empty."""
+    """Return a section whose keys are known names; it may be absent or empty."""
     section = read_section(given, key)
     for name in section:
         if name not in known:
-            raise StatementError(f"{key}: '{quote(str(name))}' is none of {', '.join(known)}"
+            raise StatementError(f"{key}: '{quote(str(name))}' is not one of {', '.join(known)}"
                                  f'{suggest_name(str(name), known)}')
     return dict(section)
 
@@ -147,14 +156,14 @@ def _chosen(given: Given, key: str, names: Sequence[str]) -> tuple[str, ...]:
         raise StatementError(f'{key}: wanted a list of states, found {describe_type(chosen)}')
     for name in chosen:
         if name not in names:
-            raise StatementError(f"{key}: '{quote(str(name))}' is none of {', '.join(names)}")
+            raise StatementError(f"{key}: '{quote(str(name))}' is not one of {', '.join(names)}")
     return tuple(chosen)
 
 
 def _text(given: Given, key: str, default: str) -> str:
     text = given.get(key, default)
     if not isinstance(text, str) or len(text) > 2000 or not text.isprintable():
-        raise StatementError(f'{key}: wanted a text of one line, found {describe_type(text)}')
+        raise StatementError(f'{key}: wanted one line of text, found {describe_type(text)}')
     return text
 
 

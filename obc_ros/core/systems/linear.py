@@ -23,8 +23,8 @@ def system(A: Matrix = (), B: Matrix = ()) -> System:
 
     Parameters
     ----------
-    A, B : array, shape (n, n) and (n, m)
-        Also as n * n and n * m numbers, row by row.
+    A, B : array_like, shape (n, n) and (n, m)
+        Or n * n and n * m numbers, row by row.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def system(A: Matrix = (), B: Matrix = ()) -> System:
     a, b = given[0].reshape(n, n), given[1].reshape(n, m)
 
     def dynamics(x: list[ca.SX], u: list[ca.SX], _: list[ca.SX]) -> list[Any]:
-        # Zeros are left out, so that the sparsity says what depends on what.
+        # Zeros are omitted, so that the sparsity is that of A and B.
         return [sum((a[i, j] * x[j] for j in range(n) if a[i, j]), ca.SX(0))
                 + sum((b[i, j] * u[j] for j in range(m) if b[i, j]), ca.SX(0))
                 for i in range(n)]

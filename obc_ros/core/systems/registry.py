@@ -1,9 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The systems by name: those of the chapter, those of other packages, those in files.
+Systems by name: those of the book, those of other packages and those in files.
 
-Another package registers a system in its own metadata, where the callable returns a `System`::
+Another package registers a system by an entry point, a callable that returns a `System`::
 
     [project.entry-points.'obc_ros.systems']
     glider = 'my_package.glider:system'
@@ -16,7 +16,7 @@ import inspect
 from pathlib import Path
 from typing import Any
 
-from obc_ros.core.systems import aircraft, integrators, linear, scalar, two_wheeled, vehicle
+from obc_ros.core.systems import aircraft, linear, textbook, vehicle
 from obc_ros.core.systems.file import load_system
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import DynamicsError, ObcError, quote
@@ -29,21 +29,21 @@ _OWN: dict[str, Callable[..., System]] = {
     'aircraft': aircraft.system,
     'vehicle': vehicle.system,
     'vehicle_lateral': vehicle.lateral,
-    'two_wheeled': two_wheeled.system,
-    'double_integrator': integrators.define_double_integrator,
-    'scalar': scalar.system,
-    'cubic': scalar.cubic,
-    'nonholonomic_integrator': integrators.build_nonholonomic_integrator,
-    'brockett': integrators.define_brockett,
+    'two_wheeled': vehicle.define_two_wheeled,
+    'double_integrator': textbook.define_double_integrator,
+    'scalar': textbook.define_scalar,
+    'cubic': textbook.define_cubic,
+    'nonholonomic_integrator': textbook.build_nonholonomic_integrator,
+    'brockett': textbook.define_brockett,
     'linear': linear.system,
 }
-# What code of another package may fail with; its name and words go into the answer.
+# Errors that code of another package may raise; the message quotes their type and text.
 _FAULTS = (ArithmeticError, AssertionError, AttributeError, ImportError, LookupError, NameError,
            OSError, RuntimeError, SyntaxError, TypeError, ValueError)
 
 
 def list_systems() -> tuple[str, ...]:
-    """Return the names of all registered systems; nothing of another package is imported."""
+    """Return the names of all registered systems; no other package is imported."""
     return (*_OWN, *sorted(set(_entry_points()) - set(_OWN)))
 
 
@@ -54,12 +54,16 @@ def get_system(name: str, parameters: Mapping[str, Any] | None = None, **options
     Parameters
     ----------
     name : str
-        A path is what ends in ``.yaml`` or ``.yml``; see `load_system`. For a name that comes in a
-        request use `get_registered`: who may ask must not thereby read files.
+        A name that ends in ``.yaml`` or ``.yml`` is a path; see `load_system`. Use
+        `get_registered` for a name in a request: a client must not be able to read files.
     parameters : mapping, optional
-        Values other than the defaults; options may stand among them.
+        Values of parameters other than the defaults; it may contain options too.
     options
-        What the system is built of: A and B of ``linear``, m of ``brockett``.
+        Arguments that define the system: A and B of ``linear``, m of ``brockett``.
+
+    Returns
+    -------
+    System
 
     Raises
     ------
@@ -79,7 +83,20 @@ def get_system(name: str, parameters: Mapping[str, Any] | None = None, **options
 def get_registered(name: str, parameters: Mapping[str, Any] | None = None,
                    **options: Any) -> System:
     """
-    Return a system by its registered name; as `get_system`, but never from a file.
+    Return a system by its registered name, as `get_system` but never from a file.
+
+    Parameters
+    ----------
+    name : str
+        The registered name.
+    parameters : mapping, optional
+        As in `get_system`.
+    options
+        As in `get_system`.
+
+    Returns
+    -------
+    System
 
     Raises
     ------
@@ -99,15 +116,33 @@ def get_registered(name: str, parameters: Mapping[str, Any] | None = None,
     except ObcError:
         raise
     except _FAULTS as error:
-        raise DynamicsError(f"system '{name}' cannot be made: {_words(error)}") from error
+        raise DynamicsError(f"system '{name}' cannot be built: {_words(error)}") from error
     if not isinstance(system, System):
-        raise DynamicsError(f"system '{name}' cannot be made: its entry point returned an "
+        raise DynamicsError(f"system '{name}' cannot be built: its entry point returned an "
                             f'object of type {type(system).__name__}, not a System')
     return system.with_parameters(given)
 
 
 def get_options(name: str) -> dict[str, Any]:
-    """Return the options that a system is built of, with their defaults; a file has none."""
+    """
+    Return the arguments that define a system, with their defaults.
+
+    Parameters
+    ----------
+    name : str
+        Registered name or path of a file.
+
+    Returns
+    -------
+    dict
+        Default of each option by name; empty for a file.
+
+    Raises
+    ------
+    DynamicsError
+        If the system is unknown or cannot be loaded.
+
+    """
     if is_file(name):
         return {}
     return {option.name: option.default
@@ -131,8 +166,9 @@ def _factory(name: str) -> Callable[..., System]:
         known = (*_OWN, *sorted(others))
         near = difflib.get_close_matches(name[:64], known, n=1)
         hint = f" (did you mean '{near[0]}'?)" if near else ''
-        raise DynamicsError(f"unknown system '{quote(name)}'{hint}; there are {', '.join(known)}, "
-                            'and the path of a YAML file where files are read')
+        raise DynamicsError(f"unknown system '{quote(name)}'{hint}; known systems: "
+                            f"{', '.join(known)}; a system file is given by its path, except in "
+                            'a request')
     entry = others[name]
     try:
         factory = entry.load()

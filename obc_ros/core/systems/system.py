@@ -3,7 +3,7 @@
 """
 A controlled system dx/dt = f(x, u; p) as named CasADi expressions.
 
-Every plant is one of these: the registered ones, a user's own and the one in a request.
+Every plant is a `System`: the registered ones, those in files and those in requests.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +20,7 @@ from obc_ros.core.text.errors import DynamicsError
 
 @dataclass(frozen=True)
 class Signal:
-    """A state or an input: its name, unit, limits, and whether it is an angle that wraps."""
+    """A state or an input: name, unit, limits, and whether it is an angle modulo 2 pi."""
 
     name: str
     unit: str = ''
@@ -32,7 +32,7 @@ class Signal:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A constant of a system: its name, value, unit and admissible range."""
+    """A constant of a system: name, value, unit and admissible range."""
 
     name: str
     value: float
@@ -50,22 +50,25 @@ class System:
     Attributes
     ----------
     name : str
+        Name of the system.
     states, inputs : tuple of Signal
-        In the order of x (n,) and u (m,). Limits of inputs are the actuators'.
+        In the order of x (n,) and u (m,). The limits of an input are those of the actuator.
     parameters : tuple of Parameter
-        In the order of p; their values are the ones in use.
+        In the order of p, with the values in use.
     x, u, p : casadi.SX
         Symbols, columns of length n, m and number of parameters.
     xdot : casadi.SX
         f(x, u; p), shape (n, 1).
     setpoint, setpoint_input : tuple of float
-        Default state to hold and guess of the input there.
+        Default set point (n,) and initial guess of the input there (m,).
+    description : str
+        One line for lists of systems.
     plane : str
-        Where px, py and theta lie: 'horizontal' (seen from above, py to the left of px),
-        'vertical' (py up); theta counter-clockwise from px to py. Empty: no rigid body.
+        Plane of px, py and theta: 'horizontal' (seen from above, py to the left of px) or
+        'vertical' (py up); theta counter-clockwise from px to py. Empty: not a rigid body.
     rebuild : callable, optional
-        Makes this system again with other values for the given parameters, where more than
-        `p_value` depends on them (limits, set point); None: nothing else does.
+        Returns this system with other parameter values. It is needed if limits or the set point
+        depend on parameters; None: only `p_value` changes.
 
     """
 
@@ -105,7 +108,7 @@ class System:
 
     @property
     def angles(self) -> tuple[bool, ...]:
-        """Return for each state whether it is an angle that wraps."""
+        """Return for each state whether it is an angle modulo 2 pi."""
         return tuple(signal.angle for signal in self.states)
 
     @property
@@ -151,6 +154,11 @@ class System:
         """
         Return this system with other parameter values.
 
+        Parameters
+        ----------
+        values : mapping of str to float
+            New values by name; the other parameters keep theirs.
+
         Raises
         ------
         DynamicsError
@@ -185,7 +193,7 @@ def define(
     rebuild: Callable[[Mapping[str, float]], System] | None = None,
 ) -> System:
     """
-    Return the system whose f is `dynamics`.
+    Return the system dx/dt = f(x, u; p) whose f is `dynamics`.
 
     Parameters
     ----------
@@ -196,9 +204,9 @@ def define(
     parameters : sequence of Parameter
         In the order of p.
     dynamics : callable
-        Called with the symbols of states, inputs and parameters; returns dx/dt, n expressions.
+        Called with the symbols of states, inputs and parameters; returns the n expressions dx/dt.
     setpoint, setpoint_input : sequence of float, optional
-        Zeros if left out.
+        Default: zeros.
 
     Raises
     ------
@@ -212,14 +220,15 @@ def define(
                       for symbols in (x, u, p)))
     if len(xdot) != len(states):
         raise DynamicsError(
-            f'{name}: {len(states)} states, but {len(xdot)} derivatives')
+            f'{name}: {len(states)} states but {len(xdot)} derivatives')
     for parameter in parameters:
         _in_range(name, parameter, parameter.value)
     return System(
-        name, tuple(states), tuple(inputs), tuple(parameters), x, u, p,
-        ca.densify(ca.vertcat(*xdot)),
-        tuple(setpoint or [0.0] * len(states)), tuple(setpoint_input or [0.0] * len(inputs)),
-        description, plane, rebuild)
+        name=name, states=tuple(states), inputs=tuple(inputs), parameters=tuple(parameters),
+        x=x, u=u, p=p, xdot=ca.densify(ca.vertcat(*xdot)),
+        setpoint=tuple(setpoint or [0.0] * len(states)),
+        setpoint_input=tuple(setpoint_input or [0.0] * len(inputs)),
+        description=description, plane=plane, rebuild=rebuild)
 
 
 def _in_range(system: str, parameter: Parameter, value: Any) -> float:

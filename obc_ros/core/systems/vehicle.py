@@ -1,7 +1,13 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The steered vehicle of Example 1.1 and its motion across the road, Exercise 2.10."""
+"""
+Wheeled vehicles.
 
+The steered vehicle of Example 1.1, its lateral motion (Exercise 2.10) and the two wheeled robot
+of Exercise 2.6.
+"""
+
+from collections.abc import Mapping
 from dataclasses import replace
 from math import inf
 from typing import Any
@@ -66,6 +72,23 @@ def lateral() -> System:
         plane='horizontal')
 
 
+def define_two_wheeled() -> System:
+    """
+    Return the robot, whose limits |v| <= L and |omega| <= M are parameters.
+
+    px' = v cos(theta), py' = v sin(theta), theta' = omega
+
+    (px, py) is the middle of the axle. The default set point moves on along px at L / 2: at rest
+    no linear feedback can hold the position.
+
+    References
+    ----------
+    Book, Exercise 2.6.
+
+    """
+    return _two_wheeled({'L': 1.0, 'M': 1.0})
+
+
 def _dynamics(x: list[ca.SX], u: list[ca.SX], p: list[ca.SX]) -> tuple[Any, ...]:
     theta, (v, phi), l = x[2], u, p[0]  # noqa: E741 - the letter of the book
     return v * ca.cos(theta), v * ca.sin(theta), v / l * ca.tan(phi)
@@ -74,3 +97,29 @@ def _dynamics(x: list[ca.SX], u: list[ca.SX], p: list[ca.SX]) -> tuple[Any, ...]
 def _lateral_dynamics(x: list[ca.SX], u: list[ca.SX], p: list[ca.SX]) -> tuple[Any, ...]:
     theta, phi, (v, l) = x[1], u[0], p  # noqa: E741 - the letter of the book
     return v * ca.sin(theta), v / l * ca.tan(phi)
+
+
+def _two_wheeled(values: Mapping[str, float]) -> System:
+    L, M = values['L'], values['M']
+    return define(
+        'two_wheeled',
+        states=(
+            Signal('px', 'm', description='position of the axle'),
+            Signal('py', 'm', description='position of the axle, to the left'),
+            Signal('theta', 'rad', angle=True, description='heading, counter-clockwise')),
+        inputs=(
+            Signal('v', 'm/s', -L, L, description='speed'),
+            Signal('omega', 'rad/s', -M, M, description='spinning rate, positive to the left')),
+        parameters=(
+            Parameter('L', L, 'm/s', 1e-6, description='largest speed'),
+            Parameter('M', M, 'rad/s', 1e-6, description='largest spinning rate')),
+        dynamics=_two_wheeled_dynamics,
+        setpoint_input=(L / 2, 0.0),
+        description='two wheeled robot (Exercise 2.6)',
+        plane='horizontal',
+        rebuild=lambda new: _two_wheeled({**values, **new}))
+
+
+def _two_wheeled_dynamics(x: list[ca.SX], u: list[ca.SX], _: list[ca.SX]) -> tuple[Any, ...]:
+    theta, (v, omega) = x[2], u
+    return v * ca.cos(theta), v * ca.sin(theta), omega

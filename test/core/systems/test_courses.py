@@ -91,6 +91,6 @@ def test_exercise_2_10_numbers(q):
 
 
 def test_a_course_faster_than_the_vehicle_is_refused():
-    with pytest.raises(StatementError, match='across the road at up to 12'):
+    with pytest.raises(StatementError, match='requires a lateral speed of 12'):
         courses.build_lateral_reference(np.zeros(2), np.array([0, 12.0]), np.zeros(2), 10.0,
                                         LENGTH)

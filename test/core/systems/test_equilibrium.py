@@ -38,7 +38,8 @@ def test_the_aircraft_cannot_hover_tilted():
     with pytest.raises(DynamicsError) as error:
         find_equilibrium(registry.get_system('aircraft'), [1, 2, 0.3, 0, 0, 0])
     words = str(error.value)
-    assert words.startswith('no input holds the aircraft at theta = 0.3 rad: the nearest, f1 = ')
+    assert words.startswith(
+        'found no equilibrium of the aircraft at theta = 0.3 rad: the best input, f1 = ')
     assert 'dvx/dt = -2.7' in words
     assert 'domega/dt = ' in words
     assert 'm/s^2' in words
@@ -109,9 +110,9 @@ def test_where_f_is_not_defined_is_said(tmp_path):
     path = tmp_path / 'root.yaml'
     path.write_text('states: [x]\ninputs: [u]\ndynamics: {x: sqrt(x) + u}\n')
     root = registry.load_system(path)
-    with pytest.raises(DynamicsError, match='at x = -1: f is not defined there'):
+    with pytest.raises(DynamicsError, match='at x = -1: f is undefined there'):
         find_equilibrium(root, [-1.0])
-    with pytest.raises(DynamicsError, match='derivative of dx/dt by x is inf'):
+    with pytest.raises(DynamicsError, match='derivative of dx/dt with respect to x is inf'):
         linearize(root, np.zeros(1), np.zeros(1))
 
 

@@ -277,7 +277,7 @@ def test_another_package_adds_a_system(plugins):
     ('broken', 'cannot be loaded from broken_plug_in:system of plug-ins: ModuleNotFoundError'),
     ('missing', 'cannot be loaded from plug_ins:nothing'),
     ('impostor', 'returned an object of type int, not a System'),
-    ('stumbling', 'cannot be made: ZeroDivisionError'),
+    ('stumbling', 'cannot be built: ZeroDivisionError'),
     ('number', 'is of type int, not a function'),
 ])
 def test_a_broken_system_of_another_package_says_so_and_leaves_the_others_alone(
@@ -365,7 +365,7 @@ final_time: {free: false, value: 1}
     ('angles:', 'angels:', r"angels: unknown key \(did you mean 'angles'\?\)"),
     ('  s: v\n', '', "no equation for the state 's'"),
     ('  s: v\n', '  s: w\n', "dynamics.s: unknown name 'w'"),
-    ('  s: v\n', '  z: v\n', "dynamics: 'z' is none of s, theta"),
+    ('  s: v\n', '  z: v\n', "dynamics: 'z' is not one of s, theta"),
     ('[force]', '[theta]', "'theta' stands twice"),
     ('[force]', '[]', 'inputs: the list is empty; wanted at least one name'),
     ('[s, theta, v, omega]', '[s, sin, v, omega]', "the name 'sin' is reserved"),
@@ -373,8 +373,8 @@ final_time: {free: false, value: 1}
     ('{m: 1, ', '{m: 0, ', 'pendubot.m = 0: wanted'),
     ('[-10*m, 10*m]', '[10, -10]', 'the bounds cross'),
     ('[-10*m, 10*m]', '7', r'wanted \[lower, upper\], found int'),
-    ('[theta]\nsetpoint', '[phi]\nsetpoint', "angles: 'phi' is none of"),
-    ('name: pendubot', 'name: [1]', 'name: wanted a text'),
+    ('[theta]\nsetpoint', '[phi]\nsetpoint', "angles: 'phi' is not one of"),
+    ('name: pendubot', 'name: [1]', 'name: wanted one line of text'),
     ('name: pendubot', 'plane: diagonal', "plane: wanted 'horizontal' or 'vertical'"),
     ('theta: rad', 'theta: [rad]', 'units.theta: wanted a short text'),
     ('{s: l}', '{s: .nan}', 'setpoint.s: nan is not a finite number'),

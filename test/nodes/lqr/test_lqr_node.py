@@ -68,7 +68,7 @@ REFUSED = [
     ({'rho': -1.0}, 'rho = -1: wanted at least 0'),
     ({'setpoint': [0.0] * 5}, 'set point of aircraft: wanted 6 numbers'),
     ({'setpoint': [0.0, 0.0, 0.5, 0.0, 0.0, 0.0], 'u_limits': [1.0, 1.0]}, 'no input holds'),
-    ({'setpoint': [0.0, 0.0, 0.0, 1.0, 0.0, 0.0]}, 'no input holds the aircraft'),
+    ({'setpoint': [0.0, 0.0, 0.0, 1.0, 0.0, 0.0]}, 'found no equilibrium of the aircraft'),
     ({'u_limits': [1.0, 1.0]}, 'f2 = 39.2 holds the set point, outside u_limits of [-1, 1]'),
     ({'u_limits': [1.0, 1.0, 1.0, 50.0]}, 'u_limits of f1: the lower, 1, is not below the upper'),
     ({'u_limits': [1.0]}, 'u_limits has 1 number; wanted 2, the largest size of each, or 4'),

@@ -1,15 +1,51 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Chains of integrators: double, nonholonomic and Brockett's."""
+"""Small systems of the book: scalar, cubic, and double, nonholonomic and Brockett integrators."""
 
 from itertools import combinations
 from typing import Any
 
 import casadi as ca
-from obc_ros.core.systems.system import define, Signal, System
+from obc_ros.core.systems.system import define, Parameter, Signal, System
 from obc_ros.core.text.errors import DynamicsError
 
 MAX_M = 50
+
+
+def define_scalar() -> System:
+    """
+    Return x' = a x + b u.
+
+    References
+    ----------
+    Book, Example 2.2; Exercise 2.9; with -a for a, Exercise 2.4.
+
+    """
+    return define(
+        'scalar',
+        states=(Signal('x'),),
+        inputs=(Signal('u'),),
+        parameters=(Parameter('a', 1.0, '1/s'), Parameter('b', 1.0)),
+        dynamics=lambda x, u, p: (p[0] * x[0] + p[1] * u[0],),
+        description='linear system with one state (Example 2.2)')
+
+
+def define_cubic() -> System:
+    """
+    Return x' = -a x^3 + b u.
+
+    References
+    ----------
+    Book, Exercise 2.5.
+
+    """
+    return define(
+        'cubic',
+        states=(Signal('x'),),
+        inputs=(Signal('u'),),
+        parameters=(Parameter('a', 1.0), Parameter('b', 1.0)),
+        dynamics=lambda x, u, p: (-p[0] * x[0]**3 + p[1] * u[0],),
+        description='cubic system with one state (Exercise 2.5)')
 
 
 def define_double_integrator() -> System:
@@ -53,17 +89,17 @@ def define_brockett(m: int = 3) -> System:
     """
     Return Brockett's system q' = u, Y' = q u' - u q', q and u in R^m, Y skew-symmetric.
 
-    The states are q1 .. qm and the entries of Y above its diagonal, row by row: y1_2, y1_3 ..
+    The states are q1 .. qm and the entries of Y above its diagonal, row by row: y1_2, y1_3, ...
 
     Parameters
     ----------
     m : int
-        2 to 50.
+        Number of inputs, 2 to `MAX_M`.
 
     Raises
     ------
     DynamicsError
-        If m is another.
+        If m is not a whole number in this range.
 
     References
     ----------
