@@ -1,3 +1,3 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Numerical methods that know nothing of control."""
+"""Numerical methods that do not depend on control theory."""

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Arrays by what their entries are."""
+"""Types of arrays by the type of their entries."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-CasADi functions of scalars for many rows at once, whole columns an instruction.
+CasADi functions of scalars, evaluated by columns: one instruction for many rows.
 
-CasADi takes an instruction at a time, row by row, some nanoseconds each. An instruction of MX on
-columns of sixteen rows and more takes less than one for an entry.
+CasADi evaluates a function of SX row by row and needs some nanoseconds for each instruction. An
+instruction of MX on a column of 16 rows or more takes less than that for each row.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,21 +14,21 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 
-# Rows evaluated at once: a few, or all of them up to a number, or many.
+# Rows evaluated at once: the unit; the most of a function built for one call; of many rows.
 _FEW, _ALL, _MANY = 16, 128, 256
-_PAID = 0, 20_000   # rows so far, after which building for all or for many at once has paid
+_PAID = 0, 20_000   # rows so far after which a function of up to `_ALL`, of `_MANY` rows pays
 
 
 class Columns:
     """
-    The instructions of a function of columns of scalars.
+    The instructions of a function of scalars, applied to columns.
 
     Parameters
     ----------
     function : casadi.Function
-        Of SX.
+        A function of SX.
     shared : sequence of int, optional
-        The inputs that are the same for all rows.
+        Indices of the inputs that are the same for all rows.
 
     """
 
@@ -42,7 +42,7 @@ class Columns:
                            if self._steps[k][0] == ca.OP_CONST}
 
     def __call__(self, rows: int, *given: ca.MX) -> list[ca.MX]:
-        """Return the outputs, each (rows, its length), of inputs (rows, .) or (., 1) if shared."""
+        """Return outputs (rows, length) for inputs (rows, length), or (length, 1) if shared."""
         split = [(ca.vertsplit if i in self._shared else ca.horzsplit)(part) if part.numel()
                  else [] for i, part in enumerate(given)]
         work = dict[int, ca.MX]()
@@ -60,7 +60,7 @@ class Columns:
                 work[written[0]] = binary(operation, work[read[0]], work[read[1]])
             else:
                 work[written[0]] = unary(operation, work[read[0]])
-        columns = dict[int, ca.MX]()   # of what is the same for all rows
+        columns = dict[int, ca.MX]()   # of values that are the same for all rows
 
         def column(part: ca.MX) -> ca.MX:
             if part.numel() == rows:
@@ -73,7 +73,7 @@ class Columns:
         return [ca.horzcat(*map(column, parts)) if parts else ca.MX(rows, 0) for parts in found]
 
     def function(self, rows: int, lengths: Sequence[int]) -> ca.Function:
-        """Return the function of so many rows and of inputs of these lengths."""
+        """Return the function of `rows` rows for inputs of the given lengths."""
         given = [ca.MX.sym('given', *((length, 1) if i in self._shared else (rows, length)))
                  for i, length in enumerate(lengths)]
         return ca.Function('columns', given, [ca.densify(part) for part in self(rows, *given)])
@@ -81,27 +81,27 @@ class Columns:
 
 class ByColumn:
     """
-    A function from (rows, .) to (rows, .), for any number of rows.
+    A function from (rows, inputs) to (rows, outputs), for any number of rows.
 
     Parameters
     ----------
     of : callable
-        Returns the function for so many rows.
+        Returns the function for a given number of rows.
     inputs, outputs : int
-        Their lengths.
-    paid : sequence of int, optional
-        Rows after which building it for 16, 64 and 256 rows has paid.
+        Lengths of a row.
+    paid : tuple of two int, optional
+        Rows after which building it for up to 128 and for 256 rows pays; 16 before.
 
     """
 
     def __init__(self, of: Callable[[int], ca.Function], inputs: int, outputs: int,
                  paid: Sequence[int] = _PAID) -> None:
         self._of, self._shape, self._paid, self._seen = of, (inputs, outputs), paid, 0
-        # Arguments, results, the call from the first to the second, the buffer it is of.
+        # By number of rows: arguments, results, the call that evaluates them, its buffer.
         self._parcels: dict[int, tuple[Array, Array, Callable[[], None], Any]] = {}
 
     def __call__(self, arguments: Sequence[Array], result: Array) -> None:
-        """Write the results for arguments side by side, (rows, .) or (.,) for all rows alike."""
+        """Evaluate arguments (rows, length), or (length,) if equal for all rows, into `result`."""
         count, first = len(result), 0
         self._seen += count
         while first < count:
@@ -118,7 +118,7 @@ class ByColumn:
             first = last
 
     def _size(self, left: int, begun: bool) -> int:
-        """Return how many of the rows left to evaluate at once, for a remainder as was built."""
+        """Return how many rows to evaluate next; a remainder uses a function that exists."""
         if self._seen < self._paid[0]:
             return _FEW
         if left > _ALL:
@@ -132,7 +132,7 @@ class ByColumn:
             given, found = np.ones((self._shape[0], size)), np.empty((self._shape[1], size))
             both: tuple[Any, Any] = self._of(size).buffer()
             buffer, evaluate = both
-            # Copying some rows costs less than handing over their address.
+            # Copying some rows takes less time than passing their address.
             buffer.set_arg(0, given.data)
             buffer.set_res(0, found.data)
             self._parcels[size] = given, found, evaluate, buffer

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""One step of dx/ds = f(x, s) by explicit Runge-Kutta methods, as CasADi expressions."""
+"""One step of explicit Runge-Kutta methods for dx/ds = f(x, s), as CasADi expressions."""
 
 from collections.abc import Callable, Sequence
 from fractions import Fraction
@@ -20,6 +20,10 @@ def rk4(f: Slope, x: ca.SX, s: ca.SX, h: ca.SX) -> ca.SX:
         f(x, s), shape (n, 1).
     x, s, h : casadi.SX
         State (n, 1), time and step.
+
+    Returns
+    -------
+    casadi.SX, shape (n, 1)
 
     """
     k1 = f(x, s)
@@ -46,7 +50,7 @@ _ORDER_4 = '5179/57600 0 7571/16695 393/640 -92097/339200 187/2100 1/40'
 
 def dormand_prince(f: Slope, x: ca.SX, s: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX]:
     """
-    Return x at s + h by the method of order 5, and its difference to the one of order 4.
+    Return x at s + h by the method of order 5, and its difference from that of order 4.
 
     Parameters
     ----------
@@ -54,6 +58,10 @@ def dormand_prince(f: Slope, x: ca.SX, s: ca.SX, h: ca.SX) -> tuple[ca.SX, ca.SX
         f(x, s), shape (n, 1).
     x, s, h : casadi.SX
         State (n, 1), time and step.
+
+    Returns
+    -------
+    x, error : casadi.SX, shape (n, 1)
 
     """
     rows = [_fractions(row) for row in _ROWS]

@@ -1,12 +1,13 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Between which values an expression stays while its symbols stay within bounds: interval arithmetic.
+Interval arithmetic: bounds of an expression for bounds of its symbols.
 
-The bounds hold whatever the values are, and are wider than need be where a symbol stands several
-times. Every operation rounds outward: sums by the sign of their error, which is known; products,
-quotients and roots, which IEEE 754 rounds correctly, to the next double unless they are exact;
-functions of the C library, which errs by less than 2 units in the last place, by 4 units.
+The bounds are rigorous. They are wider than necessary where a symbol occurs several times. Every
+operation rounds outward: sums by the sign of their rounding error, which is computed; products,
+quotients and square roots, which IEEE 754 rounds correctly, to the next double unless they are
+known to be exact; functions of the C library, whose error is assumed to be below 2 units in the
+last place, by 4 units.
 """
 
 from collections.abc import Callable
@@ -18,9 +19,9 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 
-_UNITS = 4        # in the last place: beyond the error of any function of the C library
-_FAR = 1e6        # an argument of a wave, beyond which where its turns lie is not asked
-_TURN = 1e-14     # relative: how near a turn of a wave counts as passed
+_UNITS = 4        # in the last place, above the error of the functions of the C library
+_FAR = 1e6        # largest argument of sin, cos and tan for which extrema or poles are located
+_TURN = 1e-14     # relative distance at which an extremum or a pole counts as inside
 
 
 @dataclass(frozen=True)
@@ -36,14 +37,19 @@ WHOLE = Interval(-inf, inf)
 
 def enclose_outputs(function: ca.Function, boxes: list[tuple[Array, Array]]) -> list[Interval]:
     """
-    Return an interval for each entry of the one output of a function of SX.
+    Return an interval for each entry of the output of a function of SX.
 
     Parameters
     ----------
     function : casadi.Function
-        Of columns, made of casadi.SX.
+        A function of SX with columns as inputs and one output.
     boxes : list of (lower, upper)
-        Bounds of each argument, of its shape.
+        Bounds of each argument, arrays of its length.
+
+    Returns
+    -------
+    list of Interval
+        One for each nonzero of the output.
 
     """
     work: dict[int, Interval] = {}
@@ -68,22 +74,38 @@ def enclose_outputs(function: ca.Function, boxes: list[tuple[Array, Array]]) -> 
 
 
 def add_intervals(a: Interval, b: Interval) -> Interval:
-    """Return where sums of numbers of two intervals are."""
+    """
+    Return an interval that contains x + y for all x in a and y in b.
+
+    Parameters
+    ----------
+    a, b : Interval
+        The ends may be infinite.
+
+    """
     return Interval(_sum(a.low, b.low, -inf), _sum(a.high, b.high, inf))
 
 
 def multiply_intervals(a: Interval, b: Interval) -> Interval:
-    """Return where products of numbers of two intervals are."""
+    """
+    Return an interval that contains x y for all x in a and y in b.
+
+    Parameters
+    ----------
+    a, b : Interval
+        The ends may be infinite.
+
+    """
     ends = [(x, y) for x in (a.low, a.high) for y in (b.low, b.high)]
     return Interval(min(_product(x, y, -inf) for x, y in ends),
                     max(_product(x, y, inf) for x, y in ends))
 
 
 def _sum(x: float, y: float, towards: float) -> float:
-    """Return x + y, rounded towards -inf or inf (D. Knuth: the error of a sum is a double)."""
+    """Return x + y rounded towards -inf or inf; its error is a double (D. Knuth)."""
     total = x + y
     if not math.isfinite(total):
-        # an infinite end stays; one that has overflowed is no bound
+        # An infinite end stays; an overflow away from `towards` is bounded by a double.
         overflowed = math.isfinite(x) and math.isfinite(y) and total != towards
         return math.copysign(_LARGEST, total) if overflowed else total
     part = total - x
@@ -93,7 +115,7 @@ def _sum(x: float, y: float, towards: float) -> float:
 
 
 def _product(x: float, y: float, towards: float) -> float:
-    # 0 * inf is the product of a zero and of something large, not of something infinite
+    # The numbers of an interval are finite, so that 0 times an infinite end is 0.
     if x == 0.0 or y == 0.0:
         return 0.0
     value = x * y
@@ -106,13 +128,13 @@ def _quotient(x: float, y: float, towards: float) -> float:
     if x == 0.0:
         return 0.0
     if math.isinf(y):
-        return 0.0   # of two infinite ends others say all that there is to say
+        return 0.0   # for inf / inf, the quotients of the other ends are the bounds
     value = x / y
     return value if abs(y) == 1.0 or math.isinf(x) else _outward(value, towards)
 
 
 def _outward(value: float, towards: float, units: int = 1) -> float:
-    """Return a bound of what was rounded to a value."""
+    """Return a bound of the numbers that may have been rounded to a value."""
     if math.isinf(value):
         return value if value == towards else math.copysign(_LARGEST, value)
     for _ in range(units):
@@ -140,7 +162,7 @@ def _square(a: Interval) -> Interval:
 
 
 def _raised(x: float, n: float, towards: float) -> float:
-    """Return x to a power n > 0, rounded."""
+    """Return x to a power n > 0, rounded outward."""
     if x in (0.0, 1.0) or math.isinf(x):
         return float(x**n)
     try:
@@ -170,7 +192,7 @@ def _power(a: Interval, b: Interval) -> Interval:
 
 
 def _wave(function: Callable[[float], float], peak: float) -> Callable[[Interval], Interval]:
-    """Return the enclosure of a wave of period 2 pi between -1 and 1 that is 1 at `peak`."""
+    """Return the enclosure of sin or cos, whose maximum is at `peak`."""
     def enclose(a: Interval) -> Interval:
         if not a.high - a.low < 2 * pi or max(abs(a.low), abs(a.high)) > _FAR:
             return Interval(-1.0, 1.0)
@@ -200,7 +222,7 @@ def _tangent(a: Interval) -> Interval:
 def _rising(function: Callable[[float], float], within: tuple[float, float] = (-inf, inf),
             among: tuple[float, float] = (-inf, inf), units: int = _UNITS
             ) -> Callable[[Interval], Interval]:
-    """Return the enclosure of what rises `within` bounds and has its values `among` others."""
+    """Return the enclosure of a function that increases on `within` to values in `among`."""
     def value(x: float, towards: float) -> float:
         try:
             found = function(x)
@@ -215,7 +237,7 @@ def _rising(function: Callable[[float], float], within: tuple[float, float] = (-
     def enclose(a: Interval) -> Interval:
         low, high = max(a.low, within[0]), min(a.high, within[1])
         if low > high:
-            return WHOLE   # it is defined nowhere
+            return WHOLE   # the function is undefined on all of a
         return Interval(max(among[0], value(low, -inf)), min(among[1], value(high, inf)))
     return enclose
 

@@ -1,9 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Functions on [0, 1] that trajectories are sums of: powers, Bernstein polynomials and B-splines.
+Bases of functions on [0, 1] for trajectories: powers, Bernstein polynomials and B-splines.
 
-A basis of Bernstein polynomials is one of B-splines without inner knots.
+Bernstein polynomials are B-splines without interior knots.
 """
 
 from dataclasses import dataclass
@@ -20,17 +20,17 @@ BASIS_KINDS: tuple[BasisKind, ...] = ('polynomial', 'bezier', 'bspline')
 @dataclass(frozen=True)
 class Basis:
     """
-    M functions of a kind.
+    A basis of M functions on [0, 1].
 
     Attributes
     ----------
     kind : str
         'polynomial': s^k, k = 0 .. M - 1. 'bezier': Bernstein polynomials of degree M - 1.
-        'bspline': B-splines of the given degree on equal spans, clamped at both ends.
+        'bspline': B-splines of the given degree with uniform knots, clamped at both ends.
     M : int
         Number of functions.
     degree : int
-        Of the pieces; M - 1 unless the kind is 'bspline'.
+        Degree of the pieces; M - 1 unless the kind is 'bspline'.
 
     """
 
@@ -39,7 +39,21 @@ class Basis:
     degree: int
 
     def values(self, s: Array, derivative: int = 0) -> Array:
-        """Return the functions' derivatives at s within [0, 1], shape (len(s), M)."""
+        """
+        Return a derivative of the functions.
+
+        Parameters
+        ----------
+        s : ndarray, shape (N,)
+            Within [0, 1].
+        derivative : int
+            Order of the derivative; 0: the values.
+
+        Returns
+        -------
+        ndarray, shape (N, M)
+
+        """
         if self.kind == 'polynomial':
             k = np.arange(self.M)
             factor = np.prod([np.maximum(k - i, 0) for i in range(derivative)], axis=0)
@@ -48,19 +62,32 @@ class Basis:
 
     @property
     def knots(self) -> Array:
-        """Return the knots of the B-splines."""
+        """Return the knots of the B-splines, shape (M + degree + 1,)."""
         inner = np.linspace(0, 1, self.M - self.degree + 1)[1:-1]
         return np.concatenate((np.zeros(self.degree + 1), inner, np.ones(self.degree + 1)))
 
     @property
     def breaks(self) -> Array:
-        """Return where pieces begin and end."""
+        """Return the ends of the polynomial pieces, increasing."""
         return np.array([0.0, 1.0]) if self.kind == 'polynomial' else np.unique(self.knots)
 
 
 def build_basis(kind: str, M: int, degree: int) -> Basis:
     """
-    Return M functions of a kind; `degree` is that of B-splines, M - 1 at most.
+    Return a basis of M functions.
+
+    Parameters
+    ----------
+    kind : str
+        One of `BASIS_KINDS`.
+    M : int
+        Number of functions.
+    degree : int
+        Degree of B-splines, reduced to M - 1 if it is larger; ignored for other kinds.
+
+    Returns
+    -------
+    Basis
 
     Raises
     ------
@@ -72,7 +99,7 @@ def build_basis(kind: str, M: int, degree: int) -> Basis:
         if known == kind:
             return Basis(known, M, min(degree, M - 1) if known == 'bspline' else M - 1)
     raise StatementError(
-        f"basis '{quote(str(kind))}' is unknown; there are {', '.join(BASIS_KINDS)}")
+        f"unknown basis '{quote(str(kind))}'; known bases: {', '.join(BASIS_KINDS)}")
 
 
 def _splines(knots: Array, degree: int, s: Array, derivative: int) -> Array:

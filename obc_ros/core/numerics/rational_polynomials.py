@@ -3,13 +3,12 @@
 """
 Expressions as polynomials with rational coefficients, in exact arithmetic.
 
-Two expressions that have the same polynomial are equal wherever both are defined. Functions such
-as sin, and inverses of sums, count as further symbols. Of these it is known that the squares of
-sin and cos add up to 1, that the square of a root is what stands under it, and that an inverse
-times its sum is 1. Other identities are not seen, so that expressions with different polynomials
-may be equal, too.
+Two expressions with the same polynomial are equal wherever both are defined. Functions such as
+sin, and inverses of sums, are further generators. The identities in use are sin^2 + cos^2 = 1,
+sqrt(a)^2 = a and (1/a) a = 1. Other identities are not recognised, so that expressions with
+different polynomials may also be equal.
 
-A number is read as the shortest decimal that gives it, which is how it was written: 0.1 is 1/10.
+A double is read as its shortest decimal, which is how it was written: 0.1 is 1/10.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,7 +18,7 @@ from math import isfinite
 import casadi as ca
 from obc_ros.core.numerics.arrays import Array
 
-# Generators with their exponents, in the order of the generators.
+# (generator, exponent) for each factor, sorted by generator.
 Monomial = tuple[tuple[int, int], ...]
 Polynomial = dict[Monomial, Fraction]
 RationalRow = dict[int, Fraction]
@@ -34,14 +33,31 @@ class TooHardError(Exception):
 
 
 def convert_to_rational(value: float) -> Fraction:
-    """Return the number that a double stands for, as it is written."""
+    """
+    Return the rational number of the shortest decimal of a double.
+
+    Parameters
+    ----------
+    value : float
+        0.1 is read as 1/10.
+
+    Raises
+    ------
+    TooHardError
+        If the value is not finite.
+
+    """
     if not isfinite(value):
         raise TooHardError
     return Fraction(repr(float(value)))
 
 
 class Algebra:
-    """The symbols that some polynomials share; `symbols` of them come first."""
+    """
+    The generators of a set of polynomials.
+
+    The first `symbols` generators are symbols; the others are functions and inverses of sums.
+    """
 
     def __init__(self, symbols: int) -> None:
         self.symbols = symbols
@@ -50,7 +66,7 @@ class Algebra:
         self._next = symbols
 
     def generator(self, index: int) -> Polynomial:
-        """Return a symbol."""
+        """Return a generator as a polynomial."""
         return {((index, 1),): Fraction(1)}
 
     def add(self, a: Polynomial, b: Polynomial, factor: Fraction = Fraction(1)) -> Polynomial:
@@ -81,7 +97,7 @@ class Algebra:
         return total
 
     def power(self, a: Polynomial, exponent: int) -> Polynomial:
-        """Return a to a whole power."""
+        """Return a to an integer power."""
         if abs(exponent) > _MOST_POWER:
             raise TooHardError
         base, total = a if exponent >= 0 else self.inverse(a), make_constant(1)
@@ -101,7 +117,7 @@ class Algebra:
         return {((self._atom(ca.OP_INV, scaled), 1),): 1 / lead}
 
     def apply(self, operation: int, operands: Sequence[Polynomial]) -> Polynomial:
-        """Return what an operation of CasADi makes of polynomials."""
+        """Return the result of an operation of CasADi on polynomials."""
         simple = _SIMPLE.get(operation)
         if simple:
             return simple(self, *operands)
@@ -125,9 +141,9 @@ class Algebra:
         return self.generator(self._index(key))
 
     def cleared(self, polynomials: Sequence[Polynomial]) -> list[Polynomial]:
-        """Return polynomials times a common factor that leaves no inverse of a sum in them."""
+        """Return the polynomials times a common denominator, free of inverses of sums."""
         found = list(polynomials)
-        for generator in sorted(self._kinds, reverse=True):   # later ones hold earlier ones
+        for generator in sorted(self._kinds, reverse=True):   # later ones contain earlier ones
             operation, operand, _ = self._kinds[generator]
             most = max((dict(term).get(generator, 0) for each in found for term in each),
                        default=0)
@@ -161,7 +177,7 @@ class Algebra:
         return index
 
     def _reduced(self, term: Monomial, value: Fraction) -> Polynomial:
-        """Return a monomial with the squares of sines and roots replaced."""
+        """Return a monomial after the identities for sines, roots and inverses of sums."""
         for k, (generator, exponent) in enumerate(term):
             operation, operand, partner = self._kinds.get(generator, (-1, {}, -1))
             rest: Polynomial = {term[:k] + term[k + 1:]: value}
@@ -178,7 +194,15 @@ class Algebra:
 
 
 def make_constant(value: int | Fraction) -> Polynomial:
-    """Return a number as a polynomial."""
+    """
+    Return a number as a polynomial.
+
+    Parameters
+    ----------
+    value : int or Fraction
+        The number; 0 is the empty polynomial.
+
+    """
     return {_ONE: Fraction(value)} if value else {}
 
 
@@ -202,14 +226,22 @@ _SIMPLE: dict[int, Callable[..., Polynomial]] = {
 def read_polynomials(function: ca.Function, values: Sequence[Sequence[float | None] | Array]
                      ) -> tuple[Algebra, list[Polynomial]]:
     """
-    Return the entries of the one output of a function of SX as polynomials.
+    Return the entries of the output of a function of SX as polynomials.
 
     Parameters
     ----------
     function : casadi.Function
-        Of columns.
+        A function of SX with columns as inputs and one output.
     values : sequence of sequences
-        The numbers of each argument; None for a symbol, which are counted through.
+        The entries of each input: a number, or None for a symbol. Symbols are numbered in this
+        order.
+
+    Returns
+    -------
+    algebra : Algebra
+        The generators of the polynomials.
+    polynomials : list of Polynomial
+        One for each nonzero of the output.
 
     Raises
     ------
@@ -241,7 +273,22 @@ def read_polynomials(function: ca.Function, values: Sequence[Sequence[float | No
 
 
 def split_affine(a: Polynomial, symbols: int) -> tuple[list[Fraction], Fraction] | None:
-    """Return the coefficients of the symbols and the constant of a polynomial of degree 1."""
+    """
+    Split an affine polynomial into coefficients and constant.
+
+    Parameters
+    ----------
+    a : Polynomial
+        The polynomial.
+    symbols : int
+        Number of symbols, the first generators.
+
+    Returns
+    -------
+    (list of Fraction, Fraction) or None
+        Coefficients of the symbols, and the constant; None if `a` is not affine in the symbols.
+
+    """
     row, rest = [Fraction(0)] * symbols, Fraction(0)
     for monomial, value in a.items():
         if monomial == _ONE:
@@ -254,7 +301,20 @@ def split_affine(a: Polynomial, symbols: int) -> tuple[list[Fraction], Fraction]
 
 
 def reduce_rows(rows: Sequence[RationalRow]) -> dict[int, RationalRow]:
-    """Return rows by their pivots, each the only one with an entry there, by elimination."""
+    """
+    Return the reduced row echelon form.
+
+    Parameters
+    ----------
+    rows : sequence of dict
+        Nonzero entries by column.
+
+    Returns
+    -------
+    dict
+        Rows by the column of their pivot, which is 1 and the only entry of that column.
+
+    """
     found: dict[int, RationalRow] = {}
     for given in rows:
         row = dict(given)
@@ -272,7 +332,22 @@ def reduce_rows(rows: Sequence[RationalRow]) -> dict[int, RationalRow]:
 
 
 def find_null_space(rows: Sequence[RationalRow], columns: int) -> list[RationalRow]:
-    """Return a basis of the vectors that rows take to zero."""
+    """
+    Return a basis of the null space of a matrix.
+
+    Parameters
+    ----------
+    rows : sequence of dict
+        Nonzero entries of each row by column.
+    columns : int
+        Number of columns.
+
+    Returns
+    -------
+    list of dict
+        Nonzero entries of each vector by column.
+
+    """
     found = reduce_rows(rows)
     return [{free: Fraction(1)} | {pivot: -row[free] for pivot, row in found.items()
                                    if free in row}

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Sizes, against which rounding is judged."""
+"""Norms and bounds for the effect of rounding."""
 
 from collections.abc import Callable
 import math
@@ -11,11 +11,19 @@ from obc_ros.core.numerics.arrays import Array
 
 EPS = float(np.finfo(float).eps)
 TINY = 1e-300
-COMFORTABLE = 1e3  # times the rounding: what bears so much is looked at no closer
+COMFORTABLE = 1e3  # times the rounding error; above it no sharper bound is computed
 
 
 def norm(M: Array) -> float:
-    """Return the Frobenius norm."""
+    """
+    Return the Frobenius norm.
+
+    Parameters
+    ----------
+    M : ndarray
+        Of any shape.
+
+    """
     return math.sqrt(float(np.vdot(M, M)))
 
 
@@ -23,20 +31,25 @@ def compute_mode_tolerance(M: Array, gap: Callable[[NDArray[np.complex128]], Arr
                            rounding: Array
                            ) -> float:
     """
-    Return how many times the perturbations |E| <= rounding a matrix can bear and stay stable.
+    Estimate from below the factor c for which M + c E is stable for all |E| <= rounding.
 
-    By |(s I - M)^-1| <= |V| diag(1 / gap) |V^-1| for s on the border of stability: M + E has no
-    mode there while the spectral radius of that bound times |E| is below 1. The bound does not
-    depend on the units of the states; 0: nothing is proved.
+    On the stability boundary |(s I - M)^-1| <= |V| diag(1 / gap) |V^-1|, with the eigenvectors V.
+    M + c E has no eigenvalue there if the spectral radius of this bound times c |E| is below 1.
+    The result does not depend on the units of the states. Rounding of V is neglected.
 
     Parameters
     ----------
     M : ndarray, shape (n, n)
-        With the modes V.
+        The matrix.
     gap : callable
-        Returns the distance of modes (n,) from the border, positive where they are stable.
+        Returns the distances of eigenvalues (n,) from the stability boundary, positive if stable.
     rounding : ndarray, shape (n, n)
         Bound of the absolute error of each entry of M.
+
+    Returns
+    -------
+    float
+        The factor c; 0 if M has an eigenvalue that is not stable, or V is singular.
 
     """
     modes, V = np.linalg.eig(M)

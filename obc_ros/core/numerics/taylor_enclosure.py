@@ -1,12 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Where a system without inputs is, proved: Taylor series in interval arithmetic.
+Rigorous enclosures of the solutions of a system without inputs, by Taylor series.
 
-A step begins at a point with a bound of the error so far. A box that the right-hand side does not
-lead out of within the step encloses all paths that begin there (E. Picard); it bounds the
-remainder of the Taylor series from the point, and the logarithmic norm of the Jacobian, by which
-the error so far grows at most (R. E. Moore, Interval Analysis, 1966; G. Dahlquist, 1958).
+A step begins at a point with a bound of the accumulated error. A box that satisfies Picard's
+condition in interval arithmetic encloses all solutions during the step. The box bounds the
+remainder of the Taylor series, and the logarithmic norm of the Jacobian, which bounds the growth
+of the accumulated error (R. E. Moore, Interval Analysis, 1966; G. Dahlquist, 1958).
 """
 
 from collections.abc import Iterator
@@ -25,20 +25,20 @@ from obc_ros.core.numerics.interval_arithmetic import (
 
 Box = tuple[Array, Array]
 
-_ORDER = 8           # of the series
-_LOCAL = 1e-10       # relative: what a step may add to the error
+_ORDER = 8           # of the Taylor series
+_LOCAL = 1e-10       # largest relative error that a step may add
 _MOST_STEPS = 400
-_MOST_INSTRUCTIONS = 4000   # of all derivatives together
-_HALVINGS, _INFLATED = 30, 6   # of a step; times that a box is made larger for it
-_ROOM = 0.05         # of a box, more than what a step was seen to take
-_SWEEPS = 8          # over all units, to balance them
-_TINY = 1e-200       # beside which the errors of sums that are exactly 0 would be large
-_ROUNDING = 1e-12    # relative, of norms and exponentials in doubles
+_MOST_INSTRUCTIONS = 4000   # of each time derivative
+_HALVINGS, _INFLATED = 30, 6   # halvings of a step, inflations of its box
+_ROOM = 0.05         # relative inflation of a box
+_SWEEPS = 8          # of balancing the units
+_TINY = 1e-200       # smallest unit: the rounding of sums that are exactly 0 is below it
+_ROUNDING = 1e-12    # relative rounding error of norms and exponentials
 
 
 @dataclass(frozen=True)
 class TaylorStep:
-    """Boxes for all of a step from `begin` to `end` [s], and for its end alone."""
+    """A step from `begin` to `end` [s]: boxes of the states during it and at its end."""
 
     begin: float
     end: float
@@ -47,7 +47,7 @@ class TaylorStep:
 
 
 class Tube:
-    """A system y' = g(y, p) with p between bounds."""
+    """Enclosures of the solutions of y' = g(y, p) with p in a box."""
 
     def __init__(self, y: ca.SX, p: ca.SX, g: ca.SX, p_box: Box) -> None:
         self._p = p_box
@@ -62,7 +62,22 @@ class Tube:
         self._slope = ca.Function('slope', [y, p], [ca.densify(ca.jacobian(g, y))])
 
     def steps(self, start: Box, stops: Array) -> Iterator[TaylorStep]:
-        """Yield steps from time 0 to the last of `stops`, none across a stop, while they last."""
+        """
+        Yield steps from time 0 to the last of `stops`.
+
+        Parameters
+        ----------
+        start : tuple of two ndarray, shape (n,)
+            Lower and upper bounds of y at time 0.
+        stops : ndarray
+            Increasing times [s] > 0, each of which is the end of a step.
+
+        Yields
+        ------
+        TaylorStep
+            The steps end before the last stop if no further step can be enclosed.
+
+        """
         if not self.fits:
             return
         y = 0.5 * (start[0] + start[1])
@@ -82,7 +97,7 @@ class Tube:
                 return
             end = t + left if last else t + h
             y, error, during = found
-            size = size * max(1.0, float(np.max(np.abs(y) / size)))   # the error is no larger
+            size = size * max(1.0, float(np.max(np.abs(y) / size)))   # error * size stays a bound
             radius = error * size
             yield TaylorStep(t, end, during, (np.nextafter(y - radius, -inf),
                                               np.nextafter(y + radius, inf)))
@@ -91,7 +106,7 @@ class Tube:
             t, h = end, 2 * min(h, left)
 
     def _first_sizes(self, y: Array, T: float) -> Array:
-        """Return what counts as one in each component at first."""
+        """Return the initial unit of each component."""
         box = np.array([(each.low, each.high) for each in enclose_outputs(
             self._terms[0], [(y, y), self._p])])
         moved = T * np.abs(np.where(np.isfinite(box), box, 0.0)).max(axis=1)
@@ -102,7 +117,7 @@ class Tube:
         scaled = slope * size / size[:, None]
         if not np.isfinite(scaled).all():
             return np.asarray(size)
-        # In units in which the slopes are balanced an oscillation has no logarithmic norm.
+        # In balanced units the logarithmic norm of an undamped oscillator is 0.
         balanced = size * _balance(scaled)
         return np.asarray(balanced * float(np.max(size / balanced)))
 
@@ -127,17 +142,17 @@ class Tube:
         if local > _LOCAL:
             return None
         growth = exp(min(self._growth(box, size) * h, 500.0))
-        # In the Euclidean norm, of which each component is a part.
+        # The Euclidean norm, which bounds each component.
         error = (error * growth + local * len(y)) * (1 + _ROUNDING)
         return (middle, error, box) if np.isfinite(error) else None
 
     def _enclosed(self, y: Array, radius: Array, h: float) -> Box | None:
-        """Return a box that no path from y +- radius leaves within h."""
+        """Return a box that encloses all solutions from y +- radius during h."""
         low, high = y - radius, y + radius
         for _ in range(_INFLATED):
             rates = enclose_outputs(self._terms[0], [(low, high), self._p])
             moved = [multiply_intervals(Interval(0.0, h), rate) for rate in rates]
-            pad = 4 * np.spacing(np.abs(low) + np.abs(high))   # of the sums below
+            pad = 4 * np.spacing(np.abs(low) + np.abs(high))   # rounding of the sums below
             a = y - radius + [each.low for each in moved] - pad
             b = y + radius + [each.high for each in moved] + pad
             if not np.isfinite([a, b]).all():
@@ -164,7 +179,7 @@ class Tube:
 
 
 def _balance(matrix: Array) -> Array:
-    """Return units in which each row is as large as its column, but for the diagonal."""
+    """Return units in which the off-diagonal parts of row i and column i have the same size."""
     size = np.abs(matrix - np.diag(np.diag(matrix)))
     units = np.ones(len(matrix))
     for _ in range(_SWEEPS):

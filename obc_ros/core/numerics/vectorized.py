@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A CasADi function over many points at once, from numpy arrays to numpy arrays."""
+"""CasADi functions evaluated for many points, from numpy arrays to numpy arrays."""
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
@@ -12,34 +12,33 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.column_functions import ByColumn, Columns
 
-_FEW = 32      # rows evaluated at once while they are few
-_MANY = 1500   # rows after which reading the instructions has paid
+_FEW = 32      # rows of a batch
+_MANY = 1500   # rows so far after which building the evaluation by columns pays
 
 
 class VectorizedFunction:
     """
-    Expressions of columns, evaluated for the rows of arrays.
+    Expressions of columns of symbols, evaluated for the rows of arrays.
 
-    Rows are evaluated in parcels, so that another number of them builds nothing new, and pass by
-    address: through `casadi.DM` a thousand of them would cost more to convert than to evaluate.
-    Once there were many of them they are evaluated by column. Not for use from two threads at
-    once.
+    Rows are evaluated in batches of one size, so that no function depends on their number. They
+    are passed by address: the conversion of a thousand rows to `casadi.DM` takes longer than their
+    evaluation. After `_MANY` rows they are evaluated by columns. Not thread-safe.
 
     Parameters
     ----------
     inputs : sequence of casadi.SX
         Columns of symbols.
     outputs : sequence of casadi.SX
-        Their expressions, taken column by column.
+        Expressions of the symbols; a matrix is taken column by column.
     few : int, optional
-        Rows evaluated at once while they are few.
+        Rows of a batch.
 
     """
 
     def __init__(self, inputs: Sequence[ca.SX], outputs: Sequence[ca.SX],
                  few: int = _FEW) -> None:
         self._few = few
-        # One input and one output: handing over each costs more than an evaluation.
+        # One input and one output: passing an argument takes longer than an evaluation.
         self._function = ca.Function('batch', [_stacked(inputs)], [
             _stacked([*map(_column, outputs)])])
         self._inputs = list(accumulate((symbol.numel() for symbol in inputs), initial=0))
@@ -48,19 +47,24 @@ class VectorizedFunction:
 
     def __call__(self, *arguments: Array) -> tuple[Array, ...]:
         """
-        Return the outputs, each of shape (K, its length).
+        Return the outputs.
 
         Parameters
         ----------
         *arguments : ndarray, shape (K, length) or (length,)
-            One for each input; a single row stands for K equal ones.
+            One for each input; a single row is used for all K.
+
+        Returns
+        -------
+        tuple of ndarray, shape (K, length)
+            One for each output.
 
         """
         result = self.joined(*arguments)
         return tuple(result[:, start:end] for start, end in pairwise(self._outputs))
 
     def joined(self, *arguments: Array) -> Array:
-        """Return the outputs side by side, shape (K, length of all)."""
+        """Return the outputs side by side, shape (K, sum of their lengths)."""
         count = max((len(a) for a in arguments if np.ndim(a) == 2), default=1)
         if self._seen >= _MANY:
             result = np.empty((count, self._outputs[-1]))
@@ -74,14 +78,20 @@ class VectorizedFunction:
 
     @property
     def outputs(self) -> list[slice]:
-        """Return where the outputs stand in a row of `joined`."""
+        """Return the slices of the outputs in a row of `joined`."""
         return [slice(start, end) for start, end in pairwise(self._outputs)]
 
     def of_joined(self, w: Array, result: Array | None = None) -> Array:
         """
-        Return what `joined` does for inputs side by side.
+        Return the outputs side by side for inputs side by side.
 
-        It is written to `result` where that is given.
+        Parameters
+        ----------
+        w : ndarray, shape (K, sum of the lengths of the inputs)
+            The inputs.
+        result : ndarray, shape (K, sum of the lengths of the outputs), optional
+            Array to write to and to return.
+
         """
         count = len(w)
         if result is None:
@@ -102,11 +112,11 @@ class VectorizedFunction:
 
     @cached_property
     def _parcel(self) -> tuple[Array, Array, Callable[[], None], Any]:
-        """Return where a few rows are taken from and put to, and what evaluates them."""
+        """Return the arguments and results of a batch, the call that evaluates it, its buffer."""
         given, found = (np.zeros((self._few, size[-1])) for size in (self._inputs, self._outputs))
         both: tuple[Any, Any] = self._function.map(self._few).buffer()
         buffer, evaluate = both
-        # Copying some rows costs less than handing over their address.
+        # Copying some rows takes less time than passing their address.
         buffer.set_arg(0, given.data)
         buffer.set_res(0, found.data)
         return given, found, evaluate, buffer
@@ -119,16 +129,16 @@ class VectorizedFunction:
 
 class Chain:
     """
-    A step z_(k+1) = F(z_k, what is given for it), taken for all rows of arrays in turn.
+    A recursion z_(k+1) = F(z_k, w_k), evaluated for the rows w_k of arrays.
 
     Parameters
     ----------
     z : casadi.SX
         Column of symbols.
     given : sequence of casadi.SX
-        Columns of symbols.
+        Columns of symbols, together w.
     after : casadi.SX
-        Expression of z after the step.
+        F, an expression of these symbols of the shape of z.
 
     """
 
@@ -143,24 +153,24 @@ class Chain:
 
         Parameters
         ----------
-        first : ndarray
+        first : ndarray, shape (length of z,)
             z before the first step.
         *given : ndarray, shape (K, length) or (length,)
-            A single row stands for K equal ones.
+            A single row is used for all K steps.
 
         """
         return np.asarray(self.each(first, *given)[0])
 
     def each(self, first: Array, *given: Array) -> Array:
         """
-        Return z after each step of R courses from the same z, shape (R, K, length of z).
+        Return z after each step of R sequences from the same z, shape (R, K, length of z).
 
         Parameters
         ----------
-        first : ndarray
+        first : ndarray, shape (length of z,)
             z before the first step.
-        *given : ndarray, shape (R, K, length), or one that is repeated to it
-            The first has K rows, and R of them where any has.
+        *given : ndarray, shape (R, K, length) or broadcast to it
+            R and K are read from the first array.
 
         """
         courses, count = len(given[0]) if given[0].ndim == 3 else 1, given[0].shape[-2]
@@ -183,7 +193,7 @@ class Chain:
 
 
 def _stacked(columns: Sequence[ca.SX]) -> ca.SX:
-    """Return columns as one; a single one costs CasADi as much as several."""
+    """Return the columns as one; a single one is not copied."""
     return columns[0] if len(columns) == 1 else ca.vertcat(*columns)
 
 

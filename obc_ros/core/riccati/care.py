@@ -299,7 +299,7 @@ def measure_robustness(M: Array, X: Array, rounding: Array) -> float:
     Returns
     -------
     float
-        The lower bound of c; 0 if stability is not proved.
+        The lower bound of c, from X or `compute_mode_tolerance`; 0 if stability is not verified.
 
     """
     bound = _by_lyapunov(M, X, rounding)

@@ -131,7 +131,7 @@ def measure_discrete_robustness(M: Array, X: Array, rounding: Array) -> float:
     """
     Bound from below the factor c for which M + c E is stable for all |E| <= rounding.
 
-    The bound follows from (M + E)'X (M + E) < X or from the modes of M.
+    The bound follows from (M + c E)'X (M + c E) < X.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def measure_discrete_robustness(M: Array, X: Array, rounding: Array) -> float:
     Returns
     -------
     float
-        The lower bound of c; 0 if stability is not proved.
+        The lower bound of c, from X or `compute_mode_tolerance`; 0 if stability is not verified.
 
     """
     bound = 0.0
