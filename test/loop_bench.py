@@ -19,9 +19,9 @@ def control(x: tuple[float, ...] = (0.0, 0.0), u: float = 0.0, drift: tuple[floa
             Ki: tuple[tuple[float, ...], ...] = (), **options: object) -> Control:
     """Return a control of a plant with two states and an input."""
     rules = options.pop('rules', Rules())
-    return Control(StateFeedback(x, (u,), gain, drift, Ki), InputLimits(*limits),
-                   options.pop('rest', (u,)),
-                   ('px', 'vx'), rules, **options)  # type: ignore[arg-type]
+    return Control(
+        regulator=StateFeedback(x, (u,), gain, drift, Ki), limits=InputLimits(*limits),
+        rest=options.pop('rest', (u,)), names=('px', 'vx'), rules=rules, **options)  # type: ignore[arg-type]
 
 
 def answers(loop: ControlLoop, *states: tuple[float, list[float]]) -> list[list[float] | None]:

@@ -151,12 +151,13 @@ def judge_plant_settings(settings: Settings) -> PlantCandidate:
     dt, steps = choose_step(settings.dt, settings.publish_rate)
     disturbance = settings.disturbance
     conditions = Conditions(
-        dt, settings.integrator, settings.tolerance, settings.actuator_lag, settings.input_delay,
-        tuple(settings.noise[name] for name in system.state_names),
-        tuple(disturbance[f'constant.{name}'] for name in system.state_names),
-        Gust(tuple(disturbance[f'gust.{name}'] for name in system.state_names),
-             disturbance['gust_start'], disturbance['gust_duration']),
-        settings.seed)
+        dt=dt, integrator=settings.integrator, tolerance=settings.tolerance,
+        actuator_lag=settings.actuator_lag, input_delay=settings.input_delay,
+        noise=tuple(settings.noise[name] for name in system.state_names),
+        disturbance=tuple(disturbance[f'constant.{name}'] for name in system.state_names),
+        gust=Gust(tuple(disturbance[f'gust.{name}'] for name in system.state_names),
+                  disturbance['gust_start'], disturbance['gust_duration']),
+        seed=settings.seed)
     x0 = settings.x0 or system.setpoint
     Simulator(system, x0, conditions)
     return PlantCandidate(system, x0, conditions, Pacing(

@@ -216,8 +216,10 @@ class TrajectoryServer(Node):
         packet.plain.update(
             cache_size=settings.cache_size, max_intervals=settings.max_intervals)
         future: Future = Future()
-        job = Job(kind, packet, limit, lambda answer: self._deliver(future, answer), progress,
-                  messages.compute_affinity(packet))
+        job = Job(
+            kind=kind, request=packet, time_limit=limit,
+            done=lambda answer: self._deliver(future, answer), progress=progress,
+            affinity=messages.compute_affinity(packet))
         quick = kind == 'design_lqr' and len(request.a) <= QUICK
         (self._designers if quick else self._solvers).submit(job)
         if goal:

@@ -69,7 +69,8 @@ def list_system_parameters(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
         return  # without its options there is no such system
     for each in system.parameters:
         yield ParameterRow(
-            each.name, each.value, each.description, each.unit, each.lower, each.upper)
+            name=each.name, default=each.value, description=each.description, unit=each.unit,
+            lower=each.lower, upper=each.upper)
 
 
 def choose_system(name: str, values: Mapping[str, Any]) -> System:

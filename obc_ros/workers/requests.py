@@ -110,9 +110,10 @@ def _minimize(request: Packet, time_limit: float, report: Report, keep: Keep) ->
 
 def _plan(request: Packet, time_limit: float, report: Report, keep: Keep) -> Packet:
     plain, arrays = request.plain, request.arrays
-    motion = Motion(plain['system'], arrays['start'], arrays['goal'], plain['objective'],
-                    plain['parameters'], arrays['qx'], arrays['qu'], plain['final_time'],
-                    plain['input_bounds'])
+    motion = Motion(
+        system=plain['system'], start=arrays['start'], goal=arrays['goal'],
+        objective=plain['objective'], parameters=plain['parameters'], Qx=arrays['qx'],
+        Qu=arrays['qu'], final_time=plain['final_time'], input_bounds=plain['input_bounds'])
     cache = _cache(plain['cache_size'])
     begun = time.monotonic()
     if motion.objective != 'time' and not motion.final_time:
@@ -166,9 +167,10 @@ def _given_plant(a: Array, b: Array) -> LinearizedPlant:
         raise StatementError(f'b has {b.size} numbers: wanted {n}*m, row by row')
     m = b.size // n
     system = System(
-        '', tuple(Signal(f'x{i + 1}') for i in range(n)),
-        tuple(Signal(f'u{j + 1}') for j in range(m)), (), ca.SX.sym('x', n), ca.SX.sym('u', m),
-        ca.SX(0, 1), ca.SX(n, 1), (0.0,) * n, (0.0,) * m)
+        name='', states=tuple(Signal(f'x{i + 1}') for i in range(n)),
+        inputs=tuple(Signal(f'u{j + 1}') for j in range(m)), parameters=(), x=ca.SX.sym('x', n),
+        u=ca.SX.sym('u', m), p=ca.SX(0, 1), xdot=ca.SX(n, 1), setpoint=(0.0,) * n,
+        setpoint_input=(0.0,) * m)
     rest = Equilibrium(np.zeros(n), np.zeros(m), np.zeros(n))
     return LinearizedPlant(system, rest, a.reshape(n, n), b.reshape(n, m), (0.0,) * m)
 

@@ -52,8 +52,9 @@ class Asked:
         self.answers, self.progress = [], []
         self.finished = Event()
         self.pool = pool
-        self.job = Job(kind, Packet(plain, arrays or {}), time_limit, self.done,
-                       lambda *args: self.progress.append(args), affinity)
+        self.job = Job(
+            kind=kind, request=Packet(plain, arrays or {}), time_limit=time_limit,
+            done=self.done, progress=lambda *args: self.progress.append(args), affinity=affinity)
         self.start = time.monotonic()
         pool.submit(self.job)
 

@@ -249,10 +249,11 @@ def _trajectory(response: Any) -> Trajectory:
         return dict(zip(names, reshape_rows(values, width).T, strict=True))
 
     return Trajectory(
-        np.array(path.t), named(path.state_names, path.x, n), named(path.input_names, path.u, m),
-        named(path.state_names, path.lam, n), np.array(path.hamiltonian),
-        np.array(getattr(response, 'nu', ())), response.objective, path.t[-1],
-        np.array(path.switching_times), response.message, response.certificate.sentence)
+        t=np.array(path.t), x=named(path.state_names, path.x, n),
+        u=named(path.input_names, path.u, m), lam=named(path.state_names, path.lam, n),
+        hamiltonian=np.array(path.hamiltonian), nu=np.array(getattr(response, 'nu', ())),
+        J=response.objective, T=path.t[-1], switching_times=np.array(path.switching_times),
+        message=response.message, verdict=response.certificate.sentence)
 
 
 def read_design(design: Any) -> AnsweredRegulator:

@@ -148,9 +148,10 @@ class Node:
                 values.update({name: value.evaluate(context)
                                if isinstance(value, ParameterValue) else value
                                for name, value in each.items()})
-        return Started(self.package, self.executable, self.name,
-                       _perform(self.namespace, context), tuple(files), values, dict(variables),
-                       self.respawn, self.respawn_delay)
+        return Started(
+            package=self.package, executable=self.executable, name=self.name,
+            namespace=_perform(self.namespace, context), files=tuple(files), values=values,
+            environment=dict(variables), respawn=self.respawn, respawn_delay=self.respawn_delay)
 
 
 class LaunchDescription:

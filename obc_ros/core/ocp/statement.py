@@ -197,8 +197,9 @@ def _own_plant(given: Mapping[Any, Any]) -> _Plant:
     f = _column([expressions.parse_expression(equations[name], x | u | p, f'dynamics.{name}')
                  for name in states])
     unlimited = np.full(len(inputs), np.inf)
-    return _Plant(states, inputs, (False,) * len(states), x, u, p, values, f,
-                  -unlimited, unlimited)
+    return _Plant(
+        states=states, inputs=inputs, angles=(False,) * len(states), x=x, u=u, p=p,
+        values=values, f=f, u_lower=-unlimited, u_upper=unlimited)
 
 
 def _parameter(name: object, states: tuple[str, ...], inputs: tuple[str, ...]) -> str:
@@ -241,10 +242,10 @@ def _registered_plant(given: Mapping[Any, Any]) -> _Plant:
     p = dict(zip(own, ca.vertsplit(system.p), strict=True))
     p |= {key: ca.SX.sym(key) for key in values if key not in p}
     return _Plant(
-        system.state_names, system.input_names, system.angles,
-        dict(zip(system.state_names, ca.vertsplit(system.x), strict=True)),
-        dict(zip(system.input_names, ca.vertsplit(system.u), strict=True)),
-        p, values, system.xdot, system.u_min, system.u_max)
+        states=system.state_names, inputs=system.input_names, angles=system.angles,
+        x=dict(zip(system.state_names, ca.vertsplit(system.x), strict=True)),
+        u=dict(zip(system.input_names, ca.vertsplit(system.u), strict=True)), p=p, values=values,
+        f=system.xdot, u_lower=system.u_min, u_upper=system.u_max)
 
 
 def _option(value: object, where: str) -> object:

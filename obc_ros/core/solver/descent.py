@@ -491,8 +491,9 @@ class Search:
 
     def answered(self, outcome: TranscriptionOutcome) -> Answered:
         """Return what a neighbour, or the indirect method, starts from."""
-        return Answered(self.stated, outcome, outcome.scales or self.sizes(outcome), self.margin,
-                        self._extremal(outcome))
+        return Answered(
+            problem=self.stated, outcome=outcome, sizes=outcome.scales or self.sizes(outcome),
+            margin=self.margin, extremal=self._extremal(outcome))
 
     def _extremal(self, outcome: TranscriptionOutcome) -> BoundaryValues | None:
         """Return the extremal whose kinks an outcome has at its mesh points, if it is known."""

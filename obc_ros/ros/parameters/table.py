@@ -202,9 +202,10 @@ def declare_field(
         A condition on parameters declared before, and the default where it holds.
 
     """
-    entry = ParameterRow(name, default, description, unit, lower, upper, choices, read_only,
-                         finite,
-                         texts, used_when, default_when)
+    entry = ParameterRow(
+        name=name, default=default, description=description, unit=unit, lower=lower, upper=upper,
+        choices=choices, read_only=read_only, finite=finite, texts=texts, used_when=used_when,
+        default_when=default_when)
     return field(default=default, metadata={'entry': entry})
 
 

@@ -215,7 +215,9 @@ def test_exponentials_follow_what_small_steps_do():
     K = 6
     x, lam, sa, sb = (chance.standard_normal((K, 2)) for _ in range(4))
     ua, ub, ma, mb = (chance.standard_normal((K, 1)) for _ in range(4))
-    given = Intervals(np.array([0.5, 0.5, 0.3, 1.0, 0.125, 0.7]), x, lam, ua, ub, sa, sb, ma, mb)
+    given = Intervals(
+        h=np.array([0.5, 0.5, 0.3, 1.0, 0.125, 0.7]), x=x, lam=lam, ua=ua, ub=ub, sa=sa, sb=sb,
+        ma=ma, mb=mb)
     small = ReplayIntegrator(problem).replay(given, problem.p_value, np.ones(4), 1e-11)
     rates = AffineReplay(problem).rates(
         problem.p_value, np.array([2.0, 0.5]), np.hstack([ua, sa, ma]), given.h)
@@ -233,8 +235,9 @@ def test_exponentials_are_exact_where_states_decay_within_a_millionth():
     a = 1e6
     problem = stated({'x': f'{a}*(u - x)'}, 'x**2', {'x': 1}, 1.0)
     none = np.zeros((1, 1))
-    one = Intervals(np.array([1.0]), none + 1, none, none + 1, none + 2, none, none,
-                    np.zeros((1, 0)), np.zeros((1, 0)))
+    one = Intervals(
+        h=np.array([1.0]), x=none + 1, lam=none, ua=none + 1, ub=none + 2, sa=none, sb=none,
+        ma=np.zeros((1, 0)), mb=np.zeros((1, 0)))
     integrator = ReplayIntegrator(problem)
     run = one, problem.p_value, np.ones(2), 1e-10
     course, left = integrator.there_and_back(integrator.replay(*run), one, none, *run[1:])

@@ -106,7 +106,9 @@ class Hamiltonian:
         whole = np.where(free[:, :, None], Huu, np.eye(m))
         right = np.concatenate([np.where(free[:, :, None], B, 0.0), off[:, :, None]], axis=2)
         solved = -_solved(whole, right)
-        return _Rates(F, H, L, Hu, off, solved[:, :, :-1], solved[:, :, -1], F_z, F_u, B, Huu)
+        return _Rates(
+            F=F, H=H, L=L, Hu=Hu, off=off, gain=solved[:, :, :-1], move=solved[:, :, -1],
+            F_z=F_z, F_u=F_u, B=B, Huu=Huu)
 
     def end(self, problem: Problem, scales: ProblemScales, z: Array, nu: Array) -> tuple[Array,
                                                                                          ...]:
@@ -384,10 +386,11 @@ class Equations:
         cost = (inner.L.reshape(N, -1) @ self.b) @ h / scales.time + V[0]
         by_u = ends.F_u * np.outer(size, 1 / (scales.u * scales.time))
         return BoundaryValues(
-            self.arc_of, h, lengths, np.array([arc.levels for arc in self.arcs]), z * size,
-            dz.reshape(z.shape), ddz.reshape(z.shape), u.reshape(N, 2, -1) * scales.u,
-            du.reshape(N, 2, -1), by_u.reshape(N, 2, len(size), -1),
-            now.theta[P:] * scales.cost, float(cost * scales.cost), residual)
+            arc_of=self.arc_of, h=h, lengths=lengths,
+            levels=np.array([arc.levels for arc in self.arcs]), z=z * size,
+            dz=dz.reshape(z.shape), ddz=ddz.reshape(z.shape), u=u.reshape(N, 2, -1) * scales.u,
+            du=du.reshape(N, 2, -1), by_u=by_u.reshape(N, 2, len(size), -1),
+            nu=now.theta[P:] * scales.cost, cost=float(cost * scales.cost), residual=residual)
 
 
 @cache

@@ -204,8 +204,10 @@ class CostateIntegrator:
         densities = [d if d is None else d[new] for d in densities]
         t, x, u, lam = t[new], x[new], u[new], lam[new]
         H, _, _ = self.hamiltonian(problem, x, u, lam)
-        return Solution(Status.NOT_CONVERGED, '', course.cost, t, x, u, lam, H, course.nu,
-                        state_multipliers=densities[0], path_multipliers=densities[1])
+        return Solution(
+            status=Status.NOT_CONVERGED, message='', objective=course.cost, t=t, x=x, u=u,
+            lam=lam, hamiltonian=H, nu=course.nu, state_multipliers=densities[0],
+            path_multipliers=densities[1])
 
     def extremal(self, problem: Problem, outcome: TranscriptionOutcome, parts: int) -> Extremal:
         """Return states and costates under the input of an outcome, in parts of its intervals."""
@@ -229,8 +231,9 @@ class CostateIntegrator:
             problem, outcome, (t, x, ua, ub), last[0], parts, single)
         if not single and path.inner.shape[1] and self._astray(outcome, lam, size, parts):
             return self._at_nodes(outcome, float(defect.max()), local)
-        return Extremal(parts, t, x, x_end, ua, ub, lam, lam_end, float(J + V[0, 0]),
-                        float(defect.max()), local, outcome.nu)
+        return Extremal(
+            parts=parts, t=t, x=x, x_end=x_end, ua=ua, ub=ub, lam=lam, lam_end=lam_end,
+            cost=float(J + V[0, 0]), defect=float(defect.max()), local=local, nu=outcome.nu)
 
     def closed(self, problem: Problem, outcome: TranscriptionOutcome) -> float:
         """
@@ -260,9 +263,10 @@ class CostateIntegrator:
         """Return what the collocation found, where explicit steps are too unstable to check it."""
         path = outcome.path
         costates, mass = outcome.costates, outcome.masses(1)
-        return Extremal(1, path.t, path.x[:-1], path.x[1:], path.ua, path.ub,
-                        (costates - mass)[:-1], costates[1:], outcome.objective, defect, local,
-                        outcome.nu)
+        return Extremal(
+            parts=1, t=path.t, x=path.x[:-1], x_end=path.x[1:], ua=path.ua, ub=path.ub,
+            lam=(costates - mass)[:-1], lam_end=costates[1:], cost=outcome.objective,
+            defect=defect, local=local, nu=outcome.nu)
 
     def _restarted(self, problem: Problem, nodes: Array, t: Array, ua: Array, ub: Array,
                    parts: int) -> tuple[Array, Array, float]:

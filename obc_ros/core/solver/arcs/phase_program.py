@@ -435,9 +435,11 @@ class _Solve:
         astray = [(phase, row) for phase, row, slot in self.at_met
                   if lam_g[slot][0] * self.arcs[phase].met[row] < 0]
         outwards = {key: float(g[slot][0]) for key, slot in self.outwards.items()}
-        return Phased(arcs, self.meshes, durations, x[places], u, lam, eta, lam_g[self.at_psi],
-                      float(found['f']) * sizes.cost, converged, outwards,
-                      self._pushed(found, lam_g, x, lam), astray)
+        return Phased(
+            arcs=arcs, meshes=self.meshes, durations=durations, x=x[places], u=u, lam=lam,
+            eta=eta, nu=lam_g[self.at_psi], cost=float(found['f']) * sizes.cost,
+            converged=converged, outwards=outwards, pushed=self._pushed(found, lam_g, x, lam),
+            astray=astray)
 
     def _pushed(self, found: dict[str, Any], lam_g: Array, x: Array, lam: Array) -> Array:
         """Return what bounds weigh at points, as `Phased` has it."""

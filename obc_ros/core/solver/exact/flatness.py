@@ -198,8 +198,10 @@ def generate(system: System, start: ArrayLike, goal: ArrayLike, T: float, *,
         return _Cost(system, form, way, of, float(T), *weights)
 
     alpha, J = _least(chosen, ends, float(T), form.r, cost(chosen), cost)
-    found = FlatTrajectory(float(t0), float(T), chosen, alpha, minimal, J, system, form, way,
-                           float(x0[system.angles.index(True)]) if any(system.angles) else 0.0)
+    found = FlatTrajectory(
+        t0=float(t0), T=float(T), basis=chosen, coefficients=alpha, minimal=minimal, J=J,
+        _system=system, _form=form, _way=way,
+        _heading=float(x0[system.angles.index(True)]) if any(system.angles) else 0.0)
     if form.moving:
         _keeps_moving(found)
     return found

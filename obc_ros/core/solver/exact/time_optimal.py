@@ -137,8 +137,9 @@ def _arcs_solution(
     slope = lam[:, i] * (a * x[:, j] + ci) + lam[:, j] * (b * u[:, 0] + cj)
     switches = np.array([arcs.t1]) if parts == 2 else np.zeros(0)
     return Solution(
-        Status.SOLVED, _sentence(arcs.T, len(switches)), aim.rate * arcs.T + aim.V, t, x, u, lam,
-        aim.rate + slope, nu=np.linalg.solve(aim.C.T, lam[-1]), interpolation='zoh',
+        status=Status.SOLVED, message=_sentence(arcs.T, len(switches)),
+        objective=aim.rate * arcs.T + aim.V, t=t, x=x, u=u, lam=lam,
+        hamiltonian=aim.rate + slope, nu=np.linalg.solve(aim.C.T, lam[-1]), interpolation='zoh',
         switching_times=switches,
         optimality=Optimality('global', 'closed form of the double integrator'))
 
@@ -298,9 +299,9 @@ def _solution(problem: Problem, reach: Reach, answer: BangBang, aim: Target,
     hamiltonian = aim.rate + np.sum(lam * (x @ reach.A.T + v_all @ reach.B.T + reach.c), axis=1)
     singular = [problem.inputs[driven[j]] for j in np.flatnonzero(answer.level < 1)]
     return Solution(
-        Status.SOLVED, _sentence(T, len(switches), singular, answer.normal),
-        aim.rate * T + aim.V, t, x, u, lam, hamiltonian, nu=aim.rate * answer.nu,
-        interpolation='zoh', switching_times=switches)
+        status=Status.SOLVED, message=_sentence(T, len(switches), singular, answer.normal),
+        objective=aim.rate * T + aim.V, t=t, x=x, u=u, lam=lam, hamiltonian=hamiltonian,
+        nu=aim.rate * answer.nu, interpolation='zoh', switching_times=switches)
 
 
 def _merged(times: Array, T: float) -> Array:

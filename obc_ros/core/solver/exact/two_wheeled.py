@@ -135,9 +135,9 @@ def _drive(path: CarPath, L: float, M: float) -> Solution:
     p = lam[:, 0] * np.cos(states[:, 2]) + lam[:, 1] * np.sin(states[:, 2])
     ends = np.cumsum([abs(segment.length) for segment in path.segments])[:-1] / L
     return Solution(
-        Status.SOLVED, _sentence(path, T), T, np.concatenate(t), states, inputs, lam,
-        1 + inputs[:, 0] * p + inputs[:, 1] * lam[:, 2], nu=lam[-1],
-        interpolation='zoh', switching_times=ends, method=_METHOD,
+        status=Status.SOLVED, message=_sentence(path, T), objective=T, t=np.concatenate(t),
+        x=states, u=inputs, lam=lam, hamiltonian=1 + inputs[:, 0] * p + inputs[:, 1] * lam[:, 2],
+        nu=lam[-1], interpolation='zoh', switching_times=ends, method=_METHOD,
         optimality=Optimality('global', 'shortest path (Reeds-Shepp)'))
 
 

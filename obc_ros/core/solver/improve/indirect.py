@@ -120,9 +120,10 @@ def _sampled(search: Bench, found: BoundaryValues, wanted: float) -> Solution:
     new = _joined(found, k, u)
     t, x, u, lam = t[new], x[new], u[new], lam[new]
     H, _, _ = search.kit.judge.hamiltonian(problem, x, u, lam)
-    return Solution(Status.NOT_CONVERGED, '', found.cost, t, x, u, lam, H, found.nu,
-                    switching_times=np.cumsum(found.lengths)[:-1],
-                    iterations=search.monitor.iterations)
+    return Solution(
+        status=Status.NOT_CONVERGED, message='', objective=found.cost, t=t, x=x, u=u, lam=lam,
+        hamiltonian=H, nu=found.nu, switching_times=np.cumsum(found.lengths)[:-1],
+        iterations=search.monitor.iterations)
 
 
 def _in_the_mean(found: BoundaryValues, t: Array, arc: Index) -> tuple[Array, Array]:

@@ -106,10 +106,12 @@ def transcribe_on_points(problem: Problem, found: BoundaryValues, t: Array,
     l = int(problem.path.numel())  # noqa: E741  # as in Outcome
     path = Path(t, z[:, :n], np.zeros((len(arc), 0, n)), ua, ub, np.array([T]))
     return TranscriptionOutcome(
-        mesh, path, True, 'extremal', found.cost, 0.0, 0, found.nu, z[:, n:],
-        np.zeros((len(t), n)), np.zeros((len(arc), 0, n)), np.zeros((len(t), l)),
-        np.zeros((len(arc), 0, l)), np.zeros((len(arc), 2, l)), np.zeros(0), np.zeros(0),
-        np.zeros(0), 0.0)
+        mesh=mesh, path=path, converged=True, status='extremal', objective=found.cost,
+        infeasibility=0.0, iterations=0, nu=found.nu, costates=z[:, n:],
+        node_bounds=np.zeros((len(t), n)), inner_bounds=np.zeros((len(arc), 0, n)),
+        node_path=np.zeros((len(t), l)), inner_path=np.zeros((len(arc), 0, l)),
+        sides_path=np.zeros((len(arc), 2, l)), w=np.zeros(0), lam_w=np.zeros(0),
+        lam_g=np.zeros(0), mu=0.0)
 
 
 def solve_on_kinks(search: Bench, outcome: TranscriptionOutcome,

@@ -169,8 +169,8 @@ def _joined(problem: Problem, integrator: CostateIntegrator, found: Phased, t: A
     H, _, _ = integrator.hamiltonian(problem, x, u, lam)
     n = problem.n
     return Solution(
-        Status.NOT_CONVERGED, '', found.cost, t, x, u, lam, H, found.nu,
-        state_multipliers=density[:, :n],
+        status=Status.NOT_CONVERGED, message='', objective=found.cost, t=t, x=x, u=u, lam=lam,
+        hamiltonian=H, nu=found.nu, state_multipliers=density[:, :n],
         path_multipliers=density[:, n:] if problem.path.numel() else None,
         switching_times=switches)
 

@@ -290,7 +290,8 @@ class Interior:
             least = np.minimum(push * np.maximum(1.0, np.abs(edge)), push * span[places])
             y[places] = edge + sign * np.maximum(sign * (y[places] - edge), least)
         gap = self.gaps(y)
-        return self.measured(Iterate(y, gap, mu / gap, mu, self.program.values(y)))
+        return self.measured(Iterate(
+            y=y, gap=gap, z=mu / gap, mu=mu, values=self.program.values(y)))
 
     def resume(self, y: Array, mu: float) -> Iterate:
         """
@@ -305,7 +306,8 @@ class Interior:
         y[self.low] = np.maximum(y[self.low], self.lower[self.low] + near[:count])
         y[self.high] = np.minimum(y[self.high], self.upper[self.high] - near[count:])
         gap = self.gaps(y)
-        return self.measured(Iterate(y, gap, mu / gap, mu, self.program.values(y)))
+        return self.measured(Iterate(
+            y=y, gap=gap, z=mu / gap, mu=mu, values=self.program.values(y)))
 
     def sides(self, now: Iterate) -> NDArray[np.int8]:
         """Return -1 or 1 where an unknown is next to its lower or upper bound, else 0."""

@@ -230,9 +230,11 @@ class Stages:
     def _followed(self, bounds: tuple[Array, Array], y: Array, there: ProgramValues, steps: int
                   ) -> Found:
         held = (y <= bounds[0]) | (y >= bounds[1])
-        return Found(y[self.at_w], there.f / self.factor, there.c[self.at_rows],
-                     np.where(held, -there.slope, 0.0)[self.at_w] / self.factor,
-                     y[self.at_rows] / self.factor, True, 'followed', steps)
+        return Found(
+            w=y[self.at_w], f=there.f / self.factor, g=there.c[self.at_rows],
+            lam_w=np.where(held, -there.slope, 0.0)[self.at_w] / self.factor,
+            lam_g=y[self.at_rows] / self.factor, converged=True, status='followed',
+            iterations=steps)
 
     def _scale(self, now: Iterate) -> None:
         """Make the cost less steep if it is very steep at a start without multipliers."""
@@ -242,10 +244,11 @@ class Stages:
             now.values = self.values(now.y)
 
     def _found(self, work: Interior, end: Iterate) -> Found:
-        return Found(end.y[self.at_w], end.values.f / self.factor, end.values.c[self.at_rows],
-                     -work.spread(end.z)[self.at_w] / self.factor,
-                     end.y[self.at_rows] / self.factor, end.converged, end.status,
-                     end.iterations, end.mu)
+        return Found(
+            w=end.y[self.at_w], f=end.values.f / self.factor, g=end.values.c[self.at_rows],
+            lam_w=-work.spread(end.z)[self.at_w] / self.factor,
+            lam_g=end.y[self.at_rows] / self.factor, converged=end.converged, status=end.status,
+            iterations=end.iterations, mu=end.mu)
 
     def values(self, y: Array) -> ProgramValues:
         """Return everything at y."""

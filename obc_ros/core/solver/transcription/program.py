@@ -437,8 +437,10 @@ class Transcription:
             result[key].full().ravel() for key in ('x', 'lam_x', 'g', 'lam_g'))
         # A program that IPOPT refuses leaves the number of its iterations undefined.
         count = min(max(int(str(stats['iter_count'])), 0), monitor.iterations - begun)
-        found = Found(w, float(result['f']), g, lam_w, lam_g, bool(stats['success']),
-                      str(stats['return_status']), count)
+        found = Found(
+            w=w, f=float(result['f']), g=g, lam_w=lam_w, lam_g=lam_g,
+            converged=bool(stats['success']), status=str(stats['return_status']),
+            iterations=count)
         return self._outcome(problem, mesh, scales, found, rows)
 
     def _first_costate(self, lam: Array) -> Array:
@@ -475,7 +477,9 @@ class Transcription:
         rows = lam[:first].reshape(N, -1)[:, self.n * s:self.n * (s + 1)]
         costates = np.vstack([self._first_costate(lam) / scales.x, -rows / scales.x])
         return TranscriptionOutcome(
-            mesh, path, found.converged, found.status, found.f * scales.cost, violation,
-            found.iterations, lam[first:first + self.q], costates, node_bounds,
-            bounds[self.at_inner] / scales.x, node_path, local[:, 1:], sides, w, lam_w, lam_g,
-            found.mu, scales)
+            mesh=mesh, path=path, converged=found.converged, status=found.status,
+            objective=found.f * scales.cost, infeasibility=violation,
+            iterations=found.iterations, nu=lam[first:first + self.q], costates=costates,
+            node_bounds=node_bounds, inner_bounds=bounds[self.at_inner] / scales.x,
+            node_path=node_path, inner_path=local[:, 1:], sides_path=sides, w=w, lam_w=lam_w,
+            lam_g=lam_g, mu=found.mu, scales=scales)

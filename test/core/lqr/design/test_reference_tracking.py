@@ -117,9 +117,10 @@ def drive(found: Design, courses: tuple[Course, ...], start: list[float], begin:
     """Return times, states and inputs of the vehicle in closed loop."""
     system = found.plant.system
     control = Control(
-        found.regulator, InputLimits(tuple(system.u_min), tuple(system.u_max), (1,)), (0.0,),
-        system.state_names, Rules(),
-        tuple(compute_tracking_law(each, found)[0] for each in courses))
+        regulator=found.regulator,
+        limits=InputLimits(tuple(system.u_min), tuple(system.u_max), (1,)), rest=(0.0,),
+        names=system.state_names, rules=Rules(),
+        legs=tuple(compute_tracking_law(each, found)[0] for each in courses))
     loop, car = ControlLoop(control), Simulator(system, start)
     t, x, u = [], [], []
     for k in range(round((end - begin) / dt)):
@@ -330,9 +331,10 @@ def test_a_constant_push_is_compensated_along_a_reference_that_changes_speed() -
         if integral:  # it changes along the way
             Ki = [abs(law.along.at(s).Ki[1][0]) for s in (5.0, 15.0, 29.0)]
             assert max(Ki) > 1.01 * min(Ki)
-        control = Control(found.regulator,
-                          InputLimits(tuple(system.u_min), tuple(system.u_max), (2,)),
-                          (0.0, 0.0), system.state_names, Rules(), (law,), convert_rows(found.C))
+        control = Control(
+            regulator=found.regulator,
+            limits=InputLimits(tuple(system.u_min), tuple(system.u_max), (2,)), rest=(0.0, 0.0),
+            names=system.state_names, rules=Rules(), legs=(law,), C=convert_rows(found.C))
         loop, car, error = ControlLoop(control), Simulator(system, [0.0, 0.0, 0.0]), []
         for k in range(3_000):
             command = loop.answer(k * S // 100, car.x.tolist(), 0.01 * k)

@@ -58,8 +58,10 @@ def test_intervals_go_where_steps_err():
     tau = np.append(0.0, build_collocation(DEGREE, 'radau')[0])
     x = np.exp(-40 * (edges[:-1, None] + 0.25 * tau))[:, :, None]
     u = np.zeros((4, DEGREE, 1))
-    found = Phased([Arc(0.0, 1.0, (np.nan,), (0,))], [np.full(4, 0.25)], np.ones(1), x, u, x,
-                   np.zeros((4, DEGREE, 1)), np.zeros(0), 0.0, True, {}, u, [])
+    found = Phased(
+        arcs=[Arc(0.0, 1.0, (np.nan,), (0,))], meshes=[np.full(4, 0.25)], durations=np.ones(1),
+        x=x, u=u, lam=x, eta=np.zeros((4, DEGREE, 1)), nu=np.zeros(0), cost=0.0, converged=True,
+        outwards={}, pushed=u, astray=[])
     t, share = spread_by_error(found)
     assert t == pytest.approx(edges)
     assert share[[0, -1]] == pytest.approx([0, 1])
@@ -81,8 +83,10 @@ def test_phases_are_cut_where_inputs_come_to_their_bounds():
     u = np.stack([np.clip(3 - 2 * t[:, 1:], -1, 1), np.ones_like(t[:, 1:])], axis=2)
     nothing = np.zeros((count, DEGREE, 2))
     free = (np.nan, np.nan)
-    found = Phased([Arc(0.0, 3.0, free)], [np.full(count, 1 / count)], np.full(1, 3.0), x, u, x,
-                   nothing, np.zeros(0), 0.0, True, {}, nothing, [])
+    found = Phased(
+        arcs=[Arc(0.0, 3.0, free)], meshes=[np.full(count, 1 / count)],
+        durations=np.full(1, 3.0), x=x, u=u, lam=x, eta=nothing, nu=np.zeros(0), cost=0.0,
+        converged=True, outwards={}, pushed=nothing, astray=[])
     parts = cut_at_bounds(problem, found, np.array([True, False]), np.zeros((2, 2), dtype=bool))
     # Where w may not be held it is left free, though it is at its bound throughout.
     assert [part.end for part in parts] == pytest.approx([1, 2, 3])
@@ -250,8 +254,10 @@ def test_a_singular_arc_may_begin_and_end_with_a_bang(
     x = np.zeros((4, DEGREE + 1, 1))
     u = np.zeros((4, DEGREE, 1))
     eta = np.zeros((4, DEGREE, 2))
-    found = Phased([Arc(0.0, 3.0, (np.nan,))], [np.full(4, 0.25)], np.full(1, 3.0), x, u, x, eta,
-                   np.zeros(0), 0.0, True, {}, eta, [])
+    found = Phased(
+        arcs=[Arc(0.0, 3.0, (np.nan,))], meshes=[np.full(4, 0.25)], durations=np.full(1, 3.0),
+        x=x, u=u, lam=x, eta=eta, nu=np.zeros(0), cost=0.0, converged=True, outwards={},
+        pushed=eta, astray=[])
     t, Hu = slopes_of(sign)
     arcs = cut_at_ends(problem, PhasedProgram(problem, (True,)), found, t, np.zeros((301, 1)),
                        np.full((301, 1), 0.1), Hu[:, None])

@@ -35,10 +35,12 @@ def problem(A, B, x0, xf=None, *, c=None, C=None, u=(-1.0, 1.0), T=(0.0, 50.0), 
     none = np.full(n, np.inf)
     lower, upper = (np.broadcast_to(limit, m).astype(float) for limit in u)
     return Problem(
-        'linear', tuple(f'x{i}' for i in range(n)), tuple(f'u{j}' for j in range(m)), ('p',),
-        x, u_, p, f, ca.SX(rate), ca.SX(0), ca.mtimes(ca.DM(C), x - xf), ca.SX(0, 1), np.ones(1),
-        np.array(x0, dtype=float), -none, none, lower, upper, np.zeros(0), np.zeros(0),
-        FinalTime(True, lower=T[0], upper=T[1]))
+        name='linear', states=tuple(f'x{i}' for i in range(n)),
+        inputs=tuple(f'u{j}' for j in range(m)), parameters=('p',), x=x, u=u_, p=p, f=f,
+        L=ca.SX(rate), V=ca.SX(0), psi=ca.mtimes(ca.DM(C), x - xf), path=ca.SX(0, 1),
+        p_value=np.ones(1), x0=np.array(x0, dtype=float), x_lower=-none, x_upper=none,
+        u_lower=lower, u_upper=upper, path_lower=np.zeros(0), path_upper=np.zeros(0),
+        final_time=FinalTime(True, lower=T[0], upper=T[1]))
 
 
 def chain(n):

@@ -30,9 +30,11 @@ def robot(start, goal, L=1.0, M=1.0, order=(0, 1, 2), rate=1.0, upper=50.0, weig
     x0[list(order)], xf[list(order)] = start, goal
     none = np.full(3, np.inf)
     return Problem(
-        'robot', ('a', 'b', 'c'), ('v', 'w'), ('k',), x, u, p, f, rate * p[0], ca.SX(0),
-        2 * (x - xf), ca.SX(0, 1), np.array([weight]), x0, -none, none, -np.array([L, M]),
-        np.array([L, M]), np.zeros(0), np.zeros(0), FinalTime(True, lower=0.01, upper=upper))
+        name='robot', states=('a', 'b', 'c'), inputs=('v', 'w'), parameters=('k',), x=x, u=u,
+        p=p, f=f, L=rate * p[0], V=ca.SX(0), psi=2 * (x - xf), path=ca.SX(0, 1),
+        p_value=np.array([weight]), x0=x0, x_lower=-none, x_upper=none,
+        u_lower=-np.array([L, M]), u_upper=np.array([L, M]), path_lower=np.zeros(0),
+        path_upper=np.zeros(0), final_time=FinalTime(True, lower=0.01, upper=upper))
 
 
 @settings(max_examples=200, deadline=None)
