@@ -192,7 +192,7 @@ def test_no_random_neighbour_is_cheaper():
     ('scalar', ([0], ['a'], 1.0), {}, 'goal: wanted 1 numbers'),
     ('scalar', ([0], [1], 1.0), {'coefficients': 1}, 'coefficients = 1: wanted 2'),
     ('scalar', ([0], [1], 1.0), {'coefficients': 2.5}, 'coefficients = 2.5'),
-    ('scalar', ([0], [1], 1.0), {'kind': 'fourier'}, "basis 'fourier' is unknown"),
+    ('scalar', ([0], [1], 1.0), {'kind': 'fourier'}, "unknown basis 'fourier'"),
     ('scalar', ([0], [1], 1.0), {'Qu': [-1]}, 'negative eigenvalue'),
     ('scalar', ([0], [1], 1.0), {'Qx': [[1, 2]]}, 'Qx: wanted 1 numbers'),
     ('two_wheeled', ([0, 0, 0], [0, 0, 1], 1.0), {}, 'at rest'),
