@@ -1,6 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""From a statement to an extremal: starts, arcs, a finer mesh, until a certificate holds."""
+"""
+The driver of a solve by transcription: initial guesses, arcs, mesh refinement, certificate.
+
+The cost of an outcome is compared with the minimum by the Hamiltonian loss
+(adjoint/mesh_refinement.py): the integral of H(x, u, lam) - min H(x, ., lam), which is the excess
+of the cost to first order. 'Relative excess' is this loss over |J|.
+"""
 
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import replace
@@ -50,40 +56,64 @@ from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Mesh, Pat
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
 from obc_ros.core.solver.transcription.tightening import TightenedLimits
 
-COARSE = 16
-_STARTS, _STARTS_MOST = 1, 6
-_COURSES_KEPT = 8
-_ROUGH = 1e-4         # relative error of the cost on a coarse mesh
-# Work is counted in iterations times intervals, four times these by collocation, so that what is
-# found does not depend on what else a machine has to do; one is 0.05 ms or so.
-_PATIENCE = 10_000    # for starts while none converged
-_VAIN = 2, 0.6        # for starts that led nowhere: times the work so far, part of the time left
-_MIXED = 200_000      # work where inputs seem to mix their bounds, which no path does
-_INSIDE, _LASTING = 1e-2, 0.1   # of its span, and of T: an input between its bounds for long
-_BELIEVED, _ABSURD = 1e-2, 1e6   # relative: error of a coarse step; cost above the least one
-_MESHES = 1, 2, 4, 6   # finer ones, after which arcs along bounds are solved for
-_NEAR_BOUNDS = 0.1    # relative cost above the least one, at which that is tried
-# Of finer meshes; of those before curved inputs are held.
-_ROUNDS, _PLAIN_ROUNDS = 10, 5
-_COARSE_ITERATIONS, _FEW_ITERATIONS = 150, 12
-_FINER_ITERATIONS, _FINER_WORK = 350, 450_000   # for a finer mesh, from a path near its answer
-_WORTH_A_LOOK = 1e-3  # relative cost above the least one, at which a certificate may hold
-_DETOUR = 1e-5        # likewise, at which inputs may wind around between points
-_CLOSE = _LEAST = 1e-6   # likewise, at which no finer mesh is tried; what counts as one in J = 0
-_CLOSE_ENOUGH = (1e-5, 2e-6)  # likewise, of a certified answer, without and with such bounds
-_FOR_DIGITS = 8000    # work for finer meshes once a certificate holds
-_LOST = (3e-7, 1e-7)  # relative cost to be given away, without and with bounds of the state
-_DRIFT, _SPREAD = 2e-5, 1.5e-4   # relative change of H: in an interval, past all certificates
-_STEP_ERROR = 3e-8    # relative, of all intervals together
+# Work is counted in iterations times intervals, with collocation times 1 + stages, so that the
+# result does not depend on the load of the machine. A unit takes about 0.05 ms.
+COARSE = 16           # intervals of the coarsest mesh
+_STARTS, _STARTS_MOST = 1, 6   # initial guesses tried on it: when one converged, and when none
+_PATIENCE = 10_000    # work, times 1 + stages, after which none is tried any more for the latter
+_COURSES_KEPT = 8     # integrated costates that are cached
+_ROUGH = 1e-4         # relative error of the cost at which a coarse solve may end
+# Budget of a descent when no coarse outcome had a small discretisation error: times the work so
+# far, part of the remaining time. The rest is left for the diagnosis.
+_VAIN = 2, 0.6
+_MIXED = 200_000      # extra work for a problem whose minimising sequences seem to chatter
+# That is assumed if an input stays away from its bounds by more than this part of their distance,
+# where H is concave in it, for more than this part of T.
+_INSIDE, _LASTING = 1e-2, 0.1
+# Discretisation error of a coarse outcome that is small enough: relative local error of a step,
+# and excess of the cost over max(|J|, 1).
+_BELIEVED, _ABSURD = 1e-2, 1e6
+_MESHES = 1, 2, 4, 6  # numbers of refinements after which arcs along state bounds are solved for
+_NEAR_BOUNDS = 0.1    # relative excess below which that is tried
+_ROUNDS = 10          # maximum number of meshes of a descent
+_PLAIN_ROUNDS = 5     # number of refinements after which switching times are sought in any case
+_COARSE_ITERATIONS = 150   # maximum number of iterations on a coarse mesh
+_FEW_ITERATIONS = 12  # lower limit of the maximum for further initial guesses
+_FINER_ITERATIONS, _FINER_WORK = 350, 450_000   # maxima on a finer mesh, from the coarser one
+_WORTH_A_LOOK = 1e-3  # relative excess below which a certificate is computed
+_DETOUR = 1e-5        # relative excess from which on inputs may wind around between mesh points
+_CLOSE = 1e-6         # relative excess below which it is computed whatever the variation of H is
+_LEAST = 1e-6         # floor of |J| as the scale of the loss in the refinement
+# Relative excess below which a certified solution is not refined: without, with state bounds.
+_CLOSE_ENOUGH = (1e-5, 2e-6)
+_FOR_DIGITS = 8000    # work, times 1 + stages, after which it is not refined whatever the excess
+_LOST = (3e-7, 1e-7)  # relative loss of all intervals that refinement aims at: without, with them
+# Variation of H relative to its terms: that refinement aims at in each interval; on the whole path
+# above which no certificate passes.
+_DRIFT, _SPREAD = 2e-5, 1.5e-4
+_STEP_ERROR = 3e-8    # relative local error, summed over all intervals, that refinement aims at
 
 
 class Search:
     """
-    One problem, its kit and what was found so far.
+    The driver of one solve; `Bench` documents its attributes and the operations on a path.
 
-    `with_arcs`: whether inputs are held at bounds between switching times. `quick`: one start
-    and one mesh more may do, for paths that need not be optimal. `why_not`: returns why there is
-    no path at all, or '', when the first starts have found none.
+    Parameters
+    ----------
+    problem : Problem
+        In the symbols of `kit`.
+    kit : Kit
+        Programs and functions built for the structure of the problem.
+    monitor : ProgressMonitor
+        Limits of iterations, work and time.
+    with_arcs : bool
+        Whether inputs may be held at bounds between switching times.
+    quick : bool
+        One start and a few meshes, for paths that need not be optimal.
+    why_not : callable
+        Called when the first starts led to no path. Returns a proof of infeasibility in words, or
+        ''.
+
     """
 
     def __init__(self, problem: Problem, kit: Kit, monitor: ProgressMonitor, *,
@@ -96,23 +126,23 @@ class Search:
         self.may_hold = with_arcs
         self.switching = tuple(with_arcs and each for each in kit.switching)
         self.reason, self.held_in_vain = '', False
-        self.led_somewhere = False   # whether the cost of a coarse mesh was to be believed
+        self.led_somewhere = False   # whether a coarse outcome had a small discretisation error
         self.intervals, self.typical = COARSE, _COARSE_ITERATIONS
         self.work = 0
         self.starts: Iterator[Path] = iter(())
-        self.familiar, self.looked_from = Familiar(), 0   # so many rollouts
-        self.tried, self.minima = 0, list[float]()   # starts; costs of other minima than the best
-        self.periods = np.full(problem.m, np.inf)
+        self.familiar, self.looked_from = Familiar(), 0
+        self.tried, self.minima = 0, list[float]()
+        self.periods = np.full(problem.m, np.inf)   # of inputs that are angles, else infinite
         self.last: Answered | None = None
-        self.extremal: BoundaryValues | None = None   # of the outcome at hand, once it is found
-        self.nearby = False   # whether it was found from that of a neighbour
+        self.extremal: BoundaryValues | None = None
+        self.nearby = False
         self._courses: dict[TranscriptionOutcome, tuple[Problem, Extremal]] = {}
         self._judged: tuple[Problem | None, Extremal | None, Judgement | None] = None, None, None
         self.bounded = bool(problem.path.numel() or np.any(
             np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)))
         self.stages = 3 if self.bounded else 0
         self.margin = np.zeros(problem.n + int(problem.path.numel()))
-        self.exceeded = np.zeros(0)   # by how much in each interval, relative
+        self.exceeded = np.zeros(0)   # relative violation of constraints in each interval
         self.pinned = (kit.guesser.final_state(self.problem)[1] if self.bounded
                        else np.zeros(problem.n, dtype=bool))
 
@@ -122,14 +152,7 @@ class Search:
                   guide: TranscriptionOutcome | None = None,
                   rough: float = 0.0, once: bool = False, known: Familiar | None = None,
                   least: Array | float = 0.0) -> TranscriptionOutcome:
-        """
-        Solve the transcription on a mesh from a path, in at most `most` iterations.
-
-        `rough`: relative error of the cost that will do. `once`: try the faster method only.
-        `known`: what need not be found again.
-        `near`: the path is nearly an answer; phases are then kept from vanishing. `warm`: the
-        outcome of a neighbour on this mesh. `guide`: one nearby on another mesh.
-        """
+        """Solve the transcription on a mesh from a path; see `Bench.collocate`."""
         problem, final = self.problem, self.problem.final_time
         program = self.kit.transcription(problem, mesh.layout)
         if sizes is None:
@@ -157,10 +180,10 @@ class Search:
 
     def coarse(self) -> list[TranscriptionOutcome]:
         """
-        Return what a coarse mesh gives from several starts, the least cost first.
+        Return the outcomes of several initial guesses on a coarse mesh, the cheapest first.
 
-        Costs found with too large an error of the steps are not to be believed; where no start
-        does without, the mesh is made finer and stiffly accurate.
+        Outcomes with a large discretisation error are discarded. If all have one, the mesh is
+        made finer, with a stiffly accurate scheme.
         """
         most = self.monitor.max_intervals
         levels = [(min(COARSE, most), self.stages)] + [
@@ -169,7 +192,7 @@ class Search:
         for intervals, stages in levels[:2] if self.quick else levels:
             self.intervals, self.stages = intervals, stages
             self.familiar = Familiar()
-            # What a coarser mesh led to, if its steps err, may be near what is there.
+            # The solution on the coarser mesh may be close in spite of its discretisation error.
             converged = [outcome for outcome in found if outcome.converged]
             known = [min(converged, key=lambda outcome: outcome.objective).path
                      ] if converged else []
@@ -194,7 +217,7 @@ class Search:
             outcome.objective if self.led_somewhere else outcome.infeasibility)))
 
     def believed(self, outcome: TranscriptionOutcome) -> bool:
-        """Return whether the cost of a coarse outcome says something."""
+        """Return whether the discretisation error of a coarse outcome is small enough."""
         if not outcome.converged:
             return False
         course = self.course(outcome)
@@ -202,6 +225,7 @@ class Search:
                     < _ABSURD * max(abs(outcome.objective), 1.0))
 
     def _from_starts(self) -> list[TranscriptionOutcome]:
+        """Return the outcomes of the first initial guesses and of paths around obstacles."""
         found: list[TranscriptionOutcome] = []
         begun, good, ways = self.work, False, 0
         for number in count(1):
@@ -220,19 +244,20 @@ class Search:
         return found
 
     def from_next_start(self, *, once: bool, hard: bool = False) -> TranscriptionOutcome:
-        """Return what the coarse mesh gives from the next start; with `once` in few iterations."""
+        """Solve on the coarse mesh from the next initial guess; see `Bench.from_next_start`."""
         most = _COARSE_ITERATIONS
         self.tried += 1
         if once:
             most = min(most, max(_FEW_ITERATIONS, round((5 if hard else 2.5) * self.typical)))
         start, rough = next(self.starts), _ROUGH
         if np.isfinite(self.periods).any():
-            # Linear from one whole turn to another, angles as inputs make much of coarse steps.
+            # An input that is an angle and turns by 2 pi within a step interpolates badly: solve
+            # with constant inputs first, and remove the whole turns between its steps.
             steps = build_uniform_mesh(self.problem, self.intervals, self.stages, STEPPED)
             stepped = self.collocate(steps, start, most=_COARSE_ITERATIONS)
-            # Near what it leads to.
             start, rough = join_whole_turns(stepped.path, self.periods), 0.0
-        # Where no end is prescribed, cheap paths drawn at random deserve more than one method.
+        # Without terminal constraints a cheap rollout may be near another minimum: allow both
+        # methods.
         once = once and not (self.familiar.daring and not self.problem.q)
         outcome = self.collocate(build_uniform_mesh(self.problem, self.intervals, self.stages),
                                  start,
@@ -242,7 +267,7 @@ class Search:
         return outcome
 
     def course(self, outcome: TranscriptionOutcome, *, stated: bool = False) -> Extremal:
-        """Return states and costates under the input of an outcome."""
+        """Integrate states and costates under the input of an outcome; see `Bench.course`."""
         problem = self.stated if stated else self.problem
         kept, course = self._courses.get(outcome, (None, None))
         if course is not None and kept is problem:
@@ -257,7 +282,7 @@ class Search:
         return course
 
     def judged(self, course: Extremal) -> Judgement:
-        """Return what a course gives away."""
+        """Return the Hamiltonian loss of a course; the last one is cached."""
         kept, of, verdict = self._judged
         if verdict is None or kept is not self.problem or of is not course:
             slack = None if course.density_path is None else (
@@ -267,13 +292,17 @@ class Search:
         return verdict
 
     def sizes(self, outcome: TranscriptionOutcome) -> ProblemScales:
-        """Return the scales of a path that was found, its cost among them."""
+        """Return the scales of an outcome's path and cost."""
         cost = abs(outcome.objective)
         return replace(estimate_scales(self.problem, outcome.path), cost=cost if cost > 0 else 1.0)
 
     def rethought(self, outcome: TranscriptionOutcome, course: Extremal,
                   above: float) -> TranscriptionOutcome:
-        """Return the outcome, or a better one: with arcs if inputs jump, else without detours."""
+        """
+        Return the outcome, or a better one: with bang arcs if inputs jump, else without detours.
+
+        `above`: relative excess of its cost.
+        """
         jumping = find_jumping_inputs(self.problem, outcome.path)
         if self.may_hold and any(jumping) and not self.held_in_vain:
             free, self.switching = self.switching, jumping
@@ -288,7 +317,11 @@ class Search:
 
     def unwound(self, outcome: TranscriptionOutcome, course: Extremal,
                 above: float) -> TranscriptionOutcome:
-        """Return the outcome, or one without the detours that its inputs make between points."""
+        """
+        Return the outcome, or a better one from inputs that follow a minimum of H.
+
+        On a coarse mesh an input in a direction may turn the long way round between two points.
+        """
         u = follow_minimum(self.problem, self.kit.integrator, course)
         mesh = split(build_uniform_mesh(self.problem, COARSE, self.stages), np.full(COARSE, 4))
         if not self.monitor.allows(mesh.layout.intervals):
@@ -302,11 +335,11 @@ class Search:
 
     def improve(self, outcome: TranscriptionOutcome,
                 rounds: int) -> Iterator[tuple[TranscriptionOutcome, Extremal]]:
-        """Yield better and better outcomes, so many at most."""
+        """Yield outcomes on finer and finer meshes, at most `rounds`, with their costates."""
         if any(self.switching):
             settled = ArcIteration(self, COARSE).settled(outcome)
             self.held_in_vain = self.believed(outcome) and not self.believed(settled)
-            if self.held_in_vain:   # arcs too long for the steps in them
+            if self.held_in_vain:   # the arcs are too long for the number of intervals in them
                 self.switching = (False,) * self.problem.m
             else:
                 outcome = settled
@@ -341,14 +374,14 @@ class Search:
                 outcome = ArcIteration(self, COARSE).without_vanishing(outcome)
 
     def widen_margin(self, course: Extremal) -> None:
-        """Draw bounds of x and of the path in by what the path exceeds them between nodes."""
+        """Increase `margin` by the amounts by which a path exceeds its bounds between nodes."""
         if not self.bounded:
             return
         value = self.kit.fitter(self.problem).values(self.problem, course)
         self.margin, self.exceeded = compute_tightening(self.problem, value, course, self.margin)
 
     def finer(self, outcome: TranscriptionOutcome, course: Extremal) -> Mesh:
-        """Return a mesh that is finer where the path gives cost away."""
+        """Refine the mesh of an outcome; see `Bench.finer`."""
         verdict, N = self.judged(course), len(course.local)
         share = _LOST[self.bounded] * max(abs(outcome.objective), _LEAST) / N
         errors = [
@@ -361,7 +394,7 @@ class Search:
                            self.monitor.max_intervals)
 
     def solution(self, outcome: TranscriptionOutcome, course: Extremal) -> Solution:
-        """Return an outcome as samples, with its certificate."""
+        """Return an outcome as samples with its certificate; see `Bench.solution`."""
         problem = self.stated
         if self.kit.twin:
             outcome = self.kit.twin.back(outcome, problem)
@@ -370,7 +403,7 @@ class Search:
         times = np.cumsum(known.lengths)[:-1] if known else find_switching_times(outcome)
         found = replace(self.kit.judge.samples(problem, course), switching_times=times,
                         iterations=self.monitor.iterations)
-        if self.monitor.stopped:   # judging a path that is no answer may take long
+        if self.monitor.stopped:   # to certify a path far from a solution may take long
             return found
         found = replace(found, certificate=certify(problem, found))
         if self.monitor.best:
@@ -378,13 +411,17 @@ class Search:
         return found
 
     def keep(self, outcome: TranscriptionOutcome) -> None:
-        """Let a path on the way be known, if one is wanted."""
+        """Certify an intermediate outcome and pass it on, if the caller wants such paths."""
         best = self.monitor.best
         if best and outcome.converged and best.is_due(self.stated):
             self.solution(outcome, self.course(outcome))
 
     def given_away(self, outcome: TranscriptionOutcome, course: Extremal) -> float:
-        """Return an estimate of the cost above the least one, relative; infinite if it is bad."""
+        """
+        Return the relative excess of the cost, estimated; infinite for a path with large defects.
+
+        It includes the cost of tightened constraints, to first order.
+        """
         if not outcome.converged or course.defect > 1e-3 and course.local.max() > 1e-4:
             return np.inf
         lost = self.judged(course).lost.sum()
@@ -393,7 +430,16 @@ class Search:
         return float(lost / max(abs(outcome.objective), 1e-3))
 
     def run(self) -> Solution:
-        """Return the best answer found, with its certificate; without a path if there is none."""
+        """
+        Solve the problem.
+
+        Returns
+        -------
+        Solution
+            The best one found, with its certificate unless work was stopped; without samples if
+            no path was found. The status is that of the descent, see `solve.solve`.
+
+        """
         found = self._run()
         return found if found.optimality else replace(
             found, optimality=describe_local(self.tried, found.objective, self.minima))
@@ -405,12 +451,13 @@ class Search:
         if self.reason:
             return Solution(Status.INFEASIBLE, self.reason)
         if not starts or not np.all(np.isfinite(starts[0].path.x)):
-            return Solution(Status.NOT_CONVERGED, 'no path was found from any start')
-        astray = starts[:1] if self.led_somewhere else starts   # steps jump over poles
+            return Solution(Status.NOT_CONVERGED, 'no path was found from any initial guess')
+        # With a large discretisation error states may have jumped over a pole of f.
+        astray = starts[:1] if self.led_somewhere else starts
         if not self.quick and (inside := self.inside(astray)):
             return inside
         if not (self.led_somewhere or self.quick):
-            times, share = _VAIN   # time is left to say why
+            times, share = _VAIN
             self.monitor = self.monitor.part(times * self.work, share * self.monitor.remaining())
         elif not self.quick and self.mixes(starts[0]):
             self.monitor = self.monitor.part(self.work + _MIXED, _VAIN[1]*self.monitor.remaining())
@@ -419,11 +466,12 @@ class Search:
         best, floor = descend_from_coarse(self, starts[0])
         if not (best.certified
                 or self.monitor.stopped) and (reason := explain_contradiction(self.stated)):
-            return Solution(Status.INFEASIBLE, reason)   # by steps with errors there are paths
+            # The discretised problem may have paths although the stated one has none.
+            return Solution(Status.INFEASIBLE, reason)
         return explore_starts(self, best, floor, starts[1:])
 
     def mixes(self, outcome: TranscriptionOutcome) -> bool:
-        """Return whether an input is between its bounds for long where H is concave in it."""
+        """Return whether an input stays between its bounds for long where H is concave in it."""
         problem, course = self.problem, self.course(outcome)
         if self.kit.twin or any(ca.depends_on(problem.path, u) for u in ca.vertsplit(problem.u)):
             return False
@@ -437,7 +485,13 @@ class Search:
         return bool(np.any(share > _LASTING))
 
     def inside(self, astray: list[TranscriptionOutcome]) -> Solution | None:
-        """Return a certified answer, or one for a path astray, found where no amount is < 0."""
+        """
+        Return a solution found with bounds >= 0 on states that are amounts, or None.
+
+        `astray`: outcomes whose states show for which amounts the bound is missing. A solution
+        without a certificate that passes is returned only if it is feasible and a coarse outcome
+        had a small discretisation error.
+        """
         problem = keep_amounts_positive(self.stated, [outcome.path.x for outcome in astray])
         if problem is self.stated:
             return None
@@ -448,12 +502,12 @@ class Search:
         return answer if answer.certified or self.led_somewhere and fits else None
 
     def followed_up(self, start: TranscriptionOutcome, rounds: int = _ROUNDS) -> Solution:
-        """Return the best answer that improving a coarse outcome gives."""
+        """Refine a coarse outcome until its certificate passes; see `Bench.followed_up`."""
         return finish_descent(self.following(start, rounds))
 
     def following(self, start: TranscriptionOutcome,
                   rounds: int = _ROUNDS) -> Generator[None, None, Solution]:
-        """Return what `followed_up` does, at leisure: yield after each mesh."""
+        """Do what `followed_up` does step by step: yield after each mesh, return the solution."""
         if (found := solve_at_once(self, start)) is not None:
             return found
         best: Solution | None = None
@@ -461,7 +515,7 @@ class Search:
         begun = self.work
         for number, (outcome, course) in enumerate(self.improve(start, rounds)):
             above = self.given_away(outcome, course)
-            # A certificate allows more than what one more mesh often takes away at once.
+            # At such an excess the certificate may pass although the next mesh would reduce it.
             worth = number and above < _WORTH_A_LOOK and (
                 self.kit.twin or self.judged(course).spread < _SPREAD)
             if above < _CLOSE or worth or self.monitor.stopped:
@@ -490,17 +544,17 @@ class Search:
         return best
 
     def answered(self, outcome: TranscriptionOutcome) -> Answered:
-        """Return what a neighbour, or the indirect method, starts from."""
+        """Return the record from which a neighbour, or the indirect method, starts."""
         return Answered(
             problem=self.stated, outcome=outcome, sizes=outcome.scales or self.sizes(outcome),
             margin=self.margin, extremal=self._extremal(outcome))
 
     def _extremal(self, outcome: TranscriptionOutcome) -> BoundaryValues | None:
-        """Return the extremal whose kinks an outcome has at its mesh points, if it is known."""
+        """Return the extremal whose kinks are mesh points of an outcome, if it is known."""
         return self.extremal if len(outcome.path.durations) == 1 else None
 
     def reset(self) -> None:
-        """Go back to what holds for a coarse mesh."""
+        """Return to the settings of a coarse mesh: no margin, no extremal, no arcs found."""
         self.extremal = None
         self.margin, self.held_in_vain = np.zeros_like(self.margin), False
         self.switching = tuple(self.may_hold and each for each in self.kit.switching)

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Linear quadratic problems with a fixed horizon, answered by the Riccati equation (2.7)."""
+"""Solution of linear quadratic problems with a fixed horizon by the Riccati equation (2.7)."""
 
 from dataclasses import replace
 
@@ -14,21 +14,24 @@ from obc_ros.core.solver.proofs.contradictions import explain_contradiction
 
 def solve_lq(problem: Problem) -> Solution | None:
     """
-    Return the optimal path of a linear quadratic problem with a fixed horizon.
+    Solve a linear quadratic problem with a fixed horizon.
 
     Parameters
     ----------
     problem : Problem
-        With bounds, the path is an answer only if it stays within them.
+        In any form; its matrices are found from the expressions.
 
     Returns
     -------
     Solution or None
-        None when the problem is not linear quadratic (affine terms are welcome, the cost is
-        strictly convex in u), has path constraints, or a bound would be active. Status
-        'infeasible' when exact arithmetic proves that the input cannot meet the terminal
-        constraints, 'not_converged' when that is not proved, or when the cost has no minimum (a
-        conjugate point).
+        None if the problem is not linear quadratic (affine terms are allowed, the cost must be
+        strictly convex in u), has path constraints, or a bound may be active. Status 'infeasible'
+        if exact arithmetic proves that no input meets the terminal constraints; 'not_converged'
+        if that is not proved, or if the cost has no minimum (a conjugate point).
+
+    References
+    ----------
+    Equation (2.7).
 
     """
     if problem.final_time.free or problem.path.numel():
@@ -38,7 +41,7 @@ def solve_lq(problem: Problem) -> Solution | None:
         return None
     solution = solve_form(form, problem.x0, problem.final_time.value, problem.states)
     if solution.status is Status.INFEASIBLE and not explain_contradiction(problem):
-        # What doubles cannot tell from out of reach may be within it.
+        # In floating point a target within reach may look out of reach.
         solution = replace(solution, status=Status.NOT_CONVERGED, message=(
             f'no path was found; infeasibility has not been proved ({solution.message})'))
     if not solution.t.size:
@@ -52,7 +55,7 @@ def _is_unbounded(problem: Problem) -> bool:
 
 
 def _is_within(problem: Problem, solution: Solution) -> bool:
-    """Return whether a path is inside its bounds, with room for what it does between samples."""
+    """Return whether a path is inside its bounds by its largest change between two samples."""
     for values, lower, upper in ((solution.x, problem.x_lower, problem.x_upper),
                                  (solution.u, problem.u_lower, problem.u_upper)):
         room = np.abs(np.diff(values, axis=0)).max(axis=0, initial=0.0)

@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A motion of a registered system from a start to a goal, stated as an optimal control problem.
+Statement of a motion of a registered system from a start to a goal as an optimal control problem.
 
-'time': least T. 'effort': least integral of (u - ug)'Qu (u - ug). 'quadratic': least integral of
-(x - xg)'Qx (x - xg) + (u - ug)'Qu (u - ug). Always x(T) = xg; ug is the input that holds the
-system at the goal, as far as one does.
+Objectives: 'time' minimises T, 'effort' the integral of (u - ug)'Qu (u - ug), 'quadratic' that of
+(x - xg)'Qx (x - xg) + (u - ug)'Qu (u - ug). The terminal constraint is x(T) = xg. ug is the input
+that holds the system at the goal; without one, the set point input of the system.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,19 +24,33 @@ from obc_ros.core.text.errors import DynamicsError, quote, RefusedDesignError, S
 from obc_ros.core.text.expressions import parse_number
 
 OBJECTIVES = ('time', 'effort', 'quadratic')
-TIMES = (1e-3, 1e3)    # [s] among which a least time is looked for
-SETTLING = 4.0         # time constants of the slowest pole that a motion may take
-UNKNOWN_TIME = 1.0     # [s] for a system that no regulator stabilises at the goal
+TIMES = (1e-3, 1e3)    # [s] bounds of the free final time of 'time'
+SETTLING = 4.0         # default final time, in time constants of the slowest closed-loop pole
+UNKNOWN_TIME = 1.0     # [s] default final time if no regulator stabilises the system at the goal
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
     """
-    What is asked for.
+    A motion from one state to another.
 
-    `parameters` and `input_bounds` are names with numbers or expressions, as in a problem file;
-    `Qx` and `Qu` a diagonal or a full matrix row by row, or empty for the identity; `final_time`
-    0 leaves the choice to `state_motion`.
+    Attributes
+    ----------
+    system : str
+        Name of a registered system.
+    start, goal : sequence of float, length n
+        x(0) and x(T).
+    objective : str
+        One of OBJECTIVES.
+    parameters : mapping
+        Number or expression by the name of a parameter, as in a problem file.
+    Qx, Qu : sequence of float
+        Diagonal, or full matrix row by row; empty: the identity.
+    final_time : float
+        T [s] unless the objective is 'time'; 0: from the poles of the regulator of Qx and Qu.
+    input_bounds : mapping
+        Pair of numbers or expressions by the name of an input; None: no tighter bound.
+
     """
 
     system: str
@@ -52,15 +66,24 @@ class Motion:
 
 def state_motion(motion: Motion) -> dict[str, Any]:
     """
-    Return the problem of a motion, as a mapping of the keys of a problem file.
+    State a motion as an optimal control problem.
 
-    Its numbers are parameters, so that the next motion of the system has the same structure. The
-    goal of an angle is the representation of it that is nearest to the start.
+    Parameters
+    ----------
+    motion : Motion
+        With names as users give them; all are checked here.
+
+    Returns
+    -------
+    dict
+        The keys of a problem file. All numbers are parameters, so that the next motion of the
+        system has the same structure. Angles of the goal differ by at most pi from the start.
 
     Raises
     ------
     StatementError, DynamicsError
-        If the system, a parameter, the objective, a size or a number is not as wanted.
+        If the system, a parameter, the objective, a size or a number is not valid, or if the
+        minimum time is asked for and an input lacks a bound.
 
     """
     if motion.objective not in OBJECTIVES:
@@ -97,15 +120,23 @@ def state_motion(motion: Motion) -> dict[str, Any]:
 
 def find_registered(name: str, parameters: Mapping[str, Any]) -> System:
     """
-    Return a registered system.
+    Build a registered system with parameters.
 
     Parameters
     ----------
     name : str
-        Registered name; never a file's.
+        Registered name, not that of a file.
     parameters : mapping
-        By name: a number or an expression without names; for what the system is built of (its
-        options) also a list of rows.
+        By name: a number or an expression without names; for an option also a list of rows.
+
+    Returns
+    -------
+    System
+
+    Raises
+    ------
+    StatementError, DynamicsError
+        If the name is not registered, or a parameter is not valid.
 
     """
     values = {key: value if isinstance(value, list) else
@@ -117,7 +148,7 @@ def find_registered(name: str, parameters: Mapping[str, Any]) -> System:
 
 
 def _input_at(system: System, goal: Array) -> Array:
-    """Return the input that holds the system at the goal; the system's own where none does."""
+    """Return the input that holds the system at the goal; without one, its set point input."""
     try:
         return find_equilibrium(system, goal).u
     except DynamicsError:
@@ -125,7 +156,7 @@ def _input_at(system: System, goal: Array) -> Array:
 
 
 def _bounds(system: System, tighter: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
-    """Return bounds by input: the system's own, the tighter ones in their place."""
+    """Return (lower, upper) by input: the tighter of the system's and the given bounds."""
     own = {signal.name: (_or_none(signal.lower), _or_none(signal.upper))
            for signal in system.inputs}
     for name, (lower, upper) in tighter.items():
@@ -155,7 +186,7 @@ def _least_time(system: System, bounds: Mapping[str, tuple[Any, Any]]) -> dict[s
             if bound is None:
                 raise StatementError(
                     f"objective 'time': the input {name} of {system.name} has no {side} bound, "
-                    'so that there is no least time; give one in input_bounds')
+                    'so that no minimum time exists; give one in input_bounds')
     return {'running_cost': '1',
             'final_time': {'free': True, 'lower': TIMES[0], 'upper': TIMES[1]}}
 
@@ -173,7 +204,7 @@ def _quadratic(parameters: dict[str, Any], letter: str, names: Sequence[str], ab
 
 
 def _settling_time(system: System, goal: Array, held: Array, Qx: Array, Qu: Array) -> float:
-    """Return a time [s] in which the regulator of these weights would get there."""
+    """Return SETTLING time constants [s] of the regulator with these weights."""
     try:
         poles = lqr(*linearize(system, goal, held), Qx, Qu).E
     except (RefusedDesignError, DynamicsError):

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is built for the structure of a problem, and kept for the next one that has it."""
+"""Programs and functions built for the structure of a problem, and solutions of neighbours."""
 
 from collections import OrderedDict
 from dataclasses import dataclass, replace
@@ -34,14 +34,17 @@ from obc_ros.core.solver.transcription.program import (
     TranscriptionOutcome,
 )
 
-_LAYOUTS_KEPT, _ANSWERS_KEPT = 24, 16
-_NEIGHBOUR = 0.2   # relative change of its numbers up to which a problem is a neighbour
-_ELSEWHERE = 2.0   # likewise of x0, of the largest values of x on the path
-# Of both, from where the best of all minima was looked for: where only one is known, or several.
+_LAYOUTS_KEPT, _ANSWERS_KEPT = 24, 16   # programs; solutions with which neighbours start
+_NEIGHBOUR = 0.2   # relative change of a number up to which a problem is a neighbour
+_ELSEWHERE = 2.0   # change of x(0), relative to max |x| on the path, up to which it is one
+# Parts of these changes, from where multistart last looked for the best minimum, up to which it
+# need not look again: if only one minimum is known, and if several are.
 _ALONE, _SEVERAL = 1.0, 0.05
-# Iterations times intervals after which the quicker derivatives have paid; usual iterations.
+# Work (iterations times intervals) after which building the faster derivatives has paid off; the
+# iterations expected of a layout that is new.
 _WORTH_DERIVING, _USUAL = 1000, 10
-_AGAIN = 4   # times the work for a structure's later answers: what is asked twice is asked on
+_AGAIN = 4   # weight of work once a structure was solved: then it is likely to be solved again
+# All numbers of a problem but those of its final time.
 _NUMBERS = ('x0', 'p_value', 'x_lower', 'x_upper', 'u_lower', 'u_upper', 'path_lower',
             'path_upper')
 
@@ -49,19 +52,35 @@ _NUMBERS = ('x0', 'p_value', 'x_lower', 'x_upper', 'u_lower', 'u_upper', 'path_l
 @dataclass(frozen=True, eq=False)
 class Answered:
     """
-    A problem that was answered, and with what: where its neighbours start.
+    A solved problem, with what its neighbours start from.
 
-    `rivals`: other minima of about the same cost, on a coarse mesh; `refined`: what the cost of
-    the best one is there times that finer meshes bring it to. `looked`: the numbers for which the
-    best of all minima was looked for last: far from there another may be the best. `optimality`:
-    what that search has shown.
+    Attributes
+    ----------
+    problem : Problem
+    outcome : TranscriptionOutcome
+        Of the last mesh.
+    sizes : ProblemScales
+    margin : ndarray, shape (n + l,)
+        Tightening of the bounds of x and of the path constraints.
+    extremal : BoundaryValues or None
+        Solution of the boundary value problem, if its kinks are mesh points of the outcome.
+    rivals : tuple of TranscriptionOutcome
+        Other local minima of about the same cost, on the coarse mesh.
+    refined : float
+        Cost of the best minimum over its cost on the coarse mesh.
+    looked : ndarray or None
+        Numbers of the problem for which multistart looked for the best minimum last. Far from
+        there another one may be the best.
+    optimality : Optimality or None
+        Result of that search.
+
     """
 
     problem: Problem
     outcome: TranscriptionOutcome
     sizes: ProblemScales
     margin: Array
-    extremal: BoundaryValues | None = None   # where its kinks are known
+    extremal: BoundaryValues | None = None
     rivals: tuple[TranscriptionOutcome, ...] = ()
     refined: float = 1.0
     looked: Array | None = None
@@ -74,7 +93,7 @@ class Answered:
 
     @cached_property
     def reach(self) -> Array:
-        """Return by how much the numbers of neighbours may differ."""
+        """Return the changes of the numbers up to which a problem is a neighbour."""
         size = np.where(np.isfinite(self.numbers), np.abs(self.numbers), 0.0)
         size[:-3] = np.maximum(size[:-3], 1e-3)
         found = _NEIGHBOUR * size
@@ -84,7 +103,7 @@ class Answered:
 
     @cached_property
     def rows(self) -> Array:
-        """Return its numbers, its reach, and from where the best of all was looked for, or nan."""
+        """Return the numbers, their reach, and `looked` (nan without it), shape (3, numbers)."""
         nowhere = np.full(len(self.numbers), np.nan)
         return np.stack([self.numbers, self.reach,
                          nowhere if self.looked is None else self.looked])
@@ -92,10 +111,10 @@ class Answered:
 
 class Kit:
     """
-    What was built for one structure, kept for the next problem that has it.
+    Programs and functions built for one structure, and solutions of its problems.
 
-    All of it is made of the symbols of the problem it was built for: `restated` puts another
-    problem of the structure in these symbols before anything here is used with it.
+    All of it is built from the symbols of `problem`. Another problem of the structure must be
+    restated in these symbols by `restated` first.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -110,8 +129,8 @@ class Kit:
             ca.jacobian(problem.f, ca.vertcat(problem.x, problem.u)),
             ca.vertcat(problem.x, problem.u))
         self.answers: list[Answered] = []   # the latest last
-        self.touched_up = False   # whether answers were polished
-        self.several = False   # whether several minima were found for some numbers
+        self.touched_up = False   # whether solutions were refined by the indirect method
+        self.several = False   # whether several minima were found for one of the problems
         self._problem, self._smooth = problem, smooth
         self._pieces: dict[tuple[int, bool, bool], Pieces] = {}
         self._fitters: dict[bool, Fitter] = {}
@@ -120,11 +139,31 @@ class Kit:
         self.build_time = time.monotonic() - begun
 
     def restated(self, problem: Problem) -> Problem:
-        """Return a problem of the structure with its own numbers and the symbols of this kit."""
+        """
+        Return a problem of the structure with its own numbers and the symbols of this kit.
+
+        Parameters
+        ----------
+        problem : Problem
+            With the `structure` of the problem that the kit was built for.
+
+        """
         return replace(problem, **{name: getattr(self._problem, name) for name in SYMBOLIC})
 
     def transcription(self, problem: Problem, layout: Layout) -> Transcription:
-        """Return the program of a layout, built at most once, or twice where that soon pays."""
+        """
+        Return the program of a layout.
+
+        It is built once; a second time, with faster derivatives, when enough work is expected.
+
+        Parameters
+        ----------
+        problem : Problem
+            In the symbols of this kit.
+        layout : Layout
+            Phases, intervals and scheme.
+
+        """
         ahead = 0 if (layout, False) in self._transcriptions else _USUAL * layout.intervals
         swift = not layout.stages and self._work + ahead > _WORTH_DERIVING
         found = self._transcriptions.pop((layout, swift), None)
@@ -141,38 +180,46 @@ class Kit:
         return found
 
     def worked(self, iterations: int, layout: Layout) -> None:
-        """Take note of iterations of a program."""
+        """Count the iterations of a program, which decide when faster derivatives are built."""
         weight = _AGAIN if self.answers else 1
         self._work += 0 if layout.stages else weight * iterations * layout.intervals
 
     def remember(self, answer: Answered) -> None:
-        """Keep an answer for its neighbours."""
+        """Keep a solved problem for its neighbours."""
         self.answers = [*self.answers[1 - _ANSWERS_KEPT:], answer]
 
     def neighbour(self, problem: Problem) -> Answered | None:
-        """Return the nearest answer to a problem whose numbers are near, if there is one."""
+        """
+        Return the solved problem whose numbers are nearest, None if none is a neighbour.
+
+        Parameters
+        ----------
+        problem : Problem
+            In the symbols of this kit.
+
+        """
         if not self.answers:
             return None
         mine = collect_numbers(problem)
         theirs, reach, looked = np.stack([answer.rows for answer in self.answers], axis=1)
         with np.errstate(invalid='ignore', divide='ignore'):
             apart = np.where(mine == theirs, 0.0, np.abs(mine - theirs) / reach).max(axis=1)
-            # Further from where it was looked for another of several minima may be the best.
+            # Further from where multistart looked another minimum may be the best.
             allowed = (_SEVERAL if self.several else _ALONE) * reach
             serves = ~np.any(np.abs(mine - looked) > allowed, axis=1)
         most = np.where(serves, apart, np.inf)
-        # Of equal ones the latest.
+        # The latest of equal ones.
         k = len(most) - 1 - int(np.argmin(most[::-1]))
         return self.answers[k] if most[k] <= 1.0 else None
 
     @cached_property
     def deciding(self) -> NDArray[np.bool_]:
-        """Return which inputs enter the rate of each row of (x, c)."""
+        """Return which inputs occur in the time derivatives of (x, c), (n + l, m)."""
         return find_deciding_inputs(self._smooth)
 
     @cached_property
     def branching(self) -> NDArray[np.bool_]:
-        """Return in which inputs H may have several least points."""
+        """Return the bounded inputs in which H may have several local minima, (m,)."""
         return find_branching_inputs(self._smooth)
 
     @cached_property
@@ -180,12 +227,22 @@ class Kit:
         return Uneven(self._smooth)
 
     def uneven_costs(self, problem: Problem, cost: float) -> bool:
-        """Return whether L or V may have hollows, each with a minimum, for paths of a cost."""
+        """
+        Return whether L or V may have several local minima in the states.
+
+        Parameters
+        ----------
+        problem : Problem
+            In the symbols of this kit.
+        cost : float
+            Paths up to this cost are considered.
+
+        """
         return bool(self._uneven.curved) and self._uneven(
             problem, *self.guesser.room(problem, self.integrator, cost))
 
     def convex(self, problem: Problem) -> bool:
-        """Return whether no path is better than one that satisfies Pontryagin's conditions."""
+        """Return whether Pontryagin's conditions are sufficient: a convex problem."""
         return self._convex_paths and self._uneven.upwards(problem)
 
     @cached_property
@@ -194,23 +251,46 @@ class Kit:
 
     @cached_property
     def indirect(self) -> Indirect:
-        """Return the boundary value problem."""
+        """Return the boundary value problem of the indirect method."""
         return Indirect(self._problem)
 
     @cached_property
     def phased(self) -> PhasedProgram:
-        """Return what solves for arcs along bounds of the state."""
+        """Return the multi-phase program for arcs along state bounds."""
         return PhasedProgram(self._smooth, self.switching)
 
     def fitter(self, problem: Problem, stated: bool = False) -> Fitter:
-        """Return what fits multipliers, built at most once."""
+        """
+        Return the fitter of constraint multipliers.
+
+        Parameters
+        ----------
+        problem : Problem
+            In the symbols of this kit.
+        stated : bool
+            For the problem as stated, not for its smooth reformulation.
+
+        """
         if stated not in self._fitters:
             self._fitters[stated] = Fitter(problem)
         return self._fitters[stated]
 
 
 def collect_numbers(problem: Problem) -> Array:
-    """Return all numbers of a problem in a row."""
+    """
+    Return all numbers of a problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        With n states, m inputs and l path constraints.
+
+    Returns
+    -------
+    ndarray, shape (numbers,)
+        x(0), parameters, bounds; value, lower and upper bound of the final time (nan: 0).
+
+    """
     final = problem.final_time
     return np.concatenate([*(getattr(problem, name) for name in _NUMBERS),
                            np.nan_to_num([final.value, final.lower, final.upper])])

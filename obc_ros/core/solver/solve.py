@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Answer an optimal control problem by the method its structure asks for, and certify it."""
+"""Solution of an optimal control problem by the method for its structure, with certificate."""
 
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
@@ -19,8 +19,7 @@ from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
 from obc_ros.core.solver.exact.two_wheeled import solve_two_wheeled
 from obc_ros.core.solver.improve.indirect import refine_after_search, refine_indirectly
 from obc_ros.core.solver.linear_quadratic import solve_lq
-from obc_ros.core.solver.nlp.best_path import BestPath
-from obc_ros.core.solver.nlp.progress import ProgressMonitor
+from obc_ros.core.solver.nlp.progress import BestPath, ProgressMonitor
 from obc_ros.core.solver.program_cache import Kit
 from obc_ros.core.solver.proofs.existence import (
     advise_bounds,
@@ -33,34 +32,47 @@ from obc_ros.core.solver.proofs.optimality import add_optimality
 Method = Callable[[Problem, Kit, ProgressMonitor], Solution]
 
 _FAULTS: Mapping[str, str] = {
-    Condition.DYNAMICS: 'the states do not follow from the inputs',
+    Condition.DYNAMICS: 'the states do not satisfy the dynamics',
     Condition.START: 'the path does not start at x(0)',
     Condition.END: 'the terminal constraints are not met',
-    Condition.BOUNDS: 'a bound is exceeded',
-    Condition.COSTATE: 'the costates do not obey their equation',
+    Condition.BOUNDS: 'a bound is violated',
+    Condition.COSTATE: 'the costates do not satisfy the adjoint equation',
     Condition.MINIMUM: 'the input does not minimise the Hamiltonian',
-    Condition.TRANSVERSALITY: 'the costates at T are not those of the terminal cost and '
-                              'constraints',
+    Condition.TRANSVERSALITY: 'the costates at T do not satisfy the transversality '
+                              'condition',
     Condition.HAMILTONIAN: 'the Hamiltonian is not constant',
-    Condition.FINAL_TIME: 'the Hamiltonian is not zero, as it is for the best final time',
-    Condition.COST: 'the cost is not that of the path',
+    Condition.FINAL_TIME: 'the Hamiltonian is not zero, as an optimal free final time requires',
+    Condition.COST: 'the reported cost differs from that of the path',
 }
-_EXPLAINING = 400_000   # work, as in `search`, for a reason at most
-_ATTEMPT = 150_000      # likewise, for one problem solved in the other's place
-_NO_PATH = 1e-2         # residual of the dynamics, beyond what a finer mesh takes away
-_LEAST = 0.5            # [s] without which no reason is looked for
-_JUDGING = 0.05, 0.5    # part of the time limit, and at most [s], for the certificate of a path
+_EXPLAINING = 400_000   # work (see `descent`) that a diagnosis may take
+_ATTEMPT = 150_000      # work for each of the problems that it solves
+_NO_PATH = 1e-2         # residual of the dynamics above which no mesh is fine enough
+_LEAST = 0.5            # [s] of the time limit that must be left for a diagnosis
+_JUDGING = 0.05, 0.5    # part of the time limit, at most [s], reserved for the certificate
 
 
 class Cache:
-    """What was built for the structures met last, at most `size` of them."""
+    """The kits of the structures solved last, at most `size` of them."""
 
     def __init__(self, size: int = 32) -> None:
         self._size = size
         self._kits: OrderedDict[str, Kit] = OrderedDict()
 
     def prepared(self, problem: Problem) -> tuple[Problem, Kit]:
-        """Return the kit of a problem's structure, and the problem in the symbols of the kit."""
+        """
+        Return a problem in the symbols of the kit of its structure, and this kit.
+
+        Parameters
+        ----------
+        problem : Problem
+            Without a `structure` its kit is not kept.
+
+        Returns
+        -------
+        problem : Problem
+        kit : Kit
+
+        """
         key = problem.structure
         kit = self._kits.pop(key, None) if key else None
         if kit is None:
@@ -73,9 +85,10 @@ class Cache:
 
 
 def _special(answer: Callable[[Problem], Solution | None], what: str) -> Method:
-    """Return the method that answers some problems only, `what` it does in words."""
+    """Return a method for special problems; `what` tells which ones, for the message."""
     def method(problem: Problem, kit: Kit, monitor: ProgressMonitor) -> Solution:
-        return answer(problem) or Solution(Status.NOT_CONVERGED, f'{what}; this is none')
+        return answer(problem) or Solution(Status.NOT_CONVERGED, (
+            f'{what}; this problem is not one of them'))
 
     return method
 
@@ -122,7 +135,7 @@ def _auto(problem: Problem, kit: Kit, monitor: ProgressMonitor) -> Solution:
 
 
 def _any_path(problem: Problem, L: float, monitor: ProgressMonitor) -> Solution:
-    """Return a path of a problem that is indifferent to which one it is: that of least effort."""
+    """Return the path of minimum effort of a problem in which all paths have the same cost."""
     other = state_least_effort(problem)
     found = _asking(other, Kit(other), monitor).run()
     if not found.t.size:
@@ -132,7 +145,7 @@ def _any_path(problem: Problem, L: float, monitor: ProgressMonitor) -> Solution:
 
 
 def _asking(problem: Problem, kit: Kit, monitor: ProgressMonitor) -> Search:
-    """Return a search that asks for a proof that there is no path while it has found none."""
+    """Return a search that looks for a proof of infeasibility if its first starts lead nowhere."""
     def why_not(problem: Problem) -> str:
         solvers = _explaining(monitor) if is_proved_infeasible(problem) else ()
         reason = explain(problem, *solvers)
@@ -142,13 +155,17 @@ def _asking(problem: Problem, kit: Kit, monitor: ProgressMonitor) -> Search:
 
 
 def _explaining(monitor: ProgressMonitor) -> tuple[Callable[[Problem], Solution], ...]:
-    """Return the quick and the thorough solver of `explain`, which share one amount of work."""
+    """Return the quick and the thorough solver of `explain`, which share one budget of work."""
     part = monitor.part(_EXPLAINING)
     return _attempt(part), _attempt(part, quick=False)
 
 
 def _attempt(monitor: ProgressMonitor, quick: bool = True) -> Callable[[Problem], Solution]:
-    """Return what solves a problem in another's place, and judges what it leaves half done."""
+    """
+    Return a solver for the problems of a diagnosis.
+
+    It also certifies the path at which its own budget of work ends.
+    """
     def attempt(other: Problem) -> Solution:
         part = monitor.part(_ATTEMPT)
         begun = not part.stopped
@@ -162,12 +179,12 @@ def _attempt(monitor: ProgressMonitor, quick: bool = True) -> Callable[[Problem]
 METHODS: dict[str, Method] = {
     'auto': _auto,
     'riccati': _special(solve_lq, (
-        'riccati answers linear quadratic problems with a fixed final time and no active bound')),
+        'riccati solves linear quadratic problems with a fixed final time and no active bound')),
     'time_optimal': _special(solve_time_optimal, (
         'time_optimal solves linear minimum-time problems with bounded inputs')),
     'reeds_shepp': _special(solve_two_wheeled, (
-        'reeds_shepp answers motions of least time of a two wheeled robot whose shortest path '
-        'ends at the angle that is asked for')),
+        'reeds_shepp solves minimum-time motions of a two wheeled robot whose shortest path ends '
+        'at the prescribed angle')),
     'transcription': _transcription,
     'arcs': _arcs,
     'indirect': _indirect,
@@ -179,7 +196,7 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
           max_intervals: int = MAX_INTERVALS,
           keep: Callable[[Solution], None] | None = None) -> Solution:
     """
-    Answer a problem; the answer is called solved only if its certificate holds.
+    Solve a problem and certify the solution.
 
     Parameters
     ----------
@@ -188,16 +205,24 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
     method : str
         One of METHODS; that of the problem if left out.
     time_limit : float
-        [s]
+        Limit of the wall-clock time [s].
     report : callable, optional
         Called as report(phase, iteration, cost, infeasibility); True cancels.
     cache : Cache, optional
-        Keeps what was built, for problems of the same structure.
+        Keeps what is built for the structure, for later problems that have it.
     max_intervals : int, optional
-        No mesh of a transcription has more.
+        Maximum number of intervals of a mesh.
     keep : callable, optional
-        Called with the best path so far, not converged, whenever it is another; its message says
-        what it costs and what is missing. For who must answer should this process be ended.
+        Called with each path that is better than those before, with status 'not_converged'. Its
+        message contains the cost and the condition that fails. For a caller that must return a
+        path if this process is killed.
+
+    Returns
+    -------
+    Solution
+        'solved' only if every residual of the certificate is within its tolerance; 'infeasible'
+        only if infeasibility is proved; otherwise 'not_converged', 'timed_out' or 'cancelled',
+        with the reason in `message`, and with the best path if there is one.
 
     Raises
     ------
@@ -230,7 +255,7 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
 
 
 def _judged(problem: Problem, found: Solution) -> Solution:
-    """Return a solution with its certificate; the status says whether it holds."""
+    """Return a solution with its certificate and the status and message that follow from it."""
     if not found.t.size:
         return found
     certificate = found.certificate or certify(problem, found)
@@ -238,17 +263,18 @@ def _judged(problem: Problem, found: Solution) -> Solution:
         found = _without_multipliers(found, L)
         certificate = certify(problem, found)
     if certificate.holds:
-        message = found.message or 'the certificate holds'
+        message = found.message or 'the certificate passes'
         return replace(found, status=Status.SOLVED, message=message, certificate=certificate)
     found = replace(found, status=Status.NOT_CONVERGED, certificate=certificate)
     return replace(found, message=_uncertified(found))
 
 
 def _uncertified(found: Solution) -> str:
-    """Return the cost of a path and why it is not certified; of what is no path what is wrong."""
+    """Return the condition that fails in words, of a feasible path with its cost."""
     certificate = found.certificate
     if certificate is None:
-        return f'cost {found.objective:.8g}, not certified because it was not judged'
+        return (f'cost {found.objective:.8g}, not certified because its certificate was not '
+                'computed')
     worst = certificate.worst
     fault = (f'{_FAULTS[worst]}: residual {certificate.residuals[worst]:.1e}, '
              f'allowed {certificate.tolerances[worst]:.0e}')
@@ -258,15 +284,15 @@ def _uncertified(found: Solution) -> str:
 
 
 def _half_way(path: Solution) -> Solution:
-    """Return a path on the way to an answer, with what is missing in words."""
-    words = (f'cost {path.objective:.8g}, the certificate holds, but the search for a path that '
-             'costs less was not ended' if path.certified else _uncertified(path))
+    """Return an intermediate path as not converged, with the reason in words."""
+    words = (f'cost {path.objective:.8g}, the certificate passes, but the search for a path of '
+             'lower cost was not finished' if path.certified else _uncertified(path))
     return replace(path, status=Status.NOT_CONVERGED, message=words, optimality=None)
 
 
 def _without_least(problem: Problem, found: Solution, sentence: str, monitor: ProgressMonitor,
                    time_limit: float) -> Solution:
-    """Return an answer that larger inputs undercut: a path whose certificate says nothing."""
+    """Return a solution without its certificate, since larger inputs may lower the cost."""
     none = Solution(Status.NOT_CONVERGED, sentence, method=found.method)
     ended = _ended(problem, none, monitor, time_limit, AUTO)
     if ended.status is Status.INFEASIBLE:
@@ -277,7 +303,7 @@ def _without_least(problem: Problem, found: Solution, sentence: str, monitor: Pr
 
 
 def _without_multipliers(found: Solution, L: float) -> Solution:
-    """Return the path with the multipliers that it has when every path costs the same."""
+    """Return a path with zero costates and multipliers, as if every path has the same cost."""
     return replace(
         found, lam=0.0 * found.lam, nu=0.0 * found.nu, hamiltonian=np.full(len(found.t), L),
         state_multipliers=None, path_multipliers=None)
@@ -285,7 +311,7 @@ def _without_multipliers(found: Solution, L: float) -> Solution:
 
 def _ended(problem: Problem, found: Solution, monitor: ProgressMonitor, time_limit: float,
            method: str) -> Solution:
-    """Return a solution whose status says how the work ended, and why without an answer."""
+    """Return a solution with its final status, and with the reason if it is not certified."""
     path = f'; {_uncertified(found)}' if found.t.size and not found.certified else ''
     if monitor.stopped == 'cancelled':
         return replace(found, status=Status.CANCELLED, message=f'cancelled on request{path}')
@@ -294,18 +320,18 @@ def _ended(problem: Problem, found: Solution, monitor: ProgressMonitor, time_lim
     if monitor.stopped == 'timed_out':
         advice = advise_bounds(problem)
         return replace(found, status=Status.TIMED_OUT, message=(
-            f'no certified answer within {time_limit:g} s{path}{advice and "; "}{advice}'))
+            f'no certified solution within {time_limit:g} s{path}{advice and "; "}{advice}'))
     if method in ('riccati', 'time_optimal') or found.method == 'riccati':
         return found
     if monitor.short:
         found = replace(found, message=(
-            f'{found.message}; a finer mesh was wanted than max_intervals = '
-            f'{monitor.max_intervals} allows'))
+            f'{found.message}; a mesh with more than max_intervals = {monitor.max_intervals} was '
+            'needed'))
     return _explained(problem, found, monitor)
 
 
 def _explained(problem: Problem, found: Solution, monitor: ProgressMonitor) -> Solution:
-    """Return a solution with the reason for which there is no answer, if one is found."""
+    """Return a solution with the reason why none was certified, if one is found."""
     if monitor.remaining() < _LEAST:
         return found
     monitor.phase = 'explanation'
@@ -313,7 +339,8 @@ def _explained(problem: Problem, found: Solution, monitor: ProgressMonitor) -> S
     if reason is None or monitor.stopped == 'cancelled':
         sentence = found.message
         if found.certificate and found.certificate.residuals[Condition.DYNAMICS] > _NO_PATH:
-            sentence = f'no path was found that meets all constraints; in the nearest {sentence}'
+            sentence = ('no path was found that satisfies all constraints; in the nearest one '
+                        f'{sentence}')
         return replace(found, message='; '.join(filter(None, (sentence, advise_bounds(problem)))))
     if not reason.infeasible:
         is_path = found.certificate is not None and found.certificate.feasible

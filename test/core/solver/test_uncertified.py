@@ -76,7 +76,7 @@ def test_a_path_when_the_time_is_up(monkeypatch):
     assert len(found.t)
     assert found.certificate is not None
     assert not found.certificate.holds
-    assert found.message.startswith('no certified answer within 60 s; ')
+    assert found.message.startswith('no certified solution within 60 s; ')
     assert ': residual ' in found.message
 
 

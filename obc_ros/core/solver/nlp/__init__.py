@@ -1,3 +1,3 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Nonlinear programs: methods, and how their progress is watched."""
+"""Solution of nonlinear programs: interior point, active set, static problems, progress."""

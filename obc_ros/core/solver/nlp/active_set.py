@@ -1,12 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Newton's method from a neighbour's answer, with the unknowns at their bounds held there.
+Primal-dual active set method, started from the solution of a neighbouring program.
 
-After every step an unknown that went past a bound is held at it, and one whose multiplier has
-the wrong sign is let go. Near an answer this takes a few steps where an interior-point method
-takes many: to go on from an answer it must first leave the bounds. Without a line search it may
-fail, which is found out soon.
+Newton's method is applied with the unknowns at active bounds fixed. After each step an unknown
+beyond a bound is fixed at it, and one whose multiplier has the wrong sign is released. Near a
+solution this takes a few steps; an interior-point method takes more, since it must leave the
+bounds first. There is no line search: without progress the method gives up after a few steps.
 
 M. Hintermueller, K. Ito, K. Kunisch, The primal-dual active set strategy as a semismooth Newton
 method, SIAM J. Optim. 13 (2002).
@@ -27,10 +27,10 @@ from obc_ros.core.solver.nlp.interior_point import (
 
 Side = NDArray[np.int8]
 
-_MOST = 20       # steps
-_PATIENCE = 3    # steps without progress
-_LOST = 1.0      # scaled: a residual after which none is hoped for
-_QUADRATIC = 1e-2   # of the residual before: left by a step that shows quadratic convergence
+_MOST = 20       # maximum number of steps
+_PATIENCE = 3    # steps without progress, after which the method gives up
+_LOST = 1.0      # scaled residual, larger than the first one, at which it gives up at once
+_QUADRATIC = 1e-2   # ratio of two residuals below which convergence counts as quadratic
 
 
 def follow_active_set(program: NewtonProgram, bounds: tuple[Array, Array], y: Array, side: Side,
@@ -38,22 +38,28 @@ def follow_active_set(program: NewtonProgram, bounds: tuple[Array, Array], y: Ar
                       watch: Callable[[float, float], bool]) -> tuple[Array, ProgramValues,
                                                                       int] | None:
     """
-    Return y and what the program is there and the number of steps; None without success.
+    Solve a program by the active set method from a point near its solution.
 
     Parameters
     ----------
-    program : Program
-        At whose answer to arrive.
+    program : NewtonProgram
+        Cost, constraints and their derivatives.
     bounds : pair of ndarray
-        Of y; those of multipliers are infinite, those of fixed unknowns equal.
+        Lower and upper bounds of y; infinite for multipliers, equal for fixed unknowns.
     y : ndarray
-        Where to start.
+        Initial unknowns and multipliers.
     side : ndarray of int8
-        -1 or 1 where an unknown is held at its lower or upper bound, else 0.
-    goal : Goal
-        What is near enough.
+        Initial active set: -1 or 1 where an unknown is at its lower or upper bound, else 0.
+    goal : StoppingRule
+        Tolerances.
     watch : callable
         Called with cost and infeasibility; True stops.
+
+    Returns
+    -------
+    tuple or None
+        y, the values of the program there, and the number of steps; None if the method did not
+        converge, or not to a minimum.
 
     """
     lower, upper = bounds
@@ -68,7 +74,7 @@ def follow_active_set(program: NewtonProgram, bounds: tuple[Array, Array], y: Ar
         wrong = _misses(there, row | held)
         if not wrong <= max(first, _LOST):
             return None
-        # What is held is let go where the cost falls inwards.
+        # Release the unknowns for which the cost falls inwards.
         free = (side != 0) & (side * there.slope > goal.optimal)
         size = max(1.0, float(np.abs(y[row]).max(initial=0.0)) / 100.0)
         if (not free.any() and wrong <= goal.optimal * size
@@ -88,7 +94,7 @@ def follow_active_set(program: NewtonProgram, bounds: tuple[Array, Array], y: Ar
         step = factor.solve(np.where(held, 0.0, np.where(row, -there.c, -there.slope)))
         y, steps = y + step, steps + 1
         met = np.where(held, 0, np.where(y < lower, -1, np.where(y > upper, 1, 0)))
-        # What a step leaves is known once they converge quadratically: it is not looked at.
+        # With quadratic convergence the next residual is known without an evaluation.
         if (not (free.any() or met.any()) and wrong < _QUADRATIC * before
                 and wrong * (wrong / before)**2 <= 1e-3 * min(goal.optimal, goal.feasible)):
             there = replace(there, f=there.f + float(there.cost_slope @ step))
@@ -97,11 +103,11 @@ def follow_active_set(program: NewtonProgram, bounds: tuple[Array, Array], y: Ar
 
 
 def _least(program: NewtonProgram, there: ProgramValues, held: NDArray[np.bool_]) -> bool:
-    """Return whether the cost has curvature upwards wherever unknowns may move."""
+    """Return whether the Hessian is positive definite on the null space of the active rows."""
     return program.convex(there, held, np.where(program.is_row | held, 1.0, 0.0))
 
 
 def _misses(there: ProgramValues, but: NDArray[np.bool_]) -> float:
-    """Return the largest residual of the rows and of the slope of free unknowns."""
+    """Return the largest residual of the rows, and of the slope except for `but`."""
     return max(float(np.abs(there.c).max(initial=0.0)),
                float(np.abs(np.where(but, 0.0, there.slope)).max(initial=0.0)))

@@ -1,18 +1,18 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A primal-dual interior-point method for programs whose unknowns follow each other in time.
+A primal-dual interior-point method for banded programs, whose unknowns are in order of time.
 
-Minimise f(w) subject to c(w) = 0, lower <= w <= upper. Step by step Newton's method is applied to
+Minimise f(w) subject to c(w) = 0, lower <= w <= upper. Newton's method is applied to
 
     grad f + J'lam - zl + zu = 0,   c = 0,   (w - lower) zl = mu,   (upper - w) zu = mu
 
-for a sequence of mu that goes to zero. With the unknowns and the rows of each mesh point beside
-each other the matrix has a narrow band, so that a step costs in proportion to the number of
-intervals, and little beside one evaluation of the second derivatives. Steps are accepted by a
-filter; where the Hessian is not positive definite on the null space of J it is made larger until
-it is, for a saddle is no answer. There is no restoration phase: where it would be needed the
-method gives up, and says so.
+for a sequence of mu that goes to zero. The unknowns and the rows of each mesh point are adjacent,
+so that the matrix has a narrow band. The cost of a step is proportional to the number of
+intervals, and small compared with one evaluation of the second derivatives. Steps are accepted by
+a filter. A multiple of the identity is added to the Hessian until it is positive definite on the
+null space of J, so that the method descends. There is no restoration phase: if one is needed the
+method stops with the status 'no step'.
 
 A. Waechter, L. T. Biegler, On the implementation of an interior-point filter line-search
 algorithm for large-scale nonlinear programming, Math. Program. 106 (2006).
@@ -29,29 +29,41 @@ from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index
 from scipy.linalg.lapack import dgbtrf, dgbtrs, dgetrf, dgetrs, dpbtrf, dpbtrs
 
-PROXIMAL = 1e-10     # of the rows: what keeps redundant ones from being singular
-_CURVATURE = 1e-9     # least curvature along a step
-_LARGEST_SHIFT = 1e10
-_SHORTEST = 1e-7      # part of a step
-_ENOUGH = 10.0        # times mu: an error at which mu is made smaller
-_APART = 1e10         # factor between z and mu / distance
-_MULTIPLIERS = 1e3    # largest at the start
-_NEAREST = 1e-2       # of its span: how far from a bound an unknown starts at most
-BESIDE = 0.03        # likewise: how far from a bound one is at most that is held there
-_HUGE = 1e100         # beyond it powers overflow
-_ROUGH = 1e-5         # infeasibility at which a cost is good enough
-_LATE = ((10, 0.5), (5, 0.8))   # steps, and the part of the infeasibility that is too much then
-_FAR = 0.1            # infeasibility that is not
+PROXIMAL = 1e-10      # subtracted from the diagonal of rows: redundant ones are not singular then
+_CURVATURE = 1e-9     # least curvature along an accepted step
+_LARGEST_SHIFT = 1e10   # multiple of the identity at which the method gives up
+_SHORTEST = 1e-7      # part of a step at which the line search gives up
+_ENOUGH = 10.0        # error in multiples of mu below which mu is decreased
+_APART = 1e10         # largest factor between z and mu / distance
+_MULTIPLIERS = 1e3    # least-squares multipliers larger than this are not used at the start
+_NEAREST = 1e-2       # largest initial distance from an active bound, as part of the span
+BESIDE = 0.03         # distance from a bound, as part of the span, below which it counts as active
+_HUGE = 1e100         # number above which powers overflow
+_ROUGH = 1e-5         # infeasibility that is small enough for an approximate cost
+# Early end of an approximate solve: after so many steps, if this part of the first infeasibility
+# is left. The second pair is for a run that is `spare`.
+_LATE = ((10, 0.5), (5, 0.8))
+_FAR = 0.1            # infeasibility below which it does not end early
 
 
 @dataclass(frozen=True, eq=False)
 class ProgramValues:
     """
-    What a program is at y = (w, lam).
+    The values and derivatives of a program at y = (w, lam).
 
-    `f` cost, `c` and `slope` (size of y): constraints, where their rows stand, and the gradient
-    of the Lagrangian, where unknowns stand; `cost_slope` likewise of f; `entries` of the matrix;
-    `parts` what `Program.convex` needs.
+    Attributes
+    ----------
+    f : float
+        Cost.
+    c : ndarray, shape of y
+        Constraints in the places of their multipliers, else 0.
+    slope, cost_slope : ndarray, shape of y
+        Gradients of the Lagrangian and of f in the places of the unknowns.
+    entries : ndarray
+        Of the matrix, in the order of the pattern.
+    parts : tuple
+        Blocks for `NewtonProgram.convex`.
+
     """
 
     f: float
@@ -69,7 +81,7 @@ class NewtonProgram(Protocol):
     is_row: NDArray[np.bool_]
 
     def values(self, y: Array) -> ProgramValues:
-        """Return everything at y."""
+        """Return values and derivatives at y."""
 
     def merit(self, y: Array) -> tuple[float, Array]:
         """Return f and c at y."""
@@ -80,16 +92,16 @@ class NewtonProgram(Protocol):
 
 class Pattern:
     """
-    Where the entries of a symmetric matrix stand: a band, and a border of a few last columns.
+    The structure of a symmetric matrix: a band, and a border of a few last columns.
 
     Parameters
     ----------
     rows, columns : ndarray of int
-        Of all entries, both triangles; entries at the same place add up.
+        Places of all entries of both triangles; entries at the same place are added.
     size, border : int
-        Of the matrix, and how many of its columns are the border.
+        Size of the matrix, and number of columns of the border.
     triangle : bool, optional
-        Whether the band is kept below its diagonal only, which does for `definite`.
+        Keep only the lower triangle of the band, which is sufficient for `definite`.
 
     """
 
@@ -113,7 +125,7 @@ class Pattern:
             self.height * inner + inner + np.arange(border) * (size + 1))
 
     def without(self, fixed: NDArray[np.bool_]) -> Index:
-        """Return where entries go when the fixed unknowns are taken out."""
+        """Return the places of the entries with those of the fixed unknowns discarded."""
         return np.where(fixed[self.rows] | fixed[self.columns], self._outside, self.place)
 
     def _summed(self, place: Index, entries: Array, diagonal: Array) -> Array:
@@ -122,7 +134,24 @@ class Pattern:
         return flat
 
     def factor(self, entries: Array, place: Index, diagonal: Array) -> 'Factor | None':
-        """Return the factors of the matrix with a diagonal added; None if it is singular."""
+        """
+        Factorise the matrix with a diagonal added.
+
+        Parameters
+        ----------
+        entries : ndarray
+            In the order of `rows` and `columns`.
+        place : ndarray of int
+            `place`, or what `without` returns.
+        diagonal : ndarray, shape (size,)
+            Added to the matrix.
+
+        Returns
+        -------
+        Factor or None
+            None if the matrix is singular.
+
+        """
         flat = self._summed(place, entries, diagonal)
         band = flat[:self.height * self.inner].reshape(self.inner, self.height).T
         edge: Array = flat[self.height * self.inner:-1].reshape(self.border, self.size).T
@@ -131,7 +160,7 @@ class Pattern:
         return None if factor is None or factor.singular else factor
 
     def definite(self, entries: Array, place: Index, diagonal: Array) -> bool:
-        """Return whether the matrix with a diagonal added is positive definite."""
+        """Return whether the matrix with a diagonal added (see `factor`) is positive definite."""
         flat = self._summed(place, entries, diagonal)
         band = flat[:self.height * self.inner].reshape(self.inner, self.height).T
         lower, info = dpbtrf(band[self._above:], lower=1, overwrite_ab=1)
@@ -144,7 +173,7 @@ class Pattern:
 
 
 class Factor:
-    """The factors of a matrix of a Pattern."""
+    """The LU factors of a banded matrix with a border."""
 
     def __init__(self, pattern: Pattern, lu: Array, pivots: Any, edge: Array) -> None:
         self._pattern, self._lu, self._pivots = pattern, lu, pivots
@@ -178,7 +207,7 @@ class Factor:
 
 
 def _odd(diagonal: Array, pivots: Any) -> int:
-    """Return how many signs the rows' exchanges and the pivots of an LU bring into det."""
+    """Return the number of factors -1 of det: row exchanges and negative pivots of an LU."""
     return int(np.count_nonzero(pivots != np.arange(len(pivots)))
                + np.count_nonzero(diagonal < 0))
 
@@ -186,10 +215,20 @@ def _odd(diagonal: Array, pivots: Any) -> int:
 @dataclass(frozen=True)
 class StoppingRule:
     """
-    When to stop: at `feasible` rows and `optimal` other conditions, or after `most` steps.
+    Tolerances and limits of a run.
 
-    `rough`: relative error of the cost that is good enough, 0 for none; with it a start that
-    stays far from feasible is given up early, and earlier if it is `spare`.
+    Attributes
+    ----------
+    feasible, optimal : float
+        Tolerances of the rows and of the other optimality conditions, scaled.
+    most : int
+        Maximum number of steps.
+    rough : float
+        Relative error of the cost that is small enough; 0: none. If it is positive, a run that
+        stays far from feasible ends early.
+    spare : bool
+        Such a run ends even earlier.
+
     """
 
     feasible: float = 1e-9
@@ -202,10 +241,29 @@ class StoppingRule:
 @dataclass(eq=False)
 class Iterate:
     """
-    Where the method stands: y, distances from the bounds and their multipliers, and mu.
+    An iterate.
 
-    `error`: largest scaled residual of the slope; `size`: what the products of `gap` and `z` are
-    scaled by; `worst`, `total` of the infeasibility.
+    Attributes
+    ----------
+    y : ndarray
+        Unknowns and multipliers of the rows.
+    gap, z : ndarray, shape (count,)
+        Distances from the bounds, the lower ones first, and their multipliers (>= 0).
+    mu : float
+        Barrier parameter.
+    values : ProgramValues
+        At y.
+    converged, status : bool, str
+        Of the run that ends here: 'converged', 'good enough', 'stopped', 'no step', 'too slow'.
+    iterations : int
+        Steps so far.
+    error : float
+        Largest scaled residual of the gradient of the Lagrangian.
+    size : float
+        Scale of the products of `gap` and `z`.
+    worst, total : float
+        Largest absolute value and sum of the absolute values of c.
+
     """
 
     y: Array
@@ -222,7 +280,7 @@ class Iterate:
     total: float = 0.0
 
     def misses(self, mu: float) -> float:
-        """Return the largest scaled residual of slope and bounds for a mu."""
+        """Return the largest scaled residual of stationarity and complementarity for a mu."""
         return max(self.error, float(np.abs(self.z * self.gap - mu).max(initial=0.0)) / self.size)
 
 
@@ -232,9 +290,9 @@ class Interior:
 
     Parameters
     ----------
-    program : Program
-    lower, upper : ndarray
-        Of y; those of multipliers are infinite, those of fixed unknowns equal.
+    program : NewtonProgram
+    lower, upper : ndarray, shape of y
+        Bounds of y; infinite for multipliers, equal for fixed unknowns.
 
     """
 
@@ -252,7 +310,7 @@ class Interior:
         self.base = self.fixed - PROXIMAL * self.row
         self.odd = int(program.is_row.sum()) % 2 == 1
         self.shift = 0.0
-        self.sure = False   # whether the Hessian was found positive without a shift a step ago
+        self.sure = False   # whether the Hessian needed no shift in the last step
 
     def gaps(self, y: Array) -> Array:
         """Return the distances from all bounds, the lower ones first."""
@@ -260,18 +318,18 @@ class Interior:
                                self.upper[self.high] - y[self.high]])
 
     def moves(self, step: Array) -> Array:
-        """Return how a step changes the distances."""
+        """Return the changes of the distances by a step of y."""
         return np.concatenate([step[self.low], -step[self.high]])
 
     def spread(self, z: Array) -> Array:
-        """Return the multipliers of lower bounds less those of upper ones, of the size of y."""
+        """Return the multipliers of lower bounds minus those of upper ones, shape of y."""
         found = np.zeros(len(self.row))
         found[self.low] = z[:len(self.low)]
         found[self.high] -= z[len(self.low):]
         return found
 
     def weights(self, values: Array) -> Array:
-        """Return the sum of what belongs to lower and upper bounds."""
+        """Return values of lower plus those of upper bounds, shape of y."""
         found = np.zeros(len(self.row))
         found[self.low] = values[:len(self.low)]
         found[self.high] += values[len(self.low):]
@@ -281,7 +339,15 @@ class Interior:
         """
         Return the first iterate.
 
-        `push`: least distance from bounds, of their sizes.
+        Parameters
+        ----------
+        y : ndarray
+            Initial point.
+        mu : float
+            Barrier parameter.
+        push : float
+            Least distance from a bound, relative to its size and to the span.
+
         """
         y = np.where(self.fixed, self.lower, y)
         span = self.upper - self.lower
@@ -295,9 +361,16 @@ class Interior:
 
     def resume(self, y: Array, mu: float) -> Iterate:
         """
-        Return the first iterate from y near an answer, multipliers of the rows included.
+        Return the first iterate from y near a solution, with the multipliers of the rows.
 
-        What the slope says of the multipliers of bounds says how near each bound is for a mu.
+        Parameters
+        ----------
+        y : ndarray
+            Unknowns and multipliers.
+        mu : float
+            Barrier parameter. The gradient of the Lagrangian gives the multipliers of the bounds,
+            and mu over a multiplier the distance from its bound.
+
         """
         y = np.clip(np.where(self.fixed, self.lower, y), self.lower, self.upper)
         pull = np.maximum(self.moves(self.program.values(y).slope), 1e-300)
@@ -310,7 +383,7 @@ class Interior:
             y=y, gap=gap, z=mu / gap, mu=mu, values=self.program.values(y)))
 
     def sides(self, now: Iterate) -> NDArray[np.int8]:
-        """Return -1 or 1 where an unknown is next to its lower or upper bound, else 0."""
+        """Return -1 or 1 where the lower or upper bound of an unknown is active, else 0."""
         found = np.zeros(len(self.row), dtype=np.int8)
         past, count = now.gap < BESIDE * self.spans, len(self.low)
         found[self.low[past[:count]]] = -1
@@ -318,7 +391,7 @@ class Interior:
         return found
 
     def measured(self, now: Iterate) -> Iterate:
-        """Return an iterate with its errors."""
+        """Compute the residuals of an iterate, in place; return it."""
         slope = now.values.slope * self.free - self.spread(now.z)
         sum_z = float(now.z.sum())
         sum_all = sum_z + float(np.abs(now.y) @ self.row)
@@ -330,7 +403,7 @@ class Interior:
         return now
 
     def multipliers(self, now: Iterate) -> None:
-        """Set the multipliers of the rows to those that make the slope least."""
+        """Fit the multipliers of the rows to stationarity by least squares, in place."""
         pattern = self.program.pattern
         jacobian = self.row[pattern.rows] != self.row[pattern.columns]
         factor = pattern.factor(now.values.entries * jacobian, self.place, self.base + self.free)
@@ -347,7 +420,7 @@ class Interior:
         return np.asarray(self.spread(now.mu / now.gap) - now.values.slope * self.free - c)
 
     def direction(self, now: Iterate) -> tuple[Array, Factor] | None:
-        """Return Newton's step and the factors it comes from; None if there is none."""
+        """Return a Newton step of positive curvature and its factors; None if there is none."""
         weight = self.weights(now.z / now.gap)
         right, c = self.right(now, now.values.c), now.values.c
         shift = 0.0
@@ -361,7 +434,7 @@ class Interior:
             if factor is not None and factor.odd() == self.odd:
                 step = factor.solve(right)
                 primal = step * self.free
-                # d'(W + Sigma)d from the equations themselves, W d = right - J'dlam.
+                # d'(W + Sigma)d from Newton's equations: (W + Sigma) d = right - J'dlam.
                 bent = float(primal @ right) + float(c @ (step * self.row))
                 pull = max(-float(c @ ((now.y + step) * self.row)), 0.0)
                 if bent + pull >= _CURVATURE * float(primal @ primal):
@@ -374,12 +447,12 @@ class Interior:
         return None
 
     def barrier(self, f: float, gap: Array, mu: float) -> float:
-        """Return the barrier function."""
+        """Return the barrier function f - mu sum log(gap); infinite outside of the bounds."""
         return f - mu * float(np.log(gap).sum()) if gap.min(initial=1.0) > 0 else np.inf
 
 
 def _part(value: Array, change: Array, keep: float) -> float:
-    """Return the longest part of a change, 1 at most, that keeps values positive."""
+    """Return the largest step length up to 1 by which no value falls by more than `keep` of it."""
     least = float((change / value).min(initial=0.0))
     return min(1.0, -keep / least) if least < 0 else 1.0
 
@@ -393,12 +466,30 @@ class Filter:
         self._pairs: list[tuple[float, float]] = []
 
     def add(self, theta: float, phi: float) -> None:
-        """Take up a pair."""
+        """Add a pair, with its margins."""
         self._pairs.append(((1 - 1e-5) * theta, phi - 1e-5 * theta))
 
     def judge(self, before: tuple[float, float], after: tuple[float, float], slope: float,
               part: float) -> tuple[bool, bool]:
-        """Return whether a trial is accepted, and whether for its descent alone."""
+        """
+        Judge a trial point.
+
+        Parameters
+        ----------
+        before, after : pair of float
+            Infeasibility and barrier function of the iterate and of the trial point.
+        slope : float
+            Derivative of the barrier function along the step.
+        part : float
+            Step length.
+
+        Returns
+        -------
+        accepted, descends : bool
+            The second: by the Armijo condition of the barrier function, so that the filter is not
+            augmented.
+
+        """
         (theta, phi), (new_theta, new_phi) = before, after
         slack = 1e-14 * abs(phi)
         if not (new_theta <= self.most and np.isfinite(new_phi) and all(
@@ -414,9 +505,24 @@ class Filter:
 def solve_program(work: Interior, now: Iterate, goal: StoppingRule,
                   watch: Callable[[float, float], bool]) -> Iterate:
     """
-    Return the last iterate, `converged` if the goal is reached.
+    Run the interior-point method.
 
-    `watch` is called with cost and infeasibility of every iterate; True stops.
+    Parameters
+    ----------
+    work : Interior
+        Program and bounds.
+    now : Iterate
+        The first iterate, from `Interior.begin` or `Interior.resume`; changed in place.
+    goal : StoppingRule
+        Tolerances and limits.
+    watch : callable
+        Called with cost and infeasibility of every iterate; True stops.
+
+    Returns
+    -------
+    Iterate
+        The last one; `converged` if the tolerances are met, `status` otherwise tells why it ended.
+
     """
     pairs, start, least = Filter(now.total), now.total, goal.optimal / 10
     first = now.worst
@@ -448,7 +554,7 @@ def solve_program(work: Interior, now: Iterate, goal: StoppingRule,
 
 
 def _advance(work: Interior, now: Iterate, pairs: Filter) -> float | None:
-    """Take one step; return the decrease that it promised, None if there is no step."""
+    """Take one step; return the predicted decrease of the barrier function, None if it failed."""
     found = work.direction(now)
     if found is None:
         return None

@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Minimise F(x) subject to G(x) = 0, g(x) <= 0 and x in a box, and prove it (section 2.1).
+Minimise F(x) subject to G(x) = 0, g(x) <= 0 and x in a box, with a certificate (section 2.1).
 
-IPOPT starts from several points; the lowest stationary point that it leads to is polished by
-Newton's method and judged by `kkt`, which knows nothing of IPOPT.
+IPOPT starts from several points. The lowest stationary point found is refined by Newton's method
+and certified by `kkt`, which uses nothing of IPOPT.
 """
 
 from collections.abc import Iterator, Mapping
@@ -40,23 +40,23 @@ from obc_ros.core.text.fields import (
 )
 
 KEYS = ('variables', 'parameters', 'cost', 'equalities', 'inequalities', 'bounds', 'guess')
-MAX_COUNT = 500       # variables, constraints, parameters
-STARTS = 12           # without a guess, for a problem that is not convex
-_UNBOUNDED = -1e12    # a cost this low, relative to the start's, has no lower bound
-_LEVEL = 1e-7         # costs this close are the same
-_EXCLUDED = 1e-6      # of a constraint: beyond what a certificate leaves open
+MAX_COUNT = 500       # maximum number of variables, of constraints, of parameters
+STARTS = 12           # initial points without a guess, for a problem that is not convex
+_UNBOUNDED = -1e12    # F, relative to 1 + |F| at the start, below which it counts as unbounded
+_LEVEL = 1e-7         # relative difference below which two costs are equal
+_EXCLUDED = 1e-6      # violation that a proof of infeasibility excludes; certificates allow less
 
 
 @dataclass(frozen=True, eq=False)
 class Minimum:
     """
-    The answer to a static problem.
+    The solution of a static problem.
 
     Attributes
     ----------
     status : Status
     message : str
-        The answer or the reason, in words.
+        The result or the reason for failure, in words.
     x : ndarray, shape (n,)
         The minimiser.
     objective : float
@@ -89,7 +89,7 @@ class _Question:
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """Where one start led."""
+    """The end of a run of IPOPT; `said` is its status, 'unbounded' or 'infeasible'."""
 
     start: Array
     x: Array
@@ -100,30 +100,30 @@ class _Run:
 def minimize(statement: object, *, time_limit: float = 10.0,
              report: Report | None = None) -> Minimum:
     """
-    Return the minimum of a function of several variables.
+    Minimise a function of several variables.
 
     Parameters
     ----------
     statement : mapping
         ``variables``: names. ``parameters``: name -> number or expression of earlier ones.
         ``cost``: expression F. ``equalities``, ``inequalities``: lists of expressions G = 0 and
-        g <= 0. ``bounds``: name -> [lower, upper], null for none. ``guess``: n numbers where to
-        start; several starts are tried if it is left out.
+        g <= 0. ``bounds``: name -> [lower, upper], null for none. ``guess``: initial point, n
+        numbers; STARTS points are tried without it.
     time_limit : float
-        [s]
+        Limit of the wall-clock time [s].
     report : callable, optional
-        Called between starts; True cancels.
+        Called between runs; True cancels.
 
     Returns
     -------
     Minimum
-        ``solved`` only if the certificate holds. The minimum is global for a convex quadratic
-        problem, and else the lowest of those that the starts led to.
+        ``solved`` only if the certificate passes. The minimum is global for a convex quadratic
+        problem, otherwise the lowest one found.
 
     Raises
     ------
     StatementError
-        If the statement is malformed; the text begins with the key at fault.
+        If the statement is malformed; the message begins with the key at fault.
 
     """
     question = _question(statement)
@@ -145,7 +145,7 @@ def minimize(statement: object, *, time_limit: float = 10.0,
 
 
 def _judged(question: _Question, runs: list[_Run], convex: bool, deadline: float) -> Minimum:
-    """Return the lowest answer that is certified, or why there is none."""
+    """Return the lowest certified minimum, or the reason why there is none."""
     bottomless = next((run for run in runs if run.said == 'unbounded'), None)
     ends = sorted((run for run in runs if _converged(run)), key=lambda run: run.F)
     failed: Minimum | None = None
@@ -190,7 +190,7 @@ def _why_not(program: kkt.StaticProgram, point: kkt.KktPoint, certificate: Certi
     if (worst in (KktCondition.STATIONARITY, KktCondition.ATTAINED)
             and kkt.is_strained(program, point)):
         return (f'stopped at F = {F:.10g}: towards it the gradients of the active constraints '
-                'become linearly dependent (LICQ fails) and the multipliers grow without end')
+                'become linearly dependent (LICQ fails) and the multipliers grow without bound')
     if worst == KktCondition.STATIONARITY and point.dependent:
         return (f'stopped at F = {F:.10g}: the gradients of the active constraints are linearly '
                 'dependent there (LICQ fails) and no multipliers exist')
@@ -198,8 +198,8 @@ def _why_not(program: kkt.StaticProgram, point: kkt.KktPoint, certificate: Certi
         return (f'F falls towards {F:.6g} and the minimum is not attained: it keeps falling as x '
                 'grows, or along a flat valley')
     reason: Mapping[str, str] = {
-        KktCondition.STATIONARITY: 'the gradient is not balanced by those of the constraints; is '
-                                   'F smooth there?',
+        KktCondition.STATIONARITY: 'the gradient of F is no combination of those of the '
+                                   'active constraints; F may not be smooth there',
         KktCondition.SECOND_ORDER: 'it is a saddle along the constraints, not a minimum'}
     return (f'stopped at F = {F:.10g}, which is not certified: {worst} '
             f'{certificate.residuals[worst]:.2g} (tolerance {certificate.tolerances[worst]:.0e})'
@@ -209,14 +209,14 @@ def _why_not(program: kkt.StaticProgram, point: kkt.KktPoint, certificate: Certi
 def _bottomless(question: _Question, run: _Run, local: Minimum | None) -> str:
     place = ', '.join(f'{name} = {value:.3g}' for name, value in
                       zip(question.names[:6], run.x, strict=False))
-    text = f'F is unbounded below: it falls to {run.F:.3g} at {place}, and on'
+    text = f'F seems to be unbounded below: it falls to {run.F:.3g} at {place}'
     if local is None or local.certificate is None or not local.certificate.holds:
         return text
     return f'{text}; a local minimum is {local.objective:.6g}'
 
 
 def _infeasible(question: _Question, runs: list[_Run]) -> Minimum:
-    """Return that no point keeps to the constraints, with the one that is violated most."""
+    """Return that no feasible point was found or exists, with the constraint violated most."""
     program = question.program
     least, worst = math.inf, ''
     for run in runs:
@@ -239,7 +239,7 @@ def _infeasible(question: _Question, runs: list[_Run]) -> Minimum:
 
 
 def _is_excluded(program: kkt.StaticProgram) -> bool:
-    """Return whether it is proved, by intervals or exactly, that no point satisfies all."""
+    """Return whether infeasibility is proved, by interval arithmetic or exact elimination."""
     box = [(program.lower, program.upper)]
     G, g = (ca.Function('rows', [program.x], [ca.densify(each)])
             for each in (program.G, program.g))
@@ -260,7 +260,7 @@ def _is_excluded(program: kkt.StaticProgram) -> bool:
 
 
 def _least_violation(program: kkt.StaticProgram, start: Array) -> Array:
-    """Return a point of least squared violation near a start."""
+    """Return a local minimiser of the squared violation of the constraints near a start."""
     slack = ca.SX.sym('slack', program.l)
     cost = ca.sumsqr(program.G) + ca.sumsqr(slack)
     solver = ca.nlpsol('elastic', 'ipopt', {
@@ -302,7 +302,7 @@ def _solver(program: kkt.StaticProgram) -> Any:
 
 
 def _run(program: kkt.StaticProgram, solver: ca.Function, start: Array) -> _Run:
-    """Return where IPOPT leads from a start."""
+    """Run IPOPT from a start."""
     lower = np.concatenate((np.zeros(program.k), np.full(program.l, -np.inf)))
     found = solver(x0=start, lbx=program.lower, ubx=program.upper, lbg=lower,
                    ubg=np.zeros(len(lower)))
@@ -332,7 +332,7 @@ def _is_convex(program: kkt.StaticProgram) -> bool:
 
 
 def _starts(question: _Question) -> Iterator[Array]:
-    """Yield the guess, or the middle of the box and points spread over it."""
+    """Yield the guess, or the middle of the box and random points in it."""
     program = question.program
     if question.guess is not None:
         yield np.clip(question.guess, program.lower, program.upper)
@@ -350,7 +350,7 @@ def _starts(question: _Question) -> Iterator[Array]:
 
 
 def _question(statement: object) -> _Question:
-    """Return the checked statement."""
+    """Parse and check a statement."""
     given = read_mapping(statement, 'minimize')
     check_keys(given, KEYS)
     names = read_names(given, 'variables', MAX_COUNT)
@@ -370,7 +370,7 @@ def _question(statement: object) -> _Question:
 
 def _column(given: Given, key: str, sign: str, symbols: Mapping[str, ca.SX]
             ) -> tuple[ca.SX, list[str]]:
-    """Return a list of expressions as a column, and what each is called."""
+    """Return a list of expressions as a column, with a name for each in messages."""
     texts = _list(given, key)
     column = ca.vertcat(ca.SX(0, 1), *(
         parse_expression(text, symbols, f'{key}[{i}]') for i, text in enumerate(texts)))

@@ -1,11 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Saddles: where Newton's method stands still although the cost falls to both sides.
+Descent from a saddle point along a direction of negative curvature.
 
-Of a symmetric problem the symmetric path is an extremal, and steps from it stay symmetric: from
-straight on through an obstacle none leads around it. First-order conditions hold there. The
-Hessian shows a way down, and from a little along it the method finds what lies below.
+The symmetric path of a symmetric problem satisfies the first-order conditions, and Newton steps
+from it stay symmetric: none leads from a path through an obstacle to one around it. At such a
+saddle the Hessian has negative curvature on the null space of J. A small step in that direction
+gives an initial point from which the method finds a minimum.
 """
 
 from collections.abc import Callable
@@ -15,24 +16,29 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.nlp.interior_point import Interior, Iterate, solve_program, StoppingRule
 
-_SLIGHT, _LARGEST = 1e-6, 1e6   # of negative curvature
-_AWAY = 0.1        # largest step along the way down
-_MU, _PUSH = 1e-4, 1e-6
-_LESS = 1e-9       # relative cost
-_MOST = 3          # saddles in a row
+_SLIGHT, _LARGEST = 1e-6, 1e6   # scaled negative curvature: smallest, largest that is looked for
+_AWAY = 0.1        # largest change of a scaled unknown by the step away from the saddle
+_MU, _PUSH = 1e-4, 1e-6   # barrier parameter, and least distance from bounds, of the new start
+_LESS = 1e-9       # relative decrease of the cost that is needed
+_MOST = 3          # maximum number of saddles in a row
 
 
 def leave_saddle(work: Interior, end: Iterate, goal: StoppingRule,
                  watch: Callable[[float, float], bool]) -> Iterate:
     """
-    Return where a run ended, or what is found below if that is a saddle.
+    Return the last iterate of a run; from a saddle, continue along negative curvature.
 
     Parameters
     ----------
     work, end : Interior, Iterate
         The run and its last iterate.
-    goal, watch : Goal, callable
+    goal, watch : StoppingRule, callable
         As in `solve_program`.
+
+    Returns
+    -------
+    Iterate
+        `end`, or a converged iterate of lower cost; `iterations` counts those of all runs.
 
     """
     for _ in range(_MOST):
@@ -43,7 +49,7 @@ def leave_saddle(work: Interior, end: Iterate, goal: StoppingRule,
         y = end.y + min(_AWAY, 0.9 / max(gone, 1e-300)) * way
         begun = work.begin(y, max(end.mu, _MU), _PUSH)
         below = solve_program(work, replace(begun), goal, watch)
-        if below.status == 'too slow':   # which is no reason to take a saddle for an answer
+        if below.status == 'too slow':   # repeat without the early end: a saddle is no solution
             begun.iterations = below.iterations
             below = solve_program(work, begun,
                                   replace(goal, most=goal.most + below.iterations, rough=0.0),
@@ -58,7 +64,7 @@ def leave_saddle(work: Interior, end: Iterate, goal: StoppingRule,
 
 
 def _down(work: Interior, now: Iterate) -> Array | None:
-    """Return a way of negative curvature where J d = 0, its largest entry 1; None without one."""
+    """Return d with J d = 0, negative curvature and largest entry 1; None if there is none."""
     program, weight, shift = work.program, work.weights(now.z / now.gap), _SLIGHT
     while not program.convex(now.values, work.fixed, weight + shift * work.free + 1 - work.free):
         shift *= 10

@@ -1,25 +1,99 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Watching a solver at work: progress goes out, a wish to stop comes in."""
+"""Progress reports, limits of iterations, work and time, and the best intermediate path."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import math
 import time
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.ocp.solution import MAX_INTERVALS, Report
-from obc_ros.core.solver.nlp.best_path import BestPath
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import MAX_INTERVALS, Report, Solution
+
+PERIOD = 0.5   # [s] least time between two intermediate paths that are certified for `BestPath`
+SHARE = 0.05   # largest part of the time that certifying them takes
+
+
+class BestPath:
+    """
+    Passes on each path of a problem that is better than those before.
+
+    A certified path is better than a feasible one, and this better than one that is not feasible.
+    Among equals the lower cost decides, or the smaller largest residual if none is feasible.
+
+    Parameters
+    ----------
+    problem : Problem
+        Paths of other problems are ignored.
+    tell : callable
+        Called with each better path.
+
+    """
+
+    def __init__(self, problem: Problem, tell: Callable[[Solution], None]) -> None:
+        self._problem, self._tell = problem, tell
+        self._rank = (False, False, -math.inf)
+        self._begun, self._next = math.nan, time.monotonic()
+
+    def is_due(self, problem: Problem) -> bool:
+        """Return whether an intermediate path of a problem should be certified and taken now."""
+        now = time.monotonic()
+        self._begun = now if problem is self._problem and now >= self._next else math.nan
+        return not math.isnan(self._begun)
+
+    def take(self, problem: Problem, found: Solution) -> None:
+        """
+        Pass a path on if it belongs to this problem and is the best so far.
+
+        Parameters
+        ----------
+        problem : Problem
+            Of the path.
+        found : Solution
+            With its certificate; without one it is ignored.
+
+        """
+        certificate = found.certificate
+        if problem is not self._problem or certificate is None or not found.t.size:
+            return
+        feasible, worst = certificate.feasible, certificate.residuals[certificate.worst]
+        rank = certificate.holds, feasible, -(found.objective if feasible else worst)
+        if rank > self._rank:
+            self._rank = rank
+            self._tell(found)
+        now = time.monotonic()
+        judging = 0.0 if math.isnan(self._begun) else now - self._begun
+        self._next = now + max(PERIOD, judging / SHARE)
+        self._begun = math.nan
 
 
 class ProgressMonitor:
     """
-    Passes progress on and says when to stop.
+    Reports progress and decides when to stop.
 
-    `stopped` is '' while nothing asked to stop, then 'cancelled', 'timed_out' or, for a part of
-    the work, 'spent'. A solver that passes `most` iterations is ended without that. No mesh has
-    more than `max_intervals`; `short` says whether one was wanted. `best`: who wants to know of
-    paths on the way.
+    Work is counted in iterations times `each`, so that it does not depend on the load of the
+    machine.
+
+    Attributes
+    ----------
+    stopped : str
+        '' while work goes on, then 'cancelled', 'timed_out' or, for a part of the work, 'spent'.
+    phase : str
+        Name of the present method, for reports.
+    iterations, most : int
+        So far, and at which the present solve ends. `stopped` stays '' then.
+    each : int
+        Work of one iteration.
+    deadline : float
+        On the monotonic clock [s].
+    max_intervals : int
+        Maximum number of intervals of a mesh.
+    short : bool
+        Whether a mesh with more was needed.
+    best : BestPath or None
+        Receives intermediate paths.
+
     """
 
     def __init__(self, time_limit: float = math.inf, report: Report | None = None,
@@ -35,37 +109,65 @@ class ProgressMonitor:
         self._report = report
 
     def limit(self, iterations: int, each: int = 1) -> None:
-        """Let the solver that follows end after so many iterations; work that each of them is."""
+        """
+        Limit the next solve.
+
+        Parameters
+        ----------
+        iterations : int
+            Maximum number of iterations.
+        each : int
+            Work of one iteration: intervals, with collocation times 1 + stages.
+
+        """
         self.most, self.each = self.iterations + iterations, each
 
     @property
     def spent(self) -> bool:
-        """Return whether a solver has used up its iterations."""
+        """Return whether the present solve has used up its iterations."""
         return self.iterations >= self.most
 
     def allows(self, intervals: int) -> bool:
-        """Return whether a mesh may have so many intervals; remember if it may not."""
+        """Return whether a mesh may have so many intervals; set `short` if it may not."""
         self.short |= intervals > self.max_intervals
         return intervals <= self.max_intervals
 
     def part(self, work: int, time_limit: float = math.inf) -> 'ProgressMonitor':
         """
-        Return a monitor for something besides, which ends after so much work.
+        Return a monitor with its own budget, which also counts for this one.
 
-        Work and not time, so that what comes of it does not depend on what else a machine has to
-        do; `time_limit` [s] keeps it from taking what a slow machine needs for the rest.
+        Parameters
+        ----------
+        work : int
+            Budget, after which `stopped` is 'spent'.
+        time_limit : float
+            [s], so that a slow machine keeps time for the rest.
+
         """
         return _Part(self, work, min(time_limit, self.remaining()))
 
     def extend(self, work: int) -> None:
-        """Let parts of the work go on for so much longer: it leads somewhere."""
+        """Increase the budget of a part, and of the parts that contain it; the whole has none."""
 
     def remaining(self) -> float:
         """Return the time left [s]."""
         return self.deadline - time.monotonic()
 
     def step(self, cost: float, infeasibility: float) -> bool:
-        """Count an iteration; return whether to stop."""
+        """
+        Count an iteration.
+
+        Parameters
+        ----------
+        cost, infeasibility : float
+            Of the iterate: cost, and largest violation of a constraint.
+
+        Returns
+        -------
+        bool
+            Whether to stop.
+
+        """
         self.iterations += 1
         if self._report is not None and self._report(
                 self.phase, self.iterations, cost, infeasibility):
@@ -76,7 +178,7 @@ class ProgressMonitor:
 
 
 class _Part(ProgressMonitor):
-    """A monitor that passes cancelling on from the whole, but keeps limits of its own."""
+    """A monitor with its own budget that stops with the monitor it is part of."""
 
     def __init__(self, whole: ProgressMonitor, work: int, time_limit: float) -> None:
         super().__init__(time_limit, max_intervals=whole.max_intervals)
@@ -99,7 +201,18 @@ class _Part(ProgressMonitor):
 
 
 class Watch(ca.Callback):
-    """IPOPT's iteration callback; the monitor and the scale of the cost change between solves."""
+    """
+    The iteration callback of IPOPT; the attributes are set before each solve.
+
+    Attributes
+    ----------
+    monitor : ProgressMonitor
+    lower, upper : ndarray, shape (rows,)
+        Bounds of g.
+    cost_scale : float
+        Cost of the problem over that of the program.
+
+    """
 
     def __init__(self, unknowns: int, rows: int, constants: int) -> None:
         ca.Callback.__init__(self)
@@ -111,7 +224,7 @@ class Watch(ca.Callback):
         self.construct('watch', {})
 
     def get_n_in(self) -> int:
-        """Return the number of inputs: what the solver shows after an iteration."""
+        """Return the number of inputs, the outputs of `nlpsol`."""
         return int(ca.nlpsol_n_out())
 
     def get_n_out(self) -> int:
@@ -123,7 +236,7 @@ class Watch(ca.Callback):
         return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
 
     def eval(self, arg: Sequence[ca.DM]) -> Sequence[ca.DM]:
-        """Return whether the solver is to stop."""
+        """Return 1 if the solver has to stop, else 0."""
         g = arg[2].full().ravel()
         violation = np.maximum(self.lower - g, g - self.upper)
         return [ca.DM(int(self.monitor.step(
