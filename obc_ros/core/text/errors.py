@@ -1,19 +1,19 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What can be wrong with a question.
+Errors of the package.
 
-A malformed question raises one of these; a question without an answer is a result, not an error.
-The text of every error is written for the person who asked: it names the thing, the value found
-and what is wanted.
+A malformed request raises one of these errors. A problem without a solution is a result, not an
+error. The text of an error is written for the user: it names the item, the value found and the
+values accepted.
 """
 
 
 class ObcError(ValueError):
-    """Base of all errors raised by obc_ros.core; its text can be printed, whatever it quotes."""
+    """Base of all errors raised by obc_ros.core; its text is printable, whatever it quotes."""
 
     def __str__(self) -> str:
-        """Return the text on one line, without what a terminal would obey."""
+        """Return the text on one line, without control characters."""
         return quote(super().__str__(), None)
 
 
@@ -26,28 +26,28 @@ class DynamicsError(ObcError):
 
 
 class RefusedDesignError(ObcError):
-    """A feedback design was asked for that cannot be proved to stabilise."""
+    """A feedback design was rejected: a weight is not definite, or stability is not verified."""
 
 
 class RefusedReferenceError(ObcError):
-    """A reference was given that the plant cannot take up or follow."""
+    """A reference was rejected, because the plant cannot join or follow it."""
 
 
 def quote(text: str, longest: int | None = 60) -> str:
     """
-    Return a text from outside as a message has it.
+    Return a text from outside in a form that is safe in a message.
 
     Parameters
     ----------
     text : str
-        Whatever somebody sent.
+        Any text, such as part of a request.
     longest : int, optional
-        Characters that are kept of it; None: all.
+        Largest number of characters kept; None: all.
 
     Returns
     -------
     str
-        On one line, and without what a terminal would obey.
+        The text on one line; characters that are not printable are escaped.
 
     """
     if longest is not None and len(text) > longest:

@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Arithmetic in text, as a user writes it in a file or a request.
+Arithmetic expressions in text, as a user writes them in a file or a request.
 
-The text is bounded in length, symbols and depth before anything is built from it; Python's own
-parser then makes a tree, of which only numbers, names, + - * / ** and the functions listed in
-``FUNCTIONS`` are accepted. Nothing is evaluated as Python and every number is a double.
+Length, number of symbols and depth of the text are limited before it is parsed. Python's own
+parser then builds a tree, in which only numbers, names, + - * / ** and the functions in
+``FUNCTIONS`` are accepted. Nothing is evaluated as Python, and every number is a double.
 """
 
 import ast
@@ -22,8 +22,8 @@ from obc_ros.core.text.errors import quote, StatementError
 
 MAX_LENGTH = 20_000   # characters
 MAX_SYMBOLS = 4_000   # numbers, names, operators and brackets
-MAX_DEPTH = 50        # brackets open, and signs and powers waiting for their operand, together
-MAX_NUMBER = 1e100    # squares and products of such numbers are still finite
+MAX_DEPTH = 50        # open brackets, and signs and powers without their operand, together
+MAX_NUMBER = 1e100    # squares and products of two such numbers are finite
 
 
 class _Function(NamedTuple):
@@ -75,21 +75,25 @@ _OTHER_NAMES = {'ln': 'log', 'arcsin': 'asin', 'arccos': 'acos', 'arctan': 'atan
 
 def parse_expression(text: object, symbols: Mapping[str, ca.SX], where: str) -> ca.SX:
     """
-    Return the scalar CasADi expression that a text or number stands for.
+    Return the scalar CasADi expression of a text or number.
 
     Parameters
     ----------
     text : str, int or float
         Python arithmetic over the names of `symbols`, ``pi`` and ``FUNCTIONS``.
     symbols : mapping of str to casadi.SX
-        What each name stands for.
+        The symbol of each name.
     where : str
-        The key that the text was given for, e.g. ``dynamics.v``; it opens every error.
+        The key of the text, e.g. ``dynamics.v``; every message begins with it.
+
+    Returns
+    -------
+    casadi.SX
 
     Raises
     ------
     StatementError
-        If the text is not such an expression, or a constant part of it is not a finite number.
+        If the text is not such an expression, or a constant part of it is not finite.
 
     """
     if not isinstance(text, str):
@@ -100,10 +104,28 @@ def parse_expression(text: object, symbols: Mapping[str, ca.SX], where: str) -> 
 def parse_lifted(text: object, symbols: Mapping[str, ca.SX],
                  where: str) -> tuple[ca.SX, list[tuple[ca.SX, float]]]:
     """
-    Return an expression whose numbers are symbols, and these symbols with their values.
+    Return an expression whose numbers are replaced by symbols, and these symbols' values.
 
-    As `parse_expression`; exponents, and the numbers in them, stay numbers. Two texts that differ
-    in such numbers only give the same expression.
+    Two texts that differ only in these numbers give the same expression. Numbers in exponents are
+    not replaced.
+
+    Parameters
+    ----------
+    text, symbols, where
+        As in `parse_expression`.
+
+    Returns
+    -------
+    expression : casadi.SX
+        In `symbols` and the symbols of the numbers.
+    literals : list of (casadi.SX, float)
+        Symbol and value of each number.
+
+    Raises
+    ------
+    StatementError
+        As in `parse_expression`.
+
     """
     algebra = _Lifting(symbols, where)
     if not isinstance(text, str):
@@ -113,10 +135,22 @@ def parse_lifted(text: object, symbols: Mapping[str, ca.SX],
 
 def parse_number(text: object, values: Mapping[str, float], where: str) -> float:
     """
-    Return the finite number that a text or number stands for.
+    Return the finite number of a text or number.
 
-    As `parse_expression`, with numbers for names. ``1e-3``, which YAML reads as text, is a number
-    here.
+    ``1e-3``, which YAML reads as text, is a number here.
+
+    Parameters
+    ----------
+    text : str, int or float
+        As in `parse_expression`.
+    values : mapping of str to float
+        The number of each name.
+    where : str
+        As in `parse_expression`.
+
+    Returns
+    -------
+    float
 
     Raises
     ------
@@ -132,12 +166,24 @@ def parse_number(text: object, values: Mapping[str, float], where: str) -> float
 
 def check_name(name: object, where: str) -> str:
     """
-    Return `name` if a state, input or parameter may have it.
+    Return `name` if it is a valid name of a state, input or parameter.
+
+    Parameters
+    ----------
+    name : object
+        The name that was given.
+    where : str
+        Its key, with which every message begins.
+
+    Returns
+    -------
+    str
 
     Raises
     ------
     StatementError
-        If it is no plain identifier, or is a word of Python or the name of a function.
+        If it is not an ASCII identifier of at most 64 characters, or is a keyword of Python, a
+        function or a constant.
 
     """
     if not isinstance(name, str):
@@ -151,13 +197,41 @@ def check_name(name: object, where: str) -> str:
 
 
 def suggest_name(name: str, known: Collection[str]) -> str:
-    """Return `` (did you mean 'x'?)`` for the nearest of the known names; '' if none is near."""
+    """
+    Return a suggestion for a misspelt name, to be appended to a message.
+
+    Parameters
+    ----------
+    name : str
+        The name that was given.
+    known : collection of str
+        The names that exist.
+
+    Returns
+    -------
+    str
+        `` (did you mean 'x'?)`` for the most similar known name; empty if none is similar.
+
+    """
     matches = difflib.get_close_matches(name[:64], known, n=1)
     return f" (did you mean '{matches[0]}'?)" if matches else ''
 
 
 def describe_type(value: object) -> str:
-    """Return in words what a value of a wrong type is."""
+    """
+    Return a description of a value for a message about its type.
+
+    Parameters
+    ----------
+    value : object
+        The value, of any type.
+
+    Returns
+    -------
+    str
+        Such as ``a mapping``, ``a list of 3`` or ``str 'abc'``.
+
+    """
     if value is None:
         return 'nothing'
     if isinstance(value, Mapping):
@@ -190,18 +264,18 @@ def _plain_number(value: object, where: str) -> float:
 def _bounded_number(value: float, where: str) -> float:
     if abs(value) > MAX_NUMBER:
         raise StatementError(f'{where}: {value:g} is too large; numbers up to {MAX_NUMBER:g} are '
-                             'computed with (null stands for no bound)')
+                             'accepted (write null for no bound)')
     return value
 
 
 def _bounded(text: str, where: str) -> str:
-    """Return the text on one line, once its size, symbols and depth are found to be bounded."""
+    """Check the length, symbols and depth of a text, and return it on one line."""
     if len(text) > MAX_LENGTH:
         raise StatementError(f'{where}: the expression has {len(text)} characters; '
-                             f'at most {MAX_LENGTH} are read')
+                             f'at most {MAX_LENGTH} are accepted')
     if not text.strip():
         raise StatementError(f'{where}: the expression is empty')
-    # Line ends within brackets or a folded YAML scalar mean nothing.
+    # Line ends in brackets or in a folded YAML scalar have no meaning.
     text = re.sub(r'[ \t\r\n]+', ' ', text).strip(' ')
     _scan(text, where)
     return text
@@ -212,7 +286,7 @@ def _tree(text: str, where: str) -> ast.expr:
         return ast.parse(text, mode='eval').body
     except SyntaxError as error:
         column = max(0, (error.offset or 1) - 1)
-        raise StatementError(f"{where}: '{_short(text)}' is not an expression: fault near "
+        raise StatementError(f"{where}: '{_short(text)}' is not an expression: syntax error near "
                              f"'{_short(text[column:] or 'the end')}'") from None
     except (RecursionError, MemoryError, ValueError):
         raise StatementError(f"{where}: '{_short(text)}' is too complex") from None
@@ -220,12 +294,12 @@ def _tree(text: str, where: str) -> ast.expr:
 
 def _scan(text: str, where: str) -> None:
     """
-    Check symbols, their number and the depth of nesting before any parsing.
+    Check the symbols, their number and the depth of nesting before parsing.
 
-    Interpreters differ in how deep a text they parse, all of them deeper than ``MAX_DEPTH``.
+    Versions of Python differ in the depth that they parse; all of them parse ``MAX_DEPTH``.
     """
     position = count = 0
-    waiting = [0]  # signs and powers without their operand as yet, for each open bracket
+    waiting = [0]  # signs and powers whose operand has not come yet, for each open bracket
     last = '('
     while position < len(text):
         if text[position] == ' ':
@@ -252,27 +326,27 @@ def _scan(text: str, where: str) -> None:
         if depth > MAX_DEPTH or count > MAX_SYMBOLS:
             raise StatementError(
                 f"{where}: '{_short(text)}' is too complex; at most {MAX_SYMBOLS} symbols and "
-                f'{MAX_DEPTH} brackets, signs or powers within each other are read')
+                f'{MAX_DEPTH} nested brackets, signs or powers are accepted')
 
 
 def _foreign(text: str, position: int) -> str:
-    """Return what is wrong with the character at `position`."""
+    """Return a message about the character at `position`, which no expression contains."""
     sign = text[position]
     rest = _short(text[max(0, position - 10):position + 10])
     if sign in _OTHER_SIGNS:
         return f"'{sign}' in '{rest}' is not understood; write {_OTHER_SIGNS[sign]}"
     if sign in '<>=!':
-        return (f"'{sign}' in '{rest}': comparisons and assignments are not expressions here"
-                + '; where something is to be 0, write a - b for a = b' * (sign == '='))
+        return (f"'{sign}' in '{rest}': comparisons and assignments are not supported"
+                + '; write the constraint a = b as a - b' * (sign == '='))
     if sign == '.':
-        return f"'.' in '{rest}': attributes do not exist here; write sin(x), not math.sin(x)"
+        return f"'.' in '{rest}': attributes are not supported; write sin(x), not math.sin(x)"
     if sign.isascii() and sign.isprintable():
         return f"'{sign}' in '{rest}' is not understood"
     return f'the character U+{ord(sign):04X} at {position + 1} is not understood'
 
 
 class _Symbolic:
-    """The algebra of casadi.SX."""
+    """Arithmetic of casadi.SX."""
 
     def __init__(self, names: Mapping[str, ca.SX]) -> None:
         self.names = names
@@ -288,7 +362,7 @@ class _Symbolic:
 
 
 class _Lifting(_Symbolic):
-    """The algebra of casadi.SX with a symbol for every number."""
+    """Arithmetic of casadi.SX with a symbol for every number."""
 
     def __init__(self, names: Mapping[str, ca.SX], where: str) -> None:
         super().__init__(names)
@@ -302,7 +376,7 @@ class _Lifting(_Symbolic):
 
 
 class _Numeric:
-    """The algebra of doubles."""
+    """Arithmetic of doubles."""
 
     def __init__(self, names: Mapping[str, float]) -> None:
         self.names = names
@@ -319,9 +393,9 @@ class _Numeric:
 
 def _value(text: str, algebra: _Symbolic | _Numeric, where: str) -> Any:
     """
-    Return the value of an expression, the nodes of its tree checked one by one.
+    Return the value of an expression; every node of its tree is checked.
 
-    The walk keeps its own stack: a sum of a thousand terms is a tree a thousand nodes deep.
+    The walk keeps its own stack, because a sum of a thousand terms is a thousand nodes deep.
     """
     text = _bounded(text, where)
     tree = _tree(text, where)
@@ -370,7 +444,7 @@ def _numbers_in_exponents(tree: ast.expr) -> set[ast.AST]:
 
 
 def _operands(node: ast.expr, piece: str, where: str) -> list[ast.expr]:
-    """Return the nodes that `node` is built of; refuse what is not arithmetic."""
+    """Return the operands of `node`; raise StatementError if it is not arithmetic."""
     if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
         return [node.left, node.right]
     if isinstance(node, ast.UnaryOp) and type(node.op) in _UNARY:
@@ -379,7 +453,8 @@ def _operands(node: ast.expr, piece: str, where: str) -> list[ast.expr]:
         if not isinstance(node.func, ast.Name) or node.func.id not in FUNCTIONS:
             name = node.func.id if isinstance(node.func, ast.Name) else piece
             raise StatementError(f"{where}: '{_short(name)}' is not a function"
-                                 f"{_hint(name, FUNCTIONS)}; there are {', '.join(FUNCTIONS)}")
+                                 f"{_hint(name, FUNCTIONS)}; known functions: "
+                                 f"{', '.join(FUNCTIONS)}")
         wanted = FUNCTIONS[node.func.id].arguments
         if len(node.args) != wanted or node.keywords:
             raise StatementError(f"{where}: '{piece}': {node.func.id} takes {wanted} "
@@ -389,8 +464,8 @@ def _operands(node: ast.expr, piece: str, where: str) -> list[ast.expr]:
         return []
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
         return []
-    raise StatementError(f"{where}: '{piece}' is not arithmetic; an expression has numbers, "
-                         'names, + - * / **, brackets and functions')
+    raise StatementError(f"{where}: '{piece}' is not arithmetic; an expression consists of "
+                         'numbers, names, + - * / **, brackets and functions')
 
 
 def _apply(node: ast.expr, arguments: list[Any], algebra: _Symbolic | _Numeric,
@@ -418,7 +493,7 @@ def _unknown(name: str, names: Collection[str], where: str) -> str:
         return f"{where}: the function '{name}' needs its argument in brackets"
     hint = _hint(name, [*names, *CONSTANTS])
     if name == 't':
-        hint = '; for time, add a state with derivative 1'
+        hint = '; for the time, add a state with derivative 1'
     known = ', '.join(names) or 'none'
     return f"{where}: unknown name '{_short(name)}'{hint}; known names: {_short_list(known)}"
 

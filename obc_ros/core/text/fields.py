@@ -1,10 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Parts of what someone wrote: lists, mappings, names and bounds, checked and of bounded size.
+Fields of user input: lists, mappings, names and bounds, checked and of limited size.
 
-Each raises StatementError where a part is another one; `where` is the key at fault, with which
-the message begins.
+Every function raises StatementError for an invalid field; the message begins with its key.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,42 +20,142 @@ Given = Mapping[Any, Any]
 
 def read_mapping(value: object, where: str, wanted: str = 'a mapping of keys to values',
                  most: int = MAX_COUNT) -> Given:
-    """Return a mapping of at most `most` entries."""
+    """
+    Check that a value is a mapping of limited size, and return it.
+
+    Parameters
+    ----------
+    value : object
+        The value.
+    where : str
+        The key, with which a message begins.
+    wanted : str
+        Description of a valid value, for the message.
+    most : int
+        Largest number of entries.
+
+    Raises
+    ------
+    StatementError
+        If it is not a mapping, or larger.
+
+    """
     if not isinstance(value, Mapping):
         raise StatementError(f'{where}: wanted {wanted}, found {describe_type(value)}')
     if len(value) > most:
-        raise StatementError(f'{where}: {len(value)} entries; at most {most} are read')
+        raise StatementError(f'{where}: {len(value)} entries; at most {most} are accepted')
     return value
 
 
 def list_of(value: object, where: str, wanted: str = 'a list', most: int = MAX_COUNT
             ) -> list[Any]:
-    """Return a list of at most `most` entries."""
+    """
+    Check that a value is a list or tuple of limited size, and return it as a list.
+
+    Parameters
+    ----------
+    value : object
+        The value.
+    where : str
+        The key, with which a message begins.
+    wanted : str
+        Description of a valid value, for the message.
+    most : int
+        Largest number of entries.
+
+    Raises
+    ------
+    StatementError
+        If it is not a list or tuple, or larger.
+
+    """
     if not isinstance(value, (list, tuple)):
         raise StatementError(f'{where}: wanted {wanted}, found {describe_type(value)}')
     if len(value) > most:
-        raise StatementError(f'{where}: {len(value)} entries; at most {most} are read')
+        raise StatementError(f'{where}: {len(value)} entries; at most {most} are accepted')
     return list(value)
 
 
 def read_section(given: Given, key: str, most: int = MAX_COUNT) -> Given:
-    """Return a mapping that may be left out or left empty."""
+    """
+    Return the mapping at a key, which may be absent.
+
+    Parameters
+    ----------
+    given : mapping
+        The mapping that contains it.
+    key : str
+        Its key.
+    most : int
+        Largest number of entries.
+
+    Returns
+    -------
+    mapping
+        Empty if the key is absent or its value is None.
+
+    Raises
+    ------
+    StatementError
+        If the value is not a mapping, or larger.
+
+    """
     value = given.get(key)
     return {} if value is None else read_mapping(value, key, most=most)
 
 
 def check_keys(given: Given, known: Sequence[str], others: Sequence[str] = (), where: str = ''
                ) -> None:
-    """Refuse a key that is neither `known`, which the message lists, nor one of the `others`."""
+    """
+    Check that a mapping has no unknown key.
+
+    Parameters
+    ----------
+    given : mapping
+        The mapping.
+    known : sequence of str
+        Keys that the message lists.
+    others : sequence of str
+        Further keys that are accepted.
+    where : str
+        Key of the mapping itself; empty at the top level.
+
+    Raises
+    ------
+    StatementError
+        If a key is neither known nor one of the others.
+
+    """
     for key in given:
         if key not in known and key not in others:
             place = f'{where}.{quote(str(key))}' if where else quote(str(key))
-            raise StatementError(f'{place}: unknown key{suggest_name(str(key), known)}; there are '
-                                 f'{", ".join(known)}')
+            raise StatementError(f'{place}: unknown key{suggest_name(str(key), known)}; known '
+                                 f'keys: {", ".join(known)}')
 
 
 def read_names(given: Given, key: str, most: int = MAX_COUNT) -> tuple[str, ...]:
-    """Return the names that a list holds: one or more, each once."""
+    """
+    Return the list of names at a key: one or more, all different.
+
+    Parameters
+    ----------
+    given : mapping
+        The mapping that contains it.
+    key : str
+        Its key.
+    most : int
+        Largest number of names.
+
+    Returns
+    -------
+    tuple of str
+
+    Raises
+    ------
+    StatementError
+        If the list is absent, empty or larger, or a name is invalid or occurs twice.
+
+    """
     if given.get(key) is None:
         raise StatementError(f'{key}: missing; wanted a list of names')
     names = tuple(check_name(name, key) for name in list_of(given[key], key, most=most))
@@ -67,14 +166,51 @@ def read_names(given: Given, key: str, most: int = MAX_COUNT) -> tuple[str, ...]
 
 
 def check_unique(names: Sequence[str], where: str) -> None:
-    """Refuse a name that stands twice."""
+    """
+    Check that no name occurs twice.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The names.
+    where : str
+        The key, with which a message begins.
+
+    Raises
+    ------
+    StatementError
+        If a name occurs twice.
+
+    """
     for index, name in enumerate(names):
         if name in names[:index]:
-            raise StatementError(f"{where}: '{name}' stands twice")
+            raise StatementError(f"{where}: '{name}' occurs twice")
 
 
 def read_bounds(value: object, values: Mapping[str, float], where: str) -> tuple[float, float]:
-    """Return [lower, upper], which may be expressions of `values`; -inf and inf for null."""
+    """
+    Return the bounds of a list [lower, upper].
+
+    Parameters
+    ----------
+    value : object
+        The list; its entries are numbers, expressions of `values`, or None for no bound.
+    values : mapping of str to float
+        The number of each name.
+    where : str
+        The key, with which a message begins.
+
+    Returns
+    -------
+    lower, upper : float
+        -inf and inf for no bound.
+
+    Raises
+    ------
+    StatementError
+        If it is not such a list, or lower > upper.
+
+    """
     pair = list_of(value, where, '[lower, upper]')
     if len(pair) != 2:
         raise StatementError(f'{where}: wanted [lower, upper], found {len(pair)} entries')
@@ -83,7 +219,29 @@ def read_bounds(value: object, values: Mapping[str, float], where: str) -> tuple
 
 def evaluate_limits(lower: object, upper: object, values: Mapping[str, float], where: str
                     ) -> tuple[float, float]:
-    """Return two bounds, which may be expressions of `values`; -inf and inf for None."""
+    """
+    Return the values of two bounds.
+
+    Parameters
+    ----------
+    lower, upper : object
+        Numbers, expressions of `values`, or None for no bound.
+    values : mapping of str to float
+        The number of each name.
+    where : str
+        The key, with which a message begins.
+
+    Returns
+    -------
+    lower, upper : float
+        -inf and inf for no bound.
+
+    Raises
+    ------
+    StatementError
+        If a bound is malformed or infinite, or lower > upper.
+
+    """
     for bound, side in ((lower, 'lower'), (upper, 'upper')):
         if isinstance(bound, float) and math.isinf(bound):
             raise StatementError(f'{where}: {side} bound {bound}: write null for no bound')

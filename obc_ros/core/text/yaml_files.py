@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""YAML files from anyone: bounded, safe, and a key that stands twice is an error."""
+"""YAML files from untrusted users: limited in size, safe, and without duplicate keys."""
 
 from collections.abc import Hashable
 from pathlib import Path
@@ -12,14 +12,14 @@ import yaml
 
 MAX_BYTES = 250_000
 MAX_ENTRIES = 1_000  # of a list of mappings
-MAX_BRACKETS = 50    # open at a time: the time that PyYAML takes grows with their square
+MAX_BRACKETS = 50    # open at a time; the time that PyYAML needs grows with their square
 
 
 class _Loader(yaml.SafeLoader):
     """
-    PyYAML's safe loader without merge keys, which can grow a short text without bound.
+    PyYAML's safe loader without merge keys, which can expand a short text without bound.
 
-    The one on libyaml would be faster but ends the process on deeply nested text.
+    The loader based on libyaml is faster but crashes on deeply nested text.
     """
 
     def fetch_flow_collection_start(self, kind: type[yaml.Token]) -> None:
@@ -32,18 +32,28 @@ class _Loader(yaml.SafeLoader):
         for key, _ in node.value:
             if key.tag == 'tag:yaml.org,2002:merge':
                 raise yaml.constructor.ConstructorError(
-                    None, None, "merge keys ('<<') are not read", key.start_mark)
+                    None, None, "merge keys ('<<') are not supported", key.start_mark)
             if isinstance(key.value, str):
                 if key.value in seen:
                     raise yaml.constructor.ConstructorError(
-                        None, None, f"the key '{quote(key.value)}' stands twice", key.start_mark)
+                        None, None, f"the key '{quote(key.value)}' occurs twice", key.start_mark)
                 seen.add(key.value)
         return super().construct_mapping(node, deep)
 
 
 def read_yaml(path: str | Path) -> Any:
     """
-    Return what a YAML file holds.
+    Return the contents of a YAML file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    object
+        Mappings, lists and scalars; None for an empty file.
 
     Raises
     ------
@@ -56,7 +66,7 @@ def read_yaml(path: str | Path) -> Any:
             text = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise StatementError(f'{path}: cannot be read: {error.strerror}') from None
-    except ValueError as error:  # no name of a file
+    except ValueError as error:  # the path is not valid
         raise StatementError(f'{path}: cannot be read: {error}') from None
     if len(text) > MAX_BYTES:
         raise StatementError(f'{path}: longer than {MAX_BYTES} bytes')
@@ -69,20 +79,28 @@ def read_yaml(path: str | Path) -> Any:
         where = f'line {mark.line + 1}, column {mark.column + 1}: ' if mark else ''
         raise StatementError(f'{path}: {where}{quote(what, 300)}') from None
     except yaml.reader.ReaderError as error:
-        raise StatementError(f'{path}: no text in UTF-8, from position {error.position} on: '
+        raise StatementError(f'{path}: the text is invalid at position {error.position}: '
                              f'{error.reason}') from None
-    # ValueError: a scalar that looks like a date or a number but is none.
+    # ValueError: a scalar in the form of a date or a number that is not valid.
     except (yaml.YAMLError, ValueError) as error:
         raise StatementError(f'{path}: {quote(" ".join(str(error).split()), 300)}') from None
 
 
 def read_entries(path: str | Path) -> list[tuple[str, dict[str, Any] | StatementError]]:
     """
-    Return the mappings that a YAML file holds, each with its place in words; or why it is none.
+    Return the mappings of a YAML file, each with its place.
 
-    A file holds one mapping or a list of them. The place is the file, with the number of the entry
-    in a list: ``several.yaml, entry 2``. One without `name` is given that of the file, with its
-    number in the list.
+    Parameters
+    ----------
+    path : str or Path
+        The file; it contains one mapping or a list of mappings.
+
+    Returns
+    -------
+    list of (str, dict or StatementError)
+        The place is the file, with the number of the entry in a list: ``several.yaml, entry 2``. A
+        mapping without `name` gets that of the file, with its number in a list. An entry that is
+        not a mapping is returned as an error.
 
     Raises
     ------
@@ -96,7 +114,7 @@ def read_entries(path: str | Path) -> list[tuple[str, dict[str, Any] | Statement
     if not found:
         raise StatementError(f'{path}: the list is empty')
     if len(found) > MAX_ENTRIES:
-        raise StatementError(f'{path}: {len(found)} problems; at most {MAX_ENTRIES} are read')
+        raise StatementError(f'{path}: {len(found)} entries; at most {MAX_ENTRIES} are accepted')
     if len(found) == 1:
         return [_entry(found[0], str(path), Path(path).stem)]
     return [_entry(entry, f'{path}, entry {index}', f'{Path(path).stem}_{index}')

@@ -120,12 +120,12 @@ def test_an_initial_state_outside_the_state_bounds_is_no_malformed_statement():
 FAULTS = [
     # Keys and types
     ('runing_cost', 'u', r"^runing_cost: unknown key \(did you mean 'running_cost'\?\)"),
-    ('horizon', 3, '^horizon: unknown key; there are name, system, states, inputs, '),
+    ('horizon', 3, '^horizon: unknown key; known keys: name, system, states, inputs, '),
     ('states', ..., '^states: missing'),
     ('states', 'h', "^states: wanted a list, found str 'h'"),
     ('states', {'h': 1}, '^states: wanted a list, found a mapping'),
     ('states', [], '^states: the list is empty'),
-    ('states', ['h', 'v', 'h'], "^states: 'h' stands twice"),
+    ('states', ['h', 'v', 'h'], "^states: 'h' occurs twice"),
     ('states', ['h', 3], '^states: a name is text'),
     ('states', ['h', True], '^states: a name is text'),
     ('states', ['h', 'v v'], "^states: 'v v' is not a name"),
@@ -354,8 +354,8 @@ def test_a_file_holds_one_mapping_or_a_list(tmp_path):
 
 
 @pytest.mark.parametrize(('text', 'said'), [
-    ('a: 1\nb: 2\na: 3', "the key 'a' stands twice"),
-    ('a: {b: 1, b: 2}', "the key 'b' stands twice"),
+    ('a: 1\nb: 2\na: 3', "the key 'a' occurs twice"),
+    ('a: {b: 1, b: 2}', "the key 'b' occurs twice"),
     ('', 'wanted a mapping'),
     ('3', 'wanted a mapping'),
     ('[]', 'the list is empty'),

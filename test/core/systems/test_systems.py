@@ -366,7 +366,7 @@ final_time: {free: false, value: 1}
     ('  s: v\n', '', "no equation for the state 's'"),
     ('  s: v\n', '  s: w\n', "dynamics.s: unknown name 'w'"),
     ('  s: v\n', '  z: v\n', "dynamics: 'z' is not one of s, theta"),
-    ('[force]', '[theta]', "'theta' stands twice"),
+    ('[force]', '[theta]', "'theta' occurs twice"),
     ('[force]', '[]', 'inputs: the list is empty; wanted at least one name'),
     ('[s, theta, v, omega]', '[s, sin, v, omega]', "the name 'sin' is reserved"),
     ('{m: 1, ', '{m: n, ', "parameters.m: unknown name 'n'"),

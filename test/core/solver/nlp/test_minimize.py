@@ -222,7 +222,7 @@ def test_time_limit_and_cancel():
     ({'variables': ['x'], 'cost': 'x', 'bound': {}}, 'bound: unknown key'),
     ({'cost': 'x'}, 'variables: missing; wanted a list of names'),
     ({'variables': [], 'cost': 'x'}, 'variables: the list is empty'),
-    ({'variables': ['x', 'x'], 'cost': 'x'}, "'x' stands twice"),
+    ({'variables': ['x', 'x'], 'cost': 'x'}, "'x' occurs twice"),
     ({'variables': ['sin'], 'cost': '1'}, "'sin' is reserved"),
     ({'variables': ['x']}, 'cost: missing'),
     ({'variables': ['x'], 'cost': 'y'}, 'cost'),
