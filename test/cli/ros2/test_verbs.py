@@ -52,7 +52,7 @@ def test_topics_are_listed_heard_and_timed(loop: None, terminal: Terminal) -> No
     assert design.out.endswith('\n---\n')
     said = terminal.say('topic', 'echo', '--once', '--field', 'sentence', '--full-length',
                         '/lqr_node/design').out
-    assert re.fullmatch(r'aircraft: 6 poles left of .*\n---\n', said)
+    assert re.fullmatch(r'aircraft: spectral abscissa -.*\n---\n', said)
     short = terminal.say('topic', 'echo', '--once', '--no-arr', '/state').out
     assert "x: '<sequence type: double, length: 6>'\n" in short
     with subprocess.Popen(terminal.command('topic', 'hz', '/state'), text=True,

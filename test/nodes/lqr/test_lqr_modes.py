@@ -162,9 +162,9 @@ def test_limits_with_brysons_rule(spawn: Any, probe: Any) -> None:
     assert bench.set(weights='matrices').successful
     assert probe.get_parameters('/lqr_node', 'u_max') == {'u_max': []}
     assert (np.abs(bench.answer([9.0, -9.0, 0.0, 0.0, 0.0, 0.0])) <= [3.0, 41.0]).all()
-    for limits, words in (([1.0] * 3, 'u_limits has 3 numbers; wanted 2, the largest size of eac'),
-                          ([-1.0, 1.0, 0.0, 39.0], 'f2 = 39.2 holds the set point, outside u_li'),
-                          ([1.0, -1.0, 0.0, 50.0], 'u_limits of f1: the lower, 1, is not below')):
+    for limits, words in (([1.0] * 3, 'u_limits has 3 numbers; wanted 2, the maximum absolute v'),
+                          ([-1.0, 1.0, 0.0, 39.0], 'the input of the set point, f2 = 39.2, is o'),
+                          ([1.0, -1.0, 0.0, 50.0], 'u_limits of f1: the lower limit 1 is not be')):
         assert words in bench.set(u_limits=limits).reason
     assert bench.set(u_limits=[2.0, 40.0]).successful
     assert bench.answer([9.0, -9.0, 0.0, 0.0, 0.0, 0.0])[1] == 40.0

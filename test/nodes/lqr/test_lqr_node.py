@@ -69,17 +69,20 @@ REFUSED = [
     ({'setpoint': [0.0] * 5}, 'set point of aircraft: wanted 6 numbers'),
     ({'setpoint': [0.0, 0.0, 0.5, 0.0, 0.0, 0.0], 'u_limits': [1.0, 1.0]}, 'no input holds'),
     ({'setpoint': [0.0, 0.0, 0.0, 1.0, 0.0, 0.0]}, 'found no equilibrium of the aircraft'),
-    ({'u_limits': [1.0, 1.0]}, 'f2 = 39.2 holds the set point, outside u_limits of [-1, 1]'),
-    ({'u_limits': [1.0, 1.0, 1.0, 50.0]}, 'u_limits of f1: the lower, 1, is not below the upper'),
-    ({'u_limits': [1.0]}, 'u_limits has 1 number; wanted 2, the largest size of each, or 4'),
-    ({'u_limits': [1.0, -50.0]}, 'u_limits of f2: -50; wanted a size above 0'),
+    ({'u_limits': [1.0, 1.0]}, 'the input of the set point, f2 = 39.2, is outside u_limits, '
+     '[-1, 1]'),
+    ({'u_limits': [1.0, 1.0, 1.0, 50.0]}, 'u_limits of f1: the lower limit 1 is not below the '
+     'upper limit 1'),
+    ({'u_limits': [1.0]}, 'u_limits has 1 number; wanted 2, the maximum absolute value of each, '
+     'or 4, lower and upper limit of each'),
+    ({'u_limits': [1.0, -50.0]}, 'u_limits of f2: -50; wanted a positive number'),
     ({'u_limits': [1.0, math.nan]}, 'u_limits[1] = nan: wanted a finite number'),
-    ({'u_min': [1.0, 1.0]}, "no parameter 'u_min'; u_min limits nothing, as limits are u_limits "
-     'alone: write u_limits: [1.0, .inf, 1.0, .inf]'),
+    ({'u_min': [1.0, 1.0]}, "no parameter 'u_min'; u_min does not limit the inputs: write "
+     'u_limits: [1.0, .inf, 1.0, .inf]'),
     ({'u_max': [1.0, 50.0]}, 'u_max is not used with weights = matrices; set weights to bryson '
-     'first, or both with set_parameters_atomically; u_max limits nothing, as limits are u_limits '
-     'alone: write u_limits: [-.inf, 1.0, -.inf, 50.0]'),
-    ({'setpoint_input': [0.0, 30.0]}, 'setpoint_input: f2 = 30 is not used, as the set point'),
+     'first, or both with set_parameters_atomically; u_max does not limit the inputs: write '
+     'u_limits: [-.inf, 1.0, -.inf, 50.0]'),
+    ({'setpoint_input': [0.0, 30.0]}, 'setpoint_input: f2 = 30 is not used, because the set p'),
     ({'rate': -1.0}, 'rate = -1: wanted at least 0 Hz'),
     ({'on_stale': 'panic'}, "on_stale = 'panic': wanted 'equilibrium' or 'hold' or 'silent'"),
     ({'x_limits': [1.0, 2.0]}, 'x_limits has 2 numbers; wanted 6 or 12'),

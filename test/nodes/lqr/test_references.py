@@ -206,12 +206,12 @@ def test_what_the_plant_cannot_follow_is_refused(spawn: Any, probe: Any) -> None
     t, x, u = turn(np.zeros(3), 10.0, 0.8, 4.0)
     other = turn(np.zeros(3), 10.0, 0.8, 4.0, 2.0 * LENGTH)[2]
     publisher.publish(reference(t, x, other))
-    assert 'with its inputs theta would be' in warned(
-        probe, log, 'the plant does not move along it')
+    assert 'with its inputs theta deviates by' in warned(
+        probe, log, 'the reference does not satisfy the dynamics')
     t, x, u = straight(0.0, 20.0)
     publisher.publish(reference(t, x * [5.0, 1.0, 1.0], u))   # 50 m/s with an input of 10 m/s
-    assert 'px would be' in warned(probe, log, 'with its inputs px')
-    assert refusals(bench, 3).startswith('reference: the plant does not move along it')
+    assert 'px deviates by' in warned(probe, log, 'with its inputs px')
+    assert refusals(bench, 3).startswith('reference: the reference does not satisfy the dynamics')
     assert np.abs(bench.answer([0.1, 0.0, 0.0], 1.01) - [10.0, 0.0]).max() < 1e-9
 
 

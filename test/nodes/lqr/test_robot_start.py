@@ -20,9 +20,9 @@ pytestmark = pytest.mark.nodes
 
 PAGE = Path(__file__).parents[3] / 'docs' / 'workspace.md'
 ROBOT = {'system': 'vehicle', 'state_source': 'odom', 'command_sink': 'cmd_vel'}
-MOVING = 'the set point of vehicle moves, dpx/dt = 10 m/s, which has to be asked for: add ' \
+MOVING = 'the set point of vehicle moves, dpx/dt = 10 m/s, and must be given: add ' \
          'setpoint_input: [10.0, 0.0] (px = 0 m, py = 0 m, theta = 0 rad; v = 10 m/s, phi = 0 rad)'
-UNLIMITED = 'command_sink = cmd_vel goes to a robot, whose inputs need limits, and u_limits '
+UNLIMITED = 'command_sink = cmd_vel: the inputs of a robot need limits, and u_limits '
 
 
 @pytest.mark.parametrize(('parameters', 'sentence'), [
@@ -30,21 +30,21 @@ UNLIMITED = 'command_sink = cmd_vel goes to a robot, whose inputs need limits, a
     ({'system': 'vehicle'}, MOVING),
     ({'system': 'vehicle', 'setpoint': [0.0, -2.0, 0.0]}, 'add setpoint_input: [10.0, 0.0]'),
     ({'system': 'two_wheeled'}, 'add setpoint_input: [0.5, 0.0] '),
-    ({'system': 'drifting'}, 'the set point of drifting moves, dp/dt = 2 m/s, which has to be '
-     'asked for: add setpoint: [0.0, 2.0] ('),
-    ({'system': 'cruise'}, 'the set point of cruise moves, v = 20 m/s, which has to be asked for: '
+    ({'system': 'drifting'}, 'the set point of drifting moves, dp/dt = 2 m/s, and must be '
+     'given: add setpoint: [0.0, 2.0] ('),
+    ({'system': 'cruise'}, 'the set point of cruise moves, v = 20 m/s, and must be given: '
      'add setpoint: [20.0] ('),
     ({**ROBOT, 'setpoint_input': [1.0, 0.0]}, UNLIMITED + 'is missing: add u_limits: '
-     '[0.0, HIGHEST_v, -0.6, 0.6], lower and upper of v [m/s], phi [rad], or unlimited: true'),
+     '[0.0, HIGHEST_v, -0.6, 0.6] (lower and upper limit of v [m/s], phi [rad]), or unlimited: '),
     ({**ROBOT, 'setpoint_input': [1.0, 0.0], 'u_limits': [math.inf, 0.5]},
      UNLIMITED + 'leaves v unlimited: add u_limits: [0.0, HIGHEST_v, -0.5, 0.5]'),
-    ({'command_sink': 'wrench'}, 'command_sink = wrench goes to a robot, whose inputs need limit'),
-    ({'u_max': [5.0, 50.0]}, 'u_max limits nothing, as limits are u_limits alone: write u_limits:'
+    ({'command_sink': 'wrench'}, 'command_sink = wrench: the inputs of a robot need limits, and'),
+    ({'u_max': [5.0, 50.0]}, 'u_max does not limit the inputs: write u_limits:'
      ' [-.inf, 5.0, -.inf, 50.0]'),
-    ({'u_min': [-5.0, 0.0], 'u_max': [5.0, 50.0]}, 'u_min and u_max limit nothing, as limits are '
-     'u_limits alone: write u_limits: [-5.0, 5.0, 0.0, 50.0]'),
-    ({'u_min': [-5.0, 0.0], 'weights': 'bryson', 'u_max': [5.0, 50.0]}, 'u_min limits nothing, as '
-     'limits are u_limits alone: write u_limits: [-5.0, .inf, 0.0, .inf]'),
+    ({'u_min': [-5.0, 0.0], 'u_max': [5.0, 50.0]}, 'u_min and u_max do not limit the '
+     'inputs: write u_limits: [-5.0, 5.0, 0.0, 50.0]'),
+    ({'u_min': [-5.0, 0.0], 'weights': 'bryson', 'u_max': [5.0, 50.0]}, 'u_min does not '
+     'limit the inputs: write u_limits: [-5.0, .inf, 0.0, .inf]'),
     ({'weights': 'bryson', 'Qx': [1.0] * 6}, 'Qx is not used with weights = bryson; write weights:'
      ' matrices as well, or leave Qx out'),
     ({'cmd_vel_stamped': False}, 'cmd_vel_stamped is not used with command_sink = command; write '
@@ -77,7 +77,7 @@ def test_the_line_that_is_shown_limits_as_before(spawn: Any, probe: Any) -> None
         np.testing.assert_allclose(
             bench.answer(state), [min(wanted[0], 5.0), max(wanted[1], 30.0)])
         assert bench.set(weights='bryson', u_max=[1.0 + revision, 2.0]).successful
-    assert bench.set(u_limits=[3.0, 50.0]).successful  # the largest size of each
+    assert bench.set(u_limits=[3.0, 50.0]).successful  # the maximum absolute value of each
     assert (np.abs(bench.answer([90.0, -90.0, 0.0, 0.0, 0.0, 0.0])) == [3.0, 50.0]).all()
 
 

@@ -1,9 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-From a system, a set point and a cost to the regulator that is proved to hold it.
+Design of a regulator for a system at a set point, with verified stability.
 
-Linearise at the equilibrium, choose the weights (section 2.5), solve for the gain (section 2.4).
+The steps: linearise at the equilibrium, choose the weights (section 2.5), compute the gain
+(section 2.4).
 """
 
 from collections.abc import Callable, Sequence
@@ -32,16 +33,16 @@ from obc_ros.core.text.errors import DynamicsError, quote, RefusedDesignError, S
 @dataclass(frozen=True)
 class Sampling:
     """
-    When a controller acts.
+    Sampling period and delay of a controller.
 
     Attributes
     ----------
     period : float
-        Of the commands [s]; 0: not known.
+        Period of the commands [s]; 0: not known.
     delay : float
         Known time until a command takes effect [s].
     exact : bool
-        Whether the design is for the sampled plant, not the continuous one.
+        Whether the design is for the sampled plant instead of the continuous one.
 
     """
 
@@ -70,8 +71,8 @@ class LinearizedPlant:
     equilibrium : Equilibrium
     A, B : ndarray, shape (n, n) and (n, m)
     rest : tuple of float
-        Input (m,) that keeps the system where it is: ue where the set point stays, and where it
-        moves on the input of the equilibrium at rest there, if there is one.
+        Input (m,) at rest: ue for a set point that does not move. For a moving set point it is
+        the input of the equilibrium at rest at the same state, or ue if there is none.
 
     """
 
@@ -85,21 +86,21 @@ class LinearizedPlant:
 @dataclass(frozen=True, eq=False)
 class Design:
     """
-    A feedback that is proved to stabilise a plant at its set point.
+    A feedback of a plant at its set point, with verified stability.
 
     Attributes
     ----------
-    plant : Plant
+    plant : LinearizedPlant
     weights : Weights
-        As chosen, without those of the integrals.
+        The cost without the weights of the integrals.
     lqr : LqrDesign
-        Of the plant, with the integrals of the outputs `C` as further states.
+        The design of the plant, with the integrals of the outputs `C` as further states.
     C : ndarray, shape (p, n)
         Outputs with integral action.
     cost : Weights
-        With those of the integrals.
+        The cost with the weights of the integrals.
     sampling : Sampling
-        When the controller acts.
+        Period and delay of the controller.
 
     """
 
@@ -121,19 +122,19 @@ class Design:
         return self.lqr.K[:, self.plant.system.n:]
 
     def cost_to_go(self, error: Sequence[float]) -> float:
-        """Return e'P e, the least cost from an error x - xe (n,) on; under the gain it falls."""
+        """Return e'P e, the optimal cost from an error e = x - xe (n,)."""
         e = np.array(error)
-        with np.errstate(all='ignore'):  # what has run away is infinite
+        with np.errstate(all='ignore'):  # a diverged state has an infinite cost
             return float(e @ self.lqr.P[:len(e), :len(e)] @ e)
 
     def augmented(self, A: Array, B: Array) -> tuple[Array, Array]:
-        """Return another linearization with the integrals of this design as further states."""
+        """Return a linearization augmented with the integrals of this design."""
         return with_integrals(A, B, self.weights, self.C, np.ones(len(self.C)))[:2] if len(
             self.C) else (A, B)
 
     @property
     def prediction(self) -> Prediction | None:
-        """Return how error and integrals are carried over the delay; None without a delay."""
+        """Return the prediction of error and integrals over the delay; None without a delay."""
         period, delay = self.sampling.period, self.sampling.delay
         if not delay:
             return None
@@ -145,7 +146,7 @@ class Design:
 
     @property
     def regulator(self) -> StateFeedback:
-        """Return the law about the set point."""
+        """Return the state feedback at the set point."""
         at = self.plant.equilibrium
         return StateFeedback(convert_vector(at.x), convert_vector(at.u), convert_rows(self.K),
                              convert_vector(at.drift),
@@ -161,9 +162,13 @@ def linearize_plant(system: System, setpoint: Sequence[float] = (),
     Parameters
     ----------
     system : System
-        What is linearised.
+        The system.
     setpoint, setpoint_input : sequence of float
-        As `equilibrium` takes them; empty: the system's own.
+        State (n,) and input (m,) for `find_equilibrium`; empty: those of the system.
+
+    Returns
+    -------
+    LinearizedPlant
 
     Raises
     ------
@@ -183,8 +188,8 @@ def design(plant: LinearizedPlant, weights: dict[str, Any], integral: Sequence[s
 
     Parameters
     ----------
-    plant : Plant
-        What is held.
+    plant : LinearizedPlant
+        The plant at its set point.
     weights : dict
         Arguments of `weights.choose`; empty Qx, Qu: identity.
     integral : sequence of str
@@ -192,14 +197,18 @@ def design(plant: LinearizedPlant, weights: dict[str, Any], integral: Sequence[s
     Qi : sequence of float
         Weights of these integrals; empty: 1 each.
     sampling : Sampling
-        When the controller acts, and whether the gain is designed for it.
+        Period and delay of the controller, and whether the gain is designed for them.
+
+    Returns
+    -------
+    Design
 
     Raises
     ------
     StatementError
         If a list has a wrong length or a number is out of range.
     RefusedDesignError
-        If no gain can be proved to stabilise.
+        If there is no gain with verified stability.
 
     """
     n, m = plant.B.shape
@@ -214,7 +223,7 @@ def design(plant: LinearizedPlant, weights: dict[str, Any], integral: Sequence[s
 
 
 def design_again(found: Design, plant: LinearizedPlant) -> Design:
-    """Return the design of another plant of the same system for the same cost."""
+    """Return the design of another plant of the same system, for the same cost and sampling."""
     return replace(found, plant=plant, lqr=_gain(
         *found.augmented(plant.A, plant.B), found.cost, found.sampling))
 
@@ -223,23 +232,28 @@ def schedule_gains(found: Design, plant_at: Callable[[float], LinearizedPlant], 
                    upper: float
                    ) -> Table:
     """
-    Return the gains of a design for a range of a variable, those of the integrals as last columns.
+    Return a gain schedule for a range of a variable.
 
     Parameters
     ----------
     found : Design
-        The cost, and when the controller acts.
+        The cost and the sampling.
     plant_at : callable
         The plant for a value of the variable.
     lower, upper : float
         The range.
 
+    Returns
+    -------
+    Table
+        The last p columns of each gain are those of the integrals.
+
     Raises
     ------
     StatementError
-        If the design is not one in continuous time, or the range is none.
+        If the design is not in continuous time, or the range is empty.
     ObcError
-        If at a value there is no plant, or no gain that is proved to stabilise.
+        If for a value there is no plant, or no gain with verified stability.
 
     """
     period = found.sampling.period
@@ -261,19 +275,19 @@ def schedule_gains(found: Design, plant_at: Callable[[float], LinearizedPlant], 
 
 
 def _check_held(A: Array, B: Array, K: Array, sampling: Sampling, remedy: str) -> None:
-    """Raise RefusedDesignError where a continuous gain does not bear its period and delay."""
+    """Raise RefusedDesignError if a continuous gain is unstable with its period and delay."""
     period, delay = sampling.period, sampling.delay
     radius = compute_spectral_radius(build_delayed_loop(
         A, B, K, period, delay, *predict_delayed_state(A, B, period, delay)))
     if not radius < 1.0:
-        late = f' and {delay:g} s late' if delay else ''
+        late = f' with a delay of {delay:g} s' if delay else ''
         raise RefusedDesignError(
-            f'the continuous gain is unstable when its input is held for {period:g} s{late} '
+            f'the continuous gain is unstable when the input is held for {period:g} s{late} '
             f'(spectral radius {radius:.3g}); {remedy}')
 
 
 def _gain(A: Array, B: Array, cost: Weights, sampling: Sampling) -> LqrDesign:
-    """Return the gain, proved for the period and the delay as far as they are known."""
+    """Return the gain, verified for the period and the delay if they are known."""
     period, delay = sampling.period, sampling.delay
     try:
         if sampling.exact:
@@ -283,7 +297,7 @@ def _gain(A: Array, B: Array, cost: Weights, sampling: Sampling) -> LqrDesign:
             _check_held(A, B, found.K, sampling,
                         f'set design = sampled with sample_time = {period:g} first, both with '
                         'set_parameters_atomically')
-    except (np.linalg.LinAlgError, OverflowError) as error:  # numbers near the ends of a double
+    except (np.linalg.LinAlgError, OverflowError) as error:  # numbers near the range of a double
         raise RefusedDesignError(
             f'no gain can be computed with numbers of such sizes: {error}') from None
     return found

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Limits of the inputs, from the numbers that someone typed."""
+"""Limits of the inputs: conversion of the parameter `u_limits`, and its error messages."""
 
 from collections.abc import Mapping, Sequence
 import math
@@ -19,31 +19,36 @@ def resolve_input_limits(plant: LinearizedPlant, given: Sequence[float]) -> tupl
 
     Parameters
     ----------
-    plant : Plant
-        At a set point, whose input has to lie between them.
+    plant : LinearizedPlant
+        The plant at a set point; its input must lie within the limits.
     given : sequence of float
-        m numbers: the largest size of each input, within the limits of the system. 2 m numbers:
-        lower and upper limit of each input in turn, in place of the system's; an infinite one is
-        the system's. None: the system's.
+        m numbers: the maximum absolute value of each input, within the limits of the system.
+        2 m numbers: lower and upper limit of each input in turn, in place of those of the system;
+        infinite: the limit of the system. Empty: the limits of the system.
+
+    Returns
+    -------
+    lower, upper : tuple of float
+        (m,) each.
 
     Raises
     ------
     StatementError
-        If there are not so many, or they leave no room for the input of the set point.
+        If the number of limits is wrong, or they exclude the input of the set point.
 
     """
     system = plant.system
     m, own = system.m, list(zip(system.u_min.tolist(), system.u_max.tolist(), strict=True))
     if len(given) not in (0, m, 2 * m):
         raise StatementError(
-            f'u_limits has {count(len(given))}; wanted {m}, the largest size of each, or {2 * m}, '
-            f'lower and upper of each, for {", ".join(system.input_names)}')
+            f'u_limits has {count(len(given))}; wanted {m}, the maximum absolute value of each, '
+            f'or {2 * m}, lower and upper limit of each, for {", ".join(system.input_names)}')
     bounds = own
     if len(given) == m:
         for name, size in zip(system.input_names, given, strict=True):
             if not size > 0.0:
-                raise StatementError(f'u_limits of {name}: {size:g}; wanted a size above 0, or '
-                                     f'lower and upper of each input ({2 * m} numbers)')
+                raise StatementError(f'u_limits of {name}: {size:g}; wanted a positive number, or '
+                                     f'lower and upper limit of each input ({2 * m} numbers)')
         bounds = [(max(low, -size), min(high, size))
                   for size, (low, high) in zip(given, own, strict=True)]
     elif given:
@@ -54,11 +59,11 @@ def resolve_input_limits(plant: LinearizedPlant, given: Sequence[float]) -> tupl
     for name, value, (low, high) in zip(
             system.input_names, plant.equilibrium.u, bounds, strict=True):
         if not low < high:
-            raise StatementError(f'{source} of {name}: the lower, {low:g}, is not below the '
-                                 f'upper, {high:g}')
+            raise StatementError(f'{source} of {name}: the lower limit {low:g} is not below the '
+                                 f'upper limit {high:g}')
         if not low <= value <= high:
-            raise StatementError(f'{name} = {value:.6g} holds the set point, outside {source} of '
-                                 f'[{low:g}, {high:g}]')
+            raise StatementError(f'the input of the set point, {name} = {value:.6g}, is outside '
+                                 f'{source}, [{low:g}, {high:g}]')
     return convert_vector(low for low, _ in bounds), convert_vector(high for _, high in bounds)
 
 
@@ -66,12 +71,23 @@ def check_all_limited(plant: LinearizedPlant, given: Sequence[float], lower: Vec
                       sink: str
                       ) -> None:
     """
-    Check that limits were given, and that every input of a robot has both.
+    Check that limits are given, and that every input of a robot has both.
+
+    Parameters
+    ----------
+    plant : LinearizedPlant
+        The plant at a set point.
+    given : sequence of float
+        As for `resolve_input_limits`.
+    lower, upper : tuple of float
+        (m,) the limits that follow.
+    sink : str
+        Topic of the commands, for the message.
 
     Raises
     ------
     StatementError
-        If not; the sentence shows what to write.
+        If a limit is missing; the message contains the line to write.
 
     """
     free = [signal.name for signal, low, high in zip(
@@ -85,12 +101,26 @@ def check_all_limited(plant: LinearizedPlant, given: Sequence[float], lower: Vec
     units = ', '.join(f'{signal.name} [{signal.unit or "1"}]' for signal in plant.system.inputs)
     what = f'u_limits leaves {" and ".join(free)} unlimited' if given else 'u_limits is missing'
     raise StatementError(
-        f'command_sink = {sink} goes to a robot, whose inputs need limits, and {what}: add '
-        f'u_limits: [{pairs}], lower and upper of {units}, or unlimited: true to go without')
+        f'command_sink = {sink}: the inputs of a robot need limits, and {what}: add '
+        f'u_limits: [{pairs}] (lower and upper limit of {units}), or unlimited: true')
 
 
 def translate_former_limits(system: System, given: Mapping[str, Any]) -> str:
-    """Return what to write in place of u_min and u_max (m numbers each), once limits."""
+    """
+    Return an error message that replaces the former parameters u_min and u_max by u_limits.
+
+    Parameters
+    ----------
+    system : System
+        The system.
+    given : mapping
+        Values of u_min, u_max or both, of any type.
+
+    Returns
+    -------
+    str
+
+    """
     lower, upper = system.u_min.tolist(), system.u_max.tolist()
     lower = _numbers(given.get('u_min')) or lower
     upper = _numbers(given.get('u_max')) or upper
@@ -99,8 +129,8 @@ def translate_former_limits(system: System, given: Mapping[str, Any]) -> str:
         pairs = ', '.join(_yaml(bound) for both in zip(lower, upper, strict=True)
                           for bound in both)
     names = ' and '.join(given)
-    return (f'{names} {"limit" if len(given) > 1 else "limits"} nothing, as limits are u_limits '
-            f'alone: write u_limits: [{pairs}]')
+    return (f'{names} {"do" if len(given) > 1 else "does"} not limit the inputs: write '
+            f'u_limits: [{pairs}]')
 
 
 def _numbers(given: Any) -> list[float]:

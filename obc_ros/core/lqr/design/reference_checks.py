@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether a reference may be taken up. It is judged like a gain, before it commands anything.
+Checks of a reference before it is followed.
 
-Its inputs must be within the limits. The plant must move along it: the states must change as
-f(x, u) says. The plant must be near its start when it is taken up.
+The inputs must be within the limits. The states must satisfy dx/dt = f(x, u). The plant must be
+near the reference when it begins.
 """
 
 from collections.abc import Sequence
@@ -19,26 +19,26 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.systems.system import System
 from obc_ros.core.text.errors import RefusedReferenceError
 
-PART = 0.1         # of the range of a state along a reference, by which the plant may be off it
-_ROUNDING = 1e-6   # of an input's size: how far a solver's answer may be beyond a limit
+PART = 0.1         # allowed error relative to the range of a state along the reference
+_ROUNDING = 1e-6   # excess over a limit relative to the input, by which a solution may exceed it
 
 
 def compute_allowed_error(along: Course, x_limits: AllowedErrors = (),
                           tolerance: Sequence[float] = ()
                           ) -> AllowedErrors:
     """
-    Return by how much the plant may be off a reference that it takes up.
+    Return the bounds of the error at which a reference may begin.
 
     Parameters
     ----------
     along : Course
         The reference.
     x_limits : tuple of (float, float)
-        (n,) bounds of the error x - xr inside which the law is used; empty: any.
+        (n,) bounds of the error x - xr inside which the law is used; empty: none.
     tolerance : sequence of float
-        (n,) largest error of each state, in its unit; empty: `x_limits`, and where those have no
-        bound a tenth of the range of the state along the reference. A range below one unit
-        counts as one unit.
+        (n,) maximum error of each state, in its unit; empty: `x_limits`, or a tenth of the range
+        of the state along the reference if it has no such bound. A range below one unit counts
+        as one unit.
 
     Returns
     -------
@@ -60,23 +60,23 @@ def compute_allowed_error(along: Course, x_limits: AllowedErrors = (),
 
 def check(along: Course, found: Design, limits: InputLimits, allowed: AllowedErrors) -> None:
     """
-    Refuse a reference that the plant cannot follow.
+    Check that the plant can follow a reference.
 
     Parameters
     ----------
     along : Course
         The reference.
     found : Design
-        Of the regulator that is to follow it.
-    limits : Limits
-        Of the inputs.
+        The design of the regulator that is to follow it.
+    limits : InputLimits
+        Limits of the inputs.
     allowed : tuple of (float, float)
-        (n,) bounds of x - xr, as of `compute_allowed_error`.
+        (n,) bounds of x - xr from `compute_allowed_error`.
 
     Raises
     ------
     RefusedReferenceError
-        If an input is beyond a limit, or the plant does not move along the reference.
+        If an input exceeds a limit, or the reference does not satisfy the dynamics.
 
     """
     system = found.plant.system
@@ -103,10 +103,10 @@ def _beyond_limits(along: Course, system: System, limits: InputLimits) -> list[s
 
 def _off_dynamics(along: Course, system: System, allowed: AllowedErrors, time: float) -> list[str]:
     """
-    Return in words which states do not move as f says.
+    Return a sentence for each state that does not satisfy the dynamics.
 
-    A loop with the time constant `time` [s] would be off by e, with e' = f - x' - e / time and
-    f - x' constant over each interval.
+    The error e of a loop with the time constant `time` [s] satisfies e' = f - x' - e / time. The
+    defect f - x' is taken as constant over each interval.
     """
     error, largest, at = np.zeros(system.n), np.zeros(system.n), np.zeros(system.n)
     steps = np.diff(along.t) / time
@@ -118,8 +118,8 @@ def _off_dynamics(along: Course, system: System, allowed: AllowedErrors, time: f
         largest = np.where(grown, error, largest)
         at = np.where(grown, along.t[k + 1], at)
     return [
-        f'the plant does not move along it: with its inputs {signal.name} would be '
-        f'{format_unit(abs(e), signal.unit)} off at t = {t:.4g} s, allowed '
+        f'the reference does not satisfy the dynamics: with its inputs {signal.name} deviates by '
+        f'{format_unit(abs(e), signal.unit)} at t = {t:.4g} s, allowed '
         f'{format_unit(-low if e < 0.0 else high, signal.unit)}'
         for signal, e, t, (low, high) in zip(system.states, largest, at, allowed, strict=True)
         if not is_within(float(e), low, high)]
@@ -129,7 +129,7 @@ def _defects(along: Course, system: System) -> Array:
     """
     Return the integral of f - x' over each interval, shape (N - 1, n).
 
-    The integral is that of Simpson's rule, the state in the middle that of Hermite's cubic.
+    The integral uses Simpson's rule, the midpoint state the cubic Hermite interpolant.
     """
     h, x = np.diff(along.t)[:, None], along.x
     u_begin = along.u[:-1]

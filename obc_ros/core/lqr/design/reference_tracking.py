@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Following a reference xd(t), ud(t): the cost in terms of (x - xd) and (u - ud).
+Tracking of a reference xd(t), ud(t) with a cost of (x - xd) and (u - ud).
 
-u = ud(t) - K(t) (x - xd(t)), where K = Qu^-1 (B'P + N') and P solves the Riccati differential
-equation (2.7) along the path, backwards from a terminal weight P1 or from the design that holds
-its end. A set point that is to be reached within a horizon is such a path, too.
+The control law is u = ud(t) - K(t) (x - xd(t)) with K = Qu^-1 (B'P + N'). P solves the Riccati
+differential equation (2.7) along the reference, backwards from a terminal weight P1 or from the
+P of the design at its end. A set point with a horizon is the special case of a constant reference.
 """
 
 from bisect import bisect_right
@@ -36,25 +36,25 @@ from obc_ros.core.text.errors import DynamicsError, quote, RefusedDesignError, S
 
 MOST = 200_000  # samples
 _INTERVALS = 300  # of the gain; in between it is interpolated
-# A terminal weight changes the gain fast near the end: there each time to go is so many times
-# the next, and each of the last periods has its gain.
+# A terminal weight changes the gain fast near the end. There the times to go decrease by the
+# factor _CLOSER, _CLOSEST times, and each of the last _PERIODS periods has its own gain.
 _CLOSER, _CLOSEST, _PERIODS = 2.0**(1.0 / 3.0), 60, 64
-_AT_REST = 1e-5   # of a state's size: how near to rest an answer ends that is to end at rest
+_AT_REST = 1e-5   # relative to a state: an end this near to an equilibrium is meant to be one
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
     """
-    A reference that was found to be well formed.
+    The samples of a valid reference.
 
     Attributes
     ----------
     reference : Reference
         When it begins.
     t, x, u : ndarray, shape (N,), (N, n), (N, m)
-        Samples; a time that stands twice is a jump.
+        Samples; a repeated time is a jump.
     holds : bool
-        Whether u is constant from each sample on; linear in between otherwise.
+        Whether u is constant from each sample to the next; otherwise linear in between.
 
     """
 
@@ -69,32 +69,37 @@ def read_course(system: System, names: tuple[Sequence[str], Sequence[str]], t: S
                 x: Sequence[float], u: Sequence[float], interpolation: str, begin: int | None
                 ) -> Course:
     """
-    Return the reference that is given by plain numbers.
+    Return the reference that is given by lists of numbers.
 
     Parameters
     ----------
     system : System
-        Whose states and inputs these are.
+        The system of the states and inputs.
     names : tuple of sequence of str
-        Names of states and inputs, in the order of x and u; empty: that of the system.
+        Names of states and inputs, in the order of x and u; empty: the order of the system.
     t, x, u : sequence of float
         N, N*n and N*m numbers, row by row.
     interpolation : str
-        Of u: 'linear' or 'zoh'; empty: linear.
+        Interpolation of u: 'linear' or 'zoh'; empty: linear.
     begin : int, optional
-        Stamp of t = 0 [ns]; None: the first state from now on.
+        Stamp of t = 0 [ns]; None: that of the next state.
+
+    Returns
+    -------
+    Course
 
     Raises
     ------
     StatementError
-        If something does not fit.
+        If a list has a wrong length, a number is not finite, the times decrease, or a name is
+        unknown.
 
     """
     times = np.array(t, dtype=float)
     if not 2 <= times.size <= MOST:
         raise StatementError(f'a reference has {times.size} samples; wanted 2 to {MOST}')
     if not np.isfinite(times).all() or times[0] < 0.0 or (np.diff(times) < 0.0).any():
-        raise StatementError('t: wanted finite times from 0 on that do not decrease')
+        raise StatementError('t: wanted finite times, not negative and not decreasing')
     if times[-1] <= times[0]:
         raise StatementError('t: the last time is not after the first')
     if interpolation not in ('', 'linear', 'zoh'):
@@ -110,21 +115,28 @@ def read_course(system: System, names: tuple[Sequence[str], Sequence[str]], t: S
 
 def compute_tracking_law(along: Course, found: Design, P1: Array | None = None) -> tuple[Leg, str]:
     """
-    Return the law along a reference, with the weights of a design, and how it ends in words.
+    Return the control law along a reference, for the weights of a design.
 
     Parameters
     ----------
     along : Course
         The reference.
     found : Design
-        Of the same system.
+        A design of the same system.
     P1 : ndarray, shape (n, n), optional
-        Terminal weight; without it the cost goes on with the design that holds the end.
+        Terminal weight; default: P of the design at the end of the reference.
+
+    Returns
+    -------
+    leg : Leg
+        The control law along the reference and after its end.
+    ending : str
+        What happens at the end, as a clause.
 
     Raises
     ------
     DynamicsError
-        If the system cannot be linearised along it.
+        If the system cannot be linearised along the reference.
 
     """
     at_end, after, ending = _end(along, found)
@@ -138,16 +150,20 @@ def compute_tracking_law(along: Course, found: Design, P1: Array | None = None) 
 
 def compute_horizon_law(found: Design, time: float, P1: Array | None = None) -> Horizon:
     """
-    Return the gains that reach a set point within a time, and the one of the design afterwards.
+    Return the gains over a horizon to a set point, followed by the constant gain of the design.
 
     Parameters
     ----------
     found : Design
-        That holds the set point.
+        The design at the set point.
     time : float
         Horizon T [s].
     P1 : ndarray, shape (n, n), optional
-        Terminal weight; without it the gain is that of the design from the beginning.
+        Terminal weight; default: P of the design, which makes the gain constant.
+
+    Returns
+    -------
+    Horizon
 
     """
     plant = found.plant
@@ -159,14 +175,14 @@ def compute_horizon_law(found: Design, time: float, P1: Array | None = None) -> 
 @dataclass(frozen=True, eq=False)
 class LawAlongReference:
     """
-    The law along a reference.
+    The control law along a reference.
 
     Attributes
     ----------
     t, x, u, holds
-        As of a `Course`.
+        As for `Course`.
     gains : Gains
-        Against t.
+        Gains over t.
 
     """
 
@@ -177,11 +193,11 @@ class LawAlongReference:
     gains: Gains
 
     def at(self, t: float) -> ReferencePoint:
-        """Return reference and gain at time t [s]; before the first sample that one."""
+        """Return reference and gain at time t [s]; t is clipped to the range of the samples."""
         t = min(max(t, self.t[0]), self.t[-1])
         k = min(bisect_right(self.t, t), len(self.t) - 1) - 1
         while self.t[k] == self.t[k + 1]:
-            k -= 1  # the last sample stands twice
+            k -= 1  # the time of the last sample is repeated
         part = (t - self.t[k]) / (self.t[k + 1] - self.t[k])
         u = self.u[k] if self.holds else interpolate_vectors(self.u[k], self.u[k + 1], part)
         return ReferencePoint(interpolate_vectors(self.x[k], self.x[k + 1], part), u,
@@ -189,24 +205,24 @@ class LawAlongReference:
 
 
 def _end(along: Course, found: Design) -> tuple[Design, StateFeedback, str]:
-    """Return the design there, the regulator that goes on from the end, and that in words."""
+    """Return the design at the end, the feedback after the end, and the clause on the ending."""
     system, x = found.plant.system, along.x[-1]
     try:
         there = _place(system, along)
     except DynamicsError as error:
-        return found, found.regulator, f'then the set point is held, as {error}'
+        return found, found.regulator, f'then the set point is held: {error}'
     try:
         held = design_again(found, there)
     except RefusedDesignError as error:
         still = StateFeedback(
             convert_vector(x), there.rest, ((0.0,) * system.n,) * system.m, (0.0,) * system.n,
             ((0.0,) * len(found.C),) * system.m)
-        return found, still, f'then its end is not held but left alone: {error}'
+        return found, still, f'then the input at rest is applied without feedback: {error}'
     return held, held.regulator, 'then its end is held'
 
 
 def _place(system: System, along: Course) -> LinearizedPlant:
-    """Return the plant at the end of a reference, or at the rest that it was solved to end in."""
+    """Return the plant at the end of a reference, or at an equilibrium next to it."""
     x, u, size = along.x[-1], along.u[-1], np.abs(along.x).max(axis=0)
     try:
         return linearize_plant(system, x.tolist(), u.tolist())
@@ -218,7 +234,7 @@ def _place(system: System, along: Course) -> LinearizedPlant:
 
 
 def _terminal(found: Design, P1: Array | None) -> Array:
-    """Return the terminal weight of the plant with the integrals."""
+    """Return the terminal weight of the plant augmented with the integrals."""
     P, n = found.lqr.P, found.plant.system.n
     if P1 is None:
         return P
@@ -229,7 +245,7 @@ def _terminal(found: Design, P1: Array | None) -> Array:
 
 def _settling(gains: Gains, after: StateFeedback, at_end: Design,
               P1: Array | None) -> ReferenceLaw:
-    """Return the regulator, its gain on the way from the last of the path."""
+    """Return the feedback after the end; its gain begins with the last one of the reference."""
     if P1 is None or after.K != at_end.regulator.K:
         return after
     end = gains.grid[-1]
@@ -239,7 +255,7 @@ def _settling(gains: Gains, after: StateFeedback, at_end: Design,
 
 
 def _continued(gains: Gains, found: Design) -> Gains:
-    """Return gains that go over to those of a design, as fast as its fastest pole."""
+    """Append the gain of a design, after the time constant of its fastest pole."""
     speed, period = np.abs(found.lqr.E), found.lqr.period
     if period:
         speed = np.abs(np.log(np.maximum(speed, 1e-12))) / period
@@ -267,7 +283,7 @@ def _gains(grid: Array, found: Design, P1: Array,
     n, P, gains = found.plant.system.n, P1, []
     step = _sampled_step if found.lqr.period else _step
     for k in range(len(grid) - 1, -1, -1):
-        # of an interval its middle, of the end the end
+        # An interval is linearised at its midpoint.
         is_end = k == len(grid) - 1
         time = grid[k] if is_end else 0.5 * (grid[k] + grid[k + 1])
         A, B = found.augmented(*linear(float(time)))
@@ -281,7 +297,7 @@ def _gains(grid: Array, found: Design, P1: Array,
 
 
 def _step(A: Array, B: Array, found: Design, P: Array, time: float) -> tuple[Array, Array]:
-    """Return P a time [s] earlier, and the gain there."""
+    """Return P at a time [s] before, and the gain at that time."""
     weights = found.cost
     N = np.zeros_like(B) if weights.cross is None else weights.cross
     right = np.linalg.solve(weights.Qu, np.hstack([B.T, N.T]))
@@ -295,7 +311,7 @@ def _step(A: Array, B: Array, found: Design, P: Array, time: float) -> tuple[Arr
 
 def _sampled_step(A: Array, B: Array, found: Design, P: Array, time: float
                   ) -> tuple[Array, Array]:
-    """Return P a time [s] earlier, in whole periods, and the gain there."""
+    """Return P at a time [s] before, rounded to whole periods, and the gain at that time."""
     period = found.lqr.period
     A, B, cost = discretize_cost(A, B, found.cost, period)
     N = np.zeros_like(B) if cost.cross is None else cost.cross

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a design is, and what a change from one to another does: numbers and a sentence."""
+"""Report of a design and of the change from the previous one: fields of a message, a sentence."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from obc_ros.core.numerics.arrays import Array
 @dataclass(frozen=True)
 class Change:
     """
-    The step from one design to the next.
+    The change from one design to the next.
 
     Attributes
     ----------
@@ -25,7 +25,7 @@ class Change:
     jump : tuple of float
         (m,) change of each input at the present error; empty: no state yet.
     sentence : str
-        Both in words; empty for the first design.
+        Both as a sentence; empty for the first design.
 
     """
 
@@ -36,21 +36,25 @@ class Change:
 
 def change(before: Design, after: Design, jump: Sequence[float] | None) -> Change:
     """
-    Return what replacing a design does.
+    Return the change of the gain and of the inputs from one design to another.
 
     Parameters
     ----------
     before, after : Design
-        Of the same system.
+        Designs of the same system.
     jump : sequence of float, optional
         (m,) change of each input at the present error.
+
+    Returns
+    -------
+    Change
 
     """
     system = after.plant.system
     step = after.K - before.K
     i, j = divmod(int(np.abs(step).argmax()), step.shape[1])
     largest = float(abs(step[i, j]))
-    words = 'K stays' if not largest else (
+    words = 'K is unchanged' if not largest else (
         f'largest change of K: {before.K[i, j]:.4g} to {after.K[i, j]:.4g} '
         f'({system.states[j].name} to {system.inputs[i].name})')
     if jump:
@@ -62,16 +66,21 @@ def change(before: Design, after: Design, jump: Sequence[float] | None) -> Chang
 
 def report_fields(design: Design, made: Change, error: Sequence[float] | None) -> dict[str, Any]:
     """
-    Return the fields of the message LqrDesign that say what a design is.
+    Return the fields of the message LqrDesign that describe a design.
 
     Parameters
     ----------
     design : Design
         The design.
     made : Change
-        How it came about.
+        The change from the previous design.
     error : sequence of float, optional
         The present x - xe (n,).
+
+    Returns
+    -------
+    dict
+        Values by field; matrices row by row.
 
     """
     plant, found = design.plant, design.lqr
@@ -100,7 +109,7 @@ def report_fields(design: Design, made: Change, error: Sequence[float] | None) -
 
 
 class Matrices(NamedTuple):
-    """What a message LqrDesign holds row by row: A (n, n), B (n, m), ..., the poles (n,)."""
+    """The matrices of a message LqrDesign: A (n, n), B (n, m), ..., and the poles (n,)."""
 
     A: Array
     B: Array
@@ -111,21 +120,32 @@ class Matrices(NamedTuple):
     poles: NDArray[np.complex128]
 
 
-def read_matrices(told: Any) -> Matrices:
-    """Return the matrices that a message with the fields of `report_fields` tells."""
-    n, m = len(told.xe), len(told.ue)
+def read_matrices(message: Any) -> Matrices:
+    """
+    Return the matrices of a message LqrDesign.
+
+    Parameters
+    ----------
+    message : LqrDesign
+        A message with the fields of `report_fields`.
+
+    Returns
+    -------
+    Matrices
+
+    """
+    n, m = len(message.xe), len(message.ue)
 
     def rows(numbers: Any, of: int) -> Array:
         return np.reshape(np.asarray(numbers, dtype=float), (-1, of))
 
-    return Matrices(rows(told.a, n), rows(told.b, m), rows(told.qx, n), rows(told.qu, m),
-                    rows(told.k, n), rows(told.p, n),
-                    np.array(told.poles_real) + 1j * np.array(told.poles_imag))
+    return Matrices(rows(message.a, n), rows(message.b, m), rows(message.qx, n),
+                    rows(message.qu, m), rows(message.k, n), rows(message.p, n),
+                    np.array(message.poles_real) + 1j * np.array(message.poles_imag))
 
 
 def _sentence(design: Design, seen: Figures) -> str:
     slowest, phase = seen.poles.real.max(), float(np.degrees(seen.phase_margin.min()))
-    words = (f'{design.plant.system.name}: {len(seen.poles)} poles left of {slowest:.4g} 1/s, '
-             f'least damping {seen.damping.min():.3g}, least disk margin '
-             f'{seen.disk_margin.min():.3g}')
-    return f'{words}, least phase margin {phase:.3g} deg' if np.isfinite(phase) else words
+    words = (f'{design.plant.system.name}: spectral abscissa {slowest:.3g} 1/s, minimum damping '
+             f'ratio {seen.damping.min():.3g}, minimum disk margin {seen.disk_margin.min():.3g}')
+    return f'{words}, minimum phase margin {phase:.3g} deg' if np.isfinite(phase) else words

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is to be known of a set point before a robot is given it: whether it moves, and by what."""
+"""Checks of a set point: whether it moves, by which states and inputs, and whether it is given."""
 
 from collections.abc import Sequence
 
@@ -13,28 +13,28 @@ from obc_ros.core.text.errors import StatementError
 SetPointValues = Sequence[float] | NDArray[np.float64]
 
 _SPEEDS = ('m/s', 'rad/s')
-_STILL = 1e-9  # [1/s] below it a rate is what rounding leaves of 0
-_AS_GIVEN = 1e-5  # relative: inputs are told with six digits
+_STILL = 1e-9  # [1/s] a smaller rate is a rounding error of 0
+_AS_GIVEN = 1e-5  # relative; inputs are printed with six digits
 
 
 def check_set_point(plant: LinearizedPlant, setpoint: Sequence[float],
                     setpoint_input: Sequence[float]
                     ) -> None:
     """
-    Check that a set point that moves is asked for, and that the input asked for holds it.
+    Check that a moving set point is given explicitly, and that the given input holds it.
 
     Parameters
     ----------
-    plant : Plant
-        At the set point.
+    plant : LinearizedPlant
+        The plant at the set point.
     setpoint, setpoint_input : sequence of float
-        As they were given: n and m numbers; empty: those of the system.
+        The given n and m numbers; empty: those of the system.
 
     Raises
     ------
     StatementError
-        If the set point moves by a state or an input that is the system's own and was not given,
-        or another input than the one given holds it. The sentence shows what to write.
+        If the set point moves by a default state or input of the system, or if the given input
+        is not the one that holds it. The message contains the line to write.
 
     """
     system, at = plant.system, plant.equilibrium
@@ -42,9 +42,9 @@ def check_set_point(plant: LinearizedPlant, setpoint: Sequence[float],
             system.inputs, setpoint_input or at.u, at.u, strict=True):
         if abs(given - value) > _AS_GIVEN * max(1.0, abs(value)):
             raise StatementError(
-                f'setpoint_input: {signal.name} = {given:g} is not used, as the set point leaves '
-                f'it no choice: {_told([signal], [value])} holds it; write that, or leave '
-                'setpoint_input out')
+                f'setpoint_input: {signal.name} = {given:g} is not used, because the set point '
+                f'determines {_list_values([signal], [value])}; write this value, or omit '
+                'setpoint_input')
     lines = []
     by_state, by_input = _movers(plant)
     if by_state and not setpoint:
@@ -53,20 +53,33 @@ def check_set_point(plant: LinearizedPlant, setpoint: Sequence[float],
         lines.append(f'setpoint_input: {_line(at.u)}')
     if lines:
         raise StatementError(
-            f'the set point of {system.name} moves, {_motion(plant)}, which has to be asked for: '
-            f'add {" and ".join(lines)} ({_told(system.states, at.x)}; '
-            f'{_told(system.inputs, at.u)}), or another')
+            f'the set point of {system.name} moves, {_motion(plant)}, and must be given: '
+            f'add {" and ".join(lines)} ({_list_values(system.states, at.x)}; '
+            f'{_list_values(system.inputs, at.u)}), or another set point')
 
 
 def describe_set_point(plant: LinearizedPlant) -> tuple[str, str]:
-    """Return the set point xe, with how it moves, and its input ue, in words."""
+    """
+    Describe the set point xe with its motion, and its input ue.
+
+    Parameters
+    ----------
+    plant : LinearizedPlant
+        The plant at the set point.
+
+    Returns
+    -------
+    xe, ue : str
+
+    """
     system, at = plant.system, plant.equilibrium
     motion = f', moving: {_motion(plant)}' if any(_movers(plant)) else ''
-    return f'xe: {_told(system.states, at.x)}{motion}', f'ue: {_told(system.inputs, at.u)}'
+    return (f'xe: {_list_values(system.states, at.x)}{motion}',
+            f'ue: {_list_values(system.inputs, at.u)}')
 
 
 def _movers(plant: LinearizedPlant) -> tuple[bool, bool]:
-    """Return whether the set point moves by a state, and whether by an input."""
+    """Return whether a state and whether an input makes the set point move."""
     system, at = plant.system, plant.equilibrium
     fx, fu = system.jacobians(at.x, at.u)
     moving = abs(at.drift) > _STILL
@@ -88,7 +101,7 @@ def _motion(plant: LinearizedPlant) -> str:
     return ', '.join(rates or [*_speeds(system.states, at.x), *_speeds(system.inputs, at.u)])
 
 
-def _told(signals: Sequence[Signal], values: SetPointValues) -> str:
+def _list_values(signals: Sequence[Signal], values: SetPointValues) -> str:
     return ', '.join(f'{signal.name} = {value:.6g} {signal.unit}'.rstrip()
                      for signal, value in zip(signals, values, strict=True))
 

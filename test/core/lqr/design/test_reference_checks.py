@@ -104,8 +104,8 @@ def test_the_path_of_another_plant_is_refused() -> None:
     """A wheelbase of 1 m instead of 2 m turns twice as fast as these inputs turn this vehicle."""
     along = bend(length=1.0)
     with pytest.raises(RefusedReferenceError, match=(
-            r'the plant does not move along it: with its inputs theta would be .* rad off at '
-            r't = .* s, allowed')):
+            r'the reference does not satisfy the dynamics: with its inputs theta deviates '
+            r'by .* rad at t = .* s, allowed')):
         check(along, regulator(), FREE, compute_allowed_error(along))
     check(along, regulator(), FREE, WIDE)
 
@@ -117,7 +117,7 @@ def test_a_path_faster_than_its_inputs_is_refused() -> None:
     found = regulator()
     expected = 45.0 / -found.lqr.E.real.max()  # e' = 45 - e / time
     with pytest.raises(RefusedReferenceError, match=(
-            rf'px would be {expected:.4g} m off at t = .* s, allowed 1 m')):
+            rf'px deviates by {expected:.4g} m at t = .* s, allowed 1 m')):
         check(along, found, FREE, ((-1.0, 1.0), *WIDE[:2]))
 
 
@@ -125,14 +125,14 @@ def test_a_jump_of_a_state_is_refused() -> None:
     """A time that stands twice is for inputs."""
     x = [[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [10.0, 3.0, 0.0], [20.0, 3.0, 0.0]]
     along = given([0.0, 1.0, 1.0, 2.0], x, [[10.0, 0.0]] * 4)
-    with pytest.raises(RefusedReferenceError, match='py would be 3 m off at t = 1 s, allowed 0.3'):
+    with pytest.raises(RefusedReferenceError, match='py deviates by 3 m at t = 1 s, allowed 0.3'):
         check(along, regulator(), FREE, compute_allowed_error(along))
 
 
 def test_a_path_without_a_rate_is_refused() -> None:
     """Where f overflows nothing is within what is allowed."""
     along = given([0.0, 1.0], [[0.0, 0.0, 0.0]] * 2, [[1e308, 1.5707963267948966]] * 2)
-    with pytest.raises(RefusedReferenceError, match='does not move along it'):
+    with pytest.raises(RefusedReferenceError, match='does not satisfy the dynamics'):
         check(along, regulator(), FREE, compute_allowed_error(along))
 
 
