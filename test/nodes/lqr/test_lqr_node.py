@@ -67,7 +67,7 @@ REFUSED = [
     ({'weights': 'output', 'H': [1.0, 2.0]}, 'H has 2 numbers; wanted a multiple of 6'),
     ({'rho': -1.0}, 'rho = -1: wanted at least 0'),
     ({'setpoint': [0.0] * 5}, 'set point of aircraft: wanted 6 numbers'),
-    ({'setpoint': [0.0, 0.0, 0.5, 0.0, 0.0, 0.0], 'u_limits': [1.0, 1.0]}, 'no input holds'),
+    ({'setpoint': [0.0, 0.0, 0.5, 0.0, 0.0, 0.0], 'u_limits': [1.0, 1.0]}, 'found no equilibrium'),
     ({'setpoint': [0.0, 0.0, 0.0, 1.0, 0.0, 0.0]}, 'found no equilibrium of the aircraft'),
     ({'u_limits': [1.0, 1.0]}, 'the input of the set point, f2 = 39.2, is outside u_limits, '
      '[-1, 1]'),
