@@ -1,16 +1,17 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Pontryagin's boundary value problem, solved directly by Newton's method from a path nearby.
+Indirect method: Pontryagin's boundary value problem, solved by Newton's method from a path nearby.
 
-In every arc each input is at a bound or makes dH/du = 0; z = (x, lam) obeys
+In every arc each input is at a bound or satisfies dH/du = 0, and z = (x, lam) satisfies
 
     dx/dt = f(x, u),   dlam/dt = -dH/dx,   x(0) = x0,   psi(x(T)) = 0,
-    lam(T) = dV/dx + nu' dpsi/dx,   H(T) = 0 where T is free,
+    lam(T) = dV/dx + nu' dpsi/dx,   H(T) = 0 if T is free,
 
 by collocation at three Gauss points in each interval (order 6). The lengths of the arcs are
-unknown, too: where an input jumps H does not, where it meets a bound dH/du = 0 there.
-Arcs on which dH/du vanishes without determining u, or on a bound of the state, are not treated.
+unknown, too. The equation of each switching time is that H is continuous where an input jumps
+from bound to bound, and dH/du = 0 where it meets a bound. Singular arcs, on which dH/du = 0 does
+not determine u, and arcs on state bounds are not treated.
 """
 
 from collections.abc import Sequence
@@ -26,13 +27,16 @@ from obc_ros.core.solver.adjoint.mesh_refinement import choose_cuts
 from obc_ros.core.solver.arcs.input_arcs import Arc
 from obc_ros.core.solver.transcription.program import ProblemScales
 
-_FEWEST, _FEWEST_ROUGH = 6, 3   # intervals in an arc
-_SHARE = 1e-6      # of each interval where a solution nearby is known
-_REFINEMENTS, _DEFECT = 2, 3e-7    # where intervals are too long for all together
+_FEWEST, _FEWEST_ROUGH = 6, 3   # minimum number of intervals in an arc; of a rough solution
+# Scaled residual at which Newton's method ends for a rough or neighbouring solution; defect of an
+# interval of a thinned one.
+_SHARE = 1e-6
+# Maximum number of refinements of the intervals; sum of their scaled defects that they aim at.
+_REFINEMENTS, _DEFECT = 2, 3e-7
 
 
 class Indirect:
-    """The boundary value problem of a problem's structure, for any arcs and numbers."""
+    """The boundary value problem of one structure, for any arcs and numbers."""
 
     def __init__(self, problem: Problem) -> None:
         self._parts = Hamiltonian(problem)
@@ -40,10 +44,28 @@ class Indirect:
     def solve(self, problem: Problem, arcs: Sequence[Arc], course: Extremal, points: Array,
               scales: ProblemScales, *, rough: bool = False) -> BoundaryValues | None:
         """
-        Return a solution near a course with the given arcs; None if Newton finds none.
+        Solve the boundary value problem from a path with costates.
 
-        `points`: times between which intervals are short enough. `rough`: a solution will do that
-        says where the arcs end.
+        Parameters
+        ----------
+        problem : Problem
+            Without state bounds or path constraints.
+        arcs : sequence of Arc
+            Arcs of the inputs.
+        course : Extremal
+            Initial guess.
+        points : ndarray
+            Mesh points [s] on which the intervals are based.
+        scales : ProblemScales
+            Scales of states, inputs, time and cost.
+        rough : bool
+            Accept a rough solution, which is sufficient for the ends of the arcs.
+
+        Returns
+        -------
+        BoundaryValues or None
+            None if Newton's method did not converge.
+
         """
         fractions = [_cut(arc, points, _FEWEST_ROUGH if rough else _FEWEST) for arc in arcs]
         arc_of = np.repeat(np.arange(len(arcs)), [len(part) for part in fractions])
@@ -56,10 +78,27 @@ class Indirect:
     def refined(self, problem: Problem, found: BoundaryValues, points: Array, scales: ProblemScales
                 ) -> BoundaryValues | None:
         """
-        Return a rough solution to full precision, as `solve` does.
+        Refine a rough solution to full accuracy.
 
-        On intervals between `points`, not on its own: it may be that of a neighbour on few, and
-        what is asked twice is to be answered alike.
+        The intervals are those between `points`, not those of the solution: these may come from a
+        neighbouring problem, and the result must not depend on it.
+
+        Parameters
+        ----------
+        problem : Problem
+            As in `solve`.
+        found : BoundaryValues
+            The rough solution.
+        points : ndarray
+            Mesh points [s].
+        scales : ProblemScales
+            As in `solve`.
+
+        Returns
+        -------
+        BoundaryValues or None
+            None if Newton's method did not converge.
+
         """
         fractions = [_cut(arc, points, _FEWEST) for arc in found.arcs]
         arc_of = np.repeat(np.arange(len(fractions)), [len(part) for part in fractions])
@@ -70,18 +109,49 @@ class Indirect:
 
     def thinned(self, problem: Problem, found: BoundaryValues,
                 scales: ProblemScales) -> BoundaryValues:
-        """Return a solution on fewer intervals, for its neighbours to start from."""
+        """
+        Return a solution on fewer intervals, as an initial guess of neighbouring problems.
+
+        Parameters
+        ----------
+        problem : Problem
+            As in `solve`.
+        found : BoundaryValues
+            Its solution.
+        scales : ProblemScales
+            As in `solve`.
+
+        """
         system = Equations(self._parts, problem, found.arcs, scales, *found.intervals)
         try:
             with np.errstate(all='ignore'):
                 system = system.on(*_graded(system.defects(found), *found.intervals))
                 return system.result(system.near(found), found.residual)
         except np.linalg.LinAlgError:
-            return found   # between its points dH/du does not say what u is
+            return found   # dH/du = 0 does not determine u between its points
 
     def follow(self, problem: Problem, known: BoundaryValues, levels: Array, scales: ProblemScales
                ) -> BoundaryValues | None:
-        """Return a solution near that of another problem, inputs at bounds at these `levels`."""
+        """
+        Solve from the solution of a neighbouring problem with the same arcs.
+
+        Parameters
+        ----------
+        problem : Problem
+            As in `solve`.
+        known : BoundaryValues
+            Solution of the neighbour.
+        levels : ndarray, shape (arcs, m)
+            Values of the inputs at bounds; nan where they are free.
+        scales : ProblemScales
+            As in `solve`.
+
+        Returns
+        -------
+        BoundaryValues or None
+            Rough; None if Newton's method did not converge.
+
+        """
         arcs = [replace(arc, levels=tuple(row))
                 for arc, row in zip(known.arcs, levels, strict=True)]
         with np.errstate(all='ignore'):
@@ -89,7 +159,7 @@ class Indirect:
             return system.solve(system.near(known), _SHARE)
 
     def _refined(self, system: Equations, start: Unknowns) -> BoundaryValues | None:
-        """Return what Newton's method makes of a start, on intervals that are short enough."""
+        """Solve by Newton's method, on finer intervals until the defects are small enough."""
         found = system.solve(start)
         for _ in range(_REFINEMENTS):
             if found is None or _short(system.defects(found)):
@@ -110,12 +180,12 @@ class Indirect:
 
 
 def _short(defects: Array) -> bool:
-    """Return whether intervals are short enough, or so nearly that others bring nothing."""
+    """Return whether the defects are at most twice those that a refinement aims at."""
     return bool(defects.max() <= 2 * _DEFECT / len(defects))
 
 
 def _cut(arc: Arc, points: Array, fewest: int) -> Array:
-    """Return the lengths of the intervals of an arc as parts of it."""
+    """Return the lengths of the intervals of an arc, as parts of its length."""
     inside = (points - arc.start) / (arc.end - arc.start)
     inside = inside[(inside > 1e-3) & (inside < 1 - 1e-3)]
     if len(inside) < fewest:
@@ -124,7 +194,7 @@ def _cut(arc: Arc, points: Array, fewest: int) -> Array:
 
 
 def _graded(defects: Array, fractions: Array, arc_of: Index) -> tuple[Array, Index]:
-    """Return intervals, as parts of their arcs, as many as defects ask for, and their arcs."""
+    """Return the intervals that the defects require, as parts of their arcs, and their arcs."""
     needed = np.append(0.0, np.cumsum(np.maximum(defects / _SHARE, 1e-12) ** (1 / 6)))
     ends = needed[np.append(0, np.flatnonzero(np.diff(arc_of, append=-1)) + 1)]
     arcs, inner = cut_evenly(ends, np.ceil(np.diff(ends)))

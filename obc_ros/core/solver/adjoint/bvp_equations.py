@@ -3,8 +3,9 @@
 """
 The equations of Pontryagin's boundary value problem for given arcs, and Newton's method.
 
-In a step the inputs go first, then the Gauss points of each interval, all intervals at once;
-what is left links neighbouring mesh points (a banded matrix) with nu and the lengths of the arcs.
+A step eliminates the inputs first, then the values at the Gauss points of each interval, for all
+intervals at once. The remaining system has a banded matrix for the mesh points, bordered by nu
+and the lengths of the arcs.
 """
 
 from collections.abc import Sequence
@@ -25,19 +26,21 @@ from obc_ros.core.solver.arcs.input_arcs import Arc
 from obc_ros.core.solver.transcription.program import ProblemScales
 from scipy.linalg import LinAlgError, solve_banded
 
-TOLERANCE, _ENOUGH = 1e-12, 1e-8   # scaled residuals: where to end, and what must be reached
-_STAGES = 3
-_MOST_STEPS = 12
-_AT_ONCE = 2_000_000   # numbers of the matrices of condensed intervals: 16 MB
+TOLERANCE = 1e-12      # scaled residual at which Newton's method ends
+_ENOUGH = 1e-8         # scaled residual that it must reach
+_STAGES = 3            # Gauss points in an interval
+_MOST_STEPS = 12       # maximum number of Newton steps
+_AT_ONCE = 2_000_000   # numbers in the matrices of intervals condensed at a time (16 MB)
 
 
 @dataclass(frozen=True, eq=False)
 class _Rates:
     """
-    What holds at K points, scaled.
+    The right-hand sides and their derivatives at K points, scaled.
 
-    F (K, 2n) = dz/dt, H, L (K,), dH/du `Hu`, and `off` (K, m), by how much the equation of each
-    input is not met; du = `gain` dz + `move` meets it. F_z, F_u and B = dHu/dz, Huu (K, ., .).
+    F (K, 2n) = dz/dt, H and L (K,), Hu = dH/du (K, m). `off` (K, m) is the residual of the
+    equation of each input; du = `gain` dz + `move` makes it zero to first order. F_z, F_u,
+    B = dHu/dz and Huu have the shape (K, ., .).
     """
 
     F: Array
@@ -54,19 +57,19 @@ class _Rates:
 
     @property
     def total(self) -> Array:
-        """Return dF/dz with the inputs that follow z."""
+        """Return dF/dz with the inputs as functions of z, (K, 2n, 2n)."""
         return self.F_z + self.F_u @ self.gain
 
     @property
     def H_z(self) -> Array:
-        """Return dH/dz with the inputs that follow z, (K, 2n)."""
+        """Return dH/dz with the inputs as functions of z, (K, 2n)."""
         n = self.F.shape[1] // 2
         partial = np.hstack([-self.F[:, n:], self.F[:, :n]])
         return np.asarray(partial + np.einsum('kj,kjz->kz', self.Hu, self.gain))
 
 
 class Hamiltonian:
-    """The right-hand sides of a problem's structure, for any arcs and numbers."""
+    """The right-hand sides of one structure, for any arcs and numbers."""
 
     def __init__(self, problem: Problem) -> None:
         n, m = problem.n, problem.m
@@ -86,7 +89,11 @@ class Hamiltonian:
     def rates(self, problem: Problem, scales: ProblemScales, z: Array, u: Array,
               free: NDArray[np.bool_],
               level: Array) -> _Rates:
-        """Return what holds at scaled points with inputs free or at their (scaled) levels."""
+        """
+        Evaluate the right-hand sides at scaled points.
+
+        `free` (K, m): inputs with dH/du = 0; the others are at `level` (K, m), scaled.
+        """
         n, (two_n, m) = problem.n, self._sizes
         size = np.concatenate([scales.x, scales.cost / scales.x])
         x_lam = z * size
@@ -112,7 +119,7 @@ class Hamiltonian:
 
     def end(self, problem: Problem, scales: ProblemScales, z: Array, nu: Array) -> tuple[Array,
                                                                                          ...]:
-        """Return psi and dpsi/dx, lam(T) as it should be and its derivative, and V, scaled."""
+        """Return psi, dpsi/dx, dV/dx + nu' dpsi/dx and its derivative, and V, scaled."""
         n, q, sx, cost = problem.n, problem.q, scales.x, scales.cost
         psi, psi_x, last, last_x, V = self._end(
             (z[:n] * sx)[None], (nu * cost)[None], problem.p_value)
@@ -146,7 +153,11 @@ _Linear = tuple[_Rates, _Rates, Unknowns]
 
 
 class Equations:
-    """The equations for given arcs, and Newton's method."""
+    """
+    The equations for given arcs, and Newton's method.
+
+    `fractions` (N,) are the lengths of the intervals as parts of their arcs `arc_of` (N,).
+    """
 
     def __init__(self, parts: Hamiltonian, problem: Problem, arcs: Sequence[Arc],
                  scales: ProblemScales,
@@ -168,13 +179,13 @@ class Equations:
         return Equations(self.parts, self.problem, self.arcs, self.scales, fractions, arc_of)
 
     def solve(self, now: Unknowns, tolerance: float = TOLERANCE) -> BoundaryValues | None:
-        """Return what Newton's method makes of a start; None if it ends elsewhere."""
+        """Solve by damped Newton steps from `now`; None if they do not converge."""
         try:
             left, linear = self._equations(now)
             norm = before = math.inf
             for _ in range(_MOST_STEPS):
                 norm, before = _norm(left), norm
-                # Near rounding errors steps gain no more.
+                # At rounding errors the residual does not decrease any more.
                 if not norm > tolerance or norm < _ENOUGH and norm > 0.1 * before:
                     break
                 step = self._step(left, linear)
@@ -190,10 +201,10 @@ class Equations:
             good = norm < max(tolerance, _ENOUGH) and bool(np.all(now.theta[:len(self.arcs)] > 0))
             return self.result(now, norm) if good else None
         except (LinAlgError, ValueError):
-            return None  # a singular matrix, as on singular arcs; numbers that are not finite
+            return None  # a singular matrix, as on singular arcs, or numbers that are not finite
 
     def defects(self, found: BoundaryValues) -> Array:
-        """Return by how much each interval may be off, relative, from the slope in its middle."""
+        """Return the scaled defect of z in the middle of each interval, times its length, (N,)."""
         N = len(found.h)
         z, u = (values / size for values, size in zip(
             found.at(np.arange(N), np.full(N, 0.5)), (self.size, self.scales.u), strict=True))
@@ -205,7 +216,7 @@ class Equations:
         return np.asarray(np.abs(off).max(axis=1))
 
     def near(self, found: BoundaryValues) -> Unknowns:
-        """Return the unknowns of a solution on other intervals."""
+        """Return the unknowns interpolated from a solution on other intervals."""
         h = self.fractions * found.lengths[self.arc_of]
         t = np.append(0.0, np.cumsum(h))[:-1]
         z, _ = found.at(*found.where(t, self.arc_of))
@@ -221,7 +232,7 @@ class Equations:
             np.append(found.lengths / scales.time, found.nu / scales.cost))
 
     def start(self, course: Extremal) -> Unknowns:
-        """Return the unknowns that follow a course."""
+        """Return the unknowns interpolated from a course."""
         n, scales = self.problem.n, self.scales
         lengths = np.array([arc.end - arc.start for arc in self.arcs])
         h = self.fractions * lengths[self.arc_of]
@@ -244,7 +255,7 @@ class Equations:
             lengths / scales.time, course.nu / scales.cost))
 
     def _equations(self, now: Unknowns) -> tuple[list[Array], _Linear]:
-        """Return what is left of each group of equations, and the rates at all points."""
+        """Return the residuals of each group of equations, and the rates at all points."""
         N, P = len(self.arc_of), len(self.arcs)
         rows = np.repeat(self.arc_of, _STAGES)
         inner = self._rates(now.y.reshape(N * _STAGES, -1), now.u.reshape(N * _STAGES, -1), rows)
@@ -269,10 +280,10 @@ class Equations:
 
     def _switches(self, now: Unknowns, sides: _Rates) -> tuple[Array, Array]:
         """
-        Return what is left of the equations of the lengths, and its derivatives by z at the ends.
+        Return the residuals of the equations of the lengths, and their derivatives by z.
 
-        At the end of each arc but the last: H does not jump, or dH/du = 0 of an input that
-        comes to a bound or leaves it. At T: H = 0, or the lengths sum up to T.
+        At the end of each arc but the last: H is continuous, or dH/du = 0 for an input that
+        meets or leaves a bound. At T: H = 0, or the sum of the lengths is T.
         """
         P, final, H_z = len(self.arcs), self.problem.final_time, sides.H_z
         H = sides.H + np.einsum('kj,kj->k', sides.Hu, sides.move)
@@ -324,11 +335,12 @@ class Equations:
     def _condensed(self, left: list[Array], inner: _Rates, now: Unknowns
                    ) -> tuple[Array, Array, Array, Array]:
         """
-        Return the steps at Gauss points and at the end of each interval.
+        Return the steps at the Gauss points and at the end of each interval.
 
-        As functions of the step at its start, of that of the length of its arc, and 1: the
-        first (N, s 2n, 2n + 2), those at the end in three parts. So many intervals at once that
-        the matrices, which take the square of the states, fit into memory.
+        They are linear in the step at its start and in the step of the length of its arc, plus a
+        constant: an array (N, s 2n, 2n + 2) at the Gauss points, and these three parts at the
+        end. The matrices grow with the square of the states, so that only some intervals are
+        condensed at a time.
         """
         N, s, two_n = now.y.shape
         rates = (inner.F.reshape(N, s, two_n), inner.total.reshape(N, s, two_n, two_n),
@@ -345,7 +357,7 @@ class Equations:
     def _condensed_some(self, h: Array, fractions: Array, left: Array, left_at_end: Array,
                         F: Array, total: Array, moved: Array
                         ) -> tuple[Array, Array, Array, Array]:
-        """Return the same for some intervals."""
+        """Return the result of `_condensed` for some intervals."""
         N, s, two_n = F.shape
         matrix = -np.einsum('ij,kjzw->kizjw', self.a, h[..., None] * total).reshape(
             N, s * two_n, s * two_n)
@@ -363,7 +375,7 @@ class Equations:
         return stages, ends[:, :, :-2], by_length, rest
 
     def result(self, now: Unknowns, residual: float) -> BoundaryValues:
-        """Return what the unknowns say at the ends of all intervals."""
+        """Return the solution that the unknowns represent."""
         P, N, scales = len(self.arcs), len(self.arc_of), self.scales
         lengths = now.theta[:P] * scales.time
         h = self.fractions * lengths[self.arc_of]
@@ -401,7 +413,7 @@ def _outer() -> Array:
 
 
 def _solved(matrix: Array, right: Array) -> Array:
-    """Return the solutions for matrices (K, m, m), of one or two rows by Cramer's rule."""
+    """Solve with matrices (K, m, m); m = 1 and m = 2 by Cramer's rule, which is faster."""
     m = matrix.shape[1]
     if m > 2:
         return np.asarray(np.linalg.solve(matrix, right))
@@ -424,7 +436,8 @@ def _banded(over: Array, last_x: Array, right: Array) -> Array:
     """
     Return the steps at all mesh points for each column on the right.
 
-    x_0 is given, z_(k+1) - over_k z_k (N, 2n, 2n) too, and lam_N - last_x x_N.
+    The right-hand side is x_0, then z_(k+1) - over_k z_k for each interval, then
+    lam_N - last_x x_N.
     """
     N, two_n, _ = over.shape
     n = two_n // 2

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The solution of Pontryagin's boundary value problem, and how its time is cut."""
+"""The solution of Pontryagin's boundary value problem, with its interpolation in time."""
 
 from dataclasses import dataclass
 
@@ -18,19 +18,21 @@ class BoundaryValues:
     Attributes
     ----------
     arc_of, h : ndarray, shape (N,)
-        The arc of each interval, and its length.
-    lengths : ndarray
-        Of the arcs.
+        Arc of each interval, and its length [s].
+    lengths : ndarray, shape (arcs,)
+        Lengths of the arcs [s].
     levels : ndarray, shape (arcs, m)
-        The bounds that inputs are at, nan where they are free.
+        Bounds that inputs are at; nan where they are free.
     z, dz, ddz : ndarray, shape (N, 2, 2n)
-        (x, lam) at the start and at the end of each interval, and its derivatives.
+        (x, lam) at the start and at the end of each interval, and its time derivatives.
     u, du : ndarray, shape (N, 2, m)
+        Inputs and their time derivatives there.
     by_u : ndarray, shape (N, 2, 2n, m)
-        Derivative of dz/dt by u.
+        Derivative of dz/dt with respect to u.
     nu : ndarray, shape (q,)
+        Multipliers of the terminal constraints.
     cost, residual : float
-        J, and the norm of what is left of the scaled equations.
+        J, and the norm of the residuals of the scaled equations.
 
     """
 
@@ -50,7 +52,7 @@ class BoundaryValues:
 
     @property
     def free(self) -> NDArray[np.bool_]:
-        """Return whether an input is not at a bound, shape (N, m)."""
+        """Return which inputs are not at a bound in each interval, shape (N, m)."""
         return np.isnan(self.levels)[self.arc_of]
 
     @property
@@ -66,14 +68,46 @@ class BoundaryValues:
         return self.h / self.lengths[self.arc_of], self.arc_of
 
     def where(self, t: Array, arc: Index) -> tuple[Index, Array]:
-        """Return the intervals that times in given arcs lie in, and at which parts of them."""
+        """
+        Locate times.
+
+        Parameters
+        ----------
+        t : ndarray, shape (K,)
+            Times [s].
+        arc : ndarray of int, shape (K,)
+            Arc of each time.
+
+        Returns
+        -------
+        k : ndarray of int, shape (K,)
+            Intervals.
+        part : ndarray, shape (K,)
+            Places in them, from 0 to 1.
+
+        """
         starts = np.append(0.0, np.cumsum(self.h))
         first, last = (np.searchsorted(self.arc_of, arc, side) for side in ('left', 'right'))
         k = np.clip(np.searchsorted(starts, t, 'right') - 1, first, last - 1)
         return k, (t - starts[k]) / self.h[k]
 
     def at(self, k: Index, part: Array) -> tuple[Array, Array]:
-        """Return (x, lam) and u in the intervals `k` at parts of their lengths."""
+        """
+        Interpolate the solution.
+
+        Parameters
+        ----------
+        k, part : ndarray, shape (K,)
+            Intervals and places in them, as returned by `where`.
+
+        Returns
+        -------
+        z : ndarray, shape (K, 2n)
+            (x, lam), by polynomials of degree 5.
+        u : ndarray, shape (K, m)
+            By polynomials of degree 3.
+
+        """
         s, h = part[:, None], self.h[k][:, None]
         a, b, da, db = self.z[k, 0], self.z[k, 1], h * self.dz[k, 0], h * self.dz[k, 1]
         bend, other = 0.5 * h**2 * self.ddz[k, 0], 0.5 * h**2 * self.ddz[k, 1]
@@ -86,14 +120,31 @@ class BoundaryValues:
         return z, v + s * (dv + s * (3 * change - 2 * dv - dw + s * (dv + dw - 2 * change)))
 
     def bend(self, k: Index, part: Array) -> Array:
-        """Return the second derivative of u, likewise."""
+        """Return the second time derivative of u, (K, m), with arguments as for `at`."""
         h, mean = self.h[k][:, None], np.diff(self.u, axis=1)[k, 0] / self.h[k][:, None]
         a, b = self.du[k, 0], self.du[k, 1]
         return np.asarray((6 * mean - 4 * a - 2 * b + 6 * part[:, None] * (a + b - 2 * mean)) / h)
 
 
 def cut_evenly(ends: Array, counts: Array) -> tuple[Index, Array]:
-    """Return which span each part of spans lies in, and where all parts end, 0 before them."""
+    """
+    Cut spans into equal parts.
+
+    Parameters
+    ----------
+    ends : ndarray, shape (P + 1,)
+        Start of the first span, and the end of each.
+    counts : ndarray, shape (P,)
+        Number of parts of each span; at least 1 is taken.
+
+    Returns
+    -------
+    of : ndarray of int, shape (N,)
+        Span of each part.
+    points : ndarray, shape (N + 1,)
+        Start of the first part, and the end of each.
+
+    """
     parts: Index = np.maximum(counts, 1).astype(np.int64)
     of = np.repeat(np.arange(len(parts)), parts)
     number = np.arange(1, len(of) + 1) - np.repeat(np.cumsum(parts) - parts, parts)

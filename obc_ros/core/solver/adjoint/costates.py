@@ -1,12 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-States and costates along a given input, with the Hamiltonian.
+Integration of states and costates along a given input, with the Hamiltonian.
 
-dx/dt = f(x, u) forward from x(0); dlam/dt = -dH/dx backward from lam(T) = dV/dx + nu' dpsi/dx,
-both by Runge-Kutta steps of order 6 in equal parts of each interval of the input. Where the
-system is so unstable that the errors of a single sweep are seen, the sweeps start anew at every
-mesh point from what the transcription found there.
+dx/dt = f(x, u) forward from x(0), and dlam/dt = -dH/dx backward from
+lam(T) = dV/dx + nu' dpsi/dx, both by Runge-Kutta steps of order 6 in equal parts of each interval
+of the input. If errors grow too much in a single sweep, because the system is unstable, the
+sweeps restart at every mesh point from the values of the transcription.
 """
 
 from dataclasses import dataclass
@@ -22,38 +22,42 @@ from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 from obc_ros.core.solver.transcription.runge_kutta import step_of
 
-_COURSES = 64   # so many at most are faster one after the other than side by side
-_STIFF = 1e-4   # relative error of an interval
-_MANY = 64
-_SAMPLES = 64   # intervals whose ends are samples enough
+_COURSES = 64   # number of inputs up to which integrating one after the other is faster
+_STIFF = 1e-4   # relative error of an interval above which explicit steps are not trusted
+_MANY = 64      # parts of each interval that then decide whether its states are right
+_SAMPLES = 64   # number of intervals from which on samples at their ends are sufficient
 
 
 @dataclass(frozen=True, eq=False)
 class Extremal:
     """
-    States, inputs and costates on a fine grid of K parts, `parts` in each interval.
+    States, inputs and costates on a fine grid: K parts, `parts` in each of N intervals.
 
     Attributes
     ----------
+    parts : int
+        Parts of each interval.
     t : ndarray, shape (K + 1,)
+        Times [s].
     x, x_end : ndarray, shape (K, n)
         State at the start and at the end of each part.
     ua, ub : ndarray, shape (K, m)
         Input at the start and at the end of each part.
     lam, lam_end : ndarray, shape (K, n)
-        Costate at the start and at the end of each part; it jumps in between by the masses of
-        multipliers.
+        Costate at the start and at the end of each part. Between two parts it jumps by the
+        multiplier impulses of state constraints.
     cost : float
         J.
     defect : float
         Largest difference between the states of a single sweep and those of the transcription,
         relative to the size of each state.
     local : ndarray, shape (N,)
-        Likewise for sweeps that start anew at each mesh point, in each interval.
+        The same in each interval, for sweeps that restart at each mesh point.
     nu : ndarray, shape (q,)
+        Multipliers of the terminal constraints.
     density_x, density_path : ndarray, shape (K, 2, n), (K, 2, l), or None
         Densities of the multipliers of the bounds of x and of the path constraints, at the start
-        and at the end of each part.
+        and at the end of each part; > 0 at an upper bound.
 
     """
 
@@ -74,7 +78,7 @@ class Extremal:
 
 
 def _largest(error: Array, size: Array) -> Array:
-    """Return the largest entry of each row beside its size, infinite if one is not a number."""
+    """Return the largest |error| / size of each row, infinite if one is not a number."""
     with np.errstate(invalid='ignore', over='ignore'):   # where states explode
         return np.asarray(np.nan_to_num(
             np.abs(error / size).max(axis=1), nan=np.inf, posinf=np.inf))
@@ -90,7 +94,7 @@ def _cut(path: Path, parts: int) -> tuple[Array, Array, Array]:
 
 
 class CostateIntegrator:
-    """Runge-Kutta steps of a problem's dynamics, cost and costates, for any numbers."""
+    """Runge-Kutta steps of dynamics, cost and costates of one structure, for any numbers."""
 
     def __init__(self, problem: Problem) -> None:
         x, u, p, lam = problem.x, problem.u, problem.p, ca.SX.sym('lam', problem.n)
@@ -134,14 +138,52 @@ class CostateIntegrator:
         return VectorizedFunction(self._symbols, [self._earlier])
 
     def forward(self, problem: Problem, t: Array, ua: Array, ub: Array) -> tuple[Array, Array]:
-        """Return x (K + 1, n) and the running cost (K + 1,) from x0 under linear inputs."""
+        """
+        Integrate from x(0) under inputs that are linear in each part.
+
+        Parameters
+        ----------
+        problem : Problem
+            Its numbers are used.
+        t : ndarray, shape (K + 1,)
+            Times [s].
+        ua, ub : ndarray, shape (K, m)
+            Inputs at the start and at the end of each part.
+
+        Returns
+        -------
+        x : ndarray, shape (K + 1, n)
+            States.
+        cost : ndarray, shape (K + 1,)
+            Running cost so far.
+
+        """
         first = np.append(problem.x0, 0.0)
         path = np.vstack([first, self._forward(
             first, ua, ub, np.diff(t)[:, None], problem.p_value)])
         return path[:, :-1], path[:, -1]
 
     def forward_each(self, problem: Problem, t: Array, u: Array) -> tuple[Array, Array]:
-        """Return x (R, K + 1, n) and the running costs (R, K + 1) under R inputs held, in turn."""
+        """
+        Integrate from x(0) under each of R piecewise constant inputs.
+
+        Parameters
+        ----------
+        problem : Problem
+            Its numbers are used.
+        t : ndarray, shape (R, K + 1)
+            Times [s].
+        u : ndarray, shape (R, K, m)
+            Inputs.
+
+        Returns
+        -------
+        x : ndarray, shape (R, K + 1, n)
+            States.
+        cost : ndarray, shape (R, K + 1)
+            Running costs so far.
+
+        """
         if len(u) <= _COURSES:
             first = np.append(problem.x0, 0.0)
             after = self._forward.each(first, u, u, np.diff(t)[:, :, None], problem.p_value)
@@ -160,7 +202,7 @@ class CostateIntegrator:
 
     def stepped_back(self, problem: Problem, lam: Array, x: Array, ua: Array, ub: Array,
                      h: Array) -> Array:
-        """Return lam (K, n) before such steps of what it is after them."""
+        """Return lam (K, n) before the steps of `stepped` from `lam` (K, n) after them."""
         return self._back(lam, x, ua, ub, h[:, None], problem.p_value)[0]
 
     def ends(self, problem: Problem, x: Array) -> tuple[Array, Array]:
@@ -169,15 +211,30 @@ class CostateIntegrator:
         return V[:, 0], psi
 
     def at_end(self, problem: Problem, x: Array, nu: Array) -> Array:
-        """Return the costate (n,) that transversality asks for at a final state."""
+        """Return dV/dx + nu' dpsi/dx, (n,), the costate at a final state by transversality."""
         return np.asarray(self._end(x[None, :], nu[None, :], problem.p_value)[2][0])
 
     def hamiltonian(self, problem: Problem, x: Array, u: Array, lam: Array,
                     mu: Array | None = None) -> tuple[Array, Array, Array]:
         """
-        Return H (K,), and dH/du (K, m) and d2H/du2 (K, m, m) with mu' c added, at K points.
+        Evaluate the Hamiltonian at K points.
 
-        mu (K, l): multipliers of the path constraints; none are taken as 0.
+        Parameters
+        ----------
+        problem : Problem
+            Its numbers are used.
+        x, u, lam : ndarray, shape (K, n), (K, m), (K, n)
+            States, inputs, costates.
+        mu : ndarray, shape (K, l), optional
+            Multipliers of the path constraints; 0 if left out.
+
+        Returns
+        -------
+        H : ndarray, shape (K,)
+            L + lam' f.
+        Hu, Huu : ndarray, shape (K, m), (K, m, m)
+            Derivatives of L + lam' f + mu' c with respect to u.
+
         """
         if mu is None:
             mu = np.zeros(int(problem.path.numel()))
@@ -185,7 +242,7 @@ class CostateIntegrator:
         return H[:, 0], Hu, Huu.reshape(-1, problem.m, problem.m)
 
     def samples(self, problem: Problem, course: Extremal) -> Solution:
-        """Return a course as samples, two at a time where something jumps."""
+        """Return a course as samples, without status; two at a time at which a value jumps."""
         t = np.column_stack([course.t[:-1], course.t[1:]]).ravel()
         x, u, lam = (np.stack(pair, axis=1).reshape(len(t), -1) for pair in (
             (course.x, course.x_end), (course.ua, course.ub), (course.lam, course.lam_end)))
@@ -210,7 +267,25 @@ class CostateIntegrator:
             path_multipliers=densities[1])
 
     def extremal(self, problem: Problem, outcome: TranscriptionOutcome, parts: int) -> Extremal:
-        """Return states and costates under the input of an outcome, in parts of its intervals."""
+        """
+        Integrate states and costates under the input of an outcome.
+
+        Parameters
+        ----------
+        problem : Problem
+            The one that was solved.
+        outcome : TranscriptionOutcome
+            Its input, multipliers and, for restarts, states and costates are used.
+        parts : int
+            Steps in each interval.
+
+        Returns
+        -------
+        Extremal
+            With the states and costates of the transcription, one part an interval, if explicit
+            steps are too inaccurate for the system.
+
+        """
         path = outcome.path
         t, ua, ub = _cut(path, parts)
         anew, anew_end, J = self._restarted(problem, path.x, t, ua, ub, parts)
@@ -219,7 +294,7 @@ class CostateIntegrator:
         x, running = self.forward(problem, t, ua, ub)
         defect = _largest(x[parts::parts] - path.x[1:], size)
         if local.max() > _STIFF and path.inner.shape[1]:
-            # Explicit steps may say more of themselves than of x: many small ones decide.
+            # The error may be that of the explicit steps: repeat with many small ones.
             t, ua, ub = _cut(path, _MANY)
             _, ends, _ = self._restarted(problem, path.x, t, ua, ub, _MANY)
             local = _largest(ends[_MANY - 1::_MANY] - path.x[1:], size)
@@ -237,11 +312,11 @@ class CostateIntegrator:
 
     def closed(self, problem: Problem, outcome: TranscriptionOutcome) -> float:
         """
-        Return the cost of an outcome once the gaps between its steps are closed, to first order.
+        Return the cost of an outcome corrected for its discretisation error, to first order.
 
-        A transcription's states miss by a gap at each mesh point where its inputs lead from the
-        one before, and a costate is what a gap is worth. It says which of two outcomes on coarse
-        meshes is better, which their own costs do not.
+        The state of a transcription at a mesh point differs from the state to which its input
+        leads from the mesh point before. The costate times this gap is its effect on the cost.
+        Corrected costs can be compared on coarse meshes, the others cannot.
         """
         path, parts = outcome.path, _MANY if outcome.path.inner.shape[1] else 4
         t, ua, ub = _cut(path, parts)
@@ -253,14 +328,14 @@ class CostateIntegrator:
 
     @staticmethod
     def _astray(outcome: TranscriptionOutcome, lam: Array, size: Array, parts: int) -> bool:
-        """Return whether explicit steps from node to node lead to other costates."""
+        """Return whether explicit steps lead to other costates than those of the transcription."""
         found, swept = outcome.costates[:-1], lam[::parts] + outcome.masses(parts)[:-1:parts]
         with np.errstate(all='ignore'):
             gap = (np.abs(swept - found) * size).max() / max((np.abs(found) * size).max(), 1e-300)
         return not gap <= _STIFF
 
     def _at_nodes(self, outcome: TranscriptionOutcome, defect: float, local: Array) -> Extremal:
-        """Return what the collocation found, where explicit steps are too unstable to check it."""
+        """Return the states and costates of the collocation at its mesh points."""
         path = outcome.path
         costates, mass = outcome.costates, outcome.masses(1)
         return Extremal(
@@ -290,7 +365,7 @@ class CostateIntegrator:
         if single:
             lam = self._backward(last, x[::-1], ua[::-1], ub[::-1], h[::-1, None],
                                  problem.p_value, mass[-2::-1])[::-1]
-            # The sweep goes from before one jump to before the next.
+            # Each backward step ends before the jump at the start of its part.
             return lam - mass[:-1], np.vstack([lam[1:], last])
         lam, lam_end = np.empty_like(x), np.empty_like(x)
         now = np.vstack([outcome.costates[1:-1], last])

@@ -1,11 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Where a mesh is too coarse: what the input gives away, and where the best one has kinks.
+Mesh refinement by the Hamiltonian loss, with mesh points at the kinks of the minimising input.
 
-Along a path with costates, H(x, u) - min H(x, .) is what the input gives away at each time; its
-integral is the cost above the least one, to first order. Where u* meets a bound it has a kink,
-which a linear input can follow only with a mesh point there.
+Along a path with costates the Hamiltonian loss H(x, u, lam) - min H(x, ., lam) is the excess of
+the running cost at each time. Its integral is the excess of the cost over the minimum, to first
+order. Where the minimising input u* meets a bound it has a kink; a piecewise linear input follows
+it only with a mesh point there.
 """
 
 from collections.abc import Sequence
@@ -18,19 +19,34 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator, Extremal
 from obc_ros.core.solver.transcription.mesh import Mesh, Path, split
 
-_MOST_CUTS = 4
-_WORTH = 0.7       # of the most intervals: with more no finer mesh is tried
-EXCEEDED = 2e-8, 2e-6   # of its size: by how much a constraint may be exceeded, or be drawn in
-_EQUAL = 25.0      # times that, for an equality: nothing can be drawn in
-_STRAIGHT = 1e-6   # of its size: by how much an input may be off a straight line
-_CHORDED = 0.5     # of what is given away
-_FOLLOWING = 12   # Newton steps at a point
-_NO_LENGTH = 1e-9   # of T
+_MOST_CUTS = 4     # maximum number of parts of an interval in one refinement
+# Part of the maximum number of intervals up to which a mesh that needs more than the maximum is
+# spread over the maximum.
+_WORTH = 0.7
+# Violation of a constraint between nodes, relative to its size: aimed at (above it the constraint
+# is tightened), and above which it is not tightened, only the mesh refined.
+EXCEEDED = 2e-8, 2e-6
+_EQUAL = 25.0      # factor of the former for an equality, which cannot be tightened
+_STRAIGHT = 1e-6   # relative deviation up to which an input is straight at a mesh point
+_CHORDED = 0.5     # part of the loss from which on most of it is due to chords
+_FOLLOWING = 12    # maximum number of Newton steps for a minimum of H
+_NO_LENGTH = 1e-9  # part of T: shorter intervals are those of phases that vanished
 
 
 @dataclass(frozen=True, eq=False)
 class Error:
-    """Errors of all intervals, (N,), that grow with a power of their length; `share` of each."""
+    """
+    Errors of all intervals, and the order with which they decrease.
+
+    Attributes
+    ----------
+    values : ndarray, shape (N,)
+    share : float
+        Error that an interval may have.
+    rate : float
+        Power of the length to which the error of an interval is proportional.
+
+    """
 
     values: Array
     share: float
@@ -40,12 +56,21 @@ class Error:
 @dataclass(frozen=True, eq=False)
 class Judgement:
     """
-    What a path gives away.
+    The Hamiltonian loss of a path.
 
-    `lost` (N,) cost given away in each interval, `chords` (N,) the part of it by which inputs
-    between two points of a curved constraint are off it; `kinks` times at which u* meets or
-    leaves a bound; `drift` (N,) by how much H changes within each interval and `spread` from its
-    least to its largest value, relative to the largest sum of its terms.
+    Attributes
+    ----------
+    lost : ndarray, shape (N,)
+        Loss in each interval, in units of the cost.
+    chords : ndarray, shape (N,)
+        The part of it due to inputs on a chord between two points of a curved constraint.
+    kinks : ndarray
+        Times at which u* meets or leaves a bound [s].
+    drift : ndarray, shape (N,)
+        Variation of H within each interval, relative to the largest sum of its terms.
+    spread : float
+        Variation of H on the whole path, relative to the same.
+
     """
 
     lost: Array
@@ -56,17 +81,32 @@ class Judgement:
 
     @property
     def chorded(self) -> bool:
-        """Return whether most of what is given away is so by chords."""
+        """Return whether most of the loss is due to chords."""
         return bool(self.chords.sum() > _CHORDED * self.lost.sum())
 
 
 def measure_loss(problem: Problem, integrator: CostateIntegrator, course: Extremal,
                  slack: Array | None = None) -> Judgement:
     """
-    Return what the input of a path gives away.
+    Compute the Hamiltonian loss of a path.
 
-    `slack` (2, K): what path constraints weigh that are not quite met at the start and at the
-    end of each part.
+    Parameters
+    ----------
+    problem : Problem
+        The one that was solved.
+    integrator : CostateIntegrator
+        Of its structure.
+    course : Extremal
+        States, inputs and costates.
+    slack : ndarray, shape (2, K), optional
+        Multipliers times distances of path constraints from their bounds, at the start and at the
+        end of each part (`Fitter.slack`).
+
+    Returns
+    -------
+    Judgement
+        From the quadratic model of H at the input, with the bounds of the input.
+
     """
     # All starts of parts, then all their ends.
     x, u, lam = (np.vstack(pair) for pair in (
@@ -90,9 +130,24 @@ def measure_loss(problem: Problem, integrator: CostateIntegrator, course: Extrem
 
 def follow_minimum(problem: Problem, integrator: CostateIntegrator, course: Extremal) -> Array:
     """
-    Return inputs at the interval ends, (N + 1, m), that follow one least point of H in time.
+    Return inputs that follow one local minimum of H in time.
 
-    A direction that winds around between coarse points is taken back to the shortest way.
+    An input that is a direction changes by the shortest way from each mesh point to the next.
+
+    Parameters
+    ----------
+    problem : Problem
+        The one that was solved.
+    integrator : CostateIntegrator
+        Of its structure.
+    course : Extremal
+        States and costates, and the input at which to start.
+
+    Returns
+    -------
+    ndarray, shape (N + 1, m)
+        At the mesh points, within the bounds.
+
     """
     places = np.arange(0, len(course.x), course.parts)
     x = np.vstack([course.x[places], course.x_end[-1:]])
@@ -105,7 +160,7 @@ def follow_minimum(problem: Problem, integrator: CostateIntegrator, course: Extr
             if not (np.all(np.isfinite(Hu)) and np.all(np.isfinite(Huu))):
                 break
             values, vectors = np.linalg.eigh(Huu[0])
-            # Also where H is concave the step goes down, at most by a third of a turn.
+            # Where H is concave the step descends, too; it is at most 1 in each input.
             size = np.maximum(np.abs(values), 1e-9 * np.abs(values).max() + 1e-300)
             step = -vectors @ ((vectors.T @ Hu[0]) / size)
             step *= min(1.0, 1.0 / max(np.abs(step).max(), 1e-300))
@@ -119,9 +174,10 @@ def follow_minimum(problem: Problem, integrator: CostateIntegrator, course: Extr
 
 def _best(problem: Problem, u: Array, Hu: Array, Huu: Array) -> tuple[Array, Array]:
     """
-    Return what each input gives away in the quadratic model of H, and where H would be least.
+    Return the loss (K,) and the minimiser (K, m) of the quadratic model of H.
 
-    The second, shape (K, m), is not held to the bounds; nan where H has no curvature.
+    The loss is that within the bounds. The minimiser of an input is not limited by its bounds, and
+    nan where H is not convex in it.
     """
     lower, upper = problem.u_lower - u, problem.u_upper - u
     d, free = np.zeros_like(u), np.full_like(u, np.nan)
@@ -142,7 +198,7 @@ def _best(problem: Problem, u: Array, Hu: Array, Huu: Array) -> tuple[Array, Arr
 
 
 def _crossings(problem: Problem, t: Array, targets: Array) -> Array:
-    """Return the times at which the least point of H crosses a bound."""
+    """Return the times at which the minimiser of H crosses a bound."""
     found: list[float] = []
     for bound in (problem.u_lower, problem.u_upper):
         a, b = targets[0] - bound, targets[1] - bound
@@ -155,9 +211,9 @@ def _crossings(problem: Problem, t: Array, targets: Array) -> Array:
 
 def choose_cuts(errors: Array, share: float, rate: float) -> Index:
     """
-    Return into how many parts to cut each interval so that its error is `share` at most.
+    Return the number of parts of each interval for which its error is at most `share`.
 
-    An interval's error falls with the power `rate` of its length.
+    The error of an interval is proportional to the power `rate` of its length.
     """
     share = max(share, 1e-300)
     number = np.ceil((np.minimum(errors, 1e30 * share) / share) ** (1 / rate))
@@ -167,10 +223,29 @@ def choose_cuts(errors: Array, share: float, rate: float) -> Index:
 def refine_mesh(mesh: Mesh, path: Path, kinks: Array, errors: Sequence[Error], longest: float,
                 most: int) -> Mesh:
     """
-    Return a mesh that is finer where errors are too large, and no finer than needed.
+    Refine a mesh where errors are too large, and merge intervals where they are small.
 
-    Intervals at the inner points where inputs go straight on may become one, up to a length. A
-    mesh of one phase has at most `most` intervals, unless it has nearly as many already.
+    Parameters
+    ----------
+    mesh : Mesh
+        The present one.
+    path : Path
+        The solution on it.
+    kinks : ndarray
+        Times [s] that become mesh points.
+    errors : sequence of Error
+        Errors of the N intervals of the mesh.
+    longest : float
+        Length [s] up to which two intervals with a straight input between them are merged.
+    most : int
+        Maximum number of intervals of a mesh of one phase; more are returned only if the present
+        mesh has nearly as many.
+
+    Returns
+    -------
+    Mesh
+        With every interval halved if all errors are small.
+
     """
     def cut(of: Sequence[Array]) -> Index:
         counts = [choose_cuts(values, error.share, error.rate)
@@ -191,15 +266,15 @@ def refine_mesh(mesh: Mesh, path: Path, kinks: Array, errors: Sequence[Error], l
     points = np.append(0.0, np.cumsum(mesh.fractions * path.durations[mesh.layout.phase_of]))
     middle = (points[:-1] + points[1:]) / 2
     k = np.clip(np.searchsorted(path.t, middle) - 1, 0, len(number) - 1)
-    # Of an interval that a kink cuts each part is cut in proportion to its length; arcs may have
-    # shrunk to nothing.
+    # The parts of an interval that a kink cuts are cut in proportion to their lengths. Phases may
+    # have vanished.
     part = np.diff(points) / np.where(h[k] > 0, h[k], np.inf)
     parts = np.ceil(number[k] * np.minimum(part, 1.0) - 1e-6)
     return _within(mesh, np.maximum(parts, 1).astype(np.int64), most)
 
 
 def _within(mesh: Mesh, number: Index, most: int) -> Mesh:
-    """Return the mesh cut into these numbers, or spread like them where they are too many."""
+    """Return the mesh with intervals cut into `number` parts, or `most` intervals like them."""
     if len(mesh.layout.phases) > 1 or not len(number) < _WORTH * most < _WORTH * number.sum():
         return split(mesh, number)
     cut = np.append(0.0, np.cumsum(number) / number.sum())
@@ -210,7 +285,7 @@ def _within(mesh: Mesh, number: Index, most: int) -> Mesh:
 
 
 def _straight(path: Path, phase_of: Index) -> NDArray[np.bool_]:
-    """Return for each mesh point but the ends whether inputs go straight through it."""
+    """Return for each inner mesh point whether all inputs are straight and continuous there."""
     h = np.diff(path.t)
     part = (h[:-1] / np.maximum(h[:-1] + h[1:], 1e-300))[:, None]
     between = path.ua[:-1] + part * (path.ub[1:] - path.ua[:-1])
@@ -221,9 +296,22 @@ def _straight(path: Path, phase_of: Index) -> NDArray[np.bool_]:
 
 def align_mesh(mesh: Mesh, t: Array, kinks: Array, spare: NDArray[np.bool_]) -> Mesh:
     """
-    Return the mesh with a point at each of the given times and without spare inner points.
+    Return the mesh with points at the kinks and without spare inner points.
 
-    A mesh point nearby is moved there; else an interval is cut. Ends of phases stay.
+    The nearest mesh point is moved to a kink if it is close, otherwise an interval is cut. Ends
+    of phases stay.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The present one.
+    t : ndarray, shape (N + 1,)
+        Its times [s].
+    kinks : ndarray
+        Times [s], sorted.
+    spare : ndarray of bool, shape (N - 1,)
+        Inner points that are removed.
+
     """
     kept = np.pad(~spare, 1, constant_values=True)
     starts = np.concatenate([[0], np.cumsum([p.intervals for p in mesh.layout.phases])])
@@ -255,11 +343,29 @@ def align_mesh(mesh: Mesh, t: Array, kinks: Array, spare: NDArray[np.bool_]) -> 
 def compute_tightening(problem: Problem, value: Array, course: Extremal,
                        margin: Array) -> tuple[Array, Array]:
     """
-    Return by how much to draw in bounds, (n + l,), and by how much intervals exceed them, (N,).
+    Compute the tightening of bounds, and their violation in each interval.
 
-    `value` (K, n + l) of x and of the path constraints along a course; `margin` by which their
-    bounds were drawn in for it. The second is relative to their sizes. What drawing in costs is
-    soon more than what else a mesh gives away: where bounds are exceeded it is to be finer, too.
+    The cost of a large tightening exceeds the loss of the mesh, so the mesh is refined where
+    bounds are violated, too.
+
+    Parameters
+    ----------
+    problem : Problem
+        With n states and l path constraints.
+    value : ndarray, shape (K + 1, n + l)
+        x and the path constraints along the course.
+    course : Extremal
+        K parts in N intervals.
+    margin : ndarray, shape (n + l,)
+        Tightening with which the course was found.
+
+    Returns
+    -------
+    margin : ndarray, shape (n + l,)
+        New tightening, >= 0; 0 where none is needed or the mesh is too coarse.
+    exceeded : ndarray, shape (N,)
+        Violation in each interval, relative to the sizes of the constraints.
+
     """
     size = np.abs(value).max(axis=0)
     lower = np.append(problem.x_lower, problem.path_lower) + margin
@@ -271,10 +377,10 @@ def compute_tightening(problem: Problem, value: Array, course: Extremal,
     size = np.where(size > 0, size, 1.0) * np.where(lower < upper, 1.0, _EQUAL)
     relative = np.max(excess / size, axis=1)
     relative[::course.parts] = 0.0   # nodes are held
-    # Between a bound and a path that bends it grows with h^2: what is seen of one interval
-    # holds for those beside it.
+    # The violation between two nodes on a bound is proportional to h^2. The factor is taken as
+    # the largest of neighbouring intervals.
     h2 = np.diff(course.t[::course.parts])**2
-    seen = h2 > (_NO_LENGTH * course.t[-1])**2   # of phases that vanish nothing is seen
+    seen = h2 > (_NO_LENGTH * course.t[-1])**2
     bend = relative[:-1].reshape(-1, course.parts).max(axis=1) / np.where(seen, h2, np.inf)
     bend = np.pad(bend, 2)
     bend = np.lib.stride_tricks.sliding_window_view(bend, 5).max(axis=1)
@@ -282,5 +388,15 @@ def compute_tightening(problem: Problem, value: Array, course: Extremal,
 
 
 def is_below(cost: float, other: float, part: float) -> bool:
-    """Return whether a cost is below another by more than a part of it."""
+    """
+    Return whether a cost is lower than another by more than a tolerance.
+
+    Parameters
+    ----------
+    cost, other : float
+        Costs.
+    part : float
+        Tolerance relative to |other|.
+
+    """
     return cost < other - part * abs(other)

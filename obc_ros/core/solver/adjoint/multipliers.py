@@ -1,14 +1,14 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Costates and multipliers of the bounds of the state and of path constraints, along a given path.
+Least-squares fit of costates and constraint multipliers along a given path.
 
-The multipliers of a transcription sit on its mesh points; those of Pontryagin's principle are a
-density on each arc where a constraint is active, with masses at its ends. Along a given path lam
-is linear in nu, in these densities (piecewise linear here) and masses, and so are dH/du and H:
-the values of the right signs are sought for which dH/du = 0 where inputs are free and H is
-constant, in the sense of least squares. Constraints c(u) on inputs alone do not enter dlam/dt:
-there the costates of the transcription stand, and each time says what the density is.
+The multipliers of a transcription belong to its mesh points. Those of Pontryagin's principle are a
+density on each arc on which a constraint is active, and impulses at its ends. Along a given path
+lam, dH/du and H are linear in nu, in the densities (piecewise linear here) and in the impulses.
+These are fitted with their signs so that dH/du = 0 for free inputs and H is constant.
+Constraints c(u) on inputs alone do not enter dlam/dt: the costates of the transcription are kept,
+and the densities are fitted at each time separately.
 """
 
 from dataclasses import dataclass, replace
@@ -26,19 +26,19 @@ from obc_ros.core.solver.arcs.mixed_constraints import compute_densities
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 from obc_ros.core.solver.transcription.runge_kutta import step
 
-_GAP = 2            # intervals without multiplier that do not end a contact
-_NEAR = 1e-6        # of its size: how near its bound a constraint is met
-_PERHAPS = 1e-3     # likewise where the transcription has a large multiplier
-_MOST_HATS = 60     # in a contact
-_CONSTANT = 0.1     # weight of dH/dt = 0 beside dH/du = 0
-_RIDGE = 1e-8
-_SWEEPS = 60        # over constraints of inputs that hold at once
-_ROUNDS = 4         # for dH/du of the wrong sign at bounds of inputs
+_GAP = 2            # intervals between two active parts up to which they are one contact
+_NEAR = 1e-6        # relative distance from a bound up to which a constraint is active
+_PERHAPS = 1e-3     # the same at a node with a large multiplier of the transcription
+_MOST_HATS = 60     # maximum number of intervals of a piecewise linear density
+_CONSTANT = 0.1     # weight of the equations H = const relative to dH/du = 0
+_RIDGE = 1e-8       # Tikhonov regularisation of the least squares
+_SWEEPS = 60        # maximum number of sweeps over constraints that are active together
+_ROUNDS = 4         # fits until dH/du has the right sign at the bounds of inputs
 
 
 @dataclass(frozen=True)
 class ActiveInterval:
-    """A constraint active from one fine time to another; +1 at its upper bound, else -1."""
+    """A constraint active between two fine times; `sign` is 1 at its upper bound, else -1."""
 
     row: int
     sign: int
@@ -49,10 +49,10 @@ class ActiveInterval:
 @dataclass(frozen=True, eq=False)
 class _Unknowns:
     """
-    What lam is linear in: nu, then the density hats and the masses of all contacts.
+    The basis of the fit: nu, then hat functions of the densities and impulses of all contacts.
 
-    `density` (K, 2, rows, count): values at the start and the end of each part; `mass`
-    (K + 1, rows, count): values at the times between them.
+    `density` (K, 2, rows, count): hat functions at the start and the end of each part; `mass`
+    (K + 1, rows, count): impulses at the times between them; `signs` (count,) of the multipliers.
     """
 
     density: Array
@@ -61,7 +61,7 @@ class _Unknowns:
 
 
 class Fitter:
-    """Costates and multipliers for all problems of one structure."""
+    """The fit of costates and multipliers for the problems of one structure."""
 
     def __init__(self, problem: Problem) -> None:
         n, m, x, u, p = problem.n, problem.m, problem.x, problem.u, problem.p
@@ -92,7 +92,25 @@ class Fitter:
         self._of_inputs = np.array([not ca.depends_on(row, x) for row in ca.vertsplit(rows)])
 
     def fit(self, problem: Problem, outcome: TranscriptionOutcome, course: Extremal) -> Extremal:
-        """Return the course with the costates and multipliers that fit best."""
+        """
+        Fit costates and multipliers by least squares.
+
+        Parameters
+        ----------
+        problem : Problem
+            The one that was solved.
+        outcome : TranscriptionOutcome
+            Its multipliers tell which constraints are active.
+        course : Extremal
+            Its states, inputs and costates.
+
+        Returns
+        -------
+        Extremal
+            With new `lam`, `nu`, `density_x` and `density_path`; `course` itself without active
+            constraints.
+
+        """
         found = self._contacts(problem, outcome, course)
         if not found:
             return course
@@ -117,7 +135,7 @@ class Fitter:
                        density_x=density[:, :, :self.n], density_path=density[:, :, self.n:])
 
     def _pointwise(self, problem: Problem, course: Extremal, found: list[ActiveInterval]) -> Array:
-        """Return densities (K, 2, rows) of constraints on inputs for which dH/du is least."""
+        """Fit densities (K, 2, rows) of constraints on inputs alone to dH/du = 0 pointwise."""
         K = len(course.x)
         density = np.zeros((K, 2, self.rows))
         limits = np.zeros((2, K, self.rows))
@@ -136,9 +154,22 @@ class Fitter:
 
     def pressed(self, problem: Problem, answer: Solution) -> Solution:
         """
-        Return an answer whose constraints on inputs alone weigh what makes dH/du least.
+        Fit the multipliers of constraints on inputs alone pointwise to dH/du = 0.
 
-        Where bounds hold all of these inputs, no method says what such a constraint weighs.
+        Where all inputs of such a constraint are at bounds its multiplier is not unique.
+
+        Parameters
+        ----------
+        problem : Problem
+            The one that was solved.
+        answer : Solution
+            With samples of all multipliers.
+
+        Returns
+        -------
+        Solution
+            With new `path_multipliers`.
+
         """
         mine, mu = np.flatnonzero(self._of_inputs[self.n:]), answer.path_multipliers
         if not mine.size or mu is None:
@@ -164,7 +195,12 @@ class Fitter:
         return self.at(problem, x, u)
 
     def slack(self, problem: Problem, course: Extremal) -> Array:
-        """Return what constraints weigh that hold inputs and are not quite met, (2, K)."""
+        """
+        Return the complementarity products of path constraints that depend on inputs, (2, K).
+
+        |mu| times the distance from the bound, summed over the constraints, at the start and at
+        the end of each part of a course.
+        """
         assert course.density_path is not None
         mixed = np.flatnonzero(~self._pure[self.n:])
         found = []
@@ -181,7 +217,7 @@ class Fitter:
 
     def _contacts(self, problem: Problem, outcome: TranscriptionOutcome,
                   course: Extremal) -> list[ActiveInterval]:
-        """Return where bounds of x and path constraints are met."""
+        """Return the intervals on which bounds of x and path constraints are active."""
         value = self.values(problem, course)
         mass = np.hstack([outcome.node_bounds, outcome.node_path])
         slopes = self._shaped(self._point(course.x, course.ua, problem.p_value))[4]
@@ -237,9 +273,9 @@ class Fitter:
     def _costates(self, problem: Problem, course: Extremal, unknowns: _Unknowns
                   ) -> tuple[Array, Array]:
         """
-        Return what lam is without and with one of each unknown, shapes (K, 2, n), (K, 2, n, .).
+        Return the constant part of lam (K, 2, n) and its derivatives by the unknowns (K, 2, n, .).
 
-        The second axis: at the start and at the end of each part.
+        The second axis is the start and the end of each part.
         """
         n, q, K = self.n, self.q, len(course.x)
         step_x, source, from_a, from_b = self._part(
@@ -277,10 +313,11 @@ class Fitter:
                    lam: tuple[Array, Array], last: Array, wanted: Array
                    ) -> tuple[Array, Array, bool]:
         """
-        Return A, b of A @ unknowns = b, and whether the `last` values have wrong signs.
+        Return A, b of A @ unknowns = b, and whether dH/du has wrong signs for the `last` values.
 
-        dH/du = 0 where inputs are free, and is to be on the right side where it was on the wrong
-        one at a bound: `wanted` (2, K, m) keeps what was asked for there. H is constant.
+        The equations are dH/du = 0 for free inputs, a small value of the right sign where dH/du
+        of an input at a bound had the wrong one (`wanted` (2, K, m), updated in place), and
+        H = const.
         """
         without, each = lam
         K, q = len(course.x), self.q
@@ -308,14 +345,14 @@ class Fitter:
         A, b = np.vstack(rows), np.concatenate(rights)
         final = problem.final_time
         if not final.free or course.t[-1] > final.upper * (1 - 1e-9):
-            # H is constant but not zero: one more unknown.
+            # H is constant but not zero: the constant is one more unknown.
             constant = np.concatenate([np.zeros(K * self.m), np.full(K, -_CONSTANT)] * 2)
             A = np.hstack([A, constant[:, None]])
         return A, b, wrong
 
 
 def _sizes(problem: Problem, u: Array) -> Array:
-    """Return what counts as one in each input, (m,), of inputs (K, m)."""
+    """Return the scale of each input, (m,): the distance of its bounds, or its largest value."""
     span = problem.u_upper - problem.u_lower
     return np.asarray(np.where(np.isfinite(span), span, np.maximum(
         np.abs(u).max(axis=0), 1e-6)))
@@ -330,10 +367,10 @@ def _at_bounds(problem: Problem, u: Array, size: Array) -> tuple[Mask, Mask]:
 
 def _pressing(slope: Array, c_u: Array, limits: Array, low: Mask, high: Mask) -> Array:
     """
-    Return mu (K, r) between limits (2, K, r) for which slope + c_u' mu is least, (K, m).
+    Return mu (K, r) between limits (2, K, r) that minimises the norm of slope + c_u' mu (K, m).
 
-    Only what is < 0 counts where an input is at its lower bound (`low`), what is > 0 at its upper
-    bound. By sweeps over one row at a time, exact for one row.
+    For an input at its lower bound (`low`) only negative entries count, at its upper bound
+    positive ones. The minimum is found by sweeps over one row at a time, exact for one row.
     """
     mu = np.zeros(c_u.shape[:2])
     active = np.flatnonzero((limits != 0).any(axis=(0, 1)))
@@ -350,7 +387,7 @@ def _pressing(slope: Array, c_u: Array, limits: Array, low: Mask, high: Mask) ->
 
 
 def _least(rest: Array, column: Array, low: Mask, high: Mask) -> Array:
-    """Return s (K,) for which rest + s column (K, m) is least, in the sense of `_pressing`."""
+    """Return s (K,) that minimises rest + s column (K, m), in the norm of `_pressing`."""
     counts, part = np.ones_like(low), np.zeros(len(rest))
     for _ in range(2 + rest.shape[1]):
         with np.errstate(invalid='ignore', divide='ignore'):
@@ -365,7 +402,7 @@ def _least(rest: Array, column: Array, low: Mask, high: Mask) -> Array:
 
 
 def _touched(weights: Array, parts: int) -> NDArray[np.bool_]:
-    """Return the fine times within intervals in which a constraint on inputs weighs."""
+    """Return the fine times of intervals in which a constraint has a large density."""
     heavy = weights.max(axis=1)
     touched = (heavy > 1e-4 * heavy.max()) & (heavy > 0)
     near = np.append(np.repeat(touched, parts), touched[-1])
@@ -386,7 +423,7 @@ def _groups(near: NDArray[np.bool_], gap: int) -> list[tuple[int, int]]:
 
 def _parted(runs: list[tuple[int, int]], outcome: TranscriptionOutcome,
             parts: int) -> list[tuple[int, int]]:
-    """Return runs that end where arcs do: with an input its multiplier has a kink or jump."""
+    """Split runs at the ends of phases: where an input jumps or has a kink, so has its density."""
     ends = parts * np.cumsum([phase.intervals for phase in outcome.mesh.layout.phases])[:-1]
     return [pair for first, last in runs for pair in pairwise(
         [first, *(int(end) for end in ends if first < end < last), last])]
