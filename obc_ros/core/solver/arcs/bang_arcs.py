@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Inputs that are at their bounds for a part of a phase in which they are free.
+Bang arcs in phases in which an input is free: cuts where it meets or leaves its bound.
 
-A polynomial that comes to a bound and stays there bends where it does, which steps do not follow:
-the part at the bound is an arc of its own. Where a path comes to a singular arc, or leaves it,
-such a part may be shorter than a step: there H still depends on the input.
+An input that meets a bound and stays there has a kink, which the polynomials of the collocation
+do not follow: the part at the bound becomes an arc of its own. Next to a singular arc such a part
+may be shorter than an interval. It is found from dH/du, which does not vanish on it.
 """
 
 from dataclasses import replace
@@ -18,19 +18,33 @@ from obc_ros.core.solver.arcs.input_arcs import Arc
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.arcs.phases import Phased
 
-_AT = 1e-6        # of its span: how near its bound an input is at it
-_GAINS = 1e-5     # of H: what an input gains at its bound that is to be there
-_LARGEST = 0.3    # of the largest slope of H in a phase: it is steep where that begins
-_SHORT = 0.2      # of a phase: the longest part that is at a bound at one end of it
+_AT = 1e-6        # distance from a bound, as part of the span, up to which an input is at it
+_GAINS = 1e-5     # decrease of H at the bound, relative to H, from which on a bang is inserted
+_LARGEST = 0.3    # the same, relative to the largest one in the phase
+_SHORT = 0.2      # longest bang that is inserted at an end of a phase, as part of the phase
 
 
 def cut_at_bounds(problem: Problem, found: Phased, switching: NDArray[np.bool_],
                   deciding: NDArray[np.bool_]) -> list[Arc]:
     """
-    Return the arcs of a path that was found, cut where inputs come to their bounds in them.
+    Cut the arcs of a path where inputs meet or leave their bounds.
 
-    Of the inputs in `switching`, shape (m,); where a bound of (x, c) is held, those which it
-    decides (`deciding`, shape (n + l, m)) are left alone.
+    Parameters
+    ----------
+    problem : Problem
+        Whose input bounds are meant.
+    found : Phased
+        The path.
+    switching : ndarray of bool, shape (m,)
+        Inputs in which H is linear; the others are ignored.
+    deciding : ndarray of bool, shape (n + l, m)
+        Inputs that occur in the derivative of each row of (x, c). On an arc along the bound of a
+        row these follow from it and are ignored.
+
+    Returns
+    -------
+    list of Arc
+
     """
     span = problem.u_upper - problem.u_lower
     ends = np.cumsum(found.h)
@@ -62,11 +76,26 @@ def cut_at_ends(problem: Problem, program: PhasedProgram, found: Phased, t: Arra
                 u: Array,
                 Hu: Array) -> list[Arc]:
     """
-    Return the arcs of a path that was found, cut where it may come to a singular one by a bang.
+    Insert short bang arcs at the ends of the singular arcs of a path.
 
-    At samples t (N,), x (N, n) and u (N, m) of it H has slopes Hu (N, m) with respect to inputs
-    [costs per second and input]: where a singular arc begins or ends they vanish, unless the
-    input is to be at a bound there, up to where Hu changes its sign.
+    dH/du vanishes on a singular arc. If it does not at an end of it, the input should be at a
+    bound there, up to the time at which dH/du changes its sign.
+
+    Parameters
+    ----------
+    problem : Problem
+        Whose input bounds are meant.
+    program : PhasedProgram
+        Of the structure of the problem.
+    found : Phased
+        The path.
+    t, x, u, Hu : ndarray, shape (N,), (N, n), (N, m), (N, m)
+        Samples of the path, and dH/du [cost per second and unit of the input].
+
+    Returns
+    -------
+    list of Arc
+
     """
     deciding, span = program.bounds.deciding, problem.u_upper - problem.u_lower
     arcs: list[Arc] = []
@@ -100,7 +129,7 @@ def cut_at_ends(problem: Problem, program: PhasedProgram, found: Phased, t: Arra
 
 def _bang(problem: Problem, program: PhasedProgram, arc: Arc, j: int, x: Array, u: Array, *,
           upper: bool) -> Arc:
-    """Return an arc with an input at its bound, or on the path constraint that is met before."""
+    """Return an arc with an input at its bound, or on a path constraint if that is met before."""
     bounds, there = program.bounds, u.copy()
     there[j] = (problem.u_upper if upper else problem.u_lower)[j]
     value = program.rows(x, there, problem.p_value).full().ravel()[problem.n:]

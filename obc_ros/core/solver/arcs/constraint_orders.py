@@ -1,29 +1,31 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""How often bounds of the state and path constraints are differentiated until inputs enter."""
+"""Orders of state constraints: derivatives in time until inputs occur."""
 
 import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.arrays import Mask
 from obc_ros.core.ocp.problem import Problem
 
-_ORDERS = 3    # derivatives of a bound that are looked at
+_ORDERS = 3    # highest order of a constraint that is treated
 
 
 class BoundRates:
     """
-    The rows of (x, c) of a problem, and their derivatives up to the one that inputs enter.
+    The rows of (x, c) and their time derivatives up to the first in which inputs occur.
 
     Attributes
     ----------
-    orders : ndarray, shape (n + l,)
-        Of that derivative; -1 where no input enters those that are looked at.
-    deciding : ndarray, shape (n + l, m)
-        Which inputs enter it.
-    straight : ndarray, shape (n + l,)
-        Whether the row itself is linear in inputs.
-    chains : list of list
-        The row and its derivatives.
+    count : int
+        n + l, the number of rows.
+    orders : ndarray of int, shape (n + l,)
+        Order of that derivative; 0: inputs occur in the row itself; -1: in none up to _ORDERS.
+    deciding : ndarray of bool, shape (n + l, m)
+        Inputs that occur in it.
+    straight : ndarray of bool, shape (n + l,)
+        Whether the row itself has inputs and is linear in them.
+    chains : list of list of SX
+        For each row the row and its derivatives.
 
     """
 

@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Where inputs jump that are not held at bounds, and arcs that end there.
+Jumps of inputs that are not at bounds, and arcs that end there.
 
-Of thrust in a disc the direction turns at once, and where H has two least points the input goes
-from one to the other. On a mesh that is a slope over an interval or two, which no finer mesh takes
-away; between arcs of unknown lengths it is a jump.
+The direction of a thrust in a disc may jump, and so does an input at a time at which H has two
+global minima. On a mesh a jump is a slope over one or two intervals, however fine the mesh is;
+between arcs of unknown lengths it is a jump.
 """
 
 from collections.abc import Sequence
@@ -17,21 +17,36 @@ from obc_ros.core.solver.arcs.input_arcs import Arc
 from obc_ros.core.solver.transcription.mesh import LINEAR, Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
-_JUMP = 0.3        # of the range of an input: what may be a jump
-_BESIDE = 0.25     # of that: what the input does beside it, at most
-_LEVEL = 0.01      # of the range of an input on the path: what is no jump
-_APART = 1.5       # intervals, closer than which an end of an arc is that jump
+_JUMP = 0.3        # change of an input, as part of its range on the path, that may be a jump
+_BESIDE = 0.25     # largest change in a neighbouring interval, as part of that of the jump
+_LEVEL = 0.01      # change, as part of the range on the path, up to which it is no jump
+_APART = 1.5       # distance in intervals up to which a jump and an end of an arc are the same
 
 
 def find_jumps(path: Path, of: Sequence[bool]) -> Array:
-    """Return the times at which some of the inputs `of` jump, or slope as steeply as they can."""
+    """
+    Find the times at which inputs jump, or change so steeply that the mesh hides a jump.
+
+    Parameters
+    ----------
+    path : Path
+        Times, and inputs at both ends of each interval.
+    of : sequence of bool, length m
+        Inputs to consider.
+
+    Returns
+    -------
+    ndarray
+        Times [s], sorted.
+
+    """
     t, chosen = path.t, np.array(of, dtype=bool)
     u = np.stack([path.ua, path.ub])[:, :, chosen]
     size = np.maximum(np.ptp(u, axis=(0, 1)), 1e-300)
     within = np.abs(u[1] - u[0]) / size
     between = np.abs(u[0, 1:] - u[1, :-1]) / size
     found = list(t[1:-1][(between > _JUMP).any(axis=1)])
-    # What an input does in the intervals before, in and after one or two that are next to it.
+    # A jump hidden in one or two intervals: compare with the intervals before and after them.
     for count in (1, 2):
         if len(within) < count + 2:
             break
@@ -49,9 +64,24 @@ def find_jumps(path: Path, of: Sequence[bool]) -> Array:
 def cut_at_jumps(arcs: Sequence[Arc], path: Path, of: Sequence[bool],
                  mixed: Sequence[bool] = ()) -> list[Arc]:
     """
-    Return arcs that end also where inputs jump that are free there.
+    Cut arcs at the jumps of inputs that are free there.
 
-    On bounds of the state they follow these; not on constraints of inputs, rows that are `mixed`.
+    Parameters
+    ----------
+    arcs : sequence of Arc
+        Without gaps. Those on state bounds are not cut: there inputs follow the bound.
+    path : Path
+        The path they belong to.
+    of : sequence of bool, length m
+        Inputs to consider.
+    mixed : sequence of bool, length n + l
+        Rows of (x, c) that depend on inputs; arcs on these alone are cut.
+
+    Returns
+    -------
+    list of Arc
+        With `jump` where they begin at a jump.
+
     """
     kept = list[Arc]()
     T, times = path.t[-1], find_jumps(path, of)
@@ -71,10 +101,23 @@ def cut_at_jumps(arcs: Sequence[Arc], path: Path, of: Sequence[bool],
 
 def sharpen_steps(path: Path, arcs: Sequence[Arc]) -> Path:
     """
-    Return a path whose inputs step where arcs begin with a jump, in place of the slope around it.
+    Replace slopes of inputs by steps where arcs begin with a jump.
 
-    A direction that is turned round at once goes through none between: a point that starts on
-    the wrong side stays there.
+    Inputs on the slope are poor initial values: an input that is a direction and starts on the
+    wrong side of its jump stays there.
+
+    Parameters
+    ----------
+    path : Path
+        The path.
+    arcs : sequence of Arc
+        Those with `jump` give the times.
+
+    Returns
+    -------
+    Path
+        On a finer grid, without inner points.
+
     """
     times = np.array([arc.start for arc in arcs if arc.jump])
     if not times.size:
@@ -101,7 +144,15 @@ def _follows(arc: Arc, mixed: Sequence[bool]) -> bool:
 
 
 def find_switching_times(outcome: TranscriptionOutcome) -> Array:
-    """Return the times at which phases meet and inputs jump, or come to bounds or leave them."""
+    """
+    Return the ends of phases [s] at which inputs jump, or meet or leave bounds.
+
+    Parameters
+    ----------
+    outcome : TranscriptionOutcome
+        On phases with arcs; of a single phase none are returned.
+
+    """
     mesh, path = outcome.mesh, outcome.path
     ends = np.cumsum(path.durations)[:-1]
     if mesh.on is not None and mesh.on.any():

@@ -1,12 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Arcs of an optimal path: where each input that enters H linearly is at a bound, and where not.
+Input arcs: spans of time on which each input that occurs linearly in H is at a bound or free.
 
-Between switching times such an input is held at a bound (bang) or left free (singular, or on a
-bound of the state). The switching times become the unknown lengths of phases, so that a jump is
-a jump and not a slope over an interval; which arcs there are is read off a path found before,
-and read again off the path that follows, until they stay the same.
+Between switching times such an input is held at a bound (bang) or free (singular, or on a state
+bound). The switching times become unknown lengths of phases, so that a jump is not smeared over
+an interval. The arcs are detected on a path found before, and again on the path found with them,
+until they do not change.
 """
 
 from collections.abc import Sequence
@@ -20,22 +20,33 @@ from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.transcription.mesh import HELD, Layout, LINEAR, Mesh, Path, Phase
 
-# For each arc the level of each input, None where it is free, and the bounds that it is on.
+# For each arc the level of each input, None where it is free, and the bounds it is on or touches.
 Signature = tuple[tuple[float | None, ...], ...]
 
 _LOWER, _INSIDE, _UPPER = -1, 0, 1
-_SMEAR = 2.0   # of the longest interval: an arc that is none, perhaps
-_MET = 1e-6    # relative: how nearly a constraint is met by inputs at their bounds
+_SMEAR = 2.0   # length, in the longest intervals, up to which an arc may be a smeared jump
+_MET = 1e-6    # relative violation of a constraint that inputs at their bounds may have
 
 
 @dataclass(frozen=True)
 class Arc:
     """
-    A span of time and the value of each input in it; nan where the input is free.
+    A span of time with known inputs at bounds and known active constraints.
 
-    `on`: for each row of (x, c) the bound on which the arc begins and ends: +1 upper, -1 lower,
-    0 none; empty if it is on none. `met`: likewise the bounds touched where the arc begins.
-    `jump`: whether inputs may jump there, with nothing else changed.
+    Attributes
+    ----------
+    start, end : float
+        Times [s].
+    levels : tuple of float, length m
+        Values of the inputs at bounds; nan where the input is free.
+    on : tuple of int, length n + l
+        For each row of (x, c) the bound that is active on the arc: 1 upper, -1 lower, 0 none;
+        empty: none at all.
+    met : tuple of int, length n + l
+        The bounds that are touched where the arc begins, in the same form.
+    jump : bool
+        Whether the arc begins only because an input may jump there.
+
     """
 
     start: float
@@ -54,7 +65,21 @@ class _Span:
 
 
 def find_jumping_inputs(problem: Problem, path: Path) -> tuple[bool, ...]:
-    """Return for each input whether it goes from bound to bound within an interval or two."""
+    """
+    Find the inputs that go from bound to bound within one or two intervals.
+
+    Parameters
+    ----------
+    problem : Problem
+        Whose bounds are meant.
+    path : Path
+        Of its inputs, the values at mesh points.
+
+    Returns
+    -------
+    tuple of bool, length m
+
+    """
     jumps = []
     for i in range(problem.m):
         lower, upper = problem.u_lower[i], problem.u_upper[i]
@@ -73,10 +98,25 @@ def find_jumping_inputs(problem: Problem, path: Path) -> tuple[bool, ...]:
 def find_arcs(problem: Problem, path: Path, switching: Sequence[bool],
               curved: Sequence[bool] | None = None) -> list[Arc]:
     """
-    Return the arcs that a path shows, in order of time.
+    Detect the arcs of a path.
 
-    Inputs that are not `switching` are free. One that is `curved`, in which H is not linear, may
-    come to a bound without a jump: next to where it is free it is not held.
+    Parameters
+    ----------
+    problem : Problem
+        Whose bounds are meant.
+    path : Path
+        Times and inputs.
+    switching : sequence of bool, length m
+        Inputs that may be held at bounds; the others are free.
+    curved : sequence of bool, length m, optional
+        Inputs in which H is not linear. Such an input meets a bound without a jump: a span at a
+        bound next to a free span becomes free.
+
+    Returns
+    -------
+    list of Arc
+        In order of time, without gaps.
+
     """
     spans = []
     for i, switches in enumerate(switching):
@@ -92,7 +132,7 @@ def find_arcs(problem: Problem, path: Path, switching: Sequence[bool],
 
 
 def _unheld(spans: list[_Span]) -> list[_Span]:
-    """Return spans with those next to a free one free, too; where they meet stays."""
+    """Return spans with those next to a free one free, too; the boundaries stay."""
     free = [math.isnan(span.level) for span in spans]
     kept: list[_Span] = []
     for k, span in enumerate(spans):
@@ -107,10 +147,11 @@ def _unheld(spans: list[_Span]) -> list[_Span]:
 
 def drop_excluded_bounds(problem: Problem, arcs: list[Arc], smear: float) -> list[Arc]:
     """
-    Return arcs without inputs at bounds that path constraints do not let them have together.
+    Free inputs whose bounds together violate a path constraint c(u).
 
-    Of inputs whose sum is one, say, each leaves its bound or comes to it a little before the
-    others do: an arc shorter than a `smear` is none, in a longer one they are free.
+    For example of inputs whose sum is one each seems to leave its bound a little before the
+    others. An arc shorter than `smear` [s] that violates a constraint is removed; in a longer one
+    the inputs of the constraint become free.
     """
     rows = [row for row in ca.vertsplit(problem.path) if not ca.depends_on(row, problem.x)]
     if not rows:
@@ -141,7 +182,7 @@ def drop_excluded_bounds(problem: Problem, arcs: list[Arc], smear: float) -> lis
 
 
 def join(spans: Sequence[Sequence[_Span]]) -> list[Arc]:
-    """Return arcs that end where the span of any input ends."""
+    """Return arcs that end at each end of a span of any input."""
     ends = sorted({span.end for row in spans for span in row})
     arcs, start = [], 0.0
     for end in ends:
@@ -155,7 +196,7 @@ def join(spans: Sequence[Sequence[_Span]]) -> list[Arc]:
 
 
 def _spans(t: Array, u: Array, lower: float, upper: float) -> list[_Span]:
-    """Return where an input is at its bounds and where free, jumps cleared of their slopes."""
+    """Return the spans of an input at bounds and free, with steep slopes replaced by jumps."""
     size = upper - lower if math.isfinite(upper - lower) else max(1e-9, np.ptp(u))
     status = np.where(u <= lower + 1e-3 * size, _LOWER,
                       np.where(u >= upper - 1e-3 * size, _UPPER, _INSIDE))
@@ -184,7 +225,7 @@ def _spans(t: Array, u: Array, lower: float, upper: float) -> list[_Span]:
 
 
 def _leaves(t: Array, u: Array) -> float:
-    """Return when an input that starts at a bound jumps to the values that follow."""
+    """Return the time of a jump with the same integral as the slope by which an input leaves."""
     times = np.unique(t)
     end = times[min(2, len(times) - 1)]
     inside = t <= end
@@ -197,7 +238,7 @@ def _leaves(t: Array, u: Array) -> float:
 
 def _jump(t: Array, u: Array, lower: float, upper: float, before: int, after: int
           ) -> list[_Span]:
-    """Return the spans at the bounds that hold the same area as a short slope between them."""
+    """Return spans at bounds with the same integral as a short slope between bounds."""
     a, b = t[0], t[-1]
     part = (np.trapezoid(u, t) / max(b - a, 1e-300) - lower) / (upper - lower)
     if before == _INSIDE:
@@ -219,7 +260,7 @@ def _jump(t: Array, u: Array, lower: float, upper: float, before: int, after: in
 
 
 def _tidy(spans: list[_Span], T: float) -> list[_Span]:
-    """Return spans without gaps, equal neighbours as one and none shorter than 1e-7 T."""
+    """Return spans without gaps, with equal neighbours merged, none shorter than 1e-7 T."""
     kept: list[_Span] = []
     for span in spans:
         start = kept[-1].end if kept else 0.0
@@ -238,7 +279,7 @@ def _tidy(spans: list[_Span], T: float) -> list[_Span]:
 def build_arc_mesh(problem: Problem, arcs: Sequence[Arc], stages: int, density: float,
                    least: tuple[int, int] = (3, 8)) -> tuple[Mesh, Array]:
     """
-    Return a mesh with one phase for each arc, and the lengths of the arcs.
+    Build a mesh with one phase for each arc.
 
     Parameters
     ----------
@@ -249,9 +290,15 @@ def build_arc_mesh(problem: Problem, arcs: Sequence[Arc], stages: int, density: 
     stages : int
         Gauss points in each interval.
     density : float
-        Intervals in each second.
+        Intervals per second.
     least : pair of int
-        Intervals in an arc without and with a free input, at least.
+        Minimum numbers of intervals in an arc without and with a free input.
+
+    Returns
+    -------
+    mesh : Mesh
+    durations : ndarray
+        Lengths of the arcs [s].
 
     """
     phases = []
@@ -268,7 +315,17 @@ def build_arc_mesh(problem: Problem, arcs: Sequence[Arc], stages: int, density: 
 
 
 def close_gaps(arcs: Sequence[Arc], T: float) -> list[Arc]:
-    """Return arcs over [0, T] without gaps, equal neighbours as one."""
+    """
+    Return arcs over [0, T] without gaps, with equal neighbours merged.
+
+    Parameters
+    ----------
+    arcs : sequence of Arc
+        In order of time; their active constraints are dropped.
+    T : float
+        Final time [s].
+
+    """
     rows = [_tidy([_Span(arc.start, arc.end, arc.levels[i]) for arc in arcs], T)
             for i in range(len(arcs[0].levels))]
     return join(rows)
@@ -276,10 +333,11 @@ def close_gaps(arcs: Sequence[Arc], T: float) -> list[Arc]:
 
 def limit_shortening(arcs: Sequence[Arc], curved: Mask, least: float) -> Array:
     """
-    Return how short arcs may become at once: a part `least` of what they are, or more.
+    Return lower bounds of the lengths of arcs in the next solve [s].
 
-    An input in which H is not linear, `curved`, may begin its free arc with its bound: where it
-    leaves that for good the cost hardly says. An arc at such a bound ends about where it seems to.
+    They are the part `least` of the present lengths. The end of an arc at the bound of a `curved`
+    input (m,), in which H is not linear, next to a free one hardly changes the cost, so that it
+    may move only a little.
     """
     lengths = np.array([arc.end - arc.start for arc in arcs])
     kept = least * lengths
@@ -293,7 +351,7 @@ def limit_shortening(arcs: Sequence[Arc], curved: Mask, least: float) -> Array:
 
 
 def get_signature(arcs: Sequence[Arc]) -> Signature:
-    """Return the levels of all arcs and the bounds they are on or touch, comparable."""
+    """Return the levels of all arcs and the bounds they are on or touch, without their times."""
     return tuple(tuple(None if math.isnan(v) else v for v in arc.levels) + (
         arc.on if any(arc.on) else ()) + ((None, *arc.met) if any(arc.met) else ())
         for arc in arcs)
@@ -302,7 +360,7 @@ def get_signature(arcs: Sequence[Arc]) -> Signature:
 def open_arcs(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem,
               judged: Sequence[bool], moving: Sequence[bool]) -> list[Arc]:
     """
-    Return arcs with inputs moved or set free where dH/du says that their bound is wrong.
+    Free inputs, or move them to the other bound, where dH/du has the wrong sign for their bound.
 
     Parameters
     ----------
@@ -311,13 +369,13 @@ def open_arcs(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem,
     t : ndarray, shape (K + 1,)
         Fine times.
     Hu : ndarray, shape (K, m)
-        dH/du in each part of time.
+        dH/du in each part.
     problem : Problem
         Whose bounds are meant.
     judged : sequence of bool
-        For each input whether its bounds are to be judged.
+        Inputs that are considered.
     moving : sequence of bool
-        For each input whether it moves to its other bound where dH/du is far from zero.
+        Inputs that move to their other bound where dH/du is far from zero.
 
     """
     spans: list[list[_Span]] = []
@@ -351,7 +409,7 @@ def open_arcs(arcs: Sequence[Arc], t: Array, Hu: Array, problem: Problem,
 def insert_free_arcs(arcs: Sequence[Arc], t: Array, Hu: tuple[Array, Array], curved: Sequence[bool]
                      ) -> list[Arc]:
     """
-    Return arcs with a free one wherever an input does not jump but slopes from bound to bound.
+    Insert free arcs where an input does not jump but goes from bound to bound continuously.
 
     Parameters
     ----------
@@ -373,7 +431,7 @@ def insert_free_arcs(arcs: Sequence[Arc], t: Array, Hu: tuple[Array, Array], cur
 
 
 def _sloped(row: list[_Span], t: Array, at_lower: Array, at_upper: Array) -> list[_Span]:
-    """Return the spans of an input with a free one where it leaves a bound before it jumps."""
+    """Return the spans of an input with a free one where dH/du vanishes before the jump."""
     lower = min(span.level for span in row)
     kept, start = [], 0.0
     for span, after in zip(row, row[1:], strict=False):
@@ -391,7 +449,7 @@ def _sloped(row: list[_Span], t: Array, at_lower: Array, at_upper: Array) -> lis
 
 
 def _vanishes(t: Array, values: Array, near: float) -> float:
-    """Return when values vanish next to a time; nan if they do not."""
+    """Return the zero of values nearest to a time; nan if there is none."""
     changes = np.flatnonzero(values[:-1] * values[1:] < 0)
     if not len(changes):
         return math.nan
@@ -401,7 +459,19 @@ def _vanishes(t: Array, values: Array, near: float) -> float:
 
 
 def have_moved(arcs: Sequence[Arc], durations: Array, least: float) -> bool:
-    """Return whether arcs end elsewhere than as many phases, by a part of T."""
+    """
+    Return whether the ends of arcs moved by more than a part of T.
+
+    Parameters
+    ----------
+    arcs : sequence of Arc
+        The new arcs.
+    durations : ndarray
+        Lengths of the former phases [s]; if there are more or fewer, False is returned.
+    least : float
+        Part of T.
+
+    """
     ends = np.cumsum(durations)
     return len(arcs) == len(ends) and bool(np.any(np.abs(
         np.array([arc.end for arc in arcs]) - ends) > least * ends[-1]))

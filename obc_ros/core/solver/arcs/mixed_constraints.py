@@ -1,10 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Where path constraints c(x, u) hold inputs: arcs that begin and end as their multipliers do.
+Arcs on which mixed constraints c(x, u) are active, found from their multipliers.
 
-How near such a constraint is to its bound says little: a linear input is off the circle that
-holds it between mesh points, or at them. Its multiplier vanishes where it does not hold.
+The distance from the bound is not a reliable criterion: a linear input leaves a circle on which it
+should be between mesh points, or at them. The multiplier vanishes where the constraint is
+inactive.
 """
 
 from dataclasses import replace
@@ -21,18 +22,33 @@ from obc_ros.core.solver.arcs.phases import DEGREE, Phased
 from obc_ros.core.solver.arcs.state_contacts import add_contacts, StateContact
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
-_WEIGHS = 1e-4   # of the largest density: what is not there
-_NOTHING = 1e-6  # of the mean cost in a second, for a change by all of its inputs
-_STEPS = 3       # of Newton onto a constraint
-_WRONG = 1e-6    # likewise on an arc, of the wrong sign
+_WEIGHS = 1e-4   # density, relative to the largest one, from which on a constraint is active
+_WRONG = 1e-6    # density of the wrong sign, relative to it, up to which an arc is kept
+# Density, times the change of the constraint by the range of its inputs and relative to the mean
+# cost per second, up to which it is zero.
+_NOTHING = 1e-6
+_STEPS = 3       # Newton steps onto a constraint
 
 
 def compute_densities(outcome: TranscriptionOutcome, slopes: Array, u: Array) -> Array:
     """
-    Return what path constraints weigh in each interval of a transcription, (N, points, l).
+    Return the multiplier densities of path constraints of a transcription.
 
-    What is nothing beside the cost is left out: a method of interior points leaves a little on
-    each. `slopes` (K, l, m): by how much inputs `u` (K, m) change them.
+    Parameters
+    ----------
+    outcome : TranscriptionOutcome
+        On N intervals.
+    slopes : ndarray, shape (K, l, m)
+        Derivatives of the constraints by the inputs, at K points.
+    u : ndarray, shape (K, m)
+        The inputs there.
+
+    Returns
+    -------
+    ndarray, shape (N, points, l)
+        > 0 at upper bounds. Values that are negligible relative to the cost, which an
+        interior-point method leaves on inactive constraints, are set to 0.
+
     """
     size = (np.abs(slopes) @ np.abs(u).max(axis=0)).max(axis=0)
     h = np.maximum(np.diff(outcome.path.t), 1e-300)
@@ -44,7 +60,23 @@ def compute_densities(outcome: TranscriptionOutcome, slopes: Array, u: Array) ->
 
 def find_active(problem: Problem, outcome: TranscriptionOutcome,
                 program: PhasedProgram) -> list[StateContact]:
-    """Return where constraints on inputs weigh in a transcription."""
+    """
+    Find the intervals on which path constraints that depend on inputs are active.
+
+    Parameters
+    ----------
+    problem : Problem
+        The one that was solved.
+    outcome : TranscriptionOutcome
+        Its multipliers are used.
+    program : PhasedProgram
+        Of the structure of the problem.
+
+    Returns
+    -------
+    list of StateContact
+
+    """
     path, n, bounds = outcome.path, problem.n, program.bounds
     t, count = path.t, len(path.ua)
     slopes = program.rows_u.map(count)(
@@ -61,7 +93,24 @@ def find_active(problem: Problem, outcome: TranscriptionOutcome,
 
 
 def hold_constraints(arcs: list[Arc], found: Phased, bounds: BoundRates) -> list[Arc]:
-    """Return arcs that are on constraints of inputs where these weigh along phases found."""
+    """
+    Update the arcs on constraints that depend on inputs from the multipliers of a path on phases.
+
+    Parameters
+    ----------
+    arcs : list of Arc
+        The present arcs.
+    found : Phased
+        The path found with them.
+    bounds : BoundRates
+        Orders of the constraints.
+
+    Returns
+    -------
+    list of Arc
+        `arcs` if no constraint was added or removed.
+
+    """
     rows = np.flatnonzero(bounds.orders == 0)
     points = np.append(0.0, np.cumsum(found.h))
     t = points[:-1, None] + found.h[:, None] * build_collocation(DEGREE, 'radau')[0]
@@ -95,9 +144,26 @@ def move_onto_constraints(problem: Problem, program: PhasedProgram, found: Phase
                           u: Array
                           ) -> Array:
     """
-    Return samples of inputs (K, s, m) moved onto the constraint that holds them in each phase.
+    Project samples of inputs onto the constraint that is active in each phase.
 
-    Polynomials that meet it at their points only are off it between them.
+    The polynomials satisfy it at the collocation points only.
+
+    Parameters
+    ----------
+    problem : Problem
+        Whose bounds are meant.
+    program : PhasedProgram
+        Of the structure of the problem.
+    found : Phased
+        The path.
+    x, u : ndarray, shape (K, s, n), (K, s, m)
+        s samples in each of its K intervals.
+
+    Returns
+    -------
+    ndarray, shape (K, s, m)
+        Inputs; unchanged in phases with no or several such constraints.
+
     """
     bounds, u = program.bounds, u.copy()
     for phase, arc in enumerate(found.arcs):
@@ -121,6 +187,6 @@ def move_onto_constraints(problem: Problem, program: PhasedProgram, found: Phase
 
 
 def _runs(of: Mask) -> list[tuple[int, int]]:
-    """Return the first and the last places of all runs of true entries."""
+    """Return the first and the last index of each run of true entries."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], of, [False]])))
     return [(int(first), int(last) - 1) for first, last in edges.reshape(-1, 2)]

@@ -1,19 +1,19 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Collocation on phases of unknown lengths, in each of which is known what holds.
+Radau collocation on phases of unknown lengths, each with known active constraints.
 
-Where a path runs along c(x) = b, whose q-th derivative is the first that inputs enter, the
-derivatives below it are b, 0, ..., 0 at the start of the phase and the q-th is 0 in all of it:
-held at points only, c itself would leave the inputs free to oscillate between them. With eta the
-multiplier of the q-th derivative and lam~ the costates beside it, those of c(x) <= b itself are
+Let q be the order of a state constraint c(x) <= b. On a boundary arc its derivatives below the
+q-th are set to b, 0, ..., 0 at the start of the phase, and the q-th to 0 at all its points. If c
+itself were held at the points, inputs could oscillate between them. With eta the multiplier of
+the q-th derivative and lam~ the costates of this formulation, those of c(x) <= b itself are
 
     lam = lam~ + eta d(c^(q-1))/dx - eta' d(c^(q-2))/dx + ...,  density (-1)^q eta^(q)
 
 (R. F. Hartl, S. P. Sethi, R. G. Vickson, A survey of the maximum principles for optimal control
-problems with state constraints, SIAM Review 37, 1995, section 5). Inputs are polynomials between
-the Radau points of each interval, free to jump from phase to phase; within its phase all is
-smooth, and converges with the order of the collocation.
+problems with state constraints, SIAM Review 37, 1995, section 5). Inputs are polynomials through
+the Radau points of each interval and may jump from phase to phase. Within a phase the solution is
+smooth, so that the collocation converges with its full order.
 """
 
 from collections.abc import Iterable, Sequence
@@ -34,8 +34,8 @@ from obc_ros.core.solver.nlp.progress import ProgressMonitor, Watch
 from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import ProblemScales
 
-_LEAST = 0.1      # of its length: how short a phase may become at once
-_LOOKS = np.linspace(0.0, 1.0, 9)[1:-1]   # parts of a phase at which it is looked at
+_LEAST = 0.1      # least length of a phase in a solve, as part of its initial length
+_LOOKS = np.linspace(0.0, 1.0, 9)[1:-1]   # samples of a phase at which a rate is checked for zero
 _OPTIONS: dict[str, object] = {
     'print_level': 0, 'sb': 'yes', 'linear_solver': 'mumps', 'tol': 1e-11,
     'mumps_permuting_scaling': 0, 'mumps_pivot_order': 0, 'constr_viol_tol': 1e-10,
@@ -45,12 +45,23 @@ _OPTIONS: dict[str, object] = {
 
 
 class PhasedProgram:
-    """The nonlinear programs of one structure, for any arcs."""
+    """
+    The nonlinear programs of one structure, for any arcs and numbers.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the structure.
+    switching : sequence of bool, length m
+        Inputs in which H is linear.
+
+    """
 
     def __init__(self, problem: Problem, switching: Sequence[bool]) -> None:
         self.problem, self.switching = problem, np.array(switching)
         self.bounds, self.idle = BoundRates(problem), np.array(find_idle_inputs(problem))
-        # Inputs of a phase of no length may be any: next to constraints of theirs it stays there.
+        # Inputs of a phase without length are arbitrary, and with mixed constraints it would not
+        # grow again.
         self.least = _LEAST if np.any(self.bounds.orders == 0) else 0.0
         x, u, p = problem.x, problem.u, problem.p
         self._rate = ca.Function('rate', [x, u, p], [problem.f, problem.L, problem.path])
@@ -63,12 +74,12 @@ class PhasedProgram:
         self.points = np.append(0.0, points)
 
     def shortest(self, arcs: Sequence[Arc]) -> Array:
-        """Return how short the phases of some arcs may become at once."""
+        """Return lower bounds of the lengths of the phases of some arcs [s]."""
         return limit_shortening(arcs, ~self.switching, self.least)
 
     @cached_property
     def held(self) -> list[ca.Function]:
-        """Return for each row its derivatives: those without inputs, and the one with them."""
+        """Return for each row its derivatives without inputs, and the first with inputs."""
         x, u, p = self.problem.x, self.problem.u, self.problem.p
         return [ca.Function('held', [x, u, p], [ca.vertcat(*chain[:-1]), chain[-1]])
                 for chain in self.bounds.chains]
@@ -84,19 +95,46 @@ class PhasedProgram:
     def solve(self, problem: Problem, arcs: Sequence[Arc], meshes: list[Array], guess: Path,
               sizes: ProblemScales, pinned: Mask, monitor: ProgressMonitor,
               grazing: Grazing = frozenset()) -> Phased:
-        """Solve the program of some arcs from a path nearby; `pinned` as in Limits."""
+        """
+        Solve the program of some arcs by IPOPT.
+
+        Parameters
+        ----------
+        problem : Problem
+            In the symbols of this program.
+        arcs : sequence of Arc
+            One for each phase.
+        meshes : list of ndarray
+            Lengths of the intervals of each phase, as parts of it.
+        guess : Path
+            Initial guess.
+        sizes : ProblemScales
+            Scales of states, inputs, time and cost.
+        pinned : ndarray of bool, shape (n,)
+            Components of x(T) that psi fixes.
+        monitor : ProgressMonitor
+            Limits.
+        grazing : frozenset of (int, int)
+            Junctions and rows, as in `Phased.outwards`, at which the path meets or leaves a bound
+            tangentially.
+
+        Returns
+        -------
+        Phased
+
+        """
         return _Solve(self, problem, list(arcs), meshes, sizes, pinned, grazing).run(
             guess, monitor)
 
 
 class _Solve:
-    """One program with its numbers."""
+    """One program for given arcs, meshes and numbers."""
 
     def __init__(self, program: PhasedProgram, problem: Problem, arcs: list[Arc],
                  meshes: list[Array], sizes: ProblemScales, pinned: Mask,
                  grazing: Grazing) -> None:
         self.pinned, self.grazing = pinned, grazing
-        self.outwards: dict[tuple[int, int], slice] = {}   # where their rates stand
+        self.outwards: dict[tuple[int, int], slice] = {}   # places of their rates in g
         self.program, self.problem, self.arcs, self.meshes = program, problem, arcs, meshes
         counts = np.array([len(mesh) for mesh in meshes])
         self.sizes, self.K, self.fractions = sizes, int(counts.sum()), np.concatenate(meshes)
@@ -107,7 +145,7 @@ class _Solve:
         self.upper: list[Array] = []
 
     def _add(self, g: ca.MX, lower: Array, upper: Array) -> slice:
-        """Add constraints, (rows, columns); return where their multipliers stand."""
+        """Add constraints, (rows, columns); return the places of their multipliers."""
         start = sum(len(each) for each in self.lower)
         self.g.append(ca.vec(g))
         shape = int(g.shape[0]), int(g.shape[1])
@@ -116,7 +154,7 @@ class _Solve:
         return slice(start, start + shape[0] * shape[1])
 
     def build(self) -> None:
-        """Write the program down."""
+        """Build the program."""
         problem, program, sizes = self.problem, self.program, self.sizes
         n, m, K, d = problem.n, problem.m, self.K, DEGREE
         self.X, self.U = ca.MX.sym('X', n, 1 + K * d), ca.MX.sym('U', m, K * d)
@@ -146,7 +184,7 @@ class _Solve:
         self._add(ca.sum2(self.T), *(np.full((1, 1), each / sizes.time) for each in span))
 
     def _hold(self, x: ca.MX, u: ca.MX, c: ca.MX) -> None:
-        """Add what holds in phases, and bounds where it does not."""
+        """Add the equations of active constraints, and bounds where they are not active."""
         problem, d = self.problem, DEGREE
         upper = np.append(problem.x_upper, problem.path_upper)
         lower = np.append(problem.x_lower, problem.path_lower)
@@ -177,7 +215,8 @@ class _Solve:
                     c_low[a - 1, row - n], c_high[a - 1, row - n] = -np.inf, np.inf
         for phase, constant in self._constant():
             a, b = (int(k) * d for k in self.first[phase:phase + 2])
-            # Held where it ends: what it weighs there holds the inputs at their bounds before.
+            # The bound is kept at the end of the phase: its multiplier there keeps the inputs at
+            # their bounds before.
             if constant < n:
                 x_low[max(a, 1):b, constant], x_high[max(a, 1):b, constant] = -np.inf, np.inf
             else:
@@ -198,13 +237,13 @@ class _Solve:
             self.at_path = self._add(c, c_low.T, c_high.T)
 
     def _kept(self, phase: int, row: int) -> bool:
-        """Return whether all inputs that a row decides are at their bounds in a phase."""
+        """Return whether all inputs that occur in a row are at their bounds in a phase."""
         deciding = self.program.bounds.deciding[row]
         return 0 <= phase < len(self.arcs) and not np.isnan(
             np.array(self.arcs[phase].levels))[deciding].any()
 
     def _known_at_end(self) -> Mask:
-        """Return which path constraints psi alone keeps at their values at T."""
+        """Return which path constraints have a value at T that psi alone determines."""
         problem, program = self.problem, self.program
         known = np.zeros(program.bounds.count - problem.n, dtype=bool)
         end = self.guess.x[-1]
@@ -216,7 +255,7 @@ class _Solve:
         return known
 
     def _constant(self) -> list[tuple[int, int]]:
-        """Return phases and rows that stay what they are when these begin, by inputs held."""
+        """Return phases and rows that are constant in them since inputs at bounds hold them."""
         bounds, found = self.program.bounds, []
         for phase, arc in enumerate(self.arcs):
             held = ~np.isnan(arc.levels)
@@ -231,7 +270,7 @@ class _Solve:
         return found
 
     def _spare(self) -> Mask:
-        """Return which states come to rest where psi wants them, by inputs held in the end."""
+        """Return which states fixed by psi have a rate without free inputs in the last phase."""
         free = np.isnan(self.arcs[-1].levels)
         bounds = self.program.bounds
         moved = (bounds.deciding & free).any(axis=1) | (bounds.orders != 1)
@@ -239,7 +278,7 @@ class _Solve:
         return spare
 
     def _straighten(self, u: ca.MX, phase: int) -> None:
-        """Keep inputs straight where nothing but the cost says what they are: on singular arcs."""
+        """Require singular inputs to be linear in each interval: only the cost determines them."""
         intervals = range(int(self.first[phase]), int(self.first[phase + 1]))
         self._bend(u, self._loose(phase), intervals, 1)
 
@@ -248,13 +287,13 @@ class _Solve:
         arc, bounds = self.arcs[phase], self.program.bounds
         loose = self.program.switching & np.isnan(arc.levels)
         for row in np.flatnonzero(arc.on):
-            # Of inputs that share a straight constraint the last follows from the others.
+            # A linear constraint determines one of its inputs from the others, another one all.
             fixed = np.flatnonzero(bounds.deciding[row] & np.isnan(arc.levels))
             loose[fixed[-1:] if bounds.straight[row] else fixed] = False
         return np.asarray(loose)
 
     def _bend(self, u: ca.MX, inputs: Mask, intervals: Iterable[int], degree: int) -> None:
-        """Keep inputs polynomials of a degree, at most, in some intervals."""
+        """Require inputs to be polynomials of at most a degree in some intervals."""
         powers = np.vander(self.program.points[1:], degree + 1).T
         bent, rows = np.linalg.svd(powers)[2][degree + 1:], np.flatnonzero(inputs)
         for k in intervals if rows.size else ():
@@ -265,10 +304,10 @@ class _Solve:
     @cached_property
     def _idle(self) -> Mask:
         """
-        Return which free inputs nothing at all decides at T, the last of the points.
+        Return which free inputs are not determined at T, the last of the points.
 
-        They go on as before: what they are at that point alone, on a path constraint or off it,
-        would be anything.
+        Their value there is extrapolated; otherwise it would be arbitrary, also on a path
+        constraint.
         """
         arc, bounds = self.arcs[-1], self.program.bounds
         free = np.isnan(arc.levels)
@@ -280,13 +319,13 @@ class _Solve:
         return idle
 
     def _first(self, u: ca.MX, phase: int) -> ca.MX:
-        """Return the inputs where a phase begins, which is none of Radau's points, (m,)."""
+        """Return the inputs (m,) at the start of a phase, which is not a Radau point."""
         first = [each(0.0) for each in build_lagrange_polynomials(self.program.points[1:])]
         a = int(self.first[phase]) * DEGREE
         return ca.mtimes(u[:, a:a + DEGREE], ca.DM(first))
 
     def _begin(self, u: ca.MX, phase: int) -> None:
-        """Keep inputs in their bounds where a phase begins."""
+        """Require free inputs to be within their bounds at the start of a phase."""
         lower, upper, size = self.problem.u_lower, self.problem.u_upper, self.sizes.u
         free = np.flatnonzero(np.isnan(self.arcs[phase].levels) & (
             np.isfinite(lower) | np.isfinite(upper)) & ~self._free(phase))
@@ -295,11 +334,11 @@ class _Solve:
                       (lower / size)[free, None], (upper / size)[free, None])
 
     def _on(self, x: ca.MX, u: ca.MX, row: int, bound: float, phase: int) -> None:
-        """Hold a row at its bound in a phase."""
+        """Require a row to be at its bound in a phase."""
         p, order = self.problem.p_value, int(self.program.bounds.orders[row])
         a, b = (int(k) * DEGREE for k in self.first[phase:phase + 2])
         held, sign = self.program.held[row], self.arcs[phase].on[row]
-        # Inputs at their bounds come to a constraint, or take over from it, by the path.
+        # Next to a phase with its inputs at bounds, a mixed constraint is continuous.
         if not order and self._kept(phase - 1, row):
             self._inside((held(x[:, a], u[:, a - 1], p)[1] - bound) * sign, row, bound, phase)
         if not order and self._kept(phase + 1, row):
@@ -321,7 +360,7 @@ class _Solve:
         self.at_held.append((phase, row, self._add(last, level, level)))
 
     def _meet(self, x: ca.MX, u: ca.MX, row: int, bound: float, phase: int) -> None:
-        """Touch the bound of a row where a phase begins."""
+        """Require a row to touch its bound at the start of a phase."""
         p, order = self.problem.p_value, int(self.program.bounds.orders[row])
         a, sign, held = int(self.first[phase]) * DEGREE, self.arcs[phase].met[row], (
             self.program.held[row])
@@ -334,20 +373,21 @@ class _Solve:
             self._inside(-sign * before[1], row, bound, phase)
             self._add(after[1] * sign / size, np.full((1, 1), -np.inf),
                       np.full((1, 1), OUTWARDS))
-        else:   # a path across the bound is cheaper, one that touches it no minimum by itself
+        else:   # without it the path would cross the bound, at a lower cost
             self._add(before[0][1] / size, np.zeros((1, 1)), np.zeros((1, 1)))
 
     def _also(self, phase: int, row: int, sign: int) -> bool:
-        """Return whether a phase is on a bound of a row."""
+        """Return whether a bound of a row is active in a phase."""
         on = self.arcs[phase].on
         return bool(on) and on[row] == sign
 
     def _inside(self, outwards: ca.MX, row: int, bound: float, place: int) -> None:
         """
-        Let a path come to a bound, or leave it, from inside: between points it might not.
+        Require a path to meet or leave a bound from inside, which the points do not ensure.
 
-        By a little less than that: inputs at their bounds may leave it no other way. Where they
-        do, what is to be zero is held there, and their bounds are not.
+        A rate of up to OUTWARDS outwards is allowed, since inputs at their bounds may leave no
+        other way. At a `grazing` junction the rate is set to zero, and the bounds of its inputs
+        are dropped there.
         """
         size = max(abs(bound), self.size[row]) or 1.0
         rate = size / self.sizes.time**int(self.program.bounds.orders[row])
@@ -357,12 +397,12 @@ class _Solve:
             outwards / rate, *(np.full((1, 1), each) for each in span))
 
     def _free(self, place: int) -> Mask:
-        """Return which inputs are known where a phase begins or ends without their bounds."""
+        """Return which inputs a grazing junction determines, so that they need no bounds there."""
         rows = [row for where, row in self.grazing if where == place]
         return np.asarray(self.program.bounds.deciding[rows].any(axis=0))
 
     def run(self, guess: Path, monitor: ProgressMonitor) -> Phased:
-        """Return the path that the program leads to."""
+        """Solve the program."""
         self.guess = guess
         count = len(guess.x)
         self.size = np.abs(self.program.rows.map(count)(
@@ -395,7 +435,7 @@ class _Solve:
         t = np.append(0.0, np.cumsum(durations[self.phase_of] * self.fractions))
         times = (t[:-1, None] + np.diff(t)[:, None] * self.program.points[1:]).ravel()
         x = np.vstack([problem.x0, guess.states_at(times)]) / sizes.x
-        # Inside of its interval, for the sides of a jump differ.
+        # Inside of the interval, since the two sides of a jump differ.
         inside = times - 1e-6 * np.tile(np.append(np.zeros(d - 1), 1.0), K) * np.repeat(
             np.diff(t), d)
         u = np.clip(guess.inputs_at(inside, after=True), u_low, u_high) / sizes.u
@@ -415,12 +455,12 @@ class _Solve:
         raw = lam_g[self.at_defects].reshape(K, d, n) / sizes.x
         lam = np.empty((K, d + 1, n))
         lam[:, 1:] = raw / program.weights[:, None]
-        # What the first point of an interval is worth: from the row of the derivatives at 0.
+        # The costate at the start of an interval follows from the derivatives at 0.
         lam[:, 0] = -np.einsum('j,kjn->kn', program.derivative[:, 0], raw)
         area = h[:, None] * program.weights + 1e-300
         eta = np.zeros((K, d, program.bounds.count))
         if problem.path.numel():
-            # Where rows do not bound inputs their multipliers are masses, not densities.
+            # Multipliers of pure state constraints are impulses, not densities.
             mixed = program.bounds.orders[n:] == 0
             eta[:, :, n:] = mixed * lam_g[self.at_path].reshape(K, d, -1) / area[:, :, None]
         for phase, row, slot in self.at_held:
@@ -442,7 +482,7 @@ class _Solve:
             astray=astray)
 
     def _pushed(self, found: dict[str, Any], lam_g: Array, x: Array, lam: Array) -> Array:
-        """Return what bounds weigh at points, as `Phased` has it."""
+        """Return `Phased.pushed`: scaled multipliers of bounds that are not held."""
         n, K, d, program = self.problem.n, self.K, DEGREE, self.program
         size = np.append(np.abs(x).max(axis=0), np.zeros(program.bounds.count - n))
         for row in np.flatnonzero(program.bounds.orders[n:] > 0) + n:
@@ -455,6 +495,6 @@ class _Solve:
         weights[:, :, :n] = lam_x.reshape(K, d, n) / self.sizes.x
         if len(size) > n:
             weights[:, :, n:] = lam_g[self.at_path].reshape(K, d, -1)
-        weights[-1, -1] = 0.0   # what psi says there is not known from it
+        weights[-1, -1] = 0.0   # at T it cannot be told from the multiplier of psi
         largest = (np.abs(lam).max(axis=(0, 1)) * size[:n]).max()
         return np.asarray(weights * size * (program.bounds.orders > 0) / (largest or 1.0))

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A path on phases, in each of which is known what holds."""
+"""A path on phases with known active constraints, as the phase program returns it."""
 
 from dataclasses import dataclass
 
@@ -10,8 +10,10 @@ from obc_ros.core.solver.arcs.input_arcs import Arc
 
 Grazing = frozenset[tuple[int, int]]
 
-DEGREE = 4   # of the polynomials of x in an interval; one less of those of u
-OUTWARDS = 1e-4   # relative, where a path leaves a bound: it exceeds it by the square
+DEGREE = 4   # degree of the polynomials of x in an interval; that of u is DEGREE - 1
+# Relative rate at which a path may cross its bound at a junction. The violation of the bound is
+# of the order of its square.
+OUTWARDS = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,25 +24,33 @@ class Phased:
     Attributes
     ----------
     arcs : list of Arc
-        What holds in each phase.
+        Levels of the inputs and active constraints of each phase.
     meshes : list of ndarray
         Lengths of the intervals of each phase, as parts of it.
     durations : ndarray
         Length of each phase [s].
     x, lam : ndarray, shape (K, DEGREE + 1, n)
-        At the start and at the points of each interval; lam as without the bounds held.
+        At the start and at the points of each interval; lam is lam~ of `phase_program`.
     u : ndarray, shape (K, DEGREE, m)
+        Inputs at the points.
     eta : ndarray, shape (K, DEGREE, n + l)
-        Multipliers of what holds in a phase, or of the path constraints.
+        Multiplier densities of the constraints held in a phase, and of those path constraints
+        that depend on inputs.
     nu : ndarray, shape (q,)
+        Multipliers of the terminal constraints.
+    cost : float
+        J.
+    converged : bool
+        Whether IPOPT did.
     outwards : dict of (int, int) to float
-        By numbers of phases and rows, the derivative that inputs enter on the other side of the
-        junction at which this phase begins (phase) or ends (-1 - phase), relative; inwards < 0.
-        Of constraints on inputs, the rest of them with the inputs at their bounds there.
+        For a junction and a row, the derivative of the constraint in which inputs occur, on the
+        side off the bound, relative; < 0 if the path leaves the bound inwards. The junction is
+        the start (phase) or the end (-1 - phase) of a phase on the bound. For a constraint that
+        depends on inputs, its residual with the inputs at their bounds on that side.
     pushed : ndarray, shape (K, DEGREE, n + l)
-        What bounds of (x, c) that are not held weigh at points, beside the costates.
+        Multipliers of bounds of (x, c) that are not held, relative to the costates.
     astray : list of (int, int)
-        Numbers of phases and rows whose bound, touched where the phase begins, pulls.
+        Phases and rows whose touch of the bound at the start has a multiplier of the wrong sign.
 
     """
 
@@ -60,9 +70,20 @@ class Phased:
 
     def grazing(self, within: float = OUTWARDS, *, touched: bool = False) -> Grazing:
         """
-        Return where derivatives vanish on the other side of junctions, too, or nearly do.
+        Return the junctions at which a path leaves or meets a bound tangentially.
 
-        `touched`: also where a bound is touched, which a path may do without.
+        Parameters
+        ----------
+        within : float
+            Relative derivative up to which it counts as zero.
+        touched : bool
+            Include the points at which a bound is only touched.
+
+        Returns
+        -------
+        frozenset of (int, int)
+            Junctions and rows, as the keys of `outwards`.
+
         """
         met = [arc.met or (0,) * self.eta.shape[2] for arc in self.arcs]
         return frozenset(

@@ -1,11 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Arcs along bounds of the state: where a path meets one whose rate the inputs decide.
+Boundary arcs: contacts of a path with state constraints whose derivative inputs can hold at zero.
 
-Such an arc is a phase that begins and ends on its bound. Between arcs with inputs at their bounds
-that fixes when it begins and ends; as a part of a longer phase it would be followed by inputs
-that are linear across the jumps at its ends.
+Such an arc is a phase that begins and ends on its bound, which fixes its times between arcs with
+inputs at their bounds. Within a longer phase inputs would be linear across the jumps at its ends.
 """
 
 from collections.abc import Sequence
@@ -18,13 +17,25 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.arcs.input_arcs import Arc
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
-_NEAR = 1e-6     # of its size: how near its bound a constraint is met
-_BESIDE = 2.5    # intervals of the mesh, in which a jump at the end of a contact is smeared
+_NEAR = 1e-6     # relative distance from a bound up to which a constraint is active
+_BESIDE = 2.5    # intervals over which a jump at the end of a contact may be smeared
 
 
 @dataclass(frozen=True)
 class StateContact:
-    """A row of (x, c) at its upper bound (+1) or at its lower one (-1), in a span of time."""
+    """
+    A row of (x, c) at a bound in a span of time.
+
+    Attributes
+    ----------
+    row, sign : int
+        Row, and 1 at its upper bound, -1 at its lower one.
+    start, end : float
+        Times [s].
+    beside : float
+        Length [s] next to it over which a jump may be smeared.
+
+    """
 
     row: int
     sign: int
@@ -37,12 +48,31 @@ def find_contacts(problem: Problem, outcome: TranscriptionOutcome, value: Array,
                   decided: Mask, *, perhaps: bool = False,
                   near: float = _NEAR) -> list[StateContact]:
     """
-    Return where a path is on bounds of the state, from its mesh points.
+    Find the contacts of a path with bounds of (x, c), from its mesh points.
 
-    `value` (N + 1, n + l) of x and of the path constraints there; `margin` by which the bounds
-    are drawn in; `decided` which of them an input decides, and may hold. `perhaps`: also where
-    a path turns back within an interval of a bound. An arc that begins and ends on a bound stays
-    on it: next to nothing may be won by leaving it for a while.
+    A phase that was held on a bound before is a contact as a whole.
+
+    Parameters
+    ----------
+    problem : Problem
+        The one that was solved.
+    outcome : TranscriptionOutcome
+        On N intervals.
+    value : ndarray, shape (N + 1, n + l)
+        x and the path constraints at the mesh points.
+    margin : ndarray, shape (n + l,)
+        Tightening of the bounds.
+    decided : ndarray of bool, shape (n + l,)
+        Rows that are considered: those that inputs can hold at a bound.
+    perhaps : bool
+        Also return points at which a path turns back within an interval's change of a bound.
+    near : float
+        Relative distance up to which a bound is active.
+
+    Returns
+    -------
+    list of StateContact
+
     """
     found = []
     t, N = outcome.path.t, len(outcome.path.t) - 1
@@ -78,12 +108,27 @@ def find_contacts(problem: Problem, outcome: TranscriptionOutcome, value: Array,
 def add_contacts(arcs: Sequence[Arc], found: Sequence[StateContact], free: Mask,
                  mixed: Mask | None = None) -> list[Arc]:
     """
-    Return arcs that begin and end where contacts do, on their bounds besides those they are on.
+    Cut arcs at the ends of contacts, and set their bounds active between these.
 
-    `free` (n + l, m): inputs that follow the bound of a row. What is left of an arc of theirs
-    between a contact and the next arc is a jump that a coarse mesh has smeared: it goes to the
-    arc beside it. Of the inputs of rows that are `mixed` (n + l,) those at bounds stay there;
-    where all of them do the row follows.
+    The rest of an arc between a contact and the next arc, if it is short, is a jump smeared by a
+    coarse mesh: its inputs take the levels of the arc beside it.
+
+    Parameters
+    ----------
+    arcs : sequence of Arc
+        Without gaps.
+    found : sequence of StateContact
+        At least one.
+    free : ndarray of bool, shape (n + l, m)
+        Inputs that follow from the bound of each row, and become free on it.
+    mixed : ndarray of bool, shape (n + l,), optional
+        Rows that depend on inputs: inputs at bounds stay there. If all of a row do, it does not
+        become active.
+
+    Returns
+    -------
+    list of Arc
+
     """
     T = arcs[-1].end
     times = np.unique([0.0, T] + [arc.end for arc in arcs]
@@ -112,7 +157,7 @@ def add_contacts(arcs: Sequence[Arc], found: Sequence[StateContact], free: Mask,
 
 
 def _unsmeared(arcs: list[Arc], found: Sequence[StateContact], free: Mask) -> list[Arc]:
-    """Return arcs, in either order, with smeared jumps before contacts held as before them."""
+    """Return arcs, in either order, with the levels before a smeared jump kept up to a contact."""
     beside = max(each.beside for each in found)
     result = arcs[:1]
     for k in range(1, len(arcs)):
@@ -129,7 +174,7 @@ def _unsmeared(arcs: list[Arc], found: Sequence[StateContact], free: Mask) -> li
 
 
 def _joined(arcs: Sequence[Arc]) -> list[Arc]:
-    """Return arcs with neighbours that are the same as one."""
+    """Return arcs with equal neighbours merged."""
     kept: list[Arc] = []
     for arc in arcs:
         if kept and kept[-1].on == arc.on and np.array_equal(
