@@ -7,8 +7,8 @@ A stretch is an interval of time of a linear quadratic problem, given by three m
 The state x at its start and the costate y at its end determine the state A x - G y at its end and
 the costate H x + A'y at its start. With the terminal weight P, y = P x(end), and the minimum cost
 is half of x'(H + A'P (I + G P)^-1 A) x. Two consecutive stretches are one stretch again, so that
-each join doubles the horizon. With H and P positive semidefinite the eigenvalues of I + G H and
-I + G P are at least 1, however long the horizon and however unstable the plant.
+each join doubles the horizon. With G, H and P positive semidefinite, the eigenvalues of I + G H
+and I + G P are at least 1, however long the horizon and however unstable the plant.
 """
 
 import numpy as np
