@@ -29,31 +29,32 @@ def loop(spawn: Any) -> None:
 
 
 def test_services_are_called_and_listed(loop: None, terminal: Terminal) -> None:
-    said = terminal.say('service', 'call', '/lqr_node/stop', 'std_srvs/srv/Trigger')
+    said = terminal.say_here('service', 'call', '/lqr_node/stop', 'std_srvs/srv/Trigger')
     assert said.status == 0
     assert 'requester: making request: std_srvs.srv.Trigger_Request()\n\nresponse:\n' in said.out
     assert "std_srvs.srv.Trigger_Response(success=True, message='stopped at" in said.out
     def listed() -> list[str]:
-        return terminal.say('service', 'list', '-t').out.splitlines()
+        return terminal.say_here('service', 'list', '-t').out.splitlines()
 
     support.wait_for(lambda: '/lqr_node/stop [std_srvs/srv/Trigger]' in (lines := listed())
                      and lines == sorted(lines), 60.0)
-    said = terminal.say('service', 'call', '/lqr_node/try_design', 'obc_ros/srv/TryDesign',
-                        '{weights: {nothing: 1}}')
+    said = terminal.say_here('service', 'call', '/lqr_node/try_design', 'obc_ros/srv/TryDesign',
+                             '{weights: {nothing: 1}}')
     assert said.status == 1 and 'Failed to populate field' in said.err and 'nothing' in said.err
 
 
 def test_topics_are_listed_heard_and_timed(loop: None, terminal: Terminal) -> None:
     wanted = {'/state', '/command', '/lqr_node/design'}
-    support.wait_for(lambda: wanted < {*terminal.say('topic', 'list').out.splitlines()}, 60.0)
-    design = terminal.say('topic', 'echo', '--once', '/lqr_node/design')  # latched: it was before
+    support.wait_for(
+        lambda: wanted < {*terminal.say_here('topic', 'list').out.splitlines()}, 60.0)
+    design = terminal.say_here('topic', 'echo', '--once', '/lqr_node/design')  # it is latched
     assert design.status == 0 and design.out.startswith('header:\n  stamp:\n')
     assert '\nrevision: 1\nsystem: aircraft\nstate_names:\n- px\n' in design.out
     assert design.out.endswith('\n---\n')
-    said = terminal.say('topic', 'echo', '--once', '--field', 'sentence', '--full-length',
-                        '/lqr_node/design').out
+    said = terminal.say_here('topic', 'echo', '--once', '--field', 'sentence', '--full-length',
+                             '/lqr_node/design').out
     assert re.fullmatch(r'aircraft: spectral abscissa -.*\n---\n', said)
-    short = terminal.say('topic', 'echo', '--once', '--no-arr', '/state').out
+    short = terminal.say_here('topic', 'echo', '--once', '--no-arr', '/state').out
     assert "x: '<sequence type: double, length: 6>'\n" in short
     with subprocess.Popen(terminal.command('topic', 'hz', '/state'), text=True,
                           stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
@@ -62,7 +63,7 @@ def test_topics_are_listed_heard_and_timed(loop: None, terminal: Terminal) -> No
         timed.send_signal(signal.SIGINT)
     assert re.search(r'average rate: \d+\.\d{3}\n\tmin: .*s max: .*s std dev: .*s window: \d+\n',
                      told), told
-    ends = terminal.say('topic', 'info', '--verbose', '/reference').out
+    ends = terminal.say_here('topic', 'info', '--verbose', '/reference').out
     assert ends.startswith('Type: obc_ros/msg/Trajectory\n\nPublisher count: 0\n\n')
     assert 'Node name: lqr_node' in ends and 'TRANSIENT_LOCAL' in ends
 
@@ -98,14 +99,14 @@ def test_a_goal_is_sent_and_followed(spawn: Any, terminal: Terminal) -> None:
 
 def test_states_of_a_node_are_changed(loop: None, terminal: Terminal) -> None:
     support.wait_for(
-        lambda: terminal.say('lifecycle', 'get', '/lqr_node').out == 'active [3]\n', 60.0)
-    said = terminal.say('lifecycle', 'set', '/lqr_node', 'deactivate')
+        lambda: terminal.say_here('lifecycle', 'get', '/lqr_node').out == 'active [3]\n', 60.0)
+    said = terminal.say_here('lifecycle', 'set', '/lqr_node', 'deactivate')
     assert (said.status, said.out) == (0, 'Transitioning successful\n')
-    support.wait_for(lambda: terminal.say('lifecycle', 'get').out
+    support.wait_for(lambda: terminal.say_here('lifecycle', 'get').out
                      == '/lqr_node: inactive [2]\n', 60.0)
-    said = terminal.say('lifecycle', 'set', '/lqr_node', 'deactivate')
+    said = terminal.say_here('lifecycle', 'set', '/lqr_node', 'deactivate')
     assert said.status == 1 and 'Unknown transition requested, available ones are:' in said.err
-    support.wait_for(lambda: terminal.say('node', 'list').out
+    support.wait_for(lambda: terminal.say_here('node', 'list').out
                      == '/lqr_node\n/plant_simulator\n', 60.0)
 
 
@@ -137,7 +138,7 @@ def test_what_is_not_there_is_said(loop: None, domain: int, tmp_path: Any) -> No
             ('lifecycle get /plant_simulator --timeout 1', 'it is no lifecycle node'),
             ('interface show obc_ros/msg/Nothing', 'obc_ros has no msg Nothing; it has'),
             ('interface show nowhere/msg/Nothing', "package 'nowhere' is not installed")):
-        said = obc.say(*line.split())
+        said = obc.say_here(*line.split())
         assert (said.status, 'Traceback' in said.err) == (1, False), said
         assert wanted in said.err, said
 
