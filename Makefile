@@ -19,6 +19,9 @@ SOLVER := $(addsuffix .py,$(addprefix test/core/,solver/improve/test_hamiltonian
 SMOKE := $(addprefix test/,nodes/test_loop_over_dds.py nodes/test_server_requests.py \
 	nodes/test_parameter_files.py ros/test_middleware.py)
 
+# Tests with nodes wait half of their time: three workers keep two cores at work. Each takes the
+# next test of the order that test/conftest.py gives, so that none has a queue of its own.
+TESTS := $(BIN)/pytest -n 3 --dist load --maxschedchunk 1
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 # What takes minutes shows what it does, and for how long.
 SHOWN := $(BIN)/python requirements/progress.py
@@ -32,7 +35,7 @@ SOURCES := setup.py pyproject.toml package.xml CMakeLists.txt cmake resource \
 unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH
 unexport ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION _ROS_WHEELS_BOOTSTRAP_COMPLETE VIRTUAL_ENV
 
-.PHONY: help setup develop demo test smoke kernel lint house bench gallery docs clean
+.PHONY: help setup develop demo check test smoke kernel lint house bench gallery docs clean
 .DELETE_ON_ERROR:
 
 help: ## say what there is to make
@@ -46,14 +49,17 @@ develop: setup $(VENV)/.develop ## the set-up, colcon and the commit hooks
 demo: setup ## the set-up, then the loop in flight (SYSTEM=aircraft|vehicle)
 	$(BIN)/obc demo $(SYSTEM) $(ARGS)
 
-test: setup ## the set-up and every test, two at a time
-	$(BIN)/pytest -n 2 --dist worksteal $(ARGS)
+check: lint house ## in 90 s: lint, house, every quick test, one loop over DDS
+	$(BIN)/pytest -n 2 --dist load --maxschedchunk 1 -m check $(ARGS)
+
+test: setup ## the set-up and every test, three at a time
+	$(TESTS) $(ARGS)
 
 smoke: setup ## the three nodes, for another distribution (DISTRO=kilted)
-	$(BIN)/pytest -n 2 --dist worksteal $(ARGS) $(SMOKE)
+	$(TESTS) $(ARGS) $(SMOKE)
 
 kernel: setup ## the solver's tests with another kernel of OpenBLAS (KERNEL=Haswell|Nehalem|...)
-	OPENBLAS_CORETYPE=$(KERNEL) $(BIN)/pytest -n 2 --dist worksteal -m 'not nodes' $(ARGS) $(SOLVER)
+	OPENBLAS_CORETYPE=$(KERNEL) $(BIN)/pytest -n 2 --dist load --maxschedchunk 1 -m 'not nodes' $(ARGS) $(SOLVER)
 
 lint: setup ## ruff, and mypy on the numerical core
 	$(BIN)/ruff check .

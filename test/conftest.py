@@ -5,7 +5,11 @@ Fixtures of every test that runs nodes: `domain`, `spawn`, `probe`, `terminal`.
 
 A test that asks for one of them carries the marker ``nodes``; the output of the processes it
 spawned is attached to its report when it fails. A test that asks for `clock` carries ``alone`` and
-runs while no other worker runs one.
+runs while no other worker runs one. Several workers run slow tests and nodes first and the tests
+marked ``alone`` last, so that no worker waits at the end or between.
+
+A test carries ``check`` unless it carries ``nodes`` or ``slow``. `make check` runs the tests that
+carry it. A test of them that takes twice `QUICK` fails; processes that it has waited for count.
 """
 
 from collections.abc import Iterator
@@ -38,17 +42,28 @@ settings.load_profile('obc_ros')
 # Locks between the workers. Who waits for the room holds the door, so that nobody overtakes them.
 _DOOR, _ROOM = (os.open(path, os.O_RDONLY) for path in (__file__, Path(__file__).parent))
 
+QUICK = 0.5  # [s] of processor time that a test may take without the marker `slow`
+
 _SPAWNER = pytest.StashKey[support.Spawner]()
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that run nodes, and those that hold times to bounds."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark tests that run nodes, that hold times to bounds, that belong to `make check`."""
     for item in items:
         fixtures = getattr(item, 'fixturenames', ())
         if 'domain' in fixtures:
             item.add_marker('nodes')
         if 'clock' in fixtures:
             item.add_marker('alone')
+        if not any(map(item.get_closest_marker, ('nodes', 'slow'))):
+            item.add_marker('check')
+    if hasattr(config, 'workerinput'):  # of pytest-xdist; one process needs no order
+        items.sort(key=_stage)
+
+
+def _stage(item: pytest.Item) -> int:
+    """Return 0 for a test that runs first, 1 for a quick one, 2 for one that runs alone."""
+    return 2 if item.get_closest_marker('alone') else bool(item.get_closest_marker('check'))
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
@@ -63,6 +78,18 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
         return (yield)
     finally:
         fcntl.flock(_ROOM, fcntl.LOCK_UN)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    """Fail a slow test that `make check` runs."""
+    if item.config.option.markexpr != 'check' or item.get_closest_marker('nodes'):
+        return (yield)
+    begun = sum(os.times()[:4])
+    result = yield
+    took = sum(os.times()[:4]) - begun
+    assert took < 2 * QUICK, f'{took:.2f} s: a test of over {QUICK} s carries the marker slow'
+    return result
 
 
 @pytest.hookimpl(wrapper=True)

@@ -8,6 +8,7 @@ import numpy as np
 from obc_ros.cli.ask.problem_requests import Question
 from obc_ros.cli.figures import _alike, _slopes, draw_solution
 from obc_ros.core.ocp.statement import build_problem
+import pytest
 
 MAPPING = {
     'name': 'scaled', 'states': ['x', 'v', 'theta_1'], 'inputs': ['u', 'w'],
@@ -33,6 +34,7 @@ def test_lines_share_a_panel_when_they_can_be_seen_on_one_scale():
     assert _alike(np.array([[1.0, 0.1, 0.05]])) == [[0, 1, 2]]
 
 
+@pytest.mark.slow
 def test_a_figure_is_drawn_with_and_without_costates(tmp_path):
     for lam in (LAM, np.zeros((0, 3))):
         path = SimpleNamespace(

@@ -39,6 +39,7 @@ CASES: list[dict[str, Any]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('asked', CASES, ids=['continuous', 'cross', 'sampled'])
 def test_curves_say_what_the_numbers_say(asked: dict[str, Any], tmp_path: Any) -> None:
     """Rise time, phase margin and bandwidth are read off the curves; rho = 1 is on the locus."""

@@ -76,6 +76,7 @@ def test_the_interfaces_are_those_of_the_package(kind, sources):
             assert [each.name for each in named] == list(message.get_fields_and_field_types())
 
 
+@pytest.mark.slow
 def test_the_modules_are_those_of_the_package(sources):
     kinds = {}
     for module in sources.modules(ROOT, 'obc_ros/core'):

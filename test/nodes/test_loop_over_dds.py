@@ -19,6 +19,7 @@ PLANT = {'system': 'aircraft', 'x0': X0}
 LOCKSTEP = {**PLANT, 'lockstep': True, 'speed': 0.0}
 
 
+@pytest.mark.check
 def test_the_loop_over_dds_gives_the_states_of_the_loop_in_one_process(spawn, probe):
     count, all_of_them = 2000, 5000   # this listener falls behind a loop as fast as it can
     states = probe.listen(State, 'state', QoSProfile(depth=all_of_them))

@@ -168,6 +168,7 @@ int main()
 """
 
 
+@pytest.mark.slow
 def test_a_cpp_program_is_built_with_the_interfaces(tmp_path):
     (tmp_path / 'CMakeLists.txt').write_text(CPP_PROJECT)
     (tmp_path / 'main.cpp').write_text(CPP_PROGRAM)
@@ -205,6 +206,7 @@ def test_executable_is_there_for_pip_and_for_colcon(executable, entry):
     assert os.access(installed(f'lib/obc_ros/{executable}'), os.X_OK)
 
 
+@pytest.mark.slow
 def test_core_knows_no_ros():
     for path in CORE:
         for module in imports(path):
@@ -218,6 +220,7 @@ def test_nodes_do_not_know_the_command_line():
         assert not [module for module in imports(path) if module.startswith('obc_ros.cli')]
 
 
+@pytest.mark.slow
 def test_all_that_is_imported_is_a_dependency():
     declared = {element.text for element in PACKAGE if element.tag.endswith('depend')}
     required = {re.split(r'[\[<>=~; ]', line)[0] for line in PROJECT['project']['dependencies']}
@@ -232,6 +235,7 @@ def test_all_that_is_imported_is_a_dependency():
             assert wheels & required or module in brought, f'{name(path)}: {module}'
 
 
+@pytest.mark.slow
 def test_every_dependency_is_used():
     """By what is installed or a field of an interface; generated code needs its runtime."""
     folders = tuple(ROOT / folder for folder in ('obc_ros', 'launch', 'benchmarks'))
@@ -273,6 +277,7 @@ def test_every_source_file_has_the_license_header():
         assert tuple(lines[start:start + 2]) == HEADER, name(path)
 
 
+@pytest.mark.slow
 def test_nothing_runs_text_as_a_program():
     assert [found for path in PYTHON for found in unsafe(path)] == []
 

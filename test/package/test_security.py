@@ -100,6 +100,7 @@ def sources() -> list[Path]:
         path for folder in folders for path in (ROOT / folder).rglob('*.py'))])
 
 
+@pytest.mark.slow
 def test_no_python_of_the_project_runs_data_as_a_program():
     found = [each for path in sources()
              for each in dangers(path.read_text(encoding='utf-8'), str(path.relative_to(ROOT)))]

@@ -137,6 +137,7 @@ def test_affinity_leads_to_the_idle_worker_that_had_it_last():
         pool.cancel(busy.job)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind, stopped', [('iterate', RequestOutcome.ANSWERED),
                                            ('hang', RequestOutcome.TIMED_OUT)])
 def test_time_limit_is_kept(clock, kind, stopped):
@@ -149,6 +150,7 @@ def test_time_limit_is_kept(clock, kind, stopped):
         assert pool.replaced == (kind == 'hang')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind, stopped', [('iterate', RequestOutcome.ANSWERED),
                                            ('hang', RequestOutcome.CANCELLED)])
 def test_cancel_stops_the_work(clock, kind, stopped):
@@ -163,6 +165,7 @@ def test_cancel_stops_the_work(clock, kind, stopped):
         assert ask(pool, 'echo').outcome is RequestOutcome.ANSWERED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind, words', [
     ('fail', 'ZeroDivisionError: a mistake'),
     ('crash', 'SIGABRT'),
@@ -180,6 +183,7 @@ def test_a_worker_that_dies_costs_one_request_and_is_replaced(kind, words):
         assert pool.replaced == 1
 
 
+@pytest.mark.slow
 def test_a_killed_worker_costs_only_its_own_request():
     with running(2) as pool:
         one, other = Asked(pool, 'pid').begun(), Asked(pool, 'iterate', time_limit=1.5).begun()
@@ -191,6 +195,7 @@ def test_a_killed_worker_costs_only_its_own_request():
         assert other.answer().outcome is RequestOutcome.ANSWERED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind, outcome',
                          [('crash', RequestOutcome.DIED), ('hang', RequestOutcome.TIMED_OUT)])
 def test_what_a_worker_has_kept_is_answered_when_it_is_ended(kind, outcome):
@@ -204,6 +209,7 @@ def test_what_a_worker_has_kept_is_answered_when_it_is_ended(kind, outcome):
         assert ask(pool, 'echo', keep=['path'], name='answer').packet.plain['name'] == 'answer'
 
 
+@pytest.mark.slow
 def test_a_worker_killed_in_the_middle_of_a_solve_leaves_its_path():
     [statement] = load_file(Path(__file__).parents[1] / 'problems' / 'vanderpol_bounded.yaml')
     with running() as pool:
@@ -227,6 +233,7 @@ def test_a_worker_killed_in_the_middle_of_a_solve_leaves_its_path():
         assert ask(pool, 'echo').outcome is RequestOutcome.ANSWERED
 
 
+@pytest.mark.slow
 def test_an_idle_worker_that_is_killed_costs_nothing():
     with running() as pool:
         for _ in range(3):
@@ -237,6 +244,7 @@ def test_an_idle_worker_that_is_killed_costs_nothing():
         assert pool.replaced == 3
 
 
+@pytest.mark.slow
 def test_a_stopped_worker_is_replaced_at_the_time_limit(clock):
     with running() as pool:
         [pid] = pool.pids
@@ -247,6 +255,7 @@ def test_a_stopped_worker_is_replaced_at_the_time_limit(clock):
         assert ask(pool, 'echo').packet.plain['pid'] != pid
 
 
+@pytest.mark.slow
 def test_queue_has_a_length_and_what_waits_can_be_cancelled_or_run_out_of_time(clock):
     with running(queue_length=2) as pool:
         busy = Asked(pool, 'iterate').begun()
@@ -266,6 +275,7 @@ def test_queue_has_a_length_and_what_waits_can_be_cancelled_or_run_out_of_time(c
         assert (pool.waiting, pool.busy) == (0, 0)
 
 
+@pytest.mark.slow
 def test_the_first_worker_can_be_waited_for():
     for module, ready in (('stand_in_worker', 1), ('no_such_module', 0)):
         pool = Pool(module, 1)
@@ -274,6 +284,7 @@ def test_the_first_worker_can_be_waited_for():
         pool.close()
 
 
+@pytest.mark.slow
 def test_pool_grows_and_shrinks():
     with running() as pool:
         busy = Asked(pool, 'iterate', time_limit=1.0).begun()
@@ -292,6 +303,7 @@ def test_a_module_that_does_not_load_is_said():
     pool.close()
 
 
+@pytest.mark.slow
 def test_a_worker_that_never_starts_is_tried_ever_less_often(monkeypatch):
     pauses = []
     monkeypatch.setattr(Pool, 'pause', lambda pool, worker, duration: pauses.append(duration))
@@ -301,6 +313,7 @@ def test_a_worker_that_never_starts_is_tried_ever_less_often(monkeypatch):
     assert pauses[:8] == [1, 2, 4, 8, 16, 32, 60, 60]
 
 
+@pytest.mark.slow
 def test_requests_do_not_wait_for_workers_that_do_not_start(monkeypatch, tmp_path, clock):
     """After three tries each is answered at once; once the module loads, all is well again."""
     monkeypatch.setenv('PYTHONPATH', str(tmp_path))
@@ -331,6 +344,7 @@ def test_time_limits_hold_while_no_worker_starts(monkeypatch, clock):
     pool.close()
 
 
+@pytest.mark.slow
 def test_a_process_that_cannot_be_made_is_said(monkeypatch):
     def refuse(*args, **options):
         raise OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))
@@ -343,6 +357,7 @@ def test_a_process_that_cannot_be_made_is_said(monkeypatch):
     pool.close()
 
 
+@pytest.mark.slow
 def test_closing_cancels_what_is_left():
     with running() as pool:
         asked = [Asked(pool, 'hang').begun(), Asked(pool, 'echo')]
@@ -350,6 +365,7 @@ def test_closing_cancels_what_is_left():
     assert ask(pool, 'echo').outcome is RequestOutcome.REFUSED
 
 
+@pytest.mark.slow
 def test_no_worker_outlives_a_killed_process():
     program = ('import time; from obc_ros.workers.pool import Pool\n'
                'pool = Pool("stand_in_worker", 2)\n'
@@ -363,6 +379,7 @@ def test_no_worker_outlives_a_killed_process():
     wait_for(lambda: not any(map(alive, pids)))
 
 
+@pytest.mark.slow
 def test_a_worker_gives_way_and_is_bounded():
     with running(memory=1 << 30) as pool:
         [pid] = pool.pids

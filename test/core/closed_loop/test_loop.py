@@ -22,6 +22,7 @@ import pytest
 # The law
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(strategies.integers(1, 6), strategies.integers(1, 3), strategies.integers(0, 2**32 - 1))
 def test_law_is_the_matrix_product(n: int, m: int, seed: int) -> None:
@@ -235,6 +236,7 @@ def test_envelope(action: str, outside: list[float] | None, back: list[float]) -
 # Everything at once
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(strategies.lists(strategies.tuples(
     strategies.integers(-10**12, 10**18),

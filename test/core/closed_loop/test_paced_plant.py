@@ -71,6 +71,7 @@ def test_the_grid_is_never_coarser_than_asked(dt, rate):
     assert step * steps == pytest.approx(1 / rate, rel=1e-12)
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(0.0, 0.45 * PERIOD), min_size=1, max_size=50))
 def test_states_are_stamped_when_they_were_true_however_late_the_poll_is(lates):
     bench = Bench()
@@ -107,6 +108,7 @@ def test_at_speed_zero_every_poll_is_a_state():
     assert bench.plant.held_up == 0
 
 
+@pytest.mark.slow
 @given(st.floats(1.01 * LATE * PERIOD, HELD_UP - PERIOD))
 def test_a_plant_that_was_held_up_leaves_no_state_out_and_regains_the_time(late):
     bench = Bench()
@@ -271,6 +273,7 @@ CONDITIONS = Conditions(noise=(0.01,), actuator_lag=(0.02,), input_delay=0.0071,
                         gust=Gust((0.0, 1.0), 0.1, 0.2))
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(0.0, 0.6), min_size=40, max_size=40))
 def test_lockstep_gives_the_same_bits_whatever_the_clock_does(waits):
     def fly(waits):

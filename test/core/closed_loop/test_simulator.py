@@ -53,6 +53,7 @@ def reference(system, x0, feedback, seconds, period):
     return np.array(states)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('x0', 'dt'), [
     ([0, 0, 0, 0, 0, 0], 1e-3),  # the step of figure 2.4
     ([0, 0, 0.3, 0.5, -0.5, 1.0], 5e-4),
@@ -113,6 +114,7 @@ def double_integrator_under(pieces, until):
     return [x, v]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('integrator', ['rk4', 'adaptive'])
 @given(st.floats(0.0, 0.03), st.lists(st.floats(-2, 2), min_size=1, max_size=5))
 @example(delay=0.0025, commands=[1.0, -2.0])
@@ -166,6 +168,7 @@ def test_a_gust_gives_the_momentum_it_has(integrator, start, duration):
     assert simulator.x[1] == pytest.approx(blown + constant * 1.5, abs=3e-12)
 
 
+@pytest.mark.slow
 @given(st.floats(0.001, 0.01), st.integers(1, 40))
 def test_linear_systems_follow_the_matrix_exponential(h, steps):
     A = np.array([[0.0, 1.0, 0.0], [-4.0, -0.5, 1.0], [0.0, -1.0, -2.0]])

@@ -128,6 +128,7 @@ def test_refusals():
     assert dlqr([[0.5]], [[1]], [[0]], [[1]]).K[0, 0] == 0.0
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None, derandomize=True)
 @given(st.integers(1, 6), st.integers(1, 3), st.integers(0, 2**32 - 1), st.floats(-3, 3))
 def test_accepted_gains_stabilise(n, m, seed, decades):

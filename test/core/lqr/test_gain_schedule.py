@@ -93,6 +93,7 @@ def test_the_rate_that_is_proved_is_borne(name: str) -> None:
     assert np.abs(driven[:, -1]).max() < 1e-4
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(strategies.integers(2, 4), strategies.integers(1, 2), strategies.integers(0, 2**32 - 1),
        strategies.floats(0.0, 2.0))

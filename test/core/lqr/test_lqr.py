@@ -252,6 +252,7 @@ def test_extreme_numbers_end_in_a_proof_or_in_words(a):
 # ---------------------------------------------------------------- properties
 
 
+@pytest.mark.slow
 @settings(max_examples=400, deadline=None)
 @given(problems())
 def test_accepted_gains_stabilise_and_refusals_are_right(problem):

@@ -47,6 +47,7 @@ def test_unstable_scalar_has_the_guaranteed_gain_reduction(a):
     assert found.peak_input[0] == pytest.approx(2 * a - a)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('design', [
     lqr(*aircraft(), np.eye(6), np.eye(2)),
     lqr(*aircraft(), np.diag([100, 1, 2 * np.pi / 9, 0, 0, 0]), 0.1 * np.eye(2)),
@@ -75,6 +76,7 @@ def test_margins_equal_control(design):
         assert found.disk_margin[i] == pytest.approx(disk, rel=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('weights', [1.0, 100.0])
 def test_step_figures_equal_control(weights):
     A, B = aircraft()

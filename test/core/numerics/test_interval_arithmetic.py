@@ -45,6 +45,7 @@ def between(text, x, y):
     return found
 
 
+@pytest.mark.slow
 @settings(max_examples=600, deadline=None)
 @given(st.sampled_from(sorted(TEXTS)), NUMBERS, NUMBERS, NUMBERS, NUMBERS, st.floats(0, 1),
        st.floats(0, 1))
@@ -52,6 +53,7 @@ def test_every_value_is_enclosed(text, a, b, c, d, s, r):
     check(text, sorted([a, b]), sorted([c, d]), s, r)
 
 
+@pytest.mark.slow
 @settings(max_examples=600, deadline=None)
 @given(st.sampled_from(sorted(TEXTS)), NUMBERS, NUMBERS)
 def test_the_value_at_a_point_is_enclosed_though_no_double_is_it(text, a, c):

@@ -45,6 +45,7 @@ def test_not_to_be_taken_for_convex(changes):
     assert not convex(**changes)
 
 
+@pytest.mark.slow
 def test_nothing_better_is_looked_for_where_there_is_nothing(monkeypatch):
     monkeypatch.setattr(multistart, 'interleave_rollouts', None)
     monkeypatch.setattr(multistart, '_enough', None)

@@ -321,6 +321,7 @@ _ANYTHING = st.recursive(
                                             inner, max_size=3)), max_leaves=4)
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(st.sampled_from([key for key in GOOD if key != 'system']), _ANYTHING)
 def test_any_value_of_any_key_gives_a_problem_or_a_statement_error(key, value):

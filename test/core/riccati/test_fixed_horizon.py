@@ -20,6 +20,7 @@ def error(P, exact):
     return abs(P - exact).max() / abs(exact).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('P1', [0.0, 1.0, 10.0, 1e6])
 def test_aircraft_is_as_exact_as_its_condition_allows(P1):
     """

@@ -274,6 +274,7 @@ def test_bounds_that_are_not_met_change_nothing():
 # ---------------------------------------------------------------- properties
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(1, 2), st.integers(0, 2),
        st.floats(0.1, 5))

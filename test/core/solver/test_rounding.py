@@ -16,6 +16,7 @@ import rounding  # of benchmarks/
 NAMES = 'bryson_denham', 'di_mintime_rest', 'zermelo_shear', 'lq_scalar_unit', 'catenary'
 
 
+@pytest.mark.slow
 def test_quick_problems_are_answered_alike_however_arithmetic_rounds():
     variants = [rounding.Variant(rounding.OWN, 0), rounding.Variant('Haswell', 0),
                 rounding.Variant('Nehalem', 0), rounding.Variant(rounding.OWN, 1)]

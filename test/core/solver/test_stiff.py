@@ -146,6 +146,7 @@ def test_a_rod_heated_at_its_end_costs_what_riccatis_equation_says():
         problem.x0 @ P.reshape(cells, cells) @ problem.x0, rel=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('cells', [40, 80])
 def test_long_rods_cost_over_a_second_what_they_cost_without_end(cells):
     """But for what is left after it: exp(-2 pi^2) of the slowest mode, 3e-9."""

@@ -13,6 +13,7 @@ import pytest
 import truth  # likewise
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(4))
 def test_nothing_false_is_said_of_problems_that_a_path_keeps_to(seed):
     tally = truth.ask_feasible(75, np.random.default_rng([100, seed]), inf)
@@ -20,18 +21,21 @@ def test_nothing_false_is_said_of_problems_that_a_path_keeps_to(seed):
     assert tally.false == []
 
 
+@pytest.mark.slow
 def test_what_no_path_keeps_to_is_not_solved():
     tally = truth.ask_infeasible(25, np.random.default_rng(101), inf)
     assert sum(tally.asked.values()) == 25
     assert tally.false == []
 
 
+@pytest.mark.slow
 def test_no_convex_answer_is_certified_above_the_least_cost():
     tally = truth.ask_convex(40, np.random.default_rng(102), inf)
     assert tally.found['solved'] > 30
     assert tally.false == []
 
 
+@pytest.mark.slow
 def test_the_paths_that_the_constraints_were_set_from_keep_to_them():
     """Otherwise a sentence about such a problem might be true."""
     rng = np.random.default_rng(103)

@@ -46,6 +46,7 @@ def test_a_path_on_a_mesh_that_is_too_coarse(coarse):
         check(found)
 
 
+@pytest.mark.slow
 def test_a_path_that_is_no_minimum_beside_the_reason():
     """What falls without end has paths, and the answer is one of them."""
     found = solve(build_problem({

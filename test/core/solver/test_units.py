@@ -42,6 +42,7 @@ def in_units(problem, *, scale=1.0, shift=0.0, cost=1.0, time=1.0):
         guess=Guess(), structure='')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name, units', [
     # Saddles of a symmetric problem are told from minima whatever the cost is counted in,
     ('nearest_of_a_parabola', {'cost': 1e-3}),
@@ -128,6 +129,7 @@ def shortest_to_a_point(x0, goal):
     return min(lengths)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('x0', [
     (0, 0, 0), (2e-3, -4e-4, 3e-3), (-0.026, 0.19, 0.239), (0.079, -0.021, 0.179)])
 def test_a_car_finds_the_shorter_way_to_a_point_inside_of_its_turning_circle(x0):
@@ -138,6 +140,7 @@ def test_a_car_finds_the_shorter_way_to_a_point_inside_of_its_turning_circle(x0)
     assert found.objective == pytest.approx(best, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_cars_from_further_away_are_not_led_along_the_first_ones_path():
     problem, _ = stated('dubins_point_inside')
     cache = Cache()
@@ -160,6 +163,7 @@ def test_a_neighbour_that_has_to_wind_takes_the_shorter_of_two_ways():
     assert again.objective == pytest.approx(alone.objective, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_a_bound_of_order_three_that_holds_at_the_end_needs_no_luck():
     """To within what the cost changes with x(0), to first order: dJ/dx0 = lam(0)."""
     problem, expected = stated('robbins')

@@ -26,6 +26,7 @@ def test_every_system_is_held_at_its_own_set_point(name):
     assert_allclose(system.f(later, found.u), found.drift, atol=1e-12)
 
 
+@pytest.mark.slow
 @given(st.tuples(value, value), st.floats(0.5, 20.0), st.floats(1.0, 20.0))
 def test_the_aircraft_hovers_with_its_weight_wherever_it_is(position, m, g):
     aircraft = registry.get_system('aircraft', {'m': m, 'g': g})
@@ -81,6 +82,7 @@ def test_the_cubic_is_held_where_it_is_asked_to(x, a, b):
     assert found.u[0] == pytest.approx(a * x**3 / b, rel=1e-9, abs=1e-12)
 
 
+@pytest.mark.slow
 @given(st.integers(1, 5), st.integers(0, 2**32 - 1))
 def test_linear_systems_are_held_where_they_can_be(n, seed):
     generator = np.random.default_rng(seed)

@@ -212,6 +212,7 @@ def test_limits_follow_the_parameters():
     assert_allclose(robot.p_value, [2, 3])
 
 
+@pytest.mark.slow
 @given(st.text(max_size=30))
 def test_an_unknown_name_is_answered_in_words(name):
     if name not in registry.list_systems():

@@ -17,6 +17,7 @@ from obc_ros.core.systems import registry
 from obc_ros.core.text.errors import ObcError, quote
 from obc_ros.core.text.expressions import parse_expression, parse_number
 from obc_ros.core.text.yaml_files import read_entries
+import pytest
 
 GOOD: dict[str, Any] = {
     'name': 'good', 'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'},
@@ -68,6 +69,7 @@ def test_what_is_shown_can_be_printed(text: str, longest: int | None) -> None:
         assert quote(text, None) == text
 
 
+@pytest.mark.slow
 @given(TEXTS)
 def test_every_refusal_can_be_printed(text: str) -> None:
     """Whatever it quotes, and however it does."""

@@ -56,6 +56,7 @@ ANY = strategies.one_of(
         ['bryson', 'output', 'best'])}))
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(strategies.lists(strategies.one_of(GOOD, ANY), min_size=1, max_size=8))
 def test_commands_are_those_of_the_last_accepted_design(changes: list[dict[str, Any]]) -> None:

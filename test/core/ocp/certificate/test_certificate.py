@@ -197,6 +197,7 @@ def test_multipliers_of_state_bounds_are_accounted_for_when_not_given():
     assert not failing(problem, replace(solution, state_multipliers=None))
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(st.floats(0.2, 2), st.floats(0.3, 3), st.floats(0.1, 10), st.floats(0.2, 2),
        st.sampled_from([-3.0, 0.01, 1.0, 1e4]))

@@ -43,6 +43,7 @@ def test_costate_of_example_2_2():
     assert solution.lam[0, 0] == pytest.approx(2 / (1 + np.exp(-2)), abs=1e-10)
 
 
+@pytest.mark.slow
 def test_shooting_with_the_costates_of_van_der_pol_ends_at_zero():
     """With u = clip(-lam1/2) the free end asks for lam(T) = 0, through four arcs."""
     problem, solution = answered('vanderpol_bounded')
@@ -51,6 +52,7 @@ def test_shooting_with_the_costates_of_van_der_pol_ends_at_zero():
     assert len(solution.switching_times) == 3
 
 
+@pytest.mark.slow
 def test_shooting_with_the_costates_of_the_reactor_ends_at_zero():
     """With u from dH/du = 0, which is linear in u, the free end asks for lam(T) = 0."""
     problem, solution = answered('cstr_luus')
@@ -75,6 +77,7 @@ def test_switching_times_of_bang_bang_arcs():
     np.testing.assert_allclose(solution.lam[0], [-T / 3, -T**2 / 6, -1.0], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_what_it_does_without_is_said():
     _, solution = answered('bryson_denham')
     assert 'state bounds' in solution.message

@@ -73,6 +73,7 @@ def test_two_thrusters_of_given_sum():
     np.testing.assert_allclose(solution.switching_times, [1], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_thrust_in_a_disc_turns_at_once():
     """Also in metres and with drag, along a line: x_line' = v, v' = u - v with |u| <= 1."""
     problem, mapping = disc()

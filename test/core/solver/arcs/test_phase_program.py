@@ -135,6 +135,7 @@ def test_a_long_horizon_with_a_bound_of_the_state_is_found_from_short_ones():
     assert costs[1] == pytest.approx(costs[0], rel=5e-3)
 
 
+@pytest.mark.slow
 def test_a_path_touches_an_obstacle_along_its_side():
     """A path across the disc is cheaper than one that touches it: only tangents are allowed."""
     found = solve(build_problem({
@@ -152,6 +153,7 @@ def test_a_path_touches_an_obstacle_along_its_side():
     assert x * np.cos(th) + y * np.sin(th) == pytest.approx(0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_states_at_samples_follow_from_the_inputs_straight_between_them():
     """A pendulum turned by 2 rad in 3 s, its rate bounded: not only where intervals end."""
     problem = build_problem({
@@ -267,6 +269,7 @@ def test_a_singular_arc_may_begin_and_end_with_a_bang(
     assert [arc.on[1] if arc.on else 0 for arc in arcs] == [on, 0, on]
 
 
+@pytest.mark.slow
 def test_a_turn_too_short_for_the_mesh_is_found():
     """
     The fastest way along a winding road: v**2 k is limited, k enters H linearly.

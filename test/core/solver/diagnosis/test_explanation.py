@@ -71,6 +71,7 @@ def test_a_contradiction_needs_no_solver():
     assert explain(build_problem(BLOCK | LONGER)) is None
 
 
+@pytest.mark.slow
 def test_what_led_nowhere_leaves_time_to_say_why():
     """Half of the published least time of a quadrotor: little more work, then the reason."""
     mapping = load_file(PROBLEMS / 'quad_2d_mintime.yaml')[0]
@@ -87,6 +88,7 @@ def test_what_led_nowhere_leaves_time_to_say_why():
     assert numbers(found.message)[-1] == pytest.approx(T, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_too_short_a_time_where_the_nearest_path_is_hard_to_find():
     """From rest no input moves x: the nearest path is hard to find, the least time is not."""
     mapping = load_file(PROBLEMS / 'brachistochrone_wall.yaml')[0]
@@ -95,6 +97,7 @@ def test_too_short_a_time_where_the_nearest_path_is_hard_to_find():
     assert numbers(found.message)[-1] == pytest.approx(math.sqrt(math.pi / 9.81), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_what_a_weak_motor_leaves_undone():
     """Of a pendulum, in at most 40 s: its energy grows by |u| |w| <= 0.01 * 2 at most."""
     mapping = load_file(PROBLEMS / 'pendulum_mintime.yaml')[0]
@@ -135,6 +138,7 @@ def test_inputs_too_weak_at_any_time():
                for limit in (1.0, 1 - math.exp(-5)))
 
 
+@pytest.mark.slow
 def test_a_bound_that_cannot_be_held():
     # From x = 1 with v = -3 and |u| <= 1: x = 1 - 3 t + t^2/2 crosses 0 at 3 - sqrt(7).
     found = reason(BLOCK, initial_state={'x': 1, 'v': -3}, terminal_constraints=[],
@@ -177,6 +181,7 @@ def test_a_cost_without_lower_bound():
         [-r*(4 + math.exp(-5)) for r in (10, 100, 1000)], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_problem_with_an_answer_is_not_explained_away():
     feasible = build_problem(BLOCK | {'final_time': {'free': False, 'value': 3}})
     assert explain(feasible, quickly) is None
@@ -189,6 +194,7 @@ def test_a_solver_that_fails_gives_no_reason():
     assert explain(build_problem(BLOCK | LONGER), failing) is None
 
 
+@pytest.mark.slow
 def test_a_least_cost_that_only_ever_faster_switching_approaches():
     """Bolza's example: x**2 + (u**2 - 1)**2 is nearly 0 for u = 1 and u = -1 in turn."""
     found = solve(build_problem({
@@ -203,6 +209,7 @@ def test_a_least_cost_that_only_ever_faster_switching_approaches():
     assert u == pytest.approx([-1, 1], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_cost_without_bound_whose_residuals_are_small_beside_its_size():
     """The integral of x u + y is x(1)**2 / 2 plus that of y: as low as u makes it."""
     found = solve(build_problem({
@@ -213,6 +220,7 @@ def test_a_cost_without_bound_whose_residuals_are_small_beside_its_size():
     assert FALLS in found.message or 'the cost has no lower bound' in found.message
 
 
+@pytest.mark.slow
 def test_a_cost_that_falls_without_end_beside_a_minimum():
     """Near x = 0 the integral of u^2 - x^4 is least there; x = r t makes it r^2 - r^4/5."""
     found = solve(build_problem({
@@ -226,6 +234,7 @@ def test_a_cost_that_falls_without_end_beside_a_minimum():
         assert 1.1 * (r**2 - r**4/5) <= cost <= r**2 - r**4/5
 
 
+@pytest.mark.slow
 def test_an_equality_of_inputs_that_holds_between_mesh_points_but_nearly_is_not_impossible():
     block = {'states': ['x', 'y'], 'inputs': ['a', 'b'], 'dynamics': {'x': 'a', 'y': 'b'},
              'running_cost': 'x**2 + y**2 + a**2 + b**2', 'initial_state': {'x': 1, 'y': 2},
@@ -253,6 +262,7 @@ def test_a_ring_around_the_start():
     assert 'keeps to path_constraints[0] all the way' in found.sentence
 
 
+@pytest.mark.slow
 def test_weierstrass():
     """The integral of t^2 u^2 from -1 to 1 comes as near to 0 as one likes, and never there."""
     found = reason({
@@ -263,6 +273,7 @@ def test_weierstrass():
     assert 'goes on falling as inputs may be larger' in found.sentence
 
 
+@pytest.mark.slow
 def test_a_rocket_that_burns_most_by_thrusting_to_and_fro():
     """
     ACADO's rocket in least time: less mass is quicker, and it loses 0.01 u^2 also by braking.
@@ -304,6 +315,7 @@ CELL = {
     'state_bounds': {'E': [0, None]}, 'final_time': {'free': False, 'value': 10}}
 
 
+@pytest.mark.slow
 def test_too_little_charge():
     """Of rest to rest over d in T: the integral of a^2 is 12 d^2 / T^3 at least, here 1.2."""
     found = solve(build_problem(CELL))
@@ -317,6 +329,7 @@ def test_too_little_charge():
         'initial_state': {'x': 0, 'v': 0, 'E': 2.21}})).certified
 
 
+@pytest.mark.slow
 def test_too_little_fuel():
     """Of a rocket without weight: m(T) is m(0) exp(-v(T) / 30), and m divides on the way."""
     found = solve(build_problem({
@@ -329,6 +342,7 @@ def test_too_little_fuel():
     assert numbers(found.message)[-2] == pytest.approx(10 * math.exp(-2 / 3), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_too_small_a_tank():
     """Of a solution that is made stronger by adding: (1 - c) V stays what it is, 1."""
     found = solve(build_problem({
@@ -341,6 +355,7 @@ def test_too_small_a_tank():
     assert numbers(found.message)[-2] == pytest.approx(5, rel=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('T', [20, 25.5])
 def test_too_short_a_time_within_limits_of_speed_and_acceleration(T):
     """Starting and braking take 6 each within these limits, 5 wide: x gets 5 (T - 6) far."""
@@ -379,6 +394,7 @@ def test_a_path_constraint_that_holds_nowhere():
                               'and has to be <= -2')
 
 
+@pytest.mark.slow
 def test_too_little_vaccine():
     """
     No state bound says that the susceptible are not below 0: that follows.

@@ -109,6 +109,7 @@ def test_exercise_2_5_falls_to_the_optimum():
     assert costs[-1] == pytest.approx(bvp.y[2, -1], rel=1e-6)
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(st.tuples(*[st.floats(-3, 3)] * 4), st.floats(0.3, 5), st.sampled_from(BASIS_KINDS))
 def test_double_integrator_of_least_effort(ends, T, kind):
@@ -138,6 +139,7 @@ def test_vehicles(kind, name, start, goal, T, options):
     put_back(system, found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind', BASIS_KINDS)
 def test_aircraft_without_drag(kind):
     start, goal = np.zeros(6), [1, 1, 0, 0, 0, 0]

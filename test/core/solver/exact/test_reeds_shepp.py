@@ -69,6 +69,7 @@ def test_parking_a_step_to_the_side(d):
     assert path.length == pytest.approx(2 * (a + t), rel=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(poses, poses, st.floats(0.05, 20))
 def test_segments_end_at_the_goal(start, goal, radius):
@@ -80,6 +81,7 @@ def test_segments_end_at_the_goal(start, goal, radius):
     assert all(s.length != 0 for s in path.segments)
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(poses, st.lists(st.tuples(st.sampled_from('LSR'), st.floats(-3, 3)), max_size=6))
 def test_no_random_word_is_shorter(start, segments):

@@ -95,6 +95,7 @@ def test_double_integrator_formula(x, v):
     np.testing.assert_allclose(found.x[-1], 0, atol=1e-12)
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(small, small, small, small, st.floats(-3, -0.1), st.floats(0.1, 3), st.floats(0.1, 4))
 def test_double_integrator_between_any_states(x0, v0, xf, vf, low, high, rate):
@@ -149,6 +150,7 @@ def test_oscillator_by_hand():
     assert found.objective == pytest.approx(acos(7 / 8) + acos(1 / 4), abs=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(st.floats(-12, 12), st.floats(-12, 12))
 def test_oscillator_switches_every_half_turn(x, v):
@@ -227,6 +229,7 @@ def test_two_inputs_on_a_coupled_system():
     assert reachable(A, scaled, (2, -1, 3), np.zeros(3), 1.001 * T) > 1
 
 
+@pytest.mark.slow
 @settings(max_examples=10, deadline=None)
 @given(st.integers(0, 10**6), st.integers(2, 4), st.integers(1, 2))
 def test_no_shorter_time_for_random_systems(seed, n, m):
@@ -243,6 +246,7 @@ def test_no_shorter_time_for_random_systems(seed, n, m):
     assert reachable(A, B, x0, np.zeros(n), (1 + 2e-2) * T) > 1
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10**6))
 def test_extremals_of_unstable_systems_are_found_again(seed):

@@ -35,6 +35,7 @@ def test_what_coarse_paths_cost_without_the_gaps_between_their_steps(intervals: 
     assert min(closed) > 0
 
 
+@pytest.mark.slow
 def test_a_singular_arc_between_bounds_that_a_coarse_path_shows_as_a_jump_to_and_fro():
     """
     Goddard's rocket, a thousandth higher and heavier: its singular arc ends at full thrust.

@@ -51,6 +51,7 @@ def three_gears(v):
     return (1, 1 - v), (3, 0.5 - 0.2 * v), (5, 0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('gears', 'text', 'T', 'shifts'), [
     (two_gears, ('1 - v', '0.4'), 5, 1),
     (three_gears, ('1 - v', '0.5 - 0.2*v', '0.2'), 15, 2)])

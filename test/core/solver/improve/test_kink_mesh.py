@@ -69,6 +69,7 @@ def test_inputs_come_to_their_bounds_where_dh_du_vanishes():
     assert np.all((vanishes & at_bound).any(axis=1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('change', [
     {'x0': np.array([0.03, -1.96, 0.04])}, {'x0': np.array([-0.5, -2.4, -0.03])},
     {'u_lower': np.array([8, -0.09]), 'u_upper': np.array([12, 0.09])},
@@ -84,6 +85,7 @@ def test_neighbours_are_found_at_once_and_cost_what_they_cost_alone(change):
     assert len(again.switching_times) == len(alone.switching_times)
 
 
+@pytest.mark.slow
 def test_a_neighbour_with_other_arcs_costs_what_it_costs_alone():
     problem, cache = lane_change(), Cache()
     solve(problem, cache=cache)
@@ -93,6 +95,7 @@ def test_a_neighbour_with_other_arcs_costs_what_it_costs_alone():
     assert again.objective == pytest.approx(alone.objective, rel=2e-8)
 
 
+@pytest.mark.slow
 def test_neighbours_past_a_conjugate_point_are_no_saddles():
     """With T from 3 to 3.4 the extremal that goes straight to the end ceases to be a minimum."""
     cache = Cache()

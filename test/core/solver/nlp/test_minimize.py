@@ -139,6 +139,7 @@ def test_quadratic_programmes(seed, n):
     assert found.mu[0] * (A[1] @ found.x - b[1]) == pytest.approx(0, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_multipliers_are_rates_of_the_minimum():
     # dF*/de = -lam for G = e, the meaning of a multiplier.
     def value(e):

@@ -225,6 +225,7 @@ def simulated(kind, chance):
         'final_time': {'free': False, 'value': T}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind', ['linear', 'vehicle', 'pendulum'])
 def test_what_an_input_solves_is_not_accused(kind):
     chance = np.random.default_rng(5)
@@ -235,6 +236,7 @@ def test_what_an_input_solves_is_not_accused(kind):
             'free': True, 'lower': 0, 'upper': 1.01 * stated['final_time']['value']}) == ''
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10**6), st.integers(2, 4), st.floats(1.01, 3))
 def test_what_no_input_changes(seed, n, stretch):
@@ -289,6 +291,7 @@ def test_bounds_far_from_zero_make_no_quantity_constant():
     assert found.status is Status.SOLVED, found.message
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(st.floats(1, 1e4), st.floats(1e-3, 10), st.sampled_from((-1.0, 1.0)), st.floats(0.1, 20))
 def test_no_quantity_is_constant_under_inputs_on_one_side(near, width, side, drift):
@@ -319,6 +322,7 @@ def test_identities_are_proved(dynamics, end, quantity):
     assert all('is constant whatever the inputs are' in each for each in found)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10**6), st.floats(1e-9, 1e-3))
 def test_what_is_nearly_constant_is_not_called_constant(seed, drift):

@@ -78,6 +78,7 @@ def expressions(draw):
         st.builds(lambda form, a, b: form.format(a, b), two, part, part)), max_leaves=6))
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(text=expressions(), lower=st.sampled_from([None, 0]))
 def test_what_is_called_convex_lies_below_its_chords(text, lower):

@@ -36,6 +36,7 @@ def stated(**changes):
 # ---------------------------------------------------------------- false proofs of 2fa802b
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('changes', [
     # x is counted in units of 1e-10: the second constraint is independent of the first.
     {'dynamics': {'x': '1e10*v', 'v': 'u'}, 'input_bounds': {},
@@ -62,6 +63,7 @@ def test_terms_of_an_input_that_cancel_in_decimals(cost):
 # ---------------------------------------------------------------- enclosures of paths
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 4), st.floats(0.1, 5))
 def test_a_tube_encloses_the_matrix_exponential(seed, n, T):
@@ -78,6 +80,7 @@ def test_a_tube_encloses_the_matrix_exponential(seed, n, T):
     assert np.max(last.after[1] - last.after[0]) < 1e-6 * np.exp(2 * np.linalg.norm(A) * T)
 
 
+@pytest.mark.slow
 def test_a_tube_follows_a_curved_path_and_an_oscillation():
     y, none = ca.SX.sym('y', 2), np.zeros(0)
     system = ca.vertcat(1 + y[0]**2, 0)
@@ -93,6 +96,7 @@ def test_a_tube_follows_a_curved_path_and_an_oscillation():
     assert last.after[1][0] - last.after[0][0] < 1e-6
 
 
+@pytest.mark.slow
 def test_a_tube_ends_before_a_pole():
     y, none = ca.SX.sym('y'), np.zeros(0)
     steps = list(Tube(y, ca.SX(0, 1), 1 + y**2, (none, none)).steps(
@@ -103,6 +107,7 @@ def test_a_tube_ends_before_a_pole():
 # ---------------------------------------------------------------- separation
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 4), st.floats(0.2, 3))
 def test_what_an_input_reaches_is_never_called_out_of_reach(seed, n, T):

@@ -50,6 +50,7 @@ def test_expressions_with_a_value(rate):
     assert said(rate) == ''
 
 
+@pytest.mark.slow
 def test_states_that_run_away():
     """From 2, x' = x^2 is 2/(1 - 2 t): it is at infinity at 0.5; with u = -1 a little later."""
     mapping = {
@@ -81,6 +82,7 @@ def test_kinks_on_a_path(cost, what):
     assert said.startswith(f'running_cost has no slope where {what}') if what else said == ''
 
 
+@pytest.mark.slow
 def test_a_kink_of_states_is_said_and_what_is_said_helps():
     """From 1 at rest the least integral of |x| + u^2/10 stays at 0 after a while."""
     mapping = {
@@ -99,6 +101,7 @@ def test_a_kink_of_states_is_said_and_what_is_said_helps():
     assert 0 <= answer.objective - found.objective <= 6 * float(advice[2])
 
 
+@pytest.mark.slow
 def test_a_root_that_vanishes_is_said_and_what_is_said_helps():
     """Torricelli's tank runs empty at T = 2, its costate grows without bound."""
     mapping = {
@@ -116,6 +119,7 @@ def test_a_root_that_vanishes_is_said_and_what_is_said_helps():
     assert answer.objective == pytest.approx(2 * (np.sqrt(1 + e) - np.sqrt(e)), rel=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('constraint', ['(x - 1)**2', '(x - 1)**3'])
 def test_a_terminal_constraint_without_a_slope_is_said(constraint):
     mapping = {

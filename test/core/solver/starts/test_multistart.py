@@ -45,6 +45,7 @@ def least_of_chance(x0, T, most, f, V):
     return float(np.nanmin(V(*x)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', WELLS)
 def test_nothing_that_chance_finds_costs_less(name):
     x0, T, most, dynamics, f, terminal_cost, V = WELLS[name]

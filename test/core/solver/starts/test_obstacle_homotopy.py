@@ -91,6 +91,7 @@ def test_a_disc_in_the_middle_of_the_line_is_passed_on_either_side():
     assert sorted(np.sign(turns(way, (2.0, 1.0))) for way in ways) == [-1, 1]
 
 
+@pytest.mark.slow
 def test_the_mirror_image_is_as_good():
     """Searches from one line took a minute here, to an answer that took a third longer."""
     found = [solve(point_mass(DISCS, side)) for side in (1, -1)]
@@ -100,6 +101,7 @@ def test_the_mirror_image_is_as_good():
     assert 4.0 < found[0].objective < 4.1
 
 
+@pytest.mark.slow
 def test_an_obstacle_beside_a_constraint_on_inputs():
     """The library died of the second constraint, which has the input in it."""
     stated = build_problem({
