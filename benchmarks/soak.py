@@ -3,6 +3,8 @@
 """
 Two loops at 200 Hz for ``--seconds`` (1800 for half an hour), tuned all the time.
 
+With ``--pace 2`` changes, requests and kills come twice as often.
+
 In the steady loop nothing ever ends: its memory must stay flat and every request and every change
 must be answered, rightly, and none be refused for want of time. In the troubled loop a process is
 killed every few seconds and started again: it must be back within a few seconds, those left out in
@@ -148,10 +150,11 @@ class Soak:
             if time.monotonic() > deadline:
                 raise SystemExit('the loops do not start')
 
-    def run(self, seconds: float) -> None:
+    def run(self, seconds: float, pace: float) -> None:
         """Do what there is to do, each at its time."""
         duties: list[tuple[float, Callable[[], None]]] = [
-            (CHANGE, self._change), (ASK, self._ask), (KILL, self._kill), (LOOK, self._look)]
+            (CHANGE / pace, self._change), (ASK / pace, self._ask), (KILL / pace, self._kill),
+            (LOOK, self._look)]
         begin = time.monotonic()
         due = [begin + period for period, _ in duties]
         while (now := time.monotonic()) < begin + seconds:
@@ -257,7 +260,8 @@ def report(soak: Soak, args: Any, stalls: list[tuple[float, float]], left: list[
 
 def main() -> int:
     """Soak, and report."""
-    args = timing.arguments(__doc__ or '', seconds=60.0, unanswered=UNANSWERED, back=BACK)
+    args = timing.arguments(
+        __doc__ or '', seconds=60.0, pace=1.0, unanswered=UNANSWERED, back=BACK)
     with reserve_domain() as domain:
         isolate(domain)
         rclpy.init()
@@ -265,7 +269,7 @@ def main() -> int:
         try:
             soak.ready()
             stalls = Stalls()
-            soak.run(args.seconds)
+            soak.run(args.seconds, args.pace)
             stood = stalls.end()
         finally:
             left = soak.close()

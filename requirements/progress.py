@@ -16,6 +16,7 @@ import sys
 import time
 
 WIDTH = 100  # characters of a line
+LIVE, PLAIN = 1.0, 10.0  # [s] between two lines, on a terminal and elsewhere
 
 
 def run(title: str, command: Sequence[str]) -> int:
@@ -35,7 +36,7 @@ def run(title: str, command: Sequence[str]) -> int:
                     if not some:
                         break
                     said += some
-                if time.monotonic() - told >= (1.0 if live else 10.0):
+                if time.monotonic() - told >= (LIVE if live else PLAIN):
                     told = time.monotonic()
                     print(shown(told - begun, said, live), end='' if live else '\n', flush=True)
     clear = '\r\033[K' if live else ''

@@ -69,30 +69,14 @@ def test_demo(scenario: str, flights: list[str], figures: list[str], tmp_path: P
 
 
 @pytest.mark.nodes
-def test_ctrl_c_ends_all(tmp_path: Path, domain: int) -> None:
-    """After Ctrl-C no process of the demonstration is left."""
+def test_in_real_time_until_ctrl_c(tmp_path: Path, domain: int) -> None:
+    """A simulated second takes a second, no step waits for its command; no process is left."""
     demo = support.Process(
         [support.find('obc'), 'demo', 'aircraft', '--real-time', '--out', str(tmp_path / 'out')],
         tmp_path / 'log', domain)
     try:
         pids = flying(demo)
         assert len(pids) >= len(NODES)
-        assert demo.interrupt(15.0) == 1
-        wait_for(lambda: not any(map(alive, pids)))
-        assert 'SIGINT' in demo.output()
-        assert 'Traceback' not in demo.output()
-    finally:
-        demo.end()
-
-
-@pytest.mark.nodes
-def test_in_real_time_when_asked(tmp_path: Path, domain: int) -> None:
-    """A simulated second takes a second, and no step waits for its command."""
-    demo = support.Process(
-        [support.find('obc'), 'demo', 'aircraft', '--real-time', '--out', str(tmp_path / 'out')],
-        tmp_path / 'log', domain)
-    try:
-        flying(demo)
         assert f'three nodes over DDS, domain {domain}, this machine only' in demo.output()
         line = re.search(r'ROS_DOMAIN_ID=\d+ \S+/obc param get /lqr_node Qx', demo.output())[0]
         told = subprocess.run(['env', *line.split()], capture_output=True, text=True, timeout=60)
@@ -102,6 +86,9 @@ def test_in_real_time_when_asked(tmp_path: Path, domain: int) -> None:
             'speed': 1.0, 'lockstep': False}
         probe.close()
         assert demo.interrupt(15.0) == 1
+        wait_for(lambda: not any(map(alive, pids)))
+        assert 'SIGINT' in demo.output()
+        assert 'Traceback' not in demo.output()
     finally:
         demo.end()
 

@@ -55,7 +55,7 @@ def scalar(a=1.0, T=1.0):
     return message(mapping), a * grown / (2 * a - 1 + grown)
 
 
-def endless(n=60):
+def endless(n=12):
     """Return a problem that no solver has answered within minutes."""
     return message(_endless.endless(n))
 
@@ -198,7 +198,7 @@ def test_others_are_answered_while_all_workers_solve(server, probe, clock):
 def test_cancel_stops_a_solve(server, probe, clock):
     server(workers=1)
     goals = Goals(probe)
-    goals.wait_until_solving(goals.send(endless()))
+    goals.wait_until_solving(goals.send(endless(60)))  # its iterations are long
     goals.send(endless())  # waits
     answers, begun, end = goals.cancel()
     assert clock.between(begun, end) < PROMISE + SLACK
@@ -274,7 +274,7 @@ def test_a_worker_without_memory_costs_one_request(server, probe):
         [used] = [line.split()[1] for line in status.splitlines() if line.startswith('VmData')]
         bound = (int(used) << 10) + (8 << 20)
         resource.prlimit(pid, resource.RLIMIT_DATA, (bound, bound))
-    response = solve(probe, endless())
+    response = solve(probe, endless(60))
     assert response.status == 'not_converged'
     assert 'worker' in response.message
     assert solve(probe, scalar()[0]).status == 'solved'

@@ -2,21 +2,32 @@
 # SPDX-License-Identifier: Apache-2.0
 """What `make setup` shows while it installs."""
 
+from importlib import util
 from pathlib import Path
 import re
 import subprocess
 import sys
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 PROGRESS = [sys.executable, str(ROOT / 'requirements' / 'progress.py'), 'packages']
 
 
-def test_it_tells_what_goes_on_and_how_long_it_took() -> None:
-    done = subprocess.run([*PROGRESS, 'sh', '-c', 'echo one; echo two; sleep 11; echo three'],
-                          capture_output=True, text=True, check=True)
-    assert re.fullmatch(r'obc_ros: packages\nobc_ros:   1\d s  two\n'
-                        r'obc_ros: packages: done after 1\d s\n', done.stdout)
-    assert done.stderr == ''
+@pytest.mark.slow
+def test_it_tells_what_goes_on_and_how_long_it_took(
+        monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """A line every two seconds here, in place of every ten."""
+    spec = util.spec_from_file_location('progress', PROGRESS[1])
+    progress = util.module_from_spec(spec)
+    spec.loader.exec_module(progress)
+    assert progress.PLAIN == 10.0
+    monkeypatch.setattr(progress, 'PLAIN', 2.0)
+    assert progress.run('packages', ['sh', '-c', 'echo one; echo two; sleep 2.6; echo three']) == 0
+    told = capsys.readouterr()
+    assert re.fullmatch(r'obc_ros: packages\nobc_ros:    [23] s  two\n'
+                        r'obc_ros: packages: done after \d s\n', told.out)
+    assert told.err == ''
 
 
 def test_a_failure_is_shown_whole() -> None:

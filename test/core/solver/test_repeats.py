@@ -20,7 +20,7 @@ PROBLEMS = Path(__file__).parents[2] / 'problems'
 QUICK = [
     'abs_off_centre', 'aircraft_5', 'di_energy', 'di_energy_speed_limit', 'di_free_time_energy',
     'di_fuel_abs', 'di_min_fuel', 'di_mintime_moving', 'di_mintime_rest', 'hager_hou_rao',
-    'hover_hold', 'jerk_limited', 'lane_change', 'lateral_min_effort', 'linear_tangent',
+    'jerk_limited', 'lane_change', 'lateral_min_effort', 'linear_tangent',
     'lq_cubic_free', 'lq_scalar_unit', 'reinvestment', 'soap_film', 'straight_line_energy',
     'two_wheel_straight', 'unstable_mintime', 'zermelo_constant']
 
@@ -50,6 +50,7 @@ def test_least_fuel_of_an_oscillator_again_and_again():
         assert shared.objective == pytest.approx(alone.objective, rel=SAME_COST)
 
 
+@pytest.mark.slow
 def test_a_neighbour_that_contradicts_itself_is_refused_at_once():
     """An end that is beyond a bound by little, after one that is not."""
     mapping, cache = load_file(PROBLEMS / 'missile.yaml')[0], Cache()
@@ -72,6 +73,7 @@ def variants(name):
         yield replace(problem, x0=np.clip(x0, problem.x_lower, problem.x_upper), p_value=p)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', QUICK)
 def test_one_cache_answers_as_none_does(name):
     cache = Cache()
