@@ -251,7 +251,8 @@ def follow_feedback(feedback: Feedback, x0: Array, nu: Array) -> Held | None:
     Returns
     -------
     Held or None
-        None if the grid would exceed the limits of steps and memory, or the path is not finite.
+        None if steps of allowed growth would exceed the limits of steps and memory, or the path is
+        not finite. The sum of `errors` is above `_ALLOWED` if a limit has ended the refinement.
 
     """
     with np.errstate(all='ignore'):

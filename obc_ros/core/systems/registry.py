@@ -167,8 +167,8 @@ def _factory(name: str) -> Callable[..., System]:
         near = difflib.get_close_matches(name[:64], known, n=1)
         hint = f" (did you mean '{near[0]}'?)" if near else ''
         raise DynamicsError(f"unknown system '{quote(name)}'{hint}; known systems: "
-                            f"{', '.join(known)}; a system file is given by its path, except in "
-                            'a request')
+                            f"{', '.join(known)} (or the path of a YAML file, except in a "
+                            'request)')
     entry = others[name]
     try:
         factory = entry.load()
