@@ -97,7 +97,7 @@ def test_go_there_from_here_is_one_call(spawn: Any, probe: Any) -> None:
     probe.wait_for(lambda: plans, what='the reference')
     begin = nanoseconds(plans[0])
     for words in ('a plan of 15 s for double_integrator is published on /reference',
-                  'the reference of 15 s is taken up', 'the reference of 15 s has ended'):
+                  'the reference of 15 s begins', 'the reference of 15 s has ended'):
         probe.wait_for(lambda words=words: [each for each in log if words in each.msg],
                        what=words)
     probe.wait_for(lambda: nanoseconds(states[-1]) >= begin + 15 * 10**9,

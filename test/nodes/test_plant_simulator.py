@@ -237,7 +237,7 @@ def test_commands_that_are_none_are_dropped_counted_and_reported(spawn, probe):
     probe.wait_for(lambda: diagnostics and values(diagnostics)['commands dropped'] == '6')
     counts = values(diagnostics)
     assert counts['commands dropped, malformed'] == '4'
-    assert counts['commands dropped, stale: older than the command before'] == '1'
+    assert counts['commands dropped, stale: older than the previous command'] == '1'
     assert counts['commands dropped, stale: stamped later than the last state'] == '1'
     assert counts['commands taken'] == '1'
     assert list(states[-1].x) == [0, 0]
@@ -261,7 +261,7 @@ BAD = {
     'system_parameters.m = -1': {'system_parameters.m': -1.0},
     'x0: wanted 6 numbers (px, py, theta, vx, vy, omega), found 2': {'x0': [1, 2]},
     'dt = 0': {'dt': 0.0},
-    'makes 1000000000 steps': {'dt': 1e-6, 'publish_rate': 0.001},
+    'requires 1000000000 steps': {'dt': 1e-6, 'publish_rate': 0.001},
     "integrator = 'euler'": {'integrator': 'euler'},
     'actuator_lag: wanted 2 numbers (f1, f2), found 3': {'actuator_lag': [0.1, 0.1, 0.1]},
     'noise.px = -1': {'noise.px': -1.0},
@@ -403,7 +403,7 @@ def test_a_diverging_plant_stops_says_so_and_can_be_reset(spawn, probe):
     diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
     publisher = probe.publisher(Command, 'command')
     publisher.publish(command([0.0]))
-    plant.wait_for_output('leaves the range of numbers')
+    plant.wait_for_output('exceeds the range of double precision')
     probe.wait_for(lambda: diagnostics and diagnostics[-1].status[0].level == b'\2')
     states = probe.listen(State, 'state')
     assert probe.call(Trigger, f'{NODE}/reset').success

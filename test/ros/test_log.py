@@ -52,9 +52,9 @@ def test_changes_stop_start_and_transitions(spawn: Any, probe: Any, log: list[Lo
 def test_states_that_are_lost_and_back(spawn: Any, probe: Any, log: list[Log]) -> None:
     bench = Bench(spawn, probe, state_timeout=0.3, **LINE)
     bench.ask([0.1, 0.0])
-    read(probe, log, 'no good state for 0.3 s', Log.WARN)
+    read(probe, log, 'no valid state for 0.3 s', Log.WARN)
     bench.answer([0.1, 0.0])
-    assert float(read(probe, log, 'states are back after ', Log.INFO).msg.split()[4]) >= 0.3
+    assert float(read(probe, log, 'states have returned after ', Log.INFO).msg.split()[4]) >= 0.3
 
 
 def test_a_client_that_asks_for_nonsense_does_not_flood(spawn: Any, probe: Any, log: list[Log]

@@ -1,3 +1,3 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A control law and a plant in time."""
+"""Control loop and simulated plant over time."""

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a control loop is told: the law, the limits, and the rules around them."""
+"""Data of a control loop: control law, limits and rules."""
 
 from dataclasses import dataclass
 
@@ -20,20 +20,20 @@ ENVELOPE = ('stop', *STALE)
 @dataclass(eq=False)
 class Reference:
     """
-    When a reference begins, and what has become of it.
+    When a reference begins, and its status.
 
     Attributes
     ----------
     begin : int or None
-        Stamp [ns] of its t = 0; None until the first state after it.
+        Stamp [ns] of its t = 0; None until the next state.
     duration : float
         [s]
     refused : str
-        Why it is not followed; empty: it is.
+        Why it is rejected; empty: it is not.
     is_judged : bool
-        Whether it was compared with the state where it is taken up.
-    told : str
-        What was told of it last: '', 'begun' or 'ended'.
+        Whether the state at its beginning was checked.
+    reported : str
+        The last event that was reported: '', 'begun' or 'ended'.
 
     """
 
@@ -41,20 +41,20 @@ class Reference:
     duration: float
     refused: str = ''
     is_judged: bool = False
-    told: str = ''
+    reported: str = ''
 
 
 @dataclass(frozen=True, eq=False)
 class Leg:
     """
-    A reference with the law along it, and the one that goes on from its end.
+    A reference with the control law along it, and the one after its end.
 
     Attributes
     ----------
     reference : Reference
-    along, after : Law
+    along, after : ReferenceLaw
     allowed : tuple of (float, float)
-        (n,) bounds of x - xr inside which it is taken up; empty: any.
+        (n,) bounds of x - xr inside which it may begin; empty: none.
     units : tuple of str
         (n,) of the states.
 
@@ -70,14 +70,14 @@ class Leg:
 @dataclass(frozen=True, eq=False)
 class Horizon:
     """
-    A set point that is to be reached within a time.
+    Time-varying gains that reach a set point within a horizon.
 
     Attributes
     ----------
     time : float
         [s]
     gains : Gains
-        Against the time since it was given or the law began.
+        Gains over the time since the change of the set point or the begin of the law.
 
     """
 
@@ -88,15 +88,15 @@ class Horizon:
 @dataclass(frozen=True, eq=False)
 class Schedule:
     """
-    Gains that follow a variable, such as the speed.
+    A gain schedule over a variable, such as the speed.
 
     Attributes
     ----------
     gains : Gains
-        Against the variable.
+        Gains over the variable.
     input : int
-        Index of the input that is the variable, where it is not measured; -1: it is a parameter
-        of the plant, and the gains hold along references too.
+        Index of the input that is the variable, if it is not measured; -1: a parameter of the
+        plant, for which the gains are also used along references.
 
     """
 
@@ -107,19 +107,19 @@ class Schedule:
 @dataclass(frozen=True)
 class Prediction:
     """
-    What the error will be when the command takes effect, a known delay later.
+    Prediction of the error at the time when a command takes effect.
 
-    e(t + delay) = Phi e + sum over i of Gamma_i (u_i - ur), where e is x - xr with the integrals
-    z below it, u_1 is the last command, u_2 the one before it, each held for `period`.
+    e(t + delay) = Phi e + sum over i of Gamma_i (u_i - ur), where e is x - xr followed by the
+    integrals z. u_1 is the last command, u_2 the one before it; each is held for `period`.
 
     Attributes
     ----------
     Phi : tuple of tuple of float
         (n + p, n + p).
     Gammas : tuple of tuple of tuple of float
-        An (n + p, m) matrix for each command that is still to take effect, the last one first.
+        An (n + p, m) matrix for each command that has not taken effect, the last one first.
     period, delay : int
-        Of the commands [ns].
+        Period and delay of the commands [ns].
 
     """
 
@@ -132,26 +132,26 @@ class Prediction:
 @dataclass(frozen=True)
 class Rules:
     """
-    When to answer and what to do when something is wrong.
+    When to send commands, and what to do about missing and extreme states.
 
     Attributes
     ----------
     period : int
-        Shortest time between two answers [ns] of stamps; 0: answer every state.
+        Minimum time between two commands [ns], by the stamps; 0: a command for every state.
     state_timeout : float
-        Age of the last good state [s] at which `on_stale` acts; 0: never.
+        Age of the last valid state [s] at which `on_stale` acts; 0: never.
     on_stale : str
         'equilibrium' (the input at rest), 'hold' (the last command) or 'silent'.
     x_limits : tuple of (float, float)
-        (n,) lower and upper bound of the error x - xr, inside which the law is used; empty: any.
+        (n,) lower and upper bound of the error x - xr inside which the law is used; empty: none.
     on_envelope : str
-        'stop' (latched) or as `on_stale`.
+        'stop' (until `start`), or an action as in `on_stale`.
     transition_time : float
-        Time [s] in which the jump of a change decays; 0: it is not smoothed.
+        Time [s] in which the jump of a change decays; 0: the command jumps.
     from_rest : bool
-        Whether the first command is such a change, from the input at rest.
+        Whether the first command is reached from the input at rest in the same way.
     stamp_timeout : float
-        Difference of a state's stamp to the clock [s] beyond which it is dropped; 0: any.
+        Maximum difference of a stamp and the clock [s]; other states are dropped. 0: no check.
 
     """
 
@@ -168,23 +168,23 @@ class Rules:
 @dataclass(frozen=True, eq=False)
 class Control:
     """
-    All that decides about a command; adopted as one.
+    Everything that determines a command; replaced as a whole.
 
     Attributes
     ----------
-    regulator : Regulator
-        About the set point.
-    limits : Limits
+    regulator : StateFeedback
+        The feedback at the set point.
+    limits : InputLimits
     rest : tuple of float
-        (m,) input that keeps the plant at rest, or stops it where the set point moves on.
+        (m,) input at rest.
     names : tuple of str
         (n,) names of the states.
     rules : Rules
     legs : tuple of Leg
-        References in the order of their beginnings; the last that has begun is followed.
+        References in the order of their beginnings; the last one that has begun is followed.
     C : tuple of tuple of float
-        (p, n) outputs with integral action: the input has the part -w, dw/dt = Ki C (x - xr), so
-        that a gain which changes leaves what was learned of a constant disturbance.
+        (p, n) outputs with integral action. The input contains -w with dw/dt = Ki C (x - xr), so
+        that a change of the gain keeps the compensation of a constant disturbance.
     prediction : Prediction, optional
     horizon : Horizon, optional
     schedule : Schedule, optional

@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The control law u = ur - K (x - xr) about a reference, held within the limits.
+The control law u = ur - K (x - xr) about a reference, clipped to the limits.
 
-Plain floats: for the few states of a plant they are several times faster than arrays, and the
-law runs at every state.
+It is evaluated at every state. Plain floats are used because they are several times faster than
+arrays for the few states of a plant.
 """
 
 from bisect import bisect_right
@@ -20,7 +20,7 @@ Rows = tuple[Vector, ...]
 
 class ReferencePoint(NamedTuple):
     """
-    Where the plant should be: state xr (n,), input ur (m,), and the gain K (m, n) there.
+    A point of a reference: state xr (n,), input ur (m,), and gain K (m, n).
 
     Ki (m, p) is the gain of the integrals; empty without integral action.
     """
@@ -32,7 +32,7 @@ class ReferencePoint(NamedTuple):
 
 
 class ReferenceLaw(Protocol):
-    """A reference over time, with the gain along it."""
+    """A reference and a gain over time."""
 
     def at(self, t: float) -> ReferencePoint:
         """Return the reference at time t [s]."""
@@ -41,12 +41,12 @@ class ReferenceLaw(Protocol):
 @dataclass(frozen=True)
 class StateFeedback:
     """
-    State feedback about a set point that stays or moves on at a constant rate.
+    State feedback about a set point that is constant or moves at a constant rate.
 
     Attributes
     ----------
     x, u : tuple of float
-        Set point xe (n,) at t = 0, and the input ue (m,) that holds it.
+        Set point xe (n,) at t = 0, and its input ue (m,).
     K : tuple of tuple of float
         Gain (m, n).
     drift : tuple of float
@@ -71,7 +71,7 @@ class StateFeedback:
         return ReferencePoint(self.x, self.u, self.K, self.Ki)
 
     def beside(self, x: Sequence[float], t: float) -> 'StateFeedback':
-        """Return the regulator from time t [s] on, moving on from the state x (n,) then."""
+        """Return the feedback whose moving states begin at the state x (n,) of time t [s]."""
         here = [own if v else xr for own, xr, v in zip(x, self.at(t).x, self.drift, strict=True)]
         return replace(self, x=tuple(here))
 
@@ -79,16 +79,16 @@ class StateFeedback:
 @dataclass(frozen=True, eq=False)
 class Gains:
     """
-    Gains against time or another variable, straight lines in between.
+    Gains over time or another variable, interpolated linearly.
 
     Attributes
     ----------
     grid : tuple of float
         Increasing values of the variable.
     K : tuple
-        An (m, n) gain for each; the first and the last hold outside.
+        An (m, n) gain for each value; outside the grid the nearest one is used.
     Ki : tuple
-        An (m, p) gain of the integrals for each.
+        An (m, p) gain of the integrals for each value.
 
     """
 
@@ -112,7 +112,7 @@ class Gains:
 
 @dataclass(frozen=True, eq=False)
 class BlendedFeedback:
-    """A regulator whose gain is still on its way to the one that it keeps."""
+    """A state feedback with a time-varying gain."""
 
     regulator: StateFeedback
     gains: Gains
@@ -126,14 +126,14 @@ class BlendedFeedback:
 @dataclass(frozen=True)
 class InputLimits:
     """
-    What an input may be, and which states are angles.
+    Limits of the inputs, and the states that are angles.
 
     Attributes
     ----------
     lower, upper : tuple of float
         (m,) limits of the inputs.
     angles : tuple of int
-        Indices of the states whose error wraps.
+        Indices of the states whose error is wrapped to [-pi, pi].
 
     """
 
@@ -151,12 +151,12 @@ class InputLimits:
 
     def clip(self, u: list[float]) -> int:
         """
-        Hold u (m,) within the limits, in place.
+        Clip u (m,) to the limits, in place.
 
         Returns
         -------
         int
-            The number of inputs that were beyond a limit.
+            The number of inputs that exceeded a limit.
 
         """
         clipped = 0
@@ -171,20 +171,58 @@ class InputLimits:
 
 
 def compute_feedback(point: ReferencePoint, e: Sequence[float]) -> list[float]:
-    """Return ur - K e, shape (m,), not yet within the limits."""
+    """Return ur - K e, shape (m,), without limits."""
     return [u - sum(map(mul, row, e)) for u, row in zip(point.u, point.K, strict=True)]
 
 
 def interpolate_vectors(a: Vector, b: Vector, part: float) -> Vector:
-    """Return what lies between two vectors, `part` of the way from the first."""
+    """
+    Return a + part (b - a).
+
+    Parameters
+    ----------
+    a, b : tuple of float
+        Vectors of equal length.
+    part : float
+        0: a; 1: b.
+
+    Returns
+    -------
+    tuple of float
+
+    """
     return tuple([p + part * (q - p) for p, q in zip(a, b, strict=True)])
 
 
 def convert_rows(matrix: Sequence[Sequence[float]] | Any) -> Rows:
-    """Return a matrix, of an array too, as a tuple of rows of plain floats."""
+    """
+    Return a matrix as a tuple of rows of floats.
+
+    Parameters
+    ----------
+    matrix : sequence of sequence of float, or ndarray
+        Shape (m, n).
+
+    Returns
+    -------
+    tuple of tuple of float
+
+    """
     return tuple(convert_vector(row) for row in matrix)
 
 
 def convert_vector(values: Sequence[float] | Any) -> Vector:
-    """Return numbers, of an array too, as a tuple of plain floats."""
+    """
+    Return numbers as a tuple of floats.
+
+    Parameters
+    ----------
+    values : iterable of float, or ndarray
+        Shape (n,).
+
+    Returns
+    -------
+    tuple of float
+
+    """
     return tuple(map(float, values))

@@ -1,13 +1,13 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The flow of dx/dt = f(x, a(t)) + d(t) between two jumps of the command, compiled.
+Integration of dx/dt = f(x, a(t)) + d(t) between two jumps of the command, compiled.
 
-a is what the actuators deliver, da/dt = (target - a) / lag, and is known in closed form; so is d,
-a constant plus a gust. One step is one CasADi function on buffers, without an object made in
-Python: a step of the aircraft takes half a microsecond.
+a is the output of the actuators, da/dt = (target - a) / lag. It is known in closed form, and so is
+the disturbance d, a constant plus a gust. One step is one CasADi function on buffers that creates
+no Python object: a step of the aircraft takes half a microsecond.
 
-Times are counted in steps of dt and need not be whole.
+Times are counted in steps of dt and need not be integers.
 """
 
 from array import array
@@ -23,15 +23,15 @@ from obc_ros.core.text.errors import DynamicsError
 
 Kernel = tuple[Callable[[], None], Callable[[], None]]
 
-_SNAP = 1e-9            # of a step: an event so near to the grid is on it
-_LAST_WHOLE = 2.0**53   # beyond it every double is whole
-_ROUNDING = 1e-15       # relative error of a step that a smaller one does not improve
+_SNAP = 1e-9            # of a step: an event this near to the grid is moved to it
+_LAST_WHOLE = 2.0**53   # every larger double is an integer
+_ROUNDING = 1e-15       # relative rounding error of a step; a smaller step does not reduce it
 _SMALLEST_STEP = 1e-13  # [s]
-_MOST_STEPS = 100_000   # between two jumps; more would keep the caller waiting
+_MOST_STEPS = 100_000   # between two jumps; more would block the caller
 
 
 def snap_to_grid(time: float) -> float:
-    """Return a time [steps], on the grid if it is as good as there."""
+    """Return a time [steps], rounded to the grid if it is within 1e-9 steps of it."""
     if not abs(time) < _LAST_WHOLE:
         return time
     whole = round(time)
@@ -40,19 +40,19 @@ def snap_to_grid(time: float) -> float:
 
 class PlantFlow:
     """
-    A state and what drives it.
+    A state, its input and its disturbance.
 
     Parameters
     ----------
     system : System
-        With the parameter values that count.
+        The system with its parameter values.
     conditions : Conditions
         Fitted to the system.
 
     Attributes
     ----------
     edges : tuple of float
-        When the gust begins and ends; empty if there is none.
+        Begin and end of the gust [steps]; empty if there is none.
 
     """
 
@@ -72,11 +72,11 @@ class PlantFlow:
         self._lagging = any(conditions.actuator_lag)
         self.edges = self._edges()
         self._kernels: dict[bool, Kernel] = {}
-        self._kept: list[object] = []  # kernels hold bare pointers to what is kept here
+        self._kept: list[object] = []  # kernels have raw pointers to these objects
 
     @property
     def x(self) -> 'array[float]':
-        """Return the buffer that holds the state, which the next step may overwrite."""
+        """Return the buffer of the state; the next step may overwrite it."""
         return self._buffers[self._here]
 
     @x.setter
@@ -84,7 +84,7 @@ class PlantFlow:
         self._buffers[self._here][:] = array('d', x)
 
     def restart(self, x: Sequence[float] | Array) -> None:
-        """Begin with a state (n,), without memory of what was before."""
+        """Begin with a state (n,) and the initial step size."""
         self.x = x
         self._proposed = self._conditions.dt
 
@@ -98,11 +98,11 @@ class PlantFlow:
         self._began = now
 
     def deliver(self, u: Sequence[float] | Array) -> None:
-        """Let the actuators deliver u (m,) where the drive began."""
+        """Set the output of the actuators (m,) at the last call of `drive`."""
         self._drive[self._system.m:2 * self._system.m] = array('d', u)
 
     def delivered(self, now: float) -> tuple[float, ...]:
-        """Return what the actuators deliver, (m,)."""
+        """Return the output of the actuators, (m,)."""
         m = self._system.m
         s = (now - self._began) * self._conditions.dt
         return tuple(c + (a - c) * math.exp(-s / lag) if lag else c for c, a, lag in zip(
@@ -116,12 +116,12 @@ class PlantFlow:
 
     def run(self, now: float, stop: float) -> None:
         """
-        Integrate from now to stop, between which nothing may jump.
+        Integrate from now to stop [steps]; inputs and gust must not jump in between.
 
         Raises
         ------
         DynamicsError
-            If the adaptive integrator finds no step that is small enough.
+            If the adaptive integrator cannot keep to the tolerance.
 
         """
         gusty = bool(self.edges) and self.edges[0] <= now < self.edges[1]
@@ -134,7 +134,7 @@ class PlantFlow:
             self._march(kernel, now, stop, steady=not (gusty or self._lagging))
 
     def _march(self, kernel: Kernel, now: float, stop: float, steady: bool) -> None:
-        """Take the steps of the grid; the first and last may be parts of one."""
+        """Take the steps of the grid; the first and the last may be shorter."""
         while now < stop:
             whole = int(stop - now) if now == int(now) else 0
             if whole and steady:
@@ -152,7 +152,7 @@ class PlantFlow:
         kernel[self._here]()
 
     def _repeat(self, kernel: Kernel, count: int) -> None:
-        """Take whole steps during which nothing depends on time."""
+        """Take whole steps with a constant input and disturbance."""
         self._span[1] = self._conditions.dt
         there, back = kernel[self._here], kernel[self._here ^ 1]
         for _ in range(count // 2):
@@ -176,14 +176,14 @@ class PlantFlow:
                 self._here ^= 1
                 now = now + length / dt if length == wanted else stop
                 growth = min(5.0, 0.9 * (bound / max(error, 1e-300))**0.25)
-                # A step that ends where an event is says little about the next one.
+                # A step that was shortened for an event must not reduce the next step.
                 self._proposed = max(growth * length, 0.0 if length == wanted else wanted)
                 continue
             shrinkage = 0.9 * (bound / error)**0.25 if math.isfinite(error) else 0.0
             self._proposed = max(0.2, shrinkage) * length
             if self._proposed < _SMALLEST_STEP:
-                raise DynamicsError(f'no step above {_SMALLEST_STEP:g} s keeps to the tolerance')
-        raise DynamicsError(f'{_MOST_STEPS} steps are not enough to keep to the tolerance')
+                raise DynamicsError(f'the tolerance requires a step below {_SMALLEST_STEP:g} s')
+        raise DynamicsError(f'the tolerance requires more than {_MOST_STEPS} steps')
 
     def _compiled(self, gusty: bool) -> Kernel:
         """Return the step from the first buffer to the second, and the one back."""
@@ -196,7 +196,7 @@ class PlantFlow:
             for each in ca.vertsplit(
                     ca.fabs(difference) / ca.fmax(1.0, ca.fmax(ca.fabs(x), ca.fabs(after)))):
                 error = ca.fmax(error, each)
-            # fmax passes over NaN, a sum does not
+            # fmax ignores NaN, a sum does not.
             results = [after, ca.if_else(ca.sum1(difference) == ca.sum1(difference),
                                          error, math.inf)]
         else:

@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-From states to commands: what a control law needs around it before a robot can trust it.
+The control loop: from states to commands, with checks of the states and limits of the commands.
 
-A `Control` says what to do and never changes; a `ControlLoop` holds what a run has seen so far and
-turns each state into a command. It is told the time: stamps of the states [ns] for whatever the
-law does, a steady clock [s] for whether states still come.
+A `Control` is constant. A `ControlLoop` holds the memory of a run and returns a command for each
+state. The caller passes the time: stamps of the states [ns] for the control law, and a steady
+clock [s] for time-outs. The module is long because all methods change the memory of one run.
 """
 
 from collections import Counter, deque
@@ -15,7 +15,7 @@ import math
 from operator import add, mul, sub
 
 from obc_ros.core.closed_loop import references
-from obc_ros.core.closed_loop.control import Control, Schedule
+from obc_ros.core.closed_loop.control import Control, Prediction, Schedule
 from obc_ros.core.closed_loop.feedback import (
     compute_feedback,
     ReferenceLaw,
@@ -24,45 +24,80 @@ from obc_ros.core.closed_loop.feedback import (
 )
 from obc_ros.core.closed_loop.message_stamps import compute_age, NS, StampOrder
 from obc_ros.core.closed_loop.references import Running, set_point
-from obc_ros.core.closed_loop.sent_commands import Sent
 
-_AGAIN = 1.0  # [s] until the same thing is told again
+_AGAIN = 1.0  # [s] until the same kind of event is reported again
+
+
+class SentCommands:
+    """The commands that have not acted yet, and the prediction over the delay with them."""
+
+    def __init__(self) -> None:
+        self._past: deque[list[float]] = deque()
+        self._stamp: int | None = None
+
+    def forget(self) -> None:
+        """Forget the commands."""
+        self._past.clear()
+
+    def predict(self, prediction: Prediction, e: Sequence[float], ur: Sequence[float], p: int
+                ) -> tuple[list[float], Sequence[float]]:
+        """Return the error after the delay, and the growth of the p integrals until then."""
+        whole = [*e, *[0.0] * p]
+        ahead = [sum(map(mul, row, whole)) for row in prediction.Phi]
+        for Gamma, u in zip(prediction.Gammas, tuple(self._past), strict=False):
+            du = list(map(sub, u, ur))
+            for i, row in enumerate(Gamma):
+                ahead[i] += sum(map(mul, row, du))
+        return ahead[:len(e)], ahead[len(e):]
+
+    def remember(self, prediction: Prediction, u: list[float], stamp: int) -> None:
+        """Keep the command for a stamp [ns]; in a missed period the last one still acts."""
+        periods = 1 if self._stamp is None else round((stamp - self._stamp) / prediction.period)
+        if periods == 0 and self._past:
+            self._past[0] = u  # another command for the same state
+            return
+        for _ in range(min(periods, len(prediction.Gammas)) - 1):
+            self._past.appendleft(self._past[0] if self._past else u)
+        self._past.appendleft(u)
+        self._stamp = stamp
+        while len(self._past) > len(prediction.Gammas):
+            self._past.pop()
 
 
 class ControlLoop:
     """
     One run of a control loop.
 
-    `answer` and `overdue` belong to one thread; `adopt`, `stop` and `start` may be called from
-    another, each of them being one assignment.
+    `answer` and `overdue` must be called from one thread. `adopt`, `stop` and `start` may be
+    called from another thread: each is one assignment.
 
-    A set point that moves starts where the plant is, in the states that it moves along, whenever
-    the law begins or resumes, and again until a transition to it has ended; what a later change
-    leaves as it was moves on.
+    A moving set point begins at the plant, in the states along which it moves. It does so when
+    the control law begins or resumes, and at each state until a transition to it has ended. A
+    later change keeps the position in the states that it does not change.
 
     Attributes
     ----------
     counts : collections.Counter
-        Of what has happened: answered, saturated, skipped, repeated, late, restarted, stale,
-        outside, and each reason of dropping a state (size, finite, old, ahead, command).
+        Numbers of events: answered, saturated, skipped, repeated, late, restarted, stale,
+        outside, and each reason for which a state is dropped (size, finite, old, ahead, command).
     news : collections.deque of str
-        What is wrong and should be told, oldest first; the same thing at most once a second.
+        Warnings, oldest first; each kind at most once a second.
     events : collections.deque of str
-        What else should be told: references taken up and ended, states that are back.
+        Other messages: references that begin and end, states that return.
     refused : collections.deque of str
-        Why references were not taken up.
+        Reasons for which references were rejected.
     stamp : int or None
-        Of the last state in order [ns].
+        Stamp of the last state in order [ns].
     x, command : sequence of float or None
-        The last good state, and the last command.
+        The last valid state, and the last command.
     error : list of float or None
-        x - xr at the last answer of the law.
+        x - xr at the last command of the control law.
     stopped : str
-        Why the loop is stopped; empty while it is not.
+        Why the loop is stopped; empty: it is not.
     is_stale, is_outside : bool
-        Whether the states fail to come, and whether the last was outside `x_limits`.
+        Whether states are missing, and whether the last one was outside `x_limits`.
     lag : float or None
-        Age of the last state [s] by its stamp; None: not known.
+        Age of the last state [s] from its stamp; None: not known.
 
     """
 
@@ -79,18 +114,18 @@ class ControlLoop:
         self._control = self._next = control
         self._followed, self._order = set_point(control, control.regulator, 0), StampOrder()
         self._seen = self._spoken = self._now = -math.inf
-        self._told: dict[str, float] = {}
+        self._reports: dict[str, float] = {}
         self._excess: Sequence[float] = ()
         self._since: int | None = None
         self._reported: ReferenceLaw | None = None
         self._jump: list[float] | None = None
-        self._sent = Sent()
+        self._sent = SentCommands()
         self._measured: float | None = None
         self._begin(control)
 
     @property
     def control(self) -> Control:
-        """Return what decides about the next command."""
+        """Return the control that the next state will use."""
         return self._next
 
     def adopt(self, control: Control) -> None:
@@ -108,20 +143,25 @@ class ControlLoop:
     def answer(self, stamp: int, x: Sequence[float], now: float, clock: int | None = None,
                measured: float | None = None) -> list[float] | None:
         """
-        Return the command (m,) that answers a state, or None.
+        Return the command (m,) for a state, or None.
 
         Parameters
         ----------
         stamp : int
-            When the state was true [ns].
+            Time of the state [ns].
         x : sequence of float
             The state (n,).
         now : float
             Steady clock [s].
         clock : int, optional
-            The clock that stamps are made by [ns]; None: they do not tell their age.
+            Present time of the clock of the stamps [ns]; None: the age of a state is not known.
         measured : float, optional
-            What a schedule of gains follows, where it is measured.
+            The scheduling variable, if it is measured.
+
+        Returns
+        -------
+        list of float or None
+            None: the state is dropped or skipped, or the rules ask for silence.
 
         """
         self._now = now
@@ -150,30 +190,30 @@ class ControlLoop:
         return u
 
     def overdue(self, now: float) -> list[float] | None:
-        """Return what to command while no state comes, or None: nothing, or not yet."""
+        """Return the command while no state arrives; None: none is due."""
         rules = self._next.rules
         if now < self.wake():
             return None
         if not self.is_stale:
             self.is_stale = True
-            self.drop('stale', f'no good state for {rules.state_timeout:g} s; on_stale: '
+            self.drop('stale', f'no valid state for {rules.state_timeout:g} s; on_stale: '
                                f'{rules.on_stale}', now)
         self._spoken = now
         return self._instead('equilibrium' if self.stopped else rules.on_stale)
 
     def wake(self) -> float:
-        """Return when `overdue` has something to do next, by the steady clock [s]."""
+        """Return the time of the steady clock [s] at which to call `overdue` next."""
         timeout = self._next.rules.state_timeout
         if self.x is None or not timeout:
             return math.inf
         return (self._spoken if self.is_stale else self._seen) + timeout
 
     def age(self, now: float) -> float | None:
-        """Return the time since the last good state [s], or None: there was none."""
+        """Return the time since the last valid state [s]; None: there was none."""
         return None if self.x is None else now - self._seen
 
     def preview(self, control: Control) -> list[float] | None:
-        """Return by how much (m,) a control would change the last command, or None: none yet."""
+        """Return the change (m,) of the last command under another control; None: none yet."""
         if self.x is None or self.stamp is None or self.command is None:
             return None
         u = self._input(control, self._ahead(control, self.stamp), self.stamp, self.x)
@@ -181,17 +221,17 @@ class ControlLoop:
         return list(map(sub, u, self.command))
 
     def drop(self, kind: str, sentence: str, now: float) -> None:
-        """Count and tell that a state was of no use, by the steady clock [s]."""
+        """Count and report a dropped state; `now` is the steady clock [s]."""
         self._now = now
         self.counts[kind] += 1
-        self._tell(kind, sentence)
+        self._report(kind, sentence)
 
-    # What came
+    # Checks of a state
 
     def _note_outage(self, now: float) -> None:
         gap = now - self._seen
         if self.is_stale:
-            self._tell('back', f'states are back after {gap:.3g} s', self.events)
+            self._report('back', f'states have returned after {gap:.3g} s', self.events)
         if self.x is not None and 0.0 < self._next.rules.state_timeout <= gap:
             self._lost = gap
 
@@ -216,8 +256,9 @@ class ControlLoop:
         if not timeout or self.lag is None or abs(self.lag) <= timeout:
             return True
         kind, words = ('old', 'before') if self.lag > 0.0 else ('ahead', 'after')
-        self.drop(kind, f'a state stamped {abs(self.lag):.3g} s {words} the time here was dropped '
-                        f'(stamp_timeout: {timeout:g} s): it is late, or the clocks differ', now)
+        self.drop(kind, f'a state stamped {abs(self.lag):.3g} s {words} the local time was '
+                        f'dropped (stamp_timeout: {timeout:g} s): it is late, or the clocks '
+                        'differ', now)
         return False
 
     def _is_in_order(self, stamp: int) -> bool:
@@ -225,17 +266,18 @@ class ControlLoop:
         if last is not None and order:
             self.counts[order] += 1
             if order == 'late':
-                self._tell(order, f'a state {(last - stamp) * NS:g} s older than the one before '
-                                  'it was dropped')
+                self._report(order, f'a state {(last - stamp) * NS:g} s older than the previous '
+                                    'one was dropped')
                 return False
             if order == 'restarted':
-                self._tell(order, f'time went back by {(last - stamp) * NS:g} s: started again')
+                self._report(order, f'time went back by {(last - stamp) * NS:g} s: the loop was '
+                                    'restarted')
                 self._begin(self._next)
         self.stamp = stamp
         return True
 
     def _judge(self, new: Control, stamp: int, x: Sequence[float]) -> None:
-        """Judge the references that are taken up, and after an outage the one that is followed."""
+        """Check references when they begin, and the followed one after an outage."""
         if references.has_unjudged(new.legs):
             self.refused.extend(
                 references.judge_references(new, *self._expected(self._control, stamp, x)))
@@ -245,7 +287,7 @@ class ControlLoop:
             self.stop(reason)
         self._lost = 0.0
 
-    # What to command
+    # The command
 
     def _decide(self, control: Control, stamp: int, x: Sequence[float]) -> list[float] | None:
         if self.stopped:
@@ -284,7 +326,7 @@ class ControlLoop:
 
     def _input(self, control: Control, ahead: Running, stamp: int, x: Sequence[float]
                ) -> list[float]:
-        """Return what a law would command for a state, without limits."""
+        """Return the command of a control law for a state, without limits."""
         now = ahead if control.prediction is None else self._running(control, stamp)
         here = self._point(control, now, stamp)
         return self._law(control, here, control.limits.error(x, here.x), now, ahead, stamp)
@@ -292,7 +334,7 @@ class ControlLoop:
     def _law(self, control: Control, here: ReferencePoint, e: list[float], now: Running,
              ahead: Running,
              stamp: int) -> list[float]:
-        """Return the input of the law `ahead`, unlimited; e is the error from `here` of `now`."""
+        """Return the unlimited input of the law `ahead`; e is the error from `here` of `now`."""
         point = here
         z: Sequence[float] = ()
         if control.prediction is not None:
@@ -310,12 +352,12 @@ class ControlLoop:
         return u
 
     def _ahead(self, control: Control, stamp: int) -> Running:
-        """Return the law in force when an answer to a stamp acts."""
+        """Return the control law at the time when the command for a stamp acts."""
         delay = control.prediction.delay if control.prediction is not None else 0
         return self._running(control, stamp + delay)
 
     def _running(self, control: Control, stamp: int) -> Running:
-        """Return the law in force at a stamp."""
+        """Return the control law at a stamp."""
         if running := references.find_current(control.legs, stamp):
             return running
         if control is self._control:
@@ -324,7 +366,7 @@ class ControlLoop:
 
     def _expected(self, control: Control, stamp: int, x: Sequence[float]
                   ) -> tuple[int, Sequence[float]]:
-        """Return the stamp at which an answer acts, and the state (n,) then."""
+        """Return the stamp at which the command acts, and the predicted state (n,)."""
         if control.prediction is None:
             return stamp, x
         later, now = stamp + control.prediction.delay, self._running(control, stamp)
@@ -334,7 +376,7 @@ class ControlLoop:
         return later, list(map(add, self._point(control, now, later).x, e))
 
     def _point(self, control: Control, running: Running, stamp: int) -> ReferencePoint:
-        """Return where the plant should be at a stamp, and the gain there."""
+        """Return the reference and the gain at a stamp."""
         point = running.law.at((stamp - running.origin) * NS)
         schedule = control.schedule
         if schedule is None or not (running.is_setpoint or schedule.input < 0):
@@ -343,15 +385,15 @@ class ControlLoop:
         return point._replace(K=K, Ki=Ki)
 
     def _variable(self, schedule: Schedule, point: ReferencePoint) -> float:
-        """Return what a schedule follows: what is measured, or else what was commanded."""
+        """Return the scheduling variable: measured, or else from the last command."""
         if self._measured is not None:
             return self._measured
-        # before the law has answered, the plant does not yet move as it was told
+        # Before the first command of the law the plant does not follow a command.
         is_moving = self._since is not None and self.command is not None
         return (self.command if is_moving and self.command else point.u)[schedule.input]
 
     def _instead(self, action: str) -> list[float] | None:
-        """Return what is commanded in place of the law."""
+        """Return the command that replaces the control law."""
         if action == 'hold':
             return self.command and self.command.copy()
         self._resting = True
@@ -366,17 +408,17 @@ class ControlLoop:
                 if not self.is_outside:
                     self.is_outside = True
                     self.counts['outside'] += 1
-                    self._tell('outside', f'{what}; on_envelope: {control.rules.on_envelope}')
+                    self._report('outside', f'{what}; on_envelope: {control.rules.on_envelope}')
                 if control.rules.on_envelope == 'stop':
                     self.stop(what)
                 return True
         self.is_outside = False
         return False
 
-    # What has been: set point that moves, integral, transition, commands on their way
+    # The memory of a run: moving set point, integral, transition, sent commands
 
     def _begin(self, control: Control) -> None:
-        """Forget the run."""
+        """Reset the memory."""
         references.forget(control.legs)
         self._regulator = control.regulator
         self._setpoint = set_point(control, control.regulator, 0)
@@ -385,11 +427,11 @@ class ControlLoop:
         self._excess, self._reported = (), None
         self._jump, self._jumped, self._is_entering = None, 0, False
         self._resting, self._lost = True, 0.0
-        self._sent = Sent()
+        self._sent = SentCommands()
         self.error = self._since = None
 
     def _resume(self, control: Control, stamp: int, x: Sequence[float]) -> None:
-        """Let the law begin, or go on after something else was commanded."""
+        """Begin with the control law, or resume it after another command."""
         self._resting = False
         self._w = [0.0] * len(self._w)
         self._since = None
@@ -402,21 +444,21 @@ class ControlLoop:
         self._is_entering = self._jump is not None
 
     def _place(self, control: Control, stamp: int, x: Sequence[float], origin: int) -> None:
-        """Let a set point that moves be where the plant is; `origin`: stamp of its t = 0."""
+        """Put a moving set point at the plant; `origin` is the stamp of its t = 0."""
         here = self._regulator.beside(x, (stamp - self._setpoint.origin) * NS)
         self._hold(control, replace(here, x=here.at((origin - stamp) * NS).x), origin)
 
     def _hold(self, control: Control, regulator: StateFeedback, origin: int) -> None:
-        """Make a regulator that of the set point."""
+        """Use a regulator for the set point."""
         self._regulator, self._setpoint = regulator, set_point(control, regulator, origin)
 
     def _follow(self, control: Control, stamp: int) -> None:
-        """Take note of the law in force; what has no beginning yet begins now."""
+        """Store the present control law; references without a beginning begin now."""
         references.begin_now(control.legs, stamp)
         self._followed = self._ahead(control, stamp)
 
     def _take_over(self, new: Control, stamp: int, x: Sequence[float]) -> None:
-        """Make `new` the control in use."""
+        """Replace the control by `new`."""
         before = None
         if not (self._resting or self.stopped or self.command is None):
             before = self._going_on(stamp, x)
@@ -429,7 +471,7 @@ class ControlLoop:
             self._smooth(new, before, stamp, x)
 
     def _going_on(self, stamp: int, x: Sequence[float]) -> list[float]:
-        """Return what would be commanded if the law stayed as it is."""
+        """Return the command of the control law before a change."""
         u = self._input(self._control, self._followed, stamp, x)
         if self._jump is not None:
             self._fade(u, stamp)
@@ -437,10 +479,10 @@ class ControlLoop:
         return u
 
     def _moved(self, new: Control, stamp: int) -> tuple[StateFeedback, int]:
-        """Return the regulator of `new` with its set point where it is, and the stamp of t = 0."""
+        """Return the regulator of `new` at the present set point, and the stamp of t = 0."""
         old = self._control
         moved = self._regulator.at((stamp - self._setpoint.origin) * NS).x
-        # Go on from the end of a reference.
+        # Continue from the end of a reference.
         if references.select_accepted(old.legs) and not new.legs:
             here = self._point(old, self._running(old, stamp), stamp).x
             moves = map(any, zip(old.regulator.drift, new.regulator.drift, strict=True))
@@ -462,7 +504,7 @@ class ControlLoop:
             self._jump, self._jumped = list(map(sub, before, after)), stamp
 
     def _fade(self, u: list[float], stamp: int) -> None:
-        """Add what is left of the jump, in place; both ends of its decay are level."""
+        """Add the rest of the jump, in place; it decays with zero slope at both ends."""
         time = self._control.rules.transition_time
         s = (stamp - self._jumped) * NS / time if time else 1.0
         if self._jump is None or s >= 1.0:
@@ -477,15 +519,15 @@ class ControlLoop:
         """
         Advance w, dw/dt = Ki C e, by the trapezoidal rule.
 
-        An output rests while an input is beyond a limit and the output would drive it further
-        (conditional anti-windup).
+        The integral of an output is held while an input exceeds a limit and the output would
+        increase the excess (conditional anti-windup).
         """
         if self.error is None or self._since is None:
             return
         dt = (stamp - self._since) * NS
         timeout = control.rules.state_timeout
         if timeout and dt > timeout:
-            return  # nobody knows what the plant did meanwhile
+            return  # the error in between is not known
         for k, row in enumerate(control.C):
             now = sum(map(mul, row, error))
             if not any(-gains[k] * now * excess > 0.0
@@ -494,7 +536,7 @@ class ControlLoop:
                 for j, gains in enumerate(here.Ki):
                     self._w[j] += gains[k] * dz
 
-    def _tell(self, kind: str, sentence: str, queue: deque[str] | None = None) -> None:
-        if self._now - self._told.get(kind, -math.inf) >= _AGAIN:
-            self._told[kind] = self._now
+    def _report(self, kind: str, sentence: str, queue: deque[str] | None = None) -> None:
+        if self._now - self._reports.get(kind, -math.inf) >= _AGAIN:
+            self._reports[kind] = self._now
             (self.news if queue is None else queue).append(sentence)

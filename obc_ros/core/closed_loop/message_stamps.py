@@ -1,19 +1,19 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Stamps of messages: which are in order, which are due, which tell their age."""
+"""Stamps of messages: their age and order, and when the next command is due."""
 
 NS = 1e-9  # [s]
-OTHER_CLOCK = 3600.0  # [s] stamps further off than this were not made by the same clock
+OTHER_CLOCK = 3600.0  # [s] a larger difference means that the stamp is from another clock
 
 
 def compute_age(stamp: int, clock: int) -> float | None:
-    """Return how old a stamp [ns] is by a clock [ns] in seconds; None: of another clock."""
+    """Return the age [s] of a stamp [ns] by a clock [ns]; None: they are not of one clock."""
     seconds = (clock - stamp) * NS
     return seconds if abs(seconds) < OTHER_CLOCK else None
 
 
 class StampOrder:
-    """Which stamp is in order, and which is due."""
+    """The order of the stamps of a run, and the stamps at which a command is due."""
 
     def __init__(self) -> None:
         self.answered: int | None = None
@@ -25,7 +25,7 @@ class StampOrder:
         """Return '' (later than the last), 'repeated', 'late' or 'restarted'."""
         last, late = self._last, self._late
         if last is not None and stamp < last:
-            # two in a row, or far [s] back: no message that another has overtaken
+            # Two earlier stamps in a row, or one more than far [s] earlier, mean a restart.
             if not (late is not None and stamp >= late) and (last - stamp) * NS <= far:
                 self._late = stamp
                 return 'late'
@@ -36,10 +36,10 @@ class StampOrder:
         return 'repeated' if stamp == last else 'restarted'
 
     def is_due(self, stamp: int, period: int) -> bool:
-        """Return whether an answer is due, at most one in `period` [ns]; 0: always."""
+        """Return whether a command is due, at most one in `period` [ns]; 0: always."""
         if not period or stamp == self.answered:
             return True
-        # early by the rounding of the plant's own period is in time
+        # The rounding of the plant's own period must not skip a state.
         if self._due is not None and stamp < self._due - period // 1000:
             return False
         in_step = self._due is not None and stamp - self._due < period

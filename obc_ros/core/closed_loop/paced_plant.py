@@ -1,13 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A simulated plant in time: when it is advanced, when its state is published, what it listens to.
+Pacing of a simulated plant: when it advances, when its state is published, which commands count.
 
-Time is told by the caller: `now` is a steady time [s], `wall` what the node's clock says at that
-moment [ns]. States are published at the instants of a grid, which are absolute. A plant that was
-held up leaves no state out and gives the controller its time for each: it goes on where it was,
-and regains what it is behind little by little. In lockstep each state waits for the command that
-answers it.
+The caller passes the time: `now` is a steady time [s], `wall` is the time of the node's clock at
+that moment [ns]. States are published on an absolute time grid. A plant that was delayed omits no
+state and gives the controller its time for each: it continues where it was and reduces the delay
+a little with each state. In lockstep each state waits for its command.
 """
 
 from collections import Counter
@@ -19,32 +18,32 @@ from obc_ros.core.closed_loop.simulator import Simulator
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.text.errors import DynamicsError, StatementError
 
-LATE = 0.5      # of a period: a state so late leaves its controller too little time for the next
-REGAIN = 0.1    # of a period: regained with each state by a plant that is behind
-HELD_UP = 0.25  # [s] so far behind, time is not regained
+LATE = 0.5      # of a period: after a later state the controller has too little time for the next
+REGAIN = 0.1    # of a period: reduction of the delay with each state
+HELD_UP = 0.25  # [s] a larger delay is not reduced
 MOST_STEPS = 100_000
-ANSWERED = 'stale: the last state is answered already'
-OLDER = 'stale: older than the command before'
-RESEND = 0.25   # [s] after which an unanswered state is published again
+ANSWERED = 'stale: the last state already has a command'
+OLDER = 'stale: older than the previous command'
+RESEND = 0.25   # [s] after which a state without a command is published again
 
 
 @dataclass(frozen=True)
 class Pacing:
     """
-    How a plant moves on.
+    How a plant is advanced.
 
     Attributes
     ----------
     steps : int
         Steps of the simulator from one published state to the next.
     speed : float
-        Simulated seconds a second; 0: as fast as it can.
+        Simulated seconds per second; 0: as fast as possible.
     lockstep : bool
         Whether each published state waits for its command.
     simulated_stamps : bool
-        Whether stamps are simulated time, else the caller's.
+        Whether stamps are simulated time instead of the caller's.
     command_timeout : float
-        Simulated time [s] without a command after which the plant rests; 0: never.
+        Simulated time [s] without a command after which the input at rest acts; 0: never.
 
     """
 
@@ -57,24 +56,37 @@ class Pacing:
 
 def choose_step(dt: float, publish_rate: float) -> tuple[float, int]:
     """
-    Return the step [s], at most dt, and how many make the period of publishing.
+    Return the step, at most dt, and the number of steps in a publishing period.
+
+    Parameters
+    ----------
+    dt : float
+        Maximum step [s].
+    publish_rate : float
+        States per simulated second [Hz].
+
+    Returns
+    -------
+    step : float
+        [s]
+    steps : int
 
     Raises
     ------
     StatementError
-        If they are more than `MOST_STEPS`.
+        If there are more than `MOST_STEPS` steps.
 
     """
     steps = max(1, math.ceil(1.0 / (publish_rate * dt) - 1e-9))
     if steps > MOST_STEPS:
-        raise StatementError(f'dt = {dt:g} s makes {steps} steps from one state to the next at '
-                             f'{publish_rate:g} Hz; at most {MOST_STEPS} are taken')
+        raise StatementError(f'dt = {dt:g} s requires {steps} steps per published state at '
+                             f'{publish_rate:g} Hz; the maximum is {MOST_STEPS}')
     return 1.0 / publish_rate / steps, steps
 
 
 class PacedPlant:
     """
-    A simulator that a node polls; its first state is to be published at once.
+    A simulator that a node polls; the first state must be published at once.
 
     Parameters
     ----------
@@ -88,24 +100,24 @@ class PacedPlant:
     Attributes
     ----------
     sample : ndarray, shape (n,)
-        The state last published, noise included.
+        The last published state, with noise.
     stamp : int
         Its stamp [ns].
     answered : bool
-        Whether a command for it has come.
+        Whether a command for it has arrived.
     paused : bool
     fault : str
-        Why the plant stands still; empty if it does not.
+        Why the plant has stopped; empty: it has not.
     behind : float
-        How much later [s] than their stamps say the states are published.
+        Delay of the published states after their stamps [s].
     published, resent, unanswered : int
-        States published, published again, and replaced by the next before a command for them had
-        come, from the first command on.
+        Numbers of states: published, published again, and replaced by the next one before their
+        command arrived (from the first command on).
     accepted, repeated, rests, held_up : int
-        Commands taken, and those of them that answer a state once more; times that commands
-        stayed away too long; times that the plant was held up.
+        Numbers of accepted commands, of further commands for the same state, of time-outs of the
+        commands, and of delays of the plant.
     dropped : Counter
-        Commands that were not taken, by reason.
+        Dropped commands by reason.
 
     """
 
@@ -121,7 +133,7 @@ class PacedPlant:
         self.reset(now, wall)
 
     def reset(self, now: float, wall: int, x0: Sequence[float] | None = None) -> None:
-        """Go back to the start, or to another initial state; time and noise begin anew."""
+        """Return to the initial state, or to another one; time and noise restart."""
         self.simulator.reset(x0)
         self.fault = ''
         self._due = 0  # [steps] of the next state to be published
@@ -130,33 +142,33 @@ class PacedPlant:
         self._publish(now, wall)
 
     def pause(self, paused: bool, now: float) -> None:
-        """Stop, or go on; time stands still in between."""
+        """Pause or resume; time does not pass in between."""
         self._catch_up(now)
         self.paused = paused
         self._anchor(now)
         self._sent = now
 
     def adopt(self, pacing: Pacing, now: float) -> None:
-        """Go on with another speed or time-out."""
+        """Use another speed or time-out from now on."""
         self._catch_up(now)
         self.pacing = pacing
         self._anchor(now)
 
     def step(self, now: float, wall: int) -> str:
-        """Advance a paused plant to the next state to be published; return why not, if not."""
+        """Advance a paused plant to the next published state; return why not, or ''."""
         if not self.paused:
             return 'the plant is not paused'
         if self.pacing.lockstep and not self.answered:
-            return f'no command has answered the state of t = {self.simulator.time:.9g} s'
+            return f'no command has arrived for the state of t = {self.simulator.time:.9g} s'
         if not self.fault and self._advance(self._due):
             self._publish(now, wall)
         return self.fault
 
     def poll(self, now: float, wall: int) -> bool:
-        """Advance as far as the time has come; return whether `sample` is to be published."""
+        """Advance to the present time; return whether `sample` must be published."""
         if self.fault:
             return False
-        if self._waits_for_answer():  # while paused, too: its time can be stepped
+        if self._waits_for_answer():  # also while paused, because `step` needs the command
             again = now - self._sent >= RESEND
             if again:
                 self.resent += 1
@@ -177,7 +189,7 @@ class PacedPlant:
         return True
 
     def wait(self, now: float) -> float:
-        """Return how long [s] there is nothing to poll for; inf: until something else happens."""
+        """Return the time [s] until the next poll; inf: none is needed before another call."""
         if self.fault:
             return math.inf
         if self._waits_for_answer():
@@ -188,21 +200,26 @@ class PacedPlant:
 
     @property
     def contested(self) -> int:
-        """Return how many commands answer a state that another has answered, or an older one."""
+        """Return the number of commands for states that have one, or for older states."""
         return self.repeated + self.dropped[ANSWERED] + self.dropped[OLDER]
 
     def command(self, stamp: int, u: Sequence[float] | Array, now: float) -> str:
         """
-        Let a command arrive; return why it is dropped, empty if it is taken.
+        Receive a command.
 
         Parameters
         ----------
         stamp : int
-            Of the state that it answers [ns].
+            Stamp of the state that the command is for [ns]; 0: none.
         u : array, shape (m,)
             The command.
         now : float
             Steady time [s].
+
+        Returns
+        -------
+        str
+            Why it is dropped; empty: it is accepted.
 
         """
         reason = self._stale(stamp)
@@ -225,12 +242,12 @@ class PacedPlant:
     def _stale(self, stamp: int) -> str:
         if self.pacing.lockstep:
             if stamp != self.stamp:
-                return 'stale: does not answer the last state'
+                return 'stale: not for the last state'
             return ANSWERED if self.answered else ''
         if self.pacing.simulated_stamps:
             if stamp > self.stamp:
                 return 'stale: stamped later than the last state'
-        elif stamp == 0:  # typed by hand
+        elif stamp == 0:  # typed on the command line
             return ''
         if stamp < self._last_stamp:
             return OLDER
@@ -243,12 +260,12 @@ class PacedPlant:
         return self.pacing.lockstep and not self.answered
 
     def _anchor(self, now: float) -> None:
-        """Let the present state be that of now."""
+        """Assign the present state to the time `now`."""
         self._anchored = now, self.simulator.steps
         self.behind = 0.0
 
     def _look(self, now: float) -> None:
-        """Let the state that is due be that of now, if the plant was held up."""
+        """Assign the due state to the time `now` if the plant was delayed."""
         late = now - self._due_time()
         if self.pacing.lockstep or not self.pacing.speed:
             held_up = late > 0.0
@@ -262,7 +279,7 @@ class PacedPlant:
             self._anchored = now, self._due
 
     def _regain(self) -> None:
-        """Let the next state come a little sooner, if the plant is behind."""
+        """Publish the next state a little earlier if the plant is behind."""
         if self.behind:
             gain = min(self.behind, REGAIN * self._period())
             self.behind -= gain
@@ -280,13 +297,13 @@ class PacedPlant:
         return now + (self._due - steps) * self.simulator.conditions.dt / self.pacing.speed
 
     def _steps_at(self, now: float) -> int:
-        """Return how many steps there should have been by now."""
+        """Return the number of steps at the time `now`."""
         then, steps = self._anchored
         elapsed = (now - then) * self.pacing.speed / self.simulator.conditions.dt
         return steps + math.floor(elapsed + 1e-6)
 
     def _catch_up(self, now: float) -> None:
-        """Advance to now, but not beyond a state that is to be published."""
+        """Advance to `now`, but not beyond a state that must be published."""
         if not (self.pacing.lockstep or self.paused or self.fault):
             self._look(now)
             self._advance(max(self.simulator.steps, min(self._steps_at(now), self._due)))

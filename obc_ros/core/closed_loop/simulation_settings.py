@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a plant is simulated under: step, actuators, delay, noise and disturbances."""
+"""Conditions of a simulation: step, actuators, delay, noise and disturbances."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -17,7 +17,7 @@ SMALLEST_TIME = 1e-9  # [s]
 @dataclass(frozen=True)
 class Gust:
     """
-    A disturbance amplitude * (1 - cos(2 pi (t - start) / duration)) / 2 that comes once.
+    A single disturbance amplitude * (1 - cos(2 pi (t - start) / duration)) / 2.
 
     `amplitude` (n,) is in units of each state per second, `start` and `duration` in seconds.
     """
@@ -35,9 +35,9 @@ class Gust:
 @dataclass(frozen=True)
 class Conditions:
     """
-    What is simulated besides the dynamics.
+    Conditions of a simulation besides the dynamics.
 
-    A list has one number for each state or input, one for all, or none, which stands for zeros.
+    A list has one number for each state or input, one for all, or none, which means zeros.
 
     Attributes
     ----------
@@ -46,8 +46,8 @@ class Conditions:
     integrator : str
         'rk4' (fixed step) or 'adaptive' (Dormand and Prince, order 5).
     tolerance : float
-        Of 'adaptive': bound of the estimated error that is made in a second of simulated time, in
-        each state relative to max(1, |x|).
+        For 'adaptive': bound of the estimated error per second of simulated time, in each state
+        relative to max(1, |x|).
     actuator_lag : tuple of float
         (m,) time constant of each actuator [s]; 0: none.
     input_delay : float
@@ -58,7 +58,7 @@ class Conditions:
         (n,) constant addition to each state's derivative.
     gust : Gust
     seed : int
-        Of the noise; not negative.
+        Seed of the noise; not negative.
 
     """
 

@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A simulated plant, whose commands are held until the next one.
+A simulated plant that holds each command until the next one.
 
-A command is clipped to the limits, takes effect after the input delay, and is followed by the
-actuators. Nothing here knows a clock: time is the number of steps times dt.
+A command is clipped to the limits and takes effect after the input delay and the actuator lag. No
+clock is used: time is the number of steps times dt.
 """
 
 from collections import deque
@@ -24,7 +24,7 @@ NumberList = Sequence[float] | Array
 
 class Simulator:
     """
-    A plant that is advanced by whole steps; the same calls give the same bits.
+    A plant that is advanced by whole steps; equal calls give bitwise equal results.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class Simulator:
         Initial state; the system's set point if left out.
     conditions : Conditions, optional
     u0 : array, shape (m,), optional
-        What acts until the first command; `compute_resting_input` of x0 if left out.
+        Input until the first command; `compute_resting_input` of x0 if left out.
 
     Raises
     ------
@@ -43,7 +43,7 @@ class Simulator:
     Attributes
     ----------
     system, conditions
-        As in use; the lists of the conditions have their full length.
+        Those in use; the lists of the conditions have their full length.
     steps : int
         Steps since the start.
     target : tuple of float
@@ -71,29 +71,29 @@ class Simulator:
 
     @property
     def u(self) -> Array:
-        """Return what the actuators deliver now, shape (m,)."""
+        """Return the present output of the actuators, shape (m,)."""
         return np.array(self._flow.delivered(self.steps))
 
     @property
     def rest(self) -> tuple[float, ...]:
-        """Return the input (m,) that acts until the first command."""
+        """Return the input (m,) until the first command."""
         return self._u0
 
     def slope(self, x: Array) -> Array:
-        """Return dx/dt, shape (n,), of a state x (n,) under the present input and disturbance."""
+        """Return dx/dt, shape (n,), of a state x (n,) with the present input and disturbance."""
         gust = self.conditions.gust
         return (self.system.f(x, self.u) + self.conditions.disturbance
                 + gust.shape(self.time) * np.array(gust.amplitude))
 
     def measure(self) -> Array:
-        """Return the state with fresh noise, shape (n,)."""
+        """Return the state with new noise, shape (n,)."""
         if not any(self.conditions.noise):
             return self.x
         noise = np.array(self.conditions.noise)
         return self.x + noise * self._random.standard_normal(self.system.n)
 
     def reset(self, x0: NumberList | None = None, u0: NumberList | None = None) -> None:
-        """Go back to the start, or to another one; commands are forgotten and noise repeats."""
+        """Return to the initial state, or to another one; forget commands and repeat the noise."""
         if x0 is not None:
             self._x0 = check_numbers('x0', x0, self.system.state_names)
             self._u0 = clip_input(compute_resting_input(self.system, self._x0) if u0 is None
@@ -114,12 +114,12 @@ class Simulator:
         Raises
         ------
         ObcError
-            If a condition has a wrong length or value, or the plant or dt is another one.
+            If a condition has a wrong length or value, or the signals or dt differ.
 
         """
         if (system.state_names, system.input_names, conditions.dt) != (
                 self.system.state_names, self.system.input_names, self.conditions.dt):
-            raise StatementError('another plant or another dt needs another simulator')
+            raise StatementError('the states, the inputs and dt of a simulator cannot change')
         conditions = conditions.fitted(system)
         flow = PlantFlow(system, conditions)
         flow.restart(self.x)
@@ -132,18 +132,18 @@ class Simulator:
 
     def command(self, u: NumberList) -> None:
         """
-        Let a command u (m,) arrive now: it is clipped, and takes effect after the input delay.
+        Receive a command u (m,): clip it, and apply it after the input delay.
 
         Raises
         ------
         StatementError
-            If it is not m finite numbers; nothing has changed then.
+            If it is not m finite numbers; the command is ignored.
 
         """
         values = self._limited(u)
         delay = self.conditions.input_delay / self.conditions.dt
         if delay or self._waiting:
-            # After a change to a shorter delay a command must not overtake an earlier one.
+            # After the delay was shortened, a command must not overtake an earlier one.
             earliest = self._waiting[-1][0] if self._waiting else 0.0
             self._waiting.append((max(snap_to_grid(self.steps + delay), earliest), values))
         else:
@@ -156,7 +156,8 @@ class Simulator:
         Raises
         ------
         DynamicsError
-            If the state leaves the range of numbers; state and time stay as they were.
+            If the state exceeds the range of double precision or the tolerance cannot be kept;
+            state and time are unchanged.
 
         """
         flow, before = self._flow, self._flow.x[:]
@@ -172,10 +173,10 @@ class Simulator:
                 now = stop
             self._take_due(now)
             if not math.isfinite(sum(flow.x)):
-                raise DynamicsError('it leaves the range of numbers')
+                raise DynamicsError('it exceeds the range of double precision')
         except DynamicsError as error:
             flow.x = before
-            raise DynamicsError(f'the state cannot be integrated on from t = {self.time:.6g} s: '
+            raise DynamicsError(f'the state cannot be integrated from t = {self.time:.6g} s: '
                                 f'{error}') from None
         self.steps += steps
 
@@ -188,22 +189,23 @@ class Simulator:
         self.target = u
 
     def _limited(self, u: NumberList) -> tuple[float, ...]:
-        """Return a command, checked and within the limits of the actuators."""
+        """Check a command and clip it to the limits of the actuators."""
         try:
             values = tuple(map(float, u))
             sound = len(values) == self.system.m and math.isfinite(sum(values))
         except (TypeError, ValueError):
             sound = False
-        if not sound:  # or so large that the sum is not finite
+        if not sound:  # or so large that only the sum is infinite
             values = tuple(check_numbers('u', u, self.system.input_names))
         return clip_input(values, self.system) if self._limits else values
 
 
 def compute_resting_input(system: System, x: NumberList) -> Array:
     """
-    Return the input that holds x, or where there is none, the system's set point.
+    Return the input that holds a state.
 
-    Where there is none either, its own guess.
+    If there is none, the input of the set point is returned, and the guess of the system if that
+    is not an equilibrium either.
     """
     for state in (x, None):
         try:
@@ -214,6 +216,6 @@ def compute_resting_input(system: System, x: NumberList) -> Array:
 
 
 def clip_input(u: NumberList, system: System) -> tuple[float, ...]:
-    """Return an input (m,) within the limits of the actuators."""
+    """Clip an input (m,) to the limits of the actuators."""
     return tuple([min(max(float(value), signal.lower), signal.upper)
                   for value, signal in zip(u, system.inputs, strict=True)])

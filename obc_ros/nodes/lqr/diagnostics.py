@@ -107,7 +107,7 @@ class LoopMonitor:
             words = 'not active'
         elif loop.is_stale:
             level, words = DiagnosticStatus.ERROR, (
-                f'no good state for {age:.3g} s; on_stale: {loop.control.rules.on_stale}')
+                f'no valid state for {age:.3g} s; on_stale: {loop.control.rules.on_stale}')
         elif age is None:
             words = 'no state yet'
         elif dropped:

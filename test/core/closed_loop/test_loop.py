@@ -152,7 +152,7 @@ def test_stamps_against_the_clock(lag: float, kind: str) -> None:
     assert (u is None) == bool(kind) and loop.counts[kind] == bool(kind)
     if kind:
         words = {'old': 'before', 'ahead': 'after'}[kind]
-        assert f's {words} the time here was dropped' in loop.news[0]
+        assert f's {words} the local time was dropped' in loop.news[0]
         assert loop.lag == pytest.approx(lag)
         # it neither is a state that came, nor puts the next one out of order
         assert loop.overdue(1e9) is None and loop.stamp is None

@@ -240,9 +240,9 @@ def test_lockstep_waits_for_the_answer_to_the_last_state():
     for k in range(20):
         bench.now += 0.01
         assert not bench.poll()
-        assert 'does not answer' in bench.plant.command(bench.stamps[-1] + 1, [1.0], bench.now)
+        assert 'not for the last state' in bench.plant.command(bench.stamps[-1] + 1, [1.0], bench.now)
         assert bench.plant.command(bench.stamps[-1], [1.0], bench.now) == ''
-        assert 'answered already' in bench.plant.command(bench.stamps[-1], [2.0], bench.now)
+        assert 'already has a command' in bench.plant.command(bench.stamps[-1], [2.0], bench.now)
         assert bench.poll()
         assert bench.stamps[-1] == 5_000_000 * (k + 1)
     t = 0.1
@@ -317,7 +317,7 @@ def test_a_paused_plant_stands_still_and_steps_on_demand():
 def test_a_paused_plant_in_lockstep_steps_once_it_is_answered():
     bench = Bench(lockstep=True, simulated_stamps=True)
     bench.plant.pause(True, bench.now)
-    assert 'no command has answered' in bench.plant.step(bench.now, bench.wall)
+    assert 'no command has arrived' in bench.plant.step(bench.now, bench.wall)
     bench.run(3 * RESEND + 0.01)  # who was to answer may not have been there yet
     assert bench.plant.resent == 3
     assert bench.plant.simulator.steps == 0
@@ -343,12 +343,12 @@ def test_reset_is_the_start_again():
 def test_a_state_out_of_range_stops_the_plant_until_it_is_reset():
     bench = Bench('scalar', (1.0,), Conditions(disturbance=(1e300,), dt=1.0))
     bench.run(3000.0)
-    assert 'leaves the range of numbers' in bench.plant.fault
+    assert 'exceeds the range of double precision' in bench.plant.fault
     assert np.isfinite(bench.plant.sample).all()
     assert not bench.poll()
     assert bench.plant.wait(bench.now) == math.inf
     bench.plant.pause(True, bench.now)
-    assert 'range of numbers' in bench.plant.step(bench.now, bench.wall)
+    assert 'range of double precision' in bench.plant.step(bench.now, bench.wall)
     bench.plant.pause(False, bench.now)
     bench.plant.reset(bench.now, bench.wall)
     assert bench.plant.fault == ''

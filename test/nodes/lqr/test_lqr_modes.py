@@ -216,12 +216,12 @@ def test_stamps_against_the_clock(spawn: Any, probe: Any) -> None:
         bench.send([0.9] * 6, time.time() - late)
         probe.spin_for(0.1)
         assert all((np.array(each.u) != good).any() for each in bench.commands[seen:])
-    bench.process.wait_for_output('s before the time here was dropped (stamp_timeout: 0.3 s)')
-    bench.process.wait_for_output('s after the time here was dropped')
+    bench.process.wait_for_output('s before the local time was dropped (stamp_timeout: 0.3 s)')
+    bench.process.wait_for_output('s after the local time was dropped')
     status = bench.report('states', lambda status, values: (
         values['dropped stamped too long ago'], values['dropped stamped in the future'])
         == ('2', '1'))
-    assert status.level == b'\x02' and 'no good state' in status.message  # on_stale has acted
+    assert status.level == b'\x02' and 'no valid state' in status.message  # on_stale has acted
     assert (np.array(bench.commands[-1].u) == HOVER).all()
     assert (bench.answer(X, time.time()) == good).all()
     bench.answer(X, 0.5)  # of a simulation, say

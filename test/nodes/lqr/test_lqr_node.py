@@ -203,7 +203,7 @@ def test_stale_states(spawn: Any, probe: Any) -> None:
         assert bench.set(on_stale=action).successful
         assert bench.answer(X) == pytest.approx(good)
         seen = len(bench.commands)
-        status = bench.report('states', lambda status, _, what=action: 'no good state' in
+        status = bench.report('states', lambda status, _, what=action: 'no valid state' in
                               status.message and f'on_stale: {what}' in status.message)
         assert status.level == b'\x02'
         commanded = [np.array(each.u) for each in bench.commands[seen:]]

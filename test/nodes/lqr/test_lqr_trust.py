@@ -313,7 +313,7 @@ def test_qos_overrides_and_what_does_not_fit(spawn: Any, probe: Any) -> None:
         depth=1, deadline=Duration(seconds=0.2)))
     commands = probe.listen(Command, 'command')
     probe.wait_for(lambda: good.publish(State(x=X)) or commands)
-    probe.wait_for(lambda: reported('deadlines missed on /state') or reported('no good state'))
+    probe.wait_for(lambda: reported('deadlines missed on /state') or reported('no valid state'))
     probe.wait_for(lambda: any(
         each.key == 'deadline' and int(each.value) for array in reports
         for status in array.status for each in status.values))

@@ -122,7 +122,7 @@ def test_a_reference_of_the_future_is_judged_when_it_begins(spawn: Any, probe: A
     publisher.publish(reference(*straight(20.5, 30.0), 2.0))  # where it will be, half a metre on
     bench.process.wait_for_output('a reference of 3 s')
     x, commands = drive(bench, x, 1.5, 2.5)
-    bench.process.wait_for_output('the reference of 3 s is taken up')
+    bench.process.wait_for_output('the reference of 3 s begins')
     assert np.abs(commands[:50] - [10.0, 0.0]).max() < 1e-9 and commands[50][0] > 10.1
     assert refusals(bench, 1)
 
@@ -237,7 +237,7 @@ def test_planning_anew_while_following_does_not_jump(spawn: Any, probe: Any, sta
     publisher.publish(message)
     bench.process.wait_for_output('a reference of 4 s')
     x, after = drive(bench, x, 3.0, 5.0)
-    bench.process.wait_for_output('the reference of 4 s is taken up')
+    bench.process.wait_for_output('the reference of 4 s begins')
     differ = np.abs(u[0] - first[2][0])
     steps = np.abs(np.diff(np.concatenate([before[-1:], after]), axis=0))
     slack = 2e-2 if not stamped else 1e-3

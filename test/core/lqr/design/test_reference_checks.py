@@ -170,7 +170,7 @@ def test_a_reference_that_came_before_the_first_state_is_judged_by_it() -> None:
     assert len(loop.refused) == 1
     loop = ControlLoop(control(legs=(held(None, 5.0),)))
     assert answers(loop, (7.0, [5.2, 0.0])) == [pytest.approx([-0.6])]
-    assert list(loop.events) == ['the reference of 2 s is taken up']
+    assert list(loop.events) == ['the reference of 2 s begins']
 
 
 def test_a_reference_joined_in_the_middle_is_judged_there() -> None:
@@ -184,7 +184,7 @@ def test_a_reference_joined_in_the_middle_is_judged_there() -> None:
     answers(loop, (1.0, [1.0, 1.0]), (2.5, [2.0, 0.0]))
     assert not loop.refused
     assert list(loop.events) == [
-        'the reference of 2 s is taken up', 'the reference of 2 s has ended']
+        'the reference of 2 s begins', 'the reference of 2 s has ended']
 
 
 def test_what_was_followed_goes_on_when_the_next_is_refused() -> None:
@@ -318,4 +318,4 @@ def test_states_that_are_back_are_told_with_how_long_they_were_missing() -> None
     loop.answer(0, [0.0, 0.0], 10.0)
     assert loop.overdue(10.6) == [0.0]
     loop.answer(S, [0.0, 0.0], 13.25)
-    assert list(loop.events) == ['states are back after 3.25 s']
+    assert list(loop.events) == ['states have returned after 3.25 s']
