@@ -1,12 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-From a path to one with arcs: read off where inputs are at bounds and where the state is on one.
+Arc iteration: detection of arcs on a path, and solution on phases, until the arcs do not change.
 
-The arcs that a path shows become phases of unknown lengths; those that the next path shows are
-compared, until they stay the same.
+The arcs on which inputs or states are at bounds become phases of unknown lengths. The arcs of the
+solution on these phases are detected again and compared.
 """
-
 
 import numpy as np
 from obc_ros.core.ocp.structure import find_shared_inputs
@@ -27,21 +26,30 @@ from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
-_ROUNDS = 10
-_CLOSE = 1e-6         # relative cost, for which arcs are moved no more
-_SEEN = 0.98          # of an arc at a bound that was seen to last so long
-_VANISHING, _GONE = 1e-3, 1e-6   # of T: an arc that may not be there; one that is not
-_DEARER = 1e-9, 1e-7  # relative: what a path without them may cost more, on another mesh
-_PATIENT = 200        # iterations for arcs near an outcome
-_ROOM = 1e-5          # relative: what a path with arcs may cost more
-_PERHAPS, _NEVER = 1, 2   # arcs on bounds also where a finer mesh may meet one; nowhere
+_ROUNDS = 10          # maximum number of solves
+_CLOSE = 1e-6         # relative decrease of the cost below which ends of arcs are not moved
+_SEEN = 0.98          # least length of an arc at a bound, relative to the detected one
+_VANISHING = 1e-3     # length, as part of T, up to which an arc may be removed
+_GONE = 1e-6          # length, as part of T, up to which a phase has vanished
+# Relative increase of the cost by removing such an arc that is accepted: while none has vanished,
+# and after one has.
+_DEARER = 1e-9, 1e-7
+_PATIENT = 200        # maximum number of iterations of a solve with new arcs
+_ROOM = 1e-5          # relative increase of the cost by new arcs that is accepted
+_PERHAPS, _NEVER = 1, 2   # `touch`: boundary arcs also at near contacts; no boundary arcs
 
 
 class ArcIteration:
     """
-    The arcs of one path of a search.
+    The arc iteration for one problem.
 
-    `coarse`: number of intervals of a coarse mesh.
+    Parameters
+    ----------
+    search : Bench
+        Driver.
+    coarse : int
+        Number of intervals of a coarse mesh.
+
     """
 
     def __init__(self, search: Bench, coarse: int) -> None:
@@ -49,7 +57,20 @@ class ArcIteration:
         self.switching, self.coarse, self.touch = search.switching, coarse, 0
 
     def settled(self, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
-        """Return an outcome whose arcs are those that it shows."""
+        """
+        Iterate from an outcome until the arcs do not change.
+
+        Parameters
+        ----------
+        outcome : TranscriptionOutcome
+            On any mesh.
+
+        Returns
+        -------
+        TranscriptionOutcome
+            The last one that converged at no higher cost; its arcs may still change.
+
+        """
         search = self.search
         free: Signature = ((None,) * self.problem.m,)
         now, seen, density = free, {free}, 2.0 * self.coarse
@@ -97,10 +118,9 @@ class ArcIteration:
               seen: set[Signature]
               ) -> tuple[TranscriptionOutcome | None, Signature]:
         """
-        Return an outcome whose inputs are free where their bounds are wrong, and its arcs.
+        Solve with inputs free where dH/du has the wrong sign; return the outcome and its arcs.
 
-        A short singular arc, on a coarse mesh, looks like some between bounds; when the other
-        bound is no better there it is free.
+        On a coarse mesh a short singular arc looks like several bang arcs.
         """
         arcs = self.checked(found, outcome, moving=False)
         shown = get_signature(arcs)
@@ -110,19 +130,19 @@ class ArcIteration:
         return self.with_arcs(arcs, outcome, density), shown
 
     def shown(self, outcome: TranscriptionOutcome) -> list[Arc]:
-        """Return the arcs that an outcome shows."""
+        """Return the arcs detected on an outcome."""
         found = find_arcs(self.problem, outcome.path, self.switching,
                           [not each for each in self.kit.switching])
         return self.broken(self.touching(found, outcome), outcome)
 
     def broken(self, arcs: list[Arc], outcome: TranscriptionOutcome) -> list[Arc]:
-        """Return arcs that end where inputs jump without coming to a bound."""
+        """Return arcs cut where inputs jump without meeting a bound."""
         loose = ~(np.isfinite(self.problem.u_lower) | np.isfinite(self.problem.u_upper))
         of = (loose | find_shared_inputs(self.problem)) & np.array(self.switching)
         return cut_at_jumps(arcs, outcome.path, of) if of.any() else arcs
 
     def touching(self, arcs: list[Arc], outcome: TranscriptionOutcome) -> list[Arc]:
-        """Return arcs, those on bounds of the state among them if inputs switch at their ends."""
+        """Return arcs with boundary arcs inserted, for state bounds that switching inputs hold."""
         free = self.kit.deciding & np.array(self.switching)
         if not (self.search.bounded and free.any()) or self.touch == _NEVER:
             return arcs
@@ -134,7 +154,7 @@ class ArcIteration:
         return add_contacts(arcs, found, free) if found else arcs
 
     def touches_otherwise(self, outcome: TranscriptionOutcome, seen: set[Signature]) -> bool:
-        """Go on to other arcs on bounds that an outcome may show; return whether there are."""
+        """Change `touch` until other boundary arcs are detected; return whether there are any."""
         while self.touch < _NEVER:
             self.touch += 1
             if get_signature(self.shown(outcome)) not in seen:
@@ -145,9 +165,9 @@ class ArcIteration:
     def with_arcs(self, arcs: list[Arc], outcome: TranscriptionOutcome, density: float,
                   kept: float = 0.0) -> TranscriptionOutcome | None:
         """
-        Return an outcome with the given arcs, if there is one and it costs no more.
+        Solve with the given arcs; return None without convergence or at a higher cost.
 
-        `kept`: the part of their lengths that arcs at bounds have at least.
+        `kept`: least length of arcs at bounds, as part of the given one.
         """
         search = self.search
         mesh, durations = build_arc_mesh(
@@ -162,7 +182,7 @@ class ArcIteration:
         return new if new.converged and self.no_dearer(new, outcome) else None
 
     def no_dearer(self, new: TranscriptionOutcome, outcome: TranscriptionOutcome) -> bool:
-        """Return whether an outcome costs no more than another, or would with exact steps."""
+        """Return whether an outcome costs no more than another, as it is or corrected for gaps."""
         room = _ROOM * abs(outcome.objective)
         if new.objective <= outcome.objective + room:
             return True
@@ -170,7 +190,19 @@ class ArcIteration:
         return closed(self.problem, new) <= closed(self.problem, outcome) + room
 
     def without_vanishing(self, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
-        """Return the outcome without its shortest arcs, if it costs no more without them."""
+        """
+        Remove the shortest arcs if the cost does not increase.
+
+        Parameters
+        ----------
+        outcome : TranscriptionOutcome
+            On phases.
+
+        Returns
+        -------
+        TranscriptionOutcome
+
+        """
         durations, T = outcome.path.durations, outcome.path.t[-1]
         if np.all(durations > _VANISHING * T):
             return outcome
@@ -183,16 +215,16 @@ class ArcIteration:
 
     @staticmethod
     def vanished(outcome: TranscriptionOutcome) -> bool:
-        """Return whether a phase has no length left."""
+        """Return whether a phase of an outcome has vanished."""
         durations = outcome.path.durations
         return bool(durations.min() < _GONE * durations.sum())
 
     def checked(self, arcs: list[Arc], outcome: TranscriptionOutcome, *,
                 moving: bool = True) -> list[Arc]:
         """
-        Return arcs that differ where dH/du says that an input is at the wrong bound.
+        Return arcs corrected where dH/du has the wrong sign for the bound of an input.
 
-        It is at the other one then, or free unless `moving`.
+        The input moves to its other bound there; without `moving` it becomes free.
         """
         course = self.search.course(outcome)
         x, u = (course.x + course.x_end) / 2, (course.ua + course.ub) / 2

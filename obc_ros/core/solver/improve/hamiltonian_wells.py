@@ -1,11 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Inputs where H has several least points: gears, modes of a reactor, two ways to fly.
+Global minimisation of H where it has several local minima in an input, such as gears or modes.
 
-A search follows the least point that it starts at; the input is stationary there although another
-point is better. From a path where that is so the input goes to where H is least (the variations of
-Pontryagin's proof), and where it then jumps from one least point to another phases begin.
+A descent follows the local minimum of H at which it starts, although another one may be lower.
+Here inputs are moved to the global minimum (needle variations, as in the proof of Pontryagin's
+principle) and the problem is solved from there. Phases begin where inputs then jump from one
+minimum to another.
 """
 
 from dataclasses import replace
@@ -23,21 +24,38 @@ from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
-_VALUES = 17          # of each input at which H is looked at
-_GLANCE = 8           # intervals that are looked at before all of them
-_WORTH = 1e-3         # relative to the cost: what another least point has to promise
-_SHARES = 0.0, 0.3, 0.7   # of the largest gap, above which inputs are moved
-_ROUNDS = 3           # each from the path that the one before has led to
-_SETTLING = 6         # likewise, of phases that begin anew where inputs still slope
-_STEPS = 40           # for the longest interval, to roll out
-_ITERATIONS = 150
-_SAME = 1e-6          # relative cost
-_VANISHING, _JUMP = 1e-3, 0.05   # parts: of T, a phase without length; of an input's range
-_BESIDE = 1.5         # intervals from the end of a phase, within which a slope belongs to it
+_VALUES = 17          # values of each input at which H is evaluated
+_GLANCE = 8           # intervals that are sampled before all of them
+_WORTH = 1e-3         # least predicted decrease of the cost, relative
+# Inputs are moved in the intervals with a decrease of H above these parts of the largest one.
+_SHARES = 0.0, 0.3, 0.7
+_ROUNDS = 3           # maximum number of moves
+_SETTLING = 6         # maximum number of solves with phases that begin at jumps
+_STEPS = 40           # integration steps in the longest interval for initial states
+_ITERATIONS = 150     # maximum number of iterations of a solve
+_SAME = 1e-6          # relative difference up to which costs are equal
+_VANISHING = 1e-3     # length, as part of T, up to which a phase has vanished
+_JUMP = 0.05          # least jump of an input, as part of its span
+_BESIDE = 1.5         # distance in intervals up to which a slope belongs to the end of a phase
 
 
 def move_to_best_branch(search: Bench, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
-    """Return an outcome, or a better one whose inputs are where H is least."""
+    """
+    Move inputs to the global minimum of H and solve from there, as long as the cost decreases.
+
+    Parameters
+    ----------
+    search : Bench
+        Driver.
+    outcome : TranscriptionOutcome
+        On the coarse mesh.
+
+    Returns
+    -------
+    TranscriptionOutcome
+        `outcome` if H has no better minimum along it.
+
+    """
     if search.quick or search.kit.twin or not search.kit.branching.any():
         return outcome
     best = outcome
@@ -54,7 +72,7 @@ def move_to_best_branch(search: Bench, outcome: TranscriptionOutcome) -> Transcr
 
 
 def _moved(search: Bench, outcome: TranscriptionOutcome) -> list[Path]:
-    """Return paths with inputs held where H is least: in all intervals that gain, and in fewer."""
+    """Return paths with inputs at the minimum of H, in all intervals that gain and in fewer."""
     path, every = outcome.path, np.arange(len(outcome.path.ua))
     for rows in (every[::max(1, len(every) // _GLANCE)], every):
         least, gap = _least(search, outcome, rows)
@@ -68,7 +86,7 @@ def _moved(search: Bench, outcome: TranscriptionOutcome) -> list[Path]:
 
 
 def _least(search: Bench, outcome: TranscriptionOutcome, rows: Index) -> tuple[Array, Array]:
-    """Return where H is least in some intervals, (N, m), and by how much beside another point."""
+    """Return the minimiser of H in some intervals, (N, m), and the decrease of H, (N,)."""
     problem, path = search.problem, outcome.path
     H = partial(_mean_H, search, search.course(outcome), rows)
     now = H(path.ua[rows], path.ub[rows])
@@ -80,7 +98,7 @@ def _least(search: Bench, outcome: TranscriptionOutcome, rows: Index) -> tuple[A
         there = H(tried, tried)
         k = np.argmin(np.where(np.isfinite(there), there, np.inf), axis=0)
         lowest = there[k, np.arange(len(k))]
-        # Where H only falls on the way there this point is no least one, and the mesh is to blame.
+        # If H only decreases on the way, the present input is no local minimum but inaccurate.
         between = (levels[:, None] - least[:, j]) * (levels[:, None] - levels[k]) < 0
         lower = (lowest < value) & np.any(between & (there > value), axis=0)
         least[lower, j], value[lower] = levels[k[lower]], lowest[lower]
@@ -88,7 +106,7 @@ def _least(search: Bench, outcome: TranscriptionOutcome, rows: Index) -> tuple[A
 
 
 def _mean_H(search: Bench, course: Extremal, rows: Index, ua: Array, ub: Array) -> Array:
-    """Return the mean of H at the ends of some intervals, inputs (..., N, m) there; (..., N)."""
+    """Return the mean of H (..., N) at the ends of intervals, with inputs (..., N, m) there."""
     first = rows * course.parts
     last = first + course.parts - 1
     x, lam = (np.stack([one[first], other[last]]) for one, other in (
@@ -102,14 +120,14 @@ def _mean_H(search: Bench, course: Extremal, rows: Index, ua: Array, ub: Array) 
 
 def _from_inputs(search: Bench, outcome: TranscriptionOutcome,
                  path: Path) -> TranscriptionOutcome | None:
-    """Return what a search leads to that starts with the inputs of a path."""
+    """Solve from the inputs of a path."""
     problem, h = search.problem, np.diff(path.t)
     steps = np.maximum(1, np.ceil(_STEPS * h / h.max())).astype(np.int64)
     t = np.append(0.0, np.cumsum(np.repeat(h / steps, steps)))
     held = np.repeat((path.ua + path.ub) / 2, steps, axis=0)
     with np.errstate(all='ignore'):
         (x,), _ = search.kit.integrator.forward_each(problem, t[None], held[None])
-    # What ends as it has to is changed less by inputs that no longer lead there.
+    # With terminal constraints the states of the path stay: those of the new inputs violate them.
     if np.isfinite(x).all() and not problem.q:
         inner = path.t[:-1, None] + h[:, None] * compute_gauss_points(path.inner.shape[1])
         path = replace(path, x=x[np.append(0, np.cumsum(steps))], inner=np.stack([
@@ -119,7 +137,7 @@ def _from_inputs(search: Bench, outcome: TranscriptionOutcome,
 
 
 def _leaps(search: Bench, outcome: TranscriptionOutcome) -> bool:
-    """Return whether an input goes from one least point of H to another, bounds not both."""
+    """Return whether an input jumps between local minima of H that are not both at bounds."""
     problem, path, here = search.problem, outcome.path, search.kit.branching
     at = np.clip(np.searchsorted(path.t, find_jumps(path, here.tolist())) - 1, 0, len(path.ua) - 1)
     if not at.size:
@@ -137,10 +155,10 @@ def _leaps(search: Bench, outcome: TranscriptionOutcome) -> bool:
 
 def _with_jumps(search: Bench, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
     """
-    Return an outcome, or one with phases that begin where its inputs jump, and nowhere else.
+    Solve with phases that begin where inputs jump, until these times do not change.
 
-    The point beside the end of a phase may be at the least point of H that belongs to the other
-    side, and stays there: a slope over an interval. The phase then begins anew in that interval.
+    The input next to the end of a phase may stay at the minimum of H of the other side, which is a
+    slope over an interval. The end of the phase is then moved to that interval.
     """
     for _ in range(_SETTLING):
         path, arcs = outcome.path, _apart(search, outcome)
@@ -159,7 +177,7 @@ def _with_jumps(search: Bench, outcome: TranscriptionOutcome) -> TranscriptionOu
 
 
 def _apart(search: Bench, outcome: TranscriptionOutcome) -> list[Arc]:
-    """Return arcs that begin where inputs jump: at the ends of phases, or in slopes."""
+    """Return arcs that begin where inputs jump, at the ends of phases or in steep intervals."""
     problem, path, here = search.problem, outcome.path, search.kit.branching
     first = np.flatnonzero(np.diff(outcome.mesh.layout.phase_of)) + 1
     ends, least = path.t[first], _VANISHING * path.t[-1]

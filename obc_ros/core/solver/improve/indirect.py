@@ -1,12 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The indirect method: Pontryagin's boundary value problem from an answer of the transcription.
+Indirect refinement: Pontryagin's boundary value problem from a solution of the transcription.
 
-Its states, costates and switching times are exact to rounding. The input between the samples of
-an answer is linear, which u* is not: returned is the linear one nearest to u* in the mean, which
-moves the states as u* does, on samples so dense that it is off u* by at most a given part of its
-size.
+Its states, costates and switching times are accurate to rounding errors. The input of a solution
+is linear between samples, u* is not. The samples are moved so that the piecewise linear input has
+the integral of u* in each interval, and are so dense that it differs from u* by at most a given
+part of its size.
 """
 
 from dataclasses import replace
@@ -21,33 +21,64 @@ from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.improve.kink_mesh import build_points, solve_boundary_values
 from obc_ros.core.solver.program_cache import Answered
 
-_PRECISE, _QUICK = 2e-7, 1e-5   # of its size: how far u may be off u*, alone and after a search
-_FEWEST_SAMPLES, _MOST_SAMPLES = 64, 4000
-_WORTH_IT = 800   # iterations times intervals
-_LEAST = 0.5       # [s] without which an answer is left as it is
-_SAME = 1e-9       # of its size: inputs on both sides of a switch that does not jump
-_DEARER = 1e-8     # relative: by how much an answer may seem to cost more
+# Largest relative difference of the piecewise linear input from u*: for the method 'indirect', and
+# in the first attempt after another method.
+_PRECISE, _QUICK = 2e-7, 1e-5
+_FEWEST_SAMPLES, _MOST_SAMPLES = 64, 4000   # limits of the number of samples
+_WORTH_IT = 800    # work (see `descent`) of a solve from which on a refinement is worth its time
+_LEAST = 0.5       # [s] of the time limit that must be left for it
+_SAME = 1e-9       # relative difference of inputs at a switching time up to which they are equal
+_DEARER = 1e-8     # relative increase of the cost that is accepted
 
 
 def refine_indirectly(search: Bench, answer: Solution) -> Solution:
-    """Return the indirect answer near one found by a search, or that one with the reason."""
+    """
+    Refine a solution by the indirect method.
+
+    Parameters
+    ----------
+    search : Bench
+        Driver, with the last outcome of the descent.
+    answer : Solution
+        Its solution.
+
+    Returns
+    -------
+    Solution
+        A certified one from the boundary value problem; otherwise `answer`, with the reason in
+        its message if the method does not apply or did not converge.
+
+    """
     if search.last is None:
         return answer
     if not _smooth(search, search.last):
-        return replace(answer, message='answered by transcription: indirect does without active '
-                                       'state bounds, path constraints and absolute values')
+        return replace(answer, message='solved by transcription: the indirect method does not '
+                                       'treat active state bounds, path constraints or absolute '
+                                       'values')
     found = _boundary_values(search)
     if found is None:
-        return replace(answer, message='answered by transcription: no extremal was found from it '
-                                       'on which the inputs are at bounds or make dH/du zero')
+        return replace(answer, message='solved by transcription: the indirect method found no '
+                                       'extremal on which every input is at a bound or has '
+                                       'dH/du = 0')
     return _better(search, answer, found, _PRECISE)
 
 
 def refine_after_search(search: Bench, answer: Solution) -> Solution:
     """
-    Return the indirect answer near one found by a search, or that one.
+    Refine a solution by the indirect method, unless it was found in less work than that takes.
 
-    Where an answer is found so soon that this would take longer it is left as it is.
+    Parameters
+    ----------
+    search : Bench
+        Driver, with the last outcome of the descent.
+    answer : Solution
+        Its solution.
+
+    Returns
+    -------
+    Solution
+        A certified one from the boundary value problem, or `answer`.
+
     """
     kit = search.kit
     if (search.last is None or search.nearby or search.work < _WORTH_IT and not kit.touched_up
@@ -65,12 +96,12 @@ def refine_after_search(search: Bench, answer: Solution) -> Solution:
 
 
 def _smooth(search: Bench, last: Answered) -> bool:
-    """Return whether neither bounds of the state nor kinks say what the extremal is."""
+    """Return whether no state constraint is active and no absolute value occurs."""
     return not search.kit.twin and search.course(last.outcome).density_x is None
 
 
 def _boundary_values(search: Bench) -> BoundaryValues | None:
-    """Return the solution of the boundary value problem near what a search found last."""
+    """Solve the boundary value problem from the last outcome of the descent."""
     assert search.last is not None
     outcome, known = search.last.outcome, search.last.extremal
     if known is not None:
@@ -81,11 +112,11 @@ def _boundary_values(search: Bench) -> BoundaryValues | None:
 
 
 def _better(search: Bench, answer: Solution, found: BoundaryValues, wanted: float) -> Solution:
-    """Return the answer made of boundary values if its certificate holds, else the other."""
+    """Return the solution sampled from boundary values if it is certified, else `answer`."""
     new = _sampled(search, found, wanted)
     judged = answer.certificate
     if judged is not None and judged.feasible:
-        # An extremal costs no more than a path beside it, but for the errors of that path.
+        # An extremal costs no more than a path near it, up to the errors of that path.
         error = _DEARER + judged.residuals[Condition.DYNAMICS] + judged.residuals[Condition.END]
         if new.objective > answer.objective + error * abs(answer.objective):
             return answer
@@ -95,10 +126,10 @@ def _better(search: Bench, answer: Solution, found: BoundaryValues, wanted: floa
 
 
 def _sampled(search: Bench, found: BoundaryValues, wanted: float) -> Solution:
-    """Return boundary values as samples, with those at both ends of each arc."""
+    """Return boundary values as samples, including both ends of each arc."""
     problem, longest = search.stated, found.lengths.sum() / _FEWEST_SAMPLES
     points_, of = build_points(found, wanted, longest, _MOST_SAMPLES)
-    # Where the start of each interval, and the end of each arc, stand in a row.
+    # Places of the start of each interval, and of the end of each arc, among the samples.
     starts, last = np.arange(len(of)) + of, np.flatnonzero(np.diff(of, append=-1))
     t, arc = np.empty(len(of) + len(last)), np.empty(len(of) + len(last), dtype=np.int64)
     t[starts], arc[starts] = points_[:-1], of
@@ -128,10 +159,10 @@ def _sampled(search: Bench, found: BoundaryValues, wanted: float) -> Solution:
 
 def _in_the_mean(found: BoundaryValues, t: Array, arc: Index) -> tuple[Array, Array]:
     """
-    Return by how much samples are off u*, and the integral of what their interpolation is off.
+    Return the shifts of the samples from u*, and the integral of the error of the interpolation.
 
-    Samples of u* itself would be off it by h^2/12 of its second derivative in the mean, always
-    to the same side; in each arc they are moved so that the interpolation has the integral of u*.
+    The interpolation of u* itself has a mean error of h^2/12 times its second derivative. In each
+    arc the samples are shifted so that the interpolation has the integral of u*.
     """
     off, drift = np.zeros((len(t), found.u.shape[2])), np.zeros((len(t), found.u.shape[2]))
     free = np.isnan(found.levels)
@@ -143,14 +174,14 @@ def _in_the_mean(found: BoundaryValues, t: Array, arc: Index) -> tuple[Array, Ar
         lost = found.bend(k, part) * length**3 / 24
         share = np.vstack([lost, np.zeros(off.shape[1])])
         share[1:] += lost
-        # Where an input comes to a bound it is at the bound: its neighbour is moved instead.
+        # An input that meets a bound at the end of an arc stays there: its neighbour is shifted.
         for end, beside, meets in ((0, 1, number - 1), (-1, -2, number + 1)):
             if 0 <= meets < len(free) and len(rows) > 2:
                 share[beside] += np.where(free[meets], 0.0, share[end])
                 share[end] = np.where(free[meets], share[end], 0.0)
         mass = np.append(length, 0.0) / 2
         mass[1:] += length[:, 0] / 2
-        # Between rounded times there may be none.
+        # After rounding, two times may coincide.
         move = np.divide(-share, mass[:, None], out=np.zeros_like(share),
                          where=of & (mass > 0)[:, None])
         off[rows] = move
@@ -160,7 +191,7 @@ def _in_the_mean(found: BoundaryValues, t: Array, arc: Index) -> tuple[Array, Ar
 
 
 def _joined(found: BoundaryValues, k: Index, u: Array) -> NDArray[np.bool_]:
-    """Make inputs that do not jump between arcs the same, in place; return which samples stay."""
+    """Make inputs that do not jump between arcs equal, in place; return which samples to keep."""
     new = np.ones(len(k), dtype=bool)
     size = np.abs(found.u).max(axis=(0, 1))
     for row in np.flatnonzero(np.diff(found.arc_of[k]) > 0):

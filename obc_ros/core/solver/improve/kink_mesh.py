@@ -1,11 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Meshes with a point wherever an input comes to a bound or leaves it.
+Meshes with points at the kinks of the inputs, where they meet or leave a bound.
 
-The inputs of a transcription are linear between mesh points: a kink inside an interval costs the
-more the longer it is, so that without knowing where it is many short ones are needed. Pontryagin's
-boundary value problem finds the kinks from a path nearby, and from those of a neighbour.
+The inputs of a transcription are linear between mesh points. A kink inside an interval causes a
+loss that grows with its length, so that many short intervals are needed if the kink is not a mesh
+point. Pontryagin's boundary value problem gives the kinks, from a path nearby or from the solution
+of a neighbouring problem.
 """
 
 from collections.abc import Sequence
@@ -22,16 +23,39 @@ from obc_ros.core.solver.program_cache import Answered, Kit
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Mesh, Path
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
 
-_LARGEST = 3e7     # entries of the matrices of all intervals
-_KINKED = 4e-3     # relative: how far inputs are from linear on a mesh with their kinks
-_WORSE = 1e-5      # relative: by how much the cost on such a mesh may be larger
-_LONGEST = 32      # intervals at least, of equal lengths
+_LARGEST = 3e7     # entries of the matrices of all intervals up to which the problem is solved
+_KINKED = 4e-3     # relative deviation of inputs from linear in an interval of such a mesh
+_WORSE = 1e-5      # relative increase of the cost on such a mesh that is accepted
+_LONGEST = 32      # minimum number of intervals
 
 
 def solve_boundary_values(kit: Kit, problem: Problem, outcome: TranscriptionOutcome,
                           course: Extremal,
                           scales: ProblemScales, *, rough: bool = False) -> BoundaryValues | None:
-    """Return the solution of the boundary value problem next to an outcome and its course."""
+    """
+    Solve Pontryagin's boundary value problem from an outcome.
+
+    Parameters
+    ----------
+    kit : Kit
+        Of the structure of the problem.
+    problem : Problem
+        As stated.
+    outcome : TranscriptionOutcome
+        Its inputs give the arcs.
+    course : Extremal
+        Its states and costates.
+    scales : ProblemScales
+        Of the outcome.
+    rough : bool
+        Accept a rough solution.
+
+    Returns
+    -------
+    BoundaryValues or None
+        None on singular arcs, for a problem that is too large, or without convergence.
+
+    """
     arcs = find_arcs(problem, outcome.path, (True,) * problem.m)
     singular = any(linear and np.isnan(level) for arc in arcs
                    for linear, level in zip(kit.switching, arc.levels, strict=True))
@@ -42,7 +66,7 @@ def solve_boundary_values(kit: Kit, problem: Problem, outcome: TranscriptionOutc
 
 
 def _with_slopes(kit: Kit, problem: Problem, arcs: Sequence[Arc], course: Extremal) -> list[Arc]:
-    """Return arcs with those on which inputs go from bound to bound too soon for the mesh."""
+    """Return arcs with free ones inserted in which an input crosses within a mesh interval."""
     x, u, lam = (np.vstack([start, end[-1:]]) for start, end in (
         (course.x, course.x_end), (course.ua, course.ub), (course.lam, course.lam_end)))
     slopes = np.zeros((2, len(x), problem.m))
@@ -58,11 +82,26 @@ def _with_slopes(kit: Kit, problem: Problem, arcs: Sequence[Arc], course: Extrem
 def build_points(found: BoundaryValues, error: float, longest: float, most: int
                  ) -> tuple[Array, Index]:
     """
-    Return mesh points, shape (N + 1,), and the arc of each interval between them.
+    Choose mesh points for piecewise linear inputs.
 
-    Inputs are linear in each interval but for a part `error` of their size; none is longer than
-    `longest`. Where that takes more than `most` intervals, and one for each arc, all are longer:
-    what an indirect method has led to may be no path, with slopes of any size.
+    Parameters
+    ----------
+    found : BoundaryValues
+        The solution; its slopes may have any size if it is not a path.
+    error : float
+        Deviation of an input from linear in an interval, relative to its size.
+    longest : float
+        Maximum length of an interval [s].
+    most : int
+        Number of intervals, besides one for each arc, above which all become longer.
+
+    Returns
+    -------
+    t : ndarray, shape (N + 1,)
+        Mesh points [s], the ends of the arcs among them.
+    arc : ndarray of int, shape (N,)
+        Arc of each interval.
+
     """
     size = np.maximum(np.abs(found.u).max(axis=(0, 1)), 1e-300)
     bend = np.abs(np.diff(found.du, axis=1)[:, 0]) * found.h[:, None] / size
@@ -77,7 +116,25 @@ def build_points(found: BoundaryValues, error: float, longest: float, most: int
 
 def start_from_neighbour(kit: Kit, problem: Problem, last: Answered
                          ) -> tuple[BoundaryValues, TranscriptionOutcome] | None:
-    """Return where to start from an answer to a neighbour whose kinks are known."""
+    """
+    Solve the boundary value problem from that of a neighbouring problem.
+
+    Parameters
+    ----------
+    kit : Kit
+        Of the structure of both problems.
+    problem : Problem
+        As stated.
+    last : Answered
+        The neighbour.
+
+    Returns
+    -------
+    tuple of BoundaryValues and TranscriptionOutcome, or None
+        The solution, and the same on the mesh of the neighbour stretched in time. None if the
+        neighbour has no extremal, or without convergence.
+
+    """
     known = last.extremal
     if known is None:
         return None
@@ -94,7 +151,7 @@ def start_from_neighbour(kit: Kit, problem: Problem, last: Answered
 
 def transcribe_on_points(problem: Problem, found: BoundaryValues, t: Array,
                          arc: Index) -> TranscriptionOutcome:
-    """Return boundary values as the outcome of a transcription with mesh points in given arcs."""
+    """Return boundary values as the outcome of a transcription on mesh points `t` (N + 1,)."""
     n, T = problem.n, t[-1]
     za, ua = found.at(*found.where(t[:-1], arc))
     zb, ub = found.at(*found.where(t[1:], arc))
@@ -116,7 +173,24 @@ def transcribe_on_points(problem: Problem, found: BoundaryValues, t: Array,
 
 def solve_on_kinks(search: Bench, outcome: TranscriptionOutcome,
                    course: Extremal) -> TranscriptionOutcome | None:
-    """Return the outcome on a mesh with a point at each kink of the inputs, if found once."""
+    """
+    Solve on a mesh with a point at each kink of the inputs.
+
+    Parameters
+    ----------
+    search : Bench
+        Driver; `extremal` is set.
+    outcome : TranscriptionOutcome
+        Of one phase, by Runge-Kutta steps.
+    course : Extremal
+        Its states and costates.
+
+    Returns
+    -------
+    TranscriptionOutcome or None
+        None if that was done before, does not apply, or did not converge at about the same cost.
+
+    """
     layout = outcome.mesh.layout
     if (search.extremal is not None or search.bounded or search.kit.twin
             or any(search.switching) or len(layout.phases) > 1 or layout.stages):

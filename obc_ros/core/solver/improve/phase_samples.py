@@ -1,10 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Phases that were solved for, as a path and as the samples of an answer.
+Conversion of a solution on phases to a path, and to the samples of a solution.
 
-At the ends of its intervals a collocation is more exact than between them: the states at samples
-are those that the inputs, straight from one to the next, lead to from the start of each interval.
+A collocation is more accurate at the ends of its intervals than between them. The states at the
+samples are therefore integrated from the start of each interval, with inputs that are linear
+between samples.
 """
 
 from dataclasses import replace
@@ -27,15 +28,15 @@ from obc_ros.core.solver.transcription.mesh import Path
 
 # The conditions whose residuals more samples may reduce.
 BY_SAMPLES = Condition.DYNAMICS, Condition.BOUNDS, Condition.COST, Condition.MINIMUM
-_SAMPLES = 1000, 4000, 16_000
-_ALMOST = 100.0       # times its tolerance: such a residual that they may take away
-_JUMP = 1e-3          # of its size: less of an input between two phases is none
-_UNEVEN = 15.0        # times as many samples as usual where inputs bend most
-_OFF = 1e-4           # of its size: steps that leave a collocation so far err themselves
+_SAMPLES = 1000, 4000, 16_000   # numbers of samples that are tried in turn
+_ALMOST = 100.0       # residual over its tolerance up to which more samples are tried
+_JUMP = 1e-3          # relative change of an input between phases from which on it is a jump
+_UNEVEN = 15.0        # largest density of samples where inputs bend, over the mean one
+_OFF = 1e-4           # relative difference above which the collocation is used, not the steps
 
 
 def join_phases(found: Phased) -> Path:
-    """Return phases as a path between the ends of their intervals."""
+    """Return phases as a path on the ends of their intervals."""
     at = np.append(0.0, np.cumsum(found.h))
     points = build_collocation(DEGREE, 'radau')[0]
     first = _basis(points, np.zeros(1))[0][0]
@@ -45,14 +46,14 @@ def join_phases(found: Phased) -> Path:
 
 
 def _basis(points: Array, tau: Array, derivatives: int = 0) -> list[Array]:
-    """Return Lagrange's polynomials through points at times (..., s), and their derivatives."""
+    """Return the values of Lagrange polynomials at times (..., s), and their derivatives."""
     return [np.stack([np.polyder(each, order)(tau)
                       for each in build_lagrange_polynomials(points)], axis=-1)
             for order in range(derivatives + 1)]
 
 
 def _parts(found: Phased, samples: int) -> Index:
-    """Return into how many parts samples divide each interval: more where inputs bend."""
+    """Return the number of parts between samples in each interval: more where inputs bend."""
     bends, = _basis(build_collocation(DEGREE, 'radau')[0], np.linspace(0.0, 1.0, DEGREE), 2)[2:]
     size = np.maximum(np.abs(found.u).max(axis=(0, 1)), 1e-300)
     bend = np.sqrt(np.abs(np.einsum('sj,kjm->ksm', bends, found.u) / size).max(axis=(1, 2)))
@@ -64,17 +65,23 @@ def _parts(found: Phased, samples: int) -> Index:
 def sample_phases(problem: Problem, program: PhasedProgram, integrator: CostateIntegrator,
                   found: Phased,
                   samples: int) -> Solution:
-    """Return phases as samples, with the costates and densities of the stated bounds."""
+    """
+    Return phases as about so many samples, with costates and densities of the stated bounds.
+
+    The formulas are those of `phase_program`.
+    """
     bounds, points = program.bounds, program.points
     parts = _parts(found, samples)
     most = int(parts.max())
-    tau = np.minimum(np.arange(most + 1) / parts[:, None], 1.0)   # twice what is not there
+    # Intervals with fewer parts repeat their end.
+    tau = np.minimum(np.arange(most + 1) / parts[:, None], 1.0)
     on_x, = _basis(points, tau)
     highest = int(bounds.orders.max(initial=0))
     on_u = _basis(points[1:], tau, max(highest, 2))
     x, lam = (np.einsum('ksj,kjn->ksn', on_x, values) for values in (found.x, found.lam))
     u, bend = (np.einsum('ksj,kjm->ksm', on_u[order], found.u) for order in (0, 2))
-    # Straight lines between samples of u are off it by h^2 / 12 of its bend in the mean.
+    # The interpolation between samples of u has a mean error of h^2 / 12 times its second
+    # derivative.
     u = move_onto_constraints(problem, program, found, x,
                               u) - bend / (12 * parts[:, None, None]**2)
     eta = [np.einsum('ksj,kjr->ksr', basis, found.eta) / found.h[:, None, None]**order
@@ -104,9 +111,9 @@ def sample_phases(problem: Problem, program: PhasedProgram, integrator: CostateI
 def certify_samples(problem: Problem, program: PhasedProgram, integrator: CostateIntegrator,
                     fitter: Fitter,
                     found: Phased) -> Solution:
-    """Return phases as samples with their certificate; more where these are all it lacks."""
+    """Return phases as samples with their certificate, on more samples if these may help."""
     free, off = any(np.isnan(arc.levels).any() for arc in found.arcs), math.inf
-    for samples in _SAMPLES if free else _SAMPLES[:1]:   # straight lines say all where none is
+    for samples in _SAMPLES if free else _SAMPLES[:1]:   # without free inputs a few are exact
         answer = fitter.pressed(
             problem, sample_phases(problem, program, integrator, found, samples))
         certificate = certify(problem, answer)
@@ -119,7 +126,7 @@ def certify_samples(problem: Problem, program: PhasedProgram, integrator: Costat
 
 def _replayed(problem: Problem, integrator: CostateIntegrator, x: Array, u: Array,
               h: Array) -> Array:
-    """Return states (K, s, n) that steps (K, s - 1) lead to from the first of each interval."""
+    """Return states (K, s, n) integrated from the first of each interval by steps (K, s - 1)."""
     new = x.copy()
     for k in range(h.shape[1]):
         new[:, k + 1] = integrator.stepped(problem, new[:, k], u[:, k], u[:, k + 1], h[:, k])
@@ -133,10 +140,10 @@ def _carried_back(problem: Problem, integrator: CostateIntegrator, found: Phased
                   x: Array,
                   u: Array, h: Array) -> Array:
     """
-    Return costates (K, s, n) that lead to the first of the next interval, if from their own.
+    Return costates (K, s, n) integrated backward from the first of the next interval.
 
     At the starts of intervals the costates of a collocation converge with a higher order than
-    inside; at T it is known what they are.
+    inside, and lam(T) is known. The collocation is kept where the start of an interval is missed.
     """
     new = lam.copy()
     new[:-1, -1] = lam[1:, 0]
@@ -152,7 +159,7 @@ def _carried_back(problem: Problem, integrator: CostateIntegrator, found: Phased
 
 def _joined(problem: Problem, integrator: CostateIntegrator, found: Phased, t: Array, x: Array,
             u: Array, lam: Array, density: Array) -> Solution:
-    """Return the samples of all intervals in a row, two at a time where something jumps."""
+    """Return the samples of all intervals in a row, two at a time at which a value jumps."""
     K, s = t.shape
     switches = _switches(found, u)
     t, (x, u, lam, density) = t.ravel(), (
@@ -176,7 +183,7 @@ def _joined(problem: Problem, integrator: CostateIntegrator, found: Phased, t: A
 
 
 def _switches(found: Phased, u: Array) -> Array:
-    """Return when what holds changes from phase to phase, or an input (K, s, m) jumps."""
+    """Return the ends of phases at which active constraints change or an input (K, s, m) jumps."""
     first = np.flatnonzero(np.diff(found.phase_of)) + 1
     jumps = np.abs(u[first, 0] - u[first - 1, -1]) > _JUMP * np.abs(u).max(axis=(0, 1))
     none = (0,) * found.eta.shape[2]

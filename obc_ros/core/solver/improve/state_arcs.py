@@ -1,12 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Answers with arcs along bounds of the state, from a path that shows where these are.
+Solutions with boundary arcs, on which state constraints are active, from a path that shows them.
 
-A transcription on a fine mesh comes near such a path, but its inputs oscillate on arcs where a
-bound fixes them, and its multipliers with them. Here what holds in each phase is read off it,
-the phases are solved for with their junctions (`phase_program`), and read off again until nothing
-changes.
+A transcription on a fine mesh approximates such a solution, but on boundary arcs its inputs and
+multipliers oscillate. Here the arcs are detected on it, the phases are solved for with their
+junctions (`phase_program`), and the arcs are detected again until they do not change.
 """
 
 from dataclasses import dataclass, replace
@@ -35,42 +34,62 @@ from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
 
-_ROUNDS = 6
-_VANISHING = 1e-4     # of T: a phase that is not there
-_GAPS = 0.06, 0.01    # of T: how long what oscillates may be off a bound
-_INTERVALS = 24       # of all phases together, about
-_LEAST = 3            # of a phase
-_COARSE = 1e-4        # residual of the dynamics
-_STIFF = 0.1          # times what twice as long steps err by: these err elsewhere
-_STEADY = 0.7         # likewise: it is worth going on
-_WORSE = 1.5          # times what was off before: no finer mesh will do
-_SLOWLY = 0.1         # likewise: steps that resolve a path err less when they are halved
-_FINEST = 8           # times as many, at most
-_GRADED = 3           # times that intervals are cut where costates change, and not all of them
-_NEAR = 1e-5          # of its size: how near its bound a constraint is met
-_HARDLY = 1e-3        # likewise: how little it leaves its bound between two arcs along it
-_MOST = 0.8           # of a contact, for all of it
-_WEIGHS = 1e-5        # beside the costates: what a bound does where it is touched
-_SAME = 1e-5          # relative cost of a path that leaves bounds a little more smoothly
-_DEARER = 1e-3        # relative: by how much an answer may cost more than the path it is read off
-_NO_DEARER = 1e-6     # likewise, than an answer that is known
-_ITERATIONS = 150
-_LIMIT = 1e-3         # of what may go at once: a phase so near its least length is at it
-_NO_JUMP = 0.05       # of its size: less of an input than what a coarse path shows as a jump
-_NEARLY = 0.1         # relative rate inwards at a junction, at which there may be none
-_AT_ONCE = 45_000     # work, as in `search`, on what a coarse mesh shows
-_PATIENCE = 100_000   # likewise, at least, on what any mesh shows
-_FINER = 4, 2         # times as many intervals, on which that is tried again
+_ROUNDS = 6           # maximum number of solves with changing arcs, and of detections
+_VANISHING = 1e-4     # length, as part of T, up to which a phase has vanished
+_GAPS = 0.06, 0.01    # lengths, as parts of T, of gaps in a contact that are closed; tried in turn
+_INTERVALS = 24       # approximate number of intervals of all phases together
+_LEAST = 3            # minimum number of intervals of a phase
+_COARSE = 1e-4        # residual of the dynamics above which arcs are not detected
+# Ratio of this residual to that with intervals twice as long: above the first the intervals are
+# distributed anew, below the second the budget is extended.
+_STIFF, _STEADY = 0.1, 0.7
+# Ratio of the worst residual to that of the round before: above the first bangs are sought at the
+# ends of singular arcs, above the second no finer mesh is tried.
+_SLOWLY, _WORSE = 0.1, 1.5
+_FINEST = 8           # largest refinement of the number of intervals
+_GRADED = 3           # refinements only where x or lam is not resolved
+_NEAR = 1e-5          # relative distance from a bound up to which a constraint is active
+_HARDLY = 1e-3        # relative distance up to which it stays active between two boundary arcs
+_MOST = 0.8           # part of a contact with inputs at bounds from which on these imply it
+_WEIGHS = 1e-5        # multiplier of a bound relative to the costates from which on it is touched
+_SAME = 1e-5          # relative increase of the cost by tangential junctions that is accepted
+_DEARER = 1e-3        # relative increase of the cost from the detected path that is accepted
+_NO_DEARER = 1e-6     # relative increase from a certified solution that is accepted
+_ITERATIONS = 150     # maximum number of iterations of a solve
+_LIMIT = 1e-3         # distance from the least length of a phase at which it is reached, relative
+_NO_JUMP = 0.05       # relative change of an input from which on it is a jump
+_NEARLY = 0.1         # relative rate at a junction up to which it may be tangential
+_AT_ONCE = 45_000     # work (see `descent`) for the arcs of a coarse mesh
+_PATIENCE = 100_000   # least work for the arcs of any mesh
+_FINER = 4, 2         # numbers of intervals, in those of the coarse mesh, that are tried as well
 
 
 def read_spans(problem: Problem, program: PhasedProgram, outcome: TranscriptionOutcome,
                value: Array,
                margin: Array, switching: tuple[bool, ...], gap: float) -> list[Arc]:
     """
-    Return what holds in each span of time of an outcome, `value` (N + 1, n + l) of (x, c).
+    Detect the arcs of an outcome, boundary arcs among them.
 
-    `gap`: as a part of T, for which a path that oscillates may leave a bound or an input that
-    switches may be between its bounds.
+    Parameters
+    ----------
+    problem, program : Problem, PhasedProgram
+        The problem, and the phase program of its structure.
+    outcome : TranscriptionOutcome
+        On N intervals.
+    value : ndarray, shape (N + 1, n + l)
+        x and the path constraints at its mesh points.
+    margin : ndarray, shape (n + l,)
+        Tightening of the bounds.
+    switching : tuple of bool, length m
+        Inputs in which H is linear.
+    gap : float
+        Part of T up to which an oscillating path may leave a bound within a contact, and a
+        switching input may be between its bounds.
+
+    Returns
+    -------
+    list of Arc
+
     """
     arcs = find_arcs(problem, outcome.path, (True,) * problem.m)
     bounds, T = program.bounds, outcome.path.t[-1]
@@ -88,7 +107,7 @@ def read_spans(problem: Problem, program: PhasedProgram, outcome: TranscriptionO
 
 
 def _implied(contact: StateContact, arcs: list[Arc], deciding: Mask) -> bool:
-    """Return whether inputs stay at their bounds along a contact, which then follows."""
+    """Return whether inputs at their bounds along a contact imply it."""
     for arc in arcs:
         common = min(arc.end, contact.end) - max(arc.start, contact.start)
         if common > _MOST * (contact.end - contact.start) and not np.any(
@@ -98,7 +117,7 @@ def _implied(contact: StateContact, arcs: list[Arc], deciding: Mask) -> bool:
 
 
 def _merged(found: list[StateContact], gap: float) -> list[StateContact]:
-    """Return contacts, those of one bound that are next to each other as one."""
+    """Return contacts, with those of one bound merged if the gap between them is short."""
     merged: list[StateContact] = []
     for each in sorted(found, key=lambda c: (c.row, c.sign, c.start)):
         last = merged[-1] if merged else None
@@ -111,7 +130,7 @@ def _merged(found: list[StateContact], gap: float) -> list[StateContact]:
 
 
 def _without_smears(arcs: list[Arc], switching: tuple[bool, ...], gap: float) -> list[Arc]:
-    """Return arcs without short ones in which an input that switches seems to be between."""
+    """Return arcs without short ones in which a switching input is between its bounds."""
     kept: list[Arc] = []
     for k, arc in enumerate(arcs):
         smeared = not any(arc.on) and arc.end - arc.start < gap and any(
@@ -128,7 +147,7 @@ def _without_smears(arcs: list[Arc], switching: tuple[bool, ...], gap: float) ->
 
 
 def tidy_arcs(arcs: list[Arc]) -> list[Arc]:
-    """Return arcs without the shortest, joined where neighbours are the same."""
+    """Return arcs without the vanishing ones, with equal neighbours merged."""
     T = arcs[-1].end
     kept: list[Arc] = []
     for arc in arcs:
@@ -147,9 +166,28 @@ def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess
                 sizes: ProblemScales, pinned: Mask, monitor: ProgressMonitor, fine: float,
                 spread: tuple[Array, Array]) -> Phased | None:
     """
-    Return the path with arcs, without those that vanish.
+    Solve on phases with the given arcs, and again without those that vanish.
 
-    It has `fine` times as many intervals as usual, `spread` over time as `spread_like` says.
+    Parameters
+    ----------
+    problem, program : Problem, PhasedProgram
+        The problem, and the phase program of its structure.
+    arcs : list of Arc
+        Initial arcs.
+    guess : Path
+        Initial guess.
+    sizes, pinned, monitor : ProblemScales, ndarray, ProgressMonitor
+        As in `PhasedProgram.solve`.
+    fine : float
+        Factor of the number of intervals.
+    spread : pair of ndarray
+        Distribution of the intervals, as returned by `spread_like`.
+
+    Returns
+    -------
+    Phased or None
+        None without convergence, or if the mesh is too large.
+
     """
     for _ in range(_ROUNDS):
         meshes = _meshes(arcs, spread, fine)
@@ -174,7 +212,7 @@ def settle_arcs(problem: Problem, program: PhasedProgram, arcs: list[Arc], guess
 
 
 def _shrunk(arcs: list[Arc], bounds: BoundRates) -> list[Arc]:
-    """Return arcs with touches of bounds where arcs along them have vanished."""
+    """Return arcs with touch points in place of boundary arcs that have vanished."""
     none = (0,) * bounds.count
     new = list(arcs)
     for k, (arc, after) in enumerate(pairwise(arcs)):
@@ -187,9 +225,9 @@ def _shrunk(arcs: list[Arc], bounds: BoundRates) -> list[Arc]:
 
 def _that_jump(found: Phased) -> list[Arc]:
     """
-    Return the arcs that were found, of which none begins with a jump where inputs do not.
+    Return the arcs that were found, with `jump` only where an input does jump.
 
-    When nothing else changes, where such a phase begins would be undetermined.
+    If nothing changes at the start of a phase its time is not determined.
     """
     path, size = join_phases(found), np.maximum(np.abs(found.u).max(axis=(0, 1)), 1e-300)
     first = np.cumsum([0] + [len(mesh) for mesh in found.meshes])
@@ -199,7 +237,7 @@ def _that_jump(found: Phased) -> list[Arc]:
 
 
 def _meshes(arcs: list[Arc], spread: tuple[Array, Array], fine: float) -> list[Array]:
-    """Return the lengths of the intervals of each phase, as parts of it, as `settle_arcs` says."""
+    """Return the lengths of the intervals of each phase, as parts of it; see `settle_arcs`."""
     (t, share), meshes = spread, []
     t = t * (arcs[-1].end / t[-1])
     for arc in arcs:
@@ -212,7 +250,7 @@ def _meshes(arcs: list[Arc], spread: tuple[Array, Array], fine: float) -> list[A
 
 def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: ProblemScales,
              pinned: Mask, monitor: ProgressMonitor, where: Grazing) -> Phased:
-    """Return a path that was found, made to come to bounds and leave them smoothly `where`."""
+    """Solve again with tangential junctions; return the former path if that costs more."""
     if not where or monitor.stopped:
         return found
     monitor.limit(_ITERATIONS)
@@ -224,7 +262,7 @@ def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: Pro
 
 
 def _may_have_arcs(search: Bench) -> bool:
-    """Return whether arcs along bounds are to be looked for."""
+    """Return whether boundary arcs may be used for this problem."""
     return search.bounded and search.may_hold and not (
         search.quick or search.kit.twin or search.monitor.stopped)
 
@@ -232,9 +270,22 @@ def _may_have_arcs(search: Bench) -> bool:
 def solve_along_bounds(search: Bench, outcome: TranscriptionOutcome, known: Solution | None = None
                        ) -> Solution | None:
     """
-    Return an answer with arcs along bounds near an outcome, if one is certified.
+    Find a certified solution with boundary arcs from an outcome.
 
-    If one is `known` that is, only one that costs no more.
+    Parameters
+    ----------
+    search : Bench
+        Driver; `last` is set if a solution is found.
+    outcome : TranscriptionOutcome
+        Its arcs are detected.
+    known : Solution, optional
+        If it is certified, the new solution must not cost more.
+
+    Returns
+    -------
+    Solution or None
+        None if none was certified.
+
     """
     problem = search.problem
     if not _may_have_arcs(search):
@@ -261,27 +312,27 @@ def solve_along_bounds(search: Bench, outcome: TranscriptionOutcome, known: Solu
 
 @dataclass
 class _Turn:
-    """What is tried next: arcs, on a mesh `fine` times as fine as usual, from a path nearby."""
+    """The next attempt: arcs, a mesh `fine` times as fine as usual, and an initial guess."""
 
     arcs: list[Arc]
     guess: Path
-    spread: tuple[Array, Array]   # of the intervals
+    spread: tuple[Array, Array]   # distribution of the intervals
     fine: float = 1.0
-    graded: int = 0               # how often the mesh was cut where costates change
-    off: float = math.inf         # by how much the worst residual was over its tolerance
-    erred: float = math.inf       # and that of the dynamics
-    led_to: Signature = ()        # arcs, by steps that erred
+    graded: int = 0               # refinements only where x or lam was not resolved
+    off: float = math.inf         # worst residual of the last attempt over its tolerance
+    erred: float = math.inf       # residual of the dynamics of the last attempt
+    led_to: Signature = ()        # arcs found with a large discretisation error
 
     @property
     def key(self) -> tuple[Signature, float, int]:
         return get_signature(self.arcs), self.fine, self.graded
 
     def like(self, found: Phased, arcs: list[Arc]) -> None:
-        """Go on with other arcs than those that were found."""
+        """Continue with other arcs from a path that was found."""
         self.arcs, self.guess, self.off = arcs, sharpen_steps(join_phases(found), arcs), math.inf
 
     def finer(self, found: Phased, erred: float, monitor: ProgressMonitor) -> None:
-        """Go on with shorter steps, where those that were taken err."""
+        """Continue with shorter intervals, distributed anew if the errors decrease slowly."""
         self.fine *= 2
         again, self.led_to = get_signature(found.arcs) == self.led_to, get_signature(found.arcs)
         if again and erred < _STEADY * self.erred:
@@ -296,9 +347,9 @@ class _Turn:
 def _settled_on(search: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], allowed: float,
                 seen: set[tuple[Signature, float, int]]) -> Solution | None:
     """
-    Return an answer with arcs like those given, read anew until it is certified; else None.
+    Solve with the given arcs, and detect arcs again, until a solution is certified; else None.
 
-    It costs what is `allowed` at most. What was `seen` before is not tried again.
+    `allowed`: maximum cost. `seen`: arcs and meshes that were tried and are not tried again.
     """
     problem, monitor, pinned = search.problem, search.monitor, search.pinned
     program, judge, fitter = search.kit.phased, search.kit.judge, search.kit.fitter(problem)
@@ -306,7 +357,7 @@ def _settled_on(search: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], a
         search.sizes(outcome))
     for number in range(_ROUNDS + _GRADED):
         if number and turn.key in seen:
-            turn.fine *= 2   # what a coarse mesh shows goes to and fro
+            turn.fine *= 2   # on this mesh the detected arcs alternate
         if turn.fine > _FINEST or turn.key in seen:
             break
         seen.add(turn.key)
@@ -321,7 +372,7 @@ def _settled_on(search: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], a
         value = fitter.at(problem, answer.x, answer.u)
         erred = answer.certificate.residuals[Condition.DYNAMICS]
         if erred > _COARSE:
-            # Steps that err so much say nothing of arcs, but where a bound weighs.
+            # At this discretisation error only the multipliers of bounds are trusted.
             touched = add_touching_arcs(problem, found.arcs, found, program.bounds, answer.t,
                                         value)
             if get_signature(touched) != get_signature(found.arcs) and (
@@ -334,7 +385,7 @@ def _settled_on(search: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], a
         if get_signature(new) != get_signature(found.arcs):
             turn.like(found, new)
             continue
-        # When a path comes to a bound smoothly its cost hardly depends on when it does.
+        # The cost hardly depends on the time of a tangential junction, which is inaccurate.
         smooth = _grazing(problem, program, found, sizes, pinned, monitor,
                           found.grazing(_NEARLY, touched=True))
         if smooth is not found and (
@@ -348,7 +399,7 @@ def _settled_on(search: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], a
 
 def _resolved(turn: _Turn, problem: Problem, program: PhasedProgram, judge: CostateIntegrator,
               found: Phased, answer: Solution, seen: set[tuple[Signature, float, int]]) -> bool:
-    """Go on where arcs stay what they are and the certificate lacks something; or do not."""
+    """Choose the next attempt when the arcs do not change; return whether it is worth trying."""
     assert answer.certificate is not None
     worst = answer.certificate.worst
     turn.off, before = (answer.certificate.residuals[worst]
@@ -360,7 +411,7 @@ def _resolved(turn: _Turn, problem: Problem, program: PhasedProgram, judge: Cost
         if (get_signature(ended), turn.fine, turn.graded) not in seen:
             turn.like(found, ended)
             return True
-    # The costates may change within a small part of T.
+    # The costates may have a boundary layer.
     if worst == Condition.COSTATE and turn.graded < _GRADED:
         turn.spread, count = spread_as_wanted(found)
         turn.graded, turn.fine = turn.graded + 1, max(turn.fine, count / _INTERVALS)
@@ -373,9 +424,22 @@ def _resolved(turn: _Turn, problem: Problem, program: PhasedProgram, judge: Cost
 
 def solve_at_once(search: Bench, start: TranscriptionOutcome) -> Solution | None:
     """
-    Return an answer with arcs along bounds near a coarse outcome, if it shows them.
+    Find a certified solution with boundary arcs from a coarse outcome, before it is refined.
 
-    Where a path only touches a bound, or turns for a short time, a finer mesh may show it.
+    Short arcs and touch points may be visible on a finer mesh only, so that two are tried, too.
+
+    Parameters
+    ----------
+    search : Bench
+        Driver.
+    start : TranscriptionOutcome
+        On the coarse mesh.
+
+    Returns
+    -------
+    Solution or None
+        None if none was certified.
+
     """
     if not (start.converged and any(search.switching) and _may_have_arcs(search)):
         return None
@@ -398,11 +462,11 @@ def reread_arcs(problem: Problem, program: PhasedProgram, integrator: CostateInt
                 found: Phased,
                 answer: Solution, value: Array) -> list[Arc]:
     """
-    Return the arcs of a path that was found, changed where it shows that they are not right.
+    Correct the arcs of a path on phases by its multipliers.
 
-    Inputs whose bound is the wrong one are moved or, where H is not linear in them, free; bounds
-    of the state are touched, or held where the path, at whose samples (x, c) is `value`
-    (N, n + l), stays on them anyway.
+    Inputs for whose bound dH/du has the wrong sign move to the other bound or, if H is not linear
+    in them, become free. Bounds with a multiplier become active or touched. `value` (N, n + l)
+    are x and the path constraints at the samples of `answer`.
     """
     rows = np.flatnonzero(np.diff(answer.t) > 0)
     x, u, lam = ((values[rows] + values[rows + 1]) / 2 for values in (
@@ -430,9 +494,9 @@ def add_touching_arcs(problem: Problem, arcs: list[Arc], found: Phased, bounds: 
                       times: Array,
                       value: Array) -> list[Arc]:
     """
-    Return arcs near those found, which touch bounds, or stay on them, where these weigh.
+    Add touch points and boundary arcs where bounds of the state have multipliers.
 
-    `value` (N, n + l): (x, c) at the given times.
+    `value` (N, n + l) are x and the path constraints at `times` (N,).
     """
     near = np.stack([
         value - np.append(problem.x_lower, problem.path_lower),
@@ -478,7 +542,7 @@ def add_touching_arcs(problem: Problem, arcs: list[Arc], found: Phased, bounds: 
 
 
 def _met(arcs: list[Arc], time: float, row: int, sign: int, count: int) -> list[Arc]:
-    """Return arcs of which one begins by touching a bound at about a time."""
+    """Return arcs with a touch point of a bound at about a time."""
     near = _VANISHING * arcs[-1].end
     cut = []
     for arc in arcs:
