@@ -240,7 +240,8 @@ def test_lockstep_waits_for_the_answer_to_the_last_state():
     for k in range(20):
         bench.now += 0.01
         assert not bench.poll()
-        assert 'not for the last state' in bench.plant.command(bench.stamps[-1] + 1, [1.0], bench.now)
+        later = bench.stamps[-1] + 1
+        assert 'not for the last state' in bench.plant.command(later, [1.0], bench.now)
         assert bench.plant.command(bench.stamps[-1], [1.0], bench.now) == ''
         assert 'already has a command' in bench.plant.command(bench.stamps[-1], [2.0], bench.now)
         assert bench.poll()
