@@ -176,7 +176,7 @@ def arguments(description: str, **numbers: float) -> argparse.Namespace:
 def finish() -> int:
     """Return the exit status: 0 if everything that was required holds."""
     if _failed:
-        print(f'\nnot as required: {"; ".join(_failed)}', file=sys.stderr)
+        print(f'\nrequirements not met: {"; ".join(_failed)}', file=sys.stderr)
     return 1 if _failed else 0
 
 

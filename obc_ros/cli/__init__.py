@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The command `obc`: a ROS client like any other."""
+"""The command line `obc`, a client of the nodes."""
 
 import os
 import signal
@@ -8,7 +8,7 @@ import sys
 
 
 def leave(*_: object) -> None:
-    """End at once: the command `obc` was interrupted while it still loads its modules."""
+    """Exit with status 130: SIGINT arrived while `obc` was loading its modules."""
     os._exit(130)
 
 

@@ -3,7 +3,7 @@
 """
 `obc bench`: run the benchmarks, each in a process of its own.
 
-A benchmark is a script that prints a table; its exit status is 0 if what it must show holds.
+A benchmark is a script that prints a table; its exit status is 0 if all its requirements hold.
 """
 
 import argparse
@@ -15,7 +15,7 @@ import sys
 from obc_ros.cli.share_folders import share_directory
 from obc_ros.core.text.errors import ObcError
 
-HELPERS = ('baseline', 'timing')  # no benchmarks: a comparison by hand, what all have in common
+HELPERS = ('baseline', 'timing')  # no benchmarks: a comparison of two versions, and shared code
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run benchmarks; 0 if all of them held what they must, 1 if not, 2 for an unknown name."""
+    """Run benchmarks; return 0 if all requirements hold, 1 if not, 2 for an unknown name."""
     try:
         scripts = find_benchmarks()
     except ObcError as error:
@@ -44,18 +44,18 @@ def run(args: argparse.Namespace) -> int:
     failed = [name for name in args.names or scripts
               if not run_benchmark(scripts[name], args.peers)]
     if failed:
-        print(f'obc bench: not as required: {", ".join(failed)}', file=sys.stderr)
+        print(f'obc bench: requirements not met: {", ".join(failed)}', file=sys.stderr)
     return 1 if failed else 0
 
 
 def find_benchmarks() -> dict[str, Path]:
     """
-    Return the scripts by name.
+    Return the scripts of the benchmarks by name.
 
     Raises
     ------
     ObcError
-        If there are none.
+        If none are installed.
 
     """
     folder = share_directory('obc_ros') / 'benchmarks'
@@ -67,7 +67,7 @@ def find_benchmarks() -> dict[str, Path]:
 
 
 def run_benchmark(script: Path, peers: bool) -> bool:
-    """Run one benchmark and return whether it held what it must."""
+    """Run one benchmark; return whether its requirements hold."""
     print(f'== {script.stem} ==', flush=True)
     options = ['--peers'] if peers else []
     child = subprocess.Popen([sys.executable, str(script), *options], env={
@@ -75,7 +75,7 @@ def run_benchmark(script: Path, peers: bool) -> bool:
     try:
         status = child.wait()
     finally:
-        if child.poll() is None:  # interrupted: the child got the same signal, or gets one now
+        if child.poll() is None:  # interrupted: the child may not have got the signal
             child.terminate()
             child.wait()
     print(flush=True)

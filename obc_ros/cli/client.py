@@ -1,9 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A client of the trajectory server: of one that runs already, or of one of its own.
+A client of the trajectory server: of a running one, or of one that the command starts.
 
-Its own server runs on a domain that nobody uses and ends with the command.
+A server that the command starts runs on an unused domain and ends with the command.
 """
 
 from collections.abc import Callable, Iterator
@@ -24,24 +24,24 @@ from rclpy.action import ActionClient, get_action_names_and_types
 from rclpy.parameter import parameter_value_to_python
 
 ACTION = 'obc_ros/action/SolveOptimalControl'
-CLIENT_LOOK = 1.0       # [s] in which a server is looked for when nobody is on this machine
-LOOK_HERE = 4.0  # [s] when somebody is: Fast DDS announces itself anew after 3 s
+CLIENT_LOOK = 1.0  # [s] to look for a server if no process of this machine uses the domain
+LOOK_HERE = 4.0    # [s] if one does: Fast DDS repeats its announcement after 3 s
 PARTICIPANTS = 32
-START = 20.0     # [s] in which one of our own has started
+START = 20.0  # [s] in which a server that is started here must appear
 
 
 class Client(Graph):
     """
     Requests to one trajectory server.
 
-    `check` raises when the user or the system wants the command to end.
+    `check` raises if the user or the system asks the command to end.
     """
 
     def __init__(self, context: rclpy.Context, check: Callable[[], None]) -> None:
         super().__init__(context, check, 'obc')
 
     def find(self, timeout: float) -> bool:
-        """Look for a server for `timeout` seconds; return whether there is one."""
+        """Look for a server for `timeout` seconds; return whether one was found."""
         def look() -> str:
             found = sorted(name for name, types in get_action_names_and_types(self.node)
                            if ACTION in types)
@@ -60,7 +60,7 @@ class Client(Graph):
         return parameter_value_to_python(values.values[0])
 
     def action(self) -> ActionClient:
-        """Return a client of the server's action, when it is ready."""
+        """Return a client of the server's action, once the action is available."""
         client = ActionClient(
             self.node, SolveOptimalControl, f'{self.server}/solve_optimal_control',
             goal_service_qos_profile=BURST, result_service_qos_profile=BURST,
@@ -72,17 +72,18 @@ class Client(Graph):
 @contextmanager
 def connect_client(*parameters: str) -> Iterator[Client]:
     """
-    Yield a client of a running server, or of one of its own started with `parameters`.
+    Yield a client of a running server, or of one that is started with `parameters`.
 
     Parameters
     ----------
-    parameters : str
-        ``name:=value`` of the server of its own.
+    *parameters : str
+        ``name:=value``, for a server that is started here.
 
     Raises
     ------
     ProcessDiedError, InterruptedByUserError, ServerLostError
-        Also from the client's methods.
+        If a started server ends, on a signal, or if the server disappears. Methods of the client
+        raise them, too.
     ObcError
         If ROS 2 does not start in this environment.
 
@@ -102,12 +103,19 @@ def connect_client(*parameters: str) -> Iterator[Client]:
 @contextmanager
 def serve_client(children: Children, *parameters: str) -> Iterator[Client]:
     """
-    Yield a client of a server that is started among `children`, on this process's domain.
+    Start a server on the domain of this process, and yield a client of it.
+
+    Parameters
+    ----------
+    children : Children
+        Among which the server is started.
+    *parameters : str
+        ``name:=value``
 
     Raises
     ------
     ServerLostError
-        If it does not appear, or disappears.
+        If the server does not appear, or disappears.
 
     """
     children.start('trajectory_server', *(
@@ -119,13 +127,13 @@ def serve_client(children: Children, *parameters: str) -> Iterator[Client]:
 
 
 def is_domain_used() -> bool:
-    """Return whether a process of this machine takes part in this process's domain."""
+    """Return whether a process of this machine takes part in the domain of this process."""
     domain = os.environ.get('ROS_DOMAIN_ID', '')
     first = 7410 + 250 * (int(domain) if domain.isdigit() else 0)
     for port in range(first, first + 2 * PARTICIPANTS, 2):
         with socket.socket(type=socket.SOCK_DGRAM) as probe:
             try:
                 probe.bind(('', port))
-            except (OSError, OverflowError):  # it is held, or no domain has it
+            except (OSError, OverflowError):  # the port is in use, or there is no such port
                 return True
     return False

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The figure of an answer: states, inputs, costates, switching function, Hamiltonian."""
+"""The figure of a solution: states, inputs, costates, switching function, Hamiltonian."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,7 +17,7 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.text.errors import ObcError
 
-# Okabe and Ito's colours, told apart by everyone; then the dashes change.
+# Okabe and Ito's colours, distinct with any colour vision; after them, dashes differ.
 LINE_COLOURS = ('#0072B2', '#D55E00', '#009E73', '#CC79A7', '#E69F00', '#56B4E9', '#000000')
 DASHES = ('-', '--', ':', '-.')
 STYLE = {'font.size': 9, 'axes.grid': True, 'grid.alpha': 0.3, 'axes.spines.top': False,
@@ -26,13 +26,13 @@ STYLE = {'font.size': 9, 'axes.grid': True, 'grid.alpha': 0.3, 'axes.spines.top'
 THIN = {'color': 'grey', 'linewidth': 0.8, 'linestyle': (0, (4, 3)), 'zorder': 1.5}
 GREEK = ('alpha', 'beta', 'gamma', 'delta', 'epsilon', 'zeta', 'eta', 'theta', 'kappa', 'lambda',
          'mu', 'nu', 'xi', 'rho', 'sigma', 'tau', 'phi', 'chi', 'psi', 'omega')
-FEW = 12  # names that a legend can hold
-CONTRAST = 50.0  # ratio of sizes from which on lines do not share a panel
+FEW = 12  # largest number of names in a legend
+CONTRAST = 50.0  # ratio of magnitudes above which lines get panels of their own
 
 
 def draw_solution(path: Path, question: Question) -> None:
     """
-    Draw the answer to a question into the file `path`.
+    Draw the solution of a problem into the file `path`.
 
     Raises
     ------
@@ -67,10 +67,10 @@ def save_figure(figure: Figure, path: Path, dpi: int = 150) -> None:
 
 def _slopes(problem: Problem, x: Array, u: Array, lam: Array) -> tuple[Array, Array]:
     """
-    Return dH/du = dL/du + lam' df/du, shape (N, m), and the sum of the sizes of its terms (N, m).
+    Return dH/du = dL/du + lam' df/du (N, m), and the sum of the magnitudes of its terms (N, m).
 
-    Inside an input's bounds dH/du vanishes; where it does not, the input is at the lower bound
-    when it is positive and at the upper one when it is negative.
+    dH/du vanishes strictly inside the bounds of an input. At the minimum of H it is positive only
+    at the lower bound, and negative only at the upper bound.
     """
     costate = ca.SX.sym('lam', problem.n)
     L_u, f_u = ca.jacobian(problem.L, problem.u), ca.jacobian(problem.f, problem.u)
@@ -122,7 +122,7 @@ def _conditions(above: Axes, below: Axes, problem: Problem, path: tuple[Array, .
     values, sizes = _slopes(problem, x, u, lam)
     _lines(above, 'switching function', t, values, r'\partial H/\partial {}', problem.inputs)
     above.axhline(0.0, **THIN)
-    # Where the terms of dH/du cancel, what is left is not to be drawn as if it were large.
+    # Where the terms of dH/du cancel, the axis must not magnify their rounding errors.
     _widen(above, values, float(sizes.max()))
     _lines(below, 'Hamiltonian', t, hamiltonian[:, None], '{}', ['H'])
     if problem.final_time.free:
@@ -131,7 +131,7 @@ def _conditions(above: Axes, below: Axes, problem: Problem, path: tuple[Array, .
 
 
 def _alike(values: Array) -> list[list[int]]:
-    """Return the columns in groups whose members are seen on one scale, in their order."""
+    """Return the columns in groups of similar magnitude, in their order."""
     sizes = np.abs(values).max(axis=0)
     sizes[sizes == 0.0] = sizes.max()
     groups: list[list[int]] = []
@@ -152,7 +152,7 @@ def _title(question: Question) -> str:
 
 def _lines(axes: Axes, label: str, t: Array, values: Array, template: str,
            names: Sequence[str], group: Sequence[int] | None = None, **style: Any) -> None:
-    """Draw the columns of a group, or all, a name in the same colour in every panel."""
+    """Draw the columns of a group, or all; a name has the same colour in every panel."""
     shown = range(len(names)) if group is None else group
     for index in shown:
         axes.plot(t, values[:, index], label=f'${template.format(typeset_symbol(names[index]))}$',
@@ -164,7 +164,20 @@ def _lines(axes: Axes, label: str, t: Array, values: Array, template: str,
 
 
 def typeset_symbol(name: str) -> str:
-    """Return a name as mathematics: theta as the letter, x1 with an index."""
+    r"""
+    Return a name in the notation of mathtext: theta as the letter, x1 with an index.
+
+    Parameters
+    ----------
+    name : str
+        Of a state or an input.
+
+    Returns
+    -------
+    str
+        Without dollar signs: ``\theta``, ``x_{1}``, ``\mathrm{speed}``.
+
+    """
     word, index = re.fullmatch(r'(.*?)_?(\d*)', name).groups()
     letter = (f'\\{word}' if word in GREEK else word if len(word) == 1 else
               rf'\mathrm{{{word}}}'.replace('_', r'\_'))
@@ -172,7 +185,7 @@ def typeset_symbol(name: str) -> str:
 
 
 def _bounds(axes: Axes, values: Array, lower: Array, upper: Array) -> None:
-    """Draw the bounds that the values come near to."""
+    """Draw the bounds that are at most a tenth of the range of the values outside it."""
     for bound in np.unique(np.concatenate([lower, upper])):
         low, high = values.min(), values.max()
         if abs(bound - np.clip(bound, low, high)) <= 0.1 * (high - low):
@@ -180,7 +193,7 @@ def _bounds(axes: Axes, values: Array, lower: Array, upper: Array) -> None:
 
 
 def _widen(axes: Axes, values: Array, size: float) -> None:
-    """Keep what is constant beside `size` from being drawn as the noise of its last digits."""
+    """Widen the limits of an axis: variations far below `size` are rounding errors."""
     middle, half = (values.max() + values.min()) / 2, (values.max() - values.min()) / 2
     half = max(half * 1.1, 0.05 * max(size, abs(middle)) or 0.05)
     axes.set_ylim(middle - half, middle + half)

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The client side of a loop: listens to it, records it, and asks its nodes for changes."""
+"""A client of a closed loop: records its topics, calls its services, sets its parameters."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -28,7 +28,7 @@ from std_srvs.srv import SetBool, Trigger
 
 @dataclass
 class Samples:
-    """Messages of one stamped topic: as they came, and when they were published [ns]."""
+    """Serialised messages of one stamped topic, their stamps and publication times [ns]."""
 
     data: list[bytes] = field(default_factory=list)
     stamp: list[int] = field(default_factory=list)
@@ -43,11 +43,11 @@ class Samples:
 
 class Pilot:
     """
-    A ROS node that watches and commands a running loop, for one recording.
+    A ROS node that records and commands a running loop.
 
-    What depends on the clock on the wall goes to `journal`, if there is one.
+    Topics that depend on the wall clock are recorded in `journal`, if it is given.
 
-    Raises what `Children.check` raises while it waits, so that a dead node ends every wait.
+    Methods that wait raise what `Children.check` raises: the end of a node ends every wait.
     """
 
     def __init__(self, children: Children, recorder: Recorder, journal: Recorder | None = None
@@ -89,7 +89,7 @@ class Pilot:
         self.said.append(deserialize_message(data, Log))
 
     def close(self) -> None:
-        """End the node."""
+        """Destroy the node."""
         self._executor.shutdown()
         with limit_leaving():
             self.node.destroy_node()
@@ -108,7 +108,7 @@ class Pilot:
 
     def wait(self, condition: Callable[[], bool], what: str, timeout: float = 20.0,
              progress: Callable[[], None] = lambda: None) -> None:
-        """Listen until a condition holds; no later than `timeout` [s], or fail saying `what`."""
+        """Spin until a condition holds; raise an error that names `what` after `timeout` [s]."""
         deadline = time.monotonic() + timeout
         checked = 0.0
         while not condition():
@@ -121,10 +121,10 @@ class Pilot:
                 self._children.check()
                 progress()
                 if now > deadline:
-                    raise ObcError(f'waited {timeout:g} s in vain for {what}')
+                    raise ObcError(f'timeout: waited {timeout:g} s for {what}')
 
     def call(self, kind: Any, name: str, request: Any, timeout: float = 30.0) -> Any:
-        """Call a service and return its answer."""
+        """Call a service and return its response."""
         client = self.node.create_client(kind, name)
         try:
             return self._ask(client, request, timeout)
@@ -134,11 +134,11 @@ class Pilot:
     def _ask(self, client: Any, request: Any, timeout: float = 30.0) -> Any:
         self.wait(client.service_is_ready, f'the service {client.srv_name}', timeout)
         answer = client.call_async(request)
-        self.wait(answer.done, f'the answer of {client.srv_name}', timeout)
+        self.wait(answer.done, f'the response of {client.srv_name}', timeout)
         return answer.result()
 
     def set_parameters(self, node: str, values: Mapping[str, Any]) -> tuple[bool, str]:
-        """Set parameters of a node in one transaction; return whether, and if not why."""
+        """Set parameters of a node in one transaction; return success and the reason."""
         request = SetParametersAtomically.Request(parameters=[
             Parameter(name=name, value=_value(value)) for name, value in values.items()])
         result = self.call(
@@ -146,15 +146,15 @@ class Pilot:
         return result.successful, result.reason
 
     def hears(self, topic: str) -> bool:
-        """Return whether somebody publishes a topic."""
+        """Return whether a topic has a publisher."""
         return bool(self.node.count_publishers(topic))
 
     def pause(self, wanted: bool) -> float:
-        """Stop the simulated time, or let it go on; return it [s]."""
+        """Pause or resume the simulated time; return it [s]."""
         return _time(self._ask(self._pauser, SetBool.Request(data=wanted)).message)
 
     def begin(self, real_time: bool) -> None:
-        """Have the first state answered: time goes on in real time, in lockstep it stands."""
+        """Wait for the first command; the time runs in real time, and is paused in lockstep."""
         if real_time:
             self.pause(False)
         due, reset = 0.0, None
@@ -164,7 +164,7 @@ class Pilot:
             if reset and not reset.done():
                 return False
             if not (real_time or self.commands.stamp) and time.monotonic() > due:
-                # The plant may have heard an answer that nobody else did.
+                # The plant may have received a command that this node has missed.
                 reset = resetter.call_async(Trigger.Request())
                 due = time.monotonic() + 0.5
                 return False
@@ -177,36 +177,36 @@ class Pilot:
 
     def reach(self, moment: float) -> None:
         """
-        Stop the simulated time of a plant in lockstep at a moment [s], the state then answered.
+        Pause the simulated time of a plant in lockstep at `moment` [s], after its command.
 
-        Who pauses a plant in flight does so a little earlier or later each time; the last states
-        before the moment are asked for one by one.
+        A pause takes effect a little earlier or later each time: the plant is paused before
+        `moment` and stepped from there.
         """
         now = self.pause(True)
         while True:
             due = round(now * 1e9)
             self.wait(lambda due=due: self.states.stamp[-1] >= due  # type: ignore[misc]
-                      and self.commands.stamp[-1:] >= [due], f'the answer at {now:g} s')
+                      and self.commands.stamp[-1:] >= [due], f'the command at {now:g} s')
             if now >= moment - 1e-9:
                 return
             now = self._step()
 
     def _step(self, timeout: float = 20.0) -> float:
-        """Advance the paused plant, once it is answered, by one state; return its time [s]."""
+        """Step the paused plant by one state, once it has its command; return its time [s]."""
         deadline = time.monotonic() + timeout
         while not (answer := self._ask(self._stepper, Trigger.Request())).success:
             if time.monotonic() > deadline:
-                raise ObcError(f'the plant does not go on: {answer.message}')
+                raise ObcError(f'the plant does not step: {answer.message}')
         return _time(answer.message)
 
     def history(self) -> tuple[Array, Array, Array, Array]:
-        """Return t [s], x of all states and t [s], u of all commands, from the first state on."""
+        """Return t [s] and x of all states, t [s] and u of all commands; t = 0: first state."""
         start = self.states.stamp[0]
         return (*_arrays(self.states, State, 'x', start),
                 *_arrays(self.commands, Command, 'u', start))
 
     def latencies(self) -> Array:
-        """Return the time [s] from each state to its first command, both when published."""
+        """Return the time [s] from each state to its first command, both as published."""
         states = dict(zip(self.states.stamp, self.states.published, strict=True))
         commands = dict(zip(reversed(self.commands.stamp), reversed(self.commands.published),
                             strict=True))
@@ -214,7 +214,7 @@ class Pilot:
                          for stamp, published in states.items() if stamp in commands])
 
     def missed(self) -> int:
-        """Return how many states, from the first answered to the last, have no command."""
+        """Return the number of states without a command, between the first and last commands."""
         answered = set(self.commands.stamp)
         if not answered:
             return len(self.states.stamp)
@@ -224,7 +224,7 @@ class Pilot:
 
 
 def _time(message: str) -> float:
-    """Return the simulated time [s] that a plant tells in words: ... t = 1.5 s."""
+    """Return the simulated time [s] in a message of the plant: ... t = 1.5 s."""
     return float(message.rpartition('t = ')[2].split()[0])
 
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The command `obc`: one subcommand for each job, loaded only when it is used.
+The command `obc`: its subcommands, each imported only when it is used.
 
 A subcommand is a module of `obc_ros.cli` with `add_arguments(parser)` and
 `run(args) -> int`, the exit status: 0 for success, 1 for a failure or no certified solution, 2
@@ -28,10 +28,10 @@ SUBCOMMANDS = {
     'gallery': 'compute examples and exercises of the book, compare with references',
     'bench': 'run the benchmarks',
 }
-# Where a subcommand is that has a folder.
+# The modules of subcommands that have a folder.
 MODULES = {'demo': 'demo.command', 'solve': 'ask.solve', 'lqr': 'ask.lqr',
            'gallery': 'gallery.command'}
-# With the words and arguments of `ros2`: modules of obc_ros.cli.ros2.
+# With the names and arguments of `ros2`: modules of obc_ros.cli.ros2.
 ROS2 = {
     'param': 'parameters of running nodes: list, get, set, describe, dump, load',
     'service': 'services: call, list',
@@ -46,7 +46,7 @@ ROS2 = {
 
 
 class Version(argparse.Action):
-    """Print the version, looked up only when asked for."""
+    """Print the version; the metadata are read only on request."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         """Print the version of the distribution and exit."""
@@ -55,7 +55,7 @@ class Version(argparse.Action):
 
 
 def find_subcommands() -> dict[str, str]:
-    """Return the subcommands whose module is installed, with one line of help each."""
+    """Return the installed subcommands, with one line of help each."""
     return {name: text for name, text in {**SUBCOMMANDS, **ROS2}.items()
             if util.find_spec(_module(name))}
 
@@ -67,9 +67,9 @@ def _module(name: str) -> str:
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """
-    Parse a command line; `run` of the result is the subcommand's own.
+    Parse a command line; the result has `run` of the subcommand.
 
-    Only the module of the subcommand that is used is imported.
+    Only the module of this subcommand is imported.
     """
     parser = argparse.ArgumentParser(
         prog='obc', description='Optimal control: LQR and certified trajectories.',
@@ -90,7 +90,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
 
 
 def _epilog() -> str:
-    """Return what the help says after the commands of this package."""
+    """Return the end of the help: the commands of ros2, and the exit status."""
     rows = ''.join(f'    {name:20}{text}\n' for name, text in ROS2.items())
     return ('the commands of ros2, with the same arguments, if ros2 is not installed:\n'
             f'{rows}\nexit status: 0 success, 1 failure or no certified solution '
@@ -99,7 +99,7 @@ def _epilog() -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `obc` and return its exit status."""
-    atexit.register(gc.freeze)  # or the interpreter looks through everything as it ends
+    atexit.register(gc.freeze)  # the garbage collection at exit then skips all objects
     open_streams()
     try:
         if signal.getsignal(signal.SIGINT) is leave:
@@ -110,12 +110,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
-    """Run the subcommand; what the machine does not let it do is said in a sentence."""
+    """Run the subcommand; print errors of the package and of the system in one sentence."""
     try:
         status: int = args.run(args)
         sys.stdout.flush()
     except BrokenPipeError:
-        # The reader of a pipe has left; the interpreter must not fail again when it flushes.
+        # The reader has closed the pipe; the interpreter must not fail again when it flushes.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (ObcError, OSError) as error:  # a folder that cannot be written, a full disk

@@ -3,8 +3,8 @@
 """
 Child processes on a DDS domain of their own.
 
-A command that runs nodes neither disturbs nor hears a robot next door: discovery stays on this
-machine and the domain is one that nobody uses. Children die with the command, however it ends.
+Nodes that a command starts exchange no data with other robots: discovery is limited to this
+machine, and the domain is unused. Children end with the command, however it ends.
 """
 
 from collections.abc import Iterator, Sequence
@@ -27,19 +27,19 @@ from obc_ros.core.text.errors import ObcError
 from obc_ros.ros.middleware import choose_profile
 
 PR_SET_PDEATHSIG = 1
-DOMAINS = range(1, 102)  # the ports of higher domains reach into Linux's ephemeral range
-# In a node one thread is faster than two: its matrices are small.
+DOMAINS = range(1, 102)  # the ports of higher domains are in Linux's ephemeral range
+# One thread is faster than two for the small matrices of a node.
 ONE_THREAD = dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'), '1')
 SHARED_MEMORY = Path('/dev/shm')
-# Fast DDS gives these to nodes of all domains, for what ROS 2 tells of the graph.
+# Fast DDS gives these to the nodes of all domains, for data of the ROS graph.
 COMMON_PORTS = range(7000, 7400)
-OLD = 5.0  # [s] since when a common port that nobody holds is no longer just being opened
+OLD = 5.0  # [s] an unlocked common port that is older is not being opened any more
 PORT_FILE = re.compile(r'(sem\.)?(?P<port>fast(rtps|dds)_port(?P<number>\d+))(_el|_sl|_mutex)?')
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
 
 class ProcessDiedError(ObcError):
-    """A child ended by itself; the message says which, how, and its last words."""
+    """A child ended by itself; the message has its name, exit status and last output."""
 
 
 class InterruptedByUserError(ObcError):
@@ -48,7 +48,7 @@ class InterruptedByUserError(ObcError):
 
 @contextmanager
 def reserve_domain() -> Iterator[int]:
-    """Yield a DDS domain id that nobody on this machine uses, and keep it ours meanwhile."""
+    """Reserve and yield a DDS domain id that no process of this machine uses."""
     for domain in DOMAINS:
         path = Path(tempfile.gettempdir()) / f'ros_domain_{domain}.lock'
         try:
@@ -88,10 +88,10 @@ def _port(domain: int) -> int:
 
 def _clear(domain: int) -> None:
     """
-    Remove the shared memory of a domain's ports where a process that was killed has left it.
+    Remove the shared memory that killed processes have left for the ports of a domain.
 
-    Fast DDS finds it when it opens the same port again. It waits a second for listeners that are
-    dead, 20 s for a lock that one of them held, and may crash on what is in it.
+    Fast DDS uses it again when it opens the same port. It then waits 1 s for dead listeners and
+    20 s for a lock that one of them held, and may crash on the contents.
     """
     own = range(_port(domain), _port(domain + 1))
     ports: dict[tuple[str, bool], list[Path]] = {}
@@ -107,14 +107,14 @@ def _clear(domain: int) -> None:
 
 
 def _is_old(file: Path) -> bool:
-    """Return whether a file was there some seconds ago already, or is there no more."""
+    """Return whether a file is older than `OLD` seconds, or no longer exists."""
     with suppress(FileNotFoundError):
         return time.time() - file.stat().st_mtime > OLD
     return True
 
 
 def _is_held(file: Path) -> bool:
-    """Return whether a process that lives has locked a file: the kernel frees those of others."""
+    """Return whether a live process has locked a file; locks of dead processes are released."""
     try:
         with file.open('rb') as opened:
             fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -126,14 +126,19 @@ def _is_held(file: Path) -> bool:
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
     """
-    Make a folder for answers, and keep other commands from writing theirs there meanwhile.
+    Create a folder for results, and lock it against other commands.
+
+    Parameters
+    ----------
+    folder : Path
+        Locked until the context is left; not locked on a file system without locks.
 
     Raises
     ------
     ObcError
-        If another one does.
+        If another command has locked the folder.
     OSError
-        If it cannot be made.
+        If the folder cannot be created.
 
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -152,7 +157,15 @@ def lock_folder(folder: Path) -> Iterator[None]:
 
 
 def isolate(domain: int) -> None:
-    """Keep this process and its children on one domain of this machine."""
+    """
+    Restrict this process and its children to one DDS domain and to this machine.
+
+    Parameters
+    ----------
+    domain : int
+        Value of ROS_DOMAIN_ID; discovery is set to LOCALHOST.
+
+    """
     os.environ.update(ONE_THREAD)
     find_log_folder()
     os.environ['ROS_DOMAIN_ID'] = str(domain)
@@ -163,7 +176,7 @@ def isolate(domain: int) -> None:
 
 
 def find_log_folder() -> None:
-    """Have ROS 2 log to a temporary folder where there is no home to write to: it must log."""
+    """Have ROS 2 log to a temporary folder if the home folder cannot be written: it must log."""
     if any(map(os.environ.get, ('ROS_LOG_DIR', 'ROS_HOME'))):
         return
     folder = Path(os.environ.get('HOME') or os.devnull, '.ros', 'log')
@@ -175,7 +188,7 @@ def find_log_folder() -> None:
 
 
 def die_with_parent() -> None:
-    """Have a child end when its parent is killed, even by SIGKILL: between fork and exec."""
+    """Have a child end with its parent, however that ends; called between fork and exec."""
     _LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
@@ -183,9 +196,8 @@ class Children:
     """
     Node processes that end together.
 
-    Used as a context manager; on leaving, every child gets SIGINT, and SIGKILL if it has not
-    ended two seconds later. What they print goes to one log file each. A signal to end is told to
-    all that are open, within one another as they are.
+    A context manager: on exit every child gets SIGINT, and SIGKILL if it has not ended two seconds
+    later. Each child has a log file for its output. A signal to end reaches all nested instances.
     """
 
     _open: ClassVar[int] = 0
@@ -237,7 +249,7 @@ class Children:
                 preexec_fn=die_with_parent)
 
     def log(self, node: str) -> Path:
-        """Return where a child's output is written."""
+        """Return the log file of a child."""
         return self._log_dir / f'{node}.log'
 
     def check(self) -> None:

@@ -3,8 +3,8 @@
 """
 Record topics as a rosbag2 folder with one MCAP file.
 
-Messages are written as they came over DDS, byte for byte, with their definitions, so that
-Foxglove, PlotJuggler, `ros2 bag` and rosbags open the recording without this package.
+Messages are written as received over DDS, byte for byte, with their definitions: Foxglove,
+PlotJuggler, `ros2 bag` and rosbags open the recording without this package.
 """
 
 from collections.abc import Callable
@@ -25,7 +25,7 @@ import yaml
 
 LIBRARY = 'obc_ros'
 Listener = Callable[[bytes, int], None]
-# A recorder must keep up with bursts of a simulation that runs faster than real time.
+# Deep enough for the bursts of a simulation that runs faster than real time.
 DEPTH = 5000
 LIVE = QoSProfile(
     depth=DEPTH, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE,
@@ -54,14 +54,14 @@ class RecordedTopic:
 
 class Recorder:
     """
-    Writes what arrives on topics to `folder`/NAME_0.mcap and `folder`/metadata.yaml.
+    Writes the messages of topics to `folder`/NAME_0.mcap and `folder`/metadata.yaml.
 
-    With `ordered`, all messages have a header. They are written at the end, in the order of the
-    stamps in these, which are their times, and what came twice is written once: two runs that
-    publish the same give the same bytes.
+    With `ordered`, every message must have a header. Messages are then written at the end, sorted
+    by their stamps, with the stamps as times and without repetitions: two runs that publish the
+    same messages give the same bytes.
 
-    Used as a context manager; the recording is complete and indexed when it is left. When the
-    disk is full, `fault` says so and the rest is not recorded.
+    A context manager: on exit the recording is complete and indexed. If the disk is full, `fault`
+    has the reason and no more messages are recorded.
     """
 
     def __init__(self, folder: Path, ordered: bool = False) -> None:
@@ -72,7 +72,7 @@ class Recorder:
         self._sources: list[tuple[Any, RecordedTopic, Listener | None]] = []
         self._first, self._last = sys.maxsize, 0
         self.now: Callable[[], int] = time.time_ns
-        self.fault = ''  # why nothing more is recorded
+        self.fault = ''  # the reason why recording has stopped
         self._ordered = ordered
         self._kept: list[tuple[int, int, int, RecordedTopic, bytes]] = []
 
@@ -93,7 +93,7 @@ class Recorder:
             self._give_up(error)
 
     def _give_up(self, error: OSError) -> None:
-        """Say that the recording ends; who flies goes on."""
+        """Report that recording has stopped; the run continues."""
         if not self.fault:
             self.fault = f'{self.path} ends here: {error.strerror}'
             print(f'the recording {self.fault}', file=sys.stderr)
@@ -101,11 +101,10 @@ class Recorder:
     def subscribe(self, node: Node, topic: str, message_class: Any,
                   listener: Listener | None = None, *, qos: QoSProfile = LIVE) -> None:
         """
-        Record everything that is published on a topic from now on; with `LATCHED` also before.
+        Record all messages of a topic from now on; with `LATCHED` also earlier ones.
 
-        `listener` gets every serialised message, with the time [ns] at which it was published,
-        before it is written. The time written with it is `now()` [ns]: wall time, unless somebody
-        who knows better replaces it.
+        `listener` gets every serialised message and its publication time [ns] before the message
+        is written. The recorded time is `now()` [ns]: wall time, unless `now` is replaced.
         """
         name = node.resolve_topic_name(topic)
         message_type = type_name(message_class)
@@ -115,13 +114,13 @@ class Recorder:
             topic=name, message_encoding='cdr', schema_id=schema,
             metadata={'offered_qos_profiles': yaml.safe_dump([_qos_for_rosbag2(qos)])})
         self._channels[name] = channel = RecordedTopic(identifier, message_type, qos)
-        # Taken by drain(): an executor needs ten times longer for a message, and would lag behind.
+        # Taken by drain(): an executor takes ten times longer for each message and lags behind.
         subscription = node.create_subscription(
             message_class, topic, lambda _: None, qos, raw=True, callback_group=Apart())
         self._sources.append((subscription, channel, listener))
 
     def drain(self) -> None:
-        """Write all that has come since the last call."""
+        """Write all messages that have arrived since the last call."""
         for subscription, channel, listener in self._sources:
             with (handle := subscription.handle):
                 while taken := handle.take_message(subscription.msg_type, True):
@@ -148,7 +147,7 @@ class Recorder:
             self._writer.add_message(
                 channel.identifier, log_time=now, publish_time=now, data=data,
                 sequence=channel.count)
-        except OSError as error:  # a full disk, say
+        except OSError as error:  # such as a full disk
             self._give_up(error)
             return
         channel.count += 1
@@ -156,7 +155,7 @@ class Recorder:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Return how many messages of each topic are recorded."""
+        """Return the number of recorded messages of each topic."""
         return {topic: channel.count for topic, channel in self._channels.items()}
 
     def _metadata(self) -> dict[str, Any]:
@@ -189,7 +188,7 @@ def type_name(message_class: Any) -> str:
 
 
 def get_definition(message_type: str) -> str:
-    """Return the text of a message definition followed by those of all types it uses."""
+    """Return the text of a message definition, followed by those of all types in it."""
     texts: dict[str, str] = {}
     waiting = [message_type]
     while waiting:
@@ -213,7 +212,7 @@ def _short(name: str) -> str:
 
 
 def _used(text: str, package: str) -> list[str]:
-    """Return the message types that the fields of a definition have."""
+    """Return the message types of the fields of a definition."""
     used = []
     for line in text.splitlines():
         field = _FIELD.match(line.strip())

@@ -1,9 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What is asked in files, the JSON file that a command writes for each answer, the exit status.
+Problems and cases of files, the JSON file of each result, and the exit status.
 
-A file holds one question or a list of them; a malformed one has an answer like any other.
+A file holds one entry or a list of entries. A malformed entry has a result, too.
 """
 
 from abc import ABC, abstractmethod
@@ -22,17 +22,17 @@ from obc_ros.core.text.yaml_files import read_entries
 
 FileEntry = dict[str, Any] | StatementError
 
-LONGEST = 200  # bytes of the name of an answer's file, without its ending
+LONGEST = 200  # [bytes] of the name of a result's file, without its extension
 
 
 @dataclass(eq=False)
 class Asked(ABC):
     """
-    A question of a file, and what came of it.
+    An entry of a file, and its result.
 
-    `where` is the file it was read from, and which entry of a list it is; `file_name` is that of
-    its answers; `label` is the name, and where it was read from if others have that name;
-    `renamed` tells that another has its file's name.
+    `where` is the file, and the position in a list; `file_name` is that of the result, without
+    extension; `label` is the name, with `where` if the name is not unique; `renamed` is set if
+    the file name was taken.
     """
 
     name: str
@@ -45,14 +45,14 @@ class Asked(ABC):
 
     @abstractmethod
     def take(self, entry: dict[str, Any]) -> None:
-        """Check and keep what the file says; raise StatementError or DynamicsError."""
+        """Check and keep an entry; raise StatementError or DynamicsError."""
 
     @abstractmethod
     def as_json(self) -> dict[str, Any]:
-        """Return what ``NAME.json`` holds."""
+        """Return the contents of ``NAME.json``."""
 
     def end(self, status: str, message: str) -> None:
-        """Note what came of it."""
+        """Set status and message of the result."""
         self.status, self.message = status, message
 
 
@@ -60,7 +60,22 @@ Kind = TypeVar('Kind', bound=Asked)
 
 
 def read_questions(kind: type[Kind], files: Iterable[Path]) -> list[Kind]:
-    """Return the questions of all files, in order; those that are malformed have ended."""
+    """
+    Return the entries of all files, in order.
+
+    Parameters
+    ----------
+    kind : type
+        Class of the entries, a subclass of `Asked`.
+    files : iterable of Path
+        YAML files of one entry or a list each.
+
+    Returns
+    -------
+    list of kind
+        Malformed entries, and files that cannot be read, have the status ``malformed``.
+
+    """
     asked: list[Kind] = []
     for file in files:
         for where, entry in _entries(file):
@@ -88,7 +103,17 @@ def read_questions(kind: type[Kind], files: Iterable[Path]) -> list[Kind]:
 
 
 def add_arguments(parser: argparse.ArgumentParser, what: str) -> None:
-    """Describe the files that `what` is asked in, and the folders of the answers."""
+    """
+    Declare the arguments for files and for the folders of the results.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Of the command.
+    what : str
+        What the files hold, in the plural: ``problems``.
+
+    """
     parser.add_argument('files', nargs='+', metavar='FILE', type=Path,
                         help=f'YAML file with {what}: one, or a list')
     parser.add_argument('--json', metavar='DIR', type=Path,
@@ -99,12 +124,17 @@ def add_arguments(parser: argparse.ArgumentParser, what: str) -> None:
 
 def make_folders(args: argparse.Namespace) -> None:
     """
-    Make the folders of the answers, before anybody waits for these.
+    Create the folders of the results, before the work begins.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        With the folders `json` and `plot`, or None.
 
     Raises
     ------
     OSError
-        If one cannot be made.
+        If one cannot be created.
 
     """
     for folder in filter(None, (args.json, args.plot)):
@@ -115,16 +145,16 @@ def save_answers(asked: Sequence[Kind], args: argparse.Namespace,
                  draw: Callable[[Path, Kind], None]
                  ) -> None:
     """
-    Write the files of all answers, and say which are not named as their questions.
+    Write the files of all results, and report those that were renamed.
 
     Parameters
     ----------
     asked : sequence of Asked
-        The questions, answered.
+        The entries with their results.
     args : argparse.Namespace
         With the folders `json` and `plot`, or None.
     draw : callable
-        Draws an answer into the file of a path, if there is something to draw.
+        Draws a result into the file of a path, if it can be drawn.
 
     Raises
     ------
@@ -134,16 +164,16 @@ def save_answers(asked: Sequence[Kind], args: argparse.Namespace,
     """
     for each in asked:
         if each.renamed and (args.json or args.plot):
-            print(f'{each.label}: written as {each.file_name}; an earlier one has its name')
+            print(f'{each.label}: written as {each.file_name}; an earlier entry has its file name')
         if args.json:
             write(args.json, each.file_name, each.as_json())
-    if args.plot:  # afterwards: it takes its time, in which the user may leave
+    if args.plot:  # afterwards: it is slow, and the user may interrupt it
         for each in asked:
             draw(args.plot / f'{each.file_name}.png', each)
 
 
 def _entries(file: Path) -> list[tuple[str, FileEntry]]:
-    """Return what a file holds and where it stands in it, or what is wrong instead."""
+    """Return the entries of a file and their places; for an unreadable file, its error."""
     try:
         return read_entries(file)
     except StatementError as error:
@@ -151,7 +181,20 @@ def _entries(file: Path) -> list[tuple[str, FileEntry]]:
 
 
 def convert_to_json(value: Any) -> Any:
-    """Return a value as JSON has it: what is no finite number becomes null."""
+    """
+    Return a value with None in place of all numbers that are not finite, for JSON.
+
+    Parameters
+    ----------
+    value : mapping, sequence, str, bool, number or None
+        Sequences are lists and tuples.
+
+    Returns
+    -------
+    dict, list, str, bool, number or None
+        Nested in the same way; tuples become lists.
+
+    """
     if isinstance(value, Mapping):
         return {key: convert_to_json(each) for key, each in value.items()}
     if isinstance(value, (list, tuple)):
@@ -162,6 +205,15 @@ def convert_to_json(value: Any) -> Any:
 def write(folder: Path, name: str, result: Mapping[str, Any]) -> None:
     """
     Write ``NAME.json``.
+
+    Parameters
+    ----------
+    folder : Path
+        Created if it is missing.
+    name : str
+        Of the file, without extension.
+    result : mapping
+        See `convert_to_json`.
 
     Raises
     ------
@@ -178,7 +230,7 @@ def write(folder: Path, name: str, result: Mapping[str, Any]) -> None:
 
 
 def choose_file_name(name: str, taken: Iterable[str]) -> str:
-    """Return `name` as part of a file's name, with a number behind it if it is taken already."""
+    """Return `name` as a file name without extension, with a number appended if it is taken."""
     safe = re.sub(r'[^\w.+-]', '_', name).encode()[:LONGEST].decode(errors='ignore')
     safe = safe.lstrip('.') or 'problem'
     others, number, unique = set(taken), 1, safe
@@ -189,6 +241,19 @@ def choose_file_name(name: str, taken: Iterable[str]) -> str:
 
 
 def get_exit_status(statuses: Iterable[str]) -> int:
-    """Return 0 when all is solved, 2 when a question is malformed, else 1."""
+    """
+    Return the exit status of a command.
+
+    Parameters
+    ----------
+    statuses : iterable of str
+        Of all entries.
+
+    Returns
+    -------
+    int
+        2 if an entry is malformed, 0 if all are solved, else 1.
+
+    """
     found = set(statuses)
     return 2 if 'malformed' in found else int(found != {'solved'})

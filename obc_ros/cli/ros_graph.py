@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A passing visitor of the ROS graph: finds nodes, services and topics, and asks them.
+A node that joins the ROS graph for one command: it finds nodes, services and topics.
 
-What is looked for is waited for, no longer than a given time: a participant hears of the others
-one by one after it has joined.
+Every search waits for a limited time: a participant discovers the others one by one after it has
+joined.
 """
 
 from collections.abc import Callable, Iterator
@@ -23,9 +23,9 @@ from rclpy.exceptions import NameValidationException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-LOOK = 5.0       # [s] in which a node is found: Fast DDS announces itself anew after 3 s
-QUIET = 1.5      # [s] without news until a list is told: nodes here announce themselves each 1 s
-SILENCE = 5.0    # [s] after which a server that has disappeared is given up
+LOOK = 5.0       # [s] to find a node: Fast DDS repeats its announcement after 3 s
+QUIET = 1.5      # [s] without changes until a list is complete: nodes announce themselves each 1 s
+SILENCE = 5.0    # [s] without a server until it counts as lost
 NAME = '_obc'    # a hidden node: lists of nodes leave it out
 
 
@@ -35,9 +35,9 @@ class ServerLostError(ObcError):
 
 class Graph:
     """
-    A node that asks others.
+    A node that calls the services of others.
 
-    `check` raises when the user or the system wants the command to end.
+    `check` raises if the user or the system asks the command to end.
     """
 
     def __init__(self, context: rclpy.Context, check: Callable[[], None] = lambda: None,
@@ -47,7 +47,7 @@ class Graph:
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self.node)
         self._check = check
-        self.server = ''  # whom it asks, as errors name it
+        self.server = ''  # the name of the server in errors
 
     def close(self) -> None:
         """Leave the graph."""
@@ -55,7 +55,7 @@ class Graph:
         self.node.destroy_node()
 
     def spin(self, check: bool = True) -> None:
-        """Handle what has come in, waiting for it a little."""
+        """Handle one event, waiting at most 20 ms for it."""
         if check:
             self._check()
         self._executor.spin_once(timeout_sec=0.02)
@@ -68,7 +68,7 @@ class Graph:
         return value
 
     def settle(self, look: Callable[[], list[Any]], quiet: float = QUIET) -> list[Any]:
-        """Return what there is to see, once it has not changed for `quiet` [s]."""
+        """Return the value of `look`, once it has not changed for `quiet` [s]."""
         seen, since = look(), time.monotonic()
         while time.monotonic() < since + quiet:
             self.spin()
@@ -79,12 +79,19 @@ class Graph:
     def wait(self, ready: Callable[[], bool], available: Callable[[], bool], whom: str = ''
              ) -> None:
         """
-        Spin until `ready`; `whom` is waited for, or else the server.
+        Spin until `ready`.
+
+        Parameters
+        ----------
+        ready, available : callable
+            Return whether the wait is over, and whether the other side can be reached.
+        whom : str
+            The other side, for the error; by default the server.
 
         Raises
         ------
         ServerLostError
-            If its end has not been `available` for a while.
+            If the other side has not been available for `SILENCE` seconds.
 
         """
         seen = time.monotonic()
@@ -95,7 +102,7 @@ class Graph:
                 seen = now
             elif now > seen + SILENCE:
                 raise ServerLostError(
-                    f'{whom or f"the server {self.server}"} does not answer any more')
+                    f'{whom or f"the server {self.server}"} does not respond any more')
 
     def call(self, kind: Any, service: str, request: Any) -> Any:
         """Return the response of a service."""
@@ -109,12 +116,12 @@ class Graph:
             self.node.destroy_client(client)
 
     def has_service(self, service: str, timeout: float = LOOK) -> bool:
-        """Return whether there is a service of that name, once it is there."""
+        """Return whether a service exists, waiting at most `timeout` [s] for it."""
         return bool(self.until(lambda: service in dict(self.node.get_service_names_and_types()),
                                timeout))
 
     def nodes(self, hidden: bool = False) -> list[str]:
-        """Return the full names of the nodes that are known, without this one."""
+        """Return the full names of the known nodes, without this one."""
         own = self.node.get_name()
         found = (f'{namespace.rstrip("/")}/{name}' for name, namespace
                  in self.node.get_node_names_and_namespaces() if name != own)
@@ -122,12 +129,12 @@ class Graph:
 
     def find_node(self, name: str, timeout: float = LOOK) -> str:
         """
-        Return the full name of a node, once it is there.
+        Return the full name of a node, waiting at most `timeout` [s] for it.
 
         Raises
         ------
         ObcError
-            If it is not, with those that are.
+            If there is no such node; the message lists the running nodes.
 
         """
         full = name if name.startswith('/') else f'/{name}'
@@ -138,16 +145,16 @@ class Graph:
 
 
 def report_nodes(nodes: list[str]) -> str:
-    """Say which nodes run; where there are none, where they were looked for."""
+    """Return the sentence on which nodes run; if none do, on which domain."""
     if nodes:
         return f'running: {", ".join(nodes)}'
     domain = os.environ.get('ROS_DOMAIN_ID') or '0'
     return (f'no node runs on ROS_DOMAIN_ID={domain}: start one '
-            '(obc launch obc_ros loop.launch.py), or set the ROS_DOMAIN_ID that it has')
+            '(obc launch obc_ros loop.launch.py), or set ROS_DOMAIN_ID to its domain')
 
 
 def keep_to_this_machine() -> None:
-    """Find and be found on this machine only, unless the environment says otherwise."""
+    """Limit discovery to this machine, unless the environment sets another range."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 
@@ -155,12 +162,19 @@ def keep_to_this_machine() -> None:
 def join_graph(check: Callable[[], None] = lambda: None, kind: Callable[..., Graph] = Graph
                ) -> Iterator[Any]:
     """
-    Yield a visitor of the graph, which leaves it in the end.
+    Yield a node in the ROS graph; it leaves at the end.
+
+    Parameters
+    ----------
+    check : callable
+        Called while the node waits; raises if the command is to end.
+    kind : callable
+        Returns the `Graph` for a context and `check`.
 
     Raises
     ------
     ObcError
-        If ROS 2 does not start in this environment, or does not take a name.
+        If ROS 2 does not start in this environment, or rejects a name.
 
     """
     context = rclpy.Context()
@@ -168,7 +182,7 @@ def join_graph(check: Callable[[], None] = lambda: None, kind: Callable[..., Gra
     choose_profile()
     try:
         rclpy.init(args=[], context=context)
-    except RuntimeError as error:  # RCLError, for an environment that rcl does not take
+    except RuntimeError as error:  # RCLError, for an environment that rcl rejects
         raise ObcError(summarize_error(error)) from error
     graph = kind(context, check)
     try:

@@ -13,13 +13,18 @@ def share_directory(package: str) -> Path:
     """
     Return the share folder of an installed package.
 
-    Of obc_ros itself the source tree serves, where the modules come from there (an editable
-    installation, links of a workspace): it is laid out alike and a change is seen at once.
+    For obc_ros itself this is the source tree if the modules are imported from there (an editable
+    installation, links of a workspace): it has the same layout, and changes take effect at once.
+
+    Parameters
+    ----------
+    package : str
+        Name of the package.
 
     Raises
     ------
     ObcError
-        If no prefix in AMENT_PREFIX_PATH, nor the interpreter's own, has the package.
+        If the package is under no prefix of AMENT_PREFIX_PATH and not under the interpreter's.
 
     """
     source = Path(__file__).resolve().parents[2]

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tables and progress: in colour on a terminal, plain text anywhere else."""
+"""Tables and progress lines: coloured on a terminal, plain text elsewhere."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -14,10 +14,10 @@ from obc_ros.core.text.errors import quote
 
 def open_streams() -> None:
     """
-    Make the standard streams take any text.
+    Make the standard streams accept any text.
 
-    Those that are closed lead nowhere: or else the next file that is opened has their number, and
-    gets what is written to them. What an encoding has no sign for is written as its number.
+    Closed streams are connected to the null device: otherwise the next opened file gets their
+    number, and their text. Characters that an encoding lacks are written as escape sequences.
     """
     while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
         pass
@@ -30,29 +30,29 @@ def open_streams() -> None:
 
 
 class Lines(Protocol):
-    """Tells how things go: one line for each that is being worked on."""
+    """A display of progress, with one line for each task."""
 
     def update(self, name: str, text: str) -> None:
-        """Say what is being done about `name`."""
+        """Show the progress of the task `name`."""
 
     def end(self, name: str, text: str) -> None:
-        """Say what came of `name`."""
+        """Show the result of the task `name`."""
 
 
 class PlainLines:
-    """One line for each thing that has come to an end, on the standard error."""
+    """One line for each task that has ended, on standard error."""
 
     def update(self, name: str, text: str) -> None:
-        """Say nothing yet."""
+        """Print nothing."""
 
     def end(self, name: str, text: str) -> None:
-        """Say what came of `name`."""
+        """Print the result of the task `name`."""
         print(quote(f'{name}: {text}', None), file=sys.stderr, flush=True)
 
 
 @contextmanager
 def show_progress() -> Iterator[Lines]:
-    """Yield lines of progress that are alive on a terminal."""
+    """Yield a display of progress; on a terminal its lines are updated."""
     if not sys.stderr.isatty():
         yield PlainLines()
         return
@@ -78,7 +78,19 @@ def show_progress() -> Iterator[Lines]:
 
 def print_table(header: Sequence[str], rows: Sequence[Sequence[str]],
                 colours: Mapping[str, str] | None = None) -> None:
-    """Print a table; `colours` by the text of a cell."""
+    """
+    Print a table.
+
+    Parameters
+    ----------
+    header : sequence of str
+        Titles of the columns.
+    rows : sequence of sequence of str
+        Each as long as the header.
+    colours : mapping, optional
+        From the text of a cell to its colour on a terminal.
+
+    """
     if not sys.stdout.isatty():
         widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
         for row in (header, ['-' * width for width in widths], *rows):

@@ -243,7 +243,7 @@ def test_a_server_that_has_disappeared_is_given_up(probe, clock, monkeypatch):
     monkeypatch.setattr(ros_graph, 'SILENCE', 0.2)
     lonely = client.Client(probe.context, lambda: None)
     begun = time.monotonic()
-    with pytest.raises(client.ServerLostError, match='does not answer any more'):
+    with pytest.raises(client.ServerLostError, match='does not respond any more'):
         lonely.wait(lambda: False, lambda: time.monotonic() < begun + 0.3)
     assert time.monotonic() - begun >= 0.45
     assert clock.since(begun) < 5.0
@@ -422,7 +422,7 @@ def test_regulators(obc, tmp_path):
     ({'A': [[0, 1], [0]]}, 'A[1]'), ({'A': [[0, 'x'], [0, 0]]}, 'A[0][1]'),
     ({'Qx': [1, 2, 3]}, 'Qx: wanted 2 rows of 2'),
     ({'Qu': [[math.nan]]}, 'Qu[0][0]'), ({'Qu': None}, 'Qu: missing'), ({'Q': 1}, 'Q: unknown'),
-    ({'system': 'aircraft'}, 'A: the system says this already'), ({'A': {}}, 'A'),
+    ({'system': 'aircraft'}, 'A: the system defines it already'), ({'A': {}}, 'A'),
     ({'weights': 'magic'}, 'weights'),
 ], ids=str)
 def test_malformed_cases(tmp_path, changes, words):

@@ -34,7 +34,7 @@ def test_status_is_0_only_if_all_pass(scripts, capfd):
     out, err = capfd.readouterr()
     assert "measured ['--peers']" in out
     assert out.count('== good ==') == 3, 'it goes on after a failure'
-    assert 'not as required: bad' in err
+    assert 'requirements not met: bad' in err
     assert obc.main(['bench']) == 1
 
 
@@ -103,7 +103,7 @@ def test_what_is_required_decides_the_status(capsys):
     out, err = capsys.readouterr()
     assert 'holds: ratio: 1.05 (limit 1.1)' in out
     assert 'FAILS: latency' in out
-    assert 'not as required: latency; nan' in err
+    assert 'requirements not met: latency; nan' in err
 
 
 def test_a_missing_peer_is_named_and_skipped(capsys):

@@ -20,8 +20,9 @@ from support import alive, children, wait_for
 
 TOLD = {
     'aircraft': ('rise time', 'overshoot', 'settling', 'peak |f - fe|', 'state to command, p50',
-                 'designs adopted', 'gust', 'refused: Qu[0] = -0.1: Qu must be positive definite'),
-    'vehicle': ('largest lateral error', 'slalom', 'state to command, p50')}
+                 'designs adopted', 'gust',
+                 'rejected: Qu[0] = -0.1: Qu must be positive definite'),
+    'vehicle': ('maximum lateral error', 'slalom', 'state to command, p50')}
 NODES = ('plant_simulator', 'lqr_node', 'trajectory_server')
 
 

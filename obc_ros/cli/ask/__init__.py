@@ -1,3 +1,3 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Commands that answer the questions in files: `obc solve` and `obc lqr`."""
+"""Commands for the problems and regulators of files: `obc solve` and `obc lqr`."""

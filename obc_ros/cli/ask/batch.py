@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Many problems through one server's action, as many at a time as it has workers."""
+"""Send problems to the action of one server, as many at once as it has workers."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -17,12 +17,12 @@ from obc_ros.cli.processes import InterruptedByUserError
 from obc_ros.cli.terminal import Lines
 from obc_ros.ros.messages import build_problem_message
 
-CANCEL = 2.0  # [s] in which cancelled requests are answered
+CANCEL = 2.0  # [s] to wait for the results of cancelled requests
 
 
 @dataclass
 class PendingRequest:
-    """A problem that the server has, as far as that has come: goal sent, accepted, answered."""
+    """A problem sent to the server, with the futures of its goal and of its result."""
 
     question: Question
     begun: float
@@ -31,13 +31,13 @@ class PendingRequest:
     answer: Any = None
 
     def advance(self) -> bool:
-        """Take the next step if it can be taken; return whether the problem is answered."""
+        """Process what has arrived; return whether the problem has ended."""
         if self.goal is None and self.sent.done():
             self.goal = self.sent.result()
             if self.goal.accepted:
                 self.answer = self.goal.get_result_async()
             else:
-                self.question.end('not_converged', 'the server does not take the request')
+                self.question.end('not_converged', 'the server rejected the request')
         if self.answer and self.answer.done():
             self._take(self.answer.result())
         return bool(self.question.status)
@@ -45,14 +45,14 @@ class PendingRequest:
     def _take(self, answer: Any) -> None:
         self.question.took = time.monotonic() - self.begun
         if answer.status == GoalStatus.STATUS_UNKNOWN:
-            self.question.end('not_converged', 'the server has lost the request')
+            self.question.end('not_converged', 'the server lost the request')
         else:
             self.question.result = answer.result
             self.question.end(answer.result.status, answer.result.message)
 
 
 class RequestBatch:
-    """Problems on their way through one server."""
+    """Problems that one server solves."""
 
     def __init__(self, client: Client, questions: Sequence[Question], time_limit: float,
                  lines: Lines, method: str = '') -> None:
@@ -64,7 +64,7 @@ class RequestBatch:
         self._action = client.action()
 
     def work(self) -> None:
-        """Send and wait until all are answered; cancel what is in flight when interrupted."""
+        """Send all problems and wait for the results; cancel those under way when interrupted."""
         abreast = self._client.parameter('workers')
         try:
             while self._waiting or self._flights:
@@ -93,7 +93,7 @@ class RequestBatch:
              *(f'{name} {value:.4g}' for name, value in numbers if not math.isnan(value))]))
 
     def _advance(self) -> bool:
-        """Take up what has come in; return whether a problem has been answered."""
+        """Process what has arrived; return whether a problem has ended."""
         done = [flight for flight in self._flights if flight.advance()]
         for flight in done:
             self._flights.remove(flight)
@@ -102,7 +102,7 @@ class RequestBatch:
         return bool(done)
 
     def _cancel(self) -> None:
-        """Have the server stop, and take what it says to that."""
+        """Cancel the requests under way, and wait at most `CANCEL` seconds for their results."""
         asked: set[int] = set()
         deadline = time.monotonic() + CANCEL
         while self._flights and time.monotonic() < deadline:

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The command ``obc lqr``: plants and weights in, proved gains out."""
+"""The command ``obc lqr``: verified gains for the plants and weights of files."""
 
 import argparse
 from pathlib import Path
@@ -17,7 +17,7 @@ WIDEST = 60  # characters of a cell
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command line."""
+    """Declare the arguments of `obc lqr`."""
     results.add_arguments(parser, 'cases')
 
 
@@ -30,15 +30,15 @@ def run(args: argparse.Namespace) -> int:
         _design(answerable)
     try:
         _show(asked)
-    finally:  # also when nobody reads what is printed
+    finally:  # also if the reader of a pipe has closed it
         results.save_answers(asked, args, _draw)
     return results.get_exit_status(case.status for case in asked)
 
 
 def _design(asked: list[Case]) -> None:
-    """Have a server answer the cases; each has a status afterwards."""
+    """Send the cases to a server; each has a status afterwards."""
     try:
-        from obc_ros.cli.client import connect_client  # ROS only when there is a question
+        from obc_ros.cli.client import connect_client  # ROS is imported only if it is needed
         from obc_ros.srv import DesignLqr
         with connect_client() as client:
             for case in asked:

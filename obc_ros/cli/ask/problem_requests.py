@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The problems of files: each a question with a name, and what came of it."""
+"""The problems of files, each with its name and its result."""
 
 from dataclasses import dataclass, field
 import math
@@ -14,10 +14,10 @@ from obc_ros.core.ocp.statement import build_problem
 @dataclass(eq=False)
 class Question(Asked):
     """
-    A problem.
+    A problem of a file, and its result.
 
-    `problem` is None when the question is malformed; `result` is what the server said, None when
-    it was not asked or said nothing; `took` is the time [s] from sending to the answer.
+    `problem` is None if the statement is malformed. `result` is the result message of the server,
+    None if none arrived. `took` is the time [s] from the sent goal to the result.
     """
 
     mapping: dict[str, Any] = field(default_factory=dict)
@@ -26,12 +26,12 @@ class Question(Asked):
     took: float = math.nan
 
     def take(self, entry: dict[str, Any]) -> None:
-        """Keep the statement and the problem that it is."""
+        """Keep the statement, and build the problem from it."""
         self.mapping = entry
         self.problem = build_problem(entry)
 
     def as_json(self) -> dict[str, Any]:
-        """Return what ``NAME.json`` holds; without an answer all numbers are null or empty."""
+        """Return the contents of ``NAME.json``; fields without a result are null, empty or 0."""
         found: dict[str, Any] = {
             'name': self.name, 'status': self.status, 'message': self.message, 'objective': None,
             't': [], 'x': {}, 'u': {}, 'lam': {}, 'interpolation': 'linear', 'switching_times': [],
@@ -42,7 +42,7 @@ class Question(Asked):
 
 
 def _answer(result: Any) -> dict[str, Any]:
-    """Return what the server's answer says."""
+    """Return the fields of ``NAME.json`` that the result fills."""
     path, certificate, known = result.trajectory, result.certificate, result.optimality
     answer = {
         'certificate': {

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The figure of a regulator: steps, frequency responses, root locus against the input weight."""
+"""The figure of a regulator: step and frequency responses, root locus over the input weight."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -21,8 +21,8 @@ from obc_ros.core.text.errors import RefusedDesignError
 from scipy.linalg import expm
 
 SAMPLES = 400
-SHOWN = 200                            # samples that a step shows one by one
-SETTLING = 6.0                         # time constants of the slowest pole that a step shows
+SHOWN = 200                            # samples below which a step has markers
+SETTLING = 6.0                         # time constants of the slowest pole in a step
 WEIGHTS = np.logspace(-3.0, 3.0, 121)  # factors of Qu in the root locus
 
 
@@ -41,7 +41,7 @@ def draw_regulator(path: Path, case: Case) -> None:
 
 
 def draw_figure(case: Case) -> Figure:
-    """Return the figure of a case that has a design: step, magnitude, root locus, phase."""
+    """Return the figure of a case with a design: step, magnitude, root locus, phase."""
     A, B, Qx, Qu, K, _, poles = read_matrices(case.design)
     design, given = case.design, case.given or {}
     cross = np.reshape(given['cross'], B.shape) if 'cross' in given else None
@@ -58,7 +58,7 @@ def draw_figure(case: Case) -> Figure:
 
 @dataclass(frozen=True, eq=False)
 class LinearLoop:
-    """A plant dx/dt = A x + B u, its gain, and the poles in the s plane."""
+    """A plant dx/dt = A x + B u, its gain, and the closed-loop poles in the s plane."""
 
     A: Array
     B: Array
@@ -69,12 +69,12 @@ class LinearLoop:
 
     @property
     def plant(self) -> tuple[Array, Array]:
-        """Return A and B of the plant as the gain sees it: of held inputs, if it is sampled."""
+        """Return A and B of the plant; if it is sampled, those with a zero-order hold."""
         return discretize_plant(self.A, self.B, self.period) if self.period else (self.A, self.B)
 
 
 def find_held_states(A: Array, B: Array) -> Iterator[int]:
-    """Yield the states whose set points a constant input holds: A e_i is in the range of B."""
+    """Yield the states whose set point a constant input can hold: A e_i in the range of B."""
     for i, column in enumerate(A.T):
         left = column + B @ np.linalg.lstsq(B, -column, rcond=None)[0]
         if np.abs(left).max() <= 1e-9 * max(1.0, np.abs(column).max()):
@@ -82,7 +82,7 @@ def find_held_states(A: Array, B: Array) -> Iterator[int]:
 
 
 def _steps(axes: Axes, loop: LinearLoop, names: list[str]) -> None:
-    """Draw x_i after a unit step of its set point, u = ue - K (x - xe)."""
+    """Draw x_i after a unit step of its set point, with u = ue - K (x - xe)."""
     axes.set_title('unit step of each set point that an input can hold')
     A, B = loop.plant
     length, M = SETTLING / -loop.poles.real.max(), A - B @ loop.K
@@ -106,7 +106,7 @@ def _steps(axes: Axes, loop: LinearLoop, names: list[str]) -> None:
 
 
 def _frequency(magnitude: Axes, phase: Axes, loop: LinearLoop, names: list[str]) -> None:
-    """Draw the loop of each input, opened at the plant with the other loops closed."""
+    """Draw the loop transfer function of each input, with the loops of the others closed."""
     (A, B), K, size = loop.plant, loop.K, np.abs(loop.poles)
     top = np.pi / loop.period if loop.period else size.max() * 1e2
     w = np.geomspace(min(size.min() * 1e-2, top * 1e-2), top, SAMPLES)
@@ -119,13 +119,13 @@ def _frequency(magnitude: Axes, phase: Axes, loop: LinearLoop, names: list[str])
                  'label': f'${typeset_symbol(name)}$'}
         magnitude.loglog(w, np.abs(gain), **style)
         angle = np.rad2deg(np.unwrap(np.angle(gain)))
-        # a regulator crosses 1 for the last time between -180 and 0 degrees
+        # an LQR loop has a phase between -180 and 0 degrees at its last gain crossover
         crossing = angle[np.flatnonzero(np.abs(gain) >= 1.0)[-1]] if (
             np.abs(gain) >= 1.0).any() else angle[-1]
         phase.semilogx(w, angle - 360.0 * np.round((crossing + 90.0) / 360.0), **style)
     magnitude.axhline(1.0, **THIN)
     phase.axhline(-180.0, **THIN)
-    magnitude.set_title('loop of each input, the others closed')
+    magnitude.set_title('loop of each input, other loops closed')
     magnitude.set_ylabel('magnitude')
     phase.set_ylabel('phase [deg]')
     phase.set_xlabel('frequency [rad/s]')
@@ -134,7 +134,7 @@ def _frequency(magnitude: Axes, phase: Axes, loop: LinearLoop, names: list[str])
 
 
 def _locus(axes: Axes, loop: LinearLoop, weights: Weights) -> None:
-    """Draw the closed-loop poles for the input weight rho Qu."""
+    """Draw the closed-loop poles over the input weight rho Qu."""
     found = [(rho, pole) for rho in WEIGHTS
              for pole in _poles(loop, replace(weights, Qu=rho * weights.Qu))]
     rho = np.log10([rho for rho, _ in found])
@@ -150,19 +150,19 @@ def _locus(axes: Axes, loop: LinearLoop, weights: Weights) -> None:
     axes.set_xlabel('real part [rad/s]')
     axes.set_ylabel('imaginary part [rad/s]')
     axes.legend(loc='upper left')
-    # below, so that the axes of the left column stay as wide as each other
+    # below the axes, so that both axes of the left column have the same width
     axes.figure.colorbar(points, ax=axes, location='bottom', aspect=40,
                          label=r'$\log_{10} \rho$')
 
 
 def _poles(loop: LinearLoop, weights: Weights) -> Array:
-    """Return the closed-loop poles in the s plane, equivalent ones of a sampled loop."""
+    """Return the closed-loop poles in the s plane; of a sampled loop, log(z) / period."""
     try:
         if not loop.period:
             return lqr(loop.A, loop.B, weights.Qx, weights.Qu, cross=weights.cross,
                        stability=weights.stability).E
         z = sampled_lqr(loop.A, loop.B, weights, loop.period).design.E
-    except RefusedDesignError:  # so extreme a weight has no design that can be proved
+    except RefusedDesignError:  # no design is verified at so extreme a weight
         return np.zeros(0)
     return np.log(z[np.abs(z) > 1e-12]) / loop.period
 

@@ -1,12 +1,13 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Cases of linear quadratic regulators, as they stand in files.
+The cases of linear quadratic regulators in files.
 
-Either ``A`` and ``B`` (lists of rows), or ``system`` with ``parameters``, ``setpoint`` and
-``setpoint_input``. Weights: ``Qx`` and ``Qu`` (lists of rows, or a diagonal), or ``weights:
-bryson`` with ``x_max`` and ``u_max``, or ``weights: output`` with ``H`` and ``rho``; besides
-``cross`` and ``stability``. Every number may be an expression.
+The plant is either ``A`` and ``B`` (lists of rows), or ``system`` with ``parameters``,
+``setpoint`` and ``setpoint_input``. The weights are ``Qx`` and ``Qu`` (lists of rows, or a
+diagonal), or ``weights: bryson`` with ``x_max`` and ``u_max``, or ``weights: output`` with ``H``
+and ``rho``. Optional are ``cross``, ``stability``, ``sample_time`` and ``delay``. Every number may
+be an expression.
 """
 
 from collections.abc import Mapping
@@ -34,21 +35,21 @@ KEYS = ('name', 'system', *PLANT, *SYSTEM, 'weights', 'Qx', 'Qu', *LISTS, *NUMBE
 @dataclass(eq=False)
 class Case(Asked):
     """
-    A regulator that is asked for.
+    A regulator to be designed, and its design.
 
-    `given` holds what is asked, by the keys of the file: arrays, numbers and names; it is None
-    when the case is malformed. `design` is the server's LqrDesign, None when there is none.
+    `given` holds the entries of the file by key (arrays, numbers and names); it is None if the
+    case is malformed. `design` is the LqrDesign message of the server, None if there is none.
     """
 
     given: dict[str, Any] | None = None
     design: Any = field(default=None, repr=False)
 
     def take(self, entry: dict[str, Any]) -> None:
-        """Keep what is asked."""
+        """Check the entries of the case, and keep them."""
         self.given = check_case(entry)
 
     def as_json(self) -> dict[str, Any]:
-        """Return what ``NAME.json`` holds; matrices are empty without a design."""
+        """Return the contents of ``NAME.json``; without a design, the matrices are empty."""
         found: dict[str, Any] = {'name': self.name, 'status': self.status,
                                  'message': self.message, 'K': [], 'P': [], 'poles': []}
         if self.design:
@@ -60,12 +61,12 @@ class Case(Asked):
 
 def check_case(mapping: Mapping[Any, Any]) -> dict[str, Any]:
     """
-    Return what a case asks for, by key: flat arrays, numbers and names.
+    Return the checked entries of a case by key: flat arrays, numbers and names.
 
     Raises
     ------
     StatementError, DynamicsError
-        If a key is unknown, a number or a matrix is not as wanted, or the system is unknown.
+        If a key or the system is unknown, or a number or a matrix is malformed.
 
     """
     check_keys(mapping, KEYS, FOR_PEOPLE)
@@ -91,10 +92,10 @@ def check_case(mapping: Mapping[Any, Any]) -> dict[str, Any]:
 
 
 def _system(given: Mapping[str, Any]) -> tuple[int, int]:
-    """Return the numbers of states and inputs of the system that is named."""
+    """Return the numbers of states and inputs of the named system."""
     for key in PLANT:
         if key in given:
-            raise StatementError(f"{key}: the system says this already; give either 'system' or "
+            raise StatementError(f"{key}: the system defines it already; give either 'system' or "
                                  "'A' and 'B'")
     parameters = given.get('parameters', {})
     if not isinstance(given['system'], str):
@@ -124,7 +125,7 @@ def _plant(given: Mapping[str, Any]) -> tuple[int, int]:
 
 
 def _weight(key: str, value: Any, n: int) -> Array:
-    """Return n*n numbers, or n of a diagonal."""
+    """Return the n*n entries of a weight, or the n entries of its diagonal."""
     M = _matrix(key, value)
     is_diagonal = M.size == n and not _has_rows(value)
     if M.shape != (n, n) and not is_diagonal:
@@ -134,7 +135,7 @@ def _weight(key: str, value: Any, n: int) -> Array:
 
 
 def _matrix(key: str, value: Any) -> Array:
-    """Return the matrix of a list of rows, of one row, or of a number."""
+    """Return a matrix, given as a list of rows, as one row, or as a number."""
     rows = value if isinstance(value, (list, tuple)) else [value]
     if not _has_rows(rows):
         rows = [rows]

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The command ``obc solve``: problem files in, certified answers out."""
+"""The command ``obc solve``: certified solutions of the problems of files."""
 
 import argparse
 import math
@@ -19,7 +19,7 @@ STATUS_COLOURS = dict.fromkeys(('solved', 'holds'), 'green') | dict.fromkeys(
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command line."""
+    """Declare the arguments of `obc solve`."""
     results.add_arguments(parser, 'problems')
     parser.add_argument('--time-limit', metavar='S', type=_seconds, default=0.0,
                         help='time limit of each problem in seconds (default: that of the server)')
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
         _solve(answerable, args.time_limit, args.method or '')
     try:
         _show(asked)
-    finally:  # also when nobody reads what is printed
+    finally:  # also if the reader of a pipe has closed it
         results.save_answers(asked, args, _draw)
     return results.get_exit_status(
         'solved' if question.result and question.result.success else
@@ -62,12 +62,12 @@ def _method(name: str) -> str:
 
 
 def _solve(asked: list[Question], time_limit: float, method: str) -> None:
-    """Have a server answer the questions; each has a status afterwards."""
+    """Send the problems to a server; each has a status afterwards."""
     from obc_ros.cli.processes import InterruptedByUserError
-    # Of a server of its own: what is asked for may take longer than its default.
+    # For a server that is started here: its default may be below the limit that is asked for.
     parameters = [f'time_limit:={max(time_limit, SHORTEST)}'] if time_limit else []
     try:
-        from obc_ros.cli.ask.batch import RequestBatch  # ROS only when there is a question
+        from obc_ros.cli.ask.batch import RequestBatch  # ROS is imported only if it is needed
         from obc_ros.cli.client import connect_client
         with connect_client(*parameters) as client, terminal.show_progress() as lines:
             RequestBatch(client, asked, time_limit, lines, method).work()
@@ -78,7 +78,7 @@ def _solve(asked: list[Question], time_limit: float, method: str) -> None:
 
 
 def _end(asked: list[Question], status: str, message: str) -> None:
-    """Note what came of all that have no answer."""
+    """End all problems that have no status yet."""
     for question in asked:
         if not question.status:
             question.end(status, message)
@@ -111,7 +111,7 @@ def _optimum(known: Any) -> str:
     """Return an Optimality message in a few words."""
     if known.kind != 'local':
         return known.kind and f'{known.kind} ({known.reason})'
-    return f'local, best of {len(known.minima)}' if len(known.minima) > 1 else 'local, 1 met'
+    return f'local, best of {len(known.minima)}' if len(known.minima) > 1 else 'local, 1 found'
 
 
 def _time(seconds: float) -> str:

@@ -1,3 +1,3 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The command `obc demo`: a whole loop over DDS, recorded and drawn."""
+"""The command `obc demo`: a closed loop over DDS, recorded and plotted."""

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The thrust vectored aircraft of Example 2.5: steps, live weights, a gust, a refused change."""
+"""The aircraft of Example 2.5: steps, new weights in flight, a gust, a rejected change."""
 
 from dataclasses import dataclass, replace
 from math import pi
@@ -22,13 +22,14 @@ from obc_ros.msg import LqrDesign
 from scipy.linalg import expm
 
 FIRST_STEP, CHANGE, SECOND_STEP, GUST, REFUSAL, END = 1.0, 12.0, 13.0, 31.0, 37.0, 41.0
-# The weights that Example 2.5 prints; 2 pi / 9 is its own (5 degrees would be 1.3131).
+LABELS = -1.2  # [m] lower end of the axis: the labels of the events are below the curves
+# The weights printed in Example 2.5; 5 degrees correspond to 1.3131 instead of 2 pi / 9.
 EXAMPLE_2_5 = {'Qx': [100.0, 1.0, 2 * pi / 9, 0.0, 0.0, 0.0], 'Qu': [0.1, 0.1]}
 
 
 @dataclass(frozen=True)
 class UnitStep:
-    """A unit step in x and y: when it began [s], from where [m], and under which design."""
+    """A unit step in x and y: begin [s], start [m], span [s], weights, figure and design."""
 
     begin: float
     start: float
@@ -39,12 +40,12 @@ class UnitStep:
 
 
 def run(out: Path, real_time: bool) -> int:
-    """Fly, report, draw; return the exit status."""
+    """Run the flight, print its figures of merit and plot it; return the exit status."""
     steps: list[UnitStep] = []
     flight = Flight('aircraft', 'aircraft.yaml', END, (
         Event(FIRST_STEP, 'step to (1, 1) with Qx = I',
               lambda pilot: _step(pilot, steps, 0.0, 10.0, 'Qx = I', '2.4a')),
-        Event(CHANGE, 'weights of Example 2.5, while it flies', _take_weights),
+        Event(CHANGE, 'weights of Example 2.5, in flight', _take_weights),
         Event(SECOND_STEP, 'step to (2, 2) with the weights of Example 2.5',
               lambda pilot: _step(pilot, steps, 1.0, 15.0, 'Example 2.5', '2.5')),
         Event(GUST, 'a gust from the side, 4 N for 1 s', lambda pilot: ''),
@@ -65,7 +66,7 @@ def _take_weights(pilot: Pilot) -> str:
 
 
 def _change(pilot: Pilot, values: dict[str, list[float]]) -> LqrDesign:
-    """Set parameters of lqr_node and return the design that follows."""
+    """Set parameters of lqr_node; return the new design."""
     before = pilot.designs[-1].revision
     set_parameters('lqr_node', values)(pilot)
     pilot.wait(lambda: pilot.designs[-1].revision > before, 'the new design')
@@ -102,7 +103,7 @@ def _conclude(pilot: Pilot, wall: float, steps: list[UnitStep], out: Path) -> in
 
 
 def _jump(asked: float, t: Array, u: Array) -> float:
-    """Return when [s] a command first jumped after a step was asked for."""
+    """Return the time [s] of the first jump of the command after a step was requested."""
     after = np.flatnonzero((t[1:] > asked) & (np.abs(np.diff(u, axis=0)).max(axis=1) > 0.5))
     return float(t[1 + after[0]])
 
@@ -120,7 +121,7 @@ def _draw(t: Array, x: Array, tu: Array, u: Array, steps: list[UnitStep], path: 
 
 
 def _linear(step: UnitStep) -> tuple[Array, Array, Array]:
-    """Return t, x and u - ue of the same step on the linearization, which the book draws."""
+    """Return t, x and u - ue of the same step of the linearization, as in the book."""
     told = read_matrices(step.design)
     times = np.linspace(0.0, step.span, 1001)
     one = expm((told.A - told.B @ told.K) * times[1])
@@ -156,13 +157,17 @@ def _inputs(axes: Axes, t: Array, u: Array, step: UnitStep) -> None:
 def _flight(axes: Axes, t: Array, x: Array) -> None:
     axes.plot(t, x[:, 0], label='px')
     axes.plot(t, x[:, 1], '--', label='py')
-    for moment, what in ((FIRST_STEP, 'step'), (CHANGE, 'new weights'), (SECOND_STEP, 'step'),
-                         (GUST, 'gust'), (REFUSAL, 'refused change')):
+    for moment, what, side in (
+            (FIRST_STEP, 'step', 'left'), (CHANGE, 'new weights', 'right'),
+            (SECOND_STEP, 'step', 'left'), (GUST, 'gust', 'left'),
+            (REFUSAL, 'rejected change', 'left')):
         axes.axvline(moment, color='0.8', linewidth=0.8, zorder=0)
-        axes.annotate(what, (moment, 0.02), xycoords=('data', 'axes fraction'), rotation=90,
-                      fontsize=8, color='0.4', ha='right', va='bottom')
-    axes.set(xlim=(-2, END), xlabel='time [s]', ylabel='position [m]', title='The whole flight')
-    axes.legend(loc='upper left')
+        axes.annotate(what, (moment, 0.03), (4 if side == 'left' else -4, 0),
+                      xycoords=('data', 'axes fraction'), textcoords='offset points',
+                      rotation=90, fontsize=9, color='0.3', ha=side, va='bottom')
+    axes.set(xlim=(-2, END), ylim=(LABELS, 2.3), xlabel='time [s]', ylabel='position [m]',
+             yticks=np.arange(0.0, 2.1, 0.5), title='Whole flight')
+    axes.legend(loc='center', bbox_to_anchor=(0.62, 0.55))
 
 
 def _tilt(axes: Axes, t: Array, x: Array) -> None:

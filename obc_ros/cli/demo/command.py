@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-`obc demo`: the whole loop over DDS, three nodes in three processes, recorded and drawn.
+`obc demo`: a closed loop of three node processes over DDS, recorded and plotted.
 
-aircraft: hover, a step with Qx = I, the weights of Example 2.5 set while it flies, a second
-step, a gust, and a change that must be refused.
+aircraft: hover, a step with Qx = I, the weights of Example 2.5 set in flight, a second step, a
+gust, and a change that must be rejected.
 vehicle: a lane change that trajectory_server plans and lqr_node follows, then the slalom of
 Exercise 2.10.
 """
@@ -22,7 +22,7 @@ from obc_ros.cli.processes import isolate, lock_folder, reserve_domain
 from obc_ros.cli.ros_graph import Graph, join_graph, keep_to_this_machine, LOOK
 from obc_ros.core.text.errors import ObcError, quote
 
-LAST_DOMAIN = 232  # its ports are the last that there are
+LAST_DOMAIN = 232  # the last one whose ports exist
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,10 +42,10 @@ def run(args: argparse.Namespace) -> int:
         isolate(domain)
         obc = sys.argv[0] if Path(sys.argv[0]).name == 'obc' else 'obc'
         print(f'{args.scenario}: three nodes over DDS, domain {domain}, this machine only; '
-              'while it lasts, in another terminal:\n'
+              'while it runs, in another terminal:\n'
               f'  ROS_DOMAIN_ID={domain} {obc} param get /lqr_node Qx', flush=True)
         status = scenario.run(args.out, args.real_time)
-    print('a loop that stays, to tune by hand:\n'
+    print('to start a loop and tune it by hand:\n'
           f'  {obc} launch obc_ros loop.launch.py scenario:={args.scenario}    '
           '# until Ctrl-C; in another terminal:\n'
           f'  {obc} param get /lqr_node Qx')
@@ -55,13 +55,13 @@ def run(args: argparse.Namespace) -> int:
 @contextmanager
 def _own_domain() -> Iterator[int]:
     """
-    Yield the domain that the environment names, or else one that nobody uses.
+    Yield the domain that the environment names, or else an unused one.
 
     Raises
     ------
     ObcError
-        If the one that is named is none, or has a loop already: its commands would reach another
-        plant than the one that is simulated.
+        If the name is no domain, or if the domain has a loop already: its plant would receive
+        the commands of this one.
 
     """
     named = os.environ.get('ROS_DOMAIN_ID', '')
@@ -77,11 +77,11 @@ def _own_domain() -> Iterator[int]:
             if graph.until(partial(_ends, graph), LOOK):
                 raise ObcError(
                     f'ROS_DOMAIN_ID={named} has a loop already ({", ".join(_ends(graph))}), which '
-                    'would take the commands of this one; unset ROS_DOMAIN_ID, or choose another')
+                    'would receive these commands; unset ROS_DOMAIN_ID, or choose another')
     yield int(named)
 
 
 def _ends(graph: Graph) -> list[str]:
-    """Return the topics of a loop that somebody writes or reads."""
+    """Return the topics of a loop that have a publisher or a subscriber."""
     return [topic for topic in ('/state', '/command')
             if graph.node.count_publishers(topic) or graph.node.count_subscribers(topic)]

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""One flight of a demonstration: its nodes, its recording, and what happens in it."""
+"""One flight of a demonstration: nodes, recording and timed events."""
 
 from collections.abc import Callable, Sequence
 from contextlib import closing
@@ -15,14 +15,14 @@ from obc_ros.cli.recording import Recorder
 from obc_ros.cli.share_folders import share_directory
 from obc_ros.core.text.errors import ObcError
 
-BACKLOG = 1000  # commands kept for the recorder, which may fall behind; by default one
+BACKLOG = 1000  # depth of the queue of commands (default 1): the recorder may fall behind
 
-HEAD_START = 1.0  # [s] of simulated time in which the plant has heard that it is to pause
+HEAD_START = 1.0  # [s] of simulated time until a request to pause has reached the plant
 
 
 @dataclass(frozen=True)
 class Event:
-    """Something to do when the simulated time [s] has come."""
+    """An action at a simulated time [s]."""
 
     at: float
     what: str
@@ -31,7 +31,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Flight:
-    """One run of the loop: its configuration file, its length [s] and what happens in it."""
+    """One run of the loop: configuration file, duration [s] and events."""
 
     name: str
     config: str
@@ -41,10 +41,10 @@ class Flight:
 
 def fly(flight: Flight, out: Path, real_time: bool,
         conclude: Callable[[Pilot, float], int]) -> int:
-    """Run one flight with its nodes and recording; `conclude(pilot, wall)` makes the report."""
+    """Run and record one flight; return the exit status. `conclude(pilot, wall)` reports it."""
     config = share_directory('obc_ros') / 'config' / flight.config
     pace = ['-p', 'speed:=1.0', '-p', 'lockstep:=false'] if real_time else []
-    # In lockstep two flights are the same to the bit: nothing goes by the clock on the wall.
+    # In lockstep two flights are identical bit for bit: nothing depends on the wall clock.
     timeless = ['-p', 'use_sim_time:=true'] + ([] if real_time else ['-p', 'state_timeout:=0.0'])
     recorded = ['-p', f'qos_overrides./command.publisher.depth:={BACKLOG}']
     with (Children(out / 'log') as children, Recorder(out / 'log' / flight.name) as journal,
@@ -54,7 +54,7 @@ def fly(flight: Flight, out: Path, real_time: bool,
         children.start('trajectory_server', *parameters)
         with closing(Pilot(children, recorder, journal)) as pilot:
             pilot.wait(lambda: bool(pilot.states.stamp), 'the first state')
-            # Time stands still until everybody has found everybody.
+            # The simulated time is paused until all nodes have discovered each other.
             pilot.pause(True)
             children.start('lqr_node', *parameters, *timeless, *recorded)
             pilot.wait(lambda: bool(pilot.designs) and pilot.hears('command'), 'lqr_node')
@@ -71,7 +71,7 @@ def fly(flight: Flight, out: Path, real_time: bool,
 
 
 class FlightProgress:
-    """One line that shows where the flight is, and one for each event."""
+    """The progress of a flight: one line that is updated, and one for each event."""
 
     def __init__(self, pilot: Pilot, flight: Flight, exact: bool) -> None:
         self._pilot = pilot
@@ -80,8 +80,8 @@ class FlightProgress:
         self._live = sys.stdout.isatty()
 
     def until(self, moment: float) -> None:
-        """Wait until the simulated time [s] has come, showing it; in lockstep it stops there."""
-        # A step of the simulation takes well under a second even on a busy machine.
+        """Wait until a simulated time [s] and show the progress; in lockstep, pause there."""
+        # A simulated second takes less than 5 s, even on a busy machine.
         timeout = 30.0 + 5.0 * self._duration
         early = moment - HEAD_START if self._exact else moment
         if self._exact and self._pilot.now < early:
@@ -100,23 +100,23 @@ class FlightProgress:
                   f'   K revision {revision}', end='', flush=True)
 
     def say(self, what: str, outcome: str) -> None:
-        """Tell one event and what came of it."""
+        """Print an event and its outcome."""
         clear = '\r\033[K' if self._live else ''
         print(f'{clear}  t = {self._pilot.now:5.1f} s  {what}{": " if outcome else ""}{outcome}',
               flush=True)
 
     def done(self) -> None:
-        """End the line."""
+        """Clear the line."""
         if self._live:
             print('\r\033[K', end='')
 
 
 def set_parameters(node: str, values: dict[str, object], *, refused: bool = False
                    ) -> Callable[[Pilot], str]:
-    """Return an act that sets parameters and fails unless the answer is the expected one."""
+    """Return an action that sets parameters, and raises unless the outcome is as expected."""
     def act(pilot: Pilot) -> str:
         done, reason = pilot.set_parameters(node, values)
         if done == refused:
-            raise ObcError(f'{node} {"accepted" if done else "refused"} {values}: {reason}')
-        return f'refused: {reason}' if refused else ''
+            raise ObcError(f'{node} {"accepted" if done else "rejected"} {values}: {reason}')
+        return f'rejected: {reason}' if refused else ''
     return act

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers of a recorded flight."""
+"""Figures of merit of a recorded flight."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from obc_ros.core.numerics.arrays import Array
 
 @dataclass(frozen=True)
 class StepFigures:
-    """What a recorded step looked like: times in seconds, overshoot as a fraction."""
+    """A step response: rise and settling time [s], overshoot as a fraction of the step."""
 
     rise_time: float
     overshoot: float
@@ -27,7 +27,7 @@ def measure_step(t: Array, y: Array, start: float, target: float) -> StepFigures
     t, y : ndarray, shape (N,)
         Times [s] from the step on, and the signal.
     start, target : float
-        Value before the step, and the value asked for.
+        Value before the step, and its set point.
 
     """
     share = (y - start) / (target - start)
@@ -40,7 +40,7 @@ def measure_step(t: Array, y: Array, start: float, target: float) -> StepFigures
 
 
 def report_loop(pilot: Pilot, wall: float) -> list[tuple[str, str]]:
-    """Return what to say of the loop itself, as name and value."""
+    """Return message counts and latencies of the loop, as names and values."""
     late = pilot.latencies() * 1e3
     simulated = pilot.now
     return [

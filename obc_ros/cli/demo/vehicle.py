@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The vehicle: a planned lane change that is followed, and the slalom of Exercise 2.10."""
+"""The vehicle: it follows a planned lane change, and the slalom of Exercise 2.10."""
 
 from array import array
 from pathlib import Path
@@ -22,11 +22,11 @@ from obc_ros.srv import PlanMotion
 
 SPEED, LENGTH = 10.0, 2.0  # [m/s], the v_d of Exercise 2.10, and the wheelbase [m]
 AMPLITUDE, FREQUENCY, COURSE = 1.0, 1.0, 6.0  # [m], [Hz], [s] of slalom
-AHEAD = 1.0  # [s] between asking for a plan and its beginning
+AHEAD = 1.0  # [s] from the request for a plan to the begin of the plan
 
 
 def run(out: Path, real_time: bool) -> int:
-    """Drive both courses, report, draw; return the exit status."""
+    """Drive both courses, print figures of merit and plot them; return the exit status."""
     planned: list[Trajectory] = []
     course: list[Trajectory] = []
     change = Flight('lane_change', 'vehicle.yaml', 14.0, (
@@ -42,8 +42,8 @@ def run(out: Path, real_time: bool) -> int:
 
 
 def _plan(pilot: Pilot, planned: list[Trajectory]) -> str:
-    """Ask for a plan from where the vehicle will be, and publish it as the reference."""
-    # Seconds of a simulation in a hurry pass while the server works: it has to wait.
+    """Plan from the predicted state of the vehicle, and publish the plan as the reference."""
+    # Simulated time passes faster than real time: it is paused while the server solves.
     pilot.pause(True)
     begin = pilot.states.stamp[-1] + int(AHEAD * 1e9)
     px = float(pilot.x[0]) + SPEED * AHEAD
@@ -60,7 +60,7 @@ def _plan(pilot: Pilot, planned: list[Trajectory]) -> str:
 
 
 def _slalom(pilot: Pilot, course: list[Trajectory]) -> str:
-    """Publish y = r(t) with the angle and steering that follow it exactly (flatness)."""
+    """Publish y = r(t) with the heading and the steering that flatness gives for it."""
     t = np.linspace(0.0, COURSE, int(COURSE * 500) + 1)
     x, phi = build_lateral_reference(*make_slalom(t, AMPLITUDE, FREQUENCY, end=COURSE), SPEED,
                                      LENGTH)
@@ -75,7 +75,7 @@ def _slalom(pilot: Pilot, course: list[Trajectory]) -> str:
 
 
 def _publish(pilot: Pilot, trajectory: Trajectory, begin: int) -> Trajectory:
-    """Publish a reference; time must stand still until lqr_node has its gains along it."""
+    """Publish a reference; time must be paused until lqr_node has the gains along it."""
     trajectory.header.stamp.sec, trajectory.header.stamp.nanosec = divmod(begin, 10**9)
     said = len(pilot.said)
     pilot.publisher.publish(trajectory)
@@ -95,10 +95,10 @@ def _conclude(pilot: Pilot, wall: float, reference: Trajectory, lateral: int, na
     error = x[during, lateral] - np.interp(t[during], times, wanted[:, lateral])
     heading = x[during, lateral + 1] - np.interp(t[during], times, wanted[:, lateral + 1])
     terminal.print_table((name, ''), [
-        ('largest lateral error', f'{1e3 * np.abs(error).max():.2f} mm'),
+        ('maximum lateral error', f'{1e3 * np.abs(error).max():.2f} mm'),
         ('lateral error at the end', f'{1e3 * abs(error[-1]):.2f} mm'),
-        ('largest heading error', f'{1e3 * np.abs(heading).max():.2f} mrad'),
-        ('largest steering angle', f'{np.abs(u[:, -1]).max():.3f} rad'),
+        ('maximum heading error', f'{1e3 * np.abs(heading).max():.2f} mrad'),
+        ('maximum steering angle', f'{np.abs(u[:, -1]).max():.3f} rad'),
         *report_loop(pilot, wall)])
     path = out / f'{name.replace(" ", "_")}.png'
     _draw(name, (times, wanted[:, lateral]), (t, x[:, lateral]), (t[during], error),
