@@ -85,7 +85,7 @@ def sections(record: Record, stem: str, commit: str) -> Iterator[str]:
     yield '\n'.join(['| quantity | result | reference | error | source of the reference |',
                      '|---|---:|---:|---:|---|', *map(_row, record['rows'])])
     yield '## Commands'
-    yield f'`obc gallery {record["name"]}` computes this page. The same questions with `ros2`:'
+    yield f'`obc gallery {record["name"]}` computes this page. The same requests with `ros2`:'
     yield '\n'.join(['```text', *record['commands'], '```'])
     text = '\n'.join(record['commands'])
     notes = ((SERVER, '/trajectory_server/' in text), (NODES, 'ros2 run ' in text),

@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-`obc gallery`: the chapter's examples, theorems and exercises, answered by running nodes.
+`obc gallery`: examples, theorems and exercises of chapter 2, computed by running nodes.
 
-``DIR/index.html`` is the page, ``DIR/NAME.png`` the figure of an entry, ``DIR/gallery.json`` its
-numbers; what is there of other entries stays. Loops are recorded in ``DIR/recordings``.
+``DIR/index.html`` is the page, ``DIR/NAME.png`` the figure of an entry, ``DIR/gallery.json`` the
+numbers. Results of other entries in DIR are kept. Loops are recorded in ``DIR/recordings``.
 """
 
 import argparse
@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Work the entries; 0 if every number of theirs holds, 1 if not, 2 for an unknown name."""
+    """Run entries; return 0 if all numbers are in tolerance, 1 if not, 2 for an unknown name."""
     from obc_ros.cli.gallery.entries.all import ENTRIES  # matplotlib takes a second
     known = {entry.name: entry for entry in ENTRIES}
     unknown = [name for name in args.names if name not in known]
@@ -36,6 +36,6 @@ def run(args: argparse.Namespace) -> int:
         print('\n'.join(f'{name:{width}}  {entry.title}' for name, entry in known.items()))
         return 0
     chosen = [entry for name, entry in known.items() if not args.names or name in args.names]
-    from obc_ros.cli.gallery.records import work_and_write  # nor is ROS needed before
+    from obc_ros.cli.gallery.records import work_and_write  # imports ROS
     with lock_folder(args.out):
         return work_and_write(chosen, args.out, list(known))

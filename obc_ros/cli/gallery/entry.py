@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Entries of the gallery, and rows that compare an answer with its reference."""
+"""Entries of the gallery, and rows that compare a result with its reference."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,20 +17,20 @@ TOLERANCE = 1e-6
 @dataclass(frozen=True, eq=False)
 class ComparedRow:
     """
-    A quantity as the nodes answered it, and its reference.
+    A quantity as computed by the nodes, and its reference.
 
     Attributes
     ----------
     what : str
-        Its name, with the unit; in the markup of `page`.
+        Name and unit, in the markup of `page`.
     measured, exact : array_like
-        Of one shape.
+        Result and reference, of one shape.
     by : str
-        Where `exact` comes from: a formula, or an independent computation.
+        Source of the reference: a formula, or an independent computation.
     relative : bool
-        Whether errors are taken over exact values below 1, too.
+        Whether errors are relative for references below 1, too.
     tolerance : float
-        That the error must not exceed.
+        Largest error allowed.
 
     """
 
@@ -43,7 +43,7 @@ class ComparedRow:
 
     @property
     def errors(self) -> NDArray[np.float64]:
-        """Return each difference over the exact value, or over 1 if that is less."""
+        """Return each difference divided by the reference, or by 1 if that is below 1."""
         measured, exact = (np.asarray(each, dtype=float) for each in (self.measured, self.exact))
         if measured.shape != exact.shape or not measured.size:
             return np.array([np.inf])
@@ -63,7 +63,7 @@ class ComparedRow:
         return self.error <= self.tolerance
 
     def as_json(self) -> dict[str, Any]:
-        """Return what ``gallery.json`` holds of it; of many values the worst one."""
+        """Return the row of ``gallery.json``, with the value that has the largest error."""
         measured, exact = (np.asarray(each, dtype=float).ravel()
                            for each in (self.measured, self.exact))
         worst = int(np.argmax(self.errors))
@@ -76,10 +76,10 @@ class ComparedRow:
 @dataclass(frozen=True, eq=False)
 class EntryResult:
     """
-    What an entry came to.
+    The result of an entry.
 
-    `notes` are sentences on what the figure shows; `finding` is what was found where the book is
-    wrong. Both are in the markup of `page`.
+    `notes` are sentences on the figure; `finding` has the numbers that show an erratum of the
+    book. Both are in the markup of `page`.
     """
 
     rows: Sequence[ComparedRow]
@@ -99,13 +99,13 @@ class GalleryEntry:
         As on the command line: '2.5', 'theorem-2.1', 'exercise-2.4'.
     title : str
     source : str
-        Where it stands in the book.
+        Place in the book.
     statement : tuple of str
         Paragraphs, in the markup of `page`.
     run : callable
         Takes a `Desk` and returns the `EntryResult`.
     erratum : str
-        What the book prints and what is right; empty if it is right.
+        What the book prints and what is correct; empty if the book is correct.
 
     """
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a loop must do, computed without the nodes."""
+"""References for closed loops, computed without the nodes."""
 
 from collections.abc import Callable
 from typing import Any
@@ -19,9 +19,26 @@ Law = Callable[[float, Array], Array]
 def run_sampled_loop(A: Array, B: Array, K: Array, x0: ArrayLike, step: float, count: int
                      ) -> tuple[Array, Array]:
     """
-    Return states and inputs of x' = A x + B u, u = -K x(t_k) held for a step, at t_0 .. t_count.
+    Return states and inputs of x' = A x + B u with u = -K x(t_k), held for a step.
 
-    By the matrix exponential: exact.
+    The matrix exponential is exact up to rounding.
+
+    Parameters
+    ----------
+    A, B, K : ndarray, shape (n, n), (n, m) and (m, n)
+        Plant and gain.
+    x0 : array_like, shape (n,)
+        Initial state.
+    step : float
+        Time [s] between samples.
+    count : int
+        Number of steps N.
+
+    Returns
+    -------
+    x, u : ndarray, shape (N + 1, n) and (N + 1, m)
+        At t_0 .. t_N.
+
     """
     n, m = np.shape(B)
     whole = expm(step * np.block([[A, B], [np.zeros((m, n + m))]]))
@@ -36,9 +53,27 @@ def run_sampled_loop(A: Array, B: Array, K: Array, x0: ArrayLike, step: float, c
 def simulate_loop(rate: RateFunction, law: Law, x0: ArrayLike, step: float, count: int
                   ) -> tuple[Array, Array]:
     """
-    Return states and inputs of x' = rate(x, u), u = law(t_k, x(t_k)) held for a step.
+    Return states and inputs of x' = rate(x, u) with u = law(t_k, x(t_k)), held for a step.
 
-    By Dormand and Prince's method of order 8, to twelve digits.
+    Parameters
+    ----------
+    rate : callable
+        Returns x' for x (n,) and u (m,).
+    law : callable
+        Returns u (m,) for a time [s] and x (n,).
+    x0 : array_like, shape (n,)
+        Initial state.
+    step : float
+        Time [s] between samples.
+    count : int
+        Number of steps N.
+
+    Returns
+    -------
+    x, u : ndarray, shape (N + 1, n) and (N + 1, m)
+        At t_0 .. t_N; integrated by the method of Dormand and Prince of order 8 at a relative
+        tolerance of 1e-12.
+
     """
     solver = ode(lambda _, y, u: rate(y, u)).set_integrator('dop853', rtol=1e-12, atol=1e-14)
     solver.set_initial_value(np.asarray(x0, dtype=float))
@@ -50,13 +85,43 @@ def simulate_loop(rate: RateFunction, law: Law, x0: ArrayLike, step: float, coun
 
 
 def compute_free_motion(A: Array, x0: ArrayLike, t: Array) -> Array:
-    """Return x of x' = A x at times t, shape (N, n)."""
+    """
+    Return x(t) of x' = A x.
+
+    Parameters
+    ----------
+    A : ndarray, shape (n, n)
+        With n independent eigenvectors.
+    x0 : array_like, shape (n,)
+        Initial state.
+    t : ndarray, shape (N,)
+        Times [s].
+
+    Returns
+    -------
+    ndarray, shape (N, n)
+        States.
+
+    """
     E, V = np.linalg.eig(A)
     modes = np.linalg.solve(V, np.asarray(x0, dtype=complex))
     return np.real((V * modes) @ np.exp(np.outer(E, t))).T
 
 
 def match_poles(poles: Complex, wanted: Complex) -> Complex:
-    """Return poles in the order that brings them nearest to the wanted ones."""
+    """
+    Return poles in the order of the references that they are paired with.
+
+    Parameters
+    ----------
+    poles, wanted : ndarray, shape (n,), complex
+        Poles and their references.
+
+    Returns
+    -------
+    ndarray, shape (n,), complex
+        Paired so that the sum of the distances is minimal.
+
+    """
     _, order = linear_sum_assignment(np.abs(np.subtract.outer(wanted, poles)))
     return poles[order]

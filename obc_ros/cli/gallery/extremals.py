@@ -1,24 +1,25 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The least times of Exercise 2.6 from the maximum principle, for L = M = 1; no list of words.
+Minimum times of Exercise 2.6 from the maximum principle, for L = M = 1, without a list of words.
 
-Places are complex, x + i y. With the constant (lambda_1, lambda_2) = r (cos alpha, sin alpha) and
+Positions are complex, x + i y. With constant (lambda_1, lambda_2) = r (cos alpha, sin alpha) and
 the inputs that minimise H,
 
     H = 1 - r |cos(theta - alpha)| - |lambda_3| = 0,
 
-v changes its sign where |lambda_3| = 1 and omega where lambda_3 = 0.
+v changes its sign where |lambda_3| = 1, and omega where lambda_3 = 0.
 
-- r < 1: lambda_3 has no zero. The robot turns one way only, and T is how far: `_one_way`.
-- r > 1: the two kinds of change take turns, u = asin(1/r) apart: `_rows`.
-- r = 1: so they do with u = pi/2, but where omega changes the robot may drive straight on first,
-  and then turn to either side: `_lines`.
+- r < 1: lambda_3 has no zero. The robot turns in one direction only, by the angle T: `_one_way`.
+- r > 1: both kinds of sign change alternate, at the distance u = asin(1/r): `_rows`.
+- r = 1: they alternate with u = pi/2, but where omega changes its sign the robot may first drive
+  straight on and then turn to either side: `_lines`.
 
-For r >= 1 all arcs between the first and the last follow from one number, u or the length of the
-line. It is a root of the distance between the centres of the first and of the last arc's circle,
-all of which are searched for. First and last arc then follow from the two headings. What is found
-in this way are paths to the goal, and all extremals are among them: T is that of the shortest.
+For r >= 1 one number, u or the length of the line, determines all arcs between the first and the
+last. It is found from the distance between the centres of the first and the last circle, which
+these arcs have to span; all roots are searched for. The two headings then determine the first and
+the last arc. Every path found in this way leads to the goal, and all extremals are among these
+paths: T is the time of the fastest.
 
 Optimal paths have at most two arcs of length u (Sussmann and Tang, 1991), and one of pi/2 at
 either end of the line. One more of each is tried.
@@ -33,25 +34,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 from obc_ros.core.numerics.arrays import Array, Complex
 
-BETWEEN, AT_ENDS = 3, 2  # arcs of length u and of pi/2 at most
-U = np.linspace(0.0, pi / 2, 65)  # a sign that changes between two of these is a root
+BETWEEN, AT_ENDS = 3, 2  # largest numbers of arcs of length u, and of pi/2 at an end of the line
+U = np.linspace(0.0, pi / 2, 65)  # a change of sign between two of these is a root
 BISECTIONS = 50
 SIGNS = (1, -1)
 
 
 def find_least_times(goals: ArrayLike) -> Array:
     """
-    Return the least times from (0, 0, 0) to goals with |v|, |omega| <= 1.
+    Return the minimum times from (0, 0, 0) to goals with |v|, |omega| <= 1.
 
     Parameters
     ----------
     goals : array_like, shape (N, 3)
-        x, y [m] and theta [rad], the latter up to multiples of 2 pi.
+        x, y [m] and theta [rad]; multiples of 2 pi do not count.
 
     Returns
     -------
     ndarray, shape (N,)
-        [s]
+        Times [s].
 
     """
     x, y, theta = np.asarray(goals, dtype=float).T
@@ -61,11 +62,12 @@ def find_least_times(goals: ArrayLike) -> Array:
 
 def _one_way(goal: Complex, theta: Array) -> Array:
     """
-    Return how far to turn, for goals that are reached turning one way; inf for others.
+    Return the turning time to goals that are reached by turning in one direction; inf for others.
 
-    Turning left for a time T with any |v(t)| <= 1 leads to a convex set of places. Its support
-    function in the direction beta is the integral of |cos(t - beta)|, of which the place leaves
-    least room where the derivative by beta is 0, for one of the signs of the two cosines.
+    Turning left for a time T with any |v(t)| <= 1 reaches a convex set of positions. The support
+    function of this set in the direction beta is the integral of |cos(t - beta)|. Its excess over
+    the position is minimal where the derivative with respect to beta is 0, for one combination of
+    the signs of the two cosines.
     """
     least = np.full(theta.shape, np.inf)
     left = np.remainder(theta, 2 * pi)
@@ -86,13 +88,13 @@ def _swept(t: Array) -> Array:
 
 
 def _rows(goal: Complex, theta: Array) -> Array:
-    """Return the time of the fastest path whose middle is a row of arcs of one length u."""
+    """Return the time of the fastest path whose middle consists of arcs of one length u."""
     least = np.full(theta.shape, np.inf)
     for count, side, way, phase in product(range(1, BETWEEN + 1), SIGNS, SIGNS, range(2)):
         sides = [side * (-1)**k for k in range(count)]
         ways = np.array([way * (-1)**((k + phase) // 2) for k in range(count)])
         ends = _Ends(goal, theta, -sides[0], -sides[-1])
-        # Is the distance between the centres more than that of the middle with arcs u?
+        # Does the middle with arcs u span less than the distance between the centres?
         below = np.abs(ends.offset(*_driven(sides, np.multiply.outer(ways, U)))) < \
             ends.distance[:, None]
         index, cell = np.nonzero(below[:, 1:] != below[:, :-1])
@@ -108,7 +110,7 @@ def _rows(goal: Complex, theta: Array) -> Array:
 
 
 def _lines(goal: Complex, theta: Array) -> Array:
-    """Return the time of the fastest path with a line, and arcs of pi/2 at its ends."""
+    """Return the time of the fastest path with a line and arcs of pi/2 at its ends."""
     least = np.full(theta.shape, np.inf)
     for before, after, side, other, way in product(
             range(AT_ENDS + 1), range(AT_ENDS + 1), SIGNS, SIGNS, SIGNS):
@@ -133,7 +135,7 @@ def _lines(goal: Complex, theta: Array) -> Array:
 
 class _Ends:
     """
-    The first and the last arc, on given sides, of paths with given poses at start and end.
+    The first and the last arc of paths between given poses, on given sides.
 
     Attributes
     ----------
@@ -149,18 +151,18 @@ class _Ends:
         self.distance = np.abs(self._between)
 
     def offset(self, place: Any, heading: Any) -> Any:
-        """Return the vector between the centres, where the middle leads to this pose."""
+        """Return the vector between the centres if the middle leads to this pose."""
         return place + self._last * np.exp(1j * heading) - self._first
 
     def time(self, place: Complex, heading: Array, index: Any = ...) -> Array:
-        """Return how long the two arcs take around such a middle, for some of the goals."""
+        """Return the duration of the two arcs around such a middle, for some of the goals."""
         first = np.angle(self._between[index] * np.conj(self.offset(place, heading)))
         last = np.angle(np.exp(1j * (self._theta[index] - first - heading)))
         return np.asarray(np.abs(first) + np.abs(last))
 
 
 def _driven(sides: Sequence[int], lengths: ArrayLike) -> tuple[Any, Any]:
-    """Return where arcs lead to from 0: place and heading; a length < 0 is driven backwards."""
+    """Return position and heading after arcs from 0; a length < 0 is driven backwards."""
     place, heading = 0j, 0.0
     for side, length in zip(sides, np.asarray(lengths), strict=True):
         turn = side * length

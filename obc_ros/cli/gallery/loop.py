@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A closed loop: `plant_simulator` and `lqr_node` in processes of their own, in lockstep."""
+"""A closed loop of `plant_simulator` and `lqr_node` as processes, in lockstep."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
@@ -23,26 +23,26 @@ from std_srvs.srv import Trigger
 RESET = 'ros2 service call /plant_simulator/reset std_srvs/srv/Trigger'
 DESIGN = 'ros2 topic echo --once /lqr_node/design obc_ros/msg/LqrDesign'
 ATTEMPTS = 4
-PACE = {'lockstep': True, 'speed': 1e6, 'dt': 0.005}  # not 0, which goes with a /clock to record
-# What listens falls behind for a moment: commands wait for it.
+PACE = {'lockstep': True, 'speed': 1e6, 'dt': 0.005}  # speed 0 would publish a /clock
+# A subscriber may fall behind for a moment: commands are queued.
 PATIENT = {'qos_overrides./command.publisher.depth': 1000}
 
 
 class UnansweredError(ObcError):
-    """The nodes did not answer what an entry needs an answer to."""
+    """The nodes have no result that an entry needs."""
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
     """
-    All states of one run and the commands that answer them.
+    All states of one run, and the commands computed from them.
 
     Attributes
     ----------
     t : ndarray, shape (N,)
-        [s] from the reset on.
-    x : ndarray, shape (N, n)
-    u : ndarray, shape (N, m)
+        Times [s] since the reset.
+    x, u : ndarray, shape (N, n) and (N, m)
+        States and inputs.
 
     """
 
@@ -52,13 +52,13 @@ class Run:
 
 
 class NodeLoop:
-    """A running loop that stands still between runs."""
+    """A running loop whose time is paused between runs."""
 
     def __init__(self, pilot: Pilot, recorder: Recorder, note: Callable[[str], None]) -> None:
         self._pilot = pilot
         self._folder = recorder.folder
         self._note = note
-        self._before = 0  # [ns] of the runs before: what is recorded goes on in time
+        self._before = 0  # [ns] of earlier runs: the times of the recording increase
         recorder.now = lambda: self._before + (pilot.states.stamp or [0])[-1]
 
     @property
@@ -68,19 +68,19 @@ class NodeLoop:
 
     def set(self, node: str = 'lqr_node', **values: Any) -> None:
         """
-        Set parameters of a node as one; for `lqr_node` wait until its new design is there.
+        Set parameters of a node in one transaction; for `lqr_node`, wait for the new design.
 
         Raises
         ------
         UnansweredError
-            If they are refused.
+            If they are rejected.
 
         """
         pilot = self._pilot
         revision = self.design.revision
         done, reason = pilot.set_parameters(node, values)
         if not done:
-            raise UnansweredError(f'{node} refuses {values}: {reason}')
+            raise UnansweredError(f'{node} rejects {values}: {reason}')
         for name, value in values.items():
             self._note(set_parameter(node, name, value))
         if node == 'lqr_node':
@@ -89,14 +89,14 @@ class NodeLoop:
     def run(self, duration: float, reference: Trajectory | None = None, name: str = 'reference'
             ) -> Run:
         """
-        Return what happens from a reset on, for `duration` [s], along a reference if given.
+        Reset the plant, run the loop for `duration` [s], along a reference if given.
 
-        The reference is kept as a file of the name, for those who publish it themselves.
+        The reference is written to a file called `name`, for the command that publishes it.
 
         Raises
         ------
         UnansweredError
-            If this process is too slow to hear all of them, several times.
+            If messages of the loop are lost in each of `ATTEMPTS` runs.
 
         """
         self._note(RESET)
@@ -106,7 +106,7 @@ class NodeLoop:
             found = self._run(round(duration * 1e9), reference)
             if found:
                 return found
-        raise UnansweredError('states or commands of the loop were lost on their way')
+        raise UnansweredError('states or commands of the loop were lost in transit')
 
     def _run(self, end: int, reference: Trajectory | None) -> Run | None:
         pilot = self._pilot
@@ -126,10 +126,10 @@ class NodeLoop:
         return self._recorded(begin, answered, end)
 
     def _recorded(self, begin: int, answered: int, end: int) -> Run | None:
-        """Return the run that began last; None if something of it is missing."""
+        """Return the last run; None if messages of it are missing."""
         states, commands = self._pilot.states, self._pilot.commands
         begin += states.stamp[begin:].index(0)
-        # What is sent again counts once; an answer from before the reset may come late.
+        # A repeated state counts once; a command from before the reset may arrive late.
         ticks, first = np.unique(states.stamp[begin:], return_index=True)
         place = {stamp: answered + k for k, stamp in enumerate(commands.stamp[answered:])}
         count = np.searchsorted(ticks, end, 'right')
@@ -145,8 +145,8 @@ class NodeLoop:
 @contextmanager
 def run_loop(folder: Path, plant: Mapping[str, Any], regulator: Mapping[str, Any],
              note: Callable[[str], None]) -> Iterator[NodeLoop]:
-    """Yield a loop that stands still; its topics are recorded into `folder`."""
-    note(run_node('plant_simulator', plant))  # at the speed of the clock on the wall
+    """Start a loop whose time is paused, and yield it; its topics are recorded in `folder`."""
+    note(run_node('plant_simulator', plant))  # in real time
     note(run_node('lqr_node', regulator))
     note(DESIGN)
     plant, regulator = {**PACE, **plant}, {**PATIENT, **regulator}

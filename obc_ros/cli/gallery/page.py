@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The page of the gallery: static HTML and CSS, nothing from anywhere else.
+The page of the gallery: static HTML and CSS without external resources.
 
-Markup of the texts: `$...$` is mathematics, in which letters are italic, `_` and `^` make the
-next character or {group} an index or a power, and names of functions stay upright; backquotes
-enclose code.
+Markup of the texts: `$...$` is mathematics. In it letters are italic, `_` and `^` make the next
+character or {group} an index or a power, and names of functions are upright. Backquotes enclose
+code.
 """
 
 from collections.abc import Mapping, Sequence
@@ -101,13 +101,26 @@ def strip_markup(text: str) -> str:
 
 
 def format_scientific(text: str) -> str:
-    """Return a number as Python writes it, with its power of ten as markup."""
+    """
+    Return a number with its power of ten in the markup of this page.
+
+    Parameters
+    ----------
+    text : str
+        The number as Python writes it, such as ``1.2e-05``.
+
+    Returns
+    -------
+    str
+        Such as ``$1.2·10^{-5}$``.
+
+    """
     digits, _, exponent = text.partition('e')
     return f'${digits}·10^{{{int(exponent)}}}$' if exponent else f'${digits}$'
 
 
 def show_number(value: float | None) -> str:
-    """Return a number with the digits that are compared."""
+    """Return a number with ten significant digits."""
     return '-' if value is None else format_markup(format_scientific(f'{value:.10g}'))
 
 
@@ -172,7 +185,7 @@ def _error(record: Record) -> str:
 
 
 def format_error(value: float | None) -> str:
-    """Return an error, of which two digits say enough."""
+    """Return an error with two significant digits."""
     return ('infinite' if value is None else format_markup(format_scientific(f'{value:.1e}'))
             if value
             else '0')

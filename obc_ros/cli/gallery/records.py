@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What entries came to: worked by running nodes, written as page and numbers."""
+"""Run entries with the nodes, and write their results as page and numbers."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -26,7 +26,7 @@ COLOURS = {'holds': 'green', 'does not hold': 'red'}
 
 
 def work_and_write(chosen: Sequence[GalleryEntry], out: Path, order: Sequence[str]) -> int:
-    """Work entries, write and show what they came to; return the exit status."""
+    """Run entries, write and print their results; return the exit status."""
     begun = time.monotonic()
     records: list[dict[str, Any]] = []
     status = 0
@@ -45,7 +45,7 @@ def work_and_write(chosen: Sequence[GalleryEntry], out: Path, order: Sequence[st
 
 
 def work_all(entries: Sequence[GalleryEntry], out: Path, records: list[dict[str, Any]]) -> None:
-    """Append the records of entries, worked by nodes on a domain of their own."""
+    """Append the records of entries, computed by nodes on a domain of their own."""
     with reserve_domain() as domain:
         isolate(domain)
         with (Children(out / 'log') as children, ExitStack() as stack,
@@ -58,7 +58,7 @@ def work_all(entries: Sequence[GalleryEntry], out: Path, records: list[dict[str,
 
 
 def work(entry: GalleryEntry, desk: Desk, out: Path) -> dict[str, Any]:
-    """Return the record of one entry, its figure drawn; what fails is told in it."""
+    """Return the record of one entry and draw its figure; an error goes into the record."""
     import matplotlib
     begun = time.monotonic()
     desk.begin(entry.name)
@@ -82,19 +82,19 @@ def work(entry: GalleryEntry, desk: Desk, out: Path) -> dict[str, Any]:
 
 
 def label(name: str) -> str:
-    """Return the name of an entry as the book has it."""
+    """Return the name of an entry as in the book."""
     kind, _, number = name.rpartition('-')
     return f'{(kind or "example").capitalize()} {number}'
 
 
 def write_record(out: Path, records: Sequence[dict[str, Any]], order: Sequence[str]) -> None:
-    """Write ``gallery.json`` and ``index.html``, with the records that are there of others."""
+    """Write ``gallery.json`` and ``index.html``, keeping the records of other entries."""
     before = out / 'gallery.json'
     try:
         known = json.loads(before.read_text(encoding='utf-8'))['entries']
         found = {record['name']: record for record in known if record['name'] in order}
         render_page(known)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):  # none, or of another kind
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):  # none, or another format
         found = {}
     found |= {record['name']: convert_to_json(record) for record in records}
     entries = [found[name] for name in order if name in found]

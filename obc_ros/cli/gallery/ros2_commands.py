@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Requests and parameters as the `ros2` command that a person would type."""
+"""Requests, parameters and messages as `ros2` commands."""
 
 from array import array
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ import yaml
 
 
 def write_service_call(name: str, kind: Any, request: Any) -> str:
-    """Return the command that makes a request of the trajectory server."""
+    """Return the command that sends a request to the trajectory server."""
     text = _quoted(_flow(drop_defaults(request)))
     return (f'ros2 service call /trajectory_server/{name} obc_ros/srv/{kind.__name__} {text}')
 
@@ -25,9 +25,9 @@ def run_node(node: str, parameters: Mapping[str, Any]) -> str:
 
 def publish(topic: str, message: Any, file: Path) -> str:
     """
-    Return the command that publishes a message, which is written into a file.
+    Write a message to a file, and return the command that publishes it.
 
-    Without its stamp, which is of another run; the path is from the folder of the page.
+    The stamp is left out: it belongs to this run. The path is relative to the folder of the page.
     """
     fields = {name: value for name, value in drop_defaults(message).items() if name != 'header'}
     for name, value in fields.items():
@@ -46,12 +46,12 @@ def set_parameter(node: str, name: str, value: Any) -> str:
 
 
 def write_argument(name: str, value: Any) -> str:
-    """Return ``name:=value`` as a node is given it."""
+    """Return ``name:=value`` as an argument of a node."""
     return f'{name}:={_flow(_value(value))}'
 
 
 def drop_defaults(message: Any) -> Any:
-    """Return a message as YAML has it; what is at its default is left out."""
+    """Return a message as plain values for YAML, without fields at their defaults."""
     if hasattr(message, 'get_fields_and_field_types'):
         fields = {name: drop_defaults(getattr(message, name))
                   for name in message.get_fields_and_field_types()}

@@ -1,9 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What an entry works at: the services of a running trajectory server, and loops of nodes.
+The services of a running trajectory server and loops of nodes, for the entries.
 
-What is asked is kept as the `ros2` command that asks the same.
+Requests are kept as equivalent `ros2` commands.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -33,7 +33,7 @@ from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
 
 ReportedValues = Mapping[str, Any]
 
-ABREAST = 4  # requests under way: what the server's workers do, and as many that wait
+ABREAST = 4  # requests under way: two for each of the two workers of the server
 REQUEST_NAMES = {SolveOptimalControl: 'solve', Minimize: 'minimize', PlanMotion: 'plan',
                  DesignLqr: 'design_lqr'}
 
@@ -41,21 +41,21 @@ REQUEST_NAMES = {SolveOptimalControl: 'solve', Minimize: 'minimize', PlanMotion:
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """
-    An optimal trajectory as the server answered it.
+    An optimal trajectory computed by the server.
 
     Attributes
     ----------
     t, hamiltonian : ndarray, shape (N,)
     x, u, lam : dict of str to ndarray, shape (N,)
-        By the name of the state or input.
+        By name of the state or input.
     nu : ndarray, shape (q,)
         Multipliers of the terminal constraints; empty for a planned motion.
     J, T : float
         Cost and final time [s].
     switching_times : ndarray
-        [s]
+        Times [s].
     message, verdict : str
-        Of the answer and of its certificate.
+        Of the response and of its certificate.
 
     """
 
@@ -74,7 +74,7 @@ class Trajectory:
 
 @dataclass(frozen=True, eq=False)
 class AnsweredRegulator:
-    """A design as the server answered it: A, B, K, P, poles E; `message` has the figures."""
+    """A design computed by the server: A, B, K, P, poles E; `message` is the LqrDesign."""
 
     A: Array
     B: Array
@@ -85,15 +85,15 @@ class AnsweredRegulator:
 
     @property
     def omega0(self) -> float:
-        """Return the natural frequency [rad/s] of the pole that comes first."""
+        """Return the natural frequency [rad/s] of the first pole."""
         return float(abs(self.E[0]))
 
 
 class Desk:
     """
-    The services of one server, and loops that record into `folder`.
+    The services of one server, and loops that are recorded in `folder`.
 
-    The server is connected to when it is first asked: entries that only fly do without.
+    The client connects on the first request: entries that only run loops need no server.
     """
 
     def __init__(self, connect: Callable[[], Client], folder: Path) -> None:
@@ -104,7 +104,7 @@ class Desk:
         self.commands: list[str] = []
 
     def begin(self, entry: str) -> None:
-        """Begin another entry, with no commands yet."""
+        """Begin another entry, and clear the commands."""
         self._entry, self.commands = entry, []
 
     @cached_property
@@ -112,11 +112,11 @@ class Desk:
         return self._connect()
 
     def note(self, command: str) -> None:
-        """Keep a command."""
+        """Keep a command for the page."""
         self.commands.append(command)
 
     def ask(self, requests: Iterable[Any], kind: Any, show: int = 1) -> list[Any]:
-        """Return the responses to requests of one service, some at a time."""
+        """Return the responses to requests of one service, sent `ABREAST` at a time."""
         if kind not in self._services:
             self._services[kind] = self._client.node.create_client(
                 kind, f'{self._client.server}/{REQUEST_NAMES[kind]}', qos_profile=BURST)
@@ -137,13 +137,13 @@ class Desk:
         return [each.result() for each in futures]
 
     def solve(self, *, method: str = '', show: int = 1, **statement: Any) -> Trajectory:
-        """Return the answer to a problem, given by the keys of a problem file."""
+        """Return the solution of a problem, given by the keys of a problem file."""
         return self.solve_all([statement], method=method, show=show)[0]
 
     def solve_all(self, statements: Sequence[ReportedValues], *, method: str = '', show: int = 1
                   ) -> list[Trajectory]:
         """
-        Return the answers to problems.
+        Return the solutions of problems.
 
         Raises
         ------
@@ -156,12 +156,12 @@ class Desk:
         return [_trajectory(each) for each in responses]
 
     def plan_all(self, motions: Sequence[ReportedValues], show: int = 1) -> list[Trajectory]:
-        """Return planned motions, given by the fields of PlanMotion; as `solve_all`."""
+        """Return planned motions, given by the fields of PlanMotion; raise as `solve_all`."""
         return [_trajectory(each) for each in self.ask(
             [plan_request(each) for each in motions], PlanMotion, show)]
 
     def minimize_all(self, questions: Sequence[ReportedValues], show: int = 1) -> list[Any]:
-        """Return minima, given by the fields of Minimize; as `solve_all`."""
+        """Return minima, given by the fields of Minimize; raise as `solve_all`."""
         responses = self.ask([minimize_request(each) for each in questions], Minimize, show)
         for each in responses:
             _check(each.success, each)
@@ -175,7 +175,7 @@ class Desk:
         Raises
         ------
         UnansweredError
-            If one of them is refused.
+            If one of them is rejected.
 
         """
         responses = self.ask([design_request(each) for each in cases], DesignLqr, show)
@@ -192,13 +192,26 @@ class Desk:
 
 
 def solve_request(statement: ReportedValues, method: str = '') -> Any:
-    """Return the request of a problem."""
+    """Return the request for a solution of a problem."""
     return SolveOptimalControl.Request(
         problem=build_problem_message({'name': 'problem', **statement}, Guess()), method=method)
 
 
 def minimize_request(question: ReportedValues) -> Any:
-    """Return the request of a minimisation."""
+    """
+    Return the request for a minimum.
+
+    Parameters
+    ----------
+    question : mapping
+        Fields of Minimize; `parameters` and `bounds` as mappings by name, `guess` as numbers.
+
+    Returns
+    -------
+    Minimize.Request
+        The request.
+
+    """
     given = dict(question)
     return Minimize.Request(
         parameters=build_named_expressions(given.pop('parameters', {})),
@@ -208,7 +221,7 @@ def minimize_request(question: ReportedValues) -> Any:
 
 
 def plan_request(motion: ReportedValues) -> Any:
-    """Return the request of a motion."""
+    """Return the request for a motion."""
     given = dict(motion)
     return PlanMotion.Request(
         system_parameters=build_named_expressions(given.pop('system_parameters', {})),
@@ -219,7 +232,21 @@ def plan_request(motion: ReportedValues) -> Any:
 
 
 def design_request(case: ReportedValues) -> Any:
-    """Return the request of a regulator."""
+    """
+    Return the request for a regulator.
+
+    Parameters
+    ----------
+    case : mapping
+        `A` (n, n) and `B` (n, m), or `system` with `parameters`, `setpoint` and
+        `setpoint_input`; `sample_time` [s]; fields of LqrWeights, with capitals or without.
+
+    Returns
+    -------
+    DesignLqr.Request
+        The request.
+
+    """
     given = dict(case)
     own = {key.lower(): flatten_doubles(np.asarray(given.pop(key), dtype=float).ravel())
            for key in ('A', 'B', 'setpoint', 'setpoint_input') if key in given}
@@ -237,7 +264,7 @@ def _weight(value: ArrayLike) -> Any:
 
 def _check(success: bool, response: Any) -> None:
     if not success:
-        raise UnansweredError(f'the server answers: {response.message}')
+        raise UnansweredError(f'trajectory_server: {response.message}')
 
 
 def _trajectory(response: Any) -> Trajectory:
@@ -257,6 +284,19 @@ def _trajectory(response: Any) -> Trajectory:
 
 
 def read_design(design: Any) -> AnsweredRegulator:
-    """Return what an LqrDesign tells."""
+    """
+    Return the matrices and poles of an LqrDesign message.
+
+    Parameters
+    ----------
+    design : LqrDesign
+        The message.
+
+    Returns
+    -------
+    AnsweredRegulator
+        With arrays A (n, n), B (n, m), K (m, n), P (n, n), E (n,).
+
+    """
     told = read_matrices(design)
     return AnsweredRegulator(told.A, told.B, told.K, told.P, told.poles, design)

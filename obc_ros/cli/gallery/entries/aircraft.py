@@ -19,7 +19,7 @@ from scipy.linalg import solve_continuous_are
 MASS, INERTIA, ARM, GRAVITY, DAMPING = 4.0, 0.0475, 0.25, 9.8, 0.05
 STEP = 0.02  # [s] from state to state
 GOAL = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
-CAPTION, LEGEND = (1.0, 1e2, 1e4), (0.1, 1.0, 10.0)  # rho as the caption and the legend say
+CAPTION, LEGEND = (1.0, 1e2, 1e4), (0.1, 1.0, 10.0)  # rho in the caption and in the legend
 IDENTITY = [1.0] * 6
 PRINTED = [100.0, 1.0, 2 * pi / 9, 0.0, 0.0, 0.0]
 MEANT = [100.0, 1.0, (3.6 / pi)**2, 0.0, 0.0, 0.0]
@@ -42,7 +42,7 @@ def compute_gain(Qx: list[float], rho: float) -> Array:
 
 
 def example_2_5(desk: Desk) -> EntryResult:
-    """Answer Example 2.5: fly the linear model and the nonlinear aircraft."""
+    """Compute Example 2.5 in loops with the linear and with the nonlinear model."""
     A, B = linearize_at_hover()
     cases = {rho: (IDENTITY, rho, STEPS) for rho in (1.0, 0.1, 10.0, 1e2, 1e4)}
     cases |= {'printed': (PRINTED, 0.1, LONG), 'meant': (MEANT, 0.1, LONG)}
@@ -58,7 +58,7 @@ def example_2_5(desk: Desk) -> EntryResult:
     rows = [
         ComparedRow('linearization: $A$', model.A, A, 'Newton, at hover'),
         ComparedRow('linearization: $B$', model.B, B, 'Newton, at hover'),
-        ComparedRow('printed weights: $K$', model.K, compute_gain(PRINTED, 0.1),
+        ComparedRow('weights as printed: $K$', model.K, compute_gain(PRINTED, 0.1),
                     'SciPy, `solve_continuous_are`')]
     for name, (Qx, rho, _) in cases.items():
         run, text = linear[name], _text(name)
@@ -113,7 +113,7 @@ def _simulated(K: Array, count: int) -> tuple[Array, Array]:
 
 
 def _text(name: float | str) -> str:
-    return {'printed': 'printed weights', 'meant': 'weight 1.3131 of $θ$'}.get(
+    return {'printed': 'weights as printed', 'meant': 'weight 1.3131 of $θ$'}.get(
         str(name), f'$Q_x = I$, $ρ = {name:g}$' if isinstance(name, float) else '')
 
 
@@ -153,15 +153,15 @@ def _draw(linear: dict[Any, Run], whole: dict[Any, Run]) -> Figure:
              'lower right'),
             (caption, r'Figure 2.4(b), $\rho$ as in its caption', one, (0, 10, 0, 1.5), step,
              'lower right'),
-            (b, 'Figure 2.5(a): step, printed weights', both, (0, 15, 0, 1.4),
+            (b, 'Figure 2.5(a): step, weights as printed', both, (0, 15, 0, 1.4),
              (long, np.arange(8) / 5), 'lower right'),
             (inputs, 'Figure 2.5(b): axes as in the book', '$u_1$, $u_2$ [N]', (0, 15, 0, 4),
              (long, range(5)), 'upper right'),
             (all_inputs, 'inputs of (b), full range', '$u_1$, $u_2$ [N]', (0, 3, -35, 16),
              (range(4), [-30, -20, -10, 0, 10]), 'lower right'),
-            (fall, 'printed weights, both models', both, (0, 10, -0.9, 1.5),
+            (fall, 'weights as printed, both models', both, (0, 10, -0.9, 1.5),
              (range(0, 11, 2), [-0.5, 0, 0.5, 1, 1.5]), 'lower right'),
-            (tilt, 'printed weights: tilt', r'$\theta$ [deg]', (0, 3, -60, 60),
+            (tilt, 'weights as printed: tilt', r'$\theta$ [deg]', (0, 3, -60, 60),
              (range(4), [-60, -30, 0, 30, 60]), 'upper right'),
             (weights, r'weight of $\theta$: 1.3131 or $2\pi/9$', 'difference [cm]',
              (0, 5, -0.7, 0.4), (range(6), [-0.6, -0.4, -0.2, 0, 0.2, 0.4]), 'lower right')):
@@ -174,11 +174,11 @@ def _draw(linear: dict[Any, Run], whole: dict[Any, Run]) -> Figure:
 
 WEIGHTS_2_5 = GalleryEntry(
     '2.5', 'Thrust vectored aircraft', 'Example 2.5, Figures 2.4 and 2.5', (
-        'The aircraft hovers and is asked to move by 1 m in $x$ and in $y$. First with $Q_x = I$, '
-        '$Q_u = ρI$; then with weights that penalise errors of 1 cm in $x$, 10 cm in $y$ and '
-        '5 degrees in $θ$ equally: $Q_x = diag(100, 1, 2π/9, 0, 0, 0)$, $Q_u = 0.1 I$.',),
+        'The set point of the hovering aircraft steps by 1 m in $x$ and in $y$. First with '
+        '$Q_x = I$, $Q_u = ρI$; then with weights that penalise errors of 1 cm in $x$, 10 cm in '
+        '$y$ and 5 degrees in $θ$ equally: $Q_x = diag(100, 1, 2π/9, 0, 0, 0)$, $Q_u = 0.1 I$.',),
     example_2_5,
-    '5 degrees beside 1 cm and 10 cm, in the ratio of inverse squares with 100 and 1, is the '
-    'weight $(0.1/(π/36))^2 = (3.6/π)^2 = 1.3131$; the printed $2π/9$ is 40 degrees in radians. '
-    'The caption of Figure 2.4(b) says $ρ = 1, 10^2, 10^4$, its legend 0.1, 1, 10. And '
-    '$Q_u = 0.1 I$ does not single out the sideways force, as the text says.')
+    'Errors of 1 cm, 10 cm and 5 degrees have equal costs if the weight of $θ$ is '
+    '$(0.1/(π/36))^2 = (3.6/π)^2 = 1.3131$; the printed $2π/9$ is 40 degrees in radians. The '
+    'caption of Figure 2.4(b) says $ρ = 1, 10^2, 10^4$, its legend 0.1, 1, 10. And contrary to '
+    'the text, $Q_u = 0.1 I$ does not single out the sideways force.')

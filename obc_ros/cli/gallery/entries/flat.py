@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Flat against optimal trajectories: Exercises 2.4 and 2.5.
+Flat trajectories compared with optimal ones: Exercises 2.4 and 2.5.
 
-x itself is a flat output: any smooth z with z(t0) = x(t0) and z(tf) = x(tf) is a trajectory. Its
-coefficients in 1, t, t^2 .. are the variables of a minimisation.
+The state x is a flat output: every smooth z with z(t0) = x(t0) and z(tf) = x(tf) is a trajectory.
+Its coefficients in 1, t, t^2 .. are the variables of a minimisation.
 """
 
 from collections.abc import Callable, Sequence
@@ -48,7 +48,7 @@ def state_problem(power: int, x0: float, c: float, end: float | None = None, *, 
 
 
 def state_flat_request(M: int, power: int) -> dict[str, Any]:
-    """Return the question for the M coefficients of z from 0 to 1, by the cost of a quadrature."""
+    """Return the request for the M coefficients of z from 0 to 1; a quadrature gives the cost."""
     names = [f'c{k}' for k in range(M)]
     terms = []
     for t, share in zip(NODES, SHARES, strict=True):
@@ -66,7 +66,7 @@ def compute_curve(c: Sequence[float], t: Array) -> tuple[Array, Array]:
 
 
 def exercise_2_4(desk: Desk) -> EntryResult:
-    """Answer Exercise 2.4, (a) to (e)."""
+    """Compute Exercise 2.4, (a) to (e)."""
     free = desk.solve(**state_problem(1, 1.0, 1.0))
     many = desk.solve_all([state_problem(1, 1.0, c) for c in MANY_WEIGHTS], show=0)
     other = desk.solve(**state_problem(1, **OTHER), show=0)
@@ -93,7 +93,7 @@ def exercise_2_4(desk: Desk) -> EntryResult:
         ComparedRow('(c) $M = 2$: $x_d(t)$', z, t,
                     '$x(t_0) + (x(t_f) - x(t_0))(t - t_0)/(t_f - t_0)$'),
         ComparedRow('(c) $M = 2$: $u_d(t)$', dz + z, 1 + t, "$(x_d' + a x_d)/b = 1 + t$"),
-        ComparedRow('(d) optimal $x(t)$, $x(1) = 1$ demanded', best.x['x'],
+        ComparedRow('(d) optimal $x(t)$ with $x(1) = 1$', best.x['x'],
                     np.sinh(best.t) / sinh(1), '$sinh t / sinh 1$'),
         ComparedRow('(d) optimal $u(t)$', best.u['u'], np.exp(best.t) / sinh(1), '$e^t / sinh 1$'),
         ComparedRow('(d) optimal cost $J$', best.J, between.J + 0.5, '$1/(1 - e^{-2}) + ½$'),
@@ -106,19 +106,19 @@ def exercise_2_4(desk: Desk) -> EntryResult:
     figure, last = _draw('x', free, best, found, 1)
     _draw_ends(last, many, ends)
     return EntryResult(rows, figure, (
-        "(b) $z = x$ is a flat output: $x = z$, $u = (z' + az)/b$. (c) Two coefficients meet the "
-        'ends, $M = 2$. (d) The flat trajectory costs '
-        f'{100 * shares[0]:.2g} % more than the optimum. (e) Coefficients to spare lower the '
+        "(b) $z = x$ is a flat output: $x = z$, $u = (z' + az)/b$. (c) Two coefficients satisfy "
+        'the end conditions, $M = 2$. (d) The flat trajectory costs '
+        f'{100 * shares[0]:.2g} % more than the optimum. (e) More coefficients lower the '
         f'cost: {100 * shares[1]:.2g} % above the optimum with $M = 3$, '
         f'{format_scientific(f"{100 * shares[2]:.1g}")} % with $M = 4$.',),
         f'The optimum of part (a) from $x(0) = 0$ has $J = {nothing.J:.3g}$ and ends at '
-        f'$x(1) = {nothing.x["x"][-1]:.3g}$; with $x(1) = 1$ demanded, $J = {best.J:.6f}$.')
+        f'$x(1) = {nothing.x["x"][-1]:.3g}$; with the constraint $x(1) = 1$, $J = {best.J:.6f}$.')
 
 
 def _least_square(M: int) -> float:
-    """Return the least cost of M coefficients: a linear least squares problem."""
+    """Return the minimum cost with M coefficients, from a linear least squares problem."""
     k = np.arange(1, M - 1)
-    # z = t + sum of d_k (t^(k + 1) - t): whatever d is, the ends are met.
+    # z = t + sum of d_k (t^(k + 1) - t) satisfies the end conditions for every d.
     basis = NODES[:, None]**(k + 1) - NODES[:, None]
     rates = (k + 1) * NODES[:, None]**k - 1
     root = np.sqrt(SHARES)
@@ -128,7 +128,7 @@ def _least_square(M: int) -> float:
 
 
 def exercise_2_5(desk: Desk) -> EntryResult:
-    """Answer Exercise 2.5."""
+    """Compute Exercise 2.5."""
     free = desk.solve(**state_problem(3, 1.0, 1.0), method='indirect')
     best = desk.solve(**state_problem(3, 0.0, 1.0, 1.0), method='indirect')
     found = desk.minimize_all([state_flat_request(M, 3) for M in COUNTS])
@@ -149,7 +149,7 @@ def exercise_2_5(desk: Desk) -> EntryResult:
                     'its value at $t = 0$, shooting'),
         ComparedRow('(c) $M = 2$: $u_d(t)$', dz + z**3, 1 + t**3,
                     "$(x_d' + a x_d^3)/b = 1 + t^3$"),
-        ComparedRow("(d) optimal $x'(t)$, $x(1) = 1$ demanded", best.u['u'] - best.x['x']**3,
+        ComparedRow("(d) optimal $x'(t)$ with $x(1) = 1$", best.u['u'] - best.x['x']**3,
                     dx(best.x['x']), "$H$ constant: $x'^2 = x^6 + E$, $∫ dx/x' = 1$"),
         ComparedRow('(d) optimal $x(t)$', best.x['x'], way, "$x' = √(x^6 + E)$ integrated"),
         ComparedRow('(d) optimal $u(t)$', best.u['u'], dx(way) + way**3, "the same, $x' + x^3$"),
@@ -160,7 +160,7 @@ def exercise_2_5(desk: Desk) -> EntryResult:
                     '$23/28 + ½$'),
         ComparedRow(f'(e) flat cost, $M = {COUNTS[1]} .. {COUNTS[-1]}$',
                     [each.objective for each in found[1:]], [_least(M) for M in COUNTS[1:]],
-                    'BFGS from another start, without the server')]
+                    'BFGS from another initial guess, without the server')]
     shares = [(each.objective - best.J) / best.J for each in found]
     figure, last = _draw('x^3', free, best, found, 3)
     _draw_first_integral(last, best, E)
@@ -218,7 +218,7 @@ def _least(M: int) -> float:
 
 def _draw(drift: str, free: Trajectory, best: Trajectory, found: list[Any], power: int
           ) -> tuple[Figure, Axes]:
-    """Return a figure, and those axes of it that are still empty."""
+    """Return the figure, and its last panel, which is empty."""
     figure, ((states, inputs), (costs, last)) = create_panels(2, 2, 2.9)
     t = np.linspace(0, TF, 101)
     for index, M in enumerate((2, 3)):
@@ -271,14 +271,14 @@ def _draw_first_integral(axes: Axes, best: Trajectory, E: float) -> None:
 EXERCISE_2_4 = GalleryEntry(
     'exercise-2.4', 'Optimal and flat trajectories, linear', 'Exercise 2.4', (
         "$x' = -ax + bu$ with the cost of Example 2.2: (a) the optimum, and $x*(t_f)$ for "
-        '$c → ∞$; (b) a flat output; (c) the flat trajectory in the basis $t^k$ with no '
-        'coefficient to spare; (d) both from $x(0) = 0$ to $x(1) = 1$ for $a = c = 1$; (e) '
-        'coefficients to spare, used to lower the cost.',),
+        '$c → ∞$; (b) a flat output; (c) the flat trajectory in the basis $t^k$ with as few '
+        'coefficients as possible; (d) both from $x(0) = 0$ to $x(1) = 1$ for $a = c = 1$; (e) '
+        'the minimum cost with more coefficients.',),
     exercise_2_4,
-    'In (d) the optimum of part (a) is linear in $x(t_0)$: from $x(0) = 0$ it is $u ≡ 0$ and '
-    'never comes to $x(1) = 1$, which has to be demanded for a comparison. $b$ is not given; it '
-    'is 1 here.')
+    'In (d) the optimum of part (a) is linear in $x(t_0)$: from $x(0) = 0$ it is $u ≡ 0$ and does '
+    'not reach $x(1) = 1$. A comparison needs this as a constraint. $b$ is not given; it is 1 '
+    'here.')
 EXERCISE_2_5 = GalleryEntry(
     'exercise-2.5', 'Optimal and flat trajectories, nonlinear', 'Exercise 2.5', (
-        "The same for $x' = -ax^3 + bu$; of (a) only the conditions are asked for.",),
+        "The same for $x' = -ax^3 + bu$; part (a) asks for the conditions only.",),
     exercise_2_5)

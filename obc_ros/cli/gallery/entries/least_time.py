@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Least time: Example 2.3 (bang-bang control) and Example 2.6 (the nonholonomic integrator)."""
+"""Minimum time: Example 2.3 (bang-bang control) and Example 2.6 (nonholonomic integrator)."""
 
 from math import pi, sqrt
 from typing import Any
@@ -17,14 +17,14 @@ from scipy.interpolate import CubicHermiteSpline
 
 STARTS = tuple((r * np.cos(angle), r * np.sin(angle))
                for r in (1.0, 2.5) for angle in np.arange(12) * pi / 6 + 0.2)
-# The oscillator's starts by the first input, the number of switches and the first and last arc.
+# Starts of the oscillator: first input, number of switches, lengths of the first and last arc.
 ARCS = ((1, 0, 0.0, 2.0), (-1, 1, 1.0, 2.5), (1, 1, 2.0, 0.7), (-1, 2, 0.5, 1.5),
         (1, 2, 2.8, 2.9), (-1, 3, 1.7, 0.4), (1, 4, 1.2, 2.2), (-1, 5, 2.4, 1.1))
 FREE = {'free': True, 'lower': 0.01, 'upper': 50}
 
 
 def solve_double_integrator(x: float, v: float) -> tuple[float, float, float]:
-    """Return the least time to the origin, when the input changes its sign, and to what."""
+    """Return the minimum time to the origin, the switching time, and the input after it."""
     side = 1.0 if x + v * abs(v) / 2 > 0 else -1.0
     root = sqrt(side * x + v * v / 2)
     return side * v + 2 * root, side * v + root, side
@@ -32,10 +32,10 @@ def solve_double_integrator(x: float, v: float) -> tuple[float, float, float]:
 
 def start_backwards(first: int, switches: int, begin: float, end: float) -> tuple[Array, Array]:
     """
-    Return the state from which these arcs lead to the origin, and the times between them.
+    Return the state from which given arcs lead to the origin, and the times at their ends.
 
-    Arcs but the first and the last take half a period; going back in time the state turns about
-    (u, 0), counter-clockwise.
+    All arcs but the first and the last take half a period. Backwards in time the state rotates
+    counter-clockwise about (u, 0).
     """
     lengths = [end] + [pi] * (switches - 1) + ([begin] if switches else [])
     x, u = np.zeros(2), first * (-1.0)**switches
@@ -47,7 +47,7 @@ def start_backwards(first: int, switches: int, begin: float, end: float) -> tupl
 
 
 def example_2_3(desk: Desk) -> EntryResult:
-    """Answer Example 2.3 for two systems and many starts."""
+    """Compute Example 2.3 for two systems and many initial states."""
     common = {'running_cost': '1', 'terminal_constraints': ['x1', 'x2'],
               'input_bounds': {'u': [-1, 1]}, 'final_time': FREE}
     plain = desk.solve_all([{
@@ -65,17 +65,17 @@ def example_2_3(desk: Desk) -> EntryResult:
     lam = np.concatenate(_costates(switching, exact, known))
     away = np.abs(lam) > 1e-6
     rows = [
-        ComparedRow(f'double integrator, {len(STARTS)} starts: least time $T$ [s]',
+        ComparedRow(f'double integrator, {len(STARTS)} starts: minimum time $T$ [s]',
                     [path.T for path in plain], exact[:, 0], '$± v_0 + 2 √(± x_0 + v_0^2/2)$'),
         ComparedRow('double integrator: the switching time [s]',
                     [path.switching_times[0] for path in plain], exact[:, 1],
                     '$± v_0 + √(± x_0 + v_0^2/2)$'),
         ComparedRow('double integrator: $x$, $v$ at the switch', at,
                     np.column_stack([-v * np.abs(v) / 2, v]), 'the switching curve $x = -½ v|v|$'),
-        ComparedRow(f'oscillator, {len(ARCS)} starts: least time $T$ [s]',
+        ComparedRow(f'oscillator, {len(ARCS)} starts: minimum time $T$ [s]',
                     [path.T for path in turning],
                     [times[-1] for _, times in known],
-                    'arcs put together backwards from the origin'),
+                    'arcs joined backwards from the origin'),
         ComparedRow('oscillator: all switching times [s]',
                     np.concatenate([path.switching_times for path in turning]),
                     np.concatenate([times[:-1] for _, times in known]), 'the same arcs'),
@@ -98,7 +98,7 @@ def example_2_3(desk: Desk) -> EntryResult:
 
 def _costates(paths: list[Trajectory], plain: Array, known: list[tuple[Array, Array]]
               ) -> list[Array]:
-    """Return the costate of x2 on each path: with its second derivative 0, or minus itself."""
+    """Return the costate of x2 on each path: a line, or a sine for the oscillator."""
     found = [-last * (path.t - switch) / (T - switch)
              for (T, switch, last), path in zip(plain, paths, strict=False)]
     for (first, switches, *_), (_, times), path in zip(
@@ -145,7 +145,7 @@ def _draw_2_3(plain: list[Trajectory], turning: list[Trajectory]) -> Figure:
 
 
 def smooth(path: Trajectory) -> tuple[Array, Array, Array]:
-    """Return x1, x2 and u at many times, by the cubics with the values x1 and the slopes x2."""
+    """Return x1, x2 and u at many times, from cubics with the values x1 and the slopes x2."""
     knots, index = np.unique(path.t, return_index=True)
     spline = CubicHermiteSpline(knots, path.x['x1'][index], path.x['x2'][index])
     t = np.unique(np.concatenate([np.linspace(0, path.T, 400), path.switching_times,
@@ -160,11 +160,11 @@ AREAS = (0.5, 2.0)
 
 def walk_diamond(a: float, d: float) -> tuple[float, float, list[float]]:
     """
-    Return x3(T), T and the switching times of the way round a diamond to (a, 0, x3).
+    Return x3(T), T and the switching times of the path along a diamond to (a, 0, x3).
 
-    With |u1|, |u2| <= 1 a curve of duration T encloses most between itself and the x1 axis along
-    a diamond with sides in the directions (1, 1) and (1, -1) (the isoperimetric inequality of the
-    norm max(|u1|, |u2|)): back by d, up to the top, down, and back by d.
+    With |u1|, |u2| <= 1 a curve of duration T encloses the largest area with the x1 axis if it
+    follows a diamond with sides in the directions (1, 1) and (1, -1), by the isoperimetric
+    inequality of the norm max(|u1|, |u2|): back by d, up to the top, down, and back by d.
     """
     r = d + a / 2
     return 2 * r * r - a * a / 4, 2 * (r + d), [d, d + r, d + 2 * r]
@@ -172,10 +172,10 @@ def walk_diamond(a: float, d: float) -> tuple[float, float, list[float]]:
 
 def compute_diamond_costates(a: float, d: float, t: Array) -> Array:
     """
-    Return the costates, shape (N, 3), on the way round a diamond.
+    Return the costates, shape (N, 3), on the path along a diamond.
 
-    They are minus the derivatives of T by the end in front of them. lambda_1 + lambda_3 x2 is 0
-    at x2 = d, where u1 switches, and lambda_2 at x1 = a/2, where u2 does; H = 0 is their scale.
+    lambda_1 + lambda_3 x2 is 0 at x2 = d, where u1 switches. lambda_2 is 0 at x1 = a/2, where u2
+    switches. H = 0 determines the scale.
     """
     r = d + a / 2
     x1 = np.interp(t, [0, d, d + 2 * r, 2 * (r + d)], [0, -d, 2 * r - d, a])
@@ -183,7 +183,7 @@ def compute_diamond_costates(a: float, d: float, t: Array) -> Array:
 
 
 def example_2_6(desk: Desk) -> EntryResult:
-    """Answer Example 2.6: the singular line, and paths that switch."""
+    """Compute Example 2.6: the singular line, and paths with switches."""
     lines = desk.solve_all([_nonholonomic(rho, 0.0) for rho in LINES])
     exact = [walk_diamond(a, d) for a, d in LOOPS]
     loops = desk.solve_all([
@@ -192,7 +192,7 @@ def example_2_6(desk: Desk) -> EntryResult:
     rows = []
     for rho, path in zip(LINES, lines, strict=True):
         rows += [
-            ComparedRow(f'line of $ρ = {rho:g}$: least time $T$ [s]', path.T, rho, '$ρ$'),
+            ComparedRow(f'line of $ρ = {rho:g}$: minimum time $T$ [s]', path.T, rho, '$ρ$'),
             ComparedRow(f'line of $ρ = {rho:g}$: $u_1(t)$', path.u['u1'], np.ones(path.t.size),
                         '1'),
             ComparedRow(f'line of $ρ = {rho:g}$: costates',
@@ -200,7 +200,7 @@ def example_2_6(desk: Desk) -> EntryResult:
                         np.outer([-1.0, 0.0, 0.0], np.ones(path.t.size)), '$(-1, 0, 0)$')]
     for (a, d), (x3, T, times), path in zip(LOOPS, exact, loops, strict=True):
         rows += [
-            ComparedRow(f'to $({a:g}, 0, {x3:g})$: least time $T$ [s]', path.T, T,
+            ComparedRow(f'to $({a:g}, 0, {x3:g})$: minimum time $T$ [s]', path.T, T,
                         'isoperimetric inequality'),
             ComparedRow(f'to $({a:g}, 0, {x3:g})$: switching times [s]', path.switching_times,
                         times,
@@ -208,10 +208,10 @@ def example_2_6(desk: Desk) -> EntryResult:
             ComparedRow(f'to $({a:g}, 0, {x3:g})$: costates',
                         np.column_stack([path.lam[name] for name in ('x1', 'x2', 'x3')]),
                         compute_diamond_costates(a, d, path.t),
-                        '$(d, x_1 - a/2, -1) / (d + a/2)$; $d$ is how far back')]
+                        '$(d, x_1 - a/2, -1) / (d + a/2)$; $d$ is the distance driven back')]
     shown, paths = loops[0], [*lines, *loops, *closed]
     rows += [
-        ComparedRow('back to $(0, 0, x_3)$: least time $T$ [s]', [path.T for path in closed],
+        ComparedRow('back to $(0, 0, x_3)$: minimum time $T$ [s]', [path.T for path in closed],
                     [2 * sqrt(2 * area) for area in AREAS], '$2 √(2|x_3|)$'),
         ComparedRow('$H$ along all paths', np.concatenate([p.hamiltonian for p in paths]),
                     np.zeros(sum(p.t.size for p in paths)), '$H = 0$, as $T$ is free')]
@@ -219,7 +219,7 @@ def example_2_6(desk: Desk) -> EntryResult:
     off = float(np.abs(compute_diamond_costates(*LOOPS[0], shown.t)[:, 1] - shown.lam['x2']).max())
     return EntryResult(rows, _draw_2_6(lines[1], shown, printed), (
         'On the line $λ_2 ≡ λ_3 ≡ 0$: $H$ does not depend on $u_2$, the extremal is singular in '
-        '$u_2$. The least time $ρ$ requires only $u_1 ≡ 1$: every $x_2(t)$ with zero mean that '
+        '$u_2$. The minimum time $ρ$ requires only $u_1 ≡ 1$: every $x_2(t)$ with zero mean that '
         'starts and ends at 0, such as the grey one, takes the same time as $u_2 = 0$.',
         'The path to (1, 0, 4.25) follows a part of a diamond, the curve that encloses the '
         'largest area in a given time. The inputs switch one after the other. Dashed grey lines: '
@@ -282,17 +282,17 @@ def _draw_2_6(line: Trajectory, loop: Trajectory, printed: Array) -> Figure:
 
 EXAMPLE_2_3 = GalleryEntry(
     '2.3', 'Bang-bang control', 'Example 2.3', (
-        "Bring $x' = Ax + Bu$, $|u| ≤ 1$, to the origin in least time. $H = 1 + λ^T(Ax + Bu)$ is "
-        'least for $u = -sgn(λ^T B)$: the input is always at one of its limits. Here for the '
-        'double integrator from 24 starts and for an undamped oscillator from 8.',),
+        "Bring $x' = Ax + Bu$, $|u| ≤ 1$, to the origin in minimum time. $H = 1 + λ^T(Ax + Bu)$ "
+        'is minimal for $u = -sgn(λ^T B)$: the input is always at one of its limits. Here for the '
+        'double integrator from 24 initial states and for an undamped oscillator from 8.',),
     example_2_3,
     'The example uses $H = 0$ along the path, which follows from the free final time; Theorem 2.1 '
     'does not list this condition.')
 EXAMPLE_2_6 = GalleryEntry(
     '2.6', 'Nonholonomic integrator', 'Example 2.6, equation (2.10)', (
-        "Least time for $x_1' = u_1$, $x_2' = u_2$, $x_3' = x_2 u_1$, $|u_i| ≤ 1$. From the "
-        'origin to $(ρ, 0, 0)$ the way is a straight line on which the maximum principle leaves '
-        'one input open; to other points the inputs switch.',),
+        "Minimum time for $x_1' = u_1$, $x_2' = u_2$, $x_3' = x_2 u_1$, $|u_i| ≤ 1$. From the "
+        'origin to $(ρ, 0, 0)$ the optimal path is a straight line, on which the maximum '
+        'principle does not determine one input; on paths to other points the inputs switch.',),
     example_2_6,
     "From $H = 1 + λ_1 u_1 + λ_2 u_2 + λ_3 x_2 u_1$ follow $λ_2' = -λ_3 u_1$ (printed: "
     "$λ_2' = λ_3 x_2$) and $u_1 = -sgn(λ_1 + λ_3 x_2)$ (printed with $u_1$ on both sides). The "

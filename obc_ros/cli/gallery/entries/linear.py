@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Exercise 2.7 (observable systems are stabilised) and Exercise 2.8 (a lag and an integrator)."""
+"""Exercise 2.7 (observable systems are stabilised) and Exercise 2.8 (an integrator and a lag)."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ SYSTEMS = 24
 
 
 def draw_systems() -> list[tuple[Array, Array, Array, float]]:
-    """Return A, B, C and rho of random systems with 2 to 6 states, most of them unstable."""
+    """Return A, B, C and rho of random systems with 2 to 6 states; most are unstable."""
     random = np.random.default_rng(27)
     found = []
     for index in range(SYSTEMS):
@@ -33,14 +33,14 @@ def draw_systems() -> list[tuple[Array, Array, Array, float]]:
 
 
 def exercise_2_7(desk: Desk) -> EntryResult:
-    """Answer Exercise 2.7 on random systems, and its counterexample."""
+    """Compute Exercise 2.7 for random systems, and its counterexample."""
     systems = draw_systems()
     designs = desk.design_all([
         {'A': A, 'B': B, 'weights': 'output', 'H': C, 'rho': rho} for A, B, C, rho in systems])
     refused, = desk.ask([design_request(
         {'A': [[1.0]], 'B': [[0.0]], 'Qx': [1.0], 'Qu': [1.0]})], DesignLqr)
     if refused.success:
-        raise UnansweredError('a gain was given for A = 1, B = 0')
+        raise UnansweredError('trajectory_server returned a gain for A = 1, B = 0')
     gains, poles, wanted = [], [], []
     for (A, B, C, rho), found in zip(systems, designs, strict=True):
         P = solve_continuous_are(A, B, C.T @ C, np.array([[rho]]))
@@ -61,8 +61,8 @@ def exercise_2_7(desk: Desk) -> EntryResult:
     return EntryResult(rows, _draw_2_7(systems, designs), (
         f'{SYSTEMS} random observable systems of 2 to 6 states, one input and one output, each '
         'with its own $ρ$ between 0.01 and 100. With the optimal feedback, all poles are in the '
-        'left half plane. Only in the unobservable subspace can $x$ stay without a cost.',
-        ), f'For $A = 1$, $B = 0$, $C = 1$, `trajectory_server` answers: “{refused.message}”.')
+        'left half plane. A state that stays in the unobservable subspace has no cost.',
+        ), f'For $A = 1$, $B = 0$, $C = 1$, `trajectory_server` reports: “{refused.message}”.')
 
 
 def _draw_2_7(systems: list[Any], designs: list[AnsweredRegulator]) -> Figure:
@@ -103,7 +103,7 @@ def build_lag(a: float) -> tuple[Array, Array]:
 
 
 def exercise_2_8(desk: Desk) -> EntryResult:
-    """Answer Exercise 2.8 over a and b."""
+    """Compute Exercise 2.8 over a and b."""
     Qx, Qu = np.diag([1.0, 0.0]), np.eye(1)
     designs = desk.design_all([
         {'A': build_lag(a)[0], 'B': build_lag(a)[1], 'Qx': [1.0, 0.0], 'Qu': [1.0]} for a in LAGS])
@@ -132,15 +132,15 @@ def exercise_2_8(desk: Desk) -> EntryResult:
         ComparedRow('(c) damping ratio $ζ$', [
                     -each.E.sum().real / 2 / np.sqrt(np.prod(each.E).real) for each in designs],
                     [each.zeta for each in exact], '$½ √(a^2 + 2)$'),
-        ComparedRow('least cost from $x(0) = (1, 0)$', [path.J for path in paths],
+        ComparedRow('minimum cost from $x(0) = (1, 0)$', [path.J for path in paths],
                     [each.P[0, 0] for each in exact], '$P_{11} = √(a^2 + 2)$'),
         ComparedRow('$y(t) = b x_1 + x_2$ for 15 pairs of $a$ and $b$',
                     *(np.concatenate([pair[side] for pair in outputs]) for side in (0, 1)),
                     '$[b, 1] e^{(A - BK)t} x(0)$')]
     return EntryResult(rows, _draw_2_8(designs, paths, motions), (
-        'The zero $b$ of the transfer function shapes the output $y$, but neither the gain nor '
-        'the poles: the cost is in $x_1$ and $u$. For $a = √2$ the damping ratio is 1; beyond '
-        'it the two poles are real.',))
+        'The zero $-b$ of the transfer function affects the output $y$, but neither the gain nor '
+        'the poles: the cost depends on $x_1$ and $u$ only. For $a = √2$ the damping ratio is 1; '
+        'for larger $a$ the two poles are real.',))
 
 
 def _draw_2_8(designs: list[AnsweredRegulator], paths: list[Any], motions: list[Array]) -> Figure:
@@ -182,8 +182,8 @@ EXERCISE_2_7 = GalleryEntry(
         'Minimise $J = ∫_0^∞ (y^T y + ρ u^T u) dt$ with $y = Cx$. Show that the closed loop of '
         'the optimal $u = -Kx$ is stable if the system is observable.',),
     exercise_2_7,
-    'Observability alone is not enough: $A = 1$, $B = 0$, $C = 1$ is observable, no feedback is '
-    'stable and the cost is infinite. $(A, B)$ must be stabilisable.')
+    'Observability alone is not enough: $A = 1$, $B = 0$, $C = 1$ is observable, no feedback '
+    'stabilises it and the cost is infinite. $(A, B)$ must be stabilisable.')
 EXERCISE_2_8 = GalleryEntry(
     'exercise-2.8', 'An integrator and a lag', 'Exercise 2.8', (
         '$H(s) = (s + b)/s(s + a)$ with $V = ∫ (x_1^2 + u^2) dt$: (a) the Riccati equation as '

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Functions of several variables under constraints: section 2.1 and Exercise 2.1."""
+"""Minimisation of functions under constraints: section 2.1 and Exercise 2.1."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -28,7 +28,7 @@ def evaluate_curve(x: Array | float) -> Any:
 
 
 def example_2_1(desk: Desk) -> EntryResult:
-    """Answer Example 2.1, and the geometry of Figures 2.1 and 2.2."""
+    """Compute Example 2.1, and the geometry of Figures 2.1 and 2.2."""
     minima = desk.minimize_all([{
         'variables': ['x1', 'x2'], 'parameters': {'a': a, 'b': b, 'F0': F0},
         'cost': 'F0 + (x1 - a)**2 + (x2 - b)**2', 'equalities': ['x1 - x2']}
@@ -66,12 +66,12 @@ def example_2_1(desk: Desk) -> EntryResult:
     return EntryResult(rows, _draw_2_1(minima[0], nearest), (
         'Top left: a function as in Figure 2.1 with its three stationary points. '
         '`trajectory_server` minimises $F$ on the whole line and on an interval, and $-F$ on an '
-        'interval. Top right: Figure 2.2(a), the least $F$ on the line $G = 0$. Bottom left: the '
-        'level lines of $F$; at $x*$ the gradient of $F$ is normal to the line $G = 0$. Bottom '
-        'right: Figure 2.2(b), the normals of a sphere and the point of the sphere nearest to '
-        '$p$, where $∂F/∂x$ and $∂G/∂x$ are collinear.',),
-        'For the minimum of $x_1^2 - x_2^2$ on $x_2 = 0$, `trajectory_server` answers: '
-        f'“{saddle.message}”. For $min_x (F + λG)$ with $λ = 1$ it answers: '
+        'interval. Top right: Figure 2.2(a), the minimum of $F$ on the line $G = 0$. Bottom left: '
+        'the level lines of $F$; at $x*$ the gradient of $F$ is normal to the line $G = 0$. '
+        'Bottom right: Figure 2.2(b), the normals of a sphere and the point of the sphere nearest '
+        'to $p$, where $∂F/∂x$ and $∂G/∂x$ are collinear.',),
+        'For the minimum of $x_1^2 - x_2^2$ on $x_2 = 0$, `trajectory_server` reports: '
+        f'“{saddle.message}”. For $min_x (F + λG)$ with $λ = 1$ it reports: '
         f'“{unbounded.message}”.')
 
 
@@ -184,7 +184,7 @@ INSTANCES, N, K = 12, 5, 2
 
 
 def exercise_2_1(desk: Desk) -> EntryResult:
-    """Answer Exercise 2.1 on random instances."""
+    """Compute Exercise 2.1 for random instances."""
     random = np.random.default_rng(21)
     G = random.normal(size=(INSTANCES, K, N))
     c = random.normal(size=(INSTANCES, K))
@@ -211,7 +211,7 @@ def exercise_2_1(desk: Desk) -> EntryResult:
     lengths = np.linalg.norm(F, axis=1)
     rows = [
         ComparedRow('(a) $λ_1 .. λ_k$ with $F = Σ λ_k G_k$', multipliers, c,
-                    'the numbers that $F$ was made of'),
+                    'the coefficients of $F$'),
         ComparedRow('(a) the remainder $F - Σ λ_k G_k$',
                     F - np.einsum('ik,ikn->in', multipliers, G),
                     np.zeros_like(F), '0'),
@@ -240,7 +240,7 @@ def exercise_2_1(desk: Desk) -> EntryResult:
 
 
 def _saddle(random: np.random.Generator, G: Array) -> tuple[Array, Array, Array]:
-    """Return Q, positive on the kernel of G and negative across it, q and d of G x = d."""
+    """Return Q, q and d of G x = d; Q is positive on the kernel of G and negative across it."""
     _, _, V = np.linalg.svd(G)
     scale = np.concatenate([-random.uniform(0.5, 1.5, K), random.uniform(0.5, 2.0, N - K)])
     return V.T @ np.diag(scale) @ V, random.normal(size=N), random.normal(size=K)

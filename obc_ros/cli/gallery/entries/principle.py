@@ -23,7 +23,7 @@ def minimize_hamiltonian(lam: Any) -> Any:
 
 
 def theorem_2_1(desk: Desk) -> EntryResult:
-    """Hold the answer to a pendulum's problem against every condition of Theorem 2.1."""
+    """Compare the solution of a pendulum's problem with every condition of Theorem 2.1."""
     path = desk.solve(
         states=['theta', 'omega'], inputs=['u'],
         dynamics={'theta': 'omega', 'omega': '-sin(theta) + u'},
@@ -53,7 +53,7 @@ def theorem_2_1(desk: Desk) -> EntryResult:
         ComparedRow('$H(x*, u*, λ*) - min_{u ∈ Ω} H$',
                     compute_hamiltonian(path, path.u['u']) - least,
                     np.zeros(path.t.size), '0; $u*$ is $-λ_2$ within $Ω$'),
-        ComparedRow('$min_{u ∈ Ω} H$ on a grid, not below that',
+        ComparedRow('$min_{u ∈ Ω} H$ on a grid is not below it',
                     np.minimum(H.min(axis=0) - least, 0),
                     np.zeros(path.t.size), '241 inputs at each time'),
         ComparedRow('$H$ along the path', least, np.full(path.t.size, H0),
@@ -64,7 +64,7 @@ def theorem_2_1(desk: Desk) -> EntryResult:
         'The optimal input minimises $H$; where the minimiser is outside $Ω$, it is at the bound '
         'of $Ω$. Dotted: the two-point boundary value problem, solved by shooting without '
         '`trajectory_server`.',
-        f'Certificate of the answer: {path.verdict}.'))
+        f'Certificate of the solution: {path.verdict}.'))
 
 
 def compute_hamiltonian(path: Trajectory, u: Array) -> Array:

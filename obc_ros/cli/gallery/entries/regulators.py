@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Theorem 2.2 and Example 2.4: the regulator of a linear system."""
+"""Theorem 2.2 and Example 2.4: linear quadratic regulators."""
 
 from math import sqrt
 from typing import Any
@@ -23,7 +23,7 @@ LONG = 20.0  # [s]
 
 
 def make_plant() -> tuple[Array, Array, Array, Array]:
-    """Return A, B, H and Qu of a system with an unstable mode, reachable, (A, H) observable."""
+    """Return A, B, H and Qu of an unstable system; (A, B) reachable, (A, H) observable."""
     random = np.random.default_rng(23)
     A = random.normal(size=(N, N)).round(2)
     return A, random.normal(size=(N, M)).round(2), random.normal(size=(1, N)).round(2), \
@@ -44,7 +44,7 @@ def state_lq_problem(
 
 
 def theorem_2_2(desk: Desk) -> EntryResult:
-    """Hold gain, P and least cost against Theorem 2.2."""
+    """Compare gain, P and minimum cost with Theorem 2.2."""
     A, B, H, Qu = make_plant()
     Qx = H.T @ H
     found, = desk.design_all([{'A': A, 'B': B, 'Qx': Qx, 'Qu': Qu}])
@@ -61,22 +61,22 @@ def theorem_2_2(desk: Desk) -> EntryResult:
         ComparedRow('$P$', found.P, P, 'SciPy, `solve_continuous_are`'),
         ComparedRow('$K = Q_u^{-1} B^T P$', found.K, K, 'SciPy'),
         ComparedRow('$PA + A^T P - PBQ_u^{-1}B^T P + Q_x$', own, np.zeros_like(left), '0, (2.9)'),
-        ComparedRow(f'least cost $J$ over {LONG:g} s from two $x(0)$', [path.J for path in long],
+        ComparedRow(f'minimum cost $J$ over {LONG:g} s from two $x(0)$', [path.J for path in long],
                     np.einsum('ki,ij,kj->k', starts, P, starts), '$J* = x(0)^T P x(0)$'),
         ComparedRow(f'$x*(t)$ over {LONG:g} s', np.stack(list(long[-1].x.values()), axis=1),
                     motion, '$e^{(A - BK)t} x(0)$'),
-        ComparedRow('least cost over $T$ = 0.25 .. 12 s', [path.J for path in short],
+        ComparedRow('minimum cost over $T$ = 0.25 .. 12 s', [path.J for path in short],
                     [_finite(A, B, Qx, Qu, starts[-1], T) for T in HORIZONS],
                     'Hamiltonian matrix, $J = x^T X_{21} X_{11}^{-1} x$')]
     return EntryResult(rows, _draw_thm_2_2(found, short, long[-1], motion), (
-        'Left: the least cost over a finite horizon increases to $J* = x(0)^T P x(0)$. Middle: '
+        'Left: the minimum cost over a finite horizon increases to $J* = x(0)^T P x(0)$. Middle: '
         'the optimum over 20 s is the closed loop of the constant gain. Right: the cost of the '
         'gains $K + δD_i$ for five random directions $D_i$, from the Lyapunov equation; every '
         'other gain costs more.',))
 
 
 def _finite(A: Array, B: Array, Qx: Array, Qu: Array, x0: Array, T: float) -> float:
-    """Return the least cost over [0, T], through the Hamiltonian matrix in small steps."""
+    """Return the minimum cost over [0, T], from the Hamiltonian matrix in small steps."""
     G = B @ np.linalg.solve(Qu, B.T)
     from scipy.linalg import expm
     steps = int(np.ceil(T / 0.25))
@@ -101,7 +101,7 @@ def _draw_thm_2_2(found: AnsweredRegulator, short: list[Trajectory], long: Traje
     costs.plot(T, [_finite(A, B, H.T @ H, Qu, x0, each) for each in T],
                label='Hamiltonian matrix', **EXACT)
     costs.axhline(best, label='$x(0)^T P\\, x(0)$', color=LINE_COLOURS[1], zorder=1)
-    label_axes(costs, 'least cost over $[0, T]$', 'horizon $T$ [s]', '$J$', legend='lower right')
+    label_axes(costs, 'minimum cost over $[0, T]$', 'horizon $T$ [s]', '$J$', legend='lower right')
     costs.set_xlim(0, 12.4)
     for index, (name, values) in enumerate(long.x.items()):
         states.plot(long.t, values, color=LINE_COLOURS[index], label=f'$x_{name[1]}$')
@@ -114,7 +114,7 @@ def _draw_thm_2_2(found: AnsweredRegulator, short: list[Trajectory], long: Traje
     for index in range(5):
         D = random.normal(size=found.K.shape)
         cost = np.array([_cost_of(A, B, H.T @ H, Qu, found.K + d * D, x0) for d in size])
-        cost[cost > 1.1 * best] = np.nan  # there is the legend
+        cost[cost > 1.1 * best] = np.nan  # leaves room for the legend
         gains.plot(size, cost, color=LINE_COLOURS[index], linewidth=1, label=f'$D_{index + 1}$')
     gains.plot(0, best, 'o', color='black', label='$K = Q_u^{-1}B^T P$', zorder=6)
     gains.set_ylim(0.995 * best, 1.14 * best)
@@ -125,7 +125,7 @@ def _draw_thm_2_2(found: AnsweredRegulator, short: list[Trajectory], long: Traje
 
 
 def _cost_of(A: Array, B: Array, Qx: Array, Qu: Array, K: Array, x0: Array) -> float:
-    """Return the cost of u = -K x from x0; nan where it is not stable."""
+    """Return the cost of u = -K x from x0; nan if the closed loop is not stable."""
     closed = A - B @ K
     if np.linalg.eigvals(closed).real.max() >= 0:
         return np.nan
@@ -139,7 +139,7 @@ DOUBLE = {'A': [[0.0, 1.0], [0.0, 0.0]], 'B': [[0.0], [1.0]]}
 
 
 def example_2_4(desk: Desk) -> EntryResult:
-    """Answer Example 2.4 over q, and compare its gain with the printed one in a loop."""
+    """Compute Example 2.4 over q, and compare its gain with the printed one in a loop."""
     found = desk.design_all([{**DOUBLE, 'Qx': [q * q, 0.0], 'Qu': [1.0]} for q in WEIGHTS])
     exact = [solve_double_integrator_regulator(q) for q in WEIGHTS]
     printed = np.array([[1 / Q, sqrt(2 / Q)]])
@@ -181,7 +181,7 @@ def example_2_4(desk: Desk) -> EntryResult:
 
 
 def _with_gain(K: Array) -> dict[str, Any]:
-    """Return a problem whose optimum is the loop of a given gain, at the cost of the example."""
+    """Return a problem whose minimum is the cost of a given gain in the example."""
     (k1, k2), = K
     return {'states': ['x1', 'x2'], 'inputs': ['w'],
             'parameters': {'k1': float(k1), 'k2': float(k2), 'q': Q},
@@ -224,21 +224,21 @@ THEOREM_2_2 = GalleryEntry(
     'theorem-2.2', 'The linear quadratic regulator', 'Theorem 2.2', (
         "For $x' = Ax + Bu$ and $J = ∫_0^∞ (x^T Q_x x + u^T Q_u u) dt$ with $(A, B)$ reachable, "
         '$Q_x = H^T H$ with $(A, H)$ observable and $Q_u > 0$: the optimum is '
-        '$u = -Q_u^{-1}B^T P x$, $PA + A^T P - PBQ_u^{-1}B^T P = -Q_x$, and the least cost is '
+        '$u = -Q_u^{-1}B^T P x$, $PA + A^T P - PBQ_u^{-1}B^T P = -Q_x$, and the minimum cost is '
         '$J* = x^T(0) P x(0)$. Here for a random system of four states and two inputs.',),
     theorem_2_2,
     '“$Q_u = H^T H$” must read $Q_x = H^T H$. Reachability and observability are more than is '
-    'needed: stabilisable and detectable is enough. In section 2.4, before (2.7), '
+    'needed: stabilisable and detectable are enough. In section 2.4, before (2.7), '
     '“$PBQ_u^{-1}BPx$” lacks a transpose, $B^T Px$, and $u$ is in $R^m$; $P_1 ≥ 0$, as there, is '
-    'what is needed, not $P_1 > 0$ as in section 2.2. And a finite cost does not make $L(x, u)$ '
-    'approach zero, as section 2.2 says: pulses of height 1 and width $2^{-k}$ have a finite '
-    'integral. (It does so here, where $x*(t)$ is a sum of exponentials.)')
+    'what is needed, not $P_1 > 0$ as in section 2.2. And contrary to section 2.2, $L(x, u)$ need '
+    'not approach zero if the cost is finite: pulses of height 1 and width $2^{-k}$ have a finite '
+    'integral. (Here it does: $x*(t)$ is a sum of exponentials.)')
 EXAMPLE_2_4 = GalleryEntry(
     '2.4', 'Optimal control of a double integrator', 'Example 2.4', (
         "$x_1' = x_2$, $x_2' = u$ with $Q_x = diag(q^2, 0)$, $Q_u = 1$. The Riccati equation has "
         'the solution $P = [[√(2q^3), q], [q, √(2q)]]$, and the closed loop is damped by '
         '$ζ = 1/√2$ for every $q$.',),
     example_2_4,
-    'Printed are $K = [1/q, √(2/q)]$ and $ω_0 = √(1/q)$. From the same $P$ follow its second row, '
-    '$K = Q_u^{-1}B^T P = [q, √(2q)]$, and $ω_0 = √q$; the two agree for $q = 1$ only. The '
-    'printed gain belongs to $Q_x = diag(1, 0)$, $Q_u = q^2$.')
+    'The book prints $K = [1/q, √(2/q)]$ and $ω_0 = √(1/q)$. From $P$ follow '
+    '$K = Q_u^{-1}B^T P = [q, √(2q)]$, its second row, and $ω_0 = √q$; both agree for $q = 1$ '
+    'only. The printed gain belongs to $Q_x = diag(1, 0)$, $Q_u = q^2$.')

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The linear system with one state: Example 2.2 and Exercise 2.9."""
+"""Linear systems with one state: Example 2.2 and Exercise 2.9."""
 
 from collections.abc import Sequence
 from itertools import product
@@ -33,20 +33,20 @@ def state_example_2_2(a: float, b: float, x0: float, tf: float, c: float | None)
 
 
 def evaluate_equation_2_4(t: Array, c: float) -> Array:
-    """Return u*(t) as equation (2.4) has it."""
+    """Return u*(t) from equation (2.4)."""
     s = 2 * A - B**2 * c * (1 - np.exp(2 * A * TF))
     return -2 * A * B * c * np.exp(A * (2 * TF - t)) * X0 / s
 
 
 def evaluate_equation_2_5(t: Array, c: float) -> Array:
-    """Return x*(t) as equation (2.5) has it."""
+    """Return x*(t) from equation (2.5)."""
     s = 2 * A - B**2 * c * (1 - np.exp(2 * A * TF))
     return (X0 * np.exp(A * t) + B**2 * c * np.exp(A * TF) * X0 / s
             * (np.exp(A * (TF - t)) - np.exp(A * (t + TF))))
 
 
 def example_2_2(desk: Desk) -> EntryResult:
-    """Answer Example 2.2 for several c, and for the limit."""
+    """Compute Example 2.2 for several c, and for the limit."""
     paths = desk.solve_all([state_example_2_2(A, B, X0, TF, c) for c in WEIGHTS])
     many = desk.solve_all([state_example_2_2(A, B, X0, TF, c) for c in MANY_WEIGHTS], show=0)
     limit = desk.solve(**state_example_2_2(A, B, X0, TF, None))
@@ -77,7 +77,7 @@ def example_2_2(desk: Desk) -> EntryResult:
                     A * X0**2 / (B**2 * growth),
                     '$a x(t_0)^2 / b^2(1 - e^{-2a(t_f - t_0)})$')]
     return EntryResult(rows, _draw_2_2(paths, many, limit), (
-        'Coloured: the answers of `trajectory_server` for several weights $c$ of the final state. '
+        'Coloured: solutions of `trajectory_server` for several weights $c$ of the final state. '
         'Dotted: equations (2.5) and (2.4). As $c$ grows, $x*(t_f)$ decreases like $1/c$, and the '
         'trajectory tends to the one with the terminal constraint $x(t_f) = 0$ (grey, wide).',))
 
@@ -110,18 +110,18 @@ def _draw_2_2(paths: list[Trajectory], many: list[Trajectory], limit: Trajectory
 
 NINE = {'a': 2.0, 'b': 0.5, 'x0': 4.0}
 CURVES = tuple(product((0.1, 10.0), (0.5, 1.0, 10.0)))
-LONG = 20.0  # [s] e^(-2 a LONG) is below all that a double tells from 0
+LONG = 20.0  # [s] e^(-2 a LONG) is far below rounding
 
 
 def exercise_2_9(desk: Desk) -> EntryResult:
-    """Answer Exercise 2.9: the six curves and the infinite horizon."""
+    """Compute Exercise 2.9: the six curves and the infinite horizon."""
     a, b, x0 = NINE.values()
     paths = desk.solve_all([state_example_2_2(**NINE, tf=tf, c=c) for c, tf in CURVES])
     infinite = desk.solve(**state_example_2_2(**NINE, tf=LONG, c=None))
     case = {'A': [[a]], 'B': [[b]], 'Qx': [0.0], 'Qu': [1.0]}
     refused, = desk.ask([design_request(case)], DesignLqr)
     if refused.success:
-        raise UnansweredError('a gain was given for $Q_x = 0$, which sees no state')
+        raise UnansweredError('trajectory_server returned a gain for Qx = 0 and an unstable A')
     rows, distances = [], []
     for (c, tf), path in zip(CURVES, paths, strict=True):
         exact = solve_scalar_finite_horizon(a, b, c, x0, path.t, tf=tf)
@@ -147,17 +147,16 @@ def exercise_2_9(desk: Desk) -> EntryResult:
                     'the closed forms',
                     relative=True),
         ComparedRow('closest: its $c$ and $t_f$', [c, tf], CURVES[int(np.argmin(wanted))],
-                    'the least of the closed forms')]
+                    'the minimum of the closed forms')]
     return EntryResult(rows, _draw_2_9(paths, measured), (
         f'Closest to the infinite horizon: $c = {c:g}$, $t_f = {tf:g}$ s. The gain is that of the '
-        'infinite horizon until the end is a few $1/a$ away, and a long horizon leaves most of '
-        'the way before that; the larger $c$ then keeps $x$ nearer to 0. With a short horizon '
-        'and a small $c$ it is cheaper to pay for the final state than for the input, and $x$ '
-        'grows.',
+        'infinite horizon until a few $1/a$ before $t_f$. With a long horizon $x$ is close to 0 '
+        'by then, and the larger $c$ keeps it closer. With a short horizon and a small $c$ the '
+        'final state costs less than the input that would reduce it, and $x$ grows.',
         'Equation (2.5) is a difference of numbers of size $e^{at}$: at $t_f = 10$ s no digit of '
-        '$x*(t_f)$ is left in double precision. The exact values here are evaluated as a sum of '
-        'terms of one sign.'),
-        f'For the infinite horizon with $Q_x = 0$, `trajectory_server` answers: '
+        '$x*(t_f)$ is correct in double precision. The reference is evaluated as a sum of terms '
+        'of one sign.'),
+        f'For the infinite horizon with $Q_x = 0$, `trajectory_server` reports: '
         f'“{refused.message}”. '
         f'With the constraint $x({LONG:g}) = 0$, $P = {infinite.lam["x"][0] / x0:.9g}$.')
 
@@ -196,15 +195,15 @@ EXAMPLE_2_2 = GalleryEntry(
     '2.2', 'Scalar linear system', 'Example 2.2, equations (2.3) to (2.5)', (
         "Minimise $J = ½ ∫ u^2 dt + ½ c x(t_f)^2$ for $x' = ax + bu$, $x(t_0)$ and $t_f$ given. "
         'The maximum principle gives $u* = -bλ$ with $λ(t) = c x*(t_f) e^{a(t_f - t)}$, and from '
-        'it the input (2.4) and the state (2.5). What becomes of $x*(t_f)$ when $c → ∞$?',),
+        'it the input (2.4) and the state (2.5). What is the limit of $x*(t_f)$ for $c → ∞$?',),
     example_2_2)
 EXERCISE_2_9 = GalleryEntry(
-    'exercise-2.9', 'Finite against infinite horizon', 'Exercise 2.9', (
+    'exercise-2.9', 'Finite and infinite horizon', 'Exercise 2.9', (
         'Example 2.2 with $a = 2$, $b = 0.5$, $x(t_0) = 4$: the optimal states for $c = 0.1, 10$ '
         'and $t_f = 0.5, 1, 10$ s, compared with the infinite horizon with $x(∞) = 0$, whose '
         'optimum is the feedback $u = -bPx$. Which finite horizon is closest to it, and why?',),
     exercise_2_9,
     'With $Q_x = 0$ the pair $(A, H)$ is not detectable: Theorem 2.2 does not apply, and $P = 0$ '
     'solves the algebraic Riccati equation too. $P = 2a/b^2$ is right only because $x(∞) = 0$ is '
-    'imposed. And with the factor ½ in $J$ the least cost is $½ P x_0^2$, where Theorem 2.2 has '
+    'imposed. And with the factor ½ in $J$ the minimum cost is $½ P x_0^2$, in Theorem 2.2 it is '
     '$x_0^T P x_0$.')

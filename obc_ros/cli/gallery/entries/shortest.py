@@ -47,17 +47,17 @@ def state_exercise_2_2(Y: Array) -> dict[str, Any]:
 
 
 def read_inputs(path: Trajectory, m: int) -> Array:
-    """Return the input, shape (N, m)."""
+    """Return the inputs of a path, shape (N, m)."""
     return np.stack([path.u[f'u{i + 1}'] for i in range(m)], axis=1)
 
 
 def read_costates(path: Trajectory, m: int) -> Array:
-    """Return the costate of q, shape (N, m)."""
+    """Return the costates of q on a path, shape (N, m)."""
     return np.stack([path.lam[f'q{i + 1}'] for i in range(m)], axis=1)
 
 
 def find_rotations(path: Trajectory, m: int) -> Array:
-    """Return the eigenvalues of Lambda / (pi i) that belong to planes, in their order."""
+    """Return the eigenvalues of Lambda / (pi i) that belong to planes, in ascending order."""
     Lambda = np.zeros((m, m))
     for i, j in combinations(range(m), 2):
         Lambda[i, j] = path.lam[f'y{i + 1}_{j + 1}'][0]
@@ -66,7 +66,7 @@ def find_rotations(path: Trajectory, m: int) -> Array:
 
 
 def exercise_2_2(desk: Desk) -> EntryResult:
-    """Answer Exercise 2.2, (b) and (c)."""
+    """Compute Exercise 2.2, (b) and (c)."""
     three = desk.solve_all([state_exercise_2_2(build_skew_matrix(y)) for y in VECTORS],
                            method='indirect')
     others = desk.solve_all([state_exercise_2_2(Y) for Y in build_goal_matrices()],
@@ -92,19 +92,19 @@ def exercise_2_2(desk: Desk) -> EntryResult:
                         '$π (σ_1 + 2σ_2 + ..)$'),
             ComparedRow(f'(c) $m = {m}$: eigenvalues of $Λ/πi$', find_rotations(path, m),
                         np.arange(-(m // 2), m // 2 + 1)[np.arange(-(m // 2), m // 2 + 1) != 0],
-                        'a whole number of circles each')]
+                        'whole numbers of circles')]
     return EntryResult(rows, _draw_2_2(three[0], others[1]), (
         "(a) With $λ$ the costate of $q$ and $Λ$, skew and constant, that of $Y$: $u = -λ + Λq$ "
         "and $λ' = -Λu$, so that $u' = 2Λu$ and $u = λ(0) - 2λ(t)$. (b) The path is a circle in "
-        'the plane normal to $y$, at constant speed; where it starts on the circle is open, so '
-        'that the exact input is turned to the one found. (c) With '
+        'the plane normal to $y$, at constant speed; its initial point on the circle is '
+        'arbitrary, so the reference starts with the $u(0)$ of the solution. (c) With '
         '$Y = Σ σ_k (e_k f_k^T - f_k e_k^T)$, $σ_1 ≥ σ_2 ≥ ..$, the $k$-th plane is circled $k$ '
         'times: here (right) the first once and the second twice, $J = π (2 + 2 · 1)$. $Λ$ has '
         'the eigenvalues $± kπi$.',))
 
 
 def compute_circle_inputs(y: tuple[float, ...], u0: Array, t: Array) -> Array:
-    """Return the inputs of part (b) that start as u0."""
+    """Return the inputs of part (b) with u(0) = u0."""
     normal = np.array(y) / np.linalg.norm(y)
     angle = 2 * pi * t[:, None]
     return np.cos(angle) * u0 - np.sin(angle) * np.cross(normal, u0)
@@ -149,7 +149,7 @@ def _draw_2_2(three: Trajectory, four: Trajectory) -> Figure:
 
 
 def exercise_2_3(desk: Desk) -> EntryResult:
-    """Answer Exercise 2.3 by the energy, by the least time, and at another speed."""
+    """Compute Exercise 2.3: minimum energy, minimum time, and another speed."""
     common = {'states': ['x', 'y'], 'inputs': ['u1', 'u2'], 'dynamics': {'x': 'u1', 'y': 'u2'},
               'initial_state': {'x': 0, 'y': 0}, 'final_time': {'free': False, 'value': 1},
               'terminal_constraints': ['x - 3', 'y - 4']}
@@ -170,8 +170,9 @@ def exercise_2_3(desk: Desk) -> EntryResult:
         ComparedRow("$∫ x'^T x' dt$: $x(t)$", [energy.x['x'], energy.x['y']],
                     exact.x.T, 'the straight line'),
         ComparedRow('its length [m]', measure_length(energy), exact.length, '$|x_f - x_0|$'),
-        ComparedRow('least time at unit speed: $T$ [s]', fastest.T, exact.length, '$|x_f - x_0|$'),
-        ComparedRow('least time at unit speed: $λ$', [fastest.lam['x'], fastest.lam['y']],
+        ComparedRow('minimum time at unit speed: $T$ [s]', fastest.T, exact.length,
+                    '$|x_f - x_0|$'),
+        ComparedRow('minimum time at unit speed: $λ$', [fastest.lam['x'], fastest.lam['y']],
                     np.outer(exact.lam, np.ones(fastest.t.size)), '$-(x_f - x_0)/|x_f - x_0|$'),
         ComparedRow('another speed: length [m]', measure_length(slower), exact.length,
                     '$|x_f - x_0|$'),
@@ -181,10 +182,10 @@ def exercise_2_3(desk: Desk) -> EntryResult:
         ComparedRow('another speed: $H = |u| + λ^T u$ with $λ = -(x_f - x_0)/|x_f - x_0|$',
                     np.linalg.norm(speed, axis=1) + speed @ exact.lam, np.zeros(len(speed)), '0')]
     return EntryResult(rows, _draw_2_3(energy, slower, fastest), (
-        "The integral of $x'^T x'$ has one answer: the straight line at constant speed. It is an "
-        "answer to the integral of $|x'|$ too, but so is the line at any other speed: the one "
-        'shown has the least $∫ (1 + 3t) |u|^2 dt$. With $|u| ≤ 1$ and a free final time there '
-        'is a maximum velocity, and the least time is the length.',))
+        "The integral of $x'^T x'$ has one minimiser: the straight line at constant speed. It "
+        "also minimises the integral of $|x'|$, but so does the line at any other speed: the one "
+        'shown minimises $∫ (1 + 3t) |u|^2 dt$. With $|u| ≤ 1$ and a free final time there is a '
+        'maximum velocity, and the minimum time is the length.',))
 
 
 def measure_length(path: Trajectory) -> float:
@@ -195,9 +196,9 @@ def measure_length(path: Trajectory) -> float:
 def _draw_2_3(energy: Trajectory, slower: Trajectory, fastest: Trajectory) -> Figure:
     figure, ((plane, speeds, ways),) = create_panels(1, 3)
     for path, colour, marker, text in (
-            (energy, LINE_COLOURS[0], 'o', 'least $\\int \\dot x^T \\dot x\\,dt$'),
+            (energy, LINE_COLOURS[0], 'o', 'minimum $\\int \\dot x^T \\dot x\\,dt$'),
             (slower, LINE_COLOURS[1], 's', 'another speed'),
-            (fastest, LINE_COLOURS[2], '^', 'least time, $|u| \\leq 1$')):
+            (fastest, LINE_COLOURS[2], '^', 'minimum time, $|u| \\leq 1$')):
         share = path.t / path.T
         x, y = (np.interp(np.linspace(0, 1, 11), share, path.x[name]) for name in 'xy')
         shift = {'o': 0.0, 's': 0.2, '^': -0.2}[marker]
@@ -231,5 +232,5 @@ EXERCISE_2_3 = GalleryEntry(
     exercise_2_3,
     '“At maximum velocity” has no meaning with $T = 1$ and $u$ unbounded, and $∫ |u| dt$ does not '
     'depend on the speed: for $L = |u|$, $u/|u| = -λ$ and $H = |u| + λ^T u = 0$ for every size of '
-    '$u$. The path is a straight line, $u(t)$ is not unique; constant speed is the answer of the '
-    "$∫ x'^T x' dt$ problem alone.")
+    '$u$. The path is a straight line, $u(t)$ is not unique; constant speed solves the '
+    "$∫ x'^T x' dt$ problem only.")

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Exercise 2.6: a two-wheeled robot in least time, and the map of its words over the plane."""
+"""Exercise 2.6: a two-wheeled robot in minimum time, and maps of the words of its paths."""
 
 from collections.abc import Iterator
 from math import asin, atan2, cos, hypot, pi, sin, sqrt
@@ -21,9 +21,9 @@ from scipy.ndimage import distance_transform_edt, label
 Pose = tuple[float, float, float]
 
 SIDE, POINTS = 3.0, 20  # of the map [m]
-# Middles of squares: off the lines on which words of two or fewer pieces are fastest.
+# Centres of squares: not on the lines where words of one or two arcs are fastest.
 PLACE = (np.arange(POINTS) + 0.5) * 2 * SIDE / POINTS - SIDE
-LARGE = 8  # squares: a region that holds its label
+LARGE = 8  # squares: size of a region that gets a label
 ROBOT = np.maximum.outer(np.abs(PLACE), np.abs(PLACE)) < 0.5  # where the robot is drawn
 HEADINGS = (0.0, pi / 2)
 STRAIGHT = ((2.0, 0.0, 0.0), (-1.5, 0.0, 0.0))
@@ -33,13 +33,13 @@ OTHERS = ((0.0, 1.0, 0.0), (-1.0, 2.0, 0.0), (2.0, -1.0, 2.0), (1.0, 0.3, -2.0))
 PRINCIPLE = 'shortest extremal of the maximum principle'
 MIDDLE = 2 * asin(sin(pi / 4) / 2)  # [rad] the middle arc of a turn by 90 degrees
 SHOWN = (TANGENTS[0], OTHERS[0], (-1.0, 2.0, 0.0), (1.0, -1.5, pi / 2), TURNS[0])
-# Paul Tol's light colours: black letters on them can be read by everyone.
+# Paul Tol's light colours: black letters on them are readable with any colour vision.
 LIGHT = ('#77AADD', '#EEDD88', '#44BB99', '#FFAABB', '#AAAA00', '#99DDFF', '#EE8866', '#DDDDDD',
          '#BBCC33', '#FFFFFF')
 
 
 def exercise_2_6(desk: Desk) -> EntryResult:
-    """Answer Exercise 2.6: single goals, and two maps."""
+    """Compute Exercise 2.6: single goals, and two maps."""
     single = desk.plan_all([_motion(goal) for goal in (*STRAIGHT, *TURNS, *TANGENTS, *OTHERS)])
     straight, turns = single[:2], single[2:5]
     tangents, others = single[5:8], single[8:]
@@ -107,8 +107,8 @@ def _single_rows(straight: list[Trajectory], turns: list[Trajectory],
         ComparedRow('four other goals: $T$ [s]', [path.T for path in others],
                     find_least_times(OTHERS),
                     PRINCIPLE),
-        ComparedRow('the same by `method: arcs`, which knows no words', [path.T for path in again],
-                    find_least_times(OTHERS), PRINCIPLE),
+        ComparedRow('the same by `method: arcs`, without a list of words',
+                    [path.T for path in again], find_least_times(OTHERS), PRINCIPLE),
         ComparedRow('$H$ on these paths', np.concatenate([path.hamiltonian for path in others]),
                     np.zeros(sum(path.t.size for path in others)), '0, as $T$ is free')]
 
@@ -123,7 +123,7 @@ def time_left_straight_right(goal: Pose) -> float:
 
 
 def split_path(path: Trajectory) -> list[tuple[float, float, float]]:
-    """Return duration, v and omega of each stretch with constant inputs."""
+    """Return duration, v and omega of each arc with constant inputs."""
     ends = [0.0, *path.switching_times, path.T]
     found = []
     for begin, end in zip(ends[:-1], ends[1:], strict=True):
@@ -142,7 +142,7 @@ def spell_path(path: Trajectory) -> str:
 
 
 def _driven(path: Trajectory) -> tuple[float, float, float]:
-    """Return where the inputs lead to, piece by piece in closed form."""
+    """Return the pose at the end of the inputs, arc by arc in closed form."""
     x = y = theta = 0.0
     for time, v, omega in split_path(path):
         after = theta + omega * time
@@ -161,12 +161,12 @@ def _steering(paths: list[Trajectory]) -> tuple[Array, Array]:
 
 
 def _mirrored(goals: list[Pose], paths: list[Trajectory]) -> tuple[Array, Array]:
-    """Return T, and T at the goal that mirroring (and going from there to here) leads to."""
+    """Return T, and T at the goal that mirroring (and reversing the path) gives."""
     times = {(round(x, 6), round(y, 6)): path.T
              for (x, y, _), path in zip(goals, paths, strict=True)}
     if goals[0][2] == 0.0:  # left and right
         return np.array([*times.values()]), np.array([times[x, -y] for x, y in times])
-    # Time reversed, from there to here: (x, y) and -(x, y) turned by -theta, left for right.
+    # The reversed path, mirrored: -(x, y) rotated by -theta, left for right.
     return np.array([*times.values()]), np.array([times[y, x] for x, y in times])
 
 
@@ -237,7 +237,7 @@ def _robot(axes: Any, x: float, y: float, theta: float, colour: str = 'black') -
 EXERCISE_2_6 = GalleryEntry(
     'exercise-2.6', 'A two-wheeled robot', 'Exercise 2.6', (
         "$x' = v cos θ$, $y' = v sin θ$, $θ' = ω$ with $|v| ≤ L$, $|ω| ≤ M$, from one "
-        'configuration to another in least time. Show that the robot drives at full speed, '
+        'configuration to another in minimum time. Show that the robot drives at full speed, '
         'forwards or backwards, along straight lines and turns at the maximum rate.',),
     exercise_2_6,
     'With $θ$ measured from the $x$ axis, $ω = +M$ is the left turn; “hard left ($ω = -M$) or '

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Exercise 2.10: lateral control of a vehicle; a step, its frequency response, a slalom."""
+"""Exercise 2.10: lateral control of a vehicle; step and frequency response, slalom."""
 
 from math import acos, atan, exp, pi, sqrt
 from typing import Any
@@ -22,21 +22,21 @@ from scipy.optimize import brentq
 SPEED, LENGTH = 10.0, 2.0  # [m/s], [m]
 RHO = 25.0  # Q_x = diag(1, 0): omega0^2 = v^2 / (l sqrt(rho)) = 10
 STEP, DURATION = 0.005, 3.0  # [s]
-# The course: r(t) = cos(2 pi (t - BEGIN)), from BEGIN on; before, the vehicle goes straight on.
+# The course is r(t) = cos(2 pi (t - BEGIN)) from BEGIN on; before, the vehicle drives straight on.
 RATE, BEGIN, COURSE, SHOWN = 2 * pi, 0.5, 4.0, 4.0  # [rad/s], [s], [s], [s]
 A = np.array([[0.0, SPEED], [0.0, 0.0]])
 B = np.array([[0.0], [SPEED / LENGTH]])
 OMEGA0 = sqrt(SPEED**2 / LENGTH / sqrt(RHO))  # [rad/s]; zeta is 1 / sqrt(2)
-TOLERANCE = [3.0, 3.0]  # [m], [rad]: more than what the worst of the laws leaves
+TOLERANCE = [3.0, 3.0]  # [m], [rad]: accepts every course below, inconsistent ones too
 LAWS = {'flat': 'flat feedforward', 'linear': 'linear feedforward', 'none': 'feedback alone'}
 GAIN = np.array([[1 / sqrt(RHO), sqrt(2 * LENGTH / sqrt(RHO))]])
 
 
 def follow_slalom(t: Array) -> dict[str, tuple[Array, Array]]:
     """
-    Return states (y, theta) and steering phi on y = r(t) = cos(2 pi t), by several laws.
+    Return states (y, theta) and steering phi on y = r(t) = cos(2 pi t), for several control laws.
 
-    By flatness theta = asin(r' / v) and phi = atan(l theta' / v).
+    Flatness gives theta = asin(r' / v) and phi = atan(l theta' / v).
     """
     r, dr, ddr = np.cos(RATE * t), -RATE * np.sin(RATE * t), -RATE**2 * np.cos(RATE * t)
     turn = ddr / np.sqrt(SPEED**2 - dr**2)
@@ -58,7 +58,7 @@ def make_course(name: str) -> Trajectory:
 
 
 def exercise_2_10(desk: Desk) -> EntryResult:
-    """Answer Exercise 2.10, (a) and (b)."""
+    """Compute Exercise 2.10, (a) and (b)."""
     design, = desk.design_all([{'system': 'vehicle_lateral', 'Qx': [1.0, 0.0], 'Qu': [RHO]}])
     with desk.loop('lateral', {
             'system': 'vehicle_lateral', 'x0': [0.0, 0.0], 'publish_rate': 1 / STEP}, {
@@ -117,7 +117,7 @@ def exercise_2_10(desk: Desk) -> EntryResult:
 
 
 def evaluate_reference(t: Array) -> Array:
-    """Return r(t); before the course begins where it begins."""
+    """Return r(t); before the course its first value."""
     return np.cos(RATE * np.maximum(t - BEGIN, 0.0))
 
 
