@@ -180,7 +180,7 @@ class Soak:
             self.open[what] -= 1
             answer = future.result()
             if not right(answer):
-                kind = 'refused' if 'please ask again' in str(answer) else 'wrong'
+                kind = 'refused' if 'the queue is full' in str(answer) else 'wrong'
                 self.counts[kind] += 1
                 if self.counts[kind] <= TOLD:
                     self.wrong.append(f'{what}, {kind}: {request}: {answer}'[:1000])

@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What rclpy itself offers for a node, made to outlive what others send.
+Guards of the callbacks of a node: no message and no request ends the node.
 
-rclpy raises out of some of its own callbacks, and an exception in a callback ends the node: for a
-time before 1970 on /clock, and for the type of a parameter that does not exist. What else raises,
-here or there, is a defect: it is told with its trace, and the node goes on.
+rclpy raises an exception in some of its own callbacks, which ends the node: for a time before 1970
+on /clock, and for the type of an undeclared parameter. Any other exception in a callback is a
+defect: it is logged with its traceback, and the node continues.
 """
 
 from functools import wraps
@@ -20,7 +20,15 @@ from rclpy.parameter import Parameter
 
 
 def guard(node: Node) -> None:
-    """Guard the clock and the parameter services of a node; called before it spins."""
+    """
+    Guard the clock and the parameter services of a node.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Before it spins.
+
+    """
     for service in node.services:
         if service.srv_type is GetParameterTypes:
             service.callback = lambda request, response: _types(node, request, response)
@@ -29,9 +37,19 @@ def guard(node: Node) -> None:
 
 def guard_callbacks(node: Node, entity: Any, name: str) -> None:
     """
-    Have a node outlive an error in the callback of a service or of a subscription.
+    Log exceptions in the callback of a service or a subscription instead of ending the node.
 
-    The answer of the service says so in its message, if it has one.
+    The message of a response, if there is one, has the exception.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Whose log is used.
+    entity : Service or Subscription
+        Its attribute `callback` is replaced.
+    name : str
+        Of the service or topic, for the log.
+
     """
     callback, errors = entity.callback, count(1)
 
@@ -41,7 +59,7 @@ def guard_callbacks(node: Node, entity: Any, name: str) -> None:
             return await await_or_execute(callback, *arguments)
         except ExternalShutdownException:
             raise
-        except Exception as error:  # whatever it is: others must not end a node
+        except Exception as error:  # of any kind: no request may end the node
             sentence = f'{name}: {type(error).__name__}: {error} (error {next(errors)} here)'
             node.get_logger().error(f'{sentence}\n{format_exc()}')
             response = arguments[-1]
@@ -59,7 +77,7 @@ def _types(node: Node, request: Any, response: Any) -> Any:
 
 
 def _guard_clock(node: Node) -> None:
-    source = node._time_source  # rclpy has no public way to it
+    source = node._time_source  # rclpy has no public access to it
     take = source.clock_callback
 
     def take_or_drop(message: Any) -> None:

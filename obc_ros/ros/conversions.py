@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-State, Command and Odometry to arrays and back; the parameters of a system as ROS parameters.
+Conversions between odometry and states, and between parameters of systems and of ROS.
 
 Odometry of a body that moves in a plane (REP 103: x forward, y left, z up, right-handed):
 
@@ -36,18 +36,51 @@ _XX, _YY, _ZZ, _PITCH, _YAW = 0, 7, 14, 28, 35  # of a 6 x 6 covariance
 
 
 def read_nanoseconds(stamp: Time) -> int:
-    """Return a stamp as nanoseconds."""
+    """
+    Return a stamp in nanoseconds.
+
+    Parameters
+    ----------
+    stamp : builtin_interfaces.msg.Time
+        May be negative.
+
+    Returns
+    -------
+    int
+        Time [ns].
+
+    """
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
 def set_stamp(stamp: Time, time: int) -> None:
-    """Set a stamp to a time [ns] from 0 on."""
+    """
+    Set a stamp.
+
+    Parameters
+    ----------
+    stamp : builtin_interfaces.msg.Time
+        Changed in place.
+    time : int
+        Time [ns], not negative.
+
+    """
     stamp.sec, stamp.nanosec = divmod(time, 10**9)
 
 
 def list_system_parameters(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
     """
-    Yield the parameters and options of the system that `values` names, for `parameters.group`.
+    Yield the parameters and construction options of a system, for `parameters.table.group`.
+
+    Parameters
+    ----------
+    values : mapping
+        With the name of the system under ``system``.
+
+    Yields
+    ------
+    ParameterRow
+        Named without a prefix.
 
     Raises
     ------
@@ -59,14 +92,15 @@ def list_system_parameters(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
     options = registry.get_options(name)
     for option, default in options.items():
         yield ParameterRow(
-            option, tuple(default) if isinstance(default, (tuple, list)) else default,
-            f'construction option of {name}')
+            name=option,
+            default=tuple(default) if isinstance(default, (tuple, list)) else default,
+            description=f'construction option of {name}')
     try:
         system = registry.get_system(name)
     except DynamicsError:
         if not options:
             raise
-        return  # without its options there is no such system
+        return  # the system needs values of its options
     for each in system.parameters:
         yield ParameterRow(
             name=each.name, default=each.value, description=each.description, unit=each.unit,
@@ -75,9 +109,28 @@ def list_system_parameters(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
 
 def choose_system(name: str, values: Mapping[str, Any]) -> System:
     """
-    Return a system with the values that differ from those it was declared with.
+    Return a system with given values of parameters and options.
 
-    What a file gives as an expression of other parameters thus follows them.
+    Only values that differ from the declared ones are passed on: a default that a system file
+    gives as an expression of other parameters follows these.
+
+    Parameters
+    ----------
+    name : str
+        Of a registered system.
+    values : mapping
+        Parameters and construction options by name.
+
+    Returns
+    -------
+    System
+        The system.
+
+    Raises
+    ------
+    ObcError
+        If there is no such system, or a value is invalid.
+
     """
     declared = {entry.name: entry.default for entry in list_system_parameters({'system': name})}
     return registry.get_system(name, {key: value for key, value in values.items()
@@ -86,19 +139,19 @@ def choose_system(name: str, values: Mapping[str, Any]) -> System:
 
 class OdometryMap:
     """
-    Odometry from and to the states of a system.
+    Conversion between the states of a system and odometry.
 
     Parameters
     ----------
     system : System
-        With a plane.
+        See its attribute `plane`.
 
     Attributes
     ----------
     complete : bool
-        Whether a state gives a whole pose: px, py and theta are among the states.
+        Whether a state determines the pose: px, py and theta are among the states.
     readable : bool
-        Whether a pose and twist give the whole state.
+        Whether pose and twist determine the state.
 
     """
 
@@ -111,14 +164,14 @@ class OdometryMap:
         self._at = [names.index(name) for name in _POSE] if self.complete else []
 
     def message(self, noise: Sequence[float]) -> Odometry:
-        """Return a message with frames and the variances of the noise (n,) of each state."""
+        """Return a message with frames, and with variances from the noise (n,) of the states."""
         message = Odometry(child_frame_id=BASE)
         message.header.frame_id = ODOM
         of = dict(zip(self._system.state_names, (value * value for value in noise), strict=True))
         up, about = (_ZZ, _PITCH) if self._vertical else (_YY, _YAW)
         pose, twist = message.pose.covariance, message.twist.covariance
         pose[_XX], pose[up], pose[about] = (of.get(name, 0.0) for name in _POSE)
-        # In the body's frame the axes mix; the larger variance bounds both.
+        # In the frame of the body the axes mix; the larger variance is a bound for both.
         twist[_XX] = twist[up] = max(of.get('vx', 0.0), of.get('vy', 0.0))
         twist[about] = of.get('omega', 0.0)
         return message
@@ -130,7 +183,7 @@ class OdometryMap:
         Parameters
         ----------
         message : nav_msgs.msg.Odometry
-            Whose other fields stay as they are.
+            Changed in place; other fields are kept.
         x, slope : ndarray, shape (n,)
             State and its derivative.
 
@@ -152,14 +205,14 @@ class OdometryMap:
 
     def state(self, message: Odometry) -> Array:
         """
-        Return the state, shape (n,), that a message tells; theta in [-pi, pi].
+        Return the state, shape (n,), of a message; theta in [-pi, pi].
 
-        Motion out of the plane is left out.
+        Motion out of the plane is ignored.
 
         Raises
         ------
         StatementError
-            If a number is not finite or the orientation is none.
+            If a number is not finite, or the quaternion is no orientation.
 
         """
         position, turn = message.pose.pose.position, message.pose.pose.orientation
@@ -169,7 +222,7 @@ class OdometryMap:
         if not 1e-6 < size < 1e6:
             raise StatementError(f'the orientation ({qx:g}, {qy:g}, {qz:g}, {qw:g}) is no '
                                  'rotation')
-        # Where the body's x axis points: seen from above, or from the side.
+        # The direction of the x axis of the body, seen from above or from the side.
         ahead = size - 2 * (qy * qy + qz * qz)
         if self._vertical:
             px, py, forward, aside = position.x, position.z, linear.x, linear.z
@@ -188,26 +241,57 @@ class OdometryMap:
 
 def make_state_reader(topic: str, system: System) -> Read:
     """
-    Return what makes a state (n,) of one message, whatever came before it.
+    Return the function that converts a message to a state, whatever messages came before.
+
+    Parameters
+    ----------
+    topic : str
+        A key of `state_sources.SOURCES`.
+    system : System
+        Whose state is read.
+
+    Returns
+    -------
+    callable
+        Returns the state (n,) of a message; raises StatementError if the message has none.
 
     Raises
     ------
     StatementError
-        If the messages of the topic, a key of `SOURCES`, do not tell the state of the system.
-        What is returned raises it for a message that tells none.
+        If messages of the topic do not determine the state of the system.
 
     """
     if topic == 'state':
         return lambda message: message.x  # type: ignore[no-any-return] # array of double
     odometry = OdometryMap(system)
     if not odometry.readable:
-        raise StatementError(f'state_source = odom: a pose and a twist do not tell the state of '
-                             f'{system.name} ({", ".join(system.state_names)})')
+        raise StatementError(f'state_source = odom: a pose and a twist do not determine the '
+                             f'state of {system.name} ({", ".join(system.state_names)})')
     return lambda message: odometry.state(message).tolist()  # type: ignore[no-any-return]
 
 
 def make_body_reader(topic: str, system: System) -> Read:
-    """Return what makes a state (n,) of each message of a topic; odometry is of one body."""
+    """
+    Return the function that converts the messages of a topic, all of one body, to states.
+
+    Parameters
+    ----------
+    topic : str
+        A key of `state_sources.SOURCES`.
+    system : System
+        Whose state is read.
+
+    Returns
+    -------
+    callable
+        As that of `make_state_reader`; it also raises FrameError for odometry of another body.
+
+    Raises
+    ------
+    StatementError
+        If messages of the topic do not determine the state of the system.
+
+    """
     convert, body = make_state_reader(topic, system), Body()
     if topic == 'state':
         return convert

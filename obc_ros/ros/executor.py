@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The `main` of every node: start, spin, end without a traceback.
+The `main` of every node: start, spin, and end without a traceback.
 
-A node that cannot start says why in one sentence on stderr and its exit status is 1. SIGINT and
-SIGTERM end it with status 0. They are taken here rather than by rclpy, which shuts DDS down at
-once: `destroy_node` can still publish, so that a controller can leave its plant a safe command.
+A node that cannot start prints the reason in one sentence on stderr; its exit status is 1. SIGINT
+and SIGTERM end it with status 0. They are handled here because rclpy would shut DDS down at once:
+so `destroy_node` can still publish, and a controller can send its plant a safe last command.
 """
 
 from collections.abc import Callable, Iterator
@@ -31,17 +31,18 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-FAREWELL = 0.5  # [s] that a node has to answer what it was asked before it was told to end
-LAST = 20       # turns of the executor in which what is answered is sent
+FAREWELL = 0.5  # [s] for a node to answer earlier requests after a signal to end
+LAST = 20       # turns of the executor that send the responses
 
 # What rclpy raises for arguments, files, names and QoS overrides: RCLError is a RuntimeError.
 _UNFIT = (ObcError, RuntimeError, NameValidationException, ParameterException)
-PATIENCE = 10.0  # [s] with a node that is leaving the graph
-# [s] for others to take in that its topics are gone, one by one, before the node is: what of this
-# reaches them after the farewell of its participant makes them list the node for ever.
+PATIENCE = 10.0  # [s] for a node to leave the graph
+# [s] for other participants to process the removal of the node's topics, before the node itself
+# is removed: a removal that they process after that of the participant makes them list the node
+# for ever.
 SETTLE = 0.2
-# [s] for each node in the graph, 1 s at most, in which those that are told to end together leave
-# one by one: the news of another's leaving is what `limit_leaving` is about.
+# [s] for each node in the graph, 1 s at most: nodes that end together leave at random times within
+# it, since the simultaneous removal of another node is the cause of the fault in `limit_leaving`.
 ROOM = 0.02
 
 
@@ -50,8 +51,9 @@ def limit_leaving() -> Iterator[None]:
     """
     End the process with status 1 if a node does not leave the graph.
 
-    Fast DDS never returns if it is just taking in news of another node (docs/reliability.md), and
-    it keeps the interpreter's lock: only this timer can end the process then.
+    Fast DDS may never return if it processes news of another node at this moment
+    (docs/reliability.md). It then holds the interpreter's lock: only this timer can end the
+    process.
     """
     faulthandler.dump_traceback_later(PATIENCE, exit=True, file=2)
     try:
@@ -62,12 +64,17 @@ def limit_leaving() -> Iterator[None]:
 
 def run(build: Callable[[], Node]) -> int:
     """
-    Build a node, spin it until SIGINT or SIGTERM, and end the process; return 1 if it is unfit.
+    Build a node, spin it until SIGINT or SIGTERM, and end the process.
 
     Parameters
     ----------
     build : callable
         Returns the node; usually its class.
+
+    Returns
+    -------
+    int
+        1 if the node cannot start; otherwise the process ends with status 0.
 
     """
     with _stopped_by_signals() as stop:
@@ -76,7 +83,7 @@ def run(build: Callable[[], Node]) -> int:
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
             _refuse(remove_ros_args()[1:])
             node = build()
-            for service in node.services:  # those of parameters among them
+            for service in node.services:  # including those of the parameters
                 be_patient(node, service)
                 guard_callbacks(node, service, service.srv_name)
             for subscription in node.subscriptions:
@@ -89,36 +96,35 @@ def run(build: Callable[[], Node]) -> int:
             _spin(node, stop)
         finally:
             with limit_leaving():
-                with node.handle:   # what is in use is destroyed after that: the node comes last
+                with node.handle:   # keeps the node until its entities are destroyed
                     room = _room(node)
                     node.destroy_node()
                     sleep(SETTLE + uniform(0.0, room))
                 rclpy.try_shutdown()
-    # Nothing is left to do, and what the libraries do after the interpreter has ended may stand
-    # still in the same way.
+    # Nothing is left to do, and the libraries may block in the same way when they are unloaded.
     for stream in filter(None, (sys.stdout, sys.stderr)):
-        with suppress(OSError, ValueError):   # nobody reads any more
+        with suppress(OSError, ValueError):   # closed by the reader
             stream.flush()
     os._exit(0)
 
 
 def _room(node: Node) -> float:
-    """Return the time [s] within which a node leaves."""
+    """Return the time [s] within which the node leaves."""
     try:
         return min(ROOM * len(node.get_node_names()), 1.0)
-    except RuntimeError:  # the context was shut down by someone else in this process
+    except RuntimeError:  # other code in this process has shut down the context
         return 0.0
 
 
 def _refuse(words: list[str]) -> None:
-    """Refuse what is no ROS argument: parameters that stand before --ros-args have no effect."""
+    """Reject arguments that are not for ROS: parameters before --ros-args have no effect."""
     if words:
         raise StatementError(f"'{quote(words[0])}' is not understood; parameters are given as in: "
                              '--ros-args -p system:=aircraft --params-file FILE')
 
 
 class _Stop:
-    """Asked for by a signal, at any time; wakes whoever waits."""
+    """A request to stop, made by a signal at any time; it wakes the executor."""
 
     def __init__(self) -> None:
         self.asked = False
@@ -134,8 +140,8 @@ def _stopped_by_signals() -> Iterator[_Stop]:
     """
     Turn SIGINT and SIGTERM into a request to stop.
 
-    A Python handler does not run while the executor waits in C. The byte that the interpreter
-    writes on arrival of a signal reaches a thread, and that wakes the executor.
+    A Python handler does not run while the executor waits in C. When a signal arrives, the
+    interpreter writes a byte to a pipe; a thread reads it and wakes the executor.
     """
     stop = _Stop()
     reader, writer = os.pipe()
@@ -145,7 +151,7 @@ def _stopped_by_signals() -> Iterator[_Stop]:
                 for number in (signal.SIGINT, signal.SIGTERM)}
 
     def watch() -> None:
-        while os.read(reader, 1) not in (b'', b'\0'):  # 0: told to end
+        while os.read(reader, 1) not in (b'', b'\0'):  # 0: the thread is to end
             stop.ask()
 
     thread = threading.Thread(target=watch, name='signals', daemon=True)
@@ -154,7 +160,7 @@ def _stopped_by_signals() -> Iterator[_Stop]:
         yield stop
     finally:
         for number, handler in handlers.items():
-            # A launch file asks twice: the second time while the interpreter ends already.
+            # A launch file sends the signal twice: the second one arrives while the process ends.
             signal.signal(number, signal.SIG_IGN if stop.asked else handler)
         signal.set_wakeup_fd(former)
         os.write(writer, b'\0')
@@ -166,21 +172,21 @@ def _stopped_by_signals() -> Iterator[_Stop]:
 def _spin(node: Node, stop: _Stop) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    # a task, since the executor goes on waiting when it is only woken
+    # a task: an executor that is only woken continues to wait
     stop.wake = lambda: executor.create_task(lambda: None)
     try:
         while not stop.asked:
             executor.spin_once()
         _answer(node, executor)
     except ExternalShutdownException:
-        pass  # the context was shut down by someone else in this process
+        pass  # other code in this process has shut down the context
     finally:
         stop.wake = lambda: None
         executor.shutdown()
 
 
 def _answer(node: Node, executor: SingleThreadedExecutor) -> None:
-    """Let a node that `owes` answers give them before it ends."""
+    """Let a node whose `owes()` is true send its responses before it ends."""
     deadline = monotonic() + FAREWELL
     owes = getattr(node, 'owes', None)
     if not owes:
@@ -189,17 +195,30 @@ def _answer(node: Node, executor: SingleThreadedExecutor) -> None:
     while owes() and monotonic() < deadline:
         executor.spin_once(timeout_sec=0.02)
     if owes():
-        node.get_logger().error(f'ends without all answers: some took over {FAREWELL:g} s')
+        node.get_logger().error(f'ends without all responses: some took over {FAREWELL:g} s')
     for _ in range(LAST):
         executor.spin_once(timeout_sec=0.0)
     if owed:
-        # Answers and the news that who gave them is gone are read by two threads: an answer that
-        # a busy client reads later is dropped.
+        # A client reads responses and the removal of their sender in two threads. It drops a
+        # response that it reads after the removal.
         sleep(SETTLE)
 
 
 def summarize_error(error: Exception) -> str:
-    """Return what an error says without the places in rcl's sources and on one line."""
+    """
+    Return the text of an error on one line, without places in the sources of rcl.
+
+    Parameters
+    ----------
+    error : Exception
+        Of this package, of rclpy or of rcl.
+
+    Returns
+    -------
+    str
+        With advice for lists of mixed types and for a log folder that cannot be written.
+
+    """
     words = ' '.join(re.sub(r', at /\S+:\d+', '', str(error)).split())
     if 'Sequence should be of same type' in words:
         words += ': write the numbers of a list all with a point, or none'

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a node's diagnostics are about: the field hardware_id of each status (REP 107)."""
+"""The field hardware_id of the diagnostics of a node (REP 107)."""
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
@@ -18,11 +18,11 @@ def identify(statuses: list[DiagnosticStatus], node: Node, given: str, otherwise
     statuses : list of DiagnosticStatus
         Changed in place.
     node : rclpy.node.Node
-        That publishes them.
+        The node that publishes them.
     given : str
         Value of the parameter ``hardware_id``.
     otherwise : str
-        What it is for a node without that and without a namespace; not empty.
+        Value if that is empty and the node has no namespace; not empty.
 
     """
     hardware = given.strip() or node.get_namespace().strip('/') or otherwise

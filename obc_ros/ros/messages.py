@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Messages from and to plain values: statements, requests, answers.
+Conversions between messages and plain values: statements, requests, responses.
 
-A statement is the mapping that a problem file holds. What a message cannot say wrongly is not
-looked at here: the statement is checked where it is solved.
+A statement is the mapping of a problem file. Only what a mapping cannot hold, such as a name that
+occurs twice, is checked here; the worker that solves the problem checks the statement.
 """
 
 from array import array
@@ -37,22 +37,27 @@ MAX_SIZE = 10_000_000  # bytes of names, expressions and numbers in one request
 
 def check_size(message: Any) -> None:
     """
-    Refuse a request that is larger than any that could be answered.
+    Reject a request that is too large.
+
+    Parameters
+    ----------
+    message : message
+        The request, or a field of it.
 
     Raises
     ------
     StatementError
-        If its texts and numbers take more than ``MAX_SIZE`` bytes.
+        If its texts and numbers take more than `MAX_SIZE` bytes.
 
     """
     size = _size(message)
     if size > MAX_SIZE:
         raise StatementError(
-            f'the request has {size} bytes of text and numbers; at most {MAX_SIZE} are read')
+            f'the request has {size} bytes of text and numbers; at most {MAX_SIZE} are accepted')
 
 
 def _size(value: Any) -> int:
-    """Return the bytes that the texts and numbers of a message take, lists included."""
+    """Return the size [bytes] of the texts and numbers of a message, including lists."""
     if isinstance(value, str):
         return len(value) + 4
     if isinstance(value, array):
@@ -66,12 +71,22 @@ def _size(value: Any) -> int:
 
 def read_statement(problem: OptimalControlProblem) -> dict[str, Any]:
     """
-    Return the statement of a message; what is empty in it is left out.
+    Return the statement of a problem message, without its empty fields.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+        The message.
+
+    Returns
+    -------
+    dict
+        With the keys of a problem file.
 
     Raises
     ------
     StatementError
-        If a name stands twice in a list of names and values, or the message is too large.
+        If a name occurs twice in a list of names and values, or the message is too large.
 
     """
     check_size(problem)
@@ -110,9 +125,14 @@ def build_problem_message(mapping: Mapping[str, Any], guess: Guess) -> OptimalCo
     Parameters
     ----------
     mapping : mapping
-        As `statement.problem_from_mapping` has accepted it.
+        A statement that `statement.build_problem` accepts.
     guess : Guess
-        Of the problem that it returned.
+        Initial guess of the problem that `build_problem` returns.
+
+    Returns
+    -------
+    OptimalControlProblem
+        The message.
 
     """
     message = OptimalControlProblem()
@@ -143,12 +163,24 @@ def build_problem_message(mapping: Mapping[str, Any], guess: Guess) -> OptimalCo
 
 def read_expressions(where: str, entries: Iterable[NamedExpression]) -> dict[str, str]:
     """
-    Return name to expression, in order.
+    Return expressions by name, in order.
+
+    Parameters
+    ----------
+    where : str
+        Key of the statement, for errors.
+    entries : iterable of NamedExpression
+        Field of a message.
+
+    Returns
+    -------
+    dict of str to str
+        Expressions.
 
     Raises
     ------
     StatementError
-        If a name stands twice.
+        If a name occurs twice.
 
     """
     return _unique(where, ((each.name, each.expression) for each in entries))
@@ -156,12 +188,24 @@ def read_expressions(where: str, entries: Iterable[NamedExpression]) -> dict[str
 
 def read_parameters(where: str, entries: Iterable[NamedExpression]) -> dict[str, Any]:
     """
-    Return name to expression, or to the list that an option of a system is, written as JSON.
+    Return parameters and construction options of a system by name.
+
+    Parameters
+    ----------
+    where : str
+        Key of the statement, for errors.
+    entries : iterable of NamedExpression
+        Field of a message; lists are written as JSON.
+
+    Returns
+    -------
+    dict of str to str or list
+        Expressions, and lists.
 
     Raises
     ------
     StatementError
-        If a name stands twice, or what begins with a bracket is no list.
+        If a name occurs twice, or a text that begins with a bracket is no list.
 
     """
     return {name: _list(f'{where}.{quote(name)}', text) if text.startswith('[') else text
@@ -170,12 +214,24 @@ def read_parameters(where: str, entries: Iterable[NamedExpression]) -> dict[str,
 
 def read_message_bounds(where: str, entries: Iterable[NamedBounds]) -> dict[str, list[str | None]]:
     """
-    Return name to [lower, upper], None for none.
+    Return bounds by name.
+
+    Parameters
+    ----------
+    where : str
+        Key of the statement, for errors.
+    entries : iterable of NamedBounds
+        Field of a message.
+
+    Returns
+    -------
+    dict of str to list
+        [lower, upper], as expressions; None: no bound.
 
     Raises
     ------
     StatementError
-        If a name stands twice.
+        If a name occurs twice.
 
     """
     return _unique(where, (
@@ -183,13 +239,39 @@ def read_message_bounds(where: str, entries: Iterable[NamedBounds]) -> dict[str,
 
 
 def build_named_expressions(mapping: Mapping[str, Any]) -> list[NamedExpression]:
-    """Return a mapping of names to numbers or expressions as messages."""
+    """
+    Return a mapping of names to numbers or expressions as messages.
+
+    Parameters
+    ----------
+    mapping : mapping
+        From names to numbers, expressions or lists.
+
+    Returns
+    -------
+    list of NamedExpression
+        In the order of the mapping.
+
+    """
     return [NamedExpression(name=name, expression=_text(value))
             for name, value in mapping.items()]
 
 
 def build_named_bounds(mapping: Mapping[str, Any]) -> list[NamedBounds]:
-    """Return a mapping of names to [lower, upper] (or None) as messages."""
+    """
+    Return a mapping of names to bounds as messages.
+
+    Parameters
+    ----------
+    mapping : mapping
+        From names to [lower, upper], each a number, an expression or None; or to None.
+
+    Returns
+    -------
+    list of NamedBounds
+        In the order of the mapping, without the names that have None.
+
+    """
     return [NamedBounds(name=name, lower=_text(pair[0]), upper=_text(pair[1]))
             for name, pair in mapping.items() if pair is not None]
 
@@ -198,10 +280,22 @@ def read_request(kind: str, request: Any) -> Packet:
     """
     Return a request as plain data.
 
+    Parameters
+    ----------
+    kind : str
+        A key of `requests.KINDS`.
+    request : SolveOptimalControl, Minimize, PlanMotion or DesignLqr request
+        Of that kind.
+
+    Returns
+    -------
+    Packet
+        For `requests.answer`.
+
     Raises
     ------
     StatementError
-        If it is too large, or a name stands twice in a list of names and values.
+        If it is too large, or a name occurs twice in a list of names and values.
 
     """
     check_size(request)
@@ -252,7 +346,20 @@ def _arrays(message: Any, *names: str) -> dict[str, Any]:
 
 
 def compute_affinity(request: Packet) -> str:
-    """Return a text that is equal for statements which differ in numbers only."""
+    """
+    Return a text that is equal for statements which differ in numbers only.
+
+    Parameters
+    ----------
+    request : Packet
+        As `read_request` returns it.
+
+    Returns
+    -------
+    str
+        For `pool.Job.affinity`.
+
+    """
     given = request.plain.get('statement', {})
     shape = [given.get(key) for key in ('system', 'states', 'inputs', 'dynamics', 'running_cost',
                                         'terminal_cost', 'terminal_constraints')]
@@ -262,14 +369,14 @@ def compute_affinity(request: Packet) -> str:
 
 def fill_answer(response: Any, packet: Packet) -> None:
     """
-    Put the answer to a problem into a response or a result.
+    Fill a response or a result with the answer to a problem.
 
     Parameters
     ----------
     response : SolveOptimalControl.Response, SolveOptimalControl.Result or PlanMotion.Response
         Filled in place.
     packet : Packet
-        As `requests.solution_packet` made it, or with a status and a message only.
+        As `requests.pack_solution` returns it, or with a status and a message only.
 
     """
     plain = dict(packet.plain)
@@ -289,7 +396,17 @@ def fill_answer(response: Any, packet: Packet) -> None:
 
 
 def fill_minimum(response: Any, packet: Packet) -> None:
-    """Put the answer of `requests` to ``~/minimize`` into its response."""
+    """
+    Fill the response of ``~/minimize``.
+
+    Parameters
+    ----------
+    response : Minimize.Response
+        Filled in place.
+    packet : Packet
+        As `requests.answer` returns it, or with a status and a message only.
+
+    """
     plain = dict(packet.plain)
     response.certificate = build_certificate_message(plain.pop('certificate', None))
     response.success = plain['status'] == 'solved' and response.certificate.holds
@@ -300,7 +417,17 @@ def fill_minimum(response: Any, packet: Packet) -> None:
 
 
 def fill_design(response: Any, packet: Packet) -> None:
-    """Put the answer of `requests` to ``~/design_lqr`` into its response."""
+    """
+    Fill the response of ``~/design_lqr``.
+
+    Parameters
+    ----------
+    response : DesignLqr.Response
+        Filled in place; the message of a failure begins with the status.
+    packet : Packet
+        As `requests.answer` returns it, or with a status and a message only.
+
+    """
     status, response.message = packet.plain['status'], packet.plain['message']
     response.success = status == 'solved'
     if not response.success:
@@ -310,15 +437,28 @@ def fill_design(response: Any, packet: Packet) -> None:
 
 
 def build_lqr_design(fields: Mapping[str, Any]) -> LqrDesign:
-    """Return the message with the fields that `report_fields` returns."""
+    """
+    Return the message of a design.
+
+    Parameters
+    ----------
+    fields : mapping
+        As `report_fields` returns it; arrays are flattened row by row.
+
+    Returns
+    -------
+    LqrDesign
+        The message.
+
+    """
     return LqrDesign(**{name: flatten_doubles(value) if isinstance(value, np.ndarray) else value
                         for name, value in fields.items()})
 
 
 def build_certificate_message(conditions: Mapping[str, Mapping[str, float]] | None) -> Certificate:
-    """Return the certificate with these residuals and tolerances; an empty one for None."""
+    """Return the message of a certificate; without conditions, an empty one."""
     if conditions is None:
-        return Certificate(sentence='there is no answer to certify')
+        return Certificate(sentence='there is no solution to certify')
     verdict = solution.Certificate(**conditions)
     worst = verdict.worst
     residual, tolerance = verdict.residuals[worst], verdict.tolerances[worst]
@@ -332,7 +472,20 @@ def build_certificate_message(conditions: Mapping[str, Mapping[str, float]] | No
 
 
 def flatten_doubles(values: Any) -> 'array[float]':
-    """Return numbers of any shape, row by row, as the value of a float64[] field."""
+    """
+    Return numbers as the value of a float64[] field.
+
+    Parameters
+    ----------
+    values : array_like
+        Of any shape.
+
+    Returns
+    -------
+    array of double
+        Row by row.
+
+    """
     return array('d', np.asarray(values, np.float64).tobytes())
 
 

@@ -1,11 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Services lose no answer, however many clients use them at once.
+Quality of service for services with many clients: no response is lost.
 
-Every client of a service hears the answers to all; with the default depth of ten, requests or
-answers that come in a burst push each other out. And a request can arrive before the reader of
-its client is known here: the middleware then waits 0.1 s, drops the answer and has rclpy warn.
+Every client of a service receives the responses to all clients. With the default depth of 10, a
+burst of requests or responses overflows the queues. A request can also arrive before the reader
+of its client has been discovered: the middleware then waits 0.1 s, drops the response, and rclpy
+warns.
 """
 
 from typing import Any
@@ -16,12 +17,22 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.service import Service
 
-BURST = QoSProfile(depth=1000)  # for the service, and for clients in a crowd
-FIRST, LAST = 0.2, 5.0          # [s] until a dropped answer is sent again, each time twice as long
+BURST = QoSProfile(depth=1000)  # for the service and for its clients
+FIRST, LAST = 0.2, 5.0          # [s] until a dropped response is sent again; doubled each time
 
 
 def be_patient(node: Node, service: Service) -> None:
-    """Have the answers of a service sent again when the middleware has dropped them."""
+    """
+    Have responses sent again that the middleware has dropped.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Whose timers and log are used.
+    service : rclpy.service.Service
+        Its method `send_response` is replaced.
+
+    """
     send, clock = service.send_response, Clock(clock_type=ClockType.STEADY_TIME)
 
     def send_or_retry(response: Any, header: Any, delay: float = FIRST) -> None:
@@ -30,7 +41,7 @@ def be_patient(node: Node, service: Service) -> None:
             send(response, header)
         if dropped and delay > LAST:
             node.get_logger().warning(
-                f'{service.srv_name}: a client that cannot be reached got no answer')
+                f'{service.srv_name}: a client that cannot be reached got no response')
         elif dropped:
             def retry() -> None:
                 node.destroy_timer(timer)

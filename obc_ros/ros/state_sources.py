@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Where a node takes states from: this package's own message, or that of robots.
+Sources of states: the message of this package, or odometry of robots.
 
 =====  ========  ==========================================================
 topic  type      meaning
@@ -20,25 +20,25 @@ STATE_SOURCE = 'topic of the states, with its type: state (State) or odom (Odome
 
 
 class FrameError(StatementError):
-    """A message is of another frame than the ones before."""
+    """The frame of a message is invalid, or differs from that of earlier messages."""
 
 
 class Body:
-    """Whose odometry is read: that of the child frame that is kept first."""
+    """The body whose odometry is read, identified by the child frame."""
 
     def __init__(self) -> None:
         self._frame = ''
 
     def check(self, message: Odometry) -> None:
-        """Raise FrameError for a twist that is of no body, or of another one."""
+        """Raise FrameError if the child frame is no body frame or that of another body."""
         child = message.child_frame_id
         if child == message.header.frame_id:
             raise FrameError(
-                f"odometry with child_frame_id = header.frame_id = '{quote(child)}': its twist "
-                'belongs in the frame of the body')
+                f"odometry with child_frame_id = header.frame_id = '{quote(child)}': the twist "
+                'needs the frame of the body')
         if self._frame and child != self._frame:
             raise FrameError(f"odometry of '{quote(child)}', after that of '{quote(self._frame)}'")
 
     def keep(self, message: Odometry) -> None:
-        """Take the body of a message for the one that is read."""
+        """Set the body to that of a message."""
         self._frame = message.child_frame_id

@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A subscription that is waited for by a thread of its own.
+A thread that waits for the messages of one subscription.
 
-rclpy's executor gathers all entities of a node anew for each message; with the services of a
-node that takes longer than the control law. Here one wait set holds one subscription, and
-neither a service nor a timer keeps a state waiting.
+The executor of rclpy collects all entities of a node for each message. With the services of a
+node this takes longer than the control law. Here a wait set holds one subscription, and neither a
+service nor a timer delays a state.
 """
 
 from collections.abc import Callable, Iterable
@@ -22,14 +22,14 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-# A thread that has work waits this long [s] for another's Python code; 5 ms by default.
+# [s] after which a thread that runs Python code yields to a waiting one; 5 ms by default.
 SWITCH_INTERVAL = 2e-4
 PRIORITY = ('real-time priority (SCHED_FIFO) of the process; 0: none. Threads of the node have '
             'one less than those of DDS. Needs an rtprio limit, or root')
 
 
 class Apart(CallbackGroup):  # type: ignore[misc] # rclpy's classes are untyped
-    """The group of what the executor leaves alone."""
+    """The callback group of subscriptions that the executor ignores."""
 
     def can_execute(self, entity: Any) -> bool:
         """Return that the executor must not wait for an entity."""
@@ -40,28 +40,27 @@ class Apart(CallbackGroup):  # type: ignore[misc] # rclpy's classes are untyped
         return False
 
     def ending_execution(self, entity: Any) -> None:
-        """Take note of nothing."""
+        """Do nothing."""
 
 
 class OwnThread:
     """
-    Takes the messages of one subscription, whose group must be an `Apart`.
+    Takes the messages of one subscription, whose callback group must be an `Apart`.
 
     Parameters
     ----------
     node : rclpy.node.Node
-        Whose subscription it is.
+        The node of the subscription.
     subscription : rclpy.subscription.Subscription
-        What is waited for.
+        The subscription.
     on_message : callable
         Called in the thread with each message.
     on_time : callable
         Called in the thread after each wait; returns how long [s] to wait at most.
     events : iterable of EventHandler
-        QoS events of the subscription. Waited for by an executor they would wake it at each
-        message.
+        QoS events of the subscription. In an executor they would wake it at each message.
     priority : int
-        Of the process in real time, see `PRIORITY`.
+        Real-time priority of the process, see `PRIORITY`.
 
     """
 
@@ -80,7 +79,7 @@ class OwnThread:
     def start(self) -> None:
         """Begin to take messages."""
         gc.collect()
-        gc.freeze()  # what start-up left is not looked through again while states wait
+        gc.freeze()  # later collections skip the objects of the start, and are shorter
         if self._priority and (reason := _raise(self._priority)):
             self._node.get_logger().warning(reason)
         self._running = True
@@ -92,7 +91,7 @@ class OwnThread:
         self._wake.trigger()
 
     def stop(self) -> None:
-        """Take no more messages; returns when the last has been dealt with."""
+        """Take no more messages; return when the last callback has ended."""
         self._running = False
         if self._thread is not None:
             self._wake.trigger()
@@ -106,7 +105,7 @@ class OwnThread:
         try:
             self._take()
         finally:
-            if self._running:  # an error in it must not leave a node that looks alive
+            if self._running:  # an exception here must end the node
                 self._died.trigger()
 
     def _take(self) -> None:
@@ -131,17 +130,17 @@ class OwnThread:
 
 def _raise(priority: int) -> str:
     """
-    Give this process a real-time priority; return why not.
+    Give this process a real-time priority; return the reason of a failure, else ''.
 
-    The main thread, and what it starts from now on, has one less than the threads of DDS: a
-    message that has arrived is to be delivered before this or another node goes on. Among equals
-    on one core it waits its turn, and a plant at 1 kHz missed ten times as many commands.
+    The main thread, and threads that it starts later, have one less than the threads of DDS, so
+    that messages are delivered before nodes continue. With equal priorities on one core a message
+    waits for its turn, and a plant at 1 kHz missed ten times as many commands.
     """
     try:
         for thread in map(int, os.listdir('/proc/self/task')):
             mine = max(1, priority - (thread == threading.get_native_id()))
             os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(mine))
     except OSError as error:
-        return (f'priority = {priority}: {error.strerror}; it runs as an ordinary process. Allow '
+        return (f'priority = {priority}: {error.strerror}; the priority is not set. Allow '
                 f"it by a line '@realtime - rtprio 99' in /etc/security/limits.conf")
     return ''

@@ -1,12 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A pool of worker processes that answers requests within their time, whatever happens to a worker.
+A pool of worker processes that answers every request within its time limit.
 
-A worker that dies costs the one request it worked on an answer that says so, with the best path
-that it has sent, and is replaced. A
-request whose time is over, or that is cancelled, is first asked to stop and then ended with its
-process. No worker outlives the process of the pool.
+If a worker dies, its present request fails with an error, which comes with the best path that the
+worker has sent, and the worker is replaced. A request that reaches its time limit or is cancelled
+is first asked to stop, then ended with its process. No worker outlives the process of the pool.
 """
 
 from collections import Counter, deque, OrderedDict
@@ -24,23 +23,23 @@ import time
 
 from obc_ros.workers.wire import Channel, Packet
 
-SHORTEST = 0.01    # [s] that a request may be given
+SHORTEST = 0.01    # [s] shortest time limit of a request
 LONGEST_LIMIT = 86_400.0
-TICK = 0.02        # [s] how soon a busy worker's thread sees a cancelled request
-HEAD_START = 0.1   # [s] that a solver is told to stop before its time is over
-GRACE = 0.05       # [s] in which a solver that was asked to stop may still answer
-END = 0.1          # [s] in which a process whose channel has closed has ended
-IDLE_CHECK = 0.5   # [s] how soon the death of an idle worker is seen
+TICK = 0.02        # [s] until the thread of a busy worker sees a cancellation
+HEAD_START = 0.1   # [s] by which the time limit of a solver is shorter
+GRACE = 0.05       # [s] that a solver has to answer after it was asked to stop
+END = 0.1          # [s] until a process has ended after its channel was closed
+IDLE_CHECK = 0.5   # [s] until the end of an idle worker is noticed
 START_TIME = 60.0  # [s] in which a worker must have started
-START_PAUSE = 1.0  # [s] before a worker that did not start is tried again, doubled each time
+START_PAUSE = 1.0  # [s] before a worker that did not start is started again; doubled each time
 LONGEST_PAUSE = 60.0  # [s]
-TRIES = 3          # starts that fail before requests are answered without another
+TRIES = 3          # failed starts after which requests are answered with an error
 ENVIRONMENT = {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1',
                'PYTHONSAFEPATH': '1'}
 
 
 class RequestOutcome(str, Enum):
-    """How the pool dealt with a request."""
+    """How a request ended."""
 
     ANSWERED = 'answered'
     REFUSED = 'refused'
@@ -52,9 +51,9 @@ class RequestOutcome(str, Enum):
 @dataclass(frozen=True)
 class RequestAnswer:
     """
-    What came of a request: the worker's packet when answered, else the reason in words.
+    The answer to a request: the packet of the worker, or else the reason in words.
 
-    Then `packet` is what the worker has kept for this, if anything.
+    In the latter case `packet` is the last one that the worker has kept, if any.
     """
 
     outcome: RequestOutcome
@@ -63,27 +62,27 @@ class RequestAnswer:
 
 
 def _ignore(phase: str, iteration: int, cost: float, infeasibility: float) -> None:
-    """Take no notice of progress."""
+    """Ignore progress."""
 
 
 @dataclass(eq=False)
 class Job:
     """
-    A request on its way through the pool.
+    A request in the pool.
 
     Attributes
     ----------
     kind, request
-        What the worker's module is called with.
+        Arguments of the module of the workers.
     time_limit : float
         Time [s] from submission to answer, waiting included.
     done
         Called once, with the answer.
     progress
-        Called with phase, iteration, cost and infeasibility while a worker is at it. Both are
-        called by a thread of the pool, or by the one that submits or cancels.
+        Called with phase, iteration, cost and infeasibility while a worker handles the request.
+        Both are called by a thread of the pool, or by the thread that submits or cancels.
     affinity : str
-        Requests of equal affinity are quicker on the worker that had the last one.
+        Requests of equal affinity are faster on the worker that handled the last one.
 
     """
 
@@ -99,28 +98,28 @@ class Job:
 
 class Pool:
     """
-    Worker processes and the queue before them.
+    Worker processes and their queue.
 
     Parameters
     ----------
     module : str
         Imported by each worker; its ``answer(kind, request, time_limit, report, keep) -> Packet``
-        does the work; what `keep` is called with is answered should the worker be ended.
+        handles a request. If a worker is ended, the last argument of `keep` is in the answer.
     size : int
         Number of workers.
     queue_length : int
-        How many requests may wait; one more is refused.
+        Number of requests that may wait; further ones are rejected.
     memory : int
-        Bytes of memory that a worker may have.
+        Memory limit of a worker [bytes].
     affinities : int
-        How many affinities a worker is expected to remember.
+        Number of affinities whose data a worker is expected to keep.
     niceness : int
-        By how much workers give way to other processes: to the node, to a control loop.
+        Niceness of the workers: the node and control loops have priority.
 
     Attributes
     ----------
     fault : str
-        Why the workers do not start; empty when the last one to start did.
+        Why the workers do not start; empty if the last one to start did.
     has_started : bool
         Whether a worker has been ready, or has failed to start.
 
@@ -144,17 +143,17 @@ class Pool:
 
     @property
     def size(self) -> int:
-        """Return the number of workers, those included that are being replaced."""
+        """Return the number of workers, including those that are being replaced."""
         return len(self._workers)
 
     @property
     def waiting(self) -> int:
-        """Return how many requests wait for a worker."""
+        """Return the number of requests that wait for a worker."""
         return len(self._queue)
 
     @property
     def busy(self) -> int:
-        """Return how many workers are at a request."""
+        """Return the number of workers that handle a request."""
         return sum(worker.job is not None for worker in self._workers)
 
     @property
@@ -163,7 +162,7 @@ class Pool:
         return [worker.pid for worker in self._workers if worker.ready]
 
     def resize(self, size: int) -> None:
-        """Have `size` workers; those too many end when they have done what they are at."""
+        """Set the number of workers; surplus ones end after their present request."""
         with self._changed:
             surplus = self._workers[size:]
             self._workers = self._workers[:size]
@@ -173,7 +172,7 @@ class Pool:
             self._changed.notify_all()
 
     def submit(self, job: Job) -> None:
-        """Take a request: its time runs from now on."""
+        """Accept a request; its time limit counts from now on."""
         with self._changed:
             job.deadline = time.monotonic() + job.time_limit
             refusal = self._refusal()
@@ -188,7 +187,7 @@ class Pool:
             self.finish(job, refusal)
 
     def cancel(self, job: Job) -> None:
-        """Stop a request: at once when it is waiting, else within `TICK` + `GRACE` seconds."""
+        """Stop a request: at once if it is waiting, else within `TICK` + `GRACE` seconds."""
         with self._changed:
             job.cancelled = True
             waiting = job in self._queue
@@ -199,7 +198,7 @@ class Pool:
                                            'cancelled while it waited for a worker'))
 
     def close(self) -> None:
-        """End all workers; what they were at, and what was waiting, is cancelled."""
+        """End all workers; present and waiting requests are cancelled."""
         with self._changed:
             self._closed = True
             workers = self._workers
@@ -212,19 +211,19 @@ class Pool:
             worker.join()
 
     def finish(self, job: Job, answer: RequestAnswer) -> None:
-        """Give the answer to the one who asked."""
+        """Count the answer and pass it to the job."""
         self.outcomes[answer.outcome] += 1
         job.done(answer)
 
     def empty_queue(self, answer: RequestAnswer) -> None:
-        """Give all requests that wait the same answer."""
+        """Give all waiting requests the same answer."""
         with self._changed:
             jobs, self._queue = self._queue, deque()
         for job in jobs:
             self.finish(job, answer)
 
     def expire(self) -> None:
-        """Answer the requests that have waited for all of their time."""
+        """Answer the requests whose time limit has passed while they waited."""
         now = time.monotonic()
         with self._changed:
             late = [job for job in self._queue if now >= job.deadline]
@@ -235,7 +234,7 @@ class Pool:
                 RequestOutcome.TIMED_OUT, f'no worker was free within {job.time_limit:g} s'))
 
     def note_start(self, worker: '_Worker', why: str = '') -> None:
-        """Note that `worker` has started, or why it could not."""
+        """Record that `worker` has started, or why it has not."""
         with self._changed:
             worker.ready, self.has_started = not why, True
             worker.failures = worker.failures + 1 if why else 0
@@ -245,7 +244,7 @@ class Pool:
             self.empty_queue(self._no_worker())
 
     def next_job(self, worker: '_Worker') -> Job | None:
-        """Return what `worker` is to do next; None when nothing came within `IDLE_CHECK`."""
+        """Return the next job of `worker`; None if there was none for `IDLE_CHECK` seconds."""
         with self._changed:
             if worker.wanted and not worker.job and not self._queue:
                 self._changed.wait(IDLE_CHECK)
@@ -254,7 +253,7 @@ class Pool:
             return worker.job
 
     def retire(self, worker: '_Worker') -> None:
-        """Give `worker` no more to do; what it was given but has not begun goes to another."""
+        """Give `worker` no more jobs; one that it has not begun goes to another worker."""
         with self._changed:
             worker.ready = False
             if worker.job:
@@ -263,12 +262,12 @@ class Pool:
                 self._changed.notify_all()
 
     def release(self, worker: '_Worker', ready: bool) -> None:
-        """Note that `worker` has done its job, and whether it is ready for another."""
+        """Record that `worker` has finished its job, and whether it is ready for another."""
         with self._changed:
             worker.job, worker.ready = None, ready
 
     def pause(self, worker: '_Worker', duration: float) -> None:
-        """Wait for `duration` seconds, or less when `worker` is not wanted any more."""
+        """Wait for `duration` seconds, or less if `worker` is not wanted any more."""
         end = time.monotonic() + duration
         while worker.wanted and (left := end - time.monotonic()) > 0:
             self.expire()
@@ -276,22 +275,22 @@ class Pool:
                 self._changed.wait_for(lambda: not worker.wanted, min(left, TICK))
 
     def _refusal(self) -> RequestAnswer | None:
-        """Return the answer to a request that is not taken at present; None when it is."""
+        """Return the answer to a request that cannot be accepted now; None if it can."""
         if self._closed:
             return RequestAnswer(RequestOutcome.REFUSED, 'the server is shutting down')
         if self._workers and all(worker.failures >= TRIES for worker in self._workers):
             return self._no_worker()
         if self.waiting >= self.queue_length and not self._idle(''):
             return RequestAnswer(RequestOutcome.REFUSED, (
-                f'refused: {self.waiting} requests are waiting already, as many as may wait; '
-                'please ask again later'))
+                f'refused: the queue is full, with {self.waiting} requests; send the request '
+                'again later'))
         return None
 
     def _no_worker(self) -> RequestAnswer:
         return RequestAnswer(RequestOutcome.DIED, f'no worker starts: {self.fault}')
 
     def _idle(self, affinity: str) -> '_Worker | None':
-        """Return an idle worker, rather one that has seen `affinity`; None if all are busy."""
+        """Return an idle worker, preferably one that has seen `affinity`; None if all are busy."""
         idle = [worker for worker in self._workers if worker.ready and not worker.job]
         return next((worker for worker in idle if affinity in worker.seen),
                     min(idle, key=lambda worker: len(worker.seen), default=None))
@@ -299,9 +298,9 @@ class Pool:
 
 class _Worker(Thread):
     """
-    The thread that looks after one worker process, and starts another when that has ended.
+    The thread that runs one worker process, and starts another if it has ended.
 
-    The kernel ends the process when this thread ends.
+    The kernel ends the process with this thread.
     """
 
     def __init__(self, pool: Pool) -> None:
@@ -309,7 +308,7 @@ class _Worker(Thread):
         self._pool = pool
         self.wanted = True
         self.ready = False
-        self.failures = 0  # to start, one after another
+        self.failures = 0  # consecutive failed starts
         self.job: Job | None = None
         self._kept = Packet({})
         self.seen: OrderedDict[str, None] = OrderedDict()
@@ -321,7 +320,7 @@ class _Worker(Thread):
         return self._process.pid
 
     def run(self) -> None:
-        """Keep a process at work until it is not wanted any more."""
+        """Keep a process running until the worker is not wanted any more."""
         while self.wanted:
             try:
                 self._start_process()
@@ -338,7 +337,7 @@ class _Worker(Thread):
                 self._failed(why)
 
     def _failed(self, why: str) -> None:
-        """Say why no process starts, and wait before the next one: ever longer."""
+        """Record why no process starts, and wait before the next start, longer each time."""
         self._pool.note_start(self, why)
         self._pool.pause(self, min(START_PAUSE * 2.0**(self.failures - 1), LONGEST_PAUSE))
 
@@ -357,7 +356,7 @@ class _Worker(Thread):
         self.seen.clear()
 
     def _wait_until_ready(self) -> str:
-        """Return why the process did not start; empty when it did."""
+        """Return why the process did not start; empty if it did."""
         end = time.monotonic() + START_TIME
         while self.wanted and time.monotonic() < end:
             try:
@@ -370,10 +369,10 @@ class _Worker(Thread):
                 return ''
             if packet:
                 return str(packet.plain['died'])
-        return f'it takes more than {START_TIME:g} s'
+        return f'the start takes more than {START_TIME:g} s'
 
     def _serve(self) -> None:
-        """Do one job after another, until the process has ended or is not wanted any more."""
+        """Handle jobs until the process has ended or the worker is not wanted any more."""
         while self.ready and (self.wanted or self.job):
             job = self._pool.next_job(self)
             if self._process.poll() is not None:
@@ -399,7 +398,7 @@ class _Worker(Thread):
             return RequestAnswer(RequestOutcome.DIED, self._obituary(self._cause()), self._kept)
 
     def _attend(self, job: Job) -> RequestAnswer:
-        """Pass on progress until there is an answer, or the time is over, or it is cancelled."""
+        """Pass on progress until the answer, the time limit or the cancellation."""
         end, asked = job.deadline + GRACE, False
         while (now := time.monotonic()) < end:
             if job.cancelled and not asked:
@@ -425,13 +424,13 @@ class _Worker(Thread):
                              self._kept)
 
     def _cause(self) -> str:
-        """Return how the process ended, for it has."""
+        """Return how the process has ended."""
         try:
             status = self._process.wait(END)
         except subprocess.TimeoutExpired:
-            return 'it took no more data'
+            return 'it accepted no more data'
         if status == -signal.SIGKILL:
-            return 'it was killed (SIGKILL), by hand or for want of memory'
+            return 'it was killed (SIGKILL), by a user or for lack of memory'
         return (f'it was ended by {signal.Signals(-status).name}' if status < 0 else
                 f'it ended with exit status {status}')
 

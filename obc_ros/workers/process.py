@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A worker: a process of its own that answers one request after another.
+A worker: a process that handles one request after another.
 
 Started by `pool.Pool`: ``python -m obc_ros.workers.process FD MODULE MEMORY NICE PARENT``.
-MODULE offers ``answer(kind, request, time_limit, report, keep) -> Packet``; it is imported before
-the first request comes, so that no request pays for it.
+MODULE offers ``answer(kind, request, time_limit, report, keep) -> Packet``. It is imported before
+the first request arrives, so that no request waits for the import.
 """
 
 import ctypes
@@ -24,14 +24,14 @@ from obc_ros.workers.wire import Channel, Packet
 
 PR_SET_PDEATHSIG = 1
 REPORT_PERIOD = 0.1  # [s] between two reports of progress within one phase
-TRIES, RETRY = 20, 0.05  # [s]
+TRIES, RETRY = 20, 0.05  # attempts to set the niceness of the group, and [s] between them
 
 
 class Reporter:
     """
-    Tell the pool what a solver is doing, and the solver whether it is still wanted.
+    Reports the progress of a solver to the pool, and a cancellation to the solver.
 
-    Called as a `Report`: with phase, iteration, cost and infeasibility.
+    Called as a `Report`, with phase, iteration, cost and infeasibility.
     """
 
     def __init__(self, channel: Channel) -> None:
@@ -41,45 +41,45 @@ class Reporter:
         self.cancelled = False
 
     def __call__(self, phase: str, iteration: int, cost: float, infeasibility: float) -> bool:
-        """Pass on what is being done, not too often; return whether to stop."""
+        """Report progress, once in `REPORT_PERIOD` within a phase; return whether to stop."""
         now = time.monotonic()
         if phase != self._phase or now >= self._next:
             self._phase, self._next = phase, now + REPORT_PERIOD
             self._channel.send({'progress': [phase, iteration, cost, infeasibility]})
-        # While a request is worked on, all that comes is the wish to cancel it.
+        # During a request the pool sends nothing but its cancellation.
         self.cancelled = self.cancelled or self._channel.receive(timeout=0.0) is not None
         return self.cancelled
 
     def keep(self, path: Packet) -> None:
-        """Let the pool have what to answer should this process be ended before it answers."""
+        """Send the pool a packet to answer with if this process is ended before it answers."""
         self._channel.send({'path': path.plain}, path.arrays)
 
 
 def end_with_parent(parent: int) -> None:
-    """Have the kernel end this process when its parent ends, however that happens."""
+    """Have the kernel end this process with its parent, however the parent ends."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:  # it has ended already
         os._exit(1)
 
 
 def keep_within(memory: int) -> None:
-    """Bound the memory of this process, and let the kernel end it before others."""
+    """Limit the memory of this process, and make it the first to be ended if memory runs out."""
     resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     Path('/proc/self/oom_score_adj').write_text('900', encoding='ascii')
 
 
 def give_way(niceness: int) -> None:
-    """Let the node, and whoever else, have the processor before this process."""
+    """Give the node and other processes priority over this process."""
     if not niceness:
         return
     os.nice(niceness)
-    # Where Linux groups processes by session, niceness counts within a session only, and a
-    # worker has one of its own: the group must be nice as well.
+    # Where Linux groups processes by session, niceness counts within a session only, and a worker
+    # has a session of its own: the group needs the niceness, too.
     for _ in range(TRIES):
         try:
             Path('/proc/self/autogroup').write_text(str(niceness), encoding='ascii')
-        except BlockingIOError:  # taken once in 0.1 s, for the whole machine
+        except BlockingIOError:  # accepted once in 0.1 s on the whole machine
             time.sleep(RETRY)
         except OSError:  # a kernel without such groups
             return
@@ -88,10 +88,10 @@ def give_way(niceness: int) -> None:
 
 
 def serve_pool(channel: Channel, module: Any) -> None:
-    """Answer requests until the pool closes the channel."""
+    """Handle requests until the pool closes the channel."""
     channel.send({'ready': True})
     while (packet := channel.receive()) is not None:
-        if 'cancel' in packet.plain:  # it crossed the answer
+        if 'cancel' in packet.plain:  # the request has been answered already
             continue
         reporter = Reporter(channel)
         answer: Packet = module.answer(
@@ -109,9 +109,9 @@ def main() -> None:
 
     def last_words(kind: type[BaseException], error: BaseException,
                    trace: TracebackType | None) -> None:
-        # CasADi's exceptions for want of memory are no MemoryError
+        # CasADi reports a lack of memory by other exceptions than MemoryError
         if issubclass(kind, MemoryError) or 'bad_alloc' in str(error):
-            why = f'it needed more than the {int(memory) / 2**30:.3g} GiB that a worker may have'
+            why = f'it exceeded the memory limit of a worker, {int(memory) / 2**30:.3g} GiB'
         else:
             why = f'{kind.__name__}: {error}'
         channel.send({'died': why})
@@ -119,7 +119,7 @@ def main() -> None:
 
     sys.excepthook = last_words
     try:
-        loaded = import_module(module)  # soon, for requests wait for it
+        loaded = import_module(module)  # at full priority: requests wait for it
         give_way(int(niceness))
         serve_pool(channel, loaded)
     except (EOFError, BrokenPipeError):

@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What a worker answers, by the kind of the request.
+The requests that a worker handles, by kind.
 
-Nothing is trusted here: a fault of the question comes back as the status ``malformed``, anything
-worse ends the worker and nothing else.
+Requests are not trusted: an invalid one is answered with the status ``malformed``, and any other
+fault ends the worker only.
 """
 
 from collections.abc import Callable
@@ -44,26 +44,26 @@ _caches: dict[int, Cache] = {}
 
 
 def _forget(path: Packet) -> None:
-    """Keep no path."""
+    """Ignore a path."""
 
 
 def answer(kind: str, request: Packet, time_limit: float, report: Report,
            keep: Keep = _forget) -> Packet:
     """
-    Return the answer to a request; its status is ``malformed`` when the question is.
+    Return the answer to a request; the status of an invalid request is ``malformed``.
 
-    `keep` is called with the best path so far, as an answer, whenever it is another.
+    `keep` is called with the best path so far, packed as an answer, whenever it changes.
     """
     try:
         if kind not in KINDS:
-            raise StatementError(f'{kind}: this server does not answer such requests')
+            raise StatementError(f'{kind}: there is no such kind of request')
         return KINDS[kind](request, time_limit, report, keep)
     except ObcError as error:
         return Packet({'status': 'malformed', 'message': str(error)})
 
 
 def pack_solution(problem: Problem, solution: Solution, system: str) -> Packet:
-    """Return an answer as plain data, with the names that its arrays go by."""
+    """Return a solution as plain data and named arrays."""
     return Packet(
         {'status': solution.status.value, 'message': solution.message,
          'objective': float(solution.objective), 'interpolation': solution.interpolation,
@@ -154,12 +154,12 @@ def _design_lqr(request: Packet, time_limit: float, report: Report, keep: Keep) 
 
 @lru_cache(32)
 def _system(name: str, parameters: str) -> System:
-    """Return a registered system, kept because it takes longer to make than a gain."""
+    """Return a registered system; cached, since building it takes longer than a design."""
     return find_registered(name, json.loads(parameters))
 
 
 def _given_plant(a: Array, b: Array) -> LinearizedPlant:
-    """Return the plant of A (n, n) and B (n, m), given by their numbers row by row."""
+    """Return the plant of A (n, n) and B (n, m), given row by row."""
     n = math.isqrt(a.size)
     if not n or n * n != a.size:
         raise StatementError(f'a has {a.size} numbers: wanted n*n, row by row')
@@ -176,17 +176,17 @@ def _given_plant(a: Array, b: Array) -> LinearizedPlant:
 
 
 def _ample_time(motion: Motion, time_limit: float, report: Report, cache: Cache) -> float:
-    """Return twice the least time of a motion; 0 where there is none or it is not found."""
+    """Return twice the minimum time of a motion; 0 if there is none or it is not found."""
     try:
         problem = build_problem(state_motion(replace(motion, objective='time')))
     except ObcError:
-        return 0.0  # inputs without bounds; what else is wrong with the motion is seen again
+        return 0.0  # such as inputs without bounds; other errors are found again when it is solved
     solution = solve(problem, time_limit=time_limit, report=report, cache=cache)
     return 2.0 * solution.objective if solution.status is Status.SOLVED else 0.0
 
 
 def _cache(size: int) -> Cache:
-    """Return what is kept from request to request; it starts anew when its size is changed."""
+    """Return the cache that requests share; a change of its size clears it."""
     if size not in _caches:
         _caches.clear()
         _caches[size] = Cache(size)

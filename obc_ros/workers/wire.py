@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Plain data between a process and its workers: JSON and arrays of numbers, nothing that runs.
+Plain data between a process and its workers: JSON and arrays of numbers, nothing executable.
 
-A packet is a JSON value that holds everything but the arrays, followed by the arrays' bytes.
-A channel carries packets over a stream socket, each behind its length.
+A packet is a JSON value for everything but the arrays, followed by the bytes of the arrays.
+A channel carries packets over a stream socket, each preceded by its length.
 """
 
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ _CHUNK = 1 << 18
 
 @dataclass(frozen=True)
 class Packet:
-    """Values that JSON can say (NaN and infinity too), and named arrays of floats."""
+    """Values that JSON can represent (with NaN and infinity), and named arrays of floats."""
 
     plain: dict[str, Any]
     arrays: dict[str, Array] = field(default_factory=dict)
@@ -41,7 +41,7 @@ def pack(packet: Packet) -> bytes:
 
 
 def unpack(data: bytes) -> Packet:
-    """Return the packet of what `pack` returned."""
+    """Return the packet whose bytes `pack` returned."""
     start = _LENGTH.size + _LENGTH.unpack_from(data)[0]
     plain, shapes = json.loads(data[_LENGTH.size:start])
     arrays = {}
@@ -67,7 +67,7 @@ class Channel:
         Raises
         ------
         OSError
-            If the other end is gone, or has not taken the packet within `timeout` seconds.
+            If the other end is closed, or has not accepted the packet within `timeout` seconds.
 
         """
         data = pack(Packet(dict(plain), dict(arrays or {})))
@@ -76,12 +76,12 @@ class Channel:
 
     def receive(self, timeout: float | None = None) -> Packet | None:
         """
-        Return the next packet, or None when it has not come within `timeout` seconds.
+        Return the next packet, or None if it has not arrived within `timeout` seconds.
 
         Raises
         ------
         EOFError
-            If the other end is gone.
+            If the other end is closed.
 
         """
         deadline = math.inf if timeout is None else time.monotonic() + timeout
@@ -104,7 +104,7 @@ class Channel:
         self._socket.close()
 
     def _take(self) -> Packet | None:
-        """Return a packet that has come whole already."""
+        """Return the next packet if it has arrived completely, else None."""
         if len(self._received) < _LENGTH.size:
             return None
         end = _LENGTH.size + _LENGTH.unpack_from(self._received)[0]

@@ -146,8 +146,8 @@ def test_it_begins_where_odometry_says(spawn: Any, probe: Any) -> None:
     tell(probe, publisher, odometry(*x))
     answer = ask(probe)
     assert not answer.success
-    assert answer.message == ('state_source = odom: a pose and a twist do not tell the state of '
-                              'double_integrator (x1, x2)')
+    assert answer.message == ('state_source = odom: a pose and a twist do not determine the '
+                              'state of double_integrator (x1, x2)')
     tell(probe, publisher, odometry(math.nan, *x[1:]))
     assert 'not finite' in ask_aircraft(probe).message
     answer = probe.call(PlanMotion, '/trajectory_server/plan', PlanMotion.Request(system='boat'))

@@ -36,7 +36,7 @@ def test_changes_stop_start_and_transitions(spawn: Any, probe: Any, log: list[Lo
     Bench(spawn, probe, **LINE)
     [result] = probe.set_parameters('/lqr_node', Qu=[-1.0])
     assert not result.successful
-    assert result.reason in read(probe, log, 'a change of Qu was refused', Log.WARN).msg
+    assert result.reason in read(probe, log, 'a change of Qu was rejected', Log.WARN).msg
     probe.call(Trigger, '/lqr_node/stop')
     read(probe, log, '~/stop: stopped at', Log.WARN)
     probe.call(Trigger, '/lqr_node/start')
@@ -64,7 +64,7 @@ def test_a_client_that_asks_for_nonsense_does_not_flood(spawn: Any, probe: Any, 
         probe.set_parameters('/lqr_node', Qu=[-1.0])
     probe.call(Trigger, '/lqr_node/stop')
     read(probe, log, '~/stop', Log.WARN)   # in order: what was refused before it is told by now
-    refused = [each for each in log if 'a change of Qu was refused' in each.msg]
+    refused = [each for each in log if 'a change of Qu was rejected' in each.msg]
     assert LOG_BURST <= len(refused) < 4 * LOG_BURST
 
 

@@ -169,7 +169,7 @@ def test_cancel_stops_the_work(clock, kind, stopped):
 @pytest.mark.parametrize('kind, words', [
     ('fail', 'ZeroDivisionError: a mistake'),
     ('crash', 'SIGABRT'),
-    ('eat', 'more than the 0.5 GiB'),
+    ('eat', 'memory limit of a worker, 0.5 GiB'),
 ])
 def test_a_worker_that_dies_costs_one_request_and_is_replaced(kind, words):
     with running(memory=1 << 29) as pool:

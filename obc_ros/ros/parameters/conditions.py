@@ -3,8 +3,8 @@
 """
 When a parameter has an effect, as conditions on other parameters.
 
-A condition is the name of another parameter and the values it may have. ``NAME.*`` stands for any
-of a group; without values the other one has to be set: neither 0, false nor empty.
+A condition is the name of another parameter and its allowed values. ``NAME.*`` means any parameter
+of a group. Without values the other parameter has to be set: neither 0, false nor empty.
 
 ==============================  =====================================================
 ('weights', 'matrices')         weights is matrices
@@ -23,7 +23,7 @@ UsedWhen = tuple[ParameterCondition, ...]
 
 
 class ParameterLike(Protocol):
-    """What is needed of a row of a parameter table."""
+    """The attributes of a row of a parameter table that conditions need."""
 
     used_when: UsedWhen
     read_only: bool
@@ -37,25 +37,45 @@ def condition_holds(condition: ParameterCondition, values: Mapping[str, Value]) 
 
 
 def is_used(used_when: UsedWhen, values: Mapping[str, Value]) -> bool:
-    """Return whether a parameter with these conditions, of which one is enough, has an effect."""
+    """
+    Return whether a parameter has an effect.
+
+    Parameters
+    ----------
+    used_when : tuple of Condition
+        Its conditions; one of them is enough. Empty: it always has an effect.
+    values : mapping
+        Of all parameters by name.
+
+    Returns
+    -------
+    bool
+        Whether one of the conditions holds.
+
+    """
     return not used_when or any(condition_holds(each, values) for each in used_when)
 
 
 def explain_idle(rows: Mapping[str, ParameterLike], name: str, values: Mapping[str, Value], *,
                  is_start: bool = False) -> str:
     """
-    Return the sentence for a parameter that none of its conditions gives an effect.
+    Return the sentence on a parameter that has no effect.
 
     Parameters
     ----------
     rows : mapping
-        The table by name.
+        Rows of the table by name.
     name : str
-        The parameter.
+        The parameter, none of whose conditions holds.
     values : mapping
         Of all parameters by name.
     is_start : bool
-        Whether the node is being started; else a value is being changed.
+        Whether the node is starting; otherwise a value is being changed.
+
+    Returns
+    -------
+    str
+        The reason and the remedy.
 
     """
     conditions = rows[name].used_when
@@ -70,7 +90,7 @@ def explain_idle(rows: Mapping[str, ParameterLike], name: str, values: Mapping[s
 
 
 def count_depth(rows: Mapping[str, ParameterLike], name: str) -> int:
-    """Return how many parameters in a row have to be set before one is used; 0: none."""
+    """Return the number of parameters that have to be set in turn before one is used."""
     if name not in rows or not rows[name].used_when:
         return 0
     return 1 + max(count_depth(rows, str(each[0])) for each in rows[name].used_when)
@@ -85,7 +105,7 @@ def _names(condition: ParameterCondition, values: Mapping[str, Value]) -> Iterat
 
 
 def _present(condition: ParameterCondition, values: Mapping[str, Value]) -> str:
-    """Return the value, in words, of a parameter that does not meet its condition."""
+    """Return the value, in words, of a parameter that does not satisfy a condition."""
     value = values[next(_names(condition, values))]
     return 'empty' if value in ((), '') else _word(value)
 

@@ -7,17 +7,17 @@ The table is a frozen dataclass whose fields are made by `declare_field` and `gr
 
     @dataclass(frozen=True)
     class Settings:
-        system: str = parameter('aircraft', 'registered system', read_only=True)
-        system_parameters: Mapping[str, Value] = group(system_parameters)
-        rate: float = parameter(0.0, 'commands a second; 0: answer every state', 'Hz', lower=0.0)
-        Qx: tuple[float, ...] = parameter((), 'state weight; empty: identity')
+        system: str = declare_field('aircraft', 'registered system', read_only=True)
+        system_parameters: Mapping[str, Value] = group(list_system_parameters)
+        rate: float = declare_field(0.0, 'commands per second; 0: one per state', 'Hz', lower=0.0)
+        Qx: tuple[float, ...] = declare_field((), 'state weight; empty: identity')
 
-A change has two moments. *Judge* builds the candidate from all proposed values together with the
-present ones, or raises ObcError; nothing has changed then. *Adopt* receives the candidate that
-was judged, once every parameter is set. The same judge looks at the values a node starts with.
+A change has two steps. *Judge* builds the candidate from all proposed values and the present ones,
+or raises ObcError; nothing has changed then. *Adopt* receives the candidate once every parameter
+is set. The same *judge* checks the values at the start.
 
-A parameter that has no effect under the present settings (`used_when`) is at its default. Another
-value for it is refused, at the start too; a change that takes its use away sets it back.
+A parameter without an effect under the present settings (`used_when`) is at its default. Another
+value is rejected, also at the start. A change that removes its effect resets it to the default.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -53,21 +53,22 @@ class Parameters(Generic[Settings, Candidate]):
     Parameters
     ----------
     node : rclpy.node.Node
-        Created with ``allow_undeclared_parameters=True``, so that a wrong name is answered here.
+        Created with ``allow_undeclared_parameters=True``: unknown names are rejected here.
     table : type
         The frozen dataclass made of `declare_field` and `group`.
     judge : callable
         Returns the candidate for given settings or raises ObcError; has no side effects.
     adopt : callable
-        Takes over a candidate. It runs inside the service call: keep it short. It is not called
-        for the values at the start: use `candidate`.
+        Puts a candidate into use. It runs inside the service call and must be short. It is not
+        called for the values at the start: use `candidate`.
     refused : callable, optional
-        Told the sentence of each refusal.
+        Called with the reason of each rejection.
     opening : callable, optional
-        Returns the first line of the node's log, of the candidate at the start.
+        Returns the first line of the log of the node, for the candidate at the start.
     former : callable, optional
-        Returns what to write in place of parameters by the meaning that they once had, or an empty
-        sentence. It gets the values that were given, of unknown names too, and all values by name.
+        Returns advice for values that follow a former meaning of a parameter, or an empty text.
+        Its arguments are the given values, including those of unknown names, and all values, both
+        by name.
 
     Attributes
     ----------
@@ -79,7 +80,7 @@ class Parameters(Generic[Settings, Candidate]):
     Raises
     ------
     ObcError
-        If a value at the start is refused.
+        If a value at the start is rejected.
 
     """
 
@@ -98,8 +99,8 @@ class Parameters(Generic[Settings, Candidate]):
         self._entries: dict[str, ParameterRow] = {}
         self._values: dict[str, Value] = {}
         self._pending: tuple[dict[str, Value], Settings, Candidate] | None = None
-        self._asked: list[Parameter] = []  # as they came, before `_normalise`
-        self._is_attempt = False  # whose refusal is not reported
+        self._asked: list[Parameter] = []  # as given, before `_normalise`
+        self._is_attempt = False  # whose rejection is not reported
         # rclpy has no public list of the values given by files and arguments
         self._overrides: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
         for entry in self._rows():
@@ -140,7 +141,7 @@ class Parameters(Generic[Settings, Candidate]):
             self._node.set_parameters([entry.ros(value)])  # an empty list was declared as bytes
 
     def _check_start(self) -> None:
-        """Refuse values at the start that would have no effect."""
+        """Reject values at the start that would have no effect."""
         given = {name: each.value for name, each in self._overrides.items()}
         if advice := self._former(given, self._values):
             raise StatementError(advice)
@@ -148,12 +149,12 @@ class Parameters(Generic[Settings, Candidate]):
             raise StatementError(explain_idle(self._entries, name, self._values, is_start=True))
 
     def _idle(self, values: Mapping[str, Value]) -> Iterator[str]:
-        """Yield the parameters that have no effect and other values than their defaults."""
+        """Yield the parameters that have no effect and are not at their defaults."""
         return (name for name, entry in self._entries.items()
                 if values[name] != entry.default and not is_used(entry.used_when, values))
 
     def _report_unknown(self) -> None:
-        """Name what was given at the start and is nobody's parameter; files are often shared."""
+        """Log names given at the start that are no parameters; files are often shared by nodes."""
         others = [name for name in self._overrides
                   if not (self._node.has_parameter(name) or name.startswith('qos_overrides.'))]
         for name in others:
@@ -162,7 +163,7 @@ class Parameters(Generic[Settings, Candidate]):
                     f"no parameter '{quote(name)}': it has no effect{near}")
         if others:
             self._node.get_logger().info(
-                f'given but not parameters of this node: {quote(", ".join(sorted(others)), 300)}')
+                f'ignored, not parameters of this node: {quote(", ".join(sorted(others)), 300)}')
 
     def _assembled(self, values: Mapping[str, Value]) -> Settings:
         arguments: dict[str, Any] = {}
@@ -177,17 +178,17 @@ class Parameters(Generic[Settings, Candidate]):
 
     def _normalise(self, changes: list[Parameter]) -> list[Parameter]:
         """
-        Keep numbers as doubles, whatever type they came as.
+        Convert values to the types of their parameters.
 
-        In place of what cannot be, rclpy is given the present value: it would refuse others in
-        words of its own, and unheard. `_on_set` looks at what was asked. What loses its use by
-        the changes goes back to its default along with them.
+        In place of an invalid value rclpy gets the present one: otherwise it would reject the
+        change with a message of its own and without a callback. `_on_set` checks the given values.
+        Parameters that lose their effect are reset to their defaults in the same change.
         """
         self._asked = [*changes, *self._lost(changes)]
         return [self._normal(change) for change in self._asked]
 
     def _lost(self, changes: list[Parameter]) -> list[Parameter]:
-        """Return the defaults of what loses its use by changes."""
+        """Return the defaults of the parameters that lose their effect by changes."""
         lost: dict[str, Value] = {}
         try:
             ours = self._read(changes)
@@ -213,7 +214,7 @@ class Parameters(Generic[Settings, Candidate]):
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
         asked, self._asked, self._pending = self._asked, [], None
         if [each.name for each in asked] != [each.name for each in changes]:
-            return SetParametersResult(successful=True)  # by rclpy: a QoS override, say
+            return SetParametersResult(successful=True)  # set by rclpy, such as a QoS override
         try:
             if ours := self._read(asked):
                 self._pending = self._judged(ours)
@@ -224,7 +225,7 @@ class Parameters(Generic[Settings, Candidate]):
         return SetParametersResult(successful=True)
 
     def _attempt(self, changes: list[Parameter]) -> SetParametersResult:
-        """Set all or none; a refusal is in the result only."""
+        """Set all or none; a rejection is in the result only."""
         self._is_attempt = True
         try:
             return self._node.set_parameters_atomically(changes)
@@ -233,7 +234,7 @@ class Parameters(Generic[Settings, Candidate]):
 
     def _is_kept(self, given: Parameter) -> bool:
         """
-        Return whether a parameter has the given value already and does not take it as it came.
+        Return whether a parameter has the given value already and would reject it as given.
 
         It is read-only, or a string such as '0042' that ``ros2 param load`` reads as a number.
         """
@@ -253,7 +254,7 @@ class Parameters(Generic[Settings, Candidate]):
             return False
 
     def _judged(self, ours: Mapping[str, Value]) -> tuple[dict[str, Value], Settings, Candidate]:
-        """Return what changes lead to, or raise ObcError."""
+        """Return the values, settings and candidate after changes, or raise ObcError."""
         values = {**self._values, **ours}
         for name in self._idle(values):
             raise StatementError(
@@ -300,7 +301,7 @@ def _renamed(entry: ParameterRow, name: str) -> ParameterRow:
 
 
 def _reads_as(text: str, given: Parameter) -> bool:
-    """Return whether ``ros2`` makes the given value of a text."""
+    """Return whether ``ros2`` converts a text to the given value."""
     try:
         return bool(get_parameter_value(text) == given.get_parameter_value())
     except YAMLError:

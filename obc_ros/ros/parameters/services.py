@@ -1,16 +1,14 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The services that set parameters of a node, where rclpy raises or refuses without need.
+The services that set parameters of a node, without exceptions and needless rejections of rclpy.
 
-- A value type that does not exist is answered; rclpy raises.
+- A value type that does not exist is rejected; rclpy raises an exception.
 - A file with all parameters of a node, as ``ros2 param dump`` writes it, can be loaded again: a
-  read-only parameter may be set to the value that it has, and so may a string that reads as a
-  number.
-- Parameters that are acceptable together are set together, whatever their order in the request,
-  and the node takes them up once. If they are not, each is tried by itself, after those that make
-  it used.
-- Each refusal is logged with its reason, those by rclpy too.
+  read-only parameter may be set to its present value, and so may a string that reads as a number.
+- Parameters that are acceptable together are set together, in any order of the request, and the
+  node adopts them once. Otherwise each is tried separately, after those that give it an effect.
+- Each rejection is logged with its reason, including those by rclpy.
 """
 
 from collections.abc import Callable
@@ -32,18 +30,18 @@ Attempt = Callable[[list[Parameter]], SetParametersResult]
 def serve_parameters(node: Node, is_kept: IsKept, attempt: Attempt,
                      depth: Callable[[str], int]) -> None:
     """
-    Have the services of a node answer as said above.
+    Replace the callbacks of the services that set parameters of a node.
 
     Parameters
     ----------
     node : rclpy.node.Node
         Before it spins.
     is_kept : callable
-        Returns whether a parameter has the given value already and does not take it as it came.
+        Returns whether a parameter has the given value already and would reject it as given.
     attempt : callable
-        Sets all of the given parameters or none, and reports no refusal but in its result.
+        Sets all given parameters or none, and reports a rejection in its result only.
     depth : callable
-        Returns how many parameters in a row have to be set before one of a name is used.
+        Returns the number of parameters that have to be set in turn before a parameter is used.
 
     """
     log = ThrottledLog(node)
@@ -104,7 +102,7 @@ def _logged(callback: Callable[[Any, Any], Any], log: ThrottledLog) -> Callable[
             names, results = [', '.join(names)], [answered.result]
         for name, result in zip(names, results, strict=True):
             if not result.successful:
-                log.warning('refused', f'a change of {quote(name, 100)} was refused: '
+                log.warning('refused', f'a change of {quote(name, 100)} was rejected: '
                                        f'{quote(result.reason, 500)}')
         return answered
 

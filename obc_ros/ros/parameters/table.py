@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A row of a table of parameters: what a parameter means, what it may be, when it is used."""
+"""Rows of a parameter table: meaning, type, allowed values and conditions of a parameter."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -31,15 +31,15 @@ _GOT = {
 }
 _SCALARS = (Parameter.Type.INTEGER, Parameter.Type.DOUBLE)
 _LISTS = (Parameter.Type.INTEGER_ARRAY, Parameter.Type.DOUBLE_ARRAY)
-_INTEGERS = -2**63, 2**63 - 1  # what a ROS parameter holds
-# A list that mixes 1 and 0.5, or a list of rows, reaches a node as a string; so does 1e-09, which
-# is no number in YAML 1.1.
+_INTEGERS = -2**63, 2**63 - 1  # range of a ROS parameter
+# A list that mixes 1 and 0.5, and a list of rows, reach a node as a string; so does 1e-09, which
+# YAML 1.1 does not read as a number.
 _ROWS = re.compile(r'\[(\[[^\[\]]*\],?)+\]|\[[^\[\]]*\]')
 
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """One row of the table: a parameter, what it means and what it may be."""
+    """A row of the table: one parameter, see `declare_field`."""
 
     name: str
     default: Value
@@ -56,17 +56,17 @@ class ParameterRow:
 
     @property
     def type(self) -> Parameter.Type:
-        """Return the ROS type that values are kept as."""
+        """Return the ROS type of the value."""
         if isinstance(self.default, tuple):
             return Parameter.Type.STRING_ARRAY if self.texts else Parameter.Type.DOUBLE_ARRAY
         return Parameter.Type.from_parameter_value(self.default)
 
     def descriptor(self) -> ParameterDescriptor:
-        """Return what tools show of this parameter."""
+        """Return the descriptor of this parameter."""
         descriptor = ParameterDescriptor(
             description=f'{self.description} [{self.unit}]' if self.unit else self.description,
             additional_constraints=self._constraint(), read_only=self.read_only,
-            dynamic_typing=True)  # so that integers pass; the type is checked here, in words
+            dynamic_typing=True)  # so that rclpy accepts integers; the type is checked here
         if self.lower == -math.inf and self.upper == math.inf:
             return descriptor
         if self.type is Parameter.Type.DOUBLE:
@@ -86,7 +86,7 @@ class ParameterRow:
         Raises
         ------
         StatementError
-            If its type, its range or one of its numbers is not what is wanted.
+            If its type is wrong, or a number is out of range or not finite.
 
         """
         value = self._converted(given)
@@ -100,7 +100,7 @@ class ParameterRow:
         return value
 
     def ros(self, value: Value) -> Parameter:
-        """Return a value as a ROS parameter of this entry's type."""
+        """Return a value as a ROS parameter of the type of this row."""
         return Parameter(
             self.name, self.type, list(value) if isinstance(value, tuple) else value)
 
@@ -178,28 +178,33 @@ def declare_field(
     Parameters
     ----------
     default : bool, int, float, str or tuple
-        Its type is the parameter's; a tuple is one of numbers. Integers, numbers written as
-        strings, a single number for a list, and a list of rows are accepted where numbers are
-        wanted, a single string for a list of strings.
+        Its type is that of the parameter; a tuple has numbers. For numbers, integers, strings
+        with numbers, a single number in place of a list, and a list of rows are accepted; for a
+        list of strings, a single string.
     description, unit : str
-        What it means, and the unit that is appended to it.
+        Meaning, and the unit that is appended to it.
     name : str
-        The parameter's name where it is not the field's, such as ``noise.position``.
+        Name of the parameter if it differs from that of the field, such as ``noise.position``.
     lower, upper : float
         Bounds of the number, or of each number of a list.
     choices : tuple of str
-        The only strings that are accepted.
+        Accepted strings; empty: all.
     read_only : bool
-        Whether it is fixed once the node has started.
+        Whether the value is fixed once the node has started.
     finite : bool
-        Whether infinity is refused; NaN always is.
+        Whether infinity is rejected; NaN always is.
     texts : bool
-        Whether a tuple is one of strings.
+        Whether a tuple has strings.
     used_when : tuple
-        Conditions on other parameters, see `conditions`. The parameter has an effect where
-        one of them holds; empty: always.
+        Conditions on other parameters, see `conditions`. The parameter has an effect if one of
+        them holds; empty: always.
     default_when : tuple, optional
-        A condition on parameters declared before, and the default where it holds.
+        A condition on parameters declared before, and the default if it holds.
+
+    Returns
+    -------
+    dataclasses.Field
+        With the row in its metadata.
 
     """
     entry = ParameterRow(
@@ -213,8 +218,17 @@ def group(members: Callable[[Mapping[str, Value]], Iterable[ParameterRow]]) -> A
     """
     Return a field of a table that holds all parameters ``FIELD.*`` by their last name.
 
-    `members` gets the values declared so far by parameter name, and yields an entry for each
-    member, named without the prefix; what it has yielded is declared before it goes on.
+    Parameters
+    ----------
+    members : callable
+        Gets the values declared so far by name, and yields a row for each member, named without
+        the prefix. Each row is declared before the next one is requested.
+
+    Returns
+    -------
+    dataclasses.Field
+        With `members` in its metadata.
+
     """
     return field(default_factory=dict, metadata={'group': members})
 
@@ -224,8 +238,8 @@ def _listed(choices: tuple[str, ...]) -> str:
 
 
 def suggest_key(name: str, known: Iterable[str]) -> str:
-    """Return a question for the known name that is closest to one, or an empty text."""
-    # two of three letters say more than half of eight
+    """Return a suggestion of the known name that is closest to one, or an empty text."""
+    # a short name needs fewer letters in common
     cutoff = 0.5 if len(name) <= 3 else 0.65
     close = difflib.get_close_matches(name[:100], known, n=1, cutoff=cutoff)
     if not close:
@@ -235,7 +249,7 @@ def suggest_key(name: str, known: Iterable[str]) -> str:
 
 
 def _number(text: str, is_whole: bool) -> float | None:
-    """Return the number that a text is, or None."""
+    """Return the number that a text represents, or None."""
     try:
         return int(text) if is_whole else float(text)
     except ValueError:

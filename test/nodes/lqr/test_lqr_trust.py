@@ -415,7 +415,8 @@ def test_wrench_out(spawn: Any, probe: Any) -> None:
 
 
 @pytest.mark.parametrize(('parameters', 'sentence'), [
-    ({'system': 'double_integrator', 'state_source': 'odom'}, 'do not tell the state of double'),
+    ({'system': 'double_integrator', 'state_source': 'odom'},
+     'do not determine the state of double'),
     ({'system': 'aircraft', 'command_sink': 'cmd_vel'}, 'are not those of such a message'),
     ({'system': 'vehicle', 'command_sink': 'wrench'}, 'are not those of such a message'),
 ])
