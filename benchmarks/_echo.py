@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The floor of benchmarks/latency.py: answers each State with a Command, and does nothing else."""
+"""The baseline of benchmarks/latency.py: a node that replies to each State with a Command."""
 
 from array import array
 from contextlib import suppress
@@ -15,7 +15,7 @@ U = array('d', (0.0, 39.2))
 
 
 def main() -> None:
-    """Echo until the end."""
+    """Echo until a signal ends it."""
     rclpy.init()
     node = Node('echo')
     publisher = node.create_publisher(Command, 'command', QoSProfile(depth=1))

@@ -1,12 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A problem for those who want to see what happens while a server solves."""
+"""A problem for tests of a server that is busy for minutes."""
 
 from typing import Any
 
 
 def endless(n: int = 60) -> dict[str, Any]:
-    """Return the statement of a problem that no solver has answered within minutes."""
+    """Return the statement of a problem that no solver has solved within minutes."""
     states = [f'x{i}' for i in range(n)]
     return {
         'name': 'endless', 'states': states, 'inputs': ['u'],

@@ -3,8 +3,8 @@
 """
 The harness of benchmarks/fuzz.py: ``python _fuzz.py TARGET [libFuzzer's options]``.
 
-atheris follows which branches of the package an input reaches and changes it to reach others. An
-exception other than a StatementError ends it.
+atheris records which branches of the package an input reaches, and mutates inputs to reach others.
+An exception other than a StatementError ends it.
 """
 
 import sys
@@ -36,7 +36,7 @@ PIECES = ['x', 'v', 'u', 'p', '1', '0', '2', '.5', '1e9', '+', '-', '*', '/', '*
 
 
 def text(data: Any) -> str:
-    """Return a text: anything, or pieces of expressions."""
+    """Return a random text, or a random sequence of parts of expressions."""
     if data.ConsumeBool():
         return str(data.ConsumeUnicodeNoSurrogates(data.ConsumeIntInRange(0, 60)))
     return ''.join(data.PickValueInList(PIECES) for _ in range(data.ConsumeIntInRange(0, 30)))
@@ -55,7 +55,7 @@ def expression(data: Any) -> None:
 
 
 def request(data: Any) -> None:
-    """Make a problem of a request."""
+    """Build a problem from a request."""
     def some(most: int) -> range:
         return range(data.ConsumeIntInRange(0, most))
 

@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Hosts that are network namespaces of this machine, joined by veth and a bridge or by `_wire`.
+Hosts as network namespaces of this machine, connected by veth and a bridge or by `_wire`.
 
-Everything happens in namespaces of the script's own (network, mounts, processes), which `enter`
-creates: whatever goes wrong, the kernel takes them away with the last process.
+They are within namespaces of the script (network, mounts, processes) that `enter` creates. After
+any failure the kernel removes them with the last process.
 """
 
 from collections.abc import Sequence
@@ -23,12 +23,12 @@ _LIBC = ctypes.CDLL(None, use_errno=True)
 
 def enter() -> str:
     """
-    Run this script again in namespaces of its own, and exit with its status.
+    Run this script again in new namespaces, and exit with its status.
 
     Returns
     -------
     str
-        Empty once it is in them; else why that is not possible here.
+        Empty in the second run; else the reason why namespaces are not available here.
 
     """
     if os.environ.get(INSIDE):
@@ -51,14 +51,14 @@ def enter() -> str:
 
 
 def udp_only() -> None:
-    """Once in them, have what is started speak by UDP alone, and find each other by multicast."""
+    """Have processes in the namespaces use UDP only, and discover each other by multicast."""
     run('ip', 'link', 'set', 'lo', 'multicast', 'on')
     run('ip', 'route', 'add', '224.0.0.0/4', 'dev', 'lo')
     os.environ.update(ROS_AUTOMATIC_DISCOVERY_RANGE='SUBNET', FASTDDS_BUILTIN_TRANSPORTS='UDPv4')
 
 
 def run(*words: str) -> str:
-    """Run a command; return what it prints, or end with what it says is wrong."""
+    """Run a command and return its output; exit with its error if it fails."""
     done = subprocess.run(words, capture_output=True, text=True)
     if done.returncode:
         raise SystemExit(f'{" ".join(words)}: {done.stderr.strip()}')
@@ -72,11 +72,11 @@ class Network:
     Parameters
     ----------
     count : int
-        How many.
+        Number of hosts.
     wire : bool
-        Joined by `_wire`, which can lose and delay; else by veth and a bridge.
+        Whether `_wire`, which can lose and delay frames, connects them; else veth and a bridge.
     seed : int
-        Of what the wire loses.
+        Seed of the losses.
 
     """
 
@@ -120,7 +120,7 @@ class Network:
         return devices
 
     def set(self, **how: Any) -> dict[str, int]:
-        """Have the wire lose, delay or cut; return what has passed since the last call."""
+        """Set losses, delays or a cut; return the counts since the last call."""
         assert self._wire and self._wire.stdin and self._wire.stdout
         self._wire.stdin.write(json.dumps(how) + '\n')
         self._wire.stdin.flush()
@@ -129,20 +129,20 @@ class Network:
 
     def start(self, host: str, command: Sequence[str], **environment: str
               ) -> 'subprocess.Popen[bytes]':
-        """Start a process on a host; its output is dropped."""
+        """Start a process on a host; its output is discarded."""
         return subprocess.Popen(
             ['ip', 'netns', 'exec', host, *command], stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
             env={**os.environ, **environment})
 
     def enter(self, host: str) -> None:
-        """Have this thread, and what it starts, live on a host, until `close`."""
+        """Move this thread, and what it starts, to a host, until `close`."""
         descriptor = os.open(f'/run/netns/{host}', os.O_RDONLY)
         move_to(descriptor)
         os.close(descriptor)
 
     def close(self) -> None:
-        """Leave the hosts, whose processes have ended, and take them away."""
+        """Leave the hosts and remove them; their processes must have ended."""
         move_to(self._outside)
         os.close(self._outside)
         if self._wire:
@@ -156,6 +156,6 @@ class Network:
 
 
 def move_to(namespace: int) -> None:
-    """Have this thread, and what it starts, live in the network namespace of a descriptor."""
+    """Move this thread, and what it starts, to the network namespace of a descriptor."""
     if _LIBC.setns(namespace, CLONE_NEWNET):
         raise OSError(ctypes.get_errno(), 'setns')

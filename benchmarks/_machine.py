@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What the machine did meanwhile: memory and processor time of processes, and its own stalls.
+Measurements of the machine: memory and processor time of processes, and stalls of the machine.
 
-A virtual machine may stand still for a tenth of a second; a process that does nothing but sleep
-tells when, so that nobody else is blamed. ``python _machine.py [CORE]`` is that process, on any
-core or on one.
+The host of a virtual machine may pause it for a tenth of a second. A process that only sleeps
+records such stalls, so that they are not attributed to the measured processes. It is ``python
+_machine.py [CORE]``, on any core or on a given one.
 """
 
 from collections.abc import Iterable
@@ -18,8 +18,8 @@ import sys
 import tempfile
 import time
 
-SLEEP = 2e-3    # [s] of the process that does nothing
-STALL = 10e-3   # [s] that it is late when the machine is said to have stood still
+SLEEP = 2e-3    # [s] of the sleeping process
+STALL = 10e-3   # [s] by which a sleep is late if it counts as a stall
 _PAGE, _TICK = os.sysconf('SC_PAGE_SIZE'), os.sysconf('SC_CLK_TCK')
 
 
@@ -29,7 +29,7 @@ def memory(pid: int) -> float:
 
 
 def share(pid: int) -> float:
-    """Return the memory of a process [MiB], what it shares with others divided among them."""
+    """Return the memory of a process [MiB]; shared pages are divided among their users."""
     lines = Path(f'/proc/{pid}/smaps_rollup').read_text().splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith('Pss:')) / 1024
 
@@ -41,7 +41,7 @@ def processor_time(pid: int) -> float:
 
 
 def children(pid: int) -> list[int]:
-    """Return the processes that a process has started; threads may end meanwhile."""
+    """Return the child processes of a process; its threads may end meanwhile."""
     found = []
     for file in Path(f'/proc/{pid}/task').glob('*/children'):
         with suppress(FileNotFoundError, ProcessLookupError):
@@ -50,27 +50,27 @@ def children(pid: int) -> list[int]:
 
 
 def zombies(pids: Iterable[int]) -> list[int]:
-    """Return those of some processes that have ended and wait for their parent."""
+    """Return the given processes that are zombies."""
     found = []
     for pid in pids:
         try:
             state = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0]
-        except OSError:  # it has gone
+        except OSError:  # it no longer exists
             continue
         found += [pid] if state == 'Z' else []
     return found
 
 
 class Stalls:
-    """Watches the machine until `end`."""
+    """Records the stalls of the machine until `end`."""
 
     def __init__(self) -> None:
-        # a pipe that nobody reads would hold the process up
+        # a pipe that is not read would block the process
         self._told = tempfile.TemporaryFile('w+')  # noqa: SIM115 - closed by `end`
         self._process = subprocess.Popen([sys.executable, __file__], stdout=self._told)
 
     def end(self) -> list[tuple[float, float]]:
-        """Return when the machine stood still, by the steady clock, and how long [s]."""
+        """Return begin, by the monotonic clock, and duration [s] of each stall."""
         self._process.terminate()
         self._process.wait()
         with self._told as lines:
@@ -79,7 +79,7 @@ class Stalls:
 
 
 def still(stalls: list[tuple[float, float]], begin: float, end: float) -> float:
-    """Return for how long [s] of a time the machine stood still."""
+    """Return the total duration [s] of stalls within an interval."""
     return sum(max(0.0, min(since + length, end) - max(since, begin))
                for since, length in stalls)
 
@@ -87,14 +87,14 @@ def still(stalls: list[tuple[float, float]], begin: float, end: float) -> float:
 def told(stalls: list[tuple[float, float]]) -> str:
     """Return stalls in words."""
     if not stalls:
-        return f'the machine never stood still for {1e3 * STALL:g} ms'
+        return f'no stall of the machine above {1e3 * STALL:g} ms'
     lengths = [length for _, length in stalls]
-    return (f'the machine itself stood still {len(stalls)} times for {1e3 * STALL:g} to '
+    return (f'the machine stalled {len(stalls)} times, for {1e3 * STALL:g} to '
             f'{1e3 * max(lengths):.0f} ms, {sum(lengths):.2f} s in all')
 
 
 def main() -> None:
-    """Sleep, and tell when a sleep was too long: since when, and by how much."""
+    """Sleep, and print begin and delay of each sleep that was too long."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: sys.exit())
     if sys.argv[1:]:

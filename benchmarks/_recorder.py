@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A plugin of pytest for `baseline`: records every answer and every regulator that a test asks for.
+A plugin of pytest for `baseline`: records every solution and every regulator that tests compute.
 
-``pytest -p _recorder`` writes them to the file that the variable OBC_ROS_RECORD names. A record is
-called after its test and the number of the call within it.
+``pytest -p _recorder`` writes them to the file in the variable OBC_ROS_RECORD. The name of a
+record is that of its test with the number of the call.
 """
 
 from collections import Counter
@@ -23,7 +23,7 @@ from obc_ros.core.solver.diagnosis import explanation as explaining
 from obc_ros.core.text.errors import ObcError
 import pytest
 
-MOST = 20  # calls of one test: a property asks for hundreds of examples
+MOST = 20  # largest number of calls of one test: a property test has hundreds of examples
 
 _records: dict[str, dict[str, Any]] = {}
 _calls: Counter[str] = Counter()
@@ -31,7 +31,7 @@ _test = ''
 
 
 def answer(found: Any) -> dict[str, Any]:
-    """Return what is compared of a Solution."""
+    """Return the compared fields of a Solution."""
     return {
         'verdict': found.status.name.lower(),
         'cost': float(found.objective) if found.t.size else None,
@@ -40,13 +40,13 @@ def answer(found: Any) -> dict[str, Any]:
 
 
 def regulator(design: Any) -> dict[str, Any]:
-    """Return what is compared of an LqrDesign."""
+    """Return the compared fields of an LqrDesign."""
     return {'verdict': 'designed', 'cost': float(np.trace(design.P)), 'certificate': None,
             'message': ''}
 
 
 def reason(found: Any) -> dict[str, Any]:
-    """Return what is compared of the Reason why a problem has no answer."""
+    """Return the compared fields of the Reason why a problem has no solution."""
     verdict = 'unknown' if found is None else 'infeasible' if found.infeasible else 'explained'
     return {'verdict': verdict, 'cost': None, 'certificate': None,
             'message': found.sentence if found else ''}
@@ -54,7 +54,7 @@ def reason(found: Any) -> dict[str, Any]:
 
 def recorded(function: Callable[..., Any], record: Callable[[Any], dict[str, Any]]
              ) -> Callable[..., Any]:
-    """Return a function that notes what it returns, and the errors of this package."""
+    """Return a function that also records its results and the errors of this package."""
     @wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
         begun, known = time.process_time(), {'verdict': 'failed', 'cost': None,
@@ -83,7 +83,7 @@ regulators.dlqr = recorded(regulators.dlqr, regulator)
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
-    """Name the test whose calls are noted."""
+    """Set the test whose calls are recorded."""
     global _test
     _test = item.nodeid
     try:

@@ -20,28 +20,28 @@ from obc_ros.core.ocp.problem import FinalTime, Problem
 from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.solve import solve
 
-CHANGE = 1e-12   # relative, the largest
+CHANGE = 1e-12   # largest relative change
 BOUNDS = 'x_lower', 'x_upper', 'u_lower', 'u_upper', 'path_lower', 'path_upper'
 
 
 class Changed:
-    """Numbers times 1 + CHANGE r, r uniform in [-1, 1]; equal ones, up to sign, stay equal."""
+    """Numbers times 1 + CHANGE r, r uniform in [-1, 1]; numbers of equal size get the same r."""
 
     def __init__(self, seed: int) -> None:
         self._chance = np.random.default_rng(seed)
         self._known: dict[float, float] = {}
 
     def number(self, value: float) -> float:
-        """Return a number, changed."""
+        """Return a changed number."""
         factor = self._known.setdefault(abs(value), 1 + CHANGE * self._chance.uniform(-1, 1))
         return value * factor
 
     def numbers(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return numbers, each changed."""
+        """Return changed numbers."""
         return np.array([self.number(value) for value in values.tolist()])
 
     def problem(self, problem: Problem) -> Problem:
-        """Return a problem with its parameters and the numbers in its expressions changed, too."""
+        """Return a problem with changed parameters and changed numbers in its expressions."""
         time = problem.final_time
         return replace(
             problem, p_value=self.numbers(problem.p_value), x0=self.numbers(problem.x0),
@@ -52,7 +52,7 @@ class Changed:
 
 
 def main() -> None:
-    """Solve, and print what came out."""
+    """Solve the problems and print their results."""
     assert timing
     seconds, seed = float(sys.argv[1]), int(sys.argv[2])
     for file in map(Path, sys.argv[3:]):

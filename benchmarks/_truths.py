@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Random problems of which something is known beforehand.
+Random problems with known properties.
 
-feasible     the constraints are set from a path that was simulated first, with a margin;
-infeasible   an interval or an invariant excludes the end that is asked for, by a margin;
-convex       the least cost is known in closed form, or from the exponential of a matrix.
+feasible     the constraints are set around a simulated path, with a margin;
+infeasible   an interval or an invariant excludes the terminal constraint, by a margin;
+convex       the minimum cost is known in closed form, or from a matrix exponential.
 """
 
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ from scipy.linalg import expm
 Array = NDArray[np.float64]
 Mapping = dict[str, Any]
 
-STEPS = 256         # of a simulation
-ACCURATE = 1e-9     # relative: what half of the steps may change
-LARGE = 1e4         # a state, in its unit, beyond which a path counts as lost
+STEPS = 256         # steps of a simulation
+ACCURATE = 1e-9     # largest relative change of a simulation with half as many steps
+LARGE = 1e4         # a path whose state, in its unit, exceeds this is discarded
 MARGINS = 1e-3, 0.5
 KINDS = ('polynomial', 'rational', 'trigonometric', 'linear', 'rotation', 'population',
          'undriven', 'twins', 'vehicle', 'fuel', 'chain')
@@ -31,7 +31,7 @@ KINDS = ('polynomial', 'rational', 'trigonometric', 'linear', 'rotation', 'popul
 
 @dataclass(frozen=True)
 class Truth:
-    """A problem as it would be in a file, and a path that keeps to it (N, n), (N, m)."""
+    """A problem as in a file, and an admissible path t (N,), x (N, n), u (N, m)."""
 
     kind: str
     mapping: Mapping
@@ -42,16 +42,16 @@ class Truth:
 
 @dataclass
 class _Draft:
-    """Dynamics in units of one: `states` and `inputs` stand in the texts as z0, w0 and so on."""
+    """Dynamics without units; states and inputs have the names z0, z1 .. and w0, w1 .."""
 
     rates: list[str]
     inputs: int
     start: Array
-    equality: str = ''   # what the last input is, of the others
+    equality: str = ''   # the last input as a function of the others
 
 
 def feasible(rng: np.random.Generator) -> Truth:
-    """Return a problem that a path keeps to."""
+    """Return a problem with an admissible path."""
     while True:
         kind = str(rng.choice(KINDS))
         truth = _truth(kind, _draft(kind, rng), rng)
@@ -118,13 +118,13 @@ def _draft(kind: str, rng: np.random.Generator) -> _Draft:
 
 
 def _truth(kind: str, draft: _Draft, rng: np.random.Generator) -> Truth | None:
-    """Return the problem of a draft in some units, its constraints around a path; or None."""
+    """Return the problem of a draft in random units, with constraints around a path, or None."""
     n, m = len(draft.rates), draft.inputs
     T = float(10 ** rng.uniform(-0.7, 0.7))
     half = 10 ** rng.uniform(-1, 0.7, m)
     far = np.where(rng.random(m) < 0.5, 10 ** rng.uniform(0, 3, m), 0.0)
     middle = half * far * rng.choice([-1.0, 1.0], m)
-    # Inputs far from zero push hard, unless the dynamics count from elsewhere.
+    # Inputs with a large offset would be large, unless the dynamics subtract the offset.
     shift = np.where(rng.random(m) < 0.6, middle, 0.0)
     bad = rng.random() < 0.4
     units = 10 ** rng.uniform(-8, 8, n) if bad else np.ones(n)
@@ -134,7 +134,7 @@ def _truth(kind: str, draft: _Draft, rng: np.random.Generator) -> Truth | None:
     names, inputs = [f'x{i}' for i in range(n)], [f'u{k}' for k in range(m)]
 
     def stated(text: str) -> str:
-        """Return a text about z and w as one about states and inputs in their units."""
+        """Return an expression in z and w as one in the states and inputs with units."""
         for k in range(m):
             moved = f' - ({float(shift[k])!r})' if shift[k] and k < free else ''
             text = text.replace(f'w{k}', f'(u{k}/{float(input_units[k])!r}{moved})')
@@ -160,7 +160,7 @@ def _truth(kind: str, draft: _Draft, rng: np.random.Generator) -> Truth | None:
     low, high = input_units * (middle - half), input_units * (middle + half)
     limits = {name: [float(a), float(b)] for name, a, b in zip(
         inputs[:free], low, high, strict=False)}
-    if rng.random() < 0.2:   # also without bounds, which leaves more
+    if rng.random() < 0.2:   # sometimes no bounds: more paths are admissible
         limits.popitem()
     paths = list(mapping['path_constraints'])
     if draft.equality:
@@ -175,7 +175,7 @@ def _truth(kind: str, draft: _Draft, rng: np.random.Generator) -> Truth | None:
 def _simulated(symbols: dict[str, ca.SX], texts: list[str], equality: str, names: list[str],
                inputs: list[str], start: Array, t: Array, u: Array, most: Array
                ) -> tuple[Array, Array] | None:
-    """Return states and inputs at every second time, by Runge and Kutta; None if that fails."""
+    """Return states and inputs at every second time, by a Runge-Kutta method, or None."""
     x, w = (ca.vertcat(*(symbols[name] for name in each)) for each in (names, inputs))
     f = ca.vertcat(*(parse_expression(text, symbols, 'rate') for text in texts))
     last = parse_expression(equality, symbols, 'equality') if equality else w[-1]
@@ -208,7 +208,7 @@ def _simulated(symbols: dict[str, ca.SX], texts: list[str], equality: str, names
 
 def _around(rng: np.random.Generator, margin: float, kind: str, names: list[str],
             inputs: list[str], x: Array, u: Array, time: float) -> Mapping:
-    """Return constraints that a path keeps to."""
+    """Return constraints that a path satisfies."""
     size = np.abs(x).max(axis=0)
     width = margin * (np.ptp(x, axis=0) + 1e-3 * size + 1e-300)
     bounds = {}
@@ -265,7 +265,7 @@ def _paths(rng: np.random.Generator, margin: float, names: list[str], inputs: li
 
 
 def infeasible(rng: np.random.Generator) -> tuple[str, Mapping]:
-    """Return a problem that no path keeps to, and why in a word."""
+    """Return an infeasible problem, and its kind."""
     margin = float(np.exp(rng.uniform(np.log(1e-2), np.log(0.5))))
     T = float(10 ** rng.uniform(-0.5, 0.5))
     n = int(rng.integers(2, 5))
@@ -311,7 +311,7 @@ def infeasible(rng: np.random.Generator) -> tuple[str, Mapping]:
 
 
 def convex(rng: np.random.Generator) -> tuple[str, Mapping, float]:
-    """Return a convex problem and its least cost."""
+    """Return a convex problem, its kind and its minimum cost."""
     kind = str(rng.choice(['regulator', 'transfer', 'speed limit']))
     if kind == 'speed limit':
         return kind, *_speed_limit(rng)
@@ -328,13 +328,13 @@ def convex(rng: np.random.Generator) -> tuple[str, Mapping, float]:
         'dynamics': dict(zip(names, rates, strict=True)),
         'initial_state': dict(zip(names, start.tolist(), strict=True)),
         'final_time': {'free': False, 'value': T}}
-    # With lam for the costate, d/dt (x, lam) = [[A, -b b'/2], [-2 Q, -A']] (x, lam).
+    # With the costate lam, d/dt (x, lam) = [[A, -b b'/2], [-2 Q, -A']] (x, lam).
     flow = expm(T * np.block([[A, -np.outer(b, b) / 2], [-2 * np.diag(q), -A.T]]))
     if kind == 'regulator':
         lam = -np.linalg.solve(flow[n:, n:], flow[n:, :n] @ start)
         least = float(lam @ start) / 2
     else:
-        # An end that inputs of this size reach, however weakly; lam(0) follows from it.
+        # An end that inputs of this size reach; it determines lam(0).
         lam = rng.normal(size=n)
         end = flow[:n, :n] @ start + flow[:n, n:] @ lam
         last = flow[n:, :n] @ start + flow[n:, n:] @ lam
@@ -342,16 +342,16 @@ def convex(rng: np.random.Generator) -> tuple[str, Mapping, float]:
         mapping['terminal_constraints'] = [
             f'{name} - ({value!r})' for name, value in zip(names, end.tolist(), strict=True)]
     if rng.random() < 0.3:
-        # Bounds that no good path comes near: the same answer by another method.
+        # Bounds that are inactive at the optimum: the same solution by another method.
         mapping['input_bounds'] = {'u': [-1e3 * (1 + least), 1e3 * (1 + least)]}
     return kind, mapping, least
 
 
 def _speed_limit(rng: np.random.Generator) -> tuple[Mapping, float]:
-    """Return a double integrator, rest to rest, whose speed touches its limit for a time."""
+    """Return a double integrator, rest to rest, whose speed is at its limit for an interval."""
     d, T = float(10 ** rng.uniform(-1, 1)), float(10 ** rng.uniform(-0.5, 0.7))
     limit = float(d / T * rng.uniform(1.1, 1.4))
-    # v = limit (1 - (1 - t/a)^2) for a time a, and likewise at the end.
+    # v = limit (1 - (1 - t/a)^2) for a time a, and symmetrically at the end.
     a = 1.5 * (T - d / limit)
     return {
         'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},

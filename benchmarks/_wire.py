@@ -1,12 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The wire of benchmarks/hosts.py: a hub between TAP devices that loses, delays and cuts.
+The network of benchmarks/hosts.py: a hub between TAP devices that can lose and delay frames.
 
-``python _wire.py SEED TAP...`` opens the devices, says ``ready`` and passes each frame on to all
+``python _wire.py SEED TAP...`` opens the devices, prints ``ready`` and passes each frame on to all
 others. A line of JSON on stdin, ``{"loss": 0.05, "delay": 0.02, "jitter": 0.005, "cut": false}``,
-says how from now on, and is answered by what has passed since the line before. netem would do the
-same, but few kernels of small machines have it.
+sets its properties; the reply has the counts since the previous line. netem would do the same, but
+few kernels of small machines have it.
 """
 
 import fcntl
@@ -20,7 +20,7 @@ import sys
 import time
 
 TUNSETIFF, IFF_TAP, IFF_NO_PI = 0x400454CA, 0x0002, 0x1000
-LONGEST = 65536  # [bytes] of a frame
+LONGEST = 65536  # [bytes] largest frame
 
 
 def tap(name: str) -> int:
@@ -36,7 +36,7 @@ def is_udp(frame: bytes) -> bool:
 
 
 class Hub:
-    """Frames on their way."""
+    """Frames in transit."""
 
     def __init__(self, names: list[str], seed: int) -> None:
         self._taps = [tap(name) for name in names]
@@ -97,7 +97,7 @@ class Hub:
             _, _, target, frame = heapq.heappop(self._flying)
             try:
                 os.write(target, frame)
-            except OSError:  # the device is down or full: a wire loses that frame
+            except OSError:  # the device is down or full: the frame is lost
                 self.counts['lost'] += is_udp(frame)
 
 

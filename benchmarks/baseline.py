@@ -1,15 +1,15 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Verdict, cost, certificate and time of all that the tests ask, before and after a change.
+Verdict, cost, certificate and time of the tests' problems, before and after a change.
 
 python benchmarks/baseline.py --write baseline.json       # before
 python benchmarks/baseline.py --compare baseline.json     # after
 
-Asked are every file of test/problems, and every answer, refusal and regulator of the tests of the
-numerical core, which are run with a plugin that notes them. The comparison names each verdict
-that changed and each cost that moved by more than its tolerance; its exit status is 1 if there is
-one, or if the median ratio of the times is over the limit.
+The problems are all files of test/problems, and all problems and regulators in the tests of the
+numerical core, which are run with a plugin that records them. The comparison lists each verdict
+that has changed and each cost that has changed by more than its tolerance. Its exit status is 1
+if there is one, or if the median ratio of the times exceeds its limit.
 """
 
 import timing  # isort: skip - before numpy
@@ -32,15 +32,15 @@ from obc_ros.core.solver.solve import solve
 from obc_ros.core.text.errors import ObcError
 
 TESTS = Path(__file__).resolve().parents[1] / 'test'
-COST = 1e-6     # relative to 1 + the cost: the accuracy that certificates are held to
-SHORTEST = 1e-2  # [s] below which a time is noise
-LIMIT = 1.1     # of the median ratio of times
+COST = 1e-6     # relative to 1 + |cost|: the accuracy of certificates
+SHORTEST = 1e-2  # [s] shorter times are not compared
+LIMIT = 1.1     # limit of the median ratio of times
 
 Records = dict[str, dict[str, Any]]
 
 
 def solve_files(pattern: str, time_limit: float) -> Records:
-    """Return the answers to the files of test/problems whose names match."""
+    """Return the results of the files of test/problems whose names match."""
     records: Records = {}
     for path in sorted((TESTS / 'problems').glob(pattern)):
         for number, mapping in enumerate(load_file(path), 1):
@@ -54,7 +54,7 @@ def solve_files(pattern: str, time_limit: float) -> Records:
 
 
 def run_tests(expression: str) -> Records:
-    """Return what the tests of the core ask for; `expression` selects as pytest's -k does."""
+    """Return the results in the tests of the core; `expression` selects tests as -k of pytest."""
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / 'record.json'
         subprocess.run([
@@ -68,7 +68,7 @@ def run_tests(expression: str) -> Records:
 
 
 def compare(before: Records, after: Records) -> None:
-    """Print what changed, and hold it to its limits."""
+    """Print the changes, and compare them with their limits."""
     common = [name for name in before if name in after]
     verdicts = [(name, before[name]['verdict'], after[name]['verdict'],
                  after[name]['message'][:90])
@@ -80,7 +80,7 @@ def compare(before: Records, after: Records) -> None:
     timing.table('Verdicts that changed', ('', 'before', 'after', 'message'), verdicts)
     timing.table('Costs that moved', ('', 'before', 'after'), costs)
     gone = [name for name in before if name not in after]
-    print(f'\n{len(common)} compared; {len(gone)} are no longer asked, '
+    print(f'\n{len(common)} compared; {len(gone)} are gone, '
           f'{len(after) - len(common)} are new')
     timing.require('verdicts that changed', len(verdicts), 0)
     timing.require('costs that moved', len(costs), 0)
@@ -89,7 +89,7 @@ def compare(before: Records, after: Records) -> None:
 
 
 def moved(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
-    """Return whether the cost of a certified answer moved by more than its tolerance."""
+    """Return whether the cost of a certified solution changed by more than its tolerance."""
     if before['verdict'] != after['verdict'] or before['verdict'] not in ('solved', 'designed'):
         return False
     scale = 1.0 + abs(before['cost'])
@@ -97,7 +97,7 @@ def moved(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
 
 
 def main() -> int:
-    """Ask everything; write it or compare it."""
+    """Solve everything; write or compare the records."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--write', type=Path, metavar='FILE', help='write the records')
     parser.add_argument('--compare', type=Path, metavar='FILE', help='compare with these records')

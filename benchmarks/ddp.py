@@ -1,13 +1,14 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Optimal control beside crocoddyl (feasibility-driven DDP), with `--peers`.
+Optimal control compared with crocoddyl (feasibility-driven DDP), with `--peers`.
 
-On problems that it can pose: the end is pulled by a cost, not held by a constraint, and inputs
-have at most a box. The aircraft from hover to hover in 5 s, and the lane change with state cost.
-Its input is held on each of its intervals, as few of them as bring its cost within 1e-3 of the
-least; both answers are integrated finely and judged by the same cost. Its models are written in
-Python, as its tutorials do, over CasADi's exact derivatives: in C++ it would be quicker.
+The problems suit crocoddyl: a terminal cost in place of terminal constraints, and at most box
+constraints of the inputs. They are the aircraft from hover to hover in 5 s, and the lane change
+with a state cost. The input of crocoddyl is constant on each interval; the number of intervals is
+the smallest one whose cost is within 1e-3 of the minimum. Both inputs are integrated finely and
+compared by the same cost. The models of crocoddyl are in Python, as in its tutorials, with exact
+derivatives of CasADi: models in C++ would be faster.
 """
 
 import sys
@@ -31,12 +32,12 @@ Array = NDArray[np.float64]
 
 GOAL_AIRCRAFT = {'px': 1, 'py': 1, 'theta': 0, 'vx': 0, 'vy': 0, 'omega': 0}
 GOAL_LANE = {'px': 100, 'py': 2, 'theta': 0}
-PULL = 1e4     # weight of what is left to the goal
+PULL = 1e4     # weight of the distance to the goal at the end
 LONGEST = 300  # iterations
 
 
 def pulled(goal: dict[str, int]) -> str:
-    """Return the terminal cost that pulls the state to a goal."""
+    """Return the terminal cost of the distance to a goal."""
     return f'{PULL}*(' + ' + '.join(f'({name} - {at})**2' for name, at in goal.items()) + ')'
 
 
@@ -64,14 +65,14 @@ def lane_change() -> Problem:
 def differential_dynamic_programming(
         crocoddyl: Any, problem: Problem, rest: Array, N: int,
         ) -> Callable[[], tuple[Array, int, bool]]:
-    """Return what solves a problem with crocoddyl: inputs, iterations, whether it converged."""
+    """Return a function that solves a problem with crocoddyl: inputs, iterations, convergence."""
     n, m, x, u = problem.n, problem.m, problem.x, problem.u
     step = held_step(problem, problem.final_time.value / N)
     end = ca.substitute(problem.V, problem.p, problem.p_value)
     values = (kernel(x, u, *step(x, u)), kernel(x, u, x, end))
 
     class Model(crocoddyl.ActionModelAbstract):  # type: ignore[misc,name-defined] # untyped
-        """A step of the dynamics with its cost, or the end."""
+        """A step of the dynamics with its cost, or the terminal cost."""
 
         def __init__(self, values: tuple[ca.Function, ca.Function]) -> None:
             crocoddyl.ActionModelAbstract.__init__(self, crocoddyl.StateVector(n), m, 1)
@@ -83,7 +84,7 @@ def differential_dynamic_programming(
             data.xnext, data.cost = after.full().ravel(), float(cost)
 
         def calcDiff(self, data: Any, x: Array, u: Array | None = None) -> None:
-            """Set their derivatives."""
+            """Set the derivatives."""
             (data.Fx, data.Fu, data.Lx, data.Lu, data.Lxx, data.Lxu, data.Luu) = (
                 each.full() if each.shape[1] > 1 or k < 2 else each.full().ravel()
                 for k, each in enumerate(self.derivatives(x, rest if u is None else u)))
@@ -115,7 +116,7 @@ def kernel(x: ca.SX, u: ca.SX, after: ca.SX, cost: ca.SX) -> tuple[ca.Function, 
 
 
 def spent(call: Callable[[], object], rounds: int = 7) -> timing.Times:
-    """Return the processor's times of one call each: neither waits for anybody."""
+    """Return processor times of one call each: neither waits for other processes."""
     seen = []
     for _ in range(rounds):
         begun = time.process_time()
@@ -125,7 +126,7 @@ def spent(call: Callable[[], object], rounds: int = 7) -> timing.Times:
 
 
 def beside(name: str, problem: Problem, rest: Array, N: int, crocoddyl: Any) -> None:
-    """Time both on one problem, and tell what their answers cost."""
+    """Time both on one problem, and print the costs of their solutions."""
     numbers = iter(range(1000))
 
     def anew() -> Any:
@@ -135,7 +136,7 @@ def beside(name: str, problem: Problem, rest: Array, N: int, crocoddyl: Any) -> 
     solve(problem, cache=cache)
     J, _ = end_error(problem, answer.t, answer.u)
     rows: list[tuple[object, ...]] = [
-        (f'first answer: {answer.status.value}, certified', spent(anew), J, ''),
+        (f'first solution: {answer.status.value}, certified', spent(anew), J, ''),
         ('again, certified', spent(lambda: solve(problem, cache=cache)), J, '')]
     if crocoddyl is not None:
         ask = differential_dynamic_programming(crocoddyl, problem, rest, N)
@@ -144,16 +145,16 @@ def beside(name: str, problem: Problem, rest: Array, N: int, crocoddyl: Any) -> 
         their_J, _ = end_error(problem, np.repeat(t, 2)[1:-1], np.repeat(inputs, 2, axis=0))
         rows.append((f'crocoddyl, N = {N}, {iterations} iterations{"" if done else ": stopped"}',
                      spent(ask), their_J, f'{their_J / J - 1:.1e}'))
-    timing.table(name, ('', 'median [least to most]', 'cost', 'above ours'), rows)
+    timing.table(name, ('', 'median [minimum to maximum]', 'cost', 'above ours'), rows)
     timing.require('status other than solved', float(answer.status.value != 'solved'), 0.0)
 
 
 def main() -> int:
     """Measure and print; return the exit status."""
-    args = timing.arguments('optimal control beside crocoddyl')
+    args = timing.arguments('optimal control compared with crocoddyl')
     crocoddyl = timing.peer('crocoddyl') if args.peers else None
-    beside('aircraft, T = 5, the end pulled', aircraft(), np.array([0.0, HOVER]), 100, crocoddyl)
-    beside('lane change, state cost, the end pulled', lane_change(), np.array([10.0, 0.0]), 50,
+    beside('aircraft, T = 5, terminal cost', aircraft(), np.array([0.0, HOVER]), 100, crocoddyl)
+    beside('lane change, state and terminal cost', lane_change(), np.array([10.0, 0.0]), 50,
            crocoddyl)
     return timing.finish()
 

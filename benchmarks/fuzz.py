@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Expressions, requests and files that atheris makes up, led by the branches that they reach.
+Expressions, requests and files that atheris generates, guided by the branches that they reach.
 
-atheris is not among the requirements; where it is missing this is skipped by name. What ends a
-target is printed, and the input that did it is left in the folder that is named.
+atheris is not among the requirements; without it the benchmark is skipped. An exception that ends
+a target is printed, and its input is kept in the folder that is printed.
 """
 
 import timing  # isort: skip - before numpy
@@ -17,12 +17,12 @@ import tempfile
 
 HARNESS = Path(__file__).with_name('_fuzz.py')
 TARGETS = ('expression', 'request', 'yaml')
-SLOWEST = 5  # [s] that one input may take
+SLOWEST = 5  # [s] time limit of one input
 MEMORY = 2048  # [MiB]
 
 
 def main() -> int:
-    """Fuzz each target for a while, and report."""
+    """Fuzz each target and print the results."""
     args = timing.arguments(__doc__ or '', seconds=30)
     if not timing.peer('atheris'):
         return timing.finish()

@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-One loop on three hosts: found by multicast or by static peers, over a bad wire, and cut off.
+One loop on three hosts: discovery by multicast and by static peers, losses, delays and a cut.
 
-The hosts are network namespaces of this machine: the plant and who watches it on the first,
-lqr_node on the second, trajectory_server on the third.
+The hosts are network namespaces of this machine: the plant and its observer on the first, lqr_node
+on the second, trajectory_server on the third.
 """
 
 import timing  # isort: skip - before numpy
@@ -29,23 +29,23 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 
 RATE = 100.0      # [Hz] of the states
-TIMEOUT = 0.5     # [s] without a state, or without a command, until both go to rest
+TIMEOUT = 0.5     # [s] without a state, or without a command, until the nodes go to rest
 START = (0.1, -0.1, 0.0, 0.0, 0.0, 0.0)
 BAD = {'loss': 0.05, 'delay': 0.02, 'jitter': 0.005}
 GOOD = {'loss': 0.0, 'delay': 0.0, 'jitter': 0.0, 'cut': False}
 CUT = 3.0         # [s]
-NEAR = 0.2        # largest |x| that counts as held
+NEAR = 0.2        # largest |x| of a stabilised plant
 NODES = {
     'plant_simulator': (f'publish_rate:={RATE}', f'command_timeout:={TIMEOUT}',
                         f'x0:={list(START)}', 'noise.px:=0.003', 'noise.py:=0.003'),
-    # the gain knows the wire: a period and twice its delay
+    # the design accounts for the network: a period and twice its delay
     'lqr_node': (f'state_timeout:={TIMEOUT}', 'design:=sampled', f'sample_time:={1 / RATE}',
                  'delay:=0.05'),
     'trajectory_server': ('workers:=1',)}
 
 
 class Watch:
-    """The plant's host: what it sends, what comes back, and a client of the third host."""
+    """An observer on the host of the plant: states, commands, and a client of the third host."""
 
     def __init__(self) -> None:
         self._context = rclpy.Context()
@@ -65,7 +65,7 @@ class Watch:
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_report, 10)
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Destroy the node."""
         self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()
@@ -81,11 +81,11 @@ class Watch:
             self._told.update({each.key: each.value for each in status.values})
 
     def told(self, key: str) -> int:
-        """Return a number that a node has told in its diagnostics, at most 1."""
+        """Return a number in the diagnostics, limited to 1."""
         return min(1, int(float(self._told.get(key, '0'))))
 
     def spin(self, duration: float, ask: float = 0.0) -> None:
-        """Listen for a while, and ask the third host for a regulator every `ask` seconds."""
+        """Spin for `duration` [s]; request a regulator of the third host every `ask` seconds."""
         end, due = time.monotonic() + duration, time.monotonic()
         while (now := time.monotonic()) < end:
             if ask and now >= due:
@@ -96,7 +96,7 @@ class Watch:
             self._executor.spin_once(timeout_sec=0.005)
 
     def finds(self, timeout: float) -> float | None:
-        """Return the time [s] until commands and the server are there, None if they never are."""
+        """Return the time [s] until commands and the server are discovered, or None."""
         begin = time.monotonic()
         while not (self.commands and self._client.service_is_ready()):
             if time.monotonic() > begin + timeout:
@@ -105,12 +105,12 @@ class Watch:
         return time.monotonic() - begin
 
     def forget(self) -> None:
-        """Begin to count anew."""
+        """Clear the observed states and commands."""
         self.states.clear()
         self.commands.clear()
 
     def figures(self) -> dict[str, Any]:
-        """Return what was seen since `forget`."""
+        """Return the figures since `forget`."""
         sent = {stamp for stamp, _ in self.states}
         first = {stamp: at for stamp, at in reversed(self.commands) if stamp in sent}
         late = sorted((at - stamp) * 1e-6 for stamp, at in first.items()) or [0.0, 0.0]
@@ -125,7 +125,7 @@ class Watch:
 def loop(wire: bool, **environment: str) -> Iterator[tuple[_hosts.Network, Watch]]:
     """Start three hosts with a node on each."""
     network = _hosts.Network(3, wire)
-    # these hosts share /dev/shm, as true ones do not
+    # no shared memory: these hosts share /dev/shm
     os.environ.update(environment, FASTDDS_BUILTIN_TRANSPORTS='UDPv4')
     processes = [network.start(host, [sys.executable, '-m', f'obc_ros.nodes.{node}', '--ros-args',
                                       *(word for each in parameters for word in ('-p', each))])
@@ -144,7 +144,7 @@ def loop(wire: bool, **environment: str) -> Iterator[tuple[_hosts.Network, Watch
 
 
 def trial(found: dict[str, Any], name: str, watch: Watch, seconds: float) -> None:
-    """Let the loop run for a while and keep what was seen."""
+    """Run the loop for a time and keep its figures."""
     watch.forget()
     watch.asked.clear()
     begin = time.monotonic()
@@ -156,50 +156,50 @@ def trial(found: dict[str, Any], name: str, watch: Watch, seconds: float) -> Non
 
 
 def without(figures: dict[str, Any], stalls: list[tuple[float, float]]) -> float:
-    """Return the share of states without a command, but for those when the machine stood still."""
-    ahead = time.time() - time.monotonic()   # of the steady clock
+    """Return the share of states without a command, excluding stalls of the machine."""
+    ahead = time.time() - time.monotonic()   # of the monotonic clock
     left = [at for at in (stamp * 1e-9 - ahead for stamp in figures['left'])
             if not still(stalls, at, at + 1 / RATE)]
     return len(left) / max(1, figures['states'])
 
 
 def clean(found: dict[str, Any], seconds: float, settle: float) -> None:
-    """Try a wire that loses nothing: veth and a bridge."""
+    """Measure with a network without losses: veth and a bridge."""
     for name, environment in (
             ('multicast', {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}),
             ('static peers', {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
                               'ROS_STATIC_PEERS': '10.0.0.1;10.0.0.2;10.0.0.3'})):
         with loop(wire=False, **environment) as (_, watch):
             after = watch.finds(30.0)
-            print(f'  by {name} they find each other in '
+            print(f'  by {name} the hosts discover each other in '
                   f'{"no time" if after is None else f"{after:.1f} s"}')
-            timing.require(f'time to find each other by {name} [s]', after or 1e9, 20.0)
+            timing.require(f'time of discovery by {name} [s]', after or 1e9, 20.0)
             watch.spin(settle)
             trial(found, name, watch, seconds)
             timing.require(f'{name}: states without a command', 1 - found[name]['answered'], 0.01)
 
 
 def private(seconds: float) -> None:
-    """Show that nothing leaves a host without being asked to."""
+    """Check that by default no data leaves a host."""
     os.environ.pop('ROS_STATIC_PEERS', None)
     with loop(wire=True, ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST') as (network, watch):
         found = watch.finds(seconds)
         timing.require('with LOCALHOST: UDP frames that leave a host', network.set()['udp'], 0)
-        timing.require('with LOCALHOST: hosts that find each other', found is not None, 0)
+        timing.require('with LOCALHOST: hosts that discover each other', found is not None, 0)
 
 
 def bad(found: dict[str, Any], seconds: float, settle: float) -> None:
-    """Try a wire that loses and delays, and one that is cut."""
+    """Measure with losses and delays, and with a cut."""
     with loop(wire=True, ROS_AUTOMATIC_DISCOVERY_RANGE='SUBNET') as (network, watch):
         if watch.finds(30.0) is None:
-            raise SystemExit('the hosts do not find each other over the wire')
+            raise SystemExit('the hosts do not discover each other')
         watch.spin(settle)
         trial(found, 'wire', watch, seconds)
         network.set(**BAD)
         trial(found, 'bad wire', watch, seconds)
         waiting = watch.asked.copy()
         counts = network.set(**{**GOOD, 'cut': True})
-        print(f'  the bad wire lost {counts["lost"]} of {2 * counts["udp"]} UDP frames')
+        print(f'  the network lost {counts["lost"]} of {2 * counts["udp"]} UDP frames')
         trial(found, 'cut', watch, CUT)
         waiting += watch.asked
         network.set(**GOOD)
@@ -211,15 +211,15 @@ def bad(found: dict[str, Any], seconds: float, settle: float) -> None:
                        time.monotonic() - begin, 5.0)
         watch.spin(settle)
         trial(found, 'after it', watch, seconds)
-        timing.require('requests of the cut and the bad wire that are lost',
+        timing.require('requests lost in the cut and with losses',
                        sum(not future.done() for _, future in waiting), 0)
-        timing.require('times that lqr_node went without on_stale', 1 - watch.told('stale'), 0)
-        timing.require('times that the plant went without rest',
+        timing.require('stale states missed by lqr_node', 1 - watch.told('stale'), 0)
+        timing.require('missing commands not noticed by the plant',
                        1 - watch.told('times without commands'), 0)
 
 
 def main() -> int:
-    """Try, and report."""
+    """Measure and print; return the exit status."""
     why = _hosts.enter()
     args = timing.arguments(__doc__ or '', seconds=20.0, settle=10.0, clean=1)
     if why:

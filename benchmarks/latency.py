@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-From a state to its command over DDS, between two processes.
+Latency from a state to its command over DDS, between two processes.
 
-The floor is a raw rclpy echo of the same two messages with the same QoS. It and lqr_node, plain
-and with everything on, are measured in turn; then lqr_node is held at 1 kHz for a minute. With
-``--udp 1`` no shared memory is used, in a network namespace of its own.
+The baseline is an rclpy echo of the same two messages with the same QoS. The echo and lqr_node,
+with default settings and with all options on, are measured in turn; then lqr_node runs at 1 kHz
+for a minute. With ``--udp 1`` no shared memory is used, in a network namespace of its own.
 """
 
 import sys
@@ -29,7 +29,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 ROUNDS = 15
-MESSAGES = 200   # of one rival in a round
+MESSAGES = 200   # messages of one process in a round
 GAP = 1e-3       # [s] between two of them
 LIMIT, LIMIT_ALL = 1.1, 1.15
 PERIOD, HELD, LATE = 1_000_000, 60.0, 1e-3  # [ns], [s], largest share of late commands
@@ -41,7 +41,7 @@ ALL_ON = ('-p', "integral:=['px', 'py']", '-p', 'transition_time:=0.5',
 
 
 class Rival:
-    """A process that answers states, seen through a wait set with one subscription."""
+    """A process that replies to states, observed through a wait set with one subscription."""
 
     def __init__(self, node: Node, name: str, command: Sequence[str],
                  arguments: Sequence[str] = ()) -> None:
@@ -63,7 +63,7 @@ class Rival:
         deadline = time.monotonic() + 30.0
         while not (self._publisher.get_subscription_count() and self._answers(50)):
             if self.process.poll() is not None or time.monotonic() > deadline:
-                raise SystemExit(f'{self.name} does not answer')
+                raise SystemExit(f'{self.name} does not reply')
             time.sleep(0.05)
 
     def send(self, stamp: int) -> None:
@@ -85,19 +85,19 @@ class Rival:
         return int(stamp.sec * 10**9 + stamp.nanosec)
 
     def measure(self) -> None:
-        """Send states one after the other, each when the one before was answered."""
+        """Send states one after the other, each after the reply to the last one."""
         for _ in range(MESSAGES):
             time.sleep(GAP)
             stamp, begun = time.time_ns(), time.perf_counter()
             self.send(stamp)
             while (answered := self.receive(10**9)) not in (None, stamp):
-                pass  # what came meanwhile is no answer
+                pass  # messages received before are no replies
             if answered is None:
-                raise SystemExit(f'{self.name}: no answer within 1 s')
+                raise SystemExit(f'{self.name}: no reply within 1 s')
             self.latencies.append(time.perf_counter() - begun)
 
     def hold(self) -> tuple[int, list[float]]:
-        """Send states at a fixed rate; return how many, and the latency of each answer [s]."""
+        """Send states at a fixed rate; return their number, and the latency of each reply [s]."""
         sent: dict[int, int] = {}
         latencies = []
         begin = time.monotonic_ns()
@@ -108,7 +108,7 @@ class Rival:
             if left <= 0:
                 sent[due + offset] = time.monotonic_ns()
                 self.send(due + offset)
-                # what this process was too late to send in its time is not sent
+                # states that this process would send too late are skipped
                 due += PERIOD * (1 + -left // PERIOD)
             elif (stamp := self.receive(left)) in sent:
                 latencies.append((time.monotonic_ns() - sent[stamp]) * 1e-9)
@@ -124,7 +124,7 @@ class Rival:
 
 @contextmanager
 def rivals(node: Node) -> Iterator[dict[str, Rival]]:
-    """Start the processes, and end them."""
+    """Start the processes; end them on exit."""
     lqr_node = (sys.executable, '-m', 'obc_ros.nodes.lqr_node')
     echo = (sys.executable, str(Path(__file__).parent / '_echo.py'))
     with ExitStack() as ending:
@@ -143,7 +143,7 @@ def rivals(node: Node) -> Iterator[dict[str, Rival]]:
 
 
 def hovering() -> Trajectory:
-    """Return a reference of an hour at the origin."""
+    """Return a reference at the origin for one hour."""
     n, t = 6, [60.0 * k for k in range(61)]
     return Trajectory(
         system='aircraft', state_names=['px', 'py', 'theta', 'vx', 'vy', 'omega'],
@@ -180,7 +180,7 @@ def main() -> int:
 
 
 def report(found: dict[str, Rival]) -> None:
-    """Print the latencies and what must hold of them."""
+    """Print the latencies and their requirements."""
     floor = found['echo'].latencies
     rows = []
     for rival in found.values():
@@ -201,7 +201,7 @@ def ratio(mine: Sequence[float], its: Sequence[float]) -> float:
 
 
 def report_held(sent: int, held: Sequence[float]) -> None:
-    """Print how many commands were late at a fixed rate."""
+    """Print the share of late commands at a fixed rate."""
     late = sent - sum(latency <= PERIOD * 1e-9 for latency in held)
     percent = quantiles(held, n=1000)
     timing.table(f'{1e9 / PERIOD:.0f} states a second for {HELD:g} s [us]',

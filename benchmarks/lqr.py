@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Regulators: time and error of the infinite and the finite horizon.
+Regulators: time and error for the infinite and the finite horizon.
 
-Rivals: control.lqr without slycot (scipy's solve_continuous_are), which neither checks nor proves
-what it returns; the exponential of the Hamiltonian matrix applied step by step. With --peers
-control.lqr with slycot. Errors are against references in extended precision.
+Compared with control.lqr without slycot (scipy's solve_continuous_are), which does not verify its
+result, with the exponential of the Hamiltonian matrix applied step by step, and with --peers with
+control.lqr with slycot. The references of the errors are in extended precision.
 """
 
 import sys
@@ -54,7 +54,7 @@ def random_plant(n: int) -> Plant:
 
 
 def stationary(title: str, plant: Plant, limit: float | None, peers: bool) -> None:
-    """Time a validated and certified design, and compare P with Newton's in extended precision."""
+    """Time a verified design, and compare P with Newton's method in extended precision."""
     A, B = plant
     Q, R = np.eye(len(A)), np.eye(B.shape[1])
     rivals: dict[str, Callable[[], object]] = {
@@ -111,7 +111,7 @@ def hamiltonian(A: Array, B: Array, Q: Array) -> Array:
 
 
 def stepped(A: Array, B: Array, Q: Array, P1: Array) -> tuple[Array, Array]:
-    """Return P and K by one step of the exponential after the other, backwards."""
+    """Return P and K from steps of the exponential, backwards in time."""
     n = len(A)
     step = expm(-hamiltonian(A, B, Q) * HORIZON / (SAMPLES - 1))
     P, K = np.empty((SAMPLES, n, n)), np.empty((SAMPLES, B.shape[1], n))
@@ -143,7 +143,7 @@ def exact_horizon(A: Array, B: Array, Q: Array, P1: Array) -> NDArray[np.longdou
 
 def eliminated(M: NDArray[np.longdouble], right: NDArray[np.longdouble]
                ) -> NDArray[np.longdouble]:
-    """Return M^-1 right in the precision of M, which LAPACK does not have."""
+    """Return M^-1 in the precision of M, which LAPACK does not support."""
     n, rows = len(M), np.concatenate([M, right], axis=1)
     for k in range(n):
         pivot = k + int(np.abs(rows[k:, k]).argmax())

@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Optimal control by request beside what it is measured against.
+Times of optimal control problems, compared with other tools.
 
 Lane change of a kinematic bicycle (l = 3, from (0, -2, 0) to (100, 2, 0), 8 <= v <= 12,
 |phi| <= 0.1, T = 10): least effort, and with a state cost; the aircraft from hover to hover in
-3 s and in 5 s; and how the work grows. Answers are certified within the time that is shown.
+3 s and in 5 s; and the growth of the time. The times include the certificate.
 """
 
 import sys
@@ -36,15 +36,15 @@ Array = NDArray[np.float64]
 HOVER = 4 * 9.8
 EFFORT = '(v - 10)**2 + phi**2'
 STATE = '0.1*(px - 100)**2 + 10*(py - 2)**2 + 0.1*theta**2 + 0.1*(v - 10)**2 + phi**2'
-# Least costs: of the refined transcription, and of a zero-order hold on 1000 intervals.
+# Minimum costs: by a refined transcription, and by a zero-order hold on 1000 intervals.
 LEAST = {'effort': 9.8931187e-4, 'state': 3007.73213, 'T = 3': 5.64651053, 'T = 5': 1.08315146}
-GAP, MISS = 1e-4, 1e-5   # relative cost and terminal error that peers are held to
-SPREAD = 0.05            # of x(0), from one repeated question to the next
+GAP, MISS = 1e-4, 1e-5   # relative cost and terminal error that other tools have to reach
+SPREAD = 0.05            # change of x(0) between repeated problems
 
 
 def main() -> int:
     """Measure and print; return the exit status."""
-    args = timing.arguments('optimal control by request')
+    args = timing.arguments('optimal control')
     for name, cost in (('effort', EFFORT), ('state', STATE)):
         lane_change(name, cost)
     for T in (3.0, 5.0):
@@ -75,7 +75,7 @@ def aircraft(T: float) -> Problem:
 
 
 def wall(call: Callable[[], object], rounds: int = 7) -> timing.Times:
-    """Return wall times of one call each; solvers are not asked twice for the same."""
+    """Return wall times of one call each; no problem is solved twice."""
     seen = []
     for _ in range(rounds):
         begun = time.perf_counter()
@@ -85,7 +85,7 @@ def wall(call: Callable[[], object], rounds: int = 7) -> timing.Times:
 
 
 def first_and_again(problem: Problem) -> tuple[timing.Times, timing.Times, Solution]:
-    """Return times of a first answer and of repeated ones, and a first answer."""
+    """Return times of first and of repeated solutions, and a first solution."""
     numbers = iter(range(1000))
 
     def anew() -> Solution:
@@ -106,7 +106,7 @@ def first_and_again(problem: Problem) -> tuple[timing.Times, timing.Times, Solut
 
 
 def end_error(problem: Problem, t: Array, u: Array) -> tuple[float, float]:
-    """Return cost and terminal error of an input linear between samples, integrated finely."""
+    """Return cost and terminal error of a piecewise linear input, integrated finely."""
     f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f, problem.L])
     z, parts = np.append(problem.x0, 0.0), 40
     for k in np.flatnonzero(np.diff(t) > 0):
@@ -127,7 +127,7 @@ def end_error(problem: Problem, t: Array, u: Array) -> tuple[float, float]:
 
 
 def lane_change(name: str, cost: str) -> None:
-    """Compare with python-control's default answer and with CasADi and fatrop by hand."""
+    """Compare with the default of python-control, and with CasADi and fatrop by hand."""
     problem, least = bicycle(cost), LEAST[name]
     first, again, answer = first_and_again(problem)
     J, miss = end_error(problem, answer.t, answer.u)
@@ -145,14 +145,14 @@ def lane_change(name: str, cost: str) -> None:
     timing.table(f'lane change, {name}', ('', 'median [least to most]', 'cost gap', 'end error'),
                  rows)
     if rival:
-        timing.require('first answer against python-control', first.median / rival[0], 0.02)
+        timing.require('first solution against python-control', first.median / rival[0], 0.02)
         timing.require('terminal error against python-control', miss / rival[2], 1e-3)
-    timing.require('repeated answer against fatrop by hand', again.median / hand.median, 1.0)
+    timing.require('repeated solution against fatrop by hand', again.median / hand.median, 1.0)
 
 
 def fatrop_by_hand(problem: Problem, least: float) -> tuple[tuple[int, float, float],
                                                             timing.Times]:
-    """Return (N, cost gap, end error) of the coarsest shooting good enough, and its times."""
+    """Return (N, cost gap, end error) of the coarsest sufficient shooting, and its times."""
     for N in (20, 50, 100, 200):
         ask = shooting(problem, N)
         J, u = ask(problem.x0)
@@ -167,7 +167,7 @@ def fatrop_by_hand(problem: Problem, least: float) -> tuple[tuple[int, float, fl
 
 
 def held_step(problem: Problem, h: float) -> ca.Function:
-    """Return x after a Runge-Kutta step of order 4, the input held, and the cost of the step."""
+    """Return x after a Runge-Kutta step of order 4 with constant input, and its cost."""
     x, u = problem.x, problem.u
     f = ca.Function('f', [x, u, problem.p], [problem.f, problem.L])
     end = rk4(lambda z, _: ca.vertcat(*f(z[:-1], u, problem.p_value)), ca.vertcat(x, 0), 0, h)
@@ -243,7 +243,7 @@ def control_optimal(problem: Problem, name: str) -> tuple[float, float, float] |
 
 
 def transfer(T: float, peers: bool) -> None:
-    """Show the aircraft's transfer; with `--peers` beside drake."""
+    """Time the transfer of the aircraft; with `--peers` also drake."""
     problem, least = aircraft(T), LEAST[f'T = {T:g}']
     first, again, answer = first_and_again(problem)
     J, miss = end_error(problem, answer.t, answer.u)
@@ -260,10 +260,10 @@ def transfer(T: float, peers: bool) -> None:
     timing.table(f'aircraft, T = {T:g}', ('', 'median [least to most]', 'cost gap', 'end error'),
                  rows)
     timing.require(f'relative cost gap, T = {T:g}', abs(J - least) / least, GAP)
-    timing.require(f'the same again against the first answer, T = {T:g}',
+    timing.require(f'the same again against the first solution, T = {T:g}',
                    same.median / first.median, 1.0)
     if rival and T > 4:
-        timing.require('first answer against drake', first.median / rival.median, 0.5)
+        timing.require('first solution against drake', first.median / rival.median, 0.5)
 
 
 def drake_collocation(T: float) -> timing.Times | None:
@@ -297,7 +297,7 @@ def drake_collocation(T: float) -> timing.Times | None:
 
 
 def growth() -> None:
-    """Print how one solve grows with the intervals and with the states."""
+    """Print the growth of the time with the numbers of intervals and of states."""
     rows: list[tuple[object, ...]] = []
     seen = []
     for N in (50, 100, 200, 400, 800):
@@ -308,13 +308,13 @@ def growth() -> None:
         build, ask, iterations = one_solve(chain(n), 100)
         rows.append((f'chain of {n} states, N = 100', f'{1e3 * build:.1f} ms', ask, iterations))
     timing.table('growth of one transcription', (
-        '', 'build', 'solve, median [least to most]', 'iterations'), rows)
+        '', 'build', 'solve, median [minimum to maximum]', 'iterations'), rows)
     timing.require('time of an iteration, N = 800 against 16 times N = 50',
                    seen[-1] / seen[0] / 16, 2.0)
 
 
 def chain(n: int) -> Problem:
-    """Return masses on springs, the last one driven, brought to rest with least effort."""
+    """Return masses on springs, brought to rest by the last one with minimum effort."""
     names = [f'x{i}' for i in range(n)]
     dynamics = {name: f'{after} - 0.1*sin({name})' for name, after in zip(
         names, [*names[1:], 'u'], strict=True)}
@@ -339,7 +339,7 @@ def one_solve(problem: Problem, N: int) -> tuple[float, timing.Times, int]:
     if not outcome.converged:
         raise RuntimeError(outcome.status)
     times = wall(lambda: program.solve(problem, mesh, start, sizes, limits, ProgressMonitor()))
-    # Derivatives are built when they are first asked for.
+    # Derivatives are built on first use.
     return max(first - times.median, 0.0), times, outcome.iterations
 
 

@@ -1,22 +1,22 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The aircraft and its controller in real time over DDS: missed commands, drift, load of the machine.
+The aircraft and its controller in real time over DDS: missed commands, drift, processor load.
 
-Says what it is on this machine now. Both nodes are on one core, of which they take less than half:
-a core that stands still holds both up alike, and leaves no state without its command. A bare
-timer on each core tells how long the machine stood still; while it does, because other programs
-run or the host of a virtual machine has other work, a state may be answered late whatever the
-nodes do. So the run at 200 Hz is repeated until the machine was idle, at most `TRIES` times.
+The figures are those of this machine under its present load. Both nodes are on one core, of which
+they use less than half: a stall of the core delays both and leaves no state without its command. A
+timer on each core measures the stalls of the machine. Stalls, due to other programs or to the host
+of a virtual machine, delay commands whatever the nodes do. So the run at 200 Hz is repeated until
+the machine was idle, at most `TRIES` times.
 
-What the machine alone costs at 1 kHz is measured right before and after: by a bare timer of the
-same priority on the core of the nodes, which are not there then, and by the time that the host of
-a virtual machine says it has stolen from that core.
+The part of the machine at 1 kHz is measured before and after the run: by a timer of the same
+priority on the core of the nodes, without the nodes, and by the time that the host of a virtual
+machine reports as stolen from that core.
 
-Counted is from `SETTLE` on. Before, the processes get to know each other, this one too, and Fast
-DDS may hold up all that a process sends for 0.333 s when it opens the shared memory of a newcomer
-(Fast DDS issue 6535). ``--newcomers N`` measures that instead: N processes join the loop in turn.
-With ``--udp 1`` no shared memory is used, in a network namespace of its own.
+The counts begin at `SETTLE`. Before, the processes discover each other and this one, and Fast DDS
+may block a sender for 0.333 s when it opens the shared memory of a new process (Fast DDS issue
+6535). ``--newcomers N`` measures this delay instead: N processes join the loop in turn. With
+``--udp 1`` no shared memory is used, in a network namespace of its own.
 """
 
 import sys
@@ -40,18 +40,18 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 RUNS = ((200.0, 10.0, 0), (1000.0, 60.0, 50))  # [Hz], [s], priority (0: an ordinary process)
-START = 30.0             # [s] in which the loop must have closed
-SETTLE = 5.0             # [s] of the loop before it is counted
-STAY = 5.0               # [s] that a newcomer stays
-HELD = 0.2               # [s] without a command: more than the start of a process costs the others
+START = 30.0             # [s] for the loop to close
+SETTLE = 5.0             # [s] before the counts begin
+STAY = 5.0               # [s] that a new process stays
+HELD = 0.2               # [s] without a command: longer than the delay by the start of a process
 TRIES = 5
-TICK = 0.001             # [s] of the bare timers
-FLOOR = 10.0             # [s] of the one before and the one after a run
-IDLE = 0.0025            # [s] that they may be late on an idle machine
-MOST_LATE = 0.001        # share of the states at 1 kHz that may be late by more than a period
+TICK = 0.001             # [s] period of the timers
+FLOOR = 10.0             # [s] duration of the timers before and after a run
+IDLE = 0.0025            # [s] largest delay of the timers on an idle machine
+MOST_LATE = 0.001        # largest share of the states at 1 kHz that are late by more than a period
 COUNTS = ('states published', 'states unanswered', 'times held up')
 
-# Ticks until its input ends; a tick that is late by more than another is a line.
+# A timer that runs until its input ends; it prints delays of more than a period.
 TIMER = """
 import os, select, sys, time
 os.sched_setaffinity(0, {int(sys.argv[1])})
@@ -82,7 +82,7 @@ Report = tuple[float, dict[str, str]]  # stamp [s], diagnostics of the plant
 
 @dataclass(frozen=True)
 class Run:
-    """What was seen in a run."""
+    """The figures of a run."""
 
     rate: float
     priority: int
@@ -91,13 +91,13 @@ class Run:
     held_up: int
     drift: float
     loads: list[float]
-    late: list[float]  # [s] of the bare timers, where over a period
+    late: list[float]  # [s] delays of the timers over a period
     ticks: int
     stolen: float  # share of the nodes' core
 
     @property
     def stalls(self) -> list[float]:
-        """Return the times [s] that the machine stood still."""
+        """Return the durations [s] of the stalls of the machine."""
         return [each for each in self.late if each > IDLE]
 
     def row(self) -> tuple[str, ...]:
@@ -127,7 +127,7 @@ def main() -> int:
         before = floor(fast[0], fast[2])
         runs.append(run(*fast))
         after = floor(fast[0], fast[2])
-    timing.table(f'Aircraft and lqr_node in real time; the machine stood still when bare timers '
+    timing.table(f'Aircraft and lqr_node in real time; the machine has stalled when timers '
                  f'were over {1e3 * IDLE:g} ms late', (
                      'rate', 'priority', 'published', 'unanswered', 'held up', 'drift', 'plant',
                      'lqr_node', 'stood still', 'longest', 'timers late'),
@@ -136,7 +136,7 @@ def main() -> int:
     timing.table(f'Late by more than a period at {fast[0]:g} Hz, priority {fast[2]}', (
         'on one core', 'late', 'stolen by the host'),
         [(name, *(f'{100 * each:.3f} %' for each in pair)) for name, pair in zip(
-            ('a bare timer before', 'the states of the loop', 'a bare timer after'), shares,
+            ('a timer before', 'the states of the loop', 'a timer after'), shares,
             strict=True)])
     if runs[-2].stalls:
         print(f'  the machine was not idle for {slow[1]:g} s in {TRIES} tries')
@@ -147,7 +147,7 @@ def main() -> int:
 
 
 def run(rate: float, seconds: float, priority: int) -> Run:
-    """Fly in real time and count."""
+    """Run the loop in real time and count."""
     with flight(rate, priority) as (watch, children), bare_timers() as late:
         before, taken = loads(children), stolen()
         begin, end = watch(seconds)
@@ -162,7 +162,7 @@ def run(rate: float, seconds: float, priority: int) -> Run:
 
 
 def floor(rate: float, priority: int) -> tuple[float, float]:
-    """Return the share of late ticks of a bare timer, and of the core that was stolen."""
+    """Return the share of late ticks of a timer, and the share of stolen processor time."""
     before = stolen()
     with bare_timers([max(os.sched_getaffinity(0))], 1.0 / rate, priority) as late:
         time.sleep(FLOOR)
@@ -170,7 +170,7 @@ def floor(rate: float, priority: int) -> tuple[float, float]:
 
 
 def stolen() -> float:
-    """Return the time [s] that the host has taken of the nodes' core for others."""
+    """Return the time [s] that the host has stolen from the core of the nodes."""
     name = f'cpu{max(os.sched_getaffinity(0))} '
     lines = Path('/proc/stat').read_text(encoding='ascii').splitlines()
     line = next(each for each in lines if each.startswith(name))
@@ -178,7 +178,7 @@ def stolen() -> float:
 
 
 def join(rate: float, count: int) -> int:
-    """Let processes join a flight in turn and print what each cost it."""
+    """Let processes join the loop in turn, and print the delay that each causes."""
     lost = []
     with flight(rate, 0) as (watch, _):
         for _ in range(count):
@@ -197,7 +197,7 @@ def join(rate: float, count: int) -> int:
 @contextmanager
 def flight(rate: float, priority: int) -> Iterator[
         tuple[Callable[[float], tuple[Report, Report]], Children]]:
-    """Fly, both nodes on one core; yield what reports two ends of a time, and the nodes."""
+    """Run both nodes on one core; yield a function for reports of an interval, and the nodes."""
     seen: list[Report] = []
 
     def look(message: DiagnosticArray) -> None:
@@ -230,7 +230,7 @@ def flight(rate: float, priority: int) -> Iterator[
 
 @contextmanager
 def on_one_core() -> Iterator[None]:
-    """Let what is started run on one core, as `taskset` does."""
+    """Run child processes on one core, as `taskset` does."""
     cores = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {max(cores)})
     try:
@@ -242,7 +242,7 @@ def on_one_core() -> Iterator[None]:
 @contextmanager
 def bare_timers(cores: Iterable[int] = (), tick: float = TICK, priority: int = 0
                 ) -> Iterator[list[float]]:
-    """Yield a list that afterwards holds how late [s] a bare timer on each core was, if it was."""
+    """Yield a list that afterwards has the delays [s] of timers on each core."""
     late: list[float] = []
     timers = [subprocess.Popen(
         [sys.executable, '-c', TIMER, str(core), str(tick), str(priority)],
@@ -257,7 +257,7 @@ def bare_timers(cores: Iterable[int] = (), tick: float = TICK, priority: int = 0
 
 def wait(node: Node, children: Children, condition: Callable[[], bool],
          seconds: float = 0.0) -> None:
-    """Listen until a condition holds."""
+    """Spin until a condition holds."""
     deadline = time.monotonic() + START + seconds
     while not condition():
         rclpy.spin_once(node, timeout_sec=0.2)

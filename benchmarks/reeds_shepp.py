@@ -3,8 +3,8 @@
 """
 Shortest paths of a car: time of a sampled path, of a length, and of many lengths at once.
 
-Rival: with --peers OMPL's ReedsSheppStateSpace, on the same pairs of poses; all lengths are
-compared too.
+Compared with OMPL's ReedsSheppStateSpace on the same pairs of poses, with --peers; all lengths are
+compared, too.
 """
 
 import sys
@@ -22,8 +22,8 @@ from obc_ros.core.solver.exact.reeds_shepp import find_lengths, find_shortest_pa
 Array = NDArray[np.float64]
 
 PAIRS = 20_000
-TIMED = 500     # of them, in what is timed one by one
-POINTS = 50     # of a sampled path
+TIMED = 500     # pairs that are timed one by one
+POINTS = 50     # points of a sampled path
 OURS, THEIRS = 'obc_ros', 'OMPL'
 
 
@@ -79,7 +79,7 @@ def at_once(starts: Array, goals: Array, ompl: 'Ompl | None') -> None:
 
 
 class Ompl:
-    """OMPL's state space behind the same questions."""
+    """OMPL's state space with the same interface."""
 
     def __init__(self, base: Any) -> None:
         self.space = base.ReedsSheppStateSpace(1.0)
@@ -91,7 +91,7 @@ class Ompl:
         return float(self.space.distance(self.a, self.b))
 
     def sample(self, start: list[float], goal: list[float]) -> None:
-        """Go through points equally spaced along the path."""
+        """Compute points at equal distances along the path."""
         self._set(start, goal)
         for k in range(POINTS):
             self.space.interpolate(self.a, self.b, k / (POINTS - 1), self.between)

@@ -1,12 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The same question again with other numbers: in one cache, and each alone.
+Repeated problems with other numbers: solved with one cache, and each without a cache.
 
-Every problem file is solved as it stands and with three changes of its parameters and its initial
-state, by 1 + 1e-3 r with r drawn from [-1, 1]: all four one after the other in one cache, and each
-without one. Required: nothing is raised, the verdicts are the same, and two certified costs differ
-by no more than the certificates allow.
+Every problem file is solved unchanged and with three changes of its parameters and its initial
+state, by factors 1 + 1e-3 r with r in [-1, 1]: all four in turn with one cache, and each without a
+cache. Requirements: no exception, equal verdicts, and certified costs that differ by no more than
+the certificates allow.
 """
 
 import timing  # isort: skip - before numpy
@@ -28,7 +28,7 @@ from obc_ros.core.solver.solve import Cache, solve
 PROBLEMS = Path(__file__).resolve().parent.parent / 'test' / 'problems'
 CHANGES = 3
 SIZE = 1e-3
-SAME = 1e-5   # relative: what the condition of the Hamiltonian's minimum lets a cost be too high
+SAME = 1e-5   # relative excess of a cost that the certificate's condition `minimum` allows
 
 
 def main() -> int:
@@ -46,7 +46,7 @@ def main() -> int:
 
 
 def compared(mapping: dict[str, Any]) -> Iterator[str]:
-    """Yield in words what differs between answers from one cache and answers alone."""
+    """Yield the differences between solutions with one cache and solutions without."""
     cache = Cache()
     pairs = zip(variants(mapping), variants(mapping), strict=True)
     for number, (one, other) in enumerate(pairs):
@@ -55,7 +55,7 @@ def compared(mapping: dict[str, Any]) -> Iterator[str]:
 
 
 def variants(mapping: dict[str, Any]) -> Iterator[Problem]:
-    """Yield the problem as it stands and with its changes, each read anew."""
+    """Yield the problem unchanged and with its changes, each parsed again."""
     chance = np.random.default_rng(0)
     yield build_problem(mapping)
     for _ in range(CHANGES):
@@ -66,16 +66,16 @@ def variants(mapping: dict[str, Any]) -> Iterator[Problem]:
 
 
 def answered(problem: Problem, cache: Cache | None) -> Solution | str:
-    """Return the answer, or what was raised."""
+    """Return the solution, or the exception."""
     try:
         return solve(problem, cache=cache)
-    except Exception as error:  # whatever it is, it is what is looked for here
+    except Exception as error:  # exceptions of any kind are results here
         traceback.print_exc()
         return f'{type(error).__name__}: {str(error).splitlines()[0]}'
 
 
 def differences(shared: Solution | str, alone: Solution | str) -> Iterator[str]:
-    """Yield what was raised, or how two answers differ."""
+    """Yield an exception, or the differences of two solutions."""
     if isinstance(shared, str) or isinstance(alone, str):
         yield from (each for each in (shared, alone) if isinstance(each, str))
     elif shared.status is not alone.status:

@@ -1,12 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether answers hang on rounding: the problems of test/problems in the last bits of arithmetic.
+Sensitivity to rounding: the problems of test/problems with changes in the last bits.
 
-Each is solved under several kernels of OpenBLAS, which round matrix products differently, and with
-every number of its statement times 1 + 1e-12 r, r uniform in [-1, 1]. Verdicts that change are
-told, and costs of certified answers that differ by more than a certificate allows. What ran out of
-time says nothing and is counted apart.
+Each is solved with several kernels of OpenBLAS, which round matrix products differently, and with
+every number of its statement times 1 + 1e-12 r, r uniform in [-1, 1]. Changed verdicts are
+printed, and costs of certified solutions that differ by more than a certificate allows. Problems
+that reach the time limit are not compared, and are counted separately.
 """
 
 import timing  # isort: skip - before numpy
@@ -27,14 +27,14 @@ from obc_ros.core.ocp.certificate.replay import LEAST_COST
 
 PROBLEMS = Path(__file__).parent.parent / 'test' / 'problems'
 WORKER = Path(__file__).with_name('_rounding.py')
-OWN = 'own'   # the kernel that OpenBLAS picks for the machine
+OWN = 'own'   # the kernel that OpenBLAS selects for the machine
 KERNELS = OWN, 'Haswell', 'Nehalem'
 SECONDS = 60.0
 
 
 @dataclass(frozen=True)
 class Variant:
-    """A way to round: a kernel of OpenBLAS, and the seed that changes numbers, 0 for none."""
+    """A kernel of OpenBLAS, and the seed of the changes of numbers; 0: no changes."""
 
     kernel: str
     seed: int
@@ -45,13 +45,13 @@ class Variant:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What came out: the status of the solution, or how the process died; the cost."""
+    """A result: the status of the solution or how the process ended, and the cost."""
 
     status: str
     cost: float
 
     def differs(self, other: 'Verdict') -> str:
-        """Return how a verdict differs from another, '' if it does not."""
+        """Return the difference between two verdicts, '' if there is none."""
         if 'timed_out' in (self.status, other.status):
             return ''
         if self.status != other.status:
@@ -77,8 +77,8 @@ def main() -> int:
         'rounding', 'problems', 'solved', 'timed out', 'other', 'differ'), rows)
     if told:
         timing.table(f'beside {variants[0]}', ('problem', 'rounding', 'what changes'), told)
-    print(f'  {late} of {len(names) * len(variants)} ran out of time and are not compared')
-    timing.require('problems whose answers hang on rounding', len({each[0] for each in told}), 0)
+    print(f'  {late} of {len(names) * len(variants)} reached the time limit and are not compared')
+    timing.require('problems whose results depend on rounding', len({each[0] for each in told}), 0)
     return timing.finish()
 
 
@@ -88,16 +88,16 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument('--kernels', nargs='+', default=KERNELS, metavar='NAME', help=(
         f'of OpenBLAS, as in OPENBLAS_CORETYPE, or {OWN}; default: {" ".join(KERNELS)}'))
     parser.add_argument('--seeds', type=int, default=1, metavar='N',
-                        help='so many times numbers are changed; default: 1')
+                        help='number of random changes of the numbers; default: 1')
     parser.add_argument('--only', nargs='+', metavar='NAME', help='which problems; default: all')
     parser.add_argument('--seconds', type=float, default=SECONDS, metavar='N',
-                        help=f'that one answer may take; default: {SECONDS:g}')
+                        help=f'time limit of one solution; default: {SECONDS:g}')
     return parser.parse_args()
 
 
 def verdicts(names: Sequence[str], variants: Sequence[Variant], seconds: float
              ) -> dict[str, dict[Variant, Verdict]]:
-    """Return what comes out of each problem in each way to round; one for each processor."""
+    """Return the results of each problem with each variant, one process for each processor."""
     jobs = list(product(names, variants))
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
         done = pool.map(lambda job: verdict(*job, seconds), jobs)
@@ -108,7 +108,7 @@ def verdicts(names: Sequence[str], variants: Sequence[Variant], seconds: float
 
 
 def verdict(name: str, variant: Variant, seconds: float) -> Verdict:
-    """Return what comes out of one problem in a process of its own."""
+    """Return the result of one problem in a process of its own."""
     environment = dict(os.environ)
     environment.pop('OPENBLAS_CORETYPE', None)
     if variant.kernel != OWN:
@@ -124,7 +124,7 @@ def verdict(name: str, variant: Variant, seconds: float) -> Verdict:
 
 
 def differences(of: dict[Variant, Verdict]) -> Iterator[tuple[Variant, str]]:
-    """Yield which ways to round change the verdict of the first one, and how."""
+    """Yield the variants whose verdict differs from the first one, and the difference."""
     first, *others = of
     if of[first].status.startswith('died'):
         yield first, of[first].status
@@ -134,7 +134,7 @@ def differences(of: dict[Variant, Verdict]) -> Iterator[tuple[Variant, str]]:
 
 
 def _counted(of: Sequence[Verdict]) -> tuple[int, int, int]:
-    """Return how many were solved, how many ran out of time, and all others."""
+    """Return the numbers of solved problems, of time limits, and of other results."""
     solved, late = (sum(each.status == status for each in of)
                     for status in ('solved', 'timed_out'))
     return solved, late, len(of) - solved - late

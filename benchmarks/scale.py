@@ -1,11 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Loops beside each other on one machine: 1, 2, 4, 8, 16, each in a namespace of its own.
+1, 2, 4, 8 and 16 loops on one machine, each in a namespace of its own.
 
-A loop is a plant_simulator and an lqr_node at ``--rate`` states a second. The figures are what
-the nodes tell in their diagnostics and what the kernel tells of their processes. How often the
-machine itself stands still is measured meanwhile.
+A loop is a plant_simulator and an lqr_node at ``--rate`` states per second. The figures are from
+the diagnostics of the nodes and from the kernel. Stalls of the machine are measured meanwhile.
 """
 
 import timing  # isort: skip - before numpy
@@ -28,12 +27,12 @@ from rclpy.qos import QoSProfile
 
 LOOPS = (1, 2, 4, 8, 16)
 NODES = ('plant_simulator', 'lqr_node')
-HELD = 0.95   # share of the wanted rate that counts as held
-MEMORY = 160  # [MiB] of the two processes of a loop
+HELD = 0.95   # smallest share of the wanted rate
+MEMORY = 160  # [MiB] limit of the two processes of a loop
 
 
 class Listener:
-    """What the nodes tell in /diagnostics: the last value of each key, by node and key."""
+    """The last values in /diagnostics, by node and key."""
 
     def __init__(self, node: Node) -> None:
         self.told: dict[tuple[str, str], float] = {}
@@ -46,11 +45,11 @@ class Listener:
             for each in status.values:
                 try:
                     self.told[name, each.key] = float(each.value)
-                except ValueError:  # words
+                except ValueError:  # a text
                     continue
 
     def all(self, node: str, key: str) -> list[float]:
-        """Return the values of a key of all nodes of a name."""
+        """Return the values of a key from all nodes with a name."""
         return [value for (name, each), value in self.told.items()
                 if each == key and name.endswith(node)]
 
@@ -80,7 +79,7 @@ def measure(count: int, rate: float, seconds: float) -> tuple[str, ...]:
             executor.spin_once(timeout_sec=0.1)
             if time.monotonic() > deadline:
                 raise SystemExit(f'{count} loops do not start')
-        _spin(executor, 2.0)  # the second after the start is no measure
+        _spin(executor, 2.0)  # the first second after the start does not count
         begin = time.monotonic()
         used = [processor_time(pid) for pid in pids]
         rates: list[float] = []
@@ -97,7 +96,7 @@ def measure(count: int, rate: float, seconds: float) -> tuple[str, ...]:
         late = listener.all('lqr_node', 'latency p99 [us]')
     held = median(rates) / rate
     per_loop = sum(sizes) / count
-    if cores < 0.75 * (os.cpu_count() or 1):  # beyond, the machine is what is measured
+    if cores < 0.75 * (os.cpu_count() or 1):  # larger numbers measure the machine
         timing.require(f'{count} loops: missing share of the rate', 1.0 - held, 1.0 - HELD)
     timing.require(f'{count} loops: memory of one [MiB]', per_loop, MEMORY)
     print(f'  {count} loops: {told(still)}')
@@ -109,7 +108,7 @@ def measure(count: int, rate: float, seconds: float) -> tuple[str, ...]:
 @contextmanager
 def loops_on(domain: int, count: int, rate: float
              ) -> Iterator[tuple[Listener, SingleThreadedExecutor, list[int]]]:
-    """Run loops on a domain, and a listener beside them."""
+    """Run loops and an observer on a domain."""
     isolate(domain)
     rclpy.init()
     node = rclpy.create_node('scale')
@@ -131,12 +130,12 @@ def _spin(executor: SingleThreadedExecutor, duration: float) -> None:
 
 
 def main() -> int:
-    """Measure and report."""
+    """Measure and print; return the exit status."""
     args = timing.arguments(__doc__ or '', seconds=10.0, rate=100.0, most=16)
     rows = [measure(count, args.rate, args.seconds) for count in LOOPS if count <= args.most]
     timing.table(
-        f'loops beside each other, {args.rate:g} states a second each, {args.seconds:g} s',
-        ('loops', 'answered/s', 'least in a second', 'cores', 'cores a loop', 'MiB a loop',
+        f'loops on one machine, {args.rate:g} states per second each, {args.seconds:g} s',
+        ('loops', 'answered/s', 'minimum in a second', 'cores', 'cores a loop', 'MiB a loop',
          'latency 50 % [us]', 'worst 99 % [us]', 'load'), rows)
     return timing.finish()
 

@@ -3,7 +3,7 @@
 """
 The trajectory server under load: latency, precision of limits, many clients, many requests.
 
-Clients are processes of their own with ten nodes each; the server runs on a domain nobody uses.
+The clients are processes with ten nodes each; the server runs on an unused domain.
 """
 
 import timing  # isort: skip - before numpy
@@ -37,10 +37,10 @@ import rclpy
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 
-PROCESSES, NODES, EACH = 10, 10, 20  # clients at once, and requests of each
+PROCESSES, NODES, EACH = 10, 10, 20  # processes, clients in each, and requests of each client
 IN_A_ROW = 10_000
-WARM = 1_000                         # requests after which memory is expected to be flat
-PROMISE = 0.2                        # [s] for time limits and cancelling
+WARM = 1_000                         # requests without growth of the memory
+PROMISE = 0.2                        # [s] tolerance of time limits and cancellations
 REPEATS = 9
 
 
@@ -65,7 +65,7 @@ def request(mapping: dict[str, Any]) -> Solve.Request:
 
 
 class Caller:
-    """A client of one service that calls it over and over."""
+    """A client of one service that calls it repeatedly."""
 
     def __init__(self, client: Client, service: Any, name: str, asked: Any) -> None:
         self._client, self._asked = client, asked
@@ -80,7 +80,7 @@ class Caller:
 
 
 def latency(client: Client) -> None:
-    """Compare a design with the least that a service call takes, a solve with the bare solve."""
+    """Compare a design with the shortest service call, and a solve with a solve in process."""
     asked = GetParameters.Request(names=['workers'])
     design = Caller(client, DesignLqr, 'design_lqr', regulator())
     plain = messages.read_request('solve', scalar())
@@ -98,7 +98,7 @@ def latency(client: Client) -> None:
 
 
 def precision(client: Client) -> None:
-    """Measure by how much time limits and cancelling are missed."""
+    """Measure the delays of time limits and of cancellations."""
     late = []
     for _ in range(REPEATS):
         asked = request(endless())
@@ -110,13 +110,13 @@ def precision(client: Client) -> None:
     cancelled = [cancel(client) for _ in range(REPEATS)]
     timing.table('precision', ('', 'median', 'most'), [
         (name, f'{median(values):.3f} s', f'{max(values):.3f} s')
-        for name, values in (('time limit missed by', late), ('cancelled after', cancelled))])
-    timing.require('time limit missed by [s]', max(late), PROMISE)
+        for name, values in (('delay of the time limit', late), ('cancelled after', cancelled))])
+    timing.require('delay of the time limit [s]', max(late), PROMISE)
     timing.require('cancelled after [s]', max(cancelled), PROMISE)
 
 
 def cancel(client: Client) -> float:
-    """Return how long [s] it takes to cancel a solve that has begun."""
+    """Return the time [s] to cancel a solve that has begun."""
     action = ActionClient(
         client.node, SolveOptimalControl, f'{client.server}/solve_optimal_control')
     client.wait(action.server_is_ready, lambda: True)
@@ -134,7 +134,7 @@ def cancel(client: Client) -> float:
 
 
 def crowd() -> None:
-    """Have a hundred clients ask at once; none may be left without its answer."""
+    """Have a hundred clients send requests at once; each must get all responses."""
     begun = time.monotonic()
     clients = [subprocess.Popen([sys.executable, __file__, '--client'], stdout=subprocess.PIPE,
                                 text=True) for _ in range(PROCESSES)]
@@ -147,11 +147,11 @@ def crowd() -> None:
         'answered', 'median', '99 %', 'all in'), [(
             f'{len(waits)} of {count}', f'{median(waits):.3f} s',
             f'{waits[len(waits) * 99 // 100]:.3f} s', f'{time.monotonic() - begun:.1f} s')])
-    timing.require('requests without answer', count - len(waits), 0)
+    timing.require('requests without response', count - len(waits), 0)
 
 
 def be_client() -> NoReturn:
-    """Ask as ten clients at once and print how long each answer took."""
+    """Send requests as ten clients at once, and print the time of each response."""
     rclpy.init()
     executor = SingleThreadedExecutor()
     asked: list[Callable[[], Any]] = []
@@ -173,11 +173,11 @@ def be_client() -> NoReturn:
                 if future.done() and index not in took and future.result().success:
                     took[index] = time.monotonic() - begun
         print(*took.values(), flush=True)
-    os._exit(0)  # one in some hundreds that leaves the graph with others stands still for ever
+    os._exit(0)  # a node that leaves with others blocks for ever once in some 100 cases
 
 
 def endurance(client: Client, server: int) -> None:
-    """Ask ten thousand times in a row; memory must stay flat and no process be left over."""
+    """Send ten thousand requests in a row; memory must not grow and no process may remain."""
     design = Caller(client, DesignLqr, 'design_lqr', regulator())
     solve = Caller(client, Solve, 'solve', scalar())
     begun, unanswered, memory = time.monotonic(), 0, []
@@ -187,7 +187,7 @@ def endurance(client: Client, server: int) -> None:
             memory.append(sum(map(resident, family(server))))
     timing.table(f'{IN_A_ROW} requests in a row', ('all in', 'memory after each thousand [MB]'), [
         (f'{time.monotonic() - begun:.0f} s', ' '.join(f'{each:.0f}' for each in memory))])
-    timing.require('requests without answer', unanswered, 0)
+    timing.require('requests without response', unanswered, 0)
     timing.require('growth of memory after the first thousand', memory[-1] / memory[0] - 1.0, 0.05)
     timing.require('processes beyond the server and its workers', len(family(server)) - 4, 0)
 
@@ -204,7 +204,7 @@ def resident(pid: int) -> float:
 
 
 def main() -> int:
-    """Measure; the exit status is 0 when all that is promised holds."""
+    """Measure and print; return 0 if all requirements hold."""
     timing.arguments(__doc__)
     with ExitStack() as stack:
         isolate(stack.enter_context(reserve_domain()))

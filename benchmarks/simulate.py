@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-The plant without ROS: time of a step of the aircraft at 1 kHz, and distance from a reference.
+The plant without ROS: time of a step of the aircraft at 1 kHz, and its error.
 
-Rivals: the same RK4 in plain Python floats, written out by hand; a CasADi function called with
-numbers; with --peers scipy's DOP853 and solve_ivp.
+Compared with the same RK4 in plain Python floats, written by hand, with a CasADi function called
+with numbers, and with --peers with scipy's DOP853 and solve_ivp.
 """
 
 import sys
@@ -27,7 +27,7 @@ from scipy.linalg import solve_continuous_are
 Array = NDArray[np.float64]
 
 DT = 1e-3
-STEPS = 1000   # timed together: one second of flight
+STEPS = 1000   # steps timed together: one second of flight
 PERIOD = 5     # steps from one command to the next at 200 Hz
 U = (0.01, 39.2)
 AIRCRAFT = registry.get_system('aircraft')
@@ -43,7 +43,7 @@ def main() -> int:
 
 
 def speed(peers: bool) -> None:
-    """Time a step under a held command."""
+    """Time a step with a constant command."""
     rivals = {
         'Simulator': simulator_steps(Conditions()),
         'Simulator, actuator lag': simulator_steps(Conditions(actuator_lag=(0.05,))),
@@ -56,13 +56,13 @@ def speed(peers: bool) -> None:
     if peers and (integrate := timing.peer('scipy.integrate')):
         rivals |= scipy_steps(integrate)
     times = timing.measure(rivals, per=STEPS, least=0.05)
-    timing.times_table('One step of 1 ms of the aircraft, the command held', times,
+    timing.times_table('One step of 1 ms of the aircraft, constant command', times,
                        'plain Python floats')
     timing.require('a step [us]', times['Simulator'].median * 1e6, 3.0)
 
 
 def commanded() -> None:
-    """Time a step when commands come, and what a noisy state costs."""
+    """Time a step with new commands, and the noise of a state."""
     every = Simulator(AIRCRAFT)
     fifth = Simulator(AIRCRAFT)
     noisy = Simulator(AIRCRAFT, conditions=Conditions(noise=(0.01,)))
@@ -104,7 +104,7 @@ def simulator_steps(conditions: Conditions) -> Callable[[], None]:
 
 
 def plain_steps() -> Callable[[], None]:
-    """Return the same in plain Python, written out by hand."""
+    """Return the same in plain Python, written by hand."""
     m, J, r, g, c = 4.0, 0.0475, 0.25, 9.8, 0.05
     f1, f2 = U
     h = DT
@@ -135,7 +135,7 @@ def plain_steps() -> Callable[[], None]:
 
 
 def called_steps() -> Callable[[], None]:
-    """Return the same by a CasADi function that is called with numbers."""
+    """Return the same by a CasADi function called with numbers."""
     x, u = AIRCRAFT.x, AIRCRAFT.u
     f = ca.Function('f', [x, u], [ca.substitute(
         AIRCRAFT.xdot, AIRCRAFT.p, ca.DM(AIRCRAFT.p_value))])
@@ -155,7 +155,7 @@ def called_steps() -> Callable[[], None]:
 
 
 def scipy_steps(integrate: Any) -> dict[str, Callable[[], None]]:
-    """Return a second of flight by scipy, a command every 5 ms, divided as ours is."""
+    """Return a second of flight by scipy, with a command every 5 ms and the same division."""
     u = np.array(U)
     step = DT * PERIOD
 
@@ -180,7 +180,7 @@ def scipy_steps(integrate: Any) -> dict[str, Callable[[], None]]:
 
 
 def accuracy() -> None:
-    """Fly the step of figure 2.4 for 10 s beside a reference."""
+    """Compare the step of Figure 2.4 with a reference for 10 s."""
     goal = find_equilibrium(AIRCRAFT, [1, 1, 0, 0, 0, 0])
     A, B = linearize(AIRCRAFT, goal.x, goal.u)
     K = B.T @ solve_continuous_are(A, B, np.eye(6), np.eye(2))
@@ -200,7 +200,7 @@ def accuracy() -> None:
             simulator.advance(PERIOD)
             error = max(error, float(np.abs(simulator.x - x).max()))
         rows.append((name, error))
-    timing.table('Largest distance of any state from a reference (DOP853, rtol 1e-13) in 10 s of '
+    timing.table('Largest error of any state against a reference (DOP853, rtol 1e-13) in 10 s of '
                  'the step of figure 2.4 at 200 Hz', ('integrator', 'distance'),
                  [(name, f'{error:.2e}') for name, error in rows])
     for name, error in rows:
@@ -208,7 +208,7 @@ def accuracy() -> None:
 
 
 def reference(law: Callable[[Array], Array], seconds: float) -> list[Array]:
-    """Return the states at the commands, by another code's finest integrator."""
+    """Return the states at the commands, by DOP853 at its smallest tolerance."""
     from scipy.integrate import solve_ivp
     states = [np.zeros(6)]
     for _ in range(round(seconds / (PERIOD * DT))):

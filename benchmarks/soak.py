@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Two loops at 200 Hz for ``--seconds`` (1800 for half an hour), tuned all the time.
+Two loops at 200 Hz for ``--seconds`` (1800 for half an hour), tuned continuously.
 
 With ``--pace 2`` changes, requests and kills come twice as often.
 
@@ -41,12 +41,12 @@ NODES = {
     'lqr_node': ('-p', 'state_timeout:=0.3'),
     'trajectory_server': ('-p', 'workers:=1')}
 VICTIMS = (*NODES, 'worker')
-CHANGE, ASK, KILL, LOOK = 0.25, 0.05, 5.0, 1.0  # [s] between two of each
-BACK = 5.0       # [s] in which a loop is whole again
-GROWTH = 1.03    # of the memory of a process, from a fifth of the time on
-MOST = 20        # requests on their way; a client that floods a starved server learns nothing
-TOLD = 3         # answers of each kind that are not right, in full
-UNANSWERED = 0.03  # share of states of the steady loop; what starts anew takes the processor
+CHANGE, ASK, KILL, LOOK = 0.25, 0.05, 5.0, 1.0  # [s] periods
+BACK = 5.0       # [s] until a loop is complete again
+GROWTH = 1.03    # factor of the memory of a process, from a fifth of the time on
+MOST = 20        # requests under way; a client that floods an overloaded server measures nothing
+TOLD = 3         # incorrect responses of each kind that are printed in full
+UNANSWERED = 0.03  # share of states of the steady loop; a process that starts takes the processor
 
 
 class Loop:
@@ -64,11 +64,11 @@ class Loop:
             [sys.executable, '-m', f'obc_ros.nodes.{node}', '--ros-args', '-r',
              f'__ns:=/{self.name}', *NODES[node]],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            # Linux shares the processor out among sessions: no node lives at another's expense
+            # Linux shares the processor among sessions: nodes get equal shares
             start_new_session=True, preexec_fn=die_with_parent)
 
     def kill(self, victim: str) -> None:
-        """Kill a node and start it again, or the workers of the server, which does so itself."""
+        """Kill a node and start it again, or the workers of the server, which restarts them."""
         if victim == 'worker':
             for pid in children(self.running['trajectory_server'].pid):
                 os.kill(pid, signal.SIGKILL)
@@ -78,7 +78,7 @@ class Loop:
         self.start(victim)
 
     def end(self) -> list[str]:
-        """End the nodes; return those that did not do so by themselves and with status 0."""
+        """End the nodes; return those that did not end on SIGINT with status 0."""
         for process in self.running.values():
             process.send_signal(signal.SIGINT)
         wrong = []
@@ -93,7 +93,7 @@ class Loop:
 
 
 class Soak:
-    """Who tunes, asks, kills and looks."""
+    """The process that tunes, sends requests, kills processes and measures."""
 
     def __init__(self, seed: int = 1) -> None:
         self._node = rclpy.create_node('soak')
@@ -102,12 +102,12 @@ class Soak:
         self._draw = random.Random(seed)
         self.steady, self.troubled = Loop('steady'), Loop('troubled')
         self.counts: Counter[str] = Counter()
-        self.open: Counter[str] = Counter()  # what is not answered yet
+        self.open: Counter[str] = Counter()  # requests without a response
         self.told: dict[tuple[str, str], float] = {}
         self.sizes: dict[str, list[float]] = {node: [] for node in NODES}
-        self.back: list[tuple[float, float]] = []  # when the loop was broken and whole again
+        self.back: list[tuple[float, float]] = []  # when the loop was broken and complete again
         self.wrong: list[str] = []
-        self._ended: dict[int, float] = {}  # processes that nobody has waited for yet
+        self._ended: dict[int, float] = {}  # zombies, and since when
         self._killed = self._heard = 0.0
         node = self._node
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_report, 1000)
@@ -119,7 +119,7 @@ class Soak:
             DesignLqr, '/steady/trajectory_server/design_lqr', qos_profile=BURST)
 
     def close(self) -> list[str]:
-        """End all; return what did not end as it should."""
+        """End all; return the nodes that did not end correctly."""
         wrong = [f'{loop.name}/{node}' for loop in (self.steady, self.troubled)
                  for node in loop.end()]
         self._executor.shutdown()
@@ -134,7 +134,7 @@ class Soak:
                     self.told[name, each.key] = float(each.value)
 
     def _on_command(self, message: Command) -> None:
-        # a command that answers a state, not one of rest, ends the time without
+        # the first command for a state, not one of rest, ends the outage
         now = time.monotonic()
         if self._killed and now > self._killed + 0.05 and now - self._heard < 0.02:
             self.back.append((self._killed, now))
@@ -151,7 +151,7 @@ class Soak:
                 raise SystemExit('the loops do not start')
 
     def run(self, seconds: float, pace: float) -> None:
-        """Do what there is to do, each at its time."""
+        """Perform the actions, each with its period over `pace`."""
         duties: list[tuple[float, Callable[[], None]]] = [
             (CHANGE / pace, self._change), (ASK / pace, self._ask), (KILL / pace, self._kill),
             (LOOK, self._look)]
@@ -205,7 +205,7 @@ class Soak:
             answer.design.k[0] - wanted) < 1e-9 * wanted, 'requests')
 
     def _kill(self) -> None:
-        if self._killed:  # it is not whole yet
+        if self._killed:  # it is not complete yet
             return
         victim = VICTIMS[self.counts['kills'] % len(VICTIMS)]
         self.counts['kills'] += 1
@@ -224,7 +224,7 @@ class Soak:
 
 
 def report(soak: Soak, args: Any, stalls: list[tuple[float, float]], left: list[str]) -> None:
-    """Print what happened and what must hold of it."""
+    """Print the figures and the requirements."""
     counts = soak.counts
     published = soak.told['steady/plant_simulator', 'states published']
     unanswered = soak.told['steady/plant_simulator', 'states unanswered']
@@ -235,31 +235,31 @@ def report(soak: Soak, args: Any, stalls: list[tuple[float, float]], left: list[
         ('states of the steady loop', f'{published:.0f}'),
         ('without a command', f'{unanswered:.0f}'),
         ('times held up', f'{soak.told["steady/plant_simulator", "times held up"]:.0f}'),
-        ('changes of weights, a fifth of them to be refused', counts['changes']),
+        ('changes of weights, a fifth of them to be rejected', counts['changes']),
         ('requests', counts['requests']),
-        ('not asked, for want of answers', counts['held back']),
+        ('requests held back, as many were under way', counts['held back']),
         *((f'memory of {node} [MiB]', f'{sizes[len(sizes) // 5]:.1f} to {sizes[-1]:.1f}')
           for node, sizes in soak.sizes.items()),
         ('kills in the troubled loop', counts['kills']),
-        ('longest time until it was whole again [s]', f'{back:.2f}'),
-        ('the same while the machine moved [s]', f'{moving:.2f}')])
+        ('longest time until it was complete again [s]', f'{back:.2f}'),
+        ('the same without stalls of the machine [s]', f'{moving:.2f}')])
     print(f'  {told(stalls)}')
     print(*(f'  {each}' for each in soak.wrong), sep='\n')
-    timing.require('answers that are wrong', counts['wrong'], 0)
-    timing.require('requests refused for want of time', counts['refused'], 0)
+    timing.require('incorrect responses', counts['wrong'], 0)
+    timing.require('requests rejected for lack of time', counts['refused'], 0)
     for what in ('requests', 'changes'):
-        timing.require(f'{what} without an answer', soak.open[what], 0)
+        timing.require(f'{what} without a response', soak.open[what], 0)
     timing.require('share of states without a command', unanswered / published,
                    args.unanswered)
-    timing.require('time until the troubled loop is whole [s]', moving, args.back)
-    timing.require('processes that nobody has waited for', counts['zombies'], 0)
+    timing.require('time until the troubled loop is complete [s]', moving, args.back)
+    timing.require('zombie processes', counts['zombies'], 0)
     for node, sizes in soak.sizes.items():
         timing.require(f'growth of {node}', sizes[-1] / sizes[len(sizes) // 5], GROWTH)
-    timing.require(f'nodes that did not end as they should {left}', len(left), 0)
+    timing.require(f'nodes that did not end correctly {left}', len(left), 0)
 
 
 def main() -> int:
-    """Soak, and report."""
+    """Run the test and print; return the exit status."""
     args = timing.arguments(
         __doc__ or '', seconds=60.0, pace=1.0, unanswered=UNANSWERED, back=BACK)
     with reserve_domain() as domain:

@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Least time for linear systems: distance from the exact answer, and time to it.
+Minimum time for linear systems: error against exact solutions, and processor time.
 
-Rival: the double integrator by multiple shooting with CasADi and IPOPT, 50 intervals, T free, the
-solver built for the one question and solved once.
+Compared with multiple shooting for the double integrator by CasADi and IPOPT, with 50 intervals
+and free T; the solver is built for one problem and used once.
 """
 
 import sys
@@ -32,14 +32,14 @@ FIRST, AGAIN, SHOOTING = 'first answer', 'again', 'CasADi + IPOPT, shooting'
 
 def main() -> int:
     """Measure and print; return the exit status."""
-    timing.arguments('least time for linear systems with |u| <= 1')
+    timing.arguments('minimum time for linear systems with |u| <= 1')
     accuracy()
     speed()
     return timing.finish()
 
 
 def question(dynamics: dict[str, str], start: tuple[float, ...]) -> Problem:
-    """Return: from start to the origin in least time."""
+    """Return the problem from a start to the origin in minimum time."""
     return build_problem({
         'states': list(dynamics), 'inputs': ['u'], 'dynamics': dynamics, 'running_cost': 1,
         'initial_state': dict(zip(dynamics, start, strict=True)),
@@ -53,13 +53,13 @@ def double_integrator(start: tuple[float, ...]) -> Problem:
 
 
 def chain(n: int) -> Problem:
-    """Return n integrators, from rest 1 away."""
+    """Return n integrators, from rest at the distance 1."""
     names = [f'x{i}' for i in range(n)]
     return question(dict(zip(names, [*names[1:], 'u'], strict=True)), (1.0, *[0.0] * (n - 1)))
 
 
 def chain_times(n: int) -> Array:
-    """Return switching times and T: zeros of a Chebyshev polynomial of the second kind."""
+    """Return switching times and T, from zeros of a Chebyshev polynomial of the second kind."""
     T = (4**(n - 1) * factorial(n - 1))**(1 / n)
     return np.array(T * (1 - np.cos(np.arange(1, n + 1) * np.pi / n)) / 2)
 
@@ -86,23 +86,23 @@ def accuracy() -> None:
 
 
 def solved(problem: Problem) -> Solution:
-    """Return the answer."""
+    """Return the solution."""
     found = solve_time_optimal(problem)
     if found is None:
-        raise RuntimeError(f'{problem.states}: no answer')
+        raise RuntimeError(f'{problem.states}: no solution')
     return found
 
 
 def speed() -> None:
-    """Time answers to a problem that is parsed."""
+    """Time the solution of a parsed problem."""
     problem = double_integrator((1, 0.5))
-    numbers = iter(range(10**9))   # what is known of a structure is kept: each has its own
+    numbers = iter(range(10**9))   # a new name for each: no cached structure
     rivals: dict[str, Callable[[], object]] = {
         FIRST: lambda: solved(replace(problem, structure=f'first {next(numbers)}')),
         AGAIN: lambda: solved(problem), SHOOTING: shooting}
     times = timing.measure(rivals)
     timing.times_table('Double integrator, (1, 0.5)', times, SHOOTING)
-    timing.require('double integrator, first answer [ms]', times[FIRST].median * 1e3, 0.6)
+    timing.require('double integrator, first solution [ms]', times[FIRST].median * 1e3, 0.6)
     others = {name: (lambda problem=problem: solved(problem)) for name, problem in (
         ('oscillator, 1 switch', question({'x': 'v', 'v': '-x + u'}, (1, 0))),
         ('oscillator, 16 switches', question({'x': 'v', 'v': '-x + u'}, (30.3, 7))),

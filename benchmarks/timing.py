@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-How the benchmarks measure: rivals in turn, within one run, on one thread, by medians.
+Measurements of the benchmarks: candidates in turn within one run, on one thread, by medians.
 
-The time of a computation is that of the processor, so that other work on the machine counts less;
-what waits for others is timed with ``clock=time.perf_counter``.
+Computations are timed by processor time, which depends less on other load of the machine. Calls
+that wait for other processes are timed with ``clock=time.perf_counter``.
 
 Import this before numpy: BLAS reads its number of threads when it is loaded.
 """
@@ -31,13 +31,13 @@ THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
 os.environ.update(dict.fromkeys(THREADS, '1'))
 
 ROUNDS = 9
-LEAST = 0.02  # [s] that one measurement takes at least
+LEAST = 0.02  # [s] minimum duration of one measurement
 
 _failed: list[str] = []
 
 
 def _end(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-    """Say what ended a benchmark before its time: Ctrl-C nothing, a mistake of ours all."""
+    """Print the exception that ended a benchmark: nothing for Ctrl-C, else the traceback."""
     if issubclass(kind, ObcError):
         print(error, file=sys.stderr)
     elif not issubclass(kind, KeyboardInterrupt):
@@ -59,7 +59,7 @@ class Times:
         return median(self.rounds)
 
     def ratio(self, other: 'Times') -> float:
-        """Return the median over the rounds of this one's time over the other's."""
+        """Return the median over the rounds of the ratio of this time to the other one."""
         return median(mine / its for mine, its in zip(self.rounds, other.rounds, strict=True))
 
     def __str__(self) -> str:
@@ -70,18 +70,18 @@ def measure(rivals: Mapping[str, Callable[[], object]], *, rounds: int = ROUNDS,
             least: float = LEAST, per: float = 1.0,
             clock: Clock = time.process_time) -> dict[str, Times]:
     """
-    Time each rival once a round, in turn, so that a busy moment meets all of them.
+    Time each candidate once in each round, so that disturbances affect all of them.
 
     Parameters
     ----------
     rivals : mapping of str to callable
-        What is timed; called often enough to fill `least` seconds.
+        The candidates; called repeatedly for at least `least` seconds.
     rounds : int
         At least 7.
     least : float
-        Seconds of one measurement.
+        Minimum duration of one measurement [s].
     per : float
-        How many things one call does; times are for one of them.
+        Number of operations in one call; times are for one operation.
     clock : callable
         Returns seconds.
 
@@ -129,12 +129,12 @@ def table(title: str, head: Sequence[str], rows: Sequence[Sequence[object]]) -> 
 
 def times_table(title: str, times: Mapping[str, Times], against: str) -> None:
     """Print times, and their ratios to one of them."""
-    table(title, ('', 'median [least to most]', f'against {against}'), [
+    table(title, ('', 'median [minimum to maximum]', f'against {against}'), [
         (name, each, f'{each.ratio(times[against]):.3g}') for name, each in times.items()])
 
 
 def require(what: str, value: float, limit: float) -> None:
-    """Print whether a value keeps to its limit; `finish` tells whether all did."""
+    """Print whether a value is within its limit; `finish` returns whether all are."""
     holds = value <= limit
     print(f'  {"holds" if holds else "FAILS"}: {what}: {value:.3g} (limit {limit:g})')
     if not holds:
@@ -142,7 +142,7 @@ def require(what: str, value: float, limit: float) -> None:
 
 
 def peer(module: str) -> Any:
-    """Return a module that may not be there; say so and return None if it is not."""
+    """Return an optional module; if it is missing, print this and return None."""
     try:
         return import_module(module)
     except ImportError as error:
@@ -152,7 +152,7 @@ def peer(module: str) -> Any:
 
 def arguments(description: str, **numbers: float) -> argparse.Namespace:
     """
-    Return the command line: `peers`, whether optional peers are to be measured too.
+    Return the parsed command line; `peers`: whether to measure optional tools, too.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def arguments(description: str, **numbers: float) -> argparse.Namespace:
 
     """
     parser = argparse.ArgumentParser(description=description)
-    parser.add_argument('--peers', action='store_true', help='measure optional peers too')
+    parser.add_argument('--peers', action='store_true', help='measure optional tools, too')
     for name, default in numbers.items():
         parser.add_argument(f'--{name}', type=type(default), default=default, metavar='N',
                             help=f'default: {default:g}')
@@ -174,7 +174,7 @@ def arguments(description: str, **numbers: float) -> argparse.Namespace:
 
 
 def finish() -> int:
-    """Return the exit status: 0 if everything that was required holds."""
+    """Return the exit status: 0 if all requirements hold."""
     if _failed:
         print(f'\nrequirements not met: {"; ".join(_failed)}', file=sys.stderr)
     return 1 if _failed else 0

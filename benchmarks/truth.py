@@ -1,12 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether what is said of a problem is true: random problems of which something is known beforehand.
+Correctness of verdicts and reasons, on random problems with known properties.
 
-Every finder of proofs is asked about problems that a path keeps to, without waiting for a search
-to fail, for an answer that is found would hide a false proof; a sample of them is solved in full.
-Problems that no path keeps to must not be solved, and none may be certified above the least cost
-where that is known. `_truths.py` says how they are made.
+All proofs of infeasibility are tried on feasible problems without a search before, since a
+solution would hide a false proof; a sample of these problems is solved in full. Infeasible
+problems must not be solved, and no cost above a known minimum may be certified. `_truths.py`
+generates the problems.
 """
 
 import sys
@@ -32,19 +32,19 @@ from obc_ros.core.solver.proofs.singular_expressions import explain_undefined
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.text.errors import StatementError
 
-ABOVE = 1e-5      # relative: of a certified cost over the least one
-LIMIT = 2.0       # [s] for one problem that is solved
-EVERY = 200       # of the feasible problems one is solved
+ABOVE = 1e-5      # largest relative excess of a certified cost over the minimum
+LIMIT = 2.0       # [s] time limit of one problem
+EVERY = 200       # one of so many feasible problems is solved
 TOLD = 5          # false findings of a kind that are printed in full
 Special = Callable[[Problem], Solution | None]
 SPECIAL: tuple[Special, ...] = (solve_lq, solve_time_optimal, solve_two_wheeled)
-# Of what the messages say that a problem with a finite least cost must not be told.
+# Parts of messages that are false for a problem with a finite minimum cost.
 FALSE = ('no lower bound', 'undefined', 'divides by zero', 'cannot be')
 
 
 @dataclass
 class Tally:
-    """What was asked and what was said."""
+    """Numbers of problems and of results, and the false ones."""
 
     asked: Counter[str] = field(default_factory=Counter)
     found: Counter[str] = field(default_factory=Counter)
@@ -58,7 +58,7 @@ class Tally:
 
 
 def findings(truth: _truths.Truth, problem: Problem) -> Iterator[tuple[str, str]]:
-    """Yield what the finders say of a problem, each with its name."""
+    """Yield the findings on a problem, each with the name of its check."""
     for check in CHECKS:
         for sentence in check(problem):
             yield check.__name__.strip('_'), sentence
@@ -74,7 +74,7 @@ def findings(truth: _truths.Truth, problem: Problem) -> Iterator[tuple[str, str]
 
 
 def ask_feasible(count: int, rng: np.random.Generator, until: float) -> Tally:
-    """Ask all finders about problems with a path; solve a sample of them."""
+    """Try all checks on feasible problems, and solve a sample of them."""
     tally = Tally()
     for number in _counted('feasible', count, until, tally):
         truth = _truths.feasible(rng)
@@ -87,7 +87,7 @@ def ask_feasible(count: int, rng: np.random.Generator, until: float) -> Tally:
         try:
             for name, sentence in findings(truth, problem):
                 tally.accuse(truth.kind, f'{name}: {sentence}', truth.mapping)
-        except Exception as error:   # a finder that fails is one that a worker dies of
+        except Exception as error:   # an exception in a check would end a worker
             tally.accuse(truth.kind, f'{type(error).__name__}: {error}', truth.mapping)
         if number % EVERY == 0:
             try:
@@ -103,7 +103,7 @@ def ask_feasible(count: int, rng: np.random.Generator, until: float) -> Tally:
 
 
 def ask_infeasible(count: int, rng: np.random.Generator, until: float) -> Tally:
-    """Solve problems without a path."""
+    """Solve infeasible problems."""
     tally = Tally()
     for _ in _counted('infeasible', count, until, tally):
         kind, mapping = _truths.infeasible(rng)
@@ -116,7 +116,7 @@ def ask_infeasible(count: int, rng: np.random.Generator, until: float) -> Tally:
 
 
 def ask_convex(count: int, rng: np.random.Generator, until: float) -> Tally:
-    """Solve problems whose least cost is known."""
+    """Solve problems whose minimum cost is known."""
     tally = Tally()
     for _ in _counted('convex', count, until, tally):
         kind, mapping, least = _truths.convex(rng)
@@ -131,7 +131,7 @@ def ask_convex(count: int, rng: np.random.Generator, until: float) -> Tally:
 
 
 def _counted(what: str, count: int, until: float, tally: Tally) -> Iterator[int]:
-    """Yield numbers while there is time, and say now and then how far it is."""
+    """Yield numbers until the time limit, and print the progress every 10 s."""
     said = time.monotonic()
     for number in range(count):
         if time.monotonic() > until:
@@ -154,8 +154,8 @@ def report(what: str, tally: Tally) -> None:
 
 
 def main() -> int:
-    """Ask, print and return the exit status."""
-    args = timing.arguments('random problems of which something is known beforehand',
+    """Solve, print and return the exit status."""
+    args = timing.arguments('random problems with known properties',
                             feasible=2000, infeasible=200, convex=200, seed=1, seconds=0)
     parts = {'feasible': (ask_feasible, args.feasible),
              'infeasible': (ask_infeasible, args.infeasible),

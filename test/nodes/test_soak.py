@@ -12,9 +12,9 @@ import support
 SCRIPT = Path(__file__).resolve().parents[2] / 'benchmarks' / 'soak.py'
 
 
-REQUIRED = ('answers that are wrong', 'refused for want of time', 'without an answer',
-            'troubled loop is whole', 'nobody has waited', 'growth of lqr_node',
-            'did not end as they should')
+REQUIRED = ('incorrect responses', 'rejected for lack of time', 'without a response',
+            'troubled loop is complete', 'zombie processes', 'growth of lqr_node',
+            'did not end correctly')
 
 
 @pytest.mark.alone

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""`obc action`: send a goal, hear how it goes, and have it cancelled by Ctrl-C."""
+"""`obc action`: send a goal, print its feedback and result; Ctrl-C cancels it."""
 
 import argparse
 import sys
@@ -40,7 +40,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def send_goal(args: argparse.Namespace) -> int:
-    """Send a goal; print feedback and result. 0 only if it has succeeded."""
+    """Send a goal, print feedback and result; return 0 if it has succeeded, else 1."""
     kind = find_type(args.action_type, 'action')
     try:
         goal = fill(kind.Goal(), parse_values(sys.stdin.read() if args.stdin else args.goal))

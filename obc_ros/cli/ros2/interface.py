@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""`obc interface`: show a message, service or action, with what its fields are made of."""
+"""`obc interface`: show a message, service or action with the types of its fields."""
 
 import argparse
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ from obc_ros.cli.ros2.verbs import add_verbs
 from obc_ros.cli.share_folders import share_directory
 from obc_ros.core.text.errors import ObcError, quote
 
-# A field or a constant: its type, of which a package or a capital tells a message.
+# A field or a constant of a message type: the type has a package or begins with a capital.
 FIELD = re.compile(r'\s*(?P<type>(?:\w+/)?[A-Z]\w*|\w+/\w+)(?:\[[^]]*\])?\s+\w')
 SEPARATOR = '---'
 
@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the verb; nothing runs in ROS for it."""
+    """Run the verb, without ROS; return the exit status."""
     status: int = args.verb(args)
     return status
 
@@ -71,5 +71,5 @@ def _parts(name: str) -> tuple[str, str, str]:
 
 
 def _without_comment(line: str) -> str:
-    """Return a line without the comment at its end; a text may contain the sign."""
+    """Return a line without its comment; a # in quotation marks is no comment."""
     return re.sub(r"""^((?:[^#'"]|'[^']*'|"[^"]*")*)#.*$""", r'\1', line).strip()

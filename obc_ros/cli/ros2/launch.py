@@ -3,8 +3,8 @@
 """
 `obc launch`: start the nodes of a launch file as processes, and end them on Ctrl-C.
 
-What they print is shown with the process that prints it before each line. They get SIGINT when
-this command is to end, and die with it if it is killed.
+Each line of their output is printed with the name of its process. They get SIGINT when this
+command is asked to end, and end with it if it is killed.
 """
 
 import argparse
@@ -28,9 +28,9 @@ from obc_ros.cli.share_folders import share_directory
 from obc_ros.core.text.errors import ObcError, quote
 import yaml
 
-OWN = ('loop', 'fleet')  # launch files of this package that need no more than their names
+OWN = ('loop', 'fleet')  # launch files of this package, which need no package name
 PATIENCE = 5.0  # [s] from SIGINT to SIGKILL
-LAUNCH_LOOK = 0.2      # [s] between looks at what has ended
+LAUNCH_LOOK = 0.2      # [s] between checks for ended processes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Start the nodes and wait for the end; return the exit status."""
+    """Start the nodes and wait until they have ended; return the exit status."""
     keep_to_this_machine()
     words = list(args.words)
     if Path(args.package_name).is_file():
@@ -93,7 +93,7 @@ def _show(file: LaunchFile) -> None:
 
 
 def _command(node: Started, file: Path) -> list[str]:
-    """Return the command of a node; values go into a file of their own, for this node alone."""
+    """Return the command of a node, after writing its parameter values to `file`."""
     place = f'/{node.namespace.strip("/")}' if node.namespace.strip('/') else ''
     command = [str(find_executable(node.package, node.executable)), '--ros-args',
                '-r', f'__node:={node.name}']
@@ -110,7 +110,7 @@ def _command(node: Started, file: Path) -> list[str]:
 
 @dataclass
 class Process:
-    """A node that runs, has ended, or is to start again [s of the steady clock]."""
+    """A node that runs, has ended, or starts again at `again` [s], by the monotonic clock."""
 
     number: int
     node: Started
@@ -121,11 +121,11 @@ class Process:
 
     @property
     def label(self) -> str:
-        """Return what stands before its lines."""
+        """Return the prefix of its lines."""
         return f'{self.node.executable}-{self.number}'
 
     def start(self) -> None:
-        """Start it, in a session of its own: Ctrl-C reaches this command, which ends it."""
+        """Start it in a session of its own: only this command gets the SIGINT of Ctrl-C."""
         self.again = None
         self.popen = subprocess.Popen(
             self.command, env={**os.environ, **self.node.environment}, stdin=subprocess.DEVNULL,
@@ -136,7 +136,7 @@ class Process:
         _say('INFO', self.label, f'process started with pid [{self.popen.pid}]')
 
     def tell(self) -> bool:
-        """Print the lines that it has written; return whether it may write more."""
+        """Print the lines that it has written; return whether more may follow."""
         assert self.popen and self.popen.stdout
         try:
             data = self.popen.stdout.read(1 << 16)
@@ -153,7 +153,7 @@ class Process:
 
 
 class Launch:
-    """The processes of one launch file, until all have ended or this command is to end."""
+    """The processes of one launch file."""
 
     def __init__(self, processes: list[Process]) -> None:
         self._processes = processes
@@ -162,7 +162,7 @@ class Launch:
         self._failed = False
 
     def run(self) -> int:
-        """Start all; return 0 if they were ended by request or without a fault, else 1."""
+        """Start all and wait; return 0 if they ended on a signal or without an error, else 1."""
         with self._heeding():
             try:
                 for each in self._processes:
@@ -194,7 +194,7 @@ class Launch:
         self._open.register(process.popen.stdout, selectors.EVENT_READ, process)
 
     def _look(self) -> None:
-        """Print what is there to print; see who has ended and who is to start again."""
+        """Print new lines, handle ended processes and start those that are due."""
         for key, _ in self._open.select(LAUNCH_LOOK):
             if not key.data.tell():
                 self._open.unregister(key.fileobj)
@@ -209,7 +209,7 @@ class Launch:
         assert popen.stdout
         if popen.stdout in self._open.get_map():
             while process.tell():
-                if not self._open.select(0.0):  # a child of it has the pipe
+                if not self._open.select(0.0):  # a child of the process still has the pipe open
                     break
             self._open.unregister(popen.stdout)
         popen.stdout.close()
@@ -224,7 +224,7 @@ class Launch:
             process.again = time.monotonic() + process.node.respawn_delay
 
     def _end(self) -> None:
-        """Ask those that run to end; kill them when they take too long, or at a second signal."""
+        """Send SIGINT to those that run; SIGKILL after `PATIENCE` [s] or at a second signal."""
         asked, deadline = self._asked, time.monotonic() + PATIENCE
         if asked:
             _say('WARNING', 'launch', 'asked to end')

@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A launch file, read to the nodes that it starts.
+Read a launch file, and find the nodes that it starts.
 
-The package `launch` is in no wheel. What launch files of this package use of it stands here: the
-classes have the names, arguments and methods that they have there.
+The package `launch` is in no wheel. The classes that the launch files of this package use are
+defined here, with the same names, arguments and methods.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,7 +22,7 @@ from obc_ros.core.text.errors import ObcError, quote
 
 @dataclass(frozen=True)
 class Started:
-    """A node that a launch file starts: files and values of its parameters, what is set for it."""
+    """A node that a launch file starts, with its parameters and environment variables."""
 
     package: str
     executable: str
@@ -51,7 +51,7 @@ class LaunchConfiguration:
 
 
 class EnvironmentVariable:
-    """The value of a variable of the environment."""
+    """The value of an environment variable."""
 
     def __init__(self, name: str, *, default_value: str = '') -> None:
         self._name, self._default = name, default_value
@@ -62,18 +62,18 @@ class EnvironmentVariable:
 
 
 class IfCondition:
-    """Whether a text says so."""
+    """A condition that holds if a text is true."""
 
     def __init__(self, text: Any) -> None:
         self._text = text
 
     def evaluate(self, context: Mapping[str, str]) -> bool:
-        """Return whether it does."""
+        """Return whether the condition holds."""
         return _truth(_perform(self._text, context))
 
 
 class DeclareLaunchArgument:
-    """An argument of the file."""
+    """An argument of the launch file."""
 
     def __init__(self, name: str, *, default_value: Any = None, description: str = '',
                  choices: Sequence[str] | None = None) -> None:
@@ -81,7 +81,7 @@ class DeclareLaunchArgument:
         self.description, self.choices = description, choices
 
     def value(self, given: Mapping[str, str], context: Mapping[str, str]) -> str:
-        """Return the value that is given, or else the default."""
+        """Return the given value, or else the default."""
         if self.name not in given and self.default_value is None:
             raise ObcError(f'{self.name}:= has no default: {self.description}')
         value = given[self.name] if self.name in given else _perform(self.default_value, context)
@@ -92,14 +92,14 @@ class DeclareLaunchArgument:
 
 
 class SetEnvironmentVariable:
-    """A variable for what is started after it."""
+    """An environment variable for the nodes that are started after it."""
 
     def __init__(self, name: str, value: Any) -> None:
         self.name, self.value = name, value
 
 
 class OpaqueFunction:
-    """Entities that are known when the arguments are."""
+    """A function that returns entities for given arguments."""
 
     def __init__(self, *, function: Callable[[LaunchContext], Sequence[Any]]) -> None:
         self.function = function
@@ -113,7 +113,7 @@ class ParameterFile:
 
 
 class ParameterValue:
-    """The value of a parameter, which is of a type."""
+    """The value of a parameter of a given type."""
 
     def __init__(self, value: Any, *, value_type: type) -> None:
         self._value, self._type = value, value_type
@@ -126,7 +126,7 @@ class ParameterValue:
 
 @dataclass(frozen=True, kw_only=True)
 class Node:
-    """A node to start; `output` is the screen for all."""
+    """A node to start; `output` is always the screen."""
 
     package: str
     executable: str
@@ -139,7 +139,7 @@ class Node:
     condition: IfCondition | None = None
 
     def started(self, context: Mapping[str, str], variables: Mapping[str, str]) -> Started:
-        """Return the node with what the arguments say."""
+        """Return the node with the values of the arguments."""
         files, values = [], {}
         for each in self.parameters:
             if isinstance(each, ParameterFile):
@@ -155,7 +155,7 @@ class Node:
 
 
 class LaunchDescription:
-    """What a launch file describes, in order."""
+    """The entities of a launch file, in order."""
 
     def __init__(self, entities: Sequence[Any]) -> None:
         self.entities = entities
@@ -184,7 +184,7 @@ class LaunchFile:
     Raises
     ------
     ObcError
-        If it cannot be read, or wants what is not here of launch.
+        If it cannot be read, or uses a class of `launch` that is missing here.
 
     """
 
@@ -207,12 +207,12 @@ class LaunchFile:
 
     def nodes(self, given: Mapping[str, str]) -> list[Started]:
         """
-        Return the nodes that are started with some arguments.
+        Return the nodes that are started with given arguments.
 
         Raises
         ------
         ObcError
-            If an argument is unknown, or is refused.
+            If an argument is unknown, or its value is invalid.
 
         """
         names = [each.name for each in self.arguments]
@@ -231,7 +231,7 @@ class LaunchFile:
 
 def _nodes(entities: Sequence[Any], given: Mapping[str, str], context: LaunchContext,
            variables: dict[str, str]) -> Iterator[Started]:
-    """Go through the entities of a file in order."""
+    """Yield the nodes of entities, which are evaluated in order."""
     for each in entities:
         if isinstance(each, DeclareLaunchArgument):
             context[each.name] = each.value(given, context)
@@ -251,7 +251,7 @@ def _perform(value: Any, context: Mapping[str, str]) -> str:
 
 
 def _truth(text: str) -> bool:
-    """Return what true, false, 1 and 0 say."""
+    """Return the truth value of true, false, 1 or 0."""
     if text.strip().lower() not in ('true', '1', 'false', '0'):
         raise ObcError(f"wanted 'true' or 'false', got '{quote(text)}'")
     return text.strip().lower() in ('true', '1')
@@ -259,7 +259,7 @@ def _truth(text: str) -> bool:
 
 @contextmanager
 def _imported() -> Iterator[None]:
-    """Let launch files import what stands here."""
+    """Let launch files import the classes of this module."""
     before = {name: sys.modules.get(name) for name in MODULES}
     for name, classes in MODULES.items():
         module = ModuleType(name)

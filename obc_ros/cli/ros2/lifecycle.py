@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""`obc lifecycle`: see and change in which state a lifecycle node is."""
+"""`obc lifecycle`: print and change the states of lifecycle nodes."""
 
 import argparse
 import sys
@@ -30,7 +30,7 @@ def _set_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def get_state(args: argparse.Namespace) -> int:
-    """Print states."""
+    """Print the state of a node, or of all lifecycle nodes."""
     with join_graph() as graph:
         if args.node_name:
             nodes = [_find(graph, args.node_name, args.timeout)]
@@ -46,7 +46,7 @@ def get_state(args: argparse.Namespace) -> int:
 
 
 def set_state(args: argparse.Namespace) -> int:
-    """Ask for a transition by its label or its number."""
+    """Request a transition by its label or its number."""
     with join_graph() as graph:
         node = _find(graph, args.node_name, args.timeout)
         there = [each.transition for each in graph.call(
@@ -65,7 +65,7 @@ def set_state(args: argparse.Namespace) -> int:
 
 
 def _find(graph: Graph, name: str, timeout: float = LOOK) -> str:
-    """Return the full name of a node that has states."""
+    """Return the full name of a lifecycle node."""
     node = graph.find_node(name, timeout)
     if not graph.has_service(f'{node}/get_state', timeout):
         raise ObcError(f'{node} has no states: it is no lifecycle node')

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""`obc node`: list the nodes that run."""
+"""`obc node`: list the running nodes."""
 
 import argparse
 import sys

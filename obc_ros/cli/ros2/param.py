@@ -22,7 +22,7 @@ from rclpy.parameter import (
 )
 import yaml
 
-# What `get` and `describe` call each type.
+# Names of the types in `get` and `describe`.
 TYPES = {
     ParameterType.PARAMETER_NOT_SET: ('', 'not set'),
     ParameterType.PARAMETER_BOOL: ('Boolean value is:', 'boolean'),
@@ -95,7 +95,7 @@ def list_parameters(args: argparse.Namespace) -> int:
             nodes = graph.settle(lambda: graph.nodes(args.include_hidden_nodes), args.spin_time)
         for node in nodes:
             if not graph.has_service(f'{node}/list_parameters', args.timeout):
-                continue  # it has none, by its own wish
+                continue  # a node may have no parameter services
             names = [each for each in _names(graph, node, args.param_prefixes)
                      if pattern.match(each)]
             if names and not args.node_name:
@@ -121,7 +121,7 @@ def get(args: argparse.Namespace) -> int:
 
 
 def set_value(args: argparse.Namespace) -> int:
-    """Set a parameter; print what the node says."""
+    """Set a parameter, and print the response of the node."""
     value = get_parameter_value(args.value)
     with join_graph() as graph:
         node = graph.find_node(args.node_name, args.timeout)
@@ -131,7 +131,7 @@ def set_value(args: argparse.Namespace) -> int:
 
 
 def describe(args: argparse.Namespace) -> int:
-    """Print what a node says of some of its parameters."""
+    """Print the descriptors of parameters."""
     with join_graph() as graph:
         node = graph.find_node(args.node_name, args.timeout)
         found = [each for each in _descriptors(graph, node, args.parameter_names) if each.name]
@@ -142,7 +142,7 @@ def describe(args: argparse.Namespace) -> int:
 
 
 def dump(args: argparse.Namespace) -> int:
-    """Print all parameters of a node as a file that `--params-file` takes."""
+    """Print all parameters of a node in the format of `--params-file`."""
     with join_graph() as graph:
         node = graph.find_node(args.node_name, args.timeout)
         names = _names(graph, node)
@@ -159,7 +159,7 @@ def dump(args: argparse.Namespace) -> int:
 
 
 def load(args: argparse.Namespace) -> int:
-    """Set the parameters that a file has, one by one; print what the node says of each."""
+    """Set the parameters of a file, and print the response of the node for each."""
     with join_graph() as graph:
         node = graph.find_node(args.node_name, args.timeout)
         wanted = list(_of_file(args.parameter_file, node, not args.no_use_wildcard).values())
@@ -171,7 +171,7 @@ def load(args: argparse.Namespace) -> int:
 
 
 def _of_file(path: Path, node: str, wildcard: bool) -> dict[str, Parameter]:
-    """Return the parameters that a file has for a node, or for another one if it has but one."""
+    """Return the parameters of a file for a node, or those of the only other node in it."""
     try:
         keys = list(yaml.safe_load(path.read_text(encoding='utf-8')).keys())
         name = node.rpartition('/')[2]
@@ -209,7 +209,7 @@ def _plain(value: ParameterValue) -> Any:
 
 
 def _tell(result: Any, done: str, failed: str) -> int:
-    """Print what came of a change; return the exit status."""
+    """Print the result of a change; return the exit status."""
     what, stream = (done, sys.stdout) if result.successful else (failed, sys.stderr)
     print(f'{what}: {result.reason}' if result.reason else what, file=stream)
     return 0 if result.successful else 1
@@ -233,7 +233,7 @@ def _describe(descriptor: Any) -> None:
 
 
 def _unknown(graph: Graph, node: str, names: list[str]) -> int:
-    """Say that a node has no such parameters, and which it has; return the exit status."""
+    """Report unknown names with similar ones of the node; return the exit status."""
     known = _names(graph, node)
     for name in names:
         if name in known:

@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Become the executable."""
+    """Replace this process by the executable."""
     keep_to_this_machine()
     path = find_executable(args.package_name, args.executable_name)
     sys.stdout.flush()
@@ -34,7 +34,7 @@ def find_executable(package: str, name: str) -> Path:
     Raises
     ------
     ObcError
-        If there is none, with those that the package has.
+        If there is none; the message lists the executables of the package.
 
     """
     prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""`obc service`: call services, and list those that there are."""
+"""`obc service`: call and list services."""
 
 import argparse
 from functools import partial
@@ -33,7 +33,7 @@ def _call_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def call(args: argparse.Namespace) -> int:
-    """Make a request and print the response, both as Python does."""
+    """Send a request, and print request and response as Python does."""
     kind = find_type(args.service_type, 'srv')
     try:
         request = fill(kind.Request(),
@@ -48,7 +48,7 @@ def call(args: argparse.Namespace) -> int:
             print('waiting for service to become available...', flush=True)
         if not graph.until(client.service_is_ready, args.timeout):
             types = dict(graph.node.get_service_names_and_types()).get(name, [])
-            if others := [each for each in types if each != wanted]:  # the client's own counts
+            if others := [each for each in types if each != wanted]:  # not the client's
                 raise ObcError(f'{name} is of the type {", ".join(others)}, not {wanted}')
             raise ObcError(f'no service {name} within {args.timeout:g} s; '
                            'see obc service list')

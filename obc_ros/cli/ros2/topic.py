@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""`obc topic`: list topics, see who is at their ends, hear, time and publish messages."""
+"""`obc topic`: list topics and their endpoints; print, time and publish messages."""
 
 import argparse
 from collections import deque
@@ -37,8 +37,8 @@ from rclpy.qos import (
 )
 
 TRUNCATED = 128  # entries of sequences and characters of texts that are printed by default
-DEPTH = 10       # messages that wait to be printed
-WINDOW = 10000   # messages that a rate is taken of
+DEPTH = 10       # queue of messages to be printed
+WINDOW = 10000   # messages of which a rate is the average
 run = run_verb
 
 
@@ -121,7 +121,7 @@ def list_topics(args: argparse.Namespace) -> int:
 
 
 def print_info(args: argparse.Namespace) -> int:
-    """Print the ends of a topic."""
+    """Print type, publishers and subscriptions of a topic."""
     topic = _full(args.topic_name)
     end = '\n\n' if args.verbose else '\n'
     with join_graph() as graph:
@@ -174,7 +174,7 @@ def echo(args: argparse.Namespace) -> int:
 
 
 def print_rate(args: argparse.Namespace) -> int:
-    """Print once a second at which rate the messages of a topic come."""
+    """Print the rate of the messages of a topic once a second."""
     topic = _full(args.topic_name)
     times: deque[int] = deque(maxlen=max(args.window, 1) + 1)  # [ns]
     with join_graph() as graph:
@@ -191,7 +191,7 @@ def print_rate(args: argparse.Namespace) -> int:
 
 
 def _is_due(times: Sequence[int], told: int) -> bool:
-    """Return whether a second has passed since the rate was told."""
+    """Return whether a second has passed since the rate was printed."""
     return len(times) > 1 and times[-1] >= told + 10**9
 
 
@@ -246,7 +246,7 @@ def _full(topic: str) -> str:
 
 
 def _type_name(graph: Graph, topic: str, timeout: float = LOOK) -> str:
-    """Return the type of a topic, once it is there."""
+    """Return the type of a topic, waiting at most `timeout` [s] for it."""
     def look() -> Any:
         return dict(graph.node.get_topic_names_and_types()).get(topic)
 
@@ -265,7 +265,7 @@ def _type_name(graph: Graph, topic: str, timeout: float = LOOK) -> str:
 
 
 def _fitting(graph: Graph, topic: str, args: argparse.Namespace) -> QoSProfile:
-    """Return what all publishers of a topic offer; what is asked for goes before that."""
+    """Return a profile that all publishers of a topic offer, unless arguments set another."""
     ends = graph.until(partial(graph.node.get_publishers_info_by_topic, topic), LOOK)
     offers = [each.qos_profile for each in ends]
     profile = QoSProfile(depth=args.qos_depth or DEPTH)
@@ -299,7 +299,7 @@ def _path(field: str | None) -> list[str]:
 
 
 def _field(message: Any, path: list[str]) -> Any:
-    """Return the field of a message that a path leads to."""
+    """Return the field of a message at a path."""
     value = message
     for name in path:
         fields = getattr(value, 'get_fields_and_field_types', dict)()

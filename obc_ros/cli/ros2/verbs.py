@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the commands share: their verbs, and the arguments that `ros2` takes with most of them."""
+"""Verbs, and the arguments that several commands share."""
 
 import argparse
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +13,7 @@ Verb = tuple[str, Callable[[argparse.ArgumentParser], None], Callable[[argparse.
 
 
 def add_verbs(parser: argparse.ArgumentParser, verbs: Mapping[str, Verb]) -> None:
-    """Declare verbs: for each its line of help, `add_arguments(parser)` and `run(args)`."""
+    """Declare verbs, each with a line of help, `add_arguments(parser)` and `run(args)`."""
     found = parser.add_subparsers(title='verbs', metavar='VERB', required=True)
     for name, (text, add_arguments, run) in verbs.items():
         verb = found.add_parser(name, help=text, description=f'{text[:1].upper()}{text[1:]}.')
@@ -29,7 +29,7 @@ def run_verb(args: argparse.Namespace) -> int:
 
 
 def add_direct(parser: argparse.ArgumentParser) -> None:
-    """Declare what `ros2` takes of every look at the graph."""
+    """Declare the arguments of `ros2` for commands that search the graph."""
     parser.add_argument('--spin-time', type=parse_seconds, default=QUIET, metavar='S',
                         help='look until there has been no news for S seconds '
                              '(default: %(default)g)')
@@ -38,7 +38,7 @@ def add_direct(parser: argparse.ArgumentParser) -> None:
 
 
 def add_list(parser: argparse.ArgumentParser, what: str) -> None:
-    """Declare how names are listed; `what`: topics or services."""
+    """Declare the arguments of a list of names; `what`: topics or services."""
     parser.add_argument('-t', '--show-types', action='store_true', help='print the types too')
     parser.add_argument('-c', f'--count-{what}', dest='count', action='store_true',
                         help='print their number')
@@ -49,7 +49,7 @@ def add_list(parser: argparse.ArgumentParser, what: str) -> None:
 
 def list_names(args: argparse.Namespace,
                look: Callable[[Node], Sequence[tuple[str, Sequence[str]]]]) -> int:
-    """Print the names that a node sees, once there is no news; see `add_list`."""
+    """Print the names that a node sees, once they no longer change; see `add_list`."""
     with join_graph() as graph:
         found = graph.settle(lambda: [
             (name, types) for name, types in sorted(look(graph.node))
@@ -63,7 +63,7 @@ def list_names(args: argparse.Namespace,
 
 
 def add_node(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
-    """Declare the name of a node, and how long it is waited for."""
+    """Declare the name of a node, and the time to wait for it."""
     if optional:
         parser.add_argument('node_name', nargs='?', help='name of the node (default: all)')
     else:
@@ -76,7 +76,7 @@ def add_node(parser: argparse.ArgumentParser, *, optional: bool = False) -> None
 
 
 def parse_seconds(text: str) -> float:
-    """Return a number above 0."""
+    """Return a positive number of seconds."""
     value = float(text)
     if not 0.0 < value < float('inf'):
         raise argparse.ArgumentTypeError(f"'{text}' is no number of seconds above 0")

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Messages as people write and read them: in YAML."""
+"""Conversions between messages and YAML."""
 
 from array import array
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ import yaml
 
 
 class FieldError(ObcError):
-    """A message cannot be filled with what was given; the text names the field."""
+    """A field of a message does not accept a value; the text names the field."""
 
 
 def find_type(name: str, kind: str) -> Any:
@@ -40,7 +40,7 @@ def find_type(name: str, kind: str) -> Any:
     Raises
     ------
     ObcError
-        If there is none, with those that the package has.
+        If there is none; the message lists the types of the package.
 
     """
     parts = name.split('/')
@@ -60,12 +60,12 @@ def find_type(name: str, kind: str) -> Any:
 
 def parse_values(text: str) -> dict[str, Any]:
     """
-    Return the values by field that a text in YAML gives.
+    Return the values by field of a text in YAML.
 
     Raises
     ------
     FieldError
-        If it is no YAML, or no mapping.
+        If the text is no YAML, or no mapping.
 
     """
     try:
@@ -80,23 +80,23 @@ def parse_values(text: str) -> dict[str, Any]:
 
 def fill(message: Any, values: Mapping[str, Any], *, now: Any = None, path: str = '') -> Any:
     """
-    Set fields of a message, and return it.
+    Set fields of a message, and return the message.
 
     Parameters
     ----------
     message : message
-        It is changed.
+        Changed in place.
     values : mapping
-        As `parse_values` returns it; a field of a field is a mapping, a sequence is a list.
+        As `parse_values` returns it; a nested message is a mapping, a sequence is a list.
     now : builtin_interfaces.msg.Time, optional
-        What ``stamp: now`` and ``header: auto`` stand for.
+        Value of ``stamp: now`` and ``header: auto``.
     path : str
-        What comes before the names of the fields in errors.
+        Prefix of the names of the fields in errors.
 
     Raises
     ------
     FieldError
-        If there is no such field, or if it does not take the value.
+        If there is no such field, or if it does not accept the value.
 
     """
     types = dict(zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True))
@@ -110,7 +110,7 @@ def fill(message: Any, values: Mapping[str, Any], *, now: Any = None, path: str 
 
 
 def _converted(value: Any, kind: Any, where: str, now: Any) -> Any:
-    """Return a value of YAML as a field of some type has it."""
+    """Return a value of YAML, converted to the type of a field."""
     if isinstance(kind, AbstractNestedType):
         return _sequence(value, kind, where, now)
     if isinstance(kind, NamespacedType):
@@ -150,7 +150,7 @@ def _message(value: Any, kind: NamespacedType, where: str, now: Any) -> Any:
 
 
 def _text(value: Any, kind: Any, where: str) -> str:
-    """Return a text that can be sent; a number that stands for one is taken."""
+    """Return a text that can be sent; a number or truth value is converted."""
     if not isinstance(value, (str, bool, int, float)):
         raise FieldError(f'{where}: {quote(str(value))} is no text')
     text = str(value)
@@ -186,7 +186,7 @@ def _basic(value: Any, typename: str, where: str) -> Any:
 
 
 def _limits(typename: str) -> tuple[int, int]:
-    """Return the least and the largest integer of a type: int8 to uint64, octet, char, wchar."""
+    """Return the smallest and largest integer of a type: int8 to uint64, octet, char, wchar."""
     found = re.fullmatch(r'(u?)int(\d+)', typename)
     bits = int(found[2]) if found else {'octet': 8, 'char': 8, 'wchar': 16}[typename]
     low = 0 if not found or found[1] else -2 ** (bits - 1)
@@ -196,18 +196,18 @@ def _limits(typename: str) -> tuple[int, int]:
 def convert_to_plain(value: Any, *, truncate: int | None = None, no_arr: bool = False,
                      no_str: bool = False, kind: Any = None) -> Any:
     """
-    Return a message, or a value of one, as YAML has it.
+    Return a message, or a value of a field, as plain values for YAML.
 
     Parameters
     ----------
     value : message, sequence, str, bytes, number
-        What a field may hold, or a whole message.
+        A message, or the value of a field.
     truncate : int, optional
-        Entries and characters that are kept of sequences and texts; None: all.
+        Number of entries of sequences and characters of texts that are kept; None: all.
     no_arr, no_str : bool
-        Say how long sequences and texts are in place of them.
+        Whether sequences and texts are replaced by their lengths.
     kind : optional
-        The type of the field, of which `no_arr` tells.
+        Type of the field, for `no_arr`.
 
     """
     options = {'truncate': truncate, 'no_arr': no_arr, 'no_str': no_str}
