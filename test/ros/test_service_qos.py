@@ -70,5 +70,5 @@ def test_a_client_that_has_gone_is_told_of_and_given_up(caplog: Any) -> None:
     service.send_response('answer', 'header')
     node.run()
     assert [each.message for each in caplog.records] == [
-        '/get_parameters: a client that cannot be reached got no answer']
+        '/get_parameters: a client that cannot be reached got no response']
     assert 5.0 < sum(node.delays) < 20.0

@@ -262,7 +262,7 @@ def test_queue_has_a_length_and_what_waits_can_be_cancelled_or_run_out_of_time(c
         first, second = Asked(pool, 'echo'), Asked(pool, 'echo', time_limit=0.2)
         refused = Asked(pool, 'echo')
         assert refused.answer().outcome is RequestOutcome.REFUSED
-        assert '2 requests are waiting' in refused.answer().message
+        assert 'the queue is full, with 2 requests' in refused.answer().message
         assert refused.took(clock) < SLACK
         assert (pool.waiting, pool.busy) == (2, 1)
         assert second.answer().outcome is RequestOutcome.TIMED_OUT
