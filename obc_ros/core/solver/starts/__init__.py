@@ -1,3 +1,3 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Paths that the solver starts from."""
+"""Initial guesses: lines, rollouts, paths around obstacles, neighbours; multistart."""

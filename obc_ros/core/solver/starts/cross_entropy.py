@@ -1,12 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Starts that obey the dynamics and end near the terminal constraints: the best of many inputs.
+Cross-entropy starts: rollouts of random inputs that end near the terminal constraints.
 
-Where an end lies aside of every straight line, such as inside of a car's turning circle, a search
-that starts from a line ends at paths that come no nearer from there. Inputs drawn at random lead
-all around; those that come nearest are drawn around again (the cross-entropy method: R. Y.
-Rubinstein, Methodol. Comput. Appl. Probab. 1, 1999).
+A descent from a straight line may fail, for example if the target is inside the turning circle of
+a car. Here random inputs are integrated, and those that end nearest to psi = 0 are the centres of
+the next generation (the cross-entropy method: R. Y. Rubinstein, Methodol. Comput. Appl. Probab. 1,
+1999).
 """
 
 from collections.abc import Callable, Iterator
@@ -25,7 +25,7 @@ from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 
 class _Look(NamedTuple):
-    """How many inputs are drawn, around how many again, how often; steps of Runge and Kutta."""
+    """Effort of a search: samples, parents, generations, Runge-Kutta steps of a rollout."""
 
     drawn: int
     fittest: int
@@ -34,7 +34,7 @@ class _Look(NamedTuple):
 
 
 class RolloutEnd(NamedTuple):
-    """A path, and how near to psi = 0 it ends."""
+    """A path, and the scaled distance of its end from psi = 0 (or another rank, 0 is best)."""
 
     gap: float
     path: Path
@@ -42,27 +42,48 @@ class RolloutEnd(NamedTuple):
 
 _LONG, _SHORT = _Look(384, 24, 5, 96), _Look(192, 12, 4, 48)
 
-_SPANS = 4            # of free times, in each of which the nearest are drawn around again
-_PIECES = 6           # of constant input in each
-_LONGER = 8.0         # times the guess of a free T, and the least part of it
-_SPREAD = 0.4         # of their range: how far around the best is drawn; less each time
-_TYPICAL = 0.8        # of what is seen of a constraint, a quantile
-_LIKE, _ON_WAY = 0.5, 8   # of how far all paths are apart: of those that are alike; points to see
-_GLANCE = 32          # inputs drawn for a first look, where an end is prescribed
-# Where none is: how many, of how many kinds of path, and how many around each of these, again.
+_SPANS = 4            # windows of a free T, each with parents of its own
+_PIECES = 6           # pieces of constant input of a rollout
+_LONGER = 8.0         # largest ratio of a free T to its guess, either way
+_SPREAD = 0.4         # first standard deviation around parents, as part of the input range
+_TYPICAL = 0.8        # quantile of |psi| over all rollouts that is its scale
+_LIKE, _ON_WAY = 0.5, 8   # distance of paths of one kind over that of all; points compared
+_GLANCE = 32          # samples of the brief search with terminal constraints
+# Brief search without terminal constraints (usual, nonlinear): samples, kinds of paths that are
+# parents, children of each.
 _OPEN = (384, 4, 48), (1152, 8, 48)
-_GENERATIONS, _AMONG = 2, 24  # how often; and so many times the kinds are looked at
-_STEPS, _STRETCH = (5, 10, 20), 2.0   # steps for each piece; times a free T
-_FINER, _AGREE = 4, 0.3   # times as many steps, to believe it; else there are to be more
-_TRIED, _TRIED_MOST = 8, 16   # paths from which a search is started: while none led anywhere
-_INTERVALS, _ITERATIONS = 32, 150
-_NEARER = 3   # halvings of how far half of the inputs are drawn from rest
-_CHEAP = 2    # before dearer ones, which come nearer to psi = 0
-_VAIN = 3, 6  # in a row that led to nothing new, once there is an answer, and where it is bent
+_GENERATIONS = 2      # generations of the brief search
+_AMONG = 24           # cheapest samples per kind among which kinds are told apart
+_STEPS = 5, 10, 20    # integration steps of a piece in the brief search, tried in turn
+_STRETCH = 2.0        # largest ratio of a free T to that of the last outcome there, either way
+# Costs are confirmed with so many times the steps; largest median error, over their range, at
+# which they count as confirmed.
+_FINER, _AGREE = 4, 0.3
+# Maximum number of rollouts from which the problem is solved: while none converged, and at all.
+_TRIED, _TRIED_MOST = 8, 16
+_INTERVALS, _ITERATIONS = 32, 150   # intervals of these solves, maximum number of iterations
+_NEARER = 3   # maximum number of halvings of the distance from rest for half of the samples
+_CHEAP = 2    # cheap rollouts before expensive ones, which end nearer to psi = 0
+_VAIN = 3, 6  # rollouts in a row without a new minimum before they end: usual, nonlinear
 
 
 def start_from_rollouts(search: Bench, T: float) -> list[TranscriptionOutcome]:
-    """Return outcomes to be believed from starts that inputs drawn at random lead to, if any."""
+    """
+    Solve from cross-entropy rollouts, for problems with terminal constraints.
+
+    Parameters
+    ----------
+    search : Bench
+        Driver; its `starts` begin with the remaining rollouts if one was successful.
+    T : float
+        Final time, or the guess of a free one [s].
+
+    Returns
+    -------
+    list of TranscriptionOutcome
+        Those with a small discretisation error.
+
+    """
     problem = search.problem
     if search.quick or not problem.q or search.kit.twin:
         return []
@@ -82,7 +103,7 @@ def start_from_rollouts(search: Bench, T: float) -> list[TranscriptionOutcome]:
                               outcome.path if outcome.converged else None)
         if search.believed(outcome):
             found.append(outcome)
-    if found:   # where other starts led to nothing, others of these may lead to other minima
+    if found:   # the remaining rollouts may lead to other minima
         search.intervals, search.starts = _INTERVALS, chain(paths, search.starts)
     return found
 
@@ -90,11 +111,11 @@ def start_from_rollouts(search: Bench, T: float) -> list[TranscriptionOutcome]:
 def interleave_rollouts(search: Bench, starts: Iterator[Path], seen: list[RolloutEnd],
                         rough: Callable[[], bool], bent: bool) -> Iterator[Path]:
     """
-    Yield starts, each after a path to near psi = 0 that obeys the dynamics, and costs less if any.
+    Yield rollouts and other initial guesses in turn.
 
-    Such paths no more once some of them have led to minima that are known. `seen`: at a glance;
-    `rough`: whether they are to be looked for longer, and dearer ones, too; `bent`: a little
-    longer.
+    Rollouts end once some in a row led to no new minimum. `seen`: those of the brief search;
+    `rough`: returns whether a long search is made, for expensive ones, too; `bent`: whether a
+    short one is made otherwise.
     """
     vain, known = 0, search.familiar.minima
     for start in _promising(search, seen, rough, bent):
@@ -110,7 +131,7 @@ def interleave_rollouts(search: Bench, starts: Iterator[Path], seen: list[Rollou
 
 def _promising(search: Bench, seen: list[RolloutEnd], rough: Callable[[], bool],
                bent: bool) -> Iterator[Path]:
-    """Yield what was seen at a glance, and what a longer look shows where that is worth it."""
+    """Yield rollouts of the brief search, and of a longer one if that is worth it."""
     yield from (each.path for each in seen[:1])
     if search.last is not None and search.problem.q and not search.kit.twin:
         problem, outcome = _within(search.problem, search.last.outcome.path), search.last.outcome
@@ -126,7 +147,7 @@ def _promising(search: Bench, seen: list[RolloutEnd], rough: Callable[[], bool],
 
 
 def _within(problem: Problem, path: Path) -> Problem:
-    """Return the problem with bounds on its inputs, where it has none twice as far as a path."""
+    """Return the problem with missing input bounds set one range beyond those of a path."""
     u = np.vstack([path.ua, path.ub])
     low, high, wide = u.min(axis=0), u.max(axis=0), np.ptp(u, axis=0)
     return replace(
@@ -136,13 +157,11 @@ def _within(problem: Problem, path: Path) -> Problem:
 
 def search_rollouts_briefly(search: Bench, bent: bool) -> list[RolloutEnd]:
     """
-    Return some of what `search_rollouts` looks for longer, of inputs at any distance from rest.
+    Return rollouts of a brief search, in order of distance from psi = 0 and of cost.
 
-    They are in order.
-
-    What costs less than the path found last is often near rest. Where no end is prescribed all
-    paths lead somewhere: what lies behind the cheapest of each kind, where `bent` whatever it
-    costs.
+    Inputs are drawn at any distance from rest, near which cheaper paths often are. Without
+    terminal constraints the cheapest rollouts of each kind are refined. Only those cheaper than
+    the last outcome are returned, unless there are no terminal constraints and `bent` is set.
     """
     if search.last is None or search.kit.twin:
         return []
@@ -157,7 +176,7 @@ def search_rollouts_briefly(search: Bench, bent: bool) -> list[RolloutEnd]:
         coarse = _drawn_again(search, problem, drawn, steps, chance, *_OPEN[bent][1:])
         if coarse is None:
             break
-        # Coarse steps jump over poles, beyond which nothing costs much.
+        # Coarse steps may jump over a pole of f to states of low cost.
         led = _Led(search, problem, coarse.drawn, _FINER * steps)
         seen = led.seen(np.inf if bent else most)
         if led.agrees(coarse):
@@ -167,7 +186,7 @@ def search_rollouts_briefly(search: Bench, bent: bool) -> list[RolloutEnd]:
 
 def _drawn_again(search: Bench, problem: Problem, drawn: '_Drawn', steps: int,
                  chance: np.random.Generator, kinds: int, children: int) -> '_Led | None':
-    """Return what the best of each kind of path leads to, drawn around again; None if nothing."""
+    """Return the best rollouts around the cheapest of each kind of path; None without any."""
     led = _Led(search, problem, drawn, steps)
     best = led.kinds(kinds)
     for generation in range(_GENERATIONS):
@@ -181,12 +200,12 @@ def _drawn_again(search: Bench, problem: Problem, drawn: '_Drawn', steps: int,
 
 def _glanced(search: Bench, problem: Problem, T: float, chance: np.random.Generator,
              count: int) -> '_Drawn':
-    """Return inputs at any distance from rest; half of them at none where psi is open."""
+    """Return random inputs, at a random distance from rest; half not moved to rest without psi."""
     rest = _part_at(problem, search.kit.guesser.rest(search.problem))
     part = _parts(chance, count, problem.m)
     away = chance.uniform(0, 1, (count, 1, 1))
     if not problem.q:
-        away[::2] = 1.0   # the cheapest often keep to bounds
+        away[::2] = 1.0   # the cheapest inputs are often at bounds
     length, final = np.full(count, T), problem.final_time
     if final.free:
         length = np.clip(length * _STRETCH**chance.uniform(-1, 1, count), final.lower, final.upper)
@@ -194,7 +213,7 @@ def _glanced(search: Bench, problem: Problem, T: float, chance: np.random.Genera
 
 
 class _Led:
-    """What inputs lead to by the steps of a search: at what cost, and how far off."""
+    """Rollouts by the integrator of the driver, with costs and distances from psi = 0."""
 
     def __init__(self, search: Bench, problem: Problem, drawn: '_Drawn', steps: int) -> None:
         self.drawn, integrator = drawn, search.kit.integrator
@@ -210,41 +229,41 @@ class _Led:
                 np.abs(psi) / np.where(size > 0, size, 1.0)).max(axis=1, initial=0.0)
 
     def order(self, most: float) -> Index:
-        """Return which cost less than `most`: the nearest first, of these the cheapest."""
+        """Return the rollouts cheaper than `most`, ordered by distance from psi = 0, then cost."""
         cheaper = np.flatnonzero(self._cost < most)
         return cheaper[np.lexsort((self._cost[cheaper], self.gap[cheaper]))]
 
     def kinds(self, most: int) -> Index:
-        """Return the cheapest of each kind of path, so many at most, among the cheapest."""
+        """Return the cheapest rollout of each kind of path, at most `most`, among the cheapest."""
         order = self.order(np.inf)[:_AMONG * most]
         seen = [RolloutEnd(float(rank), self.path(k)) for rank, k in enumerate(order)]
         return np.array([order[int(each.gap)] for each, *_ in _alike(seen)[:most]], dtype=np.int64)
 
     def best_of_each(self, many: int) -> Index:
-        """Return the cheapest of so many in turn, inside of the bounds of the state."""
+        """Return the cheapest of each `many` rollouts in a row, if within the state bounds."""
         dear = np.where(self.gap > 0, np.inf, self._cost).reshape(-1, many)
         best = np.argmin(dear, axis=1) + many * np.arange(len(dear))
         return np.asarray(best[np.isfinite(dear.ravel()[best])])
 
     def agrees(self, other: '_Led') -> bool:
-        """Return whether other steps lead to nearly the same, beside how far costs are apart."""
-        with np.errstate(invalid='ignore'):   # of costs without end
+        """Return whether costs with other steps agree, relative to the range of costs."""
+        with np.errstate(invalid='ignore'):   # of infinite costs
             error = np.nan_to_num(np.abs(self._cost - other._cost), nan=np.inf)
             return bool(np.median(error) <= _AGREE * np.nan_to_num(np.ptp(self._cost)))
 
     def seen(self, most: float) -> list[RolloutEnd]:
-        """Return the paths that cost less than `most`, in order."""
+        """Return the rollouts cheaper than `most`, in order."""
         return [RolloutEnd(float(self.gap[k]), self.path(k)) for k in self.order(most)]
 
     def path(self, k: int) -> Path:
-        """Return the path under one of the inputs."""
+        """Return the path of a rollout."""
         none = np.zeros((self._u.shape[1], 0, self._x.shape[2]))
         return Path(self._t[k], self._x[k], none, self._u[k], self._u[k], self._t[k, -1:])
 
 
 @dataclass(frozen=True, eq=False)
 class _Drawn:
-    """Inputs (K, pieces, m), as parts of their range, and for how long they are held, (K,)."""
+    """Inputs (K, pieces, m), as parts of their range, and final times (K,) [s]."""
 
     part: Array
     length: Array
@@ -255,7 +274,7 @@ class _Drawn:
 
     def around(self, problem: Problem, rows: Index, width: float,
                chance: np.random.Generator) -> '_Drawn':
-        """Return inputs drawn around those of these rows, for other times where T is free."""
+        """Return inputs drawn around those of some rows, with other final times if T is free."""
         final = problem.final_time
         noise = width * chance.normal(size=(len(rows), *self.part.shape[1:]))
         length = self.length[rows]
@@ -268,10 +287,26 @@ class _Drawn:
 def search_rollouts(problem: Problem, T: float, most: float = np.inf, rest: Array | None = None,
                     look: _Look = _LONG) -> list[Path]:
     """
-    Return paths that obey the dynamics from x(0) on and end near psi = 0, at a cost below `most`.
+    Search for rollouts that end near psi = 0, by the cross-entropy method.
 
-    In turn the nearest of those that cost about the same. `rest`: inputs that cost little, around
-    which they are drawn at any distance.
+    Parameters
+    ----------
+    problem : Problem
+        With terminal constraints.
+    T : float
+        Final time, or the guess of a free one [s].
+    most : float
+        Maximum cost.
+    rest : ndarray, shape (m,), optional
+        Input of low cost: half of the samples are near it.
+    look : _Look
+        Effort.
+
+    Returns
+    -------
+    list of Path
+        One of each kind of path in turn, the nearest to psi = 0 first.
+
     """
     final, count = problem.final_time, look.drawn
     chance = np.random.default_rng(4)
@@ -299,7 +334,7 @@ def search_rollouts(problem: Problem, T: float, most: float = np.inf, rest: Arra
         parents = [best[i] for i in chance.integers(0, len(best), count)]
         k, step = np.array([(end.number, end.step) for end in parents]).T
         used = step / look.steps if final.free else np.ones(count)
-        # Over as long as it took, the pieces that were held then.
+        # The pieces that were used up to the end of the parent, over its final time.
         middle = (used[:, None] * (np.arange(_PIECES) + 0.5)).astype(np.int64)
         width = _SPREAD / 2**generation
         drawn = _Drawn(
@@ -310,12 +345,12 @@ def search_rollouts(problem: Problem, T: float, most: float = np.inf, rest: Arra
 
 
 def _unlike(kept: list[RolloutEnd]) -> list[Path]:
-    """Return paths, in turn the nearest of those that go the same way."""
+    """Return paths, one of each kind in turn, the nearest to psi = 0 first."""
     return [each.path for turn in zip_longest(*_alike(kept)) for each in turn if each is not None]
 
 
 def _alike(kept: list[RolloutEnd]) -> list[list[RolloutEnd]]:
-    """Return paths parted by the way they go, the nearest first."""
+    """Return paths grouped by kind, in order of distance from psi = 0."""
     kept = sorted(kept, key=lambda each: each.gap)
     alike: list[list[RolloutEnd]] = []
     if not kept:
@@ -325,7 +360,7 @@ def _alike(kept: list[RolloutEnd]) -> list[list[RolloutEnd]]:
     with np.errstate(over='ignore', invalid='ignore'):   # of paths that went far
         way /= np.maximum(way.std(axis=0).max(axis=0), 1e-300)
         way = way.reshape(len(way), -1)
-        while left.size:   # the nearest that is left, and all like it
+        while left.size:   # the nearest path that is left, and all of its kind
             near = np.mean((way[left] - way[left[0]])**2, axis=1) < _LIKE**2
             near[0] = True
             alike.append([kept[k] for k in left[near]])
@@ -334,7 +369,7 @@ def _alike(kept: list[RolloutEnd]) -> list[list[RolloutEnd]]:
 
 
 def _way(path: Path) -> Array:
-    """Return states on the way, and how long it takes, (8, n + 1)."""
+    """Return states along a path, and the logarithm of its final time, (8, n + 1)."""
     last = len(path.x) - 1
     way = np.full((_ON_WAY, path.x.shape[1] + 1), np.log(path.t[-1]))
     way[:, :-1] = path.x[[last * k // _ON_WAY for k in range(1, _ON_WAY + 1)]]
@@ -342,7 +377,7 @@ def _way(path: Path) -> Array:
 
 
 class _End(NamedTuple):
-    """Where a path may end: how near to psi = 0, after what cost, which path, at which step."""
+    """A possible end of a path: distance from psi = 0, cost so far, path and step."""
 
     gap: float
     cost: float
@@ -351,7 +386,7 @@ class _End(NamedTuple):
 
 
 class _Rollouts:
-    """What inputs lead to: where in each span of time paths come nearest to psi = 0."""
+    """Rollouts of inputs, each ended in each window of time where it is nearest to psi = 0."""
 
     def __init__(self, problem: Problem, spans: Array, most: float, steps: int) -> None:
         self._problem, self._spans, self._most, self._steps = problem, spans, most, steps
@@ -360,7 +395,7 @@ class _Rollouts:
         self._size: Array | None = None
 
     def __call__(self, drawn: _Drawn) -> tuple[list[list[_End]], Callable[[_End], Path]]:
-        """Return for each span of time the nearest end of each path, and what returns paths."""
+        """Return for each window the best end of each rollout, and a function to its path."""
         problem = self._problem
         u = _inputs(problem, drawn.part)
         x, L = _rolled_out(problem, self._rate, u, drawn.length, self._steps)
@@ -386,14 +421,14 @@ class _Rollouts:
 
 
 def _parts(chance: np.random.Generator, count: int, m: int) -> Array:
-    """Return inputs drawn as parts of their range, (count, pieces, m): half at ends or middle."""
+    """Return random parts of ranges, (count, pieces, m); half of them 0, 1/2 or 1."""
     part = chance.choice([0.0, 0.5, 1.0], (count, _PIECES, m))
     part[::2] = chance.uniform(0, 1, part[::2].shape)
     return part
 
 
 def _inputs(problem: Problem, part: Array) -> Array:
-    """Return inputs (K, pieces, m) of their parts of a range: of the bounds, if there are any."""
+    """Return inputs (K, pieces, m) from parts of their range, which is that of their bounds."""
     middle = np.clip(np.zeros(problem.m), problem.u_lower, problem.u_upper)
     lower = np.where(np.isfinite(problem.u_lower), problem.u_lower, middle - 2.0)
     upper = np.where(np.isfinite(problem.u_upper), problem.u_upper, middle + 2.0)
@@ -426,7 +461,7 @@ def _rolled_out(problem: Problem, rate: VectorizedFunction, u: Array, length: Ar
 
 
 def _outside(problem: Problem, x: Array) -> Array:
-    """Return by how much paths have left the bounds of the state, (K, steps + 1), up to then."""
+    """Return the largest relative violation of state bounds so far, (K, steps + 1)."""
     room = problem.x_upper - problem.x_lower
     room = np.where(np.isfinite(room) & (room > 0), room, 1 + np.abs(problem.x0))
     over = np.maximum(problem.x_lower - x, x - problem.x_upper) / room

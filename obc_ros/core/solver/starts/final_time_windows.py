@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Where T is free and time is not all that costs: what paths of other lengths cost.
+Initial guesses with other final times: local minima of the cost over a free T.
 
-An oscillation may be met a turn later, or a pendulum pumped up in more swings: each has its own
-least cost over T, and Newton's method comes back to the nearest to x(0) from most starts if T may
-go anywhere. Held within windows side by side T shows all of them.
+A target that oscillates may be met a period later, and a pendulum may be swung up in more swings.
+Each has its own local minimum over T. With T free a descent leads to the same one from most
+guesses; with T limited to adjacent windows it leads to each.
 """
 
 from collections.abc import Iterator
@@ -19,19 +19,32 @@ from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
-_RATIO = 2**0.5     # from one window to the next
-_UP, _DOWN = 6, 4   # windows, at most
-_MOST, _ROUGH = 40, 1e-3   # iterations, and relative error of the cost that will do
-_SAME = 1e-2        # relative: minima that are one
-_KEPT = 4
-_WORK = 3000
+_RATIO = 2**0.5     # ratio of the final times of adjacent windows
+_UP, _DOWN = 6, 4   # maximum numbers of windows with larger and smaller T
+_MOST, _ROUGH = 40, 1e-3   # maximum number of iterations, relative error of the cost, in each
+_SAME = 1e-2        # relative difference of two costs up to which the minima are the same
+_KEPT = 4           # maximum number of guesses
+_WORK = 3000        # work (see `descent`) for all windows; at least as much as was done before
 
 
 def find_other_lengths(search: Bench, starts: Iterator[Path], twice: bool) -> list[Path]:
     """
-    Return paths near minima over T that may cost less than the path found last, cheapest first.
+    Find paths with other final times that cost less than the last outcome.
 
-    `starts`: paths to be stretched, two of them for each window if `twice`.
+    Parameters
+    ----------
+    search : Bench
+        Driver, with the last outcome of a descent.
+    starts : iterator of Path
+        Initial guesses; each is stretched in time.
+    twice : bool
+        Use two of them in each window.
+
+    Returns
+    -------
+    list of Path
+        The cheapest first; empty if T is fixed or nothing but time costs.
+
     """
     if search.last is None or not _weighs(search.problem):
         return []
@@ -54,14 +67,14 @@ def find_other_lengths(search: Bench, starts: Iterator[Path], twice: bool) -> li
 
 
 def _weighs(problem: Problem) -> bool:
-    """Return whether T is free and something else than time costs."""
+    """Return whether T is free and the cost depends on more than T."""
     return problem.final_time.free and bool(
         ca.depends_on(problem.L, ca.vertcat(problem.x, problem.u))
         or ca.depends_on(problem.V, problem.x))
 
 
 def _lengths(search: Bench, outcome: TranscriptionOutcome) -> list[float]:
-    """Return the middle of windows beside the one of the path found last, longer ones first."""
+    """Return final times at the centres of windows next to that of an outcome, longer first."""
     problem, path = search.problem, outcome.path
     final, T = problem.final_time, float(path.t[-1])
     upper = final.upper
@@ -69,7 +82,7 @@ def _lengths(search: Bench, outcome: TranscriptionOutcome) -> list[float]:
         inputs = path.ua, path.ub, np.clip(0.0 * path.ua, problem.u_lower, problem.u_upper)
         least = min(float(search.kit.integrator.hamiltonian(
             problem, path.x[:-1], u, 0.0 * path.x[:-1])[0].min()) for u in inputs)
-        if least > 0:   # time alone costs as much
+        if least > 0:   # a lower bound of L on the path: the cost grows with T
             upper = min(upper, outcome.objective / least)
     longer = [T * _RATIO**k for k in range(1, _UP + 1)]
     shorter = [T / _RATIO**k for k in range(1, _DOWN + 1)]
@@ -77,7 +90,7 @@ def _lengths(search: Bench, outcome: TranscriptionOutcome) -> list[float]:
 
 
 def _held(search: Bench, T: float, start: Path) -> TranscriptionOutcome:
-    """Return what a coarse mesh gives from a start, stretched, with T in the window around one."""
+    """Solve on the coarse mesh from a guess stretched to T, with T limited to its window."""
     free = search.problem
     final, wide = free.final_time, _RATIO**0.5
     stretched = replace(start, t=start.t * (T / start.t[-1]), durations=np.array([T]))

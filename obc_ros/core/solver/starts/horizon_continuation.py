@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Starts for long horizons: of a short one, and of each twice as long from the one before.
+Horizon continuation: the problem is solved over a short horizon, then over horizons twice as long.
 
-A mesh that is coarse for many periods of an oscillation leads nowhere, and where no end is
-prescribed a path over half of the time, and what its last input makes of the rest, are near that
-over the whole: what has come to rest stays there.
+A coarse mesh does not resolve many periods of an oscillation. Without terminal constraints the
+solution over half of the horizon, continued with its last input, is close to that over the whole
+horizon if the state has come to rest.
 """
 
 from dataclasses import replace
@@ -17,19 +17,30 @@ from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Layout, Mesh, Path, Phase
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
-_HALVINGS = 6
-_REFINED, _ITERATIONS = 4, 150   # meshes tried over one horizon, iterations on each
-_WORK = 100_000     # as in `search`, on all of them
-_FINE = 32          # points at which what follows is integrated, in each of its intervals
-_FAR = 10.0         # of the size of the path so far: where what follows is not to be used
+_HALVINGS = 6       # number of times that T is halved for the first horizon
+_REFINED, _ITERATIONS = 4, 150   # maximum numbers of meshes over a horizon, of iterations on each
+_WORK = 100_000     # work (see `descent`) for all horizons
+_FINE = 32          # integration steps of the continuation in each of its intervals
+_FAR = 10.0         # size of states, in those before, above which the continuation is not used
 
 
 def lengthen_horizon(search: Bench, intervals: int) -> TranscriptionOutcome | None:
     """
-    Return an outcome over [0, T] that is to be believed, found over longer and longer horizons.
+    Solve over longer and longer horizons up to [0, T].
 
-    None where that leads nowhere, or an end is prescribed. `intervals`: how many each horizon
-    adds at least.
+    Parameters
+    ----------
+    search : Bench
+        Driver.
+    intervals : int
+        Minimum number of intervals that each horizon adds.
+
+    Returns
+    -------
+    TranscriptionOutcome or None
+        With a small discretisation error. None if that was not reached, or the problem has
+        terminal constraints or a free final time.
+
     """
     whole, final = search.problem, search.problem.final_time
     if search.quick or whole.q or final.free or search.kit.twin:
@@ -56,7 +67,7 @@ def lengthen_horizon(search: Bench, intervals: int) -> TranscriptionOutcome | No
 
 
 def _believed(search: Bench, mesh: Mesh, path: Path) -> TranscriptionOutcome | None:
-    """Return what meshes that are made finer lead to, once it is to be believed."""
+    """Solve on finer and finer meshes until the discretisation error is small; None if not."""
     for number in range(_REFINED):
         if search.monitor.stopped or not search.monitor.allows(mesh.layout.intervals):
             return None
@@ -75,7 +86,7 @@ def _believed(search: Bench, mesh: Mesh, path: Path) -> TranscriptionOutcome | N
 def _longer(problem: Problem, integrator: CostateIntegrator, outcome: TranscriptionOutcome,
             intervals: int,
             length: float) -> tuple[Mesh, Path]:
-    """Return a mesh and a path over a longer time: the path known, and what its end leads to."""
+    """Return a mesh and a path over a longer horizon, continued with the last input."""
     known = outcome.path
     intervals = max(intervals, int(np.count_nonzero(known.t > length / 4)))   # no coarser
     t = np.linspace(known.t[-1], length, intervals + 1)

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where a search for an optimal path may start: sensible paths, from a statement alone."""
+"""Initial guesses and scales from the statement of a problem alone."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -19,11 +19,11 @@ from obc_ros.core.solver.exact.reachable_set import bound_first_reach
 from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import ProblemScales
 
-_POINTS = 21
-_SCATTERED = 3.0   # times how far inputs take states, or their sizes: where paths are looked for
-_ASIDE = 0.3       # of how far inputs take a state: how far a line is bent in it
-_TURNS = 2 * np.pi, 360.0   # [rad], [deg]
-_DOUBLINGS = 24    # of inputs from 1, up and down, to find what they cost
+_POINTS = 21       # points of a guess
+_SCATTERED = 3.0   # range of states and inputs that are searched, in their reach or size
+_ASIDE = 0.3       # amplitude by which a line is bent in a state it does not move, in its reach
+_TURNS = 2 * np.pi, 360.0   # possible periods of an input that is an angle [rad], [deg]
+_DOUBLINGS = 24    # doublings and halvings of an input from 1 at which its cost is evaluated
 
 
 def _inside(value: Array, lower: Array, upper: Array) -> Array:
@@ -31,7 +31,7 @@ def _inside(value: Array, lower: Array, upper: Array) -> Array:
 
 
 class Guesser:
-    """Starting paths for all problems of one structure."""
+    """The initial guesses of the problems of one structure."""
 
     def __init__(self, problem: Problem) -> None:
         x, u, p = problem.x, problem.u, problem.p
@@ -47,7 +47,22 @@ class Guesser:
         self._last_line: tuple[Problem, float, Path] | None = None
 
     def final_state(self, problem: Problem) -> tuple[Array, NDArray[np.bool_]]:
-        """Return a state near x0 with psi = 0, and which of its components psi fixes."""
+        """
+        Find a final state near x(0) by Newton's method on psi = 0.
+
+        Parameters
+        ----------
+        problem : Problem
+            In the symbols of this structure.
+
+        Returns
+        -------
+        x : ndarray, shape (n,)
+            Within the bounds; psi(x) = 0 only if the iteration converged.
+        fixed : ndarray of bool, shape (n,)
+            Components that psi fixes.
+
+        """
         if self._last is None or self._last[0] is not problem:
             self._last = problem, *self._final_state(problem)
         return self._last[1].copy(), self._last[2]
@@ -72,7 +87,7 @@ class Guesser:
         return x, np.diag(inverse @ jacobian) > 1 - 1e-6
 
     def _heedful(self, problem: Problem, x: Array, move: Array, inverse: Array) -> Array:
-        """Return a move, ended where psi would grow: past the nearest of the states sought."""
+        """Return a step, shortened to where the norm of psi starts to grow."""
         if not self._curved:
             return move
         part = np.linspace(0.0, 1.0, _POINTS)[:, None]
@@ -82,7 +97,7 @@ class Guesser:
         return np.asarray(part[max(1, int(np.argmax(grows)))] * move)
 
     def steady_input(self, problem: Problem, x: Array) -> Array:
-        """Return the input within bounds at which f(x, u) is least, nearest to rest."""
+        """Return the input (m,) within bounds that minimises |f(x, u)|, from u = 0."""
         lower, upper = problem.u_lower, problem.u_upper
         u = _inside(np.zeros(problem.m), lower, upper)
         both = np.isfinite(lower) & np.isfinite(upper)
@@ -101,7 +116,7 @@ class Guesser:
         return u
 
     def periods(self, problem: Problem) -> Array:
-        """Return a whole turn of each input that is an angle free to make one; inf of others."""
+        """Return the period (m,) of each input that is an angle with room for a turn, else inf."""
         periods = np.full(problem.m, np.inf)
         chance = np.random.default_rng(2)
         x = problem.x0 + 0.1 * (1 + np.abs(problem.x0)) * chance.uniform(-1, 1, problem.n)
@@ -119,7 +134,21 @@ class Guesser:
         return periods
 
     def sizes(self, problem: Problem, path: Path) -> ProblemScales:
-        """Return typical sizes where a search starts: also of what does not move on its path."""
+        """
+        Estimate scales from an initial guess, also of states that are constant on it.
+
+        Parameters
+        ----------
+        problem : Problem
+            In the symbols of this structure.
+        path : Path
+            The guess.
+
+        Returns
+        -------
+        ProblemScales
+
+        """
         found = estimate_scales(problem, path)
         points = len(path.ua)
         values, = self._all(path.x[:points], path.ua, problem.p_value)
@@ -139,9 +168,10 @@ class Guesser:
 
     def _within_reach(self, problem: Problem, path: Path, u_size: Array) -> Array:
         """
-        Return how far (n,) inputs take each state at first, or in the time of the fastest mode.
+        Return the reach (n,) of each state by inputs of a size in the time of the fastest mode.
 
-        By powers of the linearisation at x(0), so that sizes follow the units of a statement.
+        It follows from powers of the linearisation at x(0), so that it scales with the units of
+        the statement.
         """
         x, u, p = path.x[0], path.ua[0], problem.p_value
         _, by_u, by_x, _ = (out[0] for out in self._rest(x, u, p))
@@ -153,7 +183,7 @@ class Guesser:
         return bound_first_reach(A, B, T)
 
     def _beside(self, problem: Problem, path: Path, sizes: ProblemScales) -> float:
-        """Return what paths cost about the sizes of states and inputs beside one without L."""
+        """Return the cost at states and inputs of typical size, for a path on which L is 0."""
         n, start, steady = problem.n, path.x[0], path.ua[0]
         away = np.diag(np.concatenate([sizes.x, sizes.u]))
         away = np.vstack([away, -away])
@@ -166,14 +196,24 @@ class Guesser:
         return float(cost + np.abs(V - V[0])[np.isfinite(V)].max(initial=0.0))
 
     def line(self, problem: Problem, T: float) -> Path:
-        """Return the straight line from x0 to psi = 0, with the user's own guesses where given."""
+        """
+        Return the straight line from x(0) to psi = 0 with steady inputs.
+
+        Parameters
+        ----------
+        problem : Problem
+            Its `initial_guess` replaces states and inputs that it contains.
+        T : float
+            Final time [s].
+
+        """
         last = self._last_line
         if last is None or last[0] is not problem or last[1] != T:
             last = self._last_line = problem, T, self._line(problem, T)
         return last[2]
 
     def rest(self, problem: Problem) -> Array:
-        """Return the input (m,) that lines begin with, of whatever length the last one was."""
+        """Return the input (m,) at the start of the last line of a problem."""
         last = self._last_line
         path = (last[2] if last is not None and last[0] is problem
                 else self.line(problem, get_final_time(problem)))
@@ -192,12 +232,12 @@ class Guesser:
                     s, np.linspace(0.0, 1.0, len(column)), column)
         path = _path(T * s, x, _inside(u, problem.u_lower, problem.u_upper))
         *_, slope = self._rest(x, u, problem.p_value)
-        # Where all inputs are 0 the length of their vector has no slope.
+        # At u = 0 the norm of the inputs, for example, is not differentiable.
         return path if np.isfinite(slope).all() else _path(
             T * s, x, self._along(problem, path, x))
 
     def driven(self, problem: Problem, integrator: CostateIntegrator, u: Array, T: float) -> Path:
-        """Return the path under inputs u (21, m), cut where it leaves all sense."""
+        """Integrate under inputs u (21, m); states are frozen once they become very large."""
         t = np.linspace(0.0, T, _POINTS)
         u = _inside(u, problem.u_lower, problem.u_upper)
         fine = np.linspace(0.0, T, 10 * (_POINTS - 1) + 1)
@@ -213,11 +253,21 @@ class Guesser:
     def starts(self, problem: Problem, integrator: CostateIntegrator,
                spans: Callable[[], tuple[Array, Array] | None] = lambda: None) -> Iterator[Path]:
         """
-        Yield starts without end, the most promising first.
+        Yield initial guesses without end, the most promising first.
 
-        The line, paths bent away from it, and paths driven by the inputs of the line or by ones
-        drawn around them; where T is free its guess is stretched, too. `spans`: returns how far
-        states and inputs went on paths found since, which says more than a line.
+        These are the line, lines that are bent randomly, and paths integrated under the inputs of
+        the line or random ones around them. If T is free, it is varied, too.
+
+        Parameters
+        ----------
+        problem : Problem
+            In the symbols of this structure.
+        integrator : CostateIntegrator
+            Of this structure.
+        spans : callable
+            Returns the ranges of states (n,) and inputs (m,) on the paths found so far, which
+            give the amplitudes, or None.
+
         """
         T = get_final_time(problem)
         line = self.line(problem, T)
@@ -226,7 +276,7 @@ class Guesser:
         span = problem.u_upper - problem.u_lower
         size = np.where(np.isfinite(span), span, 1 + np.abs(u[0]))
         yield line
-        if problem.guess.x or problem.guess.u:   # which may be a bad one
+        if problem.guess.x or problem.guess.u:   # the guess of the user may be poor
             yield self.line(replace(problem, guess=Guess()), T)
         for number in count():
             length = T
@@ -245,11 +295,11 @@ class Guesser:
                 x = line.x + bend * far * _wave(chance, problem.n, knots=False)
                 yield _path(line.t * (length / T), _inside(x, problem.x_lower, problem.x_upper),
                             _inside(inputs, problem.u_lower, problem.u_upper))
-            elif noise or problem.final_time.free or number < len(_VARIETY):   # none twice
+            elif noise or problem.final_time.free or number < len(_VARIETY):   # not the same again
                 yield self.driven(problem, integrator, inputs, length)
 
     def _sideways(self, problem: Problem, line: Path) -> Array:
-        """Return how far to bend a line, (n,), if no path is known: what stays on it, in pace."""
+        """Return the amplitude (n,) by which a line is bent if no path is known."""
         sizes, far = self.sizes(problem, line), np.ptp(line.x, axis=0)
         reach = self._within_reach(problem, line, sizes.u)
         moves = (far > 0) & (reach > 0)
@@ -259,10 +309,17 @@ class Guesser:
     def scattered(self, problem: Problem, integrator: CostateIntegrator, starts: Iterator[Path],
                   cost: float) -> Iterator[Path]:
         """
-        Yield lines to final states that are drawn around x(0) where psi leaves them open.
+        Yield lines to final states distributed evenly around x(0), as far as psi leaves them open.
 
-        Their inputs are those that lead along them, as far as any do. `cost`: of the best path
-        that is known; where inputs worth as much lead is looked, too.
+        Parameters
+        ----------
+        problem, integrator : Problem, CostateIntegrator
+            As for `starts`.
+        starts : iterator of Path
+            Other guesses; each third one is of these.
+        cost : float
+            Cost of the best path, which limits the distance (`room`).
+
         """
         line = self.line(problem, get_final_time(problem))
         _, fixed = self.final_state(problem)
@@ -280,14 +337,26 @@ class Guesser:
     def room(self, problem: Problem, integrator: CostateIntegrator, cost: float) -> tuple[Array,
                                                                                           Array]:
         """
-        Return how far (n,) from x(0) and (m,) from rest paths may lead that cost no more.
+        Estimate the ranges of states and inputs of paths up to a cost.
 
-        As far as each input alone takes the states, held where it costs so much. Their sizes
-        would not do: they are those of a path that may have hardly moved, or begun far away.
+        Each input alone is held at the values that cost as much, and the states are integrated.
+
+        Parameters
+        ----------
+        problem, integrator : Problem, CostateIntegrator
+            As for `starts`.
+        cost : float
+            Cost of the best path.
+
+        Returns
+        -------
+        x, u : ndarray, shape (n,), (m,)
+            Distances from x(0), and from the steady input.
+
         """
         line = self.line(problem, get_final_time(problem))
         T, rest, found = float(line.t[-1]), line.ua[0], self.sizes(problem, line)
-        cost = max(cost, found.cost)   # paths that cost next to nothing say nothing
+        cost = max(cost, found.cost)   # a path of almost no cost gives no range
         sizes = np.exp2(np.arange(-_DOUBLINGS, _DOUBLINGS))[:, None]
         held = [rest]
         for way in np.vstack([np.eye(problem.m), -np.eye(problem.m)]):
@@ -306,7 +375,7 @@ class Guesser:
         return x, u
 
     def _along(self, problem: Problem, line: Path, x: Array) -> Array:
-        """Return inputs (21, m) near those of a line under which x moves as it does."""
+        """Return inputs (21, m) near those of a line that fit dx/dt = f by least squares."""
         u = np.vstack([line.ua, line.ub[-1:]])
         f, slope, *_ = self._rest(x, u, problem.p_value)
         missing = np.gradient(x, line.t, axis=0) - f
@@ -317,15 +386,15 @@ class Guesser:
         return _inside(u + more, problem.u_lower, problem.u_upper)
 
 
-# How far states are bent away and inputs drawn away from the line, as parts of their sizes;
-# without a bend the states follow from the inputs.
+# Amplitudes of the bend of states and of the noise of inputs, in their sizes, for guesses in turn;
+# without a bend the states are integrated from the inputs.
 _VARIETY = ((0.5, 0.0), (0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (0.0, 0.3), (0.5, 0.3))
-# Likewise once there is a path to an end that is prescribed: driven ones lead there, if anywhere.
+# The same once a path to prescribed final states is known: most integrated guesses lead to it.
 _BENT = ((0.5, 0.0), (0.5, 0.0), (0.5, 0.3), (0.5, 0.0), (0.0, 0.3), (1.0, 0.0))
 
 
 def _spread(number: int, columns: int) -> Array:
-    """Return a point of a sequence that fills the unit cube evenly: Kronecker's, golden ratios."""
+    """Return a point of the Kronecker sequence with generalised golden ratios in the unit cube."""
     ratio = 2.0
     for _ in range(60):
         ratio = (1 + ratio) ** (1 / (columns + 1))
@@ -333,7 +402,7 @@ def _spread(number: int, columns: int) -> Array:
 
 
 def _wave(chance: np.random.Generator, columns: int, *, knots: bool) -> Array:
-    """Return smooth random columns over 21 points, 0 at both ends unless by `knots`."""
+    """Return smooth random columns on 21 points: by `knots`, else 0 at both ends."""
     s = np.linspace(0.0, 1.0, _POINTS)
     if knots:
         at = np.linspace(0.0, 1.0, 4)
@@ -348,12 +417,27 @@ def _path(t: Array, x: Array, u: Array) -> Path:
 
 
 def _power(size: Array | float) -> Array:
-    """Return the power of 2 next to a size."""
+    """Return the power of 2 nearest to a size."""
     return np.asarray(np.exp2(np.round(np.log2(np.clip(size, 1e-8, 1e12)))))
 
 
 def join_whole_turns(path: Path, periods: Array) -> Path:
-    """Return a path of constant inputs in each interval as one without jumps, nor whole turns."""
+    """
+    Make piecewise constant inputs that are angles continuous, by removing whole turns.
+
+    Parameters
+    ----------
+    path : Path
+        With inputs constant in each interval.
+    periods : ndarray, shape (m,)
+        Period of each input; inf: it is no angle.
+
+    Returns
+    -------
+    Path
+        With inputs linear in each interval.
+
+    """
     u = path.ua.copy()
     for i in np.flatnonzero(np.isfinite(periods)):
         u[:, i] = np.unwrap(u[:, i], period=periods[i])
@@ -363,7 +447,22 @@ def join_whole_turns(path: Path, periods: Array) -> Path:
 
 
 def estimate_scales(problem: Problem, path: Path) -> ProblemScales:
-    """Return typical sizes of states and inputs, from a path and the bounds."""
+    """
+    Estimate the scales of states, inputs and time.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its bounds give the scales of what is 0 on the path.
+    path : Path
+        Its largest values give the others.
+
+    Returns
+    -------
+    ProblemScales
+        Powers of 2; the scale of the cost is 1.
+
+    """
     def size(values: Array, lower: Array, upper: Array) -> Array:
         seen = np.max(np.abs(values), axis=0, initial=0.0)
         span = np.where(np.isfinite(upper - lower), upper - lower, 0.0)

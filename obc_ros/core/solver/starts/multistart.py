@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Further starts, once there is an answer: whether there is a better one elsewhere."""
+"""Multistart: descents from further initial guesses, for a better local minimum."""
 
 from collections.abc import Generator, Sequence
 from copy import copy
@@ -25,33 +25,54 @@ from obc_ros.core.solver.transcription.local_minima import ANOTHER
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path, split
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
-_EXPLORING = (0.15, 0.3)   # part of the work for further starts, of easy and of hard problems
+# Work is defined in `descent`. A problem is hard if the first descent took more work than _HARD,
+# and rough if coarse solves are slow, fail, or end at very different costs.
 _HARD = 3000
-_LEAST_HARD = 12      # number of them, of hard problems by collocation, and of rough ones
-_LEAST_BENT = 8       # likewise where states do not follow inputs in proportion, or T is free
-_BENT, _PARTS = 0.4, 12   # of how far states go, beyond which they do not; steps to find out
-_LONG, _LOOKS = 60_000, 3   # work for a path, after which so many starts are looked at
-_FEW = 2              # minima, beyond which rough problems are given twice as many
-_SLOW = 30            # iterations on a coarse mesh, beyond which a problem is rough
-_AFTER = 3            # further starts, once one has led to something better
-# Likewise of those by Runge-Kutta steps that are hard, or have uneven costs, and work for them.
+_SLOW = 30            # iterations of a coarse solve above which a problem is rough
+_EXPLORING = (0.15, 0.3)   # part of all work for further starts: of easy, of hard problems
+_LEAST_HARD = 12      # minimum number of further starts of hard problems by collocation, of rough
+_LEAST_BENT = 8       # minimum number of further starts of nonlinear problems
+_BENT, _PARTS = 0.4, 12   # nonlinearity index above which a problem is one; parts of its inputs
+# Work of the first descent after which other starts are compared on the coarse mesh; their number.
+_LONG, _LOOKS = 60_000, 3
+_FEW = 2              # number of minima above which the minimum number is doubled, if not hard
+_AFTER = 3            # further starts after one that led to a better solution
+# Hard problems by Runge-Kutta steps, and those whose costs have several minima: minimum number of
+# further starts and minimum work for them; _MOST: maximum number for all problems.
 _MANY, _MOST, _FOR_MANY = 24, 80, 15_000
-_ITERATIONS = 150     # for a lower cost that is not to be believed yet
-_MET = 1e-5           # infeasibility of a path
-_SPLITS = 2           # of meshes, until a lower cost is believed
-_ERRS, _FINER = 1e-2, 4   # relative: such an error of coarse costs; times as many intervals
-_TIES, _SAME = 6, 2e-4   # followed up although on the coarse mesh they cost a little more
-_CHEAPER = 1e-6       # relative: of two answers that are certified
-_SAYS = 0.2           # relative: error of a cost on a coarse mesh that says something
-_RIVALS, _RIVAL = 3, 0.3   # other minima that are kept, costs up to so much above the best
-# Work without an answer that holds, after which no further start is tried once they have made so
-# much; work for further starts of rough problems, where as much has not been made before.
-_WEARY, _FOR_ROUGH = (500_000, 50_000), 3000
-_LAVISH = 150_000   # work for further starts, once there is an answer that holds
+_ITERATIONS = 150     # maximum number of iterations to confirm a lower cost
+_MET = 1e-5           # infeasibility of a feasible path
+_SPLITS = 2           # maximum number of mesh halvings to confirm a lower cost
+# Relative error of the cost of the best outcome on the coarse mesh above which candidates are
+# compared on a finer one; how many times as many intervals it has.
+_ERRS, _FINER = 1e-2, 4
+_TIES = 6             # maximum number of descents from outcomes of nearly the same coarse cost
+_SAME = 2e-4          # relative difference up to which two coarse costs are of the same minimum
+_CHEAPER = 1e-6       # relative difference of the costs of two certified solutions that counts
+_SAYS = 0.2           # relative error of a coarse cost up to which ties are followed
+_RIVALS, _RIVAL = 3, 0.3   # other minima kept for neighbours: number, relative excess of the cost
+# Without a certified solution no further start is tried after so much work in all, so much of it
+# for further starts.
+_WEARY = 500_000, 50_000
+_FOR_ROUGH = 3000     # work for further starts of rough problems that are not hard, at least
+_LAVISH = 150_000     # work for further starts once a solution is certified
 
 
 def finish_descent(work: Generator[None, None, Solution]) -> Solution:
-    """Return what work at leisure leads to."""
+    """
+    Run a descent to its end.
+
+    Parameters
+    ----------
+    work : generator
+        Yields after each mesh (`Bench.following`).
+
+    Returns
+    -------
+    Solution
+        The return value of the generator.
+
+    """
     while True:
         try:
             next(work)
@@ -61,10 +82,24 @@ def finish_descent(work: Generator[None, None, Solution]) -> Solution:
 
 def descend_from_coarse(search: Bench, first: TranscriptionOutcome) -> tuple[Solution, float]:
     """
-    Return the answer that a coarse outcome leads to, or one that costs less, and its coarse cost.
+    Refine a coarse outcome; after much work, try cheaper outcomes of other guesses first.
 
-    A path that winds between obstacles may need meshes that take a minute where another one is
-    found at once: after some work a few starts are looked at, before finer meshes.
+    A local minimum may need very fine meshes, for example between obstacles, while a better one
+    is found easily.
+
+    Parameters
+    ----------
+    search : Bench
+        Driver.
+    first : TranscriptionOutcome
+        The best one on the coarse mesh.
+
+    Returns
+    -------
+    solution : Solution
+    floor : float
+        Cost on the coarse mesh of the outcome that led to it.
+
     """
     first = move_to_best_branch(search, first)
     begun, work = search.work, search.following(first)
@@ -90,11 +125,26 @@ def descend_from_coarse(search: Bench, first: TranscriptionOutcome) -> tuple[Sol
 def explore_starts(search: Bench, best: Solution, floor: float,
                    others: Sequence[TranscriptionOutcome] = ()) -> Solution:
     """
-    Return the best answer after some more starts, and after what others have led to.
+    Try further initial guesses, and return the best solution.
 
-    There are none where no path can be better. Their number grows with the work that the problem
-    has made so far: what is solved at once is not held up; what is hard, has uneven costs or leads
-    starts astray is looked at from many sides.
+    There are none if the problem is convex. Their number grows with the work of the first descent,
+    and is larger if costs have several local minima or guesses often fail.
+
+    Parameters
+    ----------
+    search : Bench
+        Driver; `last` and `minima` are set, a certified solution is kept for neighbours.
+    best : Solution
+        Of the first descent.
+    floor : float
+        Its cost on the coarse mesh.
+    others : sequence of TranscriptionOutcome
+        Outcomes on the coarse mesh that were not refined yet.
+
+    Returns
+    -------
+    Solution
+
     """
     kept, spent = search.last, 0
     alone = best.certified and search.kit.convex(search.stated)
@@ -102,11 +152,10 @@ def explore_starts(search: Bench, best: Solution, floor: float,
     uneven = search.kit.uneven_costs(search.problem, abs(floor))
     promising, lengths = ([], []) if alone else _lined_up(
         search, floor, uneven=uneven, bent=bent)
-    # `ground`: of the best, on the coarse mesh.
-    found, ground = list[TranscriptionOutcome](), floor
-    ties = [floor]   # coarse costs of what was followed up
-    refined = [best.objective] if best.certified else []   # and those that it led to
-    # Starts, more after each that has led to something better.
+    found, ground = list[TranscriptionOutcome](), floor   # coarse cost of the best solution
+    ties = [floor]   # coarse costs of the outcomes that were refined
+    refined = [best.objective] if best.certified else []   # costs of the solutions they led to
+    # Number of starts, increased by each that leads to a better solution.
     wanted = 1 + len(others) + len(lengths) + bool(promising)
     for number in range(0 if alone else _MOST):
         if search.monitor.stopped or _enough(search, number, (before, spent), wanted,
@@ -153,7 +202,7 @@ def explore_starts(search: Bench, best: Solution, floor: float,
 
 def _lined_up(search: Bench, floor: float, *, uneven: bool,
               bent: bool) -> tuple[list[RolloutEnd], list[Path]]:
-    """Line up further starts; return the promising ones, and those of other lengths."""
+    """Set the further starts; return the promising ones, and those with other final times."""
     problem, begun, lengths = search.problem, search.work, list[Path]()
     if uneven:
         search.starts = search.kit.guesser.scattered(
@@ -172,9 +221,9 @@ def _lined_up(search: Bench, floor: float, *, uneven: bool,
 
 def _to_be_told(other: Solution, best: Solution) -> bool:
     """
-    Return whether another answer is to be told instead of the best one so far.
+    Return whether a solution replaces the best one so far.
 
-    What is cheaper and feasible shows that the other is not the best, proved or not.
+    A cheaper feasible path replaces a certified solution, since that is not the global minimum.
     """
     def cheaper(one: Solution, than: Solution) -> bool:
         both = one.certified and than.certified
@@ -191,7 +240,7 @@ def _to_be_told(other: Solution, best: Solution) -> bool:
 
 def _enough(search: Bench, number: int, work: tuple[int, int], wanted: int, certified: bool, *,
             uneven: bool, bent: bool) -> bool:
-    """Return whether so many further starts will do; `work`: before them, and for them."""
+    """Return whether multistart may stop; `work` is that before it, and that of its starts."""
     (before, spent), rough = work, _rough(search)
     hard = before > _HARD
     if spent > _LAVISH if certified else search.work > _WEARY[0] and spent > _WEARY[1]:
@@ -209,10 +258,10 @@ def _enough(search: Bench, number: int, work: tuple[int, int], wanted: int, cert
 
 def _disproportion(search: Bench) -> float:
     """
-    Return by how much states are off half of their way where inputs go half of theirs.
+    Return the nonlinearity index: max |2 x(u_half) - x(u_mean) - x(u)| over the range of x.
 
-    From their means to those of the path found last; relative to how far the states go on it.
-    Where it is small, dynamics bring about no other minima.
+    u is the input of the last path, u_mean its mean, u_half the mean of both. If the index is
+    small, the dynamics cause no other local minima.
     """
     if search.last is None:
         return 0.0
@@ -230,14 +279,14 @@ def _disproportion(search: Bench) -> float:
 
 
 def _rough(search: Bench) -> bool:
-    """Return whether starts have led far or nowhere, or slowly."""
+    """Return whether coarse solves fail, end at very different costs, or are slow."""
     return search.typical > _SLOW or search.familiar.rough
 
 
 def _pursued(search: Bench, floor: float, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
-    """Return an outcome, or what it leads to where a lower cost is not to be believed yet."""
+    """Return an outcome; of lower cost than `floor`, converged on meshes with small errors."""
     if is_below(outcome.objective, floor, ANOTHER):
-        if not outcome.converged and outcome.infeasibility <= _MET:   # ended too soon
+        if not outcome.converged and outcome.infeasibility <= _MET:   # it needs more iterations
             later = search.collocate(outcome.mesh, outcome.path, near=True, most=_ITERATIONS)
             outcome = later if later.converged else outcome
         for _ in range(_SPLITS):
@@ -249,7 +298,7 @@ def _pursued(search: Bench, floor: float, outcome: TranscriptionOutcome) -> Tran
 
 
 def _tie(best: Solution, ground: float) -> float:
-    """Return the coarse cost below which finer meshes may lead to less than the best answer."""
+    """Return the coarse cost below which refinement may lead to less than the best cost."""
     error = abs(best.objective - ground)
     return ground + 2 * error if best.certified and error < _SAYS * abs(ground) else -np.inf
 
@@ -258,9 +307,9 @@ def _may_be_better(search: Bench, outcome: TranscriptionOutcome, best: Solution,
                    kept: Answered | None,
                    ground: float, *, lower: bool) -> bool:
     """
-    Return whether an outcome may be better on a finer mesh, too, where coarse costs err.
+    Return whether an outcome may be better than the best, by costs on a finer mesh if these err.
 
-    `lower`: whether it is on the coarse one.
+    `lower`: whether it is on the coarse mesh.
     """
     if kept is None or abs(best.objective - ground) <= _ERRS * abs(ground) or (
             outcome.mesh.layout.intervals > search.intervals):
@@ -279,9 +328,9 @@ def _may_be_better(search: Bench, outcome: TranscriptionOutcome, best: Solution,
 def _others(search: Bench, found: list[TranscriptionOutcome], followed: list[float],
             ground: float) -> list[float]:
     """
-    Return the costs of minima that were not followed up, on the mesh on which they were met.
+    Return the costs of local minima that were not refined, on the mesh on which they were found.
 
-    `followed`: coarse costs of those that were; `ground`: that of the best of them.
+    `followed`: coarse costs of those that were refined; `ground`: that of the best.
     """
     costs: list[float] = []
     for outcome in sorted(found, key=lambda outcome: outcome.objective):
@@ -295,7 +344,7 @@ def _others(search: Bench, found: list[TranscriptionOutcome], followed: list[flo
 
 
 def _rivals(found: list[TranscriptionOutcome], ground: float) -> tuple[TranscriptionOutcome, ...]:
-    """Return outcomes of other minima whose costs are not much more than the best one's."""
+    """Return outcomes of other local minima whose coarse cost is not much above the best."""
     rivals: list[TranscriptionOutcome] = []
     for outcome in sorted(found, key=lambda outcome: outcome.objective):
         above = outcome.objective - (rivals[-1].objective if rivals else ground)

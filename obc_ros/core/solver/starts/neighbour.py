@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""An answer from that of a neighbour: the same problem with a little other numbers."""
+"""Warm start from a neighbour: the same problem with slightly different numbers, solved before."""
 
 from dataclasses import replace
 
@@ -14,12 +14,27 @@ from obc_ros.core.solver.proofs.contradictions import explain_contradiction
 from obc_ros.core.solver.proofs.optimality import describe_local
 from obc_ros.core.solver.transcription.local_minima import ANOTHER
 
-_ITERATIONS, _ROUNDS = 15, 3   # what takes more has come far, perhaps past better paths; meshes
-_RIVAL_ITERATIONS = 150
+_ITERATIONS = 15    # maximum number of iterations: with more, another minimum may be better
+_ROUNDS = 3         # maximum number of meshes if the certificate does not pass at once
+_RIVAL_ITERATIONS = 150   # maximum number of iterations for a rival
 
 
 def solve_from_neighbour(search: Bench) -> Solution | None:
-    """Return a certified answer found from that of a neighbour, if no rival is better."""
+    """
+    Solve from the solution of a neighbouring problem.
+
+    Parameters
+    ----------
+    search : Bench
+        Driver; its state is reset if None is returned.
+
+    Returns
+    -------
+    Solution or None
+        Certified, and of lower cost than its rivals; or infeasible, with a proof. None without a
+        neighbour, without convergence, or if a rival has become better.
+
+    """
     last = None if search.quick else search.kit.neighbour(search.stated)
     if last is None or last.outcome.mesh.layout.intervals > search.monitor.max_intervals:
         return None
@@ -39,12 +54,12 @@ def solve_from_neighbour(search: Bench) -> Solution | None:
     if answer is not None and answer.certified:
         search.last = replace(last, problem=search.stated, outcome=outcome,
                               extremal=search.extremal)
-    elif reason := explain_contradiction(search.stated):  # the neighbour has an answer
+    elif reason := explain_contradiction(search.stated):  # although the neighbour has a solution
         return Solution(Status.INFEASIBLE, reason)
     else:
-        search.kit.answers.remove(last)   # nor does it serve the next one
+        search.kit.answers.remove(last)   # it does not serve the next problem either
         search.extremal, search.nearby = None, False
-        if answer is not None and not search.monitor.stopped:   # kinks left their mesh points
+        if answer is not None and not search.monitor.stopped:   # kinks have left the mesh points
             answer = search.followed_up(outcome, _ROUNDS)
             search.last = search.last and replace(
                 search.last, rivals=last.rivals, refined=last.refined, looked=last.looked)
@@ -62,19 +77,19 @@ def solve_from_neighbour(search: Bench) -> Solution | None:
 
 
 def follow_rivals(search: Bench, last: Answered) -> list[float]:
-    """Return what the rivals of a neighbour's answer cost here, as on the meshes of its own."""
+    """Return the costs of the rivals of a neighbour here, scaled from coarse to fine meshes."""
     outcomes = [search.collocate(rival.mesh, rival.path, near=True, most=_RIVAL_ITERATIONS)
                 for rival in last.rivals]
     return [last.refined * outcome.objective for outcome in outcomes if outcome.converged]
 
 
 def is_beaten(answer: Solution, costs: list[float]) -> bool:
-    """Return whether a rival of a neighbour's answer has come to cost less than its own."""
+    """Return whether a rival has become cheaper than the solution."""
     return any(is_below(cost, answer.objective, ANOTHER) for cost in costs)
 
 
 def compare_with_rivals(answer: Solution, costs: list[float]) -> Optimality:
-    """Return what following an answer and its rivals from a neighbour has shown."""
+    """Return the optimality shown by following a solution and its rivals from a neighbour."""
     found = describe_local(1 + len(costs), answer.objective, costs)
-    return replace(found, reason=f'{found.reason}, each an answer to the same problem with '
+    return replace(found, reason=f'{found.reason}, each a local minimum of the same problem with '
                                  'other numbers')

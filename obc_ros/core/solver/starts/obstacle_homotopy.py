@@ -1,12 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Ways past obstacles: paths to either side of each.
+Obstacle homotopy classes: initial guesses that pass each obstacle on either side.
 
-A path that goes round an obstacle on one side is no neighbour of one that goes round it on the
-other, so that no search leads from the first to the second; with several obstacles in the way
-there are as many minima as choices of sides. A line is bent around each; what keeps near the bent
-line and nearly obeys the dynamics is where a search starts.
+Paths on different sides of an obstacle belong to different homotopy classes, and a descent does
+not lead from one class to another. With several obstacles each choice of sides may have a local
+minimum. A straight line is bent around the obstacles for each choice, and a path near the bent
+line that nearly satisfies the dynamics is found by least squares.
 """
 
 from dataclasses import replace
@@ -24,19 +24,37 @@ from obc_ros.core.solver.transcription.mesh import Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 from scipy.optimize import least_squares
 
-_SEEN = 81            # points of the line at which obstacles are looked for
-_OBSTACLES, _WAYS = 6, 8   # the worst in the way; the shortest of the ways past them
-_ASIDE = 201          # points beside the line, as far as it is long
-_CLEAR = 1.1          # times how far aside an obstacle ends
-_DETOUR = 0.5         # of a line that is free, how far the other side of an obstacle may be
-_STRAIGHT = 1e-6      # part of a slope that is none
-# Weights of what paths miss the dynamics, the end and rest by, beside what they miss lines by.
+_SEEN = 81            # points of the line at which constraints are evaluated
+_OBSTACLES = 6        # maximum number of obstacles: those with the largest violation
+_WAYS = 8             # maximum number of bent lines: the shortest
+_ASIDE = 201          # points across the line, up to its length, at which an obstacle is sought
+_CLEAR = 1.1          # distance of a bent line, in the distance at which the obstacle ends
+_DETOUR = 0.5         # largest distance, in lengths of a free line, of an obstacle's other side
+_STRAIGHT = 1e-6      # part of the gradient across the line below which it has no direction
+# Weights in the least squares of defects, of fixed final states, and of inputs and their changes;
+# the distance from the line has weight 1.
 _OBEY, _ARRIVE, _EASY = 30.0, 10.0, 0.01
-_TRIALS, _ROOM = 15, 1e-9   # and the least room between bounds
+_TRIALS = 15          # maximum number of evaluations
+_ROOM = 1e-9          # least scaled distance of two bounds in the least squares
 
 
 def start_around(search: Bench, outcome: TranscriptionOutcome) -> int:
-    """Start next from ways past obstacles, in as long as an outcome takes; return how many."""
+    """
+    Put initial guesses around obstacles before the others.
+
+    Parameters
+    ----------
+    search : Bench
+        Driver; its `starts` are changed.
+    outcome : TranscriptionOutcome
+        Its final time is that of the guesses.
+
+    Returns
+    -------
+    int
+        Number of guesses.
+
+    """
     problem, guesser = search.problem, search.kit.guesser
     if search.kit.twin or not np.isfinite(outcome.path.t[-1]):
         return 0
@@ -49,14 +67,19 @@ def start_around(search: Bench, outcome: TranscriptionOutcome) -> int:
 
 def bend_around(problem: Problem, line: Path) -> list[Path]:
     """
-    Return lines bent around the constraints that are in the way, the shortest first.
+    Bend a line around the path constraints that it violates.
 
     Parameters
     ----------
     problem : Problem
-        Of its path constraints those count that are curved in x and free of u.
+        Its path constraints that are nonlinear in x and free of u are obstacles.
     line : Path
-        From x(0) to the end, straight.
+        Straight, from x(0) to the end.
+
+    Returns
+    -------
+    list of Path
+        At most one for each choice of sides, the shortest first.
 
     """
     rows = _curved(problem)
@@ -64,7 +87,8 @@ def bend_around(problem: Problem, line: Path) -> list[Path]:
         return []
     s = np.linspace(0.0, 1.0, _SEEN)
     x = np.column_stack([np.interp(s * line.t[-1], line.t, column) for column in line.x.T])
-    path = ca.substitute(problem.path, problem.u, ca.DM.zeros(problem.m))   # other rows have u
+    # Rows that depend on u are not used.
+    path = ca.substitute(problem.path, problem.u, ca.DM.zeros(problem.m))
     seen = VectorizedFunction([problem.x, problem.p], [path, ca.jacobian(path, problem.x).T])
     value, slopes = seen(x, problem.p_value)
     slopes = slopes.reshape(_SEEN, -1, problem.n)
@@ -93,7 +117,7 @@ def _depends(problem: Problem) -> Mask:
 
 
 def _curved(problem: Problem) -> NDArray[np.int64]:
-    """Return which path constraints are curved in x and free of u."""
+    """Return which path constraints are nonlinear in x and free of u."""
     rows = [row for row, c in enumerate(ca.vertsplit(problem.path))
             if not ca.depends_on(c, problem.u)
             and ca.depends_on(ca.jacobian(c, problem.x), problem.x)]
@@ -103,10 +127,10 @@ def _curved(problem: Problem) -> NDArray[np.int64]:
 def _sides(problem: Problem, seen: VectorizedFunction, line: tuple[Array, Array, Array], row: int,
            slope: Array) -> list[Array]:
     """
-    Return how far (n,) to leave a line, either way, to pass a constraint.
+    Return the displacements (n,) of a line, to either side, that pass a constraint.
 
-    `line`: its start, where it comes nearest, and its end; `slope` of the constraint there, nan
-    by the states that are not in it.
+    `line`: its start, its point with the largest violation, and its end; `slope`: gradient of the
+    constraint there, nan for states that do not occur in it.
     """
     start, near, end = line
     of = np.flatnonzero(~np.isnan(slope))
@@ -115,7 +139,7 @@ def _sides(problem: Problem, seen: VectorizedFunction, line: tuple[Array, Array,
         return []
     along = (end[of] - start[of]) / length
     away = slope[of] - (slope[of] @ along) * along
-    if not np.linalg.norm(away) > _STRAIGHT * np.linalg.norm(slope[of]):   # through its middle
+    if not np.linalg.norm(away) > _STRAIGHT * np.linalg.norm(slope[of]):   # through the centre
         away = np.eye(len(of))[int(np.argmin(np.abs(along)))]
         away -= (away @ along) * along
     step, far = np.zeros(problem.n), np.linspace(0.0, length, _ASIDE)
@@ -134,7 +158,7 @@ def _sides(problem: Problem, seen: VectorizedFunction, line: tuple[Array, Array,
 
 
 def _bent(line: Path, choice: tuple[tuple[float, Array], ...]) -> Path:
-    """Return a line bent at parts of its length by so much, straight in between."""
+    """Return a line with the given displacements at parts of its length, straight in between."""
     none, choice = np.zeros(line.x.shape[1]), tuple(sorted(choice, key=lambda each: each[0]))
     at = [0.0, *(part for part, _ in choice), 1.0]
     aside = np.array([none, *(each for _, each in choice), none])
@@ -145,15 +169,15 @@ def _bent(line: Path, choice: tuple[tuple[float, Array], ...]) -> Path:
 
 class Follower:
     """
-    What follows bent lines: the least squares of what it misses them and the dynamics by.
+    A least-squares problem: the path near a bent line with small trapezoidal defects.
 
     Parameters
     ----------
     problem : Problem
     line : Path
-        Straight, from x(0) to the end, as long as paths are to take.
+        Straight, from x(0) to the end; its times are those of the path.
     fixed : ndarray of bool, shape (n,)
-        Which states psi fixes at the end.
+        Components of x(T) that psi fixes.
 
     """
 

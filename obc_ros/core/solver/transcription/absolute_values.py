@@ -1,11 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A smooth problem in the place of one with absolute values, for solvers that need derivatives.
+Smooth reformulation of a problem with absolute values.
 
-|k (u - c)| becomes |k| (a + b) with u = c + a - b and a, b >= 0: the same problem, whose inputs
-switch. Any other |e| becomes sqrt(e^2 + eps^2) for an eps that goes to zero while the mesh is
-refined. The answer is judged as one to the problem as it was stated.
+|k (u - c)| becomes |k| (a + b) with u = c + a - b and a, b >= 0, which is the same where a b = 0,
+as at a minimum if larger absolute values cost more. Any other |e| becomes sqrt(e^2 + eps^2) with
+an eps that decreases while the mesh is refined. The solution is certified for the problem as
+stated.
 """
 
 from collections.abc import Callable
@@ -18,17 +19,27 @@ from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
-_ROUNDNESS = (1e-2, 1e-3, 1e-4, 1e-6)   # eps, round by round
+_ROUNDNESS = (1e-2, 1e-3, 1e-4, 1e-6)   # eps of each refinement, in the unit of e
 
 
 @dataclass(frozen=True, eq=False)
 class Twin:
     """
-    How to go to the smooth problem and back, for all problems of one structure.
+    The smooth reformulation of the problems of one structure.
 
-    `x`, `u`, `p` and the expressions are those of the smooth problem; `split` says for each of
-    its inputs which input of the problem as stated it is a part of, and with which sign;
-    `kinks` (m, 1) of p where inputs that are split have their kinks.
+    Attributes
+    ----------
+    u, p : SX
+        Inputs and parameters of the smooth problem; the last parameter is eps.
+    expressions : tuple of SX
+        f, L, path, psi and V of the smooth problem.
+    split : tuple of (int, int)
+        For each smooth input the stated input that it is a part of, and its sign; 0: the whole.
+    kinks : Function
+        c (m, 1) of the inputs that are split, of the stated parameters.
+    rounded : bool
+        Whether an absolute value is smoothed by eps.
+
     """
 
     u: ca.SX
@@ -39,7 +50,17 @@ class Twin:
     rounded: bool
 
     def problem(self, stated: Problem, turn: int = -1) -> Problem:
-        """Return the smooth problem with a stated one's numbers, sharper each turn; the last."""
+        """
+        Return the smooth problem with the numbers of a stated one.
+
+        Parameters
+        ----------
+        stated : Problem
+            Of the structure.
+        turn : int
+            Number of the refinement, which gives eps; -1: the smallest eps.
+
+        """
         f, L, path, psi, V = self.expressions
         eps = _ROUNDNESS[min(turn, len(_ROUNDNESS) - 1)]
         lower, upper, inputs = [], [], []
@@ -63,7 +84,17 @@ class Twin:
             guess=Guess(stated.guess.x, guess, stated.guess.final_time))
 
     def back(self, outcome: TranscriptionOutcome, stated: Problem) -> TranscriptionOutcome:
-        """Return an outcome with the inputs of the problem as it was stated."""
+        """
+        Return an outcome with the stated inputs.
+
+        Parameters
+        ----------
+        outcome : TranscriptionOutcome
+            Of the smooth problem.
+        stated : Problem
+            The problem as stated.
+
+        """
         matrix = np.zeros((len(self.split), stated.m))
         for row, (index, sign) in enumerate(self.split):
             matrix[row, index] = sign or 1
@@ -76,7 +107,20 @@ class Twin:
 
 
 def build_smooth_twin(problem: Problem) -> Twin | None:
-    """Return the smooth twin of a problem, or None if it has no absolute values."""
+    """
+    Build the smooth reformulation of a problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its expressions are used, not its numbers.
+
+    Returns
+    -------
+    Twin or None
+        None if no absolute value occurs.
+
+    """
     function = ca.Function('stated', [problem.x, problem.u, problem.p], [
         problem.f, problem.L, problem.path, problem.psi, problem.V])
     count = function.n_instructions()
@@ -114,7 +158,7 @@ def build_smooth_twin(problem: Problem) -> Twin | None:
         slope = ca.jacobian(e, problem.u[index])
         return ca.fabs(slope) * magnitude[index]
 
-    # Arguments are written in the stated inputs first, so that |k u| is still seen.
+    # The stated inputs are substituted last, so that |k u| is recognised.
     expressions = _replayed(function, (problem.x, problem.u, problem.p), smooth)
     expressions = ca.substitute(expressions, [problem.u], [ca.vertcat(*whole)])
     return Twin(u, ca.vertcat(problem.p, eps), tuple(expressions), tuple(rows),
@@ -135,7 +179,7 @@ def _single_input(problem: Problem, e: ca.SX) -> tuple[int, ca.SX] | None:
 
 def _replayed(function: ca.Function, arguments: tuple[ca.SX, ...],
               absolute: Callable[[ca.SX], ca.SX]) -> list[ca.SX]:
-    """Return the outputs of a function of SX, with absolute values taken as `absolute` says."""
+    """Return the outputs of a function of SX with |e| replaced by absolute(e)."""
     work: dict[int, ca.SX] = {}
     results = [ca.SX.zeros(function.sparsity_out(i)) for i in range(function.n_out())]
     for k in range(function.n_instructions()):

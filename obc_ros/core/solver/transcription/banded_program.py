@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A transcription of one phase as a program whose unknowns follow each other in time."""
+"""A transcription of one phase as a banded program, with its unknowns in order of time."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,19 +23,33 @@ from obc_ros.core.solver.nlp.interior_point import (
 from obc_ros.core.solver.nlp.negative_curvature import leave_saddle
 from obc_ros.core.solver.transcription.block_program import Whole
 
-_PENALTY = 1e7       # of J'J, when H is tested
-_STEEPEST = 100.0   # of a cost
-_FAR, _NEAR = (0.1, 1e-2), (1e-6, 1e-6)   # mu, distance from bounds
-_RESUMED = 100.0, 1e-8, 1e-4   # mu at an answer's neighbour: part of the answer's, least, most
-_NEARLY = StoppingRule(feasible=1e-8, optimal=1e-8)   # where it is tried to hold what is at bounds
+_PENALTY = 1e7       # factor of J'J in the test of the Hessian
+_STEEPEST = 100.0    # largest entry of the gradient of the cost at a start after scaling
+# Initial barrier parameter, and least distance from bounds: far from and near a solution.
+_FAR, _NEAR = (0.1, 1e-2), (1e-6, 1e-6)
+# Initial barrier parameter from the solution of a neighbour: in its last one, minimum, maximum.
+_RESUMED = 100.0, 1e-8, 1e-4
+_NEARLY = StoppingRule(feasible=1e-8, optimal=1e-8)   # where the active set method takes over
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
     """
-    What came of a program: w and f, multipliers of w's bounds and of the rows, the rows.
+    The result of a solve of a program.
 
-    Multipliers have the sign of f + lam_g' g + lam_w' w. `mu`: parameter of the barrier.
+    Attributes
+    ----------
+    w, f, g : ndarray, float, ndarray
+        Unknowns, cost and rows.
+    lam_w, lam_g : ndarray
+        Multipliers of the bounds of w and of the rows, in the sign of f + lam_g' g + lam_w' w.
+    converged, status : bool, str
+        Whether the tolerances are met, and why the solve ended.
+    iterations : int
+        Number of iterations.
+    mu : float
+        Last barrier parameter; 0 if unknown.
+
     """
 
     w: Array
@@ -51,22 +65,22 @@ class Found:
 
 class Stages:
     """
-    Intervals and an end, their rows between the unknowns of the mesh points.
+    A banded program of intervals and an end, with their rows between the unknowns of mesh points.
 
     Parameters
     ----------
     interval, end : Whole
         Functions of an interval and of the end.
     index, own : ndarray, shape (N, nv) and (N, .)
-        Where the local variables of each interval stand in [w; c], and its constants in c.
+        Places of the local variables of each interval in [w; c], and of its constants in c.
     last : ndarray, shape (n,)
-        Where x(T) stands in w.
+        Places of x(T) in w.
     points : ndarray, shape (N + 1, n + m)
-        Where the unknowns of each mesh point stand in w.
+        Places of the unknowns of each mesh point in w.
     unknowns : int
-        Length of w: the unknowns of the points, and one more at most.
+        Length of w: the unknowns of the points, and at most one more.
     shared : int
-        Number of constants that all intervals share, the first of all.
+        Number of constants that all intervals share, which come first.
 
     """
 
@@ -84,7 +98,7 @@ class Stages:
         self.size = inner + border
         self.is_row = np.zeros(self.size, dtype=bool)
         self.is_row[self.at_rows] = True
-        # Constants stand behind y.
+        # Constants follow y.
         v = np.where(index < unknowns, self.at_w[np.minimum(index, unknowns - 1)],
                      index - unknowns + self.size)
         of_intervals = self.at_rows[:N * r].reshape(N, r)
@@ -102,7 +116,7 @@ class Stages:
         self._number()
 
     def _number(self) -> None:
-        """Say where what the copies return stands in all that they return, and goes."""
+        """Compute the places of the results of the copies, and where they are added."""
         first, second = self._copies
         self._places = slice(0, first.total), slice(first.total, first.total + second.total)
         nowhere = 3 * self.size   # slopes by constants are dropped
@@ -125,7 +139,7 @@ class Stages:
 
     @cached_property
     def _squares(self) -> tuple[Pattern, Index]:
-        """Return the pattern of the Hessian and of J'J, and which of their entries are kept."""
+        """Return the pattern of the Hessian plus J'J, and which of their entries it contains."""
         rows, columns = [], []
         for copies in self._copies:
             pairs = copies.v[:, copies.whole.jacobian[1][copies.pairs]]
@@ -135,7 +149,7 @@ class Stages:
         inner = self.pattern.inner
         kept = np.flatnonzero((i < self.size) & (j < self.size) & (i >= j))
         i, j = i[kept], j[kept]
-        # The border is a few columns.
+        # Entries of the border belong to its columns.
         edge = (i >= inner) & (j < inner)
         i, j = np.where(edge, j, i), np.where(edge, i, j)
         return Pattern(i, j, self.size, self.pattern.border, triangle=True), kept
@@ -144,7 +158,7 @@ class Stages:
         """
         Return whether the Hessian with a diagonal added is positive definite where J d = 0.
 
-        It is if it is positive definite everywhere once a multiple of J'J is added.
+        This is tested as positive definiteness after a large multiple of J'J is added.
         """
         pattern, kept = self._squares
         if fixed is not self._without[0]:
@@ -160,29 +174,36 @@ class Stages:
             self._squared = values, np.concatenate(parts)[kept]
         return pattern.definite(self._squared[1], self._without[1], diagonal)
 
-    @np.errstate(over='ignore', invalid='ignore')   # steps that lead far away are not taken
+    @np.errstate(over='ignore', invalid='ignore')   # trial points that overflow are rejected
     def run(self, w: Array, bounds: tuple[Array, Array], goal: StoppingRule,
             watch: Callable[[float, float], bool], *, near: bool = False,
             multipliers: tuple[Array, Array] | None = None, mu: float = 0.0) -> Found:
         """
-        Return what the interior-point method makes of a start.
+        Solve the program.
+
+        With multipliers the active set method is tried first. Then the interior-point method is
+        run; near its end the active set method takes over if it can.
 
         Parameters
         ----------
         w : ndarray
-            Where to start.
+            Initial unknowns.
         bounds : pair of ndarray
-            Of w.
-        goal : Goal
-            When to stop.
+            Lower and upper bounds of w.
+        goal : StoppingRule
+            Tolerances and limits.
         watch : callable
             Called with cost and infeasibility; True stops.
         near : bool
-            Whether the start is near the optimum.
+            Whether the start is near the solution.
         multipliers : pair of ndarray, optional
-            `lam_w` and `lam_g` at the start; of `lam_w` the signs are enough.
+            Initial `lam_w` and `lam_g`; of `lam_w` only the signs are used.
         mu : float, optional
-            Parameter of the barrier at which these were found.
+            Barrier parameter at which these were found.
+
+        Returns
+        -------
+        Found
 
         """
         y, lower = np.zeros(self.size), np.full(self.size, -np.inf)
@@ -216,7 +237,7 @@ class Stages:
         if multipliers is None:
             work.multipliers(now)
         if not goal.rough:
-            # Near the end it is clear what is at a bound: held there it is found exactly.
+            # Near the solution the active set is known, and the active set method is exact.
             now = solve_program(work, now, _NEARLY, seen)
             followed = follow_active_set(self, (lower, upper), now.y, work.sides(now), goal, seen
                                          ) if now.converged else None
@@ -237,7 +258,7 @@ class Stages:
             iterations=steps)
 
     def _scale(self, now: Iterate) -> None:
-        """Make the cost less steep if it is very steep at a start without multipliers."""
+        """Scale the cost down if its gradient is very large at a start without multipliers."""
         steepest = float(np.abs(now.values.cost_slope).max())
         if np.isfinite(steepest) and steepest > _STEEPEST:
             self.factor = _STEEPEST / steepest
@@ -251,7 +272,7 @@ class Stages:
             iterations=end.iterations, mu=end.mu)
 
     def values(self, y: Array) -> ProgramValues:
-        """Return everything at y."""
+        """Return values and derivatives at y."""
         known = np.concatenate([y, self._constants, [self.factor]])
         flat, parts = np.empty(self._places[-1].stop), []
         for copies, place in zip(self._copies, self._places, strict=True):
@@ -279,13 +300,13 @@ class Stages:
 
 class _Copies:
     """
-    Copies of a piece: where its arguments stand, and what of its results stands where.
+    Copies of a piece, with the places of their arguments and results.
 
-    `take`, `few`: where the arguments for everything, and for g and the cost alone, stand in (y,
-    constants, factor); `results`: places of g, cost, its slope, the slope of the Lagrangian, J
-    and H, `total` of them; `at_J`, `at_H`: the last two in the results of one copy; `entries`:
-    rows and columns of H, J and J' in the matrix; `pairs` (2, .) of entries of J to be multiplied
-    for J'J.
+    `take`, `few`: places in (y, constants, factor) of the arguments for all results, and for g and
+    the cost alone. `results`: places of g, cost, its gradient, that of the Lagrangian, J and H
+    among `total` results; `at_J`, `at_H`: places of the last two in the results of one copy.
+    `entries`: rows and columns of H, J and J' in the matrix. `pairs` (2, .): pairs of entries of J
+    whose products give J'J.
     """
 
     def __init__(self, whole: Whole, v: Index, own: Index, rows: Index, shared: Index) -> None:

@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A nonlinear program made of many copies of a few small functions.
+A nonlinear program composed of many copies of a few small functions.
 
-Minimise the sum of the costs of the blocks subject to the rows of the blocks within bounds.
-Derivatives are taken once, of the small functions, and scattered into sparse matrices by index:
-building the program costs the same for 10 copies as for 1000.
+Minimise the sum of the costs of the blocks subject to bounds of the rows of the blocks. Only the
+small functions are differentiated. Their derivatives are scattered into sparse matrices by index,
+so that the time to build the program hardly depends on the number of copies.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,8 +33,8 @@ class Piece:
     g, cost : casadi.SX
         Rows (r,) and cost (1,).
     derivatives : callable, optional
-        Returns what evaluates them and their derivatives for many rows, where CasADi's take
-        longer to build or to evaluate.
+        Returns an evaluator of both and their derivatives for many rows, which replaces CasADi's
+        derivatives if these take longer.
 
     """
 
@@ -46,7 +46,7 @@ class Piece:
 
     @cached_property
     def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Return factor, lam, and slope, J, H and slope of factor cost + lam' g."""
+        """Return factor, lam, slope, J, H, and the gradient of factor cost + lam' g."""
         v, factor, lam = self._arguments[0], ca.SX.sym('factor'), ca.SX.sym('lam', self.r)
         H, both = ca.hessian(factor * self._cost + ca.dot(lam, self._g), v)
         # Row by row: there are fewer rows than columns.
@@ -77,7 +77,7 @@ class Piece:
 
     @cached_property
     def whole(self) -> 'Whole':
-        """Return everything at once, for numpy arrays."""
+        """Return values and derivatives as one function of numpy arrays."""
         values = VectorizedFunction(self._arguments, [self._g, self._cost], 8)
         if self._derivatives is not None:
             known = self._derivatives()
@@ -104,10 +104,18 @@ class Whole:
     """
     A piece and its derivatives for many rows of local variables at once.
 
-    `r` rows of g; `slope` (.), `jacobian`, `curvature` (., .): where the entries of the
-    derivatives stand. `batch` of v, own, shared, factor and lam returns g, the cost, its slope,
-    the slope of factor cost + lam' g, and the entries of the Jacobian of g and of the Hessian;
-    `values` of v, own and shared returns g and the cost.
+    Attributes
+    ----------
+    r : int
+        Number of rows of g.
+    slope, jacobian, curvature : ndarray, or pair of ndarray
+        Rows, or rows and columns, of the entries of the derivatives.
+    batch : VectorizedFunction or StepDerivatives
+        From v, own, shared, factor and lam to g, the cost, its gradient, the gradient of
+        factor cost + lam' g, and the entries of the Jacobian of g and of the Hessian.
+    values : VectorizedFunction
+        From v, own and shared to g and the cost.
+
     """
 
     r: int
@@ -127,9 +135,9 @@ class Block:
     ----------
     piece : Piece
     index : ndarray, shape (K, nv)
-        Where each local variable stands in [w; c]: the unknowns first, then the constants.
+        Place of each local variable in [w; c], the unknowns and then the constants.
     own_index : ndarray, shape (K, number of own)
-        Where the constants of each copy stand in c.
+        Places of the constants of each copy in c.
 
     """
 
@@ -178,14 +186,14 @@ class _Sum:
 
 
 def _mapped(derivative: Derivative, arguments: Sequence[ca.MX]) -> ca.MX:
-    """Return the entries of the results of a function for all columns of its arguments."""
+    """Return the entries of a derivative for all columns of its arguments."""
     function, _, _ = derivative
     return ca.vec(function.map(arguments[0].size2())(*arguments).nz[:])
 
 
 def assemble(blocks: Sequence[Block], unknowns: int, shared: int, constants: int) -> BlockProgram:
     """
-    Return the program of all blocks.
+    Assemble the program of all blocks.
 
     Parameters
     ----------
@@ -194,7 +202,7 @@ def assemble(blocks: Sequence[Block], unknowns: int, shared: int, constants: int
     unknowns : int
         Length of w.
     shared, constants : int
-        Length of the constants shared by all copies, which come first in c, and of c.
+        Number of constants shared by all copies, which come first in c, and length of c.
 
     """
     w, c = ca.MX.sym('w', unknowns), ca.MX.sym('c', constants)

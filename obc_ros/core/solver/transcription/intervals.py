@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a transcription is made of: an interval, by one of two schemes, and the ends."""
+"""The pieces of a transcription: an interval by one of two schemes, the end, path constraints."""
 
 from functools import partial
 
@@ -35,10 +35,19 @@ def _explicit(problem: Problem, states: tuple[ca.SX, ca.SX, ca.SX],
 
 class Pieces:
     """
-    An interval, the end and the limits of a problem, scaled, with their derivatives.
+    An interval, the end and the path constraints of a problem, scaled, with their derivatives.
 
-    `free`: whether lengths of intervals are unknown; derivatives are much longer if they are.
-    `swift`: whether derivatives of explicit steps are to be evaluated, not built, quickly.
+    Parameters
+    ----------
+    problem : Problem
+        Its expressions are used, not its numbers.
+    stages : int
+        Gauss points in an interval; 0: an explicit Runge-Kutta step.
+    free : bool
+        Whether lengths of phases are unknown; the derivatives are much longer then.
+    swift : bool
+        Use derivatives of explicit steps that are evaluated faster, and take longer to build.
+
     """
 
     def __init__(self, problem: Problem, stages: int, free: bool, swift: bool = False) -> None:

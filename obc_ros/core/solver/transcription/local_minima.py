@@ -1,24 +1,25 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What searches from several starts led to, and when further ones bring nothing new."""
+"""Record of the local minima found by multistart, with a stopping rule."""
 
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.solver.transcription.mesh import Path
 
-ANOTHER = 1e-3   # relative cost: what is another minimum on a coarse mesh
-_SAME = 2e-4     # likewise: the same, found twice with an error of half of it
-_MET, _WILD = 1e-5, 1e6   # infeasibility: of a path, and of a start that states explode from
-_CALMER, _CALMEST = 0.5, 0.1   # parts of spans that starts go, after each of those
+ANOTHER = 1e-3   # relative difference of two costs above which they are of different minima
+_SAME = 2e-4     # relative difference up to which a coarse cost is that of a known minimum
+_MET = 1e-5      # infeasibility of a feasible path
+_WILD = 1e6      # infeasibility from which on states have diverged
+_CALMER, _CALMEST = 0.5, 0.1   # factor of the spans of guesses after divergence, and its minimum
 
 
 class Familiar:
     """
-    The costs of minima that were found, and the iterates of the searches.
+    The costs of the local minima found from several starts, and the iterates of the solves.
 
-    A search is to be ended that comes to an iterate of another, for it goes on like that one, or
-    that is feasible at the cost of a minimum that is known. `daring`: whether the present search
-    started where inputs drawn at random lead; that it leads astray says little.
+    A solve can end early at an iterate of another one, since it continues like that one, or at a
+    feasible iterate with the cost of a known minimum. `daring` is set while the present start is
+    a rollout of random inputs: its failure says little about the problem.
     """
 
     def __init__(self) -> None:
@@ -30,17 +31,35 @@ class Familiar:
         self._now = list[tuple[str, str]]()
 
     def again(self, cost: float, infeasibility: float) -> bool:
-        """Return whether an iterate of the present search shows that it brings nothing new."""
+        """
+        Record an iterate of the present solve; return whether it leads to a known minimum.
+
+        Parameters
+        ----------
+        cost, infeasibility : float
+            Of the iterate.
+
+        """
         place = f'{cost:.7e}', f'{infeasibility:.4e}'
         self._now.append(place)
         return place in self._iterates or self._knows(cost, infeasibility)
 
     def ended(self, cost: float, infeasibility: float, path: Path | None) -> None:
-        """Take note of where the present search ended, with the path if one was found."""
+        """
+        Record the end of the present solve.
+
+        Parameters
+        ----------
+        cost, infeasibility : float
+            Of the last iterate.
+        path : Path or None
+            The path if the solve converged.
+
+        """
         self._iterates.update(self._now)
         self._now = []
         dear = self.daring and self._far(cost)
-        if path is not None and not dear:   # else all bends would be as wild
+        if path is not None and not dear:   # an expensive rollout would enlarge all guesses
             x, u = path.x, np.vstack([path.ua, path.ub])
             new = np.ptp(x, axis=0), np.maximum(np.ptp(u, axis=0), np.abs(u).max(axis=0))
             known = self._seen or new
@@ -56,9 +75,9 @@ class Familiar:
     @property
     def spans(self) -> tuple[Array, Array] | None:
         """
-        Return how far states (n,) and inputs (m,) of a start may go, None without a path.
+        Return the ranges of states (n,) and inputs (m,) for guesses, None without a path.
 
-        As far as on the paths found; less after starts from which states exploded.
+        They are those of the paths found, reduced after each start from which states diverged.
         """
         return self._seen and (self._part * self._seen[0], self._part * self._seen[1])
 
@@ -72,24 +91,24 @@ class Familiar:
 
     @property
     def rough(self) -> bool:
-        """Return whether more than a quarter of the searches led nowhere, or to twice the cost."""
+        """Return whether more than a quarter of the solves failed or ended at twice the cost."""
         far = sum(map(self._far, self._sober))
         return 4 * (self._astray + far) > self._astray + len(self._sober)
 
     @property
     def minima(self) -> int:
-        """Return how many minima were found."""
+        """Return the number of different minima found."""
         ordered = np.sort(self._costs)
         apart = int(np.count_nonzero(np.diff(ordered) > ANOTHER * np.abs(ordered[1:])))
         return min(len(ordered), 1) + apart
 
     def enough(self) -> bool:
         """
-        Return whether no other minimum is to be expected after so many searches.
+        Return whether no further minimum is expected.
 
-        After n that led to w minima, w (n - 1) / (n - w - 2) is expected of how many there are:
-        C. G. E. Boender, A. H. G. Rinnooy Kan, Bayesian stopping rules for multistart global
-        optimization methods, Math. Program. 37 (1987).
+        After n solves that led to w minima the expected number of minima is
+        w (n - 1) / (n - w - 2): C. G. E. Boender, A. H. G. Rinnooy Kan, Bayesian stopping rules
+        for multistart global optimization methods, Math. Program. 37 (1987).
         """
         n, w = len(self._costs), self.minima
         return n > w + 2 and w * (n - 1) / (n - w - 2) <= w + 0.5

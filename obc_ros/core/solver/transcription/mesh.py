@@ -1,9 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-How time is cut for a transcription, and a path on such a mesh.
+The mesh of a transcription, and a path on it.
 
-[0, T] is cut into phases and these into intervals; phases may have unknown lengths.
+[0, T] is divided into phases, and these into intervals. The lengths of phases may be unknown.
 """
 
 from dataclasses import dataclass, replace
@@ -15,17 +15,24 @@ from obc_ros.core.numerics.collocation import compute_gauss_points
 from obc_ros.core.ocp.problem import Problem
 
 LINEAR, STEPPED, HELD = 'linear', 'stepped', 'held'
-_SAME_TIME = 1e-10   # of T: times that differ by rounding only
+_SAME_TIME = 1e-10   # difference, as part of T, up to which times are equal
 
 
 @dataclass(frozen=True)
 class Phase:
     """
-    Intervals in a row, and for each input how it is found in them.
+    Consecutive intervals, and the form of each input in them.
 
-    `modes`: LINEAR (continuous, linear in each interval), STEPPED (constant in each) or HELD (at a
-    given value).
-    `joined`: whether an input starts at the value with which the phase before ended.
+    Attributes
+    ----------
+    intervals : int
+        Number of intervals.
+    modes : tuple of str, length m
+        LINEAR (continuous, linear in each interval), STEPPED (constant in each interval) or HELD
+        (at a given value).
+    joined : tuple of bool, length m
+        Whether an input is continuous at the start of the phase.
+
     """
 
     intervals: int
@@ -35,7 +42,7 @@ class Phase:
 
 @dataclass(frozen=True)
 class Layout:
-    """What fixes the form of the program: its phases, Gauss points, and what is unknown."""
+    """The form of a program: phases, scheme, and whether the final time is unknown."""
 
     phases: tuple[Phase, ...]
     stages: int   # Gauss points in an interval; 0 for Runge-Kutta steps
@@ -65,12 +72,13 @@ class Mesh:
     Attributes
     ----------
     layout : Layout
+        Phases, intervals and scheme.
     fractions : ndarray, shape (N,)
         Length of each interval as a part of its phase.
-    held : ndarray, shape (number of phases, m)
+    held : ndarray, shape (phases, m)
         Values of the inputs that are HELD.
-    on : ndarray, shape (number of phases, n + l), optional
-        Bounds of (x, c) on which phases begin and end: +1 upper, -1 lower, 0 none.
+    on : ndarray, shape (phases, n + l), optional
+        Bounds of (x, c) on which phases begin and end: 1 upper, -1 lower, 0 none.
 
     """
 
@@ -81,10 +89,10 @@ class Mesh:
 
     def hold(self, lower: Array, upper: Array, places: Index, rows: slice) -> None:
         """
-        Close bounds where phases begin or end on a bound of some rows of (x, c).
+        Set lower and upper bounds equal at junctions on a bound of some rows of (x, c).
 
-        `places` (N, number of rows): where in `lower` and `upper` those of each row stand, for
-        the mesh point at which each interval begins.
+        `places` (N, number of rows): places in `lower` and `upper` of each row at the start of
+        each interval.
         """
         if self.on is None:
             return
@@ -98,19 +106,20 @@ class Mesh:
 @dataclass(frozen=True, eq=False)
 class Path:
     """
-    States and inputs over time: where a search starts or what it found.
+    States and inputs over time: an initial guess or a solution.
 
     Attributes
     ----------
     t : ndarray, shape (N + 1,)
-        Mesh points.
+        Mesh points [s].
     x : ndarray, shape (N + 1, n)
+        States at the mesh points.
     inner : ndarray, shape (N, s, n)
-        States at the Gauss points.
+        States at the Gauss points; s is 0 for Runge-Kutta steps.
     ua, ub : ndarray, shape (N, m)
         Inputs at the start and at the end of each interval.
-    durations : ndarray
-        Lengths of the phases.
+    durations : ndarray, shape (phases,)
+        Lengths of the phases [s].
 
     """
 
@@ -122,7 +131,7 @@ class Path:
     durations: Array
 
     def states_at(self, times: Array) -> Array:
-        """Return states at any times, linear between all known ones."""
+        """Return states (K, n) at times (K,) [s], by linear interpolation."""
         t, x = self.t, self.x
         if self.inner.shape[1]:
             c = compute_gauss_points(self.inner.shape[1])
@@ -133,10 +142,22 @@ class Path:
 
     def inputs_at(self, times: Array, after: bool) -> Array:
         """
-        Return inputs at any times; `after` a jump or before it.
+        Interpolate the inputs.
 
-        A time that is a mesh point up to rounding is that point: else the last bit of a sum of
-        lengths says which side of a jump is taken.
+        Times that differ from a mesh point by rounding only are that point, so that rounding does
+        not decide which side of a jump is returned.
+
+        Parameters
+        ----------
+        times : ndarray, shape (K,)
+            Times [s].
+        after : bool
+            At a mesh point, return the input after it, else before it.
+
+        Returns
+        -------
+        ndarray, shape (K, m)
+
         """
         same = _SAME_TIME * self.t[-1]
         found = (np.searchsorted(self.t, times + same, 'right') if after
@@ -148,14 +169,36 @@ class Path:
 
 
 def build_uniform_mesh(problem: Problem, intervals: int, stages: int, mode: str = LINEAR) -> Mesh:
-    """Return a mesh of one phase and equal intervals."""
+    """
+    Return a mesh of one phase with equal intervals.
+
+    Parameters
+    ----------
+    problem : Problem
+        Gives m, and whether T is free.
+    intervals, stages : int
+        Number of intervals, and of Gauss points in each (0: Runge-Kutta steps).
+    mode : str
+        LINEAR or STEPPED, for all inputs.
+
+    """
     phase = Phase(intervals, (mode,) * problem.m, (False,) * problem.m)
     layout = Layout((phase,), stages, problem.final_time.free)
     return Mesh(layout, np.full(intervals, 1.0 / intervals), np.zeros((1, problem.m)))
 
 
 def split(mesh: Mesh, counts: Index) -> Mesh:
-    """Return the mesh with its intervals cut into equal parts, as many as `counts` says."""
+    """
+    Cut the intervals of a mesh into equal parts.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        With N intervals.
+    counts : ndarray of int, shape (N,)
+        Number of parts of each.
+
+    """
     number = np.bincount(mesh.layout.phase_of, weights=counts).astype(int)
     phases = tuple(replace(p, intervals=int(k))
                    for p, k in zip(mesh.layout.phases, number, strict=True))

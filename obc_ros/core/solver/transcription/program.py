@@ -1,15 +1,15 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Optimal control as a nonlinear program, under inputs linear in time between mesh points.
+Transcription to a nonlinear program, with inputs linear in time between mesh points.
 
-In an interval of length h the state obeys dx/dt = f(x, u) by one of two schemes: Gauss
-collocation, the polynomial of degree s that meets the equation at s points (order 2s, for stiff
-systems, and where the state is bounded), or an explicit Runge-Kutta step of order 6 (fewer
-unknowns). u runs linearly from u_k+ to u_(k+1)-, so that bounds at mesh points are bounds
-everywhere and the input returned is the input optimised: the cost found is never below the least
-one, and exceeds it by O(h^4) where u* is smooth. Phases may have unknown lengths and inputs held
-at given values: arcs.
+In an interval of length h, dx/dt = f(x, u) is discretised by one of two schemes: Gauss
+collocation with a polynomial of degree s through s points (order 2s, for stiff systems and state
+bounds), or an explicit Runge-Kutta step of order 6 (fewer unknowns). u is linear from u_k+ to
+u_(k+1)-, so that bounds at mesh points hold everywhere, and the returned input is the optimised
+one. Up to the discretisation error of the states the cost is not below the minimum; it exceeds it
+by O(h^4) where u* is smooth. Phases may have unknown lengths, and inputs held at given values
+(arcs).
 """
 
 from dataclasses import dataclass
@@ -33,12 +33,12 @@ from obc_ros.core.solver.transcription.tightening import TightenedLimits
 
 _COMMON: dict[str, object] = {
     'print_level': 0, 'sb': 'yes', 'linear_solver': 'mumps', 'tol': 1e-9,
-    # With its own permutation MUMPS takes some of these matrices for singular, for minutes.
+    # With its own permutation MUMPS treats some of these matrices as singular, for minutes.
     'mumps_permuting_scaling': 0, 'mumps_pivot_order': 0,
     'constr_viol_tol': 1e-9, 'compl_inf_tol': 1e-9, 'dual_inf_tol': 1e-6,
     'bound_relax_factor': 0.0, 'honor_original_bounds': 'yes', 'max_iter': 1000,
     'acceptable_tol': 1e-7, 'acceptable_iter': 15}
-# How near the optimum a start is: at a guess, on a path found on another mesh, at a neighbour's.
+# Options by the kind of start: a guess, a solution on another mesh, that of a neighbour.
 _STARTS: dict[str, dict[str, object]] = {
     'far': {},
     'near': {'mu_init': 1e-4, 'bound_push': 1e-6, 'bound_frac': 1e-6, 'slack_bound_push': 1e-6,
@@ -51,25 +51,33 @@ _STARTS: dict[str, dict[str, object]] = {
 @dataclass(frozen=True, eq=False)
 class TranscriptionOutcome:
     """
-    What the solver of the nonlinear program returned.
+    The result of a transcription.
 
     Attributes
     ----------
+    mesh, path : Mesh, Path
+        The mesh, and the last iterate on it.
+    converged, status : bool, str
+        Whether the tolerances are met, and why the solve ended.
+    objective, infeasibility : float
+        Cost, and largest scaled violation of a row.
+    iterations : int
+        Number of iterations.
     nu : ndarray, shape (q,)
         Multipliers of psi.
     costates : ndarray, shape (N + 1, n)
-        At mesh points, before any jump there; the first row is known by collocation only.
+        At mesh points, before any jump there; the first row is nan without collocation.
     node_bounds, inner_bounds : ndarray, shape (N + 1, n), (N, s, n)
-        Multipliers of the bounds of x, > 0 at an upper bound.
+        Multipliers of the bounds of x at mesh points and Gauss points, > 0 at an upper bound.
     node_path, inner_path : ndarray, shape (N + 1, l), (N, s, l)
-        Likewise for the path constraints; the last row is that at T.
+        The same for the path constraints; the last row is that at T.
     sides_path : ndarray, shape (N, 2, l)
-        Those of the path constraints at the start and at the end of each interval: where a phase
-        ends others hold on either side.
+        Multipliers of the path constraints at the start and at the end of each interval, which
+        differ at the ends of phases.
     w, lam_w, lam_g, mu
-        Unknowns, multipliers and parameter of the barrier of the program, for a warm start.
-    scales : Scales, optional
-        In which these are.
+        Unknowns, multipliers and barrier parameter of the program, for a warm start.
+    scales : ProblemScales, optional
+        Scales of these.
 
     """
 
@@ -94,15 +102,23 @@ class TranscriptionOutcome:
     scales: 'ProblemScales | None' = None
 
     def pressure(self) -> Array:
-        """Return by how much J grows with drawing in each bound of x and of c, (n + l,)."""
+        """Return the derivative of J by the tightening of each bound of x and of c, (n + l,)."""
         parts = ((self.node_bounds, self.inner_bounds), (self.node_path, self.inner_path))
         return np.concatenate([np.abs(a).sum(0) + np.abs(b).sum((0, 1)) for a, b in parts])
 
     def masses(self, parts: int) -> Array:
         """
-        Return by how much lam drops at each of N * parts + 1 times, shape (., n).
+        Return the multiplier impulses of the bounds of x, by which lam drops.
 
-        The multipliers at Gauss points are moved to the nearest of these times.
+        Parameters
+        ----------
+        parts : int
+            Parts of each interval. Multipliers at Gauss points belong to the nearest end of one.
+
+        Returns
+        -------
+        ndarray, shape (N * parts + 1, n)
+
         """
         mass = np.zeros((len(self.path.ua) * parts + 1, self.path.x.shape[1]))
         mass[::parts] = self.node_bounds
@@ -114,7 +130,7 @@ class TranscriptionOutcome:
 
 @dataclass(frozen=True, eq=False)
 class ProblemScales:
-    """Typical sizes of the states (n,), the inputs (m,), the time and the cost."""
+    """Scales of the states (n,), the inputs (m,), the time [s] and the cost."""
 
     x: Array
     u: Array
@@ -151,7 +167,7 @@ class Transcription:
         self._path = ca.Function('path', [problem.x, problem.u, problem.p], [problem.path])
 
     def _number(self, problem: Problem) -> None:
-        """Give every unknown and every constant its place."""
+        """Assign a place to each unknown and each constant."""
         layout, n, m = self.layout, self.n, self.m
         N, stride = layout.intervals, n * (1 + layout.stages)
         self.at_x = stride * np.arange(N + 1)[:, None] + np.arange(n)
@@ -191,14 +207,14 @@ class Transcription:
             inputs[inputs < 0] = base + N - 1 - inputs[inputs < 0]
         if not layout.free_durations:
             self.at_duration = base + N + len(held) + np.arange(phases)
-        # The state, input or time that each unknown is.
+        # The state, input or time that each unknown represents.
         self.which = np.full(self.unknowns + self.constants, n + m)
         self.which[self.at_x] = self.which[self.at_inner] = np.arange(n)
         self.which[self.at_ua] = self.which[self.at_ub] = n + np.arange(m)
         self.which = self.which[:self.unknowns]
 
     def _index(self) -> tuple[Index, Index]:
-        """Return where the local variables and the constants of each interval stand."""
+        """Return the places of the local variables and of the constants of each interval."""
         layout = self.layout
         duration = self.at_duration[layout.phase_of][:, None]
         own, free = [self.at_fraction[:, None]], list[Index]()
@@ -209,7 +225,7 @@ class Transcription:
 
     @cached_property
     def _staged(self) -> Stages | None:
-        """Return the program for the interior-point method, if it is of its form."""
+        """Return the banded program; None for several phases, collocation or path constraints."""
         layout = self.layout
         if (len(layout.phases) > 1 or layout.stages or self.l or self.held
                 or STEPPED in layout.phases[0].modes):
@@ -255,11 +271,25 @@ class Transcription:
         return self._solvers[start]
 
     def times(self, mesh: Mesh, durations: Array) -> Array:
-        """Return the mesh points, shape (N + 1,)."""
+        """Return the mesh points [s], shape (N + 1,)."""
         return np.append(0.0, np.cumsum(mesh.fractions * durations[self.layout.phase_of]))
 
     def start(self, mesh: Mesh, guess: Path, durations: Array, scales: ProblemScales) -> Array:
-        """Return the unknowns that follow a guess stretched to the given durations."""
+        """
+        Return the unknowns of an initial guess.
+
+        Parameters
+        ----------
+        mesh : Mesh
+            Of this layout.
+        guess : Path
+            Stretched in time to the given final time.
+        durations : ndarray, shape (phases,)
+            Lengths of the phases [s].
+        scales : ProblemScales
+            Scales of the unknowns.
+
+        """
         t = self.times(mesh, durations)
         stretch = guess.t[-1] / t[-1]
         w = np.zeros(self.unknowns)
@@ -279,7 +309,7 @@ class Transcription:
     def multipliers(self, mesh: Mesh, start: Array, guide: 'TranscriptionOutcome',
                     scales: ProblemScales,
                     bounds: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Return signs of `lam_w` and values of `lam_g` that follow from an outcome nearby."""
+        """Return signs of `lam_w` and values of `lam_g` from an outcome on another mesh."""
         t = self.times(mesh, guide.path.durations)[1:]
         costates = np.vstack([guide.costates[1], guide.costates[1:]])
         lam = np.column_stack([np.interp(t, guide.path.t, column) for column in costates.T])
@@ -320,7 +350,7 @@ class Transcription:
         return lower, upper
 
     def _settled(self, problem: Problem, mesh: Mesh) -> NDArray[np.bool_]:
-        """Return the equalities that inputs at given values meet in each phase, (phases, l)."""
+        """Return the equalities c(u) that held inputs satisfy in each phase, (phases, l)."""
         phases = self.layout.phases
         held = np.array([[mode == HELD for mode in phase.modes] for phase in phases])
         loose = (self._uses[:, self.n:] & ~held[:, None]).any(axis=2)
@@ -333,7 +363,15 @@ class Transcription:
         return np.asarray(met & ~loose)
 
     def solvable(self, problem: Problem, mesh: Mesh) -> bool:
-        """Return whether there are as many unknowns as equations: else there is no choice."""
+        """
+        Return whether there are at least as many unknowns as equations.
+
+        Parameters
+        ----------
+        problem, mesh : Problem, Mesh
+            Of this structure and layout.
+
+        """
         layout, n = self.layout, self.n
         equations = n * (layout.stages + 1) * layout.intervals + self.q
         equalities = (problem.path_lower == problem.path_upper) & ~self._settled(problem, mesh)
@@ -346,7 +384,7 @@ class Transcription:
         N, s = self.layout.intervals, self.layout.stages
         collocation, margin = np.zeros(self.n * (s + 1)), limits.margin[self.n:]
         lower, upper = list[Array](), list[Array]()
-        # Inputs, linear in an interval, cannot keep to an equality at all its points.
+        # Inputs that are linear in an interval cannot satisfy an equality at all its points.
         loose = np.where(problem.path_lower == problem.path_upper, np.inf, 0.0)
         for rows, path, inner in ((lower, problem.path_lower + margin, -loose),
                                   (upper, problem.path_upper - margin, loose)):
@@ -363,7 +401,7 @@ class Transcription:
         each = self.n * (s + 1) + self.l * (s + 1)
         places = each * np.arange(N)[:, None] + self.n * (s + 1) + np.arange(self.l)
         mesh.hold(*bounds, places, slice(self.n, None))
-        # What holds whatever is found only makes the equations dependent.
+        # Equalities that always hold would make the equations dependent.
         settled = self._settled(problem, mesh)
         spare = [places[settled[self.layout.phase_of]]]
         if settled.any() and len(settled) * self.l == self._program.rows[2]:
@@ -383,26 +421,32 @@ class Transcription:
 
         Parameters
         ----------
-        problem, mesh
+        problem, mesh : Problem, Mesh
             Of the structure and the layout this was built for; their numbers are used.
         start : ndarray
-            Unknowns, from `start` or of an earlier Outcome.
-        scales, limits
-            Of the unknowns and the cost; bounds besides those of the problem.
-        monitor : Monitor
-            Is told of every iteration and may end the work.
+            Unknowns, from `start` or of an earlier outcome.
+        scales : ProblemScales
+            Scales of the unknowns and of the cost.
+        limits : TightenedLimits
+            Bounds besides those of the problem.
+        monitor : ProgressMonitor
+            Counts every iteration and may end the solve.
         near : bool
-            Whether the start is near the optimum.
-        multipliers : pair of ndarray, optional
-            `lam_w` and `lam_g` of a neighbouring Outcome: warm start.
+            Whether the start is near the solution.
         rough : float, optional
-            Relative error of the cost that is good enough; 0 for none.
-        known : Familiar, optional
-            What need not be found again, if this is to be left `once` it fails.
+            Relative error of the cost that is small enough; 0: none.
         once : bool, optional
-            Whether to leave it at the interior-point method of this package, where it applies.
-        guide : Outcome, optional
+            Do not call IPOPT if the banded program applies.
+        known : Familiar, optional
+            Known minima, at which a solve that is tried `once` ends early.
+        multipliers : pair of ndarray, optional
+            `lam_w` and `lam_g` of the outcome of a neighbour: warm start.
+        guide : TranscriptionOutcome, optional
             Of a path nearby on another mesh.
+
+        Returns
+        -------
+        TranscriptionOutcome
 
         """
         lower, upper = self._bounds(problem, mesh, scales, limits)
@@ -431,7 +475,7 @@ class Transcription:
             'lbx': lower, 'ubx': upper, 'lbg': rows[0], 'ubg': rows[1]}
         if multipliers is not None:
             arguments['lam_x0'], arguments['lam_g0'] = multipliers
-        begun = monitor.iterations - 1   # the start is shown as one, too
+        begun = monitor.iterations - 1   # the start is reported as an iteration, too
         result, stats = solver(**arguments), solver.stats()
         w, lam_w, g, lam_g = (
             result[key].full().ravel() for key in ('x', 'lam_x', 'g', 'lam_g'))
@@ -444,7 +488,7 @@ class Transcription:
         return self._outcome(problem, mesh, scales, found, rows)
 
     def _first_costate(self, lam: Array) -> Array:
-        """Return lam(0), scaled: what the rows of the first interval say of x_0."""
+        """Return lam(0), scaled, from the multipliers of the rows of the first interval."""
         s = self.layout.stages
         if not s:
             return np.full(self.n, np.nan)

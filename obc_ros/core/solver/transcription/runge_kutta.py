@@ -34,12 +34,12 @@ def build_rate(problem: Problem) -> Rate:
 def step(rate: Callable[[ca.SX, ca.SX], ca.SX], x: ca.SX, inputs: tuple[ca.SX, ca.SX],
          h: ca.SX) -> tuple[ca.SX, ca.SX]:
     """
-    Return x after a step of length h and the integral of L over it.
+    Return x after a step, and the integral of L over it, as expressions.
 
     Parameters
     ----------
     rate : callable
-        Returns f with L below it, of x with any number below it and of u.
+        Returns (f, L), stacked, as a function of (x, cost), stacked, and of u.
     x : casadi.SX
         State at the start.
     inputs : pair of casadi.SX
@@ -60,10 +60,10 @@ def _called(function: ca.Function, *arguments: ca.SX) -> Sequence[ca.SX]:
     return function.call(arguments)
 
 
-# Calling a function that is there costs less than each operation that it is made of.
+# Calling a cached function is faster than building its operations again.
 @lru_cache(maxsize=64)
 def _along(m: int) -> ca.Function:
-    """Return the inputs at the stages, of those at both ends."""
+    """Return the function from the inputs at both ends to those at the stages."""
     a, b = ca.SX.sym('a', m), ca.SX.sym('b', m)
     change, between = b - a, {0.0: a, 1.0: b}
     between |= {c: a + c * change for c in C if c not in between}
@@ -72,7 +72,7 @@ def _along(m: int) -> ca.Function:
 
 @lru_cache(maxsize=256)
 def _after(weights: tuple[float, ...], n: int) -> ca.Function:
-    """Return start + h times the slopes by weight, of start, h and all slopes, each (n,)."""
+    """Return the function from start, h and all slopes, each (n,), to start + h weights'slopes."""
     start, h = ca.SX.sym('start', n), ca.SX.sym('h')
     slopes = [ca.SX.sym('slope', n) for _ in weights]
     total = sum((a * slope for a, slope in zip(weights, slopes, strict=True) if a), ca.SX(0))
@@ -81,7 +81,20 @@ def _after(weights: tuple[float, ...], n: int) -> ca.Function:
 
 @lru_cache(maxsize=4)
 def step_of(problem: Problem) -> ca.Function:
-    """Return x after a step and the integral of L, of x, both inputs, h and p; made once."""
+    """
+    Return the step of a problem as a function, cached.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its expressions are used, not its numbers.
+
+    Returns
+    -------
+    casadi.Function
+        From x, u at the start, u at the end, h and p to x after the step and the integral of L.
+
+    """
     ua, ub = ca.SX.sym('ua', problem.m), ca.SX.sym('ub', problem.m)
     h = ca.SX.sym('h')
     rate = ca.Function('rate', [ca.vertcat(problem.x, ca.SX.sym('cost')), problem.u, problem.p],

@@ -3,16 +3,16 @@
 """
 First and second derivatives of a Runge-Kutta step, for many intervals at once.
 
-With y = (x, ua, ub) and, where it is unknown, h, stage i is at z_i = (X_i, U_i, h), and there are
-K_i = h (f, L) and J_i = dK_i/dz_i. By the chain rule dK_i/dy = J_i Z_i with Z_i = dz_i/dy forward
-from stage to stage; backward the weights w_i of K_i in w' (end, cost) follow from those of the
-stages after it, and the second derivative of w' (end, cost) is
+Let y = (x, ua, ub), with h added if it is unknown. Stage i is evaluated at z_i = (X_i, U_i, h) and
+gives K_i = h (f, L) and J_i = dK_i/dz_i. The chain rule gives dK_i/dy = J_i Z_i with
+Z_i = dz_i/dy, forward from stage to stage. Backward, the weights w_i of K_i in w' (end, cost)
+follow from those of the later stages. The second derivative of w' (end, cost) is
 
     sum over i of Z_i' (second derivative of w_i' K_i by z_i) Z_i.
 
-Differentiating the whole step by CasADi gives the same, built in half the time, but for twice as
-many operations: it goes through all stages once for each direction. Here stages are evaluated by
-column.
+Differentiation of the whole step by CasADi gives the same and takes half the time to build, but
+has twice as many operations, since it passes through all stages once for each direction. Here the
+stages are evaluated column by column.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ from obc_ros.core.numerics.column_functions import ByColumn, Columns
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.transcription.runge_kutta import C, TABLEAU_A, TABLEAU_B
 
-_PAID = 3000, 20_000   # rows, as of ByColumn: calls of functions are long to build
+_PAID = 3000, 20_000   # thresholds of ByColumn in rows; functions with calls take long to build
 Symbols = tuple[ca.SX, ...]
 
 
@@ -48,11 +48,11 @@ class StepDerivatives:
     Attributes
     ----------
     slope, J, H : casadi.SX
-        Whose patterns are those of the slope of the cost, of the Jacobian of g and of the Hessian
-        of factor cost + lam' g, by v.
+        Expressions with the sparsity of the gradient of the cost, of the Jacobian of g and of the
+        Hessian of factor cost + lam' g, with respect to v.
     outputs : list of slice
-        Where g, the cost, its slope, the slope of factor cost + lam' g, and the entries of J and
-        H stand in a row of results.
+        Places in a row of results of g, the cost, its gradient, the gradient of
+        factor cost + lam' g, and the entries of J and H.
 
     """
 
@@ -93,18 +93,18 @@ class StepDerivatives:
         self._by_column = ByColumn(self._whole, sum(self._given) + 1 + n, ends[-1], _PAID)
 
     def of_joined(self, w: Array, result: Array) -> None:
-        """Write the results for rows of v, both kinds of constants, factor and lam."""
+        """Compute the results, in place, for rows w of v, both constants, factor and lam."""
         self._by_column([w], result)
 
     def _stages(self, free: bool) -> None:
-        """Make the functions of a stage, forward and backward."""
+        """Build the functions of a stage, forward and backward."""
         problem, n, m = self._problem, self._problem.n, self._problem.m
         c, h = ca.SX.sym('c'), ca.SX.sym('h')
         z = ca.vertcat(problem.x, problem.u, h) if free else ca.vertcat(problem.x, problem.u)
         K = h * ca.vertcat(problem.f, problem.L)
         J = ca.jacobian(K, z, {'helper_options': {'ad_weight': 1.0}})
         curved = ca.jacobian(J.nz[:], z)
-        # They share sines and cosines.
+        # Common subexpressions, such as sines, are evaluated once.
         K, *entries = ca.cse([K, J.nz[:], curved.nz[:]])
         at = ca.Function('at', [problem.x, problem.u, h, problem.p], [K, *entries])
         self._pattern = self._reached(J, m, free)
@@ -132,7 +132,7 @@ class StepDerivatives:
         self._entries = j.numel(), t.numel()
 
     def _reached(self, J: ca.SX, m: int, free: bool) -> ca.Sparsity:
-        """Return which entries (x, dx/dy) and (K, dK/dy) of a stage may have."""
+        """Return the sparsity of (x, dx/dy) and (K, dK/dy) of a stage."""
         n, size = self._problem.n, self._size
         slope, Z = np.zeros(J.shape, dtype=int), np.zeros((n + m + free, size), dtype=int)
         slope[J.sparsity().get_triplet()] = 1
@@ -154,7 +154,7 @@ class StepDerivatives:
         return ca.vertcat(M[:n, 1:], u, h)
 
     def _whole(self, rows: int) -> ca.Function:
-        """Return everything for so many rows."""
+        """Return the function to all results for a number of rows."""
         n, m = self._problem.n, self._problem.m
         nv, own, shared = self._given
         given = ca.MX.sym('given', rows, nv + own + shared + 1 + n)
@@ -188,7 +188,7 @@ def _sum(weights: Sequence[float], terms: Sequence[ca.MX], start: ca.MX | None =
     total = start
     for a, term in zip(weights, terms, strict=True):
         if a:
-            # Operators of Python look for what they are to convert, for longer than this takes.
+            # The operators of Python spend more time on conversion than this call takes.
             part = term if a == 1.0 else ca.MX.binary(ca.OP_MUL, ca.MX(a), term)
             total = part if total is None else ca.MX.binary(ca.OP_ADD, total, part)
     assert total is not None

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a transcription keeps to besides the bounds of its problem."""
+"""Constraint tightening (back-off), and bounds of the lengths of phases."""
 
 from dataclasses import dataclass
 
@@ -9,18 +9,24 @@ from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 
-_AT_ENDS = 0.1   # part of the whole in which a margin grows from nothing
-_BESIDE = 9.0    # margins from a bound at which x(0) is on it
+_AT_ENDS = 0.1   # part of the horizon next to a given end in which a margin grows from 0
+_BESIDE = 9.0    # distance of x(0) from a bound, in margins, up to which it counts as on it
 
 
 @dataclass(frozen=True, eq=False)
 class TightenedLimits:
     """
-    Bounds besides those of the problem.
+    Bounds of a program besides those of its problem.
 
-    `shortest`, `longest` lengths of the phases; `margin` (n + l,) by which the bounds of x and
-    of the path constraints are drawn in; `pinned` (n,) where psi fixes a component of x(T), so
-    that its bounds say nothing.
+    Attributes
+    ----------
+    shortest, longest : ndarray, shape (phases,)
+        Bounds of the lengths of the phases [s].
+    margin : ndarray, shape (n + l,)
+        Tightening of the bounds of x and of the path constraints, >= 0.
+    pinned : ndarray of bool, shape (n,)
+        Components of x(T) that psi fixes, which need no bounds at T.
+
     """
 
     shortest: Array
@@ -30,10 +36,22 @@ class TightenedLimits:
 
     def of_states(self, problem: Problem, s: Array) -> Array:
         """
-        Return by how much to draw in the bounds of x at parts s (K,) of the whole, (K, n).
+        Return the tightening of the bounds of x.
 
-        Less and less towards an end at which x is given on a bound: to get there within a short
-        interval would take large inputs.
+        It vanishes towards an end at which x is given on a bound, since large inputs would be
+        needed to reach it within a short interval.
+
+        Parameters
+        ----------
+        problem : Problem
+            With x(0) and the bounds.
+        s : ndarray, shape (K,)
+            Times as parts of the horizon.
+
+        Returns
+        -------
+        ndarray, shape (K, n)
+
         """
         margin, s = self.margin[:problem.n], s[:, None]
         beside = np.minimum(problem.x0 - problem.x_lower, problem.x_upper - problem.x0)
