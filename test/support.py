@@ -284,6 +284,12 @@ class Probe:
             self.executor.spin_once(timeout_sec=0.02)
         return value
 
+    def spin_until(self, condition: Callable[[], Any], duration: float) -> None:
+        """Spin until `condition` is true, for `duration` seconds at most."""
+        deadline = time.monotonic() + duration
+        while not condition() and (left := deadline - time.monotonic()) > 0:
+            self.executor.spin_once(timeout_sec=left)
+
     def spin_for(self, duration: float) -> None:
         """Spin for `duration` seconds: only to show that something does *not* happen."""
         deadline = time.monotonic() + duration

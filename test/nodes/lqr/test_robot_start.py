@@ -107,7 +107,7 @@ class Robot:
         seen = len(self.twists)
         while len(self.twists) == seen:  # it may not hear us, or we it, at first
             self.odom.publish(message)
-            self.probe.spin_for(0.05)
+            self.probe.spin_until(lambda: len(self.twists) > seen, 0.05)
         twist = self.twists[-1].twist
         v, omega = twist.linear.x, twist.angular.z
         self.x += 0.02 * np.array([v * math.cos(self.x[2]), v * math.sin(self.x[2]), omega])
