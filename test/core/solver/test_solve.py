@@ -44,9 +44,16 @@ NAMES = (
 # A stranger gets the stated cost from the input of these.
 REPLAYED = ('goddard', 'jacobson_state_bound', 'robot_arm', 'catalyst_mixing')
 SLOW = (
-    'orbit_raising', 'rayleigh_mixed', 'oil_shale', 'stiff_cubic', 'lee_ramirez',
-    'goddard_speed_limit', 'missile', 'friction_circle', 'power_and_speed_limit', 'hover_hold',
-    'dubins_point_inside', 'pendulum_long', *REPLAYED)
+    'batch_reactor', 'bryson_denham', 'breakwell', 'container_crane', 'orbit_raising',
+    'rayleigh_mixed', 'zermelo_shear', 'bryson_denham_tight', 'mountain_car', 'nishida',
+    'dubins_right_left_right', 'lunar_ascent', 'robbins', 'two_link_arm', 'vanderpol_state_bound',
+    'around_a_disc', 'fuller', 'hanging_chain', 'oil_shale', 'tuberculosis', 'drug_displacement',
+    'equality_of_inputs', 'reorientation', 'stiff_cubic', 'lee_ramirez', 'double_tank',
+    'parallel_reactions', 'goddard_speed_limit', 'missile', 'downhill_from_a_hump',
+    'production_to_stock', 'snap_limited', 'mars_descent', 'goddard_pressure_limit',
+    'epidemic_beds', 'friction_circle', 'power_limit', 'power_and_speed_limit', 'hover_hold',
+    'jerk_and_braking_limits', 'sphere_geodesic', 'dubins_point_inside', 'two_stage_cstr',
+    'pendulum_long', *REPLAYED)
 
 
 def stated(name, **changes):
@@ -106,6 +113,7 @@ def test_double_integrator_in_least_time(start, least, method):
     assert solution.objective == pytest.approx(least, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_least_time_along_a_speed_limit_is_exact():
     """From 0 to rest at 4 with |v|, |u| <= 1: up for 1, along for 3, down for 1."""
     problem, mapping = stated('di_mintime_speed_limit')
@@ -115,6 +123,7 @@ def test_least_time_along_a_speed_limit_is_exact():
     np.testing.assert_allclose(solution.switching_times, [1, 4], atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name, l', [
     ('breakwell', 0.1), ('bryson_denham', 1 / 9), ('bryson_denham_tight', 0.05)])
 def test_a_bound_of_the_state_is_reached_and_left_when_it_should_be(name, l):  # noqa: E741
@@ -242,6 +251,7 @@ def test_costates_of_bryson_denham_jump_where_the_bound_is_met():
     assert lam[0, 1] == pytest.approx(6.0, abs=1e-2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name, least', [
     ('bryson_denham', 4.0), ('jacobson_state_bound', 0.169820536338)])
 def test_drawing_a_bound_in_between_mesh_points_costs_little(name, least):
@@ -249,6 +259,7 @@ def test_drawing_a_bound_in_between_mesh_points_costs_little(name, least):
     assert solve(stated(name)[0]).objective == pytest.approx(least, rel=3e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('faster, slower, limit, way', [
     (1, 2, 1, 4), (3, 7, 1, 4), (2, 1, 3, 20), (1, 1, 2.5, 13), (9.81, 3, 30, 1000),
     (1e-3, 1e-3, 0.5, 4e3), (1e4, 1e4, 1e2, 4), (1, 1, 1.99, 4), (1, 1, 1.9999, 4)])
