@@ -32,7 +32,7 @@ SCALAR = {
     'name': 'scalar', 'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'},
     'running_cost': 'u**2', 'terminal_cost': 'x**2', 'initial_state': {'x': 1},
     'final_time': {'free': False, 'value': 1}}
-ENDLESS = endless()
+ENDLESS = endless(12)
 
 
 @pytest.fixture

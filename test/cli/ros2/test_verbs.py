@@ -146,7 +146,7 @@ def test_what_is_not_there_is_said(loop: None, domain: int, tmp_path: Any) -> No
 def test_ctrl_c_cancels_a_goal(spawn: Any, domain: int, tmp_path: Any) -> None:
     server = spawn('trajectory_server', {'workers': 1})
     server.wait_for_output('ready')
-    endless = convert_to_yaml(solve_request(_endless.endless(), ''))
+    endless = convert_to_yaml(solve_request(_endless.endless(12), ''))
     with subprocess.Popen(
             Terminal('obc', domain, tmp_path).command(
                 'action', 'send_goal', '/trajectory_server/solve_optimal_control',
