@@ -351,7 +351,20 @@ def limit_shortening(arcs: Sequence[Arc], curved: Mask, least: float) -> Array:
 
 
 def get_signature(arcs: Sequence[Arc]) -> Signature:
-    """Return the levels of all arcs and the bounds they are on or touch, without their times."""
+    """
+    Return the levels of arcs and the bounds they are on or touch, without their times.
+
+    Parameters
+    ----------
+    arcs : sequence of Arc
+        In order of time.
+
+    Returns
+    -------
+    tuple
+        Equal for arcs that differ by their times only.
+
+    """
     return tuple(tuple(None if math.isnan(v) else v for v in arc.levels) + (
         arc.on if any(arc.on) else ()) + ((None, *arc.met) if any(arc.met) else ())
         for arc in arcs)
