@@ -59,15 +59,19 @@ from obc_ros.core.solver.transcription.tightening import TightenedLimits
 # Work is counted in iterations times intervals, with collocation times 1 + stages, so that the
 # result does not depend on the load of the machine. A unit takes about 0.05 ms.
 COARSE = 16           # intervals of the coarsest mesh
-_STARTS, _STARTS_MOST = 1, 6   # initial guesses tried on it: when one converged, and when none
-_PATIENCE = 10_000    # work, times 1 + stages, after which none is tried any more for the latter
+# Number of initial guesses tried on it, besides those around obstacles: once one had a small
+# discretisation error, and while none had.
+_STARTS, _STARTS_MOST = 1, 6
+_PATIENCE = 10_000    # work, times 1 + stages, after which the first number holds in any case
 _COURSES_KEPT = 8     # integrated costates that are cached
 _ROUGH = 1e-4         # relative error of the cost at which a coarse solve may end
 # Budget of a descent when no coarse outcome had a small discretisation error: times the work so
 # far, part of the remaining time. The rest is left for the diagnosis.
 _VAIN = 2, 0.6
-_MIXED = 200_000      # extra work for a problem whose minimising sequences seem to chatter
-# That is assumed if an input stays away from its bounds by more than this part of their distance,
+# Budget of a descent, besides the work so far, if minimising sequences seem to chatter; its part
+# of the remaining time is that of _VAIN.
+_MIXED = 200_000
+# Chattering is assumed if an input stays away from its bounds by more than this part of their distance,
 # where H is concave in it, for more than this part of T.
 _INSIDE, _LASTING = 1e-2, 0.1
 # Discretisation error of a coarse outcome that is small enough: relative local error of a step,
@@ -79,7 +83,8 @@ _ROUNDS = 10          # maximum number of meshes of a descent
 _PLAIN_ROUNDS = 5     # number of refinements after which switching times are sought in any case
 _COARSE_ITERATIONS = 150   # maximum number of iterations on a coarse mesh
 _FEW_ITERATIONS = 12  # lower limit of the maximum for further initial guesses
-_FINER_ITERATIONS, _FINER_WORK = 350, 450_000   # maxima on a finer mesh, from the coarser one
+_FINER_ITERATIONS = 350    # maximum number of iterations on a finer mesh, from the coarser one
+_FINER_WORK = 450_000      # maximum work there, but 50 iterations are always allowed
 _WORTH_A_LOOK = 1e-3  # relative excess below which a certificate is computed
 _DETOUR = 1e-5        # relative excess from which on inputs may wind around between mesh points
 _CLOSE = 1e-6         # relative excess below which it is computed whatever the variation of H is

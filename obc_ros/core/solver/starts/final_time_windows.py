@@ -24,7 +24,7 @@ _UP, _DOWN = 6, 4   # maximum numbers of windows with larger and smaller T
 _MOST, _ROUGH = 40, 1e-3   # maximum number of iterations, relative error of the cost, in each
 _SAME = 1e-2        # relative difference of two costs up to which the minima are the same
 _KEPT = 4           # maximum number of guesses
-_WORK = 3000        # work (see `descent`) for all windows; at least as much as was done before
+_WORK = 3000        # work (see `descent`) for all windows; more if more was done before
 
 
 def find_other_lengths(search: Bench, starts: Iterator[Path], twice: bool) -> list[Path]:
