@@ -71,8 +71,8 @@ _VAIN = 2, 0.6
 # Budget of a descent, besides the work so far, if minimising sequences seem to chatter; its part
 # of the remaining time is that of _VAIN.
 _MIXED = 200_000
-# Chattering is assumed if an input stays away from its bounds by more than this part of their distance,
-# where H is concave in it, for more than this part of T.
+# Chattering is assumed if an input stays away from its bounds by more than this part of their
+# distance, where H is concave in it, for more than this part of T.
 _INSIDE, _LASTING = 1e-2, 0.1
 # Discretisation error of a coarse outcome that is small enough: relative local error of a step,
 # and excess of the cost over max(|J|, 1).
