@@ -389,7 +389,8 @@ class Guesser:
 # Amplitudes of the bend of states and of the noise of inputs, in their sizes, for guesses in turn;
 # without a bend the states are integrated from the inputs.
 _VARIETY = ((0.5, 0.0), (0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (0.0, 0.3), (0.5, 0.3))
-# The same once a path to prescribed final states is known: most integrated guesses lead to it.
+# The same once a path to prescribed final states is known: guesses integrated from inputs lead to
+# no other one.
 _BENT = ((0.5, 0.0), (0.5, 0.0), (0.5, 0.3), (0.5, 0.0), (0.0, 0.3), (1.0, 0.0))
 
 

@@ -51,8 +51,8 @@ _SAME = 2e-4          # relative difference up to which two coarse costs are of 
 _CHEAPER = 1e-6       # relative difference of the costs of two certified solutions that counts
 _SAYS = 0.2           # relative error of a coarse cost up to which ties are followed
 _RIVALS, _RIVAL = 3, 0.3   # other minima kept for neighbours: number, relative excess of the cost
-# Without a certified solution no further start is tried after so much work in all, so much of it
-# for further starts.
+# Without a certified solution no further start is tried after this work in all and this work for
+# further starts.
 _WEARY = 500_000, 50_000
 _FOR_ROUGH = 3000     # work for further starts of rough problems that are not hard, at least
 _LAVISH = 150_000     # work for further starts once a solution is certified
