@@ -19,13 +19,13 @@ from obc_ros.cli.ask.regulator_requests import Case
 from obc_ros.cli.obc import main
 from obc_ros.core.systems import registry
 from obc_ros.srv import SolveOptimalControl
+import problems
 import pytest
 from support import children, wait_for
 import yaml
 
 pytestmark = pytest.mark.nodes
 
-PROBLEMS = Path(__file__).parents[1] / 'problems'
 KEYS = ['name', 'status', 'message', 'objective', 't', 'x', 'u', 'lam', 'interpolation',
         'switching_times', 'certificate', 'optimality', 'solve_time', 'build_time', 'iterations']
 SCALAR = {
@@ -72,12 +72,12 @@ def read(path):
 def test_solved_and_certified_is_0(obc, tmp_path):
     names = ['lq_scalar_unit', 'di_mintime_rest']
     status, found, output = obc('solve', {
-        f'{name}.yaml': (PROBLEMS / f'{name}.yaml').read_text() for name in names},
+        f'{name}.yaml': (problems.FOLDER / f'{name}.yaml').read_text() for name in names},
         '--plot', str(tmp_path))
     assert status == 0, output
     assert sorted(found) == sorted(names)
     for name in names:
-        problem = yaml.safe_load((PROBLEMS / f'{name}.yaml').read_text())
+        problem = problems.read(name)
         answer = found[name]
         assert list(answer) == KEYS
         assert (answer['name'], answer['status']) == (name, 'solved')
@@ -156,7 +156,7 @@ def test_malformed_is_2_and_has_its_json(tmp_path, capsys, content, words):
 
 
 def test_the_minima_that_were_met_are_told(obc):
-    text = (PROBLEMS / 'aircraft_5.yaml').read_text()
+    text = (problems.FOLDER / 'aircraft_5.yaml').read_text()
     status, found, output = obc('solve', {'aircraft_5.yaml': text})
     assert status == 0, output
     answer = found['aircraft_5']

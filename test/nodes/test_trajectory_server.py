@@ -14,7 +14,7 @@ from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from obc_ros.action import SolveOptimalControl as SolveAction
-from obc_ros.core.ocp.statement import build_problem, load_file
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.msg import (
     InitialGuess,
     LqrWeights,
@@ -25,6 +25,7 @@ from obc_ros.msg import (
 )
 from obc_ros.ros.messages import build_problem_message
 from obc_ros.srv import DesignLqr, SolveOptimalControl
+import problems
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from support import alive, children
@@ -37,7 +38,6 @@ ACTION = f'{SERVER}/solve_optimal_control'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PROMISE = 0.2  # [s] for time limits and cancelling
 SLACK = 0.15   # [s] for DDS and a machine that does other things too
-PROBLEMS = Path(__file__).parents[1] / 'problems'
 
 
 def message(mapping):
@@ -140,7 +140,7 @@ def test_diagnostics_tell_which_server_and_need_no_clock(spawn, probe):
 @pytest.mark.parametrize('name', ['lq_scalar_unit', 'moon_lander', 'two_wheel_turn_in_place'])
 def test_an_answer_has_all_that_the_message_promises(server, probe, name):
     server(workers=1)
-    [mapping] = load_file(PROBLEMS / f'{name}.yaml')
+    mapping = problems.read(name)
     response = solve(probe, message(mapping))
     assert response.status == 'solved', response.message
     assert response.success
@@ -172,7 +172,7 @@ def test_solvers_are_kept_by_structure(server, probe):
 
 def test_no_mesh_is_finer_than_the_server_allows(server, probe):
     server(workers=1, max_intervals=10)
-    [mapping] = load_file(PROBLEMS / 'vanderpol_bounded.yaml')
+    mapping = problems.read('vanderpol_bounded')
     coarse = solve(probe, message(mapping))
     assert coarse.status == 'not_converged' and 'max_intervals = 10' in coarse.message
     assert probe.set_parameters(SERVER, max_intervals=200)[0].successful
@@ -211,7 +211,7 @@ def test_cancel_stops_a_solve(server, probe, clock):
 def test_feedback_tells_what_is_done(server, probe):
     server(workers=1)
     goals = Goals(probe)
-    number = goals.send(message(load_file(PROBLEMS / 'vanderpol_bounded.yaml')[0]))
+    number = goals.send(message(problems.read('vanderpol_bounded')))
     answer = probe.result(goals.handles[number])
     assert answer.status == GoalStatus.STATUS_SUCCEEDED
     assert answer.result.success
@@ -248,7 +248,7 @@ def test_a_killed_worker_costs_one_request(server, probe):
 
 def test_a_killed_worker_leaves_the_best_path_it_had(server, probe):
     process = server(workers=1)
-    request = message(load_file(PROBLEMS / 'free_flying_robot.yaml')[0])
+    request = message(problems.read('free_flying_robot'))
     for seconds in (1.0, 2.0, 4.0, 8.0, 16.0):
         goals = Goals(probe)
         number = goals.send(request)
@@ -314,7 +314,7 @@ def test_a_client_that_is_killed_does_no_harm(server, spawn, probe, tmp_path):
     server(workers=1)
     diagnostics = probe.listen(DiagnosticArray, '/diagnostics')
     file = tmp_path / 'slow.yaml'
-    file.write_text((PROBLEMS / 'vanderpol_bounded.yaml').read_text())
+    file.write_text((problems.FOLDER / 'vanderpol_bounded.yaml').read_text())
     for delay in (0.0, 0.05, 0.2):
         client = spawn('obc', arguments=['solve', str(file)])
         before = len(diagnostics)

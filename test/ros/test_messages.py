@@ -2,23 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """A statement says the same as a file and as a message; answers arrive as they were."""
 
-from pathlib import Path
 import subprocess
 import sys
 
 import numpy as np
 from obc_ros.core.ocp.solution import Certificate, Optimality, Solution, Status
-from obc_ros.core.ocp.statement import build_problem, load_file
+from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.text.errors import StatementError
 from obc_ros.msg import NamedBounds, NamedExpression, NamedValues, OptimalControlProblem
 from obc_ros.ros import messages
 from obc_ros.srv import DesignLqr, Minimize, PlanMotion, SolveOptimalControl
 from obc_ros.workers import requests
 from obc_ros.workers.wire import pack, Packet, unpack
+import problems
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
-FILES = sorted((Path(__file__).parents[1] / 'problems').glob('*.yaml'))
 EVERYTHING = {
     'name': 'everything', 'states': ['x', 'v'], 'inputs': ['u', 'w'],
     'parameters': {'a': 0.1, 'b': 'a/3', 'c': 1e-17},
@@ -45,7 +44,7 @@ def over_the_wire(message):
     return deserialize_message(serialize_message(message), type(message))
 
 
-@pytest.mark.parametrize('mapping', [EVERYTHING, LINEAR, *(load_file(file)[0] for file in FILES)],
+@pytest.mark.parametrize('mapping', [EVERYTHING, LINEAR, *map(problems.read, problems.NAMES)],
                          ids=lambda mapping: mapping['name'])
 def test_a_statement_survives_the_message(mapping):
     problem = build_problem(mapping)

@@ -15,10 +15,10 @@ import time
 
 from hypothesis import given, settings, strategies
 import numpy as np
-from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.workers import pool as workers
 from obc_ros.workers.pool import Job, Pool, RequestOutcome
 from obc_ros.workers.wire import pack, Packet, unpack
+import problems
 import pytest
 from support import alive, wait_for
 
@@ -211,7 +211,7 @@ def test_what_a_worker_has_kept_is_answered_when_it_is_ended(kind, outcome):
 
 @pytest.mark.slow
 def test_a_worker_killed_in_the_middle_of_a_solve_leaves_its_path():
-    [statement] = load_file(Path(__file__).parents[1] / 'problems' / 'vanderpol_bounded.yaml')
+    statement = problems.read('vanderpol_bounded')
     with running() as pool:
         asked = Asked(pool, 'solve', time_limit=60.0, statement=statement, method='auto',
                       cache_size=1)
@@ -224,7 +224,7 @@ def test_a_worker_killed_in_the_middle_of_a_solve_leaves_its_path():
         found, path = answer.packet.plain, answer.packet.arrays
         assert found['status'] == 'not_converged'
         assert f'cost {found["objective"]:.8g}, not certified because' in found['message']
-        problem = build_problem(statement)
+        problem = problems.build(statement)
         assert path['x'].shape == (len(path['t']), problem.n)
         assert path['x'][0] == pytest.approx(problem.x0)
         residuals, tolerances = (found['certificate'][key] for key in ('residuals', 'tolerances'))

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.linear_quadratic import solve_lq
+import problems
 import pytest
 from scipy.integrate import solve_ivp
 
@@ -21,7 +21,7 @@ def statement(**changes):
         'parameters': {'a': 2, 'b': 0.5, 'c': 0.1}, 'dynamics': {'x': 'a*x + b*u'},
         'running_cost': '0.5*u**2', 'terminal_cost': '0.5*c*x**2', 'initial_state': {'x': 4},
         'final_time': {'free': False, 'value': 1}}
-    return build_problem({**mapping, **changes})
+    return problems.build(mapping, **changes)
 
 
 def chain(**changes):
@@ -288,7 +288,7 @@ def test_random_problems_are_certified(seed, n, m, q, T):
         return ' + '.join(f'({value!r})*{name}' for value, name in zip(
             row.tolist(), symbols, strict=True))
 
-    problem = build_problem({
+    problem = problems.build({
         'name': 'random', 'states': names, 'inputs': inputs,
         'dynamics': {name: f'{line(np.append(A[i], B[i]), names + inputs)} + ({a[i]!r})'.replace(
             'np.float64', '') for i, name in enumerate(names)},

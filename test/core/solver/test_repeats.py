@@ -3,18 +3,16 @@
 """The same question again with other numbers: one cache and none answer alike."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from obc_ros.core.ocp.certificate.replay import LEAST_COST
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.solve import Cache, solve
+import problems
 import pytest
 
 # What the condition of the Hamiltonian's minimum lets a certified cost be too high, relative.
 SAME_COST = 1e-5
-PROBLEMS = Path(__file__).parents[2] / 'problems'
 # What is answered within 0.3 s, by every method, with and without absolute values, bounds, free T;
 # `python benchmarks/repeats.py` asks all files.
 QUICK = [
@@ -26,11 +24,9 @@ QUICK = [
 
 
 def least_fuel(start, dynamics):
-    return build_problem({
-        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': dynamics},
-        'running_cost': 'abs(u)', 'initial_state': {'x': start, 'v': 0},
-        'terminal_constraints': ['x', 'v'], 'input_bounds': {'u': [-1, 1]},
-        'final_time': {'free': False, 'value': 6}})
+    return problems.pose(
+        {'x': 'v', 'v': dynamics}, 'abs(u)', (start, 0), 6, terminal_constraints=['x', 'v'],
+        input_bounds={'u': [-1, 1]})
 
 
 def test_least_fuel_again_and_again():
@@ -53,21 +49,21 @@ def test_least_fuel_of_an_oscillator_again_and_again():
 @pytest.mark.slow
 def test_a_neighbour_that_contradicts_itself_is_refused_at_once():
     """An end that is beyond a bound by little, after one that is not."""
-    mapping, cache = load_file(PROBLEMS / 'missile.yaml')[0], Cache()
-    assert solve(build_problem(mapping), cache=cache).status is Status.SOLVED
+    mapping, cache = problems.read('missile'), Cache()
+    assert solve(problems.build(mapping), cache=cache).status is Status.SOLVED
     beyond = {**mapping, 'terminal_constraints': [
         row.replace('310', '310.2') for row in mapping['terminal_constraints']]}
-    refused = solve(build_problem(beyond), cache=cache)
+    refused = solve(problems.build(beyond), cache=cache)
     assert refused.status is Status.INFEASIBLE
     assert 'exclude each other' in refused.message
 
 
 def variants(name):
     """Yield a problem as it stands and with three changes of its numbers, each read anew."""
-    mapping, chance = load_file(PROBLEMS / f'{name}.yaml')[0], np.random.default_rng(0)
-    yield build_problem(mapping)
+    mapping, chance = problems.read(name), np.random.default_rng(0)
+    yield problems.build(mapping)
     for _ in range(3):
-        problem = build_problem(mapping)
+        problem = problems.build(mapping)
         x0, p = (value * (1 + 1e-3 * chance.uniform(-1, 1, len(value)))
                  for value in (problem.x0, problem.p_value))
         yield replace(problem, x0=np.clip(x0, problem.x_lower, problem.x_upper), p_value=p)

@@ -8,8 +8,8 @@ import sys
 
 import _rounding  # of benchmarks/
 import numpy as np
-from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.transcription.mesh import Path
+import problems
 import pytest
 import rounding  # of benchmarks/
 
@@ -42,7 +42,7 @@ def test_what_differs_is_told():
 
 
 def test_every_number_of_a_statement_is_changed_a_little():
-    problem = build_problem(load_file(rounding.PROBLEMS / 'zermelo_shear.yaml')[0])
+    problem = problems.build('zermelo_shear')
     changed = _rounding.Changed(1).problem(problem)
     assert changed.structure == problem.structure
     for name in ('p_value', 'x0', 'u_upper'):

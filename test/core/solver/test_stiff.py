@@ -10,20 +10,13 @@ from obc_ros.core.ocp.certificate.affine_replay import AffineReplay, replay_affi
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.certificate.replay import Intervals, ReplayIntegrator
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.riccati import propagation
 from obc_ros.core.solver.linear_quadratic import solve_lq
 from obc_ros.core.solver.solve import solve
+import problems
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_continuous_are
-
-
-def stated(dynamics, running_cost, initial_state, T, **more):
-    return build_problem({
-        'states': list(dynamics), 'inputs': ['u'], 'dynamics': dynamics,
-        'running_cost': running_cost, 'initial_state': initial_state,
-        'final_time': {'free': False, 'value': T}} | more)
 
 
 def rod(cells, *, inputs=1, T=1.0):
@@ -37,19 +30,19 @@ def rod(cells, *, inputs=1, T=1.0):
         source = '' if inputs == 1 else f' + {heat[k]}'
         return f'{rate}*({left} - 2*{names[k]} + {right}){source}'
 
-    return stated(
+    return problems.pose(
         {name: line(k) for k, name in enumerate(names)},
         f'({" + ".join(f"{name}**2" for name in names)})/{cells} + '
         f'0.01*({" + ".join(f"{name}**2" for name in heat)})',
-        {name: float(math.sin(math.pi * (k + 1) / (cells + 1)) + 0.3 * (k % 2))
-         for k, name in enumerate(names)}, T, inputs=heat)
+        [math.sin(math.pi * (k + 1) / (cells + 1)) + 0.3 * (k % 2) for k in range(cells)], T,
+        inputs=heat)
 
 
 def decades(ratio):
     """Return three states in a row, the fastest `ratio` times as fast as the slowest."""
     middle = math.sqrt(ratio)
-    return stated({'a': '-a + b', 'b': f'{middle}*(c - b)', 'c': f'{ratio}*(u - c)'},
-                  'a**2 + b**2 + c**2 + u**2', {'a': 1, 'b': 1, 'c': 1}, 1.0)
+    return problems.pose({'a': '-a + b', 'b': f'{middle}*(c - b)', 'c': f'{ratio}*(u - c)'},
+                         'a**2 + b**2 + c**2 + u**2', (1, 1, 1), 1.0)
 
 
 def scalar_cost(a, b, q, r, T):
@@ -104,9 +97,9 @@ def test_states_apart_cost_what_each_does_alone(fastest):
     rounding does to the slow ones with it: digits of as many times as the fastest is faster.
     """
     rates = [1.0, math.sqrt(fastest), fastest]
-    problem = stated(
+    problem = problems.pose(
         {f'x{k}': f'{-a}*x{k} + {a}*u{k}' for k, a in enumerate(rates)},
-        'x0**2 + 2*x1**2 + 3*x2**2 + u0**2 + u1**2 + u2**2', {'x0': 1, 'x1': -1, 'x2': 2}, 1.0,
+        'x0**2 + 2*x1**2 + 3*x2**2 + u0**2 + u1**2 + u2**2', (1, -1, 2), 1.0,
         inputs=['u0', 'u1', 'u2'])
     solution = solve(problem)
     assert solution.status is Status.SOLVED
@@ -162,8 +155,8 @@ def test_long_rods_cost_over_a_second_what_they_cost_without_end(cells):
 @pytest.mark.parametrize('a', [1.0, 1e3, 1e6])
 def test_a_fast_state_is_brought_to_its_end(a):
     """From 0 to w = (1, 0.5) the least effort is w' W^-1 w, W being the Gramian over the time."""
-    problem = stated({'x': f'{-a}*x + {a}*u', 'y': '-0.5*y + u'}, 'u**2', {'x': 0, 'y': 0}, 1.0,
-                     terminal_constraints=['x - 1', 'y - 0.5'])
+    problem = problems.pose({'x': f'{-a}*x + {a}*u', 'y': '-0.5*y + u'}, 'u**2', (0, 0), 1.0,
+                            terminal_constraints=['x - 1', 'y - 0.5'])
     rates, gains = np.array([a, 0.5]), np.array([a, 1.0])
     sums = rates + rates[:, None]
     reach = gains * gains[:, None] * -np.expm1(-sums) / sums
@@ -178,8 +171,8 @@ def test_a_fast_state_is_brought_to_its_end(a):
 @pytest.mark.parametrize('a', [1e2, 1e3, 1e5])
 def test_an_unstable_fast_state_is_held(a):
     """Beside a slow one that is apart: the sum of two scalar closed forms."""
-    problem = stated({'x': f'{a}*(x + u)', 'y': '-y + w'}, 'x**2 + u**2 + y**2 + w**2',
-                     {'x': 1, 'y': 1}, 2.0, inputs=['u', 'w'])
+    problem = problems.pose({'x': f'{a}*(x + u)', 'y': '-y + w'}, 'x**2 + u**2 + y**2 + w**2',
+                            (1, 1), 2.0, inputs=['u', 'w'])
     solution = solve(problem)
     assert solution.status is Status.SOLVED
     assert solution.objective == pytest.approx(
@@ -209,9 +202,9 @@ def test_the_inside_of_stretches_is_what_the_hamiltonian_system_leads_along(weig
 
 def test_exponentials_follow_what_small_steps_do():
     """Two states, a path constraint, densities of multipliers: all that enters is different."""
-    problem = stated({'x': 'v - 0.3*x + 1', 'v': '2*u - x'}, 'x**2 + x*u + u**2 + 3*v + 1',
-                     {'x': 0, 'v': 0}, 1.0,
-                     path_constraints=[{'expr': 'x + 2*v + u', 'lower': -9, 'upper': 9}])
+    problem = problems.pose(
+        {'x': 'v - 0.3*x + 1', 'v': '2*u - x'}, 'x**2 + x*u + u**2 + 3*v + 1', (0, 0), 1.0,
+        path_constraints=[{'expr': 'x + 2*v + u', 'lower': -9, 'upper': 9}])
     chance = np.random.default_rng(0)
     K = 6
     x, lam, sa, sb = (chance.standard_normal((K, 2)) for _ in range(4))
@@ -234,7 +227,7 @@ def test_exponentials_follow_what_small_steps_do():
 def test_exponentials_are_exact_where_states_decay_within_a_millionth():
     """X' = a (u - x) along u = 1 + t: x = 1 + t - 1/a + 1/a exp(-a t), after a layer of 1/a."""
     a = 1e6
-    problem = stated({'x': f'{a}*(u - x)'}, 'x**2', {'x': 1}, 1.0)
+    problem = problems.pose({'x': f'{a}*(u - x)'}, 'x**2', (1,), 1.0)
     none = np.zeros((1, 1))
     one = Intervals(
         h=np.array([1.0]), x=none + 1, lam=none, ua=none + 1, ub=none + 2, sa=none, sb=none,

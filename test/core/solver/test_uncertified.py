@@ -2,25 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 """A path that is not certified is in the answer, with its cost and what keeps it from that."""
 
-from pathlib import Path
 import re
 
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.solve import solve
 from obc_ros.ros import messages
 from obc_ros.srv import PlanMotion, SolveOptimalControl
 from obc_ros.workers.requests import pack_solution
+import problems
 import pytest
 
-PROBLEMS = Path(__file__).parents[2] / 'problems'
 SENTENCE = r'cost (\S+), not certified because .+: residual (\S+), allowed (\S+)'
 
 
 @pytest.fixture(scope='module')
 def coarse():
     """Return a problem and its answer on a mesh that is too coarse for a certificate."""
-    problem = build_problem(load_file(PROBLEMS / 'vanderpol_bounded.yaml')[0])
+    problem = problems.build('vanderpol_bounded')
     return problem, solve(problem, max_intervals=10)
 
 
@@ -49,10 +47,7 @@ def test_a_path_on_a_mesh_that_is_too_coarse(coarse):
 @pytest.mark.slow
 def test_a_path_that_is_no_minimum_beside_the_reason():
     """What falls without end has paths, and the answer is one of them."""
-    found = solve(build_problem({
-        'states': ['x', 'y'], 'inputs': ['u'], 'dynamics': {'x': 'u', 'y': 'x'},
-        'initial_state': {'x': 0, 'y': 0}, 'running_cost': 'x*u + y',
-        'final_time': {'free': False, 'value': 1}}))
+    found = solve(problems.pose({'x': 'u', 'y': 'x'}, 'x*u + y', (0, 0), 1))
     assert found.status is Status.NOT_CONVERGED
     assert found.message.startswith('no least cost was found: ')
     assert len(found.t)
@@ -64,7 +59,7 @@ def test_a_path_that_is_no_minimum_beside_the_reason():
 def test_a_path_when_the_time_is_up(monkeypatch):
     """A search that is ended after a few iterations."""
     from obc_ros.core.solver.nlp.progress import ProgressMonitor
-    problem = build_problem(load_file(PROBLEMS / 'vanderpol_bounded.yaml')[0])
+    problem = problems.build('vanderpol_bounded')
     step = ProgressMonitor.step
 
     def late(self, cost, infeasibility):

@@ -4,24 +4,15 @@
 
 from dataclasses import replace
 import math
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.solve import Cache, solve
+import problems
 import pytest
 from scipy.optimize import minimize_scalar
-
-PROBLEMS = Path(__file__).parents[2] / 'problems'
-
-
-def stated(name):
-    """Return the problem of a file, and what is expected of it."""
-    mapping = load_file(PROBLEMS / f'{name}.yaml')[0]
-    return build_problem(mapping), mapping['expected']
 
 
 def in_units(problem, *, scale=1.0, shift=0.0, cost=1.0, time=1.0):
@@ -59,7 +50,7 @@ def in_units(problem, *, scale=1.0, shift=0.0, cost=1.0, time=1.0):
     ('terminal_wells_plane', {'scale': (1e-3, 1e3), 'shift': (4, -5)}),
     ('brachistochrone', {'time': 1e-3, 'cost': 1e4, 'shift': (10, -20, 0)})])
 def test_units(name, units):
-    problem, expected = stated(name)
+    problem, expected = problems.build(name), problems.read(name)['expected']
     found = solve(in_units(problem, **units))
     assert found.status is Status.SOLVED, found.message
     assert found.objective / units.get('cost', 1) == pytest.approx(
@@ -77,7 +68,7 @@ def least_among_wells(x0):
 
 @pytest.mark.parametrize('x0', [-0.01, 1e-3, 0.01, 0.3])
 def test_an_origin_nearby_does_not_hide_the_wells_further_off(x0):
-    problem, _ = stated('terminal_wells')
+    problem = problems.build('terminal_wells')
     found = solve(replace(problem, x0=np.array([x0])))
     assert found.status is Status.SOLVED
     assert found.objective == pytest.approx(least_among_wells(x0), rel=1e-6)
@@ -85,7 +76,7 @@ def test_an_origin_nearby_does_not_hide_the_wells_further_off(x0):
 
 def test_a_neighbour_of_which_another_minimum_is_the_best():
     """From -1.5 the best well is the one near 1.56, from -1.8 that near 0.08."""
-    problem, _ = stated('terminal_wells')
+    problem = problems.build('terminal_wells')
     cache = Cache()
     for x0, end in ((-1.5, 1.5), (-1.51, 1.5), (-1.8, 0), (-1.79, 0), (-1.5, 1.5)):
         found = solve(replace(problem, x0=np.array([x0])), cache=cache)
@@ -96,7 +87,7 @@ def test_a_neighbour_of_which_another_minimum_is_the_best():
 
 def test_asked_again_it_starts_from_its_own_answer():
     """In the units in which that was found: in others it would be another path."""
-    problem, _ = stated('terminal_wells')
+    problem = problems.build('terminal_wells')
     cache = Cache()
     first, again = solve(problem, cache=cache), solve(problem, cache=cache)
     assert again.iterations < first.iterations / 10
@@ -133,7 +124,7 @@ def shortest_to_a_point(x0, goal):
 @pytest.mark.parametrize('x0', [
     (0, 0, 0), (2e-3, -4e-4, 3e-3), (-0.026, 0.19, 0.239), (0.079, -0.021, 0.179)])
 def test_a_car_finds_the_shorter_way_to_a_point_inside_of_its_turning_circle(x0):
-    problem, _ = stated('dubins_point_inside')
+    problem = problems.build('dubins_point_inside')
     found = solve(replace(problem, x0=np.array(x0, dtype=float)))
     assert found.status is Status.SOLVED
     best = shortest_to_a_point(np.array(x0), np.array([0, 0.5]))
@@ -142,7 +133,7 @@ def test_a_car_finds_the_shorter_way_to_a_point_inside_of_its_turning_circle(x0)
 
 @pytest.mark.slow
 def test_cars_from_further_away_are_not_led_along_the_first_ones_path():
-    problem, _ = stated('dubins_point_inside')
+    problem = problems.build('dubins_point_inside')
     cache = Cache()
     for x0 in ((0, 0, 0), (0.32, -0.97, -0.29), (-1, 0.59, 0.11), (-0.4, -0.44, 0.94)):
         start = np.array(x0, dtype=float)
@@ -154,7 +145,7 @@ def test_cars_from_further_away_are_not_led_along_the_first_ones_path():
 
 def test_a_neighbour_that_has_to_wind_takes_the_shorter_of_two_ways():
     """Begun 1.57 further on it must take a longer way, 13 times as dear, to either side."""
-    problem, _ = stated('lane_change')
+    problem = problems.build('lane_change')
     change = {'x0': np.array([1.57, -2.19, -9.7e-4]), 'p_value': np.array([2.96, 99.64, 2.0])}
     cache = Cache()
     solve(problem, cache=cache)
@@ -166,7 +157,7 @@ def test_a_neighbour_that_has_to_wind_takes_the_shorter_of_two_ways():
 @pytest.mark.slow
 def test_a_bound_of_order_three_that_holds_at_the_end_needs_no_luck():
     """To within what the cost changes with x(0), to first order: dJ/dx0 = lam(0)."""
-    problem, expected = stated('robbins')
+    problem = problems.build('robbins')
     step = np.array([-7e-4, -4e-4, -1.4e-3])
     there, here = solve(replace(problem, x0=problem.x0 + step)), solve(problem)
     assert there.status is Status.SOLVED, there.message

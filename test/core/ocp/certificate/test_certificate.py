@@ -4,7 +4,6 @@
 
 from dataclasses import replace
 import math
-from pathlib import Path
 
 import casadi as ca
 from hypothesis import given, settings
@@ -12,23 +11,8 @@ from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify, TOLERANCES
 from obc_ros.core.ocp.solution import Certificate, Solution, Status
-from obc_ros.core.ocp.statement import build_problem, load_file
+import problems
 import pytest
-
-PROBLEMS = Path(__file__).parents[3] / 'problems'
-
-
-def stated(name, **changes):
-    """Return the problem of a file, some keys replaced."""
-    return build_problem(load_file(PROBLEMS / f'{name}.yaml')[0] | changes)
-
-
-def simple(states, inputs, dynamics, running_cost, start, duration, **more):
-    """Return a problem from its essentials; a number for the duration fixes it."""
-    final_time = duration if isinstance(duration, dict) else {'free': False, 'value': duration}
-    return build_problem({
-        'states': states, 'inputs': inputs, 'dynamics': dynamics, 'running_cost': running_cost,
-        'initial_state': start, 'final_time': final_time} | more)
 
 
 def answer(problem, t, x, u, lam, objective, **more):
@@ -62,7 +46,7 @@ def failing(problem, solution):
 
 def scalar(a=1.0, b=1.0, c=1.0, T=1.0, x0=1.0, count=2001):
     """Return Example 2.2 with the input of the book, (2.4) and (2.5)."""
-    problem = stated('lq_scalar_unit', parameters={'a': a, 'b': b, 'c': c},
+    problem = problems.build('lq_scalar_unit', parameters={'a': a, 'b': b, 'c': c},
                      initial_state={'x': x0}, final_time={'free': False, 'value': T})
     t = np.linspace(0, T, count)
     U = -2*a*b*c*math.exp(2*a*T)*x0 / (2*a - b**2*c*(1 - math.exp(2*a*T)))
@@ -74,7 +58,7 @@ def scalar(a=1.0, b=1.0, c=1.0, T=1.0, x0=1.0, count=2001):
 
 def double_integrator():
     """Return Example 2.3 from rest at 1 to rest at 0: T = 2, switching at 1."""
-    problem = stated('di_mintime_rest')
+    problem = problems.build('di_mintime_rest')
     s = np.linspace(0, 1, 11)
     t = np.append(s, 1 + s)
     u = np.repeat([-1.0, 1.0], 11)
@@ -86,7 +70,7 @@ def double_integrator():
 
 def moon_lander():
     """Return free fall, then full thrust (Meditch)."""
-    problem = stated('moon_lander')
+    problem = problems.build('moon_lander')
     # The two parabolas h = 10 - 2 t - 0.75 t^2 and h = 0.75 (T - t)^2 touch at the switch.
     v_switch = -math.sqrt((2*1.5*10 + 4)/2)
     switch, T = (-2 - v_switch)/1.5, (-2 - 2*v_switch)/1.5
@@ -101,7 +85,7 @@ def moon_lander():
 
 def bryson_denham(count=401):
     """Return entry at 3 l and exit at 1 - 3 l, where the costate of the position jumps."""
-    problem = stated('bryson_denham')
+    problem = problems.build('bryson_denham')
     s = np.linspace(0, 1, count)/3
     x1, v1, u1 = 1/9 - 3*(1/3 - s)**3, 9*(1/3 - s)**2, -18*(1/3 - s)
     t = np.concatenate([s, 1/3 + s, 2/3 + s])
@@ -114,29 +98,26 @@ def bryson_denham(count=401):
 
 def straight_pass():
     """Return Example 2.6 from (0, 0, 0) to (2, 0, 0): singular in u2 (docs/errata.md)."""
-    problem = simple(
-        ['x1', 'x2', 'x3'], ['u1', 'u2'], {'x1': 'u1', 'x2': 'u2', 'x3': 'x2*u1'}, '1',
-        {'x1': 0, 'x2': 0, 'x3': 0}, {'free': True, 'lower': 0.1, 'upper': 20},
-        input_bounds={'u1': [-1, 1], 'u2': [-1, 1]},
-        terminal_constraints=['x1 - 2', 'x2', 'x3'])
+    problem = problems.pose(
+        {'x1': 'u1', 'x2': 'u2', 'x3': 'x2*u1'}, '1', (0, 0, 0),
+        {'free': True, 'lower': 0.1, 'upper': 20}, inputs=['u1', 'u2'],
+        input_bounds={'u1': [-1, 1], 'u2': [-1, 1]}, terminal_constraints=['x1 - 2', 'x2', 'x3'])
     t = np.linspace(0, 2, 5)
     return problem, answer(problem, t, [t, 0, 0], [1, 0], [-1, 0, 0], 2.0)
 
 
 def turn_in_place():
     """Return Exercise 2.6 without moving: v is singular (docs/errata.md)."""
-    problem = stated('two_wheel_turn_in_place')
+    problem = problems.build('two_wheel_turn_in_place')
     t = np.linspace(0, math.pi/2, 5)
     return problem, answer(problem, t, [0, 0, t], [0, 1], [0, 0, -1], math.pi/2)
 
 
 def brachistochrone():
     """Return the slide to x = 1 at free height: the angle grows evenly on a cycloid."""
-    g, problem = 9.81, simple(
-        ['x', 'y', 'v'], ['theta'],
-        {'x': 'v*sin(theta)', 'y': 'v*cos(theta)', 'v': '9.81*cos(theta)'}, '1',
-        {'x': 0, 'y': 0, 'v': 0}, {'free': True, 'lower': 0.1, 'upper': 5},
-        terminal_constraints=['x - 1'])
+    g, problem = 9.81, problems.pose(
+        {'x': 'v*sin(theta)', 'y': 'v*cos(theta)', 'v': '9.81*cos(theta)'}, '1', (0, 0, 0),
+        {'free': True, 'lower': 0.1, 'upper': 5}, inputs=['theta'], terminal_constraints=['x - 1'])
     w = math.sqrt(math.pi*g/4)
     t = np.linspace(0, math.pi/(2*w), 21)
     x = g/(4*w**2)*(2*w*t - np.sin(2*w*t))
@@ -147,8 +128,8 @@ def brachistochrone():
 
 def floor():
     """Return the least integral of x over [0, 1], x' = u, |u| <= 1, x >= 1/2, from 1."""
-    problem = simple(['x'], ['u'], {'x': 'u'}, 'x', {'x': 1}, 1, input_bounds={'u': [-1, 1]},
-                     state_bounds={'x': [0.5, None]})
+    problem = problems.pose(
+        {'x': 'u'}, 'x', (1,), 1, input_bounds={'u': [-1, 1]}, state_bounds={'x': [0.5, None]})
     s = np.linspace(0, 0.5, 6)
     first = np.arange(12) < 6
     t = np.append(s, 0.5 + s)
@@ -160,8 +141,9 @@ def floor():
 
 def mixed(count=2001):
     """Return the least integral of u^2/2 less 2 x(1), x' = u, x + u <= 1 active throughout."""
-    problem = simple(['x'], ['u'], {'x': 'u'}, 'u**2/2', {'x': 0}, 1, terminal_cost='-2*x',
-                     path_constraints=[{'expr': 'x + u', 'lower': None, 'upper': 1}])
+    problem = problems.pose(
+        {'x': 'u'}, 'u**2/2', (0,), 1, terminal_cost='-2*x',
+        path_constraints=[{'expr': 'x + u', 'lower': None, 'upper': 1}])
     t = np.linspace(0, 1, count)
     u, C = np.exp(-t), (math.exp(-1)/2 - 2)/math.e
     lam = C*np.exp(t) - u/2
@@ -209,10 +191,10 @@ def test_example_2_2_is_certified_for_any_numbers(a, b, c, T, x0):
 @pytest.mark.parametrize('money', [1e-3, 1e4])
 def test_units_change_no_residual(unit, money):
     problem, solution = bryson_denham(51)
-    names = load_file(PROBLEMS / 'bryson_denham.yaml')[0]
-    scaled = build_problem(names | {
-        'running_cost': f'{money/unit**2}*0.5*u**2', 'parameters': {'l': unit/9},
-        'initial_state': {'x': 0, 'v': unit}, 'terminal_constraints': ['x', f'v + {unit}']})
+    names = problems.read('bryson_denham')
+    scaled = problems.build(
+        names, running_cost=f'{money/unit**2}*0.5*u**2', parameters={'l': unit/9},
+        initial_state={'x': 0, 'v': unit}, terminal_constraints=['x', f'v + {unit}'])
     other = replace(solution, x=solution.x*unit, u=solution.u*unit, lam=solution.lam*money/unit,
                     nu=solution.nu*money/unit, hamiltonian=solution.hamiltonian*money,
                     objective=solution.objective*money)
@@ -242,16 +224,16 @@ def test_another_start():
 
 def test_an_end_that_is_missed():
     problem, solution = moon_lander()
-    far = stated('moon_lander', terminal_constraints=['h - 0.001', 'v'])
+    far = problems.build('moon_lander', terminal_constraints=['h - 0.001', 'v'])
     assert failing(problem, solution) == set()
     assert (failing(far, solution), certify(far, solution).fault) == ({'end', 'cost'}, 'end')
 
 
 def test_an_end_that_is_met_in_the_limit_only():
     """dx/dt = -u x never is 0: all else holds at exp(-T), whatever T, with lam = 1/x."""
-    problem = simple(['x'], ['u'], {'x': '-u*x'}, '1', {'x': 1},
-                     {'free': True, 'lower': 0.1, 'upper': 100}, terminal_constraints=['x'],
-                     input_bounds={'u': [-1, 1]})
+    problem = problems.pose(
+        {'x': '-u*x'}, '1', (1,), {'free': True, 'lower': 0.1, 'upper': 100},
+        terminal_constraints=['x'], input_bounds={'u': [-1, 1]})
     T = 30.0
     t = np.linspace(0, T, 301)
     late = answer(problem, t, [np.exp(-t)], [1.0], [np.exp(t)], T, nu=np.array([math.exp(T)]))
@@ -266,8 +248,9 @@ def test_the_answer_for_another_final_time():
 
 def test_a_final_time_that_is_not_the_best():
     # The least integral of (u^2 + 1)/2 from 0 to 1 has T = 1; u = 1/2 is best for T = 2.
-    problem = simple(['x'], ['u'], {'x': 'u'}, '(u**2 + 1)/2', {'x': 0},
-                     {'free': True, 'lower': 0.1, 'upper': 9}, terminal_constraints=['x - 1'])
+    problem = problems.pose(
+        {'x': 'u'}, '(u**2 + 1)/2', (0,), {'free': True, 'lower': 0.1, 'upper': 9},
+        terminal_constraints=['x - 1'])
     t = np.linspace(0, 1, 5)
     assert failing(problem, answer(problem, t, [t], [1], [-1], 1.0)) == set()
     slow = answer(problem, 2*t, [t], [0.5], [-0.5], 1.25)
@@ -286,8 +269,8 @@ def test_a_final_time_that_is_not_the_best():
 @pytest.mark.parametrize(('u', 'lam', 'tilt'), [(0.0, 0.0, 0.0), (0.98719, 0.0, 0.1)])
 def test_a_stationary_point_of_H_that_is_no_minimum(u, lam, tilt):
     # dH/du = 0 at the local maximum 0 and, tilted, at the local minimum near 1.
-    problem = simple(['x'], ['u'], {'x': 'u'}, f'(u**2 - 1)**2 + {tilt}*u', {'x': 0}, 1,
-                     input_bounds={'u': [-2, 2]})
+    problem = problems.pose(
+        {'x': 'u'}, f'(u**2 - 1)**2 + {tilt}*u', (0,), 1, input_bounds={'u': [-2, 2]})
     L = (u**2 - 1)**2 + tilt*u
     t = np.linspace(0, 1, 5)
     assert failing(problem, answer(problem, t, [u*t], [u], [lam], L)) == {'minimum'}
@@ -327,8 +310,9 @@ def test_a_costate_that_leaves_its_equation():
 def test_costates_of_states_that_decay_fast(error, found):
     """What is left of lam grows by e^15 in each interval, its rounding errors with it."""
     k, t = 60.0, np.linspace(0, 1, 5)
-    problem = simple(['fast', 'slow'], ['u'], {'fast': f'-{k}*fast', 'slow': 'u'}, 'fast + u**2',
-                     {'fast': 1, 'slow': 0}, 1, terminal_constraints=['slow - 1'])
+    problem = problems.pose(
+        {'fast': f'-{k}*fast', 'slow': 'u'}, 'fast + u**2', (1, 0), 1,
+        terminal_constraints=['slow - 1'])
     lam = -np.expm1(-k * (1 - t)) / k * (1 + error * np.array([0, 1, -1, 1, 0]))
     solution = answer(problem, t, [np.exp(-k*t), t], [1.0], [lam, -2.0],
                       1 - math.expm1(-k) / k, nu=np.array([-2.0]))
@@ -337,7 +321,7 @@ def test_costates_of_states_that_decay_fast(error, found):
 
 def test_a_costate_that_misses_its_end():
     problem, solution = scalar()
-    heavier = stated('lq_scalar_unit', parameters={'a': 1, 'b': 1, 'c': 1.001})
+    heavier = problems.build('lq_scalar_unit', parameters={'a': 1, 'b': 1, 'c': 1.001})
     assert failing(problem, solution) == set()
     assert failing(heavier, solution) == {'transversality', 'cost'}
 
@@ -373,17 +357,18 @@ def test_a_smeared_switch_with_its_own_states(e, samples, found):
 
 def test_a_bound_exceeded_between_samples():
     # x = t - t^2 peaks at 1/4; at the samples 0, 1/3, 2/3, 1 it is at most 2/9.
-    problem = simple(['x', 'v'], ['u'], {'x': 'v', 'v': 'u'}, 'u**2/2', {'x': 0, 'v': 1}, 1,
-                     terminal_constraints=['x', 'v + 1'], state_bounds={'x': [None, 0.26]})
+    problem = problems.pose(
+        {'x': 'v', 'v': 'u'}, 'u**2/2', (0, 1), 1, terminal_constraints=['x', 'v + 1'],
+        state_bounds={'x': [None, 0.26]})
     t = np.linspace(0, 1, 4)
     found = answer(problem, t, [t - t**2, 1 - 2*t], [-2], [0, 2], 2.0)
     assert failing(problem, found) == set()
     lower = replace(problem, x_upper=np.array([0.25 - 1e-5, np.inf]))
     assert certify(lower, found).residuals['bounds'] == pytest.approx(1e-5/0.25, rel=0.2)
     assert failing(lower, found) == {'bounds'}
-    path = simple(['x', 'v'], ['u'], {'x': 'v', 'v': 'u'}, 'u**2/2', {'x': 0, 'v': 1}, 1,
-                  terminal_constraints=['x', 'v + 1'],
-                  path_constraints=[{'expr': '4*x', 'lower': None, 'upper': 0.999}])
+    path = problems.pose(
+        {'x': 'v', 'v': 'u'}, 'u**2/2', (0, 1), 1, terminal_constraints=['x', 'v + 1'],
+        path_constraints=[{'expr': '4*x', 'lower': None, 'upper': 0.999}])
     assert failing(path, found) == {'bounds'}
 
 
@@ -395,8 +380,7 @@ def test_an_input_outside_its_box():
 
 def test_the_jump_of_a_costate_has_the_sign_of_its_bound():
     # Least integral of u^2/2 from 0 to 0 through 1 at t = 1/2: a lower bound would push x up.
-    problem = simple(['x'], ['u'], {'x': 'u'}, 'u**2/2', {'x': 0}, 1,
-                     terminal_constraints=['x'])
+    problem = problems.pose({'x': 'u'}, 'u**2/2', (0,), 1, terminal_constraints=['x'])
     t = np.array([0, 0.25, 0.5, 0.5, 0.75, 1])
     u = np.repeat([2.0, -2.0], 3)
     found = answer(problem, t, [1 - np.abs(1 - 2*t)], [u], [-u], 2.0)
@@ -406,8 +390,9 @@ def test_the_jump_of_a_costate_has_the_sign_of_its_bound():
     downward = replace(found, x=-found.x, u=-found.u, lam=-found.lam)
     assert failing(replace(problem, x_lower=np.array([-1.0])), downward) == {'costate'}
     assert failing(replace(problem, x_upper=np.array([-1.0])), downward) == {'bounds'}
-    path = simple(['x'], ['u'], {'x': 'u'}, 'u**2/2', {'x': 0}, 1, terminal_constraints=['x'],
-                  path_constraints=[{'expr': '-2*x', 'lower': None, 'upper': -2}])
+    path = problems.pose(
+        {'x': 'u'}, 'u**2/2', (0,), 1, terminal_constraints=['x'],
+        path_constraints=[{'expr': '-2*x', 'lower': None, 'upper': -2}])
     assert failing(path, found) == {'bounds'}
 
 
@@ -437,7 +422,7 @@ def test_arrays_that_do_not_fit_have_infinite_residuals(change):
 
 
 def test_a_course_that_blows_up_has_infinite_residuals():
-    problem = simple(['x'], ['u'], {'x': 'x**2 + u'}, 'u**2', {'x': 1}, 2)
+    problem = problems.pose({'x': 'x**2 + u'}, 'u**2', (1,), 2)
     t = np.linspace(0, 2, 3)
     certificate = certify(problem, answer(problem, t, [1 + t], [0], [0], 0.0))
     assert certificate.residuals['dynamics'] == math.inf
@@ -462,16 +447,18 @@ def test_the_fault_of_a_path_is_told_apart_from_those_of_its_costates():
     (0.0, set()), (2.0**-50, set()), (-2.0**-40, set()), (1e-4, {'end'})])
 def test_a_system_that_is_held_up_moves_by_rounding_only(off, faults):
     # v' = a - 1 from rest to the same rest: a has the mean 1, and a = 1 the least mean square.
-    problem = simple(['x', 'v'], ['a'], {'x': 'v', 'v': 'a - 1'}, '0.5*a**2', {'x': 0, 'v': 0}, 2,
-                     terminal_constraints=['x', 'v'])
+    problem = problems.pose(
+        {'x': 'v', 'v': 'a - 1'}, '0.5*a**2', (0, 0), 2, inputs=['a'],
+        terminal_constraints=['x', 'v'])
     assert failing(problem, held_up(problem, 1 + off)) >= faults
     assert bool(failing(problem, held_up(problem, 1 + off))) is bool(faults)
 
 
 def test_small_states_that_inputs_mean_are_no_rounding():
     # a = 1e-11 moves x by 1e-11 within T = 1: half of that is not where it leads.
-    problem = simple(['x', 'v'], ['a'], {'x': 'v', 'v': 'a'}, 'a', {'x': 0, 'v': 0}, 1,
-                     input_bounds={'a': [-1e-11, 1e-11]}, terminal_cost='2*v')
+    problem = problems.pose(
+        {'x': 'v', 'v': 'a'}, 'a', (0, 0), 1, inputs=['a'], input_bounds={'a': [-1e-11, 1e-11]},
+        terminal_cost='2*v')
     t = np.linspace(0.0, 1.0, 21)
     wrong = answer(problem, t, [-t**2 * 2.5e-12, -t * 5e-12], [-1e-11], [0.0, 2.0], -3e-11)
     assert 'dynamics' in failing(problem, wrong)
@@ -479,8 +466,9 @@ def test_small_states_that_inputs_mean_are_no_rounding():
 
 def sunk(sign, rate=0.7, T=60.0, count=241):
     """Return x' = x u from 1 under u = -rate, then rate, to `sign`: x(T/2) is 8e-10 for 0.7."""
-    problem = simple(['x'], ['u'], {'x': 'x*u'}, '0', {'x': 1}, T,
-                     terminal_constraints=[f'x - ({sign})'], input_bounds={'u': [-1, 1]})
+    problem = problems.pose(
+        {'x': 'x*u'}, '0', (1,), T, terminal_constraints=[f'x - ({sign})'],
+        input_bounds={'u': [-1, 1]})
     s = np.linspace(0.0, T / 2, count)
     t, x = np.append(s, T/2 + s), np.append(np.exp(-rate*s), sign * np.exp(rate*(s - T/2)))
     u = np.repeat([-rate, rate], count)
@@ -494,8 +482,8 @@ def test_a_state_that_changes_its_sign_where_it_cannot_is_no_path():
 
 def test_a_path_along_which_a_system_is_unstable_is_one():
     # x' = x + u with u = -2 x is x = exp(-t), and any defect grows by exp(30) to the end.
-    problem = simple(['x'], ['u'], {'x': 'x + u'}, '0', {'x': 1}, 30, terminal_constraints=['x'],
-                     input_bounds={'u': [-3, 3]})
+    problem = problems.pose(
+        {'x': 'x + u'}, '0', (1,), 30, terminal_constraints=['x'], input_bounds={'u': [-3, 3]})
     t = 30 * np.linspace(0.0, 1.0, 10001)**2
     x = np.exp(-t)
     assert failing(problem, answer(problem, t, [x], [-2*x], [0.0], 0.0, nu=np.zeros(1))) == set()

@@ -5,16 +5,15 @@
 import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.certificate.hamiltonian_minimum import HamiltonianScales, InputMinimum
-from obc_ros.core.ocp.statement import build_problem
+import problems
 import pytest
 
 
 def stated(inputs, running_cost, rate, bounds, path=None):
     """Return a problem with one state, x = 0 at the start."""
-    return build_problem({
-        'states': ['x'], 'inputs': inputs, 'dynamics': {'x': rate}, 'running_cost': running_cost,
-        'initial_state': {'x': 0}, 'final_time': {'free': False, 'value': 1},
-        'input_bounds': bounds, 'path_constraints': path or []})
+    return problems.pose(
+        {'x': rate}, running_cost, (0,), 1, inputs=inputs, input_bounds=bounds,
+        path_constraints=path or [])
 
 
 def gaps(problem, u, lam, mu=None, scale=1.0):

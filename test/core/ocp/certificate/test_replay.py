@@ -8,18 +8,11 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.certificate.replay import Intervals, ReplayIntegrator
-from obc_ros.core.ocp.statement import build_problem
+import problems
 import pytest
 from scipy.integrate import solve_ivp
 
 QUARTERS = np.linspace(0, 1, 5)
-
-
-def stated(dynamics, running_cost, **more):
-    """Return a problem with the states x and v and one input, all of them 0 at the start."""
-    return build_problem({
-        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': dynamics, 'running_cost': running_cost,
-        'initial_state': {'x': 0, 'v': 0}, 'final_time': {'free': False, 'value': 1}} | more)
 
 
 def intervals(problem, h, x, lam, ua, ub, s=None, m=None):
@@ -39,7 +32,7 @@ def replayed(problem, course, tolerance=1e-10):
 
 
 def test_linear_inputs_on_a_double_integrator():
-    problem = stated({'x': 'v', 'v': 'u'}, 'u**2')
+    problem = problems.pose({'x': 'v', 'v': 'u'}, 'u**2', (0, 0), 1)
     found = replayed(problem, intervals(problem, [2.0, 0.5], [[1, -1], [0, 2]], [3, -1],
                                         [[1], [-2]], [[3], [0]]))
     assert found.converged
@@ -55,7 +48,7 @@ def test_linear_inputs_on_a_double_integrator():
 
 def test_nonlinear_states_and_their_costates():
     # x = tan(t + c), and lam (1 + x^2) is constant along x' = 1 + x^2.
-    problem = stated({'x': '1 + x**2', 'v': 'u'}, '0')
+    problem = problems.pose({'x': '1 + x**2', 'v': 'u'}, '0', (0, 0), 1)
     found = replayed(problem, intervals(problem, [1.2, 0.1], [[0, 0], [1, 0]], [2, 0], 0, 0))
     assert found.converged
     assert found.x[0, :, 0] == pytest.approx(np.tan(1.2*QUARTERS), rel=1e-9)
@@ -64,7 +57,7 @@ def test_nonlinear_states_and_their_costates():
 
 
 def test_the_course_within_a_step_is_of_order_four():
-    problem = stated({'x': 'v', 'v': '-x'}, 'x**2')
+    problem = problems.pose({'x': 'v', 'v': '-x'}, 'x**2', (0, 0), 1)
     errors = []
     for h in (0.8, 0.4):
         course = intervals(problem, h, [[1, 0]], 0, 0, 0)
@@ -75,8 +68,9 @@ def test_the_course_within_a_step_is_of_order_four():
 
 
 def test_multiplier_densities_drive_the_costates():
-    problem = stated({'x': 'v', 'v': 'u'}, '0', path_constraints=[
-        {'expr': 'x*v', 'lower': None, 'upper': 9}])
+    problem = problems.pose(
+        {'x': 'v', 'v': 'u'}, '0', (0, 0), 1,
+        path_constraints=[{'expr': 'x*v', 'lower': None, 'upper': 9}])
     found = replayed(problem, intervals(problem, 1.0, [[1, 2]], 0, 0, 0, s=[5, 0], m=[3]))
     # dlam_x/dt = -5 - 3 v with v = 2; dlam_v/dt = -lam_x - 3 x with x = 1 + 2 t.
     t = QUARTERS
@@ -85,7 +79,7 @@ def test_multiplier_densities_drive_the_costates():
 
 
 def test_a_fast_mode_is_followed():
-    problem = stated({'x': '-50*(x - v)', 'v': '1'}, '0')
+    problem = problems.pose({'x': '-50*(x - v)', 'v': '1'}, '0', (0, 0), 1)
     found = replayed(problem, intervals(problem, 1.0, [[1, 0]], 0, 0, 0), 1e-7)
     assert found.converged
     expected = QUARTERS - 1/50 + (1 + 1/50)*np.exp(-50*QUARTERS)
@@ -93,7 +87,7 @@ def test_a_fast_mode_is_followed():
 
 
 def test_a_course_that_ends_in_infinity_is_said_to():
-    problem = stated({'x': '1 + x**2', 'v': 'u'}, '0')
+    problem = problems.pose({'x': '1 + x**2', 'v': 'u'}, '0', (0, 0), 1)
     assert not replayed(problem, intervals(problem, 2.0, [[0, 0]], 0, 0, 0)).converged
 
 
@@ -113,7 +107,7 @@ def test_a_batch_gives_what_one_by_one_gives(count):
 
 def test_costates_of_what_decays_at_once_are_integrated_from_the_end():
     """The state x follows v within 1 ms; lam of x would grow by exp(1000) in a second."""
-    problem = stated({'x': '-1000*(x - v)', 'v': '-v + u'}, 'x**2 + v**2')
+    problem = problems.pose({'x': '-1000*(x - v)', 'v': '-v + u'}, 'x**2 + v**2', (0, 0), 1)
     h, end, v0 = 0.5, np.array([[0.3, -0.2]]), 0.4
     x0 = v0 + (1 - v0) / 999   # without a fast part
     course = intervals(problem, h, [[x0 + (1 - v0) * 2 / 999, v0]], 0, 1, 1)
@@ -138,7 +132,7 @@ def test_costates_of_what_decays_at_once_are_integrated_from_the_end():
 def test_a_defect_of_costates_grows_no_more_than_is_said():
     """With df/dx = -k x and scales that leave its norm as it is the bound is the growth, e^kh."""
     h, k = 0.25, 8.0
-    problem = stated({'x': f'-{k}*x + u', 'v': 'x*0'}, 'u**2')
+    problem = problems.pose({'x': f'-{k}*x + u', 'v': 'x*0'}, 'u**2', (0, 0), 1)
     integrator, p = ReplayIntegrator(problem), problem.p_value
     for size in (1.0, 1e6):   # of states; that of costates is its inverse
         scale = np.array([size, size, 1/size, 1/size])

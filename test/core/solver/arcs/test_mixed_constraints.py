@@ -3,21 +3,13 @@
 """Path constraints that hold inputs: where they do, where not, and several inputs at once."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.solve import solve
+import problems
 import pytest
 from scipy.optimize import brentq
-
-
-def disc(**changes):
-    """Return the problem of thrust in a disc, some keys replaced, and its mapping."""
-    path = Path(__file__).parents[3] / 'problems' / 'thrust_in_a_disc.yaml'
-    mapping = load_file(path)[0] | changes
-    return build_problem(mapping), mapping
 
 
 def test_a_constraint_on_inputs_that_holds_nowhere_changes_nothing():
@@ -26,10 +18,9 @@ def test_a_constraint_on_inputs_that_holds_nowhere_changes_nothing():
             'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 0},
             'terminal_constraints': ['x - 6', 'v'], 'input_bounds': {'u': [-1, 2]},
             'final_time': {'free': False, 'value': 6}}
-    without = solve(build_problem(free))
+    without = solve(problems.build(free))
     assert np.max(without.u[:, 0] * without.x[:, 1]) < 0.8
-    limited = solve(build_problem(
-        free | {'path_constraints': [{'expr': 'u*v', 'upper': 0.9}]}))
+    limited = solve(problems.build(free, path_constraints=[{'expr': 'u*v', 'upper': 0.9}]))
     assert limited.status is without.status is Status.SOLVED
     assert limited.objective == pytest.approx(without.objective, rel=1e-7)
 
@@ -37,13 +28,11 @@ def test_a_constraint_on_inputs_that_holds_nowhere_changes_nothing():
 @pytest.mark.parametrize('T', [3.1, 4.3])
 def test_modes_whose_parts_add_up_to_one_switch_together(T):
     """Idle, then y to 1, which costs half of what x does, then x to 1: 2 (1/2) + 1/2 + 1."""
-    solution = solve(build_problem({
-        'states': ['x', 'y'], 'inputs': ['u', 'v', 'w'], 'dynamics': {'x': 'u', 'y': 'v'},
-        'running_cost': '2*x + y', 'initial_state': {'x': 0, 'y': 0},
-        'terminal_constraints': ['x - 1', 'y - 1'],
-        'input_bounds': {'u': [0, 1], 'v': [0, 1], 'w': [0, 1]},
-        'path_constraints': [{'expr': 'u + v + w', 'lower': 1, 'upper': 1}],
-        'final_time': {'free': False, 'value': T}}))
+    solution = solve(problems.pose(
+        {'x': 'u', 'y': 'v'}, '2*x + y', (0, 0), T, inputs=['u', 'v', 'w'],
+        terminal_constraints=['x - 1', 'y - 1'],
+        input_bounds={'u': [0, 1], 'v': [0, 1], 'w': [0, 1]},
+        path_constraints=[{'expr': 'u + v + w', 'lower': 1, 'upper': 1}]))
     assert solution.status is Status.SOLVED
     assert solution.objective == pytest.approx(2.5, abs=1e-9)
     np.testing.assert_allclose(solution.switching_times, [T - 2, T - 1], atol=1e-9)
@@ -51,23 +40,21 @@ def test_modes_whose_parts_add_up_to_one_switch_together(T):
 
 def test_an_equality_whose_sides_are_zero_weighs_all_the_same():
     """From (1, 1) to x = 2 along rays of the origin only: y = x and twice the cost of x alone."""
-    solution = solve(build_problem({
-        'states': ['x', 'y'], 'inputs': ['u', 'w'], 'dynamics': {'x': 'u', 'y': 'w'},
-        'running_cost': 'u**2 + w**2', 'initial_state': {'x': 1, 'y': 1},
-        'terminal_constraints': ['x - 2'], 'final_time': {'free': False, 'value': 1},
-        'path_constraints': [{'expr': 'u*y - w*x', 'lower': 0, 'upper': 0}]}), max_intervals=300)
+    solution = solve(problems.pose(
+        {'x': 'u', 'y': 'w'}, 'u**2 + w**2', (1, 1), 1, inputs=['u', 'w'],
+        terminal_constraints=['x - 2'],
+        path_constraints=[{'expr': 'u*y - w*x', 'lower': 0, 'upper': 0}]), max_intervals=300)
     assert solution.status is Status.SOLVED
     assert solution.objective == pytest.approx(2.0, rel=1e-6)
 
 
 def test_two_thrusters_of_given_sum():
     """Full thrust there, full thrust back: held inputs meet the equality of themselves."""
-    solution = solve(build_problem({
-        'states': ['s', 'v'], 'inputs': ['a', 'b'], 'dynamics': {'s': 'v', 'v': 'a - b'},
-        'running_cost': 1, 'initial_state': {'s': 0, 'v': 0},
-        'terminal_constraints': ['s - 1', 'v'], 'input_bounds': {'a': [0, 1], 'b': [0, 1]},
-        'path_constraints': [{'expr': 'a + b', 'lower': 1, 'upper': 1}],
-        'final_time': {'free': True, 'lower': 0.1, 'upper': 20}}))
+    solution = solve(problems.pose(
+        {'s': 'v', 'v': 'a - b'}, 1, (0, 0), {'free': True, 'lower': 0.1, 'upper': 20},
+        inputs=['a', 'b'], terminal_constraints=['s - 1', 'v'],
+        input_bounds={'a': [0, 1], 'b': [0, 1]},
+        path_constraints=[{'expr': 'a + b', 'lower': 1, 'upper': 1}]))
     assert solution.status is Status.SOLVED, solution.message
     assert solution.objective == pytest.approx(2, abs=1e-7)
     np.testing.assert_allclose(solution.switching_times, [1], atol=1e-6)
@@ -76,18 +63,16 @@ def test_two_thrusters_of_given_sum():
 @pytest.mark.slow
 def test_thrust_in_a_disc_turns_at_once():
     """Also in metres and with drag, along a line: x_line' = v, v' = u - v with |u| <= 1."""
-    problem, mapping = disc()
-    found = solve(problem)
+    found = solve(problems.build('thrust_in_a_disc'))
     np.testing.assert_allclose(found.switching_times, [math.sqrt(5)], atol=1e-5)
-    far, _ = disc(terminal_constraints=['x - 6e10', 'y - 8e10', 'vx', 'vy'],
-                    path_constraints=[{'expr': 'ux**2 + uy**2', 'lower': None, 'upper': 1e-6}],
-                    final_time={'free': True, 'lower': 1e5, 'upper': 1e9, 'guess': 1e7})
-    found = solve(far)
+    found = solve(problems.build(
+        'thrust_in_a_disc', terminal_constraints=['x - 6e10', 'y - 8e10', 'vx', 'vy'],
+        path_constraints=[{'expr': 'ux**2 + uy**2', 'lower': None, 'upper': 1e-6}],
+        final_time={'free': True, 'lower': 1e5, 'upper': 1e9, 'guess': 1e7}))
     assert found.status is Status.SOLVED, found.message
     assert found.objective == pytest.approx(2e7, rel=1e-6)
-    slowed, _ = disc(dynamics=mapping['dynamics'] | {
-        'vx': 'ux - vx', 'vy': 'uy - vy'})
-    found = solve(slowed)
+    found = solve(problems.build('thrust_in_a_disc', dynamics={
+        'x': 'vx', 'y': 'vy', 'vx': 'ux - vx', 'vy': 'uy - vy'}))
     switch = brentq(lambda t: t - math.log(2 - math.exp(-t)) - 5, 1, 20)
     assert found.status is Status.SOLVED, found.message
     assert found.objective == pytest.approx(switch + math.log(2 - math.exp(-switch)), rel=1e-4)

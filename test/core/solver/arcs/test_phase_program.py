@@ -5,7 +5,6 @@
 import numpy as np
 from obc_ros.core.numerics.collocation import build_collocation
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.arcs.bang_arcs import cut_at_bounds, cut_at_ends
 from obc_ros.core.solver.arcs.input_arcs import Arc
 from obc_ros.core.solver.arcs.phase_mesh import spread_as_wanted, spread_by_error, spread_like
@@ -20,6 +19,7 @@ from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.starts.horizon_continuation import lengthen_horizon
 from obc_ros.core.solver.starts.initial_guess import estimate_scales
 from obc_ros.core.solver.transcription.mesh import Path
+import problems
 import pytest
 
 FIXED = {'free': False, 'value': 3}
@@ -32,10 +32,8 @@ def test_a_full_tank_weighs_only_in_the_end_while_its_inflow_is_shut():
     Its bound holds itself while u = 0; were it held at all points, what it weighs would be
     anything between them. The path that shows the phases has no point in the second one.
     """
-    problem = build_problem({
-        'states': ['V'], 'inputs': ['u'], 'dynamics': {'V': 'u'}, 'running_cost': '-V',
-        'initial_state': {'V': 0}, 'input_bounds': {'u': [0, 1]}, 'state_bounds': {'V': [None, 1]},
-        'final_time': FIXED})
+    problem = problems.pose(
+        {'V': 'u'}, '-V', (0,), FIXED, input_bounds={'u': [0, 1]}, state_bounds={'V': [None, 1]})
     t, V = np.array([0, 0.6, 1.2, 3]), np.array([[0], [0.6], [1], [1]])
     u = np.array([[1], [1], [0]])
     guess = Path(t, V, np.zeros((3, 0, 1)), u, u, np.array([3.0]))
@@ -73,10 +71,9 @@ def test_intervals_go_where_steps_err():
 
 def test_phases_are_cut_where_inputs_come_to_their_bounds():
     """An input that rests at 1 until t = 1, falls to -1 at t = 2 and rests there until t = 3."""
-    problem = build_problem({
-        'states': ['x', 'v'], 'inputs': ['u', 'w'], 'dynamics': {'x': 'v', 'v': 'u + w'},
-        'running_cost': 'u**2 + w**2', 'initial_state': {'x': 0, 'v': 0},
-        'input_bounds': {'u': [-1, 1], 'w': [-1, 1]}, 'final_time': FIXED})
+    problem = problems.pose(
+        {'x': 'v', 'v': 'u + w'}, 'u**2 + w**2', (0, 0), FIXED, inputs=['u', 'w'],
+        input_bounds={'u': [-1, 1], 'w': [-1, 1]})
     count, tau = 12, np.append(0.0, build_collocation(DEGREE, 'radau')[0])
     t = (np.arange(count)[:, None] + tau) * 3 / count
     x = np.zeros((*t.shape, 2))
@@ -103,10 +100,9 @@ def test_costates_that_change_within_an_interval():
     lam_x = exp(-40 (T - t)) and lam_y = 1 - lam_x; of polynomials through the points of the
     collocation alone that asks for ten times as many intervals.
     """
-    problem = build_problem({
-        'states': ['x', 'y'], 'inputs': ['u'], 'dynamics': {'x': '40*(y - x)', 'y': 'u'},
-        'running_cost': 'u**2/2', 'terminal_cost': 'x', 'initial_state': {'x': 0, 'y': 0},
-        'input_bounds': {'u': [-9, 9]}, 'final_time': {'free': False, 'value': 1}})
+    problem = problems.pose(
+        {'x': '40*(y - x)', 'y': 'u'}, 'u**2/2', (0, 0), 1, terminal_cost='x',
+        input_bounds={'u': [-9, 9]})
     kit = Kit(problem)
     line = kit.guesser.line(problem, 1.0)
     found = kit.phased.solve(
@@ -126,7 +122,7 @@ def test_a_long_horizon_with_a_bound_of_the_state_is_found_from_short_ones():
         'final_time': {'free': False, 'value': 40}}
     costs = []
     for more in ({}, {'state_bounds': {'v': [-6, None]}}):
-        problem = build_problem(pendulum | more)
+        problem = problems.build(pendulum, **more)
         search = Search(problem, Kit(problem), ProgressMonitor(60.0))
         search.stages = 3
         outcome = lengthen_horizon(search, 4)
@@ -138,13 +134,11 @@ def test_a_long_horizon_with_a_bound_of_the_state_is_found_from_short_ones():
 @pytest.mark.slow
 def test_a_path_touches_an_obstacle_along_its_side():
     """A path across the disc is cheaper than one that touches it: only tangents are allowed."""
-    found = solve(build_problem({
-        'states': ['x', 'y', 'th'], 'inputs': ['w'],
-        'dynamics': {'x': 'cos(th)', 'y': 'sin(th)', 'th': 'w'}, 'running_cost': '1 + w**2/5',
-        'initial_state': {'x': -2, 'y': -0.156, 'th': 0},
-        'terminal_constraints': ['x - 2', 'y + 0.277'],
-        'path_constraints': [{'expr': 'x**2 + y**2', 'lower': 0.49}],
-        'final_time': {'free': True, 'lower': 1, 'upper': 20, 'guess': 4}}))
+    found = solve(problems.pose(
+        {'x': 'cos(th)', 'y': 'sin(th)', 'th': 'w'}, '1 + w**2/5', (-2, -0.156, 0),
+        {'free': True, 'lower': 1, 'upper': 20, 'guess': 4}, inputs=['w'],
+        terminal_constraints=['x - 2', 'y + 0.277'],
+        path_constraints=[{'expr': 'x**2 + y**2', 'lower': 0.49}]))
     assert found.status is Status.SOLVED
     assert found.certificate.residuals['costate'] < 1e-5
     touched, = found.switching_times
@@ -156,11 +150,9 @@ def test_a_path_touches_an_obstacle_along_its_side():
 @pytest.mark.slow
 def test_states_at_samples_follow_from_the_inputs_straight_between_them():
     """A pendulum turned by 2 rad in 3 s, its rate bounded: not only where intervals end."""
-    problem = build_problem({
-        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u - sin(x)'},
-        'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 0},
-        'terminal_constraints': ['x - 2', 'v'], 'state_bounds': {'v': [None, 0.85]},
-        'final_time': FIXED})
+    problem = problems.pose(
+        {'x': 'v', 'v': 'u - sin(x)'}, 'u**2', (0, 0), FIXED, terminal_constraints=['x - 2', 'v'],
+        state_bounds={'v': [None, 0.85]})
     found = solve(problem)
     assert found.certified
     assert np.any(found.state_multipliers > 0)
@@ -173,12 +165,11 @@ def test_no_phase_begins_where_inputs_do_not_jump():
 
     T: of (ux, uy) along (T - t, k), the k and T with x(T) = vy(T) = 1, by quadrature.
     """
-    problem = build_problem({
-        'states': ['x', 'vx', 'vy'], 'inputs': ['ux', 'uy'],
-        'dynamics': {'x': 'vx', 'vx': 'ux', 'vy': 'uy'}, 'running_cost': 1,
-        'initial_state': {'x': 0, 'vx': 0, 'vy': 0}, 'terminal_constraints': ['x - 1', 'vy - 1'],
-        'path_constraints': [{'expr': 'ux**2 + uy**2', 'upper': 1}],
-        'final_time': {'free': True, 'lower': 0.1, 'upper': 10, 'guess': 2}})
+    problem = problems.pose(
+        {'x': 'vx', 'vx': 'ux', 'vy': 'uy'}, 1, (0, 0, 0),
+        {'free': True, 'lower': 0.1, 'upper': 10, 'guess': 2}, inputs=['ux', 'uy'],
+        terminal_constraints=['x - 1', 'vy - 1'],
+        path_constraints=[{'expr': 'ux**2 + uy**2', 'upper': 1}])
     t = np.linspace(0, 2, 9)
     u = np.where(t[:-1, None] < 1, [0.9, 0.4], [0.4, 0.9])
     guess = Path(t, np.column_stack([t**2 / 4, t / 2, t / 2]), np.zeros((8, 0, 3)), u, u,
@@ -195,10 +186,9 @@ def test_no_phase_begins_where_inputs_do_not_jump():
 
 def test_a_free_phase_does_not_swallow_the_one_at_a_bound_before_it():
     """Its input may begin with that bound, at the same cost; one that switches may not."""
-    problem = build_problem({
-        'states': ['x'], 'inputs': ['u', 's'], 'dynamics': {'x': 'u + s'},
-        'running_cost': 'x**2 + u**2', 'initial_state': {'x': 1},
-        'input_bounds': {'u': [-1, 1], 's': [-1, 1]}, 'final_time': FIXED})
+    problem = problems.pose(
+        {'x': 'u + s'}, 'x**2 + u**2', (1,), FIXED, inputs=['u', 's'],
+        input_bounds={'u': [-1, 1], 's': [-1, 1]})
     program = PhasedProgram(problem, (False, True))
     arcs = [Arc(0.0, 2.0, (1.0, -1.0), (0,)), Arc(2.0, 2.4, (np.nan, -1.0), (0,)),
             Arc(2.4, 3.0, (np.nan, 1.0), (0,))]
@@ -212,7 +202,7 @@ def test_inputs_that_weigh_nothing_at_the_end_go_on_as_before():
     At T the costates of the speeds are zero: there the thrust could be any in the disc, and the
     path that the phases are read off has it the other way round.
     """
-    problem = build_problem({
+    problem = problems.build({
         'states': ['x', 'y', 'vx', 'vy'], 'inputs': ['a', 'b'],
         'dynamics': {'x': 'vx', 'y': 'vy', 'vx': 'a', 'vy': 'b'}, 'running_cost': '0',
         'terminal_cost': '-x - y', 'initial_state': dict.fromkeys(('x', 'y', 'vx', 'vy'), 0),
@@ -249,10 +239,9 @@ def slopes_of(sign: float) -> tuple[np.ndarray, np.ndarray]:
 def test_a_singular_arc_may_begin_and_end_with_a_bang(
         sign: float, limit: float, level: float, on: int) -> None:
     """At the bound of the input, or on the path constraint that it meets before."""
-    problem = build_problem({
-        'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'running_cost': 'x**2',
-        'initial_state': {'x': 0}, 'input_bounds': {'u': [-2, 2]}, 'final_time': FIXED,
-        'path_constraints': [{'expr': 'u + x', 'lower': -limit, 'upper': limit}]})
+    problem = problems.pose(
+        {'x': 'u'}, 'x**2', (0,), FIXED, input_bounds={'u': [-2, 2]},
+        path_constraints=[{'expr': 'u + x', 'lower': -limit, 'upper': limit}])
     x = np.zeros((4, DEGREE + 1, 1))
     u = np.zeros((4, DEGREE, 1))
     eta = np.zeros((4, DEGREE, 2))
@@ -278,15 +267,11 @@ def test_a_turn_too_short_for_the_mesh_is_found():
     """
     road = '0.03*sin(s/20)'
     pace = f'(1 - n*{road})/(v*cos(a))'
-    answer = solve(build_problem({
-        'states': ['n', 'a', 'v', 's'], 'inputs': ['k', 'c'],
-        'dynamics': {'n': f'v*sin(a)*{pace}', 'a': f'k*v*{pace} - {road}', 'v': f'c*{pace}',
-                     's': '1'},
-        'running_cost': pace, 'initial_state': {'n': 0, 'a': 0, 'v': 10, 's': 0},
-        'input_bounds': {'k': [-0.2, 0.2], 'c': [-8, 4]},
-        'state_bounds': {'n': [-3, 3], 'v': [3, 40], 'a': [-1, 1]},
-        'path_constraints': [{'expr': 'v**2*k', 'lower': -8, 'upper': 8}],
-        'final_time': {'free': False, 'value': 150}}))
+    answer = solve(problems.pose(
+        {'n': f'v*sin(a)*{pace}', 'a': f'k*v*{pace} - {road}', 'v': f'c*{pace}', 's': '1'}, pace,
+        (0, 0, 10, 0), 150, inputs=['k', 'c'], input_bounds={'k': [-0.2, 0.2], 'c': [-8, 4]},
+        state_bounds={'n': [-3, 3], 'v': [3, 40], 'a': [-1, 1]},
+        path_constraints=[{'expr': 'v**2*k', 'lower': -8, 'upper': 8}]))
     assert answer.certified, answer.message
     turned = answer.u[:, 0] * answer.x[:, 2]**2
     assert turned[answer.t < 0.2] == pytest.approx(8, abs=1e-5)

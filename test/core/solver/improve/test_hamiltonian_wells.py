@@ -3,9 +3,9 @@
 """Where H has several least points: the input is at the lowest, and jumps where that changes."""
 
 import numpy as np
-from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.ocp.structure import find_branching_inputs
 from obc_ros.core.solver.solve import solve
+import problems
 import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import minimize_scalar
@@ -35,7 +35,7 @@ def test_two_wells_of_which_the_deeper_one_changes(as_state):
     mapping = WELLS if not as_state else WELLS | {
         'states': ['x', 't'], 'dynamics': {'x': WELLS['running_cost'], 't': '1'},
         'running_cost': '0', 'terminal_cost': 'x', 'initial_state': {'x': 0, 't': 0}}
-    found = solve(build_problem(mapping))
+    found = solve(problems.build(mapping))
     assert found.certified, found.message
     assert found.objective == pytest.approx(known, rel=1e-7)
     assert found.switching_times == pytest.approx([1], abs=1e-6)
@@ -62,11 +62,10 @@ def test_gears(gears, text, T, shifts):
             lambda u: -sum(full * hump(u, at) for at, full in gears(v)), (1, 3, 5)[:len(text)])
 
     path = solve_ivp(lambda t, z: [z[1], most(z[1])], (0, T), [0, 0], rtol=1e-10, atol=1e-10)
-    found = solve(build_problem({
-        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': ' + '.join((
+    found = solve(problems.pose(
+        {'x': 'v', 'v': ' + '.join((
             *(f'({full})*{hump("u", 2 * k + 1)}' for k, full in enumerate(text)), '-0.02*v'))},
-        'running_cost': '0', 'terminal_cost': '-x', 'initial_state': {'x': 0, 'v': 0},
-        'input_bounds': {'u': [0, 2 * len(text)]}, 'final_time': {'free': False, 'value': T}}))
+        '0', (0, 0), T, terminal_cost='-x', input_bounds={'u': [0, 2 * len(text)]}))
     assert found.certified, found.message
     assert -found.objective == pytest.approx(path.y[0, -1], rel=1e-6)
     assert len(found.switching_times) == shifts
@@ -74,10 +73,9 @@ def test_gears(gears, text, T, shifts):
 
 def test_where_branches_may_be():
     def of(running_cost, dynamics='u', **more):
-        return find_branching_inputs(build_problem({
-            'states': ['x'], 'inputs': ['u', 'w'], 'dynamics': {'x': dynamics},
-            'running_cost': running_cost, 'initial_state': {'x': 0},
-            'input_bounds': {'u': [-1, 1]}, 'final_time': {'free': False, 'value': 1}} | more))
+        return find_branching_inputs(problems.pose(
+            {'x': dynamics}, running_cost, (0,), 1, inputs=['u', 'w'], input_bounds={'u': [-1, 1]},
+            **more))
 
     assert of('u**2 + w**4').tolist() == [False, False]   # w has no bounds
     assert of('u**2 + w**2', 'u*w').tolist() == [False, False]

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
-from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.improve.kink_mesh import build_points
 from obc_ros.core.solver.solve import Cache, solve
+import problems
 import pytest
 
 # Least cost by a zero-order hold on 1000 intervals: a bound from above, 1e-7 away.
@@ -18,15 +18,12 @@ HELD = 3007.73213
 
 def lane_change(phi=0.1):
     """Return the lane change of a kinematic bicycle that rushes ahead, then weaves."""
-    return build_problem({
-        'states': ['px', 'py', 'theta'], 'inputs': ['v', 'phi'], 'parameters': {'l': 3},
-        'dynamics': {'px': 'v*cos(theta)', 'py': 'v*sin(theta)', 'theta': 'v/l*tan(phi)'},
-        'running_cost': '0.1*(px - 100)**2 + 10*(py - 2)**2 + 0.1*theta**2 + 0.1*(v - 10)**2'
-                        ' + phi**2',
-        'initial_state': {'px': 0, 'py': -2, 'theta': 0},
-        'terminal_constraints': ['px - 100', 'py - 2', 'theta'],
-        'input_bounds': {'v': [8, 12], 'phi': [-phi, phi]},
-        'final_time': {'free': False, 'value': 10}})
+    return problems.pose(
+        {'px': 'v*cos(theta)', 'py': 'v*sin(theta)', 'theta': 'v/l*tan(phi)'},
+        '0.1*(px - 100)**2 + 10*(py - 2)**2 + 0.1*theta**2 + 0.1*(v - 10)**2 + phi**2',
+        (0, -2, 0), 10, inputs=['v', 'phi'], parameters={'l': 3},
+        terminal_constraints=['px - 100', 'py - 2', 'theta'],
+        input_bounds={'v': [8, 12], 'phi': [-phi, phi]})
 
 
 @pytest.mark.parametrize('slope', [1.0, 1e20, np.inf, np.nan])
@@ -45,10 +42,9 @@ def test_of_an_extremal_that_is_no_path_no_mesh_without_end_is_made(slope):
 
 def pulled(T):
     """Return u^2 - x^2 over a time about that of its conjugate point, pi, with bounds on u."""
-    return build_problem({
-        'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'running_cost': 'u**2 - x**2',
-        'initial_state': {'x': 0.3}, 'terminal_constraints': ['x'],
-        'input_bounds': {'u': [-0.25, 0.25]}, 'final_time': {'free': False, 'value': T}})
+    return problems.pose(
+        {'x': 'u'}, 'u**2 - x**2', (0.3,), T, terminal_constraints=['x'],
+        input_bounds={'u': [-0.25, 0.25]})
 
 
 def test_inputs_come_to_their_bounds_where_dh_du_vanishes():

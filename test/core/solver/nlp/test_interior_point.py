@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.nlp.active_set import follow_active_set
 from obc_ros.core.solver.nlp.interior_point import (
     Interior,
@@ -21,6 +20,7 @@ from obc_ros.core.solver.starts.initial_guess import estimate_scales, Guesser
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh
 from obc_ros.core.solver.transcription.program import Transcription, TranscriptionOutcome
 from obc_ros.core.solver.transcription.tightening import TightenedLimits
+import problems
 import pytest
 
 
@@ -170,12 +170,11 @@ def test_following_takes_no_saddle_for_an_answer():
                              worst: False) is None
 
 
-def pendulum(**changes: object) -> Problem:
-    return build_problem({
-        'states': ['q', 'w'], 'inputs': ['u'], 'dynamics': {'q': 'w', 'w': 'u - sin(q)'},
-        'running_cost': 'u**2 + 0.1*q**2', 'initial_state': {'q': 1, 'w': 0},
-        'terminal_constraints': ['q', 'w'], 'input_bounds': {'u': [-0.4, 0.4]},
-        'final_time': {'free': False, 'value': 5}} | changes)
+PENDULUM = {
+    'states': ['q', 'w'], 'inputs': ['u'], 'dynamics': {'q': 'w', 'w': 'u - sin(q)'},
+    'running_cost': 'u**2 + 0.1*q**2', 'initial_state': {'q': 1, 'w': 0},
+    'terminal_constraints': ['q', 'w'], 'input_bounds': {'u': [-0.4, 0.4]},
+    'final_time': {'free': False, 'value': 5}}
 
 
 def transcribed(problem: Problem, *, own: bool,
@@ -201,7 +200,7 @@ def transcribed(problem: Problem, *, own: bool,
          'input_bounds': {'u': [-1, 1]}},
     {'terminal_constraints': [], 'terminal_cost': '3*q**2 + w**2'}])
 def test_a_transcription_has_the_same_answer_by_ipopt(changes):
-    problem = pendulum(**changes)
+    problem = problems.build(PENDULUM, **changes)
     ours, theirs = (transcribed(problem, own=own) for own in (True, False))
     assert ours.converged
     assert theirs.converged
@@ -215,7 +214,7 @@ def test_a_transcription_has_the_same_answer_by_ipopt(changes):
 
 
 def test_a_neighbour_is_followed_in_a_few_steps():
-    problem = pendulum()
+    problem = problems.build(PENDULUM)
     first = transcribed(problem, own=True)
     neighbour = replace(problem, x0=problem.x0 + [0.02, -0.01])
     followed, anew = (transcribed(neighbour, own=True, near=near) for near in (first, None))

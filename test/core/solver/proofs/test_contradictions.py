@@ -3,27 +3,21 @@
 """Contradictions in a statement: each is found and said in words, and no sound one is accused."""
 
 import math
-from pathlib import Path
 import re
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.proofs.contradictions import explain_contradiction
 from obc_ros.core.solver.proofs.invariants import find_changed_invariants
 from obc_ros.core.solver.solve import solve
+import problems
 import pytest
 from scipy.integrate import solve_ivp
 
-PROBLEMS = sorted((Path(__file__).parents[3] / 'problems').glob('*.yaml'))
-
-BLOCK = {
-    'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
-    'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 0},
-    'terminal_constraints': ['x - 1', 'v'], 'input_bounds': {'u': [-1, 1]},
-    'final_time': {'free': False, 'value': 2}}
+BLOCK = problems.DOUBLE_INTEGRATOR | {
+    'input_bounds': {'u': [-1, 1]}, 'final_time': {'free': False, 'value': 2}}
 TIMED = BLOCK | {'final_time': {'free': True, 'lower': 0.1, 'upper': 5}}
 # z is a mode at +1 that u does not reach, w one at -2.
 SPLIT = BLOCK | {
@@ -32,13 +26,12 @@ SPLIT = BLOCK | {
 
 def said(base=BLOCK, **changes):
     """Return the sentence about a problem with some keys replaced."""
-    return explain_contradiction(build_problem(base | changes))
+    return explain_contradiction(problems.build(base, **changes))
 
 
-@pytest.mark.parametrize('path', PROBLEMS, ids=lambda path: path.stem)
-def test_no_problem_with_an_answer_is_accused(path):
-    for mapping in load_file(path):
-        assert explain_contradiction(build_problem(mapping)) == ''
+@pytest.mark.parametrize('name', problems.NAMES)
+def test_no_problem_with_an_answer_is_accused(name):
+    assert explain_contradiction(problems.build(name)) == ''
 
 
 @pytest.mark.parametrize(('changes', 'sentence'), [
@@ -287,7 +280,7 @@ DESCENT = {
 def test_bounds_far_from_zero_make_no_quantity_constant():
     """10 z + v^2 is constant under a = 5 only, which is not the only input."""
     assert said(DESCENT) == ''
-    found = solve(build_problem(DESCENT))
+    found = solve(problems.build(DESCENT))
     assert found.status is Status.SOLVED, found.message
 
 
@@ -296,12 +289,12 @@ def test_bounds_far_from_zero_make_no_quantity_constant():
 @given(st.floats(1, 1e4), st.floats(1e-3, 10), st.sampled_from((-1.0, 1.0)), st.floats(0.1, 20))
 def test_no_quantity_is_constant_under_inputs_on_one_side(near, width, side, drift):
     bounds = sorted([side * near, side * (near + width)])
-    stated = build_problem(DESCENT | {
-        'dynamics': {'z': 'v', 'v': f'a + {drift!r}'}, 'input_bounds': {'a': bounds}})
-    assert list(find_changed_invariants(stated)) == []
-    stated = build_problem(DESCENT | {
-        'dynamics': {'z': 'a*v', 'v': f'a*v + {drift!r}'}, 'input_bounds': {'a': bounds}})
-    assert list(find_changed_invariants(stated)) == []
+    problem = problems.build(
+        DESCENT, dynamics={'z': 'v', 'v': f'a + {drift!r}'}, input_bounds={'a': bounds})
+    assert list(find_changed_invariants(problem)) == []
+    problem = problems.build(
+        DESCENT, dynamics={'z': 'a*v', 'v': f'a*v + {drift!r}'}, input_bounds={'a': bounds})
+    assert list(find_changed_invariants(problem)) == []
 
 
 @pytest.mark.parametrize(('dynamics', 'end', 'quantity'), [
@@ -315,9 +308,9 @@ def test_no_quantity_is_constant_under_inputs_on_one_side(near, width, side, dri
 ])
 def test_identities_are_proved(dynamics, end, quantity):
     bounds = {'u': [5, 5] if quantity.startswith('10') else [0, 1]}
-    found = list(find_changed_invariants(build_problem(BLOCK | {
-        'dynamics': dynamics, 'initial_state': {'x': 1, 'v': 0.5}, 'terminal_constraints': end,
-        'input_bounds': bounds})))
+    found = list(find_changed_invariants(problems.build(
+        BLOCK, dynamics=dynamics, initial_state={'x': 1, 'v': 0.5}, terminal_constraints=end,
+        input_bounds=bounds)))
     assert found
     assert all('is constant whatever the inputs are' in each for each in found)
 
@@ -328,19 +321,18 @@ def test_identities_are_proved(dynamics, end, quantity):
 def test_what_is_nearly_constant_is_not_called_constant(seed, drift):
     rng = np.random.default_rng(seed)
     s, r, d = rng.normal(size=3).tolist()
-    assert list(find_changed_invariants(build_problem(BLOCK | {
-        'dynamics': {'x': f'({s!r})*v*u + ({drift!r})*u*x', 'v': f'-({s!r})*x*u'},
-        'initial_state': {'x': r, 'v': d}, 'terminal_constraints': [f'x - {2*abs(r) + 1}', 'v'],
-    }))) == []
+    assert list(find_changed_invariants(problems.build(
+        BLOCK, dynamics={'x': f'({s!r})*v*u + ({drift!r})*u*x', 'v': f'-({s!r})*x*u'},
+        initial_state={'x': r, 'v': d}, terminal_constraints=[f'x - {2*abs(r) + 1}', 'v']))) == []
 
 
 def test_terminal_constraints_that_leave_a_line():
     """x^2 + v^2 = 1 is met on all lines that cross the circle; not so where x = v = 1."""
     turn = {'dynamics': {'x': 'u*v', 'v': '-u*x'}, 'initial_state': {'x': 1, 'v': 0}}
     for end in (['x - v'], ['x + v - 1'], ['0.1*x + 0.2*v - 0.1', 'x + 2*v - 1'], ['x**2 - v']):
-        assert list(find_changed_invariants(build_problem(BLOCK | turn | {
-            'terminal_constraints': end}))) == []
-    [found] = find_changed_invariants(build_problem(BLOCK | turn | {'terminal_constraints': [
-        'x - v', 'x + v - 2', 'x**3 - 1']}))
+        assert list(find_changed_invariants(problems.build(
+            BLOCK | turn, terminal_constraints=end))) == []
+    [found] = find_changed_invariants(problems.build(
+        BLOCK | turn, terminal_constraints=['x - v', 'x + v - 2', 'x**3 - 1']))
     assert found.startswith('x**2 + v**2 is constant whatever the inputs are: it is 1 at the '
                             'initial state and 2 where')

@@ -2,20 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is said of how good an answer is: global only where it is proved."""
 
-from pathlib import Path
-
 import casadi as ca
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.ocp.convexity import is_convex_problem
 from obc_ros.core.ocp.solution import MOST_MINIMA, Solution, Status
-from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.proofs.optimality import add_optimality, describe_local
 from obc_ros.core.solver.solve import Cache, solve
+import problems
 import pytest
 
-PROBLEMS = Path(__file__).parents[3] / 'problems'
 BLOCK = {
     'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
     'running_cost': 'x**2 + u**2', 'initial_state': {'x': 1, 'v': 0},
@@ -31,10 +28,6 @@ ROBOT = {
     'final_time': {'free': True, 'lower': 0.1, 'upper': 20}}
 
 
-def problem(**changes):
-    return build_problem(BLOCK | changes)
-
-
 @pytest.mark.parametrize('changes', [
     {}, {'running_cost': '2*x**4 + x**2 - x*v + v**2 + 3*u**2'}, {'running_cost': 'abs(u)'},
     {'running_cost': 'exp(x - v) + u**2', 'terminal_cost': 'cosh(v)/2 - 3*x'},
@@ -45,7 +38,7 @@ def problem(**changes):
                           {'expr': '5 - x**4', 'lower': 0}, {'expr': 'x + v', 'lower': -9}]},
 ])
 def test_convex(changes):
-    assert is_convex_problem(problem(**changes))
+    assert is_convex_problem(problems.build(BLOCK, **changes))
 
 
 @pytest.mark.parametrize('changes', [
@@ -62,7 +55,7 @@ def test_convex(changes):
     {'final_time': {'free': True, 'lower': 1, 'upper': 3}},
 ])
 def test_not_to_be_taken_for_convex(changes):
-    assert not is_convex_problem(problem(**changes))
+    assert not is_convex_problem(problems.build(BLOCK, **changes))
 
 
 @st.composite
@@ -85,7 +78,7 @@ def test_what_is_called_convex_lies_below_its_chords(text, lower):
     """Random expressions at random pairs of points, an oracle that knows no rules."""
     bounds = {name: [lower, None] for name in ('x', 'v')}
     try:
-        stated = problem(running_cost=f'{text} + 0*x', state_bounds=bounds)
+        stated = problems.build(BLOCK, running_cost=f'{text} + 0*x', state_bounds=bounds)
     except Exception as error:   # no value at the start
         assert 'running_cost' in str(error) or 'value' in str(error) or 'start' in str(error)
         return
@@ -111,7 +104,7 @@ def test_what_is_called_convex_lies_below_its_chords(text, lower):
     (BLOCK | FREE | {'running_cost': 0}, 'every path costs the same'),
 ], ids=lambda each: each if isinstance(each, str) else '')
 def test_the_best_path_is_called_so_where_it_is_proved(mapping, reason):
-    found = solve(build_problem(mapping))
+    found = solve(problems.build(mapping))
     assert found.status is Status.SOLVED
     assert (found.optimality.kind, found.optimality.reason) == ('global', reason)
     assert found.optimality.minima == ()
@@ -126,7 +119,7 @@ def test_the_best_path_is_called_so_where_it_is_proved(mapping, reason):
                     'initial_state': {'x': 0.5, 'v': 0.2}},
 ])
 def test_what_is_not_proved_is_called_local(mapping):
-    found = solve(build_problem(mapping))
+    found = solve(problems.build(mapping))
     assert found.status is Status.SOLVED
     assert found.optimality.kind == 'local'
     assert found.optimality.starts >= 1
@@ -136,19 +129,18 @@ def test_what_is_not_proved_is_called_local(mapping):
 def test_a_robot_that_is_another_one_at_other_places_is_not_taken_for_the_two_wheeled():
     """What vanishes at some points need not vanish; parameters with a value of 1 do not matter."""
     zero = '(theta - 0.7)*(theta + 1.9)*(theta - 2.6)'
-    other = build_problem(ROBOT | {'dynamics': ROBOT['dynamics'] | {
-        'py': f'sin(theta)*v + 0.1*{zero}'}})
+    other = problems.build(
+        ROBOT, dynamics=ROBOT['dynamics'] | {'py': f'sin(theta)*v + 0.1*{zero}'})
     assert solve(other, method='reeds_shepp').status is Status.NOT_CONVERGED
-    same = build_problem(ROBOT | {'parameters': {'k': 1}, 'dynamics': ROBOT['dynamics'] | {
-        'theta': 'k*omega'}})
+    same = problems.build(
+        ROBOT, parameters={'k': 1}, dynamics=ROBOT['dynamics'] | {'theta': 'k*omega'})
     assert solve(same, method='reeds_shepp').status is Status.SOLVED
 
 
 def test_the_aircrafts_two_minima_are_told_and_the_answer_is_the_lower():
     """Example 2.2 in 5 s: 1.0832 and 1.2271, each an extremal."""
-    mapping, = load_file(PROBLEMS / 'aircraft_5.yaml')
     cache = Cache()
-    first, again = (solve(build_problem(mapping), cache=cache) for _ in range(2))
+    first, again = (solve(problems.build('aircraft_5'), cache=cache) for _ in range(2))
     for found in (first, again):
         known = found.optimality
         assert known.kind == 'local'
@@ -168,5 +160,5 @@ def test_costs_are_told_in_order_once_each_and_no_more_than_so_many():
 
 
 def test_nothing_is_said_of_an_answer_that_is_not_certified():
-    assert add_optimality(problem(), Solution(
+    assert add_optimality(problems.build(BLOCK), Solution(
         Status.NOT_CONVERGED, '', 1.0, optimality=describe_local(3, 1.0, []))).optimality is None

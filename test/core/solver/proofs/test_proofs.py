@@ -13,24 +13,15 @@ import numpy as np
 from obc_ros.core.numerics.rational_polynomials import find_null_space, read_polynomials
 from obc_ros.core.numerics.taylor_enclosure import Tube
 from obc_ros.core.ocp.affine_constraints import find_affine_end
-from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.exact.reachable_set import compute_exponential, Reach
 from obc_ros.core.solver.exact.weak_duality import is_excluded, is_never_met
 from obc_ros.core.solver.proofs.contradictions import explain_contradiction
 from obc_ros.core.solver.proofs.existence import explain_no_minimum
+import problems
 import pytest
 from scipy.linalg import expm
 
-PAIR = {
-    'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
-    'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 0},
-    'terminal_constraints': ['x - 1', 'v'], 'input_bounds': {'u': [-1, 1]},
-    'final_time': {'free': False, 'value': 3}}
-
-
-def stated(**changes):
-    """Return a double integrator's problem with some keys replaced."""
-    return build_problem(PAIR | changes)
+BOUNDED = problems.DOUBLE_INTEGRATOR | {'input_bounds': {'u': [-1, 1]}}
 
 
 # ---------------------------------------------------------------- false proofs of 2fa802b
@@ -49,7 +40,7 @@ def stated(**changes):
      'final_time': {'free': True, 'lower': 1, 'upper': 2}},
 ])
 def test_no_false_proof(changes):
-    assert explain_contradiction(stated(**changes)) == ''
+    assert explain_contradiction(problems.build(BOUNDED, **changes)) == ''
 
 
 @pytest.mark.parametrize('cost', [
@@ -57,7 +48,7 @@ def test_no_false_proof(changes):
     '0.3*u - 0.2*u - 0.1*u', '0.1*u + 0.2*u - 0.3*u'])
 def test_terms_of_an_input_that_cancel_in_decimals(cost):
     """No cost here is below 0; in doubles what cancels leaves up to 6e-17 of either sign."""
-    assert explain_no_minimum(stated(running_cost=cost, input_bounds={})) == ''
+    assert explain_no_minimum(problems.build(BOUNDED, running_cost=cost, input_bounds={})) == ''
 
 
 # ---------------------------------------------------------------- enclosures of paths
@@ -133,7 +124,7 @@ def test_what_an_input_reaches_is_never_called_out_of_reach(seed, n, T):
     (5.3, {'v': [-0.2, 0.2]}, False), (3.0, {'x': [None, 0.9]}, True)])
 def test_problems_of_a_double_integrator_are_excluded_just_where_they_are(T, bounds, proved):
     # From rest to rest over 1 in 2 at least; within |v| <= 0.2 in 1/0.2 + 0.2 = 5.2.
-    assert is_excluded(stated(final_time={'free': False, 'value': T},
+    assert is_excluded(problems.build(BOUNDED, final_time={'free': False, 'value': T},
                               state_bounds=bounds)) is proved
 
 
@@ -148,8 +139,8 @@ def test_the_exponential_of_states_in_far_units():
 
 def test_no_direction_is_proved_from_what_rounding_left():
     """The third state is the difference of two that inputs move alike: its unit is next to 0."""
-    assert explain_contradiction(stated(
-        states=['x', 'y', 'z'], inputs=['w'],
+    assert explain_contradiction(problems.build(
+        BOUNDED, states=['x', 'y', 'z'], inputs=['w'],
         initial_state={'x': 7.368741154814138e-08, 'y': 1.0667385307101855,
                        'z': -6.748415067481089e-05},
         dynamics={'x': '(1.0303889408765128*(x/8.248645745477532e-08) + w/4917.713094482863)'
@@ -201,9 +192,12 @@ def test_null_space_is_exact():
 
 
 def test_dependent_terminal_constraints_are_told_from_contradictory_ones():
-    end = find_affine_end(stated(terminal_constraints=['0.1*x + 0.2*v - 0.3', 'x + 2*v - 3']))
+    end = find_affine_end(problems.build(
+        BOUNDED, terminal_constraints=['0.1*x + 0.2*v - 0.3', 'x + 2*v - 3']))
     assert end.clash is None and end.is_clear and len(end.directions) == 1
-    end = find_affine_end(stated(terminal_constraints=['0.1*x + 0.2*v - 0.3', 'x + 2*v - 4']))
+    end = find_affine_end(problems.build(
+        BOUNDED, terminal_constraints=['0.1*x + 0.2*v - 0.3', 'x + 2*v - 4']))
     assert end.clash is not None
-    near = find_affine_end(stated(terminal_constraints=['x + v - 1', 'x + 1.0000000001*v - 2']))
+    near = find_affine_end(problems.build(
+        BOUNDED, terminal_constraints=['x + v - 1', 'x + 1.0000000001*v - 2']))
     assert near.clash is None and not near.is_clear

@@ -6,7 +6,6 @@ import re
 
 import numpy as np
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.proofs.singular_expressions import (
     explain_escape,
     explain_kink,
@@ -14,6 +13,7 @@ from obc_ros.core.solver.proofs.singular_expressions import (
     explain_undefined,
 )
 from obc_ros.core.solver.solve import solve
+import problems
 import pytest
 
 T = np.linspace(0, 2, 21)
@@ -22,10 +22,7 @@ PATH = np.column_stack([T, 1 + 0 * T])  # x = t, v = 1
 
 def said(rate, cost='u**2'):
     """Return what is said of x' = v, v' = rate on the path x = t."""
-    problem = build_problem({
-        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': rate},
-        'running_cost': cost, 'initial_state': {'x': 0, 'v': 1}, 'parameters': {'one': 1},
-        'final_time': {'free': False, 'value': 2}})
+    problem = problems.pose({'x': 'v', 'v': rate}, cost, (0, 1), 2, parameters={'one': 1})
     return explain_undefined(problem, T, PATH, np.ones((len(T), 1)))
 
 
@@ -59,13 +56,13 @@ def test_states_that_run_away():
         'final_time': {'free': False, 'value': 2}}
     # x' = x^2 - 1: x = -coth(t - c), coth(c) = 2.
     last = np.arctanh(0.5)
-    sentence = explain_escape(build_problem(mapping), 2.0)
+    sentence = explain_escape(problems.build(mapping), 2.0)
     assert sentence.startswith('x runs away: with each of 3 constant inputs')
     assert f'by t = {last:.4g}' in sentence
-    found = solve(build_problem(mapping), time_limit=10)
+    found = solve(problems.build(mapping), time_limit=10)
     assert found.status is Status.NOT_CONVERGED
     assert found.message == sentence
-    assert explain_escape(build_problem(mapping | {'input_bounds': {'u': [-5, 1]}}), 2.0) == ''
+    assert explain_escape(problems.build(mapping, input_bounds={'u': [-5, 1]}), 2.0) == ''
 
 
 @pytest.mark.parametrize('cost, what', [
@@ -74,10 +71,7 @@ def test_states_that_run_away():
     ('abs(u - 1) + x', ''),         # of an input: such kinks are met
     ('abs(x + 1)', '')])            # never 0 on this path
 def test_kinks_on_a_path(cost, what):
-    problem = build_problem({
-        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
-        'running_cost': cost, 'initial_state': {'x': 0, 'v': 1},
-        'final_time': {'free': False, 'value': 2}})
+    problem = problems.pose({'x': 'v', 'v': 'u'}, cost, (0, 1), 2)
     said = explain_kink(problem, T, PATH, np.ones((len(T), 1)))
     assert said.startswith(f'running_cost has no slope where {what}') if what else said == ''
 
@@ -89,13 +83,13 @@ def test_a_kink_of_states_is_said_and_what_is_said_helps():
         'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
         'running_cost': 'abs(x) + u**2/10', 'initial_state': {'x': 1, 'v': 0},
         'final_time': {'free': False, 'value': 6}}
-    found = solve(build_problem(mapping), max_intervals=250)
+    found = solve(problems.build(mapping), max_intervals=250)
     assert found.status is Status.NOT_CONVERGED
     assert found.message.startswith('running_cost has no slope where abs(x) is 0, as at t = 1.')
     advice = re.search(r'; (sqrt.*?e\*\*2\)) in its place, .* such as ([0-9.]+), has',
                        found.message)
     rounded = advice[1].replace('e**2', f'{advice[2]}**2')
-    answer = solve(build_problem(mapping | {'running_cost': f'{rounded} + u**2/10'}))
+    answer = solve(problems.build(mapping, running_cost=f'{rounded} + u**2/10'))
     assert answer.status is Status.SOLVED
     # It is dearer than with the kink, by e T at most.
     assert 0 <= answer.objective - found.objective <= 6 * float(advice[2])
@@ -108,13 +102,13 @@ def test_a_root_that_vanishes_is_said_and_what_is_said_helps():
         'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u - sqrt(x)'}, 'running_cost': '1',
         'initial_state': {'x': 1}, 'terminal_constraints': ['x'], 'input_bounds': {'u': [0, 2]},
         'final_time': {'free': True, 'lower': 0.1, 'upper': 20}}
-    found = solve(build_problem(mapping), max_intervals=250)
+    found = solve(problems.build(mapping), max_intervals=250)
     assert found.status is Status.NOT_CONVERGED
     assert found.message.startswith(
         'dynamics.x has a root of x, whose slope is infinite where that is 0, as at t = 2 ')
     e = float(re.search(r'x \+ e in its place, with a small e such as ([0-9.]+), has',
                         found.message)[1])
-    answer = solve(build_problem(mapping | {'dynamics': {'x': f'u - sqrt(x + {e})'}}))
+    answer = solve(problems.build(mapping, dynamics={'x': f'u - sqrt(x + {e})'}))
     assert answer.status is Status.SOLVED
     assert answer.objective == pytest.approx(2 * (np.sqrt(1 + e) - np.sqrt(e)), rel=1e-7)
 
@@ -126,7 +120,7 @@ def test_a_terminal_constraint_without_a_slope_is_said(constraint):
         'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'running_cost': 'u**2/2',
         'initial_state': {'x': 0}, 'terminal_constraints': [constraint],
         'final_time': {'free': False, 'value': 1}}
-    found = solve(build_problem(mapping))
+    found = solve(problems.build(mapping))
     assert found.status is Status.NOT_CONVERGED
     assert re.match(r'terminal_constraints\[0\], .*, has no slope where it is met', found.message)
 
@@ -137,10 +131,8 @@ def test_a_terminal_constraint_without_a_slope_is_said(constraint):
     '(x - 1)**2 + (y - 1)**2'])
 def test_a_root_without_a_slope_is_known_however_near_the_path_ends(constraint, off):
     """How many digits of the root a search has found is up to rounding; the order is not."""
-    problem = build_problem({
-        'states': ['x', 'y'], 'inputs': ['u'], 'dynamics': {'x': 'u', 'y': 'x'},
-        'running_cost': 'u**2/2', 'initial_state': {'x': 0, 'y': 1},
-        'terminal_constraints': [constraint], 'final_time': {'free': False, 'value': 1}})
+    problem = problems.pose(
+        {'x': 'u', 'y': 'x'}, 'u**2/2', (0, 1), 1, terminal_constraints=[constraint])
     assert explain_level_terminal(problem,
                                   np.array([1 + off, 1])).startswith('terminal_constraints[0], ')
 
@@ -149,18 +141,13 @@ def test_a_root_without_a_slope_is_known_however_near_the_path_ends(constraint, 
     ('x - 1', 1.0), ('x - 1', 0.97), ('x**2 - 1', 0.97), ('x**2 - 1', 1.0), ('x**2 + 1', 0.1),
     ('exp(x) - 1', 0.2), ('sin(x)', 3.1)])
 def test_of_other_terminal_constraints_nothing_is_said(constraint, end):
-    problem = build_problem({
-        'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'running_cost': 'u**2/2',
-        'initial_state': {'x': 0}, 'terminal_constraints': [constraint],
-        'final_time': {'free': False, 'value': 1}})
+    problem = problems.pose({'x': 'u'}, 'u**2/2', (0,), 1, terminal_constraints=[constraint])
     assert explain_level_terminal(problem, np.array([end])) == ''
 
 
 @pytest.mark.parametrize(('where', 'kink'), [(T[-1], True), (T[3], False)])
 def test_a_kink_of_the_terminal_cost_counts_at_the_end_alone(where, kink):
-    problem = build_problem({
-        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
-        'running_cost': 'u**2', 'terminal_cost': f'abs(x - {where})',
-        'initial_state': {'x': 0, 'v': 1}, 'final_time': {'free': False, 'value': 2}})
+    problem = problems.pose(
+        {'x': 'v', 'v': 'u'}, 'u**2', (0, 1), 2, terminal_cost=f'abs(x - {where})')
     said = explain_kink(problem, T, PATH, np.ones((len(T), 1)))
     assert said.startswith('terminal_cost has no slope where') if kink else said == ''

@@ -3,8 +3,8 @@
 """Free final times with several minima: the best one is found, not the one nearest to a guess."""
 
 import numpy as np
-from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.solve import solve
+import problems
 import pytest
 
 
@@ -28,11 +28,10 @@ def least(x, v, end, rate):
 @pytest.mark.parametrize(('x', 'v', 'end', 'rate'), [
     (1.0, 0.5, 1.2, 0.045), (1.5, -0.5, 0.5, 0.01), (2.0, 0.0, -1.0, 0.02)])
 def test_an_end_that_an_oscillation_meets_a_turn_later(x, v, end, rate):
-    answer = solve(build_problem({
-        'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': '-x + u'},
-        'initial_state': {'x': x, 'v': v}, 'running_cost': f'{rate} + u**2',
-        'terminal_constraints': [f'x - {end}', 'v'],
-        'final_time': {'free': True, 'lower': 0.5, 'upper': 30, 'guess': 3}}))
+    answer = solve(problems.pose(
+        {'x': 'v', 'v': '-x + u'}, f'{rate} + u**2', (x, v),
+        {'free': True, 'lower': 0.5, 'upper': 30, 'guess': 3},
+        terminal_constraints=[f'x - {end}', 'v']))
     J, T = least(x, v, end, rate)
     assert answer.status.name == 'SOLVED'
     assert answer.objective == pytest.approx(J, rel=1e-5)

@@ -9,8 +9,8 @@ Optimization, Simulation, and Control, Springer (2013).
 """
 
 import numpy as np
-from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.solve import solve
+import problems
 import pytest
 
 DRAWN, PIECES, STEPS = 4000, 7, 8
@@ -49,7 +49,7 @@ def least_of_chance(x0, T, most, f, V):
 @pytest.mark.parametrize('name', WELLS)
 def test_nothing_that_chance_finds_costs_less(name):
     x0, T, most, dynamics, f, terminal_cost, V = WELLS[name]
-    answer = solve(build_problem({
+    answer = solve(problems.build({
         'states': ['a', 'b'], 'inputs': ['u'], 'dynamics': dict(zip('ab', dynamics, strict=True)),
         'running_cost': 0, 'terminal_cost': terminal_cost,
         'initial_state': dict(zip('ab', x0, strict=True)), 'input_bounds': {'u': [-most, most]},

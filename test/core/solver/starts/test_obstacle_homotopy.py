@@ -5,10 +5,10 @@
 from itertools import pairwise
 
 import numpy as np
-from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.solve import solve
 from obc_ros.core.solver.starts.initial_guess import Guesser
 from obc_ros.core.solver.starts.obstacle_homotopy import bend_around, Follower
+import problems
 import pytest
 
 DISCS = ((1.5, 0.7, 0.6), (2.8, 1.6, 0.6))
@@ -16,20 +16,17 @@ DISCS = ((1.5, 0.7, 0.6), (2.8, 1.6, 0.6))
 
 def unicycle(discs):
     """Return a unicycle that passes discs (centre, radius) on its way from (0, 0) to (4, 2)."""
-    return build_problem({
-        'states': ['px', 'py', 'theta'], 'inputs': ['v', 'omega'],
-        'dynamics': {'px': 'v*cos(theta)', 'py': 'v*sin(theta)', 'theta': 'omega'},
-        'running_cost': 'v**2 + omega**2', 'initial_state': {'px': 0, 'py': 0, 'theta': 0},
-        'terminal_constraints': ['px - 4', 'py - 2', 'theta'],
-        'input_bounds': {'v': [0, 2], 'omega': [-1, 1]},
-        'path_constraints': [{'expr': f'(px - {x})**2 + (py - {y})**2', 'lower': r**2}
-                             for x, y, r in discs],
-        'final_time': {'free': False, 'value': 5}})
+    return problems.pose(
+        {'px': 'v*cos(theta)', 'py': 'v*sin(theta)', 'theta': 'omega'}, 'v**2 + omega**2',
+        (0, 0, 0), 5, inputs=['v', 'omega'], terminal_constraints=['px - 4', 'py - 2', 'theta'],
+        input_bounds={'v': [0, 2], 'omega': [-1, 1]},
+        path_constraints=[{'expr': f'(px - {x})**2 + (py - {y})**2', 'lower': r**2}
+                          for x, y, r in discs])
 
 
 def point_mass(discs, side):
     """Return a point mass that passes discs in least time; `side` -1: all in the mirror."""
-    return build_problem({
+    return problems.build({
         'states': ['px', 'py', 'vx', 'vy'], 'inputs': ['ax', 'ay'],
         'dynamics': {'px': 'vx', 'py': 'vy', 'vx': 'ax', 'vy': 'ay'}, 'running_cost': 1,
         'initial_state': dict.fromkeys(('px', 'py', 'vx', 'vy'), 0),
@@ -104,11 +101,9 @@ def test_the_mirror_image_is_as_good():
 @pytest.mark.slow
 def test_an_obstacle_beside_a_constraint_on_inputs():
     """The library died of the second constraint, which has the input in it."""
-    stated = build_problem({
-        'states': ['x', 'y'], 'inputs': ['a', 'b'], 'dynamics': {'x': 'a', 'y': 'b'},
-        'running_cost': 'a**2 + b**2', 'initial_state': {'x': 0, 'y': 0},
-        'terminal_constraints': ['x - 4', 'y'], 'path_constraints': [
-            {'expr': '(x - 2)**2 + (y - 0.1)**2', 'lower': 0.25},
-            {'expr': 'a**2 + b*x', 'upper': 100}],
-        'final_time': {'free': False, 'value': 4}})
+    stated = problems.pose(
+        {'x': 'a', 'y': 'b'}, 'a**2 + b**2', (0, 0), 4, inputs=['a', 'b'],
+        terminal_constraints=['x - 4', 'y'],
+        path_constraints=[{'expr': '(x - 2)**2 + (y - 0.1)**2', 'lower': 0.25},
+                          {'expr': 'a**2 + b*x', 'upper': 100}])
     assert solve(stated, time_limit=30).certified

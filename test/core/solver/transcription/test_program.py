@@ -8,7 +8,6 @@ import math
 import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.nonconvexity import Uneven
-from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.mesh_refinement import Error, refine_mesh
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
@@ -29,6 +28,7 @@ from obc_ros.core.solver.transcription.mesh import (
 )
 from obc_ros.core.solver.transcription.program import Transcription
 from obc_ros.core.solver.transcription.tightening import TightenedLimits
+import problems
 import pytest
 
 LQ = {
@@ -49,7 +49,7 @@ LANE_CHANGE = {
 
 def solved(mapping, mesh, **limits):
     """Return the problem and the outcome of one program from the straight line."""
-    problem = build_problem(mapping)
+    problem = problems.build(mapping)
     mesh = mesh(problem)
     guess = Guesser(problem).line(problem, 1.0 if np.isnan(problem.final_time.value)
                                   else problem.final_time.value)
@@ -99,7 +99,7 @@ def test_derivatives_of_a_program_are_those_of_its_expressions():
     (('sin(x*y) + u**2', 'u*w*exp(-x)'), '(x - y*u)**2 + w**2')])
 def test_derivatives_of_an_interval_are_those_of_its_expressions(f, cost, free):
     """By the chain rule through the stages, against CasADi's of the whole step."""
-    problem = build_problem({
+    problem = problems.build({
         'states': ['x', 'y'], 'inputs': ['u', 'w'], 'parameters': {'k': 2},
         'dynamics': dict(zip('xy', f, strict=True)), 'running_cost': cost,
         'initial_state': {'x': 1, 'y': 2}, 'final_time': {'free': False, 'value': 1}})
@@ -191,7 +191,7 @@ def test_phases_of_unknown_length_find_a_switch_off_the_grid():
 
 
 def test_a_mesh_is_cut_without_moving_its_points():
-    problem = build_problem(LQ)
+    problem = problems.build(LQ)
     mesh = build_uniform_mesh(problem, 3, 0)
     finer = split(mesh, np.array([1, 3, 2]))
     assert finer.layout.intervals == 6
@@ -219,7 +219,7 @@ def test_a_monitor_ends_a_solver_within_an_iteration():
         seen.append(iteration)
         return iteration >= 3
 
-    problem = build_problem(LANE_CHANGE)
+    problem = problems.build(LANE_CHANGE)
     mesh = build_uniform_mesh(problem, 10, 3)
     guess = Guesser(problem).line(problem, 10.0)
     sizes = estimate_scales(problem, guess)
@@ -232,7 +232,7 @@ def test_a_monitor_ends_a_solver_within_an_iteration():
 
 
 def test_no_start_comes_twice():
-    problem = build_problem(LANE_CHANGE)
+    problem = problems.build(LANE_CHANGE)
     starts = Guesser(problem).starts(problem, CostateIntegrator(problem))
     seen = [np.hstack([start.x[:-1], start.ua]) for start in islice(starts, 20)]
     assert all(np.abs(a - b).max() > 1e-6 for a, b in combinations(seen, 2))
@@ -272,15 +272,14 @@ def test_a_search_shows_by_its_iterates_that_it_brings_nothing_new():
     ('u**2', 'x**2', False), ('u**2 - x**2', '0', False), ('u**2 + x**4', 'exp(x)', False),
     ('u**2', 'sin(x)', True), ('u**2 + x**4 - x**2', '0', True), ('u**4 - u**2', '0', True)])
 def test_costs_with_hollows_are_told_from_others(running_cost, terminal_cost, uneven):
-    problem = build_problem(
-        LQ | {'running_cost': running_cost, 'terminal_cost': terminal_cost})
+    problem = problems.build(LQ, running_cost=running_cost, terminal_cost=terminal_cost)
     assert Uneven(problem)(problem, np.full(1, 3.0), np.full(1, 3.0)) is uneven
 
 
 def test_lines_are_scattered_over_the_final_states_that_are_open():
-    problem = build_problem(LQ | {
-        'states': ['x', 'y'], 'dynamics': {'x': 'u', 'y': 'x + u'},
-        'initial_state': {'x': 1, 'y': 1}, 'terminal_constraints': ['y - 2']})
+    problem = problems.build(
+        LQ, states=['x', 'y'], dynamics={'x': 'u', 'y': 'x + u'}, initial_state={'x': 1, 'y': 1},
+        terminal_constraints=['y - 2'])
     guesser = Guesser(problem)
     starts = guesser.starts(problem, CostateIntegrator(problem))
     paths = list(islice(guesser.scattered(problem, CostateIntegrator(problem), starts, 1.0), 12))
@@ -292,12 +291,10 @@ def test_lines_are_scattered_over_the_final_states_that_are_open():
 
 def test_inputs_drawn_at_random_lead_near_where_no_line_does():
     """A point inside of a car's turning circle: a line to it is no path."""
-    problem = build_problem({
-        'states': ['x', 'y', 'a'], 'inputs': ['w'], 'running_cost': '1',
-        'dynamics': {'x': 'cos(a)', 'y': 'sin(a)', 'a': 'w'},
-        'initial_state': {'x': 0, 'y': 0, 'a': 0}, 'input_bounds': {'w': [-1, 1]},
-        'terminal_constraints': ['x', 'y - 0.5'],
-        'final_time': {'free': True, 'lower': 0.1, 'upper': 30}})
+    problem = problems.pose(
+        {'x': 'cos(a)', 'y': 'sin(a)', 'a': 'w'}, '1', (0, 0, 0),
+        {'free': True, 'lower': 0.1, 'upper': 30}, inputs=['w'], input_bounds={'w': [-1, 1]},
+        terminal_constraints=['x', 'y - 0.5'])
     paths, integrator = search_rollouts(problem, 4.0), CostateIntegrator(problem)
     assert np.abs(paths[0].x[-1, :2] - [0, 0.5]).max() < 0.15
     for path in paths[:6]:
