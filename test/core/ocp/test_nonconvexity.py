@@ -3,10 +3,9 @@
 """Problems of which no path is better than one that satisfies Pontryagin's conditions."""
 
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.program_cache import Kit
 from obc_ros.core.solver.solve import solve
-from obc_ros.core.solver.starts import multistart
+import problems
 import pytest
 
 BLOCK = {
@@ -19,7 +18,7 @@ BLOCK = {
 
 
 def convex(**changes):
-    problem = build_problem(BLOCK | changes)
+    problem = problems.build(BLOCK, **changes)
     return Kit(problem).convex(problem)
 
 
@@ -32,10 +31,10 @@ def test_convex(changes):
 
 
 @pytest.mark.parametrize('changes', [
-    {'running_cost': 'u**2 - 1e-8*x**2'},                   # curved downwards, in other units
-    {'running_cost': 'u**2 + x*v'},                         # likewise, along x = -v
+    {'running_cost': 'u**2 - 1e-8*x**2'},                   # concave in x, in other units
+    {'running_cost': 'u**2 + x*v'},                         # concave along x = -v
     {'running_cost': 'u**2', 'terminal_cost': '-v**2'},
-    {'terminal_cost': '(x**2 - 1)**2'},                     # curved otherwise elsewhere
+    {'terminal_cost': '(x**2 - 1)**2'},                     # convex at some x, concave at others
     {'running_cost': 'u**2 + abs(x)'}, {'running_cost': '-abs(u)'},
     {'parameters': {'k': 1}, 'running_cost': 'u**2 - k*x**2'},
     {'dynamics': {'x': 'v', 'v': 'u*x'}}, {'terminal_constraints': ['x**2 - 1']},
@@ -46,9 +45,9 @@ def test_not_to_be_taken_for_convex(changes):
 
 
 @pytest.mark.slow
-def test_nothing_better_is_looked_for_where_there_is_nothing(monkeypatch):
-    monkeypatch.setattr(multistart, 'interleave_rollouts', None)
-    monkeypatch.setattr(multistart, '_enough', None)
-    assert solve(build_problem(BLOCK)).status is Status.SOLVED
-    with pytest.raises(TypeError):
-        solve(build_problem(BLOCK | {'dynamics': {'x': 'v', 'v': 'u*(1 + x**2)'}}))
+@pytest.mark.parametrize(('changes', 'is_one'), [
+    ({}, True), ({'dynamics': {'x': 'v', 'v': 'u*(1 + x**2)'}}, False)])
+def test_a_convex_problem_is_solved_from_one_start_and_others_from_more(changes, is_one):
+    solution = solve(problems.build(BLOCK, **changes))
+    assert solution.status is Status.SOLVED, solution.message
+    assert (solution.optimality.starts == 1) is is_one

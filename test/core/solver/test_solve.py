@@ -3,7 +3,6 @@
 """Answers to problems with known ones, certified; refusals and failures in words."""
 
 import math
-from pathlib import Path
 import time
 
 from hypothesis import given, settings
@@ -11,13 +10,12 @@ from hypothesis import strategies as st
 import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.solution import Status
-from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.solve import Cache, METHODS, solve
 from obc_ros.core.text.errors import StatementError
+import problems
 import pytest
 from scipy.optimize import brentq
 
-PROBLEMS = Path(__file__).parents[2] / 'problems'
 # What their published value leaves open is said in the files; slow ones are in the benchmarks.
 NAMES = (
     'aircraft_5', 'batch_reactor', 'brachistochrone', 'brachistochrone_wall', 'bryson_denham',
@@ -56,19 +54,6 @@ SLOW = (
     'pendulum_long', *REPLAYED)
 
 
-def stated(name, **changes):
-    """Return the problem of a file, some keys replaced, and its mapping."""
-    mapping = load_file(PROBLEMS / f'{name}.yaml')[0] | changes
-    return build_problem(mapping), mapping
-
-
-def simple(states, dynamics, running_cost, start, final_time, **more):
-    """Return a problem with one input u from its essentials."""
-    return build_problem({
-        'states': states, 'inputs': ['u'], 'dynamics': dynamics, 'running_cost': running_cost,
-        'initial_state': start, 'final_time': final_time} | more)
-
-
 def replayed(problem, solution):
     """Return cost and final state of the returned input, integrated from x(0) by SciPy."""
     import casadi as ca
@@ -90,11 +75,10 @@ def replayed(problem, solution):
 @pytest.mark.parametrize('name', [
     pytest.param(name, marks=pytest.mark.slow) if name in SLOW else name for name in NAMES])
 def test_published_problem(name):
-    problem, mapping = stated(name)
+    problem, expected = problems.build(name), problems.read(name)['expected']
     solution = solve(problem, time_limit=60)
     assert solution.status is Status.SOLVED, solution.message
     assert certify(problem, solution).holds
-    expected = mapping['expected']
     assert solution.objective == pytest.approx(
         float(expected['objective']), abs=expected['tolerance'])
     if name in REPLAYED:
@@ -107,7 +91,7 @@ def test_published_problem(name):
     ((1, 0), 2.0), ((1, 0.5), 0.5 + 2 * math.sqrt(1.125))])
 @pytest.mark.parametrize('method', ['auto', 'arcs'])
 def test_double_integrator_in_least_time(start, least, method):
-    problem, _ = stated('di_mintime_rest', initial_state={'x': start[0], 'v': start[1]})
+    problem = problems.build('di_mintime_rest', initial_state={'x': start[0], 'v': start[1]})
     solution = solve(problem, method=method)
     assert solution.status is Status.SOLVED
     assert solution.objective == pytest.approx(least, abs=1e-9)
@@ -116,7 +100,7 @@ def test_double_integrator_in_least_time(start, least, method):
 @pytest.mark.slow
 def test_least_time_along_a_speed_limit_is_exact():
     """From 0 to rest at 4 with |v|, |u| <= 1: up for 1, along for 3, down for 1."""
-    problem, mapping = stated('di_mintime_speed_limit')
+    problem = problems.build('di_mintime_speed_limit')
     solution = solve(problem)
     assert solution.certificate.holds
     assert solution.objective == pytest.approx(5.0, abs=1e-9)
@@ -132,7 +116,7 @@ def test_a_bound_of_the_state_is_reached_and_left_when_it_should_be(name, l):  #
 
     A. E. Bryson, Y.-C. Ho, Applied Optimal Control, section 3.11.
     """
-    problem, _ = stated(name)
+    problem = problems.build(name)
     solution = solve(problem)
     assert solution.certificate.holds
     assert solution.objective == pytest.approx(4 / (9 * l), rel=1e-9)
@@ -142,8 +126,8 @@ def test_a_bound_of_the_state_is_reached_and_left_when_it_should_be(name, l):  #
 
 def test_a_load_is_held_up_by_the_closed_form():
     # The mean of u from rest to rest over no distance is the load, and so is the best u.
-    solution = solve(simple(['x', 'v'], {'x': 'v', 'v': 'u - 1'}, '0.5*u**2', {'x': 0, 'v': 0},
-                            {'free': False, 'value': 2}, terminal_constraints=['x', 'v']))
+    solution = solve(problems.pose(
+        {'x': 'v', 'v': 'u - 1'}, '0.5*u**2', (0, 0), 2, terminal_constraints=['x', 'v']))
     assert (solution.status, solution.method) == (Status.SOLVED, 'riccati')
     assert solution.objective == pytest.approx(1.0, rel=1e-12)
 
@@ -170,7 +154,7 @@ ANY_PATH = {
 @pytest.mark.slow
 @pytest.mark.parametrize('name', ANY_PATH)
 def test_any_path_will_do_where_none_costs_anything(name):
-    problem = build_problem({'running_cost': '0'} | ANY_PATH[name])
+    problem = problems.build({'running_cost': '0'} | ANY_PATH[name])
     solution = solve(problem)
     assert (solution.status, solution.objective) == (Status.SOLVED, 0.0), solution.message
     _, psi = replayed(problem, solution)
@@ -183,9 +167,9 @@ def test_any_path_will_do_where_none_costs_anything(name):
 @pytest.mark.slow
 def test_no_path_leads_past_an_equilibrium():
     # A logistic growth that is harvested comes as near to 1 as 1e-9, but never below.
-    solution = solve(simple(['x'], {'x': '(x - 1)*(2 - x - u)'}, '0', {'x': 1.5},
-                            {'free': False, 'value': 40}, terminal_constraints=['x - 0.8'],
-                            input_bounds={'u': [0, 3]}))
+    solution = solve(problems.pose(
+        {'x': '(x - 1)*(2 - x - u)'}, '0', (1.5,), 40, terminal_constraints=['x - 0.8'],
+        input_bounds={'u': [0, 3]}))
     assert solution.status is Status.NOT_CONVERGED
     assert 'no path was found' in solution.message
     assert 'one meets them' not in solution.message
@@ -196,7 +180,7 @@ def test_exercise_2_3_as_it_is_stated(end):
     # The integral of the length of u has no slope at u = 0, and no speed is better than another.
     names = [f'x{i}' for i in range(len(end))]
     inputs = [f'u{i}' for i in range(len(end))]
-    solution = solve(build_problem({
+    solution = solve(problems.build({
         'states': names, 'inputs': inputs, 'dynamics': dict(zip(names, inputs, strict=True)),
         'running_cost': f'sqrt({" + ".join(f"{name}**2" for name in inputs)})',
         'initial_state': dict.fromkeys(names, 0),
@@ -208,14 +192,18 @@ def test_exercise_2_3_as_it_is_stated(end):
 
 
 @pytest.mark.slow
-def test_where_nothing_switches_no_time_is_named():
-    """The force turns at a stroke, as a coarse mesh has it, but along its circle."""
-    assert not solve(stated('friction_circle')[0]).switching_times.size
+def test_a_force_that_turns_along_its_circle_has_no_switching_times():
+    """On a coarse mesh the force seems to jump; on the path it turns continuously."""
+    solution = solve(problems.build('friction_circle'))
+    assert solution.status is Status.SOLVED, solution.message
+    assert solution.switching_times.size == 0
+    turned = np.linalg.norm(np.diff(solution.u, axis=0), axis=1)
+    assert turned.max() < 0.3
 
 
 def test_arcs_of_a_triple_integrator():
     """From (1, 0, 0) to rest: 32^(1/3), switches at 1/4 and 3/4 of it."""
-    problem, _ = stated('triple_integrator_mintime')
+    problem = problems.build('triple_integrator_mintime')
     solution = solve(problem, method='arcs')
     T = 32 ** (1 / 3)
     assert solution.objective == pytest.approx(T, abs=1e-8)
@@ -223,9 +211,8 @@ def test_arcs_of_a_triple_integrator():
 
 
 def test_arcs_of_a_moon_landing():
-    problem, mapping = stated('moon_lander')
-    solution = solve(problem)
-    structure = mapping['expected']['structure']
+    solution = solve(problems.build('moon_lander'))
+    structure = problems.read('moon_lander')['expected']['structure']
     np.testing.assert_allclose(
         solution.switching_times, structure['switching_times'], atol=1e-7)
     assert solution.t[-1] == pytest.approx(structure['final_time'], abs=1e-8)
@@ -235,7 +222,7 @@ def test_arcs_of_a_moon_landing():
 @pytest.mark.slow
 def test_arcs_of_catalyst_mixing():
     """Bang, singular, bang: the singular input of the literature is 0.227142."""
-    solution = solve(stated('catalyst_mixing')[0])
+    solution = solve(problems.build('catalyst_mixing'))
     np.testing.assert_allclose(solution.switching_times, [0.13630, 0.72524], atol=1e-4)
     middle = (solution.t > 0.3) & (solution.t < 0.6)
     np.testing.assert_allclose(solution.u[middle, 0], 0.227142, atol=1e-4)
@@ -243,7 +230,7 @@ def test_arcs_of_catalyst_mixing():
 
 def test_costates_of_bryson_denham_jump_where_the_bound_is_met():
     """lam_x is 18, 0 and -18 on the three arcs for l = 1/9, lam_v(0) = 6."""
-    solution = solve(stated('bryson_denham')[0])
+    solution = solve(problems.build('bryson_denham'))
     lam, t = solution.lam, solution.t
     np.testing.assert_allclose(lam[t < 0.31, 0], 18.0, atol=1e-2)
     np.testing.assert_allclose(lam[(t > 0.36) & (t < 0.64), 0], 0.0, atol=1e-2)
@@ -256,7 +243,7 @@ def test_costates_of_bryson_denham_jump_where_the_bound_is_met():
     ('bryson_denham', 4.0), ('jacobson_state_bound', 0.169820536338)])
 def test_drawing_a_bound_in_between_mesh_points_costs_little(name, least):
     """4 / (9 l) for l = 1/9, and matrix exponentials on both sides of the arc on the bound."""
-    assert solve(stated(name)[0]).objective == pytest.approx(least, rel=3e-6)
+    assert solve(problems.build(name)).objective == pytest.approx(least, rel=3e-6)
 
 
 @pytest.mark.slow
@@ -267,9 +254,8 @@ def test_least_time_with_a_speed_limit_in_any_units(faster, slower, limit, way):
     """Full thrust up to the limit, cruise, brake: the trapezoid that every drive follows."""
     cruise = way - limit**2 / 2 * (1 / faster + 1 / slower)
     least = limit / faster + limit / slower + cruise / limit
-    solution = solve(simple(
-        ['s', 'v'], {'s': 'v', 'v': 'u'}, 1, {'s': 0, 'v': 0},
-        {'free': True, 'lower': least / 40, 'upper': least * 200},
+    solution = solve(problems.pose(
+        {'s': 'v', 'v': 'u'}, 1, (0, 0), {'free': True, 'lower': least / 40, 'upper': least * 200},
         terminal_constraints=[f's - {way}', 'v'], input_bounds={'u': [-slower, faster]},
         state_bounds={'v': [None, limit]}))
     assert solution.status is Status.SOLVED, solution.message
@@ -279,7 +265,7 @@ def test_least_time_with_a_speed_limit_in_any_units(faster, slower, limit, way):
 
 
 def test_a_speed_limit_that_is_only_touched():
-    solution = solve(stated('di_mintime_speed_limit', state_bounds={'v': [None, 2]})[0])
+    solution = solve(problems.build('di_mintime_speed_limit', state_bounds={'v': [None, 2]}))
     assert solution.status is Status.SOLVED, solution.message
     assert solution.objective == pytest.approx(4, rel=1e-8)
 
@@ -287,46 +273,33 @@ def test_a_speed_limit_that_is_only_touched():
 def test_past_a_conjugate_point_no_path_is_called_best():
     """The integral of u^2 - x^2 between zeros is positive for T < pi and unbounded beyond."""
     for T, status in ((3, Status.SOLVED), (4, Status.NOT_CONVERGED)):
-        found = solve(simple(['x'], {'x': 'u'}, 'u**2 - x**2', {'x': 0},
-                             {'free': False, 'value': T}, terminal_constraints=['x']))
+        found = solve(problems.pose(
+            {'x': 'u'}, 'u**2 - x**2', (0,), T, terminal_constraints=['x']))
         assert found.status is status
     assert 'no minimum' in found.message
 
 
 def test_staying_where_the_cost_only_seems_level_is_no_answer():
     """At x = 0 all residuals are 0, but the integral of -x^2 falls without end to both sides."""
-    found = solve(simple(['x'], {'x': 'u*(1 + x**2)'}, '-x**2', {'x': 0},
-                         {'free': False, 'value': 1}))
+    found = solve(problems.pose({'x': 'u*(1 + x**2)'}, '-x**2', (0,), 1))
     assert found.status is Status.NOT_CONVERGED
     assert 'input_bounds may be missing' in found.message
 
 
 def test_impulses_are_no_answer():
     """The least integral of |u| is 2 and approached by ever shorter pulses at both ends."""
-    found = solve(simple(['x', 'v'], {'x': 'v', 'v': 'u'}, 'abs(u)', {'x': 0, 'v': 0},
-                         {'free': False, 'value': 1}, terminal_constraints=['x - 1', 'v']))
+    found = solve(problems.pose(
+        {'x': 'v', 'v': 'u'}, 'abs(u)', (0, 0), 1, terminal_constraints=['x - 1', 'v']))
     assert found.status is Status.NOT_CONVERGED
     assert 'u has an impulse' in found.message
 
 
 def test_multiplier_of_a_speed_limit_is_a_density():
     """On v = 1 the multiplier is -lam_x = 1, from 1 s to 4 s."""
-    solution = solve(stated('di_mintime_speed_limit')[0])
+    solution = solve(problems.build('di_mintime_speed_limit'))
     inside = (solution.t > 1.2) & (solution.t < 3.8)
     np.testing.assert_allclose(solution.state_multipliers[inside, 1], 1.0, atol=1e-6)
     np.testing.assert_allclose(solution.switching_times, [1, 4], atol=1e-6)
-
-
-def test_the_better_of_two_minima_is_found_without_a_guess():
-    """
-    The aircraft's transfer in 5 s has the minima 1.0832 and 1.2271.
-
-    More digits are those of scipy's solve_bvp at 1e-10 on Pontryagin's equations.
-    """
-    solution = solve(stated('aircraft_5')[0])
-    assert solution.objective == pytest.approx(1.0831515, rel=1e-5)
-    exact = solve(stated('aircraft_5')[0], method='indirect')
-    assert exact.objective == pytest.approx(1.08315144063, abs=5e-9)
 
 
 def test_a_saddle_to_whose_sides_the_cost_falls_is_left():
@@ -337,9 +310,9 @@ def test_a_saddle_to_whose_sides_the_cost_falls_is_left():
     """
     a = brentq(lambda a: np.tan(2 * (1 - a)) - 1 / (2 * a), 0.5, 0.9)
     least = 2 * (a - 4 * a**3 / 3 - (a / np.cos(2 * (1 - a)))**2 * np.sin(4 * (1 - a)))
-    found = solve(simple(['x'], {'x': 'u'}, 'u**2 - 4*x**2', {'x': 0},
-                         {'free': False, 'value': 2}, terminal_constraints=['x'],
-                         input_bounds={'u': [-1, 1]}))
+    found = solve(problems.pose(
+        {'x': 'u'}, 'u**2 - 4*x**2', (0,), 2, terminal_constraints=['x'],
+        input_bounds={'u': [-1, 1]}))
     assert found.status is Status.SOLVED, found.message
     assert found.objective == pytest.approx(least, rel=1e-5)
     assert np.abs(found.x).max() == pytest.approx(a / np.cos(2 * (1 - a)), rel=1e-4)
@@ -352,7 +325,7 @@ def test_an_extremal_with_conjugate_points_is_no_answer():
     The weight of px rewards swerving, which loses speed along the road: 3007.732 by a zero-order
     hold on 1000 intervals.
     """
-    found = solve(build_problem({
+    found = solve(problems.build({
         'states': ['px', 'py', 'theta'], 'inputs': ['v', 'phi'],
         'dynamics': {'px': 'v*cos(theta)', 'py': 'v*sin(theta)', 'theta': 'v/3*tan(phi)'},
         'running_cost': '0.1*(px-100)**2+10*(py-2)**2+0.1*theta**2+0.1*(v-10)**2+phi**2',
@@ -368,20 +341,20 @@ def test_an_extremal_with_conjugate_points_is_no_answer():
 @pytest.mark.parametrize('name', ['cart_pole', 'f8_aircraft'])
 def test_a_published_local_minimum_is_not_exceeded(name):
     """The cart-pole has one at 58.81, the F-8 at 5.73; both have better ones."""
-    problem, mapping = stated(name)
-    solution = solve(problem)
+    solution = solve(problems.build(name))
+    known = float(problems.read(name)['expected']['objective'])
     assert solution.status is Status.SOLVED, solution.message
-    assert solution.objective <= float(mapping['expected']['objective']) * (1 + 1e-5)
+    assert solution.objective <= known * (1 + 1e-5)
 
 
 def test_the_tail_of_a_path_is_the_path_from_its_middle():
     """Bellman: solved again from the middle, the Van der Pol path goes the same way."""
-    problem, mapping = stated('vanderpol_bounded')
+    problem = problems.build('vanderpol_bounded')
     whole = solve(problem)
     k = int(np.searchsorted(whole.t, 2.5))
-    tail = solve(stated('vanderpol_bounded', initial_state=dict(
-        zip(mapping['states'], map(float, whole.x[k]), strict=True)),
-        final_time={'free': False, 'value': float(5 - whole.t[k])})[0])
+    tail = solve(problems.build('vanderpol_bounded', initial_state=dict(
+        zip(problem.states, map(float, whole.x[k]), strict=True)),
+        final_time={'free': False, 'value': float(5 - whole.t[k])}))
     assert tail.status is Status.SOLVED
     np.testing.assert_allclose(tail.x[-1], whole.x[-1], atol=1e-3)
     np.testing.assert_allclose(tail.lam[0], whole.lam[k], atol=1e-2)
@@ -391,7 +364,7 @@ def test_the_tail_of_a_path_is_the_path_from_its_middle():
 def test_no_feasible_neighbour_is_cheaper():
     """The Van der Pol answer against 100 inputs near it, clipped to the bounds."""
     from dataclasses import replace
-    problem, _ = stated('vanderpol_bounded')
+    problem = problems.build('vanderpol_bounded')
     solution = solve(problem)
     chance = np.random.default_rng(0)
     for _ in range(20):
@@ -407,10 +380,9 @@ def test_no_feasible_neighbour_is_cheaper():
 def test_scaled_cost_and_time_scale_the_answer(scale, speed):
     """With c L and a clock that runs k times as fast the cost is c J / k."""
     def problem(c, k):
-        return simple(
-            ['x1', 'x2'], {'x1': f'{k!r}*((1 - x2**2)*x1 - x2 + u)', 'x2': f'{k!r}*x1'},
-            f'{c!r}*(x1**2 + x2**2 + u**2)', {'x1': 0, 'x2': 1},
-            {'free': False, 'value': 5 / k}, input_bounds={'u': [-0.3, 1]})
+        return problems.pose(
+            {'x1': f'{k!r}*((1 - x2**2)*x1 - x2 + u)', 'x2': f'{k!r}*x1'},
+            f'{c!r}*(x1**2 + x2**2 + u**2)', (0, 1), 5 / k, input_bounds={'u': [-0.3, 1]})
 
     plain, scaled = solve(problem(1.0, 1.0)), solve(problem(scale, speed))
     assert scaled.status is Status.SOLVED
@@ -421,7 +393,7 @@ def test_scaled_cost_and_time_scale_the_answer(scale, speed):
 @given(a=st.floats(-2, 2), b=st.floats(0.3, 2), c=st.floats(0.1, 5), T=st.floats(0.3, 3))
 def test_transcription_agrees_with_the_closed_form(a, b, c, T):
     """Example 2.2: J = P(0) x0^2 / 2 with dP/dt = -2 a P + b^2 P^2, P(T) = c."""
-    problem, _ = stated('lq_scalar_unit', parameters={'a': a, 'b': b, 'c': c},
+    problem = problems.build('lq_scalar_unit', parameters={'a': a, 'b': b, 'c': c},
                         final_time={'free': False, 'value': T})
     solution = solve(problem, method='transcription')
     # With W = 1/P: dW/dt = 2 a W - b^2, stable to integrate in series for small a.
@@ -432,33 +404,35 @@ def test_transcription_agrees_with_the_closed_form(a, b, c, T):
 
 
 def test_methods_alone():
-    lq, _ = stated('lq_scalar_unit')
-    least_time, _ = stated('di_mintime_rest')
+    lq = problems.build('lq_scalar_unit')
+    least_time = problems.build('di_mintime_rest')
     assert solve(lq, method='riccati').objective == pytest.approx(0.8807970779778824, abs=1e-10)
     assert solve(lq).method == 'riccati'
     assert solve(least_time).method == 'time_optimal'
     refused = solve(least_time, method='riccati')
-    assert refused.status is Status.NOT_CONVERGED and 'linear quadratic' in refused.message
+    assert refused.status is Status.NOT_CONVERGED
+    assert 'linear quadratic' in refused.message
     refused = solve(lq, method='time_optimal')
-    assert refused.status is Status.NOT_CONVERGED and 'minimum time' in refused.message
+    assert refused.status is Status.NOT_CONVERGED
+    assert 'minimum-time' in refused.message
 
 
 def test_an_unknown_method_is_named_with_those_that_exist():
     with pytest.raises(StatementError, match="'shooting' is unknown.*transcription") as caught:
-        solve(stated('lq_scalar_unit')[0], method='shooting')
+        solve(problems.build('lq_scalar_unit'), method='shooting')
     assert all(name in str(caught.value) for name in METHODS)
 
 
 @pytest.mark.parametrize('problem, words', [
-    (lambda: simple(['x', 'v'], {'x': 'v', 'v': 'u'}, 'u**2', {'x': 1, 'v': 0},
-                    {'free': False, 'value': 1.5}, terminal_constraints=['x', 'v'],
-                    input_bounds={'u': [-1, 1]}), 'minimum time is 2'),
-    (lambda: simple(['x', 'v'], {'x': 'v', 'v': 'u'}, 'u**2', {'x': 0, 'v': 0},
-                    {'free': False, 'value': 3}, terminal_constraints=['v - 2'],
-                    state_bounds={'v': [None, 1]}), 'v <= 1'),
-    (lambda: simple(['x', 'v'], {'x': 'v', 'v': 'u'}, 'u**2', {'x': 0, 'v': 0},
-                    {'free': False, 'value': 3}, terminal_constraints=['x - 1', 'v'],
-                    input_bounds={'u': [-1, 1]}, state_bounds={'v': [-0.2, 0.2]}),
+    (lambda: problems.pose(
+        {'x': 'v', 'v': 'u'}, 'u**2', (1, 0), 1.5, terminal_constraints=['x', 'v'],
+        input_bounds={'u': [-1, 1]}), 'minimum time is 2'),
+    (lambda: problems.pose(
+        {'x': 'v', 'v': 'u'}, 'u**2', (0, 0), 3, terminal_constraints=['v - 2'],
+        state_bounds={'v': [None, 1]}), 'v <= 1'),
+    (lambda: problems.pose(
+        {'x': 'v', 'v': 'u'}, 'u**2', (0, 0), 3, terminal_constraints=['x - 1', 'v'],
+        input_bounds={'u': [-1, 1]}, state_bounds={'v': [-0.2, 0.2]}),
      'minimum time is 5.2'),
 ])
 def test_infeasible_problems_come_back_with_the_reason(problem, words):
@@ -467,32 +441,33 @@ def test_infeasible_problems_come_back_with_the_reason(problem, words):
     assert words in solution.message
 
 
-@pytest.mark.alone
 def test_cancelling_ends_the_work():
+    """The solver stops within two iterations of the report that asks for it."""
     calls = []
 
     def report(phase, iteration, cost, infeasibility):
         calls.append((phase, iteration))
         return len(calls) >= 12
 
-    begun = time.monotonic()
-    solution = solve(stated('goddard')[0], report=report)
-    assert solution.status is Status.CANCELLED and solution.message
-    assert len(calls) <= 14 and time.monotonic() - begun < 5
+    solution = solve(problems.build('goddard'), report=report)
+    assert solution.status is Status.CANCELLED
+    assert solution.message
+    assert 12 <= len(calls) <= 14
 
 
 @pytest.mark.slow
 @pytest.mark.alone
 def test_the_time_limit_is_kept():
     begun = time.monotonic()
-    solution = solve(stated('alp_rider')[0], time_limit=1.0)
-    assert solution.status is Status.TIMED_OUT and '1 s' in solution.message
+    solution = solve(problems.build('alp_rider'), time_limit=1.0)
+    assert solution.status is Status.TIMED_OUT
+    assert '1 s' in solution.message
     assert time.monotonic() - begun < 3.0
 
 
 @pytest.mark.parametrize('method, most', [('auto', 10), ('transcription', 40)])
 def test_no_mesh_has_more_than_max_intervals_and_the_answer_says_so(method, most):
-    problem, _ = stated('vanderpol_bounded')
+    problem = problems.build('vanderpol_bounded')
     short = solve(problem, method=method, max_intervals=most)
     assert short.status is Status.NOT_CONVERGED
     assert f'max_intervals = {most}' in short.message
@@ -505,15 +480,15 @@ def test_no_mesh_has_more_than_max_intervals_and_the_answer_says_so(method, most
 @pytest.mark.slow
 def test_huge_numbers_end_without_an_answer():
     """The hypersensitive problem explodes along any guess over ten long intervals."""
-    solution = solve(stated('hypersensitive')[0], max_intervals=10)
+    solution = solve(problems.build('hypersensitive'), max_intervals=10)
     assert solution.status is Status.NOT_CONVERGED
 
 
 def test_neighbours_share_what_was_built():
     """The same problem with other numbers builds nothing and takes few iterations."""
     cache = Cache()
-    first = solve(stated('lane_change')[0], cache=cache)
-    nearby, _ = stated('lane_change', initial_state={'x': 0.1, 'y': -1.9, 'theta': 0.01})
+    first = solve(problems.build('lane_change'), cache=cache)
+    nearby = problems.build('lane_change', initial_state={'x': 0.1, 'y': -1.9, 'theta': 0.01})
     again, alone = solve(nearby, cache=cache), solve(nearby)
     assert again.status is Status.SOLVED
     assert again.build_time == 0.0 < first.build_time

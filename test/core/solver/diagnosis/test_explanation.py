@@ -4,29 +4,24 @@
 
 from dataclasses import replace
 import math
-from pathlib import Path
 import re
 
 import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.solution import Solution, Status
-from obc_ros.core.ocp.statement import build_problem, load_file
 from obc_ros.core.solver.descent import Search
 from obc_ros.core.solver.diagnosis.explanation import explain
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.program_cache import Kit
 from obc_ros.core.solver.proofs.interval_bounds import find_lower_bounds
 from obc_ros.core.solver.solve import solve
+import problems
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-PROBLEMS = Path(__file__).parents[3] / 'problems'
-BLOCK = {
-    'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
-    'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 0},
-    'terminal_constraints': ['x - 1', 'v'], 'input_bounds': {'u': [-1, 1]},
-    'final_time': {'free': False, 'value': 1.5}}
+BLOCK = problems.DOUBLE_INTEGRATOR | {
+    'input_bounds': {'u': [-1, 1]}, 'final_time': {'free': False, 'value': 1.5}}
 LONGER = {'final_time': {'free': False, 'value': 3}}
 LAG = {
     'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': '-x + u'}, 'running_cost': 'u**2',
@@ -44,7 +39,7 @@ def quickly(problem):
 
 def reason(mapping, **changes):
     """Return why a problem has no answer."""
-    found = explain(build_problem(mapping | changes), quickly)
+    found = explain(problems.build(mapping, **changes), quickly)
     assert found is not None
     return found
 
@@ -62,27 +57,28 @@ def numbers(text):
 
 
 def test_a_contradiction_needs_no_solver():
-    problem = build_problem(BLOCK | {'terminal_constraints': ['v - 2'],
-                                     'state_bounds': {'v': [None, 1]}})
+    problem = problems.build(BLOCK, terminal_constraints=['v - 2'], state_bounds={'v': [None, 1]})
     found = explain(problem)
     assert found is not None
     assert found.infeasible
     assert found.sentence == 'state bound v <= 1 and terminal constraint v = 2 exclude each other'
-    assert explain(build_problem(BLOCK | LONGER)) is None
+    assert explain(problems.build(BLOCK, **LONGER)) is None
 
 
 @pytest.mark.slow
-def test_what_led_nowhere_leaves_time_to_say_why():
-    """Half of the published least time of a quadrotor: little more work, then the reason."""
-    mapping = load_file(PROBLEMS / 'quad_2d_mintime.yaml')[0]
-    T = 0.8987
-    problem = build_problem(mapping | {'final_time': {'free': False, 'value': T / 2}})
-    search = Search(problem, Kit(problem), ProgressMonitor())
-    coarse, spent = search.coarse, []
-    search.coarse = lambda: (coarse(), spent.append(search.work))[0]
+def test_a_search_that_finds_no_path_ends_before_its_time_for_the_reason():
+    """
+    In half of its published minimum time (0.8987 s) the quadrotor has no path.
+
+    The search gives up with a part of its time left, in which the minimum time is found.
+    """
+    T = problems.read('quad_2d_mintime')['expected']['objective']
+    problem = problems.build('quad_2d_mintime', final_time={'free': False, 'value': T / 2})
+    whole = ProgressMonitor()
+    search = Search(problem, Kit(problem), whole)
     search.run()
     assert search.monitor.stopped == 'spent'
-    assert search.work < 3.1 * spent[0]
+    assert whole.stopped == ''
     found = solve(problem)
     assert_only_searched(found)
     assert numbers(found.message)[-1] == pytest.approx(T, abs=1e-4)
@@ -91,8 +87,8 @@ def test_what_led_nowhere_leaves_time_to_say_why():
 @pytest.mark.slow
 def test_too_short_a_time_where_the_nearest_path_is_hard_to_find():
     """From rest no input moves x: the nearest path is hard to find, the least time is not."""
-    mapping = load_file(PROBLEMS / 'brachistochrone_wall.yaml')[0]
-    found = solve(build_problem(mapping | {'final_time': {'free': False, 'value': 0.45}}))
+    found = solve(problems.build(
+        'brachistochrone_wall', final_time={'free': False, 'value': 0.45}))
     assert_only_searched(found)
     assert numbers(found.message)[-1] == pytest.approx(math.sqrt(math.pi / 9.81), rel=1e-5)
 
@@ -100,8 +96,7 @@ def test_too_short_a_time_where_the_nearest_path_is_hard_to_find():
 @pytest.mark.slow
 def test_what_a_weak_motor_leaves_undone():
     """Of a pendulum, in at most 40 s: its energy grows by |u| |w| <= 0.01 * 2 at most."""
-    mapping = load_file(PROBLEMS / 'pendulum_mintime.yaml')[0]
-    found = solve(build_problem(mapping | {'input_bounds': {'u': [-0.01, 0.01]}}))
+    found = solve(problems.build('pendulum_mintime', input_bounds={'u': [-0.01, 0.01]}))
     assert found.status in (Status.NOT_CONVERGED, Status.INFEASIBLE)
     text = re.search(r'nearest ends with th = (\S+) instead of 3.14159', found.message)
     assert text is not None
@@ -183,24 +178,22 @@ def test_a_cost_without_lower_bound():
 
 @pytest.mark.slow
 def test_a_problem_with_an_answer_is_not_explained_away():
-    feasible = build_problem(BLOCK | {'final_time': {'free': False, 'value': 3}})
+    feasible = problems.build(BLOCK, final_time={'free': False, 'value': 3})
     assert explain(feasible, quickly) is None
-    assert explain(build_problem(LAG | {'terminal_constraints': []}), quickly) is None
+    assert explain(problems.build(LAG, terminal_constraints=[]), quickly) is None
 
 
 def test_a_solver_that_fails_gives_no_reason():
     def failing(_):
         return Solution(Status.TIMED_OUT, 'no time')
-    assert explain(build_problem(BLOCK | LONGER), failing) is None
+    assert explain(problems.build(BLOCK, **LONGER), failing) is None
 
 
 @pytest.mark.slow
 def test_a_least_cost_that_only_ever_faster_switching_approaches():
     """Bolza's example: x**2 + (u**2 - 1)**2 is nearly 0 for u = 1 and u = -1 in turn."""
-    found = solve(build_problem({
-        'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'initial_state': {'x': 0},
-        'running_cost': 'x**2 + (u**2 - 1)**2', 'terminal_constraints': ['x'],
-        'final_time': {'free': False, 'value': 1}}))
+    found = solve(problems.pose(
+        {'x': 'u'}, 'x**2 + (u**2 - 1)**2', (0,), 1, terminal_constraints=['x']))
     assert found.status is Status.NOT_CONVERGED
     assert found.message.startswith('no input attains the least cost: ')
     least = float(found.message.split(': ')[1].split()[0])
@@ -212,10 +205,7 @@ def test_a_least_cost_that_only_ever_faster_switching_approaches():
 @pytest.mark.slow
 def test_a_cost_without_bound_whose_residuals_are_small_beside_its_size():
     """The integral of x u + y is x(1)**2 / 2 plus that of y: as low as u makes it."""
-    found = solve(build_problem({
-        'states': ['x', 'y'], 'inputs': ['u'], 'dynamics': {'x': 'u', 'y': 'x'},
-        'initial_state': {'x': 0, 'y': 0}, 'running_cost': 'x*u + y',
-        'final_time': {'free': False, 'value': 1}}))
+    found = solve(problems.pose({'x': 'u', 'y': 'x'}, 'x*u + y', (0, 0), 1))
     assert found.status is Status.NOT_CONVERGED
     assert FALLS in found.message or 'the cost has no lower bound' in found.message
 
@@ -223,9 +213,7 @@ def test_a_cost_without_bound_whose_residuals_are_small_beside_its_size():
 @pytest.mark.slow
 def test_a_cost_that_falls_without_end_beside_a_minimum():
     """Near x = 0 the integral of u^2 - x^4 is least there; x = r t makes it r^2 - r^4/5."""
-    found = solve(build_problem({
-        'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'initial_state': {'x': 0},
-        'running_cost': 'u**2 - x**4', 'final_time': {'free': False, 'value': 1}}))
+    found = solve(problems.pose({'x': 'u'}, 'u**2 - x**4', (0,), 1))
     assert found.status is Status.NOT_CONVERGED
     assert found.message.startswith(FALLS)
     reason, _, path = found.message.partition('; cost ')
@@ -240,18 +228,16 @@ def test_an_equality_of_inputs_that_holds_between_mesh_points_but_nearly_is_not_
              'running_cost': 'x**2 + y**2 + a**2 + b**2', 'initial_state': {'x': 1, 'y': 2},
              'path_constraints': [{'expr': 'a + b + x', 'lower': 0, 'upper': 0}],
              'final_time': {'free': False, 'value': 2}}
-    found = explain(build_problem(block), quickly)
+    found = explain(problems.build(block), quickly)
     assert found is None or not found.infeasible
 
 
 def test_a_ring_around_the_start():
     """No path from 0 to 3 keeps away from the circle of radius 2, whatever its mesh points do."""
-    ring = build_problem({
-        'states': ['x', 'y'], 'inputs': ['a', 'b'], 'dynamics': {'x': 'a', 'y': 'b'},
-        'running_cost': 'a**2 + b**2', 'initial_state': {'x': 0, 'y': 0},
-        'terminal_constraints': ['x - 3', 'y'],
-        'path_constraints': [{'expr': '(x**2 + y**2 - 4)**2', 'lower': 0.25, 'upper': None}],
-        'final_time': {'free': False, 'value': 1}})
+    ring = problems.pose(
+        {'x': 'a', 'y': 'b'}, 'a**2 + b**2', (0, 0), 1, inputs=['a', 'b'],
+        terminal_constraints=['x - 3', 'y'],
+        path_constraints=[{'expr': '(x**2 + y**2 - 4)**2', 'lower': 0.25, 'upper': None}])
     t = np.array([0.0, 0.5, 1.0])   # straight there, a node on each side of the wall
     leap = Solution(
         Status.NOT_CONVERGED, '', objective=9.0, t=t, x=np.column_stack([3*t, 0*t]),
@@ -295,12 +281,10 @@ def test_a_rocket_that_burns_most_by_thrusting_to_and_fro():
         return fly([way + 1.7 * (t - reached), 1.7], t, -1.1, lambda t, z: z[1])
 
     least = braked(brentq(lambda t: braked(t)[1] - 10, reached, 8, xtol=1e-12))[0]
-    found = solve(build_problem({
-        'states': ['s', 'v', 'm'], 'inputs': ['u'], 'running_cost': '1',
-        'dynamics': {'s': 'v', 'v': '(u - 0.2*v**2)/m', 'm': '-0.01*u**2'},
-        'initial_state': {'s': 0, 'v': 0, 'm': 1}, 'terminal_constraints': ['s - 10', 'v'],
-        'input_bounds': {'u': [-1.1, 1.1]}, 'state_bounds': {'v': [-0.1, 1.7]},
-        'final_time': {'free': True, 'lower': 5, 'upper': 15}}))
+    found = solve(problems.pose(
+        {'s': 'v', 'v': '(u - 0.2*v**2)/m', 'm': '-0.01*u**2'}, '1', (0, 0, 1),
+        {'free': True, 'lower': 5, 'upper': 15}, terminal_constraints=['s - 10', 'v'],
+        input_bounds={'u': [-1.1, 1.1]}, state_bounds={'v': [-0.1, 1.7]}))
     assert found.status is Status.NOT_CONVERGED
     assert found.message.startswith(
         f'no input attains the least cost: {least:.6g} is approached by switching')
@@ -318,25 +302,23 @@ CELL = {
 @pytest.mark.slow
 def test_too_little_charge():
     """Of rest to rest over d in T: the integral of a^2 is 12 d^2 / T^3 at least, here 1.2."""
-    found = solve(build_problem(CELL))
+    found = solve(problems.build(CELL))
     assert_only_searched(found)
     sentence, left = found.message.split(' it is ', 1)
     assert sentence == ('no path was found that keeps to all constraints: E only falls, and where '
                         'the terminal constraints are met at T = 10')
     assert ' at most, beyond state bound E >= 0' in left
     assert numbers(left)[0] == pytest.approx(-1.2, rel=1e-5)
-    assert solve(build_problem(CELL | {
-        'initial_state': {'x': 0, 'v': 0, 'E': 2.21}})).certified
+    assert solve(problems.build(CELL, initial_state={'x': 0, 'v': 0, 'E': 2.21})).certified
 
 
 @pytest.mark.slow
 def test_too_little_fuel():
     """Of a rocket without weight: m(T) is m(0) exp(-v(T) / 30), and m divides on the way."""
-    found = solve(build_problem({
-        'states': ['v', 'm'], 'inputs': ['F'], 'dynamics': {'v': 'F/m', 'm': '-F/30'},
-        'running_cost': 'F**2', 'initial_state': {'v': 0, 'm': 10},
-        'terminal_constraints': ['v - 20'], 'input_bounds': {'F': [0, 40]},
-        'state_bounds': {'m': [6, None]}, 'final_time': {'free': True, 'lower': 1, 'upper': 9}}))
+    found = solve(problems.pose(
+        {'v': 'F/m', 'm': '-F/30'}, 'F**2', (0, 10), {'free': True, 'lower': 1, 'upper': 9},
+        inputs=['F'], terminal_constraints=['v - 20'], input_bounds={'F': [0, 40]},
+        state_bounds={'m': [6, None]}))
     assert_only_searched(found)
     assert 'm only falls, and where the terminal constraints are met by T = 9' in found.message
     assert numbers(found.message)[-2] == pytest.approx(10 * math.exp(-2 / 3), rel=1e-5)
@@ -345,11 +327,9 @@ def test_too_little_fuel():
 @pytest.mark.slow
 def test_too_small_a_tank():
     """Of a solution that is made stronger by adding: (1 - c) V stays what it is, 1."""
-    found = solve(build_problem({
-        'states': ['V', 'c'], 'inputs': ['q'], 'dynamics': {'V': 'q', 'c': 'q/V*(1 - c)'},
-        'running_cost': 'q**2', 'initial_state': {'V': 1, 'c': 0},
-        'terminal_constraints': ['c - 0.8'], 'input_bounds': {'q': [0, 1]},
-        'state_bounds': {'V': [0, 3]}, 'final_time': {'free': False, 'value': 10}}))
+    found = solve(problems.pose(
+        {'V': 'q', 'c': 'q/V*(1 - c)'}, 'q**2', (1, 0), 10, inputs=['q'],
+        terminal_constraints=['c - 0.8'], input_bounds={'q': [0, 1]}, state_bounds={'V': [0, 3]}))
     assert_only_searched(found)
     assert 'V only rises' in found.message
     assert numbers(found.message)[-2] == pytest.approx(5, rel=1e-5)
@@ -359,11 +339,10 @@ def test_too_small_a_tank():
 @pytest.mark.parametrize('T', [20, 25.5])
 def test_too_short_a_time_within_limits_of_speed_and_acceleration(T):
     """Starting and braking take 6 each within these limits, 5 wide: x gets 5 (T - 6) far."""
-    found = solve(build_problem({
-        'states': ['x', 'v', 'a'], 'inputs': ['j'], 'dynamics': {'x': 'v', 'v': 'a', 'a': 'j'},
-        'running_cost': 'j**2', 'initial_state': {'x': 0, 'v': 0, 'a': 0},
-        'terminal_constraints': ['x - 100', 'v', 'a'], 'input_bounds': {'j': [-1, 1]},
-        'state_bounds': {'v': [-5, 5], 'a': [-1, 1]}, 'final_time': {'free': False, 'value': T}}))
+    found = solve(problems.pose(
+        {'x': 'v', 'v': 'a', 'a': 'j'}, 'j**2', (0, 0, 0), T, inputs=['j'],
+        terminal_constraints=['x - 100', 'v', 'a'], input_bounds={'j': [-1, 1]},
+        state_bounds={'v': [-5, 5], 'a': [-1, 1]}))
     assert found.status is Status.INFEASIBLE
     sentence = f'the terminal constraints cannot be met by T = {T:g}: the minimum time is '
     assert found.message.startswith(sentence)
@@ -371,13 +350,10 @@ def test_too_short_a_time_within_limits_of_speed_and_acceleration(T):
 
 
 def test_a_goal_inside_an_obstacle_that_leaves_the_heading_open():
-    found = explain(build_problem({
-        'states': ['x', 'y', 'heading'], 'inputs': ['v', 'w'],
-        'dynamics': {'x': 'v*cos(heading)', 'y': 'v*sin(heading)', 'heading': 'w'},
-        'running_cost': 'v**2 + w**2', 'initial_state': {'x': 0, 'y': 0, 'heading': 0},
-        'terminal_constraints': ['x - 4', 'y - 1'],
-        'path_constraints': [{'expr': '(x - 4)**2 + (y - 1.2)**2', 'lower': 1}],
-        'final_time': {'free': False, 'value': 10}}))
+    found = explain(problems.pose(
+        {'x': 'v*cos(heading)', 'y': 'v*sin(heading)', 'heading': 'w'}, 'v**2 + w**2', (0, 0, 0),
+        10, inputs=['v', 'w'], terminal_constraints=['x - 4', 'y - 1'],
+        path_constraints=[{'expr': '(x - 4)**2 + (y - 1.2)**2', 'lower': 1}]))
     assert found is not None
     assert found.infeasible
     assert found.sentence == ('path_constraints[0] is 0.04 at the state that the terminal '
@@ -385,9 +361,9 @@ def test_a_goal_inside_an_obstacle_that_leaves_the_heading_open():
 
 
 def test_a_path_constraint_that_holds_nowhere():
-    found = explain(build_problem(LAG | {
-        'terminal_constraints': [], 'path_constraints': [
-            {'expr': 'sin(x) + u**2', 'lower': None, 'upper': -2}]}))
+    found = explain(problems.build(
+        LAG, terminal_constraints=[],
+        path_constraints=[{'expr': 'sin(x) + u**2', 'lower': None, 'upper': -2}]))
     assert found is not None
     assert found.infeasible
     assert found.sentence == ('path_constraints[0] is at least -1 whatever states and inputs are, '
@@ -401,11 +377,9 @@ def test_too_little_vaccine():
 
     From S = 1 to 1/2 without a disease takes 1/2, given at once or little by little.
     """
-    found = solve(build_problem({
-        'states': ['S', 'c'], 'inputs': ['u'], 'dynamics': {'S': '-u*S', 'c': 'u*S'},
-        'running_cost': 'u**2', 'initial_state': {'S': 1, 'c': 0},
-        'terminal_constraints': ['S - 0.5'], 'input_bounds': {'u': [0, 1]},
-        'state_bounds': {'c': [None, 0.4]}, 'final_time': {'free': False, 'value': 5}}))
+    found = solve(problems.pose(
+        {'S': '-u*S', 'c': 'u*S'}, 'u**2', (1, 0), 5, terminal_constraints=['S - 0.5'],
+        input_bounds={'u': [0, 1]}, state_bounds={'c': [None, 0.4]}))
     assert_only_searched(found)
     assert 'c only rises' in found.message
     assert numbers(found.message)[-2] == pytest.approx(0.5, rel=1e-5)
@@ -413,26 +387,24 @@ def test_too_little_vaccine():
 
 def test_states_that_turn_back_at_zero():
     def lower(dynamics, x0):
-        return find_lower_bounds(build_problem({
-            'states': list(dynamics), 'inputs': ['u'], 'dynamics': dynamics, 'running_cost': 'u',
-            'initial_state': x0, 'input_bounds': {'u': [0, 1]},
-            'final_time': {'free': False, 'value': 1}})).tolist()
+        return find_lower_bounds(problems.pose(
+            dynamics, 'u', x0, 1, input_bounds={'u': [0, 1]})).tolist()
 
     epidemic = {'S': '-0.3*S*I - u*S', 'I': '0.3*S*I - 0.1*I'}
-    assert lower(epidemic, {'S': 1, 'I': 0}) == [0, 0]
-    assert lower(epidemic, {'S': -1, 'I': 1}) == [-math.inf, 0]
-    assert lower({'x': 'v', 'v': 'u'}, {'x': 1, 'v': 0}) == [0, 0]
+    assert lower(epidemic, (1, 0)) == [0, 0]
+    assert lower(epidemic, (-1, 1)) == [-math.inf, 0]
+    assert lower({'x': 'v', 'v': 'u'}, (1, 0)) == [0, 0]
     # From t = 2 on -(t - 2)^2 / 4 is a path, too.
     for root in ('sqrt(abs(x))', 'exp(log(abs(x))/2)', 'acos(1 - abs(x))', 'abs(x)**(0.5 + 0*u)'):
-        assert lower({'x': f'-{root} + 0*u'}, {'x': 1}) == [-math.inf]
-    assert lower({'x': 'v', 'v': 'u - 0.1'}, {'x': 1, 'v': 0}) == [-math.inf, -math.inf]
+        assert lower({'x': f'-{root} + 0*u'}, (1,)) == [-math.inf]
+    assert lower({'x': 'v', 'v': 'u - 0.1'}, (1, 0)) == [-math.inf, -math.inf]
 
 
 def test_what_lies_below_zero():
     # A logistic growth that is harvested comes as near to 0 as 1e-9, but never below.
-    found = explain(build_problem(LAG | {
-        'dynamics': {'x': 'x*(1 - x) - u*x'}, 'initial_state': {'x': 0.5},
-        'terminal_constraints': ['x + 0.2']}))
+    found = explain(problems.build(
+        LAG, dynamics={'x': 'x*(1 - x) - u*x'}, initial_state={'x': 0.5},
+        terminal_constraints=['x + 0.2']))
     assert found is not None
     assert found.infeasible
     assert found.sentence == ('the terminal constraint x = -0.2 holds nowhere, as no input takes '
