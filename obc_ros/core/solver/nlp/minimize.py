@@ -195,8 +195,8 @@ def _why_not(program: kkt.StaticProgram, point: kkt.KktPoint, certificate: Certi
         return (f'stopped at F = {F:.10g}: the gradients of the active constraints are linearly '
                 'dependent there (LICQ fails) and no multipliers exist')
     if worst == KktCondition.ATTAINED:
-        return (f'F falls towards {F:.6g} and the minimum is not attained: it keeps falling as x '
-                'grows, or along a flat valley')
+        return (f'F decreases towards {F:.6g}, which is not attained at any point found: it keeps '
+                'decreasing as x grows, or along a flat valley')
     reason: Mapping[str, str] = {
         KktCondition.STATIONARITY: 'the gradient of F is no combination of those of the '
                                    'active constraints; F may not be smooth there',
