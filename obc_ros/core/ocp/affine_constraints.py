@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where the affine terminal constraints of a problem hold, in exact arithmetic."""
+"""The set of states that satisfy the affine terminal constraints, in exact arithmetic."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -17,14 +17,14 @@ from obc_ros.core.numerics.rational_polynomials import (
 )
 from obc_ros.core.ocp.problem import Problem
 
-_WELL = 1e-7        # relative: a singular value of the terminal constraints that counts as one
-_SLACK = 1e-9       # relative: a gap that is one
-_EQUILIBRATED = 4   # times that rows and columns are scaled before these are compared
+_WELL = 1e-7        # relative: singular values of the terminal constraints above it are nonzero
+_SLACK = 1e-9       # relative: gaps above it are contradictions
+_EQUILIBRATED = 4   # times that rows and columns are scaled before singular values are compared
 
 
 @dataclass(frozen=True)
 class Clash:
-    """A sum of terminal constraints that is 0 = gap; `weights` of each, by its number."""
+    """A weighted sum of terminal constraints that reads 0 = gap; `weights` by their numbers."""
 
     weights: dict[int, Fraction]
     gap: Fraction
@@ -42,12 +42,12 @@ class End:
     x : list of Fraction
         A state that meets them, shape (n,), unless there is a clash.
     directions : list of Row
-        A basis of the directions that the constraints leave free.
+        A basis of the null space of A.
     clash : Clash or None
-        What makes them exclude each other.
+        A contradiction between the constraints.
     is_clear : bool
-        Whether it is beyond doubt which directions the constraints leave free: where rows are
-        all but dependent, states far away meet them but for a little.
+        Whether the rank of A is clear numerically. If rows are nearly dependent, states far away
+        nearly meet the constraints.
 
     """
 
@@ -58,14 +58,27 @@ class End:
     is_clear: bool
 
     def pinned(self) -> Mask:
-        """Return which states have one value only, shape (n,)."""
+        """Return which states have only one value, shape (n,)."""
         pinned = np.ones(len(self.x), dtype=bool)
         pinned[[k for direction in self.directions for k in direction]] = False
         return pinned
 
 
 def find_affine_end(problem: Problem) -> End | None:
-    """Return where the affine terminal constraints hold, None if there are none to speak of."""
+    """
+    Find the states that satisfy all affine terminal constraints.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    End or None
+        None if there are no affine constraints, or if they are too large for exact arithmetic.
+
+    """
     n = problem.n
     psi = ca.Function('psi', [problem.x, problem.p], [ca.densify(problem.psi)])
     try:
@@ -80,7 +93,7 @@ def find_affine_end(problem: Problem) -> End | None:
         return None
     echelon, clash = eliminate_rows(rows, n)
     x = [Fraction(0)] * n
-    for pivot in sorted(echelon, reverse=True):   # free states at 0, the others from the last one
+    for pivot in sorted(echelon, reverse=True):   # back substitution; free states are 0
         row = echelon[pivot]
         x[pivot] = -(row.get(n, Fraction(0)) + sum((
             value * x[k] for k, value in row.items() if pivot < k < n), Fraction(0))) / row[pivot]
@@ -93,14 +106,27 @@ def find_affine_end(problem: Problem) -> End | None:
 def eliminate_rows(rows: dict[int, RationalRow], n: int) -> tuple[dict[int, RationalRow],
                                                                   Clash | None]:
     """
-    Return rows in echelon form by their pivots, and the first clash that comes out.
+    Bring linear equations into echelon form and find a contradiction between them.
 
-    `rows`: the constraints A x + b = 0 by their numbers; b is in column n.
+    Parameters
+    ----------
+    rows : dict of int to Row
+        The equations A x + b = 0 by their numbers; b is in column n.
+    n : int
+        Number of unknowns.
+
+    Returns
+    -------
+    echelon : dict of int to Row
+        Independent rows by the columns of their pivots; entries behind column n are weights.
+    clash : Clash or None
+        The first contradiction, if there is one.
+
     """
     echelon: dict[int, RationalRow] = {}
     clash = None
     for number, given in rows.items():
-        row = given | {n + 1 + number: Fraction(1)}   # behind the constant: what it is a sum of
+        row = given | {n + 1 + number: Fraction(1)}   # behind the constant: weights of the rows
         for pivot in range(n):
             if pivot in row and pivot in echelon:
                 other = echelon[pivot]
@@ -120,7 +146,7 @@ def eliminate_rows(rows: dict[int, RationalRow], n: int) -> tuple[dict[int, Rati
 
 
 def _rank(rows: dict[int, RationalRow], n: int) -> int:
-    """Return how many of the rows are independent by a margin, whatever their units."""
+    """Return the numerical rank of the rows, independent of units."""
     A = np.array([[float(row.get(k, 0)) for k in range(n)] for row in rows.values()])
     for _ in range(_EQUILIBRATED):
         for axis in (0, 1):

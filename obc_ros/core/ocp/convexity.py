@@ -1,13 +1,13 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether a problem is convex, shown by the rules of disciplined convex programming.
+Proof of convexity of a problem by the rules of disciplined convex programming.
 
-An expression is a sum. Its terms with constant second derivatives are taken together: their matrix
-decides. Each other term is read from its leaves on: curvature and sign of an operation follow from
-those of its arguments (M. Grant, S. Boyd, Y. Ye, Disciplined convex programming, 2006). No point
-is evaluated, so that what is called convex is convex everywhere within the bounds; what the rules
-do not cover is called nothing.
+An expression is a sum. The terms with constant second derivatives are added, and the matrix of
+their sum is examined. For every other term, curvature and sign of an operation follow from those
+of its arguments (M. Grant, S. Boyd, Y. Ye, Disciplined convex programming, 2006). No point is
+evaluated: an expression found convex is convex everywhere within the bounds. If the rules do not
+apply nothing is concluded.
 """
 
 from collections.abc import Callable
@@ -18,15 +18,15 @@ import numpy as np
 from obc_ros.core.ocp.nonconvexity import is_semidefinite
 from obc_ros.core.ocp.problem import Problem
 
-_MOST_TERMS = 2000   # of a sum; where parts of it are shared they may be as many as 2 to the depth
+_MOST_TERMS = 2000   # of a sum; shared parts can make their number exponential in the depth
 
 
 @dataclass(frozen=True)
 class Shape:
     """
-    What is known of an expression over a convex set.
+    Known curvature and sign of an expression over a convex set.
 
-    `convex`, `concave`: both for what is affine. `above`, `below`: whether it is >= 0, <= 0.
+    `convex`, `concave`: both if it is affine. `above`, `below`: whether it is >= 0, <= 0.
     """
 
     convex: bool = False
@@ -50,11 +50,26 @@ class Shape:
 
 def is_convex_problem(problem: Problem) -> bool:
     """
-    Return whether a path that satisfies Pontryagin's conditions is shown to be the best.
+    Return whether Pontryagin's conditions are proved to be sufficient for a global minimum.
 
-    The final time is given; dynamics and terminal constraints are affine; costs are convex, as are
-    path constraints, each of the states alone or of the inputs alone (O. L. Mangasarian,
-    Sufficient conditions for the optimal control of nonlinear systems, SIAM J. Control 4, 1966).
+    They are if the final time is given, dynamics and terminal constraints are affine, costs are
+    convex, and path constraints are convex and depend on the states alone or the inputs alone.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    bool
+        False if nothing is proved.
+
+    References
+    ----------
+    O. L. Mangasarian, Sufficient conditions for the optimal control of nonlinear systems, SIAM J.
+    Control 4, 1966.
+
     """
     z, values = ca.vertcat(problem.x, problem.u), ca.DM(problem.p_value)
     f, psi, path, L, V = (ca.substitute(expression, problem.p, values) for expression in (
@@ -74,14 +89,14 @@ def is_convex_problem(problem: Problem) -> bool:
 
 
 class _Reader:
-    """The shapes of expressions of the states and inputs of a problem, within their bounds."""
+    """Shapes of expressions in the states and inputs of a problem, within their bounds."""
 
     def __init__(self, problem: Problem) -> None:
         self._x, self._u = problem.x, problem.u
         self._z = ca.vertcat(problem.x, problem.u)
         lower = np.concatenate([problem.x_lower, problem.u_lower])
         upper = np.concatenate([problem.x_upper, problem.u_upper])
-        # With the expressions: while they live, no other one has their hash.
+        # Expressions are stored too: no other has the same hash while they exist.
         self._known = {
             symbol.element_hash(): (symbol, Shape(True, True, low >= 0.0, high <= 0.0))
             for symbol, low, high in zip(ca.vertsplit(self._z), lower, upper, strict=True)}
@@ -101,11 +116,11 @@ class _Reader:
                 else:
                     found = _add(found, self._shape(term).times(factor))
             return _add(found, self._quadratic(quadratic))
-        except RecursionError:   # too long to be read
+        except RecursionError:   # too deeply nested
             return Shape()
 
     def _is_quadratic(self, expression: ca.SX) -> bool:
-        """Return whether second derivatives are constant, and no slope jumps, as that of abs."""
+        """Return whether second derivatives are constant and the gradient is continuous."""
         slope = ca.gradient(expression, self._z)
         return not (ca.depends_on(ca.jacobian(slope, self._z), self._z)
                     or _jumps(slope, self._z))
@@ -138,7 +153,7 @@ class _Reader:
             exponent = term.dep(1)
             return (_power(self._shape(first), float(exponent)) if exponent.is_constant()
                     else Shape())
-        if operation == ca.OP_FABS:   # its slope jumps: see `_apart`
+        if operation == ca.OP_FABS:   # its derivative is discontinuous: see `_apart`
             return _absolute(self._shape(first)) if self._apart(first) else Shape(above=True)
         if operation == ca.OP_SQRT and self._is_norm(first):
             return Shape(convex=True, above=True)
@@ -166,8 +181,8 @@ class _Reader:
         """
         Return whether a term depends on states alone or on inputs alone.
 
-        Where the slope of another one jumps its parts by x and by u go together, which
-        Pontryagin's conditions do not ask for.
+        At a kink of any other term, subgradients in x and in u belong together, which
+        Pontryagin's conditions do not require.
         """
         return not (ca.depends_on(term, self._x) and ca.depends_on(term, self._u))
 
@@ -187,14 +202,14 @@ _ZERO = Shape(True, True, True, True)
 
 
 def _jumps(slope: ca.SX, z: ca.SX) -> bool:
-    """Return whether an expression has the sign of another in it."""
+    """Return whether an expression contains the sign function."""
     function = ca.Function('slope', [z], [slope])
     return any(function.instruction_id(k) == ca.OP_SIGN
                for k in range(function.n_instructions()))
 
 
 def _split(factor: float, term: ca.SX, found: list[tuple[float, ca.SX]]) -> bool:
-    """Collect the terms of a sum with their factors; return whether there are not too many."""
+    """Collect the terms of a sum with their factors; return False if there are too many."""
     if len(found) > _MOST_TERMS:
         return False
     operation = -1 if term.is_leaf() else term.op()

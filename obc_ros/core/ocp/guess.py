@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where the search for an optimal path may start."""
+"""Initial guess of an optimal path."""
 
 from dataclasses import dataclass, field
 
@@ -10,9 +10,10 @@ from obc_ros.core.numerics.arrays import Array
 @dataclass(frozen=True, eq=False)
 class Guess:
     """
-    Where the search may start.
+    Initial guess of states, inputs and final time.
 
-    `x` and `u` map a name to its values equally spaced over [0, T]; names left out are guessed.
+    `x` and `u` map a name to its values at equally spaced times in [0, T]. The solver chooses
+    what is left out.
     """
 
     x: dict[str, Array] = field(default_factory=dict)

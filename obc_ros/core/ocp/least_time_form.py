@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What problems of least time have in common, read off a Problem.
+Recognition of minimum-time problems and of affine dynamics.
 
-Minimise rate T + V subject to C x(T) = d, u in a bounded box, with rate > 0 and V constant, T
-free, and no constraints along the path.
+A minimum-time problem minimises rate T + V subject to C x(T) = d, u in a bounded box, with
+constant rate > 0 and V, T free, and without constraints along the path.
 """
 
 from collections import OrderedDict
@@ -15,13 +15,13 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 
-_KEPT = 64
+_KEPT = 64   # forms in the cache
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
     """
-    A target to be reached in least time.
+    Target to be reached in minimum time.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Affine:
 
 @dataclass(frozen=True, eq=False)
 class _Form:
-    """The values L, V, psi, f at x = 0, u = 0 and their Jacobian, and which are of the form."""
+    """Values of L, V, psi, f at x = 0, u = 0 with their Jacobian, and whether the forms hold."""
 
     at_zero: ca.Function
     has_target: bool
@@ -59,7 +59,20 @@ class _Form:
 
 
 def find_target(problem: Problem) -> Target | None:
-    """Return the target of a problem of least time, None for another problem."""
+    """
+    Return the target of a minimum-time problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    Target or None
+        None for a problem that is not of this form.
+
+    """
     bounded = (np.isfinite(problem.x_lower).any() or np.isfinite(problem.x_upper).any()
                or problem.path.numel() > 0)
     boxed = np.isfinite(problem.u_lower).all() and np.isfinite(problem.u_upper).all()
@@ -77,7 +90,20 @@ def find_target(problem: Problem) -> Target | None:
 
 
 def find_affine_dynamics(problem: Problem) -> Affine | None:
-    """Return the dynamics if they are affine in x and u together, else None."""
+    """
+    Return the coefficients of affine dynamics.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    Affine or None
+        None if the dynamics are not affine in (x, u), or not finite at 0.
+
+    """
     form = _form(problem)
     if not form.is_affine:
         return None
@@ -97,7 +123,7 @@ _forms: OrderedDict[str, _Form] = OrderedDict()
 
 
 def _form(problem: Problem) -> _Form:
-    """Return the form of a problem's structure, from memory where it can be."""
+    """Return the form of a problem's structure, from the cache if it is there."""
     form = _forms.pop(problem.structure, None) or _new_form(problem)
     if problem.structure:
         _forms[problem.structure] = form
@@ -117,7 +143,21 @@ def _new_form(problem: Problem) -> _Form:
 
 
 def get_final_time(problem: Problem) -> float:
-    """Return T, or where the search for it starts."""
+    """
+    Return the given final time, or the initial guess of a free one.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    float
+        T [s]; if it is free, the guess of the problem, clipped to the bounds. Without a guess,
+        the geometric mean of the bounds.
+
+    """
     final = problem.final_time
     if not final.free:
         return final.value

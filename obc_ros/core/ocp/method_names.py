@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The names of the methods that answer a problem; `solve` has the methods."""
+"""Names of the methods that solve a problem; `solve` contains the methods."""
 
 from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.core.text.expressions import describe_type, suggest_name
@@ -11,7 +11,17 @@ NAMES = (AUTO, 'riccati', 'time_optimal', 'reeds_shepp', 'transcription', 'arcs'
 
 def get_method(value: object) -> str:
     """
-    Return a method's name, 'auto' for none.
+    Return the name of a method.
+
+    Parameters
+    ----------
+    value : object
+        A name, as a user wrote it; None and '' mean 'auto'.
+
+    Returns
+    -------
+    str
+        One of `NAMES`.
 
     Raises
     ------

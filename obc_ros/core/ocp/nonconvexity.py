@@ -1,13 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether costs have hollows and hills, between which a path that is best nearby need not be best.
+Curvature of costs: whether several local minima are likely.
 
-Where L and V are quadratic, or curved upwards all over, minima that are not the least one come of
-dynamics and bounds alone. Where their curvature changes sign each hollow may have one. Where
-dynamics and constraints are affine besides, and T is given, no path is better than one that
-satisfies Pontryagin's conditions (O. L. Mangasarian, Sufficient conditions for the optimal control
-of nonlinear systems, SIAM J. Control 4, 1966).
+If L and V are convex, local minima that are not global come from dynamics and bounds only. If
+their curvature changes sign there may be more. If L and V are convex, dynamics and constraints
+affine, and T given, Pontryagin's conditions are sufficient (O. L. Mangasarian, Sufficient
+conditions for the optimal control of nonlinear systems, SIAM J. Control 4, 1966).
 """
 
 import casadi as ca
@@ -16,20 +15,33 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 
-_POINTS, _HALVINGS = 64, 4
-_DOWN = 1e-6        # of the largest curvature, what counts as downwards
-_ROUNDING = 1e-12   # likewise, in units in which all curvatures along axes are 1
+_POINTS, _HALVINGS = 64, 4   # samples; halvings of their distance, to find small regions
+_DOWN = 1e-6        # of the largest curvature: negative curvature above rounding
+_ROUNDING = 1e-12   # rounding of eigenvalues, in units in which all curvatures along axes are 1
 
 
 def has_convex_paths(problem: Problem) -> bool:
-    """Return whether mixtures of paths are paths: all but the costs is affine, T is given."""
+    """
+    Return whether the set of admissible paths is convex.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    bool
+        Whether dynamics and constraints are affine and T is given; costs are not examined.
+
+    """
     z = ca.vertcat(problem.x, problem.u)
     slopes = ca.jacobian(ca.vertcat(problem.f, problem.psi, problem.path), z)
     return not problem.final_time.free and not ca.depends_on(slopes, z)
 
 
 class Uneven:
-    """The curvature of L and V of all problems of one structure; `curved`: where it varies."""
+    """Curvature of L and V for problems of one structure; `curved`: where it is not constant."""
 
     def __init__(self, problem: Problem) -> None:
         both = ca.vertcat(problem.x, problem.u)
@@ -44,16 +56,16 @@ class Uneven:
                 self._constant.append(ca.Function('curvature', [problem.p], [curvature]))
 
     def upwards(self, problem: Problem) -> bool:
-        """Return whether L and V are quadratic and curved downwards in no direction."""
+        """Return whether L and V are quadratic and convex."""
         return not self.curved and all(
             is_semidefinite(curvature(problem.p_value).full()) for curvature in self._constant)
 
     def __call__(self, problem: Problem, x_room: Array, u_room: Array) -> bool:
-        """Return whether L or V is curved downwards somewhere so near to x(0) and to u = 0."""
+        """Return whether L or V has negative curvature at a sample within x_room and u_room."""
         chance = np.random.default_rng(3)
         x = chance.uniform(-1, 1, (_POINTS, problem.n))
         u = chance.uniform(-1, 1, (_POINTS, problem.m))
-        nearer = 2.0 ** -chance.integers(1, _HALVINGS + 1, (_POINTS, 1))   # hollows may be small
+        nearer = 2.0 ** -chance.integers(1, _HALVINGS + 1, (_POINTS, 1))
         x = problem.x0 + x_room * np.vstack([x, nearer * x])
         u = u_room * np.vstack([u, nearer * u])
         x = np.clip(x, problem.x_lower, problem.x_upper)
@@ -72,7 +84,7 @@ class Uneven:
 
 
 def is_semidefinite(H: Array) -> bool:
-    """Return whether a symmetric matrix is positive semidefinite, but for rounding."""
+    """Return whether a symmetric matrix is positive semidefinite, up to rounding."""
     size = np.sqrt(np.maximum(np.diag(H), 0.0))
     none = size == 0
     size = np.where(none, 1.0, size)

@@ -1,12 +1,13 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Bounds that every path keeps to by itself: amounts that cannot become negative.
+Positivity: states that remain nonnegative on every path, estimated from samples.
 
-Where dx_i/dt >= 0 whenever x_i = 0 and the other amounts are not negative, no path from
-x(0) >= 0 has x_i < 0. Long steps of a coarse mesh do not know that: in chemical and biological
-systems they jump over poles of the rates at small negative concentrations, to where the model
-says nothing. The condition is looked at where chance leads; it only guides searches.
+If dx_i/dt >= 0 whenever x_i = 0 and the other amounts are nonnegative, no path from x(0) >= 0 has
+x_i < 0. The discretisation on a coarse mesh can violate this: in chemical and biological systems
+it jumps over poles of the rates at small negative concentrations, to states for which the model is
+not valid. The condition is checked at random states and inputs only; it guides searches and
+proves nothing.
 """
 
 from collections.abc import Sequence
@@ -18,18 +19,18 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 
-_LOOKS, _AT_ONCE = 256, 64
-_RANGE = (-4.0, 2.0)   # powers of ten of what counts as one in a state
-_INPUT = 10.0          # how large an input without a bound is taken to be
-_ROUNDING, _MOST = 1e-12, 0.9   # of a rate larger than such a part of all: few are at poles
-_FAR = 0.05            # of the largest amount: beyond what the errors of steps explain
+_LOOKS, _AT_ONCE = 256, 64   # samples, and those that are evaluated first
+_RANGE = (-4.0, 2.0)   # powers of ten of samples, in units of the size of a state
+_INPUT = 10.0          # bound of an input without a bound
+_ROUNDING, _MOST = 1e-12, 0.9   # of this quantile of rates; few samples are close to poles
+_FAR = 0.05            # of the largest amount: above the discretisation error
 
 
 def find_amounts(problem: Problem, size: Array) -> NDArray[np.bool_]:
     """
-    Return which states seem to stay at or above zero by themselves, shape (n,).
+    Return which states seem to remain nonnegative, shape (n,).
 
-    `size`: the largest values seen of each; x(0) alone may lie at the origin of some map.
+    `size`: the largest values of each on paths; x(0) alone may be 0 for coordinates in a plane.
     """
     chance, n = np.random.default_rng(0), problem.n
     size = np.maximum(size, np.abs(problem.x0))
@@ -39,7 +40,8 @@ def find_amounts(problem: Problem, size: Array) -> NDArray[np.bool_]:
         (problem.u_lower, -1.0), (problem.u_upper, 1.0)))
     part = chance.integers(0, 3, (_LOOKS, problem.m)) / 2
     sign = chance.choice([-1.0, 1.0], (_LOOKS, n))
-    part[::2] = chance.uniform(0, 1, part[::2].shape)   # ends and middle of turns look alike
+    # Not only ends and middle: they can be equivalent for angles.
+    part[::2] = chance.uniform(0, 1, part[::2].shape)
     u = lower + (upper - lower) * part
     rate = VectorizedFunction([problem.x, problem.u, problem.p], [problem.f])
     found = problem.x0 >= 0
@@ -48,7 +50,7 @@ def find_amounts(problem: Problem, size: Array) -> NDArray[np.bool_]:
         for i in np.flatnonzero(before):
             at = np.where(found, x, sign * x)
             at[:, i] = 0.0
-            # Most that fall do so at once.
+            # Most states that can become negative do so at one of the first samples.
             found[i] = all(_never_falls(rate(at[:looks], u[:looks], problem.p_value)[0][:, i])
                            for looks in (_AT_ONCE, _LOOKS))
         if np.array_equal(found, before):
@@ -63,9 +65,21 @@ def _never_falls(rate: Array) -> bool:
 
 def keep_amounts_positive(problem: Problem, astray: Sequence[Array]) -> Problem:
     """
-    Return a problem that keeps amounts from becoming negative, or itself if it has no need to.
+    Return a problem with lower bounds 0 for amounts that became negative on paths.
 
-    `astray`: paths (N + 1, n); amounts that are not far below zero on one are left as they are.
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+    astray : sequence of ndarray, shape (N + 1, n)
+        States of searches that did not converge. Only amounts that are far below zero on one of
+        them are bounded.
+
+    Returns
+    -------
+    Problem
+        The same problem if no amount needs a bound.
+
     """
     paths = np.nan_to_num(np.vstack(astray))
     size = np.abs(paths).max(axis=0)

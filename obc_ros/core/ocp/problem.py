@@ -5,7 +5,7 @@ The optimal control problem of section 2.2.
 
 Minimise J = integral of L(x, u) over [0, T] + V(x(T))
 subject to dx/dt = f(x, u), x(0) = x0, psi(x(T)) = 0, u in a box,
-and besides the book: x in a box, path constraints, T given or free.
+and, beyond the book: x in a box, path constraints, T given or free.
 """
 
 from dataclasses import dataclass, field
@@ -15,12 +15,12 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.guess import Guess
 
-SYMBOLIC = 'x', 'u', 'p', 'f', 'L', 'V', 'psi', 'path'   # the same for one structure
+SYMBOLIC = 'x', 'u', 'p', 'f', 'L', 'V', 'psi', 'path'   # fields that one structure determines
 
 
 @dataclass(frozen=True)
 class FinalTime:
-    """The final time T [s]: `value` when fixed; within [lower, upper], near `guess`, when free."""
+    """The final time T [s]: `value` if given; in [lower, upper], initially `guess`, if free."""
 
     free: bool
     value: float = np.nan
@@ -32,10 +32,10 @@ class FinalTime:
 @dataclass(frozen=True, eq=False)
 class Problem:
     """
-    A checked statement: symbols, expressions in them, and numbers.
+    A valid optimal control problem: symbols, expressions in them, and numbers.
 
-    Numbers that a user would vary (parameters, x0, bounds, T) are kept out of the expressions,
-    so that two problems with the same `structure` can share a solver.
+    Numbers that a user would vary (parameters, x0, bounds, T) do not appear in the expressions,
+    so that two problems with the same `structure` can share compiled programs.
 
     Attributes
     ----------
@@ -51,12 +51,16 @@ class Problem:
         Values of p (k,) and of x(0) (n,).
     x_lower, x_upper, u_lower, u_upper, path_lower, path_upper : ndarray
         Bounds; -inf and inf for none.
+    final_time : FinalTime
+        Final time [s].
+    guess : Guess
+        Initial guess.
     angles : tuple of bool
         For each state, whether it wraps; used for guesses only.
     structure : str
-        Equal for two problems that differ in numbers only.
+        Equal for two problems that differ only in numbers.
     method : str
-        That is to answer it, one of `method_names.NAMES`.
+        Method to solve it with, one of `method_names.NAMES`.
 
     """
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-An answer to an optimal control problem, and the judgement of it.
+Solution of an optimal control problem, its certificate and its optimality.
 
 The costates have the sign of H = L + lam' f; dlam/dt = -dH/dx, and at T
 lam = dV/dx + nu' dpsi/dx.
@@ -14,10 +14,10 @@ from enum import Enum
 import numpy as np
 from obc_ros.core.numerics.arrays import Array
 
-MOST_MINIMA = 8       # costs of local minima that an answer lists
-MAX_INTERVALS = 2000  # that an answer's mesh has at most where nothing else is asked for
+MOST_MINIMA = 8       # costs of local minima in a solution, at most
+MAX_INTERVALS = 2000  # intervals of a mesh, default maximum
 
-# Called as report(phase, iteration, cost, infeasibility) while a solver works; True asks to stop.
+# Called as report(phase, iteration, cost, infeasibility) while a solver works; True stops it.
 Report = Callable[[str, int, float, float], bool]
 
 
@@ -94,19 +94,19 @@ class Certificate:
 @dataclass(frozen=True)
 class Optimality:
     """
-    How good a certified answer is among all paths of its problem.
+    Optimality of a certified solution among all paths of its problem.
 
     Attributes
     ----------
     kind : str
-        'global': no path costs less, which is proved. 'local': no path was met that costs less.
+        'global': it is proved that no path costs less. 'local': no cheaper path was found.
     reason : str
-        The proof, or what was searched, in words.
+        The proof, or the extent of the search, as text.
     starts : int
-        Starts of the search; 0 where none was needed.
+        Initial guesses of the search; 0 without a search.
     minima : tuple of float
-        Costs of distinct local minima that were met, at most `MOST_MINIMA`, the cheapest first:
-        that of this answer. The others have the cost of the mesh on which they were met.
+        Costs of distinct local minima found, ascending, at most `MOST_MINIMA`. The first is that
+        of this solution. The others are accurate to the mesh on which they were found.
 
     """
 
@@ -119,12 +119,18 @@ class Optimality:
 @dataclass(frozen=True, eq=False)
 class Solution:
     """
-    States, inputs and costates on a grid, with the cost and how it was found.
+    States, inputs and costates on a grid, the cost, and the method of solution.
 
     Attributes
     ----------
+    status : Status
+        Result of the request.
+    message : str
+        The result in a sentence.
+    objective : float
+        Cost J.
     t : ndarray, shape (N,)
-        Times [s], not decreasing; a time that stands twice is a jump (before, after).
+        Times [s], nondecreasing; at a jump a time appears twice (before, after).
     x, u, lam : ndarray, shape (N, n), (N, m), (N, n)
         States, inputs, costates.
     hamiltonian : ndarray, shape (N,)
@@ -135,13 +141,21 @@ class Solution:
         Density of the multipliers of the state bounds in dlam/dt = -dH/dx - state_multipliers
         (> 0 at an upper bound, < 0 at a lower one); None without state bounds.
     path_multipliers : ndarray, shape (N, l), or None
-        Likewise for the path constraints: H is augmented by path_multipliers' c(x, u).
+        The same for the path constraints: H is augmented by path_multipliers' c(x, u).
     interpolation : str
-        Of u between samples: 'linear' or 'zoh' (constant from each sample on).
+        Interpolation of u between samples: 'linear' or 'zoh' (constant from each sample on).
     switching_times : ndarray
-        Where an input jumps or changes its arc [s].
+        Times at which an input jumps or changes its arc [s].
+    method : str
+        Method that found it, one of `method_names.NAMES`.
+    iterations : int
+        Iterations of the solver.
+    build_time, solve_time : float
+        Wall-clock times for building and for solving programs [s].
+    certificate : Certificate, or None
+        None if there is no path.
     optimality : Optimality, or None
-        Of a certified answer: whether it is proved to be the best; None of any other.
+        None for a solution without a certificate that passes.
 
     """
 
@@ -167,5 +181,5 @@ class Solution:
 
     @property
     def certified(self) -> bool:
-        """Return whether it has a certificate that holds."""
+        """Return whether there is a certificate that passes."""
         return self.certificate is not None and self.certificate.holds

@@ -1,10 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-From a statement, as in a file or a request, to a checked Problem.
+Conversion of a statement, from a file or a request, to a valid Problem.
 
-A fault is reported with the key where it stands, what was found and what is wanted; the first
-one found ends the reading. A statement that is well formed but has no answer passes.
+An error names the key, what was found and what is wanted; the first error ends the conversion. A
+valid statement of a problem without a solution is accepted.
 """
 
 from collections.abc import Iterable, Mapping
@@ -63,18 +63,25 @@ class _Plant:
 
 def build_problem(mapping: object) -> Problem:
     """
-    Return the problem that a mapping of the keys of a problem file states.
+    Build a problem from a mapping with the keys of a problem file.
 
-    What only a plant has, such as units, is left aside, so that one file can be both.
+    Parameters
+    ----------
+    mapping : object
+        A mapping of keys to values; see docs/problems.md. Keys that only a plant file has, such
+        as units, are ignored, so that one file can be both.
 
-    Parameters are symbols in the problem, and so are the numbers in its terminal constraints
-    (exponents apart), which follow the named parameters in `p`: a problem with other parameters,
-    initial state, goal, bounds or final time has the same `structure`.
+    Returns
+    -------
+    Problem
+        Parameters are symbols, and so are the numbers in terminal constraints (except exponents),
+        which follow the named parameters in `p`. Hence problems that differ only in parameters,
+        initial state, goal, bounds or final time have the same `structure`.
 
     Raises
     ------
     StatementError
-        If the statement is malformed; the text begins with the key at fault.
+        If the statement is invalid; the message begins with the key at fault.
 
     """
     given = read_mapping(mapping, 'problem')
@@ -111,15 +118,23 @@ def build_problem(mapping: object) -> Problem:
 
 def load_file(path: str | Path) -> list[dict[str, Any]]:
     """
-    Return the mappings that a YAML file holds: one, or a list of them.
+    Read the mappings in a YAML file: one, or a list of them.
 
-    A mapping without `name` is given the name of the file (and its number in a list).
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    list of dict
+        A mapping without `name` gets the name of the file (and its number in a list).
 
     Raises
     ------
     StatementError
-        If the file cannot be read, is too long, is not YAML, or has a key twice, or if an entry
-        is no mapping.
+        If the file cannot be read, is too long, is not YAML, or contains a key twice, or if an
+        entry is not a mapping.
 
     """
     mappings = []
@@ -151,7 +166,7 @@ def _name(given: Mapping[Any, Any]) -> str:
 
 
 def _bounded_text(given: Mapping[Any, Any]) -> None:
-    """Refuse expressions that are too long together, before any of them is read."""
+    """Raise an error if the expressions are too long in total, before any of them is parsed."""
     total = 0
     for key in ('dynamics', 'parameters', 'terminal_constraints', 'path_constraints'):
         value = given.get(key)
@@ -161,8 +176,8 @@ def _bounded_text(given: Mapping[Any, Any]) -> None:
             part = part.get('expr') if isinstance(part, Mapping) else part
             total += len(part) if isinstance(part, str) else 0
     if total > MAX_TEXT:
-        raise StatementError(f'problem: its expressions have {total} characters together; '
-                             f'at most {MAX_TEXT} are read')
+        raise StatementError(f'problem: its expressions have {total} characters in total; '
+                             f'at most {MAX_TEXT} are allowed')
 
 
 def _unknown(name: object, known: tuple[str, ...], where: str, what: str) -> StatementError:
@@ -214,7 +229,7 @@ def _registered_plant(given: Mapping[Any, Any]) -> _Plant:
     """Return the plant that the key `system` names, with the statement's parameters."""
     for key in ('states', 'inputs', 'dynamics'):
         if given.get(key):
-            raise StatementError(f'{key}: the system says this already; '
+            raise StatementError(f'{key}: the system defines it already; '
                                  "give either 'system' or 'states', 'inputs' and 'dynamics'")
     name = given['system']
     if not isinstance(name, str):
@@ -249,7 +264,7 @@ def _registered_plant(given: Mapping[Any, Any]) -> _Plant:
 
 
 def _option(value: object, where: str) -> object:
-    """Return what a system is built of: rows of numbers, or a number, whole if it is."""
+    """Return an option of a system: rows of numbers, an integer or a float."""
     if isinstance(value, (list, tuple)):
         return value
     plain = parse_number(value, {}, where)
@@ -259,13 +274,13 @@ def _option(value: object, where: str) -> object:
 def _states_only(expression: ca.SX, plant: _Plant, where: str) -> None:
     for name, symbol in plant.u.items():
         if ca.depends_on(expression, symbol):
-            raise StatementError(f"{where}: '{name}' is an input; what holds at the final time "
-                                 'is said of states (and parameters) only')
+            raise StatementError(f"{where}: '{name}' is an input; only states and parameters may "
+                                 'appear in terminal costs and constraints')
 
 
 def _terminal_constraints(given: Mapping[Any, Any],
                           plant: _Plant) -> tuple[ca.SX, list[tuple[ca.SX, float]]]:
-    """Return psi, its numbers made symbols, and these symbols with their values."""
+    """Return psi with its numbers replaced by symbols, and these symbols with their values."""
     value = given.get('terminal_constraints')
     rows: list[ca.SX] = []
     literals: list[tuple[ca.SX, float]] = []
@@ -405,7 +420,7 @@ def _profiles(entry: Mapping[Any, Any], key: str, names: tuple[str, ...],
 
 
 def _structure(functions: ca.Function, bounds: tuple[Array, ...], final_time: FinalTime) -> str:
-    """Return a hash of the expressions, of which bounds there are, and of whether T is free."""
+    """Return a hash of the expressions, of which bounds exist, and of whether T is free."""
     digest = hashlib.sha256(functions.serialize().encode())
     for lower, upper in zip(bounds[::2], bounds[1::2], strict=True):
         digest.update(np.isfinite(lower).tobytes() + np.isfinite(upper).tobytes()
@@ -415,7 +430,7 @@ def _structure(functions: ca.Function, bounds: tuple[Array, ...], final_time: Fi
 
 
 def _defined_at_start(problem: Problem, functions: ca.Function) -> None:
-    """Refuse a problem whose f, L or path constraints are undefined at x(0) for every input."""
+    """Raise an error if f, L or path constraints are undefined at x(0) for all trial inputs."""
     worst: list[str] = []
     for u in _trial_inputs(problem):
         f, L, path, _, _ = (value.full().ravel()

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is true of the expressions of a problem whatever its numbers: which inputs do what."""
+"""Structure of the expressions of a problem, independent of its numbers: where inputs appear."""
 
 import casadi as ca
 import numpy as np
@@ -9,7 +9,19 @@ from obc_ros.core.ocp.problem import Problem
 
 
 def find_switching_inputs(problem: Problem) -> tuple[bool, ...]:
-    """Return for each input whether H is linear in it while the others stay."""
+    """
+    Return for each input whether H is affine in it for constant other inputs.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    tuple of bool, length m
+
+    """
     lam = ca.SX.sym('lam', problem.n)
     H = problem.L + ca.dot(lam, problem.f)
     return tuple(
@@ -18,7 +30,20 @@ def find_switching_inputs(problem: Problem) -> tuple[bool, ...]:
 
 
 def find_idle_inputs(problem: Problem) -> tuple[bool, ...]:
-    """Return for each input whether it moves nothing, at T, that weighs there or in L."""
+    """
+    Return for each input whether it appears neither in L nor in a rate that matters at T.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    tuple of bool, length m
+        True if the input appears neither in L nor in dx_i/dt of a state x_i in V or psi.
+
+    """
     x, u = problem.x, problem.u
     lam = ca.jacobian_sparsity(ca.vertcat(problem.V, problem.psi), x).get_triplet()[1]
     moved = ca.vertcat(problem.L, problem.f[sorted(set(lam))])
@@ -27,7 +52,21 @@ def find_idle_inputs(problem: Problem) -> tuple[bool, ...]:
 
 
 def find_deciding_inputs(problem: Problem) -> Mask:
-    """Return which inputs enter the rate of each row of (x, c), (n + l, m); none of mixed rows."""
+    """
+    Return which inputs appear in the derivatives of states and of path constraints.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    ndarray of bool, shape (n + l, m)
+        A row for each entry of (x, c). The rows of path constraints that depend on inputs
+        themselves are False.
+
+    """
     rows = ca.vertcat(problem.x, problem.path)
     rate = ca.mtimes(ca.jacobian(rows, problem.x), problem.f)
     found: Mask = np.zeros((int(rows.numel()), problem.m), dtype=bool)
@@ -39,14 +78,40 @@ def find_deciding_inputs(problem: Problem) -> Mask:
 
 
 def find_shared_inputs(problem: Problem) -> Mask:
-    """Return which inputs path constraints hold, (m,)."""
+    """
+    Return which inputs appear in path constraints.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    ndarray of bool, shape (m,)
+
+    """
     found: Mask = np.zeros(problem.m, dtype=bool)
     found[ca.jacobian_sparsity(problem.path, problem.u).get_triplet()[1]] = True
     return found
 
 
 def find_branching_inputs(problem: Problem) -> Mask:
-    """Return in which bounded inputs H may have several least points, shape (m,)."""
+    """
+    Return the bounded inputs in which H may have several minima.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    ndarray of bool, shape (m,)
+        True if both bounds exist, the curvature of H in the input depends on this input, and no
+        path constraint contains it.
+
+    """
     boxed = np.isfinite(problem.u_lower) & np.isfinite(problem.u_upper)
     lam, u = ca.SX.sym('lam', problem.n), problem.u
     H = problem.L + ca.dot(lam, problem.f)

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers, bounds and terminal constraints of a problem in words."""
+"""Numbers, bounds and terminal constraints of a problem as text for messages."""
 
 from dataclasses import dataclass
 
@@ -11,12 +11,40 @@ from obc_ros.core.ocp.problem import Problem
 
 
 def format_number(value: float) -> str:
-    """Return a number as a person writes it."""
+    """
+    Return a number as text.
+
+    Parameters
+    ----------
+    value : float
+        A number.
+
+    Returns
+    -------
+    str
+        Six significant digits; '0' if its magnitude is at most 1e-12.
+
+    """
     return f'{value:.6g}' if abs(value) > 1e-12 else '0'
 
 
 def describe_terminal(problem: Problem, row: int) -> str:
-    """Return a terminal constraint in words, ``x = 2`` where it is that simple."""
+    """
+    Return a terminal constraint as text.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+    row : int
+        Index of the constraint.
+
+    Returns
+    -------
+    str
+        An equation such as ``x = 2`` or ``x + 2*v = 9`` if it is affine, else its key.
+
+    """
     rows = find_affine_rows(problem)
     if rows is None or not rows.affine[row]:
         return f'terminal_constraints[{row}]'
@@ -27,14 +55,31 @@ def describe_terminal(problem: Problem, row: int) -> str:
 
 
 def state_bound(problem: Problem, index: int, upper: bool) -> str:
-    """Return a state bound in words, ``v <= 1``."""
+    """
+    Return a state bound as text.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+    index : int
+        Index of the state.
+    upper : bool
+        Whether the upper bound is meant.
+
+    Returns
+    -------
+    str
+        Such as ``v <= 1``.
+
+    """
     bound = (problem.x_upper if upper else problem.x_lower)[index]
     return f'{problem.states[index]} {"<=" if upper else ">="} {format_number(bound)}'
 
 
 @dataclass(frozen=True, eq=False)
 class AffineRows:
-    """Terminal constraints A x + b = 0 where they are affine; shapes (q, n), (q,), (q,)."""
+    """Terminal constraints A x + b = 0 and whether each is affine; shapes (q, n), (q,), (q,)."""
 
     A: Array
     b: Array
@@ -50,7 +95,20 @@ def _sum(terms: list[tuple[str, float]]) -> str:
 
 
 def find_affine_rows(problem: Problem) -> AffineRows | None:
-    """Return the terminal constraints, and which of them are affine; None if there are none."""
+    """
+    Return the coefficients of the affine terminal constraints.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    AffineRows or None
+        None if there are no terminal constraints. Rows of nonlinear ones have no meaning.
+
+    """
     if not problem.q:
         return None
     slope = ca.jacobian(problem.psi, problem.x)

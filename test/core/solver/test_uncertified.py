@@ -49,7 +49,7 @@ def test_a_path_that_is_no_minimum_beside_the_reason():
     """What falls without end has paths, and the answer is one of them."""
     found = solve(problems.pose({'x': 'u', 'y': 'x'}, 'x*u + y', (0, 0), 1))
     assert found.status is Status.NOT_CONVERGED
-    assert found.message.startswith('no least cost was found: ')
+    assert found.message.startswith('no minimum was found: ')
     assert len(found.t)
     assert re.search(r'; cost \S+, not certified because ', found.message)
     assert not found.certified

@@ -1,24 +1,22 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Why a problem has no answer, in the words of who asked, with numbers.
+Explanation of why a problem has no solution, with numbers, in the names of its statement.
 
-What `contradictions` and `existence` prove comes first. Then other problems are solved in its
-place:
+The proofs of `contradictions` and `existence` come first. Then related problems are solved:
 
-elastic      by how much the terminal constraints are missed at least; then also with one state
-             bound, path constraint or input bound left out at a time: the one without which
-             nothing is missing is to blame;
-soft         which state bound or path constraint cannot be held, when, and by how much;
-least time   L = 1, T free: whether the time is too short;
-sparing      the most that may be left of a state that only falls: whether there is enough of it;
-relaxed      mixtures of two inputs: whether the cost falls while the input switches ever faster;
-boxed        |u| <= 10, 100, 1000: whether the cost falls without end.
+elastic       Minimise the violation of the terminal constraints; then again without one state
+              bound, path constraint or input bound at a time, to find the bound that is to blame.
+soft          Minimise the violation of state bounds and path constraints: which one is violated,
+              when, and by how much.
+minimum time  L = 1, T free: whether the available time is too short.
+sparing       Maximise the final value of a state that never increases: whether enough is left.
+relaxed       Mixtures of two inputs: whether minimising sequences chatter.
+boxed         |u| <= 10, 100, 1000: whether the cost decreases without limit.
 
-A problem is called infeasible when that is proved: by `contradictions`, or, where dynamics and
-constraints are affine, T is given and inputs are bounded, by weights of the constraints that add
-up to what no input achieves (`weak_duality`). What was only searched for is said as
-such: other problems may have minima that are not the least ones.
+A problem is called infeasible only if that is proved: by `contradictions`, or, if dynamics and
+constraints are affine, T is given and inputs are bounded, by weak duality (`weak_duality`). The
+sentences about searches say that nothing was proved, because a search may end at a local minimum.
 """
 
 from dataclasses import dataclass, replace
@@ -54,18 +52,18 @@ from obc_ros.core.solver.proofs.singular_expressions import (
     explain_undefined,
 )
 
-# Of what a certificate may leave: for a path but for little, and but for its steps as well.
+# Residuals of a certificate up to which a path nearly satisfies the constraints; with rough steps.
 _NEARLY = FEASIBLE | {Condition.START: 1e-3, Condition.END: 1e-3, Condition.BOUNDS: 1e-3}
 _ROUGHLY = _NEARLY | {Condition.DYNAMICS: 1e-2}
-_WIDE = 1e-2        # of its bounds: where a path may go that shows what is out of reach
-_PART = 0.1         # of its terms, that Pontryagin's conditions may leave
-_LATER = 50.0       # times T up to which a least time is looked for
+_WIDE = 1e-2        # violation of bounds allowed for a path of a convex problem
+_PART = 0.1         # residuals of Pontryagin's conditions allowed for a convex problem
+_LATER = 50.0       # times T up to which a minimum time is looked for
 _UNPROVED = 'infeasibility has not been proved'
 
 
 @dataclass(frozen=True)
 class Reason:
-    """A sentence, and whether it says that nothing satisfies the problem's constraints."""
+    """A sentence, and whether infeasibility is proved."""
 
     infeasible: bool
     sentence: str
@@ -74,19 +72,24 @@ class Reason:
 def explain(problem: Problem, solve: Solver | None = None, thorough: Solver | None = None, *,
             found: Solution | None = None) -> Reason | None:
     """
-    Return why a problem has no answer, or None if no reason was found.
+    Return why a problem has no solution.
 
     Parameters
     ----------
     problem : Problem
-        The one that was not answered.
+        The problem that was not solved.
     solve : callable, optional
-        Returns a Solution with its certificate for a problem, whether or not the certificate
-        holds; it keeps the time limit. Without it only contradictions are found.
+        Returns a Solution of a problem with its certificate, whether or not the certificate
+        passes; observes the time limit. Without it only the proofs are tried.
     thorough : callable, optional
-        Does the same with more care: its certificate is to hold, for the best of several starts.
+        Does the same with more work: several initial guesses, until the certificate passes.
     found : Solution, optional
-        The best path that was found for the problem.
+        The best path found for the problem.
+
+    Returns
+    -------
+    Reason or None
+        None if no reason was found.
 
     """
     sentence = explain_contradiction(problem)
@@ -99,29 +102,43 @@ def explain(problem: Problem, solve: Solver | None = None, thorough: Solver | No
 
 
 def is_proved_infeasible(problem: Problem) -> bool:
-    """Return whether weights of the constraints prove that no path meets them all."""
+    """
+    Return whether weak duality proves that no path satisfies all constraints.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem; proofs exist only for affine dynamics and constraints, given T and bounded
+        inputs.
+
+    Returns
+    -------
+    bool
+        False if nothing is proved.
+
+    """
     return has_convex_paths(problem) and is_excluded(problem)
 
 
 class _Doubt:
-    """A problem without a contradiction, and how others are solved in its place."""
+    """A problem without a known contradiction, and the solvers for related problems."""
 
     def __init__(self, problem: Problem, solve: Solver, thorough: Solver) -> None:
         self.problem, self.solve = problem, solve
         self.thorough = thorough
-        self.lost = True  # whether no path was found that keeps to the problem
+        self.lost = True  # whether no path was found within the bounds
         self.convex = has_convex_paths(problem)
         self._shown: bool | None = None
 
     @property
     def shown(self) -> bool:
-        """Whether it is proved that no path meets all constraints."""
+        """Whether it is proved that no path satisfies all constraints."""
         if self._shown is None:
             self._shown = is_proved_infeasible(self.problem)
         return self._shown
 
     def reason(self, found: Solution | None) -> Reason | None:
-        """Return why there is no answer, None if that remains unknown."""
+        """Return why there is no solution, None if no reason was found."""
         problem = self.problem
         if found is not None and (sentence := explain_undefined(problem, found.t, found.x,
                                                                 found.u)):
@@ -147,11 +164,11 @@ class _Doubt:
         if not missed:
             return self.mixed(found) or self.without_end(found)
         if found is not None and _almost(problem, found) and not self.shown:
-            return None   # it came nearer
+            return None   # the path found before is closer
         return self.too_short() or self.too_little() or self.missing(missed)
 
     def best(self, other: Problem) -> Solution:
-        """Return an answer that is a path; of a convex problem the best one but for a little."""
+        """Return a path of another problem; of a convex problem a nearly optimal one."""
         answer = self.solve(other)
         if not self.keeps(answer) or self.convex and not _nearly_optimal(answer):
             answer = self.thorough(other)
@@ -159,21 +176,21 @@ class _Doubt:
 
     def keeps(self, answer: Solution) -> bool:
         """
-        Return whether an answer is a path, a little wide of a convex problem's bounds at most.
+        Return whether a solution is a path; in a convex problem bounds may be violated slightly.
 
-        There what cannot be had within wider bounds cannot be had within narrower ones.
+        What is infeasible within wider bounds is infeasible within narrower ones.
         """
         return is_path(answer, _WIDE) if self.convex else is_path(answer)
 
     def certified(self, other: Problem) -> Solution:
-        """Return an answer, with more care where its certificate does not hold at once."""
+        """Return a solution; if it is not certified, the one of the thorough solver."""
         answer = self.solve(other)
         return answer if answer.certified else self.thorough(other)
 
     def mixed(self, found: Solution | None) -> Reason | None:
-        """Return that the least cost is approached by ever faster switching, if it is."""
+        """Return that minimising sequences chatter, if they do."""
         other = relax_controls(self.problem, found) if found is not None and found.t.size else None
-        # Bounds that a path just misses do not matter where mixtures of an input's bounds do.
+        # A path that slightly violates bounds is good enough for mixtures of an input's bounds.
         if found is None or other is None or self.lost and other.m > self.problem.m:
             return None
         answer = self.thorough(other)
@@ -182,14 +199,14 @@ class _Doubt:
         return Reason(False, sentence) if sentence else None
 
     def without_end(self, found: Solution | None) -> Reason | None:
-        """Return that states, or the cost, grow without end, if they do."""
+        """Return that the cost decreases without limit or that states diverge, if they do."""
         sentence = explain_unbounded(self.problem, self.certified, None if self.lost else found)
         if not sentence and self.lost:
             sentence = explain_escape(self.problem, _last(self.problem))
         return Reason(False, sentence) if sentence else None
 
     def too_short(self) -> Reason | None:
-        """Return that the terminal constraints can be met, but only later."""
+        """Return that the terminal constraints can be met at a later T, if they can."""
         problem, last = self.problem, _last(self.problem)
         guess = FinalTime(free=True, lower=1e-3 * last, upper=_LATER * last, guess=2 * last)
         later = replace(problem, L=ca.SX(1), V=ca.SX(0), final_time=guess, structure='')
@@ -205,7 +222,7 @@ class _Doubt:
         if early and not self.convex and not problem.final_time.free and (
                 reaches_end(problem, answer)):
             return Reason(False, f'no path was found that meets the terminal constraints at T = '
-                                 f'{last:.6g}; one meets them at T = {answer.t[-1]:.4g}')
+                                 f'{last:.6g}; a path meets them at T = {answer.t[-1]:.4g}')
         if early:
             return None
         least = float(answer.t[-1])
@@ -214,44 +231,44 @@ class _Doubt:
             return Reason(True, f'the terminal constraints cannot be met by T = {last:.6g}: the '
                                 f'minimum time is {found}')
         return Reason(False, f'no path was found that meets the terminal constraints by T = '
-                             f'{last:.6g}: the quickest takes {found}; {_UNPROVED}')
+                             f'{last:.6g}: the fastest path found takes {found}; {_UNPROVED}')
 
     def too_little(self) -> Reason | None:
-        """Return that the terminal constraints take more of a state than there is."""
+        """Return that the terminal constraints use up more of a monotone state than is allowed."""
         sentence = explain_shortage(self.problem, self.thorough)
         if not sentence:
             return None
         return Reason(True, sentence) if self.shown else Reason(
-            False, f'no path was found that keeps to all constraints: {sentence}; {_UNPROVED}')
+            False, f'no path was found that satisfies all constraints: {sentence}; {_UNPROVED}')
 
     def missing(self, missed: str) -> Reason:
-        """Return what of the terminal constraints is out of reach, and for which bound."""
+        """Return by how much the terminal constraints are missed, and because of which bound."""
         problem = self.problem
         blamed = find_blocking_bound(problem, self.solve)
         if blamed and self.shown:
             name, without = blamed
             return Reason(True, (
                 f'{name} and the terminal constraints exclude each other {_time(problem)}: with '
-                f'it the path ends at best with {missed}; without it {without}'))
+                f'this bound the closest path found ends with {missed}; without it {without}'))
         more = f'; without {blamed[0]} {blamed[1]}' if blamed else ''
         what = 'no path meets' if self.shown else 'no path was found that meets'
         doubt = '' if self.shown else f'; {_UNPROVED}'
         return Reason(self.shown, (
-            f'{_time(problem)} {what} the terminal constraints: the nearest ends with '
+            f'{_time(problem)} {what} the terminal constraints: the closest path found ends with '
             f'{missed}{more}{doubt}'))
 
     def not_held(self) -> Reason | None:
-        """Return which state bound or path constraint cannot be held."""
+        """Return which state bound or path constraint cannot be satisfied."""
         answer = self.best(relax_path_constraints(self.problem))
         found = describe_broken_bound(self.problem, answer)
         if not found:
             return None
         name, how = found
-        return Reason(True, f'{name} cannot be held: {how}') if self.shown else Reason(
-            False, f'no path was found that keeps to {name}: {how}; {_UNPROVED}')
+        return Reason(True, f'{name} cannot be satisfied: {how}') if self.shown else Reason(
+            False, f'no path was found that satisfies {name}: {how}; {_UNPROVED}')
 
     def leapt(self, nearest: Solution) -> Reason | None:
-        """Return that a path keeps to bounds at mesh points only, as it leaps over a wall."""
+        """Return that a path satisfies bounds at mesh points only: it jumps over an obstacle."""
         certificate = nearest.certificate
         if certificate is None or certificate.fault != Condition.BOUNDS:
             return None
@@ -260,13 +277,13 @@ class _Doubt:
             for i in map(int, np.flatnonzero(np.isfinite(bounds)))]
         names += [f'path_constraints[{row}]' for row in range(self.problem.path.numel())]
         return Reason(False, (
-            f'no path was found that meets the terminal constraints and keeps to '
-            f'{" and ".join(names)} all the way: the nearest exceeds a bound between mesh points '
-            f'by {certificate.residuals[Condition.BOUNDS]:.1g} of its size'))
+            f'no path was found that meets the terminal constraints and satisfies '
+            f'{" and ".join(names)} at all times: the closest path found violates a bound '
+            f'between mesh points by {certificate.residuals[Condition.BOUNDS]:.1g} of its size'))
 
 
 def _nearly_optimal(answer: Solution) -> bool:
-    """Return whether a convex problem's cost is the least one but for a part of it."""
+    """Return whether a solution of a convex problem nearly satisfies Pontryagin's conditions."""
     certificate = answer.certificate
     return certificate is not None and all(
         certificate.residuals[key] <= _PART
@@ -284,7 +301,7 @@ def _bounded(problem: Problem) -> bool:
 
 
 def _arrives(solution: Solution) -> bool:
-    """Return whether constraints are met, whatever else an answer lacks."""
+    """Return whether the constraints are met; dynamics and optimality are not examined."""
     certificate = solution.certificate
     return certificate is not None and all(
         certificate.residuals.get(key, 0.0) <= certificate.tolerances.get(key, 0.0)
@@ -292,14 +309,14 @@ def _arrives(solution: Solution) -> bool:
 
 
 def _roughly(solution: Solution) -> bool:
-    """Return whether an answer would be a path that meets the constraints, but for its steps."""
+    """Return whether a solution nearly satisfies the constraints, at a rough discretisation."""
     certificate = solution.certificate
     return certificate is not None and all(
         certificate.residuals.get(key, 0.0) <= limit for key, limit in _ROUGHLY.items())
 
 
 def _almost(problem: Problem, found: Solution) -> bool:
-    """Return whether an answer ends as it has to and nearly keeps to the problem on the way."""
+    """Return whether a solution meets the terminal constraints and nearly meets all others."""
     residuals = found.certificate.residuals if found.certificate else {}
     return not describe_shortfall(problem, found) and all(
         residuals.get(key, np.inf) <= limit for key, limit in _NEARLY.items())

@@ -1,12 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What comes nearest to a problem's constraints, and by how much it misses which of them.
+Relaxed problems that minimise the violation of constraints, and which violations remain.
 
-elastic      the terminal constraints become the cost sum of psi_j^2: what is left says how much
-             of which constraint is missing;
-soft         state bounds and path constraints become a cost: which one cannot be held, when, and
-             by how much.
+elastic      The cost is the sum of psi_j^2 in place of the terminal constraints.
+soft         The cost penalises violations of state bounds and path constraints.
 """
 
 from collections.abc import Callable, Iterator
@@ -23,15 +21,15 @@ from obc_ros.core.ocp.wording import describe_terminal, format_number, state_bou
 Solver = Callable[[Problem], Solution]
 Explanation = Callable[[Solution], str]
 
-# What a certificate may leave of these conditions for a path to count as one.
+# Largest residuals of a certificate for which a solution counts as a path.
 FEASIBLE = {Condition.DYNAMICS: 1e-4, Condition.START: 1e-5, Condition.BOUNDS: 1e-4}
-_MISSED = 1e-4      # of a constraint's size: beyond the accuracy of an elastic answer
-_OF_MOST = 1e-2     # of the largest of what is missed: less is not worth a word
-_EFFORT = 1e-8      # weight of the inputs in problems that would not determine them otherwise
+_MISSED = 1e-4      # of a constraint's size: above the accuracy of an elastic solution
+_OF_MOST = 1e-2     # of the largest violation: smaller ones are not reported
+_EFFORT = 1e-8      # weight of the inputs in problems that do not determine them otherwise
 
 
 def is_path(solution: Solution, wide: float = FEASIBLE[Condition.BOUNDS]) -> bool:
-    """Return whether an answer, optimal or not, is a path; `wide`: of its bounds, at most."""
+    """Return whether a solution, optimal or not, is a path; `wide`: largest residual of bounds."""
     certificate = solution.certificate
     return certificate is not None and all(
         certificate.residuals.get(key, np.inf) <= limit
@@ -39,7 +37,7 @@ def is_path(solution: Solution, wide: float = FEASIBLE[Condition.BOUNDS]) -> boo
 
 
 def describe_shortfall(problem: Problem, nearest: Solution) -> str:
-    """Say by how much terminal constraints are missed at the end of a path; '' if none is."""
+    """Return, as text, by how much a path misses the terminal constraints; '' if it meets them."""
     psi = ca.Function('psi', [problem.x, problem.p], [problem.psi])
     values = psi(nearest.x[-1], problem.p_value).full()[:, 0]
     part = np.abs(values) / _sizes(problem)
@@ -56,17 +54,17 @@ def describe_shortfall(problem: Problem, nearest: Solution) -> str:
 
 
 def relax_terminal(problem: Problem) -> Problem:
-    """Return the problem of coming as near as possible to the terminal constraints."""
+    """Return the problem of minimising the violation of the terminal constraints."""
     nearest = replace(problem, L=ca.SX(0), psi=ca.SX(0, 1), structure='',
                       V=ca.sumsqr(problem.psi / _sizes(problem)))
     boxed = np.isfinite([problem.u_lower, problem.u_upper]).all()
-    # Without a cost of inputs arcs along their bounds are found as such.
+    # Without a cost of inputs, arcs on their bounds are recognised.
     return nearest if boxed and all(find_switching_inputs(nearest)) else replace(
         nearest, L=_effort(problem))
 
 
 def relax_path_constraints(problem: Problem) -> Problem:
-    """Return the problem of breaking state bounds and path constraints as little as possible."""
+    """Return the problem of minimising the violation of state bounds and path constraints."""
     cost = _effort(problem)
     rows = [*zip(ca.vertsplit(problem.x), problem.x_lower, problem.x_upper, strict=True)]
     if problem.path.numel():
@@ -85,7 +83,7 @@ def relax_path_constraints(problem: Problem) -> Problem:
 
 
 def _effort(problem: Problem) -> ca.SX:
-    """Return a small cost of inputs away from the middle of their box."""
+    """Return a small cost of the distance of inputs from the middle of their bounds."""
     boxed = np.isfinite(problem.u_lower) & np.isfinite(problem.u_upper)
     half = np.where(boxed, 0.5*(problem.u_upper - problem.u_lower), 1.0)
     middle = np.where(boxed, problem.u_lower + half, np.clip(
@@ -94,7 +92,7 @@ def _effort(problem: Problem) -> ca.SX:
 
 
 def _sizes(problem: Problem) -> Array:
-    """Return what counts as one in each terminal constraint."""
+    """Return the scale of each terminal constraint, shape (q,)."""
     slope = ca.Function('slope', [problem.x, problem.p],
                         [ca.densify(ca.jacobian(problem.psi, problem.x)), problem.psi])
     psi_x, psi = (value.full() for value in slope(problem.x0, problem.p_value))
@@ -103,7 +101,7 @@ def _sizes(problem: Problem) -> Array:
 
 
 def find_blocking_bound(problem: Problem, solve: Solver) -> tuple[str, str] | None:
-    """Return the bound that keeps the terminal constraints from being met, and what it is for."""
+    """Return the first bound without which the terminal constraints are met, and what happens."""
     for name, freed, seen in _without(problem):
         answer = solve(relax_terminal(freed))
         if is_path(answer) and not describe_shortfall(freed, answer):
@@ -112,7 +110,7 @@ def find_blocking_bound(problem: Problem, solve: Solver) -> tuple[str, str] | No
 
 
 def _without(problem: Problem) -> Iterator[tuple[str, Problem, Explanation]]:
-    """Yield the bounds by name, the problem without each, and what a path then does."""
+    """Yield each bound as text, the problem without it, and a description of a path of that."""
     for index in range(problem.n):
         for upper in (True, False):
             bounds = problem.x_upper if upper else problem.x_lower
@@ -140,7 +138,7 @@ def remove_bound(problem: Problem, key: str, index: int) -> Problem:
     values = getattr(problem, key).copy()
     values[index] = np.inf if key.endswith('upper') else -np.inf
     changed: dict[str, Array] = {key: values}
-    # Where a path constraint has no bound left its row remains and says nothing.
+    # The row of a path constraint without bounds remains, without effect.
     return replace(problem, structure='', **changed)  # type: ignore[arg-type]  # one of the bounds
 
 
@@ -148,12 +146,12 @@ def _extreme(name: str, index: int, upper: bool, kind: str) -> Explanation:
     def seen(answer: Solution) -> str:
         values = (answer.x if kind == 'x' else answer.u)[:, index]
         k = int(np.argmax(values) if upper else np.argmin(values))
-        return f'{name} goes to {values[k]:.4g} at t = {answer.t[k]:.4g}'
+        return f'{name} reaches {values[k]:.4g} at t = {answer.t[k]:.4g}'
     return seen
 
 
 def describe_broken_bound(problem: Problem, answer: Solution) -> tuple[str, str] | None:
-    """Return which bound the answer to the soft problem breaks most, and how."""
+    """Return the bound that a solution of the soft problem violates most, and how, as text."""
     if not is_path(answer):
         return None
     rows, terms = _rows(problem, answer)
@@ -172,12 +170,13 @@ def describe_broken_bound(problem: Problem, answer: Solution) -> tuple[str, str]
         sign = '<=' if over else '>='
         name = f'path_constraints[{row - problem.n}] {sign} {format_number(bound)}'
     first = int(np.argmax(excess[:, row] > _MISSED))
-    return name, (f'the path that comes nearest to it leaves it at t = {answer.t[first]:.3g} and '
-                  f'has {rows[k, row]:.4g} at t = {answer.t[k]:.4g}')
+    return name, (f'the path with the smallest violation found violates it from '
+                  f't = {answer.t[first]:.3g} on and has {rows[k, row]:.4g} '
+                  f'at t = {answer.t[k]:.4g}')
 
 
 def _rows(problem: Problem, answer: Solution) -> tuple[Array, Array]:
-    """Return x and c at the samples of an answer, and the largest size of their terms."""
+    """Return x and c at the samples of a solution, and the largest size of their terms."""
     c, z = problem.path, ca.vertcat(problem.x, problem.u)
     terms = ca.mtimes(ca.fabs(ca.jacobian(c, z)), ca.fabs(z))
     path = ca.Function('path', [problem.x, problem.u, problem.p], [c, terms]).map(len(answer.t))

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where the inputs of a path lead from x(0), whatever its states are said to be."""
+"""Integration of the inputs of a path from x(0), independent of its states."""
 
 from dataclasses import replace
 
@@ -11,13 +11,13 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 
-_POINTS = 101   # of a guess
-_PARTS = 16     # of each interval of a path
-_AWAY = 1e-2    # relative: how far from where it is said to end a path may end
+_POINTS = 101   # points of a guess
+_PARTS = 16     # steps in each interval of a path
+_AWAY = 1e-2    # relative distance allowed between the integrated and the stated x(T)
 
 
 def guess_from_inputs(problem: Problem, found: Solution) -> Problem:
-    """Return a problem whose guess is where the inputs of a path lead, as far as it has them."""
+    """Return a problem with a guess from integrating the inputs of a path, within its bounds."""
     t = np.linspace(0.0, found.t[-1], _POINTS)
     u = np.clip(np.column_stack([np.interp(t, found.t, column) for column in found.u.T]),
                 problem.u_lower, problem.u_upper)
@@ -31,10 +31,10 @@ def guess_from_inputs(problem: Problem, found: Solution) -> Problem:
 
 def reaches_end(problem: Problem, found: Solution) -> bool:
     """
-    Return whether the inputs of a path lead from x(0) to where it ends, nearly.
+    Return whether the inputs of a path lead from x(0) nearly to its x(T).
 
-    Interval by interval, and each from where it is said to begin, states come past points that
-    they cannot pass: x' = x u past 0, by an error that no one sees beside the size of x.
+    If each interval is integrated from the stated state at its begin, states can cross points that
+    no path crosses, such as x = 0 for x' = x u: the defect is small relative to the size of x.
     """
     part = np.arange(_PARTS) / _PARTS
     h = np.diff(found.t)[:, None]

@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Fuel, charge, stock: states that only fall or only rise, and whether there is enough of them.
+Monotone states, such as fuel, charge and stock, and whether enough of them is available.
 
-Where dx_i/dt <= 0 wherever a path may be, a bound below x_i holds on all of a path if it holds at
-T. Without that bound the path that meets the terminal constraints with the largest x_i(T) says how
-much is left at best. Likewise upwards.
+If dx_i/dt <= 0 for all admissible states and inputs, a lower bound of x_i holds on the whole path
+if it holds at T. The problem without that bound whose cost is -x_i(T) then gives the largest final
+value. The same holds for states that never decrease and their upper bounds.
 """
 
 from collections.abc import Iterator
@@ -19,13 +19,13 @@ from obc_ros.core.solver.diagnosis.feasibility import describe_shortfall, remove
 from obc_ros.core.solver.proofs.interval_bounds import bound_rates
 from obc_ros.core.solver.proofs.singular_expressions import find_suspects
 
-_NEXT_TO_0 = 1e-2   # of a bound
-_SHORT = 1e-4   # of its size: what a supply has to lack
+_NEXT_TO_0 = 1e-2   # of a bound: the bound that replaces it
+_SHORT = 1e-4   # of the size of a state: smaller deficits are ignored
 
 
 @dataclass(frozen=True)
 class Supply:
-    """A state that only falls or rises towards a bound; `problem`: to spend least of it."""
+    """A monotone state with a bound in its direction; `problem`: minimise its consumption."""
 
     index: int
     upper: bool
@@ -45,7 +45,7 @@ def find_supplies(problem: Problem) -> Iterator[Supply]:
 
 
 def _freed(problem: Problem, index: int, upper: bool, bound: float) -> Problem:
-    """Return a problem without a bound, or with one next to 0 where x_i must not pass through."""
+    """Return a problem without a bound, or with one close to 0 if x_i must not pass through 0."""
     key = 'x_upper' if upper else 'x_lower'
     freed, x = remove_bound(problem, key, index), problem.x[index]
     if (bound < 0 if upper else bound > 0) and any(
@@ -56,15 +56,20 @@ def _freed(problem: Problem, index: int, upper: bool, bound: float) -> Problem:
 
 def explain_shortage(problem: Problem, solve: Solver) -> str:
     """
-    Return which supply seems not to suffice for the terminal constraints, with numbers, or ''.
+    Return which monotone state does not seem to suffice for the terminal constraints.
 
     Parameters
     ----------
     problem : Problem
-        The one that has no answer.
+        The problem without a solution.
     solve : callable
-        Returns a Solution for a problem, with care. A certificate shows an extremal, so that there
-        may be a better one: the finding is no proof.
+        Returns a Solution for a problem. A certified one is an extremal and a better one may
+        exist: the result is not a proof.
+
+    Returns
+    -------
+    str
+        A clause with numbers; '' if there is none.
 
     """
     for supply in find_supplies(problem):
@@ -79,8 +84,9 @@ def explain_shortage(problem: Problem, solve: Solver) -> str:
             final = problem.final_time
             by = f'{"by" if final.free else "at"} T = ' + format_number(
                 final.upper if final.free else final.value)
-            return (f'{name} only {"rises" if supply.upper else "falls"}, and where the '
-                    f'terminal constraints are met {by} it is {format_number(left)} at '
-                    f'{"least" if supply.upper else "most"}, beyond state bound '
-                    f'{state_bound(problem, supply.index, supply.upper)}')
+            change, extreme = ('decreases', 'smallest') if supply.upper else (
+                'increases', 'largest')
+            return (f'{name} never {change}, and the {extreme} final value found for it, with '
+                    f'the terminal constraints met {by}, is {format_number(left)}, which violates '
+                    f'state bound {state_bound(problem, supply.index, supply.upper)}')
     return ''

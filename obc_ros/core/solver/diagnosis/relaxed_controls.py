@@ -1,14 +1,14 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether the least cost is approached only by an input that switches faster and faster.
+Chattering: problems whose infimum only inputs that switch ever faster approach.
 
-Where L + lam' f is not convex in u, paths that follow a mean of f(x, u) and f(x, v) can cost less
-than any that follows f itself; an input that alternates between u and v quickly enough comes as
-near to them as one likes, and none is best. The relaxed problem, with u, v and the share of v as
-inputs, has a minimum then (L. C. Young, Lectures on the Calculus of Variations and Optimal Control
-Theory, 1969). Where it is concave in an input, mixtures of that input's two bounds are all that is
-needed, and the relaxed problem is linear in their share.
+If L + lam' f is not convex in u, a path that follows a mean of f(x, u) and f(x, v) can cost less
+than every path that follows f. An input that alternates between u and v fast enough comes
+arbitrarily close to it, and no input attains the infimum. The relaxed problem, with u, v and the
+share of v as inputs, has a minimum then (L. C. Young, Lectures on the Calculus of Variations and
+Optimal Control Theory, 1969). If L + lam' f is concave in an input, mixtures of that input's two
+bounds suffice, and the relaxed problem is linear in their share.
 """
 
 from dataclasses import replace
@@ -21,22 +21,22 @@ from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Solution
 
-_APART = 1e-2    # of an input's largest value: what counts as two inputs
-_SHARE = 1e-2    # of the time, at least, of each of them
-_LASTING = 1e-2  # of T, at least
-_VALUES = 0.9, 0.1   # quantiles of an input: between what it switches
-_LOOKS = 11      # points of a path, and inputs at each
-_WINDOW = 2.0    # of the largest inputs: how far around them
-_FLAT = 1e-9     # of the largest curvature
-_NEARLY = 1e-3   # likewise: what of the other sign may be an error of the costates
-_GAIN = 1e-6     # relative cost: what certificates leave open
+_APART = 1e-2    # of an input's largest value: distance above which u and v differ
+_SHARE = 1e-2    # minimum share of u and of v in a mixture
+_LASTING = 1e-2  # of T: minimum duration of mixtures
+_VALUES = 0.9, 0.1   # quantiles of an input, taken as the values between which it switches
+_LOOKS = 11      # points of a path, and inputs at each, at which convexity is examined
+_WINDOW = 2.0    # times the largest inputs: range in which convexity is examined
+_FLAT = 1e-9     # of the largest curvature: rounding
+_NEARLY = 1e-3   # of the largest curvature: error by that of the costates
+_GAIN = 1e-6     # relative cost: accuracy of certified costs
 _ALONG = 101     # points of a path
-_GUESSED = 101   # likewise, of a guess
-_SHARED = '#share'   # how the name of an input's share ends
+_GUESSED = 101   # points of a guess
+_SHARED = '#share'   # suffix of the name of an input's share
 
 
 def relax_controls(problem: Problem, found: Solution) -> Problem | None:
-    """Return the problem with mixtures of two inputs, or None where they cannot cost less."""
+    """Return the problem with mixtures of two inputs, or None if they cannot cost less."""
     x, u, p = problem.x, problem.u, problem.p
     if ca.depends_on(problem.path, u) or _convex(problem, found):
         return None
@@ -47,7 +47,7 @@ def relax_controls(problem: Problem, found: Solution) -> Problem | None:
     rate = ca.Function('rate', [x, u, p], [problem.f, problem.L])
     (f, L), (g, M) = rate.call([x, u, p]), rate.call([x, v, p])
     inputs = *problem.inputs, *(f'{name}#v' for name in problem.inputs), '#share'
-    # Where an input switches it is a mixture of its high and its low values.
+    # An input that switches is approximated by a mixture of its high and its low values.
     high, low = (np.quantile(found.u, part, axis=0) for part in _VALUES)
     mixed = np.concatenate([high, low, [0.5]])[:, None]
     return replace(
@@ -84,13 +84,13 @@ def _between_bounds(problem: Problem, j: int, found: Solution) -> Problem:
 
 
 def _inputs_of(problem: Problem, u: Array, j: int) -> Array:
-    """Return inputs (N, m) of which one is given as the share of its lower bound."""
+    """Return inputs (N, m), given input j as the share of its lower bound."""
     mean = problem.u_upper[j] - u[:, j] * (problem.u_upper[j] - problem.u_lower[j])
     return np.where(np.arange(problem.m) == j, mean[:, None], u)
 
 
 def _concave(problem: Problem, found: Solution) -> NDArray[np.bool_]:
-    """Return in which inputs between bounds L + lam' f is concave, all along a path, (m,)."""
+    """Return in which bounded inputs L + lam' f is concave all along a path, shape (m,)."""
     lam = ca.SX.sym('lam', problem.n)
     H = problem.L + ca.dot(lam, problem.f)
     curvature = ca.vertcat(*[ca.jacobian(ca.jacobian(H, each), each)
@@ -129,7 +129,7 @@ def _convex(problem: Problem, found: Solution) -> bool:
 
 
 def explain_chattering(problem: Problem, other: Problem, mixed: Solution, found: Solution) -> str:
-    """Return a sentence if the answer of the relaxed problem costs less by mixing inputs."""
+    """Return a sentence if the relaxed problem's solution costs less by mixing inputs, else ''."""
     m, gain = problem.m, found.objective - mixed.objective
     if other.m == m:
         j = next(k for k, name in enumerate(other.inputs) if name.endswith(_SHARED))
@@ -144,7 +144,7 @@ def explain_chattering(problem: Problem, other: Problem, mixed: Solution, found:
     mixes = apart.any(axis=1) & (np.abs(share - 0.5) < 0.5 - _SHARE)
     step = np.diff(mixed.t)
     both = mixes[:-1] & mixes[1:] & (step > 0)
-    # Where a path of the problem itself costs as much, mixtures of two best inputs are no better.
+    # If a path of the problem itself costs the same, mixing two optimal inputs gains nothing.
     least = _GAIN * abs(mixed.objective) if found.certificate and found.certificate.feasible else 0
     if gain <= least or float(step[both].sum()) < _LASTING * mixed.t[-1]:
         return ''
@@ -153,5 +153,5 @@ def explain_chattering(problem: Problem, other: Problem, mixed: Solution, found:
         f'{problem.inputs[i]} = {u[k, i]:.4g} and {v[k, i]:.4g}' for i in np.flatnonzero(apart[k]))
     best = (f'; the best path found costs {found.objective:.6g}'
             if found.certificate and found.certificate.feasible else '')
-    return (f'no input attains the least cost: {mixed.objective:.6g} is approached by switching '
-            f'faster and faster, at t = {mixed.t[k]:.3g} between {pairs}{best}')
+    return (f'the infimum {mixed.objective:.6g} is not attained: minimising sequences chatter, '
+            f'at t = {mixed.t[k]:.3g} between {pairs} (relax or regularise the problem){best}')

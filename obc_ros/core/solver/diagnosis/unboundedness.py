@@ -1,11 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether the cost goes on falling as the inputs may be larger.
+Searches for a cost that decreases without limit as the bounds of inputs increase.
 
-boxed        |u| <= 10, 100, 1000: whether the cost falls without end.
-
-`existence` proves so much of what is linear; here other problems are solved.
+The bounds are |u| <= 10, 100 and 1000. `existence` proves the linear case without a search.
 """
 
 from dataclasses import replace
@@ -19,22 +17,37 @@ from obc_ros.core.solver.diagnosis.forward_check import guess_from_inputs
 from obc_ros.core.solver.proofs.existence import advise_bounds, find_growing_inputs
 
 _BOXES = (10.0, 100.0, 1000.0)
-_PART = 0.1         # of a cost: what counts as much less
-_IMPULSE, _INSTANT = 0.1, 1e-4   # parts: of the largest input and its integral; of T
-_MORE = 3.0         # times the largest inputs of an answer: where a cheaper one is looked for
+_PART = 0.1         # of a cost: minimum decrease
+_IMPULSE, _INSTANT = 0.1, 1e-4   # of an impulse: part of the largest input and its integral; of T
+_MORE = 3.0         # times the largest inputs of a solution: bounds for a cheaper one
 
 
 def explain_larger_inputs(problem: Problem, found: Solution, solve: Solver) -> str:
     """
-    Return a sentence if larger inputs cost much less than those of a certified answer; else ''.
+    Return a sentence if larger inputs cost much less than those of a certified solution.
 
-    Where H is linear in an input without bounds, an answer that runs off to infinity has
-    residuals that are small beside its own size.
+    If H is linear in an input without bounds, a solution that diverges to infinity has residuals
+    that are small relative to its size.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem that was solved.
+    found : Solution
+        Its certified solution.
+    solve : callable
+        Returns a Solution for a problem.
+
+    Returns
+    -------
+    str
+        '' if larger inputs do not cost much less, or if the cost limits all inputs.
+
     """
     if not advise_bounds(problem):
         return ''
     if name := _impulsive(problem, found):
-        return f'no least cost was found: {name} has an impulse, larger and shorter without end'
+        return f'no minimum was found: {name} approaches an impulse, ever larger and shorter'
     largest = np.abs(found.u).max(axis=0)
     room = _MORE * np.maximum(largest, 1e-6 * largest.max())
     other = solve(_boxed(problem, room if largest.any() else np.ones(problem.m)))
@@ -43,16 +56,16 @@ def explain_larger_inputs(problem: Problem, found: Solution, solve: Solver) -> s
     if problem.q and describe_shortfall(problem, other) or (
             found.objective - other.objective <= _PART * abs(found.objective)):
         return ''
-    return (f'no least cost was found: {found.objective:.4g} with inputs up to '
-            f'{largest.max():.4g}, {other.objective:.4g} with larger ones; '
+    return (f'no minimum was found: the cost is {found.objective:.4g} with inputs up to '
+            f'{largest.max():.4g} and {other.objective:.4g} with larger inputs; '
             f'{advise_bounds(problem)}')
 
 
 def explain_unbounded(problem: Problem, solve: Solver, found: Solution | None) -> str:
     """
-    Return a sentence if the cost goes on falling as the inputs are given more room.
+    Return a sentence if the cost keeps decreasing as the bounds of inputs increase, else ''.
 
-    Where a path was found its inputs are where the search starts, as far as there is room.
+    The inputs of a path that was found are the initial guess, clipped to the bounds.
     """
     free = ~(np.isfinite(problem.u_lower) & np.isfinite(problem.u_upper))
     if not free.any():
@@ -71,21 +84,22 @@ def explain_unbounded(problem: Problem, solve: Solver, found: Solution | None) -
     listed = ', '.join(f'{cost:.4g} with {names} <= {room:g}'
                        for cost, room in zip(costs, _BOXES, strict=True))
     if costs[2] < 0 and first > 0 and second > 3*first:
-        return (f'no least cost was found: it falls faster and faster as inputs may be larger, '
-                f'{listed}')
+        return (f'no minimum was found: the cost decreases ever faster as the input bounds '
+                f'increase: {listed}')
     if full and first > 0 and second > _PART * abs(costs[1]):
-        return f'no least cost was found: it goes on falling as inputs may be larger, {listed}'
+        return (f'no minimum was found: the cost keeps decreasing as the input bounds increase: '
+                f'{listed}')
     return ''
 
 
 def _boxed(problem: Problem, room: Array) -> Problem:
-    """Return a problem with inputs of at most this magnitude."""
+    """Return a problem with inputs of at most the given magnitude."""
     return replace(problem, structure='', u_lower=np.maximum(problem.u_lower, -room),
                    u_upper=np.minimum(problem.u_upper, room))
 
 
 def _impulsive(problem: Problem, found: Solution) -> str:
-    """Return an input without bounds that does part of its work in next to no time, or ''."""
+    """Return an unbounded input with much of its integral in a very short time, or ''."""
     h = np.diff(found.t)
     for name in find_growing_inputs(problem):
         size = np.abs(found.u[:, problem.inputs.index(name)])

@@ -1,13 +1,15 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Parts of a problem that exclude each other, found without solving it.
+Proofs that parts of a problem exclude each other, found without solving it.
 
-Each finding is a proof: the initial state against its bounds and path constraints; terminal
-constraints against each other, against state bounds and against path constraints; what the
-inputs cannot influence (states that no input enters, modes of a linear system out of reach)
-against what is demanded of it; and the least time of a linear system with bounded inputs against
-the time that there is.
+The checks compare
+
+- the initial state with its bounds and path constraints;
+- terminal constraints with each other, with state bounds and with path constraints;
+- states on which no input acts, and uncontrollable modes of a linear system, with the constraints
+  on them;
+- the minimum time of a linear system with bounded inputs with the available time.
 """
 
 from collections.abc import Callable, Iterator
@@ -42,14 +44,27 @@ from obc_ros.core.solver.proofs.uncontrolled_states import (
     find_missed_states,
 )
 
-# Relative size of what counts as a contradiction: far below intention. Rounding is bounded.
+# Relative margins of a contradiction: above rounding, and above the tolerances of a certificate.
 _SLACK = 1e-9
-_MISSED = 1e-6     # likewise, where a certificate leaves something open
-_VALUES = 1001     # of a state between its ends
+_MISSED = 1e-6
+_VALUES = 1001     # values of a state between its ends
 
 
 def explain_contradiction(problem: Problem) -> str:
-    """Return a sentence that says which parts of a problem exclude each other, or ''."""
+    """
+    Return which parts of a problem provably exclude each other.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    str
+        The first contradiction as a sentence; '' if none is found.
+
+    """
     for check in CHECKS:
         for sentence in check(problem):
             return sentence
@@ -71,7 +86,7 @@ def _at_start(problem: Problem) -> Iterator[str]:
 
 def _path_at(problem: Problem, box: tuple[Array, Array], where: str, known: Mask
              ) -> Iterator[str]:
-    """Yield what path constraints no input meets at a state of which so much is known."""
+    """Yield path constraints that no input satisfies in a box of states; `known`: which count."""
     rate = ca.jacobian(problem.path, problem.u)
     symbols = [problem.x, problem.u, problem.p]
     p, u = (problem.p_value, problem.p_value), (problem.u_lower, problem.u_upper)
@@ -80,7 +95,7 @@ def _path_at(problem: Problem, box: tuple[Array, Array], where: str, known: Mask
         uses = ca.jacobian_sparsity(problem.path[row], problem.x).get_triplet()[1]
         if ca.depends_on(rate[row, :], problem.u) or not known[uses].all():
             continue
-        # Affine in u: the value at one input and the slopes say all.
+        # The constraint is affine in u: its value at one input and its slopes give its range.
         [value] = enclose_outputs(ca.Function('value', symbols, [problem.path[row]]),
                                   [box, (middle, middle), p])
         slopes = enclose_outputs(ca.Function('slopes', symbols, [ca.densify(rate[row, :]).T]),
@@ -100,12 +115,12 @@ def _path_at(problem: Problem, box: tuple[Array, Array], where: str, known: Mask
             if excess > slack:
                 extent = 'is' if fixed else 'is at least' if sign == '<=' else 'is at most'
                 yield (
-                    f'path_constraints[{row}] {extent} {format_number(seen)} {where} and has to '
+                    f'path_constraints[{row}] {extent} {format_number(seen)} {where} but must '
                     f'be {sign} {format_number(bound)}')
 
 
 def _range(a: Array, b: float, lower: Array, upper: Array) -> tuple[float, float]:
-    """Return the least and the largest value of a'z + b over a box."""
+    """Return the minimum and the maximum of a'z + b over a box."""
     part = a != 0
     ends = np.array([a[part]*lower[part], a[part]*upper[part]])
     return float(b + ends.min(axis=0).sum()), float(b + ends.max(axis=0).sum())
@@ -141,13 +156,13 @@ def _against_bounds(problem: Problem, row: int, a: Array, over: bool) -> str:
 
 
 def _box(end: End) -> tuple[Array, Array]:
-    """Return a box around a state at which the terminal constraints hold, but for a little."""
+    """Return a small box around a state that satisfies the affine terminal constraints."""
     x = np.array([float(value) for value in end.x])
     return x - _SLACK * (1 + np.abs(x)), x + _SLACK * (1 + np.abs(x))
 
 
 def _where_pinned(problem: Problem, end: End) -> Iterator[str]:
-    """Yield curved terminal constraints that do not hold where the affine ones hold."""
+    """Yield nonlinear terminal constraints that are violated wherever the affine ones hold."""
     if not end.is_clear or len(end.rows) == problem.q:
         return
     pinned, box = end.pinned(), _box(end)
@@ -171,15 +186,16 @@ def _where_pinned(problem: Problem, end: End) -> Iterator[str]:
 
 def _together_against_bounds(problem: Problem, end: End) -> Iterator[str]:
     """
-    Yield affine terminal constraints that hold together at no state within its bounds.
+    Yield affine terminal constraints that no state within its bounds satisfies together.
 
-    What is missed least proposes a sum of them; it is a proof if that sum is above 0 by interval
-    arithmetic, without the states that have no bound on the side in question (J. Farkas, 1902).
+    The residual of a bounded least squares problem suggests a weighted sum of them. It is a proof
+    if states without a bound on the relevant side do not appear in the sum and the sum is above
+    0 for all states within their bounds, by a margin (J. Farkas, 1902).
     """
     finite = np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)
     if len(end.rows) < 2 or not finite.any() or np.any(problem.x_lower >= problem.x_upper):
         return
-    # Imported where used: no node that only asks for a problem waits for it.
+    # Imported here because it is slow to load and rarely needed.
     from scipy.optimize import lsq_linear
     n, rows = problem.n, list(end.rows)
     A = np.array([[float(end.rows[row].get(k, 0)) for k in range(n)] for row in rows])
@@ -227,7 +243,7 @@ def _path_at_end(problem: Problem) -> Iterator[str]:
 
 
 def _in_between(problem: Problem, end: Array, pinned: Mask) -> Iterator[str]:
-    """Yield constraints on one state that do not hold at a value which it has to pass."""
+    """Yield constraints on one state that are violated at a value which this state must pass."""
     path = ca.Function('path', [problem.x, problem.u, problem.p], [problem.path])
     uses = np.zeros((problem.path.numel(), problem.n + problem.m), dtype=bool)
     uses[ca.jacobian_sparsity(
@@ -247,8 +263,8 @@ def _in_between(problem: Problem, end: Array, pinned: Mask) -> Iterator[str]:
                            else ('>=', problem.path_lower[row]))
             name = problem.states[index]
             yield (f'path_constraints[{row}] is {format_number(float(c[worst]))} at {name} = '
-                   f'{format_number(float(x[worst, index]))} and has to be {sign} '
-                   f'{format_number(bound)}, but {name} has to pass there from '
+                   f'{format_number(float(x[worst, index]))} but must be {sign} '
+                   f'{format_number(bound)}, and {name} must pass this value on its way from '
                    f'{format_number(problem.x0[index])} to {format_number(float(end[index]))}')
 
 
@@ -260,19 +276,19 @@ def _words(problem: Problem) -> list[str]:
 
 
 def _beyond_control(problem: Problem) -> Iterator[str]:
-    """Yield what is demanded of states that no input enters, directly or through others."""
+    """Yield violated constraints on states on which no input acts, directly or indirectly."""
     yield from find_missed_states(problem, _words(problem))
 
 
 def _beyond_reach(problem: Problem) -> Iterator[str]:
-    """Yield what is demanded of modes of a linear system that no input reaches."""
+    """Yield violated terminal constraints on uncontrollable modes of a linear system."""
     end = find_affine_end(problem) if find_affine_dynamics(problem) is not None else None
     if end is not None and end.clash is None:
         yield from find_missed_combinations(problem, end, _words(problem))
 
 
 def _too_soon(problem: Problem) -> Iterator[str]:
-    """Yield the least time of a linear system with bounded inputs if there is less time."""
+    """Yield the minimum time of a linear system with bounded inputs if less time is available."""
     rows = find_affine_rows(problem)
     boxed = np.isfinite(problem.u_lower).all() and np.isfinite(problem.u_upper).all()
     if rows is None or not rows.affine.any() or not boxed or find_affine_dynamics(problem) is None:
@@ -290,17 +306,17 @@ def _too_soon(problem: Problem) -> Iterator[str]:
 
 
 def _too_far(problem: Problem) -> Iterator[str]:
-    """Yield what holds nowhere within the bounds, or nowhere within reach."""
+    """Yield constraints that hold at no state within the bounds, or at no reachable state."""
     yield from find_unsatisfiable(problem)
 
 
 def _not_conserved(problem: Problem) -> Iterator[str]:
-    """Yield what no input changes and is not the same at the end."""
+    """Yield invariants of the dynamics whose value at the end differs from that at the start."""
     if problem.q:
         yield from find_changed_invariants(problem)
 
 
-# In the order in which a sentence is looked for.
+# In this order.
 CHECKS: tuple[Callable[[Problem], Iterator[str]], ...] = (
     _at_start, _at_end, _path_at_end, _beyond_control, _beyond_reach, _too_soon, _too_far,
     _not_conserved)

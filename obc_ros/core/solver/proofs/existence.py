@@ -1,16 +1,16 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Whether the least cost is out of reach because an input has no bounds.
+Proofs that the cost has no minimum because an input has no bounds.
 
-concave      f is affine in an input u_j without bounds and L falls with its square: an input that
-             alternates between -R and R leaves the path as it is while the cost falls with R^2;
-linear       all is affine in x and u, T is fixed, and dH/du = 0 holds for no nu: the cost changes
-             in proportion along some direction that the constraints leave open.
+concave      f is affine in an input u_j without bounds and L decreases with its square. An input
+             that alternates between -R and R hardly changes the path, and the cost falls with R^2.
+linear       The problem is affine in x and u, T is given, and no nu satisfies dH/du = 0. The cost
+             is linear along a direction of inputs that the constraints do not limit.
 
-Both are proofs: the curvature in exact arithmetic, the other because a linear system for nu that
-has no solution at some instants has none at all, by a margin of 1e-6. Where H is curved upwards
-in all inputs without bounds there is nothing to fear.
+The curvature is computed in exact arithmetic. In the second case a linear system for nu at some
+instants has no solution, by a margin of 1e-6; hence none exists for all times. If H is convex in
+all inputs without bounds neither case applies.
 """
 
 from dataclasses import dataclass, replace
@@ -29,20 +29,33 @@ from obc_ros.core.ocp.least_time_form import find_affine_dynamics
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.exact.reachable_set import compute_exponential
 
-_INSTANTS = 20   # times at which dH/du is looked at: if it does not vanish there it never does
-_NONE, _CLEAR = 1e-12, 1e-6   # relative: a singular value that is none, and one that is
+_INSTANTS = 20   # times at which dH/du = 0 is required
+_NONE, _CLEAR = 1e-12, 1e-6   # relative: singular values below count as 0, above as nonzero
 
 
 @dataclass(frozen=True)
 class _Curvature:
-    """Second derivatives of L by the inputs (m,), and which inputs f and L are affine in."""
+    """Second derivatives of L by the inputs (m,), and the inputs in which f and L are affine."""
 
     L: Array
     linear: Mask
 
 
 def explain_no_minimum(problem: Problem) -> str:
-    """Return a sentence if the cost has no minimum for want of bounds on an input, else ''."""
+    """
+    Return why the cost provably has no lower bound, if an input without bounds is the reason.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    str
+        A sentence that names the input; '' if nothing is proved.
+
+    """
     free = _unlimited(problem)
     if not free.any():
         return ''
@@ -51,29 +64,68 @@ def explain_no_minimum(problem: Problem) -> str:
     concave = both & (curvature.L < 0)
     if concave.any():
         name = problem.inputs[int(np.argmax(concave))]
-        return (f'the cost has no lower bound: running_cost falls with the square of {name}, '
+        return (f'the cost has no lower bound: running_cost decreases with the square of {name}, '
                 'which has no bounds')
     both &= curvature.linear
     return _linear(problem, both) if both.any() else ''
 
 
 def find_growing_inputs(problem: Problem) -> list[str]:
-    """Return the inputs without bounds in which H is linear."""
+    """
+    Return the inputs without bounds in which H is linear.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    list of str
+        Names of inputs.
+
+    """
     free = _unlimited(problem)
     free &= _curvature(problem).linear if free.any() else free
     return [name for name, yes in zip(problem.inputs, free, strict=True) if yes]
 
 
 def advise_bounds(problem: Problem) -> str:
-    """Return the advice to bound the inputs that nothing keeps from growing; '' if none."""
+    """
+    Return the advice to bound the inputs that the cost does not limit.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    str
+        A clause that names the inputs; '' if there are none.
+
+    """
     names = find_growing_inputs(problem)
-    return (f'nothing keeps {", ".join(names)} from growing without end (the cost is linear in '
+    return (f'the cost does not limit {", ".join(names)} (it is linear in '
             f'{"them" if len(names) > 1 else "it"}): input_bounds may be missing'
             if names else '')
 
 
 def find_constant_cost(problem: Problem) -> float | None:
-    """Return L if no path costs more than another, so that all multipliers are 0; else None."""
+    """
+    Return L if all paths cost the same, so that all multipliers are 0.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    float or None
+        The constant L; None if L or V is not constant, or if L is not 0 and T is free.
+
+    """
     if problem.L.is_constant() and problem.V.is_constant():
         L = float(problem.L)
         return L if not L or not problem.final_time.free else None
@@ -82,9 +134,19 @@ def find_constant_cost(problem: Problem) -> float | None:
 
 def state_least_effort(problem: Problem) -> Problem:
     """
-    Return a problem whose answer is one of a problem of which every path is an answer.
+    Return a problem with a minimum, to select a path if all paths cost the same.
 
-    Effort counts from the middle of the inputs' bounds, or from 0, and time counts, too.
+    Parameters
+    ----------
+    problem : Problem
+        A problem with a constant cost.
+
+    Returns
+    -------
+    Problem
+        The problem with the cost integral of 1 + |u - u_m|^2, each input in units of half the
+        width of its bounds; u_m is the middle of the bounds, 0 for an input without both bounds.
+
     """
     bounded = np.isfinite(problem.u_lower) & np.isfinite(problem.u_upper)
     low, high = (np.where(bounded, bound, 0.0) for bound in (problem.u_lower, problem.u_upper))
@@ -94,7 +156,7 @@ def state_least_effort(problem: Problem) -> Problem:
 
 
 def _unlimited(problem: Problem) -> Mask:
-    """Return which inputs may grow without end, to one side at least, shape (m,)."""
+    """Return which inputs have a missing bound and no path constraint, shape (m,)."""
     free: Mask = ~(np.isfinite(problem.u_lower) & np.isfinite(problem.u_upper))
     if free.any() and problem.path.numel():
         free &= [not ca.depends_on(problem.path, u) for u in ca.vertsplit(problem.u)]
@@ -103,7 +165,7 @@ def _unlimited(problem: Problem) -> Mask:
 
 @lru_cache(maxsize=4)
 def _curvature(problem: Problem) -> _Curvature:
-    """Return how H is curved in each input; zero where that depends on where the path is."""
+    """Return the constant curvature of L in each input that f is affine in; otherwise zero."""
     curved, linear = np.zeros(problem.m), np.zeros(problem.m, dtype=bool)
     for index, u in enumerate(ca.vertsplit(problem.u)):
         slope = ca.vertcat(ca.jacobian(problem.L, u), ca.jacobian(problem.f, u))
@@ -122,10 +184,10 @@ def _curvature(problem: Problem) -> _Curvature:
 
 def _exact(problem: Problem, expressions: ca.SX) -> list[Polynomial]:
     """
-    Return expressions as polynomials of (x, u), from the text as it stands.
+    Return expressions as exact polynomials of (x, u).
 
-    Terms that cancel leave nothing. CasADi adds the constants of derivatives up in doubles, so
-    that the second derivative of 0.3 u^2 - 0.2 u^2 - 0.1 u^2 is below 0 there.
+    Here terms cancel exactly. CasADi sums the constants of derivatives in doubles, so that the
+    second derivative of 0.3 u^2 - 0.2 u^2 - 0.1 u^2 is below 0 there.
     """
     function = ca.Function('exact', [problem.x, problem.u, problem.p], [ca.densify(expressions)])
     return read_polynomials(
@@ -133,7 +195,7 @@ def _exact(problem: Problem, expressions: ca.SX) -> list[Polynomial]:
 
 
 def _linear(problem: Problem, free: Mask) -> str:
-    """Return a sentence if no multiplier nu makes dH/du vanish for the free inputs."""
+    """Return a sentence if no nu satisfies dH/du = 0 for the inputs without bounds, else ''."""
     bounded = np.isfinite([problem.x_lower, problem.x_upper]).any() or problem.path.numel()
     slopes = ca.jacobian(ca.vertcat(problem.L, problem.V, problem.psi),
                          ca.vertcat(problem.x, problem.u))
@@ -164,7 +226,7 @@ def _linear(problem: Problem, free: Mask) -> str:
     M, r = np.vstack(rows), np.concatenate(wanted)
     if not np.isfinite(M).all() or not np.isfinite(r).all():
         return ''
-    M = M / np.where(M.any(axis=0), np.abs(M).max(axis=0), 1.0)   # whatever units psi has
+    M = M / np.where(M.any(axis=0), np.abs(M).max(axis=0), 1.0)   # removes the units of psi
     if q and not _is_clear(M):
         return ''
     nu = np.linalg.lstsq(M, r, rcond=_CLEAR)[0] if q else np.zeros(0)
@@ -173,11 +235,11 @@ def _linear(problem: Problem, free: Mask) -> str:
         return ''
     name = problem.inputs[int(np.flatnonzero(free)[np.argmax(left)])]
     return (f'the cost has no lower bound: it is linear in {name}, which has no bounds, and the '
-            'constraints leave it free to grow')
+            'constraints do not limit it')
 
 
 def _is_clear(M: Array) -> bool:
-    """Return whether each singular value of a matrix is beyond doubt 0, or is not."""
+    """Return whether each singular value of a matrix is clearly zero or clearly nonzero."""
     sizes = np.linalg.svd(M, compute_uv=False)
     part = sizes / max(float(sizes.max(initial=0.0)), 1e-300)
     return bool(np.all((part <= _NONE) | (part >= _CLEAR)))

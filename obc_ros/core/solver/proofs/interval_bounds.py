@@ -1,9 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Where the paths of a problem stay, and what holds nowhere there, by interval arithmetic.
+Bounds of states and of expressions along all paths, by interval arithmetic.
 
-Each finding is a proof; that there is none says nothing, for intervals are wider than need be.
+A constraint that these bounds exclude is proved to be violated. If none is excluded nothing
+follows, because intervals are wider than the true ranges.
 """
 
 from collections.abc import Iterator
@@ -23,17 +24,18 @@ from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.wording import describe_terminal, format_number
 from obc_ros.core.solver.proofs.singular_expressions import find_steep_operands
 
-_MARGIN = 1e-6   # of the ends of an interval: what a certificate leaves open
+_MARGIN = 1e-6   # of the ends of an interval: above the tolerances of a certificate
 
 
 def find_lower_bounds(problem: Problem) -> Array:
     """
-    Return values that the states stay above, shape (n,): their bounds, or 0 where they turn back.
+    Return lower bounds of the states on all paths, shape (n,): their bounds, or 0.
 
-    Where dx_i/dt >= 0 whenever x_i = 0 and the others that turn back are not negative, no path
-    from x(0) >= 0 has x_i < 0 (M. Nagumo, 1942): amounts, populations, concentrations. Not so
-    where the rate has a root of x_i, or another function with an infinite slope: -sqrt(abs(x)) is
-    0 at 0 and leads on from there.
+    0 is returned for states that remain nonnegative, such as amounts, populations and
+    concentrations: x_i(0) >= 0, and dx_i/dt >= 0 whenever x_i = 0 and the other such states are
+    nonnegative (M. Nagumo, 1942). States on which a root, or another function with an infinite
+    slope, acts in a rate are excluded: x' = -sqrt(abs(x)) is 0 at x = 0, but x can become
+    negative from there.
     """
     stays = (problem.x0 >= 0) & ~_rooted(problem)
     while stays.any():
@@ -49,21 +51,34 @@ def find_lower_bounds(problem: Problem) -> Array:
 
 
 def bound_rates(problem: Problem) -> list[Interval]:
-    """Return between which values the rate of each state stays."""
+    """
+    Return bounds of the derivative of each state.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem.
+
+    Returns
+    -------
+    list of Interval
+        Bounds of dx_i/dt for all states and inputs within their bounds, rounded outward.
+
+    """
     return _rates(problem, find_lower_bounds(problem), problem.x_upper)
 
 
 def find_unsatisfiable(problem: Problem) -> Iterator[str]:
     """
-    Yield path constraints and terminal constraints that hold nowhere within the bounds.
+    Yield path and terminal constraints that hold at no state within the bounds.
 
-    A state whose rate keeps within bounds wherever the path may be keeps within bounds itself,
-    and so perhaps do others then: it is said, too, what terminal constraint holds nowhere there.
+    Bounds of dx/dt bound the states that are reachable by the last admissible T, which may give
+    tighter bounds of dx/dt. Terminal constraints that hold at no reachable state are yielded, too.
     """
     low, high = find_lower_bounds(problem), problem.x_upper
     yield from _path(problem, low, high)
     last = problem.final_time.upper if problem.final_time.free else problem.final_time.value
-    # Of linear systems more can be said, and is: by when.
+    # For linear systems the check of the minimum time gives more.
     curved = bool(problem.q) and find_affine_dynamics(problem) is None
     for within in ('within its bounds', 'within reach')[:1 + curved]:
         for row, found in enumerate(_values(problem, problem.psi, low, high)):
@@ -72,7 +87,7 @@ def find_unsatisfiable(problem: Problem) -> Iterator[str]:
                 more = (_turning(problem, row, low) if within == 'within its bounds' else
                         _extent(problem, row, low, high))
                 nearest = found.low if found.low > 0 else found.high
-                yield (f'the terminal constraint {describe_terminal(problem, row)} holds nowhere'
+                yield (f'the terminal constraint {describe_terminal(problem, row)} cannot be met'
                        f'{more}: it is missed by at least {format_number(abs(nearest))}')
         for _ in range(problem.n):
             reached = [_after(float(x), rate, last) for x, rate in zip(
@@ -82,14 +97,14 @@ def find_unsatisfiable(problem: Problem) -> Iterator[str]:
 
 
 def _after(x: float, rate: Interval, last: float) -> Interval:
-    """Return where a state is between 0 and `last` that starts at x and has such a rate."""
+    """Return bounds of a state on [0, last], given its initial value and bounds of its rate."""
     moved = multiply_intervals(Interval(last, last),
                                Interval(min(rate.low, 0.0), max(rate.high, 0.0)))
     return add_intervals(Interval(x, x), moved)
 
 
 def _path(problem: Problem, low: Array, high: Array) -> Iterator[str]:
-    """Yield path constraints that no state and input within the bounds meets."""
+    """Yield path constraints that no state and input within the bounds satisfy."""
     for row, found in enumerate(_values(problem, problem.path, low, high)):
         margin = _margin(found)
         for excess, words, sign, bound in (
@@ -99,19 +114,19 @@ def _path(problem: Problem, low: Array, high: Array) -> Iterator[str]:
                  '>=',
                  problem.path_lower[row])):
             if excess > margin:
-                yield (f'path_constraints[{row}] is {words} whatever states and inputs are, and '
-                       f'has to be {sign} {format_number(bound)}')
+                yield (f'path_constraints[{row}] is {words} for all admissible states and '
+                       f'inputs but must be {sign} {format_number(bound)}')
 
 
 def _values(problem: Problem, expressions: ca.SX, low: Array, high: Array) -> list[Interval]:
-    """Return between which values expressions stay, the states within these bounds."""
+    """Return bounds of expressions for states within the given bounds and admissible inputs."""
     function = ca.Function('values', [problem.x, problem.u, problem.p], [ca.densify(expressions)])
     return enclose_outputs(function, [(low, high), (problem.u_lower, problem.u_upper),
                                       (problem.p_value, problem.p_value)])
 
 
 def _rooted(problem: Problem) -> NDArray[np.bool_]:
-    """Return on which states a function with an infinite slope is done in a rate, shape (n,)."""
+    """Return on which states a function with an infinite slope acts in a rate, shape (n,)."""
     under = [value for where,
              value in find_steep_operands(problem) if where.startswith('dynamics.')]
     return np.array([any(ca.depends_on(value, x) for value in under)
@@ -128,22 +143,22 @@ def _margin(found: Interval) -> float:
 
 
 def _used(problem: Problem, row: int) -> NDArray[np.bool_]:
-    """Return which states stand in a terminal constraint."""
+    """Return which states appear in a terminal constraint."""
     used = np.zeros(problem.n, dtype=bool)
     used[ca.jacobian_sparsity(problem.psi[row], problem.x).get_triplet()[1]] = True
     return used
 
 
 def _turning(problem: Problem, row: int, low: Array) -> str:
-    """Return which states of a terminal constraint stay above 0 without a bound, in words."""
+    """Return, as text, the states of a terminal constraint that stay nonnegative by themselves."""
     names = [name for name, used, unbounded in zip(
         problem.states, _used(problem, row), low > problem.x_lower, strict=True)
         if used and unbounded]
-    return f', as no input takes {" or ".join(names)} below 0' if names else ''
+    return f' because no input takes {" or ".join(names)} below 0' if names else ''
 
 
 def _extent(problem: Problem, row: int, low: Array, high: Array) -> str:
-    """Return how far the states of a terminal constraint get, in words."""
+    """Return, as text, the range that the states of a terminal constraint can reach."""
     used, final = _used(problem, row), problem.final_time
     parts = [
         f'{name} stays between {format_number(float(low[k]))} and {format_number(float(high[k]))}'
@@ -151,4 +166,4 @@ def _extent(problem: Problem, row: int, low: Array, high: Array) -> str:
              if used[k] and np.isfinite([low[k], high[k]]).all()]
     by = final.upper if final.free else final.value
     how_far = f' ({", ".join(parts)})' if parts else ''
-    return f' within reach by T = {by:.6g}{how_far}'
+    return f' by T = {by:.6g}{how_far}'

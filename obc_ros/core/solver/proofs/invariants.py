@@ -1,16 +1,17 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What no input changes: polynomials of degree 2 in the states that are constant along every path.
+Invariants of the dynamics: quadratic polynomials of the states that no input changes.
 
-A quaternion keeps its length, a closed population its number. Of the polynomials c'phi(x) those
-are constant for which c'(dphi/dx) f(x, u) vanishes for all x and u.
+Examples are the norm of a quaternion and the size of a closed population. A polynomial c'phi(x)
+is invariant if c'(dphi/dx) f(x, u) = 0 for all x and u.
 
-Random states and inputs propose which monomials belong together: a set of linear equations for c,
-asked at more points than there are monomials. Exact arithmetic disposes (`rational_polynomials`):
-the rates of these monomials become polynomials with rational coefficients, and only c for which
-their sum is identically 0 is a finding. Likewise the value of c'phi where the terminal
-constraints hold is a finding only if c'phi is, as a polynomial, the same on all of that set.
+Derivatives at random states and inputs, more than there are monomials, give linear equations for
+c, which suggest the monomials of an invariant. The proof uses exact arithmetic
+(`rational_polynomials`): the derivatives of these monomials are polynomials with rational
+coefficients, and c is accepted only if their weighted sum is identically 0. The value of c'phi at
+the end counts only if c'phi is, as a polynomial, constant on the set that the affine terminal
+constraints define.
 """
 
 from collections.abc import Iterator, Sequence
@@ -35,16 +36,16 @@ from obc_ros.core.ocp.problem import Problem
 
 StateMonomial = tuple[int, ...]
 
-_MOST = 24       # states, beyond which it is not asked
-_NULL = 1e-10    # relative: a singular value that is none
-_FAR = 1e-6      # relative: far above what rounding and a certificate leave open
-_NOISE = 1e-8    # relative: a coefficient that is none
-_REACH = 3.0     # of inputs without a bound, in units of 1 + |the other bound|
+_MOST = 24       # states: larger problems are not examined
+_NULL = 1e-10    # relative: smaller singular values count as 0
+_FAR = 1e-6      # relative: above rounding and the tolerances of a certificate
+_NOISE = 1e-8    # relative: smaller coefficients count as 0
+_REACH = 3.0     # range of inputs without a bound, in units of 1 + |the other bound|
 _SEED = 5
 
 
 def find_changed_invariants(problem: Problem) -> Iterator[str]:
-    """Yield what has another value at the end than at the start though no input changes it."""
+    """Yield the invariants whose value at the end differs from that at the start, as sentences."""
     states = range(problem.n)
     if not problem.q or problem.n > _MOST:
         return
@@ -97,11 +98,11 @@ def _exact_rates(problem: Problem) -> tuple[Algebra, list[Polynomial]]:
 
 def _changed(problem: Problem, end: _Surface, rates: tuple[Algebra, list[Polynomial]],
              monomials: list[StateMonomial]) -> Iterator[str]:
-    """Yield those that are sums of the given monomials."""
+    """Yield the changed invariants that are sums of the given monomials."""
     constants, size = _constants(problem, monomials)
     if not len(constants):
         return
-    # Of the constants those that are the same at all states that meet the constraints.
+    # Keep the invariants that have one value at all states that meet the terminal constraints.
     point = np.array([float(value) for value in end.x])
     free = np.array([[float(direction.get(k, 0)) for direction in end.directions]
                      for k in range(problem.n)]).reshape(problem.n, -1)
@@ -122,7 +123,7 @@ def _changed(problem: Problem, end: _Surface, rates: tuple[Algebra, list[Polynom
 
 def _proved(end: _Surface, rates: tuple[Algebra, list[Polynomial]], monomials: list[StateMonomial]
             ) -> list[RationalRow]:
-    """Return coefficients of sums that are constant along every path and at every end."""
+    """Return coefficients of sums that are constant along every path and on the terminal set."""
     algebra, f = rates
     changes = []
     for each in monomials:
@@ -145,7 +146,7 @@ def _proved(end: _Surface, rates: tuple[Algebra, list[Polynomial]], monomials: l
 
 def _compared(problem: Problem, end: _Surface, c: RationalRow,
               monomials: list[StateMonomial]) -> Iterator[str]:
-    """Yield a sentence if a constant differs at the end from what it is at the start."""
+    """Yield a sentence if an invariant has different values at the start and at the end."""
     if len(c) < 1:
         return
     lead = max(c.values(), key=abs)
@@ -157,7 +158,7 @@ def _compared(problem: Problem, end: _Surface, c: RationalRow,
     size = sum((abs(each) for each in (*terms_before, *terms_after, *c.values())), Fraction(0))
     if abs(after - before) > convert_to_rational(_FAR) * size:
         numbers = np.array([float(c.get(k, 0)) for k in range(len(monomials))])
-        yield (f'{_text(problem, numbers, monomials)} is constant whatever the inputs are: it is '
+        yield (f'{_text(problem, numbers, monomials)} is constant for all inputs: it is '
                f'{float(before):.9g} at the initial state and {float(after):.9g} '
                'where the terminal constraints hold')
 
@@ -174,14 +175,14 @@ def _values(x: Array, monomials: list[StateMonomial]) -> Array:
 
 
 def _null(matrix: Array) -> Array:
-    """Return an orthonormal basis, in rows, of what a matrix takes to zero."""
+    """Return an orthonormal basis of the null space of a matrix, in rows."""
     _, values, V = np.linalg.svd(matrix)
     null: Array = V[np.sum(values > _NULL * values.max(initial=1.0)):]
     return null
 
 
 def _constants(problem: Problem, monomials: list[StateMonomial]) -> tuple[Array, Array]:
-    """Return coefficients of independent constants (k, monomials), and sizes of those."""
+    """Return coefficients of independent invariants (k, monomials), and sizes of monomials."""
     rng = np.random.default_rng(_SEED)
     asked, again = (_rates(problem, monomials, rng) for _ in range(2))
     size = np.abs(asked).max(axis=0, initial=0.0)
@@ -190,14 +191,14 @@ def _constants(problem: Problem, monomials: list[StateMonomial]) -> tuple[Array,
         return np.zeros((0, len(monomials))), size
     rows = asked / size
     found = _null(rows / np.maximum(np.abs(rows).max(axis=1, keepdims=True), 1e-300)) / size
-    # Each at other points, beside its own terms there: rates may be of very different sizes.
+    # Verified at other points relative to the terms there: rates may have very different sizes.
     left = np.abs(again @ found.T) <= _NOISE * (np.abs(again) @ np.abs(found.T))
     return found[left.all(axis=0)], size
 
 
-@np.errstate(all='ignore')   # dynamics need not be defined everywhere
+@np.errstate(all='ignore')   # the dynamics may be undefined at some points
 def _rates(problem: Problem, monomials: list[StateMonomial], rng: np.random.Generator) -> Array:
-    """Return d/dt of monomials at random states and inputs, a row for each."""
+    """Return d/dt of monomials at random states and inputs, one row per point."""
     count = 3 * len(monomials)
     x = problem.x0 + (1 + np.abs(problem.x0)) * rng.uniform(-1, 1, (count, problem.n))
     u = _inputs(problem, rng, count)
@@ -210,7 +211,7 @@ def _rates(problem: Problem, monomials: list[StateMonomial], rng: np.random.Gene
 
 
 def _inputs(problem: Problem, rng: np.random.Generator, count: int) -> Array:
-    """Return random inputs, shape (count, m), over all of their intervals."""
+    """Return random inputs within their bounds, shape (count, m)."""
     low, high = problem.u_lower, problem.u_upper
     with np.errstate(invalid='ignore'):
         span = np.where(np.isfinite(low) & np.isfinite(high), high - low, _REACH * (
@@ -221,7 +222,7 @@ def _inputs(problem: Problem, rng: np.random.Generator, count: int) -> Array:
 
 
 def _readable(constants: Array, size: Array) -> Array:
-    """Return combinations with one leading monomial each: few terms are easily read."""
+    """Return combinations with one leading monomial each, so that they have few terms."""
     if not len(constants):
         return constants
     from scipy.linalg import qr

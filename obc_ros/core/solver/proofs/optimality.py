@@ -1,12 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-How good a certified answer is: proved to be the best, or the best of the local minima met.
+Global optimality of a certified solution where it is proved, otherwise the local minima found.
 
-A certificate shows an extremal. It is the best path where the problem is convex (`convexity`), and
-where the least time of a linear system is asked for and its target can be kept: if the target were
-met sooner it could be met at each later time too, also just before T; there the costates separate
-it from what is reached.
+A certified solution is an extremal. It is globally optimal if the problem is convex (`convexity`).
+It is also globally optimal if it is the minimum-time solution of a linear system that can stay at
+its target: if the target were met earlier it could be met at every later time, also just before
+T, but there the costates separate the target from the reachable set.
 """
 
 from collections.abc import Iterable
@@ -21,12 +21,27 @@ from obc_ros.core.solver.proofs.existence import find_constant_cost
 from obc_ros.core.solver.transcription.local_minima import ANOTHER
 from scipy.optimize import lsq_linear
 
-_KEPT = 1e-9    # relative: by how much a target that is kept may move
-_NORMAL = 0.1   # of L: what the residuals of H may be for L to count in H = L + lam'f
+_KEPT = 1e-9    # relative rate at which a system that stays at its target may leave it
+_NORMAL = 0.1   # of L: residuals of H = L + lam'f below which the extremal is normal
 
 
 def add_optimality(problem: Problem, found: Solution) -> Solution:
-    """Return a solution that says how good it is, if it is certified."""
+    """
+    Add the `optimality` of a certified solution.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem that was solved.
+    found : Solution
+        Its solution; `optimality` may describe a search.
+
+    Returns
+    -------
+    Solution
+        `optimality` is 'global' if that is proved, otherwise 'local'; None without certificate.
+
+    """
     if not found.certified:
         return replace(found, optimality=None)
     known = found.optimality
@@ -41,17 +56,22 @@ def add_optimality(problem: Problem, found: Solution) -> Solution:
 
 def describe_local(starts: int, best: float, others: Iterable[float]) -> Optimality:
     """
-    Return what a search has shown.
+    Return the result of a search from several initial guesses.
 
     Parameters
     ----------
     starts : int
-        From so many it began.
+        Number of initial guesses.
     best : float
-        Cost of the answer.
+        Cost of the solution.
     others : iterable of float
-        Costs of other minima; those that are no higher, or nearly equal to a lower one, are the
-        same or were not confirmed, and are left out.
+        Costs of other minima. Those that are not higher, or nearly equal to a lower one, are
+        duplicates or were not confirmed; they are left out.
+
+    Returns
+    -------
+    Optimality
+        Of the kind 'local'.
 
     """
     minima = [best]
@@ -60,31 +80,32 @@ def describe_local(starts: int, best: float, others: Iterable[float]) -> Optimal
             minima.append(float(cost))
     many = f'the cheapest of {len(minima)} local minima' if len(minima) > 1 else (
         'the only local minimum')
-    return Optimality('local', f'{many} met from {starts} start{"s" * (starts != 1)}', starts,
+    guesses = f'{starts} initial guess{"es" * (starts != 1)}'
+    return Optimality('local', f'{many} found from {guesses}', starts,
                       tuple(minima[:MOST_MINIMA]))
 
 
 def _proof(problem: Problem, found: Solution) -> str:
-    """Return why no path costs less than a certified one; '' where that is not shown."""
+    """Return why a certified path is globally optimal; '' if that is not proved."""
     if find_constant_cost(problem) is not None:
         return 'every path costs the same'
     if is_convex_problem(problem):
         return 'convex'
     if found.certificate and _least_time(problem, found, found.certificate):
-        return 'least time of a linear system'
+        return 'minimum time of a linear system'
     return ''
 
 
 def _least_time(problem: Problem, found: Solution, certificate: Certificate) -> bool:
-    """Return whether a normal extremal meets a target of a linear system that can be kept."""
+    """Return whether a normal extremal reaches a target at which the linear system can stay."""
     aim = find_target(problem)
     plant = find_affine_dynamics(problem) if aim else None
     if aim is None or plant is None:
         return False
     T, final = float(found.t[-1]), problem.final_time
-    if not final.lower < T * (1 - _KEPT):   # T is held up: sooner is not allowed
+    if not final.lower < T * (1 - _KEPT):   # the lower bound of T is active
         return False
-    # On the target C x = d its own rate must be a constant, M d, that inputs can undo.
+    # On the target C x = d, the rate C A x must be a constant M'd, which inputs can compensate.
     M, _, rank, _ = np.linalg.lstsq(aim.C.T, (aim.C @ plant.A).T, rcond=None)
     left, size = np.abs(M.T @ aim.C - aim.C @ plant.A), np.abs(aim.C) @ np.abs(plant.A)
     if rank < len(aim.d) or (left > _KEPT * size).any():

@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Where a path comes to states at which the expressions of its problem have no value, or no slope.
+States on a path at which expressions of the problem are undefined or not differentiable.
 
-A division by zero, a logarithm or root of what is negative, states that run away in finite time;
-the kink of an absolute value, a root of what vanishes; terminal constraints that are met where
-they have no slope.
+Undefined are a division by zero and the logarithm or root of a negative number. Not differentiable
+are an absolute value at its kink and a root at 0. Reported are also states that diverge before T,
+and terminal constraints whose gradient vanishes where they are met.
 """
 
 from collections.abc import Iterator
@@ -18,22 +18,22 @@ from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.wording import format_number
 
-_TOUCHED = 1e-6  # of its largest value: what is as near to 0 as it can be told
-_NEAR_END = 1e-4   # likewise, where a kink of the terminal cost was rounded in the search
+_TOUCHED = 1e-6  # of an operand's largest value: below it counts as 0
+_NEAR_END = 1e-4   # the same for terminal_cost, whose kinks are smoothed in the search
 _AT_END = 'terminal_cost'
-_SMALL = 1e-3    # likewise: what a kink may be rounded by
+_SMALL = 1e-3    # of an operand's largest value: e that a message suggests
 _NEWTON = 6      # steps
-_BESIDE = 1e-2   # of the largest state: how far from x(T) they begin
-_MULTIPLE = 0.2, 0.4   # what each leaves towards a root that is none of the first order
-_QUOTED = 80     # letters of an expression
-_FAR = 1e6      # times the size of x(0) and of the bounds: where a state is said to run away
-_TRIALS = 16    # constant inputs that are tried
-_PATIENCE = 4000   # evaluations of f for each of them: stiff systems do not run away so soon
+_BESIDE = 1e-2   # of the largest state: distance from x(T) at which they begin
+_MULTIPLE = 0.2, 0.4   # range of the ratio of successive residuals at a multiple root
+_QUOTED = 80     # characters of an expression in a message
+_FAR = 1e6      # times 1 + |x(0)|: beyond it a state counts as diverging
+_TRIALS = 16    # constant inputs to try, about
+_PATIENCE = 4000   # evaluations of f for each of them; stiff systems need more and are left out
 
 
 @dataclass(frozen=True)
 class Suspect:
-    """Something in an expression that must not vanish, or must not be negative."""
+    """An operand that must not vanish (`may_be_negative`), or must not be negative."""
 
     where: str
     value: ca.SX
@@ -43,14 +43,19 @@ class Suspect:
 
 def explain_undefined(problem: Problem, t: Array, x: Array, u: Array) -> str:
     """
-    Return which expression has no value on a path, where and why; '' if all have one.
+    Return which expression is undefined on a path, at what time and why.
 
     Parameters
     ----------
     problem : Problem
-        The one with the expressions.
+        The problem with the expressions.
     t, x, u : ndarray, shape (N,), (N, n), (N, m)
-        The path; between its points a divisor that changes its sign is taken to vanish.
+        The path. A divisor that changes its sign between points counts as zero there.
+
+    Returns
+    -------
+    str
+        A sentence; '' if all expressions are defined.
 
     """
     found = find_suspects(problem)
@@ -70,15 +75,25 @@ def explain_undefined(problem: Problem, t: Array, x: Array, u: Array) -> str:
     k, what = first
     state = ', '.join(f'{name} = {value:.4g}'
                       for name, value in zip(problem.states, x[k], strict=True))
-    return f'{what} at t = {t[k]:.4g} on the nearest path that was found, where {state[:200]}'
+    return f'{what} at t = {t[k]:.4g} on the closest path found, where {state[:200]}'
 
 
 def explain_kink(problem: Problem, t: Array, x: Array, u: Array) -> str:
     """
-    Return which absolute value of states has its kink on a path, and what to write; '' if none.
+    Return which absolute value of states vanishes on a path, and a smooth replacement.
 
-    Without a slope there the costate equation says nothing.
-    The parameters are those of `explain_undefined`.
+    At the kink the costate equation does not determine dlam/dt.
+
+    Parameters
+    ----------
+    problem, t, x, u
+        As for `explain_undefined`.
+
+    Returns
+    -------
+    str
+        A sentence; '' if there is none.
+
     """
     found = [(where, operands[0]) for where, operation, operands in chain(
                  _operations(problem), ((_AT_END, *each) for each in _done_in(problem, problem.V)))
@@ -90,22 +105,33 @@ def explain_kink(problem: Problem, t: Array, x: Array, u: Array) -> str:
         size = float(np.abs(row).max())
         at = np.abs(row) <= _TOUCHED * size
         at[1:] |= row[:-1] * row[1:] < 0
-        if where == _AT_END:   # whose slope counts there alone; it was rounded on the way to it
+        if where == _AT_END:   # only its gradient at T matters; its kinks were smoothed
             at[:-1], at[-1] = False, np.abs(row[-1]) <= _NEAR_END * size
         if at.any():
             what = _quoted(problem, value)
-            return (f'{where} has no slope where abs({what}) is 0, as at t = '
-                    f'{t[int(np.argmax(at))]:.4g} on the best path that was found: no costates '
-                    f'are known there; sqrt(({what})**2 + e**2) in its place, with a small e such '
-                    f'as {format_number(_SMALL * size)}, has a slope')
+            return (f'{where} is not differentiable where abs({what}) is 0, as at t = '
+                    f'{t[int(np.argmax(at))]:.4g} on the best path found, so that costates '
+                    f'are not determined there; replace abs({what}) by sqrt(({what})**2 + e**2) '
+                    f'with a small e such as {format_number(_SMALL * size)}')
     return ''
 
 
 def explain_steep_root(problem: Problem, t: Array, x: Array, u: Array) -> str:
     """
-    Return which root of states vanishes on a path, and what to write; '' if none does.
+    Return which root of states vanishes on a path, and a smooth replacement.
 
-    Its slope is infinite there, and with it dlam/dt. Parameters are those of `explain_undefined`.
+    Its derivative is infinite there, and so is dlam/dt.
+
+    Parameters
+    ----------
+    problem, t, x, u
+        As for `explain_undefined`.
+
+    Returns
+    -------
+    str
+        A sentence; '' if there is none.
+
     """
     found = [*find_roots(problem)]
     if not found or not t.size or not (np.isfinite(x).all() and np.isfinite(u).all()):
@@ -116,20 +142,33 @@ def explain_steep_root(problem: Problem, t: Array, x: Array, u: Array) -> str:
         k = int(np.argmin(np.abs(row)))
         if size > 0 and abs(row[k]) <= _TOUCHED * size:
             what = _quoted(problem, value)
-            return (f'{where} has a root of {what}, whose slope is infinite where that is 0, as '
-                    f'at t = {t[k]:.4g} on the best path that was found: no finite costates do '
-                    f'there; {what} + e in its place, with a small e such as '
-                    f'{format_number(_SMALL * size)}, has a slope')
+            return (f'{where} contains a root of {what}, whose derivative is infinite where this '
+                    f'is 0, as at t = {t[k]:.4g} on the best path found, so that the costate '
+                    f'equation is singular there; replace {what} by {what} + e with a small e '
+                    f'such as {format_number(_SMALL * size)}')
     return ''
 
 
 def explain_level_terminal(problem: Problem, x: Array) -> str:
     """
-    Return which terminal constraint has no slope where it is met, next to x(T); '' if none.
+    Return which terminal constraint has a vanishing gradient where it is met.
 
-    Newton's steps towards a simple root square what is left, those towards a root of order k
-    leave a part (1 - 1/k)^k of it each time, from a quarter up. They begin beside x(T), where
-    what is left is far above rounding.
+    Newton's method converges quadratically to a simple root. At a root of order k each step
+    multiplies the residual by (1 - 1/k)^k, which is 1/4 or more. The steps begin near x(T), where
+    the residual is far above rounding.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem with the constraints.
+    x : ndarray, shape (n,)
+        A state near one that meets them, x(T).
+
+    Returns
+    -------
+    str
+        A sentence; '' if there is none.
+
     """
     if not problem.q or not np.isfinite(x).all():
         return ''
@@ -139,7 +178,7 @@ def explain_level_terminal(problem: Problem, x: Array) -> str:
     for row in range(problem.q):
         slope = slopes(x, problem.p_value)[1].full()[row]
         if not (np.isfinite(slope).all() and slope.any()):
-            slope = np.arange(1.0, problem.n + 1.0)   # level there: any direction that leaves it
+            slope = np.arange(1.0, problem.n + 1.0)   # without gradient: any direction
         there, left = x + _BESIDE * size * slope / np.abs(slope).max(), list[float]()
         for _ in range(_NEWTON):
             value, slope = (each.full()[row] for each in slopes(there, problem.p_value))
@@ -151,18 +190,29 @@ def explain_level_terminal(problem: Problem, x: Array) -> str:
         if len(parts) == _NEWTON - 1 and all(
                 _MULTIPLE[0] < part < _MULTIPLE[1] for part in parts):
             what = _quoted(problem, problem.psi[row])
-            return (f'terminal_constraints[{row}], {what}, has no slope where it is met: no '
-                    f'finite multiplier does there; write what is to vanish itself in its place, '
-                    f'as x - 1 in that of (x - 1)**2')
+            return (f'terminal_constraints[{row}], {what}, has zero gradient where it is met, '
+                    'so that it has no finite multiplier; constrain the expression itself, not '
+                    'its power: x - 1 instead of (x - 1)**2')
     return ''
 
 
 def explain_escape(problem: Problem, T: float) -> str:
     """
-    Return a sentence if the states grow beyond all bounds before T with every input tried.
+    Return a sentence if the states diverge before T for every constant input tried.
 
-    The inputs are constant: the corners of their box (1 in place of a bound that is missing) and
-    its middle.
+    Parameters
+    ----------
+    problem : Problem
+        Any problem. The inputs tried are the corners of the input bounds and their middle; a
+        missing bound is replaced by 1 or -1.
+    T : float
+        Final time [s].
+
+    Returns
+    -------
+    str
+        '' if the states stay below 1e6 times 1 + |x(0)| for an input.
+
     """
     from scipy.integrate import solve_ivp
     f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f])
@@ -175,7 +225,7 @@ def explain_escape(problem: Problem, T: float) -> str:
     def far(t: float, x: Array) -> float:
         return float(_FAR - np.max(np.abs(x) / size))
 
-    far.terminal = True  # type: ignore[attr-defined]  # how SciPy is told
+    far.terminal = True  # type: ignore[attr-defined]  # read by SciPy
     latest, name = 0.0, ''
     for u in (0.5 * (low + high), *corners):
         left = iter(range(_PATIENCE))
@@ -195,19 +245,19 @@ def explain_escape(problem: Problem, T: float) -> str:
         if course.t[-1] > latest:
             latest = float(course.t[-1])
             name = problem.states[int(np.argmax(np.abs(course.y[:, -1]) / size))]
-    return (f'{name} runs away: with each of {len(corners) + 1} constant inputs within the bounds '
-            f'it has grown more than {_FAR:.0e} times by t = {latest:.4g}, before T = {T:.6g}')
+    return (f'{name} diverges: with each of {len(corners) + 1} constant inputs within the bounds '
+            f'a state exceeds {_FAR:.0e} (1 + |x(0)|) by t = {latest:.4g}, before T = {T:.6g}')
 
 
 def _quoted(problem: Problem, value: ca.SX) -> str:
-    """Return an expression in words, its beginning if it is long."""
+    """Return an expression as text, truncated if it is long."""
     numbers = [k for k, name in enumerate(problem.parameters) if '#' in name]   # as stated
     what = str(ca.substitute(value, problem.p[numbers], ca.DM(problem.p_value[numbers])))
     return what if len(what) <= _QUOTED else f'{what[:_QUOTED]}...'
 
 
 def find_roots(problem: Problem) -> Iterator[tuple[str, ca.SX]]:
-    """Yield where roots of states are taken, and of what: their slopes are infinite at 0."""
+    """Yield the keys of expressions with roots of states, and the operands of the roots."""
     for where, operation, operands in _operations(problem):
         if _root(operation, operands) and ca.depends_on(operands[0], problem.x):
             yield where, operands[0]
@@ -215,10 +265,10 @@ def find_roots(problem: Problem) -> Iterator[tuple[str, ca.SX]]:
 
 def find_steep_operands(problem: Problem) -> Iterator[tuple[str, ca.SX]]:
     """
-    Yield where operations whose slope is infinite somewhere are done, and on what.
+    Yield the keys of expressions with operations of infinite slope, and their operands.
 
-    Beside roots these are logarithms, inverse sines and cosines, and powers that are no numbers:
-    of differential equations with them more than one path may come from a state.
+    These are roots, logarithms, inverse sines and cosines, and powers with variable exponents.
+    Differential equations that contain them may have several solutions from one state.
     """
     steep = ca.OP_SQRT, ca.OP_LOG, ca.OP_ASIN, ca.OP_ACOS
     for where, operation, operands in _operations(problem):
@@ -235,7 +285,7 @@ def _root(operation: int, operands: list[ca.SX]) -> bool:
 
 
 def _operations(problem: Problem) -> Iterator[tuple[str, int, list[ca.SX]]]:
-    """Yield where in a problem which operation is done on what."""
+    """Yield the operations in a problem: key, operation, operands."""
     named = [(f'dynamics.{name}', each) for name, each in zip(
         problem.states, ca.vertsplit(problem.f), strict=True)]
     named.append(('running_cost', problem.L))
@@ -248,7 +298,7 @@ def _operations(problem: Problem) -> Iterator[tuple[str, int, list[ca.SX]]]:
 
 
 def _done_in(problem: Problem, expression: ca.SX) -> Iterator[tuple[int, list[ca.SX]]]:
-    """Yield which operation an expression does on what."""
+    """Yield the operations in an expression with their operands."""
     symbols = [problem.x, problem.u, problem.p]
     function = ca.Function('one', symbols, [expression])
     work: dict[int, ca.SX] = {}
@@ -267,29 +317,43 @@ def _done_in(problem: Problem, expression: ca.SX) -> Iterator[tuple[int, list[ca
 
 
 def find_suspects(problem: Problem) -> list[Suspect]:
-    """Return the divisors, and the arguments of logarithms and roots, of all expressions."""
+    """
+    Return the divisors and the arguments of logarithms and roots in all expressions.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem; terminal cost and terminal constraints are not examined.
+
+    Returns
+    -------
+    list of Suspect
+        Operands that are not constant.
+
+    """
     found = [each for where, operation, operands in _operations(problem)
              for each in _of(operation, operands, where)]
     return [each for each in found if not each.value.is_constant()]
 
 
 def _values(problem: Problem, expressions: list[ca.SX], x: Array, u: Array) -> Array:
-    """Return expressions along a path, one row each."""
+    """Return the values of expressions along a path, one row per expression."""
     look = ca.Function('look', [problem.x, problem.u, problem.p], [ca.vertcat(*expressions)])
     return np.asarray(look.map(len(x))(x.T, u.T, ca.repmat(problem.p_value, 1, len(x))).full())
 
 
 def _of(operation: int, operands: list[ca.SX], where: str) -> list[Suspect]:
-    """Return what one operation asks of its operands."""
+    """Return the conditions that an operation imposes on its operands."""
     if operation == ca.OP_DIV:
         return [Suspect(where, operands[1], 'divides by zero', True)]
     if operation == ca.OP_INV:
         return [Suspect(where, operands[0], 'divides by zero', True)]
     if operation == ca.OP_LOG:
-        return [Suspect(where, operands[0], 'has the logarithm of a number below 0', False)]
+        return [Suspect(where, operands[0], 'takes the logarithm of a negative number', False)]
     if operation in (ca.OP_POW, ca.OP_CONSTPOW) and operands[1].is_constant() and (
             float(operands[1]) % 1.0):
-        return [Suspect(where, operands[0], 'has a broken power of a number below 0', False)]
+        return [Suspect(where, operands[0], 'takes a noninteger power of a negative number',
+                        False)]
     if operation == ca.OP_SQRT:
-        return [Suspect(where, operands[0], 'has the root of a number below 0', False)]
+        return [Suspect(where, operands[0], 'takes the root of a negative number', False)]
     return []

@@ -1,11 +1,11 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What is demanded of what no input changes.
+Proofs that states or modes on which no input acts violate their constraints.
 
-States that no input enters, directly or through others, are a system of their own. So are, where
-dx/dt = A x + B u + c, the combinations w'x with w'A^k B = 0 for all k, which exact arithmetic
-finds. Where these are is enclosed (`taylor_enclosure`), at all times at which the end may be.
+States on which no input acts, directly or through other states, form an autonomous system. If
+dx/dt = A x + B u + c, so do the combinations w'x with w'A^k B = 0 for all k; exact arithmetic
+finds them. Their values are enclosed (`taylor_enclosure`) for all admissible final times.
 """
 
 from collections.abc import Iterator
@@ -35,17 +35,16 @@ from obc_ros.core.numerics.taylor_enclosure import Box, TaylorStep, Tube
 from obc_ros.core.ocp.affine_constraints import End
 from obc_ros.core.ocp.problem import Problem
 
-_MISSED = 1e-6   # relative: beyond what a certificate leaves open
-_EARLIER, _PARTS = 16, 32   # steps, at least: before the end may be, and while it may be
+_MISSED = 1e-6   # relative: above the tolerances of a certificate
+_EARLIER, _PARTS = 16, 32   # steps, at least: up to the first and to the last admissible T
 _MOST = 12       # states of a linear system
 
 
 def find_missed_states(problem: Problem, words: list[str]) -> Iterator[str]:
     """
-    Yield what is demanded of states that no input enters, and what they do instead.
+    Yield violated constraints on states on which no input acts, as sentences.
 
-    `words`: the state bounds and terminal constraints in words come from the caller: the lower
-    and the upper bound of each state, then each terminal constraint.
+    `words`: the lower and the upper bound of each state, then each terminal constraint, as text.
     """
     driven = _driven(problem)
     uses = np.zeros((problem.q, problem.n), dtype=bool)
@@ -56,7 +55,7 @@ def find_missed_states(problem: Problem, words: list[str]) -> Iterator[str]:
         return
     alone = np.flatnonzero(~driven)
     steps = _states_alone(problem, alone)
-    nothing = 'no input' if _movable(problem).all() else 'no input that may change'
+    nothing = 'no input' if _movable(problem).all() else 'no input that can vary'
     yield from _left(problem, alone, steps, nothing, words)
     symbols = problem.x[alone.tolist()]
     for row in map(int, np.flatnonzero(decided)):
@@ -67,14 +66,14 @@ def find_missed_states(problem: Problem, words: list[str]) -> Iterator[str]:
         if len(names) == 1 and steps:
             k = int(np.searchsorted(alone, problem.states.index(names[0])))
             where = float(0.5 * (steps[-1].after[0][k] + steps[-1].after[1][k]))
-        yield from _missed(problem, f'{nothing} enters {", ".join(names)}',
+        yield from _missed(problem, f'{nothing} acts on {", ".join(names)}',
                            words[2 * problem.n + row], values, where,
                            _terms(problem, steps, psi))
 
 
 def _left(problem: Problem, alone: NDArray[np.int_], steps: list[TaylorStep], nothing: str,
           words: list[str]) -> Iterator[str]:
-    """Yield bounds that states have left before the end may be."""
+    """Yield bounds that states violate by the first admissible T."""
     final = problem.final_time
     earliest = final.lower if final.free else final.value
     for k, index in enumerate(map(int, alone)):
@@ -84,13 +83,13 @@ def _left(problem: Problem, alone: NDArray[np.int_], steps: list[TaylorStep], no
                 excess = (low - problem.x_upper[index] if upper
                           else problem.x_lower[index] - high)
                 if step.end <= earliest and excess > _MISSED * (1 + max(abs(low), abs(high))):
-                    yield (f'{nothing} enters {problem.states[index]}: it leaves state bound '
+                    yield (f'{nothing} acts on {problem.states[index]}: it violates state bound '
                            f'{words[2 * index + upper]} by t = {step.end:.6g}')
                     break
 
 
 def find_missed_combinations(problem: Problem, end: End, words: list[str]) -> Iterator[str]:
-    """Yield what is demanded of modes of a linear system that no input reaches."""
+    """Yield violated terminal constraints on uncontrollable modes of a linear system."""
     n = problem.n
     try:
         found = _uncontrollable(problem) if n <= _MOST else None
@@ -100,7 +99,7 @@ def find_missed_combinations(problem: Problem, end: End, words: list[str]) -> It
         return
     W, A, c = found
     numbers = list(end.rows)
-    # Combinations eta'C of terminal constraints that are combinations omega'W as well.
+    # Combinations eta'C of terminal constraints that are also combinations omega'W.
     columns = [{k: value for k, value in end.rows[number].items() if k < n}
                for number in numbers] + [{k: -value for k, value in w.items()} for w in W]
     both = find_null_space([{j: column[k] for j, column in enumerate(columns) if k in column}
@@ -122,13 +121,13 @@ def find_missed_combinations(problem: Problem, end: End, words: list[str]) -> It
             abs(float(value)) * float(max(abs(box[0][k]), abs(box[1][k])))
             for k, value in omega.items()) / size
             for box in _boxes_at_the_end(problem, steps)), default=0.0)
-        yield from _missed(problem, f'the inputs do not reach {_names(A)} of A',
+        yield from _missed(problem, f'no input acts on {_names(A)} of A',
                            ' with '.join(words[2 * n + k] for k in eta), values, None, terms)
 
 
 def _missed(problem: Problem, reason: str, wanted: str, values: list[Interval],
             there: float | None, terms: float) -> Iterator[str]:
-    """Yield a sentence if what has to vanish does not at any time at which the end may be."""
+    """Yield a sentence if `values`, which must be 0, exclude 0 at all admissible final times."""
     if not values:
         return
     size = _MISSED * (1 + terms + max(max(abs(each.low), abs(each.high)) for each in values))
@@ -152,7 +151,7 @@ def _number(value: float) -> str:
 
 
 def _boxes_at_the_end(problem: Problem, steps: list[TaylorStep]) -> list[Box]:
-    """Return boxes for all times at which the end may be; none if they do not go so far."""
+    """Return boxes for all admissible final times; none if the enclosure ends earlier."""
     final = problem.final_time
     last = final.upper if final.free else final.value
     if not steps or steps[-1].end < last:
@@ -168,7 +167,7 @@ def _demanded(problem: Problem, steps: list[TaylorStep], psi: ca.Function) -> li
 
 
 def _terms(problem: Problem, steps: list[TaylorStep], psi: ca.Function) -> float:
-    """Return the size of what a terminal constraint is the sum of, which may cancel."""
+    """Return the size of the terms of a terminal constraint, which may cancel."""
     p, found = (problem.p_value, problem.p_value), 0.0
     y = ca.SX.sym('y', psi.size1_in(0))
     q = ca.SX.sym('q', psi.size1_in(1))
@@ -181,7 +180,7 @@ def _terms(problem: Problem, steps: list[TaylorStep], psi: ca.Function) -> float
 
 
 def _stops(problem: Problem) -> Array:
-    """Return times, in order, the last of which is the last at which the end may be."""
+    """Return increasing times up to the last admissible final time."""
     final = problem.final_time
     earliest, last = (final.lower, final.upper) if final.free else (final.value, final.value)
     stops = np.unique(np.concatenate([
@@ -190,10 +189,10 @@ def _stops(problem: Problem) -> Array:
 
 
 def _states_alone(problem: Problem, alone: NDArray[np.int_]) -> list[TaylorStep]:
-    """Return where the states are that no input enters."""
+    """Return an enclosure of the states on which no input acts."""
     y, g = problem.x[alone.tolist()], problem.f[alone.tolist()]
     fixed = ca.DM(np.clip(np.zeros(problem.m), problem.u_lower, problem.u_upper))
-    g = ca.substitute(ca.densify(g), problem.u, fixed)   # of those that enter there is one value
+    g = ca.substitute(ca.densify(g), problem.u, fixed)   # inputs in g have only one value
     x0 = problem.x0[alone]
     tube = Tube(y, problem.p, g, (problem.p_value, problem.p_value))
     return list(tube.steps((x0, x0), _stops(problem)))
@@ -202,9 +201,9 @@ def _states_alone(problem: Problem, alone: NDArray[np.int_]) -> list[TaylorStep]
 def _uncontrollable(problem: Problem) -> tuple[list[RationalRow], list[RationalRow],
                                                list[Fraction]] | None:
     """
-    Return combinations y = W x that no input moves, and dy/dt = A y + c, in exact arithmetic.
+    Return combinations y = W x on which no input acts, and dy/dt = A y + c, in exact arithmetic.
 
-    None if dx/dt is not affine, or if the inputs move all.
+    None is returned if dx/dt is not affine, or if there is no such combination.
     """
     n, m = problem.n, problem.m
     f = ca.Function('f', [problem.x, problem.u, problem.p], [ca.densify(problem.f)])
@@ -245,8 +244,8 @@ def _through(w: RationalRow, A: list[RationalRow]) -> RationalRow:
 
 
 def _in_terms_of(W: list[RationalRow], row: RationalRow) -> RationalRow:
-    """Return the weights with which the rows W add up to a row; they do."""
-    # Each vector of a null space has a 1 where the others have none.
+    """Return the weights with which the rows W add up to a row in their span."""
+    # Each vector of the null space has a nonzero entry where all others have 0.
     found = {}
     for j, w in enumerate(W):
         own = next(k for k in w if all(k not in other for i, other in enumerate(W) if i != j))
@@ -257,7 +256,7 @@ def _in_terms_of(W: list[RationalRow], row: RationalRow) -> RationalRow:
 
 def _modes_alone(problem: Problem, W: list[RationalRow], A: list[RationalRow],
                  c: list[Fraction]) -> list[TaylorStep]:
-    """Return where y = W x is."""
+    """Return an enclosure of y = W x."""
     n, y = len(W), ca.SX.sym('y', len(W))
     places = [(i, j) for i, row in enumerate(A) for j in row]
     values = [A[i][j] for i, j in places] + c
@@ -294,7 +293,7 @@ def _scaled(value: Interval, factor: float) -> Interval:
 
 
 def _names(A: list[RationalRow]) -> str:
-    """Return the modes of y' = A y in words."""
+    """Return the modes of y' = A y as text."""
     matrix = np.array([[float(row.get(j, 0)) for j in range(len(A))] for row in A])
     values = sorted(np.linalg.eigvals(matrix), key=lambda s: (-s.real, s.imag))
     shown = [f'{s.real + 0.0:+.4g}' + (f' {s.imag:+.4g}j' if abs(s.imag) > 1e-9 else '')
@@ -303,13 +302,13 @@ def _names(A: list[RationalRow]) -> str:
 
 
 def _movable(problem: Problem) -> Mask:
-    """Return which inputs have a choice, shape (m,)."""
+    """Return which inputs can vary, shape (m,)."""
     movable: Mask = problem.u_lower < problem.u_upper
     return movable
 
 
 def _driven(problem: Problem) -> Mask:
-    """Return which states an input enters, directly or through other states."""
+    """Return on which states an input acts, directly or through other states, shape (n,)."""
     def pattern(symbols: ca.SX) -> Mask:
         found = np.zeros((problem.n, symbols.numel()), dtype=bool)
         found[ca.jacobian_sparsity(problem.f, symbols).get_triplet()] = True

@@ -40,12 +40,12 @@ def test_no_problem_with_an_answer_is_accused(name):
     ({'state_bounds': {'v': [0.5, None]}},
      'initial state v = 0 and state bound v >= 0.5 exclude each other'),
     ({'path_constraints': [{'expr': 'x**2 + v', 'lower': 0.25, 'upper': None}]},
-     'path_constraints[0] is 0 at the initial state and has to be >= 0.25'),
+     'path_constraints[0] is 0 at the initial state but must be >= 0.25'),
     ({'path_constraints': [{'expr': '2*u + x', 'lower': None, 'upper': 9},
                            {'expr': '2*u + x', 'lower': 3, 'upper': None}]},
-     'path_constraints[1] is at most 2 at the initial state and has to be >= 3'),
+     'path_constraints[1] is at most 2 at the initial state but must be >= 3'),
     ({'path_constraints': [{'expr': '2*u + x', 'lower': None, 'upper': -3}]},
-     'path_constraints[0] is at least -2 at the initial state and has to be <= -3'),
+     'path_constraints[0] is at least -2 at the initial state but must be <= -3'),
 ])
 def test_the_start(changes, sentence):
     assert said(**changes) == sentence
@@ -65,7 +65,7 @@ def test_the_start(changes, sentence):
     ({'terminal_constraints': ['x - v', 'x + v - 4'], 'state_bounds': {'v': [None, 1]}},
      'state bounds v <= 1 and terminal constraints x - v = 0, x + v = 4 exclude each other'),
     ({'path_constraints': [{'expr': 'x**2 + v**2', 'lower': None, 'upper': 0.5}]},
-     'path_constraints[0] is 1 at the state that the terminal constraints demand and has to be '
+     'path_constraints[0] is 1 at the state that the terminal constraints demand but must be '
      '<= 0.5'),
 ])
 def test_the_end(changes, sentence):
@@ -79,19 +79,19 @@ def test_the_end_repeated_is_no_contradiction():
 def test_a_state_that_no_input_enters():
     e = f'{math.exp(2):.6g}'
     assert said(SPLIT, terminal_constraints=['z']) == (
-        f'no input enters z: at T = 2 it is {e}, and the terminal constraint z = 0 cannot be met')
+        f'no input acts on z: at T = 2 it is {e}, and the terminal constraint z = 0 cannot be met')
     assert said(SPLIT, terminal_constraints=['x - 1', f'z - {math.exp(2)!r}']) == ''
     assert said(SPLIT, terminal_constraints=['z**2 - 1']) == (
-        f'no input enters z: at T = 2 it is {e}, and the terminal constraint '
+        f'no input acts on z: at T = 2 it is {e}, and the terminal constraint '
         'terminal_constraints[0] cannot be met')
     assert said(SPLIT, terminal_constraints=['x'], state_bounds={'z': [None, 2]}).startswith(
-        'no input enters z: it leaves state bound z <= 2 by t = ')
+        'no input acts on z: it violates state bound z <= 2 by t = ')
 
 
 def test_a_state_that_no_input_enters_with_a_free_final_time():
     free = {'final_time': TIMED['final_time']}
     assert said(SPLIT, terminal_constraints=['z - 0.5'], **free) == (
-        'no input enters z: z = 0.5 holds at no T from 0.1 to 5')
+        'no input acts on z: z = 0.5 holds at no T from 0.1 to 5')
     assert said(SPLIT, terminal_constraints=['z - 7'], **free) == ''
     assert said(SPLIT, terminal_constraints=['x'], state_bounds={'z': [None, 2]}, **free) == ''
 
@@ -101,7 +101,7 @@ def test_nonlinear_states_that_no_input_enters():
     pendulum = BLOCK | {'dynamics': {'x': '1 + x**2', 'v': 'u*x'},
                         'final_time': {'free': False, 'value': 1}}
     assert said(pendulum, terminal_constraints=['x - 2']) == (
-        f'no input enters x: at T = 1 it is {math.tan(1):.6g}, and the terminal constraint '
+        f'no input acts on x: at T = 1 it is {math.tan(1):.6g}, and the terminal constraint '
         'x = 2 cannot be met')
 
 
@@ -110,7 +110,7 @@ def test_a_mode_out_of_reach():
     twins = BLOCK | {'states': ['x', 'y'], 'dynamics': {'x': 'x + u', 'y': 'y + u'},
                      'initial_state': {'x': 1, 'y': 0}}
     assert said(twins, terminal_constraints=['x', 'y']) == (
-        'the inputs do not reach the mode at +1 of A: at T = 2 the terminal constraint '
+        'no input acts on the mode at +1 of A: at T = 2 the terminal constraint '
         f'x = 0 with y = 0 is missed by {math.exp(2)/math.sqrt(2):.6g}')
     assert said(twins, terminal_constraints=['x - 2']) == ''
     assert said(twins, terminal_constraints=['x']) == (
@@ -119,13 +119,13 @@ def test_a_mode_out_of_reach():
     assert said(twins, terminal_constraints=['x', 'y'],
                 initial_state={'x': 0.5, 'y': 0.5}) == ''
     assert said(twins, terminal_constraints=['x', 'y'], final_time=TIMED['final_time']) == (
-        'the inputs do not reach the mode at +1 of A: x = 0 with y = 0 holds at no T from 0.1 '
+        'no input acts on the mode at +1 of A: x = 0 with y = 0 holds at no T from 0.1 '
         'to 5')
 
 
 def test_inputs_without_a_choice():
     assert said(BLOCK, input_bounds={'u': [0, 0]}, terminal_constraints=['x - 1']) == (
-        'no input that may change enters x: at T = 2 it is 0, and the terminal constraint x = 1 '
+        'no input that can vary acts on x: at T = 2 it is 0, and the terminal constraint x = 1 '
         'cannot be met')
     assert said(BLOCK, input_bounds={'u': [1, 1]}, terminal_constraints=['x - 2']) == ''
 
@@ -139,8 +139,8 @@ def test_a_curved_constraint_where_the_others_hold():
 
 @pytest.mark.parametrize('path, sentence', [
     ({'expr': 'abs(x - 0.5)', 'lower': 0.2},
-     'path_constraints[0] is 0 at x = 0.5 and has to be >= 0.2, but x has to pass there from 0 '
-     'to 1'),
+     'path_constraints[0] is 0 at x = 0.5 but must be >= 0.2, and x must pass this value on its '
+     'way from 0 to 1'),
     ({'expr': 'abs(x - 0.5) + v', 'lower': 0.2}, ''),
     ({'expr': 'abs(x - 2)', 'lower': 0.2}, '')])
 def test_a_wall_across_the_way(path, sentence):
@@ -165,8 +165,8 @@ VEHICLE = {
 
 def test_too_far_for_a_vehicle():
     assert said(VEHICLE) == (
-        'the terminal constraint px = 20 holds nowhere within reach by T = 3 (px stays between '
-        '-15 and 15): it is missed by at least 5')
+        'the terminal constraint px = 20 cannot be met by T = 3 (px stays between -15 and '
+        '15): it is missed by at least 5')
     assert said(VEHICLE, final_time={'free': False, 'value': 4.001}) == ''
 
 
@@ -180,7 +180,7 @@ def test_time_as_a_state_is_no_fault():
                      'initial_state': {'x': 0, 't': 0}, 'terminal_constraints': ['x - 1']}
     assert said(clock) == ''
     assert said(clock, terminal_constraints=['t - 2']) == ''
-    assert said(clock, terminal_constraints=['t - 3']).startswith('no input enters t: at T = 2')
+    assert said(clock, terminal_constraints=['t - 3']).startswith('no input acts on t: at T = 2')
 
 
 def simulated(kind, chance):
@@ -251,7 +251,7 @@ def test_what_no_input_changes(seed, n, stretch):
 
     assert sentence(end) == ''
     assert sentence(stretch * end, growth=1.0) == ''
-    text, = re.findall(r'constant whatever the inputs are: it is (\S+) at the initial state and '
+    text, = re.findall(r'constant for all inputs: it is (\S+) at the initial state and '
                        r'(\S+) where', sentence(stretch * end))
     assert float(text[1]) == pytest.approx(stretch**2 * float(text[0]), rel=1e-6)
 
@@ -260,7 +260,7 @@ def test_what_no_input_changes(seed, n, stretch):
     (['S - 0.5', 'I - 0.02', 'R - 0.48'], ''),
     (['S - 0.5', 'R - 0.6'], ''),   # not by this: I is what is left
     (['S + R - 1.2', 'I - 0.02'],
-     'S + I + R is constant whatever the inputs are: it is 1 at the initial state and 1.22 where '
+     'S + I + R is constant for all inputs: it is 1 at the initial state and 1.22 where '
      'the terminal constraints hold'),
 ])
 def test_a_closed_population(ends, sentence):
@@ -312,7 +312,7 @@ def test_identities_are_proved(dynamics, end, quantity):
         BLOCK, dynamics=dynamics, initial_state={'x': 1, 'v': 0.5}, terminal_constraints=end,
         input_bounds=bounds)))
     assert found
-    assert all('is constant whatever the inputs are' in each for each in found)
+    assert all('is constant for all inputs' in each for each in found)
 
 
 @pytest.mark.slow
@@ -334,5 +334,5 @@ def test_terminal_constraints_that_leave_a_line():
             BLOCK | turn, terminal_constraints=end))) == []
     [found] = find_changed_invariants(problems.build(
         BLOCK | turn, terminal_constraints=['x - v', 'x + v - 2', 'x**3 - 1']))
-    assert found.startswith('x**2 + v**2 is constant whatever the inputs are: it is 1 at the '
+    assert found.startswith('x**2 + v**2 is constant for all inputs: it is 1 at the '
                             'initial state and 2 where')

@@ -99,7 +99,7 @@ def test_what_is_called_convex_lies_below_its_chords(text, lower):
     (BLOCK, 'convex'),
     (BLOCK | {'running_cost': 'x**4 + u**2', 'state_bounds': {'v': [-0.3, None]}}, 'convex'),
     (BLOCK | FREE, 'closed form of the double integrator'),
-    (BLOCK | FREE | {'dynamics': {'x': 'v', 'v': 'u - x'}}, 'least time of a linear system'),
+    (BLOCK | FREE | {'dynamics': {'x': 'v', 'v': 'u - x'}}, 'minimum time of a linear system'),
     (ROBOT, 'shortest path (Reeds-Shepp)'),
     (BLOCK | FREE | {'running_cost': 0}, 'every path costs the same'),
 ], ids=lambda each: each if isinstance(each, str) else '')
@@ -155,8 +155,9 @@ def test_costs_are_told_in_order_once_each_and_no_more_than_so_many():
     found = describe_local(50, 1.0, costs)
     assert found.minima[:3] == (1.0, 2.0, 5.0)
     assert len(found.minima) == MOST_MINIMA
-    assert found.reason == 'the cheapest of 33 local minima met from 50 starts'
-    assert describe_local(1, -3.0, []).reason == 'the only local minimum met from 1 start'
+    assert found.reason == 'the cheapest of 33 local minima found from 50 initial guesses'
+    assert describe_local(
+        1, -3.0, []).reason == 'the only local minimum found from 1 initial guess'
 
 
 def test_nothing_is_said_of_an_answer_that_is_not_certified():
