@@ -77,6 +77,7 @@ def test_there_is_a_folder_for_logs_without_a_home(tmp_path, monkeypatch, home, 
     assert os.environ.get('ROS_LOG_DIR') == (tempfile.gettempdir() if temporary else None)
 
 
+@pytest.mark.slow
 def test_a_folder_has_one_writer_at_a_time(tmp_path):
     folder = tmp_path / 'out'
     with processes.lock_folder(folder):

@@ -125,6 +125,7 @@ def test_a_signal_while_it_loads_ends_a_node(spawn: Any, probe: Any, node: str, 
     assert not process.output()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('words', [['--help'], ['-p', 'system:=vehicle'], ['flight']], ids=str)
 @pytest.mark.parametrize('node', NODES)
 def test_what_is_no_ros_argument_is_refused(node: str, words: list[str]) -> None:

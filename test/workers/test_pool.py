@@ -93,6 +93,7 @@ json_values = strategies.recursive(
     max_leaves=10)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=50)
 @given(strategies.dictionaries(strategies.text(), json_values),
        strategies.lists(strategies.lists(strategies.integers(0, 4), max_size=3)))
@@ -113,6 +114,7 @@ def test_packets_keep_nan_and_infinity():
     assert packet.arrays['x'].tobytes() == np.array([np.nan, -np.inf, -0.0]).tobytes()
 
 
+@pytest.mark.slow
 def test_answers_large_and_small():
     with running() as pool:
         x = np.arange(3e6).reshape(1000, 3000)
@@ -125,6 +127,7 @@ def test_answers_large_and_small():
         assert pool.replaced == 0
 
 
+@pytest.mark.slow
 def test_affinity_leads_to_the_idle_worker_that_had_it_last():
     with running(2, affinities=2) as pool:
         homes = {name: ask(pool, 'echo', affinity=name).packet.plain['pid'] for name in 'abcd'}

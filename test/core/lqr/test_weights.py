@@ -76,6 +76,7 @@ def test_words_for_what_cannot_be_used(choice, words):
     assert str(refusal.value).startswith(words)
 
 
+@pytest.mark.slow
 @given(st.recursive(st.none() | st.booleans() | st.floats() | st.integers() | st.text(),
                     lambda inner: st.lists(inner, max_size=4), max_leaves=8))
 def test_anything_is_a_matrix_or_words(value):

@@ -59,6 +59,7 @@ def test_a_free_state_is_found_with_the_input():
     assert_allclose(found.drift, [3, 0, 0, 0, 0, 0], atol=1e-13)
 
 
+@pytest.mark.slow
 @given(st.floats(-3.0, 3.0), st.floats(0.1, 30.0))
 def test_the_vehicle_drives_on_along_its_heading_at_the_speed_asked_for(theta, v):
     vehicle = registry.get_system('vehicle')

@@ -109,6 +109,7 @@ def test_no_word_of_tiny_parts_is_shorter(letters, signs):
         assert apart(drive(ORIGIN, path.segments, 1.0), goal) < 1e-11
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('box', [0.05, 0.5, 2, 5, 40])
 def test_no_extremal_of_the_maximum_principle_is_shorter(box):
     """They are found without a list of words and without a formula of `reeds_shepp`."""

@@ -37,6 +37,7 @@ def robot(start, goal, L=1.0, M=1.0, order=(0, 1, 2), rate=1.0, upper=50.0, weig
         path_upper=np.zeros(0), final_time=FinalTime(True, lower=0.01, upper=upper))
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(poses, poses, limits, limits)
 @example((0.0, 0.0, 2.0**-23), (2.0**-23, 0.0, 2.0**-23), 3.0, 1.0)
@@ -62,6 +63,7 @@ def test_pontryagin(start, goal, L, M):
     np.testing.assert_allclose(lam[:, 2], lam[0, 2] + turn, atol=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(poses, poses, limits, limits)
 def test_inputs_drive_the_states(start, goal, L, M):
@@ -89,6 +91,7 @@ def test_turning_on_the_spot_takes_as_long_as_three_arcs():
     assert 'turning on the spot' in found.message
 
 
+@pytest.mark.slow
 @settings(max_examples=50, deadline=None)
 @given(poses, poses, limits, st.floats(0.1, 10))
 def test_scaling_both_limits_scales_time(start, goal, L, factor):

@@ -27,6 +27,7 @@ def least(function, wells):
                                options={'xatol': 1e-12}).fun for at in wells)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('as_state', [False, True])
 def test_two_wells_of_which_the_deeper_one_changes(as_state):
     """What is least at each moment is least on the whole: a quadrature says how much."""
