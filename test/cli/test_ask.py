@@ -219,7 +219,8 @@ def test_ctrl_c_cancels(obc, probe, clock, server):
 
     status, found, output = obc('solve', {'endless.yaml': ENDLESS, 'scalar.yaml': '{'},
                                 server=server, end=interrupt)
-    assert status == 2 and found['scalar']['status'] == 'malformed'
+    assert status == 2
+    assert found['scalar']['status'] == 'malformed'
     assert found['endless']['status'] == 'cancelled', output
     assert 'Traceback' not in output
     if server:
@@ -257,7 +258,8 @@ def test_a_folder_that_cannot_be_made_is_said_before_anything_is_asked(tmp_path,
     (tmp_path / 'file').write_text('')
     assert main([*line, str(tmp_path / 'file' / 'out')]) == 1
     output = capsys.readouterr()
-    assert output.err.startswith(f'obc {line[0]}: ') and 'file/out' in output.err
+    assert output.err.startswith(f'obc {line[0]}: ')
+    assert 'file/out' in output.err
     assert 'malformed' not in output.out
 
 
@@ -318,8 +320,10 @@ def test_hostile_names_are_shown_and_named_harmlessly(tmp_path, capsys):
     file.write_text(json.dumps([{**SCALAR, 'name': name, 'states': 7} for name in names]))
     assert main(['solve', str(file), '--json', str(tmp_path / 'out')]) == 2
     shown = capsys.readouterr().out
-    assert shown.replace('\n', '').isprintable() and max(map(len, shown.splitlines())) < 200
-    assert '\\x1b[31mred' in shown and '\\ud800' in shown
+    assert shown.replace('\n', '').isprintable()
+    assert max(map(len, shown.splitlines())) < 200
+    assert '\\x1b[31mred' in shown
+    assert '\\ud800' in shown
     found = [read(path) for path in (tmp_path / 'out').glob('*.json')]
     assert {answer['name'] for answer in found} == set(names)
     assert {answer['status'] for answer in found} == {'malformed'}
@@ -367,10 +371,12 @@ def test_a_bad_case_in_a_list_does_not_keep_the_others_from_their_answers(tmp_pa
     output = capsys.readouterr().out
     assert f'twin ({file}, entry 1): Qx: wanted 1 rows of 1' in output
     assert f'twin ({file}, entry 3): Qu: missing' in output
-    assert 'list_2: ' in output and 'written as twin_2' in output
+    assert 'list_2: ' in output
+    assert 'written as twin_2' in output
     assert {path.stem for path in tmp_path.glob('*.json')} == {'twin', 'list_2', 'twin_2'}
     bad = results.read_questions(Case, [file])[1]
-    assert bad.status == 'malformed' and 'entry 2: wanted a mapping' in bad.message
+    assert bad.status == 'malformed'
+    assert 'entry 2: wanted a mapping' in bad.message
 
 
 def test_a_plant_is_a_problem_too(tmp_path):
@@ -378,7 +384,8 @@ def test_a_plant_is_a_problem_too(tmp_path):
     file.write_text(yaml.safe_dump({
         **SCALAR, 'units': {'x': 'm'}, 'angles': ['x'], 'setpoint': {'x': 0}}))
     [asked] = results.read_questions(Question, [file])
-    assert asked.problem and not asked.status
+    assert asked.problem
+    assert not asked.status
     assert registry.load_system(file).states[0].unit == 'm'
 
 

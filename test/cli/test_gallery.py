@@ -89,7 +89,8 @@ def understood(command: str, out: Path) -> None:
 def test_hypotheses_of_theorem_2_2() -> None:
     A, B, H, Qu = regulators.make_plant()
     assert np.linalg.eigvals(A).real.max() > 0
-    assert _reaches(A, B) and _reaches(A.T, H.T)
+    assert _reaches(A, B)
+    assert _reaches(A.T, H.T)
     assert np.linalg.eigvalsh(Qu).min() > 0
 
 
@@ -272,6 +273,7 @@ def test_a_reference_is_published_from_its_file(tmp_path: Path) -> None:
     assert command.endswith('"$(cat recordings/loop/flat.yaml)"')
     given = yaml.safe_load((folder / 'flat.yaml').read_text())
     again = fill(type(reference)(), given)
-    assert np.allclose(again.x, reference.x, atol=1e-9) and len(again.t) == len(reference.t)
+    assert np.allclose(again.x, reference.x, atol=1e-9)
+    assert len(again.t) == len(reference.t)
     assert again.header.stamp.nanosec == 0  # it begins when it is heard
     assert (folder / 'flat.yaml').stat().st_size < 120_000  # what a shell takes as one argument

@@ -104,7 +104,8 @@ def test_text_that_the_terminal_has_no_signs_for(monkeypatch):
     answer = subprocess.run(
         [sys.executable, '-m', 'obc_ros.cli.obc', 'solve', 'räte.yaml'],
         capture_output=True, text=True, check=False)
-    assert answer.returncode == 2 and not answer.stderr
+    assert answer.returncode == 2
+    assert not answer.stderr
     assert 'r\\xe4te.yaml: cannot be read' in answer.stdout
 
 

@@ -71,7 +71,8 @@ def test_the_numbers_agree_with_their_references(entry: GalleryEntry) -> None:
     assert heading[:2] == ('quantity', 'result')
     assert 1 + len(rows) == len(re.findall(r'^\| ', text, re.MULTILINE)) > 1
     for what, answer, reference, error, relative, source in rows:
-        assert what and source
+        assert what
+        assert source
         measured, exact = float(answer), float(reference)
         scale = abs(exact) if relative else max(1.0, abs(exact))
         assert abs(measured - exact) <= (float(error) + 1e-9) * 1.05 * scale, what

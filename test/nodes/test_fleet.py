@@ -90,7 +90,8 @@ def test_topics_of_the_controller(file: str) -> None:
     for each in nodes(file):
         assert not asked.keys() & each.values.keys()
     choices = choices_of(file)
-    assert choices['command_sink'] == ['', *SINKS] and choices['state_source'] == ['', *SOURCES]
+    assert choices['command_sink'] == ['', *SINKS]
+    assert choices['state_source'] == ['', *SOURCES]
 
 
 @pytest.mark.parametrize(('file', 'some'), zip(FILES, ({}, {'vehicles': '2'}), strict=True))

@@ -163,7 +163,8 @@ def test_a_parameter_has_an_effect_or_is_refused(start: Any, node: str, name: st
     before = plain.effect
     result = plain.set(**{name: value})
     if not result.successful:
-        assert result.reason and plain.effect == before
+        assert result.reason
+        assert plain.effect == before
     elif not needed:
         assert plain.effect != before
     if not needed:

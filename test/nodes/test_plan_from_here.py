@@ -59,7 +59,8 @@ def test_without_a_state_it_is_refused(spawn: Any, probe: Any) -> None:
     spawn('trajectory_server', {'workers': 1, 'state_timeout': 0.3})
     log = probe.listen(Log, '/rosout', ROSOUT)
     answer = ask(probe)
-    assert not answer.success and answer.status == 'malformed'
+    assert not answer.success
+    assert answer.status == 'malformed'
     assert answer.message == (
         'start is empty, which means the present state, and no state has come on /state')
     publisher = probe.publisher(State, 'state')
@@ -72,11 +73,14 @@ def test_without_a_state_it_is_refused(spawn: Any, probe: Any) -> None:
     assert ask(probe, start=[0.0, 0.0]).success   # with a start no state is needed
     tell(probe, publisher, State(x=[1.0, 2.0, 3.0]))
     answer = ask(probe)
-    assert not answer.success and 'start' in answer.message and '2' in answer.message
+    assert not answer.success
+    assert 'start' in answer.message
+    assert '2' in answer.message
     lines = probe.wait_for(lambda: [
         each for each in log if 'a request of ~/plan was refused' in each.msg][2:],
         what='three refusals in the log')
-    assert lines[0].level == Log.WARN and lines[0].name == 'trajectory_server'
+    assert lines[0].level == Log.WARN
+    assert lines[0].name == 'trajectory_server'
 
 
 def test_go_there_from_here_is_one_call(spawn: Any, probe: Any) -> None:
@@ -151,7 +155,8 @@ def test_it_begins_where_odometry_says(spawn: Any, probe: Any) -> None:
     tell(probe, publisher, odometry(math.nan, *x[1:]))
     assert 'not finite' in ask_aircraft(probe).message
     answer = probe.call(PlanMotion, '/trajectory_server/plan', PlanMotion.Request(system='boat'))
-    assert not answer.success and "unknown system 'boat'" in answer.message
+    assert not answer.success
+    assert "unknown system 'boat'" in answer.message
 
 
 def test_odometry_that_is_old_is_refused(spawn: Any, probe: Any) -> None:
@@ -164,7 +169,8 @@ def test_odometry_that_is_old_is_refused(spawn: Any, probe: Any) -> None:
     assert (answer.success, answer.status) == (False, 'malformed')
     said = re.fullmatch(r'.*the last state on /odom came (\S+) s ago; '
                         r'wanted at most 0\.3 s \(state_timeout\)', answer.message)
-    assert said and float(said[1]) >= 1.0, answer.message
+    assert said, answer.message
+    assert float(said[1]) >= 1.0, answer.message
     assert not probe.node.count_subscribers('/state')
 
 

@@ -174,7 +174,8 @@ def test_no_mesh_is_finer_than_the_server_allows(server, probe):
     server(workers=1, max_intervals=10)
     mapping = problems.read('vanderpol_bounded')
     coarse = solve(probe, message(mapping))
-    assert coarse.status == 'not_converged' and 'max_intervals = 10' in coarse.message
+    assert coarse.status == 'not_converged'
+    assert 'max_intervals = 10' in coarse.message
     assert probe.set_parameters(SERVER, max_intervals=200)[0].successful
     assert solve(probe, message(mapping)).status == 'solved'
 

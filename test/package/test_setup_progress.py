@@ -33,7 +33,8 @@ def test_it_tells_what_goes_on_and_how_long_it_took(
 def test_a_failure_is_shown_whole() -> None:
     failed = subprocess.run([*PROGRESS, 'sh', '-c', 'echo one; echo two >&2; exit 3'],
                             capture_output=True, text=True, check=False)
-    assert failed.returncode == 3 and failed.stderr == 'one\ntwo\n\n'
+    assert failed.returncode == 3
+    assert failed.stderr == 'one\ntwo\n\n'
     assert failed.stdout.endswith('obc_ros: packages: failed after 0 s\n')
 
 

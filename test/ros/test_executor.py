@@ -32,7 +32,8 @@ def test_sigterm_ends_a_node(spawn: Any, probe: Any, node: str) -> None:
         probe.wait_for_node(name)
         process.popen.send_signal(signal.SIGTERM)
         assert process.wait(10.0) == 0, process.output()
-        assert 'Traceback' not in process.output() and 'Error' not in process.output()
+        assert 'Traceback' not in process.output()
+        assert 'Error' not in process.output()
         with suppress(AssertionError):
             probe.wait_for(lambda name=name: name not in probe.node.get_node_names(), 10.0)
             return
@@ -86,7 +87,8 @@ def test_a_client_that_cannot_leave_the_graph_ends(domain: int) -> None:
 def test_a_file_that_cannot_be_read(spawn: Any, tmp_path: Any) -> None:
     """The sentence names what is wrong, and how lists of numbers are written."""
     missing = spawn('lqr_node', remappings={'1bad': '2bad'})
-    assert missing.wait() == 1 and 'Traceback' not in missing.output()
+    assert missing.wait() == 1
+    assert 'Traceback' not in missing.output()
     mixed = spawn('lqr_node', {'Qu': [1, 0.5]})
     assert mixed.wait() == 1
     assert 'write the numbers of a list all with a point, or none' in mixed.output()

@@ -13,7 +13,9 @@ import pytest
 def test_the_profile_is_for_who_has_no_wish(tmp_path: Path) -> None:
     """One variable, that of the Fast DDS that is installed; it names a file that is there."""
     (name, value), = find_profile({'HOME': '/'}, tmp_path).items()
-    assert name in WISHES and Path(value) == PROFILE and PROFILE.is_file()
+    assert name in WISHES
+    assert Path(value) == PROFILE
+    assert PROFILE.is_file()
 
 
 @pytest.mark.parametrize('wish', WISHES)

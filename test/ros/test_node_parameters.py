@@ -80,7 +80,9 @@ def judged(probe: Any) -> Iterator[Judged]:
 def test_starts_with_defaults(judged: Judged) -> None:
     """The table's defaults are the settings, and the system's parameters are in it."""
     settings = judged.parameters.settings
-    assert settings.Qx == (1.0, 1.0) and settings.rate == 0.0 and settings.gust == 0.0
+    assert settings.Qx == (1.0, 1.0)
+    assert settings.rate == 0.0
+    assert settings.gust == 0.0
     assert settings.system_parameters == {'m': 4.0, 'J': 0.0475, 'r': 0.25, 'g': 9.8, 'c': 0.05}
     assert judged.parameters.candidate == settings
     assert judged.adopted == []
@@ -124,7 +126,8 @@ def test_accepts(judged: Judged, name: str, value: Any, kept: Any) -> None:
     assert settings is judged.parameters.settings
     present = (settings.system_parameters['m'] if field == 'system_parameters.m'
                else getattr(settings, field))
-    assert present == kept and type(present) is type(kept)
+    assert present == kept
+    assert type(present) is type(kept)
     told = judged.node.get_parameter(name)
     assert told.value == (list(kept) if isinstance(kept, tuple) else kept) or (
         list(told.value) == list(kept))
@@ -179,17 +182,20 @@ def test_refuses(judged: Judged, name: str, value: Any, sentence: str) -> None:
     result = judged.set(**{name: value})
     assert not result.successful
     assert result.reason.startswith(sentence)
-    assert len(result.reason) < 300 and result.reason.isprintable()
+    assert len(result.reason) < 300
+    assert result.reason.isprintable()
     assert judged.refused == [result.reason]
     assert judged.parameters.settings is before
     assert judged.node.get_parameter('Qx').value == value_before
-    assert not judged.adopted and not judged.node.has_parameter('Qz')
+    assert not judged.adopted
+    assert not judged.node.has_parameter('Qz')
 
 
 def test_read_only_is_refused(judged: Judged) -> None:
     """What is fixed at the start stays."""
     result = judged.set(system='vehicle')
-    assert not result.successful and 'system' in result.reason
+    assert not result.successful
+    assert 'system' in result.reason
     assert judged.parameters.settings.system == 'aircraft'
 
 
@@ -199,7 +205,8 @@ def test_judged_together(judged: Judged) -> None:
     assert not judged.set(Qu=[2.0]).successful
     assert judged.set(Qu=[2.0], Qx=[50.0, 1.0], rate=10).successful
     assert len(judged.adopted) == 2
-    assert judged.adopted[-1].Qu == (2.0,) and judged.adopted[-1].rate == 10.0
+    assert judged.adopted[-1].Qu == (2.0,)
+    assert judged.adopted[-1].rate == 10.0
     assert not judged.set(rate=20.0, Qu=['a']).successful
     assert judged.parameters.settings.rate == 10.0
 
@@ -234,12 +241,15 @@ def test_bounds_that_a_tool_shows(judged: Judged, probe: Any) -> None:
     between, = described('steps').integer_range
     assert (between.from_value, between.to_value, between.step) == (1, 2**63 - 1, 0)
     for name in ('disturbance.gust', 'Qu', 'lockstep', 'on_stale'):
-        assert not described(name).floating_point_range and not described(name).integer_range
+        assert not described(name).floating_point_range
+        assert not described(name).integer_range
     for value in (0.0, 1.0, 1, '0.5'):
         assert probe.set_parameters('/lqr_node', delay=value)[0].successful
     for value in (1.0000001, -1e-300, 'x'):
         result, = probe.set_parameters('/lqr_node', delay=value)
-        assert not result.successful and 'delay' in result.reason and 'wanted' in result.reason
+        assert not result.successful
+        assert 'delay' in result.reason
+        assert 'wanted' in result.reason
         assert judged.refused.pop() == result.reason
     assert described('delay').type == ParameterType.PARAMETER_DOUBLE  # whatever was refused
 
@@ -263,10 +273,12 @@ def test_set_together_if_acceptable_together(judged: Judged, probe: Any) -> None
     assert probe.set_parameters('/lqr_node', Qx=[98.0, 1.0])[0].successful
     results = probe.set_parameters('/lqr_node', Qu=[50.0], Qx=[1.0, 1.0])
     assert [each.successful for each in results] == [True, True]
-    assert len(judged.adopted) == 2 and judged.adopted[-1].Qu == (50.0,)
+    assert len(judged.adopted) == 2
+    assert judged.adopted[-1].Qu == (50.0,)
     results = probe.set_parameters('/lqr_node', Qu=[-1.0], rate=5.0)
     assert [each.successful for each in results] == [False, True]
-    assert judged.refused == [results[0].reason] and len(judged.adopted) == 3
+    assert judged.refused == [results[0].reason]
+    assert len(judged.adopted) == 3
 
 
 @pytest.mark.parametrize('service', [SetParameters, SetParametersAtomically])
@@ -287,7 +299,8 @@ def test_values_at_the_start(probe: Any) -> None:
     judged = Judged(probe.context, {'Qx': [5, 6], 'rate': 100, 'system': 'vehicle',
                                     'system_parameters.l': 3, 'Qz': 1.0})
     settings = judged.parameters.settings
-    assert settings.Qx == (5.0, 6.0) and settings.system_parameters == {'l': 3.0}
+    assert settings.Qx == (5.0, 6.0)
+    assert settings.system_parameters == {'l': 3.0}
     judged.node.destroy_node()
     with pytest.raises(ObcError, match=r'Qu\[0\] = -1: wanted at least 0'):
         Judged(probe.context, {'Qu': [-1]})

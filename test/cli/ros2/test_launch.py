@@ -103,7 +103,8 @@ def test_nodes_that_end_by_themselves_end_the_launch(domain: int, tmp_path: Path
         'launch', 'obc_ros', 'loop.launch.py', 'server:=false', 'plant:=false',
         'params_file:=bad.yaml')
     assert said.status == 1
-    assert '[lqr_node-1] lqr_node: ' in said.out and 'process has died' in said.out
+    assert '[lqr_node-1] lqr_node: ' in said.out
+    assert 'process has died' in said.out
 
 
 @pytest.mark.parametrize(('line', 'wanted'), [

@@ -44,7 +44,9 @@ def test_a_parameter_is_read_set_and_refused(lqr: Any, probe: Any, terminal: Ter
 def test_parameters_are_listed_and_described(lqr: Any, terminal: Terminal) -> None:
     listed = terminal.say_here('param', 'list', '/lqr_node')
     names = [line.removeprefix('  ') for line in listed.out.splitlines()]
-    assert listed.status == 0 and names == sorted(names) and {'Qx', 'Qu', 'setpoint'} < {*names}
+    assert listed.status == 0
+    assert names == sorted(names)
+    assert {'Qx', 'Qu', 'setpoint'} < {*names}
     support.wait_for(lambda: re.match(
         r'/lqr_node:\n(  .*\n)*  Qx \(type: double array\)\n',
         terminal.say_here('param', 'list', '--param-type').out), 60.0)
@@ -53,8 +55,8 @@ def test_parameters_are_listed_and_described(lqr: Any, terminal: Terminal) -> No
     described = terminal.say_here(
         'param', 'describe', '/lqr_node', 'Qx', 'system').out.splitlines()
     assert described[:2] == ['Parameter name: Qx', '  Type: double array']
-    assert described[2].startswith('  Description: state weight') and '    Read only: true' in (
-        described[described.index('Parameter name: system'):])
+    assert described[2].startswith('  Description: state weight')
+    assert '    Read only: true' in described[described.index('Parameter name: system'):]
 
 
 def test_what_is_dumped_is_loaded(lqr: Any, probe: Any, terminal: Terminal) -> None:
@@ -62,7 +64,8 @@ def test_what_is_dumped_is_loaded(lqr: Any, probe: Any, terminal: Terminal) -> N
     assert probe.set_parameters('/lqr_node', Qx=[2.0] * 6)[0].successful
     dumped = terminal.say_here('param', 'dump', '/lqr_node')
     tree = yaml.safe_load(dumped.out)
-    assert dumped.status == 0 and dumped.out.startswith('/lqr_node:\n  ros__parameters:\n')
+    assert dumped.status == 0
+    assert dumped.out.startswith('/lqr_node:\n  ros__parameters:\n')
     assert tree['/lqr_node']['ros__parameters']['Qx'] == [2.0] * 6
     assert tree['/lqr_node']['ros__parameters']['qos_overrides']['/command']['publisher']
     (terminal.folder / 'tuned.yaml').write_text(
@@ -84,19 +87,24 @@ def test_what_is_not_there_is_said(lqr: Any, domain: int, tmp_path: Any) -> None
     assert (said.status, said.out) == (1, 'Parameter not set.\n')
     assert said.err.startswith("/lqr_node has no parameter 'setpoints'; did you mean setpoint")
     said = obc.say_here('param', 'describe', '/lqr_node', 'zzz')
-    assert said.status == 1 and said.err.endswith('see obc param list /lqr_node\n')
+    assert said.status == 1
+    assert said.err.endswith('see obc param list /lqr_node\n')
     (tmp_path / 'others.yaml').write_text('/a: {ros__parameters: {Qx: [1.0]}}\n'
                                           '/b: {ros__parameters: {Qx: [1.0]}}\n')
     said = obc.say_here('param', 'load', '/lqr_node', 'others.yaml')
-    assert said.status == 1 and 'has nothing for /lqr_node, only for /a, /b' in said.err
+    assert said.status == 1
+    assert 'has nothing for /lqr_node, only for /a, /b' in said.err
     for wrong in ('[', '- 1', 'text'):
         (tmp_path / 'wrong.yaml').write_text(wrong)
         said = obc.say_here('param', 'load', '/lqr_node', 'wrong.yaml')
-        assert said.status == 1 and 'is no parameter file' in said.err
+        assert said.status == 1
+        assert 'is no parameter file' in said.err
     said = obc.say_here('param', 'set', '/lqr_node', 'Qx', '[1, ')
-    assert said.status == 1 and 'wanted a list of numbers' in said.err
+    assert said.status == 1
+    assert 'wanted a list of numbers' in said.err
     said = obc.say_here('param', 'list', '/bad name', '--timeout', '0.5')
-    assert said.status == 1 and 'Traceback' not in said.err
+    assert said.status == 1
+    assert 'Traceback' not in said.err
 
 
 def test_where_nobody_runs_the_domain_is_told(domain: int, tmp_path: Any) -> None:

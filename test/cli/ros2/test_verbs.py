@@ -40,7 +40,9 @@ def test_services_are_called_and_listed(loop: None, terminal: Terminal) -> None:
                      and lines == sorted(lines), 60.0)
     said = terminal.say_here('service', 'call', '/lqr_node/try_design', 'obc_ros/srv/TryDesign',
                              '{weights: {nothing: 1}}')
-    assert said.status == 1 and 'Failed to populate field' in said.err and 'nothing' in said.err
+    assert said.status == 1
+    assert 'Failed to populate field' in said.err
+    assert 'nothing' in said.err
 
 
 def test_topics_are_listed_heard_and_timed(loop: None, terminal: Terminal) -> None:
@@ -48,7 +50,8 @@ def test_topics_are_listed_heard_and_timed(loop: None, terminal: Terminal) -> No
     support.wait_for(
         lambda: wanted < {*terminal.say_here('topic', 'list').out.splitlines()}, 60.0)
     design = terminal.say_here('topic', 'echo', '--once', '/lqr_node/design')  # it is latched
-    assert design.status == 0 and design.out.startswith('header:\n  stamp:\n')
+    assert design.status == 0
+    assert design.out.startswith('header:\n  stamp:\n')
     assert '\nrevision: 1\nsystem: aircraft\nstate_names:\n- px\n' in design.out
     assert design.out.endswith('\n---\n')
     said = terminal.say_here('topic', 'echo', '--once', '--field', 'sentence', '--full-length',
@@ -65,7 +68,8 @@ def test_topics_are_listed_heard_and_timed(loop: None, terminal: Terminal) -> No
                      told), told
     ends = terminal.say_here('topic', 'info', '--verbose', '/reference').out
     assert ends.startswith('Type: obc_ros/msg/Trajectory\n\nPublisher count: 0\n\n')
-    assert 'Node name: lqr_node' in ends and 'TRANSIENT_LOCAL' in ends
+    assert 'Node name: lqr_node' in ends
+    assert 'TRANSIENT_LOCAL' in ends
 
 
 def test_a_message_is_published(terminal: Terminal, probe: Any) -> None:
@@ -79,7 +83,8 @@ def test_a_message_is_published(terminal: Terminal, probe: Any) -> None:
             text=True, stdout=subprocess.PIPE, env=support.environment(terminal.domain)) as ended:
         probe.wait_for(lambda: heard, what='the message')
         said, _ = ended.communicate(timeout=60.0)
-    assert ended.returncode == 0 and list(heard[0].t) == [0.0, 1.0]
+    assert ended.returncode == 0
+    assert list(heard[0].t) == [0.0, 1.0]
     assert 'publisher: beginning loop\npublishing #1: obc_ros.msg.Trajectory(' in said
 
 
@@ -93,7 +98,8 @@ def test_a_goal_is_sent_and_followed(spawn: Any, terminal: Terminal) -> None:
                                'Sending goal:\n     problem:\n')
     assert '\nFeedback:\n    phase: ' in said.out
     assert re.search(r'\nGoal accepted with ID: [0-9a-f]{32}\n\n', said.out)
-    assert '\nResult:\n    ' in said.out and 'objective: 1.0' in said.out
+    assert '\nResult:\n    ' in said.out
+    assert 'objective: 1.0' in said.out
     assert said.out.endswith('\nGoal finished with status: SUCCEEDED\n')
 
 
@@ -105,7 +111,8 @@ def test_states_of_a_node_are_changed(loop: None, terminal: Terminal) -> None:
     support.wait_for(lambda: terminal.say_here('lifecycle', 'get').out
                      == '/lqr_node: inactive [2]\n', 60.0)
     said = terminal.say_here('lifecycle', 'set', '/lqr_node', 'deactivate')
-    assert said.status == 1 and 'Unknown transition requested, available ones are:' in said.err
+    assert said.status == 1
+    assert 'Unknown transition requested, available ones are:' in said.err
     support.wait_for(lambda: terminal.say_here('node', 'list').out
                      == '/lqr_node\n/plant_simulator\n', 60.0)
 
@@ -113,13 +120,15 @@ def test_states_of_a_node_are_changed(loop: None, terminal: Terminal) -> None:
 def test_interfaces_are_shown(terminal: Terminal) -> None:
     """With the fields of fields, indented; a service with both of its parts."""
     said = terminal.say('interface', 'show', 'obc_ros/srv/PlanMotion')
-    assert said.status == 0 and '\n---\n' in said.out
+    assert said.status == 0
+    assert '\n---\n' in said.out
     assert re.search(r'^string system\s+# ', said.out, re.MULTILINE)
     shown = terminal.say('interface', 'show', 'obc_ros/msg/State').out
     assert re.search(r'^std_msgs/Header header.*\n\tbuiltin_interfaces/Time stamp\n\t\tint32 sec\n'
                      r'\t\tuint32 nanosec\n\tstring frame_id\n', shown, re.MULTILINE)
     wrong = terminal.say('interface', 'show', 'obc_ros/msg')
-    assert wrong.status == 1 and 'Expected three parts' in wrong.err
+    assert wrong.status == 1
+    assert 'Expected three parts' in wrong.err
 
 
 def test_what_is_not_there_is_said(loop: None, domain: int, tmp_path: Any) -> None:
@@ -160,5 +169,6 @@ def test_ctrl_c_cancels_a_goal(spawn: Any, domain: int, tmp_path: Any) -> None:
             said += line
         asking.send_signal(signal.SIGINT)
         rest, error = asking.communicate(timeout=60.0)
-    assert asking.returncode == 130 and error == ''
+    assert asking.returncode == 130
+    assert error == ''
     assert rest.endswith('Canceling goal...\nGoal canceled.\n'), rest

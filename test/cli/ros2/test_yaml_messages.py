@@ -26,12 +26,15 @@ def test_a_request_is_filled() -> None:
     request = fill(DesignLqr.Request(), parse_values(
         '{system: aircraft, weights: {qx: [1, 2.5, 1e-9], rho: 3}}'))
     assert request.system == 'aircraft'
-    assert list(request.weights.qx) == [1.0, 2.5, 1e-9] and request.weights.rho == 3.0
+    assert list(request.weights.qx) == [1.0, 2.5, 1e-9]
+    assert request.weights.rho == 3.0
     problem = fill(SolveOptimalControl.Request(), parse_values(
         '{problem: {states: [p], dynamics: [{name: p, expression: u}], running_cost: 1, '
         'final_time: {free: true}}}')).problem
-    assert problem.dynamics[0].name == 'p' and problem.dynamics[0].expression == 'u'
-    assert problem.running_cost == '1' and problem.final_time.free is True
+    assert problem.dynamics[0].name == 'p'
+    assert problem.dynamics[0].expression == 'u'
+    assert problem.running_cost == '1'
+    assert problem.final_time.free is True
 
 
 @pytest.mark.parametrize(('text', 'said'), [
@@ -84,7 +87,9 @@ def test_arrays_bytes_and_times_are_filled() -> None:
 def test_a_message_becomes_yaml_and_comes_back() -> None:
     design = LqrDesign(revision=3, system='ü', k=[1.0, float('inf')], state_names=['a'])
     text = convert_to_yaml(design)
-    assert 'system: ü\n' in text and '- .inf\n' in text and text.startswith('header:\n  stamp:\n')
+    assert 'system: ü\n' in text
+    assert '- .inf\n' in text
+    assert text.startswith('header:\n  stamp:\n')
     assert fill(LqrDesign(), yaml.safe_load(text)) == design
     short = convert_to_plain(design, no_arr=True, no_str=True)
     assert short['k'] == '<sequence type: double, length: 2>'

@@ -55,7 +55,8 @@ def test_answers_a_state() -> None:
     loop = ControlLoop(control(x=(1.0, 0.0), u=3.0))
     assert loop.answer(5, [2.0, 0.5], 0.0) == [3.0 - 1.0 - 1.0]
     assert loop.counts == {'answered': 1, 'saturated': 0}
-    assert loop.error == [1.0, 0.5] and loop.command == [1.0]
+    assert loop.error == [1.0, 0.5]
+    assert loop.command == [1.0]
 
 
 def test_clips_and_counts() -> None:
@@ -81,7 +82,8 @@ def test_bad_states_are_dropped(x: list[float], kind: str, words: str) -> None:
     """What cannot be answered is dropped, counted, told; the next state is answered."""
     loop = ControlLoop(control(gain=((10.0, 10.0),)))
     assert loop.answer(0, x, 0.0) is None
-    assert loop.counts[kind] == 1 and not loop.counts['answered']
+    assert loop.counts[kind] == 1
+    assert not loop.counts['answered']
     assert loop.news[0].startswith(words)
     assert loop.answer(1, [0.0, 0.0], 0.0) == [0.0]
 
@@ -91,7 +93,8 @@ def test_the_same_is_told_once_a_second() -> None:
     loop = ControlLoop(control())
     for k in range(2_500):
         loop.answer(k * MS, [math.nan, 0.0], k * 1e-3)
-    assert loop.counts['finite'] == 2_500 and len(loop.news) == 3
+    assert loop.counts['finite'] == 2_500
+    assert len(loop.news) == 3
 
 
 def test_a_late_state_is_dropped() -> None:
@@ -100,7 +103,8 @@ def test_a_late_state_is_dropped() -> None:
     given = answers(loop, (1.00, [1.0, 0.0]), (0.99, [9.0, 0.0]), (1.01, [2.0, 0.0]),
                     (1.0, [9.0, 0.0]), (1.02, [3.0, 0.0]))
     assert given == [[-1.0], None, [-2.0], None, [-3.0]]
-    assert loop.counts['late'] == 2 and loop.counts['restarted'] == 0
+    assert loop.counts['late'] == 2
+    assert loop.counts['restarted'] == 0
 
 
 def test_a_repeated_stamp_is_answered_alike() -> None:
@@ -149,13 +153,15 @@ def test_stamps_against_the_clock(lag: float, kind: str) -> None:
     loop = ControlLoop(control(rules=Rules(stamp_timeout=0.5)))
     stamp = 2_000_000_000 * S
     u = loop.answer(stamp, [1.0, 0.0], 0.0, stamp + round(lag * S))
-    assert (u is None) == bool(kind) and loop.counts[kind] == bool(kind)
+    assert (u is None) == bool(kind)
+    assert loop.counts[kind] == bool(kind)
     if kind:
         words = {'old': 'before', 'ahead': 'after'}[kind]
         assert f's {words} the local time was dropped' in loop.news[0]
         assert loop.lag == pytest.approx(lag)
         # it neither is a state that came, nor puts the next one out of order
-        assert loop.overdue(1e9) is None and loop.stamp is None
+        assert loop.overdue(1e9) is None
+        assert loop.stamp is None
     unchecked = ControlLoop(control())
     assert unchecked.answer(stamp, [1.0, 0.0], 0.0, stamp + round(lag * S)) == [-1.0]
 
@@ -166,7 +172,8 @@ def test_late_stamps_are_stale() -> None:
     assert loop.answer(10 * S, [1.0, 0.0], 10.0, 10 * S) == [6.0]
     for k in range(1, 10):
         assert loop.answer(10 * S + k * 100 * MS, [1.0, 0.0], 10.0 + 0.1 * k, 20 * S) is None
-    assert loop.overdue(10.9) == [7.0] and loop.is_stale
+    assert loop.overdue(10.9) == [7.0]
+    assert loop.is_stale
 
 
 # When states stay away
@@ -177,15 +184,20 @@ def test_late_stamps_are_stale() -> None:
 def test_stale(action: str, commanded: list[float] | None) -> None:
     """After state_timeout on_stale acts, again each time; a state ends it."""
     loop = ControlLoop(control(u=7.0, rules=Rules(state_timeout=0.2, on_stale=action)))
-    assert loop.wake() == math.inf and loop.overdue(1e9) is None  # nothing has come yet
+    assert loop.wake() == math.inf
+    assert loop.overdue(1e9) is None  # nothing has come yet
     assert loop.answer(0, [1.0, 0.0], 10.0) == [6.0]
     assert loop.wake() == 10.2
-    assert loop.overdue(10.19) is None and not loop.is_stale
-    assert loop.overdue(10.2) == commanded and loop.is_stale
+    assert loop.overdue(10.19) is None
+    assert not loop.is_stale
+    assert loop.overdue(10.2) == commanded
+    assert loop.is_stale
     assert loop.overdue(10.3) is None
     assert loop.overdue(10.4) == commanded
-    assert loop.counts['stale'] == 1 and f'on_stale: {action}' in loop.news[0]
-    assert loop.answer(1, [2.0, 0.0], 11.0) == [5.0] and not loop.is_stale
+    assert loop.counts['stale'] == 1
+    assert f'on_stale: {action}' in loop.news[0]
+    assert loop.answer(1, [2.0, 0.0], 11.0) == [5.0]
+    assert not loop.is_stale
     assert loop.age(11.5) == 0.5
 
 
@@ -202,7 +214,8 @@ def test_no_timeout() -> None:
     """With state_timeout = 0 nothing is ever stale."""
     loop = ControlLoop(control(rules=Rules(state_timeout=0.0)))
     loop.answer(0, [0.0, 0.0], 0.0)
-    assert loop.wake() == math.inf and loop.overdue(1e9) is None
+    assert loop.wake() == math.inf
+    assert loop.overdue(1e9) is None
 
 
 # Stop, envelope

@@ -102,8 +102,10 @@ def test_transition_is_smooth() -> None:
     loop.adopt(control(gain=((5.0, 0.0),), rules=rules))
     times = np.linspace(0.0, 1.2, 121)
     u = np.array([loop.answer(round(t * S), [1.0, 0.0], t) for t in times]).ravel()
-    assert u[0] == -1.0 and (u[times >= 1.0] == -5.0).all()
-    assert (np.diff(u) <= 0.0).all() and np.abs(np.diff(u)).max() < 4.0 * 1.5 * 0.01 * 1.01
+    assert u[0] == -1.0
+    assert (u[times >= 1.0] == -5.0).all()
+    assert (np.diff(u) <= 0.0).all()
+    assert np.abs(np.diff(u)).max() < 4.0 * 1.5 * 0.01 * 1.01
     assert u[50] == pytest.approx(-3.0)
 
 
@@ -139,7 +141,9 @@ def test_preview_is_the_jump() -> None:
     assert answers(loop, (0.0, [1.0, 0.0])) == [before]
     loop.adopt(wanted)
     after = answers(loop, (0.0, [1.0, 0.0]))[0]
-    assert before and after and jump == [after[0] - before[0]] == [-0.5]
+    assert before
+    assert after
+    assert jump == [after[0] - before[0]] == [-0.5]
 
 
 class Still:
@@ -283,7 +287,8 @@ def test_anti_windup(push: float) -> None:
     assert u == [-2.0 * push]
     # the error changes its sign: the input leaves the limit at once
     u = loop.answer(10_000 * MS, [-push * 0.5, 0.0], 10.0)
-    assert u is not None and u[0] * push > 0.4
+    assert u is not None
+    assert u[0] * push > 0.4
 
 
 def test_nothing_is_integrated_over_a_gap() -> None:

@@ -44,10 +44,12 @@ def test_the_paths_that_the_constraints_were_set_from_keep_to_them():
         mapping = made.mapping
         for name, (low, high) in mapping['state_bounds'].items():
             column = made.x[:, mapping['states'].index(name)]
-            assert (low is None or column.min() > low) and (high is None or column.max() < high)
+            assert low is None or column.min() > low
+            assert high is None or column.max() < high
         for name, (low, high) in mapping['input_bounds'].items():
             column = made.u[:, mapping['inputs'].index(name)]
-            assert low < column.min() and column.max() < high
+            assert low < column.min()
+            assert column.max() < high
         final = mapping['final_time']
         if final['free']:
             assert final['lower'] < made.t[-1] < final['upper']

@@ -58,7 +58,9 @@ def test_the_slalom_ends_as_it_begins():
     assert (later[0] - earlier[0]) / (2 * h) == pytest.approx(dy, abs=1e-5)
     assert (later[1] - earlier[1]) / (2 * h) == pytest.approx(ddy, abs=1e-4)
     assert y == pytest.approx(-y[::-1], abs=1e-12)
-    assert not y[t >= 6.0].any() and not dy[t >= 6.0].any() and not ddy[t >= 6.0].any()
+    assert not y[t >= 6.0].any()
+    assert not dy[t >= 6.0].any()
+    assert not ddy[t >= 6.0].any()
     assert y[(t > 1) & (t < 5)].max() == pytest.approx(1.0, abs=1e-3)
 
 

@@ -149,7 +149,8 @@ def test_all_three_specifications_and_the_table(spawn: Any, probe: Any) -> None:
     assert answer.success, answer.message
     tried = attempt(probe, qx=list(answer.qx), qu=list(answer.qu)).design
     for design in (answer.design, tried):
-        assert design.rise_time[0] <= 1.0 and design.overshoot[0] <= 0.05
+        assert design.rise_time[0] <= 1.0
+        assert design.overshoot[0] <= 0.05
         assert design.peak_input[0] <= 8.0
     assert (matrix(answer.qx, 2) == np.diag(np.diag(matrix(answer.qx, 2)))).all()
     for k in (0, len(answer.table_scale) // 2, -1):  # Bryson's rule with that scale of the input
@@ -159,7 +160,8 @@ def test_all_three_specifications_and_the_table(spawn: Any, probe: Any) -> None:
         assert row.peak_input[0] == pytest.approx(answer.table_peak_input[k], rel=1e-6)
     asked.peak_input = [1.0]  # a bang of 1 does not rise in a second
     refused = probe.call(SuggestWeights, '/lqr_node/suggest_weights', asked)
-    assert not refused.success and 'together: the minimum ' in refused.message
+    assert not refused.success
+    assert 'together: the minimum ' in refused.message
     assert len(bench.designs) == 1
 
 

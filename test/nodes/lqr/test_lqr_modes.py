@@ -86,7 +86,8 @@ def test_the_gain_follows_the_speed_that_odometry_tells(spawn: Any, probe: Any) 
                   state_source='odom', Qx=[1.0, 0.1], Qu=[1.0], stability=1.0, schedule='v',
                   schedule_range=[1.0, 30.0])
     sentence = bench.design(1).sentence
-    assert 'the gain follows v from 1 to 30' in sentence and 'proved to stabilise' in sentence
+    assert 'the gain follows v from 1 to 30' in sentence
+    assert 'proved to stabilise' in sentence
     py, theta, stamp = 0.2, 0.05, 0.0
     for v in (1.0, 1.7, 4.0, 10.0, 22.0, 30.0):
         stamp, seen = stamp + 0.1, len(bench.commands)
@@ -129,7 +130,8 @@ def test_a_vehicle_that_changes_its_speed(spawn: Any, probe: Any) -> None:
     move = closed_loop('vehicle', x)
     for k in range(300):
         x = move(bench.answer(x, 0.01 * k))
-    assert abs(x[1]) < 0.2 and x[0] < 4.0
+    assert abs(x[1]) < 0.2
+    assert x[0] < 4.0
     t = np.linspace(0.0, 6.0, 121)
     v = 1.0 + 29.0 * np.clip(t / 5.0, 0.0, 1.0)
     px = x[0] + np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
@@ -144,7 +146,9 @@ def test_a_vehicle_that_changes_its_speed(spawn: Any, probe: Any) -> None:
         x, before = move(u), u
         if k > 600:
             worst = max(worst, abs(x[1]))
-    assert worst < 0.02 and u is not None and u[0] == pytest.approx(30.0, abs=0.1)
+    assert worst < 0.02
+    assert u is not None
+    assert u[0] == pytest.approx(30.0, abs=0.1)
 
 
 # Limits and weights
@@ -200,7 +204,8 @@ def test_every_choice_of_weights_is_used(spawn: Any, probe: Any) -> None:
         np.testing.assert_allclose(np.linalg.solve(Qu, B.T @ P + N.T), K, rtol=1e-9, atol=1e-9)
         residual = shifted.T @ P + P @ shifted - K.T @ Qu @ K + Qx
         assert np.abs(residual).max() < 1e-9 * np.abs(P).max()
-        assert max(design.poles_real) < -alpha and design.residual < 1e-12
+        assert max(design.poles_real) < -alpha
+        assert design.residual < 1e-12
 
 
 # Time
@@ -221,7 +226,8 @@ def test_stamps_against_the_clock(spawn: Any, probe: Any) -> None:
     status = bench.report('states', lambda status, values: (
         values['dropped stamped too long ago'], values['dropped stamped in the future'])
         == ('2', '1'))
-    assert status.level == b'\x02' and 'no valid state' in status.message  # on_stale has acted
+    assert status.level == b'\x02'
+    assert 'no valid state' in status.message  # on_stale has acted
     assert (np.array(bench.commands[-1].u) == HOVER).all()
     assert (bench.answer(X, time.time()) == good).all()
     bench.answer(X, 0.5)  # of a simulation, say
@@ -268,7 +274,8 @@ def test_example_2_5_at_20_hz_with_50_ms_of_delay(spawn: Any, probe: Any) -> Non
         seen[-1].header.stamp.sec >= 6 for seen in states.values()), 40.0)
     sizes = {name: max(np.abs(each.x[:2]).max() for each in seen if each.header.stamp.sec == 5)
              for name, seen in states.items()}
-    assert sizes['naive'] > 1.0 and sizes['sampled'] < 0.01, sizes
+    assert sizes['naive'] > 1.0, sizes
+    assert sizes['sampled'] < 0.01, sizes
 
 
 def test_slalom_of_1_m_and_1_hz(spawn: Any, probe: Any) -> None:
@@ -287,7 +294,8 @@ def test_slalom_of_1_m_and_1_hz(spawn: Any, probe: Any) -> None:
         now = 102.0 + 0.01 * k
         error.append(place[0] - np.interp(now - 100.0, t, x[:, 0]))
         place = move(bench.answer(place, now))
-    assert error[0] == pytest.approx(0.2) and np.abs(error[150:]).max() < 0.02
+    assert error[0] == pytest.approx(0.2)
+    assert np.abs(error[150:]).max() < 0.02
     assert np.abs(x[:, 0]).max() == pytest.approx(1.0, abs=0.01)
 
 
@@ -329,7 +337,8 @@ def test_what_is_tried_is_what_comes(spawn: Any, probe: Any) -> None:
     bench = Bench(spawn, probe, system='double_integrator')
     weights = LqrWeights(qx=[16.0, 1.0], qu=[0.5])
     tried = probe.call(TryDesign, '/lqr_node/try_design', TryDesign.Request(weights=weights))
-    assert tried.success and len(bench.designs) == 1
+    assert tried.success
+    assert len(bench.designs) == 1
     assert bench.set(Qx=[16.0, 1.0], Qu=[0.5]).successful
     design = bench.design(2)
     assert list(tried.design.poles_real) == list(design.poles_real)

@@ -40,16 +40,19 @@ def test_diagnostics_at_1_hz(spawn: Any, probe: Any) -> None:
              for status in bench.reports[-1].status}
     assert set(parts) == {f'lqr_node: {part}' for part in ('states', 'commands', 'design')}
     status, states = parts['lqr_node: states']
-    assert status.level == b'\x00' and status.message == 'states are answered'
+    assert status.level == b'\x00'
+    assert status.message == 'states are answered'
     mean = answered / (time.monotonic() - begun)
     assert float(states['rate [Hz]']) == pytest.approx(mean, rel=0.5)
-    assert 0.0 <= float(states['age [s]']) < 0.5 and states['dropped not finite'] == '0'
+    assert 0.0 <= float(states['age [s]']) < 0.5
+    assert states['dropped not finite'] == '0'
     _, commands = parts['lqr_node: commands']
     assert 1.0 < float(commands['latency p50 [us]']) <= float(commands['latency p99 [us]']) < 1e6
     assert float(commands['share at a limit']) == pytest.approx(0.25, abs=0.1)
     assert 'at a limit 2' in parts['lqr_node: commands'][0].message
     status, design = parts['lqr_node: design']
-    assert design['revision'] == '2' and design['changes refused'] == '1'
+    assert design['revision'] == '2'
+    assert design['changes refused'] == '1'
     assert design['last refusal'].startswith('Qu[1] = -1: Qu must be positive definite')
     assert 'revision 2: aircraft: spectral abscissa -' in status.message
 
@@ -108,7 +111,8 @@ def test_a_design_that_cannot_be_proved(spawn: Any, A: Any, B: Any, Qx: Any, Qu:
     """The node does not start with it, and says what stands against it."""
     process = spawn('lqr_node', {'system': 'linear', 'system_parameters.A': A,
                                  'system_parameters.B': B, 'Qx': Qx, 'Qu': Qu})
-    assert process.wait() == 1 and sentence in process.output(), process.output()
+    assert process.wait() == 1, process.output()
+    assert sentence in process.output(), process.output()
 
 
 def test_weights_that_fool_the_usual_solver(spawn: Any, probe: Any) -> None:
@@ -116,7 +120,8 @@ def test_weights_that_fool_the_usual_solver(spawn: Any, probe: Any) -> None:
     bench = Bench(spawn, probe, system='double_integrator', Qx=[1e16, 1e-16], Qu=[1e-16])
     design = bench.design(1)
     assert list(design.k) == pytest.approx([1e16, math.sqrt(2e16)], rel=1e-12)
-    assert max(design.poles_real) < 0.0 and 'spectral abscissa' in design.sentence
+    assert max(design.poles_real) < 0.0
+    assert 'spectral abscissa' in design.sentence
     u = bench.answer([1e-16, 0.0])
     assert u == pytest.approx(-1.0)
     assert 'Qu must be positive definite' in bench.set(Qu=[-1.0]).reason

@@ -70,7 +70,8 @@ def test_transition_and_the_jump_it_hides(spawn: Any, probe: Any) -> None:
     before = bench.answer(X, 1.0)
     tried = probe.call(TryDesign, '/lqr_node/try_design', TryDesign.Request(
         weights=LqrWeights(qx=[100.0] * 6)))
-    assert tried.success and tried.design.revision == 0
+    assert tried.success
+    assert tried.design.revision == 0
     assert bench.set(Qx=[100.0] * 6).successful
     start = bench.answer(X, 1.01)
     assert np.abs(start - before).max() < 1e-9
@@ -89,14 +90,17 @@ def test_try_design(spawn: Any, probe: Any) -> None:
             weights=LqrWeights(**weights)))
 
     answer = attempt(qx=[100.0, 1.0, 1.0, 0.0, 0.0, 0.0], qu=[0.1, 0.1])
-    assert answer.success and answer.message == answer.design.sentence
+    assert answer.success
+    assert answer.message == answer.design.sentence
     design = answer.design
     A, B, K = matrix(design.a, 6), matrix(design.b, 6), matrix(design.k, 2)
     poles = np.sort_complex(np.linalg.eigvals(A - B @ K))
     np.testing.assert_allclose(np.sort_complex(
         np.array(design.poles_real) + 1j * np.array(design.poles_imag)), poles, atol=1e-9)
-    assert min(design.phase_margin) > math.radians(30) and min(design.disk_margin) > 0.5
-    assert design.rise_time[0] > 0.0 and math.isnan(design.rise_time[3])
+    assert min(design.phase_margin) > math.radians(30)
+    assert min(design.disk_margin) > 0.5
+    assert design.rise_time[0] > 0.0
+    assert math.isnan(design.rise_time[3])
     assert design.peak_input[0] == pytest.approx(np.abs(K[0, 0]), rel=0.5)
     assert attempt(weights='bryson', x_max=[1.0] * 6, u_max=[1.0, 2.0]).success
     assert attempt(weights='output', h=[1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0, 0, 0, 0]
@@ -107,8 +111,10 @@ def test_try_design(spawn: Any, probe: Any) -> None:
             ({'weights': 'best'}, 'best'), ({'rho': math.nan, 'weights': 'output'}, 'H has no'),
             ({'cross': [1e9] * 12}, 'cross'), ({'stability': -1.0}, 'stability = -1')):
         answer = attempt(**refused)
-        assert not answer.success and sentence in answer.message, (refused, answer.message)
-    assert (bench.answer(X) == before).all() and len(bench.designs) == 1
+        assert not answer.success, (refused, answer.message)
+        assert sentence in answer.message, (refused, answer.message)
+    assert (bench.answer(X) == before).all()
+    assert len(bench.designs) == 1
 
 
 def test_integral_action(spawn: Any, probe: Any) -> None:
@@ -139,14 +145,17 @@ def test_suggested_weights(spawn: Any, probe: Any) -> None:
 
     answer = specify(rise_time=0.5, overshoot=0.1)
     assert answer.success, answer.message
-    assert answer.design.rise_time[0] <= 0.5 and answer.design.overshoot[0] <= 0.1
+    assert answer.design.rise_time[0] <= 0.5
+    assert answer.design.overshoot[0] <= 0.1
     rise, peak = answer.table_rise_time, answer.table_peak_input  # from small inputs to large
-    assert rise[0] > 10 * rise[-1] and peak[0] < 0.1 * peak[-1]
+    assert rise[0] > 10 * rise[-1]
+    assert peak[0] < 0.1 * peak[-1]
     assert len(answer.table_peak_input) == len(answer.table_scale) > 3
     assert not specify(rise_time=1e-3, peak_input=[1e-3]).success
     assert 'rise_time' in specify(rise_time=-1.0).message
     assert specify(x_max=[1.0]).message
-    assert (bench.answer([0.1, 0.0]) == before).all() and len(bench.designs) == 1
+    assert (bench.answer([0.1, 0.0]) == before).all()
+    assert len(bench.designs) == 1
     assert bench.set(Qx=list(answer.qx), Qu=list(answer.qu)).successful
     assert bench.design(2).rise_time[0] == pytest.approx(answer.design.rise_time[0])
 
@@ -176,10 +185,12 @@ def test_sampled_and_delayed(spawn: Any, probe: Any) -> None:
     assert bench.set(design='sampled', rate=20.0, delay=0.05).successful
     design = bench.design(2)
     assert (design.design, design.sample_time, design.delay) == ('sampled', 0.05, 0.05)
-    assert design.max_gain_change > 0.01 and max(design.poles_real) < 0.0
+    assert design.max_gain_change > 0.01
+    assert max(design.poles_real) < 0.0
     u = [bench.answer(X, 1.0 + 0.05 * k) for k in range(3)]
     # the same state, but each time another command is on its way
-    assert np.abs(u[1] - u[0]).max() > 1e-3 and np.abs(u[2] - u[1]).max() > 1e-3
+    assert np.abs(u[1] - u[0]).max() > 1e-3
+    assert np.abs(u[2] - u[1]).max() > 1e-3
 
 
 # References
@@ -259,21 +270,31 @@ def test_lifecycle(spawn: Any, probe: Any) -> None:
             probe.spin_for(0.02)
         return len(bench.commands) == seen
 
-    assert state() == UNCONFIGURED and is_silent()
+    assert state() == UNCONFIGURED
+    assert is_silent()
     assert bench.set(Qx=[2.0] * 6).successful  # parameters live in every state
-    assert not change('activate') and change('configure') and is_silent()
-    assert change('activate') and state() == ACTIVE
+    assert not change('activate')
+    assert change('configure')
+    assert is_silent()
+    assert change('activate')
+    assert state() == ACTIVE
     np.testing.assert_allclose(bench.ask(X), HOVER - matrix(bench.design(2).k, 2) @ X, rtol=1e-9)
-    assert not change('configure') and not change('no_such_transition') and state() == ACTIVE
+    assert not change('configure')
+    assert not change('no_such_transition')
+    assert state() == ACTIVE
     request = ChangeState.Request()
     request.transition.id = 77
     assert not probe.call(ChangeState, '/lqr_node/change_state', request).success
     seen = len(bench.commands)
     assert change('deactivate')
     probe.wait_for(lambda: len(bench.commands) > seen)
-    assert (np.array(bench.commands[-1].u) == HOVER).all() and is_silent()
-    assert change('activate') and bench.ask(X).size == 2
-    assert change('deactivate') and change('cleanup') and state() == UNCONFIGURED
+    assert (np.array(bench.commands[-1].u) == HOVER).all()
+    assert is_silent()
+    assert change('activate')
+    assert bench.ask(X).size == 2
+    assert change('deactivate')
+    assert change('cleanup')
+    assert state() == UNCONFIGURED
     assert change('shutdown')
 
 
@@ -354,7 +375,8 @@ def test_odometry_in_and_twist_out(spawn: Any, probe: Any) -> None:
 
     for k, yaw in enumerate((0.1, -0.1, 0.1 + 2 * math.pi)):
         twist = drive(10.0 * k, 0.2, yaw)
-        assert twist is not None and twist.header.frame_id == 'base_link'
+        assert twist is not None
+        assert twist.header.frame_id == 'base_link'
         v, phi = np.array([10.0, 0.0]) - K @ [0.0, 0.2, math.remainder(yaw, math.tau)]
         assert twist.twist.linear.x == pytest.approx(v, rel=1e-9)
         assert twist.twist.angular.z == pytest.approx(v / 2.0 * math.tan(np.clip(
@@ -409,7 +431,8 @@ def test_wrench_out(spawn: Any, probe: Any) -> None:
     bench.send(X, 2.0, frame='map')
     wrench = probe.wait_for(lambda: bench.commands or None)[-1]
     f1, f2 = HOVER - K @ X
-    assert wrench.header.frame_id == 'base_link' and wrench.header.stamp.sec == 2
+    assert wrench.header.frame_id == 'base_link'
+    assert wrench.header.stamp.sec == 2
     assert (wrench.wrench.force.x, wrench.wrench.force.z, wrench.wrench.torque.y) == (
         pytest.approx(f1, rel=1e-9), pytest.approx(f2, rel=1e-9), pytest.approx(-0.25 * f1))
 
@@ -423,5 +446,6 @@ def test_wrench_out(spawn: Any, probe: Any) -> None:
 def test_messages_that_do_not_fit(spawn: Any, parameters: Any, sentence: str) -> None:
     """A system without a pose, or inputs that a message cannot carry, is refused at the start."""
     process = spawn('lqr_node', parameters)
-    assert process.wait() == 1 and sentence in process.output()
+    assert process.wait() == 1
+    assert sentence in process.output()
     assert 'Traceback' not in process.output()

@@ -64,7 +64,8 @@ def test_a_start_that_would_surprise_is_refused(spawn: Any, tmp_path: Path, para
     process = spawn('lqr_node', parameters)
     assert process.wait() == 1
     lines = [line for line in process.output().splitlines() if '[INFO]' not in line]
-    assert len(lines) == 1 and sentence in lines[0], process.output()
+    assert len(lines) == 1, process.output()
+    assert sentence in lines[0], process.output()
 
 
 def test_the_line_that_is_shown_limits_as_before(spawn: Any, probe: Any) -> None:
@@ -119,7 +120,8 @@ def test_the_example_of_the_page_is_safe(spawn: Any, probe: Any) -> None:
     robot = Robot(spawn, probe)
     v = np.array([robot.step()[0] for _ in range(150)])
     assert v[0] == 0.0
-    assert (np.diff(v) >= -1e-12).all() and np.diff(v).max() < 0.5 * 1.5 * 0.02 * 1.01
+    assert (np.diff(v) >= -1e-12).all()
+    assert np.diff(v).max() < 0.5 * 1.5 * 0.02 * 1.01
     assert v[25] == pytest.approx(0.25, abs=0.01)   # the middle of the second that it takes
     assert v[51:] == pytest.approx(0.5, abs=1e-9)   # no way to make up for, as it waited
     assert robot.x[1:] == pytest.approx([0.0, 0.0], abs=1e-12)
@@ -170,7 +172,8 @@ def test_what_is_accepted_is_in_use(spawn: Any, probe: Any) -> None:
     bench.process.wait_for_output('x_max, u_max: not used any more, back at the default')
     tried = probe.call(TryDesign, '/lqr_node/try_design',
                        TryDesign.Request(weights=LqrWeights(x_max=[1.0] * 3)))
-    assert not tried.success and tried.message == 'x_max is not used with weights = matrices'
+    assert not tried.success
+    assert tried.message == 'x_max is not used with weights = matrices'
 
 
 def test_what_comes_in_one_request_is_judged_together(spawn: Any, probe: Any) -> None:
@@ -180,7 +183,8 @@ def test_what_comes_in_one_request_is_judged_together(spawn: Any, probe: Any) ->
             'weights': 'bryson', 'x_max': [2.0] * 6}
     results = probe.set_parameters('/lqr_node', **file)
     assert [each.reason for each in results] == [''] * 6
-    assert bench.design(2).revision == 2 and bench.design(2).sample_time == 0.05
+    assert bench.design(2).revision == 2
+    assert bench.design(2).sample_time == 0.05
     file |= {'Qx': [], 'u_max': [2.0, 2.0], 'x_max': [3.0] * 6, 'rho': 2.0}
     results = probe.set_parameters('/lqr_node', **file)
     assert [each.successful for each in results] == [name != 'rho' for name in file]

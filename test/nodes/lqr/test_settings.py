@@ -69,7 +69,8 @@ def test_commands_are_those_of_the_last_accepted_design(changes: list[dict[str, 
         try:
             candidate = judge_lqr_settings(replace(now, **change))
         except ObcError as error:
-            assert str(error) and loop.preview(accepted.control) == before
+            assert str(error)
+            assert loop.preview(accepted.control) == before
         else:
             now, accepted = replace(now, **change), candidate
             loop.adopt(candidate.control)

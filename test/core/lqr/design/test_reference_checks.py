@@ -201,7 +201,8 @@ def test_a_stopped_loop_judges_when_it_is_started() -> None:
     loop = ControlLoop(control(legs=(held(0, 5.0, end=9.0),)))
     loop.stop('by hand')
     answers(loop, (0.0, [0.0, 0.0]))
-    assert not loop.refused and not loop.events
+    assert not loop.refused
+    assert not loop.events
     loop.start()
     assert answers(loop, (1.0, [5.1, 0.0])) == [pytest.approx([-0.3])]
     assert not loop.refused
@@ -223,7 +224,8 @@ def test_a_reference_is_judged_by_the_state_when_its_first_command_acts() -> Non
 
 def resumed(loop: ControlLoop, *states: tuple[float, list[float]]) -> list[list[float] | None]:
     """Return the answers after an outage, in which on_stale has acted."""
-    assert loop.overdue(states[0][0]) is not None and loop.is_stale
+    assert loop.overdue(states[0][0]) is not None
+    assert loop.is_stale
     return answers(loop, *states)
 
 
@@ -252,7 +254,8 @@ def test_a_reference_that_the_plant_kept_up_with_goes_on() -> None:
     before, after = [(0.0, [0.0, 1.0]), (0.4, [0.4, 1.0])], [(1.4, [1.3, 1.1]), (1.5, [1.4, 1.0])]
     answers(loop, *before)
     assert resumed(loop, *after) == answers(plain, *before, *after)[2:]
-    assert not loop.refused and not loop.stopped
+    assert not loop.refused
+    assert not loop.stopped
 
 
 def test_a_gap_that_nobody_noticed_is_an_outage_too() -> None:
@@ -273,7 +276,8 @@ def test_an_outage_over_the_end_of_a_reference() -> None:
     loop = ControlLoop(control(legs=(moving(end=2.0),)))
     answers(loop, (1.7, [1.7, 1.0]), (2.1, [2.0, 0.0]))
     assert resumed(loop, (9.0, [1.0, 0.0])) == [[1.5]]    # 0.5 - (1 - 2)
-    assert not loop.refused and not loop.stopped
+    assert not loop.refused
+    assert not loop.stopped
 
 
 def test_the_next_reference_takes_over_after_an_outage() -> None:
@@ -282,7 +286,8 @@ def test_the_next_reference_takes_over_after_an_outage() -> None:
         loop = ControlLoop(control(legs=(moving(), held(S, 5.0)), u=7.0, rest=(7.0,)))
         answers(loop, (0.4, [0.4, 1.0]))
         u = resumed(loop, (3.0, [px, 0.0]))
-        assert bool(loop.stopped) is is_refused and len(loop.refused) == 2 * is_refused
+        assert bool(loop.stopped) is is_refused
+        assert len(loop.refused) == 2 * is_refused
         assert u == [pytest.approx([7.0 if is_refused else -0.6])]
 
 

@@ -55,7 +55,8 @@ def test_example_2_5_at_20_hz_and_50_ms_of_delay() -> None:
         design(at, EXAMPLE_2_5, sampling=Sampling(0.3))
     found = design(at, EXAMPLE_2_5, sampling=Sampling(0.05, 0.05, exact=True))
     sizes = fly(found, 0.05, 0.05)
-    assert sizes.max() < 3.0 and sizes[-20:].max() < 0.05
+    assert sizes.max() < 3.0
+    assert sizes[-20:].max() < 0.05
     unpredicted = fly(continuous, 0.05, 0.05)
     assert not unpredicted[-20:].max() < 0.05
 
@@ -67,7 +68,8 @@ def test_poles_of_the_sampled_loop() -> None:
     quick = design(at, {}, sampling=Sampling(1e-4, exact=True))
     np.testing.assert_allclose(quick.K, continuous.K, rtol=1e-3)
     slow = design(at, {}, sampling=Sampling(1.0, exact=True))
-    assert np.abs(slow.lqr.E).max() < 1.0 and slow.lqr.period == 1.0
+    assert np.abs(slow.lqr.E).max() < 1.0
+    assert slow.lqr.period == 1.0
 
 
 @pytest.mark.parametrize(('given', 'sentence'), [

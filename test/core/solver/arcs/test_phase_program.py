@@ -63,7 +63,8 @@ def test_intervals_go_where_steps_err():
     t, share = spread_by_error(found)
     assert t == pytest.approx(edges)
     assert share[[0, -1]] == pytest.approx([0, 1])
-    assert share[1] > 0.45 and np.all(np.diff(share) > 0.1)
+    assert share[1] > 0.45
+    assert np.all(np.diff(share) > 0.1)
     (t, share), count = spread_as_wanted(found)
     assert t == pytest.approx(edges)
     assert count * np.diff(share) == pytest.approx([4, 1, 1, 1])
@@ -126,7 +127,8 @@ def test_a_long_horizon_with_a_bound_of_the_state_is_found_from_short_ones():
         search = Search(problem, Kit(problem), ProgressMonitor(60.0))
         search.stages = 3
         outcome = lengthen_horizon(search, 4)
-        assert outcome is not None and outcome.converged
+        assert outcome is not None
+        assert outcome.converged
         costs.append(outcome.objective)
     assert costs[1] == pytest.approx(costs[0], rel=5e-3)
 

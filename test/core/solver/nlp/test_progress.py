@@ -17,7 +17,8 @@ def test_a_part_ends_after_its_work_and_not_the_whole(each: int) -> None:
         while not part.step(0.0, 0.0):
             steps += 1
     assert steps == 100 // each
-    assert part.stopped == 'spent' and not whole.stopped
+    assert part.stopped == 'spent'
+    assert not whole.stopped
     assert whole.iterations == part.iterations == steps + 3
 
 
@@ -41,7 +42,8 @@ def test_iterations_end_a_solver_and_not_a_part() -> None:
     part = ProgressMonitor().part(1000)
     part.limit(5, 10)
     assert [part.step(0.0, 0.0) for _ in range(5)] == [False] * 4 + [True]
-    assert part.spent and not part.stopped
+    assert part.spent
+    assert not part.stopped
     part.limit(5, 10)
     assert not part.step(0.0, 0.0)
 
@@ -61,4 +63,6 @@ def test_a_part_has_no_more_time_than_the_whole() -> None:
     assert ProgressMonitor(0.0).part(1000).step(0.0, 0.0)
     whole = ProgressMonitor(60.0)
     part = whole.part(1000, 0.0)
-    assert part.step(0.0, 0.0) and part.stopped == 'timed_out' and not whole.stopped
+    assert part.step(0.0, 0.0)
+    assert part.stopped == 'timed_out'
+    assert not whole.stopped

@@ -194,10 +194,13 @@ def test_null_space_is_exact():
 def test_dependent_terminal_constraints_are_told_from_contradictory_ones():
     end = find_affine_end(problems.build(
         BOUNDED, terminal_constraints=['0.1*x + 0.2*v - 0.3', 'x + 2*v - 3']))
-    assert end.clash is None and end.is_clear and len(end.directions) == 1
+    assert end.clash is None
+    assert end.is_clear
+    assert len(end.directions) == 1
     end = find_affine_end(problems.build(
         BOUNDED, terminal_constraints=['0.1*x + 0.2*v - 0.3', 'x + 2*v - 4']))
     assert end.clash is not None
     near = find_affine_end(problems.build(
         BOUNDED, terminal_constraints=['x + v - 1', 'x + 1.0000000001*v - 2']))
-    assert near.clash is None and not near.is_clear
+    assert near.clash is None
+    assert not near.is_clear

@@ -49,7 +49,8 @@ def test_lines_are_bent_to_either_side_of_each():
     problem = unicycle(DISCS)
     ways = bend_around(problem, Guesser(problem).line(problem, 5.0))
     sides = {tuple(bool(turns(way, disc) > 0) for disc in DISCS) for way in ways}
-    assert len(ways) == 4 and len(sides) == 4
+    assert len(ways) == 4
+    assert len(sides) == 4
     length = [np.linalg.norm(np.diff(way.x[:, :2], axis=0), axis=1).sum() for way in ways]
     assert length == pytest.approx(sorted(length), rel=1e-2)
 

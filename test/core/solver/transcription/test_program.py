@@ -170,7 +170,8 @@ def test_input_integrated_by_others_meets_the_terminal_constraints(stages):
         z = solve_ivp(rate, (a, b), z, 'DOP853', rtol=1e-11, atol=1e-12).y[:, -1]
     np.testing.assert_allclose(z[:3], [100, 2, 0], atol=1e-6)
     assert z[3] == pytest.approx(outcome.objective, rel=1e-6)
-    assert np.all(path.ua[:, 1] >= -0.1) and np.all(path.ua[:, 1] <= 0.1)
+    assert np.all(path.ua[:, 1] >= -0.1)
+    assert np.all(path.ua[:, 1] <= 0.1)
 
 
 def test_phases_of_unknown_length_find_a_switch_off_the_grid():
@@ -228,7 +229,9 @@ def test_a_monitor_ends_a_solver_within_an_iteration():
     outcome = program.solve(
         problem, mesh, program.start(mesh, guess, guess.durations, sizes), sizes,
         TightenedLimits(np.zeros(1), np.ones(1), np.zeros(3), np.zeros(3, dtype=bool)), monitor)
-    assert not outcome.converged and monitor.stopped == 'cancelled' and seen == [1, 2, 3]
+    assert not outcome.converged
+    assert monitor.stopped == 'cancelled'
+    assert seen == [1, 2, 3]
 
 
 def test_no_start_comes_twice():
@@ -284,7 +287,8 @@ def test_lines_are_scattered_over_the_final_states_that_are_open():
     starts = guesser.starts(problem, CostateIntegrator(problem))
     paths = list(islice(guesser.scattered(problem, CostateIntegrator(problem), starts, 1.0), 12))
     ends = np.sort([path.x[-1, 0] for k, path in enumerate(paths, 1) if k % 3])
-    assert np.ptp(ends) > 3 and np.diff(ends).max() < 2
+    assert np.ptp(ends) > 3
+    assert np.diff(ends).max() < 2
     assert all(path.x[-1, 1] == 2 for k, path in enumerate(paths, 1) if k % 3)
     assert np.all(paths[0].x[0] == problem.x0)
 
