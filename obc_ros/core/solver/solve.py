@@ -181,9 +181,9 @@ METHODS: dict[str, Method] = {
     'riccati': _special(solve_lq, (
         'riccati solves linear quadratic problems with a fixed final time and no active bound')),
     'time_optimal': _special(solve_time_optimal, (
-        'time_optimal solves linear problems of minimum time with bounded inputs')),
+        'time_optimal solves linear minimum-time problems with bounded inputs')),
     'reeds_shepp': _special(solve_two_wheeled, (
-        'reeds_shepp solves motions of minimum time of a two wheeled robot whose shortest path '
+        'reeds_shepp solves minimum-time motions of a two-wheeled robot whose shortest path '
         'ends at the prescribed angle')),
     'transcription': _transcription,
     'arcs': _arcs,
