@@ -106,7 +106,7 @@ class Network:
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert self._wire.stdout
         if self._wire.stdout.readline() != 'ready\n':
-            raise SystemExit('the wire does not start')
+            raise SystemExit('the network does not start')
         return devices
 
     def _veths(self) -> list[str]:

@@ -4,7 +4,7 @@
 Times of optimal control problems, compared with other tools.
 
 Lane change of a kinematic bicycle (l = 3, from (0, -2, 0) to (100, 2, 0), 8 <= v <= 12,
-|phi| <= 0.1, T = 10): least effort, and with a state cost; the aircraft from hover to hover in
+|phi| <= 0.1, T = 10): minimum effort, and with a state cost; the aircraft from hover to hover in
 3 s and in 5 s; and the growth of the time. The times include the certificate.
 """
 
@@ -132,7 +132,7 @@ def lane_change(name: str, cost: str) -> None:
     first, again, answer = first_and_again(problem)
     J, miss = end_error(problem, answer.t, answer.u)
     rows: list[tuple[object, ...]] = [
-        ('first answer, certified', first, f'{(J - least) / least:.1e}', f'{miss:.1e}'),
+        ('first solution, certified', first, f'{(J - least) / least:.1e}', f'{miss:.1e}'),
         ('again, certified', again, '', '')]
     asked, hand = fatrop_by_hand(problem, least)
     rows.append((f'fatrop by hand, N = {asked[0]}: again', hand, f'{asked[1]:.1e}',
@@ -142,8 +142,8 @@ def lane_change(name: str, cost: str) -> None:
         seconds, their_J, their_miss = rival
         rows.append(('python-control, 20 points', f'{seconds:.2f} s',
                      f'{(their_J - least) / least:.1e}', f'{their_miss:.1e}'))
-    timing.table(f'lane change, {name}', ('', 'median [least to most]', 'cost gap', 'end error'),
-                 rows)
+    timing.table(f'lane change, {name}',
+                 ('', 'median [minimum to maximum]', 'cost gap', 'end error'), rows)
     if rival:
         timing.require('first solution against python-control', first.median / rival[0], 0.02)
         timing.require('terminal error against python-control', miss / rival[2], 1e-3)
@@ -251,14 +251,14 @@ def transfer(T: float, peers: bool) -> None:
     solve(problem, cache=cache)
     same = wall(lambda: solve(problem, cache=cache))
     rows: list[tuple[object, ...]] = [
-        ('first answer, certified', first, f'{(J - least) / least:.1e}', f'{miss:.1e}'),
+        ('first solution, certified', first, f'{(J - least) / least:.1e}', f'{miss:.1e}'),
         ('again with other numbers, certified', again, '', ''),
         ('the same again, certified', same, '', '')]
     rival = drake_collocation(T) if peers else None
     if rival:
         rows.append(('drake + SNOPT, N = 50', rival, '', ''))
-    timing.table(f'aircraft, T = {T:g}', ('', 'median [least to most]', 'cost gap', 'end error'),
-                 rows)
+    timing.table(f'aircraft, T = {T:g}',
+                 ('', 'median [minimum to maximum]', 'cost gap', 'end error'), rows)
     timing.require(f'relative cost gap, T = {T:g}', abs(J - least) / least, GAP)
     timing.require(f'the same again against the first solution, T = {T:g}',
                    same.median / first.median, 1.0)

@@ -91,10 +91,10 @@ def latency(client: Client) -> None:
         return requests.answer('solve', plain, 60.0, lambda *_: False)
 
     times = timing.measure({
-        'get_parameters (the floor)': Caller(client, GetParameters, 'get_parameters', asked),
+        'get_parameters (baseline)': Caller(client, GetParameters, 'get_parameters', asked),
         'design_lqr': design, 'solve': solve, 'the same solve in process': in_process,
     }, clock=time.perf_counter, least=0.1)
-    timing.times_table('one request after another', times, 'get_parameters (the floor)')
+    timing.times_table('one request after another', times, 'get_parameters (baseline)')
 
 
 def precision(client: Client) -> None:

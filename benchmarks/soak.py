@@ -3,12 +3,12 @@
 """
 Two loops at 200 Hz for ``--seconds`` (1800 for half an hour), tuned continuously.
 
-With ``--pace 2`` changes, requests and kills come twice as often.
+With ``--pace 2`` changes, requests and kills are twice as frequent.
 
-In the steady loop nothing ever ends: its memory must stay flat and every request and every change
-must be answered, rightly, and none be refused for want of time. In the troubled loop a process is
-killed every few seconds and started again: it must be back within a few seconds, those left out in
-which the machine stood still. No process may be left behind.
+In the steady loop no process ends: its memory must not grow, and every request and every change
+must get the correct response, none a rejection for lack of time. In the troubled loop a process is
+killed every few seconds and started again: the loop must be complete within a few seconds, without
+counting stalls of the machine. No process may remain.
 """
 
 import timing  # isort: skip - before numpy

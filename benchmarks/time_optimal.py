@@ -27,7 +27,7 @@ from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
 Array = NDArray[np.float64]
 
 INTERVALS = 50
-FIRST, AGAIN, SHOOTING = 'first answer', 'again', 'CasADi + IPOPT, shooting'
+FIRST, AGAIN, SHOOTING = 'first solution', 'again', 'CasADi + IPOPT, shooting'
 
 
 def main() -> int:

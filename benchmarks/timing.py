@@ -87,7 +87,7 @@ def measure(rivals: Mapping[str, Callable[[], object]], *, rounds: int = ROUNDS,
 
     """
     if rounds < 7:
-        raise ValueError(f'{rounds} rounds: a median wants at least 7')
+        raise ValueError(f'{rounds} rounds: a median needs at least 7')
     calls = {name: _calls(rival, least, clock) for name, rival in rivals.items()}
     times: dict[str, list[float]] = {name: [] for name in rivals}
     gc.collect()

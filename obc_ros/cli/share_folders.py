@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where packages keep their data files, in a sourced workspace and in a virtual environment."""
+"""Share folders of packages, in a sourced workspace and in a virtual environment."""
 
 import os
 from pathlib import Path
