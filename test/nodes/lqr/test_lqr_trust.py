@@ -413,7 +413,7 @@ def test_twist_without_a_stamp(spawn: Any, probe: Any, system: str, inputs: Any)
 def test_odometry_of_another_body_is_named() -> None:
     """The twist is one of the body: in no fixed frame, and of the same body each time."""
     read = make_body_reader('odom', registry.get_system('vehicle'))
-    with pytest.raises(FrameError, match="child_frame_id = header.frame_id = 'odom': its twist"):
+    with pytest.raises(FrameError, match="child_frame_id = header.frame_id = 'odom': the twist"):
         read(odometry(0.0, 0.0, 0.0, child='odom'))
     assert read(odometry(1.0, 2.0, 0.5)) == pytest.approx([1.0, 2.0, 0.5])
     with pytest.raises(FrameError, match="odometry of 'robot2', after that of 'base_link'"):
