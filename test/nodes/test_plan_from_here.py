@@ -83,6 +83,7 @@ def test_without_a_state_it_is_refused(spawn: Any, probe: Any) -> None:
     assert lines[0].name == 'trajectory_server'
 
 
+@pytest.mark.alone
 def test_go_there_from_here_is_one_call(spawn: Any, probe: Any) -> None:
     """The plant is at 3, where nobody has said so; it goes to 2 and never jumps."""
     spawn('plant_simulator', {'system': 'double_integrator', 'x0': [3.0, 0.0]})
@@ -130,7 +131,7 @@ def test_a_plan_begins_by_the_clock_of_the_states(spawn: Any, probe: Any) -> Non
 
 def test_it_begins_where_odometry_says(spawn: Any, probe: Any) -> None:
     """Pose and twist become the state as lqr_node reads it; what tells none is refused."""
-    spawn('trajectory_server', {'workers': 1, 'state_source': 'odom', 'state_timeout': 5.0})
+    spawn('trajectory_server', {'workers': 1, 'state_source': 'odom', 'state_timeout': 30.0})
     log = probe.listen(Log, '/rosout', ROSOUT)
     heard = probe.listen(Trajectory, 'reference', LATCHED)
     answer = ask_aircraft(probe)
