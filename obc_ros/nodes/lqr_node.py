@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-State feedback u = ue - K (x - xe), designed from the weights in its parameters.
+Node lqr_node: state feedback u = ue - K (x - xe), designed from the weights in its parameters.
 
 Subscribes to ``state`` (State) or ``odom`` (nav_msgs/Odometry) and ``reference`` (Trajectory).
 Publishes ``command`` (Command, or see `topics`), ``~/design`` (LqrDesign, transient local) and
@@ -9,8 +9,8 @@ Publishes ``command`` (Command, or see `topics`), ``~/design`` (LqrDesign, trans
 (TryDesign), ``~/suggest_weights`` (SuggestWeights), and those of a lifecycle node. Parameters: see
 `settings.Settings`.
 
-States are answered by a thread of their own; everything else belongs to the executor. A change
-reaches that thread as one assignment.
+A separate thread computes the commands; everything else runs in the executor. A change reaches
+that thread as one assignment.
 """
 
 from dataclasses import replace
@@ -58,14 +58,14 @@ from rclpy.qos_overriding_options import QoSOverridingOptions, QoSPolicyKind
 from std_srvs.srv import Trigger
 
 SOURCE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-# On a bad wire a queue of old commands, sent again one by one, would hold up the new one.
+# On a lossy network a queue of old commands, each sent again, would delay the new one.
 SINK = QoSProfile(depth=1)
 DESIGN_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 OVERRIDES = (QoSPolicyKind.DEADLINE, QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY,
              QoSPolicyKind.HISTORY, QoSPolicyKind.RELIABILITY)
 INFINITE = 2**63 - 1  # [ns] as a QoS duration
 FAREWELL = Duration(seconds=0.5)
-LONGEST_WAIT = 0.5  # [s] until the thread of the states looks around
+LONGEST_WAIT = 0.5  # [s] between two checks in the thread of the states
 
 
 class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untyped
@@ -73,7 +73,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
 
     def __init__(self, **options: Any) -> None:
         super().__init__('lqr_node', allow_undeclared_parameters=True, **options)
-        self._is_active = False  # first: rclpy 9 ends a node whose parameters are refused, too
+        self._is_active = False  # first: rclpy 9 also destroys a node with rejected parameters
         self._monitor, self._log = LoopMonitor(), ThrottledLog(self)
         self._adopted: LqrCandidate | None = None
         self._courses: tuple[Course, ...] = ()
@@ -112,12 +112,12 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         self._thread = OwnThread(
             self, self._states, self._answer, self._watch, self._deadline_events(),
             settings.priority)
-        self._news = self.create_guard_condition(self._tell_news)
+        self._news = self.create_guard_condition(self._log_news)
         self._designed = self.create_guard_condition(self._publish_design)
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _deadline_events(self) -> list[EventHandler]:
-        """Return what tells that states come later than a QoS override asks."""
+        """Return the handlers of a missed deadline, if a QoS override sets a deadline."""
         deadline = self._states.qos_profile.deadline.nanoseconds
         if not 0 < deadline < INFINITE:
             return []
@@ -158,7 +158,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
             self._news.trigger()
 
     def _watch(self) -> float:
-        """Command what a missing state asks for; return how long to wait for the next one."""
+        """Send the command for missing states; return the time to wait for the next state [s]."""
         now, loop = monotonic(), self._loop
         if (u := loop.overdue(now)) is not None:
             self._commands.publish(self._sink.message(u, self._time()))
@@ -167,7 +167,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         return min(LONGEST_WAIT, loop.wake() - now)
 
     def _is_frame(self, frame: str, now: float) -> bool:
-        """Return whether a state's frame is the wanted one, or else that of the first state."""
+        """Return whether a frame is `frame_id`, or without that the frame of the first state."""
         wanted = self._table.settings.frame_id
         if frame == wanted or not (wanted or self._frame):
             self._frame = frame
@@ -185,11 +185,11 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     def _judge(self, settings: Settings) -> LqrCandidate:
         candidate = judge_lqr_settings(settings, self._courses_of(settings))
         if self._adopted and candidate.control.names != self._adopted.control.names:
-            raise StatementError('a plant with other states needs another node')
+            raise StatementError('the states of a running node cannot change: start another node')
         return candidate
 
     def _courses_of(self, settings: Settings) -> tuple[Course, ...]:
-        """Return the references to follow: none when another set point is asked for."""
+        """Return the references to follow: none after a change of the set point."""
         now = self._adopted and self._adopted.settings
         if now and (now.setpoint, now.setpoint_input) != (
                 settings.setpoint, settings.setpoint_input):
@@ -213,7 +213,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         self._loop.adopt(candidate.control)
 
     def _on_reference(self, message: Trajectory) -> None:
-        """Follow a reference from its beginning on; one without samples ends what is followed."""
+        """Follow a reference; one without samples ends the one that is followed."""
         try:
             courses = topics.read_courses(
                 message, self._adopted.design.plant.system, self._frame, self._courses,
@@ -227,7 +227,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
             return
         loop = self._loop
         if self._is_active and loop.x is not None and not (loop.is_stale or loop.stopped):
-            # Not before its gains were found.
+            # It begins after its gains have been computed.
             references.begin_now(candidate.control.legs, loop.stamp)
             for reason in references.judge_references(candidate.control, loop.stamp, loop.x):
                 self._refuse_reference(reason)
@@ -242,7 +242,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
 
     def _refuse_reference(self, reason: str) -> None:
         self._monitor.refused(f'reference: {reason}')
-        self._log.warning('reference', f'a reference was refused: {reason}')
+        self._log.warning('reference', f'a reference was rejected: {reason}')
 
     def _publish_design(self) -> None:
         message = design_message(
@@ -275,7 +275,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
         return response
 
     def _tried(self, values: dict[str, Any]) -> LqrDesign:
-        """Return what the present settings with other values would do."""
+        """Return the design of the present settings with other values."""
         candidate = self._judge(replace(self._table.settings, **values))
         made = change(self._adopted.design, candidate.design,
                       self._loop.preview(candidate.control))
@@ -304,39 +304,39 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     # Lifecycle: rclpy manages publishers only
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Say so; what there is to configure is done at the start."""
+        """Log the transition; the node is configured when it starts."""
         self._log.info('configure', f'configured; it was {state.label}')
         return super().on_configure(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Say so; nothing is given up."""
+        """Log the transition; nothing is released."""
         self._log.info('cleanup', f'cleaned up; it was {state.label}')
         return super().on_cleanup(state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Say so: a transition has failed."""
+        """Log that a transition has failed."""
         self._log.warning('error', f'a transition failed; it was {state.label}')
         return super().on_error(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin to answer states."""
+        """Start the control loop."""
         stopped = self._loop.stopped
         self._loop = ControlLoop(self._adopted.control)
         self._loop.stop(stopped)
         self._is_active = True
         done = super().on_activate(state)
         self._thread.start()
-        self._log.info('activate', f'activated: states are answered; it was {state.label}')
+        self._log.info('activate', f'activated: the loop runs; it was {state.label}')
         return done
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Leave the plant a command that is safe, and be silent."""
+        """Send the input at rest, and stop the control loop."""
         self._rest()
-        self._log.info('deactivate', f'deactivated: states are not answered; it was {state.label}')
+        self._log.info('deactivate', f'deactivated: the loop is stopped; it was {state.label}')
         return super().on_deactivate(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Do as `on_deactivate`."""
+        """Send the input at rest, and stop the control loop."""
         self._rest()
         self._log.info('shutdown', f'shut down; it was {state.label}')
         return super().on_shutdown(state)
@@ -348,21 +348,21 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
             if self._loop.command is not None:
                 rest = self._adopted.control.rest
                 self._commands.publish(self._sink.message(rest, self._time()))
-                self._commands.wait_for_all_acked(FAREWELL)  # or the node's end overtakes it
+                self._commands.wait_for_all_acked(FAREWELL)  # before the node is destroyed
 
     def _on_change_state(self, request: Any, response: Any) -> Any:
         try:
             return self._change_state(request, response)
         except RuntimeError as error:  # RCLError: no such transition from here
-            self._log.warning('transition', f'refused to change state: {error}')
+            self._log.warning('transition', f'the transition was rejected: {error}')
             response.success = False
             return response
 
     def destroy_node(self) -> None:
-        """Leave the plant a command that is safe, and end."""
+        """Send the input at rest, and destroy the node."""
         self._rest()
         super().destroy_node()
-        # rclpy forgets it; as long as it is there others see the node in the graph.
+        # rclpy does not destroy it; while it exists others see the node in the graph.
         self._state_machine.destroy_when_not_in_use()
 
     # Reports
@@ -373,7 +373,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     def _look_at_clock(self) -> None:
         self._is_simulated = bool(self.get_parameter('use_sim_time').value)
 
-    def _tell_news(self) -> None:
+    def _log_news(self) -> None:
         loop = self._loop
         while loop.news:
             self.get_logger().warning(loop.news.popleft())
@@ -385,7 +385,7 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
                 each for each in self._courses if not each.reference.refused)
 
     def _diagnose(self) -> None:
-        self._tell_news()
+        self._log_news()
         self._look_at_clock()
         for sentence in self._monitor.found(topic_peers.find_faults(
                 self, [self._states.topic_name, self._commands.topic_name],

@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-A plant that is not there: integrates a system under the commands it hears.
+Node plant_simulator: integrates a system with the commands that it receives.
 
 Publishes ``state`` (State); ``odom`` (nav_msgs/Odometry) of a body in a plane, see
 `conversions`; ``/clock`` when asked or when speed is 0; ``/diagnostics``. Subscribes
@@ -9,10 +9,10 @@ to ``command`` (Command). Services: ``~/reset`` (Trigger) to x0, time and noise 
 ``~/pause`` (SetBool); ``~/step`` (Trigger), to the next state of a paused plant. Parameters: see
 `Settings`.
 
-Commands and the pace have a thread of their own; whatever touches the plant holds its lock.
+A separate thread receives commands and paces the plant. All access to the plant holds its lock.
 
-Stamps are simulated time from 0 with ``publish_clock``, ``lockstep`` or another speed than 1, else
-the node's clock. A node with ``use_sim_time`` that publishes no clock follows the one it hears.
+Stamps are simulated time from 0 with ``publish_clock``, ``lockstep`` or a speed other than 1, else
+the node's clock. A node with ``use_sim_time`` that publishes no clock follows the one on /clock.
 """
 
 from collections.abc import Iterator, Mapping
@@ -49,9 +49,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool, Trigger
 
-BACKLOG = 1000  # messages kept for readers that fall behind, such as a recorder
+BACKLOG = 1000  # messages kept for slow readers, such as a recorder
 CLOCK_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-LONGEST_WAIT = 0.5  # [s] until the thread looks around
+LONGEST_WAIT = 0.5  # [s] between two checks in the thread
 
 
 def _of_states(values: Mapping[str, Any]) -> Iterator[ParameterRow]:
@@ -129,7 +129,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class PlantCandidate:
-    """What the settings stand for, found to be possible."""
+    """The system, conditions and pacing of valid settings."""
 
     system: System
     x0: tuple[float, ...]
@@ -139,12 +139,12 @@ class PlantCandidate:
 
 def judge_plant_settings(settings: Settings) -> PlantCandidate:
     """
-    Return what the settings stand for.
+    Return the system, conditions and pacing for the settings.
 
     Raises
     ------
     ObcError
-        If they are impossible.
+        If a setting is rejected.
 
     """
     system = conversions.choose_system(settings.system, settings.system_parameters)
@@ -170,7 +170,7 @@ class PlantSimulator(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('plant_simulator', allow_undeclared_parameters=True, **options)
-        # first: rclpy 9 ends a node whose parameters are refused, too
+        # first: rclpy 9 also destroys a node with rejected parameters
         self._thread: OwnThread | None = None
         self._log = ThrottledLog(self)
         self._settings = Parameters(self, Settings, self._judge, self._adopt)
@@ -185,18 +185,18 @@ class PlantSimulator(Node):
         self._message = State()
         self._message.header.frame_id = conversions.ODOM
         self._odometry = self._map.message(candidate.conditions.noise)
-        self._said: set[str] = set()
+        self._warned: set[str] = set()
         self._looked, self._contested = (time.monotonic(), 0.0), 0
         self._lock = Lock()
         self._offer(settings)
-        self._say_what_holds()
+        self._log_start()
         self._publish()
         self._thread = OwnThread(self, self._commands, self._on_command, self._go_on,
                                  self._commands.event_handlers, settings.priority)
         self._thread.start()
 
     def _offer(self, settings: Settings) -> None:
-        """Create what others see of this node."""
+        """Create the publishers, subscriptions and services."""
         self._states = self.create_publisher(State, 'state', BACKLOG)
         self._odom = self._clock_out = None
         if self._map.complete:
@@ -210,11 +210,11 @@ class PlantSimulator(Node):
         self.create_service(SetBool, '~/pause', self._on_pause)
         self.create_service(Trigger, '~/step', self._on_step)
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        if self._follows:  # the clock that is followed moves in the executor's thread
+        if self._follows:  # the executor's thread receives the clock
             self.create_timer(0.5 / settings.publish_rate, lambda: self._thread.wake())
 
     def _now(self) -> tuple[float, int]:
-        """Return the time [s] that the plant goes by, and the node's [ns]."""
+        """Return the time of the plant [s] and that of the node's clock [ns]."""
         if self._follows:
             wall = self.get_clock().now().nanoseconds
             return wall * 1e-9, wall
@@ -223,20 +223,20 @@ class PlantSimulator(Node):
 
     def _measure_offset(self) -> None:
         """
-        Find what the node's clock is ahead of the steady one [ns].
+        Measure the offset of the node's clock from the steady clock [ns].
 
-        Stamps made with it keep to the grid, whatever interrupts the process between two looks.
+        Stamps made with it stay on the grid if the process is interrupted between two readings.
         """
         clock = self.get_clock()
         self._offset = max(clock.now().nanoseconds - time.monotonic_ns() for _ in range(5))
 
     def _go_on(self) -> float:
-        """Publish the state that is due, if any; return how long to wait for the next one."""
+        """Publish the due state, if any; return the time to wait for the next one [s]."""
         with self._lock:
             if self._plant.poll(*self._now()):
                 self._publish()
             elif self._plant.fault:
-                self._say_once('fault', self._plant.fault)
+                self._warn_once('fault', self._plant.fault)
             return min(self._plant.wait(self._now()[0]), LONGEST_WAIT)
 
     def _publish(self) -> None:
@@ -257,12 +257,12 @@ class PlantSimulator(Node):
         with self._lock:
             reason = self._plant.command(stamp, message.u, self._now()[0])
         if reason:
-            self._say_once(reason.split(':')[0], f'command dropped, {reason}')
+            self._warn_once(reason.split(':')[0], f'command dropped, {reason}')
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         with self._lock:
             self._plant.reset(*self._now(), self._x0)
-            self._said.clear()
+            self._warned.clear()
             self._publish()
         self._thread.wake()
         response.success, response.message = True, f'at {_listed(self._x0)}'
@@ -302,10 +302,10 @@ class PlantSimulator(Node):
                 candidate = replace(candidate, pacing=replace(
                     candidate.pacing, simulated_stamps=before.simulated_stamps))
                 if candidate.pacing.speed != 1.0:
-                    raise StatementError('speed: states are stamped by the clock on the wall; '
-                                         'start with publish_clock for another speed than 1')
+                    raise StatementError('speed: the stamps of the states are wall time; start '
+                                         'with publish_clock for a speed other than 1')
             if candidate.pacing.speed == 0.0 and not self._clock_out:
-                raise StatementError('speed = 0 goes with a clock: start with publish_clock')
+                raise StatementError('speed = 0 requires a clock: start with publish_clock')
         return candidate
 
     def _adopt(self, candidate: PlantCandidate) -> None:
@@ -316,7 +316,7 @@ class PlantSimulator(Node):
             self._x0 = candidate.x0
         self._thread.wake()
 
-    def _say_what_holds(self) -> None:
+    def _log_start(self) -> None:
         simulator = self._plant.simulator
         held = ', '.join(f'{signal.name} = {value:.6g} {signal.unit}'.rstrip()
                          for signal, value in zip(
@@ -325,11 +325,11 @@ class PlantSimulator(Node):
             f'{simulator.system.name} at {_listed(self._x0)}; until the first command '
             + ('it waits (lockstep)' if self._plant.pacing.lockstep else f'it is held by {held}'))
 
-    def _say_once(self, what: str, sentence: str) -> None:
-        """Warn of something the first time; diagnostics count the rest."""
-        if what not in self._said:
-            self._said.add(what)
-            self.get_logger().warning(f'{sentence}; more of it is counted in diagnostics')
+    def _warn_once(self, what: str, sentence: str) -> None:
+        """Log a warning the first time; diagnostics count the others."""
+        if what not in self._warned:
+            self._warned.add(what)
+            self.get_logger().warning(f'{sentence}; further cases are counted in diagnostics')
 
     def _diagnose(self) -> None:
         self._measure_offset()
@@ -362,14 +362,14 @@ class PlantSimulator(Node):
         if plant.fault:
             return DiagnosticStatus.ERROR, plant.fault
         contested, self._contested = self._contested, plant.contested
-        publishers = self.count_publishers('command')  # the killed ones too, for a while
+        publishers = self.count_publishers('command')  # killed ones are counted for a while
         if publishers > 1 and plant.contested > contested:
             sentence = f'{publishers} nodes publish commands; the latest one is followed'
-            self._say_once('publishers', sentence)
+            self._warn_once('publishers', sentence)
             return DiagnosticStatus.WARN, sentence
         if self._clock_out and self.count_publishers('/clock') > 1:
-            sentence = 'another node publishes /clock too'
-            self._say_once('clock', sentence)
+            sentence = 'another node also publishes /clock'
+            self._warn_once('clock', sentence)
             return DiagnosticStatus.WARN, sentence
         if plant.paused:
             return DiagnosticStatus.OK, 'paused'

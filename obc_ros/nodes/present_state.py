@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where the plant is now, for a node that needs it only when it is asked."""
+"""The present state of the plant, for a node that needs it on request only."""
 
 from collections.abc import Sequence
 from time import monotonic
@@ -13,22 +13,22 @@ from obc_ros.ros.throttled_log import ThrottledLog
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-LAST = (2**31 - 2) * 10**9  # [ns] up to which a stamp leaves room for what comes after it
+LAST = (2**31 - 2) * 10**9  # [ns] a later stamp plus a second would overflow
 SOURCE = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class PresentState:
     """
-    The last state that came to a node; it is looked at when asked.
+    The last state that a node has received; it is converted on request.
 
     Parameters
     ----------
     node : rclpy.node.Node
-        Whose topic it is.
+        The node that subscribes.
     topic : str
         A key of `SOURCES`.
     log : ThrottledLog
-        For what is dropped.
+        Log for dropped states.
 
     """
 
@@ -46,29 +46,29 @@ class PresentState:
         Parameters
         ----------
         request : PlanMotion.Request
-            Its system is the one that odometry is read for.
+            Its system is the one to which odometry is converted.
         timeout : float
-            Largest age [s].
+            Maximum age [s].
 
         Raises
         ------
         ObcError
-            If none has come, or the last one came longer than `timeout` ago; for odometry, also if
-            it tells no state of the system, or there is no such system.
+            If no state has arrived within `timeout`; for odometry, also if it does not contain the
+            state of the system, or there is no such system.
 
         """
         topic = self._subscription.topic_name
         if self._message is None:
-            raise StatementError(f'start is empty, which means the present state, and no state '
-                                 f'has come on {topic}')
+            raise StatementError(f'start is empty (the present state), and no state has arrived '
+                                 f'on {topic}')
         age = monotonic() - self._came
         if age > timeout:
-            raise StatementError(f'start is empty, which means the present state, and the last '
-                                 f'state on {topic} came {age:.3g} s ago; wanted at most '
-                                 f'{timeout:g} s (state_timeout)')
+            raise StatementError(f'start is empty (the present state), and the last state on '
+                                 f'{topic} arrived {age:.3g} s ago; wanted at most {timeout:g} s '
+                                 '(state_timeout)')
         if self._topic == 'state':
             return self._message.x  # type: ignore[no-any-return] # array of double
-        # Imported where used: CasADi takes a third of a second, and few ask for plans.
+        # Imported here because CasADi takes a third of a second, and few nodes plan.
         from obc_ros.core.solver.motion_planning import find_registered
         from obc_ros.ros.conversions import make_state_reader
         check_size(request)
@@ -77,7 +77,7 @@ class PresentState:
                                  find_registered(request.system, given))(self._message)
 
     def stamp(self, timeout: float) -> int | None:
-        """Return the stamp of the last state [ns]; None: none has come within `timeout` [s]."""
+        """Return the stamp of the last state [ns]; None: none has arrived within `timeout` [s]."""
         if self._message is None or monotonic() - self._came > timeout:
             return None
         stamp = self._message.header.stamp

@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Answers optimal control problems by request, with a certificate.
+Node trajectory_server: solves optimal control problems on request, with a certificate.
 
 Services: ``~/solve`` (SolveOptimalControl), ``~/design_lqr`` (DesignLqr), ``~/minimize``
 (Minimize), ``~/plan`` (PlanMotion). Action: ``~/solve_optimal_control``, the same request as
@@ -9,7 +9,7 @@ Services: ``~/solve`` (SolveOptimalControl), ``~/design_lqr`` (DesignLqr), ``~/m
 plan is to be executed, and ``/diagnostics``. Subscribes to ``state`` (State) or ``odom``
 (nav_msgs/Odometry), from which a plan without a start begins. Parameters: see `Settings`.
 
-The work is done in other processes, so that the node always answers.
+Worker processes solve the problems, so that the node always responds.
 """
 
 from collections import Counter, deque
@@ -47,10 +47,10 @@ from rclpy.task import Future
 
 ANSWERS = 'obc_ros.workers.requests'
 PLAN_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-START, LOOK = 10.0, 0.02  # [s] that the services wait for the workers at most, how often to look
-RESULT_TIMEOUT = 30  # [s] that the result of an action is kept for
-LEAD = 500_000_000   # [ns] until a plan that is executed begins: its follower needs gains first
-QUICK = 2_500        # numbers in A up to which a design does not wait behind solves
+START, LOOK = 10.0, 0.02  # [s] maximum wait of the services for the workers, and its step
+RESULT_TIMEOUT = 30  # [s] time for which the result of an action is kept
+LEAD = 500_000_000   # [ns] until an executed plan begins: the follower first computes gains
+QUICK = 2_500        # numbers in A up to which a design has a worker of its own
 STATUS = {RequestOutcome.REFUSED: 'cancelled', RequestOutcome.TIMED_OUT: 'timed_out',
           RequestOutcome.CANCELLED: 'cancelled', RequestOutcome.DIED: 'not_converged'}
 
@@ -82,13 +82,13 @@ class Settings:
 class TrajectoryServer(Node):
     """The node; see the module's text."""
 
-    _pools: tuple[Pool, ...] = ()  # as long as the parameters are not accepted
+    _pools: tuple[Pool, ...] = ()  # until the parameters are accepted
 
     def __init__(self, **options: Any) -> None:
         super().__init__('trajectory_server', allow_undeclared_parameters=True, **options)
         self._settings = Parameters(self, Settings, lambda settings: settings, self._adopt)
         self._solvers = Pool(ANSWERS, 0)
-        self._designers = Pool(ANSWERS, 1, niceness=0)  # what takes no time waits for nobody
+        self._designers = Pool(ANSWERS, 1, niceness=0)  # short designs do not wait for solves
         self._pools = self._solvers, self._designers
         self._adopt(self._settings.settings)
         self._jobs: dict[bytes, Job] = {}
@@ -106,11 +106,11 @@ class TrajectoryServer(Node):
         self._opening = self.create_timer(LOOK, self._open, clock=steady)
 
     def _open(self) -> None:
-        """Offer the services once workers are there: who finds them gets an answer in time."""
+        """Create the services once the workers run, so that the first responses are in time."""
         if monotonic() < self._latest and not all(pool.has_started for pool in self._pools):
             return
         self.destroy_timer(self._opening)
-        group = ReentrantCallbackGroup()  # a request that waits must not keep others out
+        group = ReentrantCallbackGroup()  # a waiting request must not block others
         self._arrival = self.create_guard_condition(self._take_arrived, callback_group=group)
         for service, name, callback in (
                 (SolveOptimalControl, '~/solve', self._solve),
@@ -127,12 +127,12 @@ class TrajectoryServer(Node):
             goal_service_qos_profile=BURST, result_service_qos_profile=BURST,
             cancel_service_qos_profile=BURST, feedback_pub_qos_profile=BURST)
         settings = self._settings.settings
-        who = f'{settings.workers} processes solve' if settings.workers > 1 else '1 process solves'
+        noun = 'process' if settings.workers == 1 else 'processes'
         self.get_logger().info(
-            f'ready: {who}, {settings.queue_length} more requests may wait')
+            f'ready: {settings.workers} worker {noun}, queue of {settings.queue_length} requests')
 
     def owes(self) -> bool:
-        """Cancel what has no answer yet, as often as asked; return whether there is such."""
+        """Cancel all requests without a response; return whether there are any."""
         for pool in self._pools:
             pool.close()
         return self._asked > 0
@@ -167,7 +167,7 @@ class TrajectoryServer(Node):
                 return response
         messages.fill_answer(response, await self._ask('plan', request, request.time_limit))
         if response.success and request.execute:
-            # by the clock of the states, which need not be that of this node
+            # The clock of the states may differ from that of this node.
             now = self._state.stamp(timeout)
             now = self.get_clock().now().nanoseconds if now is None else now
             stamp = response.trajectory.header.stamp
@@ -179,7 +179,7 @@ class TrajectoryServer(Node):
         return response
 
     async def _execute(self, goal: Any) -> Any:
-        """Work on a goal of the action; only a certified answer makes it succeed."""
+        """Execute a goal of the action; it succeeds only with a certified solution."""
         begun = self.get_clock().now()
 
         def progress(phase: str, iteration: int, cost: float, infeasibility: float) -> None:
@@ -206,7 +206,7 @@ class TrajectoryServer(Node):
 
     async def _ask(self, kind: str, request: Any, time_limit: float = 0.0,
                    progress: Progress = lambda *_: None, goal: Any = None) -> Packet:
-        """Return a worker's answer to a request, or why there is none."""
+        """Return the response of a worker to a request, or the reason for its absence."""
         try:
             packet = messages.read_request(kind, request)
             limit = self._limit(time_limit)
@@ -225,7 +225,7 @@ class TrajectoryServer(Node):
         if goal:
             key = bytes(goal.goal_id.uuid)
             self._jobs[key] = job
-            if goal.is_cancel_requested:  # before there was anything to cancel
+            if goal.is_cancel_requested:  # before the job existed
                 self._solvers.cancel(job)
         self._asked += 1
         answer: RequestAnswer = await future
@@ -247,14 +247,14 @@ class TrajectoryServer(Node):
             {**kept.plain, 'status': STATUS[answer.outcome], 'message': message}, kept.arrays))
 
     def _limit(self, time_limit: float) -> float:
-        """Return the time limit of a request: its own, but at most the server's."""
+        """Return the time limit of a request, at most that of the server [s]."""
         if not time_limit >= 0.0:
             raise StatementError(f'time_limit = {time_limit:g}: wanted seconds, or 0 for the '
                                  "server's own limit")
         return min(time_limit or math.inf, self._settings.settings.time_limit)
 
     def _deliver(self, future: Future, answer: RequestAnswer) -> None:
-        """Hand an answer from a thread of a pool to the one that spins."""
+        """Pass a response from a thread of a pool to the executor."""
         self._arrived.append((future, answer))
         self._arrival.trigger()
 
@@ -269,7 +269,7 @@ class TrajectoryServer(Node):
 
     def _log_refusal(self, kind: str, reason: str) -> None:
         self._log.warning(
-            'refused', f'a request of ~/{kind} was refused: {quote(str(reason), 500)}')
+            'refused', f'a request to ~/{kind} was rejected: {quote(str(reason), 500)}')
 
     def _count(self, packet: Packet) -> Packet:
         self._statuses[packet.plain['status']] += 1
@@ -281,12 +281,12 @@ class TrajectoryServer(Node):
         self._solvers.resize(settings.workers)
 
     def _diagnose(self) -> None:
-        """Publish what the workers are doing, and what has become of the requests so far."""
+        """Publish the state of the workers and the numbers of requests by status."""
         pool = self._solvers
         replaced = pool.replaced + self._designers.replaced
         status = DiagnosticStatus(
             name=f'{self.get_fully_qualified_name()[1:]}: workers', level=DiagnosticStatus.OK,
-            message=f'{pool.busy} of {pool.size} workers solve, {pool.waiting} requests wait')
+            message=f'{pool.busy} of {pool.size} workers are busy, {pool.waiting} requests wait')
         if fault := pool.fault or self._designers.fault:
             status.level = DiagnosticStatus.ERROR
             status.message += f'; no worker starts: {fault}'

@@ -62,13 +62,13 @@ def test_without_a_state_it_is_refused(spawn: Any, probe: Any) -> None:
     assert not answer.success
     assert answer.status == 'malformed'
     assert answer.message == (
-        'start is empty, which means the present state, and no state has come on /state')
+        'start is empty (the present state), and no state has arrived on /state')
     publisher = probe.publisher(State, 'state')
     tell(probe, publisher, State(x=[5.0, 0.0]))
     probe.spin_for(1.0)
     answer = ask(probe)
     assert not answer.success
-    assert 'the last state on /state came 1.' in answer.message
+    assert 'the last state on /state arrived 1.' in answer.message
     assert answer.message.endswith(' s ago; wanted at most 0.3 s (state_timeout)')
     assert ask(probe, start=[0.0, 0.0]).success   # with a start no state is needed
     tell(probe, publisher, State(x=[1.0, 2.0, 3.0]))
@@ -77,7 +77,7 @@ def test_without_a_state_it_is_refused(spawn: Any, probe: Any) -> None:
     assert 'start' in answer.message
     assert '2' in answer.message
     lines = probe.wait_for(lambda: [
-        each for each in log if 'a request of ~/plan was refused' in each.msg][2:],
+        each for each in log if 'a request to ~/plan was rejected' in each.msg][2:],
         what='three refusals in the log')
     assert lines[0].level == Log.WARN
     assert lines[0].name == 'trajectory_server'
@@ -136,7 +136,7 @@ def test_it_begins_where_odometry_says(spawn: Any, probe: Any) -> None:
     heard = probe.listen(Trajectory, 'reference', LATCHED)
     answer = ask_aircraft(probe)
     assert (answer.success, answer.status) == (False, 'malformed')
-    assert answer.message.endswith('no state has come on /odom')
+    assert answer.message.endswith('no state has arrived on /odom')
     publisher, x = probe.publisher(Odometry, 'odom'), [1.5, 2.0, 0.3, 0.4, -0.2, 0.1]
     tell(probe, publisher, odometry(*x))
     tell(probe, publisher, odometry(*[9.0] * 6, child='another_robot'))

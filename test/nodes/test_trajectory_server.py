@@ -127,7 +127,7 @@ def values(array):
 def test_it_says_when_it_is_ready_and_what_for(spawn):
     """Nothing is asked of it before."""
     spawn('trajectory_server', {'workers': 1, 'queue_length': 7}).wait_for_output(
-        'ready: 1 process solves, 7 more requests may wait')
+        'ready: 1 worker process, queue of 7 requests')
 
 
 def test_diagnostics_tell_which_server_and_need_no_clock(spawn, probe):

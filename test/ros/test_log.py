@@ -42,7 +42,7 @@ def test_changes_stop_start_and_transitions(spawn: Any, probe: Any, log: list[Lo
     probe.call(Trigger, '/lqr_node/start')
     read(probe, log, '~/start: started again', Log.INFO)
     for transition, words in ((Transition.TRANSITION_DEACTIVATE, 'deactivated'),
-                              (Transition.TRANSITION_ACTIVATE, 'activated: states are answered')):
+                              (Transition.TRANSITION_ACTIVATE, 'activated: the loop runs')):
         log.clear()
         request = ChangeState.Request(transition=Transition(id=transition))
         assert probe.call(ChangeState, '/lqr_node/change_state', request).success

@@ -77,7 +77,7 @@ class Horizon:
     time : float
         [s]
     gains : Gains
-        Gains over the time since the change of the set point or the begin of the law.
+        Gains over the time since the change of the set point or the start of the law.
 
     """
 

@@ -52,7 +52,7 @@ class PlantFlow:
     Attributes
     ----------
     edges : tuple of float
-        Begin and end of the gust [steps]; empty if there is none.
+        Start and end of the gust [steps]; empty if there is none.
 
     """
 

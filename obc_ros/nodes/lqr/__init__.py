@@ -1,3 +1,3 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What belongs to lqr_node: settings, topics, diagnostics, messages."""
+"""Settings, topics, diagnostics and messages of lqr_node."""

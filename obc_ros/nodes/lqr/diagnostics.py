@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What lqr_node says about itself on /diagnostics, once a second (REP 107)."""
+"""Diagnostics of lqr_node: states, commands and design, once a second (REP 107)."""
 
 from collections import Counter, deque
 from collections.abc import Mapping
@@ -18,13 +18,13 @@ from obc_ros.core.closed_loop.loop import ControlLoop
 DROPPED = {'size': 'of wrong size', 'finite': 'not finite', 'frame': 'in another frame',
            'late': 'out of order', 'old': 'stamped too long ago',
            'ahead': 'stamped in the future', 'command': 'without a finite command'}
-LOOKS, GROWTH = 5, 4.0  # looks in a row at which the cost-to-go has grown, and how much in all
+LOOKS, GROWTH = 5, 4.0  # successive increases of the cost-to-go, and their total factor
 COUNTED = ('answered', 'skipped', 'repeated', 'restarted', 'stale', 'deadline')
 
 
 @dataclass
 class LoopMonitor:
-    """What has been seen of a loop since the last look."""
+    """Observations of a loop since the last diagnostics."""
 
     latencies: deque[float] = field(default_factory=lambda: deque(maxlen=5_000))
     refusals: int = 0
@@ -40,12 +40,12 @@ class LoopMonitor:
     _looked: float = field(default_factory=monotonic)
 
     def refused(self, sentence: str) -> None:
-        """Take note of a change that was refused."""
+        """Store the reason of a rejected change."""
         self.refusals, self.last_refusal = self.refusals + 1, sentence
 
     def found(self, faults: dict[str, str]) -> list[str]:
-        """Take note of what is wrong; return the sentences that are new."""
-        # An end that is just being discovered may show QoS that it does not have.
+        """Store the present faults of the topics; return the messages that are new."""
+        # An endpoint that is just being discovered may show wrong QoS: a fault must occur twice.
         lasting = {what: words for what, words in faults.items() if what in self._suspected}
         self._suspected = set(faults)
         new = [words for what, words in lasting.items() if self.faults.get(what) != words]
@@ -54,9 +54,9 @@ class LoopMonitor:
 
     def runs_away(self, cost: float | None, control: Control) -> bool:
         """
-        Take note of the cost-to-go; return whether it runs away instead of falling.
+        Store the cost-to-go; return whether it grows although it should fall.
 
-        It does when it has grown at several looks in a row to more than ever under this control.
+        It must have grown at several calls in a row, beyond all its values under this control.
         """
         if control is not self._control:
             self._control, self._worst = control, 0.0
@@ -73,20 +73,20 @@ class LoopMonitor:
     def statuses(self, name: str, loop: ControlLoop, revision: int, is_active: bool,
                  cost: float | None = None) -> list[DiagnosticStatus]:
         """
-        Return the parts states, commands and design.
+        Return the statuses of states, commands and design.
 
         Parameters
         ----------
         name : str
-            The node's.
-        loop : Loop
-            The loop; it may be running meanwhile.
+            Name of the node.
+        loop : ControlLoop
+            The loop; it may run at the same time.
         revision : int
-            Of the design in use.
+            Revision of the design in use.
         is_active : bool
-            Whether the lifecycle lets the loop run.
+            Whether the node is active.
         cost : float, optional
-            Cost-to-go at the last error; None: there was none.
+            Cost-to-go at the last error; None: there was no error.
 
         """
         now, counts = monotonic(), Counter(loop.counts)
@@ -140,8 +140,8 @@ class LoopMonitor:
             level = DiagnosticStatus.WARN
         if self.runs_away(cost, loop.control):
             level, words = DiagnosticStatus.WARN, (
-                'the error grows, which it does not by design: the plant is another one, or '
-                'something drives it away' + '; x_limits are not set'
+                'the cost-to-go grows: the plant differs from the model, or a disturbance acts on '
+                'it' + '; x_limits are not set'
                 * (not loop.control.rules.x_limits))
         if loop.is_outside:
             level, words = DiagnosticStatus.WARN, 'the error is outside x_limits'

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of lqr_node, and the control that they ask for."""
+"""Parameters of lqr_node, and the control that they specify."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -176,7 +176,7 @@ class Settings:
 
 @dataclass(frozen=True, eq=False)
 class LqrCandidate:
-    """What a set of parameters means: judged, and ready to be adopted."""
+    """The design and control of a valid set of parameters."""
 
     settings: Settings
     design: Design
@@ -184,15 +184,15 @@ class LqrCandidate:
 
     @property
     def gains(self) -> tuple[Any, ...]:
-        """Return what decides about the gain; the same objects as long as nothing changes."""
+        """Return the objects that determine the gain; they are identical if it is unchanged."""
         return self.design, self.control.horizon, self.control.schedule
 
     @property
     def note(self) -> str:
-        """Return what there is besides the steady gain, in words."""
+        """Describe horizon and schedule; empty without both."""
         words, settings = [], self.settings
         if self.control.horizon is not None:
-            words.append(f'the set point is to be reached within {settings.horizon:g} s')
+            words.append(f'time-varying gain over a horizon of {settings.horizon:g} s')
         if self.control.schedule is not None:
             low, high = settings.schedule_range
             words.append(f'the gain follows {settings.schedule} from {low:g} to {high:g}: '
@@ -202,7 +202,7 @@ class LqrCandidate:
 
 def judge_lqr_settings(settings: Settings, courses: tuple[Course, ...] = ()) -> LqrCandidate:
     """
-    Return what the parameters ask for.
+    Return the design and the control for a set of parameters.
 
     Parameters
     ----------
@@ -211,14 +211,18 @@ def judge_lqr_settings(settings: Settings, courses: tuple[Course, ...] = ()) -> 
     courses : tuple of Course
         The references to follow, in the order of their beginnings.
 
+    Returns
+    -------
+    LqrCandidate
+
     Raises
     ------
     ObcError
-        If it cannot be given; the message names the parameter.
+        If a parameter or a reference is rejected; the message names the parameter.
 
     """
     found = _design(*(_key(getattr(settings, name)) for name in _DESIGN))
-    Sink(settings.command_sink, found.plant.system)  # refuses inputs that it does not carry
+    Sink(settings.command_sink, found.plant.system)  # raises if it does not carry the inputs
     check_set_point(found.plant, settings.setpoint, settings.setpoint_input)
     if settings.P1:
         n = found.plant.system.n
@@ -241,14 +245,19 @@ def judge_lqr_settings(settings: Settings, courses: tuple[Course, ...] = ()) -> 
 
 def explain_former_limits(given: Mapping[str, Any], values: Mapping[str, Value]) -> str:
     """
-    Return what to write for u_min and u_max where they are given as limits, which they once were.
+    Return an error message if u_min or u_max is given as a limit, as in former versions.
 
     Parameters
     ----------
     given : mapping
-        Values by name as they came, whatever their type.
+        Given values by name, of any type.
     values : mapping
         All parameters by name.
+
+    Returns
+    -------
+    str
+        Empty: neither is given as a limit.
 
     """
     names = [name for name in ('u_min', 'u_max') if name in given
@@ -262,7 +271,19 @@ def explain_former_limits(given: Mapping[str, Any], values: Mapping[str, Value])
 
 
 def describe_opening(candidate: LqrCandidate) -> str:
-    """Return what a node is about to do: plant, set point, limits, topics and frame."""
+    """
+    Describe what a node is about to do: plant, set point, limits, topics and frame.
+
+    Parameters
+    ----------
+    candidate : LqrCandidate
+        The adopted settings.
+
+    Returns
+    -------
+    str
+
+    """
     settings, held = candidate.settings, candidate.design.plant
     limits = candidate.control.limits
     bounds = zip(held.system.inputs, limits.lower, limits.upper, strict=True)
@@ -275,12 +296,47 @@ def describe_opening(candidate: LqrCandidate) -> str:
 
 
 def describe_ending(course: Course, candidate: LqrCandidate) -> str:
-    """Return what happens at the end of a reference."""
+    """
+    Describe what happens at the end of a reference.
+
+    Parameters
+    ----------
+    course : Course
+        The reference.
+    candidate : LqrCandidate
+        The settings that follow it.
+
+    Returns
+    -------
+    str
+        A clause.
+
+    """
     return _leg(course, candidate.design, candidate.settings.P1)[1]
 
 
 def apply_request(weights: LqrWeights, now: Settings) -> dict[str, Any]:
-    """Return the settings that a message asks for; its empty fields leave them as they are."""
+    """
+    Return the settings that a message specifies; its empty fields change nothing.
+
+    Parameters
+    ----------
+    weights : LqrWeights
+        The message.
+    now : Settings
+        The present settings.
+
+    Returns
+    -------
+    dict
+        Changed settings by name.
+
+    Raises
+    ------
+    StatementError
+        If a given field is not used with the kind of the weights.
+
+    """
     given: dict[str, Any] = {
         'weights': weights.weights, 'rho': weights.rho, 'stability': weights.stability,
         **{name: tuple(getattr(weights, name.lower())) for name in (
@@ -308,11 +364,11 @@ def _plant(system: str, parameters: tuple[tuple[str, Value], ...], setpoint: Vec
     return linearize_plant(choose_system(system, dict(parameters)), setpoint, setpoint_input)
 
 
-@functools.lru_cache(maxsize=4)  # what is still in use need not be designed again
+@functools.lru_cache(maxsize=4)  # a design in use is not computed again
 def _design(*values: Any) -> Design:
     given = dict(zip(_DESIGN, values, strict=True))
     held = _plant(*(given[name] for name in _PLANT))
-    if given['weights'] == 'bryson':  # which can be set before them, and u_max not before it
+    if given['weights'] == 'bryson':  # It can be set before x_max and u_max.
         given['x_max'] = given['x_max'] or (1.0,) * held.system.n
         given['u_max'] = given['u_max'] or (1.0,) * held.system.m
     return design(held, {name: given[name] for name in _WEIGHTS}, given['integral'], given['Qi'],
@@ -325,13 +381,13 @@ def _sampling(exact: bool, rate: float, sample_time: float, delay: float) -> Sam
     if sample_time < period * (1.0 - 1e-9) and sample_time:
         raise StatementError(f'sample_time = {sample_time:g}: with rate = {rate:g} commands are '
                              f'{period:g} s apart or more')
-    # What is for a sampled design leaves a continuous one alone: it can be set before `design`,
-    # and that before a rate which the continuous gain does not bear.
+    # sample_time has no effect on a continuous design without delay. It can therefore be set
+    # before `design`, and `design` before a rate at which the continuous gain is unstable.
     return Sampling(sample_time or period if exact or delay else period, delay, exact)
 
 
 def _judged(course: Course, found: Design, settings: Settings, rules: Rules) -> Leg:
-    """Return the law along a reference, with what is allowed where it is taken up."""
+    """Return the law along a reference, with the bounds of the error at its beginning."""
     system = found.plant.system
     return replace(_leg(course, found, settings.P1)[0],
                    allowed=compute_allowed_error(course, rules.x_limits, settings.start_tolerance),
@@ -350,7 +406,7 @@ def _horizon(found: Design, time: float, P1: Vector) -> Horizon:
 
 
 def _table(settings: Settings, found: Design) -> tuple[Schedule, str]:
-    """Return the schedule of a design, and what is proved of it."""
+    """Return the schedule of a design, and the verified properties as a clause."""
     if len(settings.schedule_range) != 2:
         raise StatementError(f'schedule_range has {count(len(settings.schedule_range))}; wanted '
                              'the lowest and the highest value')
@@ -368,18 +424,18 @@ def _scheduled(found: Design, name: str, between: Vector, setpoint: Vector,
                              f'it has {", ".join(known)}')
     index = system.input_names.index(name) if name in system.input_names else -1
     if is_measured and known[name].unit != 'm/s':
-        raise StatementError(f'schedule = {name}: odometry tells a speed, not this')
+        raise StatementError(f'schedule = {name}: odometry measures a speed in m/s only')
     if index < 0 and not is_measured:
-        raise StatementError(f'schedule = {name}: a State does not tell it; set state_source = '
-                             'odom')
+        raise StatementError(f'schedule = {name}: a State does not contain this parameter; set '
+                             'state_source = odom')
     made = schedule_gains(found, _plant_at(found, name, index, setpoint, setpoint_input), *between)
-    changes = ('however it changes' if made.rate == math.inf else
-               f'while it changes by up to {made.rate:.3g} a second')
+    changes = ('for any rate of change' if made.rate == math.inf else
+               f'for rates of change up to {made.rate:.3g} per second')
     gains = Gains(convert_vector(made.values),
                   tuple(convert_rows(K[:, :system.n]) for K in made.K),
                   tuple(convert_rows(K[:, system.n:]) if len(found.C) else () for K in made.K))
     return (Schedule(gains, index),
-            f'{len(made.values)} gains, proved to stabilise all over it, {changes}')
+            f'{len(made.values)} gains, stability verified on this range {changes}')
 
 
 def _plant_at(found: Design, name: str, index: int, setpoint: Vector, setpoint_input: Vector
@@ -393,7 +449,7 @@ def _plant_at(found: Design, name: str, index: int, setpoint: Vector, setpoint_i
         wanted = (*ue[:index], value, *ue[index + 1:])
         there = linearize_plant(system, setpoint, wanted)
         if there.equilibrium.u[index] != value:
-            raise StatementError(f'schedule = {name}: the set point leaves it no choice')
+            raise StatementError(f'schedule = {name}: the set point determines this input')
         return there
 
     return at
@@ -417,8 +473,8 @@ def _rules(settings: Settings, names: tuple[str, ...]) -> Rules:
         bounds = tuple(zip(given[::2], given[1::2], strict=True))
     for name, (low, high) in zip(names, bounds, strict=False):
         if not low < 0.0 < high:
-            raise StatementError(f'x_limits of {name}: [{low:g}, {high:g}]; wanted a lower limit '
-                                 'below 0, which is no error, and an upper one above it')
+            raise StatementError(f'x_limits of {name}: [{low:g}, {high:g}]; wanted a negative '
+                                 'lower limit and a positive upper limit of the error')
     _sized('start_tolerance', settings.start_tolerance, names)
     return Rules(
         period=round(min(1e9 / settings.rate, 1e18)) if settings.rate else 0,

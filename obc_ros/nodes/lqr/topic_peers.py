@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Who else is on a node's topics, and whether they can be heard."""
+"""Checks of the other nodes on the topics of a node: publishers and compatible QoS."""
 
 from collections.abc import Iterable
 
@@ -11,14 +11,19 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 def find_faults(node: Node, topics: Iterable[str], shared: Iterable[str] = ()) -> dict[str, str]:
     """
-    Return a sentence for each thing that is wrong around a node's topics.
+    Return a message for each fault on the topics of a node.
 
     Parameters
     ----------
     node : rclpy.node.Node
         The node.
     topics, shared : iterable of str
-        Its topics, resolved: those that only one node should publish on, and the others.
+        Its resolved topics: those with at most one publisher, and the others.
+
+    Returns
+    -------
+    dict
+        Messages by kind of fault.
 
     """
     own, topics, found = node.get_fully_qualified_name(), tuple(topics), {}
@@ -31,8 +36,9 @@ def find_faults(node: Node, topics: Iterable[str], shared: Iterable[str] = ()) -
             for source in sources:
                 reason = own in (_name(source), _name(sink)) and _mismatch(source, sink)
                 if reason:
-                    found[f'{topic} QoS'] = (f'{_name(sink)} hears nothing of {_name(source)} on '
-                                             f'{topic}: incompatible QoS ({reason})')
+                    found[f'{topic} QoS'] = (f'{_name(sink)} receives nothing from '
+                                             f'{_name(source)} on {topic}: incompatible QoS '
+                                             f'({reason})')
     return found
 
 
@@ -41,7 +47,7 @@ def _name(end: TopicEndpointInfo) -> str:
 
 
 def _mismatch(source: TopicEndpointInfo, sink: TopicEndpointInfo) -> str:
-    # what the middleware tells of both ends: a profile that was asked for may leave things open
+    # These are the profiles in use; a requested profile may leave policies to the middleware.
     compatibility, reason = qos_check_compatible(source.qos_profile, sink.qos_profile)
     if compatibility != QoSCompatibility.ERROR:
         return ''

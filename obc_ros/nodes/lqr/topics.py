@@ -1,9 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Where lqr_node gives commands to, its own messages or those of robots, and what it follows.
+Command messages of lqr_node and the references that it receives.
 
-A `Sink` turns the input into a message; where states come from is in `state_sources`.
+A `Sink` converts an input to a message. The messages of states are in `state_sources`.
 
 ==========  ================  ==========================================================
 topic       type              meaning
@@ -31,29 +31,28 @@ from obc_ros.msg import Command, Trajectory
 from obc_ros.ros.conversions import BASE, read_nanoseconds
 
 SINKS = {'command': Command, 'cmd_vel': TwistStamped, 'wrench': WrenchStamped}
-ROBOTS = ('cmd_vel', 'wrench')  # sinks that no simulated plant of this package hears
-
+ROBOTS = ('cmd_vel', 'wrench')  # sinks to which no simulated plant of this package subscribes
 
 Fill = Callable[[Sequence[float]], None]
 
 
 class Sink:
     """
-    Makes messages of inputs.
+    Converter from inputs to messages.
 
     Parameters
     ----------
     topic : str
         A key of `SINKS`.
     system : System
-        Whose inputs they are.
+        The system of the inputs.
     is_stamped : bool
         Whether cmd_vel has a header.
 
     Attributes
     ----------
     type : type
-        Of the messages.
+        Type of the messages.
 
     """
 
@@ -66,7 +65,7 @@ class Sink:
             self._header.frame_id = BASE
 
     def message(self, u: Sequence[float], stamp: Time) -> Any:
-        """Return the message for an input (m,); the next call changes it."""
+        """Return the message of an input (m,); the next call changes it in place."""
         if self._header is not None:
             self._header.stamp = stamp
         self._fill(u)
@@ -79,34 +78,38 @@ class Sink:
 def read_courses(message: Trajectory, system: System, frame: str, present: tuple[Course, ...],
                  now: int | None) -> tuple[Course, ...]:
     """
-    Return the references to follow once a message has come, in the order of their beginnings.
+    Return the references to follow after a message, in the order of their beginnings.
 
     Parameters
     ----------
     message : Trajectory
-        Without samples: no reference any more.
+        The new reference; without samples: no reference.
     system : System
-        That follows.
+        The system that follows.
     frame : str
-        Of its states; empty: not known.
+        Frame of its states; empty: not known.
     present : tuple of Course
-        The references so far; the one that is followed goes on until the new one begins.
+        The references before the message; the followed one is kept until the new one begins.
     now : int, optional
         Stamp of the last state [ns].
+
+    Returns
+    -------
+    tuple of Course
 
     Raises
     ------
     StatementError
-        If the message is no reference for the system.
+        If the message is not a reference for the system.
 
     """
     if not message.t and not message.x and not message.u:
         return ()
     if message.system not in ('', system.name):
-        raise StatementError(f"it is for '{quote(message.system)}', not for {system.name}")
+        raise StatementError(f"system = '{quote(message.system)}': wanted {system.name}")
     given = message.header.frame_id
     if given and frame and given != frame:
-        raise StatementError(f"it is in the frame '{quote(given)}', the states are in "
+        raise StatementError(f"frame_id = '{quote(given)}': wanted the frame of the states, "
                              f"'{quote(frame)}'")
     stamp = read_nanoseconds(message.header.stamp)
     new = read_course(system, (message.state_names, message.input_names), message.t, message.x,
@@ -114,7 +117,7 @@ def read_courses(message: Trajectory, system: System, frame: str, present: tuple
     begun = [each for each in present
              if now is not None and each.reference.begin is not None
              and each.reference.begin <= now]
-    return (*begun[-1:], new)  # what is followed goes on if the new one is not taken up
+    return (*begun[-1:], new)  # the followed one is kept for the case that the new one is rejected
 
 
 def _filler(topic: str, message: Any, system: System) -> Fill:
@@ -137,6 +140,6 @@ def _filler(topic: str, message: Any, system: System) -> Fill:
         ('cmd_vel', 'two_wheeled'): two_wheeled,
         ('wrench', 'aircraft'): aircraft}
     if (topic, system.name) not in known:
-        raise StatementError(f'command_sink = {topic}: the inputs of {system.name} '
-                             f'({", ".join(system.input_names)}) are not those of such a message')
+        raise StatementError(f'command_sink = {topic}: this message does not carry the inputs of '
+                             f'{system.name} ({", ".join(system.input_names)})')
     return known[topic, system.name]

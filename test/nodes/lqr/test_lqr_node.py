@@ -88,7 +88,7 @@ REFUSED = [
     ({'rate': -1.0}, 'rate = -1: wanted at least 0 Hz'),
     ({'on_stale': 'panic'}, "on_stale = 'panic': wanted 'equilibrium' or 'hold' or 'silent'"),
     ({'x_limits': [1.0, 2.0]}, 'x_limits has 2 numbers; wanted 6 or 12'),
-    ({'x_limits': [-1.0] * 6}, 'x_limits of px: [1, -1]; wanted a lower limit below 0'),
+    ({'x_limits': [-1.0] * 6}, 'x_limits of px: [1, -1]; wanted a negative lower limit'),
     ({'integral': ['px'], 'Qi': [-1.0]}, 'Qi[0] = -1: Qi must be positive semidefinite'),
     ({'design': 'sampled', 'rate': 20.0, 'Qx': [-1.0] * 6}, 'Qx[0] = -1: Qx must be positive'),
     ({'Qu': [1e-30, 1e30]}, '(A, B) is numerically not stabilisable at these weights'),

@@ -71,7 +71,7 @@ def test_a_plant_that_is_not_the_one_of_the_design(spawn: Any, probe: Any) -> No
                 if status.name == f'{name}/lqr_node: commands'}
 
     probe.wait_for(lambda: any(
-        'the error grows, which it does not by design' in each and 'x_limits are not set' in each
+        'the cost-to-go grows: the plant differs from' in each and 'x_limits are not set' in each
         for each in words('wrong')), 40.0)
     assert words('right') == {'within the limits'}
 

@@ -223,8 +223,8 @@ def test_a_reference_is_followed(spawn: Any, probe: Any) -> None:
     for stamp in (105.5 - dt, 105.5, 105.5 + dt, 200.0):
         assert bench.answer([3.1, 0.0], stamp) == pytest.approx(-K @ [0.1, 0.0], rel=1e-6)
     for message, words in (
-            (reference(t, t, 0 * t), 'a reference was refused: x has 101 numbers; wanted 101 x 2'),
-            (reference(t, np.zeros((101, 2)), t, system='aircraft'), "it is for 'aircraft'"),
+            (reference(t, t, 0 * t), 'a reference was rejected: x has 101 numbers; wanted '),
+            (reference(t, np.zeros((101, 2)), t, system='aircraft'), "system = 'aircraft': wan"),
             (reference(t[::-1], np.zeros((101, 2)), t), 't: wanted finite times'),
             (reference(t, np.zeros((101, 2)), t * math.nan), 'u: wanted finite numbers')):
         follow(message, words)
@@ -328,7 +328,7 @@ def test_qos_overrides_and_what_does_not_fit(spawn: Any, probe: Any) -> None:
         return any(words in status.message for array in reports for status in array.status)
 
     probe.wait_for(lambda: reported(
-        '/careful hears nothing of /probe on /state: incompatible QoS (best effort'))
+        '/careful receives nothing from /probe on /state: incompatible QoS (best effort'))
     probe.node.destroy_publisher(deaf)
     good = probe.publisher(State, 'state', QoSProfile(
         depth=1, deadline=Duration(seconds=0.2)))
@@ -440,8 +440,8 @@ def test_wrench_out(spawn: Any, probe: Any) -> None:
 @pytest.mark.parametrize(('parameters', 'sentence'), [
     ({'system': 'double_integrator', 'state_source': 'odom'},
      'do not determine the state of double'),
-    ({'system': 'aircraft', 'command_sink': 'cmd_vel'}, 'are not those of such a message'),
-    ({'system': 'vehicle', 'command_sink': 'wrench'}, 'are not those of such a message'),
+    ({'system': 'aircraft', 'command_sink': 'cmd_vel'}, 'this message does not carry the inputs'),
+    ({'system': 'vehicle', 'command_sink': 'wrench'}, 'this message does not carry the inputs'),
 ])
 def test_messages_that_do_not_fit(spawn: Any, parameters: Any, sentence: str) -> None:
     """A system without a pose, or inputs that a message cannot carry, is refused at the start."""

@@ -84,7 +84,7 @@ def test_a_plan_from_elsewhere_is_refused_and_moves_nothing(spawn: Any, probe: A
     bench.answer(x, 0.1)
     assert x[0] == pytest.approx(58.7)
     publisher.publish(reference(*straight(0.0, 20.0)))
-    assert warned(probe, log, 'a reference was refused').endswith(
+    assert warned(probe, log, 'a reference was rejected').endswith(
         "px is 58.7 m from the plan's start 0 m, allowed 2 m")
     assert refusals(bench, 1) == ("reference: px is 58.7 m from the plan's start 0 m, "
                                   'allowed 2 m')
@@ -116,7 +116,7 @@ def test_a_reference_of_the_future_is_judged_when_it_begins(spawn: Any, probe: A
     publisher.publish(reference(*straight(5.0, 20.0), 1.0))   # that is where it is now
     bench.process.wait_for_output('a reference of 2 s')
     x, commands = drive(bench, x, 0.5, 1.5)
-    assert warned(probe, log, 'a reference was refused').endswith(
+    assert warned(probe, log, 'a reference was rejected').endswith(
         "px is 5 m from the plan's start 5 m, allowed 1 m")
     assert np.abs(commands - [10.0, 0.0]).max() < 1e-9
     publisher.publish(reference(*straight(20.5, 30.0), 2.0))  # where it will be, half a metre on
@@ -135,7 +135,7 @@ def test_a_reference_before_the_first_state_is_judged_by_that(spawn: Any, probe:
     bench.process.wait_for_output('a reference of 2 s')
     assert not bench.commands
     assert np.abs(bench.answer([58.7, 0.0, 0.0], 3.0) - [10.0, 0.0]).max() < 1e-9
-    assert warned(probe, log, 'a reference was refused').endswith(
+    assert warned(probe, log, 'a reference was rejected').endswith(
         "px is 58.7 m from the plan's start 0 m, allowed 2 m")
 
 
@@ -161,8 +161,8 @@ def test_a_reference_is_judged_again_after_an_outage(spawn: Any, probe: Any) -> 
     lose(bench)
     commands = drive(bench, x, 102.0, 102.2)[1]
     assert (commands == 0.0).all()                # at rest, as while no state came
-    words = warned(probe, log, 'a reference was refused: after ')
-    seconds, rest = words.removeprefix('a reference was refused: after ').split(' s ', 1)
+    words = warned(probe, log, 'a reference was rejected: after ')
+    seconds, rest = words.removeprefix('a reference was rejected: after ').split(' s ', 1)
     assert float(seconds) >= 0.5
     distance = abs(x[0] - 120.0)
     assert distance == pytest.approx(10.0, abs=0.2)

@@ -165,7 +165,7 @@ def test_every_parameter_is_described() -> None:
     ({'horizon': 1.0, 'schedule': 'f1', 'schedule_range': (0.0, 1.0)}, 'one or the other'),
     ({'P1': (1.0,)}, 'P1 has 1 number; wanted 6'),
     ({'schedule': 'f2', 'schedule_range': (30.0, 50.0)}, 'f2'),
-    ({'schedule': 'm', 'schedule_range': (3.0, 5.0)}, 'a State does not tell it'),
+    ({'schedule': 'm', 'schedule_range': (3.0, 5.0)}, 'a State does not contain this'),
     ({'sample_time': 0.01, 'rate': 20.0}, 'with rate = 20 commands are 0.05 s apart or more'),
 ])
 def test_what_does_not_go_together(change: dict[str, Any], sentence: str) -> None:
@@ -176,7 +176,7 @@ def test_what_does_not_go_together(change: dict[str, Any], sentence: str) -> Non
 
 
 @pytest.mark.parametrize(('frame', 'states', 'sentence'), [
-    ('map', 'odom', "it is in the frame 'map', the states are in 'odom'"),
+    ('map', 'odom', "frame_id = 'map': wanted the frame of the states, 'odom'"),
     ('odom', 'odom', ''), ('', 'odom', ''), ('map', '', '')])
 def test_the_frame_of_a_reference(frame: str, states: str, sentence: str) -> None:
     """It is that of the states, as far as both are known."""
