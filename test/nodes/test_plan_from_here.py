@@ -113,7 +113,7 @@ def test_go_there_from_here_is_one_call(spawn: Any, probe: Any) -> None:
     during = (t >= 0.0) & (t <= 15.0)
     expected = np.interp(t[during], answer.trajectory.t, path[:, 0])
     assert np.abs(x[during, 0] - expected).max() < 0.05
-    assert not [each.msg for each in log if 'refused' in each.msg]
+    assert not [each.msg for each in log if 'rejected' in each.msg]
 
 
 def test_a_plan_begins_by_the_clock_of_the_states(spawn: Any, probe: Any) -> None:
@@ -192,4 +192,4 @@ def test_a_loop_over_odometry_goes_there_from_here(spawn: Any, probe: Any) -> No
     probe.wait_for(lambda: [each for each in log if 'the reference of 6 s has ended' in each.msg],
                    what='the end of the reference')
     probe.wait_for(lambda: np.abs(states[-1].x).max() < 0.05, what='the goal')
-    assert not [each.msg for each in log if 'refused' in each.msg]
+    assert not [each.msg for each in log if 'rejected' in each.msg]

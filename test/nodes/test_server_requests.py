@@ -80,7 +80,7 @@ def test_a_regulator_is_designed(probe):
             (DesignLqr.Request(a=[1.0, 2.0, 3.0], b=[1.0]), 'malformed: a has 3 numbers'),
             (DesignLqr.Request(a=[1.0], weights=weights), 'malformed: b has 0 numbers'),
             (DesignLqr.Request(a=[math.nan], b=[1.0], weights=weights), 'malformed: A'),
-            (DesignLqr.Request(a=[1.0], b=[0.0], weights=weights), 'refused: the mode at +1'),
+            (DesignLqr.Request(a=[1.0], b=[0.0], weights=weights), 'refused: (A, B) is not'),
             (DesignLqr.Request(a=[1.0], b=[1.0], weights=LqrWeights(qx=[1.0], qu=[0.0])),
              'refused: Qu[0] = 0'),
             (DesignLqr.Request(a=[1.0], b=[1.0], weights=LqrWeights(weights='magic')),

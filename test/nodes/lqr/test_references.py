@@ -104,7 +104,7 @@ def test_every_state_that_is_too_far_is_named(spawn: Any, probe: Any) -> None:
     assert bench.set(x_limits=[60.0, 0.2, 0.3]).successful
     publisher.publish(reference(*straight(0.0, 20.0)))
     assert warned(probe, log, 'allowed 0.2').endswith(
-        "refused: py is 0.25 m from the plan's start 0 m, allowed 0.2 m")
+        "rejected: py is 0.25 m from the plan's start 0 m, allowed 0.2 m")
     assert refusals(bench, 2).startswith('reference: py is 0.25 m')
 
 
@@ -192,7 +192,7 @@ def test_a_reference_goes_on_after_an_outage(spawn: Any, probe: Any) -> None:
     assert commands[0][0] > 10.1
     assert x[0] == pytest.approx(150.0 + 5.0, abs=1.0)
     bench.process.wait_for_output('the reference of 5 s has ended')
-    assert not [each.msg for each in log if 'refused' in each.msg]
+    assert not [each.msg for each in log if 'rejected' in each.msg]
 
 
 # Whether the plant can follow it
