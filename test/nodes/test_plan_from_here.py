@@ -168,7 +168,7 @@ def test_odometry_that_is_old_is_refused(spawn: Any, probe: Any) -> None:
     probe.spin_for(1.0)
     answer = ask_aircraft(probe)
     assert (answer.success, answer.status) == (False, 'malformed')
-    said = re.fullmatch(r'.*the last state on /odom came (\S+) s ago; '
+    said = re.fullmatch(r'.*the last state on /odom arrived (\S+) s ago; '
                         r'wanted at most 0\.3 s \(state_timeout\)', answer.message)
     assert said, answer.message
     assert float(said[1]) >= 1.0, answer.message
