@@ -170,8 +170,8 @@ def describe_broken_bound(problem: Problem, answer: Solution) -> tuple[str, str]
         sign = '<=' if over else '>='
         name = f'path_constraints[{row - problem.n}] {sign} {format_number(bound)}'
     first = int(np.argmax(excess[:, row] > _MISSED))
-    return name, (f'the path with the smallest violation found violates it from '
-                  f't = {answer.t[first]:.3g} on and has {rows[k, row]:.4g} '
+    return name, (f'the path with the smallest violation found leaves it at '
+                  f't = {answer.t[first]:.3g} and has {rows[k, row]:.4g} '
                   f'at t = {answer.t[k]:.4g}')
 
 
