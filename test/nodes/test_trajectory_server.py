@@ -290,7 +290,7 @@ def test_the_queue_has_a_length(server, probe, clock):
     response, begun, end = timed(probe, scalar()[0])
     assert clock.between(begun, end) < 1.0
     assert response.status == 'cancelled'
-    assert '2 requests are waiting' in response.message
+    assert 'the queue is full, with 2 requests' in response.message
     answers, *_ = goals.cancel()
     assert {answer.result.status for answer in answers} == {'cancelled'}
 

@@ -144,7 +144,7 @@ def test_what_is_not_there_is_said(loop: None, domain: int, tmp_path: Any) -> No
             ('topic echo --once --field k.l /lqr_node/design', "Invalid field 'k.l': no 'l'"),
             ('action send_goal /nobody obc_ros/action/SolveOptimalControl --timeout 1',
              'no action /nobody'),
-            ('lifecycle get /plant_simulator --timeout 1', 'it is no lifecycle node'),
+            ('lifecycle get /plant_simulator --timeout 5', 'it is no lifecycle node'),
             ('interface show obc_ros/msg/Nothing', 'obc_ros has no msg Nothing; it has'),
             ('interface show nowhere/msg/Nothing', "package 'nowhere' is not installed")):
         said = obc.say_here(*line.split())
