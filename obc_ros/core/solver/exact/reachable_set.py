@@ -160,7 +160,8 @@ class Reach:
         """
         Return the largest multiple of g(T) that the inputs reach at T, and the eta that proves it.
 
-        The multiple is at least 1 if T is long enough; eta is scaled such that eta' g(T) = 1.
+        The multiple is at least 1 if T is long enough; eta is scaled such that eta' g(T) = 1. The
+        multiple is inf, which proves nothing, if g(T) is 0 or a term overflows.
         """
         from scipy.optimize import linprog
 
@@ -168,7 +169,7 @@ class Reach:
         table = self.table(self.times(T))
         columns = np.diff(table[:, :, n:n + m], axis=0).transpose(1, 0, 2).reshape(len(self.d), -1)
         g = self.gap(table)[-1]
-        if not g.any():
+        if not g.any() or not np.isfinite(columns).all():
             return np.inf, g
         U, sizes, _ = np.linalg.svd(columns, full_matrices=False)
         open_, shut = U[:, sizes > 1e-13 * sizes[0]], U[:, sizes <= 1e-13 * sizes[0]]
@@ -191,8 +192,8 @@ def compute_exponential(matrix: Array) -> Array:
     """
     Return the matrix exponential, accurate for states in units of any size.
 
-    The matrix is first balanced by powers of 2, which causes no rounding. Without balancing,
-    entries that are many orders of magnitude below the largest would have no correct digits.
+    The matrix is first scaled by powers of 2, which causes no rounding (`_balance`). Without it,
+    an entry many orders of magnitude above the others would spoil all digits of the others.
 
     Parameters
     ----------
@@ -205,13 +206,42 @@ def compute_exponential(matrix: Array) -> Array:
         nan if an entry is not finite.
 
     """
-    from scipy.linalg import expm, matrix_balance
+    from scipy.linalg import expm
 
     sizes = np.abs(matrix).reshape(-1, *matrix.shape[-2:]).max(axis=0)
     if not np.isfinite(sizes).all():
         return np.full_like(matrix, np.nan)
+    unit = _balance(sizes)
+    found = expm(matrix * unit / unit[:, None]) * unit[:, None] / unit
+    # An entry (i, j) is exactly 0 if no chain of nonzero entries leads from i to j.
+    linked = (sizes > 0) | np.eye(len(sizes), dtype=bool)
+    for _ in range(len(sizes).bit_length()):
+        linked = linked @ linked
+    return np.asarray(np.where(linked, found, 0.0), dtype=float)
+
+
+def _balance(sizes: Array) -> Array:
+    """
+    Return powers of 2 d (n,) for which no entry of sizes_ij d_j / d_i is needlessly large.
+
+    LAPACK balances entries that lie on a cycle of the graph of the matrix. An entry between two
+    strongly connected components lies on none and can be scaled to any size: here to at most the
+    largest entry within a component, or 1.
+    """
+    from scipy.linalg import matrix_balance
+    from scipy.sparse.csgraph import connected_components
+
     unit = matrix_balance(sizes, permute=False, separate=True)[1][0]
-    return np.asarray(expm(matrix * unit / unit[:, None]) * unit[:, None] / unit, dtype=float)
+    scaled = sizes * unit / unit[:, None]
+    count, part = connected_components(sizes > 0, directed=True, connection='strong')
+    inside = part[:, None] == part
+    largest = max(float(scaled[inside].max(initial=0.0)), 1.0)
+    rows, columns = np.nonzero((scaled > 0) & ~inside)
+    excess = np.ceil(np.log2(scaled[rows, columns] / largest))
+    power = np.zeros(count)
+    for _ in range(count):   # the longest chain of components has fewer links
+        np.maximum.at(power, part[rows], power[part[columns]] + excess)
+    return np.asarray(unit * 2.0**power[part])
 
 
 def _run(steps: Array) -> int:

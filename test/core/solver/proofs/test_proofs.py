@@ -137,6 +137,39 @@ def test_the_exponential_of_states_in_far_units():
     assert found == pytest.approx(exact, rel=1e-13)
 
 
+@pytest.mark.parametrize('h', [22.4, 5743.0])
+def test_the_exponential_of_inputs_that_drive_states_in_far_units(h):
+    """No entry of 6e17 lies on a cycle, so that LAPACK does not balance it."""
+    rate = -1.43769127e-04
+    Z = h * np.array([
+        [rate, 0, 0, 0.3145737, -54.4], [0, rate, 0, 0.39842967, -68.9],
+        [6.38458705e17, -5.04084738e17, 0, 0, 0], [0, 0, 0, 0, 0], [0, 0, 0, 0, 0]])
+    with mpmath.workdps(80):
+        exact, terms = (np.array(mpmath.expm(mpmath.matrix(each.tolist())).tolist(), dtype=float)
+                        for each in (Z, np.abs(Z)))
+    assert np.all(np.abs(compute_exponential(Z) - exact) <= 1e-13 * terms)
+
+
+def test_states_in_far_units_are_not_said_to_be_unreachable():
+    """A singular value decomposition did not converge; x0 and x1 have nearly the same mode."""
+    mode = '-0.41810843788713326*(x{0}/{1}) + u/0.022893317148108366'
+    first, second = (mode.format(0, 0.00032100385267042254), mode.format(1, 3.176358687772462e-06))
+    assert explain_contradiction(problems.build(
+        BOUNDED, states=['x0', 'x1', 'x2'], inputs=['u'],
+        initial_state={'x0': -0.00041186977757868404, 'x1': -2.169992478800012e-06,
+                       'x2': 0.08101934088632733},
+        dynamics={'x0': f'({first})*1.1037912520704776e-07',
+                  'x1': f'({second})*1.092210234810167e-09',
+                  'x2': '(x0/0.00032100385267042254 - x1/3.176358687772462e-06)'
+                        '*2.2220474594140145e-05'},
+        running_cost='1', input_bounds={'u': [-5.412961054535154, -5.350739010050496]},
+        terminal_constraints=['x0 + 0.10986753176982986', 'x1 + 0.0010864063871911976',
+                              'x2 - 0.024385690441982525'],
+        state_bounds={'x0': [-0.11008700762415555, -0.00019239392325299013],
+                      'x1': [-0.001088580448230516, 4.068560518601825e-09]},
+        final_time={'free': False, 'value': 6563.990097281992})) == ''
+
+
 def test_no_direction_is_proved_from_what_rounding_left():
     """The third state is the difference of two that inputs move alike: its unit is next to 0."""
     assert explain_contradiction(problems.build(
