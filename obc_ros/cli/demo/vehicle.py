@@ -22,7 +22,7 @@ from obc_ros.srv import PlanMotion
 
 SPEED, LENGTH = 10.0, 2.0  # [m/s], the v_d of Exercise 2.10, and the wheelbase [m]
 AMPLITUDE, FREQUENCY, COURSE = 1.0, 1.0, 6.0  # [m], [Hz], [s] of slalom
-AHEAD = 1.0  # [s] from the request for a plan to the begin of the plan
+AHEAD = 1.0  # [s] from the request for a plan until it begins
 
 
 def run(out: Path, real_time: bool) -> int:
