@@ -11,6 +11,8 @@ Publishes ``command`` (Command, or see `topics`), ``~/design`` (LqrDesign, trans
 
 A separate thread computes the commands; everything else runs in the executor. A change reaches
 that thread as one assignment.
+
+The module is long because a node is one class.
 """
 
 from dataclasses import replace

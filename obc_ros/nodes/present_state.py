@@ -57,15 +57,8 @@ class PresentState:
             state of the system, or there is no such system.
 
         """
-        topic = self._subscription.topic_name
-        if self._message is None:
-            raise StatementError(f'start is empty (the present state), and no state has arrived '
-                                 f'on {topic}')
-        age = monotonic() - self._came
-        if age > timeout:
-            raise StatementError(f'start is empty (the present state), and the last state on '
-                                 f'{topic} arrived {age:.3g} s ago; wanted at most {timeout:g} s '
-                                 '(state_timeout)')
+        if missing := self.explain_absence(timeout):
+            raise StatementError(f'start is empty (the present state), and {missing}')
         if self._topic == 'state':
             return self._message.x  # type: ignore[no-any-return] # array of double
         # Imported here because CasADi takes a third of a second, and few nodes plan.
@@ -76,9 +69,24 @@ class PresentState:
         return make_state_reader(self._topic,
                                  find_registered(request.system, given))(self._message)
 
-    def stamp(self, timeout: float) -> int | None:
-        """Return the stamp of the last state [ns]; None: none has arrived within `timeout` [s]."""
-        if self._message is None or monotonic() - self._came > timeout:
+    @property
+    def has_arrived(self) -> bool:
+        """Return whether any state has arrived."""
+        return self._message is not None
+
+    def explain_absence(self, timeout: float) -> str:
+        """Return why there is no state of at most `timeout` [s]; '' if there is one."""
+        topic = self._subscription.topic_name
+        if self._message is None:
+            return f'no state has arrived on {topic}'
+        age = monotonic() - self._came
+        return '' if age <= timeout else (
+            f'the last state on {topic} arrived {age:.3g} s ago; wanted at most {timeout:g} s '
+            '(state_timeout)')
+
+    def stamp(self) -> int | None:
+        """Return the stamp of the last state [ns]; None: none has arrived, or it has no time."""
+        if self._message is None:
             return None
         stamp = self._message.header.stamp
         time = int(stamp.sec) * 10**9 + int(stamp.nanosec)

@@ -165,18 +165,32 @@ class TrajectoryServer(Node):
             except ObcError as error:
                 messages.fill_answer(response, self._refuse('plan', 'malformed', str(error)))
                 return response
-        messages.fill_answer(response, await self._ask('plan', request, request.time_limit))
+        packet = await self._ask('plan', request, request.time_limit)
+        if request.execute and packet.plain['status'] == 'solved':
+            packet = self._check_state(packet, timeout)
+        messages.fill_answer(response, packet)
         if response.success and request.execute:
-            # The clock of the states may differ from that of this node.
-            now = self._state.stamp(timeout)
-            now = self.get_clock().now().nanoseconds if now is None else now
-            stamp = response.trajectory.header.stamp
-            stamp.sec, stamp.nanosec = divmod(now + LEAD, 10**9)
-            self._reference.publish(response.trajectory)
-            self._log.info('reference', f'a plan of {response.trajectory.t[-1]:.4g} s for '
-                           f'{response.trajectory.system} is published on '
-                           f'{self._reference.topic_name}')
+            self._publish(response.trajectory)
         return response
+
+    def _check_state(self, packet: Packet, timeout: float) -> Packet:
+        """Return a plan, as rejected if the states ended while it was computed."""
+        # Without any state the plan has a start of its own, and the plant may come later.
+        if not self._state.has_arrived or not (
+                missing := self._state.explain_absence(timeout)):
+            return packet
+        reason = f'the plan is solved, but not executed: {missing}'
+        self._log_refusal('plan', reason)
+        return Packet({**packet.plain, 'status': 'cancelled', 'message': reason}, packet.arrays)
+
+    def _publish(self, plan: Trajectory) -> None:
+        """Publish a plan as a reference, which begins by the clock of the states."""
+        now = self._state.stamp()
+        now = self.get_clock().now().nanoseconds if now is None else now
+        plan.header.stamp.sec, plan.header.stamp.nanosec = divmod(now + LEAD, 10**9)
+        self._reference.publish(plan)
+        self._log.info('reference', f'a plan of {plan.t[-1]:.4g} s for {plan.system} is published '
+                       f'on {self._reference.topic_name}')
 
     async def _execute(self, goal: Any) -> Any:
         """Execute a goal of the action; it succeeds only with a certified solution."""

@@ -5,6 +5,8 @@ Conversions between messages and plain values: statements, requests, responses.
 
 A statement is the mapping of a problem file. Only what a mapping cannot hold, such as a name that
 occurs twice, is checked here; the worker that solves the problem checks the statement.
+
+The module is long because every message of the package is read and filled here, and only here.
 """
 
 from array import array

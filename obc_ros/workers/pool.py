@@ -6,6 +6,8 @@ A pool of worker processes that answers every request within its time limit.
 If a worker dies, its present request fails with an error, which comes with the best path that the
 worker has sent, and the worker is replaced. A request that reaches its time limit or is cancelled
 is first asked to stop, then ended with its process. No worker outlives the process of the pool.
+
+The module is long because all methods change the state of one pool.
 """
 
 from collections import Counter, deque, OrderedDict

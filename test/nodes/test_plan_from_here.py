@@ -3,7 +3,9 @@
 """``~/plan`` without a start: from where the plant is now, over DDS."""
 
 import math
+import os
 import re
+import signal
 from typing import Any
 
 from lqr_bench import LATCHED, nanoseconds
@@ -14,6 +16,7 @@ from obc_ros.srv import PlanMotion
 import pytest
 from rcl_interfaces.msg import Log
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from support import children
 
 pytestmark = pytest.mark.nodes
 
@@ -193,3 +196,36 @@ def test_a_loop_over_odometry_goes_there_from_here(spawn: Any, probe: Any) -> No
                    what='the end of the reference')
     probe.wait_for(lambda: np.abs(states[-1].x).max() < 0.05, what='the goal')
     assert not [each.msg for each in log if 'rejected' in each.msg]
+
+
+@pytest.mark.parametrize('start', [[], [5.0, 0.0]])
+def test_a_plan_is_not_executed_after_the_states_ended(
+        start: list[float], spawn: Any, probe: Any) -> None:
+    """The worker is held up until the state is too old; the plan comes, but no reference."""
+    process = spawn('trajectory_server', {'workers': 1, 'state_timeout': 2.0})
+    log = probe.listen(Log, '/rosout', ROSOUT)
+    heard = probe.listen(Trajectory, 'reference', LATCHED)
+    assert ask(probe, start=[5.0, 0.0]).success
+    publisher, workers = probe.publisher(State, 'state'), children(process.pid)
+    client = probe.node.create_client(PlanMotion, '/trajectory_server/plan')
+    probe.wait_for(client.service_is_ready, what='the service')
+    tell(probe, publisher, State(x=[5.0, 0.0]))
+    for pid in workers:
+        os.kill(pid, signal.SIGSTOP)
+    future = client.call_async(PlanMotion.Request(
+        system='double_integrator', objective='effort', final_time=3.0, goal=[2.0, 0.0],
+        start=start, execute=True))
+    probe.spin_for(2.5)
+    assert not future.done()
+    for pid in workers:
+        os.kill(pid, signal.SIGCONT)
+    answer = probe.wait_for(lambda: future.done() and future.result(), what='the answer')
+    assert (answer.success, answer.status) == (False, 'cancelled')
+    said = re.fullmatch(r'the plan is solved, but not executed: the last state on /state arrived '
+                        r'(\S+) s ago; wanted at most 2 s \(state_timeout\)', answer.message)
+    assert said, answer.message
+    assert float(said[1]) > 2.0
+    assert np.reshape(answer.trajectory.x, (-1, 2))[-1] == pytest.approx([2.0, 0.0], abs=1e-6)
+    probe.wait_for(lambda: [each for each in log if 'but not executed' in each.msg],
+                   what='the refusal in the log')
+    assert not heard

@@ -5,6 +5,8 @@ Conversion of a statement, from a file or a request, to a valid Problem.
 
 An error names the key, what was found and what is wanted; the first error ends the conversion. A
 valid statement of a problem without a solution is accepted.
+
+The module is long because each key of a statement has its own check and message.
 """
 
 from collections.abc import Iterable, Mapping

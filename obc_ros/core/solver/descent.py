@@ -6,6 +6,8 @@ The driver of a solve by transcription: initial guesses, arcs, mesh refinement, 
 The cost of an outcome is compared with the minimum by the Hamiltonian loss
 (adjoint/mesh_refinement.py): the integral of H(x, u, lam) - min H(x, ., lam), which is the excess
 of the cost to first order. 'Relative excess' is this loss over |J|.
+
+The module is long because the driver holds the whole course of a solve.
 """
 
 from collections.abc import Callable, Generator, Iterator

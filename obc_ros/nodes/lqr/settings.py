@@ -1,6 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of lqr_node, and the control that they specify."""
+"""
+Parameters of lqr_node, and the control that they specify.
+
+The module is long because each parameter has its bounds, its meaning and its check here.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

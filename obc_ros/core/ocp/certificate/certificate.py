@@ -45,6 +45,8 @@ cost           e / c, e = |integral of L + V(x(T)) - objective|, both replayed; 
                cost of correcting start, path and end: |nu|'|psi(x(T))| + |lam(0)'(x(0) - x0)
                + sum of lam'(defects of x)|
 ============== ===============================================================================
+
+The module is long because all residuals share these scaling factors.
 """
 
 from collections import OrderedDict

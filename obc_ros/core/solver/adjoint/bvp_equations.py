@@ -6,6 +6,8 @@ The equations of Pontryagin's boundary value problem for given arcs, and Newton'
 A step eliminates the inputs first, then the values at the Gauss points of each interval, for all
 intervals at once. The remaining system has a banded matrix for the mesh points, bordered by nu
 and the lengths of the arcs.
+
+The module is long because residuals, elimination and step share one layout of unknowns.
 """
 
 from collections.abc import Sequence

@@ -7,6 +7,8 @@ Along a path with costates the Hamiltonian loss H(x, u, lam) - min H(x, ., lam) 
 the running cost at each time. Its integral is the excess of the cost over the minimum, to first
 order. Where the minimising input u* meets a bound it has a kink; a piecewise linear input follows
 it only with a mesh point there.
+
+The module is long because all criteria use the loss of the same samples.
 """
 
 from collections.abc import Sequence

@@ -9,6 +9,8 @@ lam, dH/du and H are linear in nu, in the densities (piecewise linear here) and 
 These are fitted with their signs so that dH/du = 0 for free inputs and H is constant.
 Constraints c(u) on inputs alone do not enter dlam/dt: the costates of the transcription are kept,
 and the densities are fitted at each time separately.
+
+The module is long because all fits share one set of rows.
 """
 
 from dataclasses import dataclass, replace

@@ -7,6 +7,8 @@ Between switching times such an input is held at a bound (bang) or free (singula
 bound). The switching times become unknown lengths of phases, so that a jump is not smeared over
 an interval. The arcs are detected on a path found before, and again on the path found with them,
 until they do not change.
+
+The module is long because detection and correction of arcs share their thresholds.
 """
 
 from collections.abc import Sequence

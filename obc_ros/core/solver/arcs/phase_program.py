@@ -14,6 +14,8 @@ the q-th derivative and lam~ the costates of this formulation, those of c(x) <= 
 problems with state constraints, SIAM Review 37, 1995, section 5). Inputs are polynomials through
 the Radau points of each interval and may jump from phase to phase. Within a phase the solution is
 smooth, so that the collocation converges with its full order.
+
+The module is long because the unknowns and the rows of all phases share one layout.
 """
 
 from collections.abc import Iterable, Sequence

@@ -5,6 +5,8 @@ Closed-form solutions of problems of chapter 2.
 
 Examples 2.2 and 2.4, Exercises 2.2, 2.3, 2.4(a), 2.8 and 2.9. Misprints of the book are corrected,
 and formulas that lose digits are evaluated in an equivalent form that does not.
+
+The module is long because it contains a function for each of these results.
 """
 
 from dataclasses import dataclass

@@ -21,6 +21,8 @@ two_wheeled       px, py (moving one way)        2
 aircraft, c = 0   px - e sin(theta),             4
                   py + e cos(theta), e = J/(m r)
 ================= ============================== ===
+
+The module is long because all flat systems share the basis and the end conditions.
 """
 
 from collections.abc import Callable, Sequence

@@ -19,12 +19,13 @@ under time reversal (theta, phi -> pi - theta, -phi), under reflection (left and
 and under travel from goal to start. The formulas are derived, not copied: (8.3), (8.4) and
 (8.11) are misprinted in the paper.
 
+The module is long because the 48 words share one chain of circles.
+
 References
 ----------
 J. A. Reeds, L. A. Shepp, Optimal paths for a car that goes both forwards and backwards, Pacific
 J. Math. 145(2), 1990. H. J. Sussmann, G. Tang, Shortest paths for the Reeds-Shepp car,
 SYCON-91-10, 1991.
-
 """
 
 from collections.abc import Sequence

@@ -6,6 +6,8 @@ Solutions with boundary arcs, on which state constraints are active, from a path
 A transcription on a fine mesh approximates such a solution, but on boundary arcs its inputs and
 multipliers oscillate. Here the arcs are detected on it, the phases are solved for with their
 junctions (`phase_program`), and the arcs are detected again until they do not change.
+
+The module is long because detection, solution and repeated detection share the form of an arc.
 """
 
 from dataclasses import dataclass, replace

@@ -18,6 +18,8 @@ A. Waechter, L. T. Biegler, On the implementation of an interior-point filter li
 algorithm for large-scale nonlinear programming, Math. Program. 106 (2006).
 N.-Y. Chiang, V. M. Zavala, An inertia-free filter line-search algorithm for large-scale nonlinear
 programming, Comput. Optim. Appl. 64 (2016).
+
+The module is long because every step of the method works on the same scaled iterate.
 """
 
 from collections.abc import Callable

@@ -5,6 +5,8 @@ Minimise F(x) subject to G(x) = 0, g(x) <= 0 and x in a box, with a certificate 
 
 IPOPT starts from several points. The lowest stationary point found is refined by Newton's method
 and certified by `kkt`, which uses nothing of IPOPT.
+
+The module is long because search, refinement and certificate share one set of functions.
 """
 
 from collections.abc import Iterator, Mapping

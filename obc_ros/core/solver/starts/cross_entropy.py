@@ -7,6 +7,8 @@ A descent from a straight line may fail, for example if the target is inside the
 a car. Here random inputs are integrated, and those that end nearest to psi = 0 are the centres of
 the next generation (the cross-entropy method: R. Y. Rubinstein, Methodol. Comput. Appl. Probab. 1,
 1999).
+
+The module is long because its generations and its quick and thorough searches share one sampler.
 """
 
 from collections.abc import Callable, Iterator

@@ -1,6 +1,10 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Initial guesses and scales from the statement of a problem alone."""
+"""
+Initial guesses and scales from the statement of a problem alone.
+
+The module is long because guesses and scales are read from the same numbers of the statement.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace

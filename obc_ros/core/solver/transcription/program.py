@@ -10,6 +10,8 @@ u_(k+1)-, so that bounds at mesh points hold everywhere, and the returned input 
 one. Up to the discretisation error of the states the cost is not below the minimum; it exceeds it
 by O(h^4) where u* is smooth. Phases may have unknown lengths, and inputs held at given values
 (arcs).
+
+The module is long because unknowns, constraints and derivatives share one layout.
 """
 
 from dataclasses import dataclass
