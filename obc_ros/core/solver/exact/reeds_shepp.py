@@ -26,6 +26,7 @@ References
 J. A. Reeds, L. A. Shepp, Optimal paths for a car that goes both forwards and backwards, Pacific
 J. Math. 145(2), 1990. H. J. Sussmann, G. Tang, Shortest paths for the Reeds-Shepp car,
 SYCON-91-10, 1991.
+
 """
 
 from collections.abc import Sequence
