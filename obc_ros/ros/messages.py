@@ -499,7 +499,7 @@ def _unique(where: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, value in pairs:
         if name in found:
-            raise StatementError(f"{where}: '{quote(name)}' stands twice")
+            raise StatementError(f"{where}: '{quote(name)}' is given twice")
         found[name] = value
     return found
 

@@ -136,7 +136,7 @@ def test_a_function_is_minimised_under_constraints(probe):
     for changes, words in (({'variables': []}, 'variables'), ({'cost': 'x1 + y'}, 'y'),
                            ({'cost': 'x1.__class__'}, 'cost'),
                            ({'time_limit': -1.0}, 'time_limit'),
-                           ({'parameters': named(r='2') * 2}, 'stands twice'),
+                           ({'parameters': named(r='2') * 2}, 'is given twice'),
                            ({'guess': [1.0]}, 'guess')):
         refused = ask(**{**circle, **changes})
         assert (refused.status, refused.success) == ('malformed', False), changes

@@ -419,7 +419,7 @@ MALFORMED = {
     'control characters': (changed(running_cost='u\x07'), 'running_cost'),
     'no equation': (changed(dynamics=[]), 'dynamics'),
     'equation of nobody': (changed(dynamics=named(x='u', y='u')), 'y'),
-    'equation twice': (changed(dynamics=named(x='u') * 2), 'stands twice'),
+    'equation twice': (changed(dynamics=named(x='u') * 2), 'is given twice'),
     'name twice': (changed(states=['x', 'x']), 'x'),
     'state and input': (changed(inputs=['x']), 'x'),
     'no number': (changed(initial_state=named(x='nan')), 'initial_state'),

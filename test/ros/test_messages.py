@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A statement says the same as a file and as a message; answers arrive as they were."""
+"""Conversion of problems and solutions to ROS messages and back, without loss."""
 
 import subprocess
 import sys
@@ -39,16 +39,16 @@ LINEAR = {
 NUMBERS = ('p_value', 'x0', 'x_lower', 'x_upper', 'u_lower', 'u_upper', 'path_lower', 'path_upper')
 
 
-def over_the_wire(message):
-    """Return a message as DDS and the pipe to a worker would bring it."""
+def serialized_and_back(message):
+    """Return a message after serialisation and deserialisation, as over DDS."""
     return deserialize_message(serialize_message(message), type(message))
 
 
 @pytest.mark.parametrize('mapping', [EVERYTHING, LINEAR, *map(problems.read, problems.NAMES)],
                          ids=lambda mapping: mapping['name'])
-def test_a_statement_survives_the_message(mapping):
+def test_a_statement_is_unchanged_by_the_message(mapping):
     problem = build_problem(mapping)
-    message = over_the_wire(messages.build_problem_message(mapping, problem.guess))
+    message = serialized_and_back(messages.build_problem_message(mapping, problem.guess))
     arrived = build_problem(unpack(pack(Packet(messages.read_statement(message)))).plain)
     assert arrived.name == problem.name
     assert arrived.structure == problem.structure
@@ -70,14 +70,14 @@ def test_a_statement_survives_the_message(mapping):
     ('input_bounds', [NamedBounds(name='u', lower='0', upper='1')] * 2),
     ('initial_state', [NamedExpression(name='', expression='')] * 2),
 ])
-def test_a_name_that_stands_twice_is_refused(field, entries):
+def test_a_repeated_name_is_refused(field, entries):
     message = OptimalControlProblem(**{field: entries})
-    with pytest.raises(StatementError, match=f'^{field}: .* stands twice'):
+    with pytest.raises(StatementError, match=f'^{field}: .* is given twice'):
         messages.read_statement(message)
 
 
 @pytest.mark.parametrize('text', ['[', '[1, 2', '[[1], x]', '[' * 10_000])
-def test_a_parameter_that_begins_as_a_list_and_is_none_is_refused(text):
+def test_a_malformed_list_is_refused(text):
     message = OptimalControlProblem(parameters=[NamedExpression(name='A', expression=text)])
     with pytest.raises(StatementError, match=r'^parameters\.A: .* is no list of numbers'):
         messages.read_statement(message)
@@ -92,12 +92,12 @@ def test_a_parameter_that_begins_as_a_list_and_is_none_is_refused(text):
     ('plan', PlanMotion.Request(start=[0.0] * 1_300_000)),
     ('design_lqr', DesignLqr.Request(a=[0.0] * 2_000_000)),
 ])
-def test_a_request_has_a_largest_size(kind, request_):
+def test_an_oversized_request_is_refused(kind, request_):
     with pytest.raises(StatementError, match=r'has \d+ bytes of text and numbers; at most'):
         messages.read_request(kind, request_)
 
 
-def test_affinity_sees_what_is_solved_and_not_its_numbers():
+def test_affinity_depends_on_the_structure_not_on_the_numbers():
     def affinity(**changes):
         return messages.compute_affinity(Packet({'statement': {**EVERYTHING, **changes}}))
     same = affinity()
@@ -107,8 +107,8 @@ def test_affinity_sees_what_is_solved_and_not_its_numbers():
     assert affinity(state_bounds={}) != same
 
 
-def solution_of(problem, **changes):
-    """Return a solution of made-up numbers."""
+def made_up_solution(problem, **changes):
+    """Return a solution of the right shapes with made-up numbers."""
     N, (n, m, q) = 5, (problem.n, problem.m, problem.q)
     numbers = np.random.default_rng(1).normal
     return Solution(**{
@@ -122,17 +122,17 @@ def solution_of(problem, **changes):
         **changes})
 
 
-def answered(response, **changes):
-    """Return a response that carries the solution, over the wire."""
+def fill_response(response, **changes):
+    """Return the made-up solution, and the response that carries it after serialisation."""
     problem = build_problem(EVERYTHING)
-    solution = solution_of(problem, **changes)
+    solution = made_up_solution(problem, **changes)
     packet = unpack(pack(requests.pack_solution(problem, solution, 'aircraft')))
     messages.fill_answer(response, packet)
-    return solution, over_the_wire(response)
+    return solution, serialized_and_back(response)
 
 
-def test_an_answer_survives_pipe_and_message():
-    solution, response = answered(SolveOptimalControl.Response())
+def test_a_solution_is_unchanged_by_pipe_and_message():
+    solution, response = fill_response(SolveOptimalControl.Response())
     assert response.success
     assert (response.status, response.message, response.objective, response.method) == (
         'solved', 'words', 1.5, 'm')
@@ -153,10 +153,10 @@ def test_an_answer_survives_pipe_and_message():
         'local', 'why', 4, [1.5, 2.5])
 
 
-def test_what_is_proved_to_be_the_best_is_told_with_a_plan_too():
-    _, response = answered(PlanMotion.Response(), optimality=Optimality('global', 'convex'))
+def test_a_plan_response_has_the_proof_of_optimality():
+    _, response = fill_response(PlanMotion.Response(), optimality=Optimality('global', 'convex'))
     assert (response.optimality.kind, response.optimality.reason) == ('global', 'convex')
-    _, response = answered(PlanMotion.Response(), optimality=None)
+    _, response = fill_response(PlanMotion.Response(), optimality=None)
     assert response.optimality.kind == ''
 
 
@@ -165,34 +165,34 @@ def test_what_is_proved_to_be_the_best_is_told_with_a_plan_too():
     {'certificate': Certificate({'end': np.inf}, {'end': 1e-6})},
     {'status': Status.NOT_CONVERGED},
 ])
-def test_only_a_certified_answer_is_a_success(changes):
-    _, response = answered(PlanMotion.Response(), **changes)
+def test_only_a_certified_solution_is_a_success(changes):
+    _, response = fill_response(PlanMotion.Response(), **changes)
     assert not response.success
 
 
-def test_a_certificate_that_fails_names_the_worst_condition():
-    _, response = answered(SolveOptimalControl.Response(), certificate=Certificate(
+def test_a_failed_certificate_names_its_worst_condition():
+    _, response = fill_response(SolveOptimalControl.Response(), certificate=Certificate(
         {'start': 1e-5, 'costate': 0.3}, {'start': 1e-6, 'costate': 1e-3}))
     assert not response.certificate.holds
     assert response.certificate.sentence == (
         'costate does not hold: its residual is 0.3, over 0.001')
 
 
-def test_a_refusal_has_no_trajectory():
+def test_a_refused_problem_has_no_trajectory():
     response = SolveOptimalControl.Response()
     messages.fill_answer(response, Packet({'status': 'malformed', 'message': 'why'}))
-    assert over_the_wire(response) == SolveOptimalControl.Response(
+    assert serialized_and_back(response) == SolveOptimalControl.Response(
         status='malformed', message='why', certificate=response.certificate)
 
 
-def test_names_and_values_of_a_guess():
+def test_a_guess_is_read_from_names_and_values():
     message = OptimalControlProblem()
     message.initial_guess.states = [NamedValues(name='x', values=[1.0, 2.0])]
     assert messages.read_statement(message)['initial_guess'] == {'states': {'x': [1.0, 2.0]}}
     assert messages.read_statement(OptimalControlProblem()) == {'final_time': {'free': False}}
 
 
-def test_a_node_needs_no_casadi_for_messages():
+def test_the_server_node_does_not_import_casadi():
     program = ('import sys, obc_ros.nodes.trajectory_server\n'
                'print(sorted({"casadi", "scipy", "control", "matplotlib"} & set(sys.modules)))')
     assert subprocess.check_output([sys.executable, '-c', program], text=True) == '[]\n'
