@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Odometry against REP 103 and against its own derivative; stamps; parameters of systems."""
+"""Odometry by REP 103 and by finite differences; time stamps; parameters of systems."""
 
 from builtin_interfaces.msg import Time
 from hypothesis import given
@@ -43,7 +43,7 @@ def rotation(message):
     ('aircraft', [1, 2, -2.5, 4, -5, -1.0], [-0.7, 30.0]),
     ('vehicle', [1, 2, 0.5], [8.0, 0.4]),
     ('two_wheeled', [1, 2, -2.0], [-0.7, 0.8])])
-def test_the_twist_in_the_childs_frame_is_the_rate_of_the_pose(name, x0, u):
+def test_the_body_frame_twist_is_the_derivative_of_the_pose(name, x0, u):
     system, h = registry.get_system(name), 1e-4
     slope = system.f(np.array(x0, dtype=float), np.array(u))
     before, message, after = (odometry(system, x0 + step * slope, u) for step in (-h, 0, h))
@@ -54,8 +54,8 @@ def test_the_twist_in_the_childs_frame_is_the_rate_of_the_pose(name, x0, u):
     assert_allclose(vector(message.twist.twist.angular), turn, atol=1e-6)
 
 
-def test_a_vehicle_that_steers_left_goes_as_rep_103_says():
-    """X forward, y left, z up; yaw counter-clockwise seen from above."""
+def test_vehicle_odometry_follows_rep_103():
+    """REP 103: x forward, y left, z up; yaw is counter-clockwise seen from above."""
     vehicle = Simulator(registry.get_system('vehicle'))
     vehicle.command([10.0, 0.2])
     vehicle.advance(500)
@@ -74,7 +74,8 @@ def test_a_vehicle_that_steers_left_goes_as_rep_103_says():
     assert message.twist.twist.angular.z == pytest.approx(10 / 2 * np.tan(0.2))
 
 
-def test_the_aircrafts_plane_is_x_forward_and_z_up_and_its_nose_up_is_negative_pitch():
+def test_aircraft_odometry_is_in_the_xz_plane():
+    """REP 103: x forward, z up; a pitch that raises the nose is negative."""
     aircraft = registry.get_system('aircraft')
     message = odometry(aircraft, [1, 2, 0.3, 0, 0, 0.5], [0, 39.2])
     assert_allclose(vector(message.pose.pose.position), [1, 0, 2])
@@ -86,7 +87,7 @@ def test_the_aircrafts_plane_is_x_forward_and_z_up_and_its_nose_up_is_negative_p
     assert_allclose(vector(message.twist.twist.angular), [0, -0.5, 0])
 
 
-def test_thrust_pushes_the_aircraft_as_figure_2_3_shows():
+def test_thrust_directions_of_the_aircraft_are_those_of_figure_2_3():
     aircraft = Simulator(registry.get_system('aircraft'))
     aircraft.command([1.0, 45.0])
     aircraft.advance(20)
@@ -99,7 +100,7 @@ def test_thrust_pushes_the_aircraft_as_figure_2_3_shows():
 
 @pytest.mark.parametrize('name', PLANE)
 @given(data=st.data())
-def test_a_state_comes_back_from_its_odometry(name, data):
+def test_the_state_is_recovered_from_its_odometry(name, data):
     system = registry.get_system(name)
     x = np.array([data.draw(angle if angular else small) for angular in system.angles])
     u = [data.draw(small) for _ in system.inputs]
@@ -107,7 +108,7 @@ def test_a_state_comes_back_from_its_odometry(name, data):
 
 
 @given(st.tuples(small, small, angle), small, small)
-def test_a_part_of_a_pose_is_enough_for_a_part_of_the_state(x, v, phi):
+def test_a_reduced_model_reads_its_states_from_the_pose(x, v, phi):
     message = odometry(registry.get_system('vehicle'), x, [v, phi / 10])
     lateral = OdometryMap(registry.get_system('vehicle_lateral'))
     assert lateral.readable
@@ -116,7 +117,7 @@ def test_a_part_of_a_pose_is_enough_for_a_part_of_the_state(x, v, phi):
 
 
 @given(st.floats(0.1, 100.0), angle)
-def test_a_quaternion_of_any_length_is_an_orientation(length, theta):
+def test_an_unnormalised_quaternion_is_normalised(length, theta):
     aircraft = registry.get_system('aircraft')
     message = odometry(aircraft, [0, 0, theta, 0, 0, 0], [0, 0])
     q = message.pose.pose.orientation
@@ -130,7 +131,7 @@ def test_a_quaternion_of_any_length_is_an_orientation(length, theta):
     ('pose.pose.position.x', np.inf, 'not finite'),
     ('twist.twist.linear.x', np.nan, 'not finite'),
     ('twist.twist.angular.y', np.nan, 'not finite')])
-def test_odometry_that_is_none_is_refused_in_words(field, value, words):
+def test_invalid_odometry_is_refused_with_a_reason(field, value, words):
     message = Odometry()
     *path, last = field.split('.')
     part = message
@@ -141,14 +142,14 @@ def test_odometry_that_is_none_is_refused_in_words(field, value, words):
         OdometryMap(registry.get_system('aircraft')).state(message)
 
 
-def test_systems_without_a_plane_have_no_odometry():
+def test_systems_without_a_pose_have_no_odometry():
     for name in ('double_integrator', 'scalar', 'brockett'):
         converter = OdometryMap(registry.get_system(name))
         assert not converter.complete
         assert not converter.readable
 
 
-def test_the_noise_is_told_as_covariance():
+def test_the_noise_is_published_as_covariance():
     message = OdometryMap(registry.get_system('aircraft')).message([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
     pose = np.reshape(message.pose.covariance, (6, 6))
     twist = np.reshape(message.twist.covariance, (6, 6))
@@ -158,13 +159,13 @@ def test_the_noise_is_told_as_covariance():
 
 
 @given(st.integers(0, 2**31 * 10**9 - 1))
-def test_stamps_are_nanoseconds(time):
+def test_stamps_keep_nanoseconds(time):
     stamp = Time()
     conversions.set_stamp(stamp, time)
     assert conversions.read_nanoseconds(stamp) == time
 
 
-def test_the_parameters_of_a_system_are_its_parameters_and_options():
+def test_a_system_lists_its_parameters_and_options():
     def declared(name):
         return {entry.name: entry
                 for entry in conversions.list_system_parameters({'system': name})}
@@ -179,7 +180,7 @@ def test_the_parameters_of_a_system_are_its_parameters_and_options():
         declared('aeroplane')
 
 
-def test_only_values_that_were_changed_are_given_to_a_system(tmp_path):
+def test_only_changed_values_override_the_parameters_of_a_system(tmp_path):
     path = tmp_path / 'plant.yaml'
     path.write_text('states: [x]\ninputs: [u]\nparameters: {m: 1, M: 2*m}\n'
                     'dynamics: {x: u/M}\n')

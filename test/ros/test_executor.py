@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""How every node ends: without a traceback, and with a status that says how."""
+"""The end of a node: no traceback, and an exit status that tells its cause."""
 
 from array import array
 from contextlib import suppress
@@ -19,13 +19,13 @@ NODES = ('lqr_node', 'plant_simulator', 'trajectory_server')
 
 
 @pytest.mark.parametrize('node', NODES)
-def test_sigterm_ends_a_node(spawn: Any, probe: Any, node: str) -> None:
+def test_sigterm_ends_a_node_with_status_0(spawn: Any, probe: Any, node: str) -> None:
     """
-    Status 0, nothing but its own words on its output, and it is listed no more at once.
+    The exit status is 0, the output has no traceback, and the graph lists the node no more.
 
-    An observer that takes in what a node said last only after its farewell lists it for ever
-    (docs/reliability.md). On a machine with more work than cores one in a hundred observers is so
-    late; what our nodes did wrong would be seen each time.
+    An observer that processes a node's last announcement after its disposal lists the node for
+    ever (docs/reliability.md). On an overloaded machine this happens to one observer in a hundred.
+    A defect of our nodes would show in every attempt, so one of three attempts must succeed.
     """
     for name in (node, f'{node}_again', f'{node}_once_more'):
         process = spawn(node, name=name)
@@ -46,24 +46,24 @@ from obc_ros.ros import executor
 from rclpy.node import Node
 class Stuck(Node):
     def destroy_node(self):
-        ctypes.PyDLL(None).sleep(60)  # in C, with the interpreter's lock
+        ctypes.PyDLL(None).sleep(60)  # in C, holds the GIL
 executor.PATIENCE = 0.5
 executor.run(lambda: Stuck('stuck'))
 """
 
 
-def test_a_node_that_cannot_leave_the_graph_ends(probe: Any, domain: int) -> None:
-    """Its traceback says where it stood still."""
+def test_a_node_that_hangs_at_shutdown_is_ended(probe: Any, domain: int) -> None:
+    """The exit status is 1, and a traceback shows where the node hangs."""
     process = subprocess.Popen([sys.executable, '-c', STUCK], stderr=subprocess.PIPE,
                                env=support.environment(domain))
     try:
         probe.wait_for_node('stuck')
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=20.0)
+        _, errors = process.communicate(timeout=20.0)
     finally:
         process.kill()
     assert process.returncode == 1
-    assert b'in destroy_node' in said
+    assert b'in destroy_node' in errors
 
 
 STUCK_CLIENT = """
@@ -77,15 +77,15 @@ with join_graph(lambda: None, Client) as client:
 """
 
 
-def test_a_client_that_cannot_leave_the_graph_ends(domain: int) -> None:
+def test_a_client_that_hangs_at_shutdown_is_ended(domain: int) -> None:
     ended = subprocess.run([sys.executable, '-c', STUCK_CLIENT], stderr=subprocess.PIPE,
                            env=support.environment(domain), timeout=20.0)
     assert ended.returncode == 1
     assert b'in close' in ended.stderr
 
 
-def test_a_file_that_cannot_be_read(spawn: Any, tmp_path: Any) -> None:
-    """The sentence names what is wrong, and how lists of numbers are written."""
+def test_bad_start_arguments_end_a_node_with_one_sentence(spawn: Any, tmp_path: Any) -> None:
+    """The sentence for a mixed list says how to write a list of numbers."""
     missing = spawn('lqr_node', remappings={'1bad': '2bad'})
     assert missing.wait() == 1
     assert 'Traceback' not in missing.output()
@@ -98,14 +98,14 @@ def test_a_file_that_cannot_be_read(spawn: Any, tmp_path: Any) -> None:
     ('lqr_node', {'Qx': [100.0, 1.0, 1.0, 0.0, 0.0, 0.0], 'integral': ['px'], 'Qi': []}),
     ('plant_simulator', {'noise.px': 0.1, 'x0': [1.0] * 6}),
     ('trajectory_server', {'workers': 1})])
-def test_what_is_dumped_goes_before_what_a_scenario_says(spawn: Any, probe: Any, node: str,
+def test_dumped_parameters_override_those_of_a_scenario(spawn: Any, probe: Any, node: str,
                                                         tuned: dict[str, Any]) -> None:
-    """A node that starts with all parameters of another one has these."""
+    """A node started with the dumped parameters of another node has the same values."""
     spawn(node, tuned)
     request = ListParameters.Request()
     names = [name for name in probe.call(
         ListParameters, f'/{node}/list_parameters', request).result.names
-        if not name.startswith('qos_overrides.')]  # which go by the namespace
+        if not name.startswith('qos_overrides.')]  # their names contain the namespace
     values = {name: list(value) if isinstance(value, (tuple, array)) else value
               for name, value in probe.get_parameters(f'/{node}', *names).items()}
     assert tuned.items() <= values.items()
@@ -118,8 +118,8 @@ def test_what_is_dumped_goes_before_what_a_scenario_says(spawn: Any, probe: Any,
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize('node', NODES)
-def test_a_signal_while_it_loads_ends_a_node(spawn: Any, probe: Any, node: str, number: int
-                                             ) -> None:
+def test_a_signal_during_loading_ends_a_node_silently(spawn: Any, probe: Any, node: str,
+                                                      number: int) -> None:
     process = spawn(node)
     probe.wait_for(lambda: 'numpy' in Path(f'/proc/{process.pid}/maps').read_text())
     process.popen.send_signal(number)
@@ -130,8 +130,8 @@ def test_a_signal_while_it_loads_ends_a_node(spawn: Any, probe: Any, node: str, 
 @pytest.mark.slow
 @pytest.mark.parametrize('words', [['--help'], ['-p', 'system:=vehicle'], ['flight']], ids=str)
 @pytest.mark.parametrize('node', NODES)
-def test_what_is_no_ros_argument_is_refused(node: str, words: list[str]) -> None:
-    """A parameter without --ros-args does not start a node that knows nothing of it."""
+def test_an_argument_outside_ros_args_is_refused(node: str, words: list[str]) -> None:
+    """A node does not start without a parameter that was given without --ros-args."""
     ended = subprocess.run([sys.executable, '-m', f'obc_ros.nodes.{node}', *words],
                            capture_output=True, text=True, timeout=60.0)
     assert ended.returncode == 1
@@ -141,11 +141,12 @@ def test_what_is_no_ros_argument_is_refused(node: str, words: list[str]) -> None
 
 
 @pytest.mark.parametrize('gap', [0.0, 0.05, 0.1, 0.15])
-def test_who_asks_twice_gets_the_same_end(spawn: Any, probe: Any, gap: float) -> None:
-    """Ctrl-C reaches every process of a launch file, and then the launch file asks them, too."""
+def test_a_second_sigint_does_not_change_the_exit_status(spawn: Any, probe: Any, gap: float
+                                                         ) -> None:
+    """Ctrl-C at a launch file signals each node twice: the terminal does, then the launch file."""
     process = spawn('lqr_node')
     probe.wait_for_node('lqr_node')
     process.popen.send_signal(signal.SIGINT)
-    time.sleep(gap)  # any: the second one must do no harm whenever it comes
+    time.sleep(gap)  # the second signal arrives in different phases of the shutdown
     process.popen.send_signal(signal.SIGINT)
     assert process.wait() == 0, process.output()

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What hardware the diagnostics of each node are about."""
+"""The hardware_id in the diagnostics of each node."""
 
 from typing import Any
 
@@ -8,12 +8,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 
 
-@pytest.mark.parametrize(('executable', 'otherwise'), [
+@pytest.mark.parametrize(('executable', 'default'), [
     ('plant_simulator', 'aircraft'), ('lqr_node', 'aircraft'),
     ('trajectory_server', 'trajectory_server')])
-def test_every_status_names_its_hardware(spawn: Any, probe: Any, executable: str, otherwise: str
-                                         ) -> None:
-    """The parameter, also when it changes, or else the namespace, or else the system or node."""
+def test_every_status_has_the_hardware_id(spawn: Any, probe: Any, executable: str, default: str
+                                          ) -> None:
+    """It is the parameter, else the namespace, else the system or the node; it may change."""
     arrays = probe.listen(DiagnosticArray, '/diagnostics')
     spawn(executable)
     spawn(executable, namespace='/yard/robot1')
@@ -26,7 +26,7 @@ def test_every_status_names_its_hardware(spawn: Any, probe: Any, executable: str
             found.setdefault(status.name.split(':')[0], set()).add(status.hardware_id)
         return found
 
-    wanted = {executable: {otherwise}, f'yard/robot1/{executable}': {'yard/robot1'},
+    wanted = {executable: {default}, f'yard/robot1/{executable}': {'yard/robot1'},
               node: {'serial 0042'}}
     probe.wait_for(lambda: wanted.keys() <= hardware().keys(), what='a report of each')
     assert hardware() == wanted

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of a node: what is accepted, and the sentence for what is not."""
+"""Parameters of a node: accepted values, and the reason for each refusal."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -44,8 +44,8 @@ class Settings:
     gust: float = declare_field(0.0, 'gust', name='disturbance.gust')
 
 
-class Judged:
-    """A node with the table, that refuses Qx[0] > 100."""
+class Target:
+    """A node with the table; it refuses sum(Qx) + sum(Qu) > 100."""
 
     def __init__(self, context: Any, given: Mapping[str, Any] | None = None) -> None:
         self.node = Node(
@@ -69,27 +69,27 @@ class Judged:
 
 
 @pytest.fixture
-def judged(probe: Any) -> Iterator[Judged]:
-    """Return the node, spun by the probe's executor."""
-    judged = Judged(probe.context)
-    probe.add(judged.node)
-    yield judged
-    judged.node.destroy_node()
+def target(probe: Any) -> Iterator[Target]:
+    """Yield the node under test, spun by the executor of the probe."""
+    target = Target(probe.context)
+    probe.add(target.node)
+    yield target
+    target.node.destroy_node()
 
 
-def test_starts_with_defaults(judged: Judged) -> None:
-    """The table's defaults are the settings, and the system's parameters are in it."""
-    settings = judged.parameters.settings
+def test_a_node_starts_with_the_defaults(target: Target) -> None:
+    """The settings are the table's defaults and include the parameters of the system."""
+    settings = target.parameters.settings
     assert settings.Qx == (1.0, 1.0)
     assert settings.rate == 0.0
     assert settings.gust == 0.0
     assert settings.system_parameters == {'m': 4.0, 'J': 0.0475, 'r': 0.25, 'g': 9.8, 'c': 0.05}
-    assert judged.parameters.candidate == settings
-    assert judged.adopted == []
-    descriptor = judged.node.describe_parameter('delay')
+    assert target.parameters.candidate == settings
+    assert target.adopted == []
+    descriptor = target.node.describe_parameter('delay')
     assert descriptor.description == 'input delay [s]'
     assert descriptor.floating_point_range[0].to_value == 1.0
-    assert judged.node.describe_parameter('system').read_only
+    assert target.node.describe_parameter('system').read_only
 
 
 @pytest.mark.parametrize(('name', 'value', 'kept'), [
@@ -117,22 +117,22 @@ def test_starts_with_defaults(judged: Judged) -> None:
     ('disturbance.gust', 2, 2.0),
     ('system_parameters.m', 5, 5.0),
 ])
-def test_accepts(judged: Judged, name: str, value: Any, kept: Any) -> None:
-    """What is meant as the wanted type is kept as it, and adopted once."""
-    assert judged.set(**{name: value}).successful
+def test_valid_values_are_accepted(target: Target, name: str, value: Any, kept: Any) -> None:
+    """A value is converted to the type of its field and adopted once."""
+    assert target.set(**{name: value}).successful
     field = {'disturbance.gust': 'gust'}.get(name, name)
-    settings = judged.adopted.pop()
-    assert not judged.adopted
-    assert settings is judged.parameters.settings
+    settings = target.adopted.pop()
+    assert not target.adopted
+    assert settings is target.parameters.settings
     present = (settings.system_parameters['m'] if field == 'system_parameters.m'
                else getattr(settings, field))
     assert present == kept
     assert type(present) is type(kept)
-    told = judged.node.get_parameter(name)
-    assert told.value == (list(kept) if isinstance(kept, tuple) else kept) or (
-        list(told.value) == list(kept))
+    shown = target.node.get_parameter(name)
+    assert shown.value == (list(kept) if isinstance(kept, tuple) else kept) or (
+        list(shown.value) == list(kept))
     if isinstance(kept, tuple):
-        assert told.type_ is (Parameter.Type.STRING_ARRAY if name == 'integral' else
+        assert shown.type_ is (Parameter.Type.STRING_ARRAY if name == 'integral' else
                               Parameter.Type.DOUBLE_ARRAY)
 
 
@@ -176,60 +176,59 @@ def test_accepts(judged: Judged, name: str, value: Any, kept: Any) -> None:
     ('Qx', None, 'Qx cannot be deleted, only set'),
     ('Qz', None, "no parameter 'Qz'; did you mean 'Qx'?"),
 ])
-def test_refuses(judged: Judged, name: str, value: Any, sentence: str) -> None:
-    """A refusal is a sentence; nothing has changed."""
-    before, value_before = judged.parameters.settings, judged.node.get_parameter('Qx').value
-    result = judged.set(**{name: value})
+def test_invalid_values_are_refused(target: Target, name: str, value: Any, sentence: str) -> None:
+    """A refusal has a printable reason and changes nothing."""
+    before, value_before = target.parameters.settings, target.node.get_parameter('Qx').value
+    result = target.set(**{name: value})
     assert not result.successful
     assert result.reason.startswith(sentence)
     assert len(result.reason) < 300
     assert result.reason.isprintable()
-    assert judged.refused == [result.reason]
-    assert judged.parameters.settings is before
-    assert judged.node.get_parameter('Qx').value == value_before
-    assert not judged.adopted
-    assert not judged.node.has_parameter('Qz')
+    assert target.refused == [result.reason]
+    assert target.parameters.settings is before
+    assert target.node.get_parameter('Qx').value == value_before
+    assert not target.adopted
+    assert not target.node.has_parameter('Qz')
 
 
-def test_read_only_is_refused(judged: Judged) -> None:
-    """What is fixed at the start stays."""
-    result = judged.set(system='vehicle')
+def test_a_read_only_parameter_is_refused(target: Target) -> None:
+    result = target.set(system='vehicle')
     assert not result.successful
     assert 'system' in result.reason
-    assert judged.parameters.settings.system == 'aircraft'
+    assert target.parameters.settings.system == 'aircraft'
 
 
-def test_judged_together(judged: Judged) -> None:
-    """All proposed values are looked at together with the present ones, or none is taken."""
-    assert judged.set(Qx=[98.0, 1.0]).successful
-    assert not judged.set(Qu=[2.0]).successful
-    assert judged.set(Qu=[2.0], Qx=[50.0, 1.0], rate=10).successful
-    assert len(judged.adopted) == 2
-    assert judged.adopted[-1].Qu == (2.0,)
-    assert judged.adopted[-1].rate == 10.0
-    assert not judged.set(rate=20.0, Qu=['a']).successful
-    assert judged.parameters.settings.rate == 10.0
+def test_values_of_one_request_are_checked_together(target: Target) -> None:
+    """Proposed and present values are checked together; all or none are adopted."""
+    assert target.set(Qx=[98.0, 1.0]).successful
+    assert not target.set(Qu=[2.0]).successful
+    assert target.set(Qu=[2.0], Qx=[50.0, 1.0], rate=10).successful
+    assert len(target.adopted) == 2
+    assert target.adopted[-1].Qu == (2.0,)
+    assert target.adopted[-1].rate == 10.0
+    assert not target.set(rate=20.0, Qu=['a']).successful
+    assert target.parameters.settings.rate == 10.0
 
 
-def test_other_parameters_pass(judged: Judged) -> None:
-    """Parameters of rclpy are not this table's business."""
-    assert judged.set(use_sim_time=True).successful
-    assert not judged.set(use_sim_time='yes').successful
-    assert not judged.adopted
+def test_parameters_of_rclpy_are_accepted(target: Target) -> None:
+    """The table does not check them; rclpy does."""
+    assert target.set(use_sim_time=True).successful
+    assert not target.set(use_sim_time='yes').successful
+    assert not target.adopted
 
 
-def test_over_services(judged: Judged, probe: Any) -> None:
-    """set_parameters answers one by one, set_parameters_atomically all or none."""
+def test_services_set_one_by_one_or_atomically(target: Target, probe: Any) -> None:
+    """set_parameters sets one by one, set_parameters_atomically all or none."""
     results = probe.set_parameters('/lqr_node', Qx=[2, 3], Qu=[-1.0], rate=5)
     assert [each.successful for each in results] == [True, False, True]
-    assert judged.parameters.settings.Qx == (2.0, 3.0)
+    assert target.parameters.settings.Qx == (2.0, 3.0)
     assert probe.get_parameters('/lqr_node', 'Qx', 'Qu') == {'Qx': [2.0, 3.0], 'Qu': [1.0]}
     assert not probe.set_parameters_atomically('/lqr_node', Qx=[4, 3], Qu=[-1.0]).successful
     assert probe.get_parameters('/lqr_node', 'Qx') == {'Qx': [2.0, 3.0]}
 
 
-def test_bounds_that_a_tool_shows(judged: Judged, probe: Any) -> None:
-    """Ranges of numbers, also of those bounded on one side: what sliders are made of."""
+def test_descriptors_have_the_ranges(target: Target, probe: Any) -> None:
+    """Tools make sliders of the ranges; a number bounded on one side has one too."""
     def described(name: str) -> Any:
         request = DescribeParameters.Request(names=[name])
         return probe.call(
@@ -250,40 +249,40 @@ def test_bounds_that_a_tool_shows(judged: Judged, probe: Any) -> None:
         assert not result.successful
         assert 'delay' in result.reason
         assert 'wanted' in result.reason
-        assert judged.refused.pop() == result.reason
-    assert described('delay').type == ParameterType.PARAMETER_DOUBLE  # whatever was refused
+        assert target.refused.pop() == result.reason
+    assert described('delay').type == ParameterType.PARAMETER_DOUBLE  # it stays
 
 
-def test_read_only_may_be_set_to_what_it_is(judged: Judged, probe: Any) -> None:
-    """So that a file with all parameters can be loaded; another value is refused."""
+def test_read_only_accepts_its_present_value(target: Target, probe: Any) -> None:
+    """A file with all parameters can be loaded; another value is refused."""
     for name, value in (('system', 'aircraft'), ('start_type_description_service', True)):
         assert probe.set_parameters('/lqr_node', **{name: value})[0].successful
         assert probe.set_parameters_atomically('/lqr_node', **{name: value}).successful
-    assert not judged.adopted
+    assert not target.adopted
     results = probe.set_parameters('/lqr_node', system='vehicle', rate=5.0)
     assert [each.successful for each in results] == [False, True]
     assert 'system' in results[0].reason
     assert probe.set_parameters_atomically('/lqr_node', system='aircraft', rate=6.0).successful
     assert not probe.set_parameters_atomically('/lqr_node', system='vehicle', rate=7.0).successful
-    assert judged.parameters.settings.rate == 6.0
+    assert target.parameters.settings.rate == 6.0
 
 
-def test_set_together_if_acceptable_together(judged: Judged, probe: Any) -> None:
-    """In any order, and taken up once; what is refused is reported once."""
+def test_set_parameters_accepts_values_valid_only_together(target: Target, probe: Any) -> None:
+    """The order does not matter; values are adopted once, and a refusal is reported once."""
     assert probe.set_parameters('/lqr_node', Qx=[98.0, 1.0])[0].successful
     results = probe.set_parameters('/lqr_node', Qu=[50.0], Qx=[1.0, 1.0])
     assert [each.successful for each in results] == [True, True]
-    assert len(judged.adopted) == 2
-    assert judged.adopted[-1].Qu == (50.0,)
+    assert len(target.adopted) == 2
+    assert target.adopted[-1].Qu == (50.0,)
     results = probe.set_parameters('/lqr_node', Qu=[-1.0], rate=5.0)
     assert [each.successful for each in results] == [False, True]
-    assert judged.refused == [results[0].reason]
-    assert len(judged.adopted) == 3
+    assert target.refused == [results[0].reason]
+    assert len(target.adopted) == 3
 
 
 @pytest.mark.parametrize('service', [SetParameters, SetParametersAtomically])
-def test_type_that_does_not_exist(judged: Judged, probe: Any, service: Any) -> None:
-    """A value type that rclpy does not know is refused and the node goes on."""
+def test_an_unknown_parameter_type_is_refused(target: Target, probe: Any, service: Any) -> None:
+    """The node continues after a value type that rclpy does not know."""
     name = ('/lqr_node/set_parameters' if service is SetParameters
             else '/lqr_node/set_parameters_atomically')
     bad = ParameterMsg(name='Qx', value=ParameterValue(type=200))
@@ -291,32 +290,32 @@ def test_type_that_does_not_exist(judged: Judged, probe: Any, service: Any) -> N
     result = response.results[0] if service is SetParameters else response.result
     assert not result.successful
     assert result.reason == 'Qx: there is no parameter type 200'
-    assert judged.set(Qx=[1, 1]).successful
+    assert target.set(Qx=[1, 1]).successful
 
 
-def test_values_at_the_start(probe: Any) -> None:
-    """Values of files and arguments go the same way; a bad one stops the node."""
-    judged = Judged(probe.context, {'Qx': [5, 6], 'rate': 100, 'system': 'vehicle',
+def test_initial_values_are_checked(probe: Any) -> None:
+    """Values of files and arguments get the same checks; a bad one ends the node."""
+    target = Target(probe.context, {'Qx': [5, 6], 'rate': 100, 'system': 'vehicle',
                                     'system_parameters.l': 3, 'Qz': 1.0})
-    settings = judged.parameters.settings
+    settings = target.parameters.settings
     assert settings.Qx == (5.0, 6.0)
     assert settings.system_parameters == {'l': 3.0}
-    judged.node.destroy_node()
+    target.node.destroy_node()
     with pytest.raises(ObcError, match=r'Qu\[0\] = -1: wanted at least 0'):
-        Judged(probe.context, {'Qu': [-1]})
+        Target(probe.context, {'Qu': [-1]})
     with pytest.raises(ObcError, match='too much together'):
-        Judged(probe.context, {'Qx': [99, 99]})
+        Target(probe.context, {'Qx': [99, 99]})
     with pytest.raises(ObcError, match="did you mean 'aircraft'"):
-        Judged(probe.context, {'system': 'aircaft'})
+        Target(probe.context, {'system': 'aircaft'})
 
 
-def test_a_system_of_options(probe: Any) -> None:
-    """The linear system is built of A and B, which are parameters too."""
-    judged = Judged(probe.context, {
+def test_options_of_a_system_are_parameters(probe: Any) -> None:
+    """A and B, of which the linear system is built, are parameters too."""
+    target = Target(probe.context, {
         'system': 'linear', 'system_parameters.A': [0, 1, 0, 0], 'system_parameters.B': [0, 1]})
-    assert judged.parameters.settings.system_parameters == {
+    assert target.parameters.settings.system_parameters == {
         'A': (0.0, 1.0, 0.0, 0.0), 'B': (0.0, 1.0)}
-    judged.node.destroy_node()
+    target.node.destroy_node()
 
 
 VALUES = strategies.one_of(
@@ -336,8 +335,8 @@ ENTRIES = [
 
 @settings(max_examples=300, deadline=None)
 @given(entry=strategies.sampled_from(ENTRIES), value=VALUES)
-def test_a_value_is_of_the_entry_or_refused(entry: ParameterRow, value: Any) -> None:
-    """Whatever is given, an entry returns its own type within its bounds or a StatementError."""
+def test_any_value_is_converted_or_refused(entry: ParameterRow, value: Any) -> None:
+    """The result has the type and bounds of the row, or StatementError is raised."""
     try:
         kept = entry.value(Parameter(entry.name, value=value))
     except StatementError as error:
@@ -353,7 +352,7 @@ def test_a_value_is_of_the_entry_or_refused(entry: ParameterRow, value: Any) -> 
 
 
 def test_deeply_nested_text_is_refused() -> None:
-    """Hostile text costs nothing."""
+    """Neither depth nor length of a hostile text leads to a crash."""
     for text in ('[' * 100_000, '[' + '[],' * 100_000, '[' + '[1] ' * 50_000 + 'x'):
         with pytest.raises(StatementError):
             ENTRIES[0].value(Parameter('a', value=text))

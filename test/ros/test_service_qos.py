@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Answers that the middleware drops, as rclpy tells of it: by a warning."""
+"""Responses that the middleware drops; rclpy reports this by a warning."""
 
 from collections.abc import Callable
 import logging
@@ -12,7 +12,7 @@ import pytest
 
 
 class LossyService:
-    """Drops the first answers."""
+    """A service that drops its first `dropped` responses."""
 
     srv_name, callback_group = '/get_parameters', None
 
@@ -21,15 +21,15 @@ class LossyService:
         self.sent: list[tuple[Any, Any]] = []
 
     def send_response(self, response: Any, header: Any) -> None:
-        """Send, or say that it was dropped."""
+        """Record the response; warn as rclpy does if it is dropped."""
         self.sent.append((response, header))
         if len(self.sent) <= self.dropped:
             warnings.warn('failed to send response (timeout): client will not receive response',
                           RuntimeWarning, stacklevel=1)
 
 
-class Waiting:
-    """A node's timers, run one after the other at once."""
+class NodeTimers:
+    """A node whose timers run one after the other, without waiting."""
 
     def __init__(self) -> None:
         self.delays: list[float] = []
@@ -42,21 +42,21 @@ class Waiting:
         return callback
 
     def destroy_timer(self, timer: Any) -> None:
-        """Forget it."""
+        """Remove the callback."""
         self.timers.remove(timer)
 
     def get_logger(self) -> logging.Logger:
-        """Return a logger that pytest looks at."""
+        """Return a logger that `caplog` records."""
         return logging.getLogger('node')
 
     def run(self) -> None:
-        """Let the time pass that all timers take."""
+        """Run the timers until none is left."""
         while self.timers:
             self.timers[0]()
 
 
-def test_an_answer_is_sent_again_until_it_gets_through() -> None:
-    service, node = LossyService(dropped=2), Waiting()
+def test_a_dropped_response_is_sent_again() -> None:
+    service, node = LossyService(dropped=2), NodeTimers()
     be_patient(node, service)
     service.send_response('answer', 'header')
     node.run()
@@ -64,8 +64,8 @@ def test_an_answer_is_sent_again_until_it_gets_through() -> None:
     assert node.delays == pytest.approx([0.2, 0.4])
 
 
-def test_a_client_that_has_gone_is_told_of_and_given_up(caplog: Any) -> None:
-    service, node = LossyService(dropped=1000), Waiting()
+def test_an_unreachable_client_is_logged_and_given_up(caplog: Any) -> None:
+    service, node = LossyService(dropped=1000), NodeTimers()
     be_patient(node, service)
     service.send_response('answer', 'header')
     node.run()
