@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Linear quadratic problems: recognised exactly, solved to the last digits, explained."""
+"""Linear quadratic problems: recognition, solutions to rounding accuracy, error messages."""
 
 import math
 
@@ -34,8 +34,8 @@ def horizon(T):
     return {'free': False, 'value': T}
 
 
-def replayed(problem, solution):
-    """Return x(T) and the cost of the returned input, linear between samples, from x(0) alone."""
+def replay(problem, solution):
+    """Return x(T) and the cost of the input, linear between samples, integrated from x(0)."""
     import casadi as ca
 
     f = ca.Function('f', [problem.x, problem.u, problem.p], [ca.vertcat(problem.f, problem.L)])
@@ -59,16 +59,16 @@ def replayed(problem, solution):
 
 @pytest.mark.parametrize('T', [0.5, 1.0, 10.0, 50.0])
 @pytest.mark.parametrize('c', [0.1, 10.0])
-def test_example_2_2_and_exercise_2_9(c, T):
-    """Evaluated stably: (2.5) as printed loses all digits of x(T) at T = 10."""
+def test_example_2_2_and_exercise_2_9_agree_with_closed_forms(c, T):
+    """Equation (2.5), rearranged: as printed it loses all digits of x(T) at T = 10."""
     a, b, x0 = 2.0, 0.5, 4.0
     problem = statement(parameters={'a': a, 'b': b, 'c': c}, final_time=horizon(T))
     solution = solve_lq(problem)
     t = solution.t
     D = 2 * a * math.exp(-2 * a * T) + b * b * c * (1 - math.exp(-2 * a * T))
-    shrunk = np.exp(-2 * a * (T - t))
-    P = 2 * a * c / (2 * a * shrunk + b * b * c * (1 - shrunk))
-    x = x0 * np.exp(-a * t) * (2 * a * shrunk + b * b * c * (1 - shrunk)) / D
+    decay = np.exp(-2 * a * (T - t))
+    P = 2 * a * c / (2 * a * decay + b * b * c * (1 - decay))
+    x = x0 * np.exp(-a * t) * (2 * a * decay + b * b * c * (1 - decay)) / D
     lam = P * x
     assert solution.x[:, 0] == pytest.approx(x, rel=1e-11)
     assert solution.lam[:, 0] == pytest.approx(lam, rel=1e-11)
@@ -79,12 +79,12 @@ def test_example_2_2_and_exercise_2_9(c, T):
 
 @pytest.mark.parametrize('T', [1.0, 10.0, 50.0])
 def test_terminal_constraint_keeps_all_digits_over_long_horizons(T):
-    """The least energy from 4 to 1: lam = mu exp(-a t)."""
+    """The minimum energy from x = 4 to x = 1, with lam(t) = mu exp(-a t)."""
     a, b = 2.0, 0.5
     problem = statement(terminal_cost='0', terminal_constraints=['x - 1'], final_time=horizon(T))
     solution = solve_lq(problem)
     e = math.exp(-a * T)
-    mu = 2 * a * (4 - e) / (b * b * (1 - e * e))  # of lam(t) = mu e^(-a t)
+    mu = 2 * a * (4 - e) / (b * b * (1 - e * e))
     assert solution.lam[0, 0] == pytest.approx(mu, rel=1e-12)
     assert solution.x[-1, 0] == pytest.approx(1.0, rel=1e-11)
     assert solution.nu[0] == pytest.approx(mu * e, rel=1e-9, abs=1e-14 * mu)
@@ -92,20 +92,21 @@ def test_terminal_constraint_keeps_all_digits_over_long_horizons(T):
     assert certify(problem, solution).holds
 
 
-@pytest.mark.parametrize(('a', 'b', 'drawn', 'T'), [
+@pytest.mark.parametrize(('a', 'b', 'offset', 'T'), [
     (0.57, -5.5e-4, 2.6e-6, 0.57), (0.99, -0.13, 6e-4, 2.3), (-3.0, 1e-3, 1e-4, 4.0)])
-def test_a_small_cost_of_a_given_end_keeps_its_digits(a, b, drawn, T):
-    """The end is nearly met without an input: J = miss^2 / (2 W), W what a unit input reaches."""
-    drift = 4 * math.exp(a * T)
-    reached = b * b * math.expm1(2 * a * T) / (2 * a)
-    answer = solve_lq(statement(
+def test_a_small_cost_of_a_fixed_end_keeps_its_digits(a, b, offset, T):
+    """Without an input x(T) misses the end by `miss`: J = miss^2 / (2 W), W the Gramian."""
+    free_end = 4 * math.exp(a * T)
+    gramian = b * b * math.expm1(2 * a * T) / (2 * a)
+    solution = solve_lq(statement(
         parameters={'a': a, 'b': b, 'c': 0}, final_time={'free': False, 'value': T},
-        terminal_constraints=[f'x - ({drift + drawn!r})']))
-    miss = (drift + drawn) - drift
-    assert answer.objective == pytest.approx(0.5 * miss**2 / reached, rel=1e-6)
+        terminal_constraints=[f'x - ({free_end + offset!r})']))
+    miss = (free_end + offset) - free_end
+    assert solution.objective == pytest.approx(0.5 * miss**2 / gramian, rel=1e-6)
 
 
-def test_double_integrator_at_rest_in_the_origin():
+def test_double_integrator_to_rest_at_the_origin():
+    """The path is the cubic from 1 to 0 at rest, u its second derivative."""
     problem = chain(terminal_constraints=['x', 'y'])
     solution = solve_lq(problem)
     t = solution.t
@@ -117,7 +118,7 @@ def test_double_integrator_at_rest_in_the_origin():
     assert certify(problem, solution).holds
 
 
-def test_redundant_constraints_that_agree_are_met():
+def test_consistent_redundant_constraints_are_met():
     problem = chain(terminal_constraints=['x', 'y', 'x + y'])
     solution = solve_lq(problem)
     assert solution.objective == pytest.approx(6.0, rel=1e-10)
@@ -125,24 +126,24 @@ def test_redundant_constraints_that_agree_are_met():
     assert certify(problem, solution).holds
 
 
-def test_affine_terms():
-    """A constant push g: hold the hanging mass; the cost of u = g + v is that of v."""
-    push = chain(dynamics={'x': 'y', 'y': 'u - 9.8'}, running_cost='0.5*(u - 9.8)**2 + 3',
-                 terminal_constraints=['x', 'y'])
-    solution = solve_lq(push)
+def test_affine_terms_shift_the_input():
+    """With gravity g, u = g + v, where v solves the problem without it; J = 6 + 3."""
+    gravity = chain(dynamics={'x': 'y', 'y': 'u - 9.8'},
+                    running_cost='0.5*(u - 9.8)**2 + 3', terminal_constraints=['x', 'y'])
+    solution = solve_lq(gravity)
     assert solution.objective == pytest.approx(9.0, rel=1e-11)
     assert solution.u[:, 0] == pytest.approx(9.8 + 12 * solution.t - 6, abs=1e-10)
-    assert certify(push, solution).holds
+    assert certify(gravity, solution).holds
 
 
-def test_everything_at_once_is_certified_and_replayed():
+def test_all_terms_together_are_certified_and_replayed():
     problem = chain(
         dynamics={'x': 'y + 0.3', 'y': 'u - 0.2*y + 1'}, final_time=horizon(4),
         running_cost='(x - 2)**2 + 0.1*(u - y)**2 + 0.1*x*u + 3*u + 7',
         terminal_cost='(y - 1)**2 + x', terminal_constraints=['x + y - 2'])
     solution = solve_lq(problem)
     assert certify(problem, solution).holds
-    xT, cost = replayed(problem, solution)
+    xT, cost = replay(problem, solution)
     assert xT == pytest.approx(solution.x[-1], abs=1e-6 * abs(solution.x).max())
     assert cost == pytest.approx(solution.objective, rel=1e-6)
 
@@ -156,16 +157,16 @@ def focal(T, **changes):
 
 
 def test_a_free_end_has_a_minimum_until_the_focal_point():
-    """X'' = -x, x'(T) = 0: J = -tan(T) / 2 for T < pi / 2."""
+    """With x'' = -x and x'(T) = 0, J = -tan(T) / 2 for T < pi / 2."""
     solution = solve_lq(focal(1.5))
     assert solution.objective == pytest.approx(-math.tan(1.5) / 2, rel=1e-11)
-    refused = solve_lq(focal(1.6))
-    assert refused.status is Status.NOT_CONVERGED
-    assert 'the cost has no minimum' in refused.message
+    rejected = solve_lq(focal(1.6))
+    assert rejected.status is Status.NOT_CONVERGED
+    assert 'the cost has no minimum' in rejected.message
 
 
 def test_a_fixed_end_has_a_minimum_until_the_conjugate_point():
-    """X'' = -x from 1 to 1: J = x x' / 2 between the ends, for T < pi."""
+    """With x'' = -x from 1 to 1, J is the change of x x' / 2 for T < pi."""
     solution = solve_lq(focal(3.0, terminal_constraints=['x - 1']))
     slope = (1 - math.cos(3.0)) / math.sin(3.0)
     end = -math.sin(3.0) + slope * math.cos(3.0)
@@ -181,31 +182,33 @@ def test_indefinite_weights_with_a_minimum_are_solved():
     assert certify(problem, solution).holds
 
 
-# ---------------------------------------------------------------- no answer, in words
+# ---------------------------------------------------------------- messages of failures
 
 
-def test_out_of_reach():
+def test_an_unreachable_end_is_infeasible():
     problem = chain(dynamics={'x': '2*x + u', 'y': '-y'}, initial_state={'x': 4, 'y': 1},
                     terminal_constraints=['x', 'y'], final_time=horizon(2))
     solution = solve_lq(problem)
     assert solution.status is Status.INFEASIBLE
+    # y(2) = exp(-2)
     assert 'the input does not affect y; at T = 2 it is 0.135335 for' in solution.message
     assert solution.message.endswith('for every input, but 0 is required')
 
 
-def test_out_of_reach_in_other_coordinates():
-    """The input accelerates both states alike: their difference is uncontrollable."""
+def test_an_unreachable_combination_of_states_is_named():
+    """Both states have the rate u, so that their difference is uncontrollable."""
     problem = chain(dynamics={'x': 'u', 'y': 'u'}, terminal_constraints=['x - 3', 'y - 1'])
     solution = solve_lq(problem)
     assert solution.status is Status.INFEASIBLE
     assert 'not affect x - y; at T = 1 it is 1 for every input, but 2 is required' in (
         solution.message)
-    met = solve_lq(chain(dynamics={'x': 'u', 'y': 'u'}, terminal_constraints=['x - 3', 'y - 2']))
-    assert met.objective == pytest.approx(2.0, rel=1e-10)
+    reachable = solve_lq(chain(
+        dynamics={'x': 'u', 'y': 'u'}, terminal_constraints=['x - 3', 'y - 2']))
+    assert reachable.objective == pytest.approx(2.0, rel=1e-10)  # u = 2
 
 
-def test_what_is_hardly_reached_is_not_called_out_of_reach():
-    """From rest to (1, 0) in 1 us: possible, but the effect is below the rounding error."""
+def test_an_input_effect_below_rounding_is_not_called_infeasible():
+    """From rest to (1, 0) in 1e-6: possible, but the effect of u is below the rounding error."""
     solution = solve_lq(chain(initial_state={'x': 0, 'y': 0}, final_time=horizon(1e-6),
                               terminal_constraints=['x - 1', 'y']))
     assert solution.status is Status.NOT_CONVERGED
@@ -213,8 +216,8 @@ def test_what_is_hardly_reached_is_not_called_out_of_reach():
 
 
 @pytest.mark.parametrize('T', [1e3, 1e4, 1e5])
-def test_long_horizons_cost_what_endless_ones_do(T):
-    """For x' = -x + u with x^2 + u^2: P = sqrt(2) - 1, and all happens in the first seconds."""
+def test_long_horizons_cost_as_much_as_the_infinite_one(T):
+    """For x' = -x + u with x^2 + u^2, P = sqrt(2) - 1; the transient lasts a few seconds."""
     problem = statement(dynamics={'x': '-x + u'}, running_cost='x**2 + u**2', terminal_cost='0',
                         initial_state={'x': 1}, final_time=horizon(T))
     solution = solve_lq(problem)
@@ -222,12 +225,12 @@ def test_long_horizons_cost_what_endless_ones_do(T):
     assert certify(problem, solution).holds
 
 
-def test_inputs_of_which_only_the_sum_costs_are_not_answered():
+def test_a_singular_input_weight_is_not_accepted():
     assert solve_lq(statement(inputs=['u', 'w'], dynamics={'x': 'u + w'},
                               running_cost='(u + w)**2')) is None
 
 
-def test_contradictory_constraints():
+def test_contradictory_constraints_are_infeasible():
     solution = solve_lq(chain(terminal_constraints=['x', 'x - 1']))
     assert solution.status is Status.INFEASIBLE
 
@@ -235,7 +238,7 @@ def test_contradictory_constraints():
 # ---------------------------------------------------------------- recognition
 
 
-@pytest.mark.parametrize('changes, verdict', [
+@pytest.mark.parametrize('changes, recognised', [
     ({}, True),
     ({'running_cost': '0.5*u**2 + x*u + 3*x + 2*u + 7'}, True),
     ({'running_cost': '(u - 3*x)*(u - 3*x) + x'}, True),
@@ -256,15 +259,15 @@ def test_contradictory_constraints():
     ({'path_constraints': [{'expr': 'x + u', 'lower': -1, 'upper': 9}]}, False),
     ({'final_time': {'free': True, 'lower': 0.1, 'upper': 2, 'guess': 1}}, False),
 ])
-def test_what_is_answered(changes, verdict):
+def test_linear_quadratic_problems_are_recognised(changes, recognised):
     problem = statement(**changes)
     solution = solve_lq(problem)
-    assert (solution is not None) is verdict
-    if verdict:
+    assert (solution is not None) is recognised
+    if recognised:
         assert certify(problem, solution).holds
 
 
-def test_bounds_that_are_not_met_change_nothing():
+def test_inactive_bounds_change_nothing():
     free = solve_lq(statement())
     wide = statement(input_bounds={'u': [-1000, 1000]}, state_bounds={'x': [-1000, 1000]})
     assert solve_lq(wide).objective == free.objective
@@ -279,7 +282,7 @@ def test_bounds_that_are_not_met_change_nothing():
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(1, 2), st.integers(0, 2),
        st.floats(0.1, 5))
-@example(0, 3, 1, 2, 4.0)  # its path at the largest number of samples was not certified
+@example(0, 3, 1, 2, 4.0)  # was not certified at the largest number of samples
 def test_random_problems_are_certified(seed, n, m, q, T):
     rng = np.random.default_rng(seed)
     names, inputs = [f'x{i}' for i in range(n)], [f'u{i}' for i in range(m)]
@@ -306,8 +309,8 @@ def test_random_problems_are_certified(seed, n, m, q, T):
     assert certificate.holds, certificate.worst
 
 
-def test_bellmans_principle():
-    """From the middle of the path the same tail is optimal."""
+def test_the_tail_of_an_optimal_path_is_optimal():
+    """Bellman: the problem solved again from the middle has the same path and costate."""
     whole = chain(running_cost='x**2 + 0.5*u**2', terminal_cost='y**2', final_time=horizon(3))
     solution = solve_lq(whole)
     k = len(solution.t) // 2
@@ -321,7 +324,7 @@ def test_bellmans_principle():
     assert tail.lam[0] == pytest.approx(solution.lam[k], rel=1e-9)
 
 
-def test_neighbours_cost_more():
+def test_perturbed_inputs_cost_more():
     problem = chain(running_cost='x**2 + 0.5*u**2', terminal_cost='y**2', final_time=horizon(2))
     best = solve_lq(problem)
     rng = np.random.default_rng(3)

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motions of registered systems are stated as meant, and their answers are the known ones."""
+"""Motion planning for registered systems: the stated problem and known solutions."""
 
 from dataclasses import replace
 import math
@@ -21,7 +21,7 @@ PLANAR = Motion('double_integrator', [1.0, 0.0], [0.0, 0.0], 'effort')
 
 
 def plan(motion):
-    """Return what a worker answers."""
+    """Return the response of a worker to a motion request."""
     arrays = {'start': motion.start, 'goal': motion.goal, 'qx': motion.Qx, 'qu': motion.Qu}
     request = Packet(
         {'system': motion.system, 'objective': motion.objective, 'parameters': motion.parameters,
@@ -30,39 +30,40 @@ def plan(motion):
     return requests.answer('plan', request, 20.0, lambda *_: False)
 
 
-def test_effort_of_a_double_integrator_is_the_cubic():
+def test_minimum_effort_of_a_double_integrator_is_a_cubic():
     T = 3.0  # x = 1 - 3 (t/T)^2 + 2 (t/T)^3
-    answer = plan(replace(PLANAR, final_time=T))
-    assert answer.plain['status'] == 'solved'
-    assert answer.plain['objective'] == pytest.approx(12 / T**3, rel=1e-9)
-    s = answer.arrays['t'] / T
-    assert np.allclose(answer.arrays['x'][:, 0], 1 - 3 * s**2 + 2 * s**3, atol=1e-6)
-    assert np.allclose(answer.arrays['u'][:, 0], (12 * s - 6) / T**2, atol=1e-6)
+    response = plan(replace(PLANAR, final_time=T))
+    assert response.plain['status'] == 'solved'
+    assert response.plain['objective'] == pytest.approx(12 / T**3, rel=1e-9)
+    s = response.arrays['t'] / T
+    assert np.allclose(response.arrays['x'][:, 0], 1 - 3 * s**2 + 2 * s**3, atol=1e-6)
+    assert np.allclose(response.arrays['u'][:, 0], (12 * s - 6) / T**2, atol=1e-6)
 
 
-def test_least_time_of_a_double_integrator_is_two():
-    answer = plan(replace(PLANAR, objective='time', input_bounds={'u': ['-1', '1']}))
-    assert answer.plain['status'] == 'solved'
-    assert answer.plain['objective'] == pytest.approx(2.0, abs=1e-6)
-    assert answer.arrays['t'][-1] == pytest.approx(2.0, abs=1e-6)
+def test_minimum_time_of_a_double_integrator_is_two():
+    # Full thrust for 1 s over half of the way, then full brake for 1 s.
+    response = plan(replace(PLANAR, objective='time', input_bounds={'u': ['-1', '1']}))
+    assert response.plain['status'] == 'solved'
+    assert response.plain['objective'] == pytest.approx(2.0, abs=1e-6)
+    assert response.arrays['t'][-1] == pytest.approx(2.0, abs=1e-6)
 
 
-def test_least_time_of_the_robot_is_the_shortest_path():
-    answer = plan(Motion('two_wheeled', [0, 0, 0], [1, 1, 1.0], 'time'))
-    assert answer.plain['status'] == 'solved'
-    assert answer.plain['objective'] == pytest.approx(
+def test_minimum_time_of_the_robot_is_the_shortest_path():
+    response = plan(Motion('two_wheeled', [0, 0, 0], [1, 1, 1.0], 'time'))
+    assert response.plain['status'] == 'solved'
+    assert response.plain['objective'] == pytest.approx(
         find_shortest_path((0, 0, 0), (1, 1, 1.0), 1.0).length, rel=1e-5)
 
 
-def test_a_bounded_system_is_given_twice_its_least_time():
+def test_the_default_final_time_is_twice_the_minimum():
     bounds = {'u': ['-1', '1']}
-    answer = plan(replace(PLANAR, input_bounds=bounds))
-    assert answer.plain['status'] == 'solved'
-    assert answer.arrays['t'][-1] == pytest.approx(4.0, rel=1e-5)
-    assert answer.plain['objective'] == pytest.approx(12 / 4**3, rel=1e-5)
+    response = plan(replace(PLANAR, input_bounds=bounds))
+    assert response.plain['status'] == 'solved'
+    assert response.arrays['t'][-1] == pytest.approx(4.0, rel=1e-5)
+    assert response.plain['objective'] == pytest.approx(12 / 4**3, rel=1e-5)
 
 
-def test_weights_are_about_the_goal_and_the_input_that_holds_it():
+def test_weights_apply_to_deviations_from_goal_and_hover_input():
     goal = [1.0, 2.0, 0.0, 0.0, 0.0, 0.0]
     Qx, Qu = np.diag(np.arange(1.0, 7.0)), np.array([[2.0, 0.5], [0.5, 3.0]])
     Qx[0, 3] = Qx[3, 0] = 0.25
@@ -70,14 +71,14 @@ def test_weights_are_about_the_goal_and_the_input_that_holds_it():
         'aircraft', [0.0] * 6, goal, 'quadratic', Qx=Qx.ravel(), Qu=Qu.ravel(), final_time=5.0)))
     L = Function('L', [problem.x, problem.u, problem.p], [problem.L])
     rng = np.random.default_rng(3)
-    held = np.array([0.0, 4 * 9.8])
+    hover = np.array([0.0, 4 * 9.8])
     for _ in range(5):
         x, u = rng.normal(size=6), rng.normal(size=2)
-        dx, du = x - goal, u - held
+        dx, du = x - goal, u - hover
         assert float(L(x, u, problem.p_value)) == pytest.approx(dx @ Qx @ dx + du @ Qu @ du)
 
 
-def test_numbers_are_not_part_of_the_structure():
+def test_numerical_values_do_not_change_the_structure():
     def structure(**changes):
         return build_problem(state_motion(replace(
             Motion('aircraft', [0] * 6, [1, 1, 0, 0, 0, 0], 'quadratic', final_time=3.0),
@@ -88,7 +89,7 @@ def test_numbers_are_not_part_of_the_structure():
 
 @settings(deadline=None, max_examples=30)
 @given(strategies.floats(-50, 50), strategies.floats(-50, 50))
-def test_the_goal_of_an_angle_is_the_nearest(start, goal):
+def test_the_nearest_equivalent_goal_angle_is_chosen(start, goal):
     mapping = state_motion(Motion('two_wheeled', [0, 0, start], [1, 1, goal], 'time'))
     chosen = mapping['parameters']['goal_theta']
     assert abs(chosen - start) <= math.pi + 1e-9
@@ -105,13 +106,13 @@ def test_the_goal_of_an_angle_is_the_nearest(start, goal):
     ({'objective': 'quadratic', 'Qx': [math.nan, 1]}, 'qx'), ({'final_time': -1.0}, 'final_time'),
     ({'objective': 'time', 'input_bounds': {'u': ['0', None]}}, 'no upper bound'),
 ])
-def test_malformed_motions(changes, words):
+def test_malformed_motions_are_rejected(changes, words):
     with pytest.raises(ObcError, match='.') as error:
         build_problem(state_motion(replace(PLANAR, **changes)))
     assert words in str(error.value)
 
 
-def test_bounds_are_the_tighter_ones():
+def test_the_tighter_bounds_apply():
     def bounds(**given):
         problem = build_problem(state_motion(Motion(
             'two_wheeled', [0, 0, 0], [1, 1, 1], 'time', input_bounds=given)))

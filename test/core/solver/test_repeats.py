@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The same question again with other numbers: one cache and none answer alike."""
+"""Repeated problems with other numbers: results with and without a cache agree."""
 
 from dataclasses import replace
 
@@ -11,10 +11,10 @@ from obc_ros.core.solver.solve import Cache, solve
 import problems
 import pytest
 
-# What the condition of the Hamiltonian's minimum lets a certified cost be too high, relative.
+# Largest relative excess of a certified cost that the minimum condition of H permits.
 SAME_COST = 1e-5
-# What is answered within 0.3 s, by every method, with and without absolute values, bounds, free T;
-# `python benchmarks/repeats.py` asks all files.
+# Solved within 0.3 s: problems for every method, with and without absolute values, bounds, free T.
+# `python benchmarks/repeats.py` solves all files.
 QUICK = [
     'abs_off_centre', 'aircraft_5', 'di_energy', 'di_energy_speed_limit', 'di_free_time_energy',
     'di_fuel_abs', 'di_min_fuel', 'di_mintime_moving', 'di_mintime_rest', 'hager_hou_rao',
@@ -23,43 +23,43 @@ QUICK = [
     'two_wheel_straight', 'unstable_mintime', 'zermelo_constant']
 
 
-def least_fuel(start, dynamics):
+def minimum_fuel(start, dynamics):
     return problems.pose(
         {'x': 'v', 'v': dynamics}, 'abs(u)', (start, 0), 6, terminal_constraints=['x', 'v'],
         input_bounds={'u': [-1, 1]})
 
 
-def test_least_fuel_again_and_again():
-    """Of the double integrator: 2 v, v being the speed while coasting, v (T - v) = x(0)."""
+def test_repeated_minimum_fuel_has_the_known_cost():
+    """Double integrator: J = 2 v, where v is the coasting speed and v (T - v) = x(0)."""
     cache = Cache()
     for start in (2.0, 1.9, 2.0):
-        solution = solve(least_fuel(start, 'u'), cache=cache)
+        solution = solve(minimum_fuel(start, 'u'), cache=cache)
         assert solution.status is Status.SOLVED
         assert solution.objective == pytest.approx(6 - np.sqrt(36 - 4 * start), rel=1e-5)
 
 
-def test_least_fuel_of_an_oscillator_again_and_again():
+def test_repeated_fuel_of_an_oscillator_agrees_without_cache():
     cache = Cache()
     for start in (2.0, 1.9, 2.0):
-        shared, alone = (solve(least_fuel(start, 'u - x'), cache=kept) for kept in (cache, None))
+        shared, alone = (solve(minimum_fuel(start, 'u - x'), cache=kept) for kept in (cache, None))
         assert shared.status is alone.status is Status.SOLVED
         assert shared.objective == pytest.approx(alone.objective, rel=SAME_COST)
 
 
 @pytest.mark.slow
-def test_a_neighbour_that_contradicts_itself_is_refused_at_once():
-    """An end that is beyond a bound by little, after one that is not."""
+def test_a_contradiction_after_a_feasible_problem_is_found():
+    """The terminal speed 310.2 exceeds the bound 310; the first problem ends at the bound."""
     mapping, cache = problems.read('missile'), Cache()
     assert solve(problems.build(mapping), cache=cache).status is Status.SOLVED
     beyond = {**mapping, 'terminal_constraints': [
         row.replace('310', '310.2') for row in mapping['terminal_constraints']]}
-    refused = solve(problems.build(beyond), cache=cache)
-    assert refused.status is Status.INFEASIBLE
-    assert 'exclude each other' in refused.message
+    found = solve(problems.build(beyond), cache=cache)
+    assert found.status is Status.INFEASIBLE
+    assert 'exclude each other' in found.message
 
 
 def variants(name):
-    """Yield a problem as it stands and with three changes of its numbers, each read anew."""
+    """Yield a problem and three copies with random relative changes up to 1e-3 of its numbers."""
     mapping, chance = problems.read(name), np.random.default_rng(0)
     yield problems.build(mapping)
     for _ in range(3):
@@ -71,7 +71,7 @@ def variants(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', QUICK)
-def test_one_cache_answers_as_none_does(name):
+def test_results_agree_with_and_without_a_cache(name):
     cache = Cache()
     for one, other in zip(variants(name), variants(name), strict=True):
         shared, alone = solve(one, cache=cache), solve(other)

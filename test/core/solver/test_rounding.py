@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Answers do not hang on the last bits of arithmetic: the short form of benchmarks/rounding.py."""
+"""Sensitivity of solutions to rounding: a short form of benchmarks/rounding.py."""
 
 import json
 import subprocess
@@ -17,7 +17,7 @@ NAMES = 'bryson_denham', 'di_mintime_rest', 'zermelo_shear', 'lq_scalar_unit', '
 
 
 @pytest.mark.slow
-def test_quick_problems_are_answered_alike_however_arithmetic_rounds():
+def test_results_agree_between_roundings():
     variants = [rounding.Variant(rounding.OWN, 0), rounding.Variant('Haswell', 0),
                 rounding.Variant('Nehalem', 0), rounding.Variant(rounding.OWN, 1)]
     found = rounding.verdicts(NAMES, variants, 60)
@@ -26,35 +26,35 @@ def test_quick_problems_are_answered_alike_however_arithmetic_rounds():
         assert list(rounding.differences(found[name])) == []
 
 
-def test_what_differs_is_told():
+def test_differences_between_results_are_reported():
     first, other = rounding.Variant(rounding.OWN, 0), rounding.Variant('Nehalem', 0)
 
-    def told(one, two):
-        return [said for _, said in rounding.differences({first: one, other: two})]
+    def reported(one, two):
+        return [text for _, text in rounding.differences({first: one, other: two})]
 
     solved = rounding.Verdict('solved', 2.0)
-    assert told(solved, rounding.Verdict('solved', 2.0 + 1e-6)) == []
-    assert told(solved, rounding.Verdict('solved', 2.0 + 1e-5)) == ['cost 2 -> 2.00001']
-    assert told(solved, rounding.Verdict('infeasible', np.nan)) == ['solved -> infeasible']
-    assert told(solved, rounding.Verdict('timed_out', 3.0)) == []
-    assert told(rounding.Verdict('died with -6: Abort', np.nan), solved) == [
+    assert reported(solved, rounding.Verdict('solved', 2.0 + 1e-6)) == []
+    assert reported(solved, rounding.Verdict('solved', 2.0 + 1e-5)) == ['cost 2 -> 2.00001']
+    assert reported(solved, rounding.Verdict('infeasible', np.nan)) == ['solved -> infeasible']
+    assert reported(solved, rounding.Verdict('timed_out', 3.0)) == []
+    assert reported(rounding.Verdict('died with -6: Abort', np.nan), solved) == [
         'died with -6: Abort', 'died with -6: Abort -> solved']
 
 
-def test_every_number_of_a_statement_is_changed_a_little():
+def test_every_number_of_a_problem_is_perturbed():
     problem = problems.build('zermelo_shear')
-    changed = _rounding.Changed(1).problem(problem)
-    assert changed.structure == problem.structure
+    perturbed = _rounding.Changed(1).problem(problem)
+    assert perturbed.structure == problem.structure
     for name in ('p_value', 'x0', 'u_upper'):
-        one, other = (getattr(each, name) for each in (problem, changed))
+        one, other = (getattr(each, name) for each in (problem, perturbed))
         finite = np.isfinite(one) & (one != 0)
         assert other[~finite].tolist() == one[~finite].tolist()
         assert np.all(one[finite] != other[finite]) or not finite.any()
         assert other[finite] == pytest.approx(one[finite], rel=1.1e-12)
 
 
-def test_a_kernel_is_chosen_by_the_environment():
-    """Or else the benchmark compares a kernel with itself."""
+def test_the_environment_selects_the_blas_kernel():
+    """Otherwise the benchmark would compare a kernel with itself."""
     kernels = {kernel: subprocess.run(
         [sys.executable, '-c', (
             'import json, numpy as np\nr = np.random.default_rng(0)\n'
@@ -68,7 +68,7 @@ def test_a_kernel_is_chosen_by_the_environment():
 
 
 @pytest.mark.parametrize('last_bits', [-2e-16, 0, 2e-16])
-def test_the_side_of_a_jump_does_not_hang_on_the_last_bit_of_a_time(last_bits):
+def test_the_side_of_a_jump_does_not_depend_on_rounding(last_bits):
     t = np.array([0, 0.1 + 0.2, 1])
     path = Path(t, np.zeros((3, 1)), np.zeros((2, 0, 1)), np.array([[1.0], [3]]),
                 np.array([[1.0], [3]]), np.array([1.0]))

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Stiff and large linear quadratic problems: answered, certified, beside closed forms."""
+"""Stiff and large linear quadratic problems: certified solutions and closed forms."""
 
 from dataclasses import replace
 import math
@@ -20,7 +20,7 @@ from scipy.linalg import expm, solve_continuous_are
 
 
 def rod(cells, *, inputs=1, T=1.0):
-    """Return the heat equation on a rod, cold on its left, heated on its right or all over."""
+    """Return the heat equation on a rod: left end cold, right end or all cells heated."""
     names, rate = [f'y{k}' for k in range(cells)], (cells + 1)**2
     heat = [f'u{k}' for k in range(inputs)]
 
@@ -38,8 +38,8 @@ def rod(cells, *, inputs=1, T=1.0):
         inputs=heat)
 
 
-def decades(ratio):
-    """Return three states in a row, the fastest `ratio` times as fast as the slowest."""
+def cascade(ratio):
+    """Return three lags in series, the fastest `ratio` times as fast as the slowest."""
     middle = math.sqrt(ratio)
     return problems.pose({'a': '-a + b', 'b': f'{middle}*(c - b)', 'c': f'{ratio}*(u - c)'},
                          'a**2 + b**2 + c**2 + u**2', (1, 1, 1), 1.0)
@@ -48,12 +48,12 @@ def decades(ratio):
 def scalar_cost(a, b, q, r, T):
     """Return P(0) of x' = a x + b u, cost the integral of q x^2 + r u^2."""
     root = math.sqrt(a*a + b*b*q/r)
-    shrunk = math.exp(-2*root*T)
-    return q * (1 - shrunk) / (root - a + (root + a)*shrunk)
+    decay = math.exp(-2*root*T)
+    return q * (1 - decay) / (root - a + (root + a)*decay)
 
 
-def put_back(problem, solution):
-    """Return x(T) and the cost of the input to `decades`, by an implicit method from x(0)."""
+def simulate(problem, solution):
+    """Return x(T) and the cost of the input to `cascade`, integrated by an implicit method."""
     import casadi as ca
     A, B = (np.array(ca.DM(ca.evalf(ca.jacobian(problem.f, z)))) for z in (problem.x, problem.u))
     J = np.zeros((4, 4))
@@ -69,32 +69,33 @@ def put_back(problem, solution):
     return z[:-1], z[-1]
 
 
-# ---------------------------------------------------------------- answers
+# ---------------------------------------------------------------- solutions
 
 
 @pytest.mark.parametrize('ratio', [1e2, 1e3, 1e4, 1e5, 1e6, 1e7])
-def test_decades_of_time_constants_are_certified(ratio):
-    problem = decades(ratio)
+def test_widely_spread_time_constants_are_certified(ratio):
+    problem = cascade(ratio)
     solution = solve(problem)
     assert (solution.status, solution.method) == (Status.SOLVED, 'riccati')
     assert certify(problem, solution).holds
 
 
-def test_an_input_of_six_decades_is_put_back():
-    problem = decades(1e6)
+def test_a_simulation_reproduces_a_stiff_solution():
+    problem = cascade(1e6)
     solution = solve(problem)
-    end, cost = put_back(problem, solution)
+    end, cost = simulate(problem, solution)
     assert end == pytest.approx(solution.x[-1], abs=1e-6)
     assert cost == pytest.approx(solution.objective, rel=1e-6)
 
 
 @pytest.mark.parametrize('fastest', [1.0, 1e3, 1e6])
-def test_states_apart_cost_what_each_does_alone(fastest):
+def test_decoupled_states_cost_the_sum_of_scalar_problems(fastest):
     """
-    With an input each: the sum of three scalar closed forms.
+    Each state has its own input: the sum of three scalar closed forms.
 
-    A time that is halved until the fastest state hardly moves is doubled as often, and what
-    rounding does to the slow ones with it: digits of as many times as the fastest is faster.
+    The solver halves a step until the fastest state hardly changes, then doubles it as often.
+    Doubling amplifies the rounding errors of the slow states by the ratio of the rates, for
+    which the tolerance allows.
     """
     rates = [1.0, math.sqrt(fastest), fastest]
     problem = problems.pose(
@@ -109,8 +110,8 @@ def test_states_apart_cost_what_each_does_alone(fastest):
 
 
 @pytest.mark.parametrize('cells', [5, 20])
-def test_a_rod_heated_in_all_cells_costs_what_its_modes_do(cells):
-    """The weights are the same for all cells: each mode of the rod is a scalar problem."""
+def test_a_rod_heated_in_all_cells_costs_the_sum_of_its_modes(cells):
+    """All cells have the same weight, so that each mode of the rod is a scalar problem."""
     problem = rod(cells, inputs=cells)
     A = (cells + 1)**2 * (np.eye(cells, k=1) - 2*np.eye(cells) + np.eye(cells, k=-1))
     rates, modes = np.linalg.eigh(A)
@@ -121,8 +122,8 @@ def test_a_rod_heated_in_all_cells_costs_what_its_modes_do(cells):
         for a, x in zip(rates, modes.T @ problem.x0, strict=True)), rel=1e-10)
 
 
-def test_a_rod_heated_at_its_end_costs_what_riccatis_equation_says():
-    """The equation is integrated by an implicit method, all of P at once."""
+def test_a_rod_heated_at_its_end_agrees_with_the_riccati_equation():
+    """An implicit method integrates the equation for the whole matrix P."""
     cells = 8
     problem = rod(cells)
     A = (cells + 1)**2 * (np.eye(cells, k=1) - 2*np.eye(cells) + np.eye(cells, k=-1))
@@ -141,8 +142,8 @@ def test_a_rod_heated_at_its_end_costs_what_riccatis_equation_says():
 
 @pytest.mark.slow
 @pytest.mark.parametrize('cells', [40, 80])
-def test_long_rods_cost_over_a_second_what_they_cost_without_end(cells):
-    """But for what is left after it: exp(-2 pi^2) of the slowest mode, 3e-9."""
+def test_long_rods_cost_as_much_as_over_an_infinite_horizon(cells):
+    """The cost after 1 s is smaller by exp(-2 pi^2) = 3e-9, from the slowest mode."""
     problem = rod(cells)
     A = (cells + 1)**2 * (np.eye(cells, k=1) - 2*np.eye(cells) + np.eye(cells, k=-1))
     B = (cells + 1)**2 * np.eye(cells)[:, -1:]
@@ -153,24 +154,24 @@ def test_long_rods_cost_over_a_second_what_they_cost_without_end(cells):
 
 
 @pytest.mark.parametrize('a', [1.0, 1e3, 1e6])
-def test_a_fast_state_is_brought_to_its_end(a):
-    """From 0 to w = (1, 0.5) the least effort is w' W^-1 w, W being the Gramian over the time."""
+def test_a_fast_state_meets_its_terminal_constraint(a):
+    """From 0 to w = (1, 0.5) the minimum effort is w' W^-1 w with the Gramian W of [0, T]."""
     problem = problems.pose({'x': f'{-a}*x + {a}*u', 'y': '-0.5*y + u'}, 'u**2', (0, 0), 1.0,
                             terminal_constraints=['x - 1', 'y - 0.5'])
     rates, gains = np.array([a, 0.5]), np.array([a, 1.0])
     sums = rates + rates[:, None]
-    reach = gains * gains[:, None] * -np.expm1(-sums) / sums
+    gramian = gains * gains[:, None] * -np.expm1(-sums) / sums
     wanted = np.array([1.0, 0.5])
     solution = solve(problem)
     assert solution.status is Status.SOLVED
     assert solution.objective == pytest.approx(
-        wanted @ np.linalg.solve(reach, wanted), rel=1e-7)
+        wanted @ np.linalg.solve(gramian, wanted), rel=1e-7)
     assert solution.x[-1] == pytest.approx(wanted, abs=1e-9)
 
 
 @pytest.mark.parametrize('a', [1e2, 1e3, 1e5])
-def test_an_unstable_fast_state_is_held(a):
-    """Beside a slow one that is apart: the sum of two scalar closed forms."""
+def test_an_unstable_fast_state_is_stabilised(a):
+    """A slow state is decoupled from it: the sum of two scalar closed forms."""
     problem = problems.pose({'x': f'{a}*(x + u)', 'y': '-y + w'}, 'x**2 + u**2 + y**2 + w**2',
                             (1, 1), 2.0, inputs=['u', 'w'])
     solution = solve(problem)
@@ -181,8 +182,8 @@ def test_an_unstable_fast_state_is_held(a):
 
 @pytest.mark.parametrize('weight', [1.0, 0.0, -0.2])
 @pytest.mark.parametrize('doublings', [0, 2, 5])
-def test_the_inside_of_stretches_is_what_the_hamiltonian_system_leads_along(weight, doublings):
-    """States given at the start, costates at the end by P, all steps by its exponential."""
+def test_inner_states_follow_the_hamiltonian_system(weight, doublings):
+    """x(0) is given, lam(T) = P x(T), and each step is a matrix exponential of the system."""
     chance = np.random.default_rng(3)
     n, steps, step = 3, 32, 0.04
     A, half = chance.standard_normal((2, n, n))
@@ -200,8 +201,8 @@ def test_the_inside_of_stretches_is_what_the_hamiltonian_system_leads_along(weig
 # ---------------------------------------------------------------- the certificate
 
 
-def test_exponentials_follow_what_small_steps_do():
-    """Two states, a path constraint, densities of multipliers: all that enters is different."""
+def test_matrix_exponentials_agree_with_small_steps():
+    """Two states, a path constraint and multiplier densities, all of them random numbers."""
     problem = problems.pose(
         {'x': 'v - 0.3*x + 1', 'v': '2*u - x'}, 'x**2 + x*u + u**2 + 3*v + 1', (0, 0), 1.0,
         path_constraints=[{'expr': 'x + 2*v + u', 'lower': -9, 'upper': 9}])
@@ -224,8 +225,8 @@ def test_exponentials_follow_what_small_steps_do():
     assert back[:, :, 2:4] == pytest.approx(small.lam, abs=1e-9)
 
 
-def test_exponentials_are_exact_where_states_decay_within_a_millionth():
-    """X' = a (u - x) along u = 1 + t: x = 1 + t - 1/a + 1/a exp(-a t), after a layer of 1/a."""
+def test_matrix_exponentials_are_exact_for_a_fast_decay():
+    """With x' = a (u - x), u = 1 + t: x = 1 + t - 1/a + exp(-a t)/a, a layer of width 1/a."""
     a = 1e6
     problem = problems.pose({'x': f'{a}*(u - x)'}, 'x**2', (1,), 1.0)
     none = np.zeros((1, 1))
@@ -238,7 +239,7 @@ def test_exponentials_are_exact_where_states_decay_within_a_millionth():
     t = np.linspace(0, 1, 5)
     assert course.converged
     assert course.x[0, :, 0] == pytest.approx(1 + t - (1 - np.exp(-a*t))/a, abs=1e-12)
-    # The integral of (1 + t - 1/a)^2, and of what the layer adds.
+    # The integral of (1 + t - 1/a)^2, plus the contribution of the layer.
     mean, d = 1 - 1/a, 1/a
     cost = ((mean + 1)**3 - mean**3)/3 + 2*d*(mean*d + d*d) + d*d*d/2
     assert course.cost[0] == pytest.approx(cost, rel=1e-10)
@@ -246,8 +247,8 @@ def test_exponentials_are_exact_where_states_decay_within_a_millionth():
     assert left[0, 0] == pytest.approx(-2*(mean*d + d*d + d*d/2), rel=1e-9)
 
 
-def spent(solution):
-    """Return the largest |lam|'|dx/dt|, from the first samples: all is fastest there."""
+def cost_rate(solution):
+    """Return |lam|'|dx/dt| at the first samples, where it is largest."""
     rates = np.abs(np.diff(solution.x[:2], axis=0)[0]) / np.diff(solution.t[:2])
     return np.abs(solution.lam[0]) @ rates
 
@@ -256,18 +257,18 @@ def spent(solution):
     ('x', lambda s: s.x * (1 + 1e-4 * np.sin(9*s.t))[:, None]),
     ('u', lambda s: s.u + 0.05 * np.abs(s.u).max() * np.sin(9*s.t)[:, None]),
     ('lam', lambda s: s.lam * (1 + 1e-2 * np.sin(9*s.t))[:, None]),
-    ('hamiltonian', lambda s: s.hamiltonian + 1e-3 * spent(s)),
+    ('hamiltonian', lambda s: s.hamiltonian + 1e-3 * cost_rate(s)),
 ])
-@pytest.mark.parametrize('problem', [decades(1e4), decades(1e6), rod(20)],
+@pytest.mark.parametrize('problem', [cascade(1e4), cascade(1e6), rod(20)],
                          ids=['1e4', '1e6', 'rod'])
-def test_a_wrong_answer_to_a_stiff_problem_is_refused(problem, name, change):
+def test_a_wrong_solution_of_a_stiff_problem_is_not_certified(problem, name, change):
     solution = solve_lq(problem)
     assert certify(problem, solution).holds
     assert not certify(problem, replace(solution, **{name: change(solution)})).holds
 
 
-def test_a_cost_that_is_too_low_is_refused():
-    problem = decades(1e6)
+def test_a_cost_that_is_too_low_is_not_certified():
+    problem = cascade(1e6)
     solution = solve_lq(problem)
     wrong = replace(solution, objective=solution.objective * (1 - 1e-5))
     assert certify(problem, wrong).worst == 'cost'

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is said of random problems is true: the short form of benchmarks/truth.py."""
+"""Statements about random problems are true: a short form of benchmarks/truth.py."""
 
 from math import inf
 
@@ -10,34 +10,34 @@ from obc_ros.core.ocp.solution import Status
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.solver.solve import solve
 import pytest
-import truth  # likewise
+import truth  # of benchmarks/
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('seed', range(4))
-def test_nothing_false_is_said_of_problems_that_a_path_keeps_to(seed):
+def test_feasible_problems_get_no_false_statement(seed):
     tally = truth.ask_feasible(75, np.random.default_rng([100, seed]), inf)
     assert sum(tally.asked.values()) > 50
     assert tally.false == []
 
 
 @pytest.mark.slow
-def test_what_no_path_keeps_to_is_not_solved():
+def test_infeasible_problems_are_not_solved():
     tally = truth.ask_infeasible(25, np.random.default_rng(101), inf)
     assert sum(tally.asked.values()) == 25
     assert tally.false == []
 
 
 @pytest.mark.slow
-def test_no_convex_answer_is_certified_above_the_least_cost():
+def test_no_convex_solution_is_certified_above_the_minimum():
     tally = truth.ask_convex(40, np.random.default_rng(102), inf)
     assert tally.found['solved'] > 30
     assert tally.false == []
 
 
 @pytest.mark.slow
-def test_the_paths_that_the_constraints_were_set_from_keep_to_them():
-    """Otherwise a sentence about such a problem might be true."""
+def test_the_simulated_paths_satisfy_their_constraints():
+    """Otherwise a statement that such a problem is infeasible might be true."""
     rng = np.random.default_rng(103)
     for _ in range(40):
         made = _truths.feasible(rng)
@@ -66,7 +66,7 @@ def test_a_false_finding_is_counted(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize('kind', ['reach', 'rotation', 'population', 'undriven', 'bounds'])
-def test_each_reason_for_which_there_is_no_path_is_proved(kind):
+def test_each_kind_of_infeasibility_is_proved(kind):
     rng = np.random.default_rng(105)
     while True:
         found, mapping = _truths.infeasible(rng)

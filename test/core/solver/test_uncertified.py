@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A path that is not certified is in the answer, with its cost and what keeps it from that."""
+"""Uncertified paths: the solution contains the path, its cost and the failed condition."""
 
 import re
 
@@ -17,13 +17,13 @@ SENTENCE = r'cost (\S+), not certified because .+: residual (\S+), allowed (\S+)
 
 @pytest.fixture(scope='module')
 def coarse():
-    """Return a problem and its answer on a mesh that is too coarse for a certificate."""
+    """Return a problem and its solution on a mesh that is too coarse for a certificate."""
     problem = problems.build('vanderpol_bounded')
     return problem, solve(problem, max_intervals=10)
 
 
 def check(found):
-    """Check that an answer that is not certified has a path, its cost, residuals and the words."""
+    """Check that an uncertified solution has a path, its cost, residuals and the message."""
     assert found.optimality is None
     assert not found.certificate.holds
     assert len(found.t) == len(found.x) == len(found.u) == len(found.lam) > 2
@@ -34,7 +34,7 @@ def check(found):
     assert allowed == found.certificate.tolerances[worst]
 
 
-def test_a_path_on_a_mesh_that_is_too_coarse(coarse):
+def test_a_path_on_a_coarse_mesh_is_returned(coarse):
     _, found = coarse
     assert found.status is Status.NOT_CONVERGED
     assert 'max_intervals = 10' in found.message
@@ -45,8 +45,8 @@ def test_a_path_on_a_mesh_that_is_too_coarse(coarse):
 
 
 @pytest.mark.slow
-def test_a_path_that_is_no_minimum_beside_the_reason():
-    """What falls without end has paths, and the answer is one of them."""
+def test_a_path_is_returned_where_no_minimum_exists():
+    """The cost is unbounded below; the solution still contains a path."""
     found = solve(problems.pose({'x': 'u', 'y': 'x'}, 'x*u + y', (0, 0), 1))
     assert found.status is Status.NOT_CONVERGED
     assert found.message.startswith('no minimum was found: ')
@@ -56,8 +56,8 @@ def test_a_path_that_is_no_minimum_beside_the_reason():
     assert found.optimality is None
 
 
-def test_a_path_when_the_time_is_up(monkeypatch):
-    """A search that is ended after a few iterations."""
+def test_a_path_is_returned_at_the_time_limit(monkeypatch):
+    """The search is stopped after a few iterations."""
     from obc_ros.core.solver.nlp.progress import ProgressMonitor
     problem = problems.build('vanderpol_bounded')
     step = ProgressMonitor.step
@@ -76,7 +76,7 @@ def test_a_path_when_the_time_is_up(monkeypatch):
     assert ': residual ' in found.message
 
 
-def test_it_is_in_the_message_and_is_no_success(coarse):
+def test_a_response_contains_the_path_but_no_success(coarse):
     problem, found = coarse
     for response in (SolveOptimalControl.Response(), PlanMotion.Response()):
         messages.fill_answer(response, pack_solution(problem, found, ''))
