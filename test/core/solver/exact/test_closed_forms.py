@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Closed forms of chapter 2, put back into the equations that they solve."""
+"""Closed forms of chapter 2, substituted into the equations that they solve."""
 
 from decimal import Decimal, localcontext
 from itertools import pairwise
@@ -44,7 +44,7 @@ def test_example_2_2_to_the_last_digits(a, T, t0):
 
 @settings(max_examples=60, deadline=None)
 @given(st.floats(-2, 2), positive, st.floats(0, 20), st.floats(-3, 3), positive, st.floats(-1, 1))
-def test_pontryagin_of_the_finite_horizon(a, b, c, x0, T, t0):
+def test_the_finite_horizon_satisfies_pontryagin(a, b, c, x0, T, t0):
     t = np.linspace(t0, t0 + T, 41)
     found = closed_forms.solve_scalar_finite_horizon(a, b, c, x0, t, t0=t0, tf=t0 + T)
     scale = 1 + abs(found.x).max() + abs(found.lam).max() * b * b
@@ -60,13 +60,14 @@ def test_pontryagin_of_the_finite_horizon(a, b, c, x0, T, t0):
     assert found.u[0] == pytest.approx(-b * found.P * x0)
 
 
-def test_seed_problem():
+def test_unit_parameters_have_the_known_cost_and_end():
+    # J = 1/(1 + exp(-2)) and x(1) = 1/cosh(1)
     found = closed_forms.solve_scalar_finite_horizon(1, 1, 1, 1, [0, 1], tf=1)
     assert pytest.approx(0.8807970779778824, rel=1e-14) == found.J
     assert found.x[-1] == pytest.approx(0.6480542736638853, rel=1e-14)
 
 
-def test_terminal_state_as_its_weight_grows():
+def test_terminal_state_tends_to_zero_as_its_weight_grows():
     weights = [1, 1e2, 1e4, 1e8, 1e16]
     finals = [closed_forms.solve_scalar_finite_horizon(2, 0.5, c, 4, [1], tf=1).x[0]
               for c in weights]
@@ -82,12 +83,13 @@ def test_terminal_state_as_its_weight_grows():
 def test_exercise_2_9_is_the_limit_of_long_horizons():
     t = np.linspace(0, 3, 7)
     infinite = closed_forms.solve_scalar_infinite_horizon(2, 0.5, 4, t)
+    # P = 2 a / b^2 and J = P x0^2 / 2
     assert pytest.approx(16) == infinite.P
     assert pytest.approx(128) == infinite.J
     np.testing.assert_allclose(infinite.u, -0.5 * infinite.P * infinite.x)
     errors = [abs(closed_forms.solve_scalar_finite_horizon(2, 0.5, c, 4, [0.25], tf=tf).x
                   - 4 * np.exp(-0.5))[0] for tf in (0.5, 1, 10) for c in (0.1, 10)]
-    # tf = 10, c = 10 is the closest of the six.
+    # The last two have tf = 10; one of them is the closest of the six.
     assert np.argmin(errors) >= 4
     assert errors[-1] < 1e-6
 
@@ -108,7 +110,7 @@ def test_between_two_states(a, b, x0, xf, T):
     assert pytest.approx(cost, rel=1e-7, abs=1e-12) == found.J
 
 
-def test_between_two_states_far_apart_in_time():
+def test_paths_over_long_times_stay_finite():
     for a in (-20.0, 20.0):
         found = closed_forms.solve_scalar_between(a, 1, 2, 3, np.linspace(0, 100, 5), tf=100)
         assert np.isfinite(found.u).all()
@@ -116,7 +118,7 @@ def test_between_two_states_far_apart_in_time():
 
 
 @pytest.mark.parametrize('q', [0.1, 1, 2, 30])
-def test_example_2_4_as_corrected(q):
+def test_example_2_4_as_corrected_solves_the_riccati_equation(q):
     A, B = np.array([[0, 1], [0, 0]]), np.array([[0], [1]])
     found = closed_forms.solve_double_integrator_regulator(q)
     np.testing.assert_allclose(
@@ -126,7 +128,7 @@ def test_example_2_4_as_corrected(q):
 
 
 @pytest.mark.parametrize('a', [0.1, 1, 1e3])
-def test_exercise_2_8(a):
+def test_exercise_2_8_solves_the_riccati_equation(a):
     A, B = np.array([[0, 1], [0, -a]]), np.array([[0], [1]])
     found = closed_forms.solve_lag_regulator(a)
     residual = A.T @ found.P + found.P @ A - found.P @ B @ B.T @ found.P + np.diag([1, 0])
@@ -150,7 +152,7 @@ def areas(path):
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(1, 7), st.integers(0, 10**6))
-def test_brockett(m, seed):
+def test_brockett_paths_enclose_the_required_area(m, seed):
     random = np.random.default_rng(seed).normal(size=(m, m))
     wanted = random - random.T
     path = closed_forms.solve_brockett(wanted, np.linspace(0, 1, 65))
@@ -167,7 +169,7 @@ def test_brockett_with_equal_singular_values():
     wanted = np.kron(np.eye(2), [[0, 1], [-1, 0]])
     Y, _, J = areas(closed_forms.solve_brockett(wanted, np.linspace(0, 1, 65)))
     np.testing.assert_allclose(Y, wanted, atol=1e-12)
-    assert pytest.approx(3 * pi) == J
+    assert pytest.approx(3 * pi) == J   # pi (1 sigma_1 + 2 sigma_2)
 
 
 @settings(max_examples=30, deadline=None)
@@ -182,7 +184,7 @@ def test_brockett_in_three_dimensions(y):
 
 
 def test_no_random_neighbour_of_brocketts_path_is_cheaper():
-    # q + h with h a sinusoid that is zero at both ends, then scaled to the same area.
+    # h is a sinusoid that vanishes at both ends; q + h is scaled to the same area.
     t = np.linspace(0, 1, 129)
     path = closed_forms.solve_brockett([[0, 2.0], [-2.0, 0]], t)
     rng = np.random.default_rng(1)
@@ -194,7 +196,7 @@ def test_no_random_neighbour_of_brocketts_path_is_cheaper():
         assert abs(2.0 / Y[0, 1]) * J >= path.J * (1 - 1e-12)
 
 
-def test_straight_line():
+def test_straight_line_has_the_known_length_and_costate():
     path = closed_forms.solve_straight_line([1, 2], [4, 6], np.linspace(0, 1, 5))
     assert path.length == 5
     np.testing.assert_allclose(path.x[[0, -1]], [[1, 2], [4, 6]])
@@ -225,6 +227,6 @@ def test_straight_line():
     (lambda: closed_forms.solve_straight_line([1], [1, 2], [0]), 'equal dimension'),
     (lambda: closed_forms.solve_straight_line([1, inf], [1, 2], [0]), 'finite'),
 ])
-def test_bad_input(call, text):
+def test_bad_input_is_rejected(call, text):
     with pytest.raises(StatementError, match=text):
         call()

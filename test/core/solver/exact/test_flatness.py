@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Flat trajectories: they satisfy the dynamics, meet both ends, and their cost falls to J*."""
+"""Flat trajectories: dynamics, end conditions, and convergence of the cost to the minimum."""
 
 from itertools import pairwise
 from math import pi
@@ -21,9 +21,9 @@ AIRCRAFT = registry.get_system('aircraft', {'c': 0.0})
 HOVER = [0, 39.2]
 
 
-def put_back(system, found, n=41):
-    """Compare x' by Richardson's extrapolation of central differences with f(x, u)."""
-    # None of these is where two pieces of a spline meet.
+def assert_dynamics_hold(system, found, n=41):
+    """Compare f(x, u) with x', extrapolated from central differences after Richardson."""
+    # None of these times is a knot of a spline.
     t = found.t0 + found.T * np.linspace(0.0513, 0.9481, n)
     h = 1e-4 * found.T
     x, u = found.at(t)
@@ -38,7 +38,7 @@ def put_back(system, found, n=41):
     np.testing.assert_allclose(slope, wanted, atol=1e-5 * (1 + np.abs(wanted).max()))
 
 
-def meets(system, found, start, goal):
+def assert_ends_met(system, found, start, goal):
     _, x, _ = found.sample(301)
     for state, wanted in ((x[0], start), (x[-1], goal)):
         difference = state - np.array(wanted, dtype=float)
@@ -50,7 +50,7 @@ def meets(system, found, start, goal):
 
 @pytest.mark.parametrize('kind', BASIS_KINDS)
 @pytest.mark.parametrize('M', [5, 9])
-def test_bases_against_their_definitions(kind, M):
+def test_bases_agree_with_their_definitions(kind, M):
     s = np.linspace(0, 1, 11)
     mine = build_basis(kind, M, 3)
     for order in range(4):
@@ -64,7 +64,7 @@ def test_bases_against_their_definitions(kind, M):
         np.testing.assert_allclose(mine.values(s, order), wanted, atol=1e-9 * np.abs(wanted).max())
 
 
-def test_exercise_2_4_c_by_hand():
+def test_exercise_2_4_c_is_linear_in_time():
     # M = 2: xd is linear in t and ud = (xd' + a xd) / b.
     system = registry.get_system('scalar', {'a': -0.7, 'b': 2.0})
     found = flatness.generate(system, [1.0], [3.0], 4.0, t0=0.5)
@@ -75,16 +75,16 @@ def test_exercise_2_4_c_by_hand():
     assert found.minimal == 2
 
 
-def test_exercise_2_4_d_costs_of_both_approaches():
+def test_exercise_2_4_d_has_the_known_costs_of_both_methods():
     # Errata 7: x(1) = 1 is imposed, b = 1.
     optimum = closed_forms.solve_scalar_between(-1, 1, 0, 1, [0, 1], tf=1)
     found = flatness.generate(registry.get_system('scalar', EXERCISE_2_4), [0], [1], 1.0, Qu=[0.5])
     assert pytest.approx(1 / (1 - np.exp(-2))) == optimum.J
-    assert pytest.approx(7 / 6) == found.J
+    assert pytest.approx(7 / 6) == found.J   # x = t, u = 1 + t
 
 
 @pytest.mark.parametrize('kind', BASIS_KINDS)
-def test_exercise_2_4_e_spare_coefficients(kind):
+def test_exercise_2_4_e_more_coefficients_lower_the_cost(kind):
     system = registry.get_system('scalar', EXERCISE_2_4)
     optimum = closed_forms.solve_scalar_between(-1, 1, 0, 1, np.linspace(0, 1, 33), tf=1)
     found = [flatness.generate(system, [0], [1], 1.0, kind=kind, coefficients=M, Qu=[0.5])
@@ -96,8 +96,8 @@ def test_exercise_2_4_e_spare_coefficients(kind):
     np.testing.assert_allclose(found[-1].sample(33)[2][:, 0], optimum.u, atol=30 * limit**0.5)
 
 
-def test_exercise_2_5_falls_to_the_optimum():
-    # Pontryagin: x' = -a x^3 - b^2 lam, lam' = 3 a x^2 lam, by a boundary value solver.
+def test_exercise_2_5_converges_to_the_optimum():
+    # Pontryagin: x' = -a x^3 - b^2 lam, lam' = 3 a x^2 lam, solved as a boundary value problem.
     bvp = solve_bvp(
         lambda t, y: np.vstack((-y[0]**3 - y[1], 3 * y[0]**2 * y[1], y[1]**2 / 2)),
         lambda a, b: np.array([a[0], b[0] - 1, a[2]]), np.linspace(0, 1, 51),
@@ -112,7 +112,7 @@ def test_exercise_2_5_falls_to_the_optimum():
 @pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(st.tuples(*[st.floats(-3, 3)] * 4), st.floats(0.3, 5), st.sampled_from(BASIS_KINDS))
-def test_double_integrator_of_least_effort(ends, T, kind):
+def test_double_integrator_has_the_minimum_effort(ends, T, kind):
     x0, v0, x1, v1 = ends
     # The optimum is a cubic polynomial: four coefficients reach it.
     found = flatness.generate(registry.get_system('double_integrator'), [x0, v0], [x1, v1], T,
@@ -120,7 +120,7 @@ def test_double_integrator_of_least_effort(ends, T, kind):
     way, turn = x1 - x0 - v0 * T, v1 - v0
     wanted = 12 * way**2 / T**3 - 12 * way * turn / T**2 + 4 * turn**2 / T
     assert pytest.approx(wanted, abs=1e-8 * (1 + wanted)) == found.J
-    meets(registry.get_system('double_integrator'), found, [x0, v0], [x1, v1])
+    assert_ends_met(registry.get_system('double_integrator'), found, [x0, v0], [x1, v1])
 
 
 @pytest.mark.parametrize('kind', BASIS_KINDS)
@@ -132,42 +132,42 @@ def test_double_integrator_of_least_effort(ends, T, kind):
      {'start_input': [-0.7, 0], 'goal_input': [-0.5, 0]}),
     ('two_wheeled', [1, 1, 3.0], [-2, 1.5, -3.1], 6.0, {}),
 ])
-def test_vehicles(kind, name, start, goal, T, options):
+def test_vehicles_follow_their_dynamics(kind, name, start, goal, T, options):
     system = registry.get_system(name)
     found = flatness.generate(system, start, goal, T, kind=kind, coefficients=7, **options)
-    meets(system, found, start, goal)
-    put_back(system, found)
+    assert_ends_met(system, found, start, goal)
+    assert_dynamics_hold(system, found)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('kind', BASIS_KINDS)
-def test_aircraft_without_drag(kind):
+def test_aircraft_without_drag_follows_its_dynamics(kind):
     start, goal = np.zeros(6), [1, 1, 0, 0, 0, 0]
     costs = []
     for M in (8, 11):
         found = flatness.generate(AIRCRAFT, start, goal, 5.0, kind=kind, coefficients=M, ur=HOVER)
-        meets(AIRCRAFT, found, start, goal)
-        put_back(AIRCRAFT, found)
+        assert_ends_met(AIRCRAFT, found, start, goal)
+        assert_dynamics_hold(AIRCRAFT, found)
         costs.append(found.J)
     assert costs[1] < costs[0]
 
 
-def test_aircraft_between_tilted_states():
+def test_aircraft_between_tilted_states_follows_its_dynamics():
     start = [0, 0, 0.2, 0.3, -0.1, 0.1]
     goal = [2, 1, -0.1, 0, 0.2, 0]
     found = flatness.generate(AIRCRAFT, start, goal, 3.0, start_input=[0.1, 40],
                               goal_input=[0, 38],
                               coefficients=9, ur=HOVER)
-    meets(AIRCRAFT, found, start, goal)
-    put_back(AIRCRAFT, found)
+    assert_ends_met(AIRCRAFT, found, start, goal)
+    assert_dynamics_hold(AIRCRAFT, found)
 
 
-def test_state_weights_count_wrapped_angles():
+def test_state_weights_use_wrapped_angles():
     system = registry.get_system('two_wheeled')
     options = {'coefficients': 6, 'Qx': [0, 0, 1], 'Qu': [1, 1]}
     once = flatness.generate(system, [0, 0, 0], [4, 1, 0], 5.0, xr=[0, 0, 0], **options)
-    round_ = flatness.generate(system, [0, 0, 0], [4, 1, 0], 5.0, xr=[0, 0, 2 * pi], **options)
-    assert pytest.approx(round_.J) == once.J
+    turned = flatness.generate(system, [0, 0, 0], [4, 1, 0], 5.0, xr=[0, 0, 2 * pi], **options)
+    assert pytest.approx(turned.J) == once.J
 
 
 def test_no_random_neighbour_is_cheaper():
@@ -203,12 +203,12 @@ def test_no_random_neighbour_is_cheaper():
     ('two_wheeled', ([0, 0, 0], [-1, 0, 0], 1.0),
      {'start_input': [1, 0], 'goal_input': [1, 0]}, 'the path stops at'),
 ])
-def test_why_not(name, arguments, options, text):
+def test_bad_input_is_rejected(name, arguments, options, text):
     with pytest.raises(StatementError, match=text):
         flatness.generate(registry.get_system(name), *arguments, **options)
 
 
-def test_systems_that_their_parameters_keep_from_being_flat():
+def test_parameters_that_remove_flatness_are_rejected():
     with pytest.raises(StatementError, match='flat for r = 0'):
         flatness.generate(registry.get_system('aircraft', {'c': 0.0, 'r': 0.0}), np.zeros(6),
                           np.zeros(6),
@@ -218,7 +218,7 @@ def test_systems_that_their_parameters_keep_from_being_flat():
 
 
 @pytest.mark.parametrize('n', [1, 0, 2.5, True, None])
-def test_bad_number_of_samples(n):
+def test_a_bad_number_of_samples_is_rejected(n):
     found = flatness.generate(registry.get_system('cubic'), [0], [1], 1.0)
     with pytest.raises(StatementError, match='2 or more times'):
         found.sample(n)

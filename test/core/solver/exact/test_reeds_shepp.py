@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Shortest paths: they end at the goal, nothing is shorter, the HJB equation holds."""
+"""Reeds-Shepp paths: end poses, minimality of the length, and the HJB equation."""
 
 from itertools import product
 from math import acos, asin, cos, hypot, pi, remainder, sin, sqrt
@@ -22,7 +22,7 @@ SPECIAL = list(product((-4, -2, -1, 0, 1, 2, 4, 2 * sqrt(2), sqrt(20)), (-4, -2,
 
 
 def drive(start, segments, radius):
-    """Return the pose at the end of segments: the exact solution of the dynamics."""
+    """Return the pose at the end of the segments, by the exact solution of the dynamics."""
     x, y, theta = start
     for steering, length in segments:
         turn = {'L': 1, 'S': 0, 'R': -1}[steering] * length / radius
@@ -32,7 +32,8 @@ def drive(start, segments, radius):
     return x, y, theta
 
 
-def apart(a, b):
+def pose_error(a, b):
+    """Return the largest difference of two poses, with wrapped headings."""
     return max(abs(a[0] - b[0]), abs(a[1] - b[1]), abs(remainder(a[2] - b[2], 2 * pi)))
 
 
@@ -54,13 +55,13 @@ def random_poses(n, box=5, seed=1):
     ((2, 2, 0), 'L+R+', pi),
     ((0, 0, 0), '', 0),
 ])
-def test_paths_known_without_computation(goal, word, length):
+def test_simple_paths_have_known_words_and_lengths(goal, word, length):
     path = find_shortest_path(ORIGIN, goal, 1)
     assert (path.word, path.length) == (word, pytest.approx(length, abs=1e-12))
 
 
 @pytest.mark.parametrize('d', [1e-4, 0.1, 0.3, 1.0])
-def test_parking_a_step_to_the_side(d):
+def test_a_sideways_step_has_the_known_length(d):
     # R+(t) L-(a) R-(a) L+(t): the centres are 2, 2 and 2 apart with the angle between them pi - a
     # and its mirror image, so that (d + 2)^2 = 4 (5 - 4 cos a) by the law of cosines.
     a = acos((20 - (d + 2)**2) / 16)
@@ -74,7 +75,7 @@ def test_parking_a_step_to_the_side(d):
 @given(poses, poses, st.floats(0.05, 20))
 def test_segments_end_at_the_goal(start, goal, radius):
     path = find_shortest_path(start, goal, radius)
-    assert apart(drive(start, path.segments, radius), goal) < 1e-12 * max(10, radius)
+    assert pose_error(drive(start, path.segments, radius), goal) < 1e-12 * max(10, radius)
     assert sum(abs(s.length) for s in path.segments) == pytest.approx(
         path.length, abs=1e-12 * max(1, radius))
     assert len(path.segments) <= 5
@@ -95,8 +96,8 @@ TINY = (1e-12, 1e-10, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 0.03125, 0.3)
 @pytest.mark.parametrize('letters', [
     'L', 'S', 'LS', 'SL', 'LR', 'LSL', 'LSR', 'LRL', 'SLR', 'SRS'])
 @pytest.mark.parametrize('signs', [(1, 1, 1), (1, -1, -1), (1, -1, 1), (-1, -1, 1)])
-def test_no_word_of_tiny_parts_is_shorter(letters, signs):
-    """A rounding of 1e-16 sideways is worth a length of its root: 1e-8 is the most there is."""
+def test_no_word_of_tiny_segments_is_shorter(letters, signs):
+    """A sideways rounding error of 1e-16 changes the length by at most its root, 1e-8."""
     words = [[(letter, sign * size)
               for letter, sign, size in zip(letters, signs[:len(letters)], sizes, strict=True)]
              for sizes in product(TINY, repeat=len(letters))]
@@ -106,34 +107,34 @@ def test_no_word_of_tiny_parts_is_shorter(letters, signs):
     assert (np.array([path.length for path in paths]) <= known + 1e-9).all()
     assert (find_lengths(ORIGIN, goals, 1.0) <= known + 1e-9).all()
     for path, goal in zip(paths, goals, strict=True):
-        assert apart(drive(ORIGIN, path.segments, 1.0), goal) < 1e-11
+        assert pose_error(drive(ORIGIN, path.segments, 1.0), goal) < 1e-11
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('box', [0.05, 0.5, 2, 5, 40])
 def test_no_extremal_of_the_maximum_principle_is_shorter(box):
-    """They are found without a list of words and without a formula of `reeds_shepp`."""
+    """The extremals use neither a list of words nor a formula of `reeds_shepp`."""
     _, goals = random_poses(2_000, box, seed=3)
     np.testing.assert_allclose(find_lengths(ORIGIN, goals, 1.0), find_least_times(goals),
                                atol=1e-11)
 
 
-def test_extremals_to_special_poses():
+def test_lengths_at_special_poses_agree_with_extremals():
     np.testing.assert_allclose(find_lengths(ORIGIN, SPECIAL, 1.0), find_least_times(SPECIAL),
                                atol=1e-11)
 
 
 def test_the_value_function_satisfies_its_hjb_equation():
-    # |d_x cos(theta) + d_y sin(theta)| + |d_theta| = 1 for the length d to the goal's pose, where
-    # d is smooth: H = 0 of Exercise 2.6, with no formula of the paper in it.
+    # |d_x cos(theta) + d_y sin(theta)| + |d_theta| = 1 at smooth points of the length d to the
+    # goal pose. This is H = 0 of Exercise 2.6 and uses no formula of the paper.
     start, goal = random_poses(20_000)
     h = 1e-5
     gradient, kinks = [], np.zeros(len(goal), dtype=bool)
     middle = find_lengths(start, goal, 1.0)
     for k in range(3):
         step = h * np.eye(3)[k]
-        ahead, behind = find_lengths(start, goal + step, 1.0), find_lengths(start, goal - step,
-                                                                            1.0)
+        ahead = find_lengths(start, goal + step, 1.0)
+        behind = find_lengths(start, goal - step, 1.0)
         gradient.append((ahead - behind) / (2 * h))
         kinks |= abs(ahead - 2 * middle + behind) > 100 * h**2
     speed = abs(gradient[0] * np.cos(goal[:, 2]) + gradient[1] * np.sin(goal[:, 2]))
@@ -147,39 +148,39 @@ def test_lengths_are_a_metric():
     a, b = random_poses(5_000)
     c, _ = random_poses(5_000, seed=2)
     np.testing.assert_allclose(find_lengths(a, b, 1.0), find_lengths(b, a, 1.0), atol=1e-12)
-    assert (find_lengths(a, c, 1.0) <= find_lengths(a, b, 1.0) + find_lengths(b, c,
-                                                                              1.0) + 1e-12).all()
+    detour = find_lengths(a, b, 1.0) + find_lengths(b, c, 1.0)
+    assert (find_lengths(a, c, 1.0) <= detour + 1e-12).all()
     assert (find_lengths(a, b, 1.0) >= np.hypot(*(a - b)[:, :2].T) - 1e-12).all()
     assert (find_lengths(a, a, 1.0) == 0).all()
 
 
 @pytest.mark.parametrize('box', [0.05, 1, 5, 40])
-def test_many_at_once_are_as_one_at_a_time(box):
+def test_batched_lengths_agree_with_single_ones(box):
     starts, goals = random_poses(1_000, box)
     single = [find_shortest_path(a, b, 0.7).length for a, b in zip(starts, goals, strict=True)]
     np.testing.assert_allclose(find_lengths(starts, goals, 0.7), single, atol=1e-12)
 
 
-def test_special_poses_are_continuous():
+def test_lengths_are_continuous_at_special_poses():
     goals = np.array(SPECIAL, dtype=float)
     exact = find_lengths(ORIGIN, goals, 1.0)
     near = find_lengths(ORIGIN, goals + [1e-11, -1e-11, 1e-11], 1.0)
-    # The length is Hoelder continuous of order 1/2 sideways.
+    # The length is Hoelder continuous of order 1/2 in sideways shifts.
     np.testing.assert_allclose(exact, near, atol=3e-5)
     for goal, length in zip(goals, exact, strict=True):
         path = find_shortest_path(ORIGIN, goal, 1.0)
         assert path.length == pytest.approx(length, abs=1e-12)
-        assert apart(drive(ORIGIN, path.segments, 1.0), goal) < 1e-12
+        assert pose_error(drive(ORIGIN, path.segments, 1.0), goal) < 1e-12
 
 
 @settings(max_examples=100, deadline=None)
 @given(poses, poses, st.integers(2, 60))
-def test_samples(start, goal, n):
+def test_samples_are_spaced_by_equal_lengths(start, goal, n):
     path = find_shortest_path(start, goal, 1.5)
     points = path.sample(n)
     assert points.shape == (n, 3)
     assert tuple(points[0]) == start
-    assert apart(points[-1], goal) < 1e-12
+    assert pose_error(points[-1], goal) < 1e-12
     step = path.length / (n - 1)
     for k in range(n - 1):
         moved = points[k + 1] - points[k]
@@ -200,7 +201,7 @@ def test_samples_lie_on_the_driven_path():
                 part = min(left, abs(length))
                 driven.append((steering, part if length > 0 else -part))
                 left -= part
-            assert apart(point, drive(start, driven, 1.0)) < 1e-12
+            assert pose_error(point, drive(start, driven, 1.0)) < 1e-12
 
 
 @pytest.mark.parametrize(('start', 'goal', 'radius', 'text'), [
@@ -214,13 +215,13 @@ def test_samples_lie_on_the_driven_path():
     (ORIGIN, ORIGIN, 'one', 'radius must be a finite number'),
     (ORIGIN, (1e200, 0, 0), 1, 'too far apart'),
 ])
-def test_bad_input(start, goal, radius, text):
+def test_bad_input_is_rejected(start, goal, radius, text):
     with pytest.raises(StatementError, match=text):
         find_shortest_path(start, goal, radius)
 
 
 @pytest.mark.parametrize('n', [1, 0, -3, 2.5, None, True, '5'])
-def test_bad_number_of_samples(n):
+def test_a_bad_number_of_samples_is_rejected(n):
     with pytest.raises(StatementError, match='2 or more points'):
         find_shortest_path(ORIGIN, (1, 1, 1), 1).sample(n)
 
@@ -233,12 +234,12 @@ def test_bad_number_of_samples(n):
     (np.zeros((2, 3)), np.zeros((3, 3)), '2 starts do not match 3 goals'),
     (ORIGIN, [[1e200, 0, 0]], 'too far apart'),
 ])
-def test_bad_batches(starts, goals, text):
+def test_bad_batches_are_rejected(starts, goals, text):
     with pytest.raises(StatementError, match=text):
         find_lengths(starts, goals, 1.0)
 
 
-def test_20_000_random_pairs_against_ompl():
+def test_20_000_random_lengths_agree_with_ompl():
     base = pytest.importorskip('ompl.base', reason='ompl is not installed')
     space = base.ReedsSheppStateSpace(1.0)
     one, other = space.allocState(), space.allocState()

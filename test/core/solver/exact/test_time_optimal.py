@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Least time for linear systems: known switching times, Pontryagin's conditions, no shorter T."""
+"""Minimum time of linear systems: switching times, Pontryagin's conditions, minimality."""
 
 from math import acos, factorial, log, pi, sqrt
 
@@ -22,7 +22,7 @@ small = st.floats(-3, 3).filter(lambda value: value == 0 or abs(value) > 1e-3)
 
 
 def problem(A, B, x0, xf=None, *, c=None, C=None, u=(-1.0, 1.0), T=(0.0, 50.0), rate=1.0):
-    """Return: least time from x0 to C x = C xf for x' = A x + B u + c."""
+    """Return the minimum-time problem from x0 to C x = C xf for x' = A x + B u + c."""
     A = np.array(A, dtype=float)
     n = len(A)
     B = np.array(B, dtype=float).reshape(n, -1)
@@ -48,17 +48,17 @@ def chain(n):
 
 
 def solved(*args, **kwargs):
-    question = problem(*args, **kwargs)
-    found = solve_time_optimal(question)
+    stated = problem(*args, **kwargs)
+    found = solve_time_optimal(stated)
     assert found is not None
     assert found.status is Status.SOLVED, found.message
-    certificate = certify(question, found)
+    certificate = certify(stated, found)
     assert certificate.holds, certificate
     return found
 
 
 def reachable(A, B, x0, xf, T, cells=400):
-    """Return the largest multiple of the gap that inputs constant on cells close: an LP."""
+    """Return the largest multiple of the gap that piecewise constant inputs close (an LP)."""
     A, B = np.array(A, dtype=float), np.array(B, dtype=float).reshape(len(A), -1)
     n, m = B.shape
     Z = np.zeros((n + m, n + m))
@@ -76,7 +76,7 @@ def reachable(A, B, x0, xf, T, cells=400):
 
 
 @pytest.mark.parametrize(('x0', 'T'), [((1, 0), 2.0), ((1, 0.5), 0.5 + 2 * sqrt(1.125))])
-def test_double_integrator(x0, T):
+def test_double_integrator_has_the_known_switching_time(x0, T):
     found = solved(DOUBLE, [0, 1], x0)
     assert abs(found.objective - T) <= 1e-12
     np.testing.assert_allclose(found.switching_times, [x0[1] + sqrt(x0[0] + x0[1]**2 / 2)])
@@ -85,9 +85,9 @@ def test_double_integrator(x0, T):
 
 @settings(max_examples=100, deadline=None)
 @given(small, small)
-def test_double_integrator_formula(x, v):
+def test_double_integrator_has_the_known_minimum_time(x, v):
     assume(x or v)
-    # Bryson and Ho: above the switching curve x + v |v| / 2 = 0 first decelerate.
+    # Bryson and Ho: above the switching curve x + v |v| / 2 = 0 decelerate first.
     side = x + v * abs(v) / 2
     s = np.sign(side) or np.sign(-v)
     found = solve_time_optimal(problem(DOUBLE, [0, 1], (x, v)))
@@ -98,11 +98,11 @@ def test_double_integrator_formula(x, v):
 @pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(small, small, small, small, st.floats(-3, -0.1), st.floats(0.1, 3), st.floats(0.1, 4))
-def test_double_integrator_between_any_states(x0, v0, xf, vf, low, high, rate):
+def test_double_integrator_between_any_states_is_an_extremal(x0, v0, xf, vf, low, high, rate):
     assume((x0, v0) != (xf, vf))
-    question = problem([[0, 2.0], [0, 0]], [0, -0.5], (x0, v0), (xf, vf), u=(low, high),
+    stated = problem([[0, 2.0], [0, 0]], [0, -0.5], (x0, v0), (xf, vf), u=(low, high),
                        rate=rate, T=(0, 1e4))
-    found = solve_time_optimal(question)
+    found = solve_time_optimal(stated)
     t, x, u, lam = found.t, found.x, found.u[:, 0], found.lam
     assert set(u) <= {low, high}
     dt = np.diff(t)
@@ -120,7 +120,7 @@ def test_double_integrator_between_any_states(x0, v0, xf, vf, low, high, rate):
 
 
 @pytest.mark.parametrize('n', [2, 3, 4, 5])
-def test_chains_of_integrators_from_rest_to_rest(n):
+def test_chains_of_integrators_have_known_switching_times(n):
     # The switches of n integrators are the zeros of a Chebyshev polynomial of the second kind:
     # t_k = T (1 - cos(k pi / n)) / 2, and the distance is T^n / (4^(n-1) (n-1)!).
     found = solved(*chain(n), [1, *np.zeros(n - 1)])
@@ -130,11 +130,11 @@ def test_chains_of_integrators_from_rest_to_rest(n):
     np.testing.assert_allclose(found.switching_times, T * (1 - np.cos(k * pi / n)) / 2, atol=1e-7)
 
 
-def test_triple_integrator_between_moving_states():
+def test_triple_integrator_between_moving_states_ends_right():
     A, B = chain(3)
     found = solved(A, B, [1, 0.3, -0.4], [0.2, 0, 1])
     T, (t1, t2) = found.objective, found.switching_times
-    # Put back: a, v and x integrated by hand over the three arcs.
+    # The three arcs are integrated in closed form.
     a, v, x, u = -0.4, 0.3, 1.0, found.u[0, 0]
     for duration in (t1, t2 - t1, T - t2):
         x += v * duration + a * duration**2 / 2 + u * duration**3 / 6
@@ -143,8 +143,8 @@ def test_triple_integrator_between_moving_states():
     np.testing.assert_allclose([x, v, a], [0.2, 0, 1], atol=1e-12)
 
 
-def test_oscillator_by_hand():
-    # From (1, 0) about (-1, 0) until the last semicircle, of radius 1 about (1, 0).
+def test_oscillator_has_the_known_switching_time():
+    # The path is a circular arc about (-1, 0), then one of radius 1 about (1, 0).
     found = solved(OSCILLATOR, [0, 1], (1, 0))
     assert found.switching_times == pytest.approx([acos(7 / 8)], abs=1e-9)
     assert found.objective == pytest.approx(acos(7 / 8) + acos(1 / 4), abs=1e-9)
@@ -172,19 +172,19 @@ def test_oscillator_where_no_normal_costate_exists(k):
     assert 'abnormal' in found.message
 
 
-def test_large_oscillation():
+def test_large_oscillations_end_at_the_origin():
     found = solved(OSCILLATOR, [0, 1], (30.3, 7), T=(0.01, 200))
     assert len(found.switching_times) == 16
     np.testing.assert_allclose(found.x[-1], 0, atol=1e-9)
 
 
-def test_unstable_mode():
-    found = solved([[1]], [1], [0.5])
+def test_unstable_mode_has_the_known_time():
+    found = solved([[1]], [1], [0.5])   # x = 1 - exp(t)/2
     assert found.objective == pytest.approx(log(2), abs=1e-12)
 
 
 @pytest.mark.parametrize('x0', [(0.5, -1.0), (-0.5, 1.0)])
-def test_on_the_switching_curve(x0):
+def test_a_start_on_the_switching_curve_needs_no_switch(x0):
     found = solved(DOUBLE, [0, 1], x0)
     assert found.objective == pytest.approx(1, abs=1e-12)
     assert len(found.switching_times) == 0
@@ -196,15 +196,16 @@ def test_triple_integrator_without_a_switch():
     assert len(found.switching_times) == 0
 
 
-def test_part_of_the_state():
+def test_a_free_final_velocity_has_zero_costate():
     found = solved(DOUBLE, [0, 1], (1, 0), C=[[1, 0]])
-    assert found.objective == pytest.approx(sqrt(2), abs=1e-12)
+    assert found.objective == pytest.approx(sqrt(2), abs=1e-12)   # T^2/2 = 1
     assert found.lam[-1, 1] == pytest.approx(0, abs=1e-12)
 
 
-def test_input_that_does_not_decide():
+def test_an_input_with_slack_is_singular():
     A = np.kron(np.eye(2), DOUBLE)
     B = np.kron(np.eye(2), [[0], [1]])
+    # The first axis takes T = 2; within 2 the second axis needs only |u1| = 0.3.
     found = solved(A, B, (1, 0, 0.3, 0))
     assert found.objective == pytest.approx(2, abs=1e-12)
     assert set(np.abs(found.u[:, 0])) == {1.0}
@@ -212,14 +213,14 @@ def test_input_that_does_not_decide():
     assert 'singular: u1' in found.message
 
 
-def test_inputs_that_decide_together():
+def test_inputs_with_equal_minimum_times_are_solved():
     A = np.kron(np.eye(3), DOUBLE)
     B = np.kron(np.eye(3), [[0], [1]])
     found = solved(A, B, (1, 0, -1, 0, 0.2, -0.1))
     assert found.objective == pytest.approx(2, abs=1e-12)
 
 
-def test_two_inputs_on_a_coupled_system():
+def test_no_shorter_time_for_a_coupled_system():
     A = [[0, 1, 0], [-2, -0.3, 1], [0, 0, -0.5]]
     B = [[0, 0.2], [1, 0], [0, 1]]
     found = solved(A, B, (2, -1, 3), u=([-1, -0.5], [1, 0.5]))
@@ -236,11 +237,11 @@ def test_no_shorter_time_for_random_systems(seed, n, m):
     rng = np.random.default_rng(seed)
     A, B, x0 = rng.normal(size=(n, n)), rng.normal(size=(n, m)), rng.normal(size=n)
     A -= max(np.linalg.eigvals(A).real.max(), 0) * np.eye(n)
-    question = problem(A, B, x0)
-    found = solve_time_optimal(question)
+    stated = problem(A, B, x0)
+    found = solve_time_optimal(stated)
     assert found is not None
     assert found.status is Status.SOLVED
-    assert certify(question, found).holds
+    assert certify(stated, found).holds
     T = found.objective
     assert reachable(A, B, x0, np.zeros(n), (1 - 2e-3) * T) < 1
     assert reachable(A, B, x0, np.zeros(n), (1 + 2e-2) * T) > 1
@@ -249,8 +250,8 @@ def test_no_shorter_time_for_random_systems(seed, n, m):
 @pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10**6))
-def test_extremals_of_unstable_systems_are_found_again(seed):
-    # n - 1 switching times fix lam(T); the bang-bang input is followed backwards from the origin.
+def test_extremals_of_unstable_systems_are_recovered(seed):
+    # n - 1 switching times fix lam(T); the bang-bang input is integrated back from the origin.
     rng = np.random.default_rng(seed)
     n = int(rng.integers(2, 4))
     A, B, T = rng.normal(size=(n, n)), rng.normal(size=n), float(rng.uniform(0.5, 2))
@@ -266,15 +267,15 @@ def test_extremals_of_unstable_systems_are_found_again(seed):
         x = back[:n, :n] @ x - back[:n, n] * np.sign(s)
     # The grid may have missed two more switches.
     assume(np.count_nonzero(np.diff(np.sign(values))) == n - 1)
-    question = problem(A, B, x)
-    found = solve_time_optimal(question)
+    stated = problem(A, B, x)
+    found = solve_time_optimal(stated)
     assert found is not None
     assert found.objective == pytest.approx(T, abs=1e-8)
     np.testing.assert_allclose(found.switching_times, np.sort(T - tau), atol=1e-7)
-    assert certify(question, found).holds
+    assert certify(stated, found).holds
 
 
-def test_bellman():
+def test_the_tail_of_an_optimal_path_is_optimal():
     A, B = chain(3)
     whole = solved(A, B, [1, 0.3, -0.4])
     for k in (10, 25, 40):
@@ -282,25 +283,25 @@ def test_bellman():
         assert rest.objective == pytest.approx(whole.objective - whole.t[k], abs=1e-9)
 
 
-def test_scaling():
+def test_minimum_time_scales_with_the_units():
     once = solved(OSCILLATOR, [0, 1], (3, 1))
     fast = solved(3 * np.array(OSCILLATOR), [0, 3], (3, 1))
-    dear = solved(OSCILLATOR, [0, 1], (3, 1), rate=5.0)
+    expensive = solved(OSCILLATOR, [0, 1], (3, 1), rate=5.0)
     large = solved(OSCILLATOR, [0, 1], (300, 100), u=(-100, 100))
     assert fast.objective == pytest.approx(once.objective / 3, abs=1e-9)
-    assert dear.objective == pytest.approx(5 * once.objective, abs=1e-8)
-    np.testing.assert_allclose(dear.lam, 5 * once.lam, atol=1e-8)
+    assert expensive.objective == pytest.approx(5 * once.objective, abs=1e-8)
+    np.testing.assert_allclose(expensive.lam, 5 * once.lam, atol=1e-8)
     assert large.objective == pytest.approx(once.objective, abs=1e-9)
 
 
-def test_bounds_about_any_middle():
+def test_asymmetric_bounds_only_shift_the_input():
     plain = solved(DOUBLE, [0, 1], (10, -2), u=(-1.5, 1.5))
     lander = solved(DOUBLE, [0, 1], (10, -2), u=(0, 3), c=[0, -1.5])
     np.testing.assert_allclose(lander.x, plain.x, atol=1e-12)
     assert set(lander.u.ravel()) == {0.0, 3.0}
 
 
-def test_dependent_terminal_constraints():
+def test_dependent_terminal_constraints_are_solved():
     found = solved(DOUBLE, [0, 1], (1, 0), C=[[1, 0], [0, 1], [1, 1]])
     assert found.objective == pytest.approx(2, abs=1e-9)
     np.testing.assert_allclose(
@@ -311,6 +312,7 @@ def test_dependent_terminal_constraints():
     ((DOUBLE, [0, 1], (1, 0)),
      'the terminal constraints cannot be met by T = 1.5: the minimum time is 2'),
     ((*chain(3), (1, 0, 0)),
+     # 32^(1/3)
      'the terminal constraints cannot be met by T = 1.5: the minimum time is 3.174802104'),
     (([[1]], [1], [1.5]), 'x0 cannot fall below 1.5 but must be 0 at T: the unstable mode of '
                           'eigenvalue 1 grows faster than the inputs can counteract'),
@@ -322,15 +324,15 @@ def test_dependent_terminal_constraints():
      'x0 - x1 cannot fall below 1 but must be 0 at T: no input acts on it'),
     (([[1, 1], [-2, 1]], [1, 0], (3, 0)), 'do not reach that far'),
 ])
-def test_why_not(arguments, text):
+def test_infeasible_problems_report_the_reason(arguments, text):
     found = solve_time_optimal(problem(*arguments, T=(0.01, 1.5)))
     assert found.status is Status.INFEASIBLE
     assert text in found.message
 
 
-def test_contradiction():
-    question = problem(DOUBLE, [0, 1], (1, 0), C=[[1, 0], [1, 0]])
-    shifted = Problem(**{**question.__dict__, 'psi': question.psi + ca.DM([0, 1])})
+def test_contradictory_constraints_are_infeasible():
+    stated = problem(DOUBLE, [0, 1], (1, 0), C=[[1, 0], [1, 0]])
+    shifted = Problem(**{**stated.__dict__, 'psi': stated.psi + ca.DM([0, 1])})
     found = solve_time_optimal(shifted)
     assert found.status is Status.INFEASIBLE
     assert found.message == 'the terminal constraints contradict each other'
@@ -344,17 +346,17 @@ def changed(**fields):
     {'L': ca.SX(0)},
     {'L': ca.SX(-1)},
     {'final_time': FinalTime(False, value=3.0)},
-    {'final_time': FinalTime(True, lower=2.5, upper=9.0)},   # T is held up by its lower bound
+    {'final_time': FinalTime(True, lower=2.5, upper=9.0)},   # the lower bound of T is active
     {'u_upper': np.array([np.inf])},
     {'x_upper': np.array([np.inf, 1.0])},
     {'psi': ca.SX(0, 1)},
     {'x0': np.zeros(2)},
 ])
-def test_other_problems_are_left_alone(fields):
+def test_other_problems_are_not_accepted(fields):
     assert solve_time_optimal(changed(**fields)) is None
 
 
-def test_nonlinear_problems_are_left_alone():
+def test_nonlinear_problems_are_not_accepted():
     x, u = ca.SX.sym('x', 2), ca.SX.sym('u', 1)
     base = {'x': x, 'u': u, 'psi': x}
     assert solve_time_optimal(changed(**base, f=ca.vertcat(ca.sin(x[1]), u))) is None

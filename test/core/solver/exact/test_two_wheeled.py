@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Exercise 2.6: trajectories of least time, put back into Pontryagin's conditions."""
+"""Exercise 2.6: minimum-time trajectories and Pontryagin's conditions."""
 
 from math import pi
 
@@ -20,7 +20,7 @@ limits = st.floats(0.2, 4)
 
 
 def robot(start, goal, L=1.0, M=1.0, order=(0, 1, 2), rate=1.0, upper=50.0, weight=1.0):
-    """Return Exercise 2.6 as a Problem; `order` is where x, y and theta stand."""
+    """Return Exercise 2.6 as a Problem; `order` holds the indices of x, y and theta."""
     x, u, p = ca.SX.sym('x', 3), ca.SX.sym('u', 2), ca.SX.sym('p', 1)
     theta = x[order[2]]
     f = ca.SX(3, 1)
@@ -42,7 +42,7 @@ def robot(start, goal, L=1.0, M=1.0, order=(0, 1, 2), rate=1.0, upper=50.0, weig
 @given(poses, poses, limits, limits)
 @example((0.0, 0.0, 2.0**-23), (2.0**-23, 0.0, 2.0**-23), 3.0, 1.0)
 @example((0.0, 0.0, 0.0), (0.0, 0.0, 2.4e-289), 1.0, 1.0)
-def test_pontryagin(start, goal, L, M):
+def test_paths_satisfy_pontryagins_conditions(start, goal, L, M):
     found = find_least_time_path(start, goal, L, M)
     x, u, lam = found.x, found.u, found.lam
     assert found.status is Status.SOLVED
@@ -50,7 +50,7 @@ def test_pontryagin(start, goal, L, M):
     if found.objective == 0:
         return
     p = lam[:, 0] * np.cos(x[:, 2]) + lam[:, 1] * np.sin(x[:, 2])
-    # Places are known to 1e-14 m; along a path of 1e-7 m the costate is 1e7 per metre.
+    # Positions are accurate to 1e-14 m; for a path of 1e-7 m the costate is 1e7 1/m.
     tolerance = 1e-9 + 1e-14 * np.abs(lam[0, :2]).max()
     assert np.abs(found.hamiltonian).max() < tolerance
     np.testing.assert_allclose(1 + u[:, 0] * p + u[:, 1] * lam[:, 2], found.hamiltonian,
@@ -66,7 +66,7 @@ def test_pontryagin(start, goal, L, M):
 @pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(poses, poses, limits, limits)
-def test_inputs_drive_the_states(start, goal, L, M):
+def test_inputs_reproduce_the_states(start, goal, L, M):
     found = find_least_time_path(start, goal, L, M)
     assert tuple(found.x[0]) == start
     np.testing.assert_allclose(found.x[-1, :2], goal[:2], atol=1e-12)
@@ -95,13 +95,13 @@ def test_turning_on_the_spot_takes_as_long_as_three_arcs():
 @settings(max_examples=50, deadline=None)
 @given(poses, poses, limits, st.floats(0.1, 10))
 def test_scaling_both_limits_scales_time(start, goal, L, factor):
-    once, scaled = find_least_time_path(start, goal, L,
-                                        1.0), find_least_time_path(start, goal, factor * L, factor)
+    once = find_least_time_path(start, goal, L, 1.0)
+    scaled = find_least_time_path(start, goal, factor * L, factor)
     assert scaled.objective == pytest.approx(once.objective / factor, rel=1e-9)
 
 
 @pytest.mark.parametrize('order', [(0, 1, 2), (2, 0, 1), (1, 2, 0)])
-def test_the_problem_is_recognised_in_any_order(order):
+def test_the_problem_is_recognised_in_any_order_of_states(order):
     start, goal = (0.2, -0.1, 0.3), (1.5, 1.0, 1.2)
     problem = robot(start, goal, 1.3, 0.8, order, rate=3.0)
     found, direct = solve_two_wheeled(problem), find_least_time_path(start, goal, 1.3, 0.8)
@@ -112,14 +112,14 @@ def test_the_problem_is_recognised_in_any_order(order):
     assert np.abs(found.hamiltonian).max() < 1e-9
 
 
-def test_what_is_not_exercise_2_6_is_left_alone():
+def test_problems_other_than_exercise_2_6_are_not_accepted():
     assert solve_two_wheeled(robot((0, 0, 0), (1, 1, 1), weight=2.0)) is None
     assert solve_two_wheeled(robot((0, 0, 0), (0, 0, 0))) is None
     # Three full turns: a Problem's theta does not wrap.
     assert solve_two_wheeled(robot((0, 0, 0), (1, 1, 6 * pi))) is None
 
 
-def test_too_little_time_is_said():
+def test_too_short_a_final_time_is_infeasible():
     found = solve_two_wheeled(robot((0, 0, 0), (4, 0, 0), upper=3.0))
     assert found.status is Status.INFEASIBLE
     assert found.message == (
@@ -127,14 +127,14 @@ def test_too_little_time_is_said():
 
 
 @pytest.mark.parametrize('limit', [0, -1, float('inf'), float('nan'), '1', None])
-def test_bad_limits(limit):
+def test_bad_limits_are_rejected(limit):
     with pytest.raises(StatementError, match='max_speed must be a finite number > 0'):
         find_least_time_path((0, 0, 0), (1, 0, 0), limit, 1.0)
     with pytest.raises(StatementError, match='max_turn_rate'):
         find_least_time_path((0, 0, 0), (1, 0, 0), 1.0, limit)
 
 
-def test_solve_answers_by_the_shortest_path():
+def test_solve_selects_the_shortest_path():
     problem = robot((0, 0, 0), (1, 2, 0.5), 1.3, 0.8)
     found = solve(problem)
     assert (found.method, found.status) == ('reeds_shepp', Status.SOLVED)
