@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The documentation says what is so: its tutorial runs, its reference is that of the sources."""
+"""The tutorial runs as its page shows, and the reference agrees with the sources."""
 
 from contextlib import suppress
 from dataclasses import fields
@@ -34,7 +34,7 @@ def blocks(page: str) -> list[tuple[str, str, str]]:
 
 
 def steps(text: str) -> list[tuple[str, str]]:
-    """Return the commands of a console block, each with what it prints."""
+    """Return the commands of a console block, each with its output."""
     found = re.findall(r'^\$ (.*)\n((?:(?!\$ ).*\n)*)', text, re.MULTILINE)
     assert ''.join(f'$ {command}\n{said}' for command, said in found) == text
     return found
@@ -42,7 +42,7 @@ def steps(text: str) -> list[tuple[str, str]]:
 
 @pytest.fixture(scope='module')
 def sources():
-    """Return the module that reads the sources when the site is built."""
+    """Return the module docs/sources.py, which reads the sources when the site is built."""
     spec = util.spec_from_file_location('sources', DOCS / 'sources.py')
     module = sys.modules[spec.name] = util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -50,7 +50,7 @@ def sources():
 
 
 @pytest.mark.parametrize('node', ['lqr_node', 'plant_simulator', 'trajectory_server'])
-def test_the_parameters_are_those_of_the_node(node, sources):
+def test_the_reference_lists_the_parameters_of_the_node(node, sources):
     module = sources.TABLES[node]
     rows = {row.name: row for row in sources.parameters(ROOT, module)}
     table = fields(import_module(module).Settings)
@@ -66,7 +66,7 @@ def test_the_parameters_are_those_of_the_node(node, sources):
 
 
 @pytest.mark.parametrize('kind', ['msg', 'srv', 'action'])
-def test_the_interfaces_are_those_of_the_package(kind, sources):
+def test_the_reference_lists_the_interfaces_of_the_package(kind, sources):
     for file in sorted((ROOT / kind).iterdir()):
         found = sources.interface(file)
         made = getattr(import_module(f'obc_ros.{kind}'), file.stem)
@@ -77,7 +77,7 @@ def test_the_interfaces_are_those_of_the_package(kind, sources):
 
 
 @pytest.mark.slow
-def test_the_modules_are_those_of_the_package(sources):
+def test_the_reference_lists_the_modules_of_the_package(sources):
     kinds = {}
     for module in sources.modules(ROOT, 'obc_ros/core'):
         there = import_module(module.name)
@@ -90,7 +90,7 @@ def test_the_modules_are_those_of_the_package(sources):
         'class', 'function', 'function')
 
 
-def test_the_systems_are_those_that_are_registered():
+def test_the_page_lists_the_registered_systems():
     text = (DOCS / 'systems.md').read_text(encoding='utf-8').partition('\n## ')[0]
     rows = re.findall(r'^\| `(\w+)` \| ([^|]*) \| ([^|]*) \|.*\| ([^|]*)\|$', text, re.MULTILINE)
     assert {name for name, *_ in rows} == set(registry.list_systems())
@@ -104,7 +104,7 @@ def test_the_systems_are_those_that_are_registered():
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.name)
-def test_commands_name_what_there_is(page, sources):
+def test_commands_name_existing_parameters_and_interfaces(page, sources):
     text = page.read_text(encoding='utf-8')
     for node, name in re.findall(r'(?:ros2|obc) param \w+ /(\w+) (\w+)', text):
         assert name in {row.name for row in sources.parameters(ROOT, sources.TABLES[node])}, name
@@ -112,15 +112,15 @@ def test_commands_name_what_there_is(page, sources):
         assert (ROOT / kind / f'{name}.{kind}').is_file(), name
 
 
-def test_the_examples_are_problems():
+def test_the_examples_are_valid_problems():
     problems = {caption: build_problem(yaml.safe_load(text))
                 for language, caption, text in blocks('examples.md') if language == 'yaml'}
     assert len(problems) > 3
     assert [f'{each.name}.yaml' for each in problems.values()] == list(problems)
 
 
-def test_the_tutorial_runs_and_prints_what_it_says(terminal, domain, tmp_path):
-    """With `ros2` where that is installed, and with `obc` in its place."""
+def test_the_tutorial_prints_what_its_page_shows(terminal, domain, tmp_path):
+    """The commands run with `obc`, and with `ros2` where it is installed."""
     commands = []
     for language, caption, text in blocks('tutorial.md'):
         if caption:
@@ -144,9 +144,9 @@ def test_the_tutorial_runs_and_prints_what_it_says(terminal, domain, tmp_path):
 
 
 def run(folder: Path, domain: int, commands: list[str]) -> list[str]:
-    """Run commands in one shell, as a user types them; return what each of them prints."""
+    """Run commands in one shell, as a user types them; return the output of each."""
     mark = '--- next ---'
-    # What stays in the background writes to a file, as it would to another terminal.
+    # A background process writes to a file, as it would write to another terminal.
     lines = [re.sub(r' &$', ' >> log 2>&1 &', command) for command in commands]
     lines = [f'{line} 2>&1' if re.match('(obc|ros2) param', line) else line
              for line in lines]
@@ -161,7 +161,7 @@ def run(folder: Path, domain: int, commands: list[str]) -> list[str]:
     try:
         output, _ = shell.communicate(timeout=200)
     finally:
-        with suppress(ProcessLookupError):  # nothing of the group is left
+        with suppress(ProcessLookupError):  # no process of the group is left
             os.killpg(shell.pid, signal.SIGKILL)
         shell.wait()
     said = output.split(f'{mark}\n')

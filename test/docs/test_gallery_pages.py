@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The kept pages of the gallery: one for each entry, in the order of the book."""
+"""The committed pages of the gallery: one for each entry, in the order of the book."""
 
 from pathlib import Path
 import re
@@ -30,7 +30,7 @@ def read(entry: GalleryEntry) -> str:
     return (PAGES / f'{STEMS[entry.name]}.md').read_text(encoding='utf-8')
 
 
-def test_each_entry_has_a_page_and_a_figure_and_nothing_else_is_there() -> None:
+def test_each_entry_has_exactly_one_page_and_one_figure() -> None:
     assert {path.name for path in PAGES.iterdir()} == {
         f'{stem}{ending}' for stem in STEMS.values() for ending in ('.md', '.png')}
 
@@ -44,7 +44,7 @@ def test_the_index_has_the_order_of_the_book() -> None:
 
 
 @EACH_ENTRY
-def test_a_page_is_of_its_entry(entry: GalleryEntry) -> None:
+def test_a_page_has_the_title_and_figure_of_its_entry(entry: GalleryEntry) -> None:
     text = read(entry)
     name = f'{records.label(entry.name)}: {strip_markup(entry.title)}'
     assert text.startswith(f'# {name}\n')
@@ -58,14 +58,14 @@ def test_a_page_names_a_commit_of_this_repository(entry: GalleryEntry) -> None:
     commit, = re.findall(r'Computed at commit\s`([0-9a-f]{10})`', read(entry))
     shallow = subprocess.run(['git', 'rev-parse', '--is-shallow-repository'], cwd=ROOT,
                              capture_output=True, text=True, check=False).stdout.strip()
-    if shallow == 'false':  # an archive or a shallow clone does not have the commit
+    if shallow == 'false':  # an archive or a shallow clone lacks the commit
         subprocess.run(['git', 'merge-base', '--is-ancestor', commit, 'HEAD'], cwd=ROOT,
                        check=True)
 
 
 @EACH_ENTRY
 def test_the_numbers_agree_with_their_references(entry: GalleryEntry) -> None:
-    """The error is computed again from the ten digits that the page shows."""
+    """The error is recomputed from the ten digits that the page shows."""
     text = read(entry)
     heading, *rows = ROW.findall(text)
     assert heading[:2] == ('quantity', 'result')
@@ -80,7 +80,7 @@ def test_the_numbers_agree_with_their_references(entry: GalleryEntry) -> None:
 
 
 @EACH_ENTRY
-def test_the_commands_ask_what_the_interfaces_have(entry: GalleryEntry) -> None:
+def test_the_commands_fit_the_interfaces(entry: GalleryEntry) -> None:
     block, = re.findall(r'^```text\n(.*?)^```$', read(entry), re.MULTILINE | re.DOTALL)
     commands = [shlex.split(line) for line in block.splitlines() if not line.startswith('#')]
     assert commands
@@ -93,7 +93,7 @@ def test_the_commands_ask_what_the_interfaces_have(entry: GalleryEntry) -> None:
 
 
 @EACH_ENTRY
-def test_a_figure_is_sharp_and_small(entry: GalleryEntry) -> None:
+def test_a_figure_has_high_resolution_and_a_small_file(entry: GalleryEntry) -> None:
     path = PAGES / f'{STEMS[entry.name]}.png'
     with Image.open(path) as figure:
         assert figure.width >= 1600

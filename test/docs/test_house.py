@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The layout of the package keeps to the rules of docs/architecture.md; its picture shows it."""
+"""The layout of the package obeys docs/architecture.md and agrees with its picture."""
 
 from collections import Counter
 import importlib
@@ -16,7 +16,7 @@ PAGES = [ROOT / 'docs' / f'{name}.md' for name in ('architecture', 'decisions')]
 
 @pytest.fixture(scope='module')
 def measure():
-    """Return the module that reads the layout; it lies beside the pages."""
+    """Return the module docs/house.py, which reads the layout."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(ROOT / 'docs'))
         yield importlib.import_module('house')
@@ -24,7 +24,7 @@ def measure():
 
 @pytest.fixture(scope='module')
 def figure(measure):
-    """Return the module that draws it."""
+    """Return the module docs/house_figure.py, which draws the layout."""
     return importlib.import_module('house_figure')
 
 
@@ -35,7 +35,7 @@ def ours(measure):
 
 
 def sound() -> dict[str, str]:
-    """Return the files of a small package that keeps to all rules."""
+    """Return the files of a small package that obeys all rules."""
     files = {'__init__.py': '', 'core/__init__.py': '"""Numbers."""'}
     for room in ('nodes', 'workers', 'core/solver', 'core/solver/starts', 'core/ocp',
                  'core/ocp/certificate', 'core/numerics', 'core/text'):
@@ -52,7 +52,7 @@ def sound() -> dict[str, str]:
 
 
 def read(measure, folder, changes=()):
-    """Return the layout of the small package, with some text put before that of its files."""
+    """Return the layout of the small package; `changes` are prepended to its files."""
     files = sound()
     for name, text in dict(changes).items():
         files[name] = text + files.get(name, '')
@@ -64,7 +64,7 @@ def read(measure, folder, changes=()):
 
 
 CHECKED = 'from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    '
-# A rule, by the first words of its name; what breaks it; a word of the case that it must report.
+# A rule, by the first words of its name; files that violate it; a word that it must report.
 BROKEN = [
     ('circles of modules', {
         'core/text/file_0.py': 'import obc_ros.core.text.file_1\n',
@@ -81,7 +81,7 @@ BROKEN = [
         'core/text/file_0.py': 'import obc_ros.core.numerics.file_3\n'}, 'core.numerics.file_3'),
     ('imports upwards', {
         'core/ocp/file_0.py': 'from obc_ros.core.solver import file_3\n'}, 'core.solver.file_3'),
-    ('imports upwards', {   # the certificate knows nothing of plants
+    ('imports upwards', {   # the certificate must not import systems
         'core/ocp/certificate/file_1.py': 'import obc_ros.core.text.file_0\n'}, 'certificate'),
     ('imports upwards', {'elsewhere.py': 'import obc_ros.core.text.file_0\n'}, 'elsewhere'),
     ('imports under TYPE_CHECKING', {
@@ -97,13 +97,13 @@ BROKEN = [
     ('public names', {
         'core/ocp/file_0.py': 'class Path: ...\n',
         'core/text/file_0.py': 'Path = str\n'}, 'Path: core.ocp.file_0, core.text.file_0'),
-    ('public names', {   # a number that another module takes
+    ('public names', {   # a number that another module imports
         'core/ocp/file_0.py': 'MOST: int = 3\n', 'core/text/file_0.py': 'MOST = 4\n',
         'core/ocp/file_1.py': 'from obc_ros.core.text.file_0 import MOST\n'}, 'MOST'),
     ('public names', {
         'core/ocp/file_0.py': 'MOST = 3\n', 'core/text/file_0.py': 'MOST = 4\n',
         'core/ocp/file_1.py': 'from obc_ros.core.text import file_0\nX1 = file_0.MOST\n'}, 'MOST'),
-    ('public names', {   # allowed to the commands only
+    ('public names', {   # allowed in cli only
         'core/ocp/file_0.py': 'def run(): ...\n',
         'core/text/file_0.py': 'def run(): ...\n'}, 'run'),
     ('modules with a name', {'core/text/kit.py': ''}, 'core.text.kit'),
@@ -117,24 +117,24 @@ FINE = {
 
 
 def rule(measure, words):
-    """Return the one rule whose name begins with some words."""
+    """Return the only rule whose name begins with `words`."""
     [name] = [name for name in measure.RULES if name.startswith(words)]
     return measure.RULES[name]
 
 
 @pytest.mark.parametrize('words', dict.fromkeys(words for words, *_ in BROKEN))
-def test_the_package_keeps_to_the_rule(words, measure, ours):
+def test_the_package_obeys_the_rule(words, measure, ours):
     assert len(ours.modules) > 100
     assert rule(measure, words)(ours) == []
 
 
 @pytest.mark.parametrize(('words', 'changes', 'case'), BROKEN)
-def test_the_rule_finds_what_breaks_it(words, changes, case, measure, tmp_path):
+def test_a_violation_of_the_rule_is_reported(words, changes, case, measure, tmp_path):
     found = rule(measure, words)(read(measure, tmp_path, changes))
     assert any(case in each for each in found), found
 
 
-def test_every_rule_is_tried(measure, tmp_path):
+def test_every_rule_is_tested(measure, tmp_path):
     tried = [name for name in measure.RULES if any(name.startswith(w) for w, *_ in BROKEN)]
     assert tried == list(measure.RULES)
     for changes in ({}, FINE):
@@ -143,7 +143,7 @@ def test_every_rule_is_tried(measure, tmp_path):
             measure.RULES, [])
 
 
-def test_the_exit_status_says_whether_a_rule_is_broken(measure, tmp_path, capsys):
+def test_the_exit_status_is_1_for_a_violated_rule(measure, tmp_path, capsys):
     read(measure, tmp_path)
     assert measure.main(tmp_path) == 0
     read(measure, tmp_path, {'core/text/file_0.py': 'import obc_ros.core.ocp.file_3\n'})
@@ -168,17 +168,17 @@ def test_a_relative_import_is_refused(measure, tmp_path):
         read(measure, tmp_path, {'core/text/file_0.py': 'from . import file_1\n'})
 
 
-def test_only_what_a_longer_way_replaces_is_left_out(figure):
+def test_edges_implied_by_longer_paths_are_omitted(figure):
     edges = Counter({('a', 'b'): 1, ('b', 'c'): 2, ('a', 'c'): 3, ('c', 'd'): 1, ('d', 'c'): 1})
     assert figure.direct(edges) == edges - Counter({('a', 'c'): 3})
 
 
-def test_columns_lead_to_the_right(figure):
+def test_edges_lead_to_columns_on_the_right(figure):
     edges = Counter({('a', 'b'): 1, ('b', 'c'): 1, ('d', 'c'): 1, ('d', 'e'): 1, ('e', 'd'): 1})
     assert figure.columns_of('abcde', edges) == [['a'], ['b', 'd', 'e'], ['c']]
 
 
-def test_the_picture_has_every_folder_and_every_import_between_them(figure, measure, ours):
+def test_the_picture_has_all_folders_and_imports(figure, measure, ours):
     root = ElementTree.fromstring(figure.draw(ours))
     groups = {each.get('data-folder'): [line.text for line in each if line.tag.endswith('text')]
               for each in root.iter() if each.get('data-folder')}
@@ -186,7 +186,7 @@ def test_the_picture_has_every_folder_and_every_import_between_them(figure, meas
     assert groups.keys() == {*measure.ROOMS, *inside}
     for name, lines in groups.items():
         assert ours.sentences[name].replace('`', '') in ' '.join(lines)
-        for other in ours.sentences:   # the folders that have no box are named in one
+        for other in ours.sentences:   # folders without a box are named in that of their parent
             if other.startswith(f'{name}.') and other not in inside:
                 assert other.removeprefix(f'{name}.').replace('.', '/') in ' '.join(lines)
     wanted = ours.edges(measure.room) + ours.edges(lambda each: each if each in inside else None)
@@ -206,7 +206,7 @@ def test_the_picture_has_every_folder_and_every_import_between_them(figure, meas
     assert drawn | also == wanted
 
 
-def test_what_breaks_a_rule_is_red(figure, measure, tmp_path):
+def test_a_violating_import_is_drawn_red(figure, measure, tmp_path):
     assert figure.WRONG not in ''.join(re.findall(
         '<line.*?>', figure.draw(read(measure, tmp_path))))
     house = read(measure, tmp_path, {'core/text/file_0.py': 'import obc_ros.core.ocp.file_3\n'})
@@ -214,8 +214,8 @@ def test_what_breaks_a_rule_is_red(figure, measure, tmp_path):
 
 
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: page.stem)
-def test_the_pages_name_what_there_is(page, ours):
-    """A path in backquotes is a file or folder; one that begins with a room is below obc_ros."""
+def test_the_pages_name_existing_files(page, ours):
+    """A path in backquotes exists, below obc_ros if it begins with a folder of the package."""
     rooms = {name.split('.')[0] for name in ours.modules}
     text = page.read_text(encoding='utf-8')
     named = {each for each in re.findall(r'`([\w/]+(?:\.\w+)?/?)`', text)
@@ -226,8 +226,8 @@ def test_the_pages_name_what_there_is(page, ours):
         assert (below / each).exists(), each
 
 
-def test_the_page_on_the_layout_uses_names_of_the_sources(ours):
-    """A single word in backquotes is one of the package or of its interfaces."""
+def test_the_layout_page_uses_names_of_the_sources(ours):
+    """A single word in backquotes occurs in the package or in its interfaces."""
     files = [*ours.modules.values(), *ROOT.glob('msg/*.msg'), *ROOT.glob('srv/*.srv')]
     known = {word for file in files for word in re.findall(r'\w+', file.read_text('utf-8'))}
     named = set(re.findall(r'`([A-Za-z_]+)`', PAGES[0].read_text(encoding='utf-8')))

@@ -1,12 +1,12 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Every `ros2` line of the pages is typed at a running loop, and does what the page says.
+Every `ros2` command of the pages succeeds beside a running loop.
 
-Pages may write `obc` in place of `ros2`. Each line is typed with `obc`, and with `ros2` where
-that is installed. The tutorial and the gallery have tests of their own; `ros2 security` of
-reliability.md and the lines for a workspace in install.md need a ROS 2 installation; the line of
-architecture.md is followed through the code.
+Pages may write `obc` in place of `ros2`. Each command runs with `obc`, and with `ros2` where that
+is installed. The tutorial and the gallery have tests of their own. Not tested: `ros2 security` of
+reliability.md and the workspace of install.md, which need a ROS 2 installation, and the command
+of architecture.md, whose path through the code the page describes.
 """
 
 from collections.abc import Iterator
@@ -28,10 +28,10 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = ['README.md', 'docs/workspace.md', 'docs/tuning.md', 'docs/parameters.md',
          'docs/problems.md', 'docs/faq.md', 'docs/interfaces.md']
 LOOP = 'ros2 launch obc_ros loop.launch.py scenario:=aircraft'
-STAYS = ('launch', 'run')      # goes on until it is ended
+STAYS = ('launch', 'run')      # verbs that run until they are ended
 # The subcommands of `ros2` that `obc` has too.
 WORD = f'ros2|obc(?= (?:{"|".join(ROS2)}) )'
-# A line of a console block, or a span of code; NODE and NAME stand for something.
+# A line of a console block, or a span of code.
 LINE = re.compile(rf'^ *(?:\$ )?((?:{WORD}) .*)$|`((?:{WORD}) \w+ \w+ [^`\n]+)`', re.MULTILINE)
 
 
@@ -42,7 +42,7 @@ def lines(page: str) -> list[str]:
     return [each for each in found if not re.search(r'\b[A-Z]{4,}\b', each)]
 
 
-def test_no_page_is_left_out() -> None:
+def test_every_page_with_commands_is_tested() -> None:
     there = [path for path in (ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md')))
              if LINE.search(path.read_text(encoding='utf-8'))]
     assert {str(path.relative_to(ROOT)) for path in there} <= {
@@ -52,7 +52,7 @@ def test_no_page_is_left_out() -> None:
 
 
 @pytest.mark.parametrize('page', PAGES)
-def test_lines_do_what_the_page_says(page: str, terminal: Terminal) -> None:
+def test_the_commands_of_a_page_succeed(page: str, terminal: Terminal) -> None:
     with ExitStack() as stack:
         loop = _Loop(terminal)
         stack.callback(loop.end)
@@ -63,11 +63,11 @@ def test_lines_do_what_the_page_says(page: str, terminal: Terminal) -> None:
                 continue
             if line.split()[1] != 'interface' and not loop.process:
                 loop.begin(re.sub('^ros2', terminal.word, LOOP))
-            _judge(line, *_type(typed, terminal))
+            _check(line, *_type(typed, terminal))
 
 
 class _Loop:
-    """What a page has started last, in a process group of its own."""
+    """The process that a page has started last, in a process group of its own."""
 
     def __init__(self, terminal: Terminal) -> None:
         self._terminal = terminal
@@ -100,18 +100,18 @@ def _path() -> str:
 
 
 def _type(line: str, terminal: Terminal) -> tuple[int, str]:
-    """Run a line in a shell; return its exit status and what it prints; `hz` ends by Ctrl-C."""
+    """Run a line in a shell and return its exit status and output; Ctrl-C ends `hz`."""
     with subprocess.Popen(
             ['bash', '-c', f'exec {line}'], cwd=terminal.folder, text=True,
             env={**support.environment(terminal.domain), 'PATH': _path()},
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as shell:
         if ' topic hz ' in line:
-            said = ''.join(_until(shell, 'window'))
+            printed = ''.join(_until(shell, 'window'))
             shell.send_signal(signal.SIGINT)
             shell.wait(30.0)
-            return 0, said
-        said, _ = shell.communicate(timeout=120.0)
-    return shell.returncode, said
+            return 0, printed
+        printed, _ = shell.communicate(timeout=120.0)
+    return shell.returncode, printed
 
 
 def _until(shell: 'subprocess.Popen[str]', word: str) -> Iterator[str]:
@@ -122,22 +122,22 @@ def _until(shell: 'subprocess.Popen[str]', word: str) -> Iterator[str]:
             return
 
 
-def _judge(line: str, status: int, said: str) -> None:
-    """Hold what a line has printed against what it is for."""
-    told = f'{line}\n{said}'
+def _check(line: str, status: int, printed: str) -> None:
+    """Check the exit status and output of a line by its verb."""
+    report = f'{line}\n{printed}'
     if '# rejected' in line:
-        assert 'Setting parameter failed: ' in said, told
+        assert 'Setting parameter failed: ' in printed, report
         return
-    assert status == 0, told
-    assert 'failed' not in said, told
-    assert 'Traceback' not in said, told
+    assert status == 0, report
+    assert 'failed' not in printed, report
+    assert 'Traceback' not in printed, report
     verb = ' '.join(line.split()[1:3])
     wanted = {'param set': 'Set parameter successful', 'param get': 'values are: [',
               'service call': 'response:\n', 'topic hz': 'average rate: ',
               'topic echo': '\n---\n', 'lifecycle set': 'Transitioning successful',
               'action send_goal': 'Goal finished with status: SUCCEEDED',
               'node list': '/lqr_node\n', 'param describe': 'Parameter name: '}
-    assert wanted.get(verb, '') in said, told
+    assert wanted.get(verb, '') in printed, report
     if verb == 'service call':
-        assert 'success=False' not in said, told
-        assert 'successful=False' not in said, told
+        assert 'success=False' not in printed, report
+        assert 'successful=False' not in printed, report

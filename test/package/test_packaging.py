@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What holds for the package as a whole: versions, interfaces, boundaries, headers."""
+"""The package as a whole: version, interfaces, import boundaries, license headers."""
 
 import ast
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ FOLDERS = ('.ci', '.github', 'benchmarks', 'cmake', 'config', 'docs', 'launch', 
            'requirements', 'test')
 HEADER = ('# Copyright 2026 The obc_ros developers\n', '# SPDX-License-Identifier: Apache-2.0\n')
 INTERFACES = [file for kind in ('msg', 'srv', 'action') for file in sorted(ROOT.glob(f'{kind}/*'))]
-# What a module that is imported is called in package.xml, if it is called otherwise there.
+# The name in package.xml of an imported module, where the two names differ.
 ROSDEP_KEYS = {
     'ament_index_python': 'ament_index_python',
     'casadi': 'casadi-pip',
@@ -59,13 +59,13 @@ def files(*suffixes: str) -> list[Path]:
 
 
 def prefixes() -> list[str]:
-    """Return where packages are installed."""
+    """Return the prefixes under which packages are installed."""
     given = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     return [*filter(None, given), sys.prefix]
 
 
 def installed(path: str) -> Path:
-    """Return where a file of the installed package is."""
+    """Return the path of a file of the installed package."""
     candidates = [Path(prefix) / path for prefix in prefixes()]
     return next((file for file in candidates if file.is_file()), candidates[0])
 
@@ -82,7 +82,7 @@ def tree(path: Path) -> ast.Module:
 
 
 def imports(path: Path) -> Iterator[str]:
-    """Yield the full name of every module that a file imports, wherever it does."""
+    """Yield the full name of every module that a file imports, in functions too."""
     for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -93,7 +93,7 @@ def imports(path: Path) -> Iterator[str]:
                 yield from (f'obc_ros.{alias.name}' for alias in node.names)
 
 
-def unsafe(path: Path) -> Iterator[str]:
+def find_unsafe(path: Path) -> Iterator[str]:
     """Yield a sentence for everything that runs text as a program."""
     for module in imports(path):
         if module.split('.')[0] in UNSAFE_MODULES:
@@ -116,19 +116,19 @@ CORE = sorted((ROOT / 'obc_ros' / 'core').rglob('*.py'))
 
 
 def test_the_version_is_the_same_everywhere():
-    """The changelog opens with what is forthcoming, or with this version."""
+    """The changelog begins with `Forthcoming` or with this version."""
     version = PACKAGE.findtext('version')
     headings = re.findall(r'^(.+)\n-+$', (ROOT / 'CHANGELOG.rst').read_text(), re.MULTILINE)
     released = [heading.split(' ')[0] for heading in headings if heading != 'Forthcoming']
     assert 'Forthcoming' not in headings[1:]
     assert headings
     assert released[:1] in ([], [version])
-    if os.environ.get('AMENT_PREFIX_PATH') is None:  # a workspace installs no such metadata
+    if os.environ.get('AMENT_PREFIX_PATH') is None:  # a workspace installs no metadata of a wheel
         assert metadata.version('obc-ros') == version
 
 
 @pytest.mark.parametrize('file', INTERFACES, ids=name)
-def test_interface_is_installed(file):
+def test_an_interface_is_installed(file):
     module = importlib.import_module(f'obc_ros.{file.parent.name}')
     assert hasattr(module, file.stem)
     assert installed(f'share/obc_ros/{name(file)}').read_bytes() == file.read_bytes()
@@ -169,7 +169,7 @@ int main()
 
 
 @pytest.mark.slow
-def test_a_cpp_program_is_built_with_the_interfaces(tmp_path):
+def test_a_cpp_program_builds_with_the_interfaces(tmp_path):
     (tmp_path / 'CMakeLists.txt').write_text(CPP_PROJECT)
     (tmp_path / 'main.cpp').write_text(CPP_PROGRAM)
     beside = Path(sys.executable).parent / 'cmake'
@@ -180,10 +180,10 @@ def test_a_cpp_program_is_built_with_the_interfaces(tmp_path):
             [cmake, '-S', '.', '-B', 'build', f'-DCMAKE_PREFIX_PATH={";".join(prefixes())}',
              f'-DPython3_EXECUTABLE={sys.executable}'],
             [cmake, '--build', 'build'], ['build/user']):
-        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True,
+        completed = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True,
                               text=True)
-        assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout == '2p'
+        assert completed.returncode == 0, completed.stdout + completed.stderr
+    assert completed.stdout == '2p'
 
 
 @pytest.mark.parametrize('file', INTERFACES, ids=name)
@@ -192,13 +192,13 @@ def test_every_field_has_a_comment(file):
     for number, line in enumerate(file.read_text(encoding='utf-8').splitlines(), start=1):
         statement, _, comment = line.partition('#')
         if statement.strip() not in ('', '---'):
-            said = comment.strip() or previous.startswith('#')
-            assert said, f'{name(file)}:{number}: {statement.strip()} has no comment'
+            described = comment.strip() or previous.startswith('#')
+            assert described, f'{name(file)}:{number}: {statement.strip()} has no comment'
         previous = line.strip()
 
 
 @pytest.mark.parametrize(('executable', 'entry'), PROJECT['project']['scripts'].items())
-def test_executable_is_there_for_pip_and_for_colcon(executable, entry):
+def test_an_executable_is_installed_by_pip_and_colcon(executable, entry):
     module, function = entry.split(':')
     assert callable(getattr(importlib.import_module(module), function))
     assert f'{executable}:{module}' in (ROOT / 'CMakeLists.txt').read_text()
@@ -207,7 +207,7 @@ def test_executable_is_there_for_pip_and_for_colcon(executable, entry):
 
 
 @pytest.mark.slow
-def test_core_knows_no_ros():
+def test_core_does_not_import_ros():
     for path in CORE:
         for module in imports(path):
             allowed = module.split('.')[0] in CORE_MAY_IMPORT or module == 'obc_ros.core' or (
@@ -215,13 +215,13 @@ def test_core_knows_no_ros():
             assert allowed, f'{name(path)} imports {module}'
 
 
-def test_nodes_do_not_know_the_command_line():
+def test_nodes_do_not_import_the_command_line():
     for path in sorted((ROOT / 'obc_ros' / 'nodes').rglob('*.py')):
         assert not [module for module in imports(path) if module.startswith('obc_ros.cli')]
 
 
 @pytest.mark.slow
-def test_all_that_is_imported_is_a_dependency():
+def test_every_import_is_a_declared_dependency():
     declared = {element.text for element in PACKAGE if element.tag.endswith('depend')}
     required = {re.split(r'[\[<>=~; ]', line)[0] for line in PROJECT['project']['dependencies']}
     for path in [path for path in PYTHON if path.is_relative_to(ROOT / 'obc_ros')]:
@@ -230,14 +230,14 @@ def test_all_that_is_imported_is_a_dependency():
                 continue
             assert ROSDEP_KEYS.get(module, module) in declared, f'{name(path)}: {module}'
             wheels = {module, f'ros-{module.replace("_", "-")}', {'yaml': 'PyYAML'}.get(module)}
-            brought = {'action_msgs', 'builtin_interfaces', 'lifecycle_msgs', 'rcl_interfaces',
+            transitive = {'action_msgs', 'builtin_interfaces', 'lifecycle_msgs', 'rcl_interfaces',
                        'rosgraph_msgs', 'rosidl_parser'}
-            assert wheels & required or module in brought, f'{name(path)}: {module}'
+            assert wheels & required or module in transitive, f'{name(path)}: {module}'
 
 
 @pytest.mark.slow
 def test_every_dependency_is_used():
-    """By what is installed or a field of an interface; generated code needs its runtime."""
+    """Installed code, benchmarks or interfaces use it; generated code uses rosidl's runtime."""
     folders = tuple(ROOT / folder for folder in ('obc_ros', 'launch', 'benchmarks'))
     modules = {module.split('.')[0] for path in PYTHON for module in imports(path)
                if any(path.is_relative_to(folder) for folder in folders)}
@@ -259,7 +259,7 @@ def test_every_wheel_is_pinned(distribution):
             assert not line or line.startswith('#') or re.match(r'[\w.\[\]-]+==[\w.]+', line), line
 
 
-def test_pip_builds_with_the_wheels_of_make_setup():
+def test_pip_and_make_setup_use_the_same_wheels():
     pins = set((ROOT / 'requirements' / 'jazzy.txt').read_text().splitlines())
     built = [line for line in PROJECT['build-system']['requires'] if line.startswith('ros-')]
     assert set(built) <= pins
@@ -279,14 +279,14 @@ def test_every_source_file_has_the_license_header():
 
 @pytest.mark.slow
 def test_nothing_runs_text_as_a_program():
-    assert [found for path in PYTHON for found in unsafe(path)] == []
+    assert [found for path in PYTHON for found in find_unsafe(path)] == []
 
 
 @pytest.mark.parametrize('text', [
     'eval("1")', 'exec("a = 1")', 'import pickle', 'from pickle import loads', 'os.system("ls")',
     'yaml.load(file)', 'subprocess.run("ls", shell=True)', 'numpy.load(file, allow_pickle=True)',
     'run = exec', 'import marshal'])
-def test_what_is_unsafe_is_found(text, tmp_path, monkeypatch):
+def test_unsafe_code_is_reported(text, tmp_path, monkeypatch):
     monkeypatch.setitem(globals(), 'ROOT', tmp_path)
     (tmp_path / 'file.py').write_text(text)
-    assert list(unsafe(tmp_path / 'file.py'))
+    assert list(find_unsafe(tmp_path / 'file.py'))

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the package may do is bounded: no text runs, no name is opened that the policy lacks."""
+"""Security: no data is executed, and nodes open only the names of the policy."""
 
 import ast
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 POLICY = ROOT / 'security' / 'policy.xml'
 ACTION = re.compile(r'/_action/\w+$')
 
-# Ways to run data as a program, to start a shell, or to reach what a name does not say.
+# Means to execute data, to start a shell, or to reach objects by computed names.
 MODULES = {
     'cloudpickle', 'code', 'codeop', 'cPickle', 'dill', 'imp', 'joblib', 'jsonpickle', 'marshal',
     'pickle', 'pty', 'runpy', 'shelve', 'xmlrpc',
@@ -38,7 +38,7 @@ OWNED = {('yaml', 'load'), ('np', 'load'), ('numpy', 'load'), ('builtins', 'eval
 FAMILIES = re.compile(r'^os\.(exec[lv]|spawn[lv]|posix_spawn|popen|system)')
 PROCESSES = {'Popen', 'call', 'check_call', 'check_output', 'run'}
 IMPORTS = ('exec_module', 'import_module')
-# Modules that are looked for by a name that is not a constant, and where the name comes from.
+# Files that import modules by a variable name, and the origin of that name.
 IMPORTS_BY_NAME = {
     'obc_ros/cli/obc.py': 'one of SUBCOMMANDS',
     'obc_ros/workers/process.py': 'given by the pool on the command line',
@@ -46,12 +46,12 @@ IMPORTS_BY_NAME = {
     'obc_ros/cli/ros2/yaml_messages.py': 'PACKAGE.msg, .srv or .action of an identifier PACKAGE',
     'obc_ros/cli/ros2/launch_file.py': 'the launch file that a user starts, as ros2 launch does',
 }
-# A program in place of this one, by a list of words, and which one.
+# Files that replace their process by another program, and that program.
 PROGRAMS = {('obc_ros/cli/ros2/run.py', 'os.execv'): 'an executable file of the package it names'}
 
 
-def dangers(text: str, name: str) -> Iterator[str]:
-    """Yield a sentence for everything in a Python text that could run data as a program."""
+def find_dangers(text: str, name: str) -> Iterator[str]:
+    """Yield a sentence for everything in a Python text that could execute data."""
     for node in ast.walk(ast.parse(text)):
         where = f'{name}:{getattr(node, "lineno", 0)}:'
         match node:
@@ -79,7 +79,7 @@ def dangers(text: str, name: str) -> Iterator[str]:
 
 
 def calls(function: ast.expr, arguments: list[ast.expr], name: str) -> Iterator[str]:
-    """Yield what is wrong with a call."""
+    """Yield the reasons why a call is unsafe."""
     called = ast.unparse(function)
     first = arguments[0] if arguments else None
     if called.startswith('subprocess.') and called.split('.')[-1] in PROCESSES and isinstance(
@@ -94,17 +94,16 @@ def calls(function: ast.expr, arguments: list[ast.expr], name: str) -> Iterator[
 
 
 def sources() -> list[Path]:
-    """Return all Python of the project."""
+    """Return all Python files of the project."""
     folders = ('benchmarks', 'launch', 'obc_ros', 'test')
     return sorted([*ROOT.glob('*.py'), *(
         path for folder in folders for path in (ROOT / folder).rglob('*.py'))])
 
 
 @pytest.mark.slow
-def test_no_python_of_the_project_runs_data_as_a_program():
-    found = [each for path in sources()
-             for each in dangers(path.read_text(encoding='utf-8'), str(path.relative_to(ROOT)))]
-    assert found == []
+def test_no_code_of_the_project_executes_data():
+    assert [each for path in sources() for each in find_dangers(
+        path.read_text(encoding='utf-8'), str(path.relative_to(ROOT)))] == []
 
 
 @pytest.mark.parametrize('text', [
@@ -117,12 +116,12 @@ def test_no_python_of_the_project_runs_data_as_a_program():
     'np.load(file, allow_pickle=True)', 'np.load(file)', '().__class__.__base__.__subclasses__()',
     'getattr(builtins, "eval")', 'import_module(name)', '__import__("os")',
     'archive.extractall(folder)', 'run = exec'])
-def test_each_way_to_run_data_is_found(text):
-    assert list(dangers(text, 'file.py'))
+def test_code_that_executes_data_is_reported(text):
+    assert list(find_dangers(text, 'file.py'))
 
 
-def test_what_is_imported_by_name_is_imported_there_and_nowhere_else():
-    """A module that stops doing so leaves the list."""
+def test_listed_files_still_import_by_a_variable_name():
+    """A file that does so no more must leave the list."""
     for name in IMPORTS_BY_NAME:
         text = (ROOT / name).read_text(encoding='utf-8')
         assert any(f'{each}(' in text for each in IMPORTS), name
@@ -134,7 +133,7 @@ def test_what_is_imported_by_name_is_imported_there_and_nowhere_else():
     'a: !!python/name:os.system',
     'a: !!python/module:antigravity',
     '&a [*a, *a]\n--- {<<: *a}'])
-def test_yaml_makes_plain_data_and_runs_nothing(text, tmp_path):
+def test_hostile_yaml_is_refused_and_not_executed(text, tmp_path):
     mark, path = tmp_path / 'mark', tmp_path / 'problem.yaml'
     path.write_text(text.replace('FILE', str(mark)))
     with pytest.raises(StatementError):
@@ -144,8 +143,8 @@ def test_yaml_makes_plain_data_and_runs_nothing(text, tmp_path):
     assert not mark.exists()
 
 
-def test_a_command_keeps_its_nodes_on_this_machine(monkeypatch):
-    """Whatever the shell says; conftest.py does the same for the tests."""
+def test_a_command_restricts_discovery_to_this_machine(monkeypatch):
+    """Variables of the shell do not change this; conftest.py does the same for the tests."""
     for name, value in (('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET'), ('ROS_DOMAIN_ID', '0'),
                         ('ROS_STATIC_PEERS', '192.0.2.1'), ('ROS_LOCALHOST_ONLY', '0')):
         monkeypatch.setenv(name, value)
@@ -157,16 +156,16 @@ def test_a_command_keeps_its_nodes_on_this_machine(monkeypatch):
     assert not {'ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY'} & set(os.environ)
 
 
-def test_the_tests_keep_to_this_machine(spawn):
+def test_the_tests_restrict_discovery_to_this_machine(spawn):
     assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
     node = spawn('plant_simulator')
-    node.wait_for_output('until the first command')   # not while it begins anew, as rclpy does
+    node.wait_for_output('until the first command')   # after the ROS wheels have re-executed it
     given = Path(f'/proc/{node.pid}/environ').read_bytes().split(b'\0')
     assert b'ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST' in given
     assert f'ROS_DOMAIN_ID={spawn.domain}'.encode() in given
 
 
-def test_launch_keeps_to_this_machine_unless_told_otherwise():
+def test_launch_restricts_discovery_by_default():
     tree = ast.parse((ROOT / 'launch' / 'loop.launch.py').read_text(encoding='utf-8'))
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)
              and ast.unparse(node.func) == 'SetEnvironmentVariable']
@@ -178,14 +177,14 @@ def test_launch_keeps_to_this_machine_unless_told_otherwise():
         "EnvironmentVariable('ROS_AUTOMATIC_DISCOVERY_RANGE', default_value='LOCALHOST')"]
 
 
-# The policy of SROS2 beside the graph of running nodes
+# The SROS2 policy, compared with the graph of running nodes
 
 
 Names = dict[str, set[str]]
 
 
 def allowed(node: str) -> Names:
-    """Return what the policy allows a node, its own name left as ~."""
+    """Return the names that the policy allows a node, its own name as ~."""
     found: Names = {}
     for profile in ElementTree.parse(POLICY).iter('profile'):
         if profile.get('node') == node:
@@ -197,7 +196,7 @@ def allowed(node: str) -> Names:
 
 
 def opened(observer: Any, node: str, namespace: str) -> Names:
-    """Return what a running node has opened, as a policy would write it."""
+    """Return the names that a running node has opened, in the notation of a policy."""
 
     def names(query: str) -> list[str]:
         pairs = getattr(observer, f'get_{query}_names_and_types_by_node')(node, namespace)
@@ -229,8 +228,8 @@ CONFIGURATIONS = {
         {'workers': 1, 'use_sim_time': True}, {'workers': 1, 'state_source': 'odom'})}
 
 
-def test_the_policy_allows_what_the_nodes_open_and_nothing_else(spawn, probe):
-    """Each node in all its configurations: the union of what they open is what is allowed."""
+def test_the_policy_allows_exactly_the_names_that_nodes_open(spawn, probe):
+    """The allowed names of a node are the union of those that its configurations open."""
     spawned = []
     for node, configurations in CONFIGURATIONS.items():
         for number, parameters in enumerate(configurations):
@@ -239,7 +238,7 @@ def test_the_policy_allows_what_the_nodes_open_and_nothing_else(spawn, probe):
             spawned.append((node, namespace))
 
     def differences() -> list[str]:
-        # what a node has opened arrives piece by piece
+        # the names of a node are discovered one after the other
         wrong = []
         for node in CONFIGURATIONS:
             wanted: Names = allowed(node)
@@ -260,6 +259,6 @@ def test_the_policy_allows_what_the_nodes_open_and_nothing_else(spawn, probe):
         probe.wait_for(lambda: not differences())
     except AssertionError:
         raise AssertionError('\n'.join(differences())) from None
-    # nothing more comes once they run
+    # running nodes open no further names
     probe.spin_for(1.0)
     assert not differences()

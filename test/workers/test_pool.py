@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The pool answers every request within its time, whatever happens to the workers."""
+"""The pool responds to every request within its time limit, also when workers fail."""
 
 from contextlib import contextmanager
 import errno
@@ -22,19 +22,19 @@ import problems
 import pytest
 from support import alive, wait_for
 
-DEADLINE = 20.0  # [s] only ever reached by a test that fails
-SLACK = 0.2      # [s] the promise for time limits and cancelling
+DEADLINE = 20.0  # [s] reached only by a failing test
+SLACK = 0.2      # [s] the documented tolerance of time limits and cancelling
 
 
 @pytest.fixture(autouse=True)
 def importable(monkeypatch):
-    """Let workers find the stand-in beside this file."""
+    """Put the folder of stand_in_worker on the path of the workers."""
     monkeypatch.setenv('PYTHONPATH', str(Path(__file__).parents[1]))
 
 
 @contextmanager
 def running(size=1, module='stand_in_worker', **options):
-    """Run a pool until all its workers have started; afterwards none of them is left."""
+    """Yield a pool whose workers have all started; check that it leaves none of them."""
     pool = Pool(module, size, **options)
     try:
         wait_for(lambda: len(pool.pids) == size)
@@ -45,8 +45,8 @@ def running(size=1, module='stand_in_worker', **options):
     assert not any(map(alive, pids))
 
 
-class Asked:
-    """A request on its way: its answer, its progress, and when they came."""
+class Submitted:
+    """A submitted request: its response, its progress, and their times."""
 
     def __init__(self, pool, kind, time_limit=DEADLINE, affinity='', arrays=None, **plain):
         self.answers, self.progress = [], []
@@ -59,31 +59,31 @@ class Asked:
         pool.submit(self.job)
 
     def done(self, answer):
-        """Keep the answer."""
+        """Record the response and its time."""
         self.end = time.monotonic()
         self.answers.append(answer)
         self.finished.set()
 
     def answer(self):
-        """Wait for the answer; there is only one."""
+        """Wait for the response, and check that there is only one."""
         assert self.finished.wait(DEADLINE)
         assert len(self.answers) == 1
         return self.answers[0]
 
-    def took(self, clock, limit=0.0):
-        """Return how long the answer took, from `limit` seconds after it was asked for on."""
+    def response_time(self, clock, limit=0.0):
+        """Return the time [s] from `limit` seconds after the submission to the response."""
         self.answer()
         return clock.between(self.start + limit, self.end)
 
-    def begun(self):
-        """Wait until a worker is at it."""
+    def wait_until_started(self):
+        """Wait until a worker processes the request."""
         wait_for(lambda: self.progress)
         return self
 
 
 def ask(pool, kind, **options):
-    """Return the answer to a request."""
-    return Asked(pool, kind, **options).answer()
+    """Submit a request and return its response."""
+    return Submitted(pool, kind, **options).answer()
 
 
 json_values = strategies.recursive(
@@ -97,7 +97,7 @@ json_values = strategies.recursive(
 @settings(deadline=None, max_examples=50)
 @given(strategies.dictionaries(strategies.text(), json_values),
        strategies.lists(strategies.lists(strategies.integers(0, 4), max_size=3)))
-def test_packets_come_back_as_they_were(plain, shapes):
+def test_packets_are_unchanged_by_pack_and_unpack(plain, shapes):
     arrays = {str(k): np.random.default_rng(k).normal(size=shape)
               for k, shape in enumerate(shapes)}
     packet = unpack(pack(Packet(plain, arrays)))
@@ -115,7 +115,7 @@ def test_packets_keep_nan_and_infinity():
 
 
 @pytest.mark.slow
-def test_answers_large_and_small():
+def test_large_and_small_responses_arrive():
     with running() as pool:
         x = np.arange(3e6).reshape(1000, 3000)
         answer = ask(pool, 'echo', arrays={'x': x}, name='ä\0"')
@@ -128,14 +128,14 @@ def test_answers_large_and_small():
 
 
 @pytest.mark.slow
-def test_affinity_leads_to_the_idle_worker_that_had_it_last():
+def test_affinity_selects_the_idle_worker_that_last_had_it():
     with running(2, affinities=2) as pool:
         homes = {name: ask(pool, 'echo', affinity=name).packet.plain['pid'] for name in 'abcd'}
         assert len(set(homes.values())) == 2
         for name in 'dabcabdc':
             assert ask(pool, 'echo', affinity=name).packet.plain['pid'] == homes[name]
         home = next(name for name in 'abcd' if homes[name] == homes['a'])
-        busy = Asked(pool, 'iterate', affinity=home).begun()
+        busy = Submitted(pool, 'iterate', affinity=home).wait_until_started()
         assert ask(pool, 'echo', affinity=home).packet.plain['pid'] != homes['a']
         pool.cancel(busy.job)
 
@@ -143,12 +143,12 @@ def test_affinity_leads_to_the_idle_worker_that_had_it_last():
 @pytest.mark.slow
 @pytest.mark.parametrize('kind, stopped', [('iterate', RequestOutcome.ANSWERED),
                                            ('hang', RequestOutcome.TIMED_OUT)])
-def test_time_limit_is_kept(clock, kind, stopped):
+def test_the_time_limit_is_kept(clock, kind, stopped):
     with running() as pool:
-        asked = Asked(pool, kind, time_limit=0.4)
-        assert asked.answer().outcome is stopped
-        assert asked.end - asked.start > 0.4 - SLACK
-        assert asked.took(clock, 0.4) < SLACK
+        sent = Submitted(pool, kind, time_limit=0.4)
+        assert sent.answer().outcome is stopped
+        assert sent.end - sent.start > 0.4 - SLACK
+        assert sent.response_time(clock, 0.4) < SLACK
         assert ask(pool, 'echo').outcome is RequestOutcome.ANSWERED
         assert pool.replaced == (kind == 'hang')
 
@@ -156,13 +156,13 @@ def test_time_limit_is_kept(clock, kind, stopped):
 @pytest.mark.slow
 @pytest.mark.parametrize('kind, stopped', [('iterate', RequestOutcome.ANSWERED),
                                            ('hang', RequestOutcome.CANCELLED)])
-def test_cancel_stops_the_work(clock, kind, stopped):
+def test_cancel_stops_a_request(clock, kind, stopped):
     with running() as pool:
-        asked = Asked(pool, kind).begun()
+        sent = Submitted(pool, kind).wait_until_started()
         start = time.monotonic()
-        pool.cancel(asked.job)
-        answer = asked.answer()
-        assert clock.between(start, asked.end) < SLACK
+        pool.cancel(sent.job)
+        answer = sent.answer()
+        assert clock.between(start, sent.end) < SLACK
         assert answer.outcome is stopped
         assert answer.packet.plain.get('stopped', True) is True
         assert ask(pool, 'echo').outcome is RequestOutcome.ANSWERED
@@ -174,7 +174,7 @@ def test_cancel_stops_the_work(clock, kind, stopped):
     ('crash', 'SIGABRT'),
     ('eat', 'memory limit of a worker, 0.5 GiB'),
 ])
-def test_a_worker_that_dies_costs_one_request_and_is_replaced(kind, words):
+def test_a_worker_that_dies_is_replaced_and_loses_one_request(kind, words):
     with running(memory=1 << 29) as pool:
         [before] = pool.pids
         answer = ask(pool, kind)
@@ -187,10 +187,11 @@ def test_a_worker_that_dies_costs_one_request_and_is_replaced(kind, words):
 
 
 @pytest.mark.slow
-def test_a_killed_worker_costs_only_its_own_request():
+def test_a_killed_worker_loses_only_its_own_request():
     with running(2) as pool:
-        one, other = Asked(pool, 'pid').begun(), Asked(pool, 'iterate', time_limit=1.5).begun()
-        waiting = Asked(pool, 'echo')
+        one = Submitted(pool, 'pid').wait_until_started()
+        other = Submitted(pool, 'iterate', time_limit=1.5).wait_until_started()
+        waiting = Submitted(pool, 'echo')
         os.kill(int(one.progress[0][0]), signal.SIGKILL)
         assert 'SIGKILL' in one.answer().message
         assert one.answer().outcome is RequestOutcome.DIED
@@ -201,7 +202,7 @@ def test_a_killed_worker_costs_only_its_own_request():
 @pytest.mark.slow
 @pytest.mark.parametrize('kind, outcome',
                          [('crash', RequestOutcome.DIED), ('hang', RequestOutcome.TIMED_OUT)])
-def test_what_a_worker_has_kept_is_answered_when_it_is_ended(kind, outcome):
+def test_a_lost_worker_leaves_its_last_kept_result(kind, outcome):
     with running() as pool:
         x = np.arange(6.0).reshape(2, 3)
         answer = ask(pool, kind, time_limit=1.0, keep=['first', 'last'], arrays={'x': x})
@@ -213,15 +214,15 @@ def test_what_a_worker_has_kept_is_answered_when_it_is_ended(kind, outcome):
 
 
 @pytest.mark.slow
-def test_a_worker_killed_in_the_middle_of_a_solve_leaves_its_path():
+def test_a_worker_killed_while_solving_leaves_its_path():
     statement = problems.read('vanderpol_bounded')
     with running() as pool:
-        asked = Asked(pool, 'solve', time_limit=60.0, statement=statement, method='auto',
+        sent = Submitted(pool, 'solve', time_limit=60.0, statement=statement, method='auto',
                       cache_size=1)
-        wait_for(lambda: asked.progress and asked.progress[-1][0] == 'kept')
+        wait_for(lambda: sent.progress and sent.progress[-1][0] == 'kept')
         [pid] = pool.pids
         os.kill(pid, signal.SIGKILL)
-        answer = asked.answer()
+        answer = sent.answer()
         assert answer.outcome is RequestOutcome.DIED
         assert 'SIGKILL' in answer.message
         found, path = answer.packet.plain, answer.packet.arrays
@@ -237,7 +238,7 @@ def test_a_worker_killed_in_the_middle_of_a_solve_leaves_its_path():
 
 
 @pytest.mark.slow
-def test_an_idle_worker_that_is_killed_costs_nothing():
+def test_a_killed_idle_worker_loses_no_request():
     with running() as pool:
         for _ in range(3):
             [pid] = wait_for(lambda: pool.pids)
@@ -252,25 +253,25 @@ def test_a_stopped_worker_is_replaced_at_the_time_limit(clock):
     with running() as pool:
         [pid] = pool.pids
         os.kill(pid, signal.SIGSTOP)
-        asked = Asked(pool, 'echo', time_limit=0.3)
-        assert asked.answer().outcome is RequestOutcome.TIMED_OUT
-        assert asked.took(clock, 0.3) < SLACK
+        sent = Submitted(pool, 'echo', time_limit=0.3)
+        assert sent.answer().outcome is RequestOutcome.TIMED_OUT
+        assert sent.response_time(clock, 0.3) < SLACK
         assert ask(pool, 'echo').packet.plain['pid'] != pid
 
 
 @pytest.mark.slow
-def test_queue_has_a_length_and_what_waits_can_be_cancelled_or_run_out_of_time(clock):
+def test_the_queue_refuses_cancels_and_times_out_requests(clock):
     with running(queue_length=2) as pool:
-        busy = Asked(pool, 'iterate').begun()
-        first, second = Asked(pool, 'echo'), Asked(pool, 'echo', time_limit=0.2)
-        refused = Asked(pool, 'echo')
+        busy = Submitted(pool, 'iterate').wait_until_started()
+        first, second = Submitted(pool, 'echo'), Submitted(pool, 'echo', time_limit=0.2)
+        refused = Submitted(pool, 'echo')
         assert refused.answer().outcome is RequestOutcome.REFUSED
         assert 'the queue is full, with 2 requests' in refused.answer().message
-        assert refused.took(clock) < SLACK
+        assert refused.response_time(clock) < SLACK
         assert (pool.waiting, pool.busy) == (2, 1)
         assert second.answer().outcome is RequestOutcome.TIMED_OUT
         assert second.end - second.start >= 0.2
-        assert second.took(clock, 0.2) < SLACK
+        assert second.response_time(clock, 0.2) < SLACK
         pool.cancel(first.job)
         assert first.answer().outcome is RequestOutcome.CANCELLED
         pool.cancel(busy.job)
@@ -279,7 +280,7 @@ def test_queue_has_a_length_and_what_waits_can_be_cancelled_or_run_out_of_time(c
 
 
 @pytest.mark.slow
-def test_the_first_worker_can_be_waited_for():
+def test_has_started_is_set_after_a_start_or_a_failure():
     for module, ready in (('stand_in_worker', 1), ('no_such_module', 0)):
         pool = Pool(module, 1)
         wait_for(lambda: pool.has_started)  # noqa: B023 - called at once
@@ -288,9 +289,9 @@ def test_the_first_worker_can_be_waited_for():
 
 
 @pytest.mark.slow
-def test_pool_grows_and_shrinks():
+def test_a_pool_grows_and_shrinks():
     with running() as pool:
-        busy = Asked(pool, 'iterate', time_limit=1.0).begun()
+        busy = Submitted(pool, 'iterate', time_limit=1.0).wait_until_started()
         pool.resize(2)
         assert ask(pool, 'echo').outcome is RequestOutcome.ANSWERED
         pool.resize(1)
@@ -298,16 +299,16 @@ def test_pool_grows_and_shrinks():
         assert busy.answer().outcome is RequestOutcome.ANSWERED
 
 
-def test_a_module_that_does_not_load_is_said():
+def test_an_import_error_of_the_worker_is_reported():
     pool = Pool('no_such_module', 1)
-    asked = Asked(pool, 'echo')
-    assert asked.answer().outcome is RequestOutcome.DIED
-    assert "No module named 'no_such_module'" in asked.answer().message
+    sent = Submitted(pool, 'echo')
+    assert sent.answer().outcome is RequestOutcome.DIED
+    assert "No module named 'no_such_module'" in sent.answer().message
     pool.close()
 
 
 @pytest.mark.slow
-def test_a_worker_that_never_starts_is_tried_ever_less_often(monkeypatch):
+def test_failed_starts_are_retried_at_growing_intervals(monkeypatch):
     pauses = []
     monkeypatch.setattr(Pool, 'pause', lambda pool, worker, duration: pauses.append(duration))
     pool = Pool('no_such_module', 1)
@@ -317,18 +318,18 @@ def test_a_worker_that_never_starts_is_tried_ever_less_often(monkeypatch):
 
 
 @pytest.mark.slow
-def test_requests_do_not_wait_for_workers_that_do_not_start(monkeypatch, tmp_path, clock):
-    """After three tries each is answered at once; once the module loads, all is well again."""
+def test_requests_fail_at_once_while_no_worker_starts(monkeypatch, tmp_path, clock):
+    """After three failed starts requests fail at once, until the module can be imported."""
     monkeypatch.setenv('PYTHONPATH', str(tmp_path))
     monkeypatch.setattr(workers, 'START_PAUSE', 0.1)
     pool = Pool('mended_module', 1)
     wait_for(lambda: pool._workers[0].failures >= workers.TRIES)
-    asked = Asked(pool, 'echo')
-    assert asked.took(clock) < SLACK
-    assert asked.answer().outcome is RequestOutcome.DIED
-    assert asked.answer().message == (
+    sent = Submitted(pool, 'echo')
+    assert sent.response_time(clock) < SLACK
+    assert sent.answer().outcome is RequestOutcome.DIED
+    assert sent.answer().message == (
         "no worker starts: ModuleNotFoundError: No module named 'mended_module'")
-    assert pool.fault in asked.answer().message
+    assert pool.fault in sent.answer().message
     (tmp_path / 'mended_module.py').write_text(
         (Path(__file__).parents[1] / 'stand_in_worker.py').read_text())
     wait_for(lambda: pool.pids)
@@ -341,14 +342,14 @@ def test_time_limits_hold_while_no_worker_starts(monkeypatch, clock):
     monkeypatch.setattr(workers, 'START_PAUSE', 5.0)
     pool = Pool('no_such_module', 1)
     wait_for(lambda: pool.fault)
-    asked = Asked(pool, 'echo', time_limit=0.3)
-    assert asked.answer().outcome is RequestOutcome.TIMED_OUT
-    assert asked.took(clock, 0.3) < SLACK
+    sent = Submitted(pool, 'echo', time_limit=0.3)
+    assert sent.answer().outcome is RequestOutcome.TIMED_OUT
+    assert sent.response_time(clock, 0.3) < SLACK
     pool.close()
 
 
 @pytest.mark.slow
-def test_a_process_that_cannot_be_made_is_said(monkeypatch):
+def test_a_process_that_cannot_be_created_is_reported(monkeypatch):
     def refuse(*args, **options):
         raise OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))
     monkeypatch.setattr(workers.subprocess, 'Popen', refuse)
@@ -361,10 +362,10 @@ def test_a_process_that_cannot_be_made_is_said(monkeypatch):
 
 
 @pytest.mark.slow
-def test_closing_cancels_what_is_left():
+def test_closing_cancels_the_open_requests():
     with running() as pool:
-        asked = [Asked(pool, 'hang').begun(), Asked(pool, 'echo')]
-    assert [each.answer().outcome for each in asked] == [RequestOutcome.CANCELLED] * 2
+        sent = [Submitted(pool, 'hang').wait_until_started(), Submitted(pool, 'echo')]
+    assert [each.answer().outcome for each in sent] == [RequestOutcome.CANCELLED] * 2
     assert ask(pool, 'echo').outcome is RequestOutcome.REFUSED
 
 
@@ -383,7 +384,7 @@ def test_no_worker_outlives_a_killed_process():
 
 
 @pytest.mark.slow
-def test_a_worker_gives_way_and_is_bounded():
+def test_a_worker_has_low_priority_and_bounded_memory():
     with running(memory=1 << 30) as pool:
         [pid] = pool.pids
         limits = Path(f'/proc/{pid}/limits').read_text().splitlines()
@@ -391,7 +392,7 @@ def test_a_worker_gives_way_and_is_bounded():
         assert data.split()[3:5] == [str(1 << 30)] * 2
         nice = os.getpriority(os.PRIO_PROCESS, pid)
         assert nice > os.getpriority(os.PRIO_PROCESS, 0)
-        group = Path(f'/proc/{pid}/autogroup')  # '/autogroup-17 nice 5', or nothing
+        group = Path(f'/proc/{pid}/autogroup')  # content: '/autogroup-17 nice 5', or empty
         if group.exists() and (words := group.read_text().split()):
             assert words[1:] == ['nice', str(nice)]
         assert 'OMP_NUM_THREADS=1' in Path(f'/proc/{pid}/environ').read_text().split('\0')
