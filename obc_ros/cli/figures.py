@@ -27,6 +27,9 @@ THIN = {'color': 'grey', 'linewidth': 0.8, 'linestyle': (0, (4, 3)), 'zorder': 1
 GREEK = ('alpha', 'beta', 'gamma', 'delta', 'epsilon', 'zeta', 'eta', 'theta', 'kappa', 'lambda',
          'mu', 'nu', 'xi', 'rho', 'sigma', 'tau', 'phi', 'chi', 'psi', 'omega')
 FEW = 12  # largest number of names in a legend
+SEARCHED = ('converged', 'certified', 'accepted', 'not certified')   # verdicts with a cost
+SEARCH_MARKS = (('initial guess, coarse mesh', 'o', LINE_COLOURS[0]),
+                ('finer mesh', '.', LINE_COLOURS[1]), ('certified', 'D', LINE_COLOURS[2]))
 CONTRAST = 50.0  # ratio of magnitudes above which lines get panels of their own
 
 
@@ -46,6 +49,57 @@ def draw_solution(path: Path, question: Question) -> None:
         figure = _figure(problem, result)
         figure.suptitle(_title(question))
         save_figure(figure, path)
+
+
+def has_search(result: Any) -> bool:
+    """Return whether the attempts of a result found at least two costs."""
+    return len({attempt.cost for attempt in result.attempts
+                if attempt.verdict in SEARCHED}) > 1
+
+
+def draw_search(path: Path, question: Question) -> None:
+    """
+    Draw the costs that a search has found against its work into the file `path`.
+
+    Raises
+    ------
+    ObcError
+        If the file cannot be written.
+
+    """
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(7.5, 3.8), layout='constrained')
+        _draw_costs(figure.subplots(), question.result)
+        figure.suptitle(f'{question.mapping.get("title") or question.name}\n'
+                        'costs that the search has found')
+        save_figure(figure, path)
+
+
+def _draw_costs(axes: Axes, result: Any) -> None:
+    """Draw costs of initial guesses, meshes and certified solutions, and the local minima."""
+    costs = []
+    for (label, marker, colour), chosen in zip(SEARCH_MARKS, (
+            lambda each: each.method == 'initial guess' and each.verdict == 'converged',
+            lambda each: each.method == 'mesh' and each.verdict != 'certified',
+            lambda each: each.verdict == 'certified'), strict=True):
+        points = np.array([(each.begun + each.work, each.cost) for each in result.attempts
+                           if chosen(each) and np.isfinite(each.cost)]).reshape(-1, 2)
+        costs.append(points[:, 1])
+        if len(points):
+            axes.plot(*points.T, linestyle='none', marker=marker, markersize=6, color=colour,
+                      markerfacecolor='none' if marker == 'o' else colour, label=label)
+    for number, cost in enumerate(result.optimality.minima):
+        axes.axhline(cost, **THIN, label=None if number else 'local minima')
+    if np.isfinite(result.objective):
+        axes.axhline(result.objective, color=LINE_COLOURS[2], linewidth=0.8, zorder=1.4)
+    every = np.concatenate([*costs, result.optimality.minima])
+    if every.size:   # a poor guess must not flatten the rest
+        low, high = every.min(), np.quantile(every, 0.9)
+        room = 0.08 * max(high - low, 1e-6 * max(abs(low), 1e-12))
+        axes.set_ylim(low - room, high + room)
+    axes.set_xlabel('work [iterations x intervals]')
+    axes.set_ylabel('cost')
+    axes.legend(loc='upper left', bbox_to_anchor=(1.0, 1.0))
 
 
 def save_figure(figure: Figure, path: Path, dpi: int = 150) -> None:

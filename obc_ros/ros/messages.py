@@ -20,6 +20,7 @@ from obc_ros.core.ocp import solution
 from obc_ros.core.ocp.guess import Guess
 from obc_ros.core.text.errors import quote, StatementError
 from obc_ros.msg import (
+    Attempt,
     Certificate,
     FinalTime,
     InitialGuess,
@@ -384,6 +385,7 @@ def fill_answer(response: Any, packet: Packet) -> None:
     plain = dict(packet.plain)
     response.certificate = build_certificate_message(plain.pop('certificate', None))
     response.optimality = Optimality(**plain.pop('optimality', None) or {})
+    response.attempts = [Attempt(**attempt) for attempt in plain.pop('attempts', ())]
     response.success = plain['status'] == 'solved' and response.certificate.holds
     for name in set(response.get_fields_and_field_types()) & set(plain):
         setattr(response, name, plain[name])

@@ -8,7 +8,7 @@ fault ends the worker only.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import lru_cache
 import json
 import math
@@ -71,7 +71,8 @@ def pack_solution(problem: Problem, solution: Solution, system: str) -> Packet:
          'build_time': float(solution.build_time), 'solve_time': float(solution.solve_time),
          'system': system, 'states': problem.states, 'inputs': problem.inputs,
          'certificate': _conditions(solution.certificate),
-         'optimality': _optimality(solution.optimality)},
+         'optimality': _optimality(solution.optimality),
+         'attempts': [asdict(attempt) for attempt in solution.attempts]},
         {name: getattr(solution, name)
          for name in ('t', 'x', 'u', 'lam', 'hamiltonian', 'nu', 'switching_times')})
 

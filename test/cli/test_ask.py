@@ -27,7 +27,8 @@ import yaml
 pytestmark = pytest.mark.nodes
 
 KEYS = ['name', 'status', 'message', 'objective', 't', 'x', 'u', 'lam', 'interpolation',
-        'switching_times', 'certificate', 'optimality', 'solve_time', 'build_time', 'iterations']
+        'switching_times', 'certificate', 'optimality', 'attempts', 'solve_time', 'build_time',
+        'iterations']
 SCALAR = {
     'name': 'scalar', 'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'},
     'running_cost': 'u**2', 'terminal_cost': 'x**2', 'initial_state': {'x': 1},
@@ -155,11 +156,17 @@ def test_malformed_is_2_and_has_its_json(tmp_path, capsys, content, words):
     assert answer['optimality'] == {'kind': '', 'reason': '', 'starts': 0, 'minima': []}
 
 
-def test_the_minima_that_were_met_are_told(obc):
+def test_the_local_minima_and_the_search_are_reported(obc):
     text = (problems.FOLDER / 'aircraft_5.yaml').read_text()
-    status, found, output = obc('solve', {'aircraft_5.yaml': text})
+    status, found, output = obc('solve', {'aircraft_5.yaml': text}, '--trace')
     assert status == 0, output
     answer = found['aircraft_5']
+    assert 'aircraft_5: what was tried\nattempt ' in output
+    assert [each for each in answer['attempts']
+            if each['method'] == 'descent' and each['cost'] == answer['objective']]
+    starts = [each for each in answer['attempts'] if each['method'] == 'initial guess']
+    assert len(starts) == answer['optimality']['starts']
+    assert f'initial guess: {starts[-1]["what"]} ' in output
     known = answer['optimality']
     assert known['kind'] == 'local'
     assert known['minima'][0] == answer['objective']

@@ -2,11 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conversion of problems and solutions to ROS messages and back, without loss."""
 
+import math
 import subprocess
 import sys
 
 import numpy as np
-from obc_ros.core.ocp.solution import Certificate, Optimality, Solution, Status
+from obc_ros.core.ocp.solution import (
+    Attempt,
+    Certificate,
+    Optimality,
+    Solution,
+    Status,
+    Verdict,
+)
 from obc_ros.core.ocp.statement import build_problem
 from obc_ros.core.text.errors import StatementError
 from obc_ros.msg import NamedBounds, NamedExpression, NamedValues, OptimalControlProblem
@@ -119,6 +127,8 @@ def made_up_solution(problem, **changes):
         'build_time': 0.5, 'solve_time': 0.25,
         'certificate': Certificate({'start': 0.0, 'end': 1e-9}, {'start': 1e-6, 'end': 1e-6}),
         'optimality': Optimality('local', 'why', 4, (1.5, 2.5)),
+        'attempts': (Attempt(1, 0, 'descent', 'words', 20, 30, 1.5, np.nan, Verdict.CERTIFIED, ''),
+                     Attempt(2, 1, 'mesh', '', 20, 30, 1.5, 1e-9, Verdict.REJECTED, 'why')),
         **changes})
 
 
@@ -151,6 +161,11 @@ def test_a_solution_is_unchanged_by_pipe_and_message():
     known = response.optimality
     assert (known.kind, known.reason, known.starts, known.minima.tolist()) == (
         'local', 'why', 4, [1.5, 2.5])
+    first, second = response.attempts
+    assert (first.number, first.parent, first.method, first.what) == (1, 0, 'descent', 'words')
+    assert (first.begun, first.work, first.cost, first.verdict) == (20, 30, 1.5, 'certified')
+    assert math.isnan(first.loss)
+    assert (second.parent, second.loss, second.verdict, second.why) == (1, 1e-9, 'rejected', 'why')
 
 
 def test_a_plan_response_has_the_proof_of_optimality():

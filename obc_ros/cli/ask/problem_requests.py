@@ -37,7 +37,7 @@ class Question(Asked):
             't': [], 'x': {}, 'u': {}, 'lam': {}, 'interpolation': 'linear', 'switching_times': [],
             'certificate': {'holds': False, 'residuals': {}, 'tolerances': {}},
             'optimality': {'kind': '', 'reason': '', 'starts': 0, 'minima': []},
-            'solve_time': None, 'build_time': None, 'iterations': 0}
+            'attempts': [], 'solve_time': None, 'build_time': None, 'iterations': 0}
         return found | (_answer(self.result) if self.result else {})
 
 
@@ -51,6 +51,9 @@ def _answer(result: Any) -> dict[str, Any]:
             'tolerances': dict(zip(certificate.conditions, certificate.tolerances, strict=True))},
         'optimality': {'kind': known.kind, 'reason': known.reason, 'starts': known.starts,
                        'minima': known.minima.tolist()},
+        'attempts': [{name: getattr(attempt, name)
+                      for name in attempt.get_fields_and_field_types()}
+                     for attempt in result.attempts],
         'solve_time': result.solve_time, 'build_time': result.build_time,
         'iterations': result.iterations}
     if path.t:

@@ -9,6 +9,7 @@ from typing import Any
 
 from obc_ros.cli import results, terminal
 from obc_ros.cli.ask.problem_requests import Question
+from obc_ros.cli.ask.search_tree import print_trees
 from obc_ros.core.ocp.method_names import get_method, NAMES
 from obc_ros.core.text.errors import ObcError, quote, StatementError
 from obc_ros.workers.pool import LONGEST_LIMIT, SHORTEST
@@ -25,6 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='time limit of each problem in seconds (default: that of the server)')
     parser.add_argument('--method', metavar='NAME', type=_method,
                         help=f"{', '.join(NAMES)}; overrides the key 'method' of the files")
+    parser.add_argument('--trace', action='store_true',
+                        help='print what was tried, as a tree, with cost, work and the reason')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -36,6 +39,8 @@ def run(args: argparse.Namespace) -> int:
         _solve(answerable, args.time_limit, args.method or '')
     try:
         _show(asked)
+        if args.trace:
+            print_trees(asked)
     finally:  # also if the reader of a pipe has closed it
         results.save_answers(asked, args, _draw)
     return results.get_exit_status(
@@ -88,6 +93,8 @@ def _draw(path: Path, question: Question) -> None:
     if question.result and question.result.trajectory.t:
         from obc_ros.cli import figures  # matplotlib takes a second
         figures.draw_solution(path, question)
+        if figures.has_search(question.result):
+            figures.draw_search(path.with_suffix('.search.png'), question)
 
 
 def _show(asked: list[Question]) -> None:

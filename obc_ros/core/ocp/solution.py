@@ -15,6 +15,7 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array
 
 MOST_MINIMA = 8       # costs of local minima in a solution, at most
+MOST_ATTEMPTS = 300   # attempts in a solution, at most
 MAX_INTERVALS = 2000  # intervals of a mesh, default maximum
 
 # Called as report(phase, iteration, cost, infeasibility) while a solver works; True stops it.
@@ -91,6 +92,63 @@ class Certificate:
         return self.residuals[key] / self.tolerances[key]
 
 
+class Verdict(str, Enum):
+    """How an attempt to solve a problem, or a part of it, ended."""
+
+    CERTIFIED = 'certified'           # the certificate passes
+    NOT_CERTIFIED = 'not certified'   # there is a path, but its certificate does not pass
+    CONVERGED = 'converged'           # a discretised problem is solved
+    NOT_CONVERGED = 'not converged'
+    ACCEPTED = 'accepted'             # the search goes on from the result
+    REJECTED = 'rejected'             # it goes on without the result
+    PROVED = 'proved'                 # what was to be shown
+    NOT_PROVED = 'not proved'
+    STOPPED = 'stopped'               # before an end
+
+    __str__ = str.__str__
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """
+    One step of the search for a solution.
+
+    Attributes
+    ----------
+    number : int
+        From 1, in the order in which attempts began.
+    parent : int
+        Number of the attempt that it belongs to; 0: none.
+    method : str
+        What kind of step, for example 'initial guess' or 'mesh'.
+    what : str
+        What was tried, in words.
+    begun, work : int
+        Iterations times intervals: of the whole search before it, and of it with all attempts
+        that belong to it.
+    cost : float
+        nan without a path.
+    loss : float
+        Hamiltonian loss relative to |cost|: how far the cost is above the nearest local minimum,
+        to first order; nan if it was not measured.
+    verdict : Verdict
+    why : str
+        Why the search went on or stopped, in words.
+
+    """
+
+    number: int
+    parent: int
+    method: str
+    what: str
+    begun: int
+    work: int
+    cost: float
+    loss: float
+    verdict: Verdict
+    why: str
+
+
 @dataclass(frozen=True)
 class Optimality:
     """
@@ -156,6 +214,8 @@ class Solution:
         None if there is no path.
     optimality : Optimality, or None
         None for a solution without a certificate that passes.
+    attempts : tuple of Attempt
+        What was tried, at most `MOST_ATTEMPTS`; the most detailed are left out first.
 
     """
 
@@ -178,6 +238,7 @@ class Solution:
     solve_time: float = 0.0
     certificate: Certificate | None = None
     optimality: Optimality | None = None
+    attempts: tuple[Attempt, ...] = ()
 
     @property
     def certified(self) -> bool:

@@ -12,6 +12,7 @@ from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
 from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.program_cache import Answered, Kit
+from obc_ros.core.solver.trace import Trace
 from obc_ros.core.solver.transcription.local_minima import Familiar
 from obc_ros.core.solver.transcription.mesh import Mesh, Path
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
@@ -88,6 +89,11 @@ class Bench(Protocol):
     tried: int
     typical: int
     work: int
+
+    @property
+    def trace(self) -> Trace:
+        """Return the record of what is tried."""
+        ...
 
     def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
                   near: bool = False, sizes: ProblemScales | None = None, most: int = 500,

@@ -21,7 +21,7 @@ from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.least_time_form import get_final_time
 from obc_ros.core.ocp.positivity import keep_amounts_positive
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.solution import Solution, Status
+from obc_ros.core.ocp.solution import Solution, Status, Verdict
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
 from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.adjoint.mesh_refinement import (
@@ -53,6 +53,7 @@ from obc_ros.core.solver.starts.multistart import (
 )
 from obc_ros.core.solver.starts.neighbour import solve_from_neighbour
 from obc_ros.core.solver.starts.obstacle_homotopy import start_around
+from obc_ros.core.solver.trace import judge_path, Trace
 from obc_ros.core.solver.transcription.local_minima import Familiar
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Mesh, Path, split, STEPPED
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
@@ -153,6 +154,11 @@ class Search:
         self.pinned = (kit.guesser.final_state(self.problem)[1] if self.bounded
                        else np.zeros(problem.n, dtype=bool))
 
+    @property
+    def trace(self) -> Trace:
+        """Return the record of what is tried."""
+        return self.monitor.trace
+
     def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
                   near: bool = False, sizes: ProblemScales | None = None, most: int = 500,
                   warm: TranscriptionOutcome | None = None,
@@ -174,13 +180,15 @@ class Search:
         limits = TightenedLimits(shortest, longest, self.margin, self.pinned)
         w = program.start(mesh, start, durations, sizes) if warm is None else warm.w
         each = mesh.layout.intervals * (1 + mesh.layout.stages)
-        self.monitor.limit(most, each)
-        outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor, near=near,
-                                multipliers=(warm.lam_w, warm.lam_g) if warm else None,
-                                guide=guide, rough=rough, once=once, known=known)
-        if near and not outcome.converged and not self.monitor.stopped:
+        with self.trace.attempt('collocation', mesh.layout.describe()) as attempt:
             self.monitor.limit(most, each)
-            outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor)
+            outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor, near=near,
+                                    multipliers=(warm.lam_w, warm.lam_g) if warm else None,
+                                    guide=guide, rough=rough, once=once, known=known)
+            if near and not outcome.converged and not self.monitor.stopped:
+                self.monitor.limit(most, each)
+                outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor)
+            attempt.end(*outcome.judge(), cost=outcome.objective)
         self.work += outcome.iterations * each
         self.kit.worked(outcome.iterations, mesh.layout)
         return outcome
@@ -228,8 +236,13 @@ class Search:
         if not outcome.converged:
             return False
         course = self.course(outcome)
-        return bool(course.local.max() < _BELIEVED and self.judged(course).lost.sum()
-                    < _ABSURD * max(abs(outcome.objective), 1.0))
+        error, loss = course.local.max(), self.judged(course).lost.sum()
+        if error < _BELIEVED and loss < _ABSURD * max(abs(outcome.objective), 1.0):
+            return True
+        with self.trace.attempt('check', 'discretisation error') as attempt:
+            attempt.end(Verdict.REJECTED, f'relative error of a step {error:.1e}, allowed '
+                        f'{_BELIEVED:.0e}; Hamiltonian loss {loss:.1e}', cost=outcome.objective)
+        return False
 
     def _from_starts(self) -> list[TranscriptionOutcome]:
         """Return the outcomes of the first initial guesses and of paths around obstacles."""
@@ -257,20 +270,22 @@ class Search:
         if once:
             most = min(most, max(_FEW_ITERATIONS, round((5 if hard else 2.5) * self.typical)))
         start, rough = next(self.starts), _ROUGH
-        if np.isfinite(self.periods).any():
-            # An input that is an angle and turns by 2 pi within a step interpolates badly: solve
-            # with constant inputs first, and remove the whole turns between its steps.
-            steps = build_uniform_mesh(self.problem, self.intervals, self.stages, STEPPED)
-            stepped = self.collocate(steps, start, most=_COARSE_ITERATIONS)
-            start, rough = join_whole_turns(stepped.path, self.periods), 0.0
-        # Without terminal constraints a cheap rollout may be near another minimum: allow both
-        # methods.
-        once = once and not (self.familiar.daring and not self.problem.q)
-        outcome = self.collocate(build_uniform_mesh(self.problem, self.intervals, self.stages),
-                                 start,
-                                 most=most, rough=rough, once=once, known=self.familiar)
-        self.familiar.ended(outcome.objective, outcome.infeasibility,
-                            outcome.path if outcome.converged else None)
+        with self.trace.attempt('initial guess', start.origin) as attempt:
+            if np.isfinite(self.periods).any():
+                # An input that is an angle and turns by 2 pi within a step interpolates badly:
+                # solve with constant inputs first, and remove the whole turns between its steps.
+                steps = build_uniform_mesh(self.problem, self.intervals, self.stages, STEPPED)
+                stepped = self.collocate(steps, start, most=_COARSE_ITERATIONS)
+                start, rough = join_whole_turns(stepped.path, self.periods), 0.0
+            # Without terminal constraints a cheap rollout may be near another minimum: allow both
+            # methods.
+            once = once and not (self.familiar.daring and not self.problem.q)
+            outcome = self.collocate(
+                build_uniform_mesh(self.problem, self.intervals, self.stages), start, most=most,
+                rough=rough, once=once, known=self.familiar)
+            self.familiar.ended(outcome.objective, outcome.infeasibility,
+                                outcome.path if outcome.converged else None)
+            attempt.end(*outcome.judge(), cost=outcome.objective)
         return outcome
 
     def course(self, outcome: TranscriptionOutcome, *, stated: bool = False) -> Extremal:
@@ -413,6 +428,8 @@ class Search:
         if self.monitor.stopped:   # to certify a path far from a solution may take long
             return found
         found = replace(found, certificate=certify(problem, found))
+        if found.certificate and found.certificate.feasible:
+            self.trace.found(found.objective, found.certified)
         if self.monitor.best:
             self.monitor.best.take(problem, found)
         return found
@@ -454,7 +471,13 @@ class Search:
     def _run(self) -> Solution:
         if (known := solve_from_neighbour(self)) is not None:
             return known
-        starts = self.coarse()
+        with self.trace.attempt('coarse mesh') as attempt:
+            starts = self.coarse()
+            attempt.end(Verdict.ACCEPTED if self.led_somewhere else Verdict.REJECTED,
+                        self.reason or ('' if self.led_somewhere else
+                                        'no initial guess led to a path with a small '
+                                        'discretisation error'),
+                        cost=starts[0].objective if starts and self.led_somewhere else np.nan)
         if self.reason:
             return Solution(Status.INFEASIBLE, self.reason)
         if not starts or not np.all(np.isfinite(starts[0].path.x)):
@@ -515,39 +538,57 @@ class Search:
     def following(self, start: TranscriptionOutcome,
                   rounds: int = _ROUNDS) -> Generator[None, None, Solution]:
         """Do what `followed_up` does step by step: yield after each mesh, return the solution."""
-        if (found := solve_at_once(self, start)) is not None:
+        descent = self.trace.begin('descent', f'from cost {start.objective:.6g} on '
+                                   f'{start.mesh.layout.describe()}')
+        with self.trace.under(descent):
+            found = solve_at_once(self, start)
+        if found is not None:
+            descent.end(*judge_path(found), cost=found.objective)
             return found
         best: Solution | None = None
         nearest = tried = start
-        begun = self.work
-        for number, (outcome, course) in enumerate(self.improve(start, rounds)):
-            above = self.given_away(outcome, course)
-            # At such an excess the certificate may pass although the next mesh would reduce it.
-            worth = number and above < _WORTH_A_LOOK and (
-                self.kit.twin or self.judged(course).spread < _SPREAD)
-            if above < _CLOSE or worth or self.monitor.stopped:
-                answer = self.solution(outcome, self.course(outcome))
-                if best is None or answer.certified or not best.certified:
-                    best, self.last = answer, self.answered(outcome)
-            else:
-                self.keep(outcome)
-            nearest, held = outcome, best is not None and best.certified
-            chorded = above > _CLOSE_ENOUGH[1] and self.judged(course).chorded
-            if number in _MESHES and above < _NEAR_BOUNDS and (chorded or not held):
-                tried = outcome
-                if (found := solve_along_bounds(self, outcome, best)) is not None:
-                    return found
-            late = self.work - begun > _FOR_DIGITS * (1 + self.stages)
-            close = above < _CLOSE_ENOUGH[self.bounded]
-            if best is not None and best.certified and (close or late):
-                break
-            if self.quick and number >= 2:
-                break
+        begun, steps = self.work, enumerate(self.improve(start, rounds))
+        while True:
+            with self.trace.under(descent), self.trace.attempt('mesh') as attempt:
+                if (step := next(steps, None)) is None:
+                    attempt.end(Verdict.STOPPED, 'no finer mesh is tried or leads to a path')
+                    break
+                number, (outcome, course) = step
+                above = self.given_away(outcome, course)
+                attempt.end(Verdict.ACCEPTED, cost=outcome.objective, loss=above,
+                            what=outcome.mesh.layout.describe())
+                # At such an excess the certificate may pass although the next mesh would reduce
+                # it.
+                worth = number and above < _WORTH_A_LOOK and (
+                    self.kit.twin or self.judged(course).spread < _SPREAD)
+                if above < _CLOSE or worth or self.monitor.stopped:
+                    answer = self.solution(outcome, self.course(outcome))
+                    attempt.end(*judge_path(answer), cost=outcome.objective, loss=above)
+                    if best is None or answer.certified or not best.certified:
+                        best, self.last = answer, self.answered(outcome)
+                else:
+                    self.keep(outcome)
+                nearest, held = outcome, best is not None and best.certified
+                chorded = above > _CLOSE_ENOUGH[1] and self.judged(course).chorded
+                if number in _MESHES and above < _NEAR_BOUNDS and (chorded or not held):
+                    tried = outcome
+                    if (found := solve_along_bounds(self, outcome, best)) is not None:
+                        descent.end(*judge_path(found), cost=found.objective)
+                        return found
+                late = self.work - begun > _FOR_DIGITS * (1 + self.stages)
+                close = above < _CLOSE_ENOUGH[self.bounded]
+                if best is not None and best.certified and (close or late):
+                    break
+                if self.quick and number >= 2:
+                    break
             yield
-        if best is None:
-            best, self.last = self.solution(outcome, self.course(outcome)), self.answered(outcome)
-        if not best.certified and nearest is not tried:
-            return solve_along_bounds(self, nearest) or best
+        with self.trace.under(descent):
+            if best is None:
+                best = self.solution(outcome, self.course(outcome))
+                self.last = self.answered(outcome)
+            if not best.certified and nearest is not tried:
+                best = solve_along_bounds(self, nearest) or best
+        descent.end(*judge_path(best), cost=best.objective)
         return best
 
     def answered(self, outcome: TranscriptionOutcome) -> Answered:

@@ -11,7 +11,7 @@ import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.method_names import AUTO, get_method
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.solution import Condition, MAX_INTERVALS, Report, Solution, Status
+from obc_ros.core.ocp.solution import Condition, MAX_INTERVALS, Report, Solution, Status, Verdict
 from obc_ros.core.solver.descent import Search
 from obc_ros.core.solver.diagnosis.explanation import explain, is_proved_infeasible
 from obc_ros.core.solver.diagnosis.unboundedness import explain_larger_inputs
@@ -28,6 +28,7 @@ from obc_ros.core.solver.proofs.existence import (
     state_least_effort,
 )
 from obc_ros.core.solver.proofs.optimality import add_optimality
+from obc_ros.core.solver.trace import judge_path
 
 Method = Callable[[Problem, Kit, ProgressMonitor], Solution]
 
@@ -113,16 +114,19 @@ def _auto(problem: Problem, kit: Kit, monitor: ProgressMonitor) -> Solution:
     specials = ({'riccati': solve_lq, 'time_optimal': solve_time_optimal} if kit.affine else
                 {'reeds_shepp': solve_two_wheeled})
     for name, special in specials.items():
-        found = special(problem)
-        if found is None:
-            continue
+        with monitor.trace.attempt('exact method', name) as attempt:
+            found = special(problem)
+            if found is None:
+                attempt.end(Verdict.REJECTED, 'it does not apply')
+                continue
+            found = found if not found.t.size else _judged(problem, found)
+            attempt.end(*judge_path(found), cost=found.objective)
         if found.status is Status.INFEASIBLE or name == 'riccati' and not found.t.size:
             return replace(found, method=name)
-        judged = _judged(problem, found)
-        if judged.status is Status.SOLVED:
-            return replace(judged, method=name)
+        if found.status is Status.SOLVED:
+            return replace(found, method=name)
         if monitor.best:
-            monitor.best.take(problem, judged)
+            monitor.best.take(problem, found)
     if not kit.answers and explain_no_minimum(problem):
         return Solution(Status.NOT_CONVERGED, 'the cost has no minimum', method='arcs')
     if (L := find_constant_cost(problem)) is not None:
@@ -147,9 +151,12 @@ def _any_path(problem: Problem, L: float, monitor: ProgressMonitor) -> Solution:
 def _asking(problem: Problem, kit: Kit, monitor: ProgressMonitor) -> Search:
     """Return a search that looks for a proof of infeasibility if its first starts lead nowhere."""
     def why_not(problem: Problem) -> str:
-        solvers = _explaining(monitor) if is_proved_infeasible(problem) else ()
-        reason = explain(problem, *solvers)
-        return reason.sentence if reason and reason.infeasible else ''
+        with monitor.trace.attempt('proof', 'that no path exists', aside=True) as attempt:
+            solvers = _explaining(monitor) if is_proved_infeasible(problem) else ()
+            reason = explain(problem, *solvers)
+            sentence = reason.sentence if reason and reason.infeasible else ''
+            attempt.end(Verdict.PROVED if sentence else Verdict.NOT_PROVED, sentence)
+        return sentence
 
     return Search(problem, kit, monitor, why_not=why_not)
 
@@ -169,7 +176,10 @@ def _attempt(monitor: ProgressMonitor, quick: bool = True) -> Callable[[Problem]
     def attempt(other: Problem) -> Solution:
         part = monitor.part(_ATTEMPT)
         begun = not part.stopped
-        found = Search(other, Kit(other), part, quick=quick).run()
+        with monitor.trace.attempt('related problem', 'quick' if quick else 'thorough',
+                                   aside=True) as entry:
+            found = Search(other, Kit(other), part, quick=quick).run()
+            entry.end(*judge_path(found), cost=found.objective)
         unjudged = begun and part.stopped == 'spent' and found.t.size and not found.certificate
         return replace(found, certificate=certify(other, found)) if unjudged else found
 
@@ -251,7 +261,8 @@ def solve(problem: Problem, *, method: str = '', time_limit: float = 60.0,
     built, kit.build_time = kit.build_time, 0.0
     found = add_optimality(problem, found)
     return replace(found, method=found.method or method, iterations=monitor.iterations,
-                   build_time=built, solve_time=time.monotonic() - begun - built)
+                   attempts=monitor.trace.attempts(), build_time=built,
+                   solve_time=time.monotonic() - begun - built)
 
 
 def _judged(problem: Problem, found: Solution) -> Solution:
@@ -334,8 +345,11 @@ def _explained(problem: Problem, found: Solution, monitor: ProgressMonitor) -> S
     """Return a solution with the reason why none was certified, if one is found."""
     if monitor.remaining() < _LEAST:
         return found
-    monitor.phase = 'explanation'
-    reason = explain(problem, *_explaining(monitor), found=found)
+    with monitor.trace.attempt('explanation', aside=True) as attempt:
+        reason = explain(problem, *_explaining(monitor), found=found)
+        proved = reason is not None and reason.infeasible
+        attempt.end(Verdict.PROVED if proved else Verdict.NOT_PROVED,
+                    reason.sentence if reason else '')
     if reason is None or monitor.stopped == 'cancelled':
         sentence = found.message
         if found.certificate and found.certificate.residuals[Condition.DYNAMICS] > _NO_PATH:

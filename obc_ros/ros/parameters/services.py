@@ -24,10 +24,10 @@ from rclpy.parameter import Parameter
 TYPES = {each.value for each in Parameter.Type}
 
 IsKept = Callable[[Parameter], bool]
-Attempt = Callable[[list[Parameter]], SetParametersResult]
+SetTogether = Callable[[list[Parameter]], SetParametersResult]
 
 
-def serve_parameters(node: Node, is_kept: IsKept, attempt: Attempt,
+def serve_parameters(node: Node, is_kept: IsKept, attempt: SetTogether,
                      depth: Callable[[str], int]) -> None:
     """
     Replace the callbacks of the services that set parameters of a node.
@@ -52,7 +52,7 @@ def serve_parameters(node: Node, is_kept: IsKept, attempt: Attempt,
             service.callback = _logged(_together(service.callback, is_kept), log)
 
 
-def _one_by_one(callback: Callable[[Any, Any], Any], is_kept: IsKept, attempt: Attempt,
+def _one_by_one(callback: Callable[[Any, Any], Any], is_kept: IsKept, attempt: SetTogether,
                 depth: Callable[[str], int]) -> Callable[[Any, Any], Any]:
     def answer(request: SetParameters.Request, response: SetParameters.Response) -> Any:
         given = list(request.parameters)

@@ -8,6 +8,7 @@ solution on these phases are detected again and compared.
 """
 
 import numpy as np
+from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.ocp.structure import find_shared_inputs
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.arcs.control_discontinuities import cut_at_jumps, sharpen_steps
@@ -71,6 +72,13 @@ class ArcIteration:
             The last one that converged at no higher cost; its arcs may still change.
 
         """
+        with self.search.trace.attempt('arc iteration') as attempt:
+            new = self._settled(outcome)
+            attempt.end(Verdict.REJECTED if new is outcome else Verdict.ACCEPTED,
+                        cost=new.objective, what=new.mesh.layout.describe())
+        return new
+
+    def _settled(self, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
         search = self.search
         free: Signature = ((None,) * self.problem.m,)
         now, seen, density = free, {free}, 2.0 * self.coarse

@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.ocp.certificate.certificate import certify
-from obc_ros.core.ocp.solution import Condition, Solution, Status
+from obc_ros.core.ocp.solution import Condition, Solution, Status, Verdict
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.improve.kink_mesh import build_points, solve_boundary_values
 from obc_ros.core.solver.program_cache import Answered
+from obc_ros.core.solver.trace import judge_path
 
 # Largest relative difference of the piecewise linear input from u*: for the method 'indirect', and
 # in the first attempt after another method.
@@ -84,15 +85,19 @@ def refine_after_search(search: Bench, answer: Solution) -> Solution:
     if (search.last is None or search.nearby or search.work < _WORTH_IT and not kit.touched_up
             or search.monitor.remaining() < _LEAST or not _smooth(search, search.last)):
         return answer
-    found = _boundary_values(search)
-    if found is None:
-        return answer
-    for wanted in (_QUICK, _PRECISE):
-        new = _better(search, answer, found, wanted)
-        if new is not answer:
-            kit.touched_up = True
-            break
-    return new
+    with search.trace.attempt('indirect refinement') as attempt:
+        new, found = answer, _boundary_values(search)
+        if found is None:
+            attempt.end(Verdict.NOT_CONVERGED, 'the boundary value problem was not solved')
+            return answer
+        for wanted in (_QUICK, _PRECISE):
+            new = _better(search, answer, found, wanted)
+            if new is not answer:
+                kit.touched_up = True
+                attempt.end(*judge_path(new), cost=new.objective)
+                return new
+        attempt.end(Verdict.REJECTED, 'its samples are not certified at this cost')
+    return answer
 
 
 def _smooth(search: Bench, last: Answered) -> bool:
@@ -120,7 +125,7 @@ def _better(search: Bench, answer: Solution, found: BoundaryValues, wanted: floa
         error = _DEARER + judged.residuals[Condition.DYNAMICS] + judged.residuals[Condition.END]
         if new.objective > answer.objective + error * abs(answer.objective):
             return answer
-    new = replace(new, certificate=certify(search.stated, new))
+    new = replace(new, certificate=certify(search.stated, new), optimality=answer.optimality)
     assert new.certificate is not None
     return new if new.certificate.holds else answer
 

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues, cut_evenly
 from obc_ros.core.solver.adjoint.costates import Extremal
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
@@ -204,9 +205,13 @@ def solve_on_kinks(search: Bench, outcome: TranscriptionOutcome,
         found, _KINKED, outcome.path.t[-1] / _LONGEST, 2 * search.monitor.max_intervals))
     if not search.monitor.allows(guide.mesh.layout.intervals):
         return None
-    new = search.collocate(guide.mesh, guide.path, near=True, sizes=search.sizes(outcome),
-                           guide=guide)
-    if not new.converged or is_below(outcome.objective, new.objective, _WORSE):
-        return None
+    with search.trace.attempt('mesh at kinks') as attempt:
+        new = search.collocate(guide.mesh, guide.path, near=True, sizes=search.sizes(outcome),
+                               guide=guide)
+        if not new.converged or is_below(outcome.objective, new.objective, _WORSE):
+            attempt.end(Verdict.REJECTED, 'its cost is higher' if new.converged else new.status,
+                        cost=new.objective)
+            return None
+        attempt.end(Verdict.ACCEPTED, cost=new.objective)
     search.extremal = found
     return new

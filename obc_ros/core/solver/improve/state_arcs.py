@@ -18,7 +18,7 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
 from obc_ros.core.numerics.collocation import build_collocation
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.solution import Condition, Solution
+from obc_ros.core.ocp.solution import Condition, Solution, Verdict
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.arcs.bang_arcs import cut_at_bounds, cut_at_ends
@@ -33,6 +33,7 @@ from obc_ros.core.solver.arcs.state_contacts import add_contacts, find_contacts,
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.improve.phase_samples import BY_SAMPLES, certify_samples, join_phases
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
+from obc_ros.core.solver.trace import judge_path
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
 
@@ -304,9 +305,13 @@ def solve_along_bounds(search: Bench, outcome: TranscriptionOutcome, known: Solu
         for gap in _GAPS:
             arcs = read_spans(problem, program, outcome, value, search.margin,
                               search.kit.switching, gap)
-            if (answer := _settled_on(search, outcome, arcs, allowed, seen)) is not None:
-                search.last = search.answered(outcome)
-                return answer
+            with search.trace.attempt('boundary arcs', f'{len(arcs)} arcs') as attempt:
+                answer = _settled_on(search, outcome, arcs, allowed, seen)
+                if answer is not None:
+                    search.last = search.answered(outcome)
+                    attempt.end(*judge_path(answer), cost=answer.objective)
+                    return answer
+                attempt.end(Verdict.REJECTED, 'no solution with these arcs was certified')
         return None
     finally:
         search.monitor = whole

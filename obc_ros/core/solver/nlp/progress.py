@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import MAX_INTERVALS, Report, Solution
+from obc_ros.core.solver.trace import Trace
 
 PERIOD = 0.5   # [s] least time between two intermediate paths that are certified for `BestPath`
 SHARE = 0.05   # largest part of the time that certifying them takes
@@ -79,8 +80,8 @@ class ProgressMonitor:
     ----------
     stopped : str
         '' while work goes on, then 'cancelled', 'timed_out' or, for a part of the work, 'spent'.
-    phase : str
-        Name of the present method, for reports.
+    trace : Trace
+        What is tried, for reports and for the solution.
     iterations, most : int
         So far, and at which the present solve ends. `stopped` stays '' then.
     each : int
@@ -101,7 +102,7 @@ class ProgressMonitor:
         self.max_intervals, self.short = max_intervals, False
         self.deadline = time.monotonic() + time_limit
         self.stopped = ''
-        self.phase = 'transcription'
+        self.trace = Trace()
         self.iterations = 0
         self.most = 1_000_000
         self.each = 1
@@ -168,11 +169,15 @@ class ProgressMonitor:
             Whether to stop.
 
         """
-        self.iterations += 1
+        self.trace.spend(self.each)
         if self._report is not None and self._report(
-                self.phase, self.iterations, cost, infeasibility):
+                self.trace.describe(), self.iterations + 1, cost, infeasibility):
             self.stopped = 'cancelled'
-        elif not self.stopped and time.monotonic() > self.deadline:
+        return self._count()
+
+    def _count(self) -> bool:
+        self.iterations += 1
+        if not self.stopped and time.monotonic() > self.deadline:
             self.stopped = 'timed_out'
         return bool(self.stopped) or self.iterations >= self.most
 
@@ -183,7 +188,7 @@ class _Part(ProgressMonitor):
     def __init__(self, whole: ProgressMonitor, work: int, time_limit: float) -> None:
         super().__init__(time_limit, max_intervals=whole.max_intervals)
         self._whole, self._left = whole, work
-        self.phase, self.stopped, self.best = whole.phase, whole.stopped, whole.best
+        self.trace, self.stopped, self.best = whole.trace, whole.stopped, whole.best
 
     def limit(self, iterations: int, each: int = 1) -> None:
         super().limit(iterations, each)
@@ -197,7 +202,7 @@ class _Part(ProgressMonitor):
         self._whole.step(cost, infeasibility)
         self._left -= self.each
         self.stopped = self._whole.stopped or self.stopped or ('spent' if self._left < 0 else '')
-        return super().step(cost, infeasibility)
+        return self._count()
 
 
 class Watch(ca.Callback):

@@ -20,9 +20,10 @@ import numpy as np
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.transcription.local_minima import Familiar
-from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path
+from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, label_paths, Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
 
@@ -89,9 +90,19 @@ def start_from_rollouts(search: Bench, T: float) -> list[TranscriptionOutcome]:
     problem = search.problem
     if search.quick or not problem.q or search.kit.twin:
         return []
+    with search.trace.attempt('cross-entropy search') as attempt:
+        found = _solve_rollouts(search, T)
+        attempt.end(Verdict.ACCEPTED if found else Verdict.REJECTED,
+                    f'{len(found)} rollouts led to a path with a small discretisation error')
+    return found
+
+
+def _solve_rollouts(search: Bench, T: float) -> list[TranscriptionOutcome]:
+    """Do what `start_from_rollouts` does, for a problem to which it applies."""
+    problem = search.problem
     found: list[TranscriptionOutcome] = []
     search.familiar = Familiar()
-    paths = iter(search_rollouts(problem, T))
+    paths = label_paths(search_rollouts(problem, T), 'cross-entropy rollout')
     for path in islice(paths, _TRIED_MOST):
         tried = search.looked_from >= _TRIED and not found
         if tried or search.monitor.stopped or not search.monitor.allows(_INTERVALS):
@@ -99,10 +110,13 @@ def start_from_rollouts(search: Bench, T: float) -> list[TranscriptionOutcome]:
         search.looked_from += 1
         search.tried += 1
         usual = 2 * found[0].iterations if found else _ITERATIONS
-        outcome = search.collocate(build_uniform_mesh(problem, _INTERVALS, search.stages), path,
-                                   most=min(usual, _ITERATIONS), known=search.familiar)
-        search.familiar.ended(outcome.objective, outcome.infeasibility,
-                              outcome.path if outcome.converged else None)
+        with search.trace.attempt('initial guess', path.origin) as attempt:
+            outcome = search.collocate(
+                build_uniform_mesh(problem, _INTERVALS, search.stages), path,
+                most=min(usual, _ITERATIONS), known=search.familiar)
+            search.familiar.ended(outcome.objective, outcome.infeasibility,
+                                  outcome.path if outcome.converged else None)
+            attempt.end(*outcome.judge(), cost=outcome.objective)
         if search.believed(outcome):
             found.append(outcome)
     if found:   # the remaining rollouts may lead to other minima
@@ -120,7 +134,7 @@ def interleave_rollouts(search: Bench, starts: Iterator[Path], seen: list[Rollou
     short one is made otherwise.
     """
     vain, known = 0, search.familiar.minima
-    for start in _promising(search, seen, rough, bent):
+    for start in label_paths(_promising(search, seen, rough, bent), 'cross-entropy rollout'):
         search.familiar.daring = True
         yield start
         search.familiar.daring = False

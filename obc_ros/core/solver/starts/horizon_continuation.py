@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.adjoint.costates import CostateIntegrator
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Layout, Mesh, Path, Phase
@@ -46,6 +47,16 @@ def lengthen_horizon(search: Bench, intervals: int) -> TranscriptionOutcome | No
     if search.quick or whole.q or final.free or search.kit.twin:
         return None
     start = search.kit.guesser.line(whole, final.value)
+    with search.trace.attempt('horizon continuation') as attempt:
+        outcome = _lengthen(search, intervals, start)
+        attempt.end(Verdict.REJECTED if outcome is None else Verdict.ACCEPTED,
+                    cost=np.nan if outcome is None else outcome.objective)
+    return outcome
+
+
+def _lengthen(search: Bench, intervals: int, start: Path) -> TranscriptionOutcome | None:
+    """Do what `lengthen_horizon` does, from a guess over the whole horizon."""
+    whole, final = search.problem, search.problem.final_time
     outcome: TranscriptionOutcome | None = None
     monitor, search.monitor = search.monitor, search.monitor.part(_WORK)
     try:

@@ -279,9 +279,10 @@ class Guesser:
         chance = np.random.default_rng(1)
         span = problem.u_upper - problem.u_lower
         size = np.where(np.isfinite(span), span, 1 + np.abs(u[0]))
-        yield line
-        if problem.guess.x or problem.guess.u:   # the guess of the user may be poor
-            yield self.line(replace(problem, guess=Guess()), T)
+        given = bool(problem.guess.x or problem.guess.u)
+        yield replace(line, origin='guess of the statement' if given else 'straight line')
+        if given:   # it may be poor
+            yield replace(self.line(replace(problem, guess=Guess()), T), origin='straight line')
         for number in count():
             length = T
             if number and problem.final_time.free:
@@ -297,10 +298,12 @@ class Guesser:
                 far = self._sideways(problem, line) if known is None else np.maximum(
                     np.ptp(line.x, axis=0), known[0])
                 x = line.x + bend * far * _wave(chance, problem.n, knots=False)
-                yield _path(line.t * (length / T), _inside(x, problem.x_lower, problem.x_upper),
-                            _inside(inputs, problem.u_lower, problem.u_upper))
+                yield replace(_path(
+                    line.t * (length / T), _inside(x, problem.x_lower, problem.x_upper),
+                    _inside(inputs, problem.u_lower, problem.u_upper)), origin='bent line')
             elif noise or problem.final_time.free or number < len(_VARIETY):   # not the same again
-                yield self.driven(problem, integrator, inputs, length)
+                yield replace(self.driven(problem, integrator, inputs, length),
+                              origin='path of random inputs' if noise else 'path of the inputs')
 
     def _sideways(self, problem: Problem, line: Path) -> Array:
         """Return the amplitude (n,) by which a line is bent if no path is known."""
@@ -334,7 +337,8 @@ class Guesser:
             if room.any() and number % 3:
                 away = room * (2 * _spread(number, problem.n) - 1)
                 x = _inside(line.x + part * away, problem.x_lower, problem.x_upper)
-                yield _path(line.t, x, self._along(problem, line, x))
+                yield replace(_path(line.t, x, self._along(problem, line, x)),
+                              origin='line to another final state')
             else:
                 yield next(starts)
 

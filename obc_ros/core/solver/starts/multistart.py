@@ -9,7 +9,7 @@ from itertools import chain
 from typing import cast
 
 import numpy as np
-from obc_ros.core.ocp.solution import MOST_MINIMA, Solution
+from obc_ros.core.ocp.solution import MOST_MINIMA, Solution, Verdict
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.improve.hamiltonian_wells import move_to_best_branch
@@ -146,6 +146,17 @@ def explore_starts(search: Bench, best: Solution, floor: float,
     Solution
 
     """
+    with search.trace.attempt('multistart') as attempt:
+        before = best
+        best, why = _explore(search, best, floor, others)
+        attempt.end(Verdict.REJECTED if best is before else Verdict.ACCEPTED, why,
+                    cost=best.objective)
+    return best
+
+
+def _explore(search: Bench, best: Solution, floor: float,
+             others: Sequence[TranscriptionOutcome]) -> tuple[Solution, str]:
+    """Do what `explore_starts` does; return the solution, and why no further start is tried."""
     kept, spent = search.last, 0
     alone = best.certified and search.kit.convex(search.stated)
     before, bent = search.work, not alone and _disproportion(search) > _BENT
@@ -157,9 +168,13 @@ def explore_starts(search: Bench, best: Solution, floor: float,
     refined = [best.objective] if best.certified else []   # costs of the solutions they led to
     # Number of starts, increased by each that leads to a better solution.
     wanted = 1 + len(others) + len(lengths) + bool(promising)
+    why = 'the problem is convex: there is no other minimum' if alone else (
+        f'{_MOST} starts were tried')
     for number in range(0 if alone else _MOST):
-        if search.monitor.stopped or _enough(search, number, (before, spent), wanted,
-                                             best.certified, uneven=uneven, bent=bent):
+        stop = search.monitor.stopped or _explain_enough(
+            search, number, (before, spent), wanted, best.certified, uneven=uneven, bent=bent)
+        if stop:
+            why = stop
             break
         started = search.work
         search.reset()
@@ -197,7 +212,7 @@ def explore_starts(search: Bench, best: Solution, floor: float,
             looked=collect_numbers(search.stated),
             optimality=describe_local(search.tried, best.objective, search.minima)))
         search.kit.several |= search.familiar.minima > 1
-    return best
+    return best, why
 
 
 def _lined_up(search: Bench, floor: float, *, uneven: bool,
@@ -238,22 +253,30 @@ def _to_be_told(other: Solution, best: Solution) -> bool:
         feasible(best) and cheaper(best, other))
 
 
-def _enough(search: Bench, number: int, work: tuple[int, int], wanted: int, certified: bool, *,
-            uneven: bool, bent: bool) -> bool:
-    """Return whether multistart may stop; `work` is that before it, and that of its starts."""
+def _explain_enough(search: Bench, number: int, work: tuple[int, int], wanted: int,
+                    certified: bool, *, uneven: bool, bent: bool) -> str:
+    """
+    Return why multistart may stop; '' if it may not.
+
+    `number`: starts so far. `work`: that before multistart, and that of its starts.
+    """
     (before, spent), rough = work, _rough(search)
     hard = before > _HARD
     if spent > _LAVISH if certified else search.work > _WEARY[0] and spent > _WEARY[1]:
-        return True
+        return f'the work for further starts is used up after {number}'
     if (rough or bent) and certified and not (hard or uneven) and spent > max(_FOR_ROUGH, before):
-        return True
+        return f'{number} starts took more work than the solution'
     if uneven or hard and not search.stages:
         many = number >= _MANY and spent >= _FOR_MANY
     else:
         times = 1 + (search.familiar.minima > _FEW and not hard)
         least = _LEAST_HARD if hard or rough else _LEAST_BENT if bent else 1
         many = number >= max(times * least if least > 1 else 1, wanted)
-    return many and (spent > _EXPLORING[hard] * search.work or search.familiar.enough())
+    if many and spent > _EXPLORING[hard] * search.work:
+        return f'{number} starts took their part of the work'
+    if many and search.familiar.enough():
+        return f'{number} starts led to minima that are known'
+    return ''
 
 
 def _disproportion(search: Bench) -> float:

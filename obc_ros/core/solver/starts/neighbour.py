@@ -5,13 +5,14 @@
 from dataclasses import replace
 
 import numpy as np
-from obc_ros.core.ocp.solution import Optimality, Solution, Status
+from obc_ros.core.ocp.solution import Optimality, Solution, Status, Verdict
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.improve.kink_mesh import start_from_neighbour
 from obc_ros.core.solver.program_cache import Answered, collect_numbers
 from obc_ros.core.solver.proofs.contradictions import explain_contradiction
 from obc_ros.core.solver.proofs.optimality import describe_local
+from obc_ros.core.solver.trace import judge_path
 from obc_ros.core.solver.transcription.local_minima import ANOTHER
 
 _ITERATIONS = 15    # maximum number of iterations: with more, another minimum may be better
@@ -38,6 +39,17 @@ def solve_from_neighbour(search: Bench) -> Solution | None:
     last = None if search.quick else search.kit.neighbour(search.stated)
     if last is None or last.outcome.mesh.layout.intervals > search.monitor.max_intervals:
         return None
+    with search.trace.attempt('neighbour', 'from a solution with other numbers') as attempt:
+        answer = _follow(search, last)
+        if answer is None:
+            attempt.end(Verdict.REJECTED, 'it does not converge, or another minimum is lower')
+        else:
+            attempt.end(*judge_path(answer), cost=answer.objective)
+    return answer
+
+
+def _follow(search: Bench, last: Answered) -> Solution | None:
+    """Do what `solve_from_neighbour` does, from the solution of one neighbour."""
     if search.kit.twin:
         search.problem = search.kit.twin.problem(search.stated)   # the sharpest
     start, search.margin = last.outcome, last.margin

@@ -20,7 +20,7 @@ from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.starts.initial_guess import estimate_scales
-from obc_ros.core.solver.transcription.mesh import Path
+from obc_ros.core.solver.transcription.mesh import label_paths, Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 from scipy.optimize import least_squares
 
@@ -61,7 +61,8 @@ def start_around(search: Bench, outcome: TranscriptionOutcome) -> int:
     line = guesser.line(problem, float(outcome.path.t[-1]))
     if ways := bend_around(problem, line):
         follow = Follower(problem, line, guesser.final_state(problem)[1])
-        search.starts = chain(map(follow, ways), search.starts)
+        search.starts = chain(
+            label_paths(map(follow, ways), 'path around obstacles'), search.starts)
     return len(ways)
 
 

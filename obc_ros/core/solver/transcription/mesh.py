@@ -6,6 +6,7 @@ The mesh of a transcription, and a path on it.
 [0, T] is divided into phases, and these into intervals. The lengths of phases may be unknown.
 """
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -57,6 +58,12 @@ class Layout:
     def free_durations(self) -> bool:
         """Return whether the lengths of the phases are unknown."""
         return self.free_time or len(self.phases) > 1
+
+    def describe(self) -> str:
+        """Return intervals, phases and scheme in words."""
+        phases = f' in {len(self.phases)} phases' if len(self.phases) > 1 else ''
+        scheme = f'{self.stages} Gauss points' if self.stages else 'Runge-Kutta'
+        return f'{self.intervals} intervals{phases}, {scheme}'
 
     @cached_property
     def phase_of(self) -> Index:
@@ -120,6 +127,8 @@ class Path:
         Inputs at the start and at the end of each interval.
     durations : ndarray, shape (phases,)
         Lengths of the phases [s].
+    origin : str
+        Of an initial guess: how it was made, in words.
 
     """
 
@@ -129,6 +138,7 @@ class Path:
     ua: Array
     ub: Array
     durations: Array
+    origin: str = ''
 
     def states_at(self, times: Array) -> Array:
         """Return states (K, n) at times (K,) [s], by linear interpolation."""
@@ -166,6 +176,12 @@ class Path:
         length = np.maximum(self.t[k + 1] - self.t[k], 1e-300)
         part = np.clip((times - self.t[k]) / length, 0.0, 1.0)[:, None]
         return np.asarray((1 - part) * self.ua[k] + part * self.ub[k])
+
+
+def label_paths(paths: Iterable[Path], origin: str) -> Iterator[Path]:
+    """Yield initial guesses, with how they were made if that is not known."""
+    for path in paths:
+        yield path if path.origin else replace(path, origin=origin)
 
 
 def build_uniform_mesh(problem: Problem, intervals: int, stages: int, mode: str = LINEAR) -> Mesh:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.numerics.collocation import build_collocation, compute_gauss_points
 from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Verdict
 from obc_ros.core.solver.nlp.interior_point import StoppingRule
 from obc_ros.core.solver.nlp.progress import ProgressMonitor, Watch
 from obc_ros.core.solver.transcription.banded_program import Found, Stages
@@ -102,6 +103,12 @@ class TranscriptionOutcome:
     lam_g: Array
     mu: float
     scales: 'ProblemScales | None' = None
+
+    def judge(self) -> tuple[Verdict, str]:
+        """Return the verdict on the iterate, and why the solve ended if it did not converge."""
+        if self.converged:
+            return Verdict.CONVERGED, ''
+        return Verdict.NOT_CONVERGED, f'{self.status}, infeasibility {self.infeasibility:.1e}'
 
     def pressure(self) -> Array:
         """Return the derivative of J by the tightening of each bound of x and of c, (n + l,)."""

@@ -1,0 +1,179 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The record of a solve: what was tried, in which order, at what cost, and why it ended."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import math
+
+from obc_ros.core.ocp.solution import Attempt, MOST_ATTEMPTS, Solution, Status, Verdict
+
+_SHOWN = 3   # attempts under way that `Trace.describe` names, the innermost last
+
+
+class Entry:
+    """
+    An attempt under way.
+
+    Parameters
+    ----------
+    number, parent : int
+        As in `Attempt`.
+    method, what : str
+        As in `Attempt`.
+    begun : int
+        Work before it.
+    aside : bool
+        Whether it solves another problem, whose costs say nothing about this one.
+
+    """
+
+    def __init__(self, number: int, parent: int, method: str, what: str, begun: int,
+                 aside: bool) -> None:
+        self.number, self.parent, self.method, self.what = number, parent, method, what
+        self.begun, self.aside = begun, aside
+        self.work = 0
+        self._cost = self._loss = math.nan
+        self._verdict, self._why = Verdict.STOPPED, ''
+
+    def end(self, verdict: Verdict, why: str = '', *, cost: float = math.nan,
+            loss: float = math.nan, what: str = '') -> None:
+        """Set the result; see `Attempt`. A later call replaces it; `what` if it is given."""
+        self.what = what or self.what
+        self._verdict, self._why = verdict, why
+        self._cost, self._loss = float(cost), float(loss)
+
+    def spend(self, work: int) -> None:
+        """Add work, in iterations times intervals."""
+        self.work += work
+
+    def freeze(self) -> Attempt:
+        """Return the attempt as a value."""
+        return Attempt(
+            number=self.number, parent=self.parent, method=self.method, what=self.what,
+            begun=self.begun, work=self.work, cost=self._cost, loss=self._loss,
+            verdict=self._verdict, why=self._why)
+
+
+class Trace:
+    """
+    The attempts of a solve, as a tree. Entries are added and never removed.
+
+    Attributes
+    ----------
+    work : int
+        Iterations times intervals so far.
+
+    """
+
+    def __init__(self) -> None:
+        self.work = 0
+        self._entries: list[Entry] = []
+        self._open: list[Entry] = []   # the innermost last
+        self._best, self._certified = math.inf, False
+        self._description: str | None = None
+
+    def spend(self, work: int) -> None:
+        """Add work, in iterations times intervals."""
+        self.work += work
+
+    def begin(self, method: str, what: str = '', *, aside: bool = False) -> Entry:
+        """
+        Add an attempt that belongs to the innermost one under way.
+
+        Parameters
+        ----------
+        method, what : str
+            As in `Attempt`.
+        aside : bool
+            Whether another problem is solved, whose costs say nothing about this one.
+
+        Returns
+        -------
+        Entry
+            For `under`, again and again if the attempt is interrupted.
+
+        """
+        inner = self._open[-1] if self._open else None
+        entry = Entry(len(self._entries) + 1, inner.number if inner else 0, method, what,
+                      self.work, aside or inner is not None and inner.aside)
+        self._entries.append(entry)
+        return entry
+
+    @contextmanager
+    def under(self, entry: Entry) -> Iterator[Entry]:
+        """Make an attempt the innermost one under way, and count its work."""
+        before = self.work
+        self._open.append(entry)
+        self._description = None
+        try:
+            yield entry
+        finally:
+            self._open.pop()
+            self._description = None
+            entry.spend(self.work - before)
+
+    @contextmanager
+    def attempt(self, method: str, what: str = '', *, aside: bool = False) -> Iterator[Entry]:
+        """Add an attempt, and make it the innermost one under way; see `begin`."""
+        with self.under(self.begin(method, what, aside=aside)) as entry:
+            yield entry
+
+    def found(self, cost: float, certified: bool) -> None:
+        """Note the cost of a feasible path, for `describe`; a certified one replaces others."""
+        if self._open and self._open[-1].aside:
+            return
+        if (certified, -cost) > (self._certified, -self._best):
+            self._best, self._certified = cost, certified
+            self._description = None
+
+    def describe(self) -> str:
+        """Return what is tried now, and the best cost so far, in words."""
+        if self._description is None:
+            now = ', '.join(f'{entry.method} ({entry.what})' if entry.what else entry.method
+                            for entry in self._open[-_SHOWN:])
+            best = '' if math.isinf(self._best) else (
+                f'; best so far {self._best:.6g}'
+                f'{"" if self._certified else ", not certified"}')
+            self._description = (now or 'solving') + best
+        return self._description
+
+    def attempts(self, most: int = MOST_ATTEMPTS) -> tuple[Attempt, ...]:
+        """Return the attempts, at most `most`; the most detailed are left out first."""
+        depth = [0]
+        for entry in self._entries:
+            depth.append(depth[entry.parent] + 1)
+        level = max(depth)
+        while level > 1 and sum(each <= level for each in depth[1:]) > most:
+            level -= 1
+        return tuple(entry.freeze() for entry in self._entries
+                     if depth[entry.number] <= level)[:most]
+
+
+def judge_path(found: Solution) -> tuple[Verdict, str]:
+    """
+    Return the verdict on a solution, and the reason.
+
+    Parameters
+    ----------
+    found : Solution
+        With or without a path.
+
+    Returns
+    -------
+    verdict : Verdict
+    why : str
+        The condition with the largest residual, if the certificate does not pass.
+
+    """
+    if not found.t.size:
+        return (Verdict.PROVED if found.status is Status.INFEASIBLE else Verdict.REJECTED,
+                found.message)
+    if found.certified:
+        return Verdict.CERTIFIED, ''
+    if found.certificate is None:
+        return Verdict.STOPPED, 'before the certificate'
+    worst = found.certificate.worst
+    return Verdict.NOT_CERTIFIED, (
+        f'{worst} {found.certificate.residuals[worst]:.1e}, allowed '
+        f'{found.certificate.tolerances[worst]:.0e}')

@@ -1,0 +1,150 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The record of a solve: a tree of attempts whose work adds up, and what it says meanwhile."""
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+from obc_ros.core.ocp.solution import MOST_ATTEMPTS, Status, Verdict
+from obc_ros.core.solver.solve import solve
+from obc_ros.core.solver.trace import Trace
+import problems
+import pytest
+
+TREES = st.recursive(st.integers(0, 5), lambda inner: st.lists(inner, max_size=4), max_leaves=40)
+
+
+def record(trace, tree):
+    """Record a nested list: each list is an attempt, each number is work."""
+    if isinstance(tree, int):
+        trace.spend(tree)
+        return
+    with trace.attempt('step'):
+        for each in tree:
+            record(trace, each)
+
+
+def count(tree):
+    return 0 if isinstance(tree, int) else 1 + sum(map(count, tree))
+
+
+def add_up(tree):
+    return tree if isinstance(tree, int) else sum(map(add_up, tree))
+
+
+@given(TREES)
+def test_the_tree_has_every_attempt_and_its_work(tree):
+    trace = Trace()
+    record(trace, tree)
+    found = trace.attempts()
+    assert len(found) == count(tree)
+    assert [each.number for each in found] == list(range(1, len(found) + 1))
+    assert all(each.parent < each.number for each in found)
+    assert trace.work == add_up(tree)
+    for each in found:
+        inner = [other for other in found if other.parent == each.number]
+        assert sum(other.work for other in inner) <= each.work
+        assert all(each.begun <= other.begun <= each.begun + each.work for other in inner)
+
+
+@given(TREES, st.integers(1, 20))
+def test_the_most_detailed_attempts_are_left_out(tree, most):
+    trace = Trace()
+    record(trace, tree)
+    every, found = trace.attempts(), trace.attempts(most)
+    assert len(found) == min(most, len(found))
+    numbers = {each.number for each in found}
+    assert set(found) <= set(every)
+    assert all(not each.parent or each.parent in numbers for each in found)
+
+
+def test_an_interrupted_attempt_counts_its_own_work_only():
+    trace = Trace()
+    first = trace.begin('descent')
+    with trace.under(first):
+        trace.spend(3)
+    with trace.attempt('beside'):
+        trace.spend(10)
+    with trace.under(first), trace.attempt('mesh') as mesh:
+        trace.spend(4)
+        mesh.end(Verdict.CERTIFIED, cost=1.5, loss=1e-9)
+    descent, beside, inner = trace.attempts()
+    assert (descent.work, beside.work, inner.work) == (7, 10, 4)
+    assert (inner.parent, inner.begun, inner.cost, inner.verdict) == (1, 13, 1.5, 'certified')
+    assert descent.verdict is Verdict.STOPPED
+    assert math.isnan(descent.cost)
+
+
+def test_progress_names_what_is_tried_and_the_best_cost():
+    trace = Trace()
+    assert trace.describe() == 'solving'
+    with trace.attempt('multistart'), trace.attempt('initial guess', 'bent line'):
+        assert trace.describe() == 'multistart, initial guess (bent line)'
+        trace.found(2.0, certified=False)
+        assert trace.describe().endswith('; best so far 2, not certified')
+        trace.found(2.5, certified=True)
+        trace.found(3.0, certified=True)
+        assert trace.describe().endswith('; best so far 2.5')
+    with trace.attempt('explanation', aside=True), trace.attempt('related problem'):
+        trace.found(-7.0, certified=True)
+        assert trace.describe() == 'explanation, related problem; best so far 2.5'
+
+
+def test_an_attempt_that_raises_is_recorded():
+    trace = Trace()
+    with pytest.raises(ZeroDivisionError), trace.attempt('step'):
+        trace.spend(2)
+        raise ZeroDivisionError
+    [attempt] = trace.attempts()
+    assert (attempt.work, attempt.verdict) == (2, Verdict.STOPPED)
+
+
+def test_a_solution_tells_how_it_was_found():
+    found = solve(problems.build('goddard'))
+    tree = {each.number: each for each in found.attempts}
+    top = [each for each in found.attempts if not each.parent]
+    assert [each.method for each in top][:4] == [
+        'exact method', 'coarse mesh', 'descent', 'multistart']
+    descent = top[2]
+    assert descent.verdict is Verdict.CERTIFIED
+    assert descent.cost == found.objective
+    starts = [each for each in found.attempts if each.method == 'initial guess']
+    assert starts[0].what == 'straight line'
+    assert tree[starts[0].parent].method == 'coarse mesh'
+    assert len(starts) == found.optimality.starts
+    assert 'starts' in top[3].why
+
+
+@pytest.mark.slow
+def test_the_minima_of_the_search_are_reported_after_the_refinement():
+    """The published minimum of the cart-pole is 58.81; the search finds a lower one, too."""
+    found = solve(problems.build('cart_pole'))
+    assert [each.verdict for each in found.attempts if each.method == 'indirect refinement'] == [
+        Verdict.CERTIFIED]
+    assert found.optimality.starts == sum(
+        each.method == 'initial guess' for each in found.attempts) > 1
+    assert found.optimality.minima[0] == found.objective
+    assert found.optimality.minima[1] == pytest.approx(58.81, abs=0.01)
+
+
+def test_a_closed_form_needs_one_attempt():
+    found = solve(problems.build('lq_scalar_unit'))
+    [attempt] = found.attempts
+    assert (attempt.method, attempt.what, attempt.work) == ('exact method', 'riccati', 0)
+    assert (attempt.verdict, attempt.cost) == (Verdict.CERTIFIED, found.objective)
+
+
+def test_a_refusal_tells_what_was_tried():
+    found = solve(problems.pose({'x': 'v', 'v': 'u'}, 'u**2', (0, 0), 1, terminal_constraints=[
+        'x - 1', 'v'], input_bounds={'u': [-3.9, 3.9]}))   # wanted: at least 4
+    assert found.status is Status.INFEASIBLE, found.message
+    proofs = [each for each in found.attempts if each.verdict is Verdict.PROVED]
+    assert proofs
+    assert found.message in {each.why for each in proofs}
+
+
+@pytest.mark.slow
+def test_the_attempts_of_a_long_search_are_bounded():
+    found = solve(problems.build('terminal_wells_plane'))
+    assert 1 < len(found.attempts) <= MOST_ATTEMPTS
