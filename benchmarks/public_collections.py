@@ -77,15 +77,14 @@ def main() -> int:
         examples = read_table(path)
         for row in examples:
             if row.problem not in answers:
-                print(f'\r{row.example:40.40}', end='', file=sys.stderr, flush=True)
                 answers[row.problem] = solve_alone(row.problem, args.limit * args.patience)
             answer = answers[row.problem]
+            print(f'{row.example}: {answer}', file=sys.stderr, flush=True)
             rows.append((
                 row.example, row.published or '-', f'{answer.cost:.8g}',
                 answer.compare(row.published), row.seconds or '-', f'{answer.seconds:.2f}',
                 'certified' if answer.certified(args.limit)
                 else f'{answer.status}: {answer.message}'))
-        print('\r', end='', file=sys.stderr, flush=True)
         timing.table(path.stem, ('example', 'published', 'cost', 'against published',
                                  'published [s]', 'seconds', 'result'), rows)
         certified = sum(answers[row.problem].certified(args.limit) for row in examples)
