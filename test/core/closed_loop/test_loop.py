@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The control loop without ROS: the law, and everything that a robot needs around it."""
+"""The control loop without ROS: control law, input checks, timeouts, stop and envelope."""
 
 from dataclasses import replace
 import math
@@ -19,14 +19,14 @@ from obc_ros.core.closed_loop.feedback import (
 from obc_ros.core.closed_loop.loop import ControlLoop
 import pytest
 
-# The law
+# Control law
 
 
 @pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(strategies.integers(1, 6), strategies.integers(1, 3), strategies.integers(0, 2**32 - 1))
-def test_law_is_the_matrix_product(n: int, m: int, seed: int) -> None:
-    """U = ur - K (x - xr), within the limits."""
+def test_control_law_is_the_clipped_matrix_product(n: int, m: int, seed: int) -> None:
+    """Compare u = ur - K (x - xr), clipped to the limits, with numpy."""
     rng = np.random.default_rng(seed)
     x, xr, ur, gain = (rng.normal(size=size) for size in (n, n, m, (m, n)))
     limits = InputLimits((-1.0,) * m, (0.5,) * m)
@@ -41,8 +41,8 @@ def test_law_is_the_matrix_product(n: int, m: int, seed: int) -> None:
 
 
 @given(strategies.floats(-1e6, 1e6), strategies.floats(-10.0, 10.0))
-def test_angles_wrap(theta: float, wanted: float) -> None:
-    """The error of an angle is the short way round, and a length does not wrap."""
+def test_errors_of_angles_wrap_and_others_do_not(theta: float, wanted: float) -> None:
+    """The error of an angle lies in [-pi, pi]; the error of a length does not wrap."""
     error = InputLimits((), (), angles=(1,)).error([theta, theta], (wanted, wanted))
     assert error[0] == theta - wanted
     assert -math.pi <= error[1] <= math.pi
@@ -50,8 +50,8 @@ def test_angles_wrap(theta: float, wanted: float) -> None:
     assert math.sin(error[1]) == pytest.approx(math.sin(theta - wanted), abs=1e-9)
 
 
-def test_answers_a_state() -> None:
-    """The plain case."""
+def test_a_state_is_answered_with_a_command() -> None:
+    """Check the command u = 3 - 1 x_1 - 2 x_2 and what the loop records."""
     loop = ControlLoop(control(x=(1.0, 0.0), u=3.0))
     assert loop.answer(5, [2.0, 0.5], 0.0) == [3.0 - 1.0 - 1.0]
     assert loop.counts == {'answered': 1, 'saturated': 0}
@@ -59,15 +59,15 @@ def test_answers_a_state() -> None:
     assert loop.command == [1.0]
 
 
-def test_clips_and_counts() -> None:
-    """A clipped input is at its limit and counted."""
+def test_commands_are_clipped_and_counted() -> None:
+    """A clipped input is at its limit and is counted as saturated."""
     loop = ControlLoop(control(limits=((-1.0,), (0.5,))))
     assert answers(loop, (0, [9.0, 0.0]), (1, [-9.0, 0.0]), (2, [0.1, 0.0])) == [
         [-1.0], [0.5], [-0.1]]
     assert loop.counts['saturated'] == 2
 
 
-# What comes in
+# Checks of incoming states
 
 
 @pytest.mark.parametrize(('x', 'kind', 'words'), [
@@ -78,8 +78,8 @@ def test_clips_and_counts() -> None:
     ([0.0, -math.inf], 'finite', 'a state with vx = -inf was dropped'),
     ([1e308, 1e308], 'command', 'a command that is not finite'),
 ])
-def test_bad_states_are_dropped(x: list[float], kind: str, words: str) -> None:
-    """What cannot be answered is dropped, counted, told; the next state is answered."""
+def test_invalid_states_are_dropped_and_reported(x: list[float], kind: str, words: str) -> None:
+    """An invalid state is dropped, counted and reported; the next valid state is answered."""
     loop = ControlLoop(control(gain=((10.0, 10.0),)))
     assert loop.answer(0, x, 0.0) is None
     assert loop.counts[kind] == 1
@@ -88,8 +88,8 @@ def test_bad_states_are_dropped(x: list[float], kind: str, words: str) -> None:
     assert loop.answer(1, [0.0, 0.0], 0.0) == [0.0]
 
 
-def test_the_same_is_told_once_a_second() -> None:
-    """A flood of bad states does not become a flood of words."""
+def test_a_repeated_fault_is_reported_once_a_second() -> None:
+    """2500 invalid states within 2.5 s give three reports."""
     loop = ControlLoop(control())
     for k in range(2_500):
         loop.answer(k * MS, [math.nan, 0.0], k * 1e-3)
@@ -97,8 +97,8 @@ def test_the_same_is_told_once_a_second() -> None:
     assert len(loop.news) == 3
 
 
-def test_a_late_state_is_dropped() -> None:
-    """A state that another has overtaken is not answered."""
+def test_a_state_older_than_the_last_one_is_dropped() -> None:
+    """A state whose stamp precedes that of the last answered state is not answered."""
     loop = ControlLoop(control())
     given = answers(loop, (1.00, [1.0, 0.0]), (0.99, [9.0, 0.0]), (1.01, [2.0, 0.0]),
                     (1.0, [9.0, 0.0]), (1.02, [3.0, 0.0]))
@@ -107,8 +107,8 @@ def test_a_late_state_is_dropped() -> None:
     assert loop.counts['restarted'] == 0
 
 
-def test_a_repeated_stamp_is_answered_alike() -> None:
-    """A plant that asks again gets the same answer; nothing is integrated twice."""
+def test_a_repeated_stamp_gets_the_same_command() -> None:
+    """A repeated request gets the same command; the integral is not advanced twice."""
     loop = ControlLoop(control(C=((1.0, 0.0),), Ki=((5.0,),)))
     first = answers(loop, (0.0, [1.0, 0.0]), (0.1, [1.0, 0.0]))[-1]
     assert answers(loop, (0.1, [1.0, 0.0]), (0.1, [1.0, 0.0])) == [first, first]
@@ -116,29 +116,29 @@ def test_a_repeated_stamp_is_answered_alike() -> None:
 
 
 @pytest.mark.parametrize('stamps', [(100.0, 0.0), (0.3, 0.0, 0.005)])
-def test_time_that_goes_back_starts_again(stamps: tuple[float, ...]) -> None:
-    """A plant that was reset is answered; two states in a row are not out of order."""
+def test_stamps_that_jump_back_restart_the_loop(stamps: tuple[float, ...]) -> None:
+    """Two consecutive states with earlier stamps are a reset of the plant, not a wrong order."""
     loop = ControlLoop(control(C=((1.0, 0.0),), Ki=((1.0,),)))
     assert answers(loop, (stamps[0] - 0.1, [1.0, 0.0]), (stamps[0], [1.0, 0.0]))[-1] == [-1.1]
     given = answers(loop, *((t, [1.0, 0.0]) for t in stamps[1:]))
-    assert given[-1] == [-1.0]  # without the integral of before
+    assert given[-1] == [-1.0]  # The integral starts at zero again.
     assert loop.counts['restarted'] == 1
     assert any('time went back' in sentence for sentence in loop.news)
 
 
-def test_stamps_that_do_not_advance() -> None:
-    """A source that does not stamp its states is answered."""
+def test_states_with_constant_stamps_are_answered() -> None:
+    """A source may leave its states unstamped."""
     loop = ControlLoop(control())
     assert [loop.answer(0, [float(k), 0.0], k * 0.01) for k in range(3)] == [[0.0], [-1.0], [-2.0]]
 
 
-def test_rate() -> None:
-    """At most one answer in a period of the stamps, on its grid."""
+def test_commands_are_at_most_one_per_period() -> None:
+    """The loop gives at most one command per period of the stamps, on a grid of periods."""
     loop = ControlLoop(control(rules=Rules(period=50 * MS)))
     answered = [k for k in range(100) if loop.answer(k * 5 * MS, [0.0, 0.0], k * 5e-3)]
     assert answered == list(range(0, 100, 10))
     assert loop.counts['skipped'] == 90
-    # a stamp that is early by rounding is in time; a gap begins a new grid
+    # A stamp that is 10 ns early still counts for its period; a gap begins a new grid.
     assert loop.answer(500 * MS - 10, [0.0, 0.0], 0.5)
     assert loop.answer(933 * MS, [0.0, 0.0], 1.0)
     assert not loop.answer(980 * MS, [0.0, 0.0], 1.0)
@@ -148,8 +148,8 @@ def test_rate() -> None:
 @pytest.mark.parametrize(('lag', 'kind'), [
     (0.0, ''), (0.4, ''), (0.6, 'old'), (3599.0, 'old'), (-0.4, ''), (-0.6, 'ahead'),
     (3601.0, ''), (-3601.0, ''), (1.7e9, '')])
-def test_stamps_against_the_clock(lag: float, kind: str) -> None:
-    """A state stamped long ago, or in the future, is dropped, unless of another clock."""
+def test_stamps_far_from_the_local_time_are_dropped(lag: float, kind: str) -> None:
+    """Stamps too far in the past or future are dropped; lags above 1 h mean another clock."""
     loop = ControlLoop(control(rules=Rules(stamp_timeout=0.5)))
     stamp = 2_000_000_000 * S
     u = loop.answer(stamp, [1.0, 0.0], 0.0, stamp + round(lag * S))
@@ -159,15 +159,15 @@ def test_stamps_against_the_clock(lag: float, kind: str) -> None:
         words = {'old': 'before', 'ahead': 'after'}[kind]
         assert f's {words} the local time was dropped' in loop.news[0]
         assert loop.lag == pytest.approx(lag)
-        # it neither is a state that came, nor puts the next one out of order
+        # A dropped state neither counts as received nor sets the last stamp.
         assert loop.overdue(1e9) is None
         assert loop.stamp is None
     unchecked = ControlLoop(control())
     assert unchecked.answer(stamp, [1.0, 0.0], 0.0, stamp + round(lag * S)) == [-1.0]
 
 
-def test_late_stamps_are_stale() -> None:
-    """States that all come late are as good as none: on_stale acts."""
+def test_states_that_are_all_late_trigger_on_stale() -> None:
+    """If all states are late, on_stale acts as if none were received."""
     loop = ControlLoop(control(u=7.0, rules=Rules(stamp_timeout=0.5)))
     assert loop.answer(10 * S, [1.0, 0.0], 10.0, 10 * S) == [6.0]
     for k in range(1, 10):
@@ -176,16 +176,17 @@ def test_late_stamps_are_stale() -> None:
     assert loop.is_stale
 
 
-# When states stay away
+# Timeout of states
 
 
 @pytest.mark.parametrize(('action', 'commanded'), [
     ('equilibrium', [7.0]), ('hold', [6.0]), ('silent', None)])
-def test_stale(action: str, commanded: list[float] | None) -> None:
-    """After state_timeout on_stale acts, again each time; a state ends it."""
+def test_on_stale_acts_at_each_timeout_until_a_state_arrives(
+        action: str, commanded: list[float] | None) -> None:
+    """on_stale acts after each state_timeout, until a state arrives."""
     loop = ControlLoop(control(u=7.0, rules=Rules(state_timeout=0.2, on_stale=action)))
     assert loop.wake() == math.inf
-    assert loop.overdue(1e9) is None  # nothing has come yet
+    assert loop.overdue(1e9) is None  # No state has been received yet.
     assert loop.answer(0, [1.0, 0.0], 10.0) == [6.0]
     assert loop.wake() == 10.2
     assert loop.overdue(10.19) is None
@@ -201,8 +202,8 @@ def test_stale(action: str, commanded: list[float] | None) -> None:
     assert loop.age(11.5) == 0.5
 
 
-def test_bad_states_do_not_count_as_states() -> None:
-    """A NaN at full rate is as good as no state."""
+def test_invalid_states_do_not_reset_the_timeout() -> None:
+    """A stream of NaN states triggers on_stale like no states at all."""
     loop = ControlLoop(control(rules=Rules(state_timeout=0.2)))
     loop.answer(0, [0.0, 0.0], 0.0)
     for k in range(1, 100):
@@ -210,19 +211,19 @@ def test_bad_states_do_not_count_as_states() -> None:
     assert loop.overdue(0.2) == [0.0]
 
 
-def test_no_timeout() -> None:
-    """With state_timeout = 0 nothing is ever stale."""
+def test_a_zero_timeout_disables_on_stale() -> None:
+    """With state_timeout = 0 the loop never becomes stale."""
     loop = ControlLoop(control(rules=Rules(state_timeout=0.0)))
     loop.answer(0, [0.0, 0.0], 0.0)
     assert loop.wake() == math.inf
     assert loop.overdue(1e9) is None
 
 
-# Stop, envelope
+# Stop and envelope
 
 
 def test_stop_is_latched() -> None:
-    """While stopped, the input at rest answers every state."""
+    """While stopped, the loop answers every state with the input at rest."""
     loop = ControlLoop(control(u=3.0, rest=(0.5,)))
     loop.answer(0, [1.0, 0.0], 0.0)
     loop.stop('by test')
@@ -235,8 +236,9 @@ def test_stop_is_latched() -> None:
 @pytest.mark.parametrize(('action', 'outside', 'back'), [
     ('stop', [7.0], [7.0]), ('equilibrium', [7.0], [6.5]), ('hold', [6.2], [6.5]),
     ('silent', None, [6.5])])
-def test_envelope(action: str, outside: list[float] | None, back: list[float]) -> None:
-    """Outside x_limits on_envelope acts; only a stop is latched."""
+def test_on_envelope_acts_outside_x_limits(
+        action: str, outside: list[float] | None, back: list[float]) -> None:
+    """Outside x_limits on_envelope acts; only its stop is latched."""
     rules = Rules(x_limits=((-1.0, 2.0), (-math.inf, math.inf)), on_envelope=action)
     loop = ControlLoop(control(u=7.0, rules=rules))
     assert answers(loop, (0, [0.8, 0.0]), (1, [2.1, 0.0]), (2, [0.5, 0.0])) == [
@@ -246,7 +248,7 @@ def test_envelope(action: str, outside: list[float] | None, back: list[float]) -
     assert loop.stopped == ('' if action != 'stop' else 'the error of px is 2.1, outside [-1, 2]')
 
 
-# Everything at once
+# Random sequences of events
 
 
 @pytest.mark.slow
@@ -257,9 +259,9 @@ def test_envelope(action: str, outside: list[float] | None, back: list[float]) -
     strategies.floats(0.0, 1e6),
     strategies.sampled_from(['state', 'overdue', 'stop', 'start', 'adopt', 'preview'])),
     max_size=40))
-def test_no_command_is_ever_out_of_the_limits(
+def test_any_sequence_of_events_gives_commands_within_limits(
         events: list[tuple[int, list[float], float, str]]) -> None:
-    """Whatever comes in whatever order, a command is finite and within the limits."""
+    """Every command is finite and within the limits, whatever the order of events."""
     loop = ControlLoop(control(limits=((-2.0,), (2.0,)), rest=(1.0,), drift=(1.0, 0.0),
                                rules=Rules(transition_time=0.5, on_stale='hold'),
                                C=((1.0, 0.0),), Ki=((1.0,),)))
@@ -276,4 +278,6 @@ def test_no_command_is_ever_out_of_the_limits(
                 loop.control.regulator, K=((now % 7, 1.0),)), legs=(leg(stamp),) * (stamp % 2)))
         else:
             loop.stop('by test' if what == 'stop' else '')
-        assert u is None or len(u) == 1 and -2.0 <= u[0] <= 2.0
+        if u is not None:
+            assert len(u) == 1
+            assert -2.0 <= u[0] <= 2.0

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the loop does over time: references, hand-overs, horizons, schedules, integrals."""
+"""The control loop over time: references, transitions, horizons, schedules, integrals, delays."""
 
 from dataclasses import replace
 import math
@@ -20,11 +20,11 @@ from obc_ros.core.closed_loop.feedback import Gains, InputLimits, ReferencePoint
 from obc_ros.core.closed_loop.loop import ControlLoop
 import pytest
 
-# Set points that move, references
+# Moving set points and references
 
 
-def test_a_moving_set_point_moves_on() -> None:
-    """It starts where the plant is, moves with the stamps, and changes of the gain leave it."""
+def test_a_moving_set_point_starts_at_the_plant() -> None:
+    """It starts at the plant, moves with the stamps, and continues when only the gain changes."""
     moving = control(u=10.0, drift=(10.0, 0.0), gain=((1.0, 0.0),))
     loop = ControlLoop(moving)
     assert answers(loop, (100.0, [500.0, 0.0]), (100.5, [505.0, 0.0]), (101.0, [509.0, 0.0])) == [
@@ -35,11 +35,11 @@ def test_a_moving_set_point_moves_on() -> None:
     loop.adopt(replace(moving, regulator=faster))
     assert answers(loop, (102.0, [520.0, 0.0]), (103.0, [540.0, 0.0])) == [[20.0], [20.0]]
     loop.adopt(replace(moving, regulator=replace(faster, x=(600.0, 0.0))))
-    assert answers(loop, (103.0, [540.0, 0.0])) == [[80.0]]  # what was asked for
+    assert answers(loop, (103.0, [540.0, 0.0])) == [[80.0]]  # a new set point
 
 
-def test_a_moving_set_point_does_not_run_away() -> None:
-    """After a stop it goes on from where the plant is."""
+def test_a_moving_set_point_restarts_at_the_plant_after_a_stop() -> None:
+    """The set point does not move while the loop is stopped."""
     loop = ControlLoop(control(u=10.0, drift=(10.0, 0.0), rest=(0.0,)))
     answers(loop, (0.0, [0.0, 0.0]), (1.0, [10.0, 0.0]))
     loop.stop('by test')
@@ -48,8 +48,8 @@ def test_a_moving_set_point_does_not_run_away() -> None:
     assert answers(loop, (51.0, [12.0, 0.0]), (52.0, [22.0, 0.0])) == [[10.0], [10.0]]
 
 
-def test_a_reference_is_followed_to_its_end() -> None:
-    """Before it the set point, along it the reference, after it its end; without a state none."""
+def test_a_reference_is_followed_and_its_end_is_held() -> None:
+    """The set point applies before the reference, its last sample after it."""
     still = control()
     loop = ControlLoop(still)
     answers(loop, (9.0, [0.0, 0.0]))
@@ -59,14 +59,14 @@ def test_a_reference_is_followed_to_its_end() -> None:
     assert given == [[0.0], [0.0], [0.5], [0.5], [0.5]]
 
 
-def test_a_reference_can_begin_in_the_middle() -> None:
-    """A stamp in the past joins the reference where it is now."""
+def test_a_reference_stamped_in_the_past_is_joined_midway() -> None:
+    """The reference is joined at the point of the present time."""
     loop = ControlLoop(control(legs=(leg(10 * S),)))
     assert answers(loop, (11.5, [1.5, 1.0])) == [[0.0]]
 
 
-def test_a_reference_without_stamp_begins_at_once() -> None:
-    """At the first state after it; a change of the gain leaves its beginning."""
+def test_a_reference_without_stamp_begins_at_the_next_state() -> None:
+    """A later change of the gain does not move its beginning."""
     still = control()
     loop = ControlLoop(still)
     answers(loop, (5.0, [0.0, 0.0]))
@@ -77,25 +77,25 @@ def test_a_reference_without_stamp_begins_at_once() -> None:
     assert answers(loop, (7.5, [1.5, 1.0])) == [[0.0]]
 
 
-def test_a_reference_that_came_before_the_loop_begins_with_it() -> None:
-    """As one that an inactive node was given, without a stamp."""
+def test_a_reference_given_before_the_loop_begins_with_it() -> None:
+    """An inactive node may receive an unstamped reference; it begins at the first state."""
     loop = ControlLoop(control(legs=(leg(None),)))
     assert answers(loop, (6.0, [0.0, 1.0]), (7.0, [1.0, 1.0]), (9.0, [2.0, 0.0])) == [
         [0.0], [0.0], [0.5]]
 
 
-def test_a_reference_is_replaced_when_the_next_begins() -> None:
-    """Until then the one before is followed."""
+def test_a_reference_is_followed_until_the_next_begins() -> None:
+    """The second reference replaces the first at its own beginning."""
     first, second = leg(10 * S), leg(11 * S)
     loop = ControlLoop(control(legs=(first, second)))
     assert answers(loop, (10.5, [0.5, 1.0]), (11.0, [0.0, 1.0])) == [[0.0], [0.0]]
 
 
-# Changes without a jump
+# Transitions without a jump
 
 
-def test_transition_is_smooth() -> None:
-    """The command goes on from where it was, and ends at the new law."""
+def test_a_transition_is_smooth_and_ends_at_the_new_law() -> None:
+    """The command starts at its previous value and ends at that of the new control law."""
     rules = Rules(transition_time=1.0)
     loop = ControlLoop(control(rules=rules))
     assert answers(loop, (0.0, [1.0, 0.0])) == [[-1.0]]
@@ -109,8 +109,8 @@ def test_transition_is_smooth() -> None:
     assert u[50] == pytest.approx(-3.0)
 
 
-def test_transition_in_a_transition() -> None:
-    """A further change goes on from the command as it is."""
+def test_a_second_change_during_a_transition_is_smooth() -> None:
+    """A second change starts from the present command."""
     rules = Rules(transition_time=1.0)
     loop = ControlLoop(control(rules=rules))
     answers(loop, (0.0, [1.0, 0.0]))
@@ -121,8 +121,8 @@ def test_transition_in_a_transition() -> None:
     assert answers(loop, (1.5, [1.0, 0.0])) == [[5.0]]
 
 
-def test_transition_after_a_stop() -> None:
-    """The law takes over from the input at rest."""
+def test_a_transition_after_a_stop_begins_at_the_rest_input() -> None:
+    """After a start the command moves from the input at rest to the control law."""
     loop = ControlLoop(control(rest=(0.3,), rules=Rules(transition_time=1.0)))
     answers(loop, (0.0, [1.0, 0.0]))
     loop.stop('by test')
@@ -131,8 +131,8 @@ def test_transition_after_a_stop() -> None:
     assert answers(loop, (2.0, [1.0, 0.0]), (3.0, [1.0, 0.0])) == [[pytest.approx(0.3)], [-1.0]]
 
 
-def test_preview_is_the_jump() -> None:
-    """What a change would do to the command is known before, and nothing is changed by asking."""
+def test_preview_returns_the_jump_without_changing_the_loop() -> None:
+    """`preview` returns the change of the command and leaves the loop unchanged."""
     loop = ControlLoop(control())
     wanted = control(gain=((5.0, 0.0),), x=(0.5, 0.0), u=1.0)
     assert loop.preview(wanted) is None
@@ -146,20 +146,21 @@ def test_preview_is_the_jump() -> None:
     assert jump == [after[0] - before[0]] == [-0.5]
 
 
-class Still:
-    """The reference px = 5, with a gain of its own."""
+class ConstantReference:
+    """The constant reference px = 5 with its own gain."""
 
     def at(self, t: float) -> ReferencePoint:
-        """Return it."""
+        """Return its point, which is the same at all times."""
         return ReferencePoint((5.0, 0.0), (0.0,), ((3.0, 0.0),))
 
 
 @pytest.mark.parametrize('delay', [0, 200 * MS])
-def test_hand_overs_between_references_are_smooth(delay: int) -> None:
-    """Where a reference begins, gives way to another and ends, the command does not jump."""
+def test_commands_do_not_jump_where_references_change(delay: int) -> None:
+    """The command is continuous where a reference begins, is replaced and ends."""
     rules = Rules(transition_time=0.5)
     legs = (Leg(Reference(1 * S, 4.0), Ramp(), StateFeedback((4.0, 0.0), (0.5,), K, (0.0, 0.0))),
-            Leg(Reference(3 * S, 2.0), Still(), StateFeedback((5.0, 0.0), (2.0,), K, (0.0, 0.0))))
+            Leg(Reference(3 * S, 2.0), ConstantReference(),
+                StateFeedback((5.0, 0.0), (2.0,), K, (0.0, 0.0))))
     moves = ((1.0, delay / S), (0.0, 1.0))
     prediction = Prediction(moves, (((0.0,), (0.0,)),) * 2, 100 * MS, delay) if delay else None
     times, dt = np.arange(0.0, 7.0, 0.01), 0.01
@@ -176,24 +177,24 @@ def test_hand_overs_between_references_are_smooth(delay: int) -> None:
     np.testing.assert_allclose(u[True][settled], u[False][settled], atol=1e-12)
 
 
-# A horizon
+# Finite horizons
 
 
 def within(time: float, K: float = 10.0, **options: object) -> Control:
-    """Return a control that reaches its set point within a time: a gain that grows, and a rest."""
+    """Return a control with a growing gain that reaches its set point within `time`."""
     gains = Gains((0.0, time, time + 0.1), (((0.0, 0.0),), ((K, 0.0),), ((1.0, 2.0),)), ((),) * 3)
     return control(horizon=Horizon(time, gains), **options)
 
 
-def test_a_horizon_begins_with_the_law() -> None:
-    """Its gain follows the time since the first state, and ends in the steady one."""
+def test_a_horizon_starts_at_the_first_state() -> None:
+    """The gain is a function of the time since the first state and ends in the steady gain."""
     loop = ControlLoop(within(2.0))
     given = answers(loop, *((t, [1.0, 0.0]) for t in (7.0, 8.0, 9.0, 9.05, 9.1, 20.0)))
     np.testing.assert_allclose(np.ravel(given), [0.0, -5.0, -10.0, -5.5, -1.0, -1.0])
 
 
-def test_a_horizon_goes_on_through_changes_of_the_weights() -> None:
-    """Only another set point or horizon begins it anew; so does a start after a stop."""
+def test_a_horizon_restarts_only_for_a_new_set_point_or_horizon() -> None:
+    """A change of the weights does not restart it; a start after a stop does."""
     loop = ControlLoop(within(2.0))
     answers(loop, (0.0, [1.0, 0.0]))
     loop.adopt(within(2.0, K=20.0))
@@ -209,15 +210,15 @@ def test_a_horizon_goes_on_through_changes_of_the_weights() -> None:
     assert answers(loop, (6.0, [2.0, 0.0]), (7.0, [2.0, 0.0])) == [[0.0], [-5.0]]
 
 
-def test_a_horizon_and_a_delay() -> None:
-    """The gain is that of the time at which the command acts."""
+def test_a_horizon_uses_the_gain_at_the_time_the_command_acts() -> None:
+    """The delay is added to the time since the first state."""
     prediction = Prediction(((1.0, 0.0), (0.0, 1.0)), (((0.0,), (0.0,)),), S, S)
     loop = ControlLoop(within(2.0, prediction=prediction))
     assert answers(loop, (7.0, [1.0, 0.0]), (8.0, [1.0, 0.0])) == [[-5.0], [-10.0]]
 
 
-def test_a_horizon_of_a_set_point_that_moves() -> None:
-    """It moves on from where the plant was when the law began, whatever changes meanwhile."""
+def test_a_horizon_with_a_moving_set_point_keeps_its_start() -> None:
+    """The set point moves from the plant's initial position; later changes leave it."""
     moving = within(2.0, u=10.0, drift=(10.0, 0.0))
     loop = ControlLoop(moving)
     assert answers(loop, (100.0, [500.0, 0.0]), (101.0, [511.0, 0.0])) == [[10.0], [5.0]]
@@ -225,11 +226,15 @@ def test_a_horizon_of_a_set_point_that_moves() -> None:
     assert answers(loop, (101.0, [511.0, 0.0]), (102.0, [521.0, 0.0])) == [[0.0], [-10.0]]
 
 
-# A schedule
+# Gain schedules
 
 
-def test_gains_follow_what_is_measured_or_was_commanded() -> None:
-    """Between the grid straight, beyond it the nearest; before the first answer the set point."""
+def test_scheduled_gains_are_interpolated() -> None:
+    """
+    Gains are linear between grid values and constant beyond them.
+
+    A schedule of an input uses the last command, and before the first command the set point.
+    """
     gains = Gains((1.0, 3.0), (((10.0, 0.0),), ((30.0, 0.0),)), ((),) * 2)
     loop = ControlLoop(control(schedule=Schedule(gains, -1)))
     speeds = (0.0, 1.0, 2.0, 3.0, 99.0)
@@ -242,8 +247,8 @@ def test_gains_follow_what_is_measured_or_was_commanded() -> None:
         [pytest.approx(2.2)], [pytest.approx(2.22)]]
 
 
-def test_a_schedule_and_a_reference() -> None:
-    """What is measured counts along a reference, too; there an input has its gain in time."""
+def test_scheduled_gains_apply_along_a_reference() -> None:
+    """A schedule of a state uses the measured value, one of an input the gain in time."""
     gains = Gains((1.0, 3.0), (((10.0, 0.0),), ((30.0, 0.0),)), ((),) * 2)
     for index, wanted in ((-1, -20.0), (0, -1.0)):
         loop = ControlLoop(control(schedule=Schedule(gains, index), legs=(leg(0),)))
@@ -253,8 +258,8 @@ def test_a_schedule_and_a_reference() -> None:
 # Integral action
 
 
-def test_integral_removes_a_constant_error() -> None:
-    """A pushed double integrator comes to rest at the set point only with integral action."""
+def test_integral_action_removes_a_constant_error() -> None:
+    """A double integrator under a constant force settles at the set point only with it."""
     def final_error(**integral: object) -> float:
         loop = ControlLoop(control(gain=((6.0, 4.0),), **integral))
         x, v, dt = 0.0, 0.0, 0.01
@@ -269,37 +274,37 @@ def test_integral_removes_a_constant_error() -> None:
     assert final_error(C=((1.0, 0.0),), Ki=((3.0,),)) < 1e-6
 
 
-def test_integral_is_the_trapezoidal_rule() -> None:
-    """dz/dt = C (x - xr)."""
+def test_the_integral_follows_the_trapezoidal_rule() -> None:
+    """Integrate dz/dt = C (x - xr) for an error that is linear in time."""
     loop = ControlLoop(control(gain=((0.0, 0.0),), C=((2.0, 0.0),), Ki=((1.0,),)))
     t = np.linspace(0.0, 0.4, 41)
     u = [loop.answer(round(s * S), [s, 0.0], s) for s in t]
-    np.testing.assert_allclose(np.ravel(u), -t**2, atol=1e-12)  # exact for a straight line
+    np.testing.assert_allclose(np.ravel(u), -t**2, atol=1e-12)  # exact for linear errors
 
 
 @pytest.mark.parametrize('push', [1.0, -1.0])
-def test_anti_windup(push: float) -> None:
-    """While the input is at its limit, the integral does not grow what cannot be given."""
+def test_the_integral_does_not_grow_at_an_input_limit(push: float) -> None:
+    """Anti-windup: while the input is saturated, the integral does not push it further."""
     loop = ControlLoop(control(gain=((1.0, 0.0),), limits=((-2.0,), (2.0,)),
                                C=((1.0, 0.0),), Ki=((1.0,),)))
     for k in range(1_000):
         u = loop.answer(k * 10 * MS, [push * 3.0, 0.0], k * 0.01)
     assert u == [-2.0 * push]
-    # the error changes its sign: the input leaves the limit at once
+    # When the error changes its sign, the input leaves the limit at once.
     u = loop.answer(10_000 * MS, [-push * 0.5, 0.0], 10.0)
     assert u is not None
     assert u[0] * push > 0.4
 
 
-def test_nothing_is_integrated_over_a_gap() -> None:
-    """Nobody knows what the plant did while no state came."""
+def test_the_integral_is_not_advanced_over_a_gap() -> None:
+    """The error is unknown while no states arrive."""
     loop = ControlLoop(control(gain=((0.0, 0.0),), C=((1.0, 0.0),), Ki=((1.0,),)))
     given = answers(loop, (0.0, [1.0, 0.0]), (0.1, [1.0, 0.0]), (9.1, [1.0, 0.0]))
     np.testing.assert_allclose(given, [[0.0], [-0.1], [-0.1]], atol=1e-15)
 
 
-def test_a_gain_that_changes_leaves_what_was_learned() -> None:
-    """With a constant push the error stays 0 while the gains, that of the integral too, change."""
+def test_a_change_of_gains_keeps_the_integral_contribution() -> None:
+    """Under a constant force the error stays 0 while K and Ki change."""
     loop = ControlLoop(control(gain=((6.0, 4.0),), C=((1.0, 0.0),), Ki=((3.0,),)))
     x, v, dt, worst = 0.0, 0.0, 0.01, 0.0
     for k in range(8_000):
@@ -311,17 +316,17 @@ def test_a_gain_that_changes_leaves_what_was_learned() -> None:
             worst = max(worst, abs(x))
             s = 1.0 + 0.5 * math.sin(k * dt)
             loop.adopt(control(gain=((6.0 * s, 4.0 * s),), C=((1.0, 0.0),), Ki=((3.0 * s * s,),)))
-    assert worst < 1e-6  # -Ki z in place of -w would leave 0.1
+    assert worst < 1e-6  # -Ki z in place of -w would leave an error of 0.1
 
 
 # Prediction over a delay
 
 
-def test_prediction_is_the_simulation() -> None:
-    """What the law sees is the state in two periods, given the commands on their way."""
-    a, b, dt = 0.9, 0.5, 0.1  # x+ = a x + b u, u acts two periods later
+def test_the_predicted_state_equals_the_simulated_one() -> None:
+    """The control law uses the state two periods ahead, given the commands already sent."""
+    a, b, dt = 0.9, 0.5, 0.1  # x+ = a x + b u, where u acts two periods later
     prediction = Prediction(((a * a,),), (((b,),), ((a * b,),)), round(dt * S), 2 * round(dt * S))
-    regulator = StateFeedback((0.2,), (0.02 / 0.5,), ((1.0,),), (0.0,))  # 0.2 = a 0.2 + b ue
+    regulator = StateFeedback((0.2,), (0.02 / 0.5,), ((1.0,),), (0.0,))  # rest: 0.2 = a 0.2 + b ue
     loop = ControlLoop(Control(regulator, InputLimits((-9.0,), (9.0,)), (0.0,), ('x',),
                                prediction=prediction))
     x, sent = [1.0], [0.04, 0.04]
@@ -329,7 +334,7 @@ def test_prediction_is_the_simulation() -> None:
         u = loop.answer(round(k * dt * S), [x[-1]], k * dt)
         assert u is not None
         ahead = a * (a * x[-1] + b * sent[-2]) + b * sent[-1]
-        if k >= 2:  # before, the loop does not know what was on its way
+        if k >= 2:  # Before that the loop does not know the commands already sent.
             assert u[0] == pytest.approx(0.04 - (ahead - 0.2), abs=1e-12)
         sent.append(u[0])
         x.append(a * x[-1] + b * sent[-3])

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The plant in time, told by a clock that the test turns."""
+"""The simulated plant paced by a clock that the test sets."""
 
 import math
 
@@ -23,12 +23,12 @@ from obc_ros.core.systems import registry
 import pytest
 
 START = 1000.0         # [s] of the steady clock
-AHEAD = 7 * 10**9      # [ns] of the wall clock before it
+AHEAD = 7 * 10**9      # [ns] offset of the wall clock from the steady clock
 PERIOD = 0.005         # [s]
 
 
 class Bench:
-    """A plant, its clock, and what it has published."""
+    """A plant, its clock, and the states that it has published."""
 
     def __init__(self, name='double_integrator', x0=(0.0, 0.0), conditions=None, **pacing):
         self.now = START
@@ -47,7 +47,7 @@ class Bench:
         return published
 
     def run(self, seconds, late=0.0):
-        """Let time pass, polling when the plant asks for it and a little later."""
+        """Advance the clock, polling `late` seconds after the plant asks for it."""
         end = self.now + seconds
         while self.now + (wait := self.plant.wait(self.now)) + late < end:
             self.now += wait + late
@@ -64,7 +64,7 @@ def test_the_grid_divides_the_period():
 
 
 @given(st.floats(1e-4, 1.0), st.floats(0.1, 1e4))
-def test_the_grid_is_never_coarser_than_asked(dt, rate):
+def test_the_grid_is_never_coarser_than_requested(dt, rate):
     step, steps = choose_step(dt, rate)
     assert steps >= 1
     assert step <= dt * (1 + 1e-9)
@@ -73,7 +73,7 @@ def test_the_grid_is_never_coarser_than_asked(dt, rate):
 
 @pytest.mark.slow
 @given(st.lists(st.floats(0.0, 0.45 * PERIOD), min_size=1, max_size=50))
-def test_states_are_stamped_when_they_were_true_however_late_the_poll_is(lates):
+def test_late_polls_do_not_change_the_stamps_of_states(lates):
     bench = Bench()
     for late in lates:
         bench.now += bench.plant.wait(bench.now) + late
@@ -91,7 +91,7 @@ def test_time_does_not_drift_in_an_hour():
 
 
 @pytest.mark.parametrize('speed', [0.1, 1.0, 2.0, 50.0])
-def test_speed_is_simulated_seconds_a_second(speed):
+def test_speed_is_simulated_seconds_per_second(speed):
     bench = Bench(speed=speed, simulated_stamps=True)
     bench.run(2.0)
     assert bench.plant.simulator.time == pytest.approx(2.0 * speed, abs=PERIOD + 1e-9)
@@ -99,7 +99,7 @@ def test_speed_is_simulated_seconds_a_second(speed):
     assert bench.stamps[0] == 0
 
 
-def test_at_speed_zero_every_poll_is_a_state():
+def test_at_speed_zero_every_poll_publishes_a_state():
     bench = Bench(speed=0.0, simulated_stamps=True)
     for _ in range(100):
         assert bench.plant.wait(bench.now) == 0.0
@@ -110,7 +110,7 @@ def test_at_speed_zero_every_poll_is_a_state():
 
 @pytest.mark.slow
 @given(st.floats(1.01 * LATE * PERIOD, HELD_UP - PERIOD))
-def test_a_plant_that_was_held_up_leaves_no_state_out_and_regains_the_time(late):
+def test_after_a_short_stall_no_state_is_left_out(late):
     bench = Bench()
     bench.run(0.1 - PERIOD / 2)
     bench.now += PERIOD / 2 + late
@@ -119,7 +119,7 @@ def test_a_plant_that_was_held_up_leaves_no_state_out_and_regains_the_time(late)
     assert bench.plant.behind == pytest.approx(late - REGAIN * PERIOD, abs=1e-9)
     last = bench.now
     while bench.plant.behind:
-        assert bench.plant.wait(bench.now) >= (1 - LATE) * PERIOD, 'time for the controller'
+        assert bench.plant.wait(bench.now) >= (1 - LATE) * PERIOD, 'time to answer'
         bench.now += bench.plant.wait(bench.now)
         assert bench.poll()
     assert bench.now - last <= (late / PERIOD / REGAIN + 1) * PERIOD
@@ -128,7 +128,7 @@ def test_a_plant_that_was_held_up_leaves_no_state_out_and_regains_the_time(late)
     assert bench.plant.simulator.time == pytest.approx(bench.now - START, abs=PERIOD + 1e-9)
 
 
-def test_a_command_that_waited_with_the_plant_takes_effect_at_the_state_that_is_due():
+def test_a_command_sent_during_a_stall_acts_at_the_state_then_due():
     bench = Bench()
     bench.now += PERIOD + 0.1
     assert bench.plant.command(bench.stamps[-1], [3.0], bench.now) == ''
@@ -139,7 +139,7 @@ def test_a_command_that_waited_with_the_plant_takes_effect_at_the_state_that_is_
     assert_allclose(bench.plant.sample, [3 * PERIOD**2 / 2, 3 * PERIOD], rtol=1e-9)
 
 
-def test_a_plant_that_was_held_up_resumes_where_it_was():
+def test_after_a_long_stall_the_plant_resumes_where_it_was():
     bench = Bench()
     bench.run(0.1)
     before = bench.plant.simulator.time
@@ -147,11 +147,11 @@ def test_a_plant_that_was_held_up_resumes_where_it_was():
     assert bench.poll()
     assert bench.plant.simulator.time <= before + PERIOD + 1e-9
     assert bench.plant.held_up == 1
-    assert bench.stamps[-1] == bench.wall, 'its state is true now'
+    assert bench.stamps[-1] == bench.wall, 'the state has the present stamp'
     assert HELD_UP < 100.0
 
 
-def test_a_clock_that_is_set_back_does_not_stop_the_plant():
+def test_setting_the_wall_clock_back_does_not_stop_the_plant():
     bench = Bench()
     bench.run(0.1)
     bench.now -= 500.0
@@ -160,7 +160,7 @@ def test_a_clock_that_is_set_back_does_not_stop_the_plant():
     assert bench.plant.simulator.time == pytest.approx(0.2, abs=3 * PERIOD)
 
 
-def test_a_command_takes_effect_when_it_comes():
+def test_a_command_takes_effect_when_it_arrives():
     bench = Bench()
     bench.now += 0.002
     assert bench.plant.command(bench.stamps[-1], [3.0], bench.now) == ''
@@ -169,7 +169,7 @@ def test_a_command_takes_effect_when_it_comes():
     assert_allclose(bench.plant.sample, [3 * 0.003**2 / 2, 3 * 0.003], rtol=1e-9)
 
 
-def test_a_command_that_comes_late_does_not_change_a_state_that_is_due():
+def test_a_late_command_does_not_change_a_state_already_due():
     bench = Bench()
     bench.now += 0.007
     bench.plant.command(bench.stamps[-1], [3.0], bench.now)
@@ -179,7 +179,7 @@ def test_a_command_that_comes_late_does_not_change_a_state_that_is_due():
 
 @pytest.mark.parametrize(('first', 'second', 'taken'), [
     (-1, 0, 2), (0, 0, 2), (0, -1, 1), (-1, -2, 1)])
-def test_commands_do_not_go_back_in_time(first, second, taken):
+def test_commands_with_earlier_stamps_are_dropped(first, second, taken):
     bench = Bench()
     bench.run(0.1)
     for k in (first, second):
@@ -188,7 +188,7 @@ def test_commands_do_not_go_back_in_time(first, second, taken):
     assert bench.plant.dropped.total() == 2 - taken
 
 
-def test_a_stamp_from_the_future_locks_nobody_out():
+def test_a_stamp_from_the_future_does_not_block_later_commands():
     bench = Bench()
     bench.run(0.1)
     assert bench.plant.command(bench.stamps[-1] + 10**15, [1.0], bench.now) == ''
@@ -199,7 +199,7 @@ def test_a_stamp_from_the_future_locks_nobody_out():
     assert simulated.plant.command(simulated.stamps[-1], [2.0], simulated.now) == ''
 
 
-def test_a_command_without_a_stamp_is_taken_in_real_time():
+def test_an_unstamped_command_is_applied_in_real_time():
     bench = Bench()
     bench.run(0.1)
     assert bench.plant.command(bench.stamps[-1], [1.0], bench.now) == ''
@@ -212,10 +212,10 @@ def test_a_malformed_command_is_dropped_and_counted(u):
     assert bench.plant.command(bench.stamps[-1], u, bench.now).startswith('malformed: u: ')
     assert bench.plant.dropped == {'malformed': 1}
     assert not bench.plant.answered
-    assert not bench.poll(), 'lockstep waits on'
+    assert not bench.poll(), 'lockstep still waits'
 
 
-def test_without_commands_the_plant_goes_back_to_rest():
+def test_without_commands_the_input_returns_to_rest():
     bench = Bench(command_timeout=0.05)
     bench.plant.command(bench.stamps[-1], [3.0], bench.now)
     bench.run(0.1)
@@ -251,7 +251,7 @@ def test_lockstep_waits_for_the_answer_to_the_last_state():
     assert bench.plant.dropped.total() == 40
 
 
-def test_lockstep_publishes_an_unanswered_state_again_as_it_was():
+def test_lockstep_republishes_an_unanswered_state_unchanged():
     bench = Bench(lockstep=True, conditions=Conditions(noise=(0.1,)))
     first = bench.plant.sample
     bench.run(10 * RESEND + 0.01)
@@ -261,7 +261,7 @@ def test_lockstep_publishes_an_unanswered_state_again_as_it_was():
     assert bench.plant.simulator.steps == 0
 
 
-def test_lockstep_keeps_to_the_speed():
+def test_lockstep_is_no_faster_than_the_speed():
     bench = Bench(lockstep=True, speed=2.0, simulated_stamps=True)
     while bench.now < START + 1.0:
         bench.plant.command(bench.stamps[-1], [0.0], bench.now)
@@ -276,7 +276,7 @@ CONDITIONS = Conditions(noise=(0.01,), actuator_lag=(0.02,), input_delay=0.0071,
 
 @pytest.mark.slow
 @given(st.lists(st.floats(0.0, 0.6), min_size=40, max_size=40))
-def test_lockstep_gives_the_same_bits_whatever_the_clock_does(waits):
+def test_lockstep_results_do_not_depend_on_the_clock(waits):
     def fly(waits):
         bench = Bench(x0=(1.0, 0.0), conditions=CONDITIONS, lockstep=True, speed=0.0,
                       simulated_stamps=True)
@@ -293,7 +293,7 @@ def test_lockstep_gives_the_same_bits_whatever_the_clock_does(waits):
     assert_array_equal(fly(waits), fly([0.0] * 40))
 
 
-def test_a_paused_plant_stands_still_and_steps_on_demand():
+def test_a_paused_plant_moves_only_on_request():
     bench = Bench(x0=(0.0, 1.0))
     bench.run(0.1)
     assert bench.plant.step(bench.now, bench.wall) == 'the plant is not paused'
@@ -315,11 +315,11 @@ def test_a_paused_plant_stands_still_and_steps_on_demand():
     assert bench.plant.held_up == 0
 
 
-def test_a_paused_plant_in_lockstep_steps_once_it_is_answered():
+def test_a_paused_lockstep_plant_steps_after_a_command():
     bench = Bench(lockstep=True, simulated_stamps=True)
     bench.plant.pause(True, bench.now)
     assert 'no command has arrived' in bench.plant.step(bench.now, bench.wall)
-    bench.run(3 * RESEND + 0.01)  # who was to answer may not have been there yet
+    bench.run(3 * RESEND + 0.01)  # The node that answers may not have been running yet.
     assert bench.plant.resent == 3
     assert bench.plant.simulator.steps == 0
     assert bench.plant.command(0, [1.0], bench.now) == ''
@@ -328,7 +328,7 @@ def test_a_paused_plant_in_lockstep_steps_once_it_is_answered():
     assert bench.plant.stamp == 5_000_000
 
 
-def test_reset_is_the_start_again():
+def test_a_reset_restores_the_initial_state():
     bench = Bench(x0=(1.0, 0.0), conditions=CONDITIONS, simulated_stamps=True)
     first = bench.plant.sample
     bench.plant.command(0, [1.0], bench.now)
@@ -341,7 +341,7 @@ def test_reset_is_the_start_again():
     assert bench.plant.simulator.x[0] == 5.0
 
 
-def test_a_state_out_of_range_stops_the_plant_until_it_is_reset():
+def test_a_state_out_of_range_stops_the_plant_until_a_reset():
     bench = Bench('scalar', (1.0,), Conditions(disturbance=(1e300,), dt=1.0))
     bench.run(3000.0)
     assert 'exceeds the range of double precision' in bench.plant.fault
@@ -357,7 +357,7 @@ def test_a_state_out_of_range_stops_the_plant_until_it_is_reset():
     assert bench.plant.simulator.time > 0
 
 
-def test_a_change_of_speed_does_not_jump():
+def test_a_change_of_speed_leaves_the_time_continuous():
     bench = Bench(simulated_stamps=True)
     bench.run(1.0)
     bench.plant.adopt(Pacing(5, speed=10.0, simulated_stamps=True), bench.now)

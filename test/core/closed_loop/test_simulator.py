@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated plant beside closed forms and an independent integrator."""
+"""The simulated plant compared with closed forms and with an independent integrator."""
 
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -15,7 +15,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.linalg import expm, solve_continuous_are
 
-PERIOD = 5  # steps from one command to the next
+PERIOD = 5  # steps between two commands
 
 
 @pytest.fixture(scope='module')
@@ -25,7 +25,7 @@ def aircraft():
 
 @pytest.fixture(scope='module')
 def feedback(aircraft):
-    """Return u = ue - K (x - xe) about (1, 1) with Qx = Qu = I."""
+    """Return the LQR law u = ue - K (x - xe) about (1, 1) with Qx = Qu = I."""
     hover = find_equilibrium(aircraft, [1, 1, 0, 0, 0, 0])
     A, B = linearize(aircraft, hover.x, hover.u)
     K = B.T @ solve_continuous_are(A, B, np.eye(6), np.eye(2))
@@ -33,7 +33,7 @@ def feedback(aircraft):
 
 
 def fly(simulator, feedback, seconds):
-    """Return the states at the commands, which come every PERIOD steps."""
+    """Return the states at the times of the commands, which are PERIOD steps apart."""
     states = [simulator.x]
     for _ in range(round(seconds / (PERIOD * simulator.conditions.dt))):
         simulator.command(feedback(simulator.x))
@@ -43,7 +43,7 @@ def fly(simulator, feedback, seconds):
 
 
 def reference(system, x0, feedback, seconds, period):
-    """Integrate the same loop by DOP853 at its finest."""
+    """Integrate the same loop with DOP853 at tight tolerances."""
     states = [np.array(x0, dtype=float)]
     for _ in range(round(seconds / period)):
         u = feedback(states[-1])
@@ -94,7 +94,7 @@ def test_rk4_has_order_four(aircraft):
     ('vehicle', [0, 0, 0], [8.0, 0.5]),
     ('cubic', [5.0], [1.0]),
 ])
-def test_the_adaptive_integrator_keeps_to_its_bound(name, x0, u, tolerance):
+def test_the_adaptive_integrator_keeps_to_its_tolerance(name, x0, u, tolerance):
     system, seconds = registry.get_system(name), 3.0
     exact = solve_ivp(lambda t, x: system.f(x, u), (0, seconds), x0,
                       method='DOP853', rtol=1e-13, atol=1e-15).y[:, -1]
@@ -105,7 +105,7 @@ def test_the_adaptive_integrator_keeps_to_its_bound(name, x0, u, tolerance):
 
 
 def double_integrator_under(pieces, until):
-    """Return the exact state at `until`; pieces of (begin, acceleration), the first at 0."""
+    """Return the exact state at `until`; pieces are (begin, acceleration), the first at 0."""
     x = v = 0.0
     ends = [*(begin for begin, _ in pieces[1:]), np.inf]
     for (begin, u), end in zip(pieces, ends, strict=True):
@@ -131,11 +131,11 @@ def test_the_input_delay_is_exact(integrator, delay, commands):
     assert_allclose(simulator.x, double_integrator_under(pieces, simulator.time), atol=1e-12)
 
 
-def test_actuators_lag_as_a_first_order_filter_does():
+def test_actuators_lag_like_a_first_order_filter():
     lag, u = 0.05, 2.0
     simulator = Simulator(registry.get_system('double_integrator'), [0, 0],
                           Conditions(actuator_lag=(lag,), dt=5e-4))
-    for _ in range(3):  # commands again and again: the actuator keeps its state
+    for _ in range(3):  # Repeated commands do not reset the state of the actuator.
         simulator.command([u])
         simulator.advance(37)
     t = simulator.time
@@ -146,7 +146,7 @@ def test_actuators_lag_as_a_first_order_filter_does():
     assert_allclose(simulator.x, [x, v], rtol=1e-10)
 
 
-def test_one_actuator_may_lag_and_another_not(aircraft):
+def test_each_actuator_has_its_own_lag(aircraft):
     simulator = Simulator(aircraft, conditions=Conditions(actuator_lag=(0.1, 0.0)))
     simulator.command([1.0, 40.0])
     assert_allclose(simulator.u, [0.0, 40.0], atol=1e-15)
@@ -156,7 +156,7 @@ def test_one_actuator_may_lag_and_another_not(aircraft):
 
 @pytest.mark.parametrize('integrator', ['rk4', 'adaptive'])
 @pytest.mark.parametrize(('start', 'duration'), [(0.1, 1.0), (0.1234567, 0.7654321), (-0.3, 0.5)])
-def test_a_gust_gives_the_momentum_it_has(integrator, start, duration):
+def test_a_gust_transfers_its_impulse(integrator, start, duration):
     amplitude, constant = 3.0, 0.25
     gust = Gust((0.0, amplitude), start, duration)
     simulator = Simulator(registry.get_system('double_integrator'), [0, 0], Conditions(
@@ -185,7 +185,7 @@ def test_linear_systems_follow_the_matrix_exponential(h, steps):
     Conditions(), Conditions(integrator='adaptive'),
     Conditions(noise=(0.01,), gust=Gust((0, 0, 0, 2.0, 0, 0), 0.0133, 0.1),
                actuator_lag=(0.02,), input_delay=0.0071, seed=4)])
-def test_the_same_calls_give_the_same_bits(aircraft, feedback, conditions):
+def test_the_same_calls_give_identical_results(aircraft, feedback, conditions):
     simulator = Simulator(aircraft, [0, 0, 0.1, 0, 0, 0], conditions)
     first, noisy = fly(simulator, feedback, 0.5), simulator.measure()
     simulator.reset()
@@ -196,7 +196,7 @@ def test_the_same_calls_give_the_same_bits(aircraft, feedback, conditions):
     assert_array_equal(fly(other, feedback, 0.5), first)
 
 
-def test_many_steps_at_once_are_as_many_single_ones(aircraft):
+def test_several_steps_at_once_equal_single_steps(aircraft):
     conditions = Conditions(gust=Gust((0, 0, 0, 2.0, 0, 0), 0.0133, 0.01), actuator_lag=(0.02,))
     together, single = (Simulator(aircraft, [0, 0, 0.1, 0, 0, 0], conditions) for _ in range(2))
     for simulator in (together, single):
@@ -208,12 +208,12 @@ def test_many_steps_at_once_are_as_many_single_ones(aircraft):
     assert together.time == single.time == 33 * 1e-3
 
 
-def test_noise_is_on_what_is_published_only_and_has_its_deviation(aircraft):
+def test_noise_affects_only_the_output_and_has_its_deviation(aircraft):
     deviation = np.array([0.1, 0.2, 0.0, 1.0, 2.0, 3.0])
     simulator = Simulator(aircraft, conditions=Conditions(noise=tuple(deviation), seed=7))
     samples = np.array([simulator.measure() for _ in range(4000)])
     assert_array_equal(simulator.x, np.zeros(6))
-    # 4.5 standard errors of the mean and of the deviation
+    # Bounds: 4.5 standard errors of the mean and of the deviation.
     assert (np.abs(samples.mean(axis=0)) <= 4.5 * deviation / np.sqrt(4000)).all()
     assert_allclose(samples.std(axis=0), deviation, rtol=4.5 / np.sqrt(8000))
     other = Simulator(aircraft, conditions=Conditions(noise=tuple(deviation), seed=8))
@@ -230,7 +230,7 @@ def test_commands_are_clipped_to_the_limits():
     [np.nan, 0.0], [0.0, np.inf], [0.0], [0.0, 0.0, 0.0], [], ['a', 'b'], None, [[0.0, 0.0]],
     [None, 1.0]])
 @pytest.mark.parametrize('delay', [0.0, 0.01])
-def test_a_command_that_is_none_changes_nothing(aircraft, u, delay):
+def test_an_invalid_command_changes_nothing(aircraft, u, delay):
     simulator = Simulator(aircraft, conditions=Conditions(input_delay=delay))
     with pytest.raises(StatementError, match='^u: '):
         simulator.command(u)
@@ -238,7 +238,7 @@ def test_a_command_that_is_none_changes_nothing(aircraft, u, delay):
     assert_allclose(simulator.x, np.zeros(6), atol=1e-15)
 
 
-def test_a_state_that_leaves_the_range_of_numbers_stays_and_says_so():
+def test_a_state_that_overflows_is_kept_and_reported():
     for integrator in ('rk4', 'adaptive'):
         growing = Simulator(registry.get_system('cubic', {'a': -1.0}), [10.0],
                             Conditions(integrator=integrator), [0.0])
@@ -252,13 +252,13 @@ def test_a_state_that_leaves_the_range_of_numbers_stays_and_says_so():
         assert np.isfinite(growing.x).all()
 
 
-def test_a_stiff_plant_ends_with_a_sentence_not_in_waiting():
+def test_a_stiff_plant_ends_with_a_message_in_bounded_time():
     stiff = registry.get_system('linear', A=[[-1e9]], B=[[1e9]])
     with pytest.raises(DynamicsError, match='requires more than 100000 steps'):
         Simulator(stiff, [1.0], Conditions(dt=1.0, integrator='adaptive'), [0.0]).advance()
 
 
-def test_parameters_change_in_flight_without_a_jump(aircraft):
+def test_parameter_changes_leave_the_state_continuous(aircraft):
     simulator = Simulator(aircraft, conditions=Conditions(actuator_lag=(0.1,)))
     simulator.command([1.0, 39.2])
     simulator.advance(50)
@@ -276,7 +276,7 @@ def test_parameters_change_in_flight_without_a_jump(aircraft):
         simulator.configure(aircraft, Conditions(dt=0.01))
 
 
-def test_a_shorter_delay_does_not_let_a_command_overtake_another():
+def test_a_shorter_delay_keeps_the_order_of_commands():
     plant = registry.get_system('double_integrator')
     simulator = Simulator(plant, [0, 0], Conditions(input_delay=0.01))
     simulator.command([1.0])
@@ -288,7 +288,7 @@ def test_a_shorter_delay_does_not_let_a_command_overtake_another():
     assert_allclose(simulator.x, [2 * 0.01**2 / 2, 0.02], rtol=1e-12)
 
 
-def test_until_the_first_command_the_plant_rests(aircraft):
+def test_before_the_first_command_the_plant_is_at_rest(aircraft):
     simulator = Simulator(aircraft, [3, 4, 0, 0, 0, 0])
     simulator.advance(1000)
     assert_allclose(simulator.x, [3, 4, 0, 0, 0, 0], atol=1e-12)
@@ -299,10 +299,10 @@ def test_until_the_first_command_the_plant_rests(aircraft):
     assert_allclose(straight.x, [10, -2, 0], atol=1e-12)
 
 
-def test_the_slope_is_that_of_the_disturbed_plant(aircraft):
+def test_the_derivative_includes_the_disturbance(aircraft):
     simulator = Simulator(aircraft, conditions=Conditions(
         disturbance=(0, 0, 0, 0.5, 0, 0), gust=Gust((0, 0, 0, 0, 2.0, 0), 0.0, 0.02)))
-    simulator.advance(10)  # the gust is at its height
+    simulator.advance(10)  # The gust has its maximum here.
     slope = simulator.slope(np.zeros(6))
     assert_allclose(slope, [0, 0, 0, 0.5, 2.0, 0], atol=1e-12)
 
@@ -321,7 +321,7 @@ def test_the_slope_is_that_of_the_disturbed_plant(aircraft):
     ({'gust': Gust((1.0,), np.nan)}, 'gust start = nan'),
     ({'seed': -1}, 'seed = -1'),
 ])
-def test_impossible_conditions_are_answered_in_words(aircraft, conditions, words):
+def test_invalid_conditions_are_rejected(aircraft, conditions, words):
     with pytest.raises(StatementError, match=words):
         Simulator(aircraft, conditions=Conditions(**conditions))
 
@@ -332,7 +332,7 @@ extreme = st.floats(allow_nan=True) | st.sampled_from([0.0, 5e-324, 1e-9, 1.0, 1
 @given(st.sampled_from(['rk4', 'adaptive']), st.lists(extreme, min_size=9, max_size=9))
 @example('rk4', [1.0, 1e-3, 5e-324, 1e308, 1e308, 1e308, 1e308, 1e308, 1e-3])
 @example('adaptive', [1.0, 1e-3, 0.0, 0.0, 0.0, 0.0, 1.0, 1e-300, 1e-3])
-def test_whatever_the_conditions_there_is_a_state_or_a_sentence(integrator, numbers):
+def test_any_conditions_give_a_state_or_an_error(integrator, numbers):
     u, dt, lag, delay, noise, disturbance, amplitude, start, duration = numbers
     try:
         simulator = Simulator(registry.get_system('double_integrator'), conditions=Conditions(
@@ -349,7 +349,7 @@ def test_whatever_the_conditions_there_is_a_state_or_a_sentence(integrator, numb
 
 
 @pytest.mark.parametrize('x0', [[0.0], [np.nan] * 6, 'x', [[0.0] * 6], [None] * 6])
-def test_an_impossible_start_is_answered_in_words(aircraft, x0):
+def test_an_invalid_initial_state_is_rejected(aircraft, x0):
     with pytest.raises(StatementError, match='^x0: '):
         Simulator(aircraft, x0)
     simulator = Simulator(aircraft)
