@@ -32,8 +32,8 @@ def residual(design):
     return abs(sum(terms)).max() / max(abs(term).max() for term in terms)
 
 
-def test_scalar_closed_form():
-    """P = a^2 P / (1 + P) + q for b = r = 1."""
+def test_scalar_designs_equal_the_closed_form():
+    """For b = r = 1 the solution satisfies P = a^2 P / (1 + P) + q."""
     for a, q in [(2.0, 1.0), (0.5, 3.0), (1.0, 1e-4), (1e3, 1e-3)]:
         c = 1 - a * a - q
         P = (math.hypot(c, 2 * math.sqrt(q)) - c) / 2
@@ -42,21 +42,21 @@ def test_scalar_closed_form():
         assert design.K[0, 0] == pytest.approx(a * P / (1 + P), rel=1e-12)
 
 
-def test_example_1_of_the_collection():
+def test_example_1_of_the_collection_has_its_exact_solution():
     X = (1 + math.sqrt(5)) / 2 * np.array([[9, 6], [6, 4]])
     design = dlqr([[4, 3], [-4.5, -3.5]], [[1], [-1]], [[9, 6], [6, 4]], [[1]])
     assert pytest.approx(X, rel=1e-12) == design.P
 
 
 @pytest.mark.parametrize('e', [1.0, 1e3, 1e6])
-def test_example_12_of_the_collection(e):
+def test_example_12_of_the_collection_has_its_exact_solution(e):
     design = dlqr([[0, e], [0, 0]], [[0], [1]], np.eye(2), [[1]])
     assert pytest.approx(np.diag([1, 1 + e * e]), rel=1e-12) == design.P
 
 
 @pytest.mark.parametrize('r', [1.0, 1e3, 1e6])
-def test_example_13_of_the_collection(r):
-    """A = V diag(0, 1, 3) V with Qx = Qu = r I falls apart into scalar equations."""
+def test_example_13_of_the_collection_has_its_exact_solution(r):
+    """A = V diag(0, 1, 3) V with Qx = Qu = r I decouples into scalar equations."""
     V = np.eye(3) - 2 / 3 * np.ones((3, 3))
     d = np.array([0.0, 1.0, 3.0])
     p = ((d * d) + np.sqrt(d**4 + 4)) / 2  # p = d^2 p / (1 + p) + 1
@@ -64,8 +64,8 @@ def test_example_13_of_the_collection(r):
     assert pytest.approx(r * V @ np.diag(p) @ V, rel=1e-12) == design.P
 
 
-def test_example_15_of_the_collection():
-    """A shift register: P = diag(1, 2, ..., n)."""
+def test_example_15_of_the_collection_has_its_exact_solution():
+    """A shift register has P = diag(1, 2, ..., n)."""
     n = 100
     design = dlqr(np.eye(n, k=1), np.eye(n)[:, -1:], np.eye(n), [[1]])
     assert pytest.approx(np.diag(np.arange(1.0, n + 1)), rel=1e-12) == design.P
@@ -88,7 +88,7 @@ EXAMPLES = {
 
 
 @pytest.mark.parametrize('number', EXAMPLES)
-def test_residuals_of_the_collection(number):
+def test_designs_of_the_collection_have_small_residuals(number):
     design = dlqr(*EXAMPLES[number])
     assert abs(np.linalg.eigvals(design.A - design.B @ design.K)).max() < 1
     assert residual(design) <= 1e-12
@@ -111,7 +111,7 @@ def test_cross_term_and_degree_of_stability():
     assert residual(fast) < 1e-12
 
 
-def test_refusals():
+def test_unsuitable_data_are_rejected():
     with pytest.raises(RefusedDesignError, match=r'^the sampled \(A, B\) is .* z = \+2 is uncon'):
         dlqr(np.diag([2.0, 0.5]), [[0], [1]], np.eye(2), [[1]])
     with pytest.raises(RefusedDesignError, match=r'^the sampled \(A, Qx\) is .* z = -1.5 does no'):

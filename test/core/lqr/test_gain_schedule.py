@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Gains that follow the speed: designed at each value, proved between the values."""
+"""Gain schedules over the speed: designed at grid values, verified between them."""
 
 import math
 from typing import Any
@@ -30,7 +30,7 @@ LENGTH, SLOW, FAST = 2.0, 1.0, 30.0
 
 
 def with_integral(v: float) -> tuple[Array, Array]:
-    """Return the vehicle with the integral of its position."""
+    """Return the lateral vehicle augmented by the integral of its position."""
     A, B = vehicle(v)
     whole = np.zeros((3, 3))
     whole[:2, :2], whole[2, 0] = A, 1.0
@@ -46,15 +46,15 @@ COSTS = {
 
 
 def gain(found: Table, v: float) -> Array:
-    """Return the gain at a speed."""
+    """Return the scheduled gain at speed v."""
     m, n = found.K.shape[1:]
     return np.array([[np.interp(v, found.values, found.K[:, i, j]) for j in range(n)]
                      for i in range(m)])
 
 
 @pytest.mark.parametrize('name', COSTS)
-def test_gains_from_1_to_30_metres_per_second(name: str) -> None:
-    """On the grid and between it the gain is that of the speed, and stabilises."""
+def test_scheduled_gains_match_the_design_at_each_speed(name: str) -> None:
+    """At and between grid values the gain is close to the design's and stabilises."""
     at, cost = COSTS[name]
     found = compute_schedule(at, cost, SLOW, FAST)
     assert found.values[[0, -1]].tolist() == [SLOW, FAST]
@@ -65,11 +65,11 @@ def test_gains_from_1_to_30_metres_per_second(name: str) -> None:
         assert np.linalg.eigvals(A - B @ K).real.max() < -0.9 * cost.stability
 
 
-def test_the_vehicle_bears_any_change_of_speed() -> None:
+def test_the_lateral_vehicle_allows_any_rate_of_speed() -> None:
     """
-    With one cost for all speeds its gain is the same for all, K = [1, sqrt(2 l)].
+    One cost for all speeds gives the same gain at all speeds, K = [1, sqrt(2 l)].
 
-    In the distance driven, s, dx/ds = N x + b phi does not depend on the speed.
+    Parametrised by arc length s, dx/ds = N x + b phi does not depend on the speed.
     """
     found = compute_schedule(*COSTS['Exercise 2.10'], SLOW, FAST)
     np.testing.assert_allclose(found.K, [[[1.0, math.sqrt(2.0 * LENGTH)]]] * len(found.K))
@@ -77,8 +77,8 @@ def test_the_vehicle_bears_any_change_of_speed() -> None:
 
 
 @pytest.mark.parametrize('name', ['degree of stability', 'integral'])
-def test_the_rate_that_is_proved_is_borne(name: str) -> None:
-    """A speed that swings at that rate over all of the range does not upset the loop."""
+def test_the_loop_is_stable_at_the_verified_rate(name: str) -> None:
+    """The speed sweeps its whole range at the verified rate; the state still decays."""
     at, cost = COSTS[name]
     found = compute_schedule(at, cost, SLOW, FAST)
     assert 0.1 < found.rate < 100.0
@@ -97,9 +97,9 @@ def test_the_rate_that_is_proved_is_borne(name: str) -> None:
 @settings(max_examples=40, deadline=None)
 @given(strategies.integers(2, 4), strategies.integers(1, 2), strategies.integers(0, 2**32 - 1),
        strategies.floats(0.0, 2.0))
-def test_what_is_accepted_is_stable_between_the_values(n: int, m: int, seed: int, slope: float
+def test_accepted_schedules_stabilise_between_grid_values(n: int, m: int, seed: int, slope: float
                                                        ) -> None:
-    """Random plants that are straight lines in the variable: proved everywhere, or refused."""
+    """Random plants affine in the variable are either verified everywhere or rejected."""
     rng = np.random.default_rng(seed)
     A, dA, B, dB = (rng.standard_normal(shape) for shape in ((n, n), (n, n), (n, m), (n, m)))
 
@@ -116,8 +116,8 @@ def test_what_is_accepted_is_stable_between_the_values(n: int, m: int, seed: int
     assert found.rate > 0.0
 
 
-def test_a_gap_that_cannot_be_bridged_is_not_passed_over() -> None:
-    """At both ends a gain stabilises; where the input turns its sign, none does."""
+def test_ranges_with_an_uncontrollable_value_are_rejected() -> None:
+    """Both ends can be stabilised; at v = 0, where the input changes its sign, nothing can."""
     def turning(v: float) -> tuple[Array, Array]:
         return np.ones((1, 1)), np.array([[v]])
 
@@ -127,8 +127,8 @@ def test_a_gap_that_cannot_be_bridged_is_not_passed_over() -> None:
         compute_schedule(turning, Weights(np.eye(1), np.eye(1)), -0.9, 1.0)
 
 
-def test_refusals() -> None:
-    """A range that is none, a speed without steering."""
+def test_invalid_ranges_and_zero_speed_are_rejected() -> None:
+    """Invalid ranges are reported; at zero speed steering has no effect."""
     cost = Weights(np.eye(2), np.eye(1))
     for lower, upper in ((2.0, 1.0), (math.nan, 1.0), (0.0, math.inf)):
         with pytest.raises(StatementError, match='wanted finite values'):
@@ -137,8 +137,8 @@ def test_refusals() -> None:
         compute_schedule(vehicle, cost, 0.0, 1.0)
 
 
-def test_of_a_design() -> None:
-    """Integrals are scheduled too; a period is borne at all values or refused."""
+def test_designs_with_integrals_and_periods_are_scheduled() -> None:
+    """Gains include the integrals; a period must keep the loop stable at all values."""
     system = registry.get_system('vehicle_lateral')
 
     def at(v: float) -> LinearizedPlant:

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Designs put back into their equations, published examples, and refusals that name the fault."""
+"""LQR designs substituted into their equations, published examples, and rejected data."""
 
 import math
 
@@ -30,7 +30,7 @@ def residual(design: LqrDesign) -> float:
 
 
 @pytest.mark.parametrize('q', [1e-3, 0.5, 1.0, 2.0, 37.0, 1e4])
-def test_example_2_4_corrected(q):
+def test_example_2_4_as_corrected_has_its_gain_and_poles(q):
     design = lqr(CHAIN, FORCE, [[q * q, 0], [0, 0]], [[1]])
     assert pytest.approx(np.array([[q, math.sqrt(2 * q)]]), rel=1e-10) == design.K
     P = [[math.sqrt(2 * q**3), q], [q, math.sqrt(2 * q)]]
@@ -41,7 +41,7 @@ def test_example_2_4_corrected(q):
 
 
 @pytest.mark.parametrize('a', [0.0, 0.3, 1.0, 5.0, 100.0])
-def test_exercise_2_8(a):
+def test_exercise_2_8_has_its_closed_form(a):
     design = lqr([[0, 1], [0, -a]], FORCE, [[1, 0], [0, 0]], [[1]])
     k2 = 2.0 / (math.sqrt(a * a + 2.0) + a)  # = sqrt(a^2 + 2) - a without cancellation
     assert pytest.approx(np.array([[1.0, k2]]), rel=1e-10) == design.K
@@ -56,7 +56,7 @@ def test_exercise_2_8(a):
     (np.diag([100, 1, 2 * np.pi / 9, 0, 0, 0]), 0.1 * np.eye(2)),
     (np.diag([100, 1, 1.3131, 0, 0, 0]), np.diag([0.1, 10])),
 ])
-def test_example_2_5_equals_control(Qx, Qu):
+def test_example_2_5_agrees_with_python_control(Qx, Qu):
     import control
 
     A, B = aircraft()
@@ -68,7 +68,7 @@ def test_example_2_5_equals_control(Qx, Qu):
     assert residual(design) <= 1e-14
 
 
-def test_exercise_2_9_comes_to_rest_only_when_asked():
+def test_exercise_2_9_comes_to_rest_only_on_request():
     a, b = 2.0, 0.5
     with pytest.raises(RefusedDesignError, match=r'not detectable: the mode s = \+2 does not'):
         lqr([[a]], [[b]], [[0]], [[1]])
@@ -78,7 +78,7 @@ def test_exercise_2_9_comes_to_rest_only_when_asked():
 
 
 def test_theorem_2_2_cost_is_the_integral():
-    """The cost of the closed loop from x0, by an integration of its own, is x0'P x0."""
+    """Integrate the cost of the closed loop from x0 independently; it is x0'P x0."""
     from scipy.integrate import solve_ivp
 
     A, B = aircraft()
@@ -93,7 +93,7 @@ def test_theorem_2_2_cost_is_the_integral():
     assert z[6] == pytest.approx(x0 @ design.P @ x0, rel=1e-9)
 
 
-def test_other_gains_cost_more():
+def test_perturbed_gains_cost_more():
     rng = np.random.default_rng(1)
     A, B = aircraft()
     design = lqr(A, B, np.eye(6), np.eye(2))
@@ -120,29 +120,29 @@ def test_cross_term_completes_the_square():
     assert residual(design) <= 1e-13
 
 
-def test_cross_term_that_makes_the_cost_indefinite_is_refused():
+def test_an_indefinite_cost_with_a_cross_term_is_rejected():
     with pytest.raises(RefusedDesignError, match="Qx - cross Qu.-1 cross' must be positive"):
         lqr(CHAIN, FORCE, np.eye(2), [[1]], cross=[[2], [0]])
 
 
 @pytest.mark.parametrize('alpha', [0.1, 1.0, 5.0])
-def test_degree_of_stability(alpha):
+def test_the_degree_of_stability_bounds_the_poles(alpha):
     A, B = aircraft()
     design = lqr(A, B, np.eye(6), np.eye(2), stability=alpha)
     assert design.E.real.max() < -alpha
     assert residual(design) <= 1e-12
 
 
-def test_degree_of_stability_out_of_reach():
+def test_an_unattainable_degree_of_stability_is_rejected():
     with pytest.raises(RefusedDesignError, match=r'not stabilisable with the degree of stability '
                        r'2 1/s: the mode s = -1 is uncontrollable'):
         lqr(np.diag([1.0, -1.0]), [[1], [0]], np.eye(2), [[1]], stability=2.0)
 
 
-# ---------------------------------------------------------------- refusals
+# ---------------------------------------------------------------- rejected data
 
 
-def test_shapes_numbers_and_symmetry_are_named():
+def test_errors_name_shapes_numbers_and_symmetry():
     for arguments, words in [
         ((np.zeros((3, 2)), FORCE, np.eye(2), [[1]]), 'A: expected (3, 3) but found (3, 2)'),
         ((CHAIN, np.zeros((3, 2)), np.eye(2), np.eye(2)), 'B: expected (2, 2) but found (3, 2)'),
@@ -166,7 +166,7 @@ def test_shapes_numbers_and_symmetry_are_named():
         lqr(CHAIN, FORCE, np.eye(2), [[1]], stability=math.nan)
 
 
-def test_indefinite_weights_are_named():
+def test_errors_name_indefinite_weights():
     A, B = aircraft()
     for Qx, Qu, words in [
         (np.eye(6), np.diag([1, -0.1]), 'Qu[1] = -0.1: Qu must be positive definite'),
@@ -184,7 +184,7 @@ def test_indefinite_weights_are_named():
         lqr(CHAIN, FORCE, np.eye(2), [[-1]])
 
 
-def test_modes_out_of_reach_are_named():
+def test_errors_name_uncontrollable_modes():
     with pytest.raises(RefusedDesignError, match=r'^.A, B. is not stabilisable: the mode s = \+1'):
         lqr(np.diag([1.0, -2.0]), FORCE, np.eye(2), [[1]])
     with pytest.raises(RefusedDesignError, match=r'the mode s = 0 is uncontrollable'):
@@ -198,8 +198,8 @@ def test_modes_out_of_reach_are_named():
 
 
 @pytest.mark.parametrize('seed', range(20))
-def test_a_mode_lost_in_other_coordinates_is_named(seed):
-    """Rounding lets the mode be reached by 1e-16: no gain is made of that."""
+def test_errors_name_uncontrollable_modes_in_other_coordinates(seed):
+    """In other coordinates rounding makes the mode controllable by 1e-16; it is still named."""
     rng = np.random.default_rng(seed)
     T = rng.standard_normal((4, 4)) + 3 * np.eye(4)
     A = T @ np.diag([1.5, -1.0, 0.3, -2.0]) @ np.linalg.inv(T)
@@ -208,17 +208,17 @@ def test_a_mode_lost_in_other_coordinates_is_named(seed):
         lqr(A, B, np.eye(4), [[1]])
 
 
-def test_modes_that_the_cost_does_not_see_are_named():
+def test_errors_name_modes_that_are_absent_from_the_cost():
     with pytest.raises(RefusedDesignError, match=r'not detectable: the mode s = 0 does not'):
         lqr(CHAIN, FORCE, np.diag([0.0, 1.0]), [[1]])
     with pytest.raises(RefusedDesignError, match=r'not detectable: the mode s = \+1 does not'):
         lqr(np.diag([1.0, 2.0]), np.eye(2), np.diag([0.0, 1.0]), np.eye(2))
-    # ... but one that decays by itself needs no weight.
+    # A stable mode needs no weight.
     assert lqr(np.diag([-1.0, 2.0]), np.eye(2), np.diag([0.0, 1.0]), np.eye(2)).P[0, 0] == 0.0
 
 
-def test_weights_that_fool_the_usual_solver():
-    """control.lqr answers the first with an unstable gain and takes the second."""
+def test_weights_on_which_python_control_fails_are_handled():
+    """control.lqr returns an unstable gain for the first and accepts the second."""
     design = lqr(CHAIN, FORCE, np.diag([1e16, 1e-16]), [[1e-16]])
     assert pytest.approx(np.array([[1e16, math.sqrt(2e16)]]), rel=1e-12) == design.K
     with pytest.raises(RefusedDesignError, match='positive definite'):
@@ -226,7 +226,7 @@ def test_weights_that_fool_the_usual_solver():
 
 
 @pytest.mark.parametrize('bad', [None, 'Qx', {}, [[None]], object(), [[10**400]], [], [[[1.0]]]])
-def test_hostile_arguments_get_words(bad):
+def test_hostile_arguments_are_rejected_with_a_message(bad):
     for position in range(4):
         arguments = [CHAIN, FORCE, np.eye(2), np.eye(1)]
         arguments[position] = bad
@@ -236,7 +236,7 @@ def test_hostile_arguments_get_words(bad):
 
 @pytest.mark.filterwarnings('error')
 @pytest.mark.parametrize('a', [1e100, 1e-200, 5e-324, -1e90])
-def test_extreme_numbers_end_in_a_proof_or_in_words(a):
+def test_extreme_numbers_are_verified_or_rejected(a):
     for b in (1e100, 1e-200, 5e-324, 1.0):
         for q in (1e100, 1e-200, 1.0):
             for A, B in (([[a]], [[b]]), ([[0, a], [0, 0]], [[0], [b]])):
@@ -255,7 +255,7 @@ def test_extreme_numbers_end_in_a_proof_or_in_words(a):
 @pytest.mark.slow
 @settings(max_examples=400, deadline=None)
 @given(problems())
-def test_accepted_gains_stabilise_and_refusals_are_right(problem):
+def test_accepted_gains_stabilise_and_easy_problems_pass(problem):
     A, B, Qx, Qu = problem
     try:
         design = lqr(A, B, Qx, Qu)
@@ -265,15 +265,15 @@ def test_accepted_gains_stabilise_and_refusals_are_right(problem):
     assert np.linalg.eigvals(A - B @ design.K).real.max() < 0
     assert design.residual <= 1e-8
     assert np.linalg.eigvalsh(design.P)[0] >= -1e-6 * abs(design.P).max()
-    # P is the cost: the Lyapunov equation of the closed loop gives it again.
+    # The Lyapunov equation of the closed loop reproduces P.
     again = cost_of(design.K, A, B, Qx, Qu)
     assert abs(again - design.P).max() <= 1e-2 * abs(design.P).max()
 
 
 @settings(max_examples=100, deadline=None)
 @given(problems(largest_spread=2.0), st.floats(-8, 8), st.floats(-8, 8))
-def test_units_do_not_matter(problem, state_decades, cost_decades):
-    """Other units of the states and of the cost change neither the poles nor the verdict."""
+def test_units_change_neither_poles_nor_acceptance(problem, state_decades, cost_decades):
+    """Scaling the units of the states and of the cost changes neither poles nor acceptance."""
     A, B, Qx, Qu = problem
     try:
         design = lqr(A, B, Qx, Qu)
@@ -286,7 +286,7 @@ def test_units_do_not_matter(problem, state_decades, cost_decades):
     try:
         other = lqr(A * (T[:, None] / T), B * T[:, None], Qx * size / (T * T[:, None]), Qu * size)
     except RefusedDesignError:
-        assert near_the_border  # of what can be proved: there the units may decide
+        assert near_the_border  # near the limit of verification units may decide
         return
     scale = abs(design.K).max(axis=0, initial=1e-300)
     assert near_the_border or (abs(other.K * T - design.K) / scale).max() <= 1e-6
@@ -300,7 +300,7 @@ def test_poles_scale_with_time():
     assert pytest.approx(design.K, rel=1e-10) == fast.K
 
 
-def test_larger_weights_cost_more():
+def test_larger_weights_give_larger_costs():
     A, B = aircraft()
     small, large = lqr(A, B, np.eye(6), np.eye(2)), lqr(A, B, 2 * np.eye(6), np.eye(2))
     assert np.linalg.eigvalsh(large.P - small.P)[0] > 0

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Margins and step figures against closed forms and python-control."""
+"""Stability margins and step figures compared with closed forms and python-control."""
 
 import math
 
@@ -19,7 +19,7 @@ def random_plant(seed, n, m):
     return rng.standard_normal((n, n)), rng.standard_normal((n, m))
 
 
-def test_double_integrator_closed_form():
+def test_margins_of_the_double_integrator_have_closed_forms():
     """K = [1, sqrt 2]: L = (1 + sqrt(2) s) / s^2, its closed loop overshoots by e^-pi."""
     design = lqr(CHAIN, FORCE, np.diag([1, 0]), [[1]])
     found = compute_margins(CHAIN, FORCE, design.K)
@@ -37,8 +37,8 @@ def test_double_integrator_closed_form():
 
 
 @pytest.mark.parametrize('a', [0.5, 2.0])
-def test_unstable_scalar_has_the_guaranteed_gain_reduction(a):
-    """K = 2 a for Qx = 0: the loop gain 2 may shrink by half, the input holds the set point."""
+def test_an_unstable_scalar_has_gain_reduction_one_half(a):
+    """For Qx = 0, K = 2 a: the loop gain 2 may be halved, and the input holds the set point."""
     design = lqr([[a]], [[1]], [[0]], [[1]], to_rest=True)
     found = compute_margins(design.A, design.B, design.K)
     assert found.gain_reduction_margin[0] == pytest.approx(0.5, rel=1e-9)
@@ -54,14 +54,14 @@ def test_unstable_scalar_has_the_guaranteed_gain_reduction(a):
     *(lqr(*random_plant(seed, 5, 2), np.eye(5), np.eye(2)) for seed in range(4)),
     dlqr(expm(0.1 * CHAIN), [[0.005], [0.1]], np.eye(2), [[1]], period=0.1),
 ])
-def test_margins_equal_control(design):
+def test_margins_agree_with_python_control(design):
     A, B, K, m = design.A, design.B, design.K, design.B.shape[1]
     found = compute_margins(A, B, K, design.period)
     for i in range(m):
         rest = [k for k in range(m) if k != i]
         loop = control.ss(A - B[:, rest] @ K[rest], B[:, [i]], K[[i]], 0, design.period)
         gain, phase, _, _, crossover, _ = control.stability_margins(loop, returnall=True)
-        if design.period:  # control does not look at the Nyquist frequency itself
+        if design.period:  # python-control does not evaluate the Nyquist frequency itself.
             gain = np.append(gain, 1 / abs(loop(-1)))
         above, below = gain[gain > 1], gain[(gain < 1) & (gain > 1e-6)]
         assert found.gain_margin[i] == pytest.approx(min(above, default=math.inf), rel=1e-5)
@@ -78,7 +78,7 @@ def test_margins_equal_control(design):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('weights', [1.0, 100.0])
-def test_step_figures_equal_control(weights):
+def test_step_figures_agree_with_python_control(weights):
     A, B = aircraft()
     design = lqr(A, B, np.eye(6), weights * np.eye(2))
     found = compute_margins(A, B, design.K)
@@ -96,16 +96,16 @@ def test_step_figures_equal_control(weights):
     assert np.isnan(found.rise_time[2:]).all()
 
 
-def test_fast_position_beside_a_slow_one():
-    """The grid of a step follows its own time scale, not that of the slowest mode."""
+def test_step_figures_resolve_fast_states_beside_slow_ones():
+    """The time grid of a step follows the fast state, not the slowest mode."""
     A = np.zeros((2, 2))
     found = compute_margins(A, np.eye(2), np.diag([1000.0, 0.01]))
     assert found.rise_time == pytest.approx(math.log(9) / np.array([1000.0, 0.01]), rel=1e-2)
     assert found.settling_time == pytest.approx(math.log(50) / np.array([1000, 0.01]), rel=1e-2)
 
 
-def test_lightly_damped_resonance_is_seen():
-    """S of K = small gain on a resonance with damping 1e-4: the peak lies between grid points."""
+def test_peaks_of_lightly_damped_resonances_are_found():
+    """With damping 1e-4 and a small gain the peak of S lies between grid points."""
     A = np.array([[0.0, 1.0], [-1.0, -2e-4]])
     B, K = np.array([[0.0], [1.0]]), np.array([[2e-4, 0.0]])
     found = compute_margins(A, B, K)
@@ -115,8 +115,8 @@ def test_lightly_damped_resonance_is_seen():
     assert found.sensitivity_peak == pytest.approx(abs(S).max(), rel=1e-4)
 
 
-def test_defective_closed_loop():
-    """Three equal poles in one chain: the modal form does not exist."""
+def test_a_defective_closed_loop_has_its_margins():
+    """Three equal poles form one Jordan block, so no modal form exists."""
     A = np.eye(3, k=1)
     B = np.eye(3)[:, 2:]
     found = compute_margins(A, B, np.array([[1.0, 3.0, 3.0]]))  # (s + 1)^3
@@ -128,8 +128,8 @@ def test_defective_closed_loop():
 
 
 @pytest.mark.parametrize('spread', [0.0, 1.0])
-def test_many_inputs_with_and_without_a_modal_form(spread):
-    """The figures are those of T = K (jw - M)^-1 B; without spread M is one chain, of one pole."""
+def test_margins_of_several_inputs_need_no_modal_form(spread):
+    """Compare with T = K (jw - M)^-1 B; without spread M is one Jordan block."""
     rng = np.random.default_rng(3)
     n, m = 8, 5
     B, K = rng.standard_normal((n, m)), 0.1 * rng.standard_normal((m, n))
@@ -147,14 +147,14 @@ def test_many_inputs_with_and_without_a_modal_form(spread):
         assert found.bandwidth[i] == pytest.approx(w[above[-1]] if above.size else 0.0, rel=1e-3)
 
 
-def test_sampled_delay_modes():
-    """A mode at z = 0 is a very fast one, not an infinite one."""
+def test_sampled_modes_at_zero_have_a_finite_time_constant():
+    """A mode at z = 0 counts as very fast, not as infinite."""
     found = compute_margins(np.array([[0.0]]), np.array([[1.0]]), np.array([[0.0]]), period=0.1)
     assert np.isfinite(found.poles).all()
     assert found.rise_time.shape == (1,)
 
 
-def test_rise_time_of_a_second_order_step():
+def test_the_rise_time_of_second_order_steps_is_exact():
     w, zeta = 3.0, 0.6
     found = compute_step_figures(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]]),
                                  np.array([[w * w, 2 * zeta * w]]),

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Held and late inputs: exact discretisation, prediction over any delay, and the aircraft."""
+"""Sampled inputs with delay: exact discretisation, prediction, and the aircraft."""
 
 import math
 
@@ -18,7 +18,7 @@ EXAMPLE_2_5 = Weights(np.diag([100, 1, 2 * np.pi / 9, 0, 0, 0]), 0.1 * np.eye(2)
 
 
 def flight(A, B, K, period, delay, seconds, Phi=None, Gamma=()):
-    """Return x at the samples, integrating piece by piece with each command at its own time."""
+    """Return x at the samples, integrated between the times at which commands change."""
     count = round(seconds / period)
     x, states, commands = np.array([1.0, 1.0, 0, 0, 0, 0]), [], []
     for k in range(count):
@@ -39,8 +39,8 @@ def flight(A, B, K, period, delay, seconds, Phi=None, Gamma=()):
     return np.array(states)
 
 
-def test_example_2_5_at_20_hz_with_50_ms_of_delay():
-    """The continuous gain throws the aircraft off; the sampled one is proved to hold it."""
+def test_example_2_5_needs_a_sampled_design_at_20_hz():
+    """With a delay of 50 ms the continuous gain is unstable; the sampled design is stable."""
     A, B = aircraft()
     K = lqr(A, B, EXAMPLE_2_5.Qx, EXAMPLE_2_5.Qu).K
     naive = sampled.build_delayed_loop(A, B, K, 0.05, 0.05)
@@ -55,8 +55,8 @@ def test_example_2_5_at_20_hz_with_50_ms_of_delay():
 
 
 @pytest.mark.parametrize('delay', [0.0, 0.013, 0.05, 0.07, 0.1, 0.23])
-def test_prediction_makes_the_delay_harmless(delay):
-    """The poles are those without delay, and the delay's own at 0; the flight says the same."""
+def test_prediction_adds_only_poles_at_zero(delay):
+    """The poles are those without delay plus the delay's at 0; the simulation agrees."""
     A, B = aircraft()
     found = sampled.sampled_lqr(A, B, EXAMPLE_2_5, 0.05, delay)
     poles = np.linalg.eigvals(found.loop)
@@ -72,7 +72,7 @@ def test_prediction_makes_the_delay_harmless(delay):
 
 
 @pytest.mark.parametrize('delay', [0.0, 0.02, 0.05, 0.12])
-def test_unpredicted_loop_is_the_flight(delay):
+def test_the_unpredicted_loop_equals_the_simulation(delay):
     A, B = aircraft()
     K = lqr(A, B, np.eye(6), np.eye(2)).K
     loop = sampled.build_delayed_loop(A, B, K, 0.05, delay)
@@ -84,8 +84,8 @@ def test_unpredicted_loop_is_the_flight(delay):
         z = loop @ z
 
 
-def test_cost_is_the_integral():
-    """One period under a held input, integrated by an integrator of its own."""
+def test_the_discretised_cost_equals_the_integral():
+    """Integrate the cost over one period of a constant input independently."""
     A, B = aircraft()
     rng = np.random.default_rng(4)
     x0, u = rng.standard_normal(6), rng.standard_normal(2)
@@ -102,8 +102,8 @@ def test_cost_is_the_integral():
 
 
 @pytest.mark.parametrize('rate', [1.0, 1e2, 1e4, 1e6])
-def test_stiff_plants_keep_their_digits(rate):
-    """The textbook exponential holds exp(+rate): here nothing grows."""
+def test_stiff_plants_are_discretised_to_full_precision(rate):
+    """Van Loan's exponential contains exp(+rate) and overflows; this discretisation does not."""
     Ad, Bd, found = sampled.discretize_cost(
         np.array([[-rate]]), np.array([[rate]]), Weights(np.eye(1), np.eye(1)), 1.0)
     e = math.exp(-rate)
@@ -114,15 +114,15 @@ def test_stiff_plants_keep_their_digits(rate):
         2 - 2 * (1 - e) / rate + (1 - e * e) / (2 * rate), rel=1e-11)
 
 
-def test_fast_sampling_is_the_continuous_design():
+def test_fast_sampling_tends_to_the_continuous_design():
     A, B = aircraft()
     found = sampled.sampled_lqr(A, B, Weights(np.eye(6), np.eye(2)), 1e-5)
     K = lqr(A, B, np.eye(6), np.eye(2)).K
     assert abs(found.design.K - K).max() <= 1e-3 * abs(K).max()
 
 
-def test_sampled_cost_is_below_that_of_other_gains():
-    """P is the integral of the cost; no other held feedback has less."""
+def test_sampled_gains_cost_less_than_perturbed_ones():
+    """P is the integral of the cost; no other sampled feedback has a lower one."""
     A, B = aircraft()
     found = sampled.sampled_lqr(A, B, Weights(np.eye(6), np.eye(2)), 0.1)
     Ad, Bd, cost = sampled.discretize_cost(A, B, Weights(np.eye(6), np.eye(2)), 0.1)
@@ -140,7 +140,7 @@ def test_sampled_cost_is_below_that_of_other_gains():
         assert np.linalg.eigvalsh(P - found.design.P)[0] > -1e-8 * abs(P).max()
 
 
-def test_refusals():
+def test_invalid_periods_and_delays_are_rejected():
     A, B = aircraft()
     cost = Weights(np.eye(6), np.eye(2))
     for period, delay, words in [(0.0, 0.0, 'period = 0'), (math.nan, 0.0, 'period = nan'),

@@ -13,7 +13,7 @@ from plants import aircraft, CHAIN, FORCE
 import pytest
 
 
-def judged(A, B, weights, i):
+def step_figures(A, B, weights, i):
     """Return rise time and overshoot of a step of state i by python-control."""
     K = lqr(A, B, weights.Qx, weights.Qu).K
     loop = control.ss(A - B @ K, B @ K[:, [i]], np.eye(len(A))[[i]], 0)
@@ -27,7 +27,7 @@ def test_specifications_of_a_double_integrator_are_met(rise, overshoot, peak):
     found = suggest(CHAIN, FORCE, StepSpecifications(rise, overshoot, (peak,)), inputs=['force'])
     assert found.success
     assert found.message.startswith('all specifications are met')
-    seen_rise, seen_overshoot = judged(CHAIN, FORCE, found.best.weights, 0)
+    seen_rise, seen_overshoot = step_figures(CHAIN, FORCE, found.best.weights, 0)
     assert not rise or seen_rise <= rise * 1.01
     assert not overshoot or seen_overshoot <= overshoot + 1e-3
     assert not peak or abs(found.best.design.K[0, 0]) <= peak * 1.01  # at t = 0
@@ -38,12 +38,12 @@ def test_specifications_of_the_aircraft_are_met():
     found = suggest(A, B, StepSpecifications(1.0, 0.10, (40.0, 40.0)), inputs=['f1', 'f2'])
     assert found.success, found.message
     for i in range(2):
-        rise, overshoot = judged(A, B, found.best.weights, i)
+        rise, overshoot = step_figures(A, B, found.best.weights, i)
         assert rise <= 1.01
         assert overshoot <= 0.11
 
 
-def test_table_is_the_trade_off():
+def test_the_table_trades_rise_time_for_peak_input():
     found = suggest(CHAIN, FORCE, StepSpecifications(1.0))
     scale = [trial.scale for trial in found.table]
     assert scale == sorted(scale)
@@ -54,8 +54,8 @@ def test_table_is_the_trade_off():
     assert all(after <= 1.001 * before for before, after in zip(rise[:-1], rise[1:], strict=True))
 
 
-def test_conflicting_specifications_are_named():
-    """From rest a force of 0.1 needs sqrt(2 / 0.1) s and more for 1 m."""
+def test_errors_name_conflicting_specifications():
+    """From rest a force of 0.1 needs at least sqrt(2 / 0.1) s for 1 m."""
     found = suggest(CHAIN, FORCE, StepSpecifications(0.5, 0.0, (0.1,)), inputs=['force'])
     assert not found.success
     assert found.message.startswith('no weights were found that meet rise time 0.5 and peak of '
@@ -64,15 +64,15 @@ def test_conflicting_specifications_are_named():
     assert np.linalg.eigvals(CHAIN - FORCE @ found.best.design.K).real.max() < 0
 
 
-def test_one_impossible_specification_is_named():
-    """An unstable plant held at 1 needs its input: no weights lower it."""
+def test_errors_name_a_single_infeasible_specification():
+    """Holding an unstable plant at 1 fixes its input; no weights lower it."""
     found = suggest(np.array([[1.0]]), np.array([[1.0]]), StepSpecifications(0.0, 0.0, (0.5,)))
     assert not found.success
     assert found.message.startswith('no weights were found that meet peak of input 0 0.5: the '
                                     'minimum peak of input 0 found is')
 
 
-def test_refusals():
+def test_invalid_specifications_are_rejected():
     for wanted, words in [
             (StepSpecifications(-1.0), 'rise_time = -1'),
             (StepSpecifications(1.0, math.nan), 'overshoot'),

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""From what someone typed to Qx, Qu and N, and words for what cannot be used."""
+"""Conversion of user input to Qx, Qu and N, and messages for invalid input."""
 
 import math
 
@@ -13,7 +13,7 @@ from obc_ros.core.text.errors import StatementError
 import pytest
 
 
-def test_diagonals_and_full_matrices_row_by_row():
+def test_diagonals_and_full_matrices_are_read_row_by_row():
     chosen = weights.choose(2, 1, Qx=[1, 2], Qu=[3])
     assert chosen.Qx.tolist() == [[1.0, 0.0], [0.0, 2.0]]
     assert chosen.Qu.tolist() == [[3.0]]
@@ -25,8 +25,8 @@ def test_diagonals_and_full_matrices_row_by_row():
     assert full.cross.tolist() == [[1, 2], [3, 4]]
 
 
-def test_brysons_rule():
-    """Section 2.5: 1 cm, 10 cm and 5 degrees are equally bad; the rest is of no concern."""
+def test_brysons_rule_uses_the_acceptable_deviations():
+    """Section 2.5: 1 cm, 10 cm and 5 degrees are equally bad; other states have weight zero."""
     inf = math.inf
     chosen = weights.choose(6, 2, weights='bryson', u_max=[1, 2],
                             x_max=[0.01, 0.1, math.radians(5), inf, inf, inf])
@@ -35,7 +35,7 @@ def test_brysons_rule():
     assert chosen.Qu.diagonal() == pytest.approx([1, 0.25])
 
 
-def test_output_weighting():
+def test_output_weighting_is_h_transposed_h_and_rho():
     chosen = weights.choose(3, 2, weights='output', H=[1, 0, 2, 0, 1, 0], rho=4)
     assert chosen.Qx == pytest.approx(np.array([[1, 0, 2], [0, 1, 0], [2, 0, 4]]))
     assert chosen.Qu == pytest.approx(4 * np.eye(2))
@@ -70,7 +70,7 @@ def test_output_weighting():
     ({'weights': 'output', 'H': [1] * 6, 'rho': 0}, 'rho = 0: wanted a positive number'),
     ({'weights': 'best'}, "weights = 'best': wanted one of matrices, bryson, output"),
 ])
-def test_words_for_what_cannot_be_used(choice, words):
+def test_invalid_weights_are_rejected_with_a_message(choice, words):
     with pytest.raises(StatementError) as refusal:
         weights.choose(6, 2, **choice)
     assert str(refusal.value).startswith(words)
@@ -79,7 +79,7 @@ def test_words_for_what_cannot_be_used(choice, words):
 @pytest.mark.slow
 @given(st.recursive(st.none() | st.booleans() | st.floats() | st.integers() | st.text(),
                     lambda inner: st.lists(inner, max_size=4), max_leaves=8))
-def test_anything_is_a_matrix_or_words(value):
+def test_any_value_gives_a_matrix_or_an_error(value):
     try:
         matrix = weights.square('Qx', value, 2)
     except StatementError as refusal:
@@ -90,12 +90,12 @@ def test_anything_is_a_matrix_or_words(value):
 
 
 def test_integral_action_rejects_a_constant_disturbance():
-    """A double integrator pushed by a constant force ends at its set point."""
+    """A double integrator under a constant force settles at its set point."""
     A, B = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
     cost = weights.choose(2, 1, Qx=[1, 1], Qu=[1])
     A3, B3, cost3 = weights.with_integrals(A, B, cost, C=[1, 0], Qi=[2])
     design = lqr(A3, B3, cost3.Qx, cost3.Qu)
-    # Steady state of A3 z + B3 (-K z) + (0, push, 0) = 0
+    # Steady state: A3 z + B3 (-K z) + (0, push, 0) = 0
     z = np.linalg.solve(A3 - B3 @ design.K, -np.array([0.0, 0.7, 0.0]))
     assert z[:2] == pytest.approx([0, 0], abs=1e-12)
     plain = lqr(A, B, cost.Qx, cost.Qu)
@@ -103,7 +103,7 @@ def test_integral_action_rejects_a_constant_disturbance():
     assert abs(offset[0]) > 0.1
 
 
-def test_integral_action_keeps_cross_terms_and_refuses_bad_rows():
+def test_integral_action_keeps_cross_terms_and_checks_rows():
     A, B = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
     cost = weights.choose(2, 1, Qx=[2, 2], Qu=[1], cross=[0.1, 0.2], stability=0.3)
     _, _, augmented = weights.with_integrals(A, B, cost, C=[1, 0], Qi=[2])

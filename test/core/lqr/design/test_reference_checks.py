@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which references may be followed: inputs, motion, start; without ROS."""
+"""Checks of references: inputs, dynamics, initial distance, outages; without ROS."""
 
 from dataclasses import replace
 import math
@@ -29,13 +29,13 @@ WIDE = ((-math.inf, math.inf),) * 3
 
 
 def given(t: Any, x: Any, u: Any, holds: bool = False) -> Course:
-    """Return a reference of the vehicle."""
+    """Return a reference of the vehicle from arrays."""
     return read_course(VEHICLE, ((), ()), t, np.ravel(x).tolist(), np.ravel(u).tolist(),
                        'zoh' if holds else 'linear', None)
 
 
 def regulator(sampling: Sampling = ALWAYS) -> Design:
-    """Return a design for the vehicle."""
+    """Return an LQR design for the vehicle."""
     held = linearize_plant(VEHICLE, (0.0, 0.0, 0.0), (10.0, 0.0))
     return design(held, {'weights': 'matrices', 'Qx': (1.0,) * 3, 'Qu': (1.0,) * 2, 'cross': (),
                          'x_max': (), 'u_max': (), 'H': (), 'rho': 1.0, 'stability': 0.0},
@@ -43,7 +43,7 @@ def regulator(sampling: Sampling = ALWAYS) -> Design:
 
 
 def bend(length: float = 2.0, samples: int = 41, holds: bool = False) -> Course:
-    """Return the path of a vehicle with a wheelbase, by another integrator, over 4 s."""
+    """Return the path of a vehicle of wheelbase `length` over 4 s, by scipy's integrator."""
     t = np.linspace(0.0, 4.0, samples)
     u = np.column_stack([8.0 + t, 0.1 * np.sin(t)])
     x = [np.zeros(3)]
@@ -58,17 +58,17 @@ def bend(length: float = 2.0, samples: int = 41, holds: bool = False) -> Course:
     return given(t, x, u, holds)
 
 
-# What is allowed
+# Allowed deviations
 
 
-def test_what_is_allowed_follows_the_range_of_the_reference() -> None:
-    """A tenth of the range, and of one unit where the range is smaller."""
+def test_allowed_deviations_follow_the_range_of_the_reference() -> None:
+    """A tenth of the range, or of one unit where the range is smaller, is allowed."""
     along = given([0.0, 10.0], [[5.0, 0.0, 0.1], [45.0, 2.0, 0.1]], [[4.0, 0.0]] * 2)
     assert np.allclose(compute_allowed_error(along), [(-4.0, 4.0), (-0.2, 0.2), (-0.1, 0.1)])
 
 
-def test_what_is_allowed_is_what_is_given() -> None:
-    """First start_tolerance, then x_limits where they have a bound."""
+def test_allowed_deviations_prefer_what_the_user_gives() -> None:
+    """start_tolerance takes precedence over finite bounds of x_limits."""
     along = given([0.0, 10.0], [[5.0, 0.0, 0.1], [45.0, 2.0, 0.1]], [[4.0, 0.0]] * 2)
     limits = ((-1.0, 2.0), (-math.inf, 3.0), (-math.inf, math.inf))
     assert np.allclose(compute_allowed_error(along, limits),
@@ -77,13 +77,13 @@ def test_what_is_allowed_is_what_is_given() -> None:
         (-2.0, 2.0), (-1.0, 1.0), (-math.inf, math.inf))
 
 
-# Inputs and motion
+# Inputs and dynamics
 
 
 @pytest.mark.parametrize('holds', [False, True])
 @pytest.mark.parametrize('sampling', [ALWAYS, Sampling(0.05, 0.0, True)])
-def test_the_path_of_the_plant_is_accepted(holds: bool, sampling: Sampling) -> None:
-    """With few samples, too, and 1e-7 beyond a limit, as answers of solvers are."""
+def test_paths_of_the_plant_are_accepted(holds: bool, sampling: Sampling) -> None:
+    """Few samples and 1e-7 beyond a limit are accepted, as solvers produce both."""
     for samples in (9, 41):
         along = bend(samples=samples, holds=holds)
         top = float(along.u[:, 0].max())
@@ -91,8 +91,8 @@ def test_the_path_of_the_plant_is_accepted(holds: bool, sampling: Sampling) -> N
               compute_allowed_error(along))
 
 
-def test_inputs_beyond_the_limits_are_refused() -> None:
-    """With the time, the value and the limit."""
+def test_inputs_beyond_the_limits_are_rejected() -> None:
+    """The message gives the time, the value and the limit."""
     with pytest.raises(RefusedReferenceError, match=(
             r'^v is 12 m/s at t = 4 s, the limit is 10 m/s; '
             r'phi is -0\.07568 rad at t = 4 s, the limit is -0\.05 rad; '
@@ -100,8 +100,8 @@ def test_inputs_beyond_the_limits_are_refused() -> None:
         check(bend(), regulator(), InputLimits((0.0, -0.05), (10.0, 0.05)), WIDE)
 
 
-def test_the_path_of_another_plant_is_refused() -> None:
-    """A wheelbase of 1 m instead of 2 m turns twice as fast as these inputs turn this vehicle."""
+def test_paths_of_another_plant_are_rejected() -> None:
+    """A wheelbase of 1 m instead of 2 m turns twice as fast for the same inputs."""
     along = bend(length=1.0)
     with pytest.raises(RefusedReferenceError, match=(
             r'the reference does not satisfy the dynamics: with its inputs theta deviates '
@@ -110,43 +110,43 @@ def test_the_path_of_another_plant_is_refused() -> None:
     check(along, regulator(), FREE, WIDE)
 
 
-def test_a_path_faster_than_its_inputs_is_refused() -> None:
-    """55 m/s along the road with an input of 10 m/s; the error is that of the slowest pole."""
+def test_paths_faster_than_their_inputs_are_rejected() -> None:
+    """The path moves at 55 m/s with an input of 10 m/s; the slowest pole sets the deviation."""
     t = np.linspace(0.0, 100.0, 1_001)
     along = given(t, np.column_stack([55.0 * t, 0.0 * t, 0.0 * t]), [[10.0, 0.0]] * 1_001)
     found = regulator()
-    expected = 45.0 / -found.lqr.E.real.max()  # e' = 45 - e / time
+    expected = 45.0 / -found.lqr.E.real.max()  # steady state of e' = 45 - e / time constant
     with pytest.raises(RefusedReferenceError, match=(
             rf'px deviates by {expected:.4g} m at t = .* s, allowed 1 m')):
         check(along, found, FREE, ((-1.0, 1.0), *WIDE[:2]))
 
 
-def test_a_jump_of_a_state_is_refused() -> None:
-    """A time that stands twice is for inputs."""
+def test_jumps_of_states_are_rejected() -> None:
+    """A repeated time is a jump of the inputs only."""
     x = [[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [10.0, 3.0, 0.0], [20.0, 3.0, 0.0]]
     along = given([0.0, 1.0, 1.0, 2.0], x, [[10.0, 0.0]] * 4)
     with pytest.raises(RefusedReferenceError, match='py deviates by 3 m at t = 1 s, allowed 0.3'):
         check(along, regulator(), FREE, compute_allowed_error(along))
 
 
-def test_a_path_without_a_rate_is_refused() -> None:
-    """Where f overflows nothing is within what is allowed."""
+def test_paths_along_which_f_overflows_are_rejected() -> None:
+    """Where f is not finite, the deviation is not within the allowed one."""
     along = given([0.0, 1.0], [[0.0, 0.0, 0.0]] * 2, [[1e308, 1.5707963267948966]] * 2)
     with pytest.raises(RefusedReferenceError, match='does not satisfy the dynamics'):
         check(along, regulator(), FREE, compute_allowed_error(along))
 
 
-# The start
+# Distance at the beginning
 
 
 def held(begin: int | None, px: float, allowed: float = 0.5, end: float = 2.0) -> Leg:
-    """Return a reference that holds px, with a gain of its own."""
+    """Return a reference that holds px with its own gain."""
     law = StateFeedback((px, 0.0), (0.0,), ((3.0, 3.0),), (0.0, 0.0))
     return Leg(Reference(begin, end), law, law, ((-allowed, allowed),) * 2, ('m', ''))
 
 
-def test_a_reference_that_is_far_away_is_not_taken_up() -> None:
-    """The set point goes on, to the last bit; the reason names state, distance and bound."""
+def test_a_distant_reference_is_not_followed() -> None:
+    """The loop holds the set point unchanged; the reason names state, distance and bound."""
     loop, plain = ControlLoop(control(legs=(held(2 * S, 5.0),))), ControlLoop(control())
     states = [(t, [0.1 * t, 0.3]) for t in np.arange(0.0, 5.0, 0.25).tolist()]
     assert answers(loop, *states) == answers(plain, *states)
@@ -154,8 +154,8 @@ def test_a_reference_that_is_far_away_is_not_taken_up() -> None:
     assert not loop.events
 
 
-def test_a_reference_is_judged_by_the_state_at_its_beginning() -> None:
-    """Near now and far then it is refused; far now and near then it is followed."""
+def test_a_reference_is_checked_against_the_state_at_its_start() -> None:
+    """The distance when the reference is received does not count."""
     for now, then, is_refused in ((5.0, 0.0, True), (0.0, 5.1, False)):
         loop = ControlLoop(control(legs=(held(S, 5.0),)))
         u = answers(loop, (0.0, [now, 0.0]), (1.0, [then, 0.0]))[-1]
@@ -163,8 +163,8 @@ def test_a_reference_is_judged_by_the_state_at_its_beginning() -> None:
         assert u == pytest.approx([-then if is_refused else -3.0 * (then - 5.0)])
 
 
-def test_a_reference_that_came_before_the_first_state_is_judged_by_it() -> None:
-    """It moves nothing before."""
+def test_a_reference_received_early_is_checked_at_the_first_state() -> None:
+    """The first state decides whether it is followed."""
     loop = ControlLoop(control(legs=(held(None, 5.0),)))
     assert answers(loop, (7.0, [0.0, 0.0])) == [[0.0]]
     assert len(loop.refused) == 1
@@ -173,8 +173,8 @@ def test_a_reference_that_came_before_the_first_state_is_judged_by_it() -> None:
     assert list(loop.events) == ['the reference of 2 s begins']
 
 
-def test_a_reference_joined_in_the_middle_is_judged_there() -> None:
-    """The ramp px = t from 0 is at 1 m after 1 s."""
+def test_a_reference_joined_midway_is_checked_there() -> None:
+    """The ramp px = t, begun at 0, is at 1 m after 1 s."""
     ramp = replace(leg(0, 2.0), allowed=((-0.5, 0.5),) * 2, units=('m', 'm/s'))
     loop = ControlLoop(control(legs=(ramp,)))
     answers(loop, (1.0, [0.0, 1.0]))
@@ -187,8 +187,8 @@ def test_a_reference_joined_in_the_middle_is_judged_there() -> None:
         'the reference of 2 s begins', 'the reference of 2 s has ended']
 
 
-def test_what_was_followed_goes_on_when_the_next_is_refused() -> None:
-    """With a reference in force, that one."""
+def test_rejecting_a_reference_leaves_the_previous_one_active() -> None:
+    """The first reference is followed throughout."""
     first, second = held(0, 5.0, end=4.0), held(S, 9.0)
     loop = ControlLoop(control(legs=(first, second)))
     u = answers(loop, (0.5, [5.0, 0.0]), (1.5, [5.1, 0.0]), (9.0, [5.2, 0.0]))
@@ -196,8 +196,8 @@ def test_what_was_followed_goes_on_when_the_next_is_refused() -> None:
     assert len(loop.refused) == 1
 
 
-def test_a_stopped_loop_judges_when_it_is_started() -> None:
-    """Not by where the plant was when the reference came."""
+def test_a_stopped_loop_checks_the_reference_at_its_start() -> None:
+    """The state when the reference was received does not count."""
     loop = ControlLoop(control(legs=(held(0, 5.0, end=9.0),)))
     loop.stop('by hand')
     answers(loop, (0.0, [0.0, 0.0]))
@@ -208,8 +208,8 @@ def test_a_stopped_loop_judges_when_it_is_started() -> None:
     assert not loop.refused
 
 
-def test_a_reference_is_judged_by_the_state_when_its_first_command_acts() -> None:
-    """With a delay of 1 s and a plant that rolls on at 4 m/s: 4 m from where it is."""
+def test_a_reference_is_checked_at_the_predicted_state() -> None:
+    """With a delay of 1 s at 4 m/s the plant is 4 m further when the first command acts."""
     rolls = Prediction(((1.0, 1.0), (0.0, 1.0)), (((0.5,), (1.0,)),), S, S)
     for px, is_refused in ((0.0, True), (4.0, False)):
         law = StateFeedback((px, 4.0), (0.0,), K, (0.0, 0.0))
@@ -219,23 +219,23 @@ def test_a_reference_is_judged_by_the_state_when_its_first_command_acts() -> Non
         assert bool(loop.refused) is is_refused
 
 
-# After an outage
+# Outages
 
 
 def resumed(loop: ControlLoop, *states: tuple[float, list[float]]) -> list[list[float] | None]:
-    """Return the answers after an outage, in which on_stale has acted."""
+    """Return the commands after an outage during which on_stale has acted."""
     assert loop.overdue(states[0][0]) is not None
     assert loop.is_stale
     return answers(loop, *states)
 
 
 def moving(begin: int = 0, end: float = 4.0, allowed: float = 0.5) -> Leg:
-    """Return the ramp px = t, which may be taken up so far away."""
+    """Return the ramp px = t with an allowed distance of `allowed`."""
     return replace(leg(begin, end), allowed=((-allowed, allowed), (-2.0, 2.0)), units=('m', 'm/s'))
 
 
-def test_a_reference_that_has_left_the_plant_behind_is_given_up() -> None:
-    """The plant stood while no state came. It stands on, and holds the set point after a start."""
+def test_a_reference_far_ahead_after_an_outage_is_dropped() -> None:
+    """The loop stops; after a start it holds the set point."""
     loop = ControlLoop(control(legs=(moving(),), u=7.0, rest=(7.0,)))
     answers(loop, (0.0, [0.0, 1.0]), (0.4, [0.4, 1.0]))
     assert resumed(loop, (1.4, [0.5, 0.0]), (1.5, [1.5, 1.0])) == [[7.0], [7.0]]
@@ -248,8 +248,8 @@ def test_a_reference_that_has_left_the_plant_behind_is_given_up() -> None:
     assert len(loop.refused) == 1
 
 
-def test_a_reference_that_the_plant_kept_up_with_goes_on() -> None:
-    """As it would have without the outage."""
+def test_a_reference_close_after_an_outage_continues() -> None:
+    """The commands equal those without the outage."""
     loop, plain = ControlLoop(control(legs=(moving(),))), ControlLoop(control(legs=(moving(),)))
     before, after = [(0.0, [0.0, 1.0]), (0.4, [0.4, 1.0])], [(1.4, [1.3, 1.1]), (1.5, [1.4, 1.0])]
     answers(loop, *before)
@@ -258,17 +258,17 @@ def test_a_reference_that_the_plant_kept_up_with_goes_on() -> None:
     assert not loop.stopped
 
 
-def test_a_gap_that_nobody_noticed_is_an_outage_too() -> None:
-    """Where the machine stood still on_stale could not act."""
+def test_a_gap_between_stamps_is_an_outage_without_on_stale() -> None:
+    """If the whole machine stalls, on_stale cannot act."""
     loop = ControlLoop(control(legs=(moving(),)))
-    answers(loop, (0.4, [0.4, 1.0]), (0.8, [0.0, 1.0]))   # 0.4 s are none
+    answers(loop, (0.4, [0.4, 1.0]), (0.8, [0.0, 1.0]))   # 0.4 s is no outage
     assert not loop.stopped
     answers(loop, (1.4, [0.5, 0.0]))
     assert loop.stopped.startswith('after 0.6 s without a state, px is 0.9 m from 1.4 m')
 
 
-def test_an_outage_over_the_end_of_a_reference() -> None:
-    """Its end is where the plant should be; one that had ended before is a set point."""
+def test_after_an_outage_the_end_of_the_reference_is_checked() -> None:
+    """A reference that had ended before the outage is a set point and is not checked."""
     loop = ControlLoop(control(legs=(moving(end=2.0),), u=7.0, rest=(7.0,)))
     answers(loop, (1.0, [1.0, 1.0]))
     assert resumed(loop, (9.0, [1.0, 0.0])) == [[7.0]]
@@ -280,8 +280,8 @@ def test_an_outage_over_the_end_of_a_reference() -> None:
     assert not loop.stopped
 
 
-def test_the_next_reference_takes_over_after_an_outage() -> None:
-    """If the plant is near it; else neither it nor the one before is followed."""
+def test_the_next_reference_begins_after_an_outage_if_close() -> None:
+    """If the plant is far from it, neither reference is followed."""
     for px, is_refused in ((5.2, False), (1.0, True)):
         loop = ControlLoop(control(legs=(moving(), held(S, 5.0)), u=7.0, rest=(7.0,)))
         answers(loop, (0.4, [0.4, 1.0]))
@@ -291,16 +291,16 @@ def test_the_next_reference_takes_over_after_an_outage() -> None:
         assert u == [pytest.approx([7.0 if is_refused else -0.6])]
 
 
-def test_a_rate_does_not_skip_the_judgement() -> None:
-    """The first state that is answered after the outage is judged."""
+def test_skipped_states_do_not_skip_the_check() -> None:
+    """The first state that is answered after the outage is checked."""
     loop = ControlLoop(control(legs=(moving(),), rules=Rules(period=S, state_timeout=0.5)))
     answers(loop, (0.0, [0.0, 1.0]))
     assert resumed(loop, (0.9, [0.0, 0.0]), (1.0, [0.0, 0.0])) == [None, [0.0]]
     assert loop.stopped.startswith('after 0.9 s without a state, px is 1 m from 1 m')
 
 
-def test_a_reference_is_judged_again_where_time_begins_again() -> None:
-    """A simulation that was reset starts elsewhere."""
+def test_a_reference_is_checked_again_after_a_reset() -> None:
+    """After a reset the simulation starts elsewhere."""
     loop = ControlLoop(control(legs=(held(S, 5.0),), rules=Rules(state_timeout=0.5)))
     answers(loop, (1.0, [5.0, 0.0]))
     assert not loop.refused
@@ -310,15 +310,15 @@ def test_a_reference_is_judged_again_where_time_begins_again() -> None:
     assert len(loop.refused) == 1
 
 
-def test_an_error_of_an_angle_wraps() -> None:
-    """A turn more or less is no distance."""
+def test_errors_of_angles_wrap() -> None:
+    """A difference of one turn counts as zero."""
     turned = control(legs=(held(0, 2.0 * math.pi),))
     turned = replace(turned, limits=InputLimits((-9.0,), (9.0,), (0,)))
     assert not list(references.judge_references(turned, 0, [0.1, 0.0]))
 
 
-def test_states_that_are_back_are_told_with_how_long_they_were_missing() -> None:
-    """By the steady clock."""
+def test_the_return_of_states_is_reported_with_the_outage_time() -> None:
+    """The duration is measured with the steady clock."""
     loop = ControlLoop(control(rules=Rules(state_timeout=0.5)))
     loop.answer(0, [0.0, 0.0], 10.0)
     assert loop.overdue(10.6) == [0.0]

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""References: well formed or refused in words, followed with the gains of equation (2.7)."""
+"""References: validation, and tracking with the gains of equation (2.7)."""
 
 import math
 from typing import Any
@@ -32,7 +32,7 @@ SPEED, LENGTH = 10.0, 2.0
 
 def given(system: Any, t: Any, x: Any, u: Any, interpolation: str = 'linear',
           begin: int | None = 0, names: Any = ((), ())) -> Course:
-    """Return the course of arrays."""
+    """Return the reference of the given arrays."""
     return read_course(system, names, np.ravel(t).tolist(), np.ravel(x).tolist(),
                        np.ravel(u).tolist(), interpolation, begin)
 
@@ -43,8 +43,8 @@ def double_integrator() -> Design:
                   {'Qx': (4.0, 0.5), 'Qu': (0.5,)})
 
 
-def test_gains_are_those_of_the_riccati_equation() -> None:
-    """For a plant that does not change, they are the finite horizon's."""
+def test_gains_along_a_reference_solve_the_riccati_equation() -> None:
+    """For a time-invariant plant they are the finite-horizon gains."""
     found, T = double_integrator(), 6.0
     t = np.linspace(0.0, T, 601)
     along = given(found.plant.system, t, np.stack([t, np.ones_like(t)], axis=1), 0 * t)
@@ -56,8 +56,8 @@ def test_gains_are_those_of_the_riccati_equation() -> None:
     np.testing.assert_allclose(law.at(0.0).K, found.K, rtol=1e-6)
 
 
-def test_samples_are_interpolated() -> None:
-    """Linear or held, with jumps where a time stands twice, and names in any order."""
+def test_samples_are_interpolated_linearly_or_held() -> None:
+    """A repeated time is a jump; names may be in any order."""
     found = double_integrator()
     t, x, u = [0.0, 1.0, 1.0, 2.0], [[0, 0], [1, 1], [1, 1], [2, 2]], [0.0, 2.0, -2.0, 4.0]
     linear = compute_tracking_law(given(found.plant.system, t, x, u), found)[0].along
@@ -74,8 +74,8 @@ def test_samples_are_interpolated() -> None:
     assert last.at(1.0).x == (1.0, 0.0)
 
 
-def test_angles_go_the_short_way() -> None:
-    """A heading that wraps is interpolated across the wrap."""
+def test_headings_are_interpolated_across_the_wrap() -> None:
+    """A step from pi - 0.1 to -pi + 0.1 is a turn by 0.2."""
     system = registry.get_system('vehicle')
     x = [[0.0, 0.0, math.pi - 0.1], [1.0, 0.0, -math.pi + 0.1]]
     along = given(system, [0.0, 1.0], x, [[10.0, 0.0]] * 2)
@@ -94,16 +94,16 @@ def test_angles_go_the_short_way() -> None:
     ([0.0, 1.0], [[0, 0]] * 2, [0, 0], 'cubic', ((), ()), "interpolation = 'cubic'"),
     ([0.0, 1.0], [[0, 0]] * 2, [0, 0], '', (('a', 'b'), ()), 'x: the reference has a, b; wanted'),
 ])
-def test_what_is_refused(t: Any, x: Any, u: Any, interpolation: str, names: Any, sentence: str
-                         ) -> None:
-    """Each fault has its sentence."""
+def test_malformed_references_are_rejected(
+        t: Any, x: Any, u: Any, interpolation: str, names: Any, sentence: str) -> None:
+    """Each fault has its own message."""
     with pytest.raises(StatementError) as error:
         given(registry.get_system('double_integrator'), t, x, u, interpolation, 0, names)
     assert str(error.value).startswith(sentence)
 
 
 def slalom(t: Array, amplitude: float = 0.5, frequency: float = 0.5) -> tuple[Array, Array]:
-    """Return y, theta and phi of a slalom at constant speed (flat: y gives them all)."""
+    """Return (y, theta) and phi of a slalom at constant speed; y is a flat output."""
     w = math.tau * frequency
     y, dy, ddy = (amplitude * f for f in (
         1 - np.cos(w * t), w * np.sin(w * t), w**2 * np.cos(w * t)))
@@ -114,7 +114,7 @@ def slalom(t: Array, amplitude: float = 0.5, frequency: float = 0.5) -> tuple[Ar
 
 def drive(found: Design, courses: tuple[Course, ...], start: list[float], begin: float,
           end: float, dt: float = 0.005) -> tuple[Array, Array, Array]:
-    """Return times, states and inputs of the vehicle in closed loop."""
+    """Simulate the vehicle in closed loop; return times, states and inputs."""
     system = found.plant.system
     control = Control(
         regulator=found.regulator,
@@ -136,13 +136,13 @@ def drive(found: Design, courses: tuple[Course, ...], start: list[float], begin:
 
 
 def lateral() -> Design:
-    """Return the design of the vehicle across the road."""
+    """Return the LQR design of the lateral vehicle."""
     return design(linearize_plant(registry.get_system('vehicle_lateral')), {
         'weights': 'bryson', 'x_max': (0.1, 0.1), 'u_max': (0.2,)})
 
 
-def test_slalom_is_followed_from_its_beginning() -> None:
-    """A reference that the plant can follow is followed to the sampling of its input."""
+def test_a_slalom_is_tracked_from_its_beginning() -> None:
+    """A feasible reference is tracked up to the error of sampling its input."""
     found, t = lateral(), np.linspace(0.0, 4.0, 2_001)
     x, u = slalom(t)
     times, driven, inputs = drive(
@@ -153,8 +153,8 @@ def test_slalom_is_followed_from_its_beginning() -> None:
 
 
 @pytest.mark.parametrize('begin', [0.0, 0.7, 1.9])
-def test_it_is_joined_anywhere(begin: float) -> None:
-    """Starting in the middle, off the path, the error decays."""
+def test_a_slalom_joined_midway_off_the_path_is_tracked(begin: float) -> None:
+    """The initial error of 0.3 m decays."""
     found, t = lateral(), np.linspace(0.0, 4.0, 2_001)
     x, u = slalom(t)
     start = slalom(np.array([begin]))[0][0] + [0.3, 0.0]
@@ -166,11 +166,11 @@ def test_it_is_joined_anywhere(begin: float) -> None:
     assert error.max() < 0.31
 
 
-def test_its_end_is_held() -> None:
-    """After two periods the slalom is at rest in its lane, and stays; no input jumps there."""
+def test_the_end_of_a_slalom_is_held_without_an_input_jump() -> None:
+    """After two periods the vehicle rests in its lane and stays there."""
     found, t = lateral(), np.linspace(0.0, 4.0, 2_001)
     x, u = slalom(t)
-    u[-1] = 0.0  # as the road goes on straight
+    u[-1] = 0.0  # the road goes straight on
     law, words = compute_tracking_law(given(found.plant.system, t, x, u), found)
     assert words == 'then its end is held'
     times, driven, inputs = drive(
@@ -179,8 +179,8 @@ def test_its_end_is_held() -> None:
     np.testing.assert_allclose(law.along.at(4.0).K, law.after.K, rtol=1e-12)
 
 
-def test_one_reference_gives_way_to_the_next() -> None:
-    """The second takes over at its own beginning; the first is followed until then."""
+def test_a_reference_is_tracked_until_the_next_begins() -> None:
+    """The second reference begins at 2 s and leads back to the lane."""
     found, t = lateral(), np.linspace(0.0, 4.0, 2_001)
     system = found.plant.system
     first = given(system, t, *slalom(t), begin=0)
@@ -191,8 +191,8 @@ def test_one_reference_gives_way_to_the_next() -> None:
     assert error.max() < 6e-3
 
 
-def test_an_end_that_cannot_be_held_is_told() -> None:
-    """A vehicle that stands cannot be steered; an aircraft that moves cannot stay."""
+def test_an_end_that_is_no_equilibrium_is_reported() -> None:
+    """A standing vehicle cannot be steered; a moving aircraft cannot stay."""
     found = design(linearize_plant(registry.get_system('vehicle')), {})
     still = given(found.plant.system, [0.0, 1.0], np.zeros((2, 3)), [[1.0, 0.0], [0.0, 0.0]])
     law, words = compute_tracking_law(still, found)
@@ -207,19 +207,19 @@ def test_an_end_that_cannot_be_held_is_told() -> None:
     assert law.after.x == (0.0,) * 6
 
 
-def test_with_integral_action_and_cross_terms() -> None:
-    """The gains along it end in those of the design at its end, whatever the cost."""
+def test_gains_include_integrals_and_cross_terms() -> None:
+    """The gains at the end of the reference equal those of the design there."""
     found = design(linearize_plant(registry.get_system('vehicle_lateral')), {
         'Qx': (1.0, 2.0), 'Qu': (0.5,), 'cross': (0.1, 0.2), 'stability': 0.5},
         ('py',), (2.0,))
     t = np.linspace(0.0, 3.0, 301)
     law = compute_tracking_law(given(found.plant.system, t, np.zeros((301, 2)), 0 * t), found)[0]
     np.testing.assert_allclose(law.along.at(3.0).K, found.K, rtol=1e-9)
-    np.testing.assert_allclose(law.along.at(0.0).K, found.K, rtol=1e-6)  # it stays there
+    np.testing.assert_allclose(law.along.at(0.0).K, found.K, rtol=1e-6)  # the same plant
 
 
-def test_an_answer_that_ends_at_rest_is_held_there() -> None:
-    """Solvers leave 1e-8 of a speed; the end is rest all the same, with the input that holds."""
+def test_an_end_almost_at_rest_is_held() -> None:
+    """Solvers leave speeds of 1e-8; the end still counts as an equilibrium."""
     found = design(linearize_plant(registry.get_system('aircraft')), {})
     system, T = found.plant.system, np.linspace(0.0, 2.0, 21)
     x = np.outer(T / 2.0, [1.0, 2.0, 0.0, 0.5, 0.0, 0.0])
@@ -235,12 +235,12 @@ def test_an_answer_that_ends_at_rest_is_held_there() -> None:
     assert 'the set point is held: found no equilibrium' in words
 
 
-# A terminal weight
+# Terminal weights
 
 
 @pytest.mark.parametrize('P1', [np.zeros((2, 2)), np.diag([100.0, 1.0]), np.diag([1e4, 1e4])])
-def test_a_horizon_has_the_gains_of_the_riccati_equation(P1: Array) -> None:
-    """K(t) of (2.7) backwards from P1, also where it changes fast, then the steady gain."""
+def test_horizon_gains_solve_the_riccati_equation(P1: Array) -> None:
+    """K(t) solves (2.7) backwards from P1, also where it changes fast; then K is steady."""
     found, T = double_integrator(), 3.0
     gains = compute_horizon_law(found, T, P1).gains
     grid = np.array(gains.grid[:-1])
@@ -255,15 +255,15 @@ def test_a_horizon_has_the_gains_of_the_riccati_equation(P1: Array) -> None:
     assert (error <= 0.05 * np.abs(K) + 1e-3 * np.abs(found.K).max()).all()
 
 
-def test_a_horizon_without_a_weight_is_the_steady_design() -> None:
-    """P1 = P leaves P where it is."""
+def test_a_horizon_without_terminal_weight_has_steady_gains() -> None:
+    """The default P1 = P is stationary."""
     found = double_integrator()
     for K in compute_horizon_law(found, 2.0).gains.K:
         np.testing.assert_allclose(K, found.K, rtol=1e-9)
 
 
-def test_a_horizon_costs_least() -> None:
-    """x0'P(0) x0 is what the run costs, and other gains cost more."""
+def test_horizon_gains_minimise_the_cost() -> None:
+    """The simulated cost is x0'P(0) x0; scaled gains cost more."""
     found, T, P1 = double_integrator(), 2.0, np.diag([50.0, 5.0])
     A, B, Qx, Qu = found.plant.A, found.plant.B, found.weights.Qx, found.weights.Qu
     gains = compute_horizon_law(found, T, P1).gains
@@ -282,8 +282,8 @@ def test_a_horizon_costs_least() -> None:
     assert cost(0.9) > cost(1.0) < cost(1.1)
 
 
-def test_a_sampled_horizon() -> None:
-    """The sum of the sampled cost, backwards from P1 in whole periods."""
+def test_sampled_horizon_gains_follow_the_difference_equation() -> None:
+    """Recur backwards from P1 in whole periods."""
     found = design(linearize_plant(registry.get_system('double_integrator')),
                    {'Qx': (4.0, 0.5), 'Qu': (0.5,)},
                    sampling=Sampling(0.1, exact=True))
@@ -300,8 +300,8 @@ def test_a_sampled_horizon() -> None:
     assert gains.at(5.0)[0] == convert_rows(found.K)
 
 
-def test_a_terminal_weight_at_the_end_of_a_reference() -> None:
-    """The gain ends in Qu^-1 B'P1 and goes over to that which holds the end without a jump."""
+def test_a_terminal_weight_sets_the_gain_at_the_end() -> None:
+    """The gain ends in Qu^-1 B'P1 and then tends to the steady gain without a jump."""
     found, T, P1 = double_integrator(), 3.0, np.diag([40.0, 8.0])
     t = np.linspace(0.0, T, 31)
     law = compute_tracking_law(given(found.plant.system, t, np.zeros((31, 2)), 0 * t), found,
@@ -315,11 +315,11 @@ def test_a_terminal_weight_at_the_end_of_a_reference() -> None:
     assert np.abs(np.diff(K, axis=0)).max() < 0.01 * np.abs(last).max()
 
 
-# What does not change along a reference
+# Disturbances along a reference
 
 
-def test_a_constant_push_is_compensated_along_a_reference_that_changes_speed() -> None:
-    """From 10 to 2 m/s with a crooked wheel: only integral action keeps to the line."""
+def test_integral_action_compensates_an_offset_while_braking() -> None:
+    """From 10 to 2 m/s with a steering offset, only integral action removes the lateral error."""
     system = registry.get_system('vehicle')
     t = np.linspace(0.0, 30.0, 301)
     v = np.interp(t, [10.0, 20.0], [10.0, 2.0])
@@ -331,7 +331,7 @@ def test_a_constant_push_is_compensated_along_a_reference_that_changes_speed() -
                        integral,
                        (4.0,) * len(integral))
         law = compute_tracking_law(given(system, t, x, u), found)[0]
-        if integral:  # it changes along the way
+        if integral:  # the gain changes with the speed
             Ki = [abs(law.along.at(s).Ki[1][0]) for s in (5.0, 15.0, 29.0)]
             assert max(Ki) > 1.01 * min(Ki)
         control = Control(

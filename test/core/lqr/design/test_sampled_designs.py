@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Designs for the rate and the delay that they run at."""
+"""Designs for a sampled loop with delay."""
 
 from dataclasses import replace
 import math
@@ -21,13 +21,13 @@ import pytest
 
 Array = NDArray[np.float64]
 
-# Example 2.5, its weight of theta as errata.md has it
+# Example 2.5 with the weight of theta as corrected in errata.md
 EXAMPLE_2_5: dict[str, Any] = {
     'Qx': (100.0, 1.0, (3.6 / math.pi)**2, 0.0, 0.0, 0.0), 'Qu': (0.1, 0.1)}
 
 
 def fly(found: Design, h: float, delay: float) -> Array:
-    """Return the largest of |x| over each second of flight from px = 0.3."""
+    """Return the maximum of |x| over each second of a simulation from px = 0.3."""
     system = found.plant.system
     control = Control(
         found.regulator, InputLimits(tuple(system.u_min), tuple(system.u_max), (2,)),
@@ -46,8 +46,8 @@ def fly(found: Design, h: float, delay: float) -> Array:
     return np.array(sizes)
 
 
-def test_example_2_5_at_20_hz_and_50_ms_of_delay() -> None:
-    """The continuous gain is unstable there; the sampled design with prediction flies."""
+def test_example_2_5_needs_a_sampled_design_at_20_hz() -> None:
+    """With a delay of 50 ms the continuous gain is unstable; prediction stabilises."""
     at = linearize_plant(registry.get_system('aircraft'))
     continuous = design(at, EXAMPLE_2_5)
     with pytest.raises(RefusedDesignError, match=(
@@ -61,8 +61,8 @@ def test_example_2_5_at_20_hz_and_50_ms_of_delay() -> None:
     assert not unpredicted[-20:].max() < 0.05
 
 
-def test_poles_of_the_sampled_loop() -> None:
-    """They tend to those of the continuous design with the period."""
+def test_sampled_poles_tend_to_the_continuous_ones() -> None:
+    """The limit is taken as the period tends to zero."""
     at = linearize_plant(registry.get_system('double_integrator'))
     continuous = design(at, {})
     quick = design(at, {}, sampling=Sampling(1e-4, exact=True))
@@ -76,14 +76,14 @@ def test_poles_of_the_sampled_loop() -> None:
     ({'exact': True}, 'design = sampled needs the period'),
     ({'delay': 0.1}, 'delay = 0.1 needs the period'),
 ])
-def test_what_is_refused(given: dict[str, Any], sentence: str) -> None:
-    """A delay or a sampled design without a period, or an endless delay."""
+def test_invalid_sampling_is_rejected(given: dict[str, Any], sentence: str) -> None:
+    """A delay or a sampled design needs a period, and the delay must be finite."""
     with pytest.raises(StatementError, match=sentence):
         Sampling(**given)
 
 
-def test_a_reference_with_a_sampled_design() -> None:
-    """The gains along it are sampled ones too, and end in that of the design."""
+def test_gains_along_a_reference_are_sampled_too() -> None:
+    """At the end of the reference they equal those of the design."""
     found = design(linearize_plant(registry.get_system('double_integrator')), {},
                    sampling=Sampling(0.2, exact=True))
     t = np.linspace(0.0, 20.0, 201)
