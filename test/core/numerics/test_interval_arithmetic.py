@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Enclosures hold what they enclose, in 400 digits, and are narrow where they should be."""
+"""Enclosures contain the exact values (400 digits) and are narrow."""
 
 import math
 
@@ -14,7 +14,7 @@ from obc_ros.core.text.expressions import parse_expression
 import pytest
 
 X, Y = ca.SX.sym('x'), ca.SX.sym('y')
-# What each stands for in arithmetic of many digits.
+# The same expressions in multiple-precision arithmetic.
 TEXTS = {
     'x + y': lambda x, y: x + y, 'x - 2*y': lambda x, y: x - 2*y, 'x*y': lambda x, y: x*y,
     'x/(y**2 + 1)': lambda x, y: x/(y**2 + 1), 'x**2': lambda x, y: x**2,
@@ -33,12 +33,12 @@ TEXTS = {
 NUMBERS = st.floats(-20, 20) | st.floats(-1, 1) | st.floats(-1e-160, 1e-160) | (
     st.sampled_from([0.0, 1.0, -1.0, math.pi, math.pi / 2, -math.pi / 2, 3 * math.pi / 2]))
 mp = mpmath.MPContext()
-mp.dps = 400   # the products of the smallest numbers are to be exact
+mp.dps = 400   # products of the smallest numbers must be exact
 mpf = mp.mpf
 
 
-def between(text, x, y):
-    """Return the enclosure of an expression of x and y."""
+def enclose_expression(text, x, y):
+    """Return the enclosure of an expression for x and y in intervals."""
     function = ca.Function('f', [ca.vertcat(X, Y)],
                            [parse_expression(text, {'x': X, 'y': Y}, 'text')])
     [found] = enclose_outputs(function, [(np.array([x[0], y[0]]), np.array([x[1], y[1]]))])
@@ -49,20 +49,20 @@ def between(text, x, y):
 @settings(max_examples=600, deadline=None)
 @given(st.sampled_from(sorted(TEXTS)), NUMBERS, NUMBERS, NUMBERS, NUMBERS, st.floats(0, 1),
        st.floats(0, 1))
-def test_every_value_is_enclosed(text, a, b, c, d, s, r):
+def test_enclosures_over_intervals_contain_every_value(text, a, b, c, d, s, r):
     check(text, sorted([a, b]), sorted([c, d]), s, r)
 
 
 @pytest.mark.slow
 @settings(max_examples=600, deadline=None)
 @given(st.sampled_from(sorted(TEXTS)), NUMBERS, NUMBERS)
-def test_the_value_at_a_point_is_enclosed_though_no_double_is_it(text, a, c):
+def test_enclosures_at_points_contain_the_exact_value(text, a, c):
     check(text, [a, a], [c, c], 0.0, 0.0)
 
 
 def check(text, x, y, s, r):
-    """Compare an enclosure with the value at one point in 400 digits, without any slack."""
-    found = between(text, x, y)
+    """Check that the enclosure contains the exact value at one point, without tolerance."""
+    found = enclose_expression(text, x, y)
     at = (min(max(low + part * (high - low), low), high) for (low, high), part in (
         (x, s), (y, r)))
     try:
@@ -74,8 +74,8 @@ def check(text, x, y, s, r):
 
 
 @pytest.mark.parametrize('text', ['x + y', 'x*y', 'x/y', 'x**3', 'sin(x)', 'exp(x) - exp(-y)'])
-def test_no_wider_than_a_few_units_in_the_last_place(text):
-    found = between(text, (1.1, 1.1), (0.7, 0.7))
+def test_enclosures_at_points_have_a_width_of_a_few_ulp(text):
+    found = enclose_expression(text, (1.1, 1.1), (0.7, 0.7))
     value = float(TEXTS[text](mpf(1.1), mpf(0.7)))
     assert found.low <= value <= found.high
     assert found.high - found.low <= 24 * math.ulp(value) + 24 * math.ulp(1.0)
@@ -83,9 +83,9 @@ def test_no_wider_than_a_few_units_in_the_last_place(text):
 
 @pytest.mark.parametrize(('text', 'low', 'high'), [
     ('0*x', 0, 0), ('x*y - x*y*1', 0, 0), ('2*y', 0, 0), ('y/x', 0, 0), ('x*y + y', 0, 0)])
-def test_what_is_exactly_zero_stays_zero(text, low, high):
-    """Amounts that turn back at 0 are known by that."""
-    found = between(text, (0.1, 0.7), (0, 0))
+def test_expressions_that_are_exactly_zero_stay_zero(text, low, high):
+    """The test for nonnegative states relies on rates that are exactly 0 at x = 0."""
+    found = enclose_expression(text, (0.1, 0.7), (0, 0))
     assert (found.low, found.high) == (low, high)
 
 
@@ -95,11 +95,11 @@ def test_what_is_exactly_zero_stays_zero(text, low, high):
     ('sin(x)', (-math.inf, math.inf), (0, 0), -1, 1), ('x*y', (-1, 2), (-3, 4), -6, 8),
     ('x*y', (0, 0), (-math.inf, math.inf), 0, 0), ('x**6', (-2, 1), (0, 0), 0, 64),
     ('y*cos(x)', (-math.inf, math.inf), (0, 5), -5, 5), ('sqrt(x)', (-1, 4), (0, 0), 0, 2)])
-def test_narrow(text, x, y, low, high):
-    found = between(text, x, y)
+def test_enclosures_over_intervals_are_tight(text, x, y, low, high):
+    found = enclose_expression(text, x, y)
     assert (found.low, found.high) == pytest.approx((low, high), abs=1e-12)
 
 
-def test_nothing_is_said_of_what_may_be_anything():
-    assert between('1/x', (-1, 1), (0, 0)) == WHOLE
-    assert between('x - y', (-math.inf, math.inf), (-math.inf, math.inf)) == WHOLE
+def test_expressions_with_unbounded_range_give_the_whole_line():
+    assert enclose_expression('1/x', (-1, 1), (0, 0)) == WHOLE
+    assert enclose_expression('x - y', (-math.inf, math.inf), (-math.inf, math.inf)) == WHOLE

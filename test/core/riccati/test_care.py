@@ -17,18 +17,18 @@ from riccati_collection import EXACT, example_20, OTHERS, REFUSED
 
 
 @pytest.mark.parametrize('name', EXACT)
-def test_exact_solutions(name):
+def test_solutions_of_the_collection_equal_the_exact_ones(name):
     *data, P = EXACT[name]
     design = lqr(*data)
     gap = np.linalg.norm(design.P - P) / np.linalg.norm(P)
-    # The bound is made in scaled coordinates; in the problem's own it holds within their ratio.
+    # The bound holds in scaled coordinates; in the original ones, within their ratio.
     assert gap <= max(10 * design.error, 1e-13)
-    if not name.startswith('10'):  # whose condition number is 1 / d^2
+    if not name.startswith('10'):  # condition number 1 / d^2
         assert gap <= 1e-12
 
 
 @pytest.mark.parametrize('name', OTHERS)
-def test_residuals_and_poles(name):
+def test_solutions_of_the_collection_have_small_residuals(name):
     A, B, Q, R = (np.array(M, dtype=float) for M in OTHERS[name])
     design = lqr(A, B, Q, R)
     assert np.linalg.eigvals(A - B @ design.K).real.max() < 0
@@ -41,14 +41,14 @@ def test_residuals_and_poles(name):
 
 
 @pytest.mark.parametrize('name', REFUSED)
-def test_what_cannot_be_proved_is_refused(name):
+def test_solutions_that_cannot_be_verified_are_rejected(name):
     data, words = REFUSED[name]
     with pytest.raises(RefusedDesignError) as caught:
         lqr(*data)
     assert any(each in str(caught.value) for each in words.split('|'))
 
 
-def test_what_is_too_large_is_told():
-    """The axle of the collection has 211 disks."""
+def test_problems_above_the_size_limit_are_rejected():
+    """Example 20 of the collection has 211 disks."""
     with pytest.raises(StatementError, match='421 states or inputs: at most 400 are taken'):
         lqr(*example_20(211))

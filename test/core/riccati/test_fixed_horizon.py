@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The Riccati differential equation: closed forms, 80 digits, long horizons, refusals."""
+"""The Riccati differential equation compared with closed forms and 80-digit solutions."""
 
 import math
 
@@ -22,15 +22,15 @@ def error(P, exact):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('P1', [0.0, 1.0, 10.0, 1e6])
-def test_aircraft_is_as_exact_as_its_condition_allows(P1):
+def test_errors_for_the_aircraft_are_within_the_condition(P1):
     """
-    The errors are at most n^3 eps times the condition of the equation.
+    The errors are at most n^3 eps times the condition number of the equation.
 
-    The data of the Riccati equation are A, G = B Qu^-1 B', Qx and P1, each rounded once: as many
-    digits as the condition takes of them no method gives back. n^3 counts the roundings of
-    products of matrices. An error made at one time is carried on to all earlier ones, so the
-    condition is the largest on the way from the end. For P1 up to 10 it is below 5 and the bound
-    is 2.5e-13. P1 = 1e6 meets a G of rank 2: there it is 7000.
+    The data of the Riccati equation, A, G = B Qu^-1 B', Qx and P1, are each rounded once; no
+    method recovers the digits that the condition number loses. n^3 counts the roundings of
+    matrix products. An error at one time propagates to all earlier times, so the condition
+    number is the maximum over the horizon. For P1 up to 10 it is below 5 and the bound is
+    2.5e-13. For P1 = 1e6 and G of rank 2 it is 7000.
     """
     A, B = aircraft()
     t, n, worst = np.linspace(0, 5, 501), 6, np.zeros(2)
@@ -49,8 +49,8 @@ def test_aircraft_is_as_exact_as_its_condition_allows(P1):
 
 @pytest.mark.parametrize('a, b, c', [(2.0, 0.5, 0.1), (2.0, 0.5, 10.0), (-1.0, 1.0, 3.0)])
 @pytest.mark.parametrize('T', [0.5, 1.0, 10.0, 50.0, 1000.0])
-def test_example_2_2(a, b, c, T):
-    """Qx = 0: no stationary solution is seen by the cost; 1 / P is linear in exp(-2 a tau)."""
+def test_example_2_2_equals_its_closed_form(a, b, c, T):
+    """Qx = 0: the cost determines no stationary solution; 1 / P is linear in exp(-2 a tau)."""
     t = np.linspace(0, T, 101)
     P, K = solve_finite_horizon([[a]], [[b]], [[0]], [[1]], [[c]], t, T)
     tau = T - t
@@ -64,8 +64,8 @@ def test_example_2_2(a, b, c, T):
     assert K[:, 0, 0] == pytest.approx(b * exact, rel=1e-12)
 
 
-def test_unstable_mode_that_no_input_reaches():
-    """P grows with exp(2 t) there; each entry keeps its digits."""
+def test_uncontrollable_unstable_modes_keep_their_precision():
+    """P grows with exp(2 t) in that mode; each entry keeps its relative precision."""
     A, B, Q = np.diag([1.0, -1.0]), np.array([[0.0], [1.0]]), np.array([[1.0, 0.3], [0.3, 1.0]])
     P, _ = solve_finite_horizon(A, B, Q, [[1]], np.eye(2), [0, 10, 20, 29], 30.0)
     for k, to_go in enumerate([30, 20, 10, 1]):
@@ -74,7 +74,7 @@ def test_unstable_mode_that_no_input_reaches():
 
 
 @pytest.mark.parametrize('seed', range(6))
-def test_random_plants_and_long_horizons(seed):
+def test_random_plants_match_the_high_precision_solution(seed):
     rng = np.random.default_rng(seed)
     n, m = 4, 2
     A, B = 2 * rng.standard_normal((n, n)), rng.standard_normal((n, m))
@@ -86,7 +86,7 @@ def test_random_plants_and_long_horizons(seed):
         assert abs(P[k] - exact).max() <= 1e-11 * max(abs(exact).max(), 1e-300)
 
 
-def test_long_horizon_ends_in_the_stationary_solution():
+def test_long_horizons_start_at_the_stationary_solution():
     A, B = aircraft()
     P, K = solve_finite_horizon(A, B, np.eye(6), np.eye(2), np.zeros((6, 6)), [0.0], 1e4)
     design = lqr(A, B, np.eye(6), np.eye(2))
@@ -94,7 +94,7 @@ def test_long_horizon_ends_in_the_stationary_solution():
     assert error(K[0], design.K) <= 1e-12
 
 
-def test_any_grid_says_the_same():
+def test_solutions_do_not_depend_on_the_grid():
     A, B = aircraft()
     rng = np.random.default_rng(7)
     uneven = np.sort(rng.uniform(0, 4.5, 30))
@@ -109,8 +109,8 @@ def test_any_grid_says_the_same():
         assert error(P_even[k], alone[0]) <= 1e-12
 
 
-def test_cross_term():
-    """With the cross term the square is completed: P is that of the plant without it."""
+def test_a_cross_term_equals_completing_the_square():
+    """P is that of the transformed plant without a cross term."""
     A, B = aircraft()
     N = 0.1 * np.random.default_rng(1).standard_normal((6, 2))
     t = [0.0, 1.0, 2.0]
@@ -121,8 +121,8 @@ def test_cross_term():
     assert pytest.approx(gain + N.T, rel=1e-10) == K
 
 
-def test_differential_equation_holds():
-    """The defect of (2.7) by a difference of fourth order on a fine grid."""
+def test_solutions_satisfy_the_differential_equation():
+    """Evaluate the residual of (2.7) by differences of order four on a fine grid."""
     A, B = aircraft()
     Q, h = np.diag([100, 1, 2 * np.pi / 9, 0, 0, 0]), 1e-3
     t = np.arange(2001) * h
@@ -130,13 +130,13 @@ def test_differential_equation_holds():
     rate = (P[:-4] - 8 * P[1:-3] + 8 * P[3:-1] - P[4:]) / (12 * h)
     P, K = P[2:-2], K[2:-2]
     defect = rate + P @ A + A.T @ P - np.swapaxes(K, 1, 2) @ (0.1 * K) + Q
-    assert abs(defect[:1500]).max() <= 1e-8 * abs(P).max()  # the end is a layer of 4 ms
+    assert abs(defect[:1500]).max() <= 1e-8 * abs(P).max()  # P changes within 4 ms of the end
 
 
 @settings(max_examples=50, deadline=None, derandomize=True)
 @given(st.integers(0, 2**32 - 1), st.floats(0.01, 3), st.floats(0.01, 3))
-def test_stretches_join_in_any_order(seed, first, second):
-    """The stretch of a + b seconds is that of a and then that of b; joining is associative."""
+def test_joining_two_stretches_gives_the_stretch_of_their_sum(seed, first, second):
+    """The stretch over a + b seconds equals the join of those over a and over b."""
     rng = np.random.default_rng(seed)
     A, F, H = rng.standard_normal((3, 3, 3))
     G, Q = F @ F.T, H @ H.T
@@ -147,7 +147,7 @@ def test_stretches_join_in_any_order(seed, first, second):
         assert abs(one - other).max() <= 1e-9 * abs(one).max()
 
 
-def test_refusals():
+def test_invalid_times_and_weights_are_rejected():
     good = (CHAIN, FORCE, np.eye(2), [[1]], np.eye(2))
     for t, T, words in [([0, 1], 0.5, 'at most T = 0.5'), ([1, 0], 2.0, 'increasing'),
                         ([], 1.0, 'finite times'), ([0, math.nan], 1.0, 'finite times'),
