@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A method is chosen by name: in a file, in a call, on the command line."""
+"""Methods are chosen by name: in a file, in a call, on the command line."""
 
 import json
 
@@ -25,7 +25,7 @@ def test_each_method_has_a_name():
     assert tuple(METHODS) == NAMES
 
 
-def test_the_method_of_a_problem_answers_it_unless_another_is_asked_for():
+def test_the_method_of_the_problem_is_used_by_default():
     problem = build_problem({**SCALAR, 'method': 'transcription'})
     assert build_problem(SCALAR).method == 'auto'
     assert solve(problem).method == 'transcription'
@@ -35,7 +35,7 @@ def test_the_method_of_a_problem_answers_it_unless_another_is_asked_for():
 
 @pytest.mark.parametrize('given, asked, method', [
     (None, '', 'riccati'), ('arcs', '', 'arcs'), ('arcs', 'transcription', 'transcription')])
-def test_a_request_has_the_last_word(given, asked, method):
+def test_the_requested_method_overrides_the_problem(given, asked, method):
     statement = SCALAR | ({'method': given} if given else {})
     packet = answer('solve', Packet(
         {'statement': statement, 'method': asked, 'cache_size': 1,
@@ -46,7 +46,7 @@ def test_a_request_has_the_last_word(given, asked, method):
 @pytest.mark.parametrize('value, words', [
     ('ricatti', "did you mean 'riccati'"), (3, 'wanted a name'), (['arcs'], 'wanted a name'),
     ('x' * 10_000, 'is unknown'), ('auto\n', 'is unknown')])
-def test_an_unknown_method_is_refused_with_those_that_exist(value, words):
+def test_errors_for_unknown_methods_list_the_known_ones(value, words):
     with pytest.raises(StatementError, match='^method: ') as error:
         build_problem({**SCALAR, 'method': value})
     assert words in str(error.value)
@@ -55,7 +55,7 @@ def test_an_unknown_method_is_refused_with_those_that_exist(value, words):
 
 
 @pytest.mark.parametrize('value', [None, ''])
-def test_none_is_auto(value):
+def test_an_empty_method_means_auto(value):
     assert get_method(value) == 'auto'
 
 
@@ -69,7 +69,7 @@ def test_the_command_line_checks_the_name(capsys):
 
 
 @pytest.mark.nodes
-def test_the_command_line_asks_for_a_method(spawn, tmp_path):
+def test_the_command_line_passes_the_method_on(spawn, tmp_path):
     for name, more in (('own', {'method': 'transcription'}), ('plain', {})):
         (tmp_path / f'{name}.yaml').write_text(yaml.safe_dump({**SCALAR, **more, 'name': name}))
     files = [str(tmp_path / f'{name}.yaml') for name in ('own', 'plain')]

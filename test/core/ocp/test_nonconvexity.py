@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Problems of which no path is better than one that satisfies Pontryagin's conditions."""
+"""Convex problems, for which Pontryagin's conditions are sufficient for a global minimum."""
 
 from obc_ros.core.ocp.solution import Status
 from obc_ros.core.solver.program_cache import Kit
@@ -26,28 +26,28 @@ def convex(**changes):
     {}, {'running_cost': 'u'}, {'running_cost': '1e-8*x**2 + 1e6*(u + 3*x)**2'},
     {'running_cost': '(x - 2*v + 3*u)**2'}, {'terminal_constraints': ['x - v']},
     {'parameters': {'k': -1}, 'running_cost': 'u**2 - k*x**2'}])
-def test_convex(changes):
+def test_convex_problems_are_recognised(changes):
     assert convex(**changes)
 
 
 @pytest.mark.parametrize('changes', [
-    {'running_cost': 'u**2 - 1e-8*x**2'},                   # concave in x, in other units
+    {'running_cost': 'u**2 - 1e-8*x**2'},                   # slightly concave in x
     {'running_cost': 'u**2 + x*v'},                         # concave along x = -v
     {'running_cost': 'u**2', 'terminal_cost': '-v**2'},
-    {'terminal_cost': '(x**2 - 1)**2'},                     # convex at some x, concave at others
+    {'terminal_cost': '(x**2 - 1)**2'},                     # nonconvex in part of the range
     {'running_cost': 'u**2 + abs(x)'}, {'running_cost': '-abs(u)'},
     {'parameters': {'k': 1}, 'running_cost': 'u**2 - k*x**2'},
     {'dynamics': {'x': 'v', 'v': 'u*x'}}, {'terminal_constraints': ['x**2 - 1']},
     {'path_constraints': [{'expr': 'u**2', 'lower': 0.01}]},
     {'final_time': {'free': True, 'lower': 1, 'upper': 3}}])
-def test_not_to_be_taken_for_convex(changes):
+def test_nonconvex_problems_are_not_taken_for_convex(changes):
     assert not convex(**changes)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(('changes', 'is_one'), [
     ({}, True), ({'dynamics': {'x': 'v', 'v': 'u*(1 + x**2)'}}, False)])
-def test_a_convex_problem_is_solved_from_one_start_and_others_from_more(changes, is_one):
+def test_only_convex_problems_are_solved_from_one_start(changes, is_one):
     solution = solve(problems.build(BLOCK, **changes))
     assert solution.status is Status.SOLVED, solution.message
     assert (solution.optimality.starts == 1) is is_one

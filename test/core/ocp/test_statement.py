@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Statements: what a problem file may say, and that every fault is named with its key."""
+"""Statements: the keys of a problem file, and errors that name the key at fault."""
 
 import copy
 import math
@@ -35,7 +35,7 @@ GOOD = {
 
 
 def changed(path, value):
-    """Return GOOD with the entry at a dotted path replaced, or left out for `...`."""
+    """Return GOOD with the entry at a dotted path replaced, or omitted if value is `...`."""
     mapping = copy.deepcopy(GOOD)
     *parents, last = path.split('.')
     inner = mapping
@@ -48,7 +48,7 @@ def changed(path, value):
     return mapping
 
 
-def test_a_statement_becomes_a_problem():
+def test_a_statement_is_converted_to_a_problem():
     problem = build_problem(GOOD)
     assert (problem.name, problem.states, problem.inputs) == ('lander', ('h', 'v'), ('u',))
     assert problem.parameters[:3] == ('g', 'weight', 'top')
@@ -69,7 +69,7 @@ def test_a_statement_becomes_a_problem():
     assert (float(L), float(V), float(psi), float(path)) == (2, 75, 3, 14)
 
 
-def test_optional_keys_may_be_left_out_or_left_empty():
+def test_optional_keys_may_be_omitted_or_empty():
     least = {key: GOOD[key] for key in ('states', 'inputs', 'initial_state')}
     least |= {'dynamics': {'h': 'v', 'v': 'u'}, 'final_time': {'free': False, 'value': '1e-1'},
               'initial_state': {'h': 0, 'v': 0}}
@@ -111,7 +111,7 @@ def test_numbers_of_terminal_constraints_follow_the_parameters():
     assert psi([3, 4], problem.p_value).full().ravel() == pytest.approx([27 - 2*math.pi, 5.5])
 
 
-def test_an_initial_state_outside_the_state_bounds_is_no_malformed_statement():
+def test_an_initial_state_outside_its_bounds_is_well_formed():
     assert build_problem(changed('initial_state.h', -5)).x0[0] == -5
 
 
@@ -167,7 +167,7 @@ FAULTS = [
     ('running_cost', {'u': 1}, '^running_cost: .* found a mapping'),
     ('terminal_cost', 'u', "^terminal_cost: 'u' is an input"),
     ('terminal_cost', 'h +', "^terminal_cost: 'h \\+' is not an expression"),
-    # Ends
+    # Terminal conditions
     ('initial_state', ..., '^initial_state: missing'),
     ('initial_state', [10, -2], '^initial_state: wanted a number for each state'),
     ('initial_state.v', ..., "^initial_state: no value for the state 'v'"),
@@ -238,7 +238,7 @@ FAULTS = [
 
 @pytest.mark.parametrize(('path', 'value', 'said'), FAULTS,
                          ids=[f'{path}={value}'[:50] for path, value, _ in FAULTS])
-def test_a_fault_is_named_with_its_key(path, value, said):
+def test_errors_name_the_key_at_fault(path, value, said):
     with pytest.raises(StatementError, match=said) as error:
         build_problem(changed(path, value))
     assert len(str(error.value)) < 500
@@ -250,7 +250,7 @@ VEHICLE = {
     'final_time': {'free': False, 'value': 1}}
 
 
-def test_a_registered_system_stands_in_place_of_states_inputs_and_dynamics():
+def test_a_registered_system_gives_states_inputs_and_dynamics():
     problem = build_problem(VEHICLE)
     assert problem.states == ('px', 'py', 'theta')
     assert problem.angles == (False, False, True)
@@ -261,7 +261,7 @@ def test_a_registered_system_stands_in_place_of_states_inputs_and_dynamics():
     assert float(L) == pytest.approx(0.06)
 
 
-def test_the_inputs_of_a_registered_system_have_its_limits_unless_others_are_given():
+def test_a_registered_system_gives_default_input_bounds():
     problem = build_problem(VEHICLE)
     assert (problem.u_lower.tolist(), problem.u_upper.tolist()) == ([0, -0.6], [math.inf, 0.6])
     problem = build_problem(VEHICLE | {'input_bounds': {'phi': [None, 0.1]}})
@@ -269,7 +269,7 @@ def test_the_inputs_of_a_registered_system_have_its_limits_unless_others_are_giv
                                                                     [math.inf, 0.1])
 
 
-def test_a_system_may_have_options_among_its_parameters():
+def test_parameters_may_contain_options_of_a_system():
     problem = build_problem(VEHICLE | {
         'system': 'linear', 'parameters': {'A': [[0, 1], [0, 0]], 'B': [[0], [1]], 'w': 2},
         'running_cost': 'w*u1**2', 'initial_state': {'x1': 0, 'x2': 0}})
@@ -289,18 +289,18 @@ def test_a_system_may_have_options_among_its_parameters():
     ({'states': ['px']}, '^states: the system defines it already'),
     ({'dynamics': {'px': 'v'}}, '^dynamics: the system defines it already'),
 ], ids=str)
-def test_a_fault_beside_a_system_is_named(change, said):
+def test_errors_name_the_key_at_fault_beside_a_system(change, said):
     with pytest.raises(StatementError, match=said):
         build_problem(VEHICLE | change)
 
 
 @pytest.mark.parametrize('value', [None, 3, 'text', [GOOD], True], ids=str)
-def test_a_problem_is_a_mapping(value):
+def test_a_problem_that_is_not_a_mapping_is_rejected(value):
     with pytest.raises(StatementError, match='^problem: wanted a mapping'):
         build_problem(value)
 
 
-def test_expressions_are_bounded_together():
+def test_the_total_size_of_expressions_is_bounded():
     states = [f'x{index}' for index in range(900)]
     huge = GOOD | {'states': states, 'dynamics': dict.fromkeys(states, '+'.join(['u'] * 1900))}
     started = time.process_time()
@@ -322,7 +322,7 @@ _ANYTHING = st.recursive(
 @pytest.mark.slow
 @settings(max_examples=300)
 @given(st.sampled_from([key for key in GOOD if key != 'system']), _ANYTHING)
-def test_any_value_of_any_key_gives_a_problem_or_a_statement_error(key, value):
+def test_any_value_gives_a_problem_or_a_statement_error(key, value):
     try:
         build_problem(GOOD | {key: value})
     except StatementError as error:
@@ -340,16 +340,16 @@ def test_the_problem_files_are_well_formed(name):
 
 # Files
 
-def written(tmp_path, text):
-    """Return the path of a file with this text."""
+def write_file(tmp_path, text):
+    """Write a text to a file and return its path."""
     path = tmp_path / 'case.yaml'
     path.write_text(text, encoding='utf-8')
     return path
 
 
-def test_a_file_holds_one_mapping_or_a_list(tmp_path):
-    assert load_file(written(tmp_path, 'states: [x]')) == [{'states': ['x'], 'name': 'case'}]
-    names = [entry['name'] for entry in load_file(written(tmp_path, '- {name: a}\n- {b: 1}'))]
+def test_a_file_contains_one_mapping_or_a_list(tmp_path):
+    assert load_file(write_file(tmp_path, 'states: [x]')) == [{'states': ['x'], 'name': 'case'}]
+    names = [entry['name'] for entry in load_file(write_file(tmp_path, '- {name: a}\n- {b: 1}'))]
     assert names == ['a', 'case_2']
 
 
@@ -370,14 +370,14 @@ def test_a_file_holds_one_mapping_or_a_list(tmp_path):
     ('a: 2001-99-99', 'case.yaml: '),
     ('\x07', 'case.yaml: '),
 ], ids=lambda text: text[:12])
-def test_a_file_at_fault_is_named(tmp_path, text, said):
+def test_errors_name_the_file_at_fault(tmp_path, text, said):
     with pytest.raises(StatementError, match=said) as error:
-        load_file(written(tmp_path, text))
+        load_file(write_file(tmp_path, text))
     assert 'case.yaml' in str(error.value)
     assert len(str(error.value)) < 1000
 
 
-def test_a_file_that_cannot_be_read_is_named(tmp_path):
+def test_errors_name_a_file_that_cannot_be_read(tmp_path):
     for path in (tmp_path / 'absent.yaml', tmp_path, 'a\x00b'):
         with pytest.raises(StatementError, match='cannot be read'):
             load_file(path)

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Certificates: hold for closed-form answers, and the fault of a wrong answer is the one named."""
+"""Certificates hold for closed-form solutions and name the conditions that others violate."""
 
 from dataclasses import replace
 import math
@@ -16,7 +16,7 @@ import pytest
 
 
 def answer(problem, t, x, u, lam, objective, **more):
-    """Return a solution with H computed along it."""
+    """Return a solution with H evaluated along it."""
     columns = [np.array(np.broadcast_arrays(t, *part)[1:], dtype=float).T for part in (x, u, lam)]
     symbol = ca.SX.sym('lam', problem.n)
     H = ca.Function('H', [problem.x, problem.u, symbol, problem.p],
@@ -28,21 +28,21 @@ def answer(problem, t, x, u, lam, objective, **more):
                     hamiltonian=values.full().ravel(), **more)
 
 
-def held_up(problem, u, count=21):
-    """Return the answer of staying at 0 by u against a load of one, costates those of u = 1."""
+def stay_at_rest(problem, u, count=21):
+    """Return the solution x = 0 under u against a load of one, with the costates for u = 1."""
     t = np.linspace(0.0, 2.0, count)
     x, v = (np.float64(u) - 1) * t**2 / 2, (np.float64(u) - 1) * t
     return answer(problem, t, [x, v], [u], [0.0, -1.0], u**2, nu=np.array([0.0, -1.0]))
 
 
 def failing(problem, solution):
-    """Return the names of the conditions that do not hold."""
+    """Return the names of the conditions that are violated."""
     certificate = certify(problem, solution)
     return {key for key, value in certificate.residuals.items()
             if not value <= certificate.tolerances[key]}
 
 
-# Closed-form answers
+# Closed-form solutions
 
 def scalar(a=1.0, b=1.0, c=1.0, T=1.0, x0=1.0, count=2001):
     """Return Example 2.2 with the input of the book, (2.4) and (2.5)."""
@@ -57,21 +57,21 @@ def scalar(a=1.0, b=1.0, c=1.0, T=1.0, x0=1.0, count=2001):
 
 
 def double_integrator():
-    """Return Example 2.3 from rest at 1 to rest at 0: T = 2, switching at 1."""
+    """Return Example 2.3 from rest at 1 to rest at 0: T = 2, switch at t = 1."""
     problem = problems.build('di_mintime_rest')
     s = np.linspace(0, 1, 11)
     t = np.append(s, 1 + s)
     u = np.repeat([-1.0, 1.0], 11)
     x = np.append(1 - s**2/2, (1 - s)**2/2)
     v = np.append(-s, s - 1)
-    # 1 + lam_x v + lam_v u = 0 and lam_v(1) = 0.
+    # 1 + lam_x v + lam_v u = 0 and lam_v(1) = 0
     return problem, answer(problem, t, [x, v], [u], [1, 1 - t], 2.0, nu=np.array([1.0, -1.0]))
 
 
 def moon_lander():
-    """Return free fall, then full thrust (Meditch)."""
+    """Return free fall followed by full thrust (Meditch)."""
     problem = problems.build('moon_lander')
-    # The two parabolas h = 10 - 2 t - 0.75 t^2 and h = 0.75 (T - t)^2 touch at the switch.
+    # The parabolas h = 10 - 2 t - 0.75 t^2 and h = 0.75 (T - t)^2 are tangent at the switch.
     v_switch = -math.sqrt((2*1.5*10 + 4)/2)
     switch, T = (-2 - v_switch)/1.5, (-2 - 2*v_switch)/1.5
     t = np.concatenate([np.linspace(0, switch, 9), np.linspace(switch, T, 9)])
@@ -84,7 +84,7 @@ def moon_lander():
 
 
 def bryson_denham(count=401):
-    """Return entry at 3 l and exit at 1 - 3 l, where the costate of the position jumps."""
+    """Return the solution on the bound in [3 l, 1 - 3 l]; the costate of the position jumps."""
     problem = problems.build('bryson_denham')
     s = np.linspace(0, 1, count)/3
     x1, v1, u1 = 1/9 - 3*(1/3 - s)**3, 9*(1/3 - s)**2, -18*(1/3 - s)
@@ -107,14 +107,14 @@ def straight_pass():
 
 
 def turn_in_place():
-    """Return Exercise 2.6 without moving: v is singular (docs/errata.md)."""
+    """Return Exercise 2.6 for a turn on the spot: v is singular (docs/errata.md)."""
     problem = problems.build('two_wheel_turn_in_place')
     t = np.linspace(0, math.pi/2, 5)
     return problem, answer(problem, t, [0, 0, t], [0, 1], [0, 0, -1], math.pi/2)
 
 
 def brachistochrone():
-    """Return the slide to x = 1 at free height: the angle grows evenly on a cycloid."""
+    """Return the brachistochrone to x = 1, y free: on a cycloid the angle is linear in t."""
     g, problem = 9.81, problems.pose(
         {'x': 'v*sin(theta)', 'y': 'v*cos(theta)', 'v': '9.81*cos(theta)'}, '1', (0, 0, 0),
         {'free': True, 'lower': 0.1, 'upper': 5}, inputs=['theta'], terminal_constraints=['x - 1'])
@@ -127,7 +127,7 @@ def brachistochrone():
 
 
 def floor():
-    """Return the least integral of x over [0, 1], x' = u, |u| <= 1, x >= 1/2, from 1."""
+    """Minimise the integral of x over [0, 1]: x' = u, |u| <= 1, x >= 1/2, x(0) = 1."""
     problem = problems.pose(
         {'x': 'u'}, 'x', (1,), 1, input_bounds={'u': [-1, 1]}, state_bounds={'x': [0.5, None]})
     s = np.linspace(0, 0.5, 6)
@@ -140,7 +140,7 @@ def floor():
 
 
 def mixed(count=2001):
-    """Return the least integral of u^2/2 less 2 x(1), x' = u, x + u <= 1 active throughout."""
+    """Minimise the integral of u^2/2, less 2 x(1): x' = u, x + u <= 1 active throughout."""
     problem = problems.pose(
         {'x': 'u'}, 'u**2/2', (0,), 1, terminal_cost='-2*x',
         path_constraints=[{'expr': 'x + u', 'lower': None, 'upper': 1}])
@@ -157,7 +157,7 @@ EXACT = [scalar, double_integrator, moon_lander, bryson_denham, straight_pass, t
 
 
 @pytest.mark.parametrize('case', EXACT, ids=lambda case: case.__name__)
-def test_closed_forms_are_certified(case):
+def test_closed_form_solutions_are_certified(case):
     problem, solution = case()
     certificate = certify(problem, solution)
     assert certificate.holds, (certificate.worst, certificate.residuals)
@@ -174,7 +174,7 @@ def test_constant_inputs_are_certified_as_zoh(case):
     assert not failing(problem, replace(solution, interpolation='zoh'))
 
 
-def test_multipliers_of_state_bounds_are_accounted_for_when_not_given():
+def test_missing_multipliers_of_state_bounds_are_computed():
     problem, solution = floor()
     assert not failing(problem, replace(solution, state_multipliers=None))
 
@@ -183,13 +183,13 @@ def test_multipliers_of_state_bounds_are_accounted_for_when_not_given():
 @settings(max_examples=20, deadline=None)
 @given(st.floats(0.2, 2), st.floats(0.3, 3), st.floats(0.1, 10), st.floats(0.2, 2),
        st.sampled_from([-3.0, 0.01, 1.0, 1e4]))
-def test_example_2_2_is_certified_for_any_numbers(a, b, c, T, x0):
+def test_example_2_2_is_certified_for_random_parameters(a, b, c, T, x0):
     assert not failing(*scalar(a, b, c, T, x0, count=6001))
 
 
 @pytest.mark.parametrize('unit', [1e-4, 1e3])
 @pytest.mark.parametrize('money', [1e-3, 1e4])
-def test_units_change_no_residual(unit, money):
+def test_residuals_do_not_depend_on_units(unit, money):
     problem, solution = bryson_denham(51)
     names = problems.read('bryson_denham')
     scaled = problems.build(
@@ -203,34 +203,34 @@ def test_units_change_no_residual(unit, money):
         assert after.residuals[key] == pytest.approx(value, rel=0.1, abs=1e-8)
 
 
-# Each fault by itself
+# One violated condition at a time
 
-def test_wrong_cost():
+def test_a_wrong_cost_violates_the_cost():
     problem, solution = scalar()
     assert failing(problem, replace(solution, objective=solution.objective + 1e-4)) == {'cost'}
 
 
-def test_wrong_hamiltonian():
+def test_a_wrong_hamiltonian_violates_the_hamiltonian():
     problem, solution = moon_lander()
     wrong = replace(solution, hamiltonian=solution.hamiltonian + 0.01)
     assert failing(problem, wrong) == {'hamiltonian'}
 
 
-def test_another_start():
+def test_another_initial_state_violates_start_and_cost():
     problem, solution = scalar()
-    far = replace(problem, x0=problem.x0 + 1e-4)   # what makes up for it costs 1e-4 lam(0)
+    far = replace(problem, x0=problem.x0 + 1e-4)   # the cost changes by 1e-4 lam(0)
     assert (failing(far, solution), certify(far, solution).fault) == ({'start', 'cost'}, 'start')
 
 
-def test_an_end_that_is_missed():
+def test_a_missed_terminal_constraint_violates_the_end():
     problem, solution = moon_lander()
     far = problems.build('moon_lander', terminal_constraints=['h - 0.001', 'v'])
     assert failing(problem, solution) == set()
     assert (failing(far, solution), certify(far, solution).fault) == ({'end', 'cost'}, 'end')
 
 
-def test_an_end_that_is_met_in_the_limit_only():
-    """dx/dt = -u x never is 0: all else holds at exp(-T), whatever T, with lam = 1/x."""
+def test_an_end_met_only_asymptotically_violates_the_end():
+    """For dx/dt = -u x, x never reaches 0: x(T) = exp(-T) is the only fault (lam = 1/x)."""
     problem = problems.pose(
         {'x': '-u*x'}, '1', (1,), {'free': True, 'lower': 0.1, 'upper': 100},
         terminal_constraints=['x'], input_bounds={'u': [-1, 1]})
@@ -240,14 +240,14 @@ def test_an_end_that_is_met_in_the_limit_only():
     assert failing(problem, late) == {'end'}
 
 
-def test_the_answer_for_another_final_time():
+def test_a_solution_for_another_final_time_violates_the_end():
     problem, _ = scalar()
     _, longer = scalar(T=1.01)
     assert failing(problem, longer) == {'end'}
 
 
-def test_a_final_time_that_is_not_the_best():
-    # The least integral of (u^2 + 1)/2 from 0 to 1 has T = 1; u = 1/2 is best for T = 2.
+def test_a_suboptimal_final_time_violates_the_final_time():
+    # The minimum of the integral of (u^2 + 1)/2 from 0 to 1 has T = 1; for T = 2, u = 1/2.
     problem = problems.pose(
         {'x': 'u'}, '(u**2 + 1)/2', (0,), {'free': True, 'lower': 0.1, 'upper': 9},
         terminal_constraints=['x - 1'])
@@ -255,7 +255,7 @@ def test_a_final_time_that_is_not_the_best():
     assert failing(problem, answer(problem, t, [t], [1], [-1], 1.0)) == set()
     slow = answer(problem, 2*t, [t], [0.5], [-0.5], 1.25)
     assert failing(problem, slow) == {'final_time'}
-    # At the upper end of the admissible times H > 0 is wrong, at the lower end right.
+    # At the upper bound of T only H <= 0 is optimal, at the lower bound only H >= 0.
     def within(lower, upper):
         return replace(problem, final_time=replace(problem.final_time, lower=lower, upper=upper))
     assert failing(within(0.1, 2), slow) == {'final_time'}
@@ -267,8 +267,8 @@ def test_a_final_time_that_is_not_the_best():
 
 
 @pytest.mark.parametrize(('u', 'lam', 'tilt'), [(0.0, 0.0, 0.0), (0.98719, 0.0, 0.1)])
-def test_a_stationary_point_of_H_that_is_no_minimum(u, lam, tilt):
-    # dH/du = 0 at the local maximum 0 and, tilted, at the local minimum near 1.
+def test_a_stationary_point_of_h_can_violate_the_minimum(u, lam, tilt):
+    # dH/du = 0 at the local maximum u = 0 and, with the tilt, at the local minimum near 1.
     problem = problems.pose(
         {'x': 'u'}, f'(u**2 - 1)**2 + {tilt}*u', (0,), 1, input_bounds={'u': [-2, 2]})
     L = (u**2 - 1)**2 + tilt*u
@@ -279,36 +279,36 @@ def test_a_stationary_point_of_H_that_is_no_minimum(u, lam, tilt):
     assert failing(problem, answer(problem, t, [least*t], [least], [lam], L)) == set()
 
 
-def test_the_largest_H_instead_of_the_least():
+def test_a_maximum_of_h_violates_minimum_and_final_time():
     problem, solution = brachistochrone()
-    # Backwards along the same path the costates that make dH/du = 0 make H largest.
+    # On the same path the negated costates satisfy dH/du = 0 but maximise H.
     wrong = answer(problem, solution.t, solution.x.T, solution.u.T, -solution.lam.T,
                    solution.objective)
     assert 'minimum' in failing(problem, wrong)
     assert 'final_time' in failing(problem, wrong)
 
 
-def test_costates_of_the_wrong_sign():
+def test_costates_of_the_wrong_sign_violate_three_conditions():
     problem, solution = scalar()
     wrong = answer(problem, solution.t, solution.x.T, solution.u.T, -solution.lam.T,
                    solution.objective)
     assert failing(problem, wrong) == {'minimum', 'transversality', 'hamiltonian'}
 
 
-def test_a_costate_that_leaves_its_equation():
+def test_a_wrong_costate_violates_its_equation():
     problem, solution = straight_pass()
-    # lam_x2 enters dH/du2 at its sample only, where u2 = 0 is then not the least.
+    # lam_x2 enters dH/du2 at the sample; u2 = 0 is then not the minimiser.
     lam = solution.lam.copy()
     lam[:, 1] = 0.1*np.sin(np.pi*solution.t/2)
     assert failing(problem, replace(solution, lam=lam)) == {'costate', 'minimum'}
-    # With u2 held at zero nothing but its equation speaks of lam_x2.
+    # With u2 fixed at zero only the costate equation contains lam_x2.
     held = replace(problem, u_lower=np.array([-1.0, 0]), u_upper=np.array([1.0, 0]))
     assert failing(held, replace(solution, lam=lam)) == {'costate'}
 
 
 @pytest.mark.parametrize('error, found', [(0.0, set()), (1e-8, set()), (0.1, {'costate'})])
-def test_costates_of_states_that_decay_fast(error, found):
-    """What is left of lam grows by e^15 in each interval, its rounding errors with it."""
+def test_costates_of_fast_decaying_states_are_certified(error, found):
+    """The error of lam and its rounding errors grow by e^15 in each interval."""
     k, t = 60.0, np.linspace(0, 1, 5)
     problem = problems.pose(
         {'fast': f'-{k}*fast', 'slow': 'u'}, 'fast + u**2', (1, 0), 1,
@@ -319,28 +319,28 @@ def test_costates_of_states_that_decay_fast(error, found):
     assert failing(problem, solution) == found
 
 
-def test_a_costate_that_misses_its_end():
+def test_a_wrong_terminal_costate_violates_transversality():
     problem, solution = scalar()
     heavier = problems.build('lq_scalar_unit', parameters={'a': 1, 'b': 1, 'c': 1.001})
     assert failing(problem, solution) == set()
     assert failing(heavier, solution) == {'transversality', 'cost'}
 
 
-def test_wrong_multipliers_of_the_end():
+def test_wrong_terminal_multipliers_violate_transversality():
     problem, solution = double_integrator()
     assert failing(problem, replace(solution, nu=np.array([1.0, 1.0]))) == {'transversality'}
     assert failing(problem, replace(solution, nu=np.zeros(0))) == set()
 
 
-def test_a_coarse_mesh():
+def test_a_coarse_mesh_violates_dynamics_and_cost():
     problem, solution = scalar(count=9)
     assert failing(problem, solution) - {'hamiltonian'} == {'dynamics', 'cost'}
 
 
 @pytest.mark.parametrize(('e', 'samples', 'found'), [
     (0.05, 11, {'minimum'}), (0.05, 2, {'minimum'}), (0.001, 2, set())])
-def test_a_smeared_switch_with_its_own_states(e, samples, found):
-    # u ramps from -1 to 1 over 2 e and T exceeds 2 by e^2/3.
+def test_a_smeared_switch_violates_the_minimum(e, samples, found):
+    # u is a ramp from -1 to 1 over 2 e, and T exceeds 2 by e^2/3.
     problem, _ = double_integrator()
     half = math.sqrt(1 + e**2/3)
     first, s, last = np.linspace(0, half - e, 5), np.linspace(-e, e, samples), np.linspace(
@@ -355,8 +355,8 @@ def test_a_smeared_switch_with_its_own_states(e, samples, found):
     assert failing(problem, smeared) - {'hamiltonian'} == found
 
 
-def test_a_bound_exceeded_between_samples():
-    # x = t - t^2 peaks at 1/4; at the samples 0, 1/3, 2/3, 1 it is at most 2/9.
+def test_bounds_exceeded_between_samples_are_violated():
+    # x = t - t^2 has its maximum 1/4 at t = 1/2; at the samples 0, 1/3, 2/3, 1 it is at most 2/9.
     problem = problems.pose(
         {'x': 'v', 'v': 'u'}, 'u**2/2', (0, 1), 1, terminal_constraints=['x', 'v + 1'],
         state_bounds={'x': [None, 0.26]})
@@ -372,14 +372,15 @@ def test_a_bound_exceeded_between_samples():
     assert failing(path, found) == {'bounds'}
 
 
-def test_an_input_outside_its_box():
+def test_an_input_outside_its_bounds_violates_bounds():
     problem, solution = double_integrator()
     tight = replace(problem, u_upper=np.array([0.999]))
     assert failing(tight, solution) == {'bounds'}
 
 
-def test_the_jump_of_a_costate_has_the_sign_of_its_bound():
-    # Least integral of u^2/2 from 0 to 0 through 1 at t = 1/2: a lower bound would push x up.
+def test_costate_jumps_need_the_sign_of_an_active_bound():
+    # Minimum of the integral of u^2/2 from 0 to 0 through 1 at t = 1/2.
+    # The costate jumps as for an upper bound; a lower bound would push x up.
     problem = problems.pose({'x': 'u'}, 'u**2/2', (0,), 1, terminal_constraints=['x'])
     t = np.array([0, 0.25, 0.5, 0.5, 0.75, 1])
     u = np.repeat([2.0, -2.0], 3)
@@ -396,7 +397,7 @@ def test_the_jump_of_a_costate_has_the_sign_of_its_bound():
     assert failing(path, found) == {'bounds'}
 
 
-def test_a_multiplier_without_its_bound():
+def test_a_multiplier_without_its_bound_violates_the_costate():
     problem, solution = floor()
     free = replace(problem, x_lower=np.array([-np.inf]))
     assert failing(free, solution) == {'costate'}
@@ -404,7 +405,7 @@ def test_a_multiplier_without_its_bound():
     assert failing(problem, wrong) == {'costate'}
 
 
-def test_a_mixed_constraint_without_its_multiplier():
+def test_a_missing_path_multiplier_violates_the_minimum():
     problem, solution = mixed()
     assert failing(problem, replace(solution, path_multipliers=None)) == {'minimum'}
 
@@ -414,14 +415,14 @@ def test_a_mixed_constraint_without_its_multiplier():
     {'lam': np.zeros((22, 3))}, {'t': np.linspace(2, 0, 22)}, {'interpolation': 'cubic'},
     {'nu': np.zeros(3)}, {'hamiltonian': np.zeros(3)}, {'t': np.zeros(22)},
     {'state_multipliers': np.zeros((2, 2))}], ids=lambda change: next(iter(change)))
-def test_arrays_that_do_not_fit_have_infinite_residuals(change):
+def test_arrays_of_wrong_shape_give_infinite_residuals(change):
     problem, solution = double_integrator()
     certificate = certify(problem, replace(solution, **change))
     assert not certificate.holds
     assert set(certificate.residuals.values()) == {math.inf}
 
 
-def test_a_course_that_blows_up_has_infinite_residuals():
+def test_a_path_that_diverges_gives_infinite_residuals():
     problem = problems.pose({'x': 'x**2 + u'}, 'u**2', (1,), 2)
     t = np.linspace(0, 2, 3)
     certificate = certify(problem, answer(problem, t, [1 + t], [0], [0], 0.0))
@@ -429,12 +430,12 @@ def test_a_course_that_blows_up_has_infinite_residuals():
     assert not certificate.holds
 
 
-def test_an_empty_answer_is_not_certified():
+def test_an_empty_solution_is_not_certified():
     problem, _ = scalar()
     assert not certify(problem, Solution(Status.NOT_CONVERGED, '')).holds
 
 
-def test_the_fault_of_a_path_is_told_apart_from_those_of_its_costates():
+def test_faults_of_the_path_come_before_those_of_costates():
     tolerances = dict.fromkeys(TOLERANCES, 1e-6)
     astray = Certificate(
         dict.fromkeys(TOLERANCES, 0.0) | {'end': 2e-6, 'costate': 1.0}, tolerances)
@@ -445,17 +446,17 @@ def test_the_fault_of_a_path_is_told_apart_from_those_of_its_costates():
 
 @pytest.mark.parametrize('off, faults', [
     (0.0, set()), (2.0**-50, set()), (-2.0**-40, set()), (1e-4, {'end'})])
-def test_a_system_that_is_held_up_moves_by_rounding_only(off, faults):
-    # v' = a - 1 from rest to the same rest: a has the mean 1, and a = 1 the least mean square.
+def test_rounding_at_an_equilibrium_is_tolerated(off, faults):
+    # v' = a - 1 from rest to rest in the same place: a = 1 has the minimum mean square.
     problem = problems.pose(
         {'x': 'v', 'v': 'a - 1'}, '0.5*a**2', (0, 0), 2, inputs=['a'],
         terminal_constraints=['x', 'v'])
-    assert failing(problem, held_up(problem, 1 + off)) >= faults
-    assert bool(failing(problem, held_up(problem, 1 + off))) is bool(faults)
+    assert failing(problem, stay_at_rest(problem, 1 + off)) >= faults
+    assert bool(failing(problem, stay_at_rest(problem, 1 + off))) is bool(faults)
 
 
-def test_small_states_that_inputs_mean_are_no_rounding():
-    # a = 1e-11 moves x by 1e-11 within T = 1: half of that is not where it leads.
+def test_small_states_driven_by_inputs_are_not_rounding():
+    # a = 1e-11 moves x by 5e-12 within T = 1; a path of half that size is wrong.
     problem = problems.pose(
         {'x': 'v', 'v': 'a'}, 'a', (0, 0), 1, inputs=['a'], input_bounds={'a': [-1e-11, 1e-11]},
         terminal_cost='2*v')
@@ -464,8 +465,8 @@ def test_small_states_that_inputs_mean_are_no_rounding():
     assert 'dynamics' in failing(problem, wrong)
 
 
-def sunk(sign, rate=0.7, T=60.0, count=241):
-    """Return x' = x u from 1 under u = -rate, then rate, to `sign`: x(T/2) is 8e-10 for 0.7."""
+def decay_and_return(sign, rate=0.7, T=60.0, count=241):
+    """Return x' = x u from 1 under u = -rate, then +rate, to `sign`; for 0.7, x(T/2) is 8e-10."""
     problem = problems.pose(
         {'x': 'x*u'}, '0', (1,), T, terminal_constraints=[f'x - ({sign})'],
         input_bounds={'u': [-1, 1]})
@@ -475,13 +476,13 @@ def sunk(sign, rate=0.7, T=60.0, count=241):
     return problem, answer(problem, t, [x], [u], [0.0], 0.0, nu=np.zeros(1))
 
 
-def test_a_state_that_changes_its_sign_where_it_cannot_is_no_path():
-    assert failing(*sunk(1)) == set()
-    assert failing(*sunk(-1)) == {'dynamics'}
+def test_an_impossible_change_of_sign_violates_the_dynamics():
+    assert failing(*decay_and_return(1)) == set()
+    assert failing(*decay_and_return(-1)) == {'dynamics'}
 
 
-def test_a_path_along_which_a_system_is_unstable_is_one():
-    # x' = x + u with u = -2 x is x = exp(-t), and any defect grows by exp(30) to the end.
+def test_paths_along_unstable_dynamics_are_certified():
+    # x' = x + u with u = -2 x gives x = exp(-t); a defect grows by exp(30) until the end.
     problem = problems.pose(
         {'x': 'x + u'}, '0', (1,), 30, terminal_constraints=['x'], input_bounds={'u': [-3, 3]})
     t = 30 * np.linspace(0.0, 1.0, 10001)**2

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Replaying an input between samples, beside closed forms; evaluating many points at once."""
+"""Integration of an input between samples, compared with closed forms; batches of points."""
 
 import math
 
@@ -27,11 +27,11 @@ def intervals(problem, h, x, lam, ua, ub, s=None, m=None):
 
 
 def replayed(problem, course, tolerance=1e-10):
-    """Return the replay of intervals."""
+    """Integrate the inputs over the intervals."""
     return ReplayIntegrator(problem).replay(course, problem.p_value, np.ones(4), tolerance)
 
 
-def test_linear_inputs_on_a_double_integrator():
+def test_linear_inputs_of_a_double_integrator_are_exact():
     problem = problems.pose({'x': 'v', 'v': 'u'}, 'u**2', (0, 0), 1)
     found = replayed(problem, intervals(problem, [2.0, 0.5], [[1, -1], [0, 2]], [3, -1],
                                         [[1], [-2]], [[3], [0]]))
@@ -40,14 +40,14 @@ def test_linear_inputs_on_a_double_integrator():
         t, slope = h*QUARTERS, (b - a)/h
         assert found.x[k, :, 1] == pytest.approx(v0 + a*t + slope*t**2/2, abs=1e-12)
         assert found.x[k, :, 0] == pytest.approx(x0 + v0*t + a*t**2/2 + slope*t**3/6, abs=1e-12)
-        # dlam_x/dt = 0 and dlam_v/dt = -lam_x.
+        # dlam_x/dt = 0 and dlam_v/dt = -lam_x
         assert found.lam[k, :, 1] == pytest.approx(-1 - 3*t, abs=1e-12)
         assert found.u[k, :, 0] == pytest.approx(a + (b - a)*QUARTERS)
         assert found.cost[k] == pytest.approx(h*(a*a + a*b + b*b)/3)
 
 
-def test_nonlinear_states_and_their_costates():
-    # x = tan(t + c), and lam (1 + x^2) is constant along x' = 1 + x^2.
+def test_nonlinear_states_and_costates_match_closed_forms():
+    # x = tan(t + c), and lam (1 + x^2) is constant for x' = 1 + x^2
     problem = problems.pose({'x': '1 + x**2', 'v': 'u'}, '0', (0, 0), 1)
     found = replayed(problem, intervals(problem, [1.2, 0.1], [[0, 0], [1, 0]], [2, 0], 0, 0))
     assert found.converged
@@ -56,7 +56,7 @@ def test_nonlinear_states_and_their_costates():
     assert found.lam[0, :, 0] == pytest.approx(2/(1 + np.tan(1.2*QUARTERS)**2), abs=1e-9)
 
 
-def test_the_course_within_a_step_is_of_order_four():
+def test_the_path_within_a_step_has_order_four():
     problem = problems.pose({'x': 'v', 'v': '-x'}, 'x**2', (0, 0), 1)
     errors = []
     for h in (0.8, 0.4):
@@ -72,13 +72,13 @@ def test_multiplier_densities_drive_the_costates():
         {'x': 'v', 'v': 'u'}, '0', (0, 0), 1,
         path_constraints=[{'expr': 'x*v', 'lower': None, 'upper': 9}])
     found = replayed(problem, intervals(problem, 1.0, [[1, 2]], 0, 0, 0, s=[5, 0], m=[3]))
-    # dlam_x/dt = -5 - 3 v with v = 2; dlam_v/dt = -lam_x - 3 x with x = 1 + 2 t.
+    # dlam_x/dt = -5 - 3 v with v = 2; dlam_v/dt = -lam_x - 3 x with x = 1 + 2 t
     t = QUARTERS
     assert found.lam[0, :, 0] == pytest.approx(-11*t, abs=1e-12)
     assert found.lam[0, :, 1] == pytest.approx(11*t**2/2 - 3*t - 3*t**2, abs=1e-12)
 
 
-def test_a_fast_mode_is_followed():
+def test_fast_modes_are_integrated_accurately():
     problem = problems.pose({'x': '-50*(x - v)', 'v': '1'}, '0', (0, 0), 1)
     found = replayed(problem, intervals(problem, 1.0, [[1, 0]], 0, 0, 0), 1e-7)
     assert found.converged
@@ -86,13 +86,13 @@ def test_a_fast_mode_is_followed():
     assert found.x[0, :, 0] == pytest.approx(expected, abs=1e-8)
 
 
-def test_a_course_that_ends_in_infinity_is_said_to():
+def test_a_path_that_diverges_is_reported_as_infinite():
     problem = problems.pose({'x': '1 + x**2', 'v': 'u'}, '0', (0, 0), 1)
     assert not replayed(problem, intervals(problem, 2.0, [[0, 0]], 0, 0, 0)).converged
 
 
 @pytest.mark.parametrize('count', [1, 31, 32, 33, 127, 1024, 1500])
-def test_a_batch_gives_what_one_by_one_gives(count):
+def test_batches_equal_single_evaluations(count):
     x, p = ca.SX.sym('x', 2), ca.SX.sym('p', 1)
     batch = VectorizedFunction([x, ca.SX(0, 1), p],
                                [ca.sin(x)*p, ca.SX(0, 1), ca.jacobian(x**2, x), p])
@@ -105,11 +105,11 @@ def test_a_batch_gives_what_one_by_one_gives(count):
     assert np.all(same == 2.0)
 
 
-def test_costates_of_what_decays_at_once_are_integrated_from_the_end():
-    """The state x follows v within 1 ms; lam of x would grow by exp(1000) in a second."""
+def test_stiff_costates_are_integrated_backwards():
+    """State x follows v within 1 ms; forwards, lam of x would grow by exp(1000) in 1 s."""
     problem = problems.pose({'x': '-1000*(x - v)', 'v': '-v + u'}, 'x**2 + v**2', (0, 0), 1)
     h, end, v0 = 0.5, np.array([[0.3, -0.2]]), 0.4
-    x0 = v0 + (1 - v0) / 999   # without a fast part
+    x0 = v0 + (1 - v0) / 999   # without a fast component
     course = intervals(problem, h, [[x0 + (1 - v0) * 2 / 999, v0]], 0, 1, 1)
     run = problem.p_value, np.ones(4), 1e-8
     forward = ReplayIntegrator(problem).replay(course, *run)
@@ -125,16 +125,16 @@ def test_costates_of_what_decays_at_once_are_integrated_from_the_end():
 
     exact = solve_ivp(back, (0, h), end[0], 'Radau', rtol=1e-10, atol=1e-12).y[:, -1]
     assert found.lam[0, -1] == pytest.approx(end[0])
-    assert found.lam[0, 0] == pytest.approx([0, 0], abs=1e-14)   # as returned
+    assert found.lam[0, 0] == pytest.approx([0, 0], abs=1e-14)   # returned as given
     assert -defect[0] == pytest.approx(exact, abs=1e-7)
 
 
-def test_a_defect_of_costates_grows_no_more_than_is_said():
-    """With df/dx = -k x and scales that leave its norm as it is the bound is the growth, e^kh."""
+def test_the_bound_on_the_growth_of_costate_defects_holds():
+    """For df/dx = -k x and scales that preserve its norm, the bound equals the growth e^(k h)."""
     h, k = 0.25, 8.0
     problem = problems.pose({'x': f'-{k}*x + u', 'v': 'x*0'}, 'u**2', (0, 0), 1)
     integrator, p = ReplayIntegrator(problem), problem.p_value
-    for size in (1.0, 1e6):   # of states; that of costates is its inverse
+    for size in (1.0, 1e6):   # scale of the states; that of the costates is its inverse
         scale = np.array([size, size, 1/size, 1/size])
         ends = []
         for lam in (0.0, 1/size):
