@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Contradictions in a statement: each is found and said in words, and no sound one is accused."""
+"""Contradictions in a statement: detection, messages, no false positives."""
 
 import math
 import re
@@ -19,18 +19,18 @@ from scipy.integrate import solve_ivp
 BLOCK = problems.DOUBLE_INTEGRATOR | {
     'input_bounds': {'u': [-1, 1]}, 'final_time': {'free': False, 'value': 2}}
 TIMED = BLOCK | {'final_time': {'free': True, 'lower': 0.1, 'upper': 5}}
-# z is a mode at +1 that u does not reach, w one at -2.
+# z is an uncontrollable mode at +1.
 SPLIT = BLOCK | {
     'states': ['x', 'z'], 'dynamics': {'x': 'u', 'z': 'z'}, 'initial_state': {'x': 0, 'z': 1}}
 
 
-def said(base=BLOCK, **changes):
-    """Return the sentence about a problem with some keys replaced."""
+def clash(base=BLOCK, **changes):
+    """Return the message about a problem with some keys replaced."""
     return explain_contradiction(problems.build(base, **changes))
 
 
 @pytest.mark.parametrize('name', problems.NAMES)
-def test_no_problem_with_an_answer_is_accused(name):
+def test_problems_with_a_solution_have_no_contradiction(name):
     assert explain_contradiction(problems.build(name)) == ''
 
 
@@ -47,8 +47,8 @@ def test_no_problem_with_an_answer_is_accused(name):
     ({'path_constraints': [{'expr': '2*u + x', 'lower': None, 'upper': -3}]},
      'path_constraints[0] is at least -2 at the initial state but must be <= -3'),
 ])
-def test_the_start(changes, sentence):
-    assert said(**changes) == sentence
+def test_contradictions_at_the_initial_state(changes, sentence):
+    assert clash(**changes) == sentence
 
 
 @pytest.mark.parametrize(('changes', 'sentence'), [
@@ -68,73 +68,73 @@ def test_the_start(changes, sentence):
      'path_constraints[0] is 1 at the state that the terminal constraints demand but must be '
      '<= 0.5'),
 ])
-def test_the_end(changes, sentence):
-    assert said(**changes) == sentence
+def test_contradictions_of_the_terminal_constraints(changes, sentence):
+    assert clash(**changes) == sentence
 
 
-def test_the_end_repeated_is_no_contradiction():
-    assert said(terminal_constraints=['x - 1', 'v', 'x + v - 1', '2*x - 2']) == ''
+def test_redundant_terminal_constraints_are_no_contradiction():
+    assert clash(terminal_constraints=['x - 1', 'v', 'x + v - 1', '2*x - 2']) == ''
 
 
-def test_a_state_that_no_input_enters():
+def test_an_uncontrolled_state_misses_its_terminal_value():
     e = f'{math.exp(2):.6g}'
-    assert said(SPLIT, terminal_constraints=['z']) == (
+    assert clash(SPLIT, terminal_constraints=['z']) == (
         f'no input acts on z: at T = 2 it is {e}, and the terminal constraint z = 0 cannot be met')
-    assert said(SPLIT, terminal_constraints=['x - 1', f'z - {math.exp(2)!r}']) == ''
-    assert said(SPLIT, terminal_constraints=['z**2 - 1']) == (
+    assert clash(SPLIT, terminal_constraints=['x - 1', f'z - {math.exp(2)!r}']) == ''
+    assert clash(SPLIT, terminal_constraints=['z**2 - 1']) == (
         f'no input acts on z: at T = 2 it is {e}, and the terminal constraint '
         'terminal_constraints[0] cannot be met')
-    assert said(SPLIT, terminal_constraints=['x'], state_bounds={'z': [None, 2]}).startswith(
+    assert clash(SPLIT, terminal_constraints=['x'], state_bounds={'z': [None, 2]}).startswith(
         'no input acts on z: it violates state bound z <= 2 by t = ')
 
 
-def test_a_state_that_no_input_enters_with_a_free_final_time():
+def test_an_uncontrolled_state_with_a_free_final_time():
     free = {'final_time': TIMED['final_time']}
-    assert said(SPLIT, terminal_constraints=['z - 0.5'], **free) == (
+    assert clash(SPLIT, terminal_constraints=['z - 0.5'], **free) == (
         'no input acts on z: z = 0.5 holds at no T from 0.1 to 5')
-    assert said(SPLIT, terminal_constraints=['z - 7'], **free) == ''
-    assert said(SPLIT, terminal_constraints=['x'], state_bounds={'z': [None, 2]}, **free) == ''
+    assert clash(SPLIT, terminal_constraints=['z - 7'], **free) == ''
+    assert clash(SPLIT, terminal_constraints=['x'], state_bounds={'z': [None, 2]}, **free) == ''
 
 
-def test_nonlinear_states_that_no_input_enters():
-    # tan(t) where x' = 1 + x^2.
-    pendulum = BLOCK | {'dynamics': {'x': '1 + x**2', 'v': 'u*x'},
-                        'final_time': {'free': False, 'value': 1}}
-    assert said(pendulum, terminal_constraints=['x - 2']) == (
+def test_an_uncontrolled_nonlinear_state():
+    # x = tan(t) solves x' = 1 + x^2.
+    curved = BLOCK | {'dynamics': {'x': '1 + x**2', 'v': 'u*x'},
+                      'final_time': {'free': False, 'value': 1}}
+    assert clash(curved, terminal_constraints=['x - 2']) == (
         f'no input acts on x: at T = 1 it is {math.tan(1):.6g}, and the terminal constraint '
         'x = 2 cannot be met')
 
 
-def test_a_mode_out_of_reach():
-    # x - y grows as e^t whatever u is; u moves x + y.
+def test_an_uncontrollable_mode_misses_its_terminal_value():
+    # x - y grows as e^t for every u; u acts on x + y.
     twins = BLOCK | {'states': ['x', 'y'], 'dynamics': {'x': 'x + u', 'y': 'y + u'},
                      'initial_state': {'x': 1, 'y': 0}}
-    assert said(twins, terminal_constraints=['x', 'y']) == (
+    assert clash(twins, terminal_constraints=['x', 'y']) == (
         'no input acts on the mode at +1 of A: at T = 2 the terminal constraint '
         f'x = 0 with y = 0 is missed by {math.exp(2)/math.sqrt(2):.6g}')
-    assert said(twins, terminal_constraints=['x - 2']) == ''
-    assert said(twins, terminal_constraints=['x']) == (
+    assert clash(twins, terminal_constraints=['x - 2']) == ''
+    assert clash(twins, terminal_constraints=['x']) == (
         'x cannot fall below 1 but must be 0 at T: the unstable mode of eigenvalue 1 grows '
         'faster than the inputs can counteract')
-    assert said(twins, terminal_constraints=['x', 'y'],
-                initial_state={'x': 0.5, 'y': 0.5}) == ''
-    assert said(twins, terminal_constraints=['x', 'y'], final_time=TIMED['final_time']) == (
+    assert clash(twins, terminal_constraints=['x', 'y'],
+                 initial_state={'x': 0.5, 'y': 0.5}) == ''
+    assert clash(twins, terminal_constraints=['x', 'y'], final_time=TIMED['final_time']) == (
         'no input acts on the mode at +1 of A: x = 0 with y = 0 holds at no T from 0.1 '
         'to 5')
 
 
-def test_inputs_without_a_choice():
-    assert said(BLOCK, input_bounds={'u': [0, 0]}, terminal_constraints=['x - 1']) == (
+def test_inputs_fixed_by_their_bounds_are_known():
+    assert clash(BLOCK, input_bounds={'u': [0, 0]}, terminal_constraints=['x - 1']) == (
         'no input that can vary acts on x: at T = 2 it is 0, and the terminal constraint x = 1 '
         'cannot be met')
-    assert said(BLOCK, input_bounds={'u': [1, 1]}, terminal_constraints=['x - 2']) == ''
+    assert clash(BLOCK, input_bounds={'u': [1, 1]}, terminal_constraints=['x - 2']) == ''
 
 
-def test_a_curved_constraint_where_the_others_hold():
-    assert said(BLOCK, terminal_constraints=['x**2 - 1', 'x - 3']) == (
+def test_a_nonlinear_constraint_that_the_others_contradict():
+    assert clash(BLOCK, terminal_constraints=['x**2 - 1', 'x - 3']) == (
         'terminal_constraints[0] is 8 and not 0 where the other terminal constraints hold '
         '(x = 3)')
-    assert said(BLOCK, terminal_constraints=['x**2 - 1', 'x - 1']) == ''
+    assert clash(BLOCK, terminal_constraints=['x**2 - 1', 'x - 1']) == ''
 
 
 @pytest.mark.parametrize('path, sentence', [
@@ -143,18 +143,19 @@ def test_a_curved_constraint_where_the_others_hold():
      'way from 0 to 1'),
     ({'expr': 'abs(x - 0.5) + v', 'lower': 0.2}, ''),
     ({'expr': 'abs(x - 2)', 'lower': 0.2}, '')])
-def test_a_wall_across_the_way(path, sentence):
-    assert said(BLOCK, terminal_constraints=['x - 1'], path_constraints=[path]) == sentence
+def test_a_path_constraint_that_blocks_every_path(path, sentence):
+    assert clash(BLOCK, terminal_constraints=['x - 1'], path_constraints=[path]) == sentence
 
 
-def test_too_soon_for_a_linear_system():
+def test_too_short_a_time_for_a_linear_system():
     short = {'final_time': {'free': False, 'value': 1.5}, 'terminal_constraints': ['x - 1', 'v']}
     words = 'the terminal constraints cannot be met by T = 1.5: the minimum time is 2'
-    assert said(BLOCK, **short) == words
-    # State bounds leave less, a curved constraint more asks for more.
-    more = f'{words}, without regard to the other constraints'
-    assert said(BLOCK, **short, state_bounds={'v': [-2, 2]}) == more
-    assert said(BLOCK, **short | {'terminal_constraints': ['x - 1', 'v', 'x**2 + v - 1']}) == more
+    assert clash(BLOCK, **short) == words
+    # State bounds and a further constraint can only increase the minimum time.
+    qualified = f'{words}, without regard to the other constraints'
+    assert clash(BLOCK, **short, state_bounds={'v': [-2, 2]}) == qualified
+    assert clash(BLOCK, **short | {
+        'terminal_constraints': ['x - 1', 'v', 'x**2 + v - 1']}) == qualified
 
 
 VEHICLE = {
@@ -163,28 +164,28 @@ VEHICLE = {
     'final_time': {'free': False, 'value': 3}}
 
 
-def test_too_far_for_a_vehicle():
-    assert said(VEHICLE) == (
+def test_a_goal_too_far_for_a_vehicle():
+    assert clash(VEHICLE) == (
         'the terminal constraint px = 20 cannot be met by T = 3 (px stays between -15 and '
         '15): it is missed by at least 5')
-    assert said(VEHICLE, final_time={'free': False, 'value': 4.001}) == ''
+    assert clash(VEHICLE, final_time={'free': False, 'value': 4.001}) == ''
 
 
 def test_a_terminal_constraint_that_holds_nowhere():
-    assert 'missed by at least 1' in said(BLOCK, terminal_constraints=['x**2 + v**2 + 1'])
-    assert said(BLOCK, terminal_constraints=['x**2 + v**2 - 1']) == ''
+    assert 'missed by at least 1' in clash(BLOCK, terminal_constraints=['x**2 + v**2 + 1'])
+    assert clash(BLOCK, terminal_constraints=['x**2 + v**2 - 1']) == ''
 
 
-def test_time_as_a_state_is_no_fault():
+def test_time_as_a_state_is_no_contradiction():
     clock = BLOCK | {'states': ['x', 't'], 'dynamics': {'x': 'u', 't': '1'},
                      'initial_state': {'x': 0, 't': 0}, 'terminal_constraints': ['x - 1']}
-    assert said(clock) == ''
-    assert said(clock, terminal_constraints=['t - 2']) == ''
-    assert said(clock, terminal_constraints=['t - 3']).startswith('no input acts on t: at T = 2')
+    assert clash(clock) == ''
+    assert clash(clock, terminal_constraints=['t - 2']) == ''
+    assert clash(clock, terminal_constraints=['t - 3']).startswith('no input acts on t: at T = 2')
 
 
 def simulated(kind, chance):
-    """Return a problem that a random input solves, its state bounds close around that path."""
+    """Return a problem that a random input solves, with state bounds close to its path."""
     T, waves = float(chance.uniform(0.5, 6)), chance.normal(size=(2, 4))
 
     def u(t):
@@ -220,20 +221,20 @@ def simulated(kind, chance):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('kind', ['linear', 'vehicle', 'pendulum'])
-def test_what_an_input_solves_is_not_accused(kind):
+def test_problems_with_a_simulated_path_have_no_contradiction(kind):
     chance = np.random.default_rng(5)
     for _ in range(12):
         stated = simulated(kind, chance)
-        assert said(stated) == ''
-        assert said(stated, final_time={
+        assert clash(stated) == ''
+        assert clash(stated, final_time={
             'free': True, 'lower': 0, 'upper': 1.01 * stated['final_time']['value']}) == ''
 
 
 @pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10**6), st.integers(2, 4), st.floats(1.01, 3))
-def test_what_no_input_changes(seed, n, stretch):
-    # x' = (S0 + u S1) x with skew S keeps the length of x; with another part it does not.
+def test_a_terminal_value_that_changes_an_invariant(seed, n, stretch):
+    # x' = (S0 + u S1) x with skew S0, S1 preserves |x|; with a diagonal part it does not.
     rng = np.random.default_rng(seed)
     names = [f'x{i}' for i in range(n)]
     skew = [M - M.T for M in rng.normal(size=(2, n, n))]
@@ -244,7 +245,7 @@ def test_what_no_input_changes(seed, n, stretch):
         rate = {name: ' + '.join(
             f'({float(skew[0][i, j] + growth * (i == j == 0))} + ({skew[1][i, j]})*u)*{other}'
             for j, other in enumerate(names)) for i, name in enumerate(names)}
-        return said(states=names, dynamics=rate, initial_state=dict(zip(
+        return clash(states=names, dynamics=rate, initial_state=dict(zip(
             names, x0.tolist(), strict=True)), terminal_constraints=[
                 f'{name} - ({value!r})' for name, value in zip(
                     names, end.tolist(), strict=True)], input_bounds={})
@@ -258,13 +259,13 @@ def test_what_no_input_changes(seed, n, stretch):
 
 @pytest.mark.parametrize(('ends', 'sentence'), [
     (['S - 0.5', 'I - 0.02', 'R - 0.48'], ''),
-    (['S - 0.5', 'R - 0.6'], ''),   # not by this: I is what is left
+    (['S - 0.5', 'R - 0.6'], ''),   # not detected here: I takes the difference
     (['S + R - 1.2', 'I - 0.02'],
      'S + I + R is constant for all inputs: it is 1 at the initial state and 1.22 where '
      'the terminal constraints hold'),
 ])
-def test_a_closed_population(ends, sentence):
-    assert said(
+def test_a_closed_population_is_conserved(ends, sentence):
+    assert clash(
         states=['S', 'I', 'R'], initial_state={'S': 0.9, 'I': 0.1, 'R': 0},
         dynamics={'S': '-S*I/2 - u*S', 'I': 'S*I/2 - I/5', 'R': 'I/5 + u*S'},
         terminal_constraints=ends) == sentence
@@ -277,9 +278,9 @@ DESCENT = {
     'final_time': {'free': True, 'lower': 0.1, 'upper': 10}}
 
 
-def test_bounds_far_from_zero_make_no_quantity_constant():
-    """10 z + v^2 is constant under a = 5 only, which is not the only input."""
-    assert said(DESCENT) == ''
+def test_offset_input_bounds_give_no_false_invariant():
+    """10 z + v^2 is constant for a = 5 but not for other inputs."""
+    assert clash(DESCENT) == ''
     found = solve(problems.build(DESCENT))
     assert found.status is Status.SOLVED, found.message
 
@@ -287,7 +288,7 @@ def test_bounds_far_from_zero_make_no_quantity_constant():
 @pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(st.floats(1, 1e4), st.floats(1e-3, 10), st.sampled_from((-1.0, 1.0)), st.floats(0.1, 20))
-def test_no_quantity_is_constant_under_inputs_on_one_side(near, width, side, drift):
+def test_one_sided_input_bounds_give_no_false_invariant(near, width, side, drift):
     bounds = sorted([side * near, side * (near + width)])
     problem = problems.build(
         DESCENT, dynamics={'z': 'v', 'v': f'a + {drift!r}'}, input_bounds={'a': bounds})
@@ -298,7 +299,7 @@ def test_no_quantity_is_constant_under_inputs_on_one_side(near, width, side, dri
 
 
 @pytest.mark.parametrize(('dynamics', 'end', 'quantity'), [
-    # An input without a choice: what is constant under it is constant.
+    # The bounds fix the input, so that a constant for this input is an invariant.
     ({'x': 'v', 'v': 'u - 10'}, ['x', 'v'], '10*x + v**2'),
     ({'x': '-0.3*x*u + 0.1*v', 'v': '0.3*u*x - 0.1*v'}, ['x', 'v - 3'], 'x + v'),
     ({'x': 'u*sin(v)**2', 'v': '-u*(1 - cos(v)**2)'}, ['x', 'v - 3'], 'x + v'),
@@ -306,7 +307,7 @@ def test_no_quantity_is_constant_under_inputs_on_one_side(near, width, side, dri
     ({'x': 'u', 'v': 'u/x*(1 - v)'}, ['x - 2', 'v - 3'], 'x*v'),
     ({'x': 'u*sqrt(1 + v)', 'v': '-2*u*sqrt(1 + v)*(1 + v)/(1 + v)'}, ['x', 'v - 3'], 'x + v'),
 ])
-def test_identities_are_proved(dynamics, end, quantity):
+def test_invariants_are_proved_by_identities(dynamics, end, quantity):
     bounds = {'u': [5, 5] if quantity.startswith('10') else [0, 1]}
     found = list(find_changed_invariants(problems.build(
         BLOCK, dynamics=dynamics, initial_state={'x': 1, 'v': 0.5}, terminal_constraints=end,
@@ -318,7 +319,7 @@ def test_identities_are_proved(dynamics, end, quantity):
 @pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10**6), st.floats(1e-9, 1e-3))
-def test_what_is_nearly_constant_is_not_called_constant(seed, drift):
+def test_nearly_constant_quantities_are_not_called_constant(seed, drift):
     rng = np.random.default_rng(seed)
     s, r, d = rng.normal(size=3).tolist()
     assert list(find_changed_invariants(problems.build(
@@ -326,8 +327,8 @@ def test_what_is_nearly_constant_is_not_called_constant(seed, drift):
         initial_state={'x': r, 'v': d}, terminal_constraints=[f'x - {2*abs(r) + 1}', 'v']))) == []
 
 
-def test_terminal_constraints_that_leave_a_line():
-    """x^2 + v^2 = 1 is met on all lines that cross the circle; not so where x = v = 1."""
+def test_an_invariant_excludes_a_point_but_no_crossing_line():
+    """Lines that cross the circle x^2 + v^2 = 1 have a feasible end; x = v = 1 is none."""
     turn = {'dynamics': {'x': 'u*v', 'v': '-u*x'}, 'initial_state': {'x': 1, 'v': 0}}
     for end in (['x - v'], ['x + v - 1'], ['0.1*x + 0.2*v - 0.1', 'x + 2*v - 1'], ['x**2 - v']):
         assert list(find_changed_invariants(problems.build(

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is said of how good an answer is: global only where it is proved."""
+"""Optimality of solutions: convexity, and called global only where proved."""
 
 import casadi as ca
 from hypothesis import given, settings
@@ -37,7 +37,7 @@ ROBOT = {
     {'path_constraints': [{'expr': 'x**2 + v**2', 'upper': 4}, {'expr': 'u**2', 'upper': 0.2},
                           {'expr': '5 - x**4', 'lower': 0}, {'expr': 'x + v', 'lower': -9}]},
 ])
-def test_convex(changes):
+def test_convex_problems_are_recognised(changes):
     assert is_convex_problem(problems.build(BLOCK, **changes))
 
 
@@ -46,7 +46,7 @@ def test_convex(changes):
     {'running_cost': 'u**2 + 1/(1 + x)'}, {'running_cost': 'u**2 + sin(x)'},
     {'running_cost': 'u**2 + x**2*v**2'}, {'running_cost': 'u**2 + (x**2 - 1)**2'},
     {'running_cost': 'u**2', 'terminal_cost': '-abs(x)'},
-    {'running_cost': 'abs(x - u)'},   # its slopes by x and u are not free of each other
+    {'running_cost': 'abs(x - u)'},   # its subgradients in x and u depend on each other
     {'running_cost': 'u**2 + sqrt(1 - x**2)'}, {'running_cost': '-exp(u)'},
     {'dynamics': {'x': 'v', 'v': 'u - sin(x)'}}, {'dynamics': {'x': 'v', 'v': 'u*v'}},
     {'path_constraints': [{'expr': 'x**2 + v**2', 'lower': 0.1}]},
@@ -54,7 +54,7 @@ def test_convex(changes):
     {'terminal_constraints': ['x**2 + v']},
     {'final_time': {'free': True, 'lower': 1, 'upper': 3}},
 ])
-def test_not_to_be_taken_for_convex(changes):
+def test_convexity_is_not_claimed_without_proof(changes):
     assert not is_convex_problem(problems.build(BLOCK, **changes))
 
 
@@ -74,12 +74,12 @@ def expressions(draw):
 @pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(text=expressions(), lower=st.sampled_from([None, 0]))
-def test_what_is_called_convex_lies_below_its_chords(text, lower):
-    """Random expressions at random pairs of points, an oracle that knows no rules."""
+def test_convex_costs_lie_below_their_chords(text, lower):
+    """Random expressions at random pairs of points; the check uses no rules of convexity."""
     bounds = {name: [lower, None] for name in ('x', 'v')}
     try:
         stated = problems.build(BLOCK, running_cost=f'{text} + 0*x', state_bounds=bounds)
-    except Exception as error:   # no value at the start
+    except Exception as error:   # undefined at the initial state
         assert 'running_cost' in str(error) or 'value' in str(error) or 'start' in str(error)
         return
     if not is_convex_problem(stated):
@@ -103,7 +103,7 @@ def test_what_is_called_convex_lies_below_its_chords(text, lower):
     (ROBOT, 'shortest path (Reeds-Shepp)'),
     (BLOCK | FREE | {'running_cost': 0}, 'every path costs the same'),
 ], ids=lambda each: each if isinstance(each, str) else '')
-def test_the_best_path_is_called_so_where_it_is_proved(mapping, reason):
+def test_a_proved_global_minimum_is_called_global(mapping, reason):
     found = solve(problems.build(mapping))
     assert found.status is Status.SOLVED
     assert (found.optimality.kind, found.optimality.reason) == ('global', reason)
@@ -114,11 +114,11 @@ def test_the_best_path_is_called_so_where_it_is_proved(mapping, reason):
     BLOCK | {'dynamics': {'x': 'v', 'v': 'u - sin(3*x)'}},
     BLOCK | {'running_cost': 'u**2 + cos(x)'},
     BLOCK | FREE | {'running_cost': '1 + u**2'},
-    # The target moves on: what is met sooner is not met later.
+    # The target is no equilibrium: a path that meets it earlier cannot wait there.
     BLOCK | FREE | {'dynamics': {'x': 'v', 'v': 'u - x'}, 'terminal_constraints': ['x', 'v - 0.9'],
                     'initial_state': {'x': 0.5, 'v': 0.2}},
 ])
-def test_what_is_not_proved_is_called_local(mapping):
+def test_an_unproved_minimum_is_called_local(mapping):
     found = solve(problems.build(mapping))
     assert found.status is Status.SOLVED
     assert found.optimality.kind == 'local'
@@ -126,8 +126,8 @@ def test_what_is_not_proved_is_called_local(mapping):
     assert found.optimality.minima[0] == found.objective
 
 
-def test_a_robot_that_is_another_one_at_other_places_is_not_taken_for_the_two_wheeled():
-    """What vanishes at some points need not vanish; parameters with a value of 1 do not matter."""
+def test_a_similar_robot_is_not_taken_for_the_two_wheeled():
+    """A term that vanishes at some points counts; a parameter with the value 1 does not."""
     zero = '(theta - 0.7)*(theta + 1.9)*(theta - 2.6)'
     other = problems.build(
         ROBOT, dynamics=ROBOT['dynamics'] | {'py': f'sin(theta)*v + 0.1*{zero}'})
@@ -137,8 +137,8 @@ def test_a_robot_that_is_another_one_at_other_places_is_not_taken_for_the_two_wh
     assert solve(same, method='reeds_shepp').status is Status.SOLVED
 
 
-def test_the_aircrafts_two_minima_are_told_and_the_answer_is_the_lower():
-    """Example 2.2 in 5 s: 1.0832 and 1.2271, each an extremal."""
+def test_the_lower_of_two_aircraft_minima_is_returned():
+    """Example 2.5 in 5 s: both 1.0832 and 1.2271 are costs of extremals."""
     cache = Cache()
     first, again = (solve(problems.build('aircraft_5'), cache=cache) for _ in range(2))
     for found in (first, again):
@@ -150,7 +150,8 @@ def test_the_aircrafts_two_minima_are_told_and_the_answer_is_the_lower():
         assert f'{len(known.minima)} local minima' in known.reason
 
 
-def test_costs_are_told_in_order_once_each_and_no_more_than_so_many():
+def test_minima_are_listed_in_order_without_duplicates():
+    # Distinct: 1, 2, 5 and 10 to 39; 1 is the cost of the solution, so that 0.5 does not count.
     costs = [5.0, 2.0, 1.0004, 2.0004, *np.arange(10.0, 40.0), 0.5]
     found = describe_local(50, 1.0, costs)
     assert found.minima[:3] == (1.0, 2.0, 5.0)
@@ -160,6 +161,6 @@ def test_costs_are_told_in_order_once_each_and_no_more_than_so_many():
         1, -3.0, []).reason == 'the only local minimum found from 1 initial guess'
 
 
-def test_nothing_is_said_of_an_answer_that_is_not_certified():
+def test_an_uncertified_solution_has_no_optimality():
     assert add_optimality(problems.build(BLOCK), Solution(
         Status.NOT_CONVERGED, '', 1.0, optimality=describe_local(3, 1.0, []))).optimality is None

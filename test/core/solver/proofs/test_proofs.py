@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What proofs rest on: enclosures of paths, separation by weak duality, exact arithmetic."""
+"""Components of proofs: enclosures of paths, separation by weak duality, exact arithmetic."""
 
 from fractions import Fraction
 import math
@@ -24,30 +24,30 @@ from scipy.linalg import expm
 BOUNDED = problems.DOUBLE_INTEGRATOR | {'input_bounds': {'u': [-1, 1]}}
 
 
-# ---------------------------------------------------------------- false proofs of 2fa802b
+# ---------------------------------------------------------------- false proofs found at 2fa802b
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('changes', [
-    # x is counted in units of 1e-10: the second constraint is independent of the first.
+    # x is in units of 1e-10: the second constraint is independent of the first.
     {'dynamics': {'x': '1e10*v', 'v': 'u'}, 'input_bounds': {},
      'terminal_constraints': ['v - 1', '1e-10*x + v - 3']},
-    # The input is strong in its own unit; beside the other rates its factor is next to nothing.
+    # The factor of the input is tiny, but its bounds are wide.
     {'dynamics': {'x': 'v', 'v': '1e-12*u'}, 'input_bounds': {'u': [-1e13, 1e13]}},
-    # Between samples of the final time the oscillator comes past every value.
+    # Between samples of the final time the oscillator takes every value.
     {'states': ['x', 'v', 'z'], 'dynamics': {'x': '628.5*v', 'v': '-628.5*x', 'z': 'u'},
      'initial_state': {'x': 1, 'v': 0, 'z': 0}, 'terminal_constraints': ['x - 0.5'],
      'final_time': {'free': True, 'lower': 1, 'upper': 2}},
 ])
-def test_no_false_proof(changes):
+def test_feasible_problems_are_not_proved_infeasible(changes):
     assert explain_contradiction(problems.build(BOUNDED, **changes)) == ''
 
 
 @pytest.mark.parametrize('cost', [
     '0.1*u**2 + 0.2*u**2 - 0.3*u**2 + x**2', '0.3*u**2 - 0.2*u**2 - 0.1*u**2 + x**2',
     '0.3*u - 0.2*u - 0.1*u', '0.1*u + 0.2*u - 0.3*u'])
-def test_terms_of_an_input_that_cancel_in_decimals(cost):
-    """No cost here is below 0; in doubles what cancels leaves up to 6e-17 of either sign."""
+def test_terms_that_cancel_in_decimals_leave_a_bounded_cost(cost):
+    """No cost is below 0; in doubles the cancelling terms leave up to 6e-17 of either sign."""
     assert explain_no_minimum(problems.build(BOUNDED, running_cost=cost, input_bounds={})) == ''
 
 
@@ -72,7 +72,7 @@ def test_a_tube_encloses_the_matrix_exponential(seed, n, T):
 
 
 @pytest.mark.slow
-def test_a_tube_follows_a_curved_path_and_an_oscillation():
+def test_a_tube_follows_a_nonlinear_path_and_an_oscillation():
     y, none = ca.SX.sym('y', 2), np.zeros(0)
     system = ca.vertcat(1 + y[0]**2, 0)
     *_, last = Tube(y, ca.SX(0, 1), system, (none, none)).steps(
@@ -101,7 +101,7 @@ def test_a_tube_ends_before_a_pole():
 @pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 4), st.floats(0.2, 3))
-def test_what_an_input_reaches_is_never_called_out_of_reach(seed, n, T):
+def test_reachable_states_are_never_called_unreachable(seed, n, T):
     rng = np.random.default_rng(seed)
     A, B, c, x0 = (rng.normal(size=shape) for shape in ((n, n), (n, 1), n, n))
     x, parts = x0, 8
@@ -122,14 +122,14 @@ def test_what_an_input_reaches_is_never_called_out_of_reach(seed, n, T):
 @pytest.mark.parametrize(('T', 'bounds', 'proved'), [
     (1.99, {}, True), (2.01, {}, False), (4.5, {'v': [-0.2, 0.2]}, True),
     (5.3, {'v': [-0.2, 0.2]}, False), (3.0, {'x': [None, 0.9]}, True)])
-def test_problems_of_a_double_integrator_are_excluded_just_where_they_are(T, bounds, proved):
-    # From rest to rest over 1 in 2 at least; within |v| <= 0.2 in 1/0.2 + 0.2 = 5.2.
+def test_only_infeasible_double_integrators_are_excluded(T, bounds, proved):
+    # Rest to rest over 1 takes 2 at least, and 1/0.2 + 0.2 = 5.2 with |v| <= 0.2.
     assert is_excluded(problems.build(BOUNDED, final_time={'free': False, 'value': T},
                               state_bounds=bounds)) is proved
 
 
-def test_the_exponential_of_states_in_far_units():
-    """What two equal modes drive: entries of 5e17 beside 8e-3, each right in itself."""
+def test_the_matrix_exponential_is_accurate_for_poor_scaling():
+    """Two equal modes drive a state by entries of 5e17; every entry has a small relative error."""
     rate, T, far = 8.478e-3, 152.0, (5.45e17, -7.65e17)
     found = compute_exponential(T * np.array([[rate, 0, 0], [0, rate, 0], [*far, 0]]))
     grown, driven = math.exp(rate * T), math.expm1(rate * T) / rate
@@ -138,8 +138,8 @@ def test_the_exponential_of_states_in_far_units():
 
 
 @pytest.mark.parametrize('h', [22.4, 5743.0])
-def test_the_exponential_of_inputs_that_drive_states_in_far_units(h):
-    """No entry of 6e17 lies on a cycle, so that LAPACK does not balance it."""
+def test_the_matrix_exponential_is_accurate_without_cycles(h):
+    """The entries of 6e17 lie on no cycle, so that LAPACK does not balance them."""
     rate = -1.43769127e-04
     Z = h * np.array([
         [rate, 0, 0, 0.3145737, -54.4], [0, rate, 0, 0.39842967, -68.9],
@@ -150,8 +150,8 @@ def test_the_exponential_of_inputs_that_drive_states_in_far_units(h):
     assert np.all(np.abs(compute_exponential(Z) - exact) <= 1e-13 * terms)
 
 
-def test_states_in_far_units_are_not_said_to_be_unreachable():
-    """A singular value decomposition did not converge; x0 and x1 have nearly the same mode."""
+def test_poorly_scaled_states_are_not_called_unreachable():
+    """x0 and x1 have nearly the same mode; a singular value decomposition did not converge."""
     mode = '-0.41810843788713326*(x{0}/{1}) + u/0.022893317148108366'
     first, second = (mode.format(0, 0.00032100385267042254), mode.format(1, 3.176358687772462e-06))
     assert explain_contradiction(problems.build(
@@ -170,8 +170,8 @@ def test_states_in_far_units_are_not_said_to_be_unreachable():
         final_time={'free': False, 'value': 6563.990097281992})) == ''
 
 
-def test_no_direction_is_proved_from_what_rounding_left():
-    """The third state is the difference of two that inputs move alike: its unit is next to 0."""
+def test_no_proof_rests_on_a_direction_lost_to_rounding():
+    """The input moves x and y alike; z, their difference in other units, stays close to 0."""
     assert explain_contradiction(problems.build(
         BOUNDED, states=['x', 'y', 'z'], inputs=['w'],
         initial_state={'x': 7.368741154814138e-08, 'y': 1.0667385307101855,
@@ -191,7 +191,7 @@ def test_no_direction_is_proved_from_what_rounding_left():
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 4), st.floats(0.2, 5))
-def test_what_rounding_is_measured_by_holds_the_states(seed, n, T):
+def test_reach_sizes_bound_the_terms_of_the_states(seed, n, T):
     rng = np.random.default_rng(seed)
     A, B, c, x0 = (rng.normal(size=shape) for shape in ((n, n), (n, 1), n, n))
     reach = Reach(A, B, c, x0, np.eye(n), x0)
@@ -203,7 +203,7 @@ def test_what_rounding_is_measured_by_holds_the_states(seed, n, T):
 # ---------------------------------------------------------------- exact arithmetic
 
 
-def test_polynomials_that_are_equal_are_the_same():
+def test_equal_expressions_reduce_to_zero():
     x = ca.SX.sym('x', 2)
     a, b = x[0], x[1]
     zero = (
@@ -224,7 +224,7 @@ def test_null_space_is_exact():
         assert sum(value * vector.get(k, 0) for k, value in row.items()) == 0
 
 
-def test_dependent_terminal_constraints_are_told_from_contradictory_ones():
+def test_dependent_and_contradictory_constraints_differ():
     end = find_affine_end(problems.build(
         BOUNDED, terminal_constraints=['0.1*x + 0.2*v - 0.3', 'x + 2*v - 3']))
     assert end.clash is None

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where the expressions of a problem have no value on a path, and states that run away."""
+"""Undefined or nondifferentiable expressions on a path, and diverging states."""
 
 import re
 
@@ -20,8 +20,8 @@ T = np.linspace(0, 2, 21)
 PATH = np.column_stack([T, 1 + 0 * T])  # x = t, v = 1
 
 
-def said(rate, cost='u**2'):
-    """Return what is said of x' = v, v' = rate on the path x = t."""
+def undefined(rate, cost='u**2'):
+    """Return the message about x' = v, v' = rate on the path x = t, v = 1."""
     problem = problems.pose({'x': 'v', 'v': rate}, cost, (0, 1), 2, parameters={'one': 1})
     return explain_undefined(problem, T, PATH, np.ones((len(T), 1)))
 
@@ -32,24 +32,24 @@ def said(rate, cost='u**2'):
     ('u*log(1.55 - x)', 'dynamics.v takes the logarithm of a negative number', 1.6),
     ('u + sqrt(0.45 - x**2)', 'dynamics.v takes the root of a negative number', 0.7),
     ('u + (1 - x)**1.5', 'dynamics.v takes a noninteger power of a negative number', 1.1)])
-def test_the_first_state_without_a_value(rate, words, time):
-    assert said(rate).startswith(f'{words} at t = {time:.4g} on the closest path')
-    assert f'where x = {time:.4g}, v = 1' in said(rate)
+def test_the_first_undefined_point_is_reported(rate, words, time):
+    assert undefined(rate).startswith(f'{words} at t = {time:.4g} on the closest path')
+    assert f'where x = {time:.4g}, v = 1' in undefined(rate)
 
 
-def test_the_cost_too():
-    assert said('u', '1/(x - 1)').startswith('running_cost divides by zero at t = 1 ')
+def test_an_undefined_cost_is_reported():
+    assert undefined('u', '1/(x - 1)').startswith('running_cost divides by zero at t = 1 ')
 
 
 @pytest.mark.parametrize('rate', [
     'u', 'u/(x + 1)', 'u*log(x + 1)', 'sqrt(x)', 'x**2', 'x**1.5', '1/(1 + x**2)', 'u/2'])
-def test_expressions_with_a_value(rate):
-    assert said(rate) == ''
+def test_defined_expressions_are_not_reported(rate):
+    assert undefined(rate) == ''
 
 
 @pytest.mark.slow
-def test_states_that_run_away():
-    """From 2, x' = x^2 is 2/(1 - 2 t): it is at infinity at 0.5; with u = -1 a little later."""
+def test_diverging_states_are_reported():
+    """From x = 2, x' = x^2 has the pole t = 0.5; with u = -1 the pole is a little later."""
     mapping = {
         'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'x**2 + u'}, 'running_cost': 'u**2',
         'initial_state': {'x': 2}, 'terminal_constraints': ['x'], 'input_bounds': {'u': [-1, 1]},
@@ -65,21 +65,23 @@ def test_states_that_run_away():
     assert explain_escape(problems.build(mapping, input_bounds={'u': [-5, 1]}), 2.0) == ''
 
 
-@pytest.mark.parametrize('cost, what', [
+@pytest.mark.parametrize('cost, kink', [
     ('abs(x - 0.95) + u**2', 'abs((x-0.95)) is 0, as at t = 1 '),
     ('u**2 + 3*abs(x - v)', 'abs((x-v)) is 0, as at t = 1 '),
-    ('abs(u - 1) + x', ''),         # of an input: such kinks are met
-    ('abs(x + 1)', '')])            # never 0 on this path
-def test_kinks_on_a_path(cost, what):
+    ('abs(u - 1) + x', ''),         # kinks in inputs alone are allowed
+    ('abs(x + 1)', '')])            # not 0 on this path
+def test_kinks_on_a_path_are_reported(cost, kink):
     problem = problems.pose({'x': 'v', 'v': 'u'}, cost, (0, 1), 2)
-    said = explain_kink(problem, T, PATH, np.ones((len(T), 1)))
-    assert said.startswith(
-        f'running_cost is not differentiable where {what}') if what else said == ''
+    sentence = explain_kink(problem, T, PATH, np.ones((len(T), 1)))
+    if kink:
+        assert sentence.startswith(f'running_cost is not differentiable where {kink}')
+    else:
+        assert sentence == ''
 
 
 @pytest.mark.slow
-def test_a_kink_of_states_is_said_and_what_is_said_helps():
-    """From 1 at rest the least integral of |x| + u^2/10 stays at 0 after a while."""
+def test_the_advice_about_a_kink_of_states_helps():
+    """From rest at x = 1 the optimal path for |x| + u^2/10 reaches 0 and stays there."""
     mapping = {
         'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
         'running_cost': 'abs(x) + u**2/10', 'initial_state': {'x': 1, 'v': 0},
@@ -90,15 +92,15 @@ def test_a_kink_of_states_is_said_and_what_is_said_helps():
         'running_cost is not differentiable where abs(x) is 0, as at t = 1.')
     advice = re.search(r'by (sqrt.*?e\*\*2\)) with a small e such as ([0-9.]+)', found.message)
     rounded = advice[1].replace('e**2', f'{advice[2]}**2')
-    answer = solve(problems.build(mapping, running_cost=f'{rounded} + u**2/10'))
-    assert answer.status is Status.SOLVED
-    # It is dearer than with the kink, by e T at most.
-    assert 0 <= answer.objective - found.objective <= 6 * float(advice[2])
+    smoothed = solve(problems.build(mapping, running_cost=f'{rounded} + u**2/10'))
+    assert smoothed.status is Status.SOLVED
+    # The smoothed cost is higher by e T at most.
+    assert 0 <= smoothed.objective - found.objective <= 6 * float(advice[2])
 
 
 @pytest.mark.slow
-def test_a_root_that_vanishes_is_said_and_what_is_said_helps():
-    """Torricelli's tank runs empty at T = 2, its costate grows without bound."""
+def test_the_advice_about_a_vanishing_root_helps():
+    """Torricelli's tank is empty at T = 2, where its costate is unbounded."""
     mapping = {
         'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u - sqrt(x)'}, 'running_cost': '1',
         'initial_state': {'x': 1}, 'terminal_constraints': ['x'], 'input_bounds': {'u': [0, 2]},
@@ -109,14 +111,14 @@ def test_a_root_that_vanishes_is_said_and_what_is_said_helps():
         'dynamics.x contains a root of x, whose derivative is infinite where this is 0, as at '
         't = 2 ')
     e = float(re.search(r'by x \+ e with a small e such as ([0-9.]+)', found.message)[1])
-    answer = solve(problems.build(mapping, dynamics={'x': f'u - sqrt(x + {e})'}))
-    assert answer.status is Status.SOLVED
-    assert answer.objective == pytest.approx(2 * (np.sqrt(1 + e) - np.sqrt(e)), rel=1e-7)
+    smoothed = solve(problems.build(mapping, dynamics={'x': f'u - sqrt(x + {e})'}))
+    assert smoothed.status is Status.SOLVED
+    assert smoothed.objective == pytest.approx(2 * (np.sqrt(1 + e) - np.sqrt(e)), rel=1e-7)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('constraint', ['(x - 1)**2', '(x - 1)**3'])
-def test_a_terminal_constraint_without_a_slope_is_said(constraint):
+def test_a_terminal_constraint_without_gradient_is_reported(constraint):
     mapping = {
         'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'}, 'running_cost': 'u**2/2',
         'initial_state': {'x': 0}, 'terminal_constraints': [constraint],
@@ -131,8 +133,8 @@ def test_a_terminal_constraint_without_a_slope_is_said(constraint):
 @pytest.mark.parametrize('constraint', [
     '(x - 1)**2', '(x - 1)**3', '(x - 1)**5', 'x**3 - 3*x**2 + 3*x - 1', '(x - y)**2',
     '(x - 1)**2 + (y - 1)**2'])
-def test_a_root_without_a_slope_is_known_however_near_the_path_ends(constraint, off):
-    """How many digits of the root a search has found is up to rounding; the order is not."""
+def test_a_multiple_root_is_recognised_from_nearby_ends(constraint, off):
+    """Rounding determines how close to the root a search ends, but not the order of the root."""
     problem = problems.pose(
         {'x': 'u', 'y': 'x'}, 'u**2/2', (0, 1), 1, terminal_constraints=[constraint])
     assert explain_level_terminal(problem,
@@ -142,14 +144,17 @@ def test_a_root_without_a_slope_is_known_however_near_the_path_ends(constraint, 
 @pytest.mark.parametrize('constraint, end', [
     ('x - 1', 1.0), ('x - 1', 0.97), ('x**2 - 1', 0.97), ('x**2 - 1', 1.0), ('x**2 + 1', 0.1),
     ('exp(x) - 1', 0.2), ('sin(x)', 3.1)])
-def test_of_other_terminal_constraints_nothing_is_said(constraint, end):
+def test_regular_terminal_constraints_are_not_reported(constraint, end):
     problem = problems.pose({'x': 'u'}, 'u**2/2', (0,), 1, terminal_constraints=[constraint])
     assert explain_level_terminal(problem, np.array([end])) == ''
 
 
 @pytest.mark.parametrize(('where', 'kink'), [(T[-1], True), (T[3], False)])
-def test_a_kink_of_the_terminal_cost_counts_at_the_end_alone(where, kink):
+def test_a_kink_of_the_terminal_cost_matters_only_at_the_end(where, kink):
     problem = problems.pose(
         {'x': 'v', 'v': 'u'}, 'u**2', (0, 1), 2, terminal_cost=f'abs(x - {where})')
-    said = explain_kink(problem, T, PATH, np.ones((len(T), 1)))
-    assert said.startswith('terminal_cost is not differentiable where') if kink else said == ''
+    sentence = explain_kink(problem, T, PATH, np.ones((len(T), 1)))
+    if kink:
+        assert sentence.startswith('terminal_cost is not differentiable where')
+    else:
+        assert sentence == ''
