@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Why not: problems without an answer, the reason known beforehand, in words and numbers."""
+"""Diagnosis of problems without a solution: the known reason, in words and numbers."""
 
 from dataclasses import replace
 import math
@@ -28,24 +28,24 @@ LAG = {
     'initial_state': {'x': 0}, 'terminal_constraints': ['x - 2'], 'input_bounds': {'u': [-1, 1]},
     'final_time': {'free': False, 'value': 5}}
 
-# Found by solving problems with larger and larger inputs, which proves nothing.
+# Found by solving with larger and larger input bounds, which is no proof.
 FALLS = 'no minimum was found: the cost decreases ever faster as the input bounds increase: '
 
 
-def quickly(problem):
-    """Answer a problem within the time that an explanation may take for one question."""
+def solve_quickly(problem):
+    """Solve a problem within the time that a diagnosis may spend on one problem."""
     return solve(problem, time_limit=3.0)
 
 
 def reason(mapping, **changes):
-    """Return why a problem has no answer."""
-    found = explain(problems.build(mapping, **changes), quickly)
+    """Return the explanation why a problem has no solution."""
+    found = explain(problems.build(mapping, **changes), solve_quickly)
     assert found is not None
     return found
 
 
 def assert_only_searched(found):
-    """No proof is known here: what was found is said, and that it is none."""
+    """Check that the message reports the result of a search and claims no proof."""
     assert found.status is Status.NOT_CONVERGED
     assert 'no path was found' in found.message
     assert 'infeasibility has not been proved' in found.message
@@ -66,11 +66,11 @@ def test_a_contradiction_needs_no_solver():
 
 
 @pytest.mark.slow
-def test_a_search_that_finds_no_path_ends_before_its_time_for_the_reason():
+def test_a_failed_search_leaves_time_for_the_diagnosis():
     """
-    In half of its published minimum time (0.8987 s) the quadrotor has no path.
+    The quadrotor has no path in half of its published minimum time (0.8987 s).
 
-    The search gives up with a part of its time left, in which the minimum time is found.
+    The search stops before its time limit; the rest suffices to find the minimum time.
     """
     T = problems.read('quad_2d_mintime')['expected']['objective']
     problem = problems.build('quad_2d_mintime', final_time={'free': False, 'value': T / 2})
@@ -85,8 +85,8 @@ def test_a_search_that_finds_no_path_ends_before_its_time_for_the_reason():
 
 
 @pytest.mark.slow
-def test_too_short_a_time_where_the_nearest_path_is_hard_to_find():
-    """From rest no input moves x: the nearest path is hard to find, the least time is not."""
+def test_the_minimum_time_is_found_where_the_path_is_not():
+    """At rest no input moves x. T = sqrt(pi l / g) of Bryson and Ho, section 2.7, for l = 1."""
     found = solve(problems.build(
         'brachistochrone_wall', final_time={'free': False, 'value': 0.45}))
     assert_only_searched(found)
@@ -94,8 +94,8 @@ def test_too_short_a_time_where_the_nearest_path_is_hard_to_find():
 
 
 @pytest.mark.slow
-def test_what_a_weak_motor_leaves_undone():
-    """Of a pendulum, in at most 40 s: its energy grows by |u| |w| <= 0.01 * 2 at most."""
+def test_a_weak_motor_raises_a_pendulum_only_partly():
+    """The energy of the pendulum grows at a rate of |u| |w| <= 0.01 * 2, for 40 s at most."""
     found = solve(problems.build('pendulum_mintime', input_bounds={'u': [-0.01, 0.01]}))
     assert found.status in (Status.NOT_CONVERGED, Status.INFEASIBLE)
     text = re.search(r'path found ends with th = (\S+) instead of 3.14159', found.message)
@@ -105,7 +105,7 @@ def test_what_a_weak_motor_leaves_undone():
 
 @pytest.mark.parametrize('changes', [
     {}, {'running_cost': '1', 'final_time': {'free': True, 'lower': 0.1, 'upper': 1.5}}])
-def test_too_short_a_time(changes):
+def test_too_short_a_time_for_a_linear_system(changes):
     found = reason(BLOCK, **changes)
     assert found.infeasible
     assert found.sentence == (
@@ -113,7 +113,7 @@ def test_too_short_a_time(changes):
 
 
 def test_too_short_a_time_for_a_nonlinear_system():
-    # A unit of speed takes 5 to go from (0, 0) to (3, 4).
+    # At unit speed the distance from (0, 0) to (3, 4) takes 5.
     found = reason({
         'states': ['x', 'y'], 'inputs': ['heading'],
         'dynamics': {'x': 'cos(heading)', 'y': 'sin(heading)'}, 'running_cost': 'heading**2',
@@ -145,7 +145,7 @@ def test_a_bound_that_cannot_be_held():
     assert left == pytest.approx(3 - math.sqrt(7), abs=0.1)
 
 
-def test_a_constraint_that_holds_nowhere():
+def test_a_terminal_constraint_that_holds_nowhere():
     found = reason(LAG, terminal_constraints=['x**2 + 1'], input_bounds={})
     assert found.infeasible
     assert found.sentence == ('the terminal constraint terminal_constraints[0] cannot be met: it '
@@ -177,42 +177,42 @@ def test_a_cost_without_lower_bound():
 
 
 @pytest.mark.slow
-def test_a_problem_with_an_answer_is_not_explained_away():
+def test_a_feasible_problem_gets_no_explanation():
     feasible = problems.build(BLOCK, final_time={'free': False, 'value': 3})
-    assert explain(feasible, quickly) is None
-    assert explain(problems.build(LAG, terminal_constraints=[]), quickly) is None
+    assert explain(feasible, solve_quickly) is None
+    assert explain(problems.build(LAG, terminal_constraints=[]), solve_quickly) is None
 
 
-def test_a_solver_that_fails_gives_no_reason():
+def test_a_failing_solver_gives_no_explanation():
     def failing(_):
         return Solution(Status.TIMED_OUT, 'no time')
     assert explain(problems.build(BLOCK, **LONGER), failing) is None
 
 
 @pytest.mark.slow
-def test_a_least_cost_that_only_ever_faster_switching_approaches():
-    """Bolza's example: x**2 + (u**2 - 1)**2 is nearly 0 for u = 1 and u = -1 in turn."""
+def test_an_infimum_of_chattering_inputs_is_reported():
+    """Bolza's example: the cost tends to 0 as u alternates ever faster between 1 and -1."""
     found = solve(problems.pose(
         {'x': 'u'}, 'x**2 + (u**2 - 1)**2', (0,), 1, terminal_constraints=['x']))
     assert found.status is Status.NOT_CONVERGED
     assert found.message.startswith('the infimum ')
-    least = float(found.message.split()[2])
-    assert least == pytest.approx(0, abs=1e-6)
+    infimum = float(found.message.split()[2])
+    assert infimum == pytest.approx(0, abs=1e-6)
     u = sorted(numbers(found.message.split('between u = ')[1])[:2])
     assert u == pytest.approx([-1, 1], rel=1e-3)
 
 
 @pytest.mark.slow
-def test_a_cost_without_bound_whose_residuals_are_small_beside_its_size():
-    """The integral of x u + y is x(1)**2 / 2 plus that of y: as low as u makes it."""
+def test_an_unbounded_cost_with_small_residuals():
+    """The cost is x(1)^2 / 2 plus the integral of y, which has no lower bound."""
     found = solve(problems.pose({'x': 'u', 'y': 'x'}, 'x*u + y', (0, 0), 1))
     assert found.status is Status.NOT_CONVERGED
     assert FALLS in found.message or 'the cost has no lower bound' in found.message
 
 
 @pytest.mark.slow
-def test_a_cost_that_falls_without_end_beside_a_minimum():
-    """Near x = 0 the integral of u^2 - x^4 is least there; x = r t makes it r^2 - r^4/5."""
+def test_an_unbounded_cost_with_a_local_minimum():
+    """The integral of u^2 - x^4 has a local minimum at x = 0; x = r t makes it r^2 - r^4/5."""
     found = solve(problems.pose({'x': 'u'}, 'u**2 - x**4', (0,), 1))
     assert found.status is Status.NOT_CONVERGED
     assert found.message.startswith(FALLS)
@@ -223,22 +223,22 @@ def test_a_cost_that_falls_without_end_beside_a_minimum():
 
 
 @pytest.mark.slow
-def test_an_equality_of_inputs_that_holds_between_mesh_points_but_nearly_is_not_impossible():
+def test_an_approximate_equality_of_inputs_is_not_infeasible():
     block = {'states': ['x', 'y'], 'inputs': ['a', 'b'], 'dynamics': {'x': 'a', 'y': 'b'},
              'running_cost': 'x**2 + y**2 + a**2 + b**2', 'initial_state': {'x': 1, 'y': 2},
              'path_constraints': [{'expr': 'a + b + x', 'lower': 0, 'upper': 0}],
              'final_time': {'free': False, 'value': 2}}
-    found = explain(problems.build(block), quickly)
+    found = explain(problems.build(block), solve_quickly)
     assert found is None or not found.infeasible
 
 
-def test_a_ring_around_the_start():
-    """No path from 0 to 3 keeps away from the circle of radius 2, whatever its mesh points do."""
+def test_a_path_that_leaps_over_an_obstacle_is_not_accepted():
+    """Every path from x = 0 to 3 crosses the ring about radius 2; its mesh points may avoid it."""
     ring = problems.pose(
         {'x': 'a', 'y': 'b'}, 'a**2 + b**2', (0, 0), 1, inputs=['a', 'b'],
         terminal_constraints=['x - 3', 'y'],
         path_constraints=[{'expr': '(x**2 + y**2 - 4)**2', 'lower': 0.25, 'upper': None}])
-    t = np.array([0.0, 0.5, 1.0])   # straight there, a node on each side of the wall
+    t = np.array([0.0, 0.5, 1.0])   # a straight path with mesh points on both sides of the ring
     leap = Solution(
         Status.NOT_CONVERGED, '', objective=9.0, t=t, x=np.column_stack([3*t, 0*t]),
         u=np.tile([3.0, 0.0], (3, 1)), lam=np.tile([-6.0, 0.0], (3, 1)),
@@ -249,8 +249,8 @@ def test_a_ring_around_the_start():
 
 
 @pytest.mark.slow
-def test_weierstrass():
-    """The integral of t^2 u^2 from -1 to 1 comes as near to 0 as one likes, and never there."""
+def test_an_infimum_that_is_not_attained_by_weierstrass():
+    """From x = -1 to 1 the integral of t^2 u^2 has the infimum 0, which no path attains."""
     found = reason({
         'states': ['x', 't'], 'inputs': ['u'], 'dynamics': {'x': 'u', 't': '1'},
         'running_cost': 't**2*u**2', 'initial_state': {'x': -1, 't': 0},
@@ -260,13 +260,13 @@ def test_weierstrass():
 
 
 @pytest.mark.slow
-def test_a_rocket_that_burns_most_by_thrusting_to_and_fro():
+def test_a_rocket_that_chatters_along_its_speed_limit():
     """
-    ACADO's rocket in least time: less mass is quicker, and it loses 0.01 u^2 also by braking.
+    ACADO's rocket in minimum time: less mass is faster, and braking also burns 0.01 u^2.
 
-    Along its speed limit it would switch between full thrust and full brake without end, so that
-    m = 1 - 0.0121 t all along; the least time is then that of full thrust, the limit and full
-    brake, here by an independent integration.
+    Along its speed limit it would switch infinitely fast between full thrust and full brake, so
+    that m = 1 - 0.0121 t throughout. An independent integration of full thrust, the speed limit
+    and full brake yields the expected infimum.
     """
     def fly(start, begin, u, stop):
         stop.terminal = True
@@ -275,19 +275,19 @@ def test_a_rocket_that_burns_most_by_thrusting_to_and_fro():
             events=stop, rtol=1e-12, atol=1e-12)
         return path.t[-1], path.y[0, -1]
 
-    reached, way = fly([0, 0], 0, 1.1, lambda t, z: z[1] - 1.7)
+    reached, distance = fly([0, 0], 0, 1.1, lambda t, z: z[1] - 1.7)
 
     def braked(t):
-        return fly([way + 1.7 * (t - reached), 1.7], t, -1.1, lambda t, z: z[1])
+        return fly([distance + 1.7 * (t - reached), 1.7], t, -1.1, lambda t, z: z[1])
 
-    least = braked(brentq(lambda t: braked(t)[1] - 10, reached, 8, xtol=1e-12))[0]
+    minimum = braked(brentq(lambda t: braked(t)[1] - 10, reached, 8, xtol=1e-12))[0]
     found = solve(problems.pose(
         {'s': 'v', 'v': '(u - 0.2*v**2)/m', 'm': '-0.01*u**2'}, '1', (0, 0, 1),
         {'free': True, 'lower': 5, 'upper': 15}, terminal_constraints=['s - 10', 'v'],
         input_bounds={'u': [-1.1, 1.1]}, state_bounds={'v': [-0.1, 1.7]}))
     assert found.status is Status.NOT_CONVERGED
     assert found.message.startswith(
-        f'the infimum {least:.6g} is not attained: minimising sequences chatter, at t = ')
+        f'the infimum {minimum:.6g} is not attained: minimising sequences chatter, at t = ')
     assert 'between u = 1.1 and -1.1' in found.message
 
 
@@ -301,7 +301,7 @@ CELL = {
 
 @pytest.mark.slow
 def test_too_little_charge():
-    """Of rest to rest over d in T: the integral of a^2 is 12 d^2 / T^3 at least, here 1.2."""
+    """The integral of a^2 is at least 12 d^2 / T^3 = 1.2, so that E(T) <= 1 - 1.2 - 0.1 T."""
     found = solve(problems.build(CELL))
     assert_only_searched(found)
     sentence, left = found.message.split(', is ', 1)
@@ -315,7 +315,7 @@ def test_too_little_charge():
 
 @pytest.mark.slow
 def test_too_little_fuel():
-    """Of a rocket without weight: m(T) is m(0) exp(-v(T) / 30), and m divides on the way."""
+    """A rocket without gravity: m(T) = m(0) exp(-v(T) / 30)."""
     found = solve(problems.pose(
         {'v': 'F/m', 'm': '-F/30'}, 'F**2', (0, 10), {'free': True, 'lower': 1, 'upper': 9},
         inputs=['F'], terminal_constraints=['v - 20'], input_bounds={'F': [0, 40]},
@@ -328,7 +328,7 @@ def test_too_little_fuel():
 
 @pytest.mark.slow
 def test_too_small_a_tank():
-    """Of a solution that is made stronger by adding: (1 - c) V stays what it is, 1."""
+    """A concentrate is added to a tank: (1 - c) V = 1 is constant, so that V(T) = 5."""
     found = solve(problems.pose(
         {'V': 'q', 'c': 'q/V*(1 - c)'}, 'q**2', (1, 0), 10, inputs=['q'],
         terminal_constraints=['c - 0.8'], input_bounds={'q': [0, 1]}, state_bounds={'V': [0, 3]}))
@@ -339,8 +339,8 @@ def test_too_small_a_tank():
 
 @pytest.mark.slow
 @pytest.mark.parametrize('T', [20, 25.5])
-def test_too_short_a_time_within_limits_of_speed_and_acceleration(T):
-    """Starting and braking take 6 each within these limits, 5 wide: x gets 5 (T - 6) far."""
+def test_too_short_a_time_with_speed_and_acceleration_limits(T):
+    """Starting and braking take 6 s each, so that x(T) <= 5 (T - 6): 100 takes T = 26."""
     found = solve(problems.pose(
         {'x': 'v', 'v': 'a', 'a': 'j'}, 'j**2', (0, 0, 0), T, inputs=['j'],
         terminal_constraints=['x - 100', 'v', 'a'], input_bounds={'j': [-1, 1]},
@@ -351,7 +351,7 @@ def test_too_short_a_time_within_limits_of_speed_and_acceleration(T):
     assert numbers(found.message[len(sentence):])[0] == pytest.approx(26, rel=1e-4)
 
 
-def test_a_goal_inside_an_obstacle_that_leaves_the_heading_open():
+def test_a_goal_inside_an_obstacle_with_a_free_heading():
     found = explain(problems.pose(
         {'x': 'v*cos(heading)', 'y': 'v*sin(heading)', 'heading': 'w'}, 'v**2 + w**2', (0, 0, 0),
         10, inputs=['v', 'w'], terminal_constraints=['x - 4', 'y - 1'],
@@ -375,9 +375,9 @@ def test_a_path_constraint_that_holds_nowhere():
 @pytest.mark.slow
 def test_too_little_vaccine():
     """
-    No state bound says that the susceptible are not below 0: that follows.
+    No state bound states S >= 0: it follows from the dynamics.
 
-    From S = 1 to 1/2 without a disease takes 1/2, given at once or little by little.
+    S falls from 1 to 1/2 for c = 1/2, whatever the schedule, because S + c is constant.
     """
     found = solve(problems.pose(
         {'S': '-u*S', 'c': 'u*S'}, 'u**2', (1, 0), 5, terminal_constraints=['S - 0.5'],
@@ -387,7 +387,7 @@ def test_too_little_vaccine():
     assert numbers(found.message)[-2] == pytest.approx(0.5, rel=1e-5)
 
 
-def test_states_that_turn_back_at_zero():
+def test_lower_bounds_of_nonnegative_states_are_found():
     def lower(dynamics, x0):
         return find_lower_bounds(problems.pose(
             dynamics, 'u', x0, 1, input_bounds={'u': [0, 1]})).tolist()
@@ -396,14 +396,14 @@ def test_states_that_turn_back_at_zero():
     assert lower(epidemic, (1, 0)) == [0, 0]
     assert lower(epidemic, (-1, 1)) == [-math.inf, 0]
     assert lower({'x': 'v', 'v': 'u'}, (1, 0)) == [0, 0]
-    # From t = 2 on -(t - 2)^2 / 4 is a path, too.
+    # With a rate of -sqrt(|x|), -(t - 2)^2 / 4 also continues the path after t = 2.
     for root in ('sqrt(abs(x))', 'exp(log(abs(x))/2)', 'acos(1 - abs(x))', 'abs(x)**(0.5 + 0*u)'):
         assert lower({'x': f'-{root} + 0*u'}, (1,)) == [-math.inf]
     assert lower({'x': 'v', 'v': 'u - 0.1'}, (1, 0)) == [-math.inf, -math.inf]
 
 
-def test_what_lies_below_zero():
-    # A logistic growth that is harvested comes as near to 0 as 1e-9, but never below.
+def test_an_end_below_a_proved_lower_bound_is_infeasible():
+    # Harvested logistic growth comes within 1e-9 of x = 0 but never falls below it.
     found = explain(problems.build(
         LAG, dynamics={'x': 'x*(1 - x) - u*x'}, initial_state={'x': 0.5},
         terminal_constraints=['x + 0.2']))
