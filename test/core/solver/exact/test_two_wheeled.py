@@ -50,7 +50,7 @@ def test_paths_satisfy_pontryagins_conditions(start, goal, L, M):
     if found.objective == 0:
         return
     p = lam[:, 0] * np.cos(x[:, 2]) + lam[:, 1] * np.sin(x[:, 2])
-    # Positions are accurate to 1e-14 m; for a path of 1e-7 m the costate is 1e7 1/m.
+    # Positions are accurate to 1e-14 m; for a path of 1e-7 m the costate is 1e7 s/m.
     tolerance = 1e-9 + 1e-14 * np.abs(lam[0, :2]).max()
     assert np.abs(found.hamiltonian).max() < tolerance
     np.testing.assert_allclose(1 + u[:, 0] * p + u[:, 1] * lam[:, 2], found.hamiltonian,
