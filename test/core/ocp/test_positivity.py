@@ -22,7 +22,7 @@ def test_concentrations_and_volumes_are_nonnegative():
 
 
 @pytest.mark.parametrize('changes, found', [
-    ({'input_bounds': {'u': [-1, 12]}}, [True, False, False]),   # a negative feed empties the volume
+    ({'input_bounds': {'u': [-1, 12]}}, [True, False, False]),   # outflow empties the volume
     ({'initial_state': {'b': 1, 's': -0.1, 'v': 10}}, [True, False, True])])
 def test_states_that_may_become_negative_are_not_amounts(changes, found):
     assert find_amounts(problems.build(FED_BATCH, **changes), SEEN).tolist() == found
