@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The vehicle of Exercise 2.10: feedforward put back into its equations."""
+"""The vehicle of Exercise 2.10: the feedforward substituted into its equations."""
 
 import math
 
@@ -22,8 +22,8 @@ def lateral(x, phi, v=SPEED):
     return [v * math.sin(x[1]), v / LENGTH * math.tan(phi)]
 
 
-def test_slalom_of_1_m_and_1_hz_is_driven_exactly():
-    """Integrating the nonlinear vehicle under the feedforward alone comes back to the course."""
+def test_the_slalom_feedforward_tracks_the_slalom_exactly():
+    """Integrate the nonlinear vehicle under the feedforward alone (1 m, 1 Hz)."""
     def reference(t):
         return courses.build_lateral_reference(*courses.make_slalom(np.atleast_1d(t)), SPEED,
                                                LENGTH)
@@ -36,11 +36,11 @@ def test_slalom_of_1_m_and_1_hz_is_driven_exactly():
     driven = solve_ivp(rate, (0, 4), x[0], t_eval=t, rtol=1e-10, atol=1e-12, max_step=0.05).y.T
     assert driven == pytest.approx(x, abs=1e-7)
     assert abs(x[:, 0]).max() == pytest.approx(1.0, abs=1e-2)
-    # at the turning points theta = 0 and y'' = (2 pi)^2: phi = atan(l (2 pi)^2 / v^2)
+    # At the turning points theta = 0 and y'' = (2 pi)^2, so phi = atan(l (2 pi)^2 / v^2).
     assert abs(u[t > 1]).max() == pytest.approx(math.atan(2 * (2 * math.pi)**2 / 100), rel=1e-3)
 
 
-def test_derivatives_of_the_slalom():
+def test_derivatives_of_the_slalom_match_differences():
     t, h = np.linspace(0.0, 3.0, 301), 1e-4
     y, dy, ddy = courses.make_slalom(t, 0.7, 1.3, 0.8)
     later, earlier = courses.make_slalom(t + h, 0.7, 1.3, 0.8), courses.make_slalom(t - h, 0.7,
@@ -50,8 +50,8 @@ def test_derivatives_of_the_slalom():
     assert y[0] == dy[0] == ddy[0] == 0.0
 
 
-def test_the_slalom_ends_as_it_begins():
-    """Faded out as it was faded in; derivatives by differences; at rest from the end on."""
+def test_the_slalom_fades_out_as_it_fades_in():
+    """Derivatives match differences; after its end the slalom is at rest."""
     t, h = np.linspace(-0.5, 6.5, 701), 1e-4
     y, dy, ddy = courses.make_slalom(t, end=6.0)
     later, earlier = courses.make_slalom(t + h, end=6.0), courses.make_slalom(t - h, end=6.0)
@@ -64,7 +64,7 @@ def test_the_slalom_ends_as_it_begins():
     assert y[(t > 1) & (t < 5)].max() == pytest.approx(1.0, abs=1e-3)
 
 
-def test_feedback_brings_an_offset_vehicle_onto_the_slalom():
+def test_feedback_brings_a_vehicle_with_an_offset_onto_the_slalom():
     K = lqr(*vehicle(SPEED, LENGTH), COST.Qx, COST.Qu).K
 
     def rate(t, x):
@@ -78,8 +78,8 @@ def test_feedback_brings_an_offset_vehicle_onto_the_slalom():
 
 
 @pytest.mark.parametrize('q', [0.01, 1.0])
-def test_exercise_2_10_numbers(q):
-    """Py'' = (v^2 / l) phi: omega0^2 = (v^2 / l) sqrt(q), zeta = 1 / sqrt(2), as Example 2.4."""
+def test_exercise_2_10_has_its_frequency_damping_and_rise_time(q):
+    """Py'' = (v^2 / l) phi as in Example 2.4: omega0^2 = (v^2 / l) sqrt(q), zeta = 1 / sqrt(2)."""
     A, B = vehicle(SPEED, LENGTH)
     K = lqr(A, B, np.diag([q, 0.0]), [[1.0]]).K
     w0 = math.sqrt(SPEED**2 / LENGTH * math.sqrt(q))
@@ -92,7 +92,7 @@ def test_exercise_2_10_numbers(q):
     assert found.rise_time[0] == pytest.approx(2.1457 / w0, rel=2e-3)  # of the normal form
 
 
-def test_a_course_faster_than_the_vehicle_is_refused():
+def test_slaloms_faster_than_the_vehicle_are_rejected():
     with pytest.raises(StatementError, match='requires a lateral speed of 12'):
         courses.build_lateral_reference(np.zeros(2), np.array([0, 12.0]), np.zeros(2), 10.0,
                                         LENGTH)

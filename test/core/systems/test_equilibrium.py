@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Equilibria put back into f, moving ones integrated, and refusals with their numbers."""
+"""Equilibria substituted into f, moving ones integrated, and messages of errors."""
 
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -16,7 +16,7 @@ A, B = [[0.0, 1.0], [-2.0, 3.0]], [[0.0], [1.0]]
 
 
 @pytest.mark.parametrize('name', registry.list_systems())
-def test_every_system_is_held_at_its_own_set_point(name):
+def test_every_system_is_in_equilibrium_at_its_set_point(name):
     system = registry.get_system(name, **({'A': A, 'B': B} if name == 'linear' else {}))
     found = find_equilibrium(system)
     f = system.f(found.x, found.u)
@@ -28,7 +28,7 @@ def test_every_system_is_held_at_its_own_set_point(name):
 
 @pytest.mark.slow
 @given(st.tuples(value, value), st.floats(0.5, 20.0), st.floats(1.0, 20.0))
-def test_the_aircraft_hovers_with_its_weight_wherever_it_is(position, m, g):
+def test_the_aircraft_hovers_at_any_position_with_its_weight(position, m, g):
     aircraft = registry.get_system('aircraft', {'m': m, 'g': g})
     found = find_equilibrium(aircraft, [*position, 0, 0, 0, 0])
     assert_allclose(found.u, [0, m * g], rtol=1e-13, atol=1e-13)
@@ -47,7 +47,7 @@ def test_the_aircraft_cannot_hover_tilted():
 
 
 def test_a_free_state_is_found_with_the_input():
-    """Constant speed against the drag: f1 = 0 and tan(theta) = -c v / (m g)."""
+    """For constant speed against drag, f1 = 0 and tan(theta) = -c v / (m g)."""
     aircraft = registry.get_system('aircraft')
     target = [0, 0, 0, 3.0, 0, 0]
     with pytest.raises(DynamicsError, match='vx = 3 m/s'):
@@ -61,7 +61,7 @@ def test_a_free_state_is_found_with_the_input():
 
 @pytest.mark.slow
 @given(st.floats(-3.0, 3.0), st.floats(0.1, 30.0))
-def test_the_vehicle_drives_on_along_its_heading_at_the_speed_asked_for(theta, v):
+def test_the_vehicle_moves_along_its_heading_at_the_speed(theta, v):
     vehicle = registry.get_system('vehicle')
     found = find_equilibrium(vehicle, [1, 2, theta], [v, 0.2])
     assert_allclose(found.u, [v, 0], atol=1e-12)
@@ -71,21 +71,21 @@ def test_the_vehicle_drives_on_along_its_heading_at_the_speed_asked_for(theta, v
 def test_drift_is_only_in_states_that_f_does_not_depend_on():
     integrator = registry.get_system('double_integrator')
     assert_allclose(find_equilibrium(integrator, [1, 2]).drift, [2, 0])
-    stable = registry.get_system('linear', A=A, B=B)  # here x1 enters f: it may not move on
+    stable = registry.get_system('linear', A=A, B=B)  # here x1 enters f: it may not drift
     with pytest.raises(DynamicsError, match='dx1/dt = '):
         find_equilibrium(stable, [1, 2])
     assert_allclose(find_equilibrium(registry.get_system('scalar', {'a': 0.0}), [3.0]).u, [0])
 
 
 @given(st.floats(-3, 3), st.floats(0.1, 3), st.floats(0.1, 3))
-def test_the_cubic_is_held_where_it_is_asked_to(x, a, b):
+def test_the_cubic_has_an_equilibrium_at_any_state(x, a, b):
     found = find_equilibrium(registry.get_system('cubic', {'a': a, 'b': b}), [x])
     assert found.u[0] == pytest.approx(a * x**3 / b, rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.slow
 @given(st.integers(1, 5), st.integers(0, 2**32 - 1))
-def test_linear_systems_are_held_where_they_can_be(n, seed):
+def test_linear_systems_have_equilibria_where_these_exist(n, seed):
     generator = np.random.default_rng(seed)
     A, B = generator.normal(size=(n, n)), generator.normal(size=(n, n))
     assume(np.linalg.cond(B) < 1e4)
@@ -94,7 +94,7 @@ def test_linear_systems_are_held_where_they_can_be(n, seed):
     assert_allclose(A @ x + B @ found.u, found.drift, atol=1e-8)
 
 
-def test_an_input_beyond_its_limits_does_not_count(tmp_path):
+def test_equilibria_beyond_the_input_limits_are_rejected(tmp_path):
     path = tmp_path / 'lift.yaml'
     path.write_text('states: [h, v]\ninputs: [u]\ndynamics: {h: v, v: u - 9.8}\n'
                     'input_bounds: {u: [0, 9]}\nunits: {u: m/s^2}\n')
@@ -102,14 +102,14 @@ def test_an_input_beyond_its_limits_does_not_count(tmp_path):
         find_equilibrium(registry.load_system(path))
 
 
-def test_a_start_without_slope_is_left(tmp_path):
+def test_a_start_with_zero_gradient_still_leads_to_equilibrium(tmp_path):
     path = tmp_path / 'square.yaml'
     path.write_text('states: [x]\ninputs: [u]\ndynamics: {x: u**2 - x}\n')
     found = find_equilibrium(registry.load_system(path), [4.0])
     assert abs(found.u[0]) == pytest.approx(2.0, rel=1e-9)
 
 
-def test_where_f_is_not_defined_is_said(tmp_path):
+def test_points_at_which_f_is_undefined_are_reported(tmp_path):
     path = tmp_path / 'root.yaml'
     path.write_text('states: [x]\ninputs: [u]\ndynamics: {x: sqrt(x) + u}\n')
     root = registry.load_system(path)
@@ -127,6 +127,6 @@ def test_where_f_is_not_defined_is_said(tmp_path):
     ('hover', None, (), 'wanted numbers for px'),
     (None, None, ('phi',), "no state 'phi'"),
 ])
-def test_a_malformed_set_point_is_answered_in_words(x, u, free, words):
+def test_malformed_set_points_are_rejected_with_a_message(x, u, free, words):
     with pytest.raises(DynamicsError, match=words):
         find_equilibrium(registry.get_system('aircraft'), x, u, free)

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The systems: derivatives, signs, symmetries, parameters, and those of other packages."""
+"""Systems: derivatives, signs, symmetries, parameters, and systems of other packages."""
 
 from pathlib import Path
 
@@ -26,8 +26,8 @@ def system(request: pytest.FixtureRequest) -> System:
     return registry.get_system(name, **options)
 
 
-def slope(function, z, h=1e-3):
-    """Return the Jacobian by differences of order 6."""
+def jacobian_by_differences(function, z, h=1e-3):
+    """Return the Jacobian by central differences of order six."""
     weights = (3 / 4, -3 / 20, 1 / 60)
     return np.stack([
         sum(w * (function(z + k * h * e) - function(z - k * h * e))
@@ -40,11 +40,13 @@ def test_jacobians_agree_with_differences(system):
     for _ in range(5):
         x, u = generator.uniform(-1, 1, system.n), generator.uniform(-1, 1, system.m)
         fx, fu = system.jacobians(x, u)
-        assert_allclose(fx, slope(lambda z: system.f(z, u), x), atol=1e-9)  # noqa: B023 - called now
-        assert_allclose(fu, slope(lambda z: system.f(x, z), u), atol=1e-9)  # noqa: B023
+        assert_allclose(
+            fx, jacobian_by_differences(lambda z: system.f(z, u), x), atol=1e-9)  # noqa: B023
+        assert_allclose(
+            fu, jacobian_by_differences(lambda z: system.f(x, z), u), atol=1e-9)  # noqa: B023
 
 
-def test_names_and_numbers_fit(system):
+def test_names_and_numbers_are_consistent(system):
     assert len(system.setpoint) == system.n
     assert len(system.setpoint_input) == system.m
     assert len(system.angles) == system.n
@@ -74,13 +76,13 @@ def test_aircraft_signs_are_those_of_figure_2_3(aircraft):
     lift = f(0, 0, 1)
     assert lift[at['vy']] == pytest.approx(1 / 4.0)  # up
     assert lift[at['vx']] == 0
-    tilted = f(0.1, 0, 0)  # counter-clockwise: the thrust that carries leans to the left
+    tilted = f(0.1, 0, 0)  # counter-clockwise: the thrust points to the left
     assert tilted[at['vx']] == pytest.approx(-9.8 * np.sin(0.1))
     assert tilted[at['vy']] == pytest.approx(9.8 * (np.cos(0.1) - 1))
 
 
-def test_aircraft_linearization_is_that_of_the_text(aircraft):
-    """AM08, Example 5.12: coordinates about the hover."""
+def test_aircraft_linearization_equals_that_of_the_text(aircraft):
+    """AM08, Example 5.12, in coordinates relative to the hover."""
     fx, fu = aircraft.jacobians(np.zeros(6), np.array([0.0, 39.2]))
     m, J, r, g, c = 4.0, 0.0475, 0.25, 9.8, 0.05
     A = np.zeros((6, 6))
@@ -93,7 +95,7 @@ def test_aircraft_linearization_is_that_of_the_text(aircraft):
 
 
 @given(st.tuples(*[value] * 6), st.tuples(value, value))
-def test_aircraft_is_the_same_in_a_mirror(x, u):
+def test_aircraft_dynamics_are_symmetric_under_reflection(x, u):
     aircraft = registry.get_system('aircraft')
     mirror_x, mirror_u = np.array([-1, 1, -1, -1, 1, -1]), np.array([-1, 1])
     assert_allclose(aircraft.f(mirror_x * x, mirror_u * u),
@@ -101,12 +103,12 @@ def test_aircraft_is_the_same_in_a_mirror(x, u):
 
 
 @given(st.tuples(*[value] * 6), st.tuples(value, value))
-def test_aircraft_gains_the_energy_that_the_forces_put_in(x, u):
+def test_aircraft_energy_grows_by_the_work_of_the_forces(x, u):
     m, J, r, g, c = 4.0, 0.0475, 0.25, 9.8, 0.05
     _, _, theta, vx, vy, omega = x
     f = registry.get_system('aircraft').f(np.array(x), np.array(u))
     growth = m * (vx * f[3] + vy * f[4] + g * f[1]) + J * omega * f[5]
-    # The forces act where r below the centre is, whose velocity is v + omega x (r sin, -r cos).
+    # The forces act at r below the centre, which moves at v + omega x (r sin, -r cos).
     point = np.array([vx + omega * r * np.cos(theta), vy + omega * r * np.sin(theta)])
     f1, f2 = u
     force = np.array([f1 * np.cos(theta) - f2 * np.sin(theta),
@@ -116,7 +118,7 @@ def test_aircraft_gains_the_energy_that_the_forces_put_in(x, u):
 
 @pytest.mark.parametrize('name', ['vehicle', 'two_wheeled'])
 @given(x=st.tuples(value, value, value), u=st.tuples(value, st.floats(-0.5, 0.5)), turn=value)
-def test_plane_vehicles_do_not_know_where_they_are(name, x, u, turn):
+def test_planar_vehicles_are_invariant_under_rotation(name, x, u, turn):
     system = registry.get_system(name)
     c, s = np.cos(turn), np.sin(turn)
     rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
@@ -125,7 +127,7 @@ def test_plane_vehicles_do_not_know_where_they_are(name, x, u, turn):
                     atol=1e-13)
 
 
-def test_vehicle_turns_left_on_the_circle_of_its_wheelbase():
+def test_a_left_turn_of_the_vehicle_has_its_closed_form():
     vehicle = registry.get_system('vehicle')
     v, phi, l = 10.0, 0.3, 2.0  # noqa: E741 - the letter of the book
     f = vehicle.f(np.zeros(3), np.array([v, phi]))
@@ -136,7 +138,7 @@ def test_vehicle_turns_left_on_the_circle_of_its_wheelbase():
 
 
 @given(st.lists(value, min_size=4, max_size=4), st.lists(value, min_size=4, max_size=4))
-def test_brockett_is_the_skew_product_of_the_exercise(q, u):
+def test_brockett_has_the_skew_product_of_the_exercise(q, u):
     system = registry.get_system('brockett', m=4)
     f = system.f(np.array([*q, *[0.0] * 6]), np.array(u))
     skew = np.outer(q, u) - np.outer(u, q)
@@ -144,7 +146,7 @@ def test_brockett_is_the_skew_product_of_the_exercise(q, u):
     assert_allclose(f[4:], skew[np.triu_indices(4, 1)], atol=1e-14)
 
 
-def test_linear_is_its_matrices_given_as_rows_or_as_numbers():
+def test_linear_accepts_matrices_as_rows_or_as_numbers():
     system = registry.get_system('linear', A=A, B=B)
     fx, fu = system.jacobians(np.ones(3), np.ones(2))
     assert_allclose(fx, A)
@@ -162,18 +164,18 @@ def test_linear_is_its_matrices_given_as_rows_or_as_numbers():
     ({'A': [[float('nan')]], 'B': [1]}, 'finite'),
     ({'A': 'x', 'B': [1]}, 'linear.A'),
 ])
-def test_linear_says_what_is_wrong_with_its_matrices(options, words):
+def test_errors_name_faults_of_the_matrices_of_linear(options, words):
     with pytest.raises(DynamicsError, match=words):
         registry.get_system('linear', **options)
 
 
 @pytest.mark.parametrize('m', [1, 0, -3, 51, 10**9, 2.0, 'x', True])
-def test_brockett_refuses_other_dimensions(m):
+def test_brockett_rejects_invalid_dimensions(m):
     with pytest.raises(DynamicsError, match='whole number from 2 to 50'):
         registry.get_system('brockett', {'m': m})
 
 
-def test_options_are_told():
+def test_options_of_systems_are_listed():
     assert registry.get_options('brockett') == {'m': 3}
     assert set(registry.get_options('linear')) == {'A', 'B'}
     assert registry.get_options('aircraft') == {}
@@ -181,7 +183,7 @@ def test_options_are_told():
         registry.get_system('aircraft', A=1)
 
 
-def test_parameters_enter_the_dynamics_and_leave_the_original_alone(aircraft):
+def test_parameters_change_a_copy_of_the_system(aircraft):
     heavy = registry.get_system('aircraft', {'m': 8})
     assert heavy.p_value[0] == 8.0
     assert aircraft.p_value[0] == 4.0
@@ -193,13 +195,13 @@ def test_parameters_enter_the_dynamics_and_leave_the_original_alone(aircraft):
 @pytest.mark.parametrize(('name', 'words'), [
     ('mass', "no parameter 'mass'; it has m, J, r, g, c"), ('m', 'aircraft.m = -1: wanted'),
 ])
-def test_wrong_parameters_are_answered_in_words(name, words):
+def test_errors_name_invalid_parameters(name, words):
     with pytest.raises(DynamicsError, match=words):
         registry.get_system('aircraft', {name: -1.0})
 
 
 @pytest.mark.parametrize('bad', [float('nan'), float('inf'), -1e300, 'heavy', None, True, [1.0]])
-def test_no_parameter_value_that_is_not_a_number_in_range_is_taken(bad):
+def test_parameter_values_out_of_range_are_rejected(bad):
     with pytest.raises(DynamicsError, match='aircraft.m'):
         registry.get_system('aircraft', {'m': bad})
 
@@ -214,18 +216,18 @@ def test_limits_follow_the_parameters():
 
 @pytest.mark.slow
 @given(st.text(max_size=30))
-def test_an_unknown_name_is_answered_in_words(name):
+def test_errors_name_unknown_systems(name):
     if name not in registry.list_systems():
         with pytest.raises(ObcError):
             registry.get_registered(name)
 
 
-def test_a_near_name_is_proposed():
+def test_errors_propose_a_similar_name():
     with pytest.raises(DynamicsError, match="did you mean 'aircraft'"):
         registry.get_system('aircarft')
 
 
-def test_a_request_cannot_make_us_read_files(tmp_path):
+def test_requests_by_name_do_not_read_files(tmp_path):
     path = tmp_path / 'plant.yaml'
     path.write_text('secret')
     with pytest.raises(DynamicsError, match='unknown system') as error:
@@ -235,7 +237,7 @@ def test_a_request_cannot_make_us_read_files(tmp_path):
 
 @pytest.fixture
 def plugins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Install a package that registers systems, good and broken."""
+    """Install a package that registers valid and broken systems."""
     (tmp_path / 'plug_ins.py').write_text("""
 from obc_ros.core.systems.system import define, Signal
 
@@ -281,7 +283,7 @@ def test_another_package_adds_a_system(plugins):
     ('stumbling', 'cannot be built: ZeroDivisionError'),
     ('number', 'is of type int, not a function'),
 ])
-def test_a_broken_system_of_another_package_says_so_and_leaves_the_others_alone(
+def test_broken_systems_of_other_packages_are_reported(
         plugins, name, words):
     with pytest.raises(DynamicsError, match=words):
         registry.get_system(name)
@@ -309,7 +311,7 @@ setpoint: {s: l}
 """
 
 
-def test_a_file_is_a_system(tmp_path):
+def test_a_file_defines_a_system(tmp_path):
     path = tmp_path / 'cart.yaml'
     path.write_text(PLANT)
     cart = registry.get_system(str(path))
@@ -324,7 +326,7 @@ def test_a_file_is_a_system(tmp_path):
     assert_allclose(cart.f(x, u), [0.3, 0.4, (2 - 9.81 * 0.2) / 2, 3 * 9.81 * 0.2 - 2])
 
 
-def test_what_depends_on_a_parameter_of_a_file_follows_it(tmp_path):
+def test_expressions_of_a_file_follow_its_parameters(tmp_path):
     path = tmp_path / 'cart.yaml'
     path.write_text(PLANT)
     cart = registry.get_system(str(path), {'m': 3.0})
@@ -337,7 +339,7 @@ def test_what_depends_on_a_parameter_of_a_file_follows_it(tmp_path):
         cart.with_parameters({'m': 0.0})
 
 
-def test_the_aircraft_written_as_a_file_is_the_aircraft(tmp_path, aircraft):
+def test_the_aircraft_as_a_file_equals_the_built_in_one(tmp_path, aircraft):
     path = tmp_path / 'mine.yml'
     path.write_text("""
 states: [px, py, theta, vx, vy, omega]
@@ -383,7 +385,7 @@ final_time: {free: false, value: 1}
     (PLANT, '- 1\n- 2\n', 'wanted one mapping of keys, found a list'),
     (PLANT, '', 'wanted one mapping of keys, found nothing'),
 ])
-def test_a_malformed_file_is_answered_with_file_and_key(tmp_path, old, new, words):
+def test_errors_name_the_file_and_the_key_at_fault(tmp_path, old, new, words):
     path = tmp_path / 'plant.yaml'
     assert old in PLANT
     path.write_text(PLANT.replace(old, new))
@@ -392,6 +394,6 @@ def test_a_malformed_file_is_answered_with_file_and_key(tmp_path, old, new, word
     assert str(error.value).startswith(str(path))
 
 
-def test_a_missing_file_is_answered_in_words():
+def test_errors_name_a_missing_file():
     with pytest.raises(StatementError, match='nowhere.yaml: cannot be read'):
         registry.get_system('nowhere.yaml')

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Expressions: what is understood, and that everything else is refused at once and in words."""
+"""Expressions: accepted syntax, and quick rejection of everything else with a message."""
 
 import gc
 import math
@@ -45,7 +45,7 @@ def test_arithmetic_has_its_value(text, expected):
 
 
 @pytest.mark.parametrize(('plain', 'expected'), [(3, 3.0), (-0.25, -0.25), ('1e-3', 1e-3)])
-def test_numbers_as_yaml_reads_them(plain, expected):
+def test_numbers_are_read_as_yaml_gives_them(plain, expected):
     assert parse_number(plain, {}, 'key') == expected
     assert float(parse_expression(plain, {}, 'key')) == expected
 
@@ -143,8 +143,8 @@ HOSTILE = {
 
 @pytest.mark.parametrize(('text', 'said'), HOSTILE.items(), ids=[key[:20] for key in HOSTILE])
 @pytest.mark.parametrize(('read', 'names'), [(parse_expression, SYMBOLS), (parse_number, VALUES)])
-def test_everything_else_is_refused_in_words_and_at_once(text, said, read, names):
-    gc.freeze()  # what other tests left must not be looked through meanwhile
+def test_hostile_texts_are_rejected_quickly_with_a_message(text, said, read, names):
+    gc.freeze()  # keeps objects of other tests out of the timed collections
     started = time.process_time()
     with pytest.raises(StatementError, match=said) as error:
         read(text, names, 'dynamics.v')
@@ -158,7 +158,7 @@ def test_everything_else_is_refused_in_words_and_at_once(text, said, read, names
     True, None, [1], {'a': 1}, (1,), b'1', 1j, math.nan, math.inf, -math.inf, 10**400, -1e101,
     object()],
     ids=lambda plain: type(plain).__name__)
-def test_what_is_no_number_and_no_text_is_refused(plain):
+def test_values_other_than_numbers_and_texts_are_rejected(plain):
     with pytest.raises(StatementError, match=r'^initial_state\.x: '):
         parse_number(plain, {}, 'initial_state.x')
     with pytest.raises(StatementError, match=r'^initial_state\.x: '):
@@ -180,18 +180,18 @@ def test_any_text_gives_a_value_or_a_statement_error(text):
     ('+'.join(['x'] * 1999), 1999 * X), ('-x' * 1999, -1999 * X), ('x*-1/-1' + '*1' * 900, X),
     ('-' * MAX_DEPTH + 'x', X), ('(' * MAX_DEPTH + 'x' + ')' * MAX_DEPTH, X),
     ('1' + '**x' * MAX_DEPTH, 1.0), ('+'.join(['(-x)**2'] * 200), 200 * X**2)])
-def test_what_is_long_or_deep_within_the_limits_has_its_value(text, expected):
+def test_long_and_deep_expressions_within_limits_are_evaluated(text, expected):
     assert parse_number(text, VALUES, 'key') == pytest.approx(expected)
     assert value(text) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize('name', [
     'pi', 'sin', 'lambda', 'True', '1x', 'x y', 'x.y', '', 'é', 'x' * 65, 3, None, ['x']])
-def test_names_that_may_not_be_used(name):
+def test_invalid_names_are_rejected(name):
     with pytest.raises(StatementError, match='^states: '):
         check_name(name, 'states')
 
 
 @pytest.mark.parametrize('name', ['x', 'x_1', '_x', 'L', 't', 'e', 'theta', 'match'])
-def test_names_that_may_be_used(name):
+def test_valid_names_are_accepted(name):
     assert check_name(name, 'states') == name

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What messages quote of what somebody sent: on one line, and nothing that a terminal obeys."""
+"""Quotations of user input in messages: on one line and without control characters."""
 
 from collections.abc import Callable
 from typing import Any
@@ -22,15 +22,15 @@ import pytest
 GOOD: dict[str, Any] = {
     'name': 'good', 'states': ['x'], 'inputs': ['u'], 'dynamics': {'x': 'u'},
     'running_cost': 'u**2', 'initial_state': {'x': 1}, 'final_time': {'free': False, 'value': 1}}
-# Escape sequences of 7 and 8 bits, a bell, new lines, text that runs backwards, a lone surrogate.
+# Escape sequences of 7 and 8 bits, a bell, line ends, reversed text, a lone surrogate.
 SIGNS = ['\x1b[2J', '\x9b31m', '\x07', '\n', '\r', '\t', '\u2028', '\u202e', '\x7f', '\ud800',
          'x', ' ', "'", '+', '1', 'ü']
 TEXTS = st.text(max_size=5) | st.lists(
     st.sampled_from(SIGNS), min_size=1, max_size=90).map(''.join)
 
 
-def obeyed(text: str) -> list[str]:
-    """Return the signs that are no letter, figure, mark, symbol or plain space."""
+def find_control_characters(text: str) -> list[str]:
+    """Return the characters other than letters, digits, marks, symbols and plain spaces."""
     return [each for each in text if unicodedata.category(each) in (
         'Cc', 'Cf', 'Cs', 'Co', 'Cn', 'Zl', 'Zp')]
 
@@ -39,8 +39,8 @@ def problem(**changes: Any) -> Callable[[], Any]:
     return lambda: statement.build_problem({**GOOD, **changes})
 
 
-def quoted(text: str) -> list[Callable[[], Any]]:
-    """Return questions with a text somewhere."""
+def build_requests(text: str) -> list[Callable[[], Any]]:
+    """Return requests that contain a text in each possible place."""
     one, pair = {text: 1}, {text: [0, 1]}
     return [
         problem(**one), problem(states=[text]), problem(inputs=[text]), problem(system=text),
@@ -62,8 +62,8 @@ def quoted(text: str) -> list[Callable[[], Any]]:
 
 
 @given(TEXTS, st.none() | st.integers(4, 80))
-def test_what_is_shown_can_be_printed(text: str, longest: int | None) -> None:
-    assert not obeyed(quote(text, longest))
+def test_quotations_contain_no_control_characters(text: str, longest: int | None) -> None:
+    assert not find_control_characters(quote(text, longest))
     assert quote(quote(text, None), None) == quote(text, None)
     if text.isascii() and text.isprintable():
         assert quote(text, None) == text
@@ -71,15 +71,15 @@ def test_what_is_shown_can_be_printed(text: str, longest: int | None) -> None:
 
 @pytest.mark.slow
 @given(TEXTS)
-def test_every_refusal_can_be_printed(text: str) -> None:
-    """Whatever it quotes, and however it does."""
-    assert not obeyed(str(ObcError(text)))
+def test_error_messages_contain_no_control_characters(text: str) -> None:
+    """Check every request, wherever it contains the text."""
+    assert not find_control_characters(str(ObcError(text)))
     refusals = 0
-    for question in quoted(text):
+    for question in build_requests(text):
         try:
             question()
         except ObcError as error:
             refusals += 1
             assert str(error)
-            assert not obeyed(str(error))
+            assert not find_control_characters(str(error))
     assert refusals
