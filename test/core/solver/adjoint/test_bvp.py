@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Pontryagin's boundary value problem: costates against closed forms and by shooting with them."""
+"""Pontryagin's boundary value problem: costates compared with closed forms and by shooting."""
 
 import casadi as ca
 import numpy as np
@@ -12,16 +12,16 @@ import pytest
 from scipy.integrate import solve_bvp, solve_ivp
 
 
-def answered(name, **changes):
-    """Return a problem of a file and its answer by the indirect method."""
+def solve_indirectly(name, **changes):
+    """Return the problem of a file and its solution by the indirect method."""
     problem = problems.build(name, **changes)
     solution = solve(problem, method='indirect')
     assert solution.status is Status.SOLVED, solution.message
     return problem, solution
 
 
-def shot(problem, lam, T, inputs):
-    """Return (x, lam) at T from x0 and lam, with u = inputs(x, lam)."""
+def shoot(problem, lam, T, inputs):
+    """Integrate (x, lam) from x0 and lam to T with u = inputs(x, lam); return its end."""
     costate = ca.SX.sym('lam', problem.n)
     H = problem.L + ca.dot(costate, problem.f)
     rate = ca.Function('rate', [problem.x, problem.u, costate, problem.p], [
@@ -33,25 +33,25 @@ def shot(problem, lam, T, inputs):
     ).y[:, -1]
 
 
-def test_costate_of_example_2_2():
+def test_the_costate_of_example_2_2_has_its_closed_form():
     """lam(0) = P(0) x0 = 2 / (1 + e^-2)."""
-    _, solution = answered('lq_scalar_unit')
+    _, solution = solve_indirectly('lq_scalar_unit')
     assert solution.lam[0, 0] == pytest.approx(2 / (1 + np.exp(-2)), abs=1e-10)
 
 
 @pytest.mark.slow
-def test_shooting_with_the_costates_of_van_der_pol_ends_at_zero():
-    """With u = clip(-lam1/2) the free end asks for lam(T) = 0, through four arcs."""
-    problem, solution = answered('vanderpol_bounded')
-    end = shot(problem, solution.lam[0], 5.0, lambda x, lam: np.clip(-lam[:1] / 2, -0.3, 1))
+def test_shooting_van_der_pol_satisfies_transversality():
+    """With u = clip(-lam1/2) and a free end, lam(T) = 0, through four arcs."""
+    problem, solution = solve_indirectly('vanderpol_bounded')
+    end = shoot(problem, solution.lam[0], 5.0, lambda x, lam: np.clip(-lam[:1] / 2, -0.3, 1))
     np.testing.assert_allclose(end[2:], 0.0, atol=1e-6)
     assert len(solution.switching_times) == 3
 
 
 @pytest.mark.slow
-def test_shooting_with_the_costates_of_the_reactor_ends_at_zero():
-    """With u from dH/du = 0, which is linear in u, the free end asks for lam(T) = 0."""
-    problem, solution = answered('cstr_luus')
+def test_shooting_the_reactor_satisfies_transversality():
+    """With u from dH/du = 0, which is linear in u, and a free end, lam(T) = 0."""
+    problem, solution = solve_indirectly('cstr_luus')
     costate = ca.SX.sym('lam', 2)
     Hu = ca.gradient(problem.L + ca.dot(costate, problem.f), problem.u)
     curvature = ca.jacobian(Hu, problem.u)
@@ -61,34 +61,34 @@ def test_shooting_with_the_costates_of_the_reactor_ends_at_zero():
         slope, bend = (float(v) for v in step(x, 0, lam, problem.p_value))
         return np.array([-slope / bend])   # H is quadratic in u
 
-    end = shot(problem, solution.lam[0], 0.78, inputs)
+    end = shoot(problem, solution.lam[0], 0.78, inputs)
     np.testing.assert_allclose(end[2:], 0.0, atol=1e-6)
 
 
-def test_switching_times_of_bang_bang_arcs():
+def test_bang_bang_switching_times_have_closed_forms():
     T = 32 ** (1 / 3)
-    _, solution = answered('triple_integrator_mintime')
+    _, solution = solve_indirectly('triple_integrator_mintime')
     np.testing.assert_allclose(solution.switching_times, [T / 4, 3 * T / 4], atol=1e-10)
-    # lam(0) from S = lam_a = 0 at both switches, S(0) = -1 and H = 0.
+    # lam(0) follows from lam_a = 0 at both switches, lam_a(0) = -1 and H = 0.
     np.testing.assert_allclose(solution.lam[0], [-T / 3, -T**2 / 6, -1.0], atol=1e-8)
 
 
 @pytest.mark.slow
-def test_what_it_does_without_is_said():
-    _, solution = answered('bryson_denham')
+def test_unsupported_features_are_reported():
+    _, solution = solve_indirectly('bryson_denham')
     assert 'state bounds' in solution.message
-    _, solution = answered('catalyst_mixing')
+    _, solution = solve_indirectly('catalyst_mixing')
     assert 'no extremal' in solution.message
 
 
-def test_the_aircraft_costs_what_scipy_finds():
+def test_the_cost_of_the_aircraft_equals_that_of_solve_bvp():
     """
-    The better of two minima of the transfer in 5 s, by scipy's solve_bvp from a guess.
+    The transfer in 5 s has two extremals; scipy's solve_bvp finds the better one.
 
-    H is quadratic in u, so that dH/du = 0 gives u. The aircraft swings back before it flies to
-    its goal; the guess tilts it accordingly. A tolerance of 1e-7 leaves 1e-10 of the cost.
+    H is quadratic in u, so dH/du = 0 gives u. The aircraft first swings back; the guess of the
+    angle follows that. A tolerance of 1e-7 leaves an error of 1e-10 in the cost.
     """
-    problem, solution = answered('aircraft_5')
+    problem, solution = solve_indirectly('aircraft_5')
     lam = ca.SX.sym('lam', problem.n)
     H = problem.L + ca.dot(lam, problem.f)
     best = ca.substitute(
@@ -108,8 +108,8 @@ def test_the_aircraft_costs_what_scipy_finds():
     np.testing.assert_allclose(solution.lam[0], found.y[6:12, 0], atol=1e-6)
 
 
-def test_samples_are_those_of_the_extremal():
-    """Of dx/dt = -x + u, x(0) = 0 and x(1) = 1: x = sinh t / sinh 1, u = e^t / sinh 1 = -lam."""
+def test_samples_lie_on_the_closed_form_extremal():
+    """For dx/dt = -x + u from 0 to 1, x = sinh t / sinh 1 and u = e^t / sinh 1 = -lam."""
     problem = problems.pose({'x': '-x + u'}, 'u**2/2', (0,), 1, terminal_constraints=['x - 1'])
     solution = solve(problem, method='indirect')
     u = np.exp(solution.t)[:, None] / np.sinh(1)
@@ -121,7 +121,7 @@ def test_samples_are_those_of_the_extremal():
 
 @pytest.mark.parametrize('name', ['brockett_3', 'orbit_transfer', 'rayleigh_bounded'])
 def test_auto_returns_the_input_that_minimises_h(name):
-    """Where dH/du says what u is, the samples are off it by less than 1e-4 of its size."""
+    """A Newton step on dH/du = 0 changes the samples by less than 1e-4 of their maximum."""
     problem = problems.build(name)
     solution = solve(problem)
     assert solution.certificate.holds
@@ -135,7 +135,7 @@ def test_auto_returns_the_input_that_minimises_h(name):
     assert np.abs(best - solution.u).max() < 1e-4 * np.abs(solution.u).max()
 
 
-def test_asked_twice_the_answer_is_as_good():
+def test_a_cached_solution_is_reused_with_equal_accuracy():
     problem = problems.build('vanderpol_bounded')
     cache = Cache()
     once, again = (solve(problem, method='indirect', cache=cache) for _ in range(2))
@@ -145,10 +145,10 @@ def test_asked_twice_the_answer_is_as_good():
     np.testing.assert_allclose(again.u, once.u, atol=1e-9)
 
 
-def test_intervals_that_fit_into_memory_at_once_do_not_matter(monkeypatch):
-    """Matrices of many states are made for some intervals at a time: what comes of it is equal."""
-    _, whole = answered('vanderpol_bounded')
+def test_batches_of_intervals_do_not_change_the_solution(monkeypatch):
+    """Matrices are built for a limited number of intervals at a time."""
+    _, whole = solve_indirectly('vanderpol_bounded')
     monkeypatch.setattr(bvp_equations, '_AT_ONCE', 1)
-    _, alone = answered('vanderpol_bounded')
+    _, alone = solve_indirectly('vanderpol_bounded')
     np.testing.assert_array_equal(alone.t, whole.t)
     np.testing.assert_allclose(alone.lam, whole.lam, rtol=1e-12, atol=1e-14)

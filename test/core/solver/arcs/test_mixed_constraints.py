@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Path constraints that hold inputs: where they do, where not, and several inputs at once."""
+"""Path constraints on inputs: active, inactive, and coupling several inputs."""
 
 import math
 
@@ -12,8 +12,8 @@ import pytest
 from scipy.optimize import brentq
 
 
-def test_a_constraint_on_inputs_that_holds_nowhere_changes_nothing():
-    """Power of at most 9/10, of which the best path, which is curved, takes less than 0.8."""
+def test_an_inactive_constraint_does_not_change_the_cost():
+    """The bound on the power is 9/10; along the optimal path it stays below 0.8."""
     free = {'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u - v**2/10'},
             'running_cost': 'u**2', 'initial_state': {'x': 0, 'v': 0},
             'terminal_constraints': ['x - 6', 'v'], 'input_bounds': {'u': [-1, 2]},
@@ -26,8 +26,8 @@ def test_a_constraint_on_inputs_that_holds_nowhere_changes_nothing():
 
 
 @pytest.mark.parametrize('T', [3.1, 4.3])
-def test_modes_whose_parts_add_up_to_one_switch_together(T):
-    """Idle, then y to 1, which costs half of what x does, then x to 1: 2 (1/2) + 1/2 + 1."""
+def test_inputs_with_unit_sum_switch_together(T):
+    """Idle, then y to 1 at half the price of x, then x to 1: J = 2 (1/2) + 1/2 + 1."""
     solution = solve(problems.pose(
         {'x': 'u', 'y': 'v'}, '2*x + y', (0, 0), T, inputs=['u', 'v', 'w'],
         terminal_constraints=['x - 1', 'y - 1'],
@@ -38,8 +38,8 @@ def test_modes_whose_parts_add_up_to_one_switch_together(T):
     np.testing.assert_allclose(solution.switching_times, [T - 2, T - 1], atol=1e-9)
 
 
-def test_an_equality_whose_sides_are_zero_weighs_all_the_same():
-    """From (1, 1) to x = 2 along rays of the origin only: y = x and twice the cost of x alone."""
+def test_an_equality_with_zero_sides_has_a_multiplier():
+    """Motion is along rays from the origin: from (1, 1), y = x at twice the cost of x alone."""
     solution = solve(problems.pose(
         {'x': 'u', 'y': 'w'}, 'u**2 + w**2', (1, 1), 1, inputs=['u', 'w'],
         terminal_constraints=['x - 2'],
@@ -48,8 +48,8 @@ def test_an_equality_whose_sides_are_zero_weighs_all_the_same():
     assert solution.objective == pytest.approx(2.0, rel=1e-6)
 
 
-def test_two_thrusters_of_given_sum():
-    """Full thrust there, full thrust back: held inputs meet the equality of themselves."""
+def test_thrusters_with_unit_sum_switch_once():
+    """Full thrust of one, then of the other; at their bounds the inputs satisfy the equality."""
     solution = solve(problems.pose(
         {'s': 'v', 'v': 'a - b'}, 1, (0, 0), {'free': True, 'lower': 0.1, 'upper': 20},
         inputs=['a', 'b'], terminal_constraints=['s - 1', 'v'],
@@ -61,8 +61,8 @@ def test_two_thrusters_of_given_sum():
 
 
 @pytest.mark.slow
-def test_thrust_in_a_disc_turns_at_once():
-    """Also in metres and with drag, along a line: x_line' = v, v' = u - v with |u| <= 1."""
+def test_thrust_in_a_disc_reverses_at_the_switching_time():
+    """Repeat in other units and with drag, along a line: x_line' = v, v' = u - v with |u| <= 1."""
     found = solve(problems.build('thrust_in_a_disc'))
     np.testing.assert_allclose(found.switching_times, [math.sqrt(5)], atol=1e-5)
     found = solve(problems.build(

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Phases of unknown lengths, and long horizons, where the path that shows them is a coarse one."""
+"""Phases of unknown durations, obtained from coarse paths, and long horizons."""
 
 import numpy as np
 from obc_ros.core.numerics.collocation import build_collocation
@@ -26,12 +26,12 @@ from scipy.optimize import brentq
 FIXED = {'free': False, 'value': 3}
 
 
-def test_a_full_tank_weighs_only_in_the_end_while_its_inflow_is_shut():
+def test_a_state_bound_with_held_inputs_is_imposed_at_the_end():
     """
-    The level V of a tank counts for 3 s: it is filled for 1 s, J = -(1/2 + 2).
+    The level V of a tank is maximised over 3 s: it fills for 1 s, J = -(1/2 + 2).
 
-    Its bound holds itself while u = 0; were it held at all points, what it weighs would be
-    anything between them. The path that shows the phases has no point in the second one.
+    While u = 0 the bound on V is satisfied by itself. If it were imposed at every point, its
+    multipliers would not be unique. The path that gives the phases has no point in the second.
     """
     problem = problems.pose(
         {'V': 'u'}, '-V', (0,), FIXED, input_bounds={'u': [0, 1]}, state_bounds={'V': [None, 1]})
@@ -47,12 +47,12 @@ def test_a_full_tank_weighs_only_in_the_end_while_its_inflow_is_shut():
     assert found.durations == pytest.approx([1, 2], abs=1e-6)
     inside = found.pushed[3:].reshape(-1)[:-1]
     assert np.abs(inside).max() < 1e-9
-    # dlam/dt = 1, and u = 1 turns to 0 where lam vanishes.
+    # dlam/dt = 1, and u switches from 1 to 0 where lam vanishes.
     assert found.lam[3:, 0, 0] == pytest.approx([0, 2 / 3, 4 / 3], abs=1e-5)
 
 
-def test_intervals_go_where_steps_err():
-    """Of four steps along exp(-40 t) all but the first err little."""
+def test_intervals_are_added_where_the_error_is():
+    """Of four steps along exp(-40 t) only the first has a large error."""
     edges = np.linspace(0, 1, 5)
     tau = np.append(0.0, build_collocation(DEGREE, 'radau')[0])
     x = np.exp(-40 * (edges[:-1, None] + 0.25 * tau))[:, :, None]
@@ -71,8 +71,8 @@ def test_intervals_go_where_steps_err():
     assert count * np.diff(share) == pytest.approx([4, 1, 1, 1])
 
 
-def test_phases_are_cut_where_inputs_come_to_their_bounds():
-    """An input that rests at 1 until t = 1, falls to -1 at t = 2 and rests there until t = 3."""
+def test_phases_are_split_where_inputs_reach_their_bounds():
+    """The input is 1 until t = 1, decreases to -1 at t = 2 and stays there until t = 3."""
     problem = problems.pose(
         {'x': 'v', 'v': 'u + w'}, 'u**2 + w**2', (0, 0), FIXED, inputs=['u', 'w'],
         input_bounds={'u': [-1, 1], 'w': [-1, 1]})
@@ -87,7 +87,7 @@ def test_phases_are_cut_where_inputs_come_to_their_bounds():
         durations=np.full(1, 3.0), x=x, u=u, lam=x, eta=nothing, nu=np.zeros(0), cost=0.0,
         converged=True, outwards={}, pushed=nothing, astray=[])
     parts = cut_at_bounds(problem, found, np.array([True, False]), np.zeros((2, 2), dtype=bool))
-    # Where w may not be held it is left free, though it is at its bound throughout.
+    # w may not be held: it stays free although it is at its bound throughout.
     assert [part.end for part in parts] == pytest.approx([1, 2, 3])
     assert [part.start for part in parts] == pytest.approx([0, 1, 2])
     assert np.array([part.levels for part in parts])[:, 0] == pytest.approx(
@@ -95,12 +95,12 @@ def test_phases_are_cut_where_inputs_come_to_their_bounds():
     assert np.all(np.isnan([part.levels[1] for part in parts]))
 
 
-def test_costates_that_change_within_an_interval():
+def test_costates_with_fast_modes_need_few_intervals():
     """
     V = x(T) behind a lag of 1/40: dlam_x/dt = 40 lam_x, dlam_y/dt = -40 lam_x, u = -lam_y.
 
-    lam_x = exp(-40 (T - t)) and lam_y = 1 - lam_x; of polynomials through the points of the
-    collocation alone that asks for ten times as many intervals.
+    lam_x = exp(-40 (T - t)) and lam_y = 1 - lam_x. Polynomials through the collocation points
+    alone would need ten times as many intervals for this accuracy.
     """
     problem = problems.pose(
         {'x': '40*(y - x)', 'y': 'u'}, 'u**2/2', (0, 0), 1, terminal_cost='x',
@@ -116,8 +116,8 @@ def test_costates_that_change_within_an_interval():
     assert answer.lam == pytest.approx(np.column_stack([lam_x, 1 - lam_x]), abs=2e-5)
 
 
-def test_a_long_horizon_with_a_bound_of_the_state_is_found_from_short_ones():
-    """A bound that is not met changes nothing but the method."""
+def test_an_inactive_state_bound_leaves_horizon_continuation():
+    """A bound that is never active changes the method but not the cost."""
     pendulum = {
         'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u - 9*sin(x)'},
         'running_cost': 'x**2 + v**2 + u**2', 'initial_state': {'x': 3, 'v': 0},
@@ -135,8 +135,8 @@ def test_a_long_horizon_with_a_bound_of_the_state_is_found_from_short_ones():
 
 
 @pytest.mark.slow
-def test_a_path_touches_an_obstacle_along_its_side():
-    """A path across the disc is cheaper than one that touches it: only tangents are allowed."""
+def test_a_path_touches_an_obstacle_tangentially():
+    """A path through the disc would be cheaper; at the contact the path must be tangent."""
     found = solve(problems.pose(
         {'x': 'cos(th)', 'y': 'sin(th)', 'th': 'w'}, '1 + w**2/5', (-2, -0.156, 0),
         {'free': True, 'lower': 1, 'upper': 20, 'guess': 4}, inputs=['w'],
@@ -151,8 +151,8 @@ def test_a_path_touches_an_obstacle_along_its_side():
 
 
 @pytest.mark.slow
-def test_states_at_samples_follow_from_the_inputs_straight_between_them():
-    """A pendulum turned by 2 rad in 3 s, its rate bounded: not only where intervals end."""
+def test_samples_satisfy_the_dynamics_with_linear_inputs():
+    """A pendulum turns by 2 rad in 3 s at bounded rate; all samples satisfy the dynamics."""
     problem = problems.pose(
         {'x': 'v', 'v': 'u - sin(x)'}, 'u**2', (0, 0), FIXED, terminal_constraints=['x - 2', 'v'],
         state_bounds={'v': [None, 0.85]})
@@ -162,12 +162,12 @@ def test_states_at_samples_follow_from_the_inputs_straight_between_them():
     assert found.certificate.residuals['dynamics'] < 1e-9
 
 
-def test_no_phase_begins_where_inputs_do_not_jump():
+def test_phases_without_an_input_jump_are_merged():
     """
-    A thrust in a disc jumps on a coarse path, but turns continuously on the best one.
+    A thrust in a disc jumps on a coarse path, but is continuous on the optimal one.
 
-    (ux, uy) is along (T - t, k). Integrated, vy(T) = k asinh(T/k) = 1 and
-    x(T) = (T sqrt(T^2 + k^2) - k^2 asinh(T/k)) / 2 = 1 give one equation for k.
+    (ux, uy) is parallel to (T - t, k). Integration gives vy(T) = k asinh(T/k) = 1 and
+    x(T) = (T sqrt(T^2 + k^2) - k^2 asinh(T/k)) / 2 = 1, hence one equation for k.
     """
     k = brentq(lambda k: k**2 * np.sinh(1 / k) * np.cosh(1 / k) / 2 - k / 2 - 1, 0.2, 5)
     least = k * np.sinh(1 / k)
@@ -190,8 +190,8 @@ def test_no_phase_begins_where_inputs_do_not_jump():
     assert found.cost == pytest.approx(least, abs=1e-8)
 
 
-def test_a_free_phase_does_not_swallow_the_one_at_a_bound_before_it():
-    """Its input may begin with that bound, at the same cost; one that switches may not."""
+def test_a_phase_at_a_bound_keeps_a_minimum_duration():
+    """A free phase may start at that bound at equal cost; a phase after a switch may not."""
     problem = problems.pose(
         {'x': 'u + s'}, 'x**2 + u**2', (1,), FIXED, inputs=['u', 's'],
         input_bounds={'u': [-1, 1], 's': [-1, 1]})
@@ -201,12 +201,12 @@ def test_a_free_phase_does_not_swallow_the_one_at_a_bound_before_it():
     assert program.shortest(arcs) == pytest.approx([1.8, 0, 0])
 
 
-def test_inputs_that_weigh_nothing_at_the_end_go_on_as_before():
+def test_inputs_without_effect_at_the_end_stay_continuous():
     """
-    A thrust in a disc for x + y at T = 1: (1, 1) / sqrt(2) throughout, J = -1 / sqrt(2).
+    Maximise x + y at T = 1 by a thrust in a disc: (1, 1) / sqrt(2) throughout, J = -1 / sqrt(2).
 
-    At T the costates of the speeds are zero: there the thrust could be any in the disc, and the
-    path that the phases are read off has it the other way round.
+    At T the costates of the speeds vanish, so any thrust in the disc minimises H there. The
+    path that gives the phases has the opposite thrust at T.
     """
     problem = problems.build({
         'states': ['x', 'y', 'vx', 'vy'], 'inputs': ['a', 'b'],
@@ -228,23 +228,23 @@ def test_inputs_that_weigh_nothing_at_the_end_go_on_as_before():
     assert found.converged
     assert found.cost == pytest.approx(-np.sqrt(0.5), abs=1e-9)
     assert found.u == pytest.approx(np.full((4, DEGREE, 2), np.sqrt(0.5)), abs=1e-5)
-    # dH/da = lam_vx + 2 eta a = 0, lam_vx = -(1 - t)
+    # dH/da = lam_vx + 2 eta a = 0 with lam_vx = -(1 - t)
     assert found.eta[:, :, 4] == pytest.approx(
         (1 - (np.arange(4)[:, None] + build_collocation(DEGREE, 'radau')[0]) / 4) * np.sqrt(0.5),
         abs=1e-5)
 
 
 def slopes_of(sign: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and slopes of H that vanish from t = 0.1 to t = 2.8 of 3, both ends steep."""
+    """Return times and values of dH/du that vanish in [0.1, 2.8] of [0, 3]."""
     t = np.linspace(0, 3, 301)
     return t, sign * (np.maximum(0.1 - t, 0) - np.minimum(2.8 - t, 0) - 1e-9)
 
 
 @pytest.mark.parametrize(('sign', 'limit', 'level', 'on'), [
     (1, 5, -2, 0), (-1, 5, 2, 0), (-1, 1, np.nan, 1), (1, 1, np.nan, -1)])
-def test_a_singular_arc_may_begin_and_end_with_a_bang(
+def test_bang_arcs_around_a_singular_arc_are_found(
         sign: float, limit: float, level: float, on: int) -> None:
-    """At the bound of the input, or on the path constraint that it meets before."""
+    """The bang arcs are at the input bound or at a path constraint that is tighter."""
     problem = problems.pose(
         {'x': 'u'}, 'x**2', (0,), FIXED, input_bounds={'u': [-2, 2]},
         path_constraints=[{'expr': 'u + x', 'lower': -limit, 'upper': limit}])
@@ -265,11 +265,11 @@ def test_a_singular_arc_may_begin_and_end_with_a_bang(
 
 
 @pytest.mark.slow
-def test_a_turn_too_short_for_the_mesh_is_found():
+def test_an_arc_shorter_than_the_mesh_is_found():
     """
-    The fastest way along a winding road: v**2 k is limited, k enters H linearly.
+    Minimum time along a winding road: v**2 k is bounded, and k enters H linearly.
 
-    It begins with a turn of 0.26 m of 150, after which the car goes straight.
+    The path begins with a turn over 0.26 m of 150 m, after which the car goes straight.
     """
     road = '0.03*sin(s/20)'
     pace = f'(1 - n*{road})/(v*cos(a))'

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Arcs read off coarse paths that do not show them as they are, nor what they cost."""
+"""Arcs obtained from coarse paths, and the costs of coarse paths."""
 
 import casadi as ca
 from obc_ros.core.solver.descent import Search
@@ -15,11 +15,12 @@ from scipy.optimize import minimize_scalar
 
 
 @pytest.mark.parametrize('intervals', [16, 24])
-def test_what_coarse_paths_cost_without_the_gaps_between_their_steps(intervals: int):
+def test_costs_of_coarse_paths_agree_after_replay(intervals: int):
     """
-    Two discretisations of Rayleigh's problem: their inputs are about the same, their costs not.
+    Two discretisations of Rayleigh's problem agree in their inputs but not in their costs.
 
-    With 16 intervals one of them is below the least cost (published), which no input attains.
+    With 16 intervals one cost is below the published minimum, which no input can attain. After
+    integration under the same inputs the costs agree.
     """
     problem = problems.build('rayleigh_bounded')
     least = problems.read('rayleigh_bounded')['expected']['objective']
@@ -40,11 +41,12 @@ def fly_goddard(start):
     """
     Return the maximum height of Goddard's rocket and its three switching times.
 
-    Full thrust, a singular arc, full thrust, none. With the final time free, H = 0; along the
-    singular arc lam' f0 = lam' f1 = lam' [f0, f1] = 0 for dz/dt = f0 + f1 u, so the determinant
-    of the three vanishes: a surface in (h, v, m), on which u keeps the state. The arc begins
-    where full thrust reaches the surface, the second full thrust ends with the fuel, and the
-    length of the arc is the one number to search for. At 0.0262 its thrust would exceed 3.5.
+    The arcs are full thrust, a singular arc, full thrust and zero thrust. The final time is
+    free, so H = 0; along the singular arc lam' f0 = lam' f1 = lam' [f0, f1] = 0 for
+    dz/dt = f0 + f1 u, so the determinant of the three vectors vanishes. This defines a surface
+    in (h, v, m), on which u keeps the state. The arc begins where full thrust reaches the
+    surface; the second arc of full thrust ends with the fuel. The duration of the singular arc
+    is the only unknown; at 0.0262 its thrust would exceed 3.5.
     """
     z = ca.SX.sym('z', 3)
     u = ca.SX.sym('u')
@@ -81,8 +83,8 @@ def fly_goddard(start):
 
 
 @pytest.mark.slow
-def test_a_singular_arc_between_bounds_that_a_coarse_path_shows_as_a_jump_to_and_fro():
-    """Goddard's rocket, a thousandth higher and heavier: its singular arc ends at full thrust."""
+def test_a_singular_arc_between_full_thrust_arcs_is_found():
+    """Goddard's rocket with height and mass 1.001; a coarse path shows the arc as two jumps."""
     height, times = fly_goddard([1.001, 0, 1.001])
     problem = problems.build('goddard', initial_state={'h': 1.001, 'v': 0, 'm': 1.001})
     found = solve(problem)

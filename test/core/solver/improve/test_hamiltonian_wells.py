@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where H has several least points: the input is at the lowest, and jumps where that changes."""
+"""Hamiltonians with several minima: the input is at the global one and jumps between them."""
 
 import numpy as np
 from obc_ros.core.ocp.structure import find_branching_inputs
@@ -17,21 +17,21 @@ WELLS = {
 
 
 def hump(u, at):
-    """Return what a gear adds, a number or its text."""
+    """Return the pull of a gear centred at `at`, as a number or as text."""
     return f'exp(-8*({u} - {at})**2)' if isinstance(u, str) else np.exp(-8 * (u - at)**2)
 
 
-def least(function, wells):
-    """Return the least value of a function with one least point near each of some places."""
+def global_minimum(function, wells):
+    """Return the minimum of a function with one local minimum near each of the given points."""
     return min(minimize_scalar(function, bounds=(at - 0.9, at + 0.9), method='bounded',
                                options={'xatol': 1e-12}).fun for at in wells)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('as_state', [False, True])
-def test_two_wells_of_which_the_deeper_one_changes(as_state):
-    """What is least at each moment is least on the whole: a quadrature says how much."""
-    known, _ = quad(lambda t: least(
+def test_the_input_switches_to_the_lower_of_two_minima(as_state):
+    """The minimum at each time is the minimum over the path; quadrature gives its value."""
+    known, _ = quad(lambda t: global_minimum(
         lambda u: 4 * (u**2 - 1)**2 - (t - 1) * u, (-1, 1)), 0, 2, points=[1], epsabs=1e-12)
     mapping = WELLS if not as_state else WELLS | {
         'states': ['x', 't'], 'dynamics': {'x': WELLS['running_cost'], 't': '1'},
@@ -43,12 +43,12 @@ def test_two_wells_of_which_the_deeper_one_changes(as_state):
 
 
 def two_gears(v):
-    """Return how much each of two gears pulls at full."""
+    """Return (input, full pull) of each of two gears at speed v."""
     return (1, 1 - v), (3, 0.4)
 
 
 def three_gears(v):
-    """Likewise of three."""
+    """Return (input, full pull) of each of three gears at speed v."""
     return (1, 1 - v), (3, 0.5 - 0.2 * v), (5, 0.2)
 
 
@@ -56,10 +56,10 @@ def three_gears(v):
 @pytest.mark.parametrize(('gears', 'text', 'T', 'shifts'), [
     (two_gears, ('1 - v', '0.4'), 5, 1),
     (three_gears, ('1 - v', '0.5 - 0.2*v', '0.2'), 15, 2)])
-def test_gears(gears, text, T, shifts):
-    """More speed at once leaves more later: the best gear is the one that pulls most."""
+def test_the_gear_of_the_largest_pull_is_chosen(gears, text, T, shifts):
+    """A larger speed is never worse later, so the largest pull is optimal at each time."""
     def most(v):
-        return -0.02 * v - least(
+        return -0.02 * v - global_minimum(
             lambda u: -sum(full * hump(u, at) for at, full in gears(v)), (1, 3, 5)[:len(text)])
 
     path = solve_ivp(lambda t, z: [z[1], most(z[1])], (0, T), [0, 0], rtol=1e-10, atol=1e-10)
@@ -72,7 +72,7 @@ def test_gears(gears, text, T, shifts):
     assert len(found.switching_times) == shifts
 
 
-def test_where_branches_may_be():
+def test_inputs_with_several_minima_of_h_are_identified():
     def of(running_cost, dynamics='u', **more):
         return find_branching_inputs(problems.pose(
             {'x': dynamics}, running_cost, (0,), 1, inputs=['u', 'w'], input_bounds={'u': [-1, 1]},

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The interior-point method and the one that follows a neighbour's active bounds."""
+"""The interior-point method, and the active-set method for neighbouring problems."""
 
 from dataclasses import dataclass, replace
 
@@ -25,8 +25,8 @@ import pytest
 
 
 @dataclass
-class Small:
-    """A small dense program in CasADi expressions of w, as the method wants it."""
+class DenseProgram:
+    """A small dense program in CasADi expressions of w, with the interface of the method."""
 
     f: ca.SX
     g: ca.SX
@@ -66,12 +66,13 @@ class Small:
         return bool(np.all(np.linalg.eigvalsh(null.T @ full[np.ix_(free, free)] @ null) > 0))
 
 
-def bounds(program: Small, lower: list[float], upper: list[float]) -> tuple[np.ndarray, ...]:
+def bounds(program: DenseProgram, lower: list[float], upper: list[float]
+           ) -> tuple[np.ndarray, ...]:
     none = np.full(program.size - program.n, np.inf)
     return np.append(lower, -none), np.append(upper, none)
 
 
-def answered(program: Small, lower: list[float], upper: list[float], start: list[float],
+def solve_dense(program: DenseProgram, lower: list[float], upper: list[float], start: list[float],
              goal: StoppingRule | None = None) -> tuple[np.ndarray, bool, str]:
     work = Interior(program, *bounds(program, lower, upper))
     y = np.append(np.array(start, dtype=float), np.zeros(program.size - program.n))
@@ -80,38 +81,38 @@ def answered(program: Small, lower: list[float], upper: list[float], start: list
     return end.y, end.converged, end.status
 
 
-def hs71() -> Small:
-    """Return W. Hock, K. Schittkowski, Test Examples for Nonlinear Programming, problem 71."""
+def hs71() -> DenseProgram:
+    """Return problem 71 of W. Hock, K. Schittkowski, Test Examples for Nonlinear Programming."""
     w = ca.SX.sym('w', 5)
-    return Small(w[0] * w[3] * (w[0] + w[1] + w[2]) + w[2],
+    return DenseProgram(w[0] * w[3] * (w[0] + w[1] + w[2]) + w[2],
                  ca.vertcat(w[0] * w[1] * w[2] * w[3] - 25 - w[4],
                             ca.sumsqr(w[:4]) - 40), w)
 
 
-def test_a_published_problem_with_bounds_and_rows():
-    y, converged, _ = answered(hs71(), [1, 1, 1, 1, 0], [5, 5, 5, 5, np.inf], [1, 5, 5, 1, 1])
+def test_hock_and_schittkowski_71_has_its_published_minimum():
+    y, converged, _ = solve_dense(hs71(), [1, 1, 1, 1, 0], [5, 5, 5, 5, np.inf], [1, 5, 5, 1, 1])
     assert converged
     np.testing.assert_allclose(y[:4], [1.0, 4.7429994, 3.8211503, 1.3794082], atol=1e-6)
 
 
-def test_saddles_are_left_for_minima():
-    """x^4 - x^2 + y^2 has a saddle at 0, where the first step leads, and minima at x^2 = 1/2."""
+def test_iterations_leave_a_saddle_for_a_minimum():
+    """The first step leads to the saddle of x^4 - x^2 + y^2 at 0; the minima have x^2 = 1/2."""
     w = ca.SX.sym('w', 2)
-    program = Small(w[0]**4 - w[0]**2 + w[1]**2, ca.SX(0, 1), w)
-    y, converged, _ = answered(program, [-9, -9], [9, 9], [0.05, 1.0])
+    program = DenseProgram(w[0]**4 - w[0]**2 + w[1]**2, ca.SX(0, 1), w)
+    y, converged, _ = solve_dense(program, [-9, -9], [9, 9], [0.05, 1.0])
     assert converged
     assert abs(y[0]) == pytest.approx(np.sqrt(0.5), abs=1e-6)
 
 
-def test_rows_that_exclude_each_other_are_not_met():
+def test_an_infeasible_program_does_not_converge():
     w = ca.SX.sym('w', 2)
-    program = Small(ca.sumsqr(w), ca.vertcat(w[0]**2 + w[1]**2 + 1), w)
-    _, converged, status = answered(program, [-9, -9], [9, 9], [1, 1])
+    program = DenseProgram(ca.sumsqr(w), ca.vertcat(w[0]**2 + w[1]**2 + 1), w)
+    _, converged, status = solve_dense(program, [-9, -9], [9, 9], [1, 1])
     assert not converged
     assert status in ('no step', 'stopped')
 
 
-def test_a_cost_that_is_good_enough_ends_the_work_sooner():
+def test_a_rough_tolerance_takes_fewer_iterations():
     steps: dict[float, int] = {}
     for rough in (0.0, 1e-2):
         program = hs71()
@@ -124,7 +125,7 @@ def test_a_cost_that_is_good_enough_ends_the_work_sooner():
 
 
 @pytest.mark.parametrize('border', [0, 2])
-def test_factors_solve_the_matrix_they_are_made_of(border):
+def test_factors_of_a_banded_matrix_solve_its_equations(border):
     chance = np.random.default_rng(3)
     size, width = 12, 3
     A = chance.normal(size=(size, size))
@@ -148,11 +149,11 @@ def test_factors_solve_the_matrix_they_are_made_of(border):
             assert each.definite(entries, each.place, np.full(size, add)) == positive
 
 
-def test_following_finds_which_bounds_are_active():
-    """Minimise |w - a|^2 on sum w = 1, w >= 0: the projection on the simplex."""
+def test_the_active_set_method_finds_the_active_bounds():
+    """Minimise |w - a|^2 subject to sum w = 1, w >= 0: the projection onto the simplex."""
     w = ca.SX.sym('w', 4)
     a = np.array([0.9, 0.6, -0.3, 0.1])
-    program = Small(ca.sumsqr(w - a), ca.sum1(w) - 1, w)
+    program = DenseProgram(ca.sumsqr(w - a), ca.sum1(w) - 1, w)
     for side in ([0, 0, 0, 0], [-1, 0, 0, -1], [0, -1, -1, 0]):
         found = follow_active_set(program, bounds(program, [0] * 4, [np.inf] * 4),
                                   np.array([0.25] * 4 + [0]),
@@ -162,9 +163,9 @@ def test_following_finds_which_bounds_are_active():
         np.testing.assert_allclose(found[0][:4], [0.65, 0.35, 0, 0], atol=1e-9)
 
 
-def test_following_takes_no_saddle_for_an_answer():
+def test_the_active_set_method_rejects_a_saddle():
     w = ca.SX.sym('w', 2)
-    program = Small(w[0] * w[1], ca.SX(0, 1), w)
+    program = DenseProgram(w[0] * w[1], ca.SX(0, 1), w)
     assert follow_active_set(program, bounds(program, [-1, -1], [1, 1]), np.array([0.1, 0.1]),
                              np.zeros(2, dtype=np.int8), StoppingRule(), lambda f,
                              worst: False) is None
@@ -177,7 +178,7 @@ PENDULUM = {
     'final_time': {'free': False, 'value': 5}}
 
 
-def transcribed(problem: Problem, *, own: bool,
+def solve_transcription(problem: Problem, *, own: bool,
                 near: TranscriptionOutcome | None = None) -> TranscriptionOutcome:
     mesh = build_uniform_mesh(problem, 20, 0)
     program = Transcription(problem, mesh.layout)
@@ -199,9 +200,9 @@ def transcribed(problem: Problem, *, own: bool,
     {}, {'final_time': {'free': True, 'lower': 1, 'upper': 9}, 'running_cost': 'u**2 + 1',
          'input_bounds': {'u': [-1, 1]}},
     {'terminal_constraints': [], 'terminal_cost': '3*q**2 + w**2'}])
-def test_a_transcription_has_the_same_answer_by_ipopt(changes):
+def test_a_transcription_has_the_same_solution_as_by_ipopt(changes):
     problem = problems.build(PENDULUM, **changes)
-    ours, theirs = (transcribed(problem, own=own) for own in (True, False))
+    ours, theirs = (solve_transcription(problem, own=own) for own in (True, False))
     assert ours.converged
     assert theirs.converged
     assert ours.objective == pytest.approx(theirs.objective, rel=1e-6)
@@ -213,11 +214,12 @@ def test_a_transcription_has_the_same_answer_by_ipopt(changes):
         np.abs(theirs.lam_w) > 1e-2 * size] >= 0)
 
 
-def test_a_neighbour_is_followed_in_a_few_steps():
+def test_a_neighbouring_problem_takes_fewer_iterations():
     problem = problems.build(PENDULUM)
-    first = transcribed(problem, own=True)
+    first = solve_transcription(problem, own=True)
     neighbour = replace(problem, x0=problem.x0 + [0.02, -0.01])
-    followed, anew = (transcribed(neighbour, own=True, near=near) for near in (first, None))
+    followed, anew = (
+        solve_transcription(neighbour, own=True, near=near) for near in (first, None))
     assert followed.converged
     assert followed.status == 'followed'
     assert followed.iterations < anew.iterations

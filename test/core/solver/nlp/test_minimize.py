@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Static minima: multipliers put back, known values, and reasons where there is no minimum."""
+"""Static minima: multipliers substituted, known values, and messages where there is no minimum."""
 
 from math import exp, sqrt
 
@@ -22,7 +22,7 @@ def solved(**statement):
 
 @settings(max_examples=20, deadline=None)
 @given(st.floats(-5, 5), st.floats(-5, 5), st.floats(-5, 5))
-def test_example_2_1(a, b, F0):
+def test_example_2_1_equals_its_closed_form(a, b, F0):
     found = solved(variables=['x1', 'x2'], parameters={'a': a, 'b': b, 'F0': F0},
                    cost='F0 + (x1 - a)**2 + (x2 - b)**2', equalities=['x1 - x2'])
     np.testing.assert_allclose(found.x, (a + b) / 2, atol=1e-9)
@@ -31,15 +31,15 @@ def test_example_2_1(a, b, F0):
     assert 'global' in found.message
 
 
-def test_a_constrained_minimum_that_is_a_saddle_of_the_lagrangian():
+def test_minima_at_saddles_of_the_lagrangian_are_found():
     found = solved(variables=['x1', 'x2'], cost='x1**2 - x2**2', equalities=['x2'])
     np.testing.assert_allclose(found.x, 0, atol=1e-9)
     np.testing.assert_allclose(found.lam, 0, atol=1e-9)
     assert 'saddle' in found.message
 
 
-def test_a_stationary_point_that_is_no_minimum_is_refused():
-    # Started at the maximum, exactly: the gradient vanishes there.
+def test_a_stationary_point_that_is_no_minimum_is_rejected():
+    # The guess is exactly the maximum, where the gradient vanishes.
     found = minimize({'variables': ['x', 'y'], 'cost': 'x**2 - y**2 + y**4/1000',
                       'guess': [0, 0]})
     assert found.status is not Status.SOLVED or found.objective < -200
@@ -69,7 +69,7 @@ def test_a_stationary_point_that_is_no_minimum_is_refused():
     ({'variables': ['x'], 'cost': 'x**4'}, [0], 0, [], []),
     ({'variables': ['x'], 'cost': '(x - 1)**2', 'bounds': {'x': [3, 3]}}, [3], 4, [], []),
 ])
-def test_known_minima(statement, x, F, lam, mu):
+def test_published_minima_and_multipliers_are_found(statement, x, F, lam, mu):
     found = solved(**statement)
     np.testing.assert_allclose(found.x, x, atol=1e-6)
     assert found.objective == pytest.approx(F, abs=1e-7)
@@ -108,7 +108,8 @@ def test_known_minima(statement, x, F, lam, mu):
                  {'a': [100, 10000], 'b': [1000, 10000], 'c': [1000, 10000],
                   **{name: [10, 1000] for name in 'defgh'}}, id='106'),
 ])
-def test_hock_and_schittkowski(F, names, cost, equalities, inequalities, bounds):
+def test_published_costs_of_hock_and_schittkowski_are_found(
+        F, names, cost, equalities, inequalities, bounds):
     found = solved(variables=list(names), cost=cost, equalities=equalities,
                    inequalities=inequalities, bounds=bounds)
     assert found.objective == pytest.approx(F, rel=1e-7)
@@ -116,7 +117,7 @@ def test_hock_and_schittkowski(F, names, cost, equalities, inequalities, bounds)
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10**6), st.integers(2, 5))
-def test_quadratic_programmes(seed, n):
+def test_quadratic_programs_satisfy_the_kkt_conditions(seed, n):
     rng = np.random.default_rng(seed)
     root, c = rng.normal(size=(n, n)), rng.normal(size=n)
     H = root @ root.T + 0.1 * np.eye(n)
@@ -140,8 +141,8 @@ def test_quadratic_programmes(seed, n):
 
 
 @pytest.mark.slow
-def test_multipliers_are_rates_of_the_minimum():
-    # dF*/de = -lam for G = e, the meaning of a multiplier.
+def test_multipliers_are_sensitivities_of_the_minimum():
+    # A multiplier is the sensitivity dF*/de = -lam for G = e.
     def value(e):
         return solved(variables=['x', 'y'], cost='exp(x) + y**2 + x*y',
                       equalities=[f'x + y**2 - 1 - {e}'])
@@ -151,13 +152,13 @@ def test_multipliers_are_rates_of_the_minimum():
     assert rate == pytest.approx(-middle.lam[0], abs=1e-6)
 
 
-def test_the_guess_chooses_a_local_minimum():
+def test_the_guess_selects_a_local_minimum():
     found = solved(variables=['x'], cost='x**3 - 3*x', guess=[0.5])
     assert found.x == pytest.approx([1])
     assert 'near the guess' in found.message
 
 
-def test_the_lowest_of_several_minima():
+def test_the_lowest_of_several_local_minima_is_found():
     found = solved(variables=['x'], cost='sin(x) + 0.05*x**2')
     assert found.x == pytest.approx([-1.4275517787], abs=1e-6)
 
@@ -167,7 +168,7 @@ def test_the_lowest_of_several_minima():
      'inequalities[0] (x**2 + 4 <= 0) is violated by 4'),
     ({'variables': ['x', 'y'], 'cost': 'x + y', 'equalities': ['x - 1', 'x - 2']},
      Status.INFEASIBLE, 'is violated by 0.5'),
-    # Nobody has proved this one: it is not called infeasible.
+    # Infeasibility is not proved here, so the status does not claim it.
     ({'variables': ['x', 'y'], 'cost': 'x', 'equalities': ['x**2 + y**2 - 1', 'x*y - 1']},
      Status.NOT_CONVERGED, 'infeasibility has not been proved'),
     ({'variables': ['x'], 'cost': '-x'}, Status.NOT_CONVERGED, 'unbounded below'),
@@ -176,17 +177,17 @@ def test_the_lowest_of_several_minima():
     ({'variables': ['x'], 'cost': 'exp(-x)'}, Status.NOT_CONVERGED, 'is not attained'),
     ({'variables': ['x'], 'cost': 'x', 'equalities': ['x**2']}, Status.NOT_CONVERGED,
      'LICQ fails'),
-    # Hock and Schittkowski 13, a cusp: at its minimum, 1, there are no multipliers.
+    # Hock and Schittkowski 13: the minimum x = 1 is a cusp without multipliers.
     ({'variables': ['x', 'y'], 'cost': '(x - 2)**2 + y**2', 'inequalities': ['y - (1 - x)**3'],
       'bounds': {'x': [0, None], 'y': [0, None]}}, Status.NOT_CONVERGED, 'LICQ fails'),
 ])
-def test_why_not(statement, status, text):
+def test_messages_explain_why_no_minimum_is_found(statement, status, text):
     found = minimize(statement)
     assert found.status is status
     assert text in found.message
 
 
-def test_multipliers_that_are_not_unique():
+def test_multipliers_that_are_not_unique_are_reported():
     found = solved(variables=['x', 'y'], cost='x**2 + y**2',
                    inequalities=['1 - x - y', '2 - 2*x - 2*y'])
     np.testing.assert_allclose(found.x, 0.5, atol=1e-9)
@@ -212,7 +213,7 @@ def test_no_random_feasible_point_is_lower():
     assert (np.exp(x) + y**4 - x * y).min() >= found.objective - 1e-9
 
 
-def test_time_limit_and_cancel():
+def test_time_limit_and_cancellation_end_the_search():
     question = {'variables': ['x', 'y'], 'cost': 'sin(10*x)*sin(10*y) + x**2 + y**2'}
     assert minimize(question, time_limit=0).status is Status.TIMED_OUT
     assert minimize(question, report=lambda *_: True).status is Status.CANCELLED
@@ -240,12 +241,12 @@ def test_time_limit_and_cancel():
     ({'variables': ['x'], 'cost': 'a*x', 'parameters': {'a': 'b'}}, 'parameters.a'),
     ({'variables': ['x'], 'cost': 'x', 'parameters': {'x': 1}}, "'x' is a variable too"),
 ])
-def test_malformed_statements(statement, text):
+def test_malformed_statements_are_rejected(statement, text):
     with pytest.raises(StatementError, match=text):
         minimize(statement)
 
 
-def test_parameters_are_expressions_of_earlier_ones():
+def test_parameters_may_depend_on_earlier_ones():
     found = solved(variables=['x'], parameters={'a': 'sqrt(2)', 'b': 'a*exp(1)'},
                    cost='(x - b)**2', bounds={'x': ['-b', 'a']})
     assert found.x == pytest.approx([sqrt(2)])

@@ -1,14 +1,14 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What stops a solver, and what stops a part of the work only."""
+"""Progress monitors: what ends a solver, and what ends only a part of the work."""
 
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
 import pytest
 
 
 @pytest.mark.parametrize('each', [1, 7, 16])
-def test_a_part_ends_after_its_work_and_not_the_whole(each: int) -> None:
-    """However the work is spread over solvers; what comes after it has none left."""
+def test_a_part_ends_after_its_budget_and_the_whole_continues(each: int) -> None:
+    """All solvers of a part share its budget; later solvers of the part have none left."""
     whole = ProgressMonitor()
     part = whole.part(100)
     steps = 0
@@ -22,8 +22,8 @@ def test_a_part_ends_after_its_work_and_not_the_whole(each: int) -> None:
     assert whole.iterations == part.iterations == steps + 3
 
 
-def test_a_part_of_a_part_takes_from_both() -> None:
-    """And ends with either."""
+def test_nested_parts_use_the_budgets_of_both() -> None:
+    """The inner part ends with its own budget or with that of the outer part."""
     part = ProgressMonitor().part(100)
     for wanted in ('spent', '', 'spent'):
         inner = part.part(60)
@@ -37,8 +37,8 @@ def test_a_part_of_a_part_takes_from_both() -> None:
     assert part.stopped == 'spent'
 
 
-def test_iterations_end_a_solver_and_not_a_part() -> None:
-    """As they end one of the whole work."""
+def test_a_limit_of_iterations_ends_a_solver_not_its_part() -> None:
+    """The next solver of the part starts with a new limit."""
     part = ProgressMonitor().part(1000)
     part.limit(5, 10)
     assert [part.step(0.0, 0.0) for _ in range(5)] == [False] * 4 + [True]
@@ -48,8 +48,8 @@ def test_iterations_end_a_solver_and_not_a_part() -> None:
     assert not part.step(0.0, 0.0)
 
 
-def test_what_cancels_the_whole_cancels_a_part() -> None:
-    """At the next iteration, and for good."""
+def test_cancelling_the_whole_cancels_its_parts() -> None:
+    """A part is cancelled at the next iteration, and later parts at once."""
     wishes = iter([False, False, True, False])
     whole = ProgressMonitor(report=lambda *_: next(wishes))
     part = whole.part(1000)
@@ -58,8 +58,8 @@ def test_what_cancels_the_whole_cancels_a_part() -> None:
     assert whole.part(1000).stopped == 'cancelled'
 
 
-def test_a_part_has_no_more_time_than_the_whole() -> None:
-    """Nor more than its own."""
+def test_a_part_ends_at_the_time_limit_of_the_whole() -> None:
+    """It also ends at its own time limit, which leaves the whole running."""
     assert ProgressMonitor(0.0).part(1000).step(0.0, 0.0)
     whole = ProgressMonitor(60.0)
     part = whole.part(1000, 0.0)

@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Answers of problems with many minima cost less than anything that chance comes upon.
+Problems with many local minima: solutions cost less than the best of random inputs.
 
 The first two are among the tests of A. Yu. Gornov, T. S. Zarodnyuk, T. I. Madzhara, A. V.
 Daneeva, I. A. Veyalko, A collection of test multiextremal optimal control problems, in
@@ -16,11 +16,11 @@ import pytest
 DRAWN, PIECES, STEPS = 4000, 7, 8
 
 WELLS = {
-    'a product that grows': (
+    'growing product': (
         (0.5, -0.2), 1.7, 2.0,
         ('1 - b**2 + 0.5*b', 'a*u'), lambda a, b, u: (1 - b**2 + 0.5*b, a*u),
         'a*b + a - b', lambda a, b: a*b + a - b),
-    'a soft spring, to be thrown far': (
+    'soft spring': (
         (5.0, 0.0), 7.0, 1.0,
         ('b', 'u - a + a**3/6 - a**5/120'), lambda a, b, u: (b, u - a + a**3/6 - a**5/120),
         '(a + 1)**2 + (b - 9.5)**2', lambda a, b: (a + 1)**2 + (b - 9.5)**2),
@@ -31,8 +31,8 @@ WELLS = {
         '1.18*cos(2*a) + 1.21*b', lambda a, b: 1.18*np.cos(2*a) + 1.21*b)}
 
 
-def least_of_chance(x0, T, most, f, V):
-    """Return the least final cost of inputs held in turn, drawn inside of their bounds."""
+def minimum_over_random_inputs(x0, T, most, f, V):
+    """Return the minimum final cost over random piecewise constant inputs within their bounds."""
     chance = np.random.default_rng(0)
     part = chance.choice([-1.0, 1.0], (DRAWN, PIECES))
     part[::2] = chance.uniform(-1, 1, part[::2].shape)
@@ -47,7 +47,7 @@ def least_of_chance(x0, T, most, f, V):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', WELLS)
-def test_nothing_that_chance_finds_costs_less(name):
+def test_no_random_input_costs_less(name):
     x0, T, most, dynamics, f, terminal_cost, V = WELLS[name]
     answer = solve(problems.build({
         'states': ['a', 'b'], 'inputs': ['u'], 'dynamics': dict(zip('ab', dynamics, strict=True)),
@@ -56,4 +56,4 @@ def test_nothing_that_chance_finds_costs_less(name):
         'final_time': {'free': False, 'value': T}}))
     assert answer.certified, answer.message
     with np.errstate(over='ignore', invalid='ignore'):
-        assert answer.objective < least_of_chance(x0, T, most, f, V)
+        assert answer.objective < minimum_over_random_inputs(x0, T, most, f, V)

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Ways past obstacles: to either side of each, and the best of all of them."""
+"""Homotopy classes of paths past obstacles: guesses on either side, and the best solution."""
 
 from itertools import pairwise
 
@@ -15,7 +15,7 @@ DISCS = ((1.5, 0.7, 0.6), (2.8, 1.6, 0.6))
 
 
 def unicycle(discs):
-    """Return a unicycle that passes discs (centre, radius) on its way from (0, 0) to (4, 2)."""
+    """Return a unicycle that avoids discs (x, y, radius) on its way from (0, 0) to (4, 2)."""
     return problems.pose(
         {'px': 'v*cos(theta)', 'py': 'v*sin(theta)', 'theta': 'omega'}, 'v**2 + omega**2',
         (0, 0, 0), 5, inputs=['v', 'omega'], terminal_constraints=['px - 4', 'py - 2', 'theta'],
@@ -25,7 +25,7 @@ def unicycle(discs):
 
 
 def point_mass(discs, side):
-    """Return a point mass that passes discs in least time; `side` -1: all in the mirror."""
+    """Return a minimum-time point mass that avoids discs; `side` = -1 reflects everything."""
     return problems.build({
         'states': ['px', 'py', 'vx', 'vy'], 'inputs': ['ax', 'ay'],
         'dynamics': {'px': 'vx', 'py': 'vy', 'vx': 'ax', 'vy': 'ay'}, 'running_cost': 1,
@@ -38,14 +38,14 @@ def point_mass(discs, side):
 
 
 def turns(path, disc):
-    """Return the sign of the turn, seen from the centre of a disc, from start to end."""
+    """Return the angle of the path around the centre of a disc, from start to end."""
     arms = path.x[:, :2] - np.array(disc[:2])
     return sum(np.sign(a[0]*b[1] - a[1]*b[0]) * np.arccos(np.clip(
         a @ b / np.linalg.norm(a) / np.linalg.norm(b), -1, 1)) for a, b in pairwise(arms))
 
 
-def test_lines_are_bent_to_either_side_of_each():
-    """Of two discs in the way there are four choices of sides; seen from a centre they differ."""
+def test_lines_are_bent_to_either_side_of_each_disc():
+    """Two discs on the line give four combinations of sides."""
     problem = unicycle(DISCS)
     ways = bend_around(problem, Guesser(problem).line(problem, 5.0))
     sides = {tuple(bool(turns(way, disc) > 0) for disc in DISCS) for way in ways}
@@ -55,8 +55,8 @@ def test_lines_are_bent_to_either_side_of_each():
     assert length == pytest.approx(sorted(length), rel=1e-2)
 
 
-def test_what_follows_a_way_obeys_the_dynamics_and_goes_the_same_way():
-    """Its defects by the trapezoidal rule, put back, are small; the bent line's are not."""
+def test_followed_guesses_satisfy_the_dynamics_on_the_same_side():
+    """Their trapezoidal defects are small; those of the bent line are not."""
     problem = unicycle(DISCS)
     guesser = Guesser(problem)
     line = guesser.line(problem, 5.0)
@@ -76,32 +76,32 @@ def test_what_follows_a_way_obeys_the_dynamics_and_goes_the_same_way():
 
 
 @pytest.mark.parametrize('disc', [(2.0, 5.0, 0.5), (-1.0, -1.0, 0.5)])
-def test_what_is_not_in_the_way_bends_nothing(disc):
-    """A disc that no line aside of the straight one meets leaves the straight one alone."""
+def test_discs_away_from_the_line_do_not_bend_it(disc):
+    """Such a disc meets none of the parallel lines beside the straight one."""
     problem = unicycle([disc])
     assert bend_around(problem, Guesser(problem).line(problem, 5.0)) == []
 
 
-def test_a_disc_in_the_middle_of_the_line_is_passed_on_either_side():
-    """There its constraint has no slope aside."""
+def test_a_disc_centred_on_the_line_is_passed_on_either_side():
+    """There the gradient of the constraint has no component across the line."""
     problem = unicycle([(2.0, 1.0, 0.5)])
     ways = bend_around(problem, Guesser(problem).line(problem, 5.0))
     assert sorted(np.sign(turns(way, (2.0, 1.0))) for way in ways) == [-1, 1]
 
 
 @pytest.mark.slow
-def test_the_mirror_image_is_as_good():
-    """Searches from one line took a minute here, to an answer that took a third longer."""
+def test_a_reflected_problem_has_the_same_cost():
+    """Searches from one line took a minute here and ended with a time one third longer."""
     found = [solve(point_mass(DISCS, side)) for side in (1, -1)]
     assert all(answer.certified for answer in found)
     assert found[0].objective == pytest.approx(found[1].objective, rel=1e-9)
-    # Without discs px alone takes 2 sqrt(4); the path first found takes 5.37.
+    # Without discs px alone needs 2 sqrt(4); the path found first takes 5.37.
     assert 4.0 < found[0].objective < 4.1
 
 
 @pytest.mark.slow
-def test_an_obstacle_beside_a_constraint_on_inputs():
-    """The library died of the second constraint, which has the input in it."""
+def test_an_obstacle_and_a_constraint_on_inputs_are_met():
+    """The second constraint contains an input; evaluating it once ended the process."""
     stated = problems.pose(
         {'x': 'a', 'y': 'b'}, 'a**2 + b**2', (0, 0), 4, inputs=['a', 'b'],
         terminal_constraints=['x - 4', 'y'],

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Programs of many blocks, Gauss collocation and Runge-Kutta steps, against closed forms."""
+"""Transcriptions: multi-block programs, Gauss and Runge-Kutta steps, against closed forms."""
 
 from itertools import combinations, islice
 import math
@@ -47,8 +47,8 @@ LANE_CHANGE = {
     'final_time': {'free': False, 'value': 10}}
 
 
-def solved(mapping, mesh, **limits):
-    """Return the problem and the outcome of one program from the straight line."""
+def solve_program_on(mapping, mesh, **limits):
+    """Return the problem and the outcome of one program, started from the straight line."""
     problem = problems.build(mapping)
     mesh = mesh(problem)
     guess = Guesser(problem).line(problem, 1.0 if np.isnan(problem.final_time.value)
@@ -64,8 +64,8 @@ def solved(mapping, mesh, **limits):
     return problem, program.solve(problem, mesh, start, sizes, bounds, ProgressMonitor())
 
 
-def test_derivatives_of_a_program_are_those_of_its_expressions():
-    """Shared, repeated and constant entries of the index, against CasADi's own derivatives."""
+def test_derivatives_of_a_program_equal_those_of_casadi():
+    """Entries of the index are shared, repeated and constant."""
     v, own, shared = ca.SX.sym('v', 3), ca.SX.sym('own'), ca.SX.sym('shared', 2)
     g = ca.vertcat(v[0] * v[1] ** 2 + own, ca.sin(v[2]) * shared[0])
     cost = shared[1] * v[0] ** 2 * v[2] + own * ca.exp(v[1])
@@ -97,8 +97,8 @@ def test_derivatives_of_a_program_are_those_of_its_expressions():
 @pytest.mark.parametrize(('f', 'cost'), [
     (('y', 'u'), '1'), (('0*x', '3'), 'x + u'), (('k*x*y*sin(w)', 'u*x - cos(y)'), 'k*abs(u*y)'),
     (('sin(x*y) + u**2', 'u*w*exp(-x)'), '(x - y*u)**2 + w**2')])
-def test_derivatives_of_an_interval_are_those_of_its_expressions(f, cost, free):
-    """By the chain rule through the stages, against CasADi's of the whole step."""
+def test_derivatives_of_an_interval_equal_those_of_casadi(f, cost, free):
+    """The chain rule through the stages equals CasADi's derivatives of the whole step."""
     problem = problems.build({
         'states': ['x', 'y'], 'inputs': ['u', 'w'], 'parameters': {'k': 2},
         'dynamics': dict(zip('xy', f, strict=True)), 'running_cost': cost,
@@ -115,7 +115,7 @@ def test_derivatives_of_an_interval_are_those_of_its_expressions(f, cost, free):
         g, J, ca.gradient(J, v), ca.gradient(both, v), ca.jacobian(g, v), ca.hessian(both, v)[0]])
     chance = np.random.default_rng(1)
     points = [chance.uniform(0.5, 1.5, (rows, symbol.numel())) for symbol in given]
-    points[2][:] = points[2][0]   # all intervals share it
+    points[2][:] = points[2][0]   # shared by all intervals
     result = np.empty((rows, whole.batch.outputs[-1].stop))
     whole.batch.of_joined(np.hstack(points), result)
     for k in range(rows):
@@ -132,10 +132,10 @@ def test_derivatives_of_an_interval_are_those_of_its_expressions(f, cost, free):
 
 
 @pytest.mark.parametrize('stages', [0, 3])
-def test_cost_above_the_least_falls_with_the_fourth_power(stages):
+def test_the_excess_cost_has_order_four(stages):
     above = []
     for intervals in (4, 8, 16):
-        _, outcome = solved(LQ, lambda p, n=intervals: build_uniform_mesh(p, n, stages))
+        _, outcome = solve_program_on(LQ, lambda p, n=intervals: build_uniform_mesh(p, n, stages))
         assert outcome.converged
         above.append(outcome.objective - LQ_COST)
     assert all(value > 0 for value in above)
@@ -143,9 +143,9 @@ def test_cost_above_the_least_falls_with_the_fourth_power(stages):
 
 
 @pytest.mark.parametrize('stages', [0, 3])
-def test_costates_have_the_sign_of_the_hamiltonian(stages):
-    """lam(0) = dJ/dx0 = P(0) x0, from the sweep and from the multipliers."""
-    problem, outcome = solved(LQ, lambda p: build_uniform_mesh(p, 32, stages))
+def test_costates_equal_the_gradient_of_the_cost(stages):
+    """lam(0) = dJ/dx0 = P(0) x0, from the adjoint sweep and from the multipliers."""
+    problem, outcome = solve_program_on(LQ, lambda p: build_uniform_mesh(p, 32, stages))
     course = CostateIntegrator(problem).extremal(problem, outcome, 2)
     assert course.lam[0, 0] == pytest.approx(LQ_COSTATE, abs=1e-6)
     np.testing.assert_allclose(course.lam_end[1::2], outcome.costates[1:], atol=1e-7)
@@ -154,10 +154,10 @@ def test_costates_have_the_sign_of_the_hamiltonian(stages):
 
 
 @pytest.mark.parametrize('stages', [0, 3])
-def test_input_integrated_by_others_meets_the_terminal_constraints(stages):
-    """The path is that of the input returned: solve_ivp under it ends where it should."""
+def test_integrating_the_input_meets_the_terminal_constraints(stages):
+    """Integrate the returned input with solve_ivp; it ends at the required state."""
     from scipy.integrate import solve_ivp
-    problem, outcome = solved(LANE_CHANGE, lambda p: build_uniform_mesh(p, 40, stages))
+    problem, outcome = solve_program_on(LANE_CHANGE, lambda p: build_uniform_mesh(p, 40, stages))
     path = outcome.path
     f = ca.Function('f', [problem.x, problem.u, problem.p], [problem.f, problem.L])
 
@@ -174,8 +174,8 @@ def test_input_integrated_by_others_meets_the_terminal_constraints(stages):
     assert np.all(path.ua[:, 1] <= 0.1)
 
 
-def test_phases_of_unknown_length_find_a_switch_off_the_grid():
-    """Double integrator from (1, 0.5) in least time: 0.5 + 2 sqrt(1.125)."""
+def test_phases_of_free_duration_find_the_switching_time():
+    """Minimum time of the double integrator from (1, 0.5): T = 0.5 + 2 sqrt(1.125)."""
     mapping = {
         'states': ['x', 'v'], 'inputs': ['u'], 'dynamics': {'x': 'v', 'v': 'u'},
         'running_cost': '1', 'initial_state': {'x': 1, 'v': 0.5},
@@ -186,12 +186,12 @@ def test_phases_of_unknown_length_find_a_switch_off_the_grid():
         phases = (Phase(2, (HELD,), (False,)),) * 2
         return Mesh(Layout(phases, 0, True), np.full(4, 0.5), np.array([[-1.0], [1.0]]))
 
-    _, outcome = solved(mapping, mesh)
+    _, outcome = solve_program_on(mapping, mesh)
     assert outcome.objective == pytest.approx(0.5 + 2 * np.sqrt(1.125), abs=1e-9)
     assert outcome.path.durations[0] == pytest.approx(0.5 + np.sqrt(1.125), abs=1e-9)
 
 
-def test_a_mesh_is_cut_without_moving_its_points():
+def test_splitting_a_mesh_keeps_its_points():
     problem = problems.build(LQ)
     mesh = build_uniform_mesh(problem, 3, 0)
     finer = split(mesh, np.array([1, 3, 2]))
@@ -200,7 +200,7 @@ def test_a_mesh_is_cut_without_moving_its_points():
     assert finer.layout.phases[0].modes == (LINEAR,)
 
 
-def test_an_arc_that_has_shrunk_to_nothing_is_not_cut():
+def test_an_arc_of_zero_duration_is_not_refined():
     phase = Phase(2, (LINEAR,), (False,))
     mesh = Mesh(Layout((phase, phase), 0, False), np.full(4, 0.5), np.zeros((2, 1)))
     u = np.array([[0.0], [1.0], [5.0], [6.0]])
@@ -213,7 +213,7 @@ def test_an_arc_that_has_shrunk_to_nothing_is_not_cut():
         assert new.fractions.sum() == pytest.approx(2)
 
 
-def test_a_monitor_ends_a_solver_within_an_iteration():
+def test_a_monitor_ends_a_solver_after_one_iteration():
     seen = []
 
     def report(phase, iteration, cost, infeasibility):
@@ -234,52 +234,52 @@ def test_a_monitor_ends_a_solver_within_an_iteration():
     assert seen == [1, 2, 3]
 
 
-def test_no_start_comes_twice():
+def test_initial_guesses_are_distinct():
     problem = problems.build(LANE_CHANGE)
     starts = Guesser(problem).starts(problem, CostateIntegrator(problem))
     seen = [np.hstack([start.x[:-1], start.ua]) for start in islice(starts, 20)]
     assert all(np.abs(a - b).max() > 1e-6 for a, b in combinations(seen, 2))
 
 
-def some_path():
-    """Return a path of one state and one input."""
+def build_path():
+    """Return a path with one state and one input."""
     t = np.array([0.0, 1.0])
     return Path(t, t[:, None], np.zeros((1, 0, 1)), np.ones((1, 1)), np.ones((1, 1)), t[1:])
 
 
 @pytest.mark.parametrize(('minima', 'searches'), [(1, 7), (2, 16), (3, 29)])
-def test_searches_are_enough_once_no_other_minimum_is_expected(minima, searches):
-    """Where w (n - 1) / (n - w - 2) comes down to w + 1/2: n = (w + 1/2) (w + 2) - w over 1/2."""
+def test_multistart_ends_when_no_other_minimum_is_expected(minima, searches):
+    """For w minima, w (n - 1) / (n - w - 2) = w + 1/2 at n = 2 ((w + 1/2) (w + 2) - w)."""
     familiar = Familiar()
     for k in range(searches):
         assert not familiar.enough()
-        cost = (1.0 + k % minima) * (1 + 1e-5 * k)   # as rough as found
-        familiar.ended(cost, 0.0, some_path())
+        cost = (1.0 + k % minima) * (1 + 1e-5 * k)   # costs as rough as those of the searches
+        familiar.ended(cost, 0.0, build_path())
     assert searches == math.ceil(2 * ((minima + 0.5) * (minima + 2) - minima))
     assert familiar.enough()
 
 
-def test_a_search_shows_by_its_iterates_that_it_brings_nothing_new():
+def test_a_search_that_repeats_an_earlier_one_is_recognised():
     familiar = Familiar()
     path = [(5.0, 0.3), (3.0, 0.1), (2.0, 1e-9)]
     assert not any(familiar.again(*iterate) for iterate in path)
-    familiar.ended(*path[-1], some_path())
-    assert not familiar.again(5.1, 0.3)     # begins elsewhere,
-    assert familiar.again(3.0, 0.1)         # and comes to the path of another
-    assert familiar.again(2.0001, 1e-7)     # or to where it led;
-    assert not familiar.again(2.01, 1e-7)   # not to another minimum,
-    assert not familiar.again(2.0001, 0.2)  # nor to what is not feasible
+    familiar.ended(*path[-1], build_path())
+    assert not familiar.again(5.1, 0.3)     # starts elsewhere
+    assert familiar.again(3.0, 0.1)         # reaches the path of an earlier search
+    assert familiar.again(2.0001, 1e-7)     # reaches an earlier minimum
+    assert not familiar.again(2.01, 1e-7)   # reaches another minimum
+    assert not familiar.again(2.0001, 0.2)  # is not feasible
 
 
 @pytest.mark.parametrize('running_cost, terminal_cost, uneven', [
     ('u**2', 'x**2', False), ('u**2 - x**2', '0', False), ('u**2 + x**4', 'exp(x)', False),
     ('u**2', 'sin(x)', True), ('u**2 + x**4 - x**2', '0', True), ('u**4 - u**2', '0', True)])
-def test_costs_with_hollows_are_told_from_others(running_cost, terminal_cost, uneven):
+def test_costs_with_several_local_minima_are_recognised(running_cost, terminal_cost, uneven):
     problem = problems.build(LQ, running_cost=running_cost, terminal_cost=terminal_cost)
     assert Uneven(problem)(problem, np.full(1, 3.0), np.full(1, 3.0)) is uneven
 
 
-def test_lines_are_scattered_over_the_final_states_that_are_open():
+def test_guesses_cover_the_free_final_states():
     problem = problems.build(
         LQ, states=['x', 'y'], dynamics={'x': 'u', 'y': 'x + u'}, initial_state={'x': 1, 'y': 1},
         terminal_constraints=['y - 2'])
@@ -293,8 +293,8 @@ def test_lines_are_scattered_over_the_final_states_that_are_open():
     assert np.all(paths[0].x[0] == problem.x0)
 
 
-def test_inputs_drawn_at_random_lead_near_where_no_line_does():
-    """A point inside of a car's turning circle: a line to it is no path."""
+def test_random_inputs_reach_a_point_that_no_line_reaches():
+    """The point lies inside the turning circle of a car; a straight line to it is infeasible."""
     problem = problems.pose(
         {'x': 'cos(a)', 'y': 'sin(a)', 'a': 'w'}, '1', (0, 0, 0),
         {'free': True, 'lower': 0.1, 'upper': 30}, inputs=['w'], input_bounds={'w': [-1, 1]},
