@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The record of a solve: a tree of attempts whose work adds up, and what it says meanwhile."""
+"""The record of a solve: the tree of attempts, sums of work, and progress messages."""
 
 import math
 
@@ -53,7 +53,7 @@ def test_the_most_detailed_attempts_are_left_out(tree, most):
     trace = Trace()
     record(trace, tree)
     every, found = trace.attempts(), trace.attempts(most)
-    assert len(found) == min(most, len(found))
+    assert len(found) <= most
     numbers = {each.number for each in found}
     assert set(found) <= set(every)
     assert all(not each.parent or each.parent in numbers for each in found)
@@ -100,7 +100,7 @@ def test_an_attempt_that_raises_is_recorded():
     assert (attempt.work, attempt.verdict) == (2, Verdict.STOPPED)
 
 
-def test_a_solution_tells_how_it_was_found():
+def test_a_solution_reports_its_attempts():
     found = solve(problems.build('goddard'))
     tree = {each.number: each for each in found.attempts}
     top = [each for each in found.attempts if not each.parent]
@@ -118,12 +118,13 @@ def test_a_solution_tells_how_it_was_found():
 
 @pytest.mark.slow
 def test_the_minima_of_the_search_are_reported_after_the_refinement():
-    """The published minimum of the cart-pole is 58.81; the search finds a lower one, too."""
+    """The published minimum of the cart-pole is 58.81; the search also finds a lower one."""
     found = solve(problems.build('cart_pole'))
     assert [each.verdict for each in found.attempts if each.method == 'indirect refinement'] == [
         Verdict.CERTIFIED]
+    assert found.optimality.starts > 1
     assert found.optimality.starts == sum(
-        each.method == 'initial guess' for each in found.attempts) > 1
+        each.method == 'initial guess' for each in found.attempts)
     assert found.optimality.minima[0] == found.objective
     assert found.optimality.minima[1] == pytest.approx(58.81, abs=0.01)
 
@@ -135,9 +136,9 @@ def test_a_closed_form_needs_one_attempt():
     assert (attempt.verdict, attempt.cost) == (Verdict.CERTIFIED, found.objective)
 
 
-def test_a_refusal_tells_what_was_tried():
+def test_an_infeasible_solution_reports_its_proof():
     found = solve(problems.pose({'x': 'v', 'v': 'u'}, 'u**2', (0, 0), 1, terminal_constraints=[
-        'x - 1', 'v'], input_bounds={'u': [-3.9, 3.9]}))   # wanted: at least 4
+        'x - 1', 'v'], input_bounds={'u': [-3.9, 3.9]}))   # 4 is needed for T = 1
     assert found.status is Status.INFEASIBLE, found.message
     proofs = [each for each in found.attempts if each.verdict is Verdict.PROVED]
     assert proofs
