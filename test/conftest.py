@@ -1,15 +1,15 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Fixtures of every test that runs nodes: `domain`, `spawn`, `probe`, `terminal`.
+Fixtures of the tests that run nodes: `domain`, `spawn`, `probe`, `terminal`.
 
-A test that asks for one of them carries the marker ``nodes``; the output of the processes it
-spawned is attached to its report when it fails. A test that asks for `clock` carries ``alone`` and
-runs while no other worker runs one. Several workers run slow tests and nodes first and the tests
-marked ``alone`` last, so that no worker waits at the end or between.
+A test that uses one of them carries the marker ``nodes``; if it fails, its report contains the
+output of its processes. A test that uses `clock` carries ``alone`` and runs while no other worker
+runs such a test. With several workers, slow tests and tests of nodes run first and those marked
+``alone`` last, so that no worker waits in between or at the end.
 
-A test carries ``check`` unless it carries ``nodes`` or ``slow``. `make check` runs the tests that
-carry it. A test of them that takes twice `QUICK` fails; processes that it has waited for count.
+A test carries ``check`` unless it carries ``nodes`` or ``slow``; `make check` runs these tests.
+Such a test fails if it takes twice `QUICK`, including the processes that it has waited for.
 """
 
 from collections.abc import Iterator
@@ -28,18 +28,20 @@ from words import Terminal, WORDS
 os.environ.update(support.ISOLATED)
 for _name in support.FOREIGN:
     os.environ.pop(_name, None)
-choose_profile()   # of the probes: processes do so themselves, or not
+choose_profile()   # for the probes; processes of nodes choose their own
 
-# A shell lets what it starts in the background ignore SIGINT, and so would all that tests start.
+# A shell starts background processes with SIGINT ignored, and child processes inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# Neither chance nor the clock of a busy machine decides a test. `--hypothesis-profile explore`
+# Tests are deterministic and without deadlines. `--hypothesis-profile explore` draws new examples
+# each time.
 # looks at other examples each time.
 settings.register_profile('obc_ros', deadline=None, derandomize=True)
 settings.register_profile('explore', deadline=None)
 settings.load_profile('obc_ros')
 
-# Locks between the workers. Who waits for the room holds the door, so that nobody overtakes them.
+# Locks between the workers. A worker that waits for the room holds the door, so that no other
+# worker enters before it.
 _DOOR, _ROOM = (os.open(path, os.O_RDONLY) for path in (__file__, Path(__file__).parent))
 
 QUICK = 0.5  # [s] of processor time that a test may take without the marker `slow`
@@ -48,7 +50,7 @@ _SPAWNER = pytest.StashKey[support.Spawner]()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark tests that run nodes, that hold times to bounds, that belong to `make check`."""
+    """Mark tests that run nodes, tests that measure times, and tests for `make check`."""
     for item in items:
         fixtures = getattr(item, 'fixturenames', ())
         if 'domain' in fixtures:
@@ -57,7 +59,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker('alone')
         if not any(map(item.get_closest_marker, ('nodes', 'slow'))):
             item.add_marker('check')
-    if hasattr(config, 'workerinput'):  # of pytest-xdist; one process needs no order
+    if hasattr(config, 'workerinput'):  # set by pytest-xdist; a single process needs no order
         items.sort(key=_stage)
 
 
@@ -68,7 +70,7 @@ def _stage(item: pytest.Item) -> int:
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """Let a test that holds times to bounds have the machine to itself."""
+    """Run a test that measures times while no other test runs."""
     fcntl.flock(_DOOR, fcntl.LOCK_EX)
     try:
         fcntl.flock(_ROOM, fcntl.LOCK_EX if item.get_closest_marker('alone') else fcntl.LOCK_SH)
@@ -82,7 +84,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
-    """Fail a slow test that `make check` runs."""
+    """Fail a test for `make check` that takes too long."""
     if item.config.option.markexpr != 'check' or item.get_closest_marker('nodes'):
         return (yield)
     begun = sum(os.times()[:4])
@@ -104,7 +106,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
 
 @pytest.fixture
 def domain() -> Iterator[int]:
-    """Return a domain id that nothing else on this machine uses."""
+    """Return a domain id that no other process on this machine uses."""
     with reserve_domain() as domain:
         yield domain
 
@@ -116,8 +118,8 @@ def spawn(
     """
     Start executables and end them after the test.
 
-    ``process = spawn('lqr_node', {'system': 'aircraft'})``. The test fails if a process had died
-    unnoticed or does not heed SIGINT.
+    ``process = spawn('lqr_node', {'system': 'aircraft'})``. The test fails if a process has died
+    unnoticed or ignores SIGINT.
     """
     spawner = request.node.stash[_SPAWNER] = support.Spawner(tmp_path, domain)
     yield spawner
@@ -127,7 +129,7 @@ def spawn(
 
 @pytest.fixture
 def probe(domain: int) -> Iterator[support.Probe]:
-    """Return a node in the domain of the test."""
+    """Return a probe node in the domain of the test."""
     probe = support.Probe(domain)
     yield probe
     probe.close()
@@ -135,9 +137,9 @@ def probe(domain: int) -> Iterator[support.Probe]:
 
 @pytest.fixture(params=WORDS)
 def terminal(request: pytest.FixtureRequest, domain: int, tmp_path: Path) -> Iterator[Terminal]:
-    """Return a terminal for `obc`, and one for `ros2` where that is, with its daemon meanwhile."""
+    """Return a terminal for `obc`, and one for `ros2` with its daemon where it is installed."""
     terminal = Terminal(request.param, domain, tmp_path)
-    if terminal.word == 'ros2':  # one that the first line starts knows no nodes yet
+    if terminal.word == 'ros2':  # a daemon started by the first line would not know the nodes yet
         terminal.say('daemon', 'start')
     yield terminal
     if terminal.word == 'ros2':
@@ -146,7 +148,7 @@ def terminal(request: pytest.FixtureRequest, domain: int, tmp_path: Path) -> Ite
 
 @pytest.fixture
 def clock() -> Iterator[support.Clock]:
-    """Return a clock that leaves out when the machine stood still."""
+    """Return a clock that excludes the times at which the machine was stalled."""
     clock = support.Clock()
     yield clock
     clock.close()

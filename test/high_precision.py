@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Riccati solutions with 80 digits, by the textbook formulas that lose digits in double."""
+"""Riccati solutions with 80 digits, by formulas that lose accuracy in double precision."""
 
 import decimal
 
@@ -10,12 +10,12 @@ decimal.getcontext().prec = 80
 
 
 def exact(M):
-    """Return a matrix of floats as decimals, digit for digit."""
+    """Return a matrix of floats as decimals, without rounding."""
     return np.array([[decimal.Decimal(float(value)) for value in row] for row in np.atleast_2d(M)])
 
 
 def solve(M, right):
-    """Return M^-1 right by elimination with pivots."""
+    """Return M^-1 right by Gaussian elimination with pivoting."""
     rows = np.concatenate([M, right], axis=1)
     n = len(M)
     for k in range(n):
@@ -29,7 +29,7 @@ def solve(M, right):
 
 
 def exponential(M):
-    """Return exp(M) by its series and squaring."""
+    """Return exp(M) by scaling, series and squaring."""
     halvings = max(0, int(np.ceil(np.log2(float(max(abs(value) for value in M.ravel())) + 1)))) + 4
     small = M / decimal.Decimal(2**halvings)
     term = total = exact(np.eye(len(M)))
@@ -61,9 +61,9 @@ def riccati_condition(A, B, Q, P1, to_go):
     """
     Return the mixed condition numbers of P and of K = B'P, Qu = 1 (Gohberg and Koltracht 1993).
 
-    The least c with max|dP| <= c e max|P| to first order for all changes of the entries of A,
-    G = BB', Q and P1 by a part e each (symmetric ones in pairs), and B likewise for K:
-    c = max over P of sum |dP/dd| |d| over the data d, divided by max|P|. Derivatives are
+    The number c is the minimum for which max|dP| <= c e max|P| to first order, for all relative
+    changes up to e of the entries of A, G = BB', Q and P1 (symmetric ones in pairs), and of B
+    for K: c = max over P of sum |dP/dd| |d| over the data d, divided by max|P|. Derivatives are
     differences with a step of 1e-25 in 80 digits.
     """
     step, B = decimal.Decimal(10)**-25, exact(B)

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of any type with values that nobody sane would send, as hypothesis strategies."""
+"""Hypothesis strategies for messages of any type with invalid and extreme values."""
 
 from array import array
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from rosidl_parser import definition
 
 NUMBERS = [0.0, -0.0, 1.0, -1.0, 0.5, 1e-300, 5e-324, 1e9, 1e300, 1.7976931348623157e308,
            float('nan'), float('inf'), float('-inf')]
-# Names and words that mean something to some node, and what pretends to.
+# Names and words that have a meaning for some node, and similar ones.
 TEXTS = [
     '', ' ', '0', '1', '-1', '1e400', 'nan', 'inf', 'x', 'v', 'p', 'u', 'theta', 'px', 'T',
     'aircraft', 'vehicle', 'scalar', 'linear', 'double_integrator', 'two_wheeled', 'brockett',
@@ -38,7 +38,7 @@ _BASIC: dict[str, Any] = {
 
 
 def messages(cls: Any, depth: int = 0) -> st.SearchStrategy[Any]:
-    """Return messages of a class, every field of them anything that its type can hold."""
+    """Return messages of a class in which each field is any value of its type."""
     fields = {name: _values(kind, depth) for name, kind in zip(
         cls.get_fields_and_field_types(), cls.SLOT_TYPES, strict=True)}
     return st.fixed_dictionaries({}, optional=fields).map(lambda values: cls(**values))
@@ -46,7 +46,7 @@ def messages(cls: Any, depth: int = 0) -> st.SearchStrategy[Any]:
 
 @st.composite
 def spoilt(draw: Any, whole: Any) -> Any:
-    """Return copies of a sane message of which one to three parts are not."""
+    """Return copies of a valid message in which one to three fields are invalid."""
     message = copy.deepcopy(whole)
     for _ in range(draw(st.integers(1, 3))):
         _spoil(draw, message)
@@ -99,7 +99,7 @@ def _lists(kind: Any, depth: int) -> st.SearchStrategy[Any]:
 
 
 def _packed(kind: Any) -> Callable[[list[Any]], Any]:
-    """Return what makes of a list what the generated setters want."""
+    """Return the conversion of a list to the type that the generated setter expects."""
     name = getattr(kind.value_type, 'typename', '')
     if name == 'double' and not isinstance(kind, definition.Array):
         return lambda values: array('d', values)
@@ -108,5 +108,5 @@ def _packed(kind: Any) -> Callable[[list[Any]], Any]:
 
 def _class(kind: Any) -> Any:
     module = import_module('.'.join(kind.namespaces))
-    name, _, part = kind.name.partition('_')  # of an action's goal, say
+    name, _, part = kind.name.partition('_')  # the goal of an action, for example
     return getattr(getattr(module, name), part) if part else getattr(module, name)

@@ -1,9 +1,9 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-What a launch file of this package starts: as launch tells where that is, or `obc launch`.
+The nodes that a launch file of this package starts, by `launch` if installed or `obc launch`.
 
-launch runs the file with executables of the nodes' names that write down what they are given.
+The launch file runs with executables in place of the nodes, which record their arguments.
 """
 
 import importlib.util
@@ -21,7 +21,7 @@ from obc_ros.core.text.errors import ObcError
 ROOT = Path(__file__).resolve().parents[1]
 EXECUTABLES = ('plant_simulator', 'lqr_node', 'trajectory_server')
 VARIABLE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
-# Ends once every node has been started again, where they are.
+# The launch ends once every node has been started a second time, if nodes are respawned.
 LAUNCH = """
 import os, pathlib, sys
 from launch import LaunchDescription, LaunchService
@@ -42,7 +42,7 @@ service.include_launch_description(LaunchDescription([
         launch_arguments=[tuple(each.split(':=', 1)) for each in arguments])]))
 sys.exit(service.run())
 """
-# In place of a node: writes down what it is given, and whether it is started again.
+# In place of a node: records its arguments, and whether it is started again.
 WITNESS = f"""#!{sys.executable}
 import json, os, pathlib, sys
 import yaml
@@ -61,7 +61,7 @@ else:
 
 
 class RefusedError(Exception):
-    """The arguments were not accepted, and no node was started."""
+    """The arguments were rejected, and no node was started."""
 
 
 def nodes(file: str, **arguments: str) -> list[Started]:

@@ -25,7 +25,7 @@ def control(x: tuple[float, ...] = (0.0, 0.0), u: float = 0.0, drift: tuple[floa
 
 
 def answers(loop: ControlLoop, *states: tuple[float, list[float]]) -> list[list[float] | None]:
-    """Return the answers to states at stamps [s], each told at its stamp."""
+    """Return the commands for states at stamps [s]; each state arrives at its stamp."""
     return [loop.answer(round(t * S), x, t) for t, x in states]
 
 
@@ -33,10 +33,10 @@ class Ramp:
     """The reference px = t."""
 
     def at(self, t: float) -> ReferencePoint:
-        """Return it."""
+        """Return its point at time t."""
         return ReferencePoint((t, 1.0), (0.0,), K)
 
 
 def leg(begin: int | None, end: float = 2.0) -> Leg:
-    """Return a ramp, and what holds its end."""
+    """Return a ramp with a law that holds its end."""
     return Leg(Reference(begin, end), Ramp(), StateFeedback((end, 0.0), (0.5,), K, (0.0, 0.0)))

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""An lqr_node between a publisher of states and a list of its commands."""
+"""An lqr_node between a publisher of states and a subscriber to its commands."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -21,14 +21,14 @@ HOVER = np.array([0.0, 4 * 9.8])
 
 
 class Bench:
-    """The node in a process of its own, and what stands around it."""
+    """The node in a process of its own, with publishers and subscriptions around it."""
 
     def __init__(self, spawn: support.Spawner, probe: support.Probe, qos: Any = 10,
                  message: type = State, topic: str = 'state', sink: type = Command,
                  commands: str = 'command', **parameters: Any) -> None:
         self.probe = probe
         given = {key.replace('__', '.'): value for key, value in parameters.items()}
-        given.setdefault('state_timeout', 0.0)   # a test on a busy machine may be slow to send
+        given.setdefault('state_timeout', 0.0)   # a loaded machine sends states late
         self.process = spawn('lqr_node', given)
         self.designs: list[LqrDesign] = probe.listen(LqrDesign, '/lqr_node/design', LATCHED)
         self.commands: list[Any] = probe.listen(sink, commands)
@@ -39,7 +39,7 @@ class Bench:
         self.stamp = 0
 
     def send(self, x: Sequence[float], stamp: float | None = None, frame: str = '') -> int:
-        """Publish a state and return its stamp [ns]; 10 ms after the last, if none is given."""
+        """Publish a state and return its stamp [ns]: the last one plus 10 ms if none is given."""
         self.stamp = self.stamp + 10_000_000 if stamp is None else round(stamp * 1e9)
         message = State(x=list(map(float, x)))
         message.header.frame_id = frame
@@ -56,7 +56,7 @@ class Bench:
         return np.array(command.u)
 
     def ask(self, x: Sequence[float]) -> Array:
-        """Return the answer of a node that may not be connected yet."""
+        """Return the command of a node that may not be connected yet."""
         found: list[Any] = []
 
         def answered() -> bool:
@@ -75,13 +75,13 @@ class Bench:
         return self.probe.set_parameters_atomically('/lqr_node', **values)
 
     def design(self, revision: int) -> LqrDesign:
-        """Return a design of `~/design`."""
+        """Return the design with a revision, from `~/design`."""
         return self.probe.wait_for(
             lambda: next((each for each in self.designs if each.revision == revision), None),
             what=f'revision {revision}')
 
     def report(self, part: str, condition: Callable[[Any, dict[str, str]], Any]) -> Any:
-        """Return the first diagnostic status of a part that comes now and meets a condition."""
+        """Return the next diagnostic status of a part that meets a condition."""
         self.reports.clear()
         found: list[Any] = []
 
@@ -99,11 +99,11 @@ class Bench:
 
 class Heard:
     """
-    What is said in a loop: stamps [ns] of its states and commands, and how many belong together.
+    Record the stamps [ns] of states and commands of a loop, and how many belong together.
 
-    They are counted as they come: to look through all of them at each turn takes a probe time that
-    grows with what it has heard, until it only falls behind. The queues of both topics are of one
-    length: a probe that falls behind all the same loses the same states and commands.
+    Pairs are counted on arrival: a search through all messages at each turn would take longer and
+    longer until the probe falls behind. Both topics have queues of the same length, so a probe
+    that falls behind still loses states and commands alike.
     """
 
     def __init__(self, probe: support.Probe, namespace: str = '') -> None:
@@ -115,15 +115,16 @@ class Heard:
         probe.node.create_subscription(Command, topics[1], self._on_command, 10)
 
     def clear(self) -> None:
-        """Forget what was heard."""
+        """Discard everything recorded so far."""
         self.states: set[int] = set()
         self.commands: set[int] = set()
         self.answers = 0
-        self.x: Sequence[float] = ()   # of the last state
+        self.x: Sequence[float] = ()   # the last state
 
     def _on_state(self, message: State) -> None:
         stamp, self.x = nanoseconds(message), message.x
-        self.answers += stamp in self.commands and stamp not in self.states   # either comes first
+        # Either message may arrive first.
+        self.answers += stamp in self.commands and stamp not in self.states
         self.states.add(stamp)
 
     def _on_command(self, message: Command) -> None:
@@ -143,13 +144,13 @@ def matrix(values: Sequence[float], rows: int) -> Array:
 
 
 def riccati_gain(design: LqrDesign, Qx: Array, Qu: Array) -> Array:
-    """Return the gain by another solver, for the plant that a design tells."""
+    """Return the gain by scipy's Riccati solver for the plant that a design reports."""
     A, B = matrix(design.a, len(design.xe)), matrix(design.b, len(design.xe))
     return np.linalg.solve(Qu, B.T @ solve_continuous_are(A, B, Qx, Qu))
 
 
 def reference(t: Any, x: Any, u: Any, stamp: float = 0.0, **fields: Any) -> Trajectory:
-    """Return the message of a reference."""
+    """Return a reference as a message."""
     message = Trajectory(t=list(t), x=np.ravel(x).tolist(), u=np.ravel(u).tolist(), **fields)
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(round(stamp * 1e9), 10**9)
     return message

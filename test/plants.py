@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Linear plants of the chapter, by hand from its equations."""
+"""Linear plants of the chapter, derived by hand from its equations."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ CHAIN, FORCE = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
 
 
 def vehicle(v: float, length: float = 2.0) -> tuple[Array, Array]:
-    """Return (A, B) of the vehicle across the road at a speed [m/s]; the state is (py, theta)."""
+    """Return (A, B) of the lateral vehicle at a speed [m/s]; the state is (py, theta)."""
     return v * CHAIN, v / length * FORCE
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Build the optimal control problems of tests: from the files in problems/, or stated in place."""
+"""Build the optimal control problems of tests, from files in problems/ or from statements."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

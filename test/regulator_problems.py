@@ -9,7 +9,7 @@ from scipy.linalg import solve_continuous_are
 
 @st.composite
 def problems(draw, largest_spread=6.0):
-    """Draw a plant and weights over many decades of scale, well and ill-conditioned."""
+    """Draw a plant and weights over many decades, both well and ill-conditioned."""
     n, m = draw(st.integers(1, 7)), draw(st.integers(1, 3))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     spread = draw(st.sampled_from([0.0, 1.0, 3.0, largest_spread]))
@@ -34,10 +34,10 @@ def cost_of(K, A, B, Qx, Qu):
 
 def is_hard(A, B, Qx, Qu):
     """
-    Return whether no proof can be expected.
+    Return whether the design may be impossible to verify.
 
-    A mode is (nearly) out of reach or unseen, the Hamiltonian matrix has an eigenvalue near the
-    imaginary axis, or the data determine P to few digits only.
+    A mode is (nearly) uncontrollable or undetectable, the Hamiltonian matrix has an eigenvalue
+    near the imaginary axis, or the data determine P only to a few digits.
     """
     n = len(A)
     H = np.block([[A, -B @ np.linalg.solve(Qu, B.T)], [-Qx, -A.T]])

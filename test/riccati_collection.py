@@ -47,7 +47,7 @@ def example_14(d):
 
 
 def example_15(vehicles):
-    """Return a string of vehicles at speed, whose distances are held (Athans, Levine)."""
+    """Return a string of moving vehicles whose distances are controlled (Athans, Levine)."""
     n = 2 * vehicles - 1
     A, B, C = np.zeros((n, n)), np.zeros((n, vehicles)), np.zeros((vehicles - 1, n))
     for i in range(vehicles):
@@ -66,7 +66,7 @@ def example_16(n):
 
 
 def example_17(n):
-    """Return a chain of n integrators; the corner of P is 1."""
+    """Return a chain of n integrators; the corner element of P is 1."""
     return np.eye(n, k=1), np.eye(n)[:, -1:], np.diag(np.eye(n)[0]), [[1]]
 
 
@@ -120,12 +120,12 @@ def example_6():
 
 
 def example_18(n, a=0.01, low=0.2, high=0.3):
-    """Return the heat flow in a rod, in linear finite elements (Rosen, Wang 1992)."""
+    """Return heat conduction in a rod, by linear finite elements (Rosen, Wang 1992)."""
     h = 1.0 / (n + 1)
     mass = h / 6 * (4 * np.eye(n) + np.eye(n, k=1) + np.eye(n, k=-1))
     stiffness = -a / h * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
 
-    def weight(i):  # of a hat between the ends
+    def weight(i):  # integral of a weight function over a hat function
         corners = np.unique(np.clip([low, high, (i - 1) * h, i * h, (i + 1) * h], low, high))
         hat = np.maximum(0.0, 1.0 - np.abs(corners / h - i))
         return (0.5 * (hat[1:] + hat[:-1]) * np.diff(corners)).sum()
@@ -139,7 +139,7 @@ def example_20(disks):
     """
     Return a rotating axle (Lang, Penzl 1994): speed of the first disk, relative speeds, angles.
 
-    The disks are ours, of the sizes of the collection's.
+    The data of the disks are not the collection's; the numbers of disks are.
     """
     n, between = 2 * disks - 1, np.arange(1, disks)
     along = np.linspace(0.0, math.pi, disks)
@@ -194,7 +194,7 @@ OTHERS = {
     **{f'20, {k}': example_20(k) for k in (4, 40)},
 }
 
-# Rounded to three digits as it is printed, Qx of example 3 has the eigenvalue -0.0012.
+# Qx of example 3, rounded to three digits as printed, has the eigenvalue -0.0012.
 _INDEFINITE = ('Qx must be positive semidefinite: scaled to a unit diagonal, its minimum '
                'eigenvalue is')
 EXAMPLE_3 = (

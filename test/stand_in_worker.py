@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the workers of test_workers.py do: each way in which a request can go."""
+"""A worker for the tests of the pool, with a request for each way in which work can end."""
 
 import os
 import time
@@ -14,7 +14,7 @@ KEEP = []
 
 
 def answer(kind, request, time_limit, report, keep):
-    """Do what `kind` says, after keeping what it says to keep."""
+    """Carry out the request `kind` after storing the values that it asks to store."""
     KEEP.append(keep)
     for name in request.plain.get('keep', ()):
         keep(Packet({'name': name}, request.arrays))
@@ -22,14 +22,14 @@ def answer(kind, request, time_limit, report, keep):
 
 
 def do_echo(request, time_limit, report):
-    """Return the request, by whom, and what came before."""
+    """Return the request, the process id and the names of all requests so far."""
     SEEN.append(request.plain.get('name'))
     return Packet({**request.plain, 'pid': os.getpid(), 'seen': SEEN, 'limit': time_limit},
                   request.arrays)
 
 
 def do_iterate(request, time_limit, report):
-    """Work on, with a report each millisecond, until it is asked to stop or the time is over."""
+    """Iterate with a report each millisecond, until cancelled or out of time."""
     end = time.monotonic() + time_limit
     count = 0
     while not (stop := report('iterating', count, 1.0, np.inf)) and time.monotonic() < end:
@@ -39,30 +39,30 @@ def do_iterate(request, time_limit, report):
 
 
 def do_hang(request, time_limit, report):
-    """Heed nothing, like a solver between two iterations of a large problem."""
+    """Do not check for cancellation, like a solver within an iteration of a large problem."""
     report('hanging', 0, np.nan, np.nan)
     time.sleep(1000)
 
 
 def do_eat(request, time_limit, report):
-    """Ask for more and more memory."""
+    """Allocate more and more memory."""
     eaten = []
     while True:
         eaten.append(np.ones(1 << 20))
 
 
 def do_fail(request, time_limit, report):
-    """Fail as a program with a mistake in it does."""
+    """Raise an exception, like a program with an error in it."""
     raise ZeroDivisionError('a mistake')
 
 
 def do_crash(request, time_limit, report):
-    """End at once, as after a segmentation fault."""
+    """Exit at once, as after a segmentation fault."""
     os.abort()
 
 
 def do_solve(request, time_limit, report):
-    """Solve a problem, but hang in the middle, once there is a path."""
+    """Solve a problem, but hang as soon as there is a path."""
     def keep(path):
         KEEP[-1](path)
         report('kept', 0, path.plain['objective'], 0.0)
@@ -72,6 +72,6 @@ def do_solve(request, time_limit, report):
 
 
 def do_pid(request, time_limit, report):
-    """Tell the process id through the progress, then hang."""
+    """Report the process id as progress, then hang."""
     report(str(os.getpid()), 0, 0.0, 0.0)
     time.sleep(1000)

@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""Processes, domains and a probe for tests that run real nodes over real DDS."""
+"""Processes, domains and a probe node for tests that run real nodes over DDS."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -23,7 +23,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 import yaml
 
 children = _machine.children
-DEADLINE = 60.0  # [s] generous: it is only ever reached by a test that fails
+DEADLINE = 60.0  # [s] reached only by a test that fails
 ISOLATED = {
     'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
     'OMP_NUM_THREADS': '1',
@@ -31,7 +31,7 @@ ISOLATED = {
     'PYTHONFAULTHANDLER': '1',
     'PYTHONUNBUFFERED': '1',
 }
-# What a developer's shell may set and a test must not depend on.
+# Variables that a developer's shell may set and that tests must not depend on.
 FOREIGN = (
     'ROS_NAMESPACE',
     'ROS_STATIC_PEERS',
@@ -43,13 +43,13 @@ FOREIGN = (
 
 
 def environment(domain: int) -> dict[str, str]:
-    """Return the environment of a process that keeps to `domain` on this machine."""
+    """Return the environment of a process that is confined to `domain` on this machine."""
     inherited = {key: value for key, value in os.environ.items() if key not in FOREIGN}
     return {**inherited, **ISOLATED, 'ROS_DOMAIN_ID': str(domain), 'PYTHONFAULTHANDLER': '1'}
 
 
 def find(executable: str) -> str:
-    """Return the path of an executable, in this environment's ``bin`` or in the workspace."""
+    """Return the path of an executable in this environment's ``bin`` or in the workspace."""
     prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
     folders = [Path(prefix) / 'lib' / 'obc_ros' for prefix in prefixes]
     for folder in (*folders, Path(sys.executable).parent):
@@ -59,7 +59,7 @@ def find(executable: str) -> str:
 
 
 def alive(pid: int) -> bool:
-    """Return whether a process runs (a zombie does not)."""
+    """Return whether a process is running (a zombie is not)."""
     try:
         return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] != 'Z'
     except (FileNotFoundError, ProcessLookupError):
@@ -67,7 +67,7 @@ def alive(pid: int) -> bool:
 
 
 def wait_for(condition: Callable[[], Any], timeout: float = 20.0) -> Any:
-    """Return the value of a condition once it is true; fail at the deadline."""
+    """Return the value of a condition as soon as it is true; fail at the timeout."""
     deadline = time.monotonic() + timeout
     while not (value := condition()):
         assert time.monotonic() < deadline, f'not within {timeout} s'
@@ -77,13 +77,13 @@ def wait_for(condition: Callable[[], Any], timeout: float = 20.0) -> Any:
 
 class Clock:
     """
-    The steady clock, less the time in which a core of this machine stood still.
+    The monotonic clock without the times at which a core of this machine was stalled.
 
-    A process on each core that does nothing but sleep tells when it was woken too late.
+    A process on each core sleeps repeatedly and reports when it wakes up too late.
     """
 
     def __init__(self) -> None:
-        """Begin to watch the cores."""
+        """Start to observe the cores."""
         self._watchers = [
             subprocess.Popen([sys.executable, _machine.__file__, str(core)], bufsize=0,
                              stdout=subprocess.PIPE)
@@ -91,18 +91,18 @@ class Clock:
         self._stalls: list[tuple[float, float]] = []  # begin and end of each
 
     def close(self) -> None:
-        """Watch no more."""
+        """Stop observing."""
         for watcher in self._watchers:
             watcher.terminate()
             watcher.communicate()
 
     def since(self, begin: float) -> float:
-        """Return how long [s] it is since a moment of `time.monotonic`."""
+        """Return the time [s] since a value of `time.monotonic`."""
         return self.between(begin, time.monotonic())
 
     def between(self, begin: float, end: float) -> float:
-        """Return the time [s] between two moments of `time.monotonic`."""
-        time.sleep(0.03)  # until the last stall has been told
+        """Return the time [s] between two values of `time.monotonic`."""
+        time.sleep(0.03)  # until the last stall has been reported
         for watcher in self._watchers:
             while select.select([watcher.stdout], [], [], 0.0)[0]:
                 late, length = map(float, watcher.stdout.readline().split())
@@ -133,27 +133,27 @@ class Process:
         return self.popen.pid
 
     def output(self) -> str:
-        """Return what it has written so far, both streams."""
+        """Return its output so far, both streams."""
         return self.log.read_text(encoding='utf-8', errors='replace')
 
     def running(self) -> bool:
-        """Return whether it still runs."""
+        """Return whether it is still running."""
         return self.popen.poll() is None
 
     def wait(self, timeout: float = DEADLINE) -> int:
-        """Return its exit status once it has ended by itself."""
+        """Wait until it ends by itself and return its exit status."""
         self.watched = False
         try:
             return self.popen.wait(timeout)
         except subprocess.TimeoutExpired:
-            self.popen.send_signal(signal.SIGABRT)  # faulthandler writes the stacks of its threads
+            self.popen.send_signal(signal.SIGABRT)  # faulthandler writes the stacks of all threads
             with suppress(subprocess.TimeoutExpired):
                 self.popen.wait(5.0)
             raise AssertionError(
                 f'{self.command[0]} still runs after {timeout} s:\n{self.output()}') from None
 
     def wait_for_output(self, text: str, timeout: float = DEADLINE) -> str:
-        """Return its output once `text` is in it."""
+        """Wait until its output contains `text` and return the output."""
         deadline = time.monotonic() + timeout
         while text not in self.output():
             assert self.running(), f'{self.command[0]} ended before {text!r}:\n{self.output()}'
@@ -167,12 +167,12 @@ class Process:
         return self.wait(timeout)
 
     def kill(self) -> None:
-        """Kill the whole group at once, as a crash would."""
+        """Kill the whole process group at once, as in a crash."""
         self.watched = False
         self._kill_group()
 
     def end(self) -> str | None:
-        """End it and whatever it started; return what was wrong, if anything was."""
+        """End the process and its children; return what was wrong, if anything."""
         wrong = None
         if self.running():
             self.popen.send_signal(signal.SIGINT)
@@ -186,13 +186,13 @@ class Process:
         return wrong and f'{" ".join(self.command)}: {wrong}'
 
     def _kill_group(self) -> None:
-        with suppress(ProcessLookupError):  # nothing of the group is left
+        with suppress(ProcessLookupError):  # the group has ended
             os.killpg(self.pid, signal.SIGKILL)
         self.popen.wait()
 
 
 class Spawner:
-    """Starts executables of this environment and ends them all; called as the fixture `spawn`."""
+    """Start executables of this environment and end all of them; the fixture `spawn`."""
 
     def __init__(self, folder: Path, domain: int) -> None:
         """Keep logs and parameter files in `folder`."""
@@ -246,15 +246,15 @@ class Spawner:
         return process
 
     def end(self) -> list[str]:
-        """End all processes; return a sentence for each that did not live or end as it should."""
+        """End all processes; return a sentence for each that had died or did not end in order."""
         return [wrong for process in reversed(self.processes) if (wrong := process.end())]
 
 
 class Probe:
-    """A node beside the nodes under test: it listens, publishes, calls, and spins on demand."""
+    """A node that listens, publishes, calls services and spins on demand."""
 
     def __init__(self, domain: int, name: str = 'probe', namespace: str = '') -> None:
-        """Create the node in a context of its own; nothing spins until something is waited for."""
+        """Create the node in its own context; it spins only while a method waits."""
         self.context = Context()
         self.context.init(args=[], domain_id=domain)
         self.node = Node(name, namespace=namespace, context=self.context)
@@ -277,7 +277,7 @@ class Probe:
     def wait_for(
         self, condition: Callable[[], Any], timeout: float = DEADLINE, what: str = ''
     ) -> Any:
-        """Spin until `condition` is true and return its value; fail at the deadline."""
+        """Spin until `condition` is true and return its value; fail at the timeout."""
         deadline = time.monotonic() + timeout
         while not (value := condition()):
             assert time.monotonic() < deadline, f'not within {timeout} s: {what or condition}'
@@ -285,32 +285,32 @@ class Probe:
         return value
 
     def spin_until(self, condition: Callable[[], Any], duration: float) -> None:
-        """Spin until `condition` is true, for `duration` seconds at most."""
+        """Spin until `condition` is true, for at most `duration` seconds."""
         deadline = time.monotonic() + duration
         while not condition() and (left := deadline - time.monotonic()) > 0:
             self.executor.spin_once(timeout_sec=left)
 
     def spin_for(self, duration: float) -> None:
-        """Spin for `duration` seconds: only to show that something does *not* happen."""
+        """Spin for `duration` seconds, to show that something does *not* happen."""
         deadline = time.monotonic() + duration
         while (left := deadline - time.monotonic()) > 0:
             self.executor.spin_once(timeout_sec=left)
 
     def listen(self, message_type: type, topic: str, qos: Any = 10) -> list[Any]:
-        """Subscribe and return the list that messages are appended to."""
+        """Subscribe and return the list to which messages are appended."""
         received: list[Any] = []
         self.node.create_subscription(message_type, topic, received.append, qos)
         return received
 
     def publisher(self, message_type: type, topic: str, qos: Any = 10, matched: int = 1) -> Any:
-        """Return a publisher that has found `matched` subscriptions."""
+        """Return a publisher after `matched` subscriptions have been discovered."""
         publisher = self.node.create_publisher(message_type, topic, qos)
         self.wait_for(lambda: publisher.get_subscription_count() >= matched,
                       what=f'{matched} subscription(s) of {topic}')
         return publisher
 
     def wait_for_node(self, name: str, timeout: float = DEADLINE) -> None:
-        """Wait until a node of that name (without its namespace) is seen."""
+        """Wait until a node of that name (without namespace) is discovered."""
         self.wait_for(lambda: name in self.node.get_node_names(), timeout, f'node {name}')
 
     def call(
@@ -359,13 +359,13 @@ class Probe:
         return future.result()
 
     def result(self, goal_handle: Any, timeout: float = DEADLINE) -> Any:
-        """Return status and result of an accepted goal, once it has them."""
+        """Return status and result of an accepted goal when they are available."""
         future = goal_handle.get_result_async()
         self.wait_for(future.done, timeout, 'result of the goal')
         return future.result()
 
     def cancel(self, goal_handle: Any) -> Any:
-        """Ask for a goal to be cancelled and return the answer."""
+        """Request the cancellation of a goal and return the response."""
         future = goal_handle.cancel_goal_async()
         self.wait_for(future.done, what='answer to the cancel request')
         return future.result()

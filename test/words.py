@@ -1,6 +1,6 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""A line that a person types at a running loop: with `obc`, and with `ros2` where that is."""
+"""Lines that a user types at a running loop, with `obc` and, where installed, with `ros2`."""
 
 from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
@@ -19,7 +19,7 @@ WORDS = ['obc', *filter(shutil.which, ['ros2'])]
 
 @dataclass(frozen=True)
 class Said:
-    """What a command printed, and its exit status."""
+    """The output and the exit status of a command."""
 
     status: int
     out: str
@@ -28,21 +28,21 @@ class Said:
 
 @dataclass(frozen=True)
 class Terminal:
-    """Where lines are typed: a word to begin them with, and a domain."""
+    """A terminal: the program whose lines are typed, and a domain."""
 
     word: str
     domain: int
     folder: Path
 
     def say(self, *line: str, timeout: float = 60.0, **environment: str) -> Said:
-        """Run a line and return what it says."""
+        """Run a line and return its output and exit status."""
         done = subprocess.run(
             self.command(*line), capture_output=True, text=True, timeout=timeout, cwd=self.folder,
             env={**support.environment(self.domain), **environment}, stdin=subprocess.DEVNULL)
         return Said(done.returncode, done.stdout, done.stderr)
 
     def say_here(self, *line: str) -> Said:
-        """Run a line of `obc` in this process, which saves its start; `ros2` runs as in `say`."""
+        """Run a line of `obc` in this process, which is faster; `ros2` runs as in `say`."""
         if self.word != 'obc':
             return self.say(*line)
         out, err = StringIO(), StringIO()

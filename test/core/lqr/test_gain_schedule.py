@@ -97,8 +97,8 @@ def test_the_loop_is_stable_at_the_verified_rate(name: str) -> None:
 @settings(max_examples=40, deadline=None)
 @given(strategies.integers(2, 4), strategies.integers(1, 2), strategies.integers(0, 2**32 - 1),
        strategies.floats(0.0, 2.0))
-def test_accepted_schedules_stabilise_between_grid_values(n: int, m: int, seed: int, slope: float
-                                                       ) -> None:
+def test_accepted_schedules_stabilise_between_grid_values(
+        n: int, m: int, seed: int, slope: float) -> None:
     """Random plants affine in the variable are either verified everywhere or rejected."""
     rng = np.random.default_rng(seed)
     A, dA, B, dB = (rng.standard_normal(shape) for shape in ((n, n), (n, n), (n, m), (n, m)))

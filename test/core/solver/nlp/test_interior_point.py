@@ -73,7 +73,7 @@ def bounds(program: DenseProgram, lower: list[float], upper: list[float]
 
 
 def solve_dense(program: DenseProgram, lower: list[float], upper: list[float], start: list[float],
-             goal: StoppingRule | None = None) -> tuple[np.ndarray, bool, str]:
+                goal: StoppingRule | None = None) -> tuple[np.ndarray, bool, str]:
     work = Interior(program, *bounds(program, lower, upper))
     y = np.append(np.array(start, dtype=float), np.zeros(program.size - program.n))
     end = solve_program(work, work.begin(y, 0.1, 1e-2), goal or StoppingRule(), lambda f,
@@ -179,7 +179,7 @@ PENDULUM = {
 
 
 def solve_transcription(problem: Problem, *, own: bool,
-                near: TranscriptionOutcome | None = None) -> TranscriptionOutcome:
+                        near: TranscriptionOutcome | None = None) -> TranscriptionOutcome:
     mesh = build_uniform_mesh(problem, 20, 0)
     program = Transcription(problem, mesh.layout)
     if not own:
