@@ -1,7 +1,7 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
 """
-Sampled designs: closed forms, the collection of Benner, Laub and Mehrmann, residuals, refusals.
+Sampled designs: closed forms, the collection of Benner, Laub and Mehrmann, residuals, errors.
 
 P. Benner, A. J. Laub, V. Mehrmann, A collection of benchmark examples for the numerical solution
 of algebraic Riccati equations II: discrete-time case, Technical Report SPC 95-23, TU Chemnitz,
@@ -137,8 +137,8 @@ def test_accepted_gains_stabilise(n, m, seed, decades):
     H = rng.standard_normal((rng.integers(1, n + 1), n))
     try:
         design = dlqr(A, B, H.T @ H, np.eye(m))
-    except RefusedDesignError as refusal:
-        assert 'ill-conditioned' in str(refusal) or 'uncontrollable' in str(refusal)
+    except RefusedDesignError as error:
+        assert 'ill-conditioned' in str(error) or 'uncontrollable' in str(error)
         assert n > m
         return
     assert abs(np.linalg.eigvals(A - B @ design.K)).max() < 1

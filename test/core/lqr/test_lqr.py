@@ -159,9 +159,9 @@ def test_errors_name_shapes_numbers_and_symmetry():
         ((np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((0, 0)), [[1]]),
          'A and B: wanted at least one state and one input'),
     ]:
-        with pytest.raises(StatementError) as refusal:
+        with pytest.raises(StatementError) as error:
             lqr(*arguments)
-        assert str(refusal.value).startswith(words)
+        assert str(error.value).startswith(words)
     with pytest.raises(StatementError, match='stability = nan'):
         lqr(CHAIN, FORCE, np.eye(2), [[1]], stability=math.nan)
 
@@ -177,9 +177,9 @@ def test_errors_name_indefinite_weights():
         (np.diag([1, 1, -2, 1, 1, 1]), np.eye(2), 'Qx[2] = -2: Qx must be positive semidefinite'),
         (np.fliplr(np.eye(6)), np.eye(2), 'Qx[0, 5] = 1 but Qx[0, 0] = 0: Qx must be positive'),
     ]:
-        with pytest.raises(RefusedDesignError) as refusal:
+        with pytest.raises(RefusedDesignError) as error:
             lqr(A, B, Qx, Qu)
-        assert str(refusal.value).startswith(words)
+        assert str(error.value).startswith(words)
     with pytest.raises(RefusedDesignError, match='Qu.0. = -1: Qu must be positive definite'):
         lqr(CHAIN, FORCE, np.eye(2), [[-1]])
 

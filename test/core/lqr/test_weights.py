@@ -71,9 +71,9 @@ def test_output_weighting_is_h_transposed_h_and_rho():
     ({'weights': 'best'}, "weights = 'best': wanted one of matrices, bryson, output"),
 ])
 def test_invalid_weights_are_rejected_with_a_message(choice, words):
-    with pytest.raises(StatementError) as refusal:
+    with pytest.raises(StatementError) as error:
         weights.choose(6, 2, **choice)
-    assert str(refusal.value).startswith(words)
+    assert str(error.value).startswith(words)
 
 
 @pytest.mark.slow
@@ -82,8 +82,8 @@ def test_invalid_weights_are_rejected_with_a_message(choice, words):
 def test_any_value_gives_a_matrix_or_an_error(value):
     try:
         matrix = weights.square('Qx', value, 2)
-    except StatementError as refusal:
-        assert 'Qx' in str(refusal)
+    except StatementError as error:
+        assert 'Qx' in str(error)
         return
     assert matrix.shape == (2, 2)
     assert np.isfinite(matrix).all()

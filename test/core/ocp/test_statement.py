@@ -70,13 +70,13 @@ def test_a_statement_is_converted_to_a_problem():
 
 
 def test_optional_keys_may_be_omitted_or_empty():
-    least = {key: GOOD[key] for key in ('states', 'inputs', 'initial_state')}
-    least |= {'dynamics': {'h': 'v', 'v': 'u'}, 'final_time': {'free': False, 'value': '1e-1'},
+    required = {key: GOOD[key] for key in ('states', 'inputs', 'initial_state')}
+    required |= {'dynamics': {'h': 'v', 'v': 'u'}, 'final_time': {'free': False, 'value': '1e-1'},
               'initial_state': {'h': 0, 'v': 0}}
     for empty in ({}, dict.fromkeys(
             ('parameters', 'terminal_constraints', 'input_bounds', 'state_bounds',
              'path_constraints', 'initial_guess', 'running_cost', 'terminal_cost'))):
-        problem = build_problem(least | empty)
+        problem = build_problem(required | empty)
         assert problem.final_time.value == 0.1
         assert problem.psi.shape == (0, 1)
         assert problem.path.shape == (0, 1)

@@ -74,12 +74,12 @@ def test_quotations_contain_no_control_characters(text: str, longest: int | None
 def test_error_messages_contain_no_control_characters(text: str) -> None:
     """Check every request, wherever it contains the text."""
     assert not find_control_characters(str(ObcError(text)))
-    refusals = 0
+    rejected = 0
     for question in build_requests(text):
         try:
             question()
         except ObcError as error:
-            refusals += 1
+            rejected += 1
             assert str(error)
             assert not find_control_characters(str(error))
-    assert refusals
+    assert rejected

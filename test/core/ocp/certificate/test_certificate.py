@@ -269,14 +269,15 @@ def test_a_suboptimal_final_time_violates_the_final_time():
 @pytest.mark.parametrize(('u', 'lam', 'tilt'), [(0.0, 0.0, 0.0), (0.98719, 0.0, 0.1)])
 def test_a_stationary_point_of_h_can_violate_the_minimum(u, lam, tilt):
     # dH/du = 0 at the local maximum u = 0 and, with the tilt, at the local minimum near 1.
+    # The roots of 4 u (u^2 - 1) + 0.1 = 0 are 0.98726 and -1.01227; the values below are close.
     problem = problems.pose(
         {'x': 'u'}, f'(u**2 - 1)**2 + {tilt}*u', (0,), 1, input_bounds={'u': [-2, 2]})
     L = (u**2 - 1)**2 + tilt*u
     t = np.linspace(0, 1, 5)
     assert failing(problem, answer(problem, t, [u*t], [u], [lam], L)) == {'minimum'}
-    least = -1.0 if tilt == 0 else -1.01225
-    L = (least**2 - 1)**2 + tilt*least
-    assert failing(problem, answer(problem, t, [least*t], [least], [lam], L)) == set()
+    lowest = -1.0 if tilt == 0 else -1.01225
+    L = (lowest**2 - 1)**2 + tilt*lowest
+    assert failing(problem, answer(problem, t, [lowest*t], [lowest], [lam], L)) == set()
 
 
 def test_a_maximum_of_h_violates_minimum_and_final_time():
@@ -437,11 +438,11 @@ def test_an_empty_solution_is_not_certified():
 
 def test_faults_of_the_path_come_before_those_of_costates():
     tolerances = dict.fromkeys(TOLERANCES, 1e-6)
-    astray = Certificate(
+    missed = Certificate(
         dict.fromkeys(TOLERANCES, 0.0) | {'end': 2e-6, 'costate': 1.0}, tolerances)
-    assert (astray.worst, astray.fault, astray.feasible) == ('costate', 'end', False)
-    kept = Certificate(dict.fromkeys(TOLERANCES, 9e-7) | {'costate': 2e-6}, tolerances)
-    assert (kept.worst, kept.fault, kept.feasible) == ('costate', '', True)
+    assert (missed.worst, missed.fault, missed.feasible) == ('costate', 'end', False)
+    reached = Certificate(dict.fromkeys(TOLERANCES, 9e-7) | {'costate': 2e-6}, tolerances)
+    assert (reached.worst, reached.fault, reached.feasible) == ('costate', '', True)
 
 
 @pytest.mark.parametrize('off, faults', [

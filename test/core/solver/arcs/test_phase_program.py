@@ -170,7 +170,7 @@ def test_phases_without_an_input_jump_are_merged():
     x(T) = (T sqrt(T^2 + k^2) - k^2 asinh(T/k)) / 2 = 1, hence one equation for k.
     """
     k = brentq(lambda k: k**2 * np.sinh(1 / k) * np.cosh(1 / k) / 2 - k / 2 - 1, 0.2, 5)
-    least = k * np.sinh(1 / k)
+    minimum = k * np.sinh(1 / k)
     problem = problems.pose(
         {'x': 'vx', 'vx': 'ux', 'vy': 'uy'}, 1, (0, 0, 0),
         {'free': True, 'lower': 0.1, 'upper': 10, 'guess': 2}, inputs=['ux', 'uy'],
@@ -187,7 +187,7 @@ def test_phases_without_an_input_jump_are_merged():
                         ProgressMonitor(), 1,
                         spread_like(guess))
     assert len(found.arcs) == 1
-    assert found.cost == pytest.approx(least, abs=1e-8)
+    assert found.cost == pytest.approx(minimum, abs=1e-8)
 
 
 def test_a_phase_at_a_bound_keeps_a_minimum_duration():

@@ -38,7 +38,7 @@ def test_minima_at_saddles_of_the_lagrangian_are_found():
     assert 'saddle' in found.message
 
 
-def test_a_stationary_point_that_is_no_minimum_is_rejected():
+def test_a_stationary_point_that_is_no_minimum_is_not_returned():
     # The guess is exactly the maximum, where the gradient vanishes.
     found = minimize({'variables': ['x', 'y'], 'cost': 'x**2 - y**2 + y**4/1000',
                       'guess': [0, 0]})
@@ -69,7 +69,7 @@ def test_a_stationary_point_that_is_no_minimum_is_rejected():
     ({'variables': ['x'], 'cost': 'x**4'}, [0], 0, [], []),
     ({'variables': ['x'], 'cost': '(x - 1)**2', 'bounds': {'x': [3, 3]}}, [3], 4, [], []),
 ])
-def test_published_minima_and_multipliers_are_found(statement, x, F, lam, mu):
+def test_known_minima_and_multipliers_are_found(statement, x, F, lam, mu):
     found = solved(**statement)
     np.testing.assert_allclose(found.x, x, atol=1e-6)
     assert found.objective == pytest.approx(F, abs=1e-7)
@@ -160,6 +160,7 @@ def test_the_guess_selects_a_local_minimum():
 
 def test_the_lowest_of_several_local_minima_is_found():
     found = solved(variables=['x'], cost='sin(x) + 0.05*x**2')
+    # root of cos x + x / 10 = 0
     assert found.x == pytest.approx([-1.4275517787], abs=1e-6)
 
 

@@ -50,8 +50,8 @@ def test_a_limit_of_iterations_ends_a_solver_not_its_part() -> None:
 
 def test_cancelling_the_whole_cancels_its_parts() -> None:
     """A part is cancelled at the next iteration, and later parts at once."""
-    wishes = iter([False, False, True, False])
-    whole = ProgressMonitor(report=lambda *_: next(wishes))
+    cancelled = iter([False, False, True, False])
+    whole = ProgressMonitor(report=lambda *_: next(cancelled))
     part = whole.part(1000)
     assert [part.step(0.0, 0.0) for _ in range(4)] == [False, False, True, True]
     assert part.stopped == whole.stopped == 'cancelled'
