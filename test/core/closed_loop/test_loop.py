@@ -222,7 +222,7 @@ def test_a_zero_timeout_disables_on_stale() -> None:
 # Stop and envelope
 
 
-def test_stop_is_latched() -> None:
+def test_a_stop_is_latched_until_start() -> None:
     """While stopped, the loop answers every state with the input at rest."""
     loop = ControlLoop(control(u=3.0, rest=(0.5,)))
     loop.answer(0, [1.0, 0.0], 0.0)

@@ -97,7 +97,7 @@ def test_designs_of_the_collection_have_small_residuals(number):
         assert abs(design.P - P).max() <= 1e-10 * abs(P).max()
 
 
-def test_cross_term_and_degree_of_stability():
+def test_designs_respect_cross_terms_and_degree_of_stability():
     rng = np.random.default_rng(3)
     A, B = rng.standard_normal((4, 4)), rng.standard_normal((4, 2))
     N = 0.3 * rng.standard_normal((4, 2))

@@ -14,7 +14,7 @@ EXAMPLES = [row for path in TABLES for row in public_collections.read_table(path
 
 
 @pytest.mark.parametrize('path', FILES, ids=lambda path: f'{path.parent.name}-{path.stem}')
-def test_a_file_states_a_problem_with_its_source_and_its_published_cost(path):
+def test_each_file_states_its_source_and_its_published_cost(path):
     [mapping] = load_file(path)
     problem = build_problem(mapping)
     assert problem.n

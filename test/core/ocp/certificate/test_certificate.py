@@ -269,7 +269,7 @@ def test_a_suboptimal_final_time_violates_the_final_time():
 @pytest.mark.parametrize(('u', 'lam', 'tilt'), [(0.0, 0.0, 0.0), (0.98719, 0.0, 0.1)])
 def test_a_stationary_point_of_h_can_violate_the_minimum(u, lam, tilt):
     # dH/du = 0 at the local maximum u = 0 and, with the tilt, at the local minimum near 1.
-    # The roots of 4 u (u^2 - 1) + 0.1 = 0 are 0.98726 and -1.01227; the values below are close.
+    # The roots of 4 u (u^2 - 1) + 0.1 = 0 are 0.98726 and -1.01227; the values used are close.
     problem = problems.pose(
         {'x': 'u'}, f'(u**2 - 1)**2 + {tilt}*u', (0,), 1, input_bounds={'u': [-2, 2]})
     L = (u**2 - 1)**2 + tilt*u
