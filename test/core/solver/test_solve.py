@@ -39,7 +39,8 @@ NAMES = (
     'epidemic_beds', 'detumble_mintime', 'disc_with_drag',
     'friction_circle', 'invest_or_produce', 'power_limit', 'power_and_speed_limit', 'hover_hold',
     'jerk_and_braking_limits', 'sphere_geodesic',
-    'terminal_wells_plane', 'dubins_point_inside', 'two_stage_cstr', 'pendulum_long')
+    'terminal_wells_plane', 'dubins_point_inside', 'two_stage_cstr', 'pendulum_long',
+    'stock_with_capacity', 'car_linear_limits')
 # For these an integration by SciPy must reproduce the cost from the input.
 REPLAYED = ('goddard', 'jacobson_state_bound', 'robot_arm', 'catalyst_mixing')
 SLOW = (
@@ -52,7 +53,7 @@ SLOW = (
     'production_to_stock', 'snap_limited', 'mars_descent', 'goddard_pressure_limit',
     'epidemic_beds', 'friction_circle', 'power_limit', 'power_and_speed_limit', 'hover_hold',
     'jerk_and_braking_limits', 'sphere_geodesic', 'dubins_point_inside', 'two_stage_cstr',
-    'pendulum_long', *REPLAYED)
+    'pendulum_long', 'stock_with_capacity', 'car_linear_limits', *REPLAYED)
 
 
 def replay(problem, solution):

@@ -30,7 +30,7 @@ from obc_ros.core.solver.transcription.runge_kutta import step
 
 _GAP = 2            # intervals between two active parts up to which they are one contact
 _NEAR = 1e-6        # relative distance from a bound up to which a constraint is active
-_PERHAPS = 1e-3     # the same at a node with a large multiplier of the transcription
+_PERHAPS = 1e-3     # the same at a node whose multiplier exceeds its distance, both scaled
 _MOST_HATS = 60     # maximum number of intervals of a piecewise linear density
 _CONSTANT = 0.1     # weight of the equations H = const relative to dH/du = 0
 _RIDGE = 1e-8       # Tikhonov regularisation of the least squares
@@ -219,11 +219,19 @@ class Fitter:
 
     def _contacts(self, problem: Problem, outcome: TranscriptionOutcome,
                   course: Extremal) -> list[ActiveInterval]:
-        """Return the intervals on which bounds of x and path constraints are active."""
+        """
+        Return the intervals on which bounds of x and path constraints are active.
+
+        The product of multiplier and distance is the barrier parameter at every node of a
+        transcription, so that the larger of the two shows whether a constraint is active. The
+        multipliers of an arc are proportional to the lengths of intervals, and small on a fine
+        mesh.
+        """
         value = self.values(problem, course)
         mass = np.hstack([outcome.node_bounds, outcome.node_path])
         slopes = self._shaped(self._point(course.x, course.ua, problem.p_value))[4]
         weights = compute_densities(outcome, slopes[:, self.n:], course.ua)
+        cost = outcome.scales.cost if outcome.scales else abs(outcome.objective)
         found = []
         for sign, bound in ((1, np.append(problem.x_upper, problem.path_upper)),
                             (-1, np.append(problem.x_lower, problem.path_lower))):
@@ -233,8 +241,8 @@ class Fitter:
             for row in np.flatnonzero(np.isfinite(bound)):
                 near = distance[:, row] <= _NEAR
                 heavy = np.maximum(sign * mass[:, row], 0.0)
-                near[::course.parts] |= ((heavy > 1e-2 * heavy.max()) & (heavy > 0)
-                                         & (distance[::course.parts, row] < _PERHAPS))
+                apart = distance[::course.parts, row]
+                near[::course.parts] |= (heavy * size[row] > apart * cost) & (apart < _PERHAPS)
                 if not self._pure[row]:
                     near |= _touched(sign * weights[:, :, row - self.n], course.parts)
                 runs = _groups(near, _GAP * course.parts)
