@@ -370,7 +370,12 @@ class LqrNode(LifecycleNode):  # type: ignore[misc] # rclpy's classes are untype
     # Reports
 
     def _time(self) -> Time:
-        return self.get_clock().now().to_msg()
+        """Return the time of the node, simulated: not before the last state."""
+        now = self.get_clock().now().nanoseconds
+        if self._is_simulated:   # /clock is best effort, and may come later than the state
+            now = max(now, self._loop.stamp or 0)
+        seconds, nanoseconds = divmod(now, 10**9)
+        return Time(sec=seconds, nanosec=nanoseconds)
 
     def _look_at_clock(self) -> None:
         self._is_simulated = bool(self.get_parameter('use_sim_time').value)

@@ -1,28 +1,120 @@
 # Copyright 2026 The obc_ros developers
 # SPDX-License-Identifier: Apache-2.0
-"""The interface through which starts and improvements use the driver of a solve."""
+"""
+What every method of the search may use: the problem, its programs, and operations on one path.
 
-from collections.abc import Generator, Iterator
-from typing import Protocol
+A `Bench` is constant. A method that needs other settings, such as a part of the work or tightened
+bounds, uses `dataclasses.replace`. A method returns `Candidate`s; which one is better is decided
+in `search`.
+"""
 
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 from obc_ros.core.numerics.arrays import Array, Mask
+from obc_ros.core.ocp.certificate import certificate
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.ocp.solution import Solution
+from obc_ros.core.ocp.solution import Solution, Verdict
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
 from obc_ros.core.solver.adjoint.costates import Extremal
+from obc_ros.core.solver.adjoint.mesh_refinement import (
+    compute_tightening,
+    Error,
+    EXCEEDED,
+    Judgement,
+    measure_loss,
+    refine_mesh,
+)
+from obc_ros.core.solver.arcs.control_discontinuities import find_switching_times
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.program_cache import Answered, Kit
+from obc_ros.core.solver.starts.initial_guess import estimate_scales
 from obc_ros.core.solver.trace import Trace
 from obc_ros.core.solver.transcription.local_minima import Familiar
 from obc_ros.core.solver.transcription.mesh import Mesh, Path
 from obc_ros.core.solver.transcription.program import ProblemScales, TranscriptionOutcome
+from obc_ros.core.solver.transcription.tightening import TightenedLimits
+
+# Work is counted in iterations times intervals, with collocation times 1 + stages, so that the
+# result does not depend on the load of the machine. A unit takes about 0.05 ms.
+COARSE = 16             # intervals of the coarsest mesh
+COARSE_ITERATIONS = 150   # maximum number of iterations on a coarse mesh
+_COURSES_KEPT = 8       # integrated costates that are cached
+# Discretisation error of a coarse outcome that is small enough: relative local error of a step,
+# and excess of the cost over max(|J|, 1).
+_BELIEVED, _ABSURD = 1e-2, 1e6
+_LEAST = 1e-6           # floor of |J| as the scale of the loss in the refinement
+_LOST = 3e-7, 1e-7      # relative loss of all intervals that it aims at: without, with bounds of x
+_DRIFT = 2e-5           # variation of H relative to its terms that it aims at in each interval
+_STEP_ERROR = 3e-8      # relative local error, summed over all intervals, that it aims at
 
 
-class Bench(Protocol):
+@dataclass(frozen=True)
+class Candidate:
     """
-    A problem, its program cache, the results so far, and the operations on a path.
+    A path with its certificate, and what its neighbours or the indirect method start from.
 
-    The docstrings of the operations are those of `descent.Search`, too.
+    Attributes
+    ----------
+    solution : Solution
+        Without samples if there is no path.
+    record : Answered or None
+        None if the path did not come from a transcription.
+    nearby : bool
+        Whether its extremal was found from that of a neighbouring problem.
+
+    """
+
+    solution: Solution
+    record: Answered | None = None
+    nearby: bool = False
+
+    @property
+    def certified(self) -> bool:
+        """Return whether the certificate of the path passes."""
+        return self.solution.certified
+
+
+class Tally:
+    """The work of the collocations of one search, in iterations times intervals."""
+
+    def __init__(self) -> None:
+        self.work = 0
+
+    def spend(self, work: int) -> None:
+        """Add work."""
+        self.work += work
+
+
+class _Memo:
+    """The integrated costates of the last outcomes, and the last Hamiltonian loss."""
+
+    def __init__(self) -> None:
+        self._courses: dict[TranscriptionOutcome, tuple[Problem, Extremal]] = {}
+        self._judged: tuple[Problem, Extremal, Judgement] | None = None
+
+    def course(self, problem: Problem, outcome: TranscriptionOutcome) -> Extremal | None:
+        kept, course = self._courses.get(outcome, (None, None))
+        return course if kept is problem else None
+
+    def keep_course(self, problem: Problem, outcome: TranscriptionOutcome,
+                    course: Extremal) -> None:
+        if len(self._courses) >= _COURSES_KEPT:
+            self._courses.clear()
+        self._courses[outcome] = problem, course
+
+    def judgement(self, problem: Problem, course: Extremal) -> Judgement | None:
+        kept = self._judged
+        return kept[2] if kept and kept[0] is problem and kept[1] is course else None
+
+    def keep_judgement(self, problem: Problem, course: Extremal, verdict: Judgement) -> None:
+        self._judged = problem, course, verdict
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """
+    A problem, its programs, the settings of a search, and the operations on a path.
 
     Attributes
     ----------
@@ -32,68 +124,60 @@ class Bench(Protocol):
         Programs and functions built for the structure of the problem.
     monitor : ProgressMonitor
         Limits of iterations, work and time.
-    bounded : bool
-        Whether there are state bounds or path constraints.
+    tally : Tally
+        The work of this search.
+    pinned : ndarray of bool, shape (n,)
+        Components of x(T) that psi fixes.
+    margin : ndarray, shape (n + l,)
+        Tightening of the bounds of x and of the path constraints.
     quick : bool
         Whether a feasible path is enough: one start and a few meshes.
     may_hold : bool
         Whether inputs may be held at bounds between switching times.
-    switching : tuple of bool, length m
-        Inputs that are held so at present.
-    stages, intervals : int
-        Of the coarse mesh: collocation points in an interval (0: Runge-Kutta), intervals.
-    margin : ndarray, shape (n + l,)
-        Tightening of the bounds of x and of the path constraints.
-    pinned : ndarray of bool, shape (n,)
-        Components of x(T) that psi fixes.
-    starts : iterator of Path
-        Initial guesses that were not used yet.
-    tried, looked_from : int
-        Initial guesses used so far; those among them that are cross-entropy rollouts.
-    familiar : Familiar
-        Record of the local minima found on the coarse mesh.
-    minima : list of float
-        Costs of local minima other than the best.
+    intervals, stages : int
+        Of the coarse mesh: intervals, collocation points in an interval (0: Runge-Kutta).
     typical : int
         Iterations of a solve on the coarse mesh that converged.
-    work : int
-        Iterations times intervals so far; with collocation times 1 + `stages`.
-    last : Answered or None
-        Where neighbouring problems and the indirect method start.
-    extremal : BoundaryValues or None
-        Solution of the boundary value problem that belongs to the present outcome.
-    nearby : bool
-        Whether `extremal` was found from that of a neighbouring problem.
 
     """
 
-    bounded: bool
-    extremal: BoundaryValues | None
-    familiar: Familiar
-    intervals: int
-    kit: Kit
-    last: Answered | None
-    looked_from: int
-    margin: Array
-    may_hold: bool
-    minima: list[float]
-    monitor: ProgressMonitor
-    nearby: bool
-    pinned: Mask
-    problem: Problem
-    quick: bool
-    stages: int
-    starts: Iterator[Path]
     stated: Problem
-    switching: tuple[bool, ...]
-    tried: int
-    typical: int
-    work: int
+    problem: Problem
+    kit: Kit
+    monitor: ProgressMonitor
+    tally: Tally
+    pinned: Mask
+    margin: Array
+    quick: bool = False
+    may_hold: bool = True
+    intervals: int = COARSE
+    stages: int = 0
+    typical: int = COARSE_ITERATIONS
+    _memo: _Memo = field(default_factory=_Memo, repr=False)
 
     @property
     def trace(self) -> Trace:
         """Return the record of what is tried."""
-        ...
+        return self.monitor.trace
+
+    @property
+    def work(self) -> int:
+        """Return the work of this search so far."""
+        return self.tally.work
+
+    @property
+    def bounded(self) -> bool:
+        """Return whether there are state bounds or path constraints."""
+        return is_bounded(self.stated)
+
+    @property
+    def switching(self) -> tuple[bool, ...]:
+        """Return the inputs that may be held at bounds between switching times."""
+        return tuple(self.may_hold and each for each in self.kit.switching)
+
+    def without_margin(self) -> 'Bench':
+        """Return the bench with the bounds as stated."""
+        return replace(self, margin=np.zeros_like(self.margin)) if self.margin.any() else self
 
     def collocate(self, mesh: Mesh, start: Path, durations: Array | None = None, *,
                   near: bool = False, sizes: ProblemScales | None = None, most: int = 500,
@@ -137,7 +221,32 @@ class Bench(Protocol):
             The last iterate; `converged` tells whether it satisfies the optimality conditions.
 
         """
-        ...
+        problem, final = self.problem, self.problem.final_time
+        program = self.kit.transcription(problem, mesh.layout)
+        if sizes is None:
+            sizes = self.kit.guesser.sizes(problem, start)
+        if durations is None:
+            durations = start.durations
+        usual = durations.sum() / mesh.layout.intervals
+        shortest = np.maximum(np.where(durations < 2 * usual, 0.0, 0.25 * durations), least)
+        longest = np.maximum(4.0 * durations, 4.0 * usual)
+        if len(durations) == 1:
+            shortest, longest = np.array([final.lower]), np.array([final.upper])
+        limits = TightenedLimits(shortest, longest, self.margin, self.pinned)
+        w = program.start(mesh, start, durations, sizes) if warm is None else warm.w
+        each = mesh.layout.intervals * (1 + mesh.layout.stages)
+        with self.trace.attempt('collocation', mesh.layout.describe()) as attempt:
+            self.monitor.limit(most, each)
+            outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor, near=near,
+                                    multipliers=(warm.lam_w, warm.lam_g) if warm else None,
+                                    guide=guide, rough=rough, once=once, known=known)
+            if near and not outcome.converged and not self.monitor.stopped:
+                self.monitor.limit(most, each)
+                outcome = program.solve(problem, mesh, w, sizes, limits, self.monitor)
+            attempt.end(*outcome.judge(), cost=outcome.objective)
+        self.tally.spend(outcome.iterations * each)
+        self.kit.worked(outcome.iterations, mesh.layout)
+        return outcome
 
     def believed(self, outcome: TranscriptionOutcome) -> bool:
         """
@@ -155,26 +264,16 @@ class Bench(Protocol):
             large that its cost cannot be compared with other costs.
 
         """
-        ...
-
-    def from_next_start(self, *, once: bool, hard: bool = False) -> TranscriptionOutcome:
-        """
-        Solve on the coarse mesh from the next initial guess.
-
-        Parameters
-        ----------
-        once : bool
-            Allow few iterations, in proportion to `typical`, of the faster method only.
-        hard : bool
-            With `once`: allow twice as many.
-
-        Returns
-        -------
-        TranscriptionOutcome
-            Also recorded in `familiar`.
-
-        """
-        ...
+        if not outcome.converged:
+            return False
+        course = self.course(outcome)
+        error, loss = course.local.max(), self.judged(course).lost.sum()
+        if error < _BELIEVED and loss < _ABSURD * max(abs(outcome.objective), 1.0):
+            return True
+        with self.trace.attempt('check', 'discretisation error') as attempt:
+            attempt.end(Verdict.REJECTED, f'relative error of a step {error:.1e}, allowed '
+                        f'{_BELIEVED:.0e}; Hamiltonian loss {loss:.1e}', cost=outcome.objective)
+        return False
 
     def course(self, outcome: TranscriptionOutcome, *, stated: bool = False) -> Extremal:
         """
@@ -193,17 +292,62 @@ class Bench(Protocol):
             With multipliers of state bounds and path constraints, if there are any.
 
         """
-        ...
+        problem = self.stated if stated else self.problem
+        if (course := self._memo.course(problem, outcome)) is not None:
+            return course
+        integrator = self.kit.judge if stated else self.kit.integrator
+        course = integrator.extremal(problem, outcome, 4 if self.stages else 2)
+        if self.bounded:
+            course = self.kit.fitter(problem, stated).fit(problem, outcome, course)
+        self._memo.keep_course(problem, outcome, course)
+        return course
+
+    def judged(self, course: Extremal) -> Judgement:
+        """Return the Hamiltonian loss of a course; the last one is cached."""
+        if (verdict := self._memo.judgement(self.problem, course)) is None:
+            slack = None if course.density_path is None else (
+                self.kit.fitter(self.problem).slack(self.problem, course))
+            verdict = measure_loss(self.problem, self.kit.integrator, course, slack)
+            self._memo.keep_judgement(self.problem, course, verdict)
+        return verdict
+
+    def excess(self, outcome: TranscriptionOutcome, course: Extremal) -> float:
+        """
+        Return the relative excess of the cost, estimated; infinite for a path with large defects.
+
+        It includes the cost of tightened constraints, to first order.
+        """
+        if not outcome.converged or course.defect > 1e-3 and course.local.max() > 1e-4:
+            return np.inf
+        lost = self.judged(course).lost.sum()
+        if self.margin.any():
+            lost += outcome.pressure() @ self.margin
+        return float(lost / max(abs(outcome.objective), 1e-3))
 
     def sizes(self, outcome: TranscriptionOutcome) -> ProblemScales:
         """Return the scales of an outcome's path and cost."""
-        ...
+        cost = abs(outcome.objective)
+        return replace(estimate_scales(self.problem, outcome.path), cost=cost if cost > 0 else 1.0)
 
-    def widen_margin(self, course: Extremal) -> None:
-        """Increase `margin` by the amounts by which a path exceeds its bounds between nodes."""
-        ...
+    def tighten(self, course: Extremal) -> tuple['Bench', Array]:
+        """
+        Tighten the bounds by the amounts by which a path exceeds them between nodes.
 
-    def finer(self, outcome: TranscriptionOutcome, course: Extremal) -> Mesh:
+        Returns
+        -------
+        Bench
+            With the larger margin.
+        exceeded : ndarray, shape (intervals,)
+            Relative violation of the constraints in each interval; empty without any.
+
+        """
+        if not self.bounded:
+            return self, np.zeros(0)
+        value = self.kit.fitter(self.problem).values(self.problem, course)
+        margin, exceeded = compute_tightening(self.problem, value, course, self.margin)
+        return replace(self, margin=margin), exceeded
+
+    def finer(self, outcome: TranscriptionOutcome, course: Extremal, exceeded: Array) -> Mesh:
         """
         Refine the mesh of an outcome.
 
@@ -213,6 +357,8 @@ class Bench(Protocol):
             On the mesh to be refined.
         course : Extremal
             Its states and costates, from `course`.
+        exceeded : ndarray
+            From `tighten`.
 
         Returns
         -------
@@ -221,40 +367,93 @@ class Bench(Protocol):
             or the violation of constraints exceeds its share; a point at every kink of u*.
 
         """
-        ...
+        verdict, N = self.judged(course), len(course.local)
+        share = _LOST[self.bounded] * max(abs(outcome.objective), _LEAST) / N
+        errors = [
+            Error(verdict.lost - verdict.chords, share, 5.0), Error(verdict.chords, share, 3.0),
+            Error(course.local, _STEP_ERROR / N, 7.0), Error(verdict.drift, _DRIFT, 2.0)]
+        if self.bounded:
+            errors.append(Error(exceeded, EXCEEDED[0], 2.0))
+        longest = outcome.path.t[-1] / (2 * COARSE)
+        return refine_mesh(outcome.mesh, outcome.path, verdict.kinks, errors, longest,
+                           self.monitor.max_intervals)
 
-    def solution(self, outcome: TranscriptionOutcome, course: Extremal) -> Solution:
-        """Return an outcome as samples with its certificate; without one if work has stopped."""
-        ...
-
-    def followed_up(self, start: TranscriptionOutcome, rounds: int = ...) -> Solution:
+    def certify(self, outcome: TranscriptionOutcome, extremal: BoundaryValues | None = None
+                ) -> Candidate:
         """
-        Refine the mesh and the arcs of a coarse outcome until its certificate passes.
+        Return an outcome as samples with its certificate; without one if work has stopped.
 
         Parameters
         ----------
-        start : TranscriptionOutcome
-            On the coarse mesh.
-        rounds : int
-            Maximum number of meshes.
-
-        Returns
-        -------
-        Solution
-            The last one that was certified; otherwise the best without a passing certificate.
+        outcome : TranscriptionOutcome
+            On any mesh.
+        extremal : BoundaryValues, optional
+            Solution of the boundary value problem whose kinks are its mesh points.
 
         """
-        ...
+        problem, record = self.stated, self.record(outcome, extremal)
+        course = self.course(outcome)
+        if self.kit.twin:
+            outcome = self.kit.twin.back(outcome, problem)
+            course = self.course(outcome, stated=True)
+        times = (np.cumsum(record.extremal.lengths)[:-1] if record.extremal else
+                 find_switching_times(outcome))
+        found = replace(self.kit.judge.samples(problem, course), switching_times=times,
+                        iterations=self.monitor.iterations)
+        if self.monitor.stopped:   # to certify a path far from a solution may take long
+            return Candidate(found, record)
+        found = replace(found, certificate=certificate.certify(problem, found))
+        if found.certificate and found.certificate.feasible:
+            self.trace.found(found.objective, found.certified)
+        if self.monitor.best:
+            self.monitor.best.take(problem, found)
+        return Candidate(found, record)
 
-    def following(self, start: TranscriptionOutcome, rounds: int = ...) -> Generator[None, None,
-                                                                                     Solution]:
-        """Do what `followed_up` does step by step: yield after each mesh, return the solution."""
-        ...
+    def record(self, outcome: TranscriptionOutcome,
+               extremal: BoundaryValues | None = None) -> Answered:
+        """Return what a neighbouring problem, or the indirect method, starts from."""
+        return Answered(
+            problem=self.stated, outcome=outcome, sizes=outcome.scales or self.sizes(outcome),
+            margin=self.margin,
+            extremal=extremal if len(outcome.path.durations) == 1 else None)
 
-    def answered(self, outcome: TranscriptionOutcome) -> Answered:
-        """Return the record from which a neighbour, or the indirect method, starts."""
-        ...
+    def keep(self, outcome: TranscriptionOutcome, extremal: BoundaryValues | None = None) -> None:
+        """Certify an intermediate outcome and pass it on, if the caller wants such paths."""
+        best = self.monitor.best
+        if best and outcome.converged and best.is_due(self.stated):
+            self.certify(outcome, extremal)
 
-    def reset(self) -> None:
-        """Return to the settings of a coarse mesh: no margin, no extremal, no arcs found."""
-        ...
+
+def is_bounded(problem: Problem) -> bool:
+    """Return whether a problem has state bounds or path constraints."""
+    return bool(problem.path.numel() or np.any(
+        np.isfinite(problem.x_lower) | np.isfinite(problem.x_upper)))
+
+
+def build_bench(problem: Problem, kit: Kit, monitor: ProgressMonitor, *, with_arcs: bool = True,
+                quick: bool = False) -> Bench:
+    """
+    Return the bench of a search.
+
+    Parameters
+    ----------
+    problem : Problem
+        In the symbols of `kit`.
+    kit : Kit
+        Programs and functions built for the structure of the problem.
+    monitor : ProgressMonitor
+        Limits of iterations, work and time.
+    with_arcs : bool
+        Whether inputs may be held at bounds between switching times.
+    quick : bool
+        One start and a few meshes, for paths that need not be optimal.
+
+    """
+    smooth, bounded = problem if kit.twin is None else kit.twin.problem(problem, 0), is_bounded(
+        problem)
+    return Bench(
+        stated=problem, problem=smooth, kit=kit, monitor=monitor, tally=Tally(), quick=quick,
+        may_hold=with_arcs, stages=3 if bounded else 0,
+        margin=np.zeros(problem.n + int(problem.path.numel())),
+        pinned=(kit.guesser.final_state(smooth)[1] if bounded
+                else np.zeros(problem.n, dtype=bool)))

@@ -188,6 +188,23 @@ class Kit:
         """Keep a solved problem for its neighbours."""
         self.answers = [*self.answers[1 - _ANSWERS_KEPT:], answer]
 
+    def forget(self, answer: Answered) -> None:
+        """Do not use a solved problem for its neighbours any more."""
+        self.answers.remove(answer)
+
+    def note_refinement(self) -> None:
+        """Note that a solution was refined by the indirect method."""
+        self.touched_up = True
+
+    def note_minima(self, number: int) -> None:
+        """Note how many local minima were found for a problem."""
+        self.several |= number > 1
+
+    def take_build_time(self) -> float:
+        """Return the time spent on building programs since the last call [s]."""
+        built, self.build_time = self.build_time, 0.0
+        return built
+
     def neighbour(self, problem: Problem) -> Answered | None:
         """
         Return the solved problem whose numbers are nearest, None if none is a neighbour.

@@ -43,10 +43,10 @@ from yaml import YAMLError
 __all__ = ['ParameterRow', 'declare_field', 'group', 'Parameters', 'Value']
 
 Settings = TypeVar('Settings')
-Candidate = TypeVar('Candidate')
+Judged = TypeVar('Judged')
 
 
-class Parameters(Generic[Settings, Candidate]):
+class Parameters(Generic[Settings, Judged]):
     """
     The parameters of one node.
 
@@ -88,17 +88,17 @@ class Parameters(Generic[Settings, Candidate]):
         self,
         node: Node,
         table: type[Settings],
-        judge: Callable[[Settings], Candidate],
-        adopt: Callable[[Candidate], None],
+        judge: Callable[[Settings], Judged],
+        adopt: Callable[[Judged], None],
         refused: Callable[[str], None] | None = None,
-        opening: Callable[[Candidate], str] | None = None,
+        opening: Callable[[Judged], str] | None = None,
         former: Callable[[Mapping[str, Any], Mapping[str, Value]], str] = lambda *_: '',
     ) -> None:
         self._node, self._table, self._former = node, table, former
         self._judge, self._adopt, self._refused = judge, adopt, refused
         self._entries: dict[str, ParameterRow] = {}
         self._values: dict[str, Value] = {}
-        self._pending: tuple[dict[str, Value], Settings, Candidate] | None = None
+        self._pending: tuple[dict[str, Value], Settings, Judged] | None = None
         self._asked: list[Parameter] = []  # as given, before `_normalise`
         self._is_attempt = False  # whose rejection is not reported
         # rclpy has no public list of the values given by files and arguments
@@ -253,7 +253,7 @@ class Parameters(Generic[Settings, Candidate]):
         except StatementError:
             return False
 
-    def _judged(self, ours: Mapping[str, Value]) -> tuple[dict[str, Value], Settings, Candidate]:
+    def _judged(self, ours: Mapping[str, Value]) -> tuple[dict[str, Value], Settings, Judged]:
         """Return the values, settings and candidate after changes, or raise ObcError."""
         values = {**self._values, **ours}
         for name in self._idle(values):

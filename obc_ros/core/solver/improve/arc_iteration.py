@@ -46,18 +46,20 @@ class ArcIteration:
 
     Parameters
     ----------
-    search : Bench
-        Driver.
+    bench : Bench
+        Of the search.
+    switching : tuple of bool, length m
+        Inputs that may be held at bounds.
     coarse : int
         Number of intervals of a coarse mesh.
 
     """
 
-    def __init__(self, search: Bench, coarse: int) -> None:
-        self.search, self.problem, self.kit = search, search.problem, search.kit
-        self.switching, self.coarse, self.touch = search.switching, coarse, 0
+    def __init__(self, bench: Bench, switching: tuple[bool, ...], coarse: int) -> None:
+        self.bench, self.problem, self.kit = bench, bench.problem, bench.kit
+        self.switching, self.coarse, self.touch = switching, coarse, 0
 
-    def settled(self, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
+    def settle(self, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
         """
         Iterate from an outcome until the arcs do not change.
 
@@ -72,14 +74,14 @@ class ArcIteration:
             The last one that converged at no higher cost; its arcs may still change.
 
         """
-        with self.search.trace.attempt('arc iteration') as attempt:
-            new = self._settled(outcome)
+        with self.bench.trace.attempt('arc iteration') as attempt:
+            new = self._settle(outcome)
             attempt.end(Verdict.REJECTED if new is outcome else Verdict.ACCEPTED,
                         cost=new.objective, what=new.mesh.layout.describe())
         return new
 
-    def _settled(self, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
-        search = self.search
+    def _settle(self, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
+        bench = self.bench
         free: Signature = ((None,) * self.problem.m,)
         now, seen, density = free, {free}, 2.0 * self.coarse
         for _ in range(_ROUNDS):
@@ -88,7 +90,7 @@ class ArcIteration:
                 arcs = self.checked(found, outcome)
             shown = get_signature(arcs)
             elsewhere = have_moved(arcs, outcome.path.durations, _VANISHING)
-            if search.monitor.stopped or shown == now and not elsewhere:
+            if bench.monitor.stopped or shown == now and not elsewhere:
                 break
             if shown == now:
                 new = self.with_arcs(arcs, outcome, density, _SEEN)
@@ -100,7 +102,7 @@ class ArcIteration:
                 continue
             if shown in seen:
                 density *= 1.5
-                if density > search.monitor.max_intervals / 4:
+                if density > bench.monitor.max_intervals / 4:
                     break
             seen.add(shown)
             new = self.with_arcs(arcs, outcome, density)
@@ -112,11 +114,11 @@ class ArcIteration:
             if self.touches_otherwise(outcome, seen):
                 continue
             density *= 2
-            if not search.monitor.allows(int(density)):
+            if not bench.monitor.allows(int(density)):
                 break
-            new = search.collocate(
-                build_uniform_mesh(self.problem, int(density), search.stages), outcome.path,
-                outcome.path.t[-1:], near=True, sizes=search.sizes(outcome))
+            new = bench.collocate(
+                build_uniform_mesh(self.problem, int(density), bench.stages), outcome.path,
+                outcome.path.t[-1:], near=True, sizes=bench.sizes(outcome))
             if not new.converged:
                 break
             outcome, now = new, free
@@ -132,7 +134,7 @@ class ArcIteration:
         """
         arcs = self.checked(found, outcome, moving=False)
         shown = get_signature(arcs)
-        if shown in seen or self.search.monitor.stopped:
+        if shown in seen or self.bench.monitor.stopped:
             return None, shown
         seen.add(shown)
         return self.with_arcs(arcs, outcome, density), shown
@@ -152,12 +154,12 @@ class ArcIteration:
     def touching(self, arcs: list[Arc], outcome: TranscriptionOutcome) -> list[Arc]:
         """Return arcs with boundary arcs inserted, for state bounds that switching inputs hold."""
         free = self.kit.deciding & np.array(self.switching)
-        if not (self.search.bounded and free.any()) or self.touch == _NEVER:
+        if not (self.bench.bounded and free.any()) or self.touch == _NEVER:
             return arcs
         path, problem = outcome.path, self.problem
         value = self.kit.fitter(problem).at(
             problem, path.x, np.vstack([path.ua, path.ub[-1:]]))
-        found = find_contacts(problem, outcome, value, self.search.margin, free.any(axis=1),
+        found = find_contacts(problem, outcome, value, self.bench.margin, free.any(axis=1),
                               perhaps=self.touch == _PERHAPS)
         return add_contacts(arcs, found, free) if found else arcs
 
@@ -177,15 +179,15 @@ class ArcIteration:
 
         `kept`: least length of arcs at bounds, as part of the given one.
         """
-        search = self.search
+        bench = self.bench
         mesh, durations = build_arc_mesh(
-            self.problem, arcs, search.stages, density / outcome.path.t[-1])
-        if not search.monitor.allows(mesh.layout.intervals) or not self.kit.transcription(
+            self.problem, arcs, bench.stages, density / outcome.path.t[-1])
+        if not bench.monitor.allows(mesh.layout.intervals) or not self.kit.transcription(
                 self.problem, mesh.layout).solvable(self.problem, mesh):
             return None
         held = [not np.isnan(arc.levels).any() for arc in arcs]
-        new = search.collocate(mesh, sharpen_steps(outcome.path, arcs), durations, near=True,
-                               sizes=search.sizes(outcome), least=kept * durations * held,
+        new = bench.collocate(mesh, sharpen_steps(outcome.path, arcs), durations, near=True,
+                               sizes=bench.sizes(outcome), least=kept * durations * held,
                                most=_PATIENT)
         return new if new.converged and self.no_dearer(new, outcome) else None
 
@@ -234,7 +236,7 @@ class ArcIteration:
 
         The input moves to its other bound there; without `moving` it becomes free.
         """
-        course = self.search.course(outcome)
+        course = self.bench.course(outcome)
         x, u = (course.x + course.x_end) / 2, (course.ua + course.ub) / 2
         mu = None if course.density_path is None else course.density_path.mean(axis=1)
         _, Hu, _ = self.kit.integrator.hamiltonian(

@@ -39,14 +39,14 @@ _JUMP = 0.05          # least jump of an input, as part of its span
 _BESIDE = 1.5         # distance in intervals up to which a slope belongs to the end of a phase
 
 
-def move_to_best_branch(search: Bench, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
+def move_to_best_branch(bench: Bench, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
     """
     Move inputs to the global minimum of H and solve from there, as long as the cost decreases.
 
     Parameters
     ----------
-    search : Bench
-        Driver.
+    bench : Bench
+        Of the search.
     outcome : TranscriptionOutcome
         On the coarse mesh.
 
@@ -56,26 +56,26 @@ def move_to_best_branch(search: Bench, outcome: TranscriptionOutcome) -> Transcr
         `outcome` if H has no better minimum along it.
 
     """
-    if search.quick or search.kit.twin or not search.kit.branching.any():
+    if bench.quick or bench.kit.twin or not bench.kit.branching.any():
         return outcome
     best = outcome
     for _ in range(_ROUNDS):
-        paths = _moved(search, best)
+        paths = _moved(bench, best)
         if not paths and best is outcome:
-            return _with_jumps(search, best) if _leaps(search, best) else best
-        found = [new for path in paths if (new := _from_inputs(search, best, path)) is not None]
+            return _with_jumps(bench, best) if _leaps(bench, best) else best
+        found = [new for path in paths if (new := _from_inputs(bench, best, path)) is not None]
         new = min(found, key=lambda each: each.objective, default=best)
-        if search.monitor.stopped or not is_below(new.objective, best.objective, _SAME):
+        if bench.monitor.stopped or not is_below(new.objective, best.objective, _SAME):
             break
-        best = _with_jumps(search, new)
+        best = _with_jumps(bench, new)
     return best
 
 
-def _moved(search: Bench, outcome: TranscriptionOutcome) -> list[Path]:
+def _moved(bench: Bench, outcome: TranscriptionOutcome) -> list[Path]:
     """Return paths with inputs at the minimum of H, in all intervals that gain and in fewer."""
     path, every = outcome.path, np.arange(len(outcome.path.ua))
     for rows in (every[::max(1, len(every) // _GLANCE)], every):
-        least, gap = _least(search, outcome, rows)
+        least, gap = _least(bench, outcome, rows)
         if not gap.any():
             return []
     if not np.diff(path.t) @ gap > _WORTH * abs(outcome.objective):
@@ -85,13 +85,13 @@ def _moved(search: Bench, outcome: TranscriptionOutcome) -> list[Path]:
             for moved in chosen]
 
 
-def _least(search: Bench, outcome: TranscriptionOutcome, rows: Index) -> tuple[Array, Array]:
+def _least(bench: Bench, outcome: TranscriptionOutcome, rows: Index) -> tuple[Array, Array]:
     """Return the minimiser of H in some intervals, (N, m), and the decrease of H, (N,)."""
-    problem, path = search.problem, outcome.path
-    H = partial(_mean_H, search, search.course(outcome), rows)
+    problem, path = bench.problem, outcome.path
+    H = partial(_mean_H, bench, bench.course(outcome), rows)
     now = H(path.ua[rows], path.ub[rows])
     value, least = now.copy(), (path.ua[rows] + path.ub[rows]) / 2
-    for j in np.flatnonzero(search.kit.branching):
+    for j in np.flatnonzero(bench.kit.branching):
         levels = np.linspace(problem.u_lower[j], problem.u_upper[j], _VALUES)
         tried = np.repeat(least[None], _VALUES, axis=0)
         tried[:, :, j] = levels[:, None]
@@ -105,7 +105,7 @@ def _least(search: Bench, outcome: TranscriptionOutcome, rows: Index) -> tuple[A
     return least, np.where(value < now, now - value, 0.0)
 
 
-def _mean_H(search: Bench, course: Extremal, rows: Index, ua: Array, ub: Array) -> Array:
+def _mean_H(bench: Bench, course: Extremal, rows: Index, ua: Array, ub: Array) -> Array:
     """Return the mean of H (..., N) at the ends of intervals, with inputs (..., N, m) there."""
     first = rows * course.parts
     last = first + course.parts - 1
@@ -114,38 +114,38 @@ def _mean_H(search: Bench, course: Extremal, rows: Index, ua: Array, ub: Array) 
     u = np.stack([ua, ub], axis=-3)
     points = (np.broadcast_to(each, (*u.shape[:-1], each.shape[-1])).reshape(-1, each.shape[-1])
               for each in (x, u, lam))
-    H = search.kit.integrator.hamiltonian(search.problem, *points)[0].reshape(u.shape[:-1])
+    H = bench.kit.integrator.hamiltonian(bench.problem, *points)[0].reshape(u.shape[:-1])
     return np.asarray(H.mean(axis=-2))
 
 
-def _from_inputs(search: Bench, outcome: TranscriptionOutcome,
+def _from_inputs(bench: Bench, outcome: TranscriptionOutcome,
                  path: Path) -> TranscriptionOutcome | None:
     """Solve from the inputs of a path."""
-    problem, h = search.problem, np.diff(path.t)
+    problem, h = bench.problem, np.diff(path.t)
     steps = np.maximum(1, np.ceil(_STEPS * h / h.max())).astype(np.int64)
     t = np.append(0.0, np.cumsum(np.repeat(h / steps, steps)))
     held = np.repeat((path.ua + path.ub) / 2, steps, axis=0)
     with np.errstate(all='ignore'):
-        (x,), _ = search.kit.integrator.forward_each(problem, t[None], held[None])
+        (x,), _ = bench.kit.integrator.forward_each(problem, t[None], held[None])
     # With terminal constraints the states of the path stay: those of the new inputs violate them.
     if np.isfinite(x).all() and not problem.q:
         inner = path.t[:-1, None] + h[:, None] * compute_gauss_points(path.inner.shape[1])
         path = replace(path, x=x[np.append(0, np.cumsum(steps))], inner=np.stack([
             np.interp(inner, t, column) for column in x.T], axis=2))
-    new = search.collocate(outcome.mesh, path, near=True, most=_ITERATIONS)
+    new = bench.collocate(outcome.mesh, path, near=True, most=_ITERATIONS)
     return new if new.converged else None
 
 
-def _leaps(search: Bench, outcome: TranscriptionOutcome) -> bool:
+def _leaps(bench: Bench, outcome: TranscriptionOutcome) -> bool:
     """Return whether an input jumps between local minima of H that are not both at bounds."""
-    problem, path, here = search.problem, outcome.path, search.kit.branching
+    problem, path, here = bench.problem, outcome.path, bench.kit.branching
     at = np.clip(np.searchsorted(path.t, find_jumps(path, here.tolist())) - 1, 0, len(path.ua) - 1)
     if not at.size:
         return False
     before, after = path.ua[np.maximum(at - 1, 0)], path.ub[np.minimum(at + 1, len(path.ub) - 1)]
     part = np.linspace(0.0, 1.0, _VALUES)[:, None, None]
     along = before + part * (after - before)
-    H = _mean_H(search, search.course(outcome), at, along, along)
+    H = _mean_H(bench, bench.course(outcome), at, along, along)
     wall = H.max(axis=0) > np.maximum(H[0], H[-1])
     ends = np.stack([before, after])[:, :, here]
     room = _JUMP * (problem.u_upper - problem.u_lower)[here]
@@ -153,7 +153,7 @@ def _leaps(search: Bench, outcome: TranscriptionOutcome) -> bool:
     return bool(np.any(wall & free.any(axis=(0, 2))))
 
 
-def _with_jumps(search: Bench, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
+def _with_jumps(bench: Bench, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
     """
     Solve with phases that begin where inputs jump, until these times do not change.
 
@@ -161,24 +161,24 @@ def _with_jumps(search: Bench, outcome: TranscriptionOutcome) -> TranscriptionOu
     slope over an interval. The end of the phase is then moved to that interval.
     """
     for _ in range(_SETTLING):
-        path, arcs = outcome.path, _apart(search, outcome)
+        path, arcs = outcome.path, _apart(bench, outcome)
         if len(arcs) == len(path.durations) and not have_moved(arcs, path.durations, _VANISHING):
             break
         mesh, durations = build_arc_mesh(
-            search.problem, arcs, search.stages, len(path.ua) / path.t[-1])
-        if not search.monitor.allows(mesh.layout.intervals):
+            bench.problem, arcs, bench.stages, len(path.ua) / path.t[-1])
+        if not bench.monitor.allows(mesh.layout.intervals):
             break
-        new = search.collocate(mesh, sharpen_steps(path, arcs), durations, near=True,
-                               sizes=search.sizes(outcome), most=_ITERATIONS)
+        new = bench.collocate(mesh, sharpen_steps(path, arcs), durations, near=True,
+                               sizes=bench.sizes(outcome), most=_ITERATIONS)
         if not new.converged or is_below(outcome.objective, new.objective, _SAME):
             break
         outcome = new
     return outcome
 
 
-def _apart(search: Bench, outcome: TranscriptionOutcome) -> list[Arc]:
+def _apart(bench: Bench, outcome: TranscriptionOutcome) -> list[Arc]:
     """Return arcs that begin where inputs jump, at the ends of phases or in steep intervals."""
-    problem, path, here = search.problem, outcome.path, search.kit.branching
+    problem, path, here = bench.problem, outcome.path, bench.kit.branching
     first = np.flatnonzero(np.diff(outcome.mesh.layout.phase_of)) + 1
     ends, least = path.t[first], _VANISHING * path.t[-1]
     span, found = (problem.u_upper - problem.u_lower)[here], find_jumps(path, here.tolist())

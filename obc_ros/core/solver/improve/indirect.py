@@ -17,7 +17,7 @@ from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.solution import Condition, Solution, Status, Verdict
 from obc_ros.core.solver.adjoint.bvp_solution import BoundaryValues
-from obc_ros.core.solver.bench import Bench
+from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.improve.kink_mesh import build_points, solve_boundary_values
 from obc_ros.core.solver.program_cache import Answered
 from obc_ros.core.solver.trace import judge_path
@@ -32,107 +32,109 @@ _SAME = 1e-9       # relative difference of inputs at a switching time up to whi
 _DEARER = 1e-8     # relative increase of the cost that is accepted
 
 
-def refine_indirectly(search: Bench, answer: Solution) -> Solution:
+def refine_indirectly(bench: Bench, found: Candidate) -> Candidate:
     """
     Refine a solution by the indirect method.
 
     Parameters
     ----------
-    search : Bench
-        Driver, with the last outcome of the descent.
-    answer : Solution
-        Its solution.
+    bench : Bench
+        Of the search.
+    found : Candidate
+        Its result.
 
     Returns
     -------
-    Solution
-        A certified one from the boundary value problem; otherwise `answer`, with the reason in
-        its message if the method does not apply or did not converge.
+    Candidate
+        With a certified solution from the boundary value problem; otherwise with that of `found`,
+        and the reason in its message if the method does not apply or did not converge.
 
     """
-    if search.last is None:
-        return answer
-    if not _smooth(search, search.last):
-        return replace(answer, message='solved by transcription: the indirect method does not '
-                                       'treat active state bounds, path constraints or absolute '
-                                       'values')
-    found = _boundary_values(search)
-    if found is None:
-        return replace(answer, message='solved by transcription: the indirect method found no '
-                                       'extremal on which every input is at a bound or has '
-                                       'dH/du = 0')
-    return _better(search, answer, found, _PRECISE)
+    if found.record is None:
+        return found
+    if not _is_smooth(bench, found.record):
+        return _explained(found, 'the indirect method does not treat active state bounds, path '
+                          'constraints or absolute values')
+    values = _boundary_values(bench, found.record)
+    if values is None:
+        return _explained(found, 'the indirect method found no extremal on which every input is '
+                          'at a bound or has dH/du = 0')
+    return _better(bench, found, values, _PRECISE)
 
 
-def refine_after_search(search: Bench, answer: Solution) -> Solution:
+def _explained(found: Candidate, reason: str) -> Candidate:
+    return replace(found, solution=replace(
+        found.solution, message=f'solved by transcription: {reason}'))
+
+
+def refine_after_search(bench: Bench, found: Candidate) -> Candidate:
     """
     Refine a solution by the indirect method, unless it was found in less work than that takes.
 
     Parameters
     ----------
-    search : Bench
-        Driver, with the last outcome of the descent.
-    answer : Solution
-        Its solution.
+    bench : Bench
+        Of the search.
+    found : Candidate
+        Its result.
 
     Returns
     -------
-    Solution
-        A certified one from the boundary value problem, or `answer`.
+    Candidate
+        With a certified solution from the boundary value problem, or `found`.
 
     """
-    kit = search.kit
-    if (search.last is None or search.nearby or search.work < _WORTH_IT and not kit.touched_up
-            or search.monitor.remaining() < _LEAST or not _smooth(search, search.last)):
-        return answer
-    with search.trace.attempt('indirect refinement') as attempt:
-        new, found = answer, _boundary_values(search)
-        if found is None:
+    kit = bench.kit
+    if (found.record is None or found.nearby or bench.work < _WORTH_IT and not kit.touched_up
+            or bench.monitor.remaining() < _LEAST or not _is_smooth(bench, found.record)):
+        return found
+    with bench.trace.attempt('indirect refinement') as attempt:
+        values = _boundary_values(bench, found.record)
+        if values is None:
             attempt.end(Verdict.NOT_CONVERGED, 'the boundary value problem was not solved')
-            return answer
+            return found
         for wanted in (_QUICK, _PRECISE):
-            new = _better(search, answer, found, wanted)
-            if new is not answer:
-                kit.touched_up = True
-                attempt.end(*judge_path(new), cost=new.objective)
+            new = _better(bench, found, values, wanted)
+            if new is not found:
+                kit.note_refinement()
+                attempt.end(*judge_path(new.solution), cost=new.solution.objective)
                 return new
         attempt.end(Verdict.REJECTED, 'its samples are not certified at this cost')
-    return answer
+    return found
 
 
-def _smooth(search: Bench, last: Answered) -> bool:
+def _is_smooth(bench: Bench, last: Answered) -> bool:
     """Return whether no state constraint is active and no absolute value occurs."""
-    return not search.kit.twin and search.course(last.outcome).density_x is None
+    return not bench.kit.twin and bench.course(last.outcome).density_x is None
 
 
-def _boundary_values(search: Bench) -> BoundaryValues | None:
+def _boundary_values(bench: Bench, last: Answered) -> BoundaryValues | None:
     """Solve the boundary value problem from the last outcome of the descent."""
-    assert search.last is not None
-    outcome, known = search.last.outcome, search.last.extremal
+    outcome, known = last.outcome, last.extremal
     if known is not None:
-        return search.kit.indirect.refined(
-            search.stated, known, outcome.path.t, search.sizes(outcome))
-    return solve_boundary_values(search.kit, search.stated, outcome, search.course(outcome),
-                                 search.sizes(outcome))
+        return bench.kit.indirect.refined(
+            bench.stated, known, outcome.path.t, bench.sizes(outcome))
+    return solve_boundary_values(bench.kit, bench.stated, outcome, bench.course(outcome),
+                                 bench.sizes(outcome))
 
 
-def _better(search: Bench, answer: Solution, found: BoundaryValues, wanted: float) -> Solution:
-    """Return the solution sampled from boundary values if it is certified, else `answer`."""
-    new = _sampled(search, found, wanted)
+def _better(bench: Bench, known: Candidate, found: BoundaryValues, wanted: float) -> Candidate:
+    """Return the solution sampled from boundary values if it is certified, else `known`."""
+    new, answer = _sampled(bench, found, wanted), known.solution
     judged = answer.certificate
     if judged is not None and judged.feasible:
         # An extremal costs no more than a path near it, up to the errors of that path.
         error = _DEARER + judged.residuals[Condition.DYNAMICS] + judged.residuals[Condition.END]
         if new.objective > answer.objective + error * abs(answer.objective):
-            return answer
-    new = replace(new, certificate=certify(search.stated, new), optimality=answer.optimality)
+            return known
+    new = replace(new, certificate=certify(bench.stated, new), optimality=answer.optimality)
     assert new.certificate is not None
-    return new if new.certificate.holds else answer
+    return replace(known, solution=new) if new.certificate.holds else known
 
 
-def _sampled(search: Bench, found: BoundaryValues, wanted: float) -> Solution:
+def _sampled(bench: Bench, found: BoundaryValues, wanted: float) -> Solution:
     """Return boundary values as samples, including both ends of each arc."""
-    problem, longest = search.stated, found.lengths.sum() / _FEWEST_SAMPLES
+    problem, longest = bench.stated, found.lengths.sum() / _FEWEST_SAMPLES
     points_, of = build_points(found, wanted, longest, _MOST_SAMPLES)
     # Places of the start of each interval, and of the end of each arc, among the samples.
     starts, last = np.arange(len(of)) + of, np.flatnonzero(np.diff(of, append=-1))
@@ -144,7 +146,7 @@ def _sampled(search: Bench, found: BoundaryValues, wanted: float) -> Solution:
     x, lam = z[:, :problem.n], z[:, problem.n:]
     free = found.free[k]
     for _ in range(2):
-        _, Hu, Huu = search.kit.judge.hamiltonian(problem, x, u, lam)
+        _, Hu, Huu = bench.kit.judge.hamiltonian(problem, x, u, lam)
         whole = np.where(free[:, :, None], Huu, np.eye(problem.m))
         u = u - np.linalg.solve(whole, np.where(free, Hu, 0.0)[:, :, None])[:, :, 0]
     off, drift = _in_the_mean(found, t, arc)
@@ -155,11 +157,11 @@ def _sampled(search: Bench, found: BoundaryValues, wanted: float) -> Solution:
     u = np.clip(u, problem.u_lower, problem.u_upper)
     new = _joined(found, k, u)
     t, x, u, lam = t[new], x[new], u[new], lam[new]
-    H, _, _ = search.kit.judge.hamiltonian(problem, x, u, lam)
+    H, _, _ = bench.kit.judge.hamiltonian(problem, x, u, lam)
     return Solution(
         status=Status.NOT_CONVERGED, message='', objective=found.cost, t=t, x=x, u=u, lam=lam,
         hamiltonian=H, nu=found.nu, switching_times=np.cumsum(found.lengths)[:-1],
-        iterations=search.monitor.iterations)
+        iterations=bench.monitor.iterations)
 
 
 def _in_the_mean(found: BoundaryValues, t: Array, arc: Index) -> tuple[Array, Array]:

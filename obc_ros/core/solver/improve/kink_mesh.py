@@ -172,15 +172,15 @@ def transcribe_on_points(problem: Problem, found: BoundaryValues, t: Array,
         lam_g=np.zeros(0), mu=0.0)
 
 
-def solve_on_kinks(search: Bench, outcome: TranscriptionOutcome,
-                   course: Extremal) -> TranscriptionOutcome | None:
+def solve_on_kinks(bench: Bench, outcome: TranscriptionOutcome,
+                   course: Extremal) -> tuple[TranscriptionOutcome, BoundaryValues] | None:
     """
     Solve on a mesh with a point at each kink of the inputs.
 
     Parameters
     ----------
-    search : Bench
-        Driver; `extremal` is set.
+    bench : Bench
+        Of the search.
     outcome : TranscriptionOutcome
         Of one phase, by Runge-Kutta steps.
     course : Extremal
@@ -188,30 +188,29 @@ def solve_on_kinks(search: Bench, outcome: TranscriptionOutcome,
 
     Returns
     -------
-    TranscriptionOutcome or None
-        None if that was done before, does not apply, or did not converge at about the same cost.
+    tuple of TranscriptionOutcome and BoundaryValues, or None
+        The outcome, and the extremal whose kinks are its mesh points. None if that does not
+        apply, or did not converge at about the same cost.
 
     """
     layout = outcome.mesh.layout
-    if (search.extremal is not None or search.bounded or search.kit.twin
-            or any(search.switching) or len(layout.phases) > 1 or layout.stages):
+    if bench.bounded or bench.kit.twin or len(layout.phases) > 1 or layout.stages:
         return None
-    found = solve_boundary_values(search.kit, search.stated, outcome, course,
-                                  search.sizes(outcome),
+    found = solve_boundary_values(bench.kit, bench.stated, outcome, course,
+                                  bench.sizes(outcome),
                                   rough=True)
     if found is None or len(found.lengths) == 1:
         return None
-    guide = transcribe_on_points(search.stated, found, *build_points(
-        found, _KINKED, outcome.path.t[-1] / _LONGEST, 2 * search.monitor.max_intervals))
-    if not search.monitor.allows(guide.mesh.layout.intervals):
+    guide = transcribe_on_points(bench.stated, found, *build_points(
+        found, _KINKED, outcome.path.t[-1] / _LONGEST, 2 * bench.monitor.max_intervals))
+    if not bench.monitor.allows(guide.mesh.layout.intervals):
         return None
-    with search.trace.attempt('mesh at kinks') as attempt:
-        new = search.collocate(guide.mesh, guide.path, near=True, sizes=search.sizes(outcome),
+    with bench.trace.attempt('mesh at kinks') as attempt:
+        new = bench.collocate(guide.mesh, guide.path, near=True, sizes=bench.sizes(outcome),
                                guide=guide)
         if not new.converged or is_below(outcome.objective, new.objective, _WORSE):
             attempt.end(Verdict.REJECTED, 'its cost is higher' if new.converged else new.status,
                         cost=new.objective)
             return None
         attempt.end(Verdict.ACCEPTED, cost=new.objective)
-    search.extremal = found
-    return new
+    return new, found

@@ -30,7 +30,7 @@ from obc_ros.core.solver.arcs.phase_mesh import spread_as_wanted, spread_by_erro
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.arcs.phases import DEGREE, Grazing, Phased
 from obc_ros.core.solver.arcs.state_contacts import add_contacts, find_contacts, StateContact
-from obc_ros.core.solver.bench import Bench
+from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.improve.phase_samples import BY_SAMPLES, certify_samples, join_phases
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.trace import judge_path
@@ -264,57 +264,53 @@ def _grazing(problem: Problem, program: PhasedProgram, found: Phased, sizes: Pro
     return new if same else found
 
 
-def _may_have_arcs(search: Bench) -> bool:
+def _may_have_arcs(bench: Bench) -> bool:
     """Return whether boundary arcs may be used for this problem."""
-    return search.bounded and search.may_hold and not (
-        search.quick or search.kit.twin or search.monitor.stopped)
+    return bench.bounded and bench.may_hold and not (
+        bench.quick or bench.kit.twin or bench.monitor.stopped)
 
 
-def solve_along_bounds(search: Bench, outcome: TranscriptionOutcome, known: Solution | None = None
-                       ) -> Solution | None:
+def solve_along_bounds(bench: Bench, outcome: TranscriptionOutcome, known: Candidate | None = None
+                       ) -> Candidate | None:
     """
     Find a certified solution with boundary arcs from an outcome.
 
     Parameters
     ----------
-    search : Bench
-        Driver; `last` is set if a solution is found.
+    bench : Bench
+        Of the search.
     outcome : TranscriptionOutcome
         Its arcs are detected.
-    known : Solution, optional
+    known : Candidate, optional
         If it is certified, the new solution must not cost more.
 
     Returns
     -------
-    Solution or None
+    Candidate or None
         None if none was certified.
 
     """
-    problem = search.problem
-    if not _may_have_arcs(search):
+    problem = bench.problem
+    if not _may_have_arcs(bench):
         return None
-    program = search.kit.phased
-    value = search.kit.fitter(problem).at(
+    program = bench.kit.phased
+    value = bench.kit.fitter(problem).at(
         problem, outcome.path.x, np.vstack([outcome.path.ua, outcome.path.ub[-1:]]))
     allowed = outcome.objective + _DEARER * abs(outcome.objective)
     if known is not None and known.certified:
-        allowed = known.objective + _NO_DEARER * abs(known.objective)
+        cost = known.solution.objective
+        allowed = cost + _NO_DEARER * abs(cost)
     seen: set[tuple[Signature, float, int]] = set()
-    whole, search.monitor = search.monitor, search.monitor.part(max(_PATIENCE, search.work))
-    try:
-        for gap in _GAPS:
-            arcs = read_spans(problem, program, outcome, value, search.margin,
-                              search.kit.switching, gap)
-            with search.trace.attempt('boundary arcs', f'{len(arcs)} arcs') as attempt:
-                answer = _settled_on(search, outcome, arcs, allowed, seen)
-                if answer is not None:
-                    search.last = search.answered(outcome)
-                    attempt.end(*judge_path(answer), cost=answer.objective)
-                    return answer
-                attempt.end(Verdict.REJECTED, 'no solution with these arcs was certified')
-        return None
-    finally:
-        search.monitor = whole
+    bench = replace(bench, monitor=bench.monitor.part(max(_PATIENCE, bench.work)))
+    for gap in _GAPS:
+        arcs = read_spans(problem, program, outcome, value, bench.margin, bench.kit.switching, gap)
+        with bench.trace.attempt('boundary arcs', f'{len(arcs)} arcs') as attempt:
+            answer = _settled_on(bench, outcome, arcs, allowed, seen)
+            if answer is not None:
+                attempt.end(*judge_path(answer), cost=answer.objective)
+                return Candidate(answer, bench.record(outcome))
+            attempt.end(Verdict.REJECTED, 'no solution with these arcs was certified')
+    return None
 
 
 @dataclass
@@ -351,17 +347,17 @@ class _Turn:
         self.erred = erred
 
 
-def _settled_on(search: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], allowed: float,
+def _settled_on(bench: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], allowed: float,
                 seen: set[tuple[Signature, float, int]]) -> Solution | None:
     """
     Solve with the given arcs, and detect arcs again, until a solution is certified; else None.
 
     `allowed`: maximum cost. `seen`: arcs and meshes that were tried and are not tried again.
     """
-    problem, monitor, pinned = search.problem, search.monitor, search.pinned
-    program, judge, fitter = search.kit.phased, search.kit.judge, search.kit.fitter(problem)
+    problem, monitor, pinned = bench.problem, bench.monitor, bench.pinned
+    program, judge, fitter = bench.kit.phased, bench.kit.judge, bench.kit.fitter(problem)
     turn, sizes = _Turn(arcs, sharpen_steps(outcome.path, arcs), spread_like(outcome.path)), (
-        search.sizes(outcome))
+        bench.sizes(outcome))
     for number in range(_ROUNDS + _GRADED):
         if number and turn.key in seen:
             turn.fine *= 2   # on this mesh the detected arcs alternate
@@ -429,7 +425,7 @@ def _resolved(turn: _Turn, problem: Problem, program: PhasedProgram, judge: Cost
     return turn.off <= _WORSE * before
 
 
-def solve_at_once(search: Bench, start: TranscriptionOutcome) -> Solution | None:
+def solve_at_once(bench: Bench, switches: bool, start: TranscriptionOutcome) -> Candidate | None:
     """
     Find a certified solution with boundary arcs from a coarse outcome, before it is refined.
 
@@ -437,32 +433,31 @@ def solve_at_once(search: Bench, start: TranscriptionOutcome) -> Solution | None
 
     Parameters
     ----------
-    search : Bench
-        Driver.
+    bench : Bench
+        Of the search.
+    switches : bool
+        Whether an input may be held at its bounds.
     start : TranscriptionOutcome
         On the coarse mesh.
 
     Returns
     -------
-    Solution or None
+    Candidate or None
         None if none was certified.
 
     """
-    if not (start.converged and any(search.switching) and _may_have_arcs(search)):
+    if not (start.converged and switches and _may_have_arcs(bench)):
         return None
-    whole, outcome, problem = search.monitor, start, search.problem
-    try:
-        for finer in (1, *_FINER):
-            search.monitor = whole.part(_AT_ONCE)
-            mesh = build_uniform_mesh(problem, finer * start.mesh.layout.intervals, search.stages)
-            if finer > 1 and whole.allows(mesh.layout.intervals):
-                new = search.collocate(mesh, outcome.path, near=True, sizes=search.sizes(outcome))
-                outcome = new if new.converged else outcome
-            if (answer := solve_along_bounds(search, outcome)) is not None:
-                return answer
-        return None
-    finally:
-        search.monitor = whole
+    outcome, problem, whole = start, bench.problem, bench.monitor
+    for finer in (1, *_FINER):
+        bench = replace(bench, monitor=whole.part(_AT_ONCE))
+        mesh = build_uniform_mesh(problem, finer * start.mesh.layout.intervals, bench.stages)
+        if finer > 1 and whole.allows(mesh.layout.intervals):
+            new = bench.collocate(mesh, outcome.path, near=True, sizes=bench.sizes(outcome))
+            outcome = new if new.converged else outcome
+        if (answer := solve_along_bounds(bench, outcome)) is not None:
+            return answer
+    return None
 
 
 def reread_arcs(problem: Problem, program: PhasedProgram, integrator: CostateIntegrator,

@@ -109,6 +109,10 @@ class ProgressMonitor:
         self.best: BestPath | None = None
         self._report = report
 
+    def watch(self, best: BestPath) -> None:
+        """Pass intermediate paths on."""
+        self.best = best
+
     def limit(self, iterations: int, each: int = 1) -> None:
         """
         Limit the next solve.

@@ -13,7 +13,7 @@ The module is long because its generations and its quick and thorough searches s
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from itertools import chain, islice, pairwise, zip_longest
+from itertools import islice, pairwise, zip_longest
 from typing import NamedTuple
 
 import numpy as np
@@ -21,8 +21,8 @@ from obc_ros.core.numerics.arrays import Array, Index
 from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import Verdict
-from obc_ros.core.solver.bench import Bench
-from obc_ros.core.solver.transcription.local_minima import Familiar
+from obc_ros.core.solver.bench import Bench, Candidate
+from obc_ros.core.solver.starts.start_pool import StartPool
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, label_paths, Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
@@ -70,14 +70,16 @@ _CHEAP = 2    # cheap rollouts before expensive ones, which end nearer to psi = 
 _VAIN = 3, 6  # rollouts in a row without a new minimum before they end: usual, nonlinear
 
 
-def start_from_rollouts(search: Bench, T: float) -> list[TranscriptionOutcome]:
+def start_from_rollouts(bench: Bench, pool: StartPool, T: float) -> list[TranscriptionOutcome]:
     """
     Solve from cross-entropy rollouts, for problems with terminal constraints.
 
     Parameters
     ----------
-    search : Bench
-        Driver; its `starts` begin with the remaining rollouts if one was successful.
+    bench : Bench
+        Of the search.
+    pool : StartPool
+        It begins with the remaining rollouts if one was successful.
     T : float
         Final time, or the guess of a free one [s].
 
@@ -87,72 +89,91 @@ def start_from_rollouts(search: Bench, T: float) -> list[TranscriptionOutcome]:
         Those with a small discretisation error.
 
     """
-    problem = search.problem
-    if search.quick or not problem.q or search.kit.twin:
+    if bench.quick or not bench.problem.q or bench.kit.twin:
         return []
-    with search.trace.attempt('cross-entropy search') as attempt:
-        found = _solve_rollouts(search, T)
+    with bench.trace.attempt('cross-entropy search') as attempt:
+        found = _solve_rollouts(bench, pool, T)
         attempt.end(Verdict.ACCEPTED if found else Verdict.REJECTED,
                     f'{len(found)} rollouts led to a path with a small discretisation error')
     return found
 
 
-def _solve_rollouts(search: Bench, T: float) -> list[TranscriptionOutcome]:
+def _solve_rollouts(bench: Bench, pool: StartPool, T: float) -> list[TranscriptionOutcome]:
     """Do what `start_from_rollouts` does, for a problem to which it applies."""
-    problem = search.problem
+    problem = bench.problem
     found: list[TranscriptionOutcome] = []
-    search.familiar = Familiar()
+    pool.forget()
     paths = label_paths(search_rollouts(problem, T), 'cross-entropy rollout')
-    for path in islice(paths, _TRIED_MOST):
-        tried = search.looked_from >= _TRIED and not found
-        if tried or search.monitor.stopped or not search.monitor.allows(_INTERVALS):
+    for number, path in enumerate(islice(paths, _TRIED_MOST)):
+        vain = number >= _TRIED and not found
+        if vain or bench.monitor.stopped or not bench.monitor.allows(_INTERVALS):
             break
-        search.looked_from += 1
-        search.tried += 1
+        pool.count()
         usual = 2 * found[0].iterations if found else _ITERATIONS
-        with search.trace.attempt('initial guess', path.origin) as attempt:
-            outcome = search.collocate(
-                build_uniform_mesh(problem, _INTERVALS, search.stages), path,
-                most=min(usual, _ITERATIONS), known=search.familiar)
-            search.familiar.ended(outcome.objective, outcome.infeasibility,
-                                  outcome.path if outcome.converged else None)
+        with bench.trace.attempt('initial guess', path.origin) as attempt:
+            outcome = bench.collocate(
+                build_uniform_mesh(problem, _INTERVALS, bench.stages), path,
+                most=min(usual, _ITERATIONS), known=pool.familiar)
+            pool.familiar.ended(outcome.objective, outcome.infeasibility,
+                                outcome.path if outcome.converged else None)
             attempt.end(*outcome.judge(), cost=outcome.objective)
-        if search.believed(outcome):
+        if bench.believed(outcome):
             found.append(outcome)
     if found:   # the remaining rollouts may lead to other minima
-        search.intervals, search.starts = _INTERVALS, chain(paths, search.starts)
+        pool.put_first(paths)
     return found
 
 
-def interleave_rollouts(search: Bench, starts: Iterator[Path], seen: list[RolloutEnd],
-                        rough: Callable[[], bool], bent: bool) -> Iterator[Path]:
+def interleave_rollouts(bench: Bench, last: Candidate, pool: StartPool, seen: list[RolloutEnd],
+                        rough: Callable[[], bool], bent: bool) -> None:
     """
-    Yield rollouts and other initial guesses in turn.
+    Put rollouts between the initial guesses of a pool, in turn.
 
-    Rollouts end once some in a row led to no new minimum. `seen`: those of the brief search;
-    `rough`: returns whether a long search is made, for expensive ones, too; `bent`: whether a
-    short one is made otherwise.
+    Rollouts end once some in a row led to no new minimum.
+
+    Parameters
+    ----------
+    bench : Bench
+        Of the search.
+    last : Candidate
+        The result of a descent.
+    pool : StartPool
+        Its guesses are used between the rollouts, and after them.
+    seen : list of RolloutEnd
+        Rollouts of the brief search.
+    rough : callable
+        Returns whether a long search is made, for expensive rollouts, too.
+    bent : bool
+        Whether a short search is made otherwise.
+
     """
-    vain, known = 0, search.familiar.minima
-    for start in label_paths(_promising(search, seen, rough, bent), 'cross-entropy rollout'):
-        search.familiar.daring = True
+    pool.replace_rest(_interleave(pool, pool.rest, label_paths(
+        _promising(bench, last, seen, rough, bent), 'cross-entropy rollout'), _VAIN[bent]))
+
+
+def _interleave(pool: StartPool, starts: Iterator[Path], rollouts: Iterator[Path],
+                patience: int) -> Iterator[Path]:
+    """Yield rollouts and starts in turn, then starts only."""
+    vain, known = 0, pool.familiar.minima
+    for start in rollouts:
+        pool.familiar.dare(True)
         yield start
-        search.familiar.daring = False
-        vain, known = 0 if search.familiar.minima > known else vain + 1, search.familiar.minima
+        pool.familiar.dare(False)
+        vain, known = 0 if pool.familiar.minima > known else vain + 1, pool.familiar.minima
         yield next(starts)
-        if vain == _VAIN[bent]:
+        if vain == patience:
             break
     yield from starts
 
 
-def _promising(search: Bench, seen: list[RolloutEnd], rough: Callable[[], bool],
+def _promising(bench: Bench, last: Candidate, seen: list[RolloutEnd], rough: Callable[[], bool],
                bent: bool) -> Iterator[Path]:
     """Yield rollouts of the brief search, and of a longer one if that is worth it."""
     yield from (each.path for each in seen[:1])
-    if search.last is not None and search.problem.q and not search.kit.twin:
-        problem, outcome = _within(search.problem, search.last.outcome.path), search.last.outcome
-        T = outcome.path.t[-1]
-        rest = search.kit.guesser.rest(search.problem)
+    if last.record is not None and bench.problem.q and not bench.kit.twin:
+        outcome = last.record.outcome
+        problem, T = _within(bench.problem, outcome.path), outcome.path.t[-1]
+        rest = bench.kit.guesser.rest(bench.problem)
         look = _LONG if rough() else _SHORT if bent else None
         if look:
             cheap = iter(search_rollouts(problem, T, outcome.objective, rest, look))
@@ -171,7 +192,7 @@ def _within(problem: Problem, path: Path) -> Problem:
         u_upper=np.where(np.isfinite(problem.u_upper), problem.u_upper, high + wide))
 
 
-def search_rollouts_briefly(search: Bench, bent: bool) -> list[RolloutEnd]:
+def search_rollouts_briefly(bench: Bench, last: Candidate, bent: bool) -> list[RolloutEnd]:
     """
     Return rollouts of a brief search, in order of distance from psi = 0 and of cost.
 
@@ -179,45 +200,45 @@ def search_rollouts_briefly(search: Bench, bent: bool) -> list[RolloutEnd]:
     terminal constraints the cheapest rollouts of each kind are refined. Only those cheaper than
     the last outcome are returned, unless there are no terminal constraints and `bent` is set.
     """
-    if search.last is None or search.kit.twin:
+    if last.record is None or bench.kit.twin:
         return []
-    problem, chance = _within(search.problem, search.last.outcome.path), np.random.default_rng(4)
-    most, T = search.last.outcome.objective, float(search.last.outcome.path.t[-1])
+    outcome, chance = last.record.outcome, np.random.default_rng(4)
+    problem, most, T = _within(bench.problem, outcome.path), outcome.objective, outcome.path.t[-1]
     if problem.q:
-        led = _Led(search, problem, _glanced(search, problem, T, chance, _GLANCE), _STEPS[0])
+        led = _Led(bench, problem, _glanced(bench, problem, T, chance, _GLANCE), _STEPS[0])
         return led.seen(most)
     seen = list[RolloutEnd]()
     for steps in _STEPS if bent else _STEPS[:1]:
-        drawn = _glanced(search, problem, T, chance, _OPEN[bent][0])
-        coarse = _drawn_again(search, problem, drawn, steps, chance, *_OPEN[bent][1:])
+        drawn = _glanced(bench, problem, T, chance, _OPEN[bent][0])
+        coarse = _drawn_again(bench, problem, drawn, steps, chance, *_OPEN[bent][1:])
         if coarse is None:
             break
         # Coarse steps may jump over a pole of f to states of low cost.
-        led = _Led(search, problem, coarse.drawn, _FINER * steps)
+        led = _Led(bench, problem, coarse.drawn, _FINER * steps)
         seen = led.seen(np.inf if bent else most)
         if led.agrees(coarse):
             break
     return seen
 
 
-def _drawn_again(search: Bench, problem: Problem, drawn: '_Drawn', steps: int,
+def _drawn_again(bench: Bench, problem: Problem, drawn: '_Drawn', steps: int,
                  chance: np.random.Generator, kinds: int, children: int) -> '_Led | None':
     """Return the best rollouts around the cheapest of each kind of path; None without any."""
-    led = _Led(search, problem, drawn, steps)
+    led = _Led(bench, problem, drawn, steps)
     best = led.kinds(kinds)
     for generation in range(_GENERATIONS):
         if not best.size:
             return None
-        led = _Led(search, problem, led.drawn.around(
+        led = _Led(bench, problem, led.drawn.around(
             problem, np.repeat(best, children), _SPREAD / 2**generation, chance), steps)
         best = led.best_of_each(children)
-    return _Led(search, problem, led.drawn.only(best), steps) if best.size else None
+    return _Led(bench, problem, led.drawn.only(best), steps) if best.size else None
 
 
-def _glanced(search: Bench, problem: Problem, T: float, chance: np.random.Generator,
+def _glanced(bench: Bench, problem: Problem, T: float, chance: np.random.Generator,
              count: int) -> '_Drawn':
     """Return random inputs, at a random distance from rest; half not moved to rest without psi."""
-    rest = _part_at(problem, search.kit.guesser.rest(search.problem))
+    rest = _part_at(problem, bench.kit.guesser.rest(bench.problem))
     part = _parts(chance, count, problem.m)
     away = chance.uniform(0, 1, (count, 1, 1))
     if not problem.q:
@@ -231,8 +252,8 @@ def _glanced(search: Bench, problem: Problem, T: float, chance: np.random.Genera
 class _Led:
     """Rollouts by the integrator of the driver, with costs and distances from psi = 0."""
 
-    def __init__(self, search: Bench, problem: Problem, drawn: '_Drawn', steps: int) -> None:
-        self.drawn, integrator = drawn, search.kit.integrator
+    def __init__(self, bench: Bench, problem: Problem, drawn: '_Drawn', steps: int) -> None:
+        self.drawn, integrator = drawn, bench.kit.integrator
         self._u = np.repeat(_inputs(problem, drawn.part), steps, axis=1)
         self._t = drawn.length[:, None] * np.linspace(0.0, 1.0, steps * _PIECES + 1)
         self._x, running = integrator.forward_each(problem, self._t, self._u)

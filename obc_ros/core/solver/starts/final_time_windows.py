@@ -15,7 +15,7 @@ from itertools import islice
 import casadi as ca
 import numpy as np
 from obc_ros.core.ocp.problem import Problem
-from obc_ros.core.solver.bench import Bench
+from obc_ros.core.solver.bench import Bench, Candidate
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 
@@ -27,14 +27,17 @@ _KEPT = 4           # maximum number of guesses
 _WORK = 3000        # work (see `descent`) for all windows; more if more was done before
 
 
-def find_other_lengths(search: Bench, starts: Iterator[Path], twice: bool) -> list[Path]:
+def find_other_lengths(bench: Bench, last: Candidate, starts: Iterator[Path],
+                       twice: bool) -> list[Path]:
     """
     Find paths with other final times that cost less than the last outcome.
 
     Parameters
     ----------
-    search : Bench
-        Driver, with the last outcome of a descent.
+    bench : Bench
+        Of the search.
+    last : Candidate
+        The result of a descent.
     starts : iterator of Path
         Initial guesses; each is stretched in time.
     twice : bool
@@ -46,16 +49,16 @@ def find_other_lengths(search: Bench, starts: Iterator[Path], twice: bool) -> li
         The cheapest first; empty if T is fixed or nothing but time costs.
 
     """
-    if search.last is None or not _weighs(search.problem):
+    if last.record is None or not _weighs(bench.problem):
         return []
-    outcome, begun = search.last.outcome, search.work
+    outcome, begun = last.record.outcome, bench.work
     found: list[TranscriptionOutcome] = []
-    for T in [T for T in _lengths(search, outcome) for _ in range(1 + twice)]:
+    for T in [T for T in _lengths(bench, outcome) for _ in range(1 + twice)]:
         most = max(_WORK, begun)
-        if search.monitor.stopped or search.work - begun > most:
+        if bench.monitor.stopped or bench.work - begun > most:
             break
         for start in islice(starts, 1):
-            new = _held(search, T, start)
+            new = _held(bench, T, start)
             if new.converged and new.objective < outcome.objective:
                 found.append(new)
     kept: list[TranscriptionOutcome] = []
@@ -73,14 +76,14 @@ def _weighs(problem: Problem) -> bool:
         or ca.depends_on(problem.V, problem.x))
 
 
-def _lengths(search: Bench, outcome: TranscriptionOutcome) -> list[float]:
+def _lengths(bench: Bench, outcome: TranscriptionOutcome) -> list[float]:
     """Return final times at the centres of windows next to that of an outcome, longer first."""
-    problem, path = search.problem, outcome.path
+    problem, path = bench.problem, outcome.path
     final, T = problem.final_time, float(path.t[-1])
     upper = final.upper
     if not ca.depends_on(problem.V, problem.x):
         inputs = path.ua, path.ub, np.clip(0.0 * path.ua, problem.u_lower, problem.u_upper)
-        least = min(float(search.kit.integrator.hamiltonian(
+        least = min(float(bench.kit.integrator.hamiltonian(
             problem, path.x[:-1], u, 0.0 * path.x[:-1])[0].min()) for u in inputs)
         if least > 0:   # a lower bound of L on the path: the cost grows with T
             upper = min(upper, outcome.objective / least)
@@ -89,17 +92,12 @@ def _lengths(search: Bench, outcome: TranscriptionOutcome) -> list[float]:
     return [each for each in longer + shorter if final.lower <= each <= upper]
 
 
-def _held(search: Bench, T: float, start: Path) -> TranscriptionOutcome:
+def _held(bench: Bench, T: float, start: Path) -> TranscriptionOutcome:
     """Solve on the coarse mesh from a guess stretched to T, with T limited to its window."""
-    free = search.problem
-    final, wide = free.final_time, _RATIO**0.5
+    final, wide = bench.problem.final_time, _RATIO**0.5
     stretched = replace(start, t=start.t * (T / start.t[-1]), durations=np.array([T]))
-    search.problem = replace(free, final_time=replace(
+    problem = replace(bench.problem, final_time=replace(
         final, lower=max(T / wide, final.lower), upper=min(T * wide, final.upper)))
-    try:
-        return search.collocate(
-            build_uniform_mesh(free, search.intervals, search.stages), stretched, most=_MOST,
-            rough=_ROUGH,
-            once=True)
-    finally:
-        search.problem = free
+    return replace(bench, problem=problem).collocate(
+        build_uniform_mesh(problem, bench.intervals, bench.stages), stretched, most=_MOST,
+        rough=_ROUGH, once=True)

@@ -25,14 +25,14 @@ _FINE = 32          # integration steps of the continuation in each of its inter
 _FAR = 10.0         # size of states, in those before, above which the continuation is not used
 
 
-def lengthen_horizon(search: Bench, intervals: int) -> TranscriptionOutcome | None:
+def lengthen_horizon(bench: Bench, intervals: int) -> TranscriptionOutcome | None:
     """
     Solve over longer and longer horizons up to [0, T].
 
     Parameters
     ----------
-    search : Bench
-        Driver.
+    bench : Bench
+        Of the search.
     intervals : int
         Minimum number of intervals that each horizon adds.
 
@@ -43,55 +43,56 @@ def lengthen_horizon(search: Bench, intervals: int) -> TranscriptionOutcome | No
         terminal constraints or a free final time.
 
     """
-    whole, final = search.problem, search.problem.final_time
-    if search.quick or whole.q or final.free or search.kit.twin:
+    whole, final = bench.problem, bench.problem.final_time
+    if bench.quick or whole.q or final.free or bench.kit.twin:
         return None
-    start = search.kit.guesser.line(whole, final.value)
-    with search.trace.attempt('horizon continuation') as attempt:
-        outcome = _lengthen(search, intervals, start)
+    start = bench.kit.guesser.line(whole, final.value)
+    with bench.trace.attempt('horizon continuation') as attempt:
+        outcome = _lengthen(bench, intervals, start)
         attempt.end(Verdict.REJECTED if outcome is None else Verdict.ACCEPTED,
                     cost=np.nan if outcome is None else outcome.objective)
     return outcome
 
 
-def _lengthen(search: Bench, intervals: int, start: Path) -> TranscriptionOutcome | None:
+def _lengthen(bench: Bench, intervals: int, start: Path) -> TranscriptionOutcome | None:
     """Do what `lengthen_horizon` does, from a guess over the whole horizon."""
-    whole, final = search.problem, search.problem.final_time
+    whole, final = bench.problem, bench.problem.final_time
     outcome: TranscriptionOutcome | None = None
-    monitor, search.monitor = search.monitor, search.monitor.part(_WORK)
-    try:
-        for halvings in range(_HALVINGS, -1, -1):
-            length = final.value / 2**halvings
-            search.problem = replace(whole, final_time=replace(final, value=length))
-            if outcome is None:
-                mesh = build_uniform_mesh(search.problem, intervals, search.stages)
-                path = replace(start, t=start.t / 2**halvings, durations=np.array([length]))
-            else:
-                mesh, path = _longer(
-                    search.problem, search.kit.integrator, outcome, intervals, length)
-            outcome = _believed(search, mesh, path)
-            if outcome is None and halvings < _HALVINGS:
-                break
-    finally:
-        search.problem, search.monitor = whole, monitor
+    bench = replace(bench, monitor=bench.monitor.part(_WORK))
+    for halvings in range(_HALVINGS, -1, -1):
+        length = final.value / 2**halvings
+        bench = replace(bench, problem=replace(whole, final_time=replace(final, value=length)))
+        if outcome is None:
+            mesh = build_uniform_mesh(bench.problem, intervals, bench.stages)
+            path = replace(start, t=start.t / 2**halvings, durations=np.array([length]))
+        else:
+            mesh, path = _longer(bench.problem, bench.kit.integrator, outcome, intervals, length)
+        bench, outcome = _solve_finely(bench, mesh, path)
+        if outcome is None and halvings < _HALVINGS:
+            break
     return outcome
 
 
-def _believed(search: Bench, mesh: Mesh, path: Path) -> TranscriptionOutcome | None:
-    """Solve on finer and finer meshes until the discretisation error is small; None if not."""
+def _solve_finely(bench: Bench, mesh: Mesh,
+                  path: Path) -> tuple[Bench, TranscriptionOutcome | None]:
+    """
+    Solve on finer and finer meshes until the discretisation error is small.
+
+    Return the bench with its bounds tightened, and the outcome, None if the error is not small.
+    """
     for number in range(_REFINED):
-        if search.monitor.stopped or not search.monitor.allows(mesh.layout.intervals):
-            return None
-        outcome = search.collocate(mesh, path, most=_ITERATIONS)
+        if bench.monitor.stopped or not bench.monitor.allows(mesh.layout.intervals):
+            break
+        outcome = bench.collocate(mesh, path, most=_ITERATIONS)
         if not outcome.converged:
-            return None
-        if search.believed(outcome):
-            return outcome
+            break
+        if bench.believed(outcome):
+            return bench, outcome
         if number < _REFINED - 1:
-            course = search.course(outcome)
-            search.widen_margin(course)
-            mesh, path = search.finer(outcome, course), outcome.path
-    return None
+            course = bench.course(outcome)
+            bench, exceeded = bench.tighten(course)
+            mesh, path = bench.finer(outcome, course, exceeded), outcome.path
+    return bench, None
 
 
 def _longer(problem: Problem, integrator: CostateIntegrator, outcome: TranscriptionOutcome,

@@ -2,18 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Multistart: descents from further initial guesses, for a better local minimum."""
 
-from collections.abc import Generator, Sequence
-from copy import copy
-from dataclasses import replace
-from itertools import chain
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
 from obc_ros.core.ocp.solution import MOST_MINIMA, Solution, Verdict
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
-from obc_ros.core.solver.bench import Bench
+from obc_ros.core.solver.bench import Bench, Candidate
+from obc_ros.core.solver.coarse_mesh import solve_next_start
+from obc_ros.core.solver.descent import descend, Descent, finish
 from obc_ros.core.solver.improve.hamiltonian_wells import move_to_best_branch
-from obc_ros.core.solver.program_cache import Answered, collect_numbers
+from obc_ros.core.solver.program_cache import collect_numbers
 from obc_ros.core.solver.proofs.optimality import describe_local
 from obc_ros.core.solver.starts.cross_entropy import (
     interleave_rollouts,
@@ -21,6 +21,7 @@ from obc_ros.core.solver.starts.cross_entropy import (
     search_rollouts_briefly,
 )
 from obc_ros.core.solver.starts.final_time_windows import find_other_lengths
+from obc_ros.core.solver.starts.start_pool import StartPool
 from obc_ros.core.solver.transcription.local_minima import ANOTHER
 from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, Path, split
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
@@ -58,29 +59,8 @@ _FOR_ROUGH = 3000     # work for further starts of rough problems that are not h
 _LAVISH = 150_000     # work for further starts once a solution is certified
 
 
-def finish_descent(work: Generator[None, None, Solution]) -> Solution:
-    """
-    Run a descent to its end.
-
-    Parameters
-    ----------
-    work : generator
-        Yields after each mesh (`Bench.following`).
-
-    Returns
-    -------
-    Solution
-        The return value of the generator.
-
-    """
-    while True:
-        try:
-            next(work)
-        except StopIteration as end:
-            return cast('Solution', end.value)
-
-
-def descend_from_coarse(search: Bench, first: TranscriptionOutcome) -> tuple[Solution, float]:
+def descend_from_coarse(bench: Bench, pool: StartPool, first: TranscriptionOutcome
+                        ) -> tuple[Candidate, float]:
     """
     Refine a coarse outcome; after much work, try cheaper outcomes of other guesses first.
 
@@ -89,41 +69,49 @@ def descend_from_coarse(search: Bench, first: TranscriptionOutcome) -> tuple[Sol
 
     Parameters
     ----------
-    search : Bench
-        Driver.
+    bench : Bench
+        With the coarse mesh.
+    pool : StartPool
+        Other guesses.
     first : TranscriptionOutcome
         The best one on the coarse mesh.
 
     Returns
     -------
-    solution : Solution
+    found : Candidate
     floor : float
         Cost on the coarse mesh of the outcome that led to it.
 
     """
-    first = move_to_best_branch(search, first)
-    begun, work = search.work, search.following(first)
+    first = move_to_best_branch(bench, first)
+    begun, work = bench.work, Descent(bench).follow(first)
     try:
-        while search.work - begun <= _LONG:
+        while bench.work - begun <= _LONG:
             next(work)
     except StopIteration as end:
-        return cast('Solution', end.value), first.objective
-    beside, cheapest = copy(search), first
+        return cast('Candidate', end.value), first.objective
+    cheapest = first
     for _ in range(_LOOKS):
-        beside.reset()
-        outcome = beside.from_next_start(once=True, hard=True)
-        if is_below(outcome.objective, cheapest.objective, ANOTHER) and beside.believed(outcome):
+        outcome = solve_next_start(bench, pool, once=True, hard=True)
+        if is_below(outcome.objective, cheapest.objective, ANOTHER) and bench.believed(outcome):
             cheapest = outcome
-    other = None if cheapest is first else beside.followed_up(cheapest)
-    search.work, search.tried = beside.work, beside.tried
+    other = None if cheapest is first else descend(bench, cheapest)
     if other is None or not other.certified:
-        return finish_descent(work), first.objective
-    search.last = beside.last
+        return finish(work), first.objective
     return other, cheapest.objective
 
 
-def explore_starts(search: Bench, best: Solution, floor: float,
-                   others: Sequence[TranscriptionOutcome] = ()) -> Solution:
+@dataclass(frozen=True)
+class Explored:
+    """The best candidate of multistart, and the costs of other local minima."""
+
+    best: Candidate
+    minima: list[float]
+    why: str   # no further start was tried
+
+
+def explore_starts(bench: Bench, pool: StartPool, first: Candidate, floor: float,
+                   others: Sequence[TranscriptionOutcome] = ()) -> Explored:
     """
     Try further initial guesses, and return the best solution.
 
@@ -132,9 +120,11 @@ def explore_starts(search: Bench, best: Solution, floor: float,
 
     Parameters
     ----------
-    search : Bench
-        Driver; `last` and `minima` are set, a certified solution is kept for neighbours.
-    best : Solution
+    bench : Bench
+        With the coarse mesh; a certified solution is kept for neighbours.
+    pool : StartPool
+        The guesses.
+    first : Candidate
         Of the first descent.
     floor : float
         Its cost on the coarse mesh.
@@ -143,102 +133,113 @@ def explore_starts(search: Bench, best: Solution, floor: float,
 
     Returns
     -------
-    Solution
+    Explored
 
     """
-    with search.trace.attempt('multistart') as attempt:
-        before = best
-        best, why = _explore(search, best, floor, others)
-        attempt.end(Verdict.REJECTED if best is before else Verdict.ACCEPTED, why,
-                    cost=best.objective)
-    return best
+    with bench.trace.attempt('multistart') as attempt:
+        found = _explore(bench, pool, first, floor, others)
+        attempt.end(Verdict.REJECTED if found.best is first else Verdict.ACCEPTED, found.why,
+                    cost=found.best.solution.objective)
+    return found
 
 
-def _explore(search: Bench, best: Solution, floor: float,
-             others: Sequence[TranscriptionOutcome]) -> tuple[Solution, str]:
-    """Do what `explore_starts` does; return the solution, and why no further start is tried."""
-    kept, spent = search.last, 0
-    alone = best.certified and search.kit.convex(search.stated)
-    before, bent = search.work, not alone and _disproportion(search) > _BENT
-    uneven = search.kit.uneven_costs(search.problem, abs(floor))
+def _explore(bench: Bench, pool: StartPool, best: Candidate, floor: float,
+             others: Sequence[TranscriptionOutcome]) -> Explored:
+    """Do what `explore_starts` does."""
+    spent, kit = 0, bench.kit
+    alone = best.certified and kit.convex(bench.stated)
+    before, bent = bench.work, not alone and _disproportion(bench, best) > _BENT
+    uneven = kit.uneven_costs(bench.problem, abs(floor))
     promising, lengths = ([], []) if alone else _lined_up(
-        search, floor, uneven=uneven, bent=bent)
+        bench, pool, best, floor, uneven=uneven, bent=bent)
     found, ground = list[TranscriptionOutcome](), floor   # coarse cost of the best solution
     ties = [floor]   # coarse costs of the outcomes that were refined
-    refined = [best.objective] if best.certified else []   # costs of the solutions they led to
+    # Costs of the certified solutions that they led to.
+    refined = [best.solution.objective] if best.certified else []
     # Number of starts, increased by each that leads to a better solution.
     wanted = 1 + len(others) + len(lengths) + bool(promising)
     why = 'the problem is convex: there is no other minimum' if alone else (
         f'{_MOST} starts were tried')
     for number in range(0 if alone else _MOST):
-        stop = search.monitor.stopped or _explain_enough(
-            search, number, (before, spent), wanted, best.certified, uneven=uneven, bent=bent)
+        stop = bench.monitor.stopped or _explain_enough(
+            bench, pool, number, (before, spent), wanted, best.certified, uneven=uneven, bent=bent)
         if stop:
             why = stop
             break
-        started = search.work
-        search.reset()
+        started = bench.work
         outcome = others[number] if number < len(others) else _pursued(
-            search, floor, search.from_next_start(
-                once=best.certified, hard=uneven or before > _HARD))
+            bench, floor, solve_next_start(
+                bench, pool, once=best.certified, hard=uneven or before > _HARD))
         lower = is_below(outcome.objective, floor, ANOTHER)
         falls = lower and not outcome.converged and outcome.infeasibility <= _MET
-        tied = (outcome.converged and len(ties) < _TIES and outcome.objective < _tie(best, ground)
+        tied = (outcome.converged and len(ties) < _TIES
+                and outcome.objective < _tie(best.solution, ground)
                 and all(abs(outcome.objective - other) > _SAME * abs(other) for other in ties))
         differs = not best.certified and all(
             abs(outcome.objective - other) > ANOTHER * abs(other) for other in ties)
-        if falls or (lower or tied or differs) and search.believed(outcome) and (
-                differs or _may_be_better(search, outcome, best, kept, ground, lower=lower)):
+        if falls or (lower or tied or differs) and bench.believed(outcome) and (
+                differs or _may_be_better(bench, outcome, best, ground, lower=lower)):
             ties.append(outcome.objective)
             floor = min(floor, outcome.objective)
-            if falls:
-                other = search.solution(outcome, search.course(outcome))
-                search.last = search.answered(outcome)
-            else:
-                other = search.followed_up(outcome)
-            refined += [other.objective] if other.certified else []
-            if _to_be_told(other, best):
-                best, kept, ground = other, search.last, outcome.objective
+            other = bench.certify(outcome) if falls else descend(bench, outcome)
+            refined += [other.solution.objective] if other.certified else []
+            if better(best.solution, other.solution) is other.solution:
+                best, ground = other, outcome.objective
                 wanted = max(wanted, number + 1 + _AFTER)
         found.append(outcome)
-        spent += search.work - started
-    search.last, search.minima = kept, refined + _others(search, found, ties, ground)
-    if best.certified and kept:
-        if kept.extremal:
-            kept = replace(kept, extremal=search.kit.indirect.thinned(
-                search.stated, kept.extremal, kept.sizes))
-        search.kit.remember(replace(
-            kept, rivals=_rivals(found, ground), refined=best.objective / ground if ground else 1,
-            looked=collect_numbers(search.stated),
-            optimality=describe_local(search.tried, best.objective, search.minima)))
-        search.kit.several |= search.familiar.minima > 1
-    return best, why
+        spent += bench.work - started
+    minima = refined + _others(bench, found, ties, ground)
+    if best.certified and best.record:
+        _remember(bench, pool, best, minima, found, ground)
+    return Explored(best, minima, why)
 
 
-def _lined_up(search: Bench, floor: float, *, uneven: bool,
+def _remember(bench: Bench, pool: StartPool, best: Candidate, minima: list[float],
+              found: list[TranscriptionOutcome], ground: float) -> None:
+    """Keep a solution for neighbouring problems."""
+    record, cost = best.record, best.solution.objective
+    assert record is not None
+    if record.extremal:
+        record = replace(record, extremal=bench.kit.indirect.thinned(
+            bench.stated, record.extremal, record.sizes))
+    bench.kit.remember(replace(
+        record, rivals=_rivals(found, ground), refined=cost / ground if ground else 1,
+        looked=collect_numbers(bench.stated), optimality=describe_local(pool.tried, cost, minima)))
+    bench.kit.note_minima(pool.familiar.minima)
+
+
+def _lined_up(bench: Bench, pool: StartPool, best: Candidate, floor: float, *, uneven: bool,
               bent: bool) -> tuple[list[RolloutEnd], list[Path]]:
     """Set the further starts; return the promising ones, and those with other final times."""
-    problem, begun, lengths = search.problem, search.work, list[Path]()
+    problem, begun, lengths = bench.problem, bench.work, list[Path]()
     if uneven:
-        search.starts = search.kit.guesser.scattered(
-            problem, search.kit.integrator, search.starts, abs(floor))
+        pool.replace_rest(bench.kit.guesser.scattered(
+            problem, bench.kit.integrator, pool.rest, abs(floor)))
         if problem.q:
             return [], lengths
-    promising = search_rollouts_briefly(search, bent or uneven)
+    promising = search_rollouts_briefly(bench, best, bent or uneven)
     if not uneven:
-        lengths = find_other_lengths(search, search.starts, bent)
-    aside = search.work - begun
-    search.starts = chain(lengths, interleave_rollouts(
-        search, search.starts, promising,
-        lambda: search.work - aside > _HARD or _rough(search), bent))
+        lengths = find_other_lengths(bench, best, pool.rest, bent)
+    aside = bench.work - begun
+    interleave_rollouts(bench, best, pool, promising,
+                        lambda: bench.work - aside > _HARD or _rough(bench, pool), bent)
+    pool.put_first(lengths)
     return promising, lengths
 
 
-def _to_be_told(other: Solution, best: Solution) -> bool:
+def better(best: Solution, other: Solution) -> Solution:
     """
-    Return whether a solution replaces the best one so far.
+    Return the better one of two solutions of a problem.
 
     A cheaper feasible path replaces a certified solution, since that is not the global minimum.
+
+    Parameters
+    ----------
+    best : Solution
+        Kept if the other one is not clearly better.
+    other : Solution
+        With its certificate, if there is one.
+
     """
     def cheaper(one: Solution, than: Solution) -> bool:
         both = one.certified and than.certified
@@ -248,75 +249,76 @@ def _to_be_told(other: Solution, best: Solution) -> bool:
         return bool(one.certificate and one.certificate.feasible)
 
     if cheaper(other, best):
-        return other.certified or feasible(other)
-    return other.certified and not best.certified and not (
+        return other if other.certified or feasible(other) else best
+    first = other.certified and not best.certified and not (
         feasible(best) and cheaper(best, other))
+    return other if first else best
 
 
-def _explain_enough(search: Bench, number: int, work: tuple[int, int], wanted: int,
-                    certified: bool, *, uneven: bool, bent: bool) -> str:
+def _explain_enough(bench: Bench, pool: StartPool, number: int, work: tuple[int, int],
+                    wanted: int, certified: bool, *, uneven: bool, bent: bool) -> str:
     """
     Return why multistart may stop; '' if it may not.
 
     `number`: starts so far. `work`: that before multistart, and that of its starts.
     """
-    (before, spent), rough = work, _rough(search)
+    (before, spent), rough = work, _rough(bench, pool)
     hard = before > _HARD
-    if spent > _LAVISH if certified else search.work > _WEARY[0] and spent > _WEARY[1]:
+    if spent > _LAVISH if certified else bench.work > _WEARY[0] and spent > _WEARY[1]:
         return f'the work for further starts is used up after {number}'
     if (rough or bent) and certified and not (hard or uneven) and spent > max(_FOR_ROUGH, before):
         return f'{number} starts took more work than the solution'
-    if uneven or hard and not search.stages:
+    if uneven or hard and not bench.stages:
         many = number >= _MANY and spent >= _FOR_MANY
     else:
-        times = 1 + (search.familiar.minima > _FEW and not hard)
+        times = 1 + (pool.familiar.minima > _FEW and not hard)
         least = _LEAST_HARD if hard or rough else _LEAST_BENT if bent else 1
         many = number >= max(times * least if least > 1 else 1, wanted)
-    if many and spent > _EXPLORING[hard] * search.work:
+    if many and spent > _EXPLORING[hard] * bench.work:
         return f'{number} starts took their part of the work'
-    if many and search.familiar.enough():
+    if many and pool.familiar.enough():
         return f'{number} starts led to minima that are known'
     return ''
 
 
-def _disproportion(search: Bench) -> float:
+def _disproportion(bench: Bench, best: Candidate) -> float:
     """
     Return the nonlinearity index: max |2 x(u_half) - x(u_mean) - x(u)| over the range of x.
 
     u is the input of the last path, u_mean its mean, u_half the mean of both. If the index is
     small, the dynamics cause no other local minima.
     """
-    if search.last is None:
+    if best.record is None:
         return 0.0
-    path, parts = search.last.outcome.path, np.array([0.0, 0.5, 1.0])
+    path, parts = best.record.outcome.path, np.array([0.0, 0.5, 1.0])
     first = np.unique(np.linspace(0, len(path.ua), _PARTS + 1).astype(np.int64))
     t, h = path.t[first], np.diff(path.t)[:, None]
     u = np.add.reduceat(h * (path.ua + path.ub) / 2, first[:-1])
     mean, u = u.sum(axis=0) / t[-1], u / np.maximum(np.diff(t), 1e-300)[:, None]
-    (none, half, all_), _ = search.kit.integrator.forward_each(
-        search.problem, np.tile(t, (3, 1)), mean + parts[:, None, None] * (u - mean))
+    (none, half, all_), _ = bench.kit.integrator.forward_each(
+        bench.problem, np.tile(t, (3, 1)), mean + parts[:, None, None] * (u - mean))
     with np.errstate(invalid='ignore', over='ignore'):
         off = np.abs(2 * half - none - all_).max(axis=0)
         off /= np.maximum(np.ptp(path.x, axis=0), 1e-300)
     return float(np.nan_to_num(off, nan=np.inf).max(initial=0.0))
 
 
-def _rough(search: Bench) -> bool:
+def _rough(bench: Bench, pool: StartPool) -> bool:
     """Return whether coarse solves fail, end at very different costs, or are slow."""
-    return search.typical > _SLOW or search.familiar.rough
+    return bench.typical > _SLOW or pool.familiar.rough
 
 
-def _pursued(search: Bench, floor: float, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
+def _pursued(bench: Bench, floor: float, outcome: TranscriptionOutcome) -> TranscriptionOutcome:
     """Return an outcome; of lower cost than `floor`, converged on meshes with small errors."""
     if is_below(outcome.objective, floor, ANOTHER):
         if not outcome.converged and outcome.infeasibility <= _MET:   # it needs more iterations
-            later = search.collocate(outcome.mesh, outcome.path, near=True, most=_ITERATIONS)
+            later = bench.collocate(outcome.mesh, outcome.path, near=True, most=_ITERATIONS)
             outcome = later if later.converged else outcome
         for _ in range(_SPLITS):
-            if not outcome.converged or search.believed(outcome):
+            if not outcome.converged or bench.believed(outcome):
                 break
             mesh = split(outcome.mesh, np.full(outcome.mesh.layout.intervals, 2))
-            outcome = search.collocate(mesh, outcome.path, near=True, most=_ITERATIONS)
+            outcome = bench.collocate(mesh, outcome.path, near=True, most=_ITERATIONS)
     return outcome
 
 
@@ -326,29 +328,29 @@ def _tie(best: Solution, ground: float) -> float:
     return ground + 2 * error if best.certified and error < _SAYS * abs(ground) else -np.inf
 
 
-def _may_be_better(search: Bench, outcome: TranscriptionOutcome, best: Solution,
-                   kept: Answered | None,
-                   ground: float, *, lower: bool) -> bool:
+def _may_be_better(bench: Bench, outcome: TranscriptionOutcome, best: Candidate, ground: float, *,
+                   lower: bool) -> bool:
     """
     Return whether an outcome may be better than the best, by costs on a finer mesh if these err.
 
     `lower`: whether it is on the coarse mesh.
     """
-    if kept is None or abs(best.objective - ground) <= _ERRS * abs(ground) or (
-            outcome.mesh.layout.intervals > search.intervals):
+    cost, kept = best.solution.objective, best.record
+    if kept is None or abs(cost - ground) <= _ERRS * abs(ground) or (
+            outcome.mesh.layout.intervals > bench.intervals):
         return True
-    mesh = build_uniform_mesh(search.problem, _FINER * search.intervals, search.stages)
-    if not search.monitor.allows(mesh.layout.intervals):
+    mesh = build_uniform_mesh(bench.problem, _FINER * bench.intervals, bench.stages)
+    if not bench.monitor.allows(mesh.layout.intervals):
         return True
-    known, new = (search.collocate(mesh, path, path.t[-1:], near=True, most=_ITERATIONS)
+    known, new = (bench.collocate(mesh, path, path.t[-1:], near=True, most=_ITERATIONS)
                   for path in (kept.outcome.path, outcome.path))
     if not (known.converged and new.converged):
         return lower
-    apart, error = new.objective - known.objective, abs(best.objective - known.objective)
+    apart, error = new.objective - known.objective, abs(cost - known.objective)
     return _SAME * abs(known.objective) < abs(apart) and apart < 2 * error
 
 
-def _others(search: Bench, found: list[TranscriptionOutcome], followed: list[float],
+def _others(bench: Bench, found: list[TranscriptionOutcome], followed: list[float],
             ground: float) -> list[float]:
     """
     Return the costs of local minima that were not refined, on the mesh on which they were found.
@@ -358,10 +360,10 @@ def _others(search: Bench, found: list[TranscriptionOutcome], followed: list[flo
     costs: list[float] = []
     for outcome in sorted(found, key=lambda outcome: outcome.objective):
         cost, known = outcome.objective, [*followed, *costs]
-        if len(costs) == MOST_MINIMA or search.monitor.stopped:
+        if len(costs) == MOST_MINIMA or bench.monitor.stopped:
             break
         if cost > ground and all(abs(cost - other) > ANOTHER * abs(other) for other in known) and (
-                search.believed(outcome)):
+                bench.believed(outcome)):
             costs.append(cost)
     return costs
 

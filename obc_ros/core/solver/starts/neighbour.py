@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 from obc_ros.core.ocp.solution import Optimality, Solution, Status, Verdict
 from obc_ros.core.solver.adjoint.mesh_refinement import is_below
-from obc_ros.core.solver.bench import Bench
+from obc_ros.core.solver.bench import Bench, Candidate
+from obc_ros.core.solver.descent import descend
 from obc_ros.core.solver.improve.kink_mesh import start_from_neighbour
 from obc_ros.core.solver.program_cache import Answered, collect_numbers
 from obc_ros.core.solver.proofs.contradictions import explain_contradiction
@@ -20,77 +21,75 @@ _ROUNDS = 3         # maximum number of meshes if the certificate does not pass 
 _RIVAL_ITERATIONS = 150   # maximum number of iterations for a rival
 
 
-def solve_from_neighbour(search: Bench) -> Solution | None:
+def solve_from_neighbour(bench: Bench) -> Candidate | None:
     """
-    Solve from the solution of a neighbouring problem.
+    Solve from the solution of a problem of the same structure with nearly the same numbers.
 
     Parameters
     ----------
-    search : Bench
-        Driver; its state is reset if None is returned.
+    bench : Bench
+        Of the search.
 
     Returns
     -------
-    Solution or None
+    Candidate or None
         Certified, and of lower cost than its rivals; or infeasible, with a proof. None without a
         neighbour, without convergence, or if a rival has become better.
 
     """
-    last = None if search.quick else search.kit.neighbour(search.stated)
-    if last is None or last.outcome.mesh.layout.intervals > search.monitor.max_intervals:
+    last = None if bench.quick else bench.kit.neighbour(bench.stated)
+    if last is None or last.outcome.mesh.layout.intervals > bench.monitor.max_intervals:
         return None
-    with search.trace.attempt('neighbour', 'from a solution with other numbers') as attempt:
-        answer = _follow(search, last)
-        if answer is None:
+    with bench.trace.attempt('neighbour', 'from a solution with other numbers') as attempt:
+        found = _follow(bench, last)
+        if found is None:
             attempt.end(Verdict.REJECTED, 'it does not converge, or another minimum is lower')
         else:
-            attempt.end(*judge_path(answer), cost=answer.objective)
-    return answer
+            attempt.end(*judge_path(found.solution), cost=found.solution.objective)
+    return found
 
 
-def _follow(search: Bench, last: Answered) -> Solution | None:
+def _follow(bench: Bench, last: Answered) -> Candidate | None:
     """Do what `solve_from_neighbour` does, from the solution of one neighbour."""
-    if search.kit.twin:
-        search.problem = search.kit.twin.problem(search.stated)   # the sharpest
-    start, search.margin = last.outcome, last.margin
-    search.stages = start.mesh.layout.stages
-    near = start_from_neighbour(search.kit, search.stated, last)
+    kit, stated, start = bench.kit, bench.stated, last.outcome
+    bench = replace(
+        bench, margin=last.margin, stages=start.mesh.layout.stages,
+        problem=kit.twin.problem(stated) if kit.twin else bench.problem)   # the sharpest
+    extremal, near = None, start_from_neighbour(kit, stated, last)
     if near is None:
-        outcome = search.collocate(start.mesh, start.path, near=True, sizes=last.sizes,
-                                   most=_ITERATIONS, warm=start)
+        outcome = bench.collocate(start.mesh, start.path, near=True, sizes=last.sizes,
+                                  most=_ITERATIONS, warm=start)
     else:
-        (search.extremal, guide), search.nearby = near, True
-        outcome = search.collocate(guide.mesh, guide.path, near=True, sizes=last.sizes,
-                                   most=_ITERATIONS, guide=guide)
-    answer = search.solution(outcome, search.course(outcome)) if outcome.converged else None
-    if answer is not None and answer.certified:
-        search.last = replace(last, problem=search.stated, outcome=outcome,
-                              extremal=search.extremal)
-    elif reason := explain_contradiction(search.stated):  # although the neighbour has a solution
-        return Solution(Status.INFEASIBLE, reason)
+        extremal, guide = near
+        outcome = bench.collocate(guide.mesh, guide.path, near=True, sizes=last.sizes,
+                                  most=_ITERATIONS, guide=guide)
+    found = bench.certify(outcome, extremal) if outcome.converged else None
+    if found is not None and found.certified:
+        found = Candidate(found.solution, nearby=near is not None, record=replace(
+            last, problem=stated, outcome=outcome, extremal=extremal))
+    elif reason := explain_contradiction(stated):  # although the neighbour has a solution
+        return Candidate(Solution(Status.INFEASIBLE, reason))
     else:
-        search.kit.answers.remove(last)   # it does not serve the next problem either
-        search.extremal, search.nearby = None, False
-        if answer is not None and not search.monitor.stopped:   # kinks have left the mesh points
-            answer = search.followed_up(outcome, _ROUNDS)
-            search.last = search.last and replace(
-                search.last, rivals=last.rivals, refined=last.refined, looked=last.looked)
-    costs = follow_rivals(search, last) if answer and answer.certified and search.last else None
-    if answer and search.last and costs is not None and not is_beaten(answer, costs):
-        known = last.optimality
-        if known is None or not np.array_equal(last.numbers, collect_numbers(search.stated)):
-            known = compare_with_rivals(answer, costs)
-        search.kit.remember(replace(search.last, optimality=known))
-        return replace(answer, optimality=known)
-    search.extremal, search.nearby = None, False
-    search.stages = 3 if search.bounded else 0
-    search.reset()
-    return None
+        kit.forget(last)   # it does not serve the next problem either
+        if found is not None and not bench.monitor.stopped:   # kinks have left the mesh points
+            found = descend(bench, outcome, _ROUNDS)
+            found = replace(found, record=found.record and replace(
+                found.record, rivals=last.rivals, refined=last.refined, looked=last.looked))
+    if found is None or not found.certified or found.record is None:
+        return None
+    costs = follow_rivals(bench, last)
+    if is_beaten(found.solution, costs):
+        return None
+    known = last.optimality
+    if known is None or not np.array_equal(last.numbers, collect_numbers(stated)):
+        known = compare_with_rivals(found.solution, costs)
+    kit.remember(replace(found.record, optimality=known))
+    return replace(found, solution=replace(found.solution, optimality=known))
 
 
-def follow_rivals(search: Bench, last: Answered) -> list[float]:
+def follow_rivals(bench: Bench, last: Answered) -> list[float]:
     """Return the costs of the rivals of a neighbour here, scaled from coarse to fine meshes."""
-    outcomes = [search.collocate(rival.mesh, rival.path, near=True, most=_RIVAL_ITERATIONS)
+    outcomes = [bench.collocate(rival.mesh, rival.path, near=True, most=_RIVAL_ITERATIONS)
                 for rival in last.rivals]
     return [last.refined * outcome.objective for outcome in outcomes if outcome.converged]
 

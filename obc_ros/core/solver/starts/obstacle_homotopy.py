@@ -10,7 +10,7 @@ line that nearly satisfies the dynamics is found by least squares.
 """
 
 from dataclasses import replace
-from itertools import chain, product
+from itertools import product
 
 import casadi as ca
 import numpy as np
@@ -20,6 +20,7 @@ from obc_ros.core.numerics.vectorized import VectorizedFunction
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.solver.bench import Bench
 from obc_ros.core.solver.starts.initial_guess import estimate_scales
+from obc_ros.core.solver.starts.start_pool import StartPool
 from obc_ros.core.solver.transcription.mesh import label_paths, Path
 from obc_ros.core.solver.transcription.program import TranscriptionOutcome
 from scipy.optimize import least_squares
@@ -38,14 +39,16 @@ _TRIALS = 15          # maximum number of evaluations
 _ROOM = 1e-9          # least scaled distance of two bounds in the least squares
 
 
-def start_around(search: Bench, outcome: TranscriptionOutcome) -> int:
+def start_around(bench: Bench, pool: StartPool, outcome: TranscriptionOutcome) -> int:
     """
     Put initial guesses around obstacles before the others.
 
     Parameters
     ----------
-    search : Bench
-        Driver; its `starts` are changed.
+    bench : Bench
+        Of the search.
+    pool : StartPool
+        Gets the guesses.
     outcome : TranscriptionOutcome
         Its final time is that of the guesses.
 
@@ -55,15 +58,14 @@ def start_around(search: Bench, outcome: TranscriptionOutcome) -> int:
         Number of guesses.
 
     """
-    problem, guesser = search.problem, search.kit.guesser
-    if search.kit.twin or not np.isfinite(outcome.path.t[-1]):
+    problem, guesser = bench.problem, bench.kit.guesser
+    if bench.kit.twin or not np.isfinite(outcome.path.t[-1]):
         return 0
     line = guesser.line(problem, float(outcome.path.t[-1]))
-    if ways := bend_around(problem, line):
+    if around := bend_around(problem, line):
         follow = Follower(problem, line, guesser.final_state(problem)[1])
-        search.starts = chain(
-            label_paths(map(follow, ways), 'path around obstacles'), search.starts)
-    return len(ways)
+        pool.put_first(label_paths(map(follow, around), 'path around obstacles'))
+    return len(around)
 
 
 def bend_around(problem: Problem, line: Path) -> list[Path]:

@@ -30,6 +30,10 @@ class Familiar:
         self._iterates = set[tuple[str, str]]()
         self._now = list[tuple[str, str]]()
 
+    def dare(self, daring: bool) -> None:
+        """Set whether the present start is a rollout of random inputs."""
+        self.daring = daring
+
     def again(self, cost: float, infeasibility: float) -> bool:
         """
         Record an iterate of the present solve; return whether it leads to a known minimum.

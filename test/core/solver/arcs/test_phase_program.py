@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Phases of unknown durations, obtained from coarse paths, and long horizons."""
 
+from dataclasses import replace
+
 import numpy as np
 from obc_ros.core.numerics.collocation import build_collocation
 from obc_ros.core.ocp.solution import Status
@@ -10,7 +12,7 @@ from obc_ros.core.solver.arcs.input_arcs import Arc
 from obc_ros.core.solver.arcs.phase_mesh import spread_as_wanted, spread_by_error, spread_like
 from obc_ros.core.solver.arcs.phase_program import PhasedProgram
 from obc_ros.core.solver.arcs.phases import DEGREE, Phased
-from obc_ros.core.solver.descent import Search
+from obc_ros.core.solver.bench import build_bench
 from obc_ros.core.solver.improve.phase_samples import sample_phases
 from obc_ros.core.solver.improve.state_arcs import settle_arcs
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
@@ -125,9 +127,8 @@ def test_an_inactive_state_bound_leaves_horizon_continuation():
     costs = []
     for more in ({}, {'state_bounds': {'v': [-6, None]}}):
         problem = problems.build(pendulum, **more)
-        search = Search(problem, Kit(problem), ProgressMonitor(60.0))
-        search.stages = 3
-        outcome = lengthen_horizon(search, 4)
+        bench = build_bench(problem, Kit(problem), ProgressMonitor(60.0))
+        outcome = lengthen_horizon(replace(bench, stages=3), 4)
         assert outcome is not None
         assert outcome.converged
         costs.append(outcome.objective)

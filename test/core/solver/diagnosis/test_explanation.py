@@ -9,11 +9,11 @@ import re
 import numpy as np
 from obc_ros.core.ocp.certificate.certificate import certify
 from obc_ros.core.ocp.solution import Solution, Status
-from obc_ros.core.solver.descent import Search
 from obc_ros.core.solver.diagnosis.explanation import explain
 from obc_ros.core.solver.nlp.progress import ProgressMonitor
 from obc_ros.core.solver.program_cache import Kit
 from obc_ros.core.solver.proofs.interval_bounds import find_lower_bounds
+from obc_ros.core.solver.search import search
 from obc_ros.core.solver.solve import solve
 import problems
 import pytest
@@ -75,9 +75,8 @@ def test_a_failed_search_leaves_time_for_the_diagnosis():
     T = problems.read('quad_2d_mintime')['expected']['objective']
     problem = problems.build('quad_2d_mintime', final_time={'free': False, 'value': T / 2})
     whole = ProgressMonitor()
-    search = Search(problem, Kit(problem), whole)
-    search.run()
-    assert search.monitor.stopped == 'spent'
+    _, bench = search(problem, Kit(problem), whole)
+    assert bench.monitor.stopped == 'spent'
     assert whole.stopped == ''
     found = solve(problem)
     assert_only_searched(found)

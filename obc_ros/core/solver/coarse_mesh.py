@@ -1,0 +1,170 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""Solution from the first initial guesses on a coarse mesh, finer if its error is large."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import count
+
+import numpy as np
+from obc_ros.core.ocp.least_time_form import get_final_time
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.solver.bench import Bench, COARSE, COARSE_ITERATIONS
+from obc_ros.core.solver.starts.cross_entropy import start_from_rollouts
+from obc_ros.core.solver.starts.horizon_continuation import lengthen_horizon
+from obc_ros.core.solver.starts.initial_guess import join_whole_turns
+from obc_ros.core.solver.starts.obstacle_homotopy import start_around
+from obc_ros.core.solver.starts.start_pool import StartPool
+from obc_ros.core.solver.transcription.mesh import build_uniform_mesh, STEPPED
+from obc_ros.core.solver.transcription.program import TranscriptionOutcome
+
+# Number of initial guesses tried, besides those around obstacles: once one had a small
+# discretisation error, and while none had.
+_STARTS, _STARTS_MOST = 1, 6
+_PATIENCE = 10_000    # work, times 1 + stages, after which the first number holds in any case
+_ROUGH = 1e-4         # relative error of the cost at which a coarse solve may end
+_FEW_ITERATIONS = 12  # lower limit of the maximum for further initial guesses
+
+
+@dataclass(frozen=True)
+class CoarseResult:
+    """
+    The outcomes of the first initial guesses.
+
+    Attributes
+    ----------
+    bench : Bench
+        With the coarse mesh on which they were found.
+    outcomes : list of TranscriptionOutcome
+        The cheapest first if `sound`, else the one with the smallest infeasibility.
+    sound : bool
+        Whether they have a small discretisation error.
+    reason : str
+        A proof that there is no path, '' without one.
+
+    """
+
+    bench: Bench
+    outcomes: list[TranscriptionOutcome]
+    sound: bool
+    reason: str = ''
+
+
+def solve_coarse(bench: Bench, pool: StartPool, why_not: Callable[[Problem], str]) -> CoarseResult:
+    """
+    Solve from several initial guesses on a coarse mesh.
+
+    Outcomes with a large discretisation error are discarded. If all have one, the mesh is made
+    finer, with a stiffly accurate scheme.
+
+    Parameters
+    ----------
+    bench : Bench
+        Of the search.
+    pool : StartPool
+        Filled anew for each mesh.
+    why_not : callable
+        Called when the first mesh led to no path. Returns a proof of infeasibility in words, or
+        ''.
+
+    Returns
+    -------
+    CoarseResult
+
+    """
+    most = bench.monitor.max_intervals
+    levels = [(min(COARSE, most), bench.stages)] + [
+        (intervals, 3) for intervals in (2 * COARSE, 4 * COARSE) if intervals <= most]
+    found: list[TranscriptionOutcome] = []
+    reason = ''
+    for intervals, stages in levels[:2] if bench.quick else levels:
+        bench = replace(bench, intervals=intervals, stages=stages)
+        # The solution on the coarser mesh may be close in spite of its discretisation error.
+        converged = [outcome for outcome in found if outcome.converged]
+        pool.fill([min(converged, key=lambda outcome: outcome.objective).path]
+                  if converged else ())
+        longer = lengthen_horizon(bench, COARSE) if found and intervals == levels[1][0] else None
+        if longer:
+            return CoarseResult(bench, [longer], True)
+        bench, found = _solve_first(bench, pool)
+        good = [outcome for outcome in found if bench.believed(outcome)]
+        if good:
+            return CoarseResult(bench, _by_cost(good), True)
+        if intervals <= COARSE and not bench.quick:
+            reason = why_not(bench.stated)
+        if reason or bench.monitor.stopped:
+            break
+    else:
+        if good := start_from_rollouts(bench, pool, get_final_time(bench.problem)):
+            bench = replace(bench, intervals=good[0].mesh.layout.intervals)
+            return CoarseResult(bench, _by_cost(good), True)
+    return CoarseResult(bench, sorted(found, key=lambda outcome: (
+        not outcome.converged, outcome.infeasibility)), False, reason)
+
+
+def _by_cost(outcomes: list[TranscriptionOutcome]) -> list[TranscriptionOutcome]:
+    return sorted(outcomes, key=lambda outcome: (not outcome.converged, outcome.objective))
+
+
+def _solve_first(bench: Bench, pool: StartPool) -> tuple[Bench, list[TranscriptionOutcome]]:
+    """Return the outcomes of the first guesses and of paths around obstacles."""
+    found: list[TranscriptionOutcome] = []
+    begun, good, around = bench.work, False, 0
+    for number in count(1):
+        outcome = solve_next_start(bench, pool, once=good)
+        found.append(outcome)
+        if not good and bench.believed(outcome):
+            good, bench = True, replace(bench, typical=outcome.iterations)
+            bench.keep(outcome)
+        if number == 1 and not (bench.quick and good):
+            around = start_around(bench, pool, outcome)
+        patient = bench.work - begun < _PATIENCE * (1 + bench.stages)
+        most = _STARTS if bench.quick else _STARTS_MOST
+        if (bench.monitor.stopped or bench.quick and good or number >= around + (
+                _STARTS if good or not patient else most)):
+            return bench, found
+    raise AssertionError('the loop has no end of its own')
+
+
+def solve_next_start(bench: Bench, pool: StartPool, *, once: bool,
+                     hard: bool = False) -> TranscriptionOutcome:
+    """
+    Solve on the coarse mesh from the next initial guess.
+
+    Parameters
+    ----------
+    bench : Bench
+        With the coarse mesh.
+    pool : StartPool
+        The outcome is recorded in its `familiar`.
+    once : bool
+        Allow few iterations, in proportion to `bench.typical`, of the faster method only.
+    hard : bool
+        With `once`: allow twice as many.
+
+    Returns
+    -------
+    TranscriptionOutcome
+
+    """
+    most = COARSE_ITERATIONS
+    if once:
+        most = min(most, max(_FEW_ITERATIONS, round((5 if hard else 2.5) * bench.typical)))
+    start, rough = pool.take(), _ROUGH
+    with bench.trace.attempt('initial guess', start.origin) as attempt:
+        if np.isfinite(pool.periods).any():
+            # An input that is an angle and turns by 2 pi within a step interpolates badly: solve
+            # with constant inputs first, and remove the whole turns between its steps.
+            steps = build_uniform_mesh(bench.problem, bench.intervals, bench.stages, STEPPED)
+            stepped = bench.collocate(steps, start, most=COARSE_ITERATIONS)
+            start, rough = join_whole_turns(stepped.path, pool.periods), 0.0
+        # Without terminal constraints a cheap rollout may be near another minimum: allow both
+        # methods.
+        once = once and not (pool.familiar.daring and not bench.problem.q)
+        outcome = bench.collocate(
+            build_uniform_mesh(bench.problem, bench.intervals, bench.stages), start, most=most,
+            rough=rough, once=once, known=pool.familiar)
+        pool.familiar.ended(outcome.objective, outcome.infeasibility,
+                            outcome.path if outcome.converged else None)
+        attempt.end(*outcome.judge(), cost=outcome.objective)
+    return outcome

@@ -1,0 +1,227 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The verdict on what a method has found: certificate, status, and the reason in words."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+from obc_ros.core.ocp.certificate.certificate import certify
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Condition, Solution, Status, Verdict
+from obc_ros.core.solver.diagnosis.explanation import explain, is_proved_infeasible
+from obc_ros.core.solver.diagnosis.unboundedness import explain_larger_inputs
+from obc_ros.core.solver.nlp.progress import ProgressMonitor
+from obc_ros.core.solver.program_cache import Kit
+from obc_ros.core.solver.proofs.existence import advise_bounds, find_constant_cost
+from obc_ros.core.solver.proofs.optimality import add_optimality
+from obc_ros.core.solver.search import search
+from obc_ros.core.solver.task import Task
+from obc_ros.core.solver.trace import judge_path
+
+_FAULTS: Mapping[str, str] = {
+    Condition.DYNAMICS: 'the states do not satisfy the dynamics',
+    Condition.START: 'the path does not start at x(0)',
+    Condition.END: 'the terminal constraints are not met',
+    Condition.BOUNDS: 'a bound is violated',
+    Condition.COSTATE: 'the costates do not satisfy the adjoint equation',
+    Condition.MINIMUM: 'the input does not minimise the Hamiltonian',
+    Condition.TRANSVERSALITY: 'the costates at T do not satisfy the transversality '
+                              'condition',
+    Condition.HAMILTONIAN: 'the Hamiltonian is not constant',
+    Condition.FINAL_TIME: 'the Hamiltonian is not zero, as an optimal free final time requires',
+    Condition.COST: 'the reported cost differs from that of the path',
+}
+_EXPLAINING = 400_000   # work (see `descent`) that a diagnosis may take
+_ATTEMPT = 150_000      # work for each of the problems that it solves
+_NO_PATH = 1e-2         # residual of the dynamics above which no mesh is fine enough
+_LEAST = 0.5            # [s] of the time limit that must be left for a diagnosis
+
+
+def conclude(task: Task, found: Solution, *, explained: bool, larger_inputs: bool) -> Solution:
+    """
+    Return what a method has found with its certificate, status and message.
+
+    Parameters
+    ----------
+    task : Task
+        The problem.
+    found : Solution
+        The result of a method.
+    explained : bool
+        Whether a reason is looked for if it is not certified.
+    larger_inputs : bool
+        Whether the cost may fall without end as inputs grow: then an extremal is no minimum.
+
+    Returns
+    -------
+    Solution
+
+    """
+    problem, monitor = task.problem, task.monitor
+    late = monitor.stopped and (monitor.stopped == 'cancelled' or not np.isfinite(found.objective))
+    if found.status is not Status.INFEASIBLE and (found.certificate or not late):
+        found = judge(problem, found)
+    sentence = explain_larger_inputs(problem, found, _attempt(monitor)) if (
+        larger_inputs and found.certified and find_constant_cost(problem) is None) else ''
+    found = (_without_least(task, found, sentence) if sentence else
+             _ended(task, found, explained))
+    return add_optimality(problem, found)
+
+
+def judge(problem: Problem, found: Solution) -> Solution:
+    """
+    Return a solution with its certificate and the status and message that follow from it.
+
+    Parameters
+    ----------
+    problem : Problem
+        As stated.
+    found : Solution
+        Returned as it is without a path.
+
+    """
+    if not found.t.size:
+        return found
+    certificate = found.certificate or certify(problem, found)
+    if not certificate.holds and (L := find_constant_cost(problem)) is not None:
+        found = drop_multipliers(found, L)
+        certificate = certify(problem, found)
+    if certificate.holds:
+        message = found.message or 'the certificate passes'
+        return replace(found, status=Status.SOLVED, message=message, certificate=certificate)
+    found = replace(found, status=Status.NOT_CONVERGED, certificate=certificate)
+    return replace(found, message=_uncertified(found))
+
+
+def _uncertified(found: Solution) -> str:
+    """Return the condition that fails in words, of a feasible path with its cost."""
+    certificate = found.certificate
+    if certificate is None:
+        return (f'cost {found.objective:.8g}, not certified because its certificate was not '
+                'computed')
+    worst = certificate.worst
+    fault = (f'{_FAULTS[worst]}: residual {certificate.residuals[worst]:.1e}, '
+             f'allowed {certificate.tolerances[worst]:.0e}')
+    if not certificate.feasible:
+        return fault
+    return f'cost {found.objective:.8g}, not certified because {fault}'
+
+
+def mark_unfinished(path: Solution) -> Solution:
+    """Return an intermediate path as not converged, with the reason in words."""
+    words = (f'cost {path.objective:.8g}, the certificate passes, but the search for a path of '
+             'lower cost was not finished' if path.certified else _uncertified(path))
+    return replace(path, status=Status.NOT_CONVERGED, message=words, optimality=None)
+
+
+def _without_least(task: Task, found: Solution, sentence: str) -> Solution:
+    """Return a solution without its certificate, since larger inputs may lower the cost."""
+    none = Solution(Status.NOT_CONVERGED, sentence, method=found.method)
+    ended = _ended(task, none, True)
+    if ended.status is Status.INFEASIBLE:
+        return ended
+    return replace(found, status=ended.status, certificate=None, message=(
+        f'{ended.message}; cost {found.objective:.8g}, not certified because larger inputs may '
+        'cost less'))
+
+
+def drop_multipliers(found: Solution, L: float) -> Solution:
+    """Return a path with zero costates and multipliers, as if every path has the same cost."""
+    return replace(
+        found, lam=0.0 * found.lam, nu=0.0 * found.nu, hamiltonian=np.full(len(found.t), L),
+        state_multipliers=None, path_multipliers=None)
+
+
+def _ended(task: Task, found: Solution, explained: bool) -> Solution:
+    """Return a solution with its final status, and with the reason if it is not certified."""
+    problem, monitor, time_limit = task.problem, task.monitor, task.time_limit
+    path = f'; {_uncertified(found)}' if found.t.size and not found.certified else ''
+    if monitor.stopped == 'cancelled':
+        return replace(found, status=Status.CANCELLED, message=f'cancelled on request{path}')
+    if found.status in (Status.SOLVED, Status.INFEASIBLE):
+        return found
+    if monitor.stopped == 'timed_out':
+        advice = advise_bounds(problem)
+        return replace(found, status=Status.TIMED_OUT, message=(
+            f'no certified solution within {time_limit:g} s{path}{advice and "; "}{advice}'))
+    if not explained:
+        return found
+    if monitor.short:
+        found = replace(found, message=(
+            f'{found.message}; a mesh with more than max_intervals = {monitor.max_intervals} was '
+            'needed'))
+    return _explained(problem, found, monitor)
+
+
+def _explained(problem: Problem, found: Solution, monitor: ProgressMonitor) -> Solution:
+    """Return a solution with the reason why none was certified, if one is found."""
+    if monitor.remaining() < _LEAST:
+        return found
+    with monitor.trace.attempt('explanation', aside=True) as attempt:
+        reason = explain(problem, *_explaining(monitor), found=found)
+        proved = reason is not None and reason.infeasible
+        attempt.end(Verdict.PROVED if proved else Verdict.NOT_PROVED,
+                    reason.sentence if reason else '')
+    if reason is None or monitor.stopped == 'cancelled':
+        sentence = found.message
+        if found.certificate and found.certificate.residuals[Condition.DYNAMICS] > _NO_PATH:
+            sentence = ('no path was found that satisfies all constraints; in the nearest one '
+                        f'{sentence}')
+        return replace(found, message='; '.join(filter(None, (sentence, advise_bounds(problem)))))
+    if not reason.infeasible:
+        is_path = found.certificate is not None and found.certificate.feasible
+        return replace(found, message='; '.join(
+            [reason.sentence, *([_uncertified(found)] if is_path else [])]))
+    return Solution(Status.INFEASIBLE, reason.sentence)
+
+
+def look_for_proof(monitor: ProgressMonitor) -> Callable[[Problem], str]:
+    """
+    Return the function that a search calls when its first starts lead nowhere.
+
+    Parameters
+    ----------
+    monitor : ProgressMonitor
+        A part of its work may be used.
+
+    Returns
+    -------
+    callable
+        Returns a proof of infeasibility in words, or ''.
+
+    """
+    def why_not(problem: Problem) -> str:
+        with monitor.trace.attempt('proof', 'that no path exists', aside=True) as attempt:
+            solvers = _explaining(monitor) if is_proved_infeasible(problem) else ()
+            reason = explain(problem, *solvers)
+            sentence = reason.sentence if reason and reason.infeasible else ''
+            attempt.end(Verdict.PROVED if sentence else Verdict.NOT_PROVED, sentence)
+        return sentence
+
+    return why_not
+
+
+def _explaining(monitor: ProgressMonitor) -> tuple[Callable[[Problem], Solution], ...]:
+    """Return the quick and the thorough solver of `explain`, which share one budget of work."""
+    part = monitor.part(_EXPLAINING)
+    return _attempt(part), _attempt(part, quick=False)
+
+
+def _attempt(monitor: ProgressMonitor, quick: bool = True) -> Callable[[Problem], Solution]:
+    """
+    Return a solver for the problems of a diagnosis.
+
+    It also certifies the path at which its own budget of work ends.
+    """
+    def attempt(other: Problem) -> Solution:
+        part = monitor.part(_ATTEMPT)
+        begun = not part.stopped
+        with monitor.trace.attempt('related problem', 'quick' if quick else 'thorough',
+                                   aside=True) as entry:
+            found = search(other, Kit(other), part, quick=quick)[0].solution
+            entry.end(*judge_path(found), cost=found.objective)
+        unjudged = begun and part.stopped == 'spent' and found.t.size and not found.certificate
+        return replace(found, certificate=certify(other, found)) if unjudged else found
+
+    return attempt

@@ -1,0 +1,159 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+The methods by name, and the exact methods in the order in which `auto` tries them.
+
+A new method is a function of a `Task` and a line here; a new exact method is a function of a
+problem and a line in EXACT_METHODS.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Solution, Status, Verdict
+from obc_ros.core.solver.bench import Bench, Candidate
+from obc_ros.core.solver.conclusion import drop_multipliers, judge, look_for_proof
+from obc_ros.core.solver.exact.time_optimal import solve_time_optimal
+from obc_ros.core.solver.exact.two_wheeled import solve_two_wheeled
+from obc_ros.core.solver.improve.indirect import refine_after_search, refine_indirectly
+from obc_ros.core.solver.linear_quadratic import solve_lq
+from obc_ros.core.solver.program_cache import Kit
+from obc_ros.core.solver.proofs.contradictions import explain_contradiction
+from obc_ros.core.solver.proofs.existence import (
+    explain_no_minimum,
+    find_constant_cost,
+    state_least_effort,
+)
+from obc_ros.core.solver.search import search
+from obc_ros.core.solver.task import Task
+from obc_ros.core.solver.trace import judge_path
+
+Method = Callable[[Task], Solution]
+Refine = Callable[[Bench, Candidate], Candidate]
+
+
+@dataclass(frozen=True)
+class ExactMethod:
+    """
+    A method for special problems, which needs no initial guess.
+
+    Attributes
+    ----------
+    name : str
+        As users write it.
+    affine : bool
+        Whether the dynamics must be affine.
+    decides : bool
+        Whether a result without a path is final, not only a proof of infeasibility.
+    what : str
+        Which problems it solves, for the message.
+    solve : callable
+        Returns None for other problems.
+
+    """
+
+    name: str
+    affine: bool
+    decides: bool
+    what: str
+    solve: Callable[[Problem], Solution | None]
+
+    def __call__(self, task: Task) -> Solution:
+        """Solve the problem if it is of this kind; otherwise say which kind that is."""
+        return self.solve(task.problem) or Solution(Status.NOT_CONVERGED, (
+            f'{self.name} solves {self.what}; this problem is not one of them'))
+
+
+EXACT_METHODS = (
+    ExactMethod('riccati', True, True, (
+        'linear quadratic problems with a fixed final time and no active bound'), solve_lq),
+    ExactMethod('time_optimal', True, False, (
+        'linear minimum-time problems with bounded inputs'), solve_time_optimal),
+    ExactMethod('reeds_shepp', False, False, (
+        'minimum-time motions of a two-wheeled robot whose shortest path ends at the prescribed '
+        'angle'), solve_two_wheeled))
+
+
+def solve_automatically(task: Task) -> Solution:
+    """
+    Solve a problem: exact methods, proofs, then a search.
+
+    Parameters
+    ----------
+    task : Task
+        The problem.
+
+    Returns
+    -------
+    Solution
+        Its `method` is that which found it.
+
+    """
+    for exact in EXACT_METHODS:
+        if exact.affine == task.kit.affine and (found := _try_exact(task, exact)) is not None:
+            return found
+    if not task.kit.answers:   # otherwise a neighbour's path comes first: proofs take longer
+        if reason := _prove_infeasible(task):
+            return Solution(Status.INFEASIBLE, reason, method='arcs')
+        if explain_no_minimum(task.problem):
+            return Solution(Status.NOT_CONVERGED, 'the cost has no minimum', method='arcs')
+    if (L := find_constant_cost(task.problem)) is not None:
+        return replace(_find_any_path(task, L), method='arcs')
+    return replace(_search(task), method='arcs')
+
+
+def _try_exact(task: Task, exact: ExactMethod) -> Solution | None:
+    """Return the final result of an exact method, None if there is none."""
+    with task.monitor.trace.attempt('exact method', exact.name) as attempt:
+        found = exact.solve(task.problem)
+        if found is None:
+            attempt.end(Verdict.REJECTED, 'it does not apply')
+            return None
+        found = replace(judge(task.problem, found), method=exact.name)
+        attempt.end(*judge_path(found), cost=found.objective)
+    if found.status in (Status.SOLVED, Status.INFEASIBLE) or exact.decides and not found.t.size:
+        return found
+    if task.monitor.best:
+        task.monitor.best.take(task.problem, found)
+    return None
+
+
+def _prove_infeasible(task: Task) -> str:
+    """Return a proof that no path satisfies the constraints, '' without one."""
+    with task.monitor.trace.attempt('proof', 'of a contradiction') as attempt:
+        reason = explain_contradiction(task.problem)
+        attempt.end(Verdict.PROVED if reason else Verdict.NOT_PROVED, reason)
+    return reason
+
+
+def _find_any_path(task: Task, L: float) -> Solution:
+    """Return the path of minimum effort of a problem in which all paths have the same cost."""
+    other = state_least_effort(task.problem)
+    found = search(other, Kit(other), task.monitor,
+                   why_not=look_for_proof(task.monitor))[0].solution
+    if not found.t.size:
+        return found
+    found = drop_multipliers(found, L)
+    return replace(found, objective=L * found.t[-1] + float(task.problem.V), certificate=None)
+
+
+def _search(task: Task, refine: Refine = refine_after_search) -> Solution:
+    """Return the result of a search, refined unless its work was stopped."""
+    found, bench = search(task.problem, task.kit, task.monitor,
+                          why_not=look_for_proof(task.monitor))
+    return (found if bench.monitor.stopped else refine(bench, found)).solution
+
+
+def _transcribe(task: Task) -> Solution:
+    found, _ = search(task.problem, task.kit, task.monitor, with_arcs=False)
+    return found.solution
+
+
+METHODS: Mapping[str, Method] = {
+    'auto': solve_automatically,
+    **{exact.name: exact for exact in EXACT_METHODS},
+    'transcription': _transcribe,
+    'arcs': _search,
+    'indirect': lambda task: _search(task, refine_indirectly),
+}

@@ -1,0 +1,167 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""
+Search by transcription: initial guesses, descents from them, and the best candidate.
+
+The order is: a neighbouring problem that was solved before; initial guesses on a coarse mesh; a
+descent from the best outcome; further guesses (multistart), until no better minimum is expected.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+from obc_ros.core.ocp.certificate.certificate import certify
+from obc_ros.core.ocp.positivity import keep_amounts_positive
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.ocp.solution import Solution, Status, Verdict
+from obc_ros.core.solver.bench import Bench, build_bench, Candidate
+from obc_ros.core.solver.coarse_mesh import CoarseResult, solve_coarse
+from obc_ros.core.solver.descent import descend
+from obc_ros.core.solver.nlp.progress import ProgressMonitor
+from obc_ros.core.solver.program_cache import Kit
+from obc_ros.core.solver.proofs.contradictions import explain_contradiction
+from obc_ros.core.solver.proofs.optimality import describe_local
+from obc_ros.core.solver.starts.multistart import descend_from_coarse, explore_starts
+from obc_ros.core.solver.starts.neighbour import solve_from_neighbour
+from obc_ros.core.solver.starts.start_pool import StartPool
+from obc_ros.core.solver.transcription.program import TranscriptionOutcome
+
+# Budget of a descent when no coarse outcome had a small discretisation error: times the work so
+# far, part of the remaining time. The rest is left for the diagnosis.
+_VAIN = 2, 0.6
+# Budget of a descent, besides the work so far, if minimising sequences seem to chatter; its part
+# of the remaining time is that of _VAIN.
+_MIXED = 200_000
+# Chattering is assumed if an input stays away from its bounds by more than this part of their
+# distance, where H is concave in it, for more than this part of T.
+_INSIDE, _LASTING = 1e-2, 0.1
+
+
+def search(problem: Problem, kit: Kit, monitor: ProgressMonitor, *, with_arcs: bool = True,
+           quick: bool = False, why_not: Callable[[Problem], str] = explain_contradiction
+           ) -> tuple[Candidate, Bench]:
+    """
+    Search for a solution.
+
+    Parameters
+    ----------
+    problem : Problem
+        In the symbols of `kit`.
+    kit : Kit
+        Programs and functions built for the structure of the problem.
+    monitor : ProgressMonitor
+        Limits of iterations, work and time.
+    with_arcs : bool
+        Whether inputs may be held at bounds between switching times.
+    quick : bool
+        One start and a few meshes, for paths that need not be optimal.
+    why_not : callable
+        Called when the first starts led to no path. Returns a proof of infeasibility in words, or
+        ''.
+
+    Returns
+    -------
+    found : Candidate
+        The best one, with its certificate unless work was stopped; without samples if no path was
+        found. The status is that of the descent, see `solve.solve`.
+    bench : Bench
+        With the part of the work that the search was allowed.
+
+    """
+    bench = build_bench(problem, kit, monitor, with_arcs=with_arcs, quick=quick)
+    if (known := solve_from_neighbour(bench)) is not None:
+        return known, bench
+    pool = StartPool(bench.problem, kit)
+    with bench.trace.attempt('coarse mesh') as attempt:
+        coarse = solve_coarse(bench, pool, why_not)
+        attempt.end(*_judge_coarse(coarse), cost=coarse.outcomes[0].objective
+                    if coarse.outcomes and coarse.sound else np.nan)
+    found, bench, minima = _descend(coarse, pool)
+    if not found.solution.optimality:
+        found = replace(found, solution=replace(found.solution, optimality=describe_local(
+            pool.tried, found.solution.objective, minima)))
+    return found, bench
+
+
+def _judge_coarse(coarse: CoarseResult) -> tuple[Verdict, str]:
+    if coarse.sound:
+        return Verdict.ACCEPTED, ''
+    return Verdict.REJECTED, coarse.reason or (
+        'no initial guess led to a path with a small discretisation error')
+
+
+def _descend(coarse: CoarseResult, pool: StartPool) -> tuple[Candidate, Bench, list[float]]:
+    """Return the best candidate from coarse outcomes, the bench, and the costs of minima."""
+    bench, outcomes = coarse.bench, coarse.outcomes
+    if coarse.reason:
+        return Candidate(Solution(Status.INFEASIBLE, coarse.reason)), bench, []
+    if not outcomes or not np.all(np.isfinite(outcomes[0].path.x)):
+        return Candidate(Solution(Status.NOT_CONVERGED, (
+            'no path was found from any initial guess'))), bench, []
+    if not bench.quick and (inside := _keep_inside(coarse)):
+        return Candidate(inside), bench, []
+    bench = replace(bench, monitor=_budget(coarse))
+    if bench.quick:
+        return descend(bench, outcomes[0]), bench, []
+    first, floor = descend_from_coarse(bench, pool, outcomes[0])
+    if not (first.certified or bench.monitor.stopped) and (
+            reason := explain_contradiction(bench.stated)):
+        # The discretised problem may have paths although the stated one has none.
+        return Candidate(Solution(Status.INFEASIBLE, reason)), bench, []
+    explored = explore_starts(bench, pool, first, floor, outcomes[1:])
+    return explored.best, bench, explored.minima
+
+
+def _budget(coarse: CoarseResult) -> ProgressMonitor:
+    """Return the work that the descents may take."""
+    bench, (times, share) = coarse.bench, _VAIN
+    if bench.quick:
+        return bench.monitor
+    left = share * bench.monitor.remaining()
+    if not coarse.sound:
+        return bench.monitor.part(times * bench.work, left)
+    if _mixes(bench, coarse.outcomes[0]):
+        return bench.monitor.part(bench.work + _MIXED, left)
+    return bench.monitor
+
+
+def _mixes(bench: Bench, outcome: TranscriptionOutcome) -> bool:
+    """Return whether an input stays between its bounds for long where H is concave in it."""
+    problem, course = bench.problem, bench.course(outcome)
+    if bench.kit.twin or any(ca.depends_on(problem.path, u) for u in ca.vertsplit(problem.u)):
+        return False
+    _, _, Huu = bench.kit.integrator.hamiltonian(problem, course.x, course.ua, course.lam)
+    curvature, span = np.einsum('kii->ki', Huu), problem.u_upper - problem.u_lower
+    with np.errstate(invalid='ignore'):
+        inside = np.minimum(course.ua - problem.u_lower,
+                            problem.u_upper - course.ua) > _INSIDE * span
+    concave = curvature < -_INSIDE * np.abs(curvature).max(axis=0, initial=0.0)
+    share = np.diff(course.t) @ (inside & concave & np.isfinite(span)) / course.t[-1]
+    return bool(np.any(share > _LASTING))
+
+
+def _keep_inside(coarse: CoarseResult) -> Solution | None:
+    """
+    Return a solution found with bounds >= 0 on states that are amounts, or None.
+
+    The outcomes show for which amounts the bound is missing. A solution without a certificate
+    that passes is returned only if it is feasible and a coarse outcome had a small
+    discretisation error.
+    """
+    bench = coarse.bench
+    # With a large discretisation error states may have jumped over a pole of f.
+    shown = coarse.outcomes[:1] if coarse.sound else coarse.outcomes
+    problem = keep_amounts_positive(bench.stated, [outcome.path.x for outcome in shown])
+    if problem is bench.stated:
+        return None
+    with bench.trace.attempt('positivity', 'bounds >= 0 on amounts') as attempt:
+        found, _ = search(problem, Kit(problem), bench.monitor, with_arcs=bench.may_hold)
+        answer = found.solution
+        if answer.certificate:
+            answer = replace(answer, certificate=certify(bench.stated, answer))
+        fits = answer.certificate.feasible if answer.certificate else bench.monitor.stopped
+        good = answer.certified or coarse.sound and fits
+        attempt.end(Verdict.ACCEPTED if good else Verdict.REJECTED, cost=answer.objective)
+    return answer if good else None

@@ -1,0 +1,76 @@
+# Copyright 2026 The obc_ros developers
+# SPDX-License-Identifier: Apache-2.0
+"""The initial guesses of a search, and the local minima that those used so far have led to."""
+
+from collections.abc import Iterable, Iterator
+from itertools import chain
+
+import numpy as np
+from obc_ros.core.numerics.arrays import Array
+from obc_ros.core.ocp.problem import Problem
+from obc_ros.core.solver.program_cache import Kit
+from obc_ros.core.solver.transcription.local_minima import Familiar
+from obc_ros.core.solver.transcription.mesh import label_paths, Path
+
+
+class StartPool:
+    """
+    Initial guesses in the order in which they are used, without end.
+
+    Parameters
+    ----------
+    problem : Problem
+        In the symbols of `kit`.
+    kit : Kit
+        Programs and functions built for the structure of the problem.
+
+    Attributes
+    ----------
+    familiar : Familiar
+        Record of the local minima found on the coarse mesh.
+    tried : int
+        Initial guesses used so far.
+    periods : ndarray, shape (m,)
+        Periods of inputs that are angles, else infinite.
+
+    """
+
+    def __init__(self, problem: Problem, kit: Kit) -> None:
+        self._problem, self._kit = problem, kit
+        self.familiar, self.tried = Familiar(), 0
+        self.periods: Array = np.full(problem.m, np.inf)
+        self._paths: Iterator[Path] = iter(())
+
+    def fill(self, first: Iterable[Path] = ()) -> None:
+        """Begin with the given paths, then the usual guesses; forget the minima."""
+        self.forget()
+        self.periods = self._kit.guesser.periods(self._problem)
+        self._paths = chain(
+            label_paths(first, 'solution on the coarser mesh'), self._kit.guesser.starts(
+                self._problem, self._kit.integrator, lambda: self.familiar.spans))
+
+    def forget(self) -> None:
+        """Forget the minima."""
+        self.familiar = Familiar()
+
+    def put_first(self, paths: Iterable[Path]) -> None:
+        """Use these paths before those that are left."""
+        self._paths = chain(paths, self._paths)
+
+    def replace_rest(self, paths: Iterator[Path]) -> None:
+        """Use these paths in place of those that are left, which they may contain (`rest`)."""
+        self._paths = paths
+
+    @property
+    def rest(self) -> Iterator[Path]:
+        """Return the guesses that are left."""
+        return self._paths
+
+    def take(self) -> Path:
+        """Return the next guess, and count it."""
+        self.count()
+        return next(self._paths)
+
+    def count(self) -> None:
+        """Count a guess that did not come from the pool."""
+        self.tried += 1
