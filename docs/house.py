@@ -26,6 +26,7 @@ CERTIFICATE = 'core.ocp.certificate'
 UNDER_CERTIFICATE = ('core.ocp', 'core.numerics')   # all that the certificate imports
 # Where start-up is waited for: rclpy, CasADi and matplotlib load when needed.
 LAZY = ('cli', 'nodes')
+CONSTANT = 'core.solver'   # where an object is changed by itself only
 FEWEST, MOST = 4, 12   # files of a folder, without `__init__` and the folders in it
 # Public names that several modules define because others look for them by that name.
 SHARED_NAMES = {
@@ -235,6 +236,15 @@ def find_retired(house: House) -> list[str]:
     return [name for name in house.modules if name.rpartition('.')[2] in RETIRED]
 
 
+def find_changed(house: House) -> list[str]:
+    """Return the places in the solver that set an attribute of another object."""
+    return [f'{module}:{node.lineno} {ast.unparse(node)}'
+            for module, tree in house.trees.items() if within(module, CONSTANT)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store)
+            and not (isinstance(node.value, ast.Name) and node.value.id == 'self')]
+
+
 RULES: dict[str, Callable[[House], list[str]]] = {
     'circles of modules': find_module_circles,
     'circles of folders': find_folder_circles,
@@ -245,6 +255,7 @@ RULES: dict[str, Callable[[House], list[str]]] = {
     'folders without a sentence': find_silent,
     'public names with two meanings': find_ambiguous,
     'modules with a name that is not of the field': find_retired,
+    'attributes of another object set in the solver': find_changed,
 }
 
 

@@ -107,12 +107,17 @@ BROKEN = [
         'core/ocp/file_0.py': 'def run(): ...\n',
         'core/text/file_0.py': 'def run(): ...\n'}, 'run'),
     ('modules with a name', {'core/text/kit.py': ''}, 'core.text.kit'),
+    ('attributes of another', {
+        'core/solver/file_0.py': 'def f(search):\n    search.work, x = 1, 2\n'}, 'search.work'),
+    ('attributes of another', {
+        'core/solver/file_0.py': 'def f(search):\n    search.monitor.work += 1\n'}, 'work'),
 ]
 FINE = {
     'cli/__init__.py': '"""Commands."""',
     **{f'cli/{name}.py': 'def run(): ...\n' for name in 'abcd'},
     'cli/a.py': 'def run():\n    from obc_ros.core.text import file_0\n',
     'core/ocp/file_0.py': 'MOST = 3\n_Own = str\n',
+    'core/solver/file_0.py': 'class A:\n    def f(self):\n        self.x = 1\n',
     'core/text/file_0.py': 'MOST = 4\n_Own = int\n'}
 
 

@@ -415,8 +415,7 @@ class _Solve:
         w = ca.vertcat(ca.vec(self.X), ca.vec(self.U), ca.vec(self.T))
         g = ca.vertcat(*self.g)
         watch = Watch(int(w.numel()), int(g.numel()), 0)
-        watch.monitor, watch.cost_scale = monitor, sizes.cost
-        watch.lower, watch.upper = np.concatenate(self.lower), np.concatenate(self.upper)
+        watch.begin(monitor, np.concatenate(self.lower), np.concatenate(self.upper), sizes.cost)
         options: dict[str, Any] = {
             'print_time': False, 'error_on_fail': False, 'show_eval_warnings': False,
             'inputs_check': False,

@@ -313,7 +313,7 @@ def solve_along_bounds(bench: Bench, outcome: TranscriptionOutcome, known: Candi
     return None
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Turn:
     """The next attempt: arcs, a mesh `fine` times as fine as usual, and an initial guess."""
 
@@ -330,21 +330,23 @@ class _Turn:
     def key(self) -> tuple[Signature, float, int]:
         return get_signature(self.arcs), self.fine, self.graded
 
-    def like(self, found: Phased, arcs: list[Arc]) -> None:
+    def like(self, found: Phased, arcs: list[Arc]) -> '_Turn':
         """Continue with other arcs from a path that was found."""
-        self.arcs, self.guess, self.off = arcs, sharpen_steps(join_phases(found), arcs), math.inf
+        return replace(self, arcs=arcs, guess=sharpen_steps(join_phases(found), arcs),
+                       off=math.inf)
 
-    def finer(self, found: Phased, erred: float, monitor: ProgressMonitor) -> None:
+    def finer(self, found: Phased, erred: float, monitor: ProgressMonitor) -> '_Turn':
         """Continue with shorter intervals, distributed anew if the errors decrease slowly."""
-        self.fine *= 2
-        again, self.led_to = get_signature(found.arcs) == self.led_to, get_signature(found.arcs)
+        arcs, guess, spread = self.arcs, self.guess, self.spread
+        again = get_signature(found.arcs) == self.led_to
         if again and erred < _STEADY * self.erred:
             monitor.extend(_AT_ONCE)
         if again or erred > _STIFF * self.erred:
-            self.spread = spread_by_error(found)
-            if again or len(found.arcs) == len(self.arcs):
-                self.arcs, self.guess = found.arcs, join_phases(found)
-        self.erred = erred
+            spread = spread_by_error(found)
+            if again or len(found.arcs) == len(arcs):
+                arcs, guess = found.arcs, join_phases(found)
+        return replace(self, arcs=arcs, guess=guess, spread=spread, fine=2 * self.fine,
+                       erred=erred, led_to=get_signature(found.arcs))
 
 
 def _settled_on(bench: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], allowed: float,
@@ -360,7 +362,8 @@ def _settled_on(bench: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], al
         bench.sizes(outcome))
     for number in range(_ROUNDS + _GRADED):
         if number and turn.key in seen:
-            turn.fine *= 2   # on this mesh the detected arcs alternate
+            # On this mesh the detected arcs alternate.
+            turn = replace(turn, fine=2 * turn.fine)
         if turn.fine > _FINEST or turn.key in seen:
             break
         seen.add(turn.key)
@@ -380,13 +383,13 @@ def _settled_on(bench: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], al
                                         value)
             if get_signature(touched) != get_signature(found.arcs) and (
                     get_signature(touched), turn.fine, turn.graded) not in seen:
-                turn.like(found, touched)
+                turn = turn.like(found, touched)
             else:
-                turn.finer(found, erred, monitor)
+                turn = turn.finer(found, erred, monitor)
             continue
         new = reread_arcs(problem, program, judge, found, answer, value)
         if get_signature(new) != get_signature(found.arcs):
-            turn.like(found, new)
+            turn = turn.like(found, new)
             continue
         # The cost hardly depends on the time of a tangential junction, which is inaccurate.
         smooth = _grazing(problem, program, found, sizes, pinned, monitor,
@@ -394,35 +397,37 @@ def _settled_on(bench: Bench, outcome: TranscriptionOutcome, arcs: list[Arc], al
         if smooth is not found and (
                 better := certify_samples(problem, program, judge, fitter, smooth)).certified:
             return better
-        turn.arcs, turn.guess = new, sharpen_steps(join_phases(found), new)
-        if not _resolved(turn, problem, program, judge, found, answer, seen):
+        turn = replace(turn, arcs=new, guess=sharpen_steps(join_phases(found), new))
+        following = _resolve(turn, problem, program, judge, found, answer, seen)
+        if following is None:
             break
+        turn = following
     return None
 
 
-def _resolved(turn: _Turn, problem: Problem, program: PhasedProgram, judge: CostateIntegrator,
-              found: Phased, answer: Solution, seen: set[tuple[Signature, float, int]]) -> bool:
-    """Choose the next attempt when the arcs do not change; return whether it is worth trying."""
+def _resolve(turn: _Turn, problem: Problem, program: PhasedProgram, judge: CostateIntegrator,
+             found: Phased, answer: Solution, seen: set[tuple[Signature, float, int]]
+             ) -> _Turn | None:
+    """Return the next attempt when the arcs do not change; None if it is not worth trying."""
     assert answer.certificate is not None
-    worst = answer.certificate.worst
-    turn.off, before = (answer.certificate.residuals[worst]
-                        / answer.certificate.tolerances[worst]), turn.off
+    worst, before = answer.certificate.worst, turn.off
+    turn = replace(turn, off=(answer.certificate.residuals[worst]
+                              / answer.certificate.tolerances[worst]))
     if turn.off > _SLOWLY * before:
         _, Hu, _ = judge.hamiltonian(problem, answer.x, answer.u, answer.lam,
                                      answer.path_multipliers)
         ended = cut_at_ends(problem, program, found, answer.t, answer.x, answer.u, Hu)
         if (get_signature(ended), turn.fine, turn.graded) not in seen:
-            turn.like(found, ended)
-            return True
+            return turn.like(found, ended)
     # The costates may have a boundary layer.
     if worst == Condition.COSTATE and turn.graded < _GRADED:
-        turn.spread, count = spread_as_wanted(found)
-        turn.graded, turn.fine = turn.graded + 1, max(turn.fine, count / _INTERVALS)
-        return True
-    turn.fine *= 2
-    if worst in BY_SAMPLES:
-        turn.spread = spread_by_error(found)
-    return turn.off <= _WORSE * before
+        spread, count = spread_as_wanted(found)
+        return replace(turn, spread=spread, graded=turn.graded + 1,
+                       fine=max(turn.fine, count / _INTERVALS))
+    if turn.off > _WORSE * before:
+        return None
+    spread = spread_by_error(found) if worst in BY_SAMPLES else turn.spread
+    return replace(turn, fine=2 * turn.fine, spread=spread)
 
 
 def solve_at_once(bench: Bench, switches: bool, start: TranscriptionOutcome) -> Candidate | None:

@@ -23,7 +23,7 @@ The module is long because every step of the method works on the same scaled ite
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -240,7 +240,7 @@ class StoppingRule:
     spare: bool = False
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Iterate:
     """
     An iterate.
@@ -393,29 +393,28 @@ class Interior:
         return found
 
     def measured(self, now: Iterate) -> Iterate:
-        """Compute the residuals of an iterate, in place; return it."""
+        """Return an iterate with its residuals."""
         slope = now.values.slope * self.free - self.spread(now.z)
         sum_z = float(now.z.sum())
         sum_all = sum_z + float(np.abs(now.y) @ self.row)
-        now.error = float(np.abs(slope).max()) / max(
+        error = float(np.abs(slope).max()) / max(
             1.0, sum_all / (self.count + self.row.sum()) / 100.0)
-        now.size = max(1.0, sum_z / max(self.count, 1) / 100.0)
         c = np.abs(now.values.c)
-        now.worst, now.total = float(c.max()), float(c.sum())
-        return now
+        return replace(now, error=error, size=max(1.0, sum_z / max(self.count, 1) / 100.0),
+                       worst=float(c.max()), total=float(c.sum()))
 
-    def multipliers(self, now: Iterate) -> None:
-        """Fit the multipliers of the rows to stationarity by least squares, in place."""
+    def multipliers(self, now: Iterate) -> Iterate:
+        """Return an iterate with multipliers of the rows by least squares of stationarity."""
         pattern = self.program.pattern
         jacobian = self.row[pattern.rows] != self.row[pattern.columns]
         factor = pattern.factor(now.values.entries * jacobian, self.place, self.base + self.free)
         if factor is None:
-            return
+            return now
         found = self.row * factor.solve(self.spread(now.z) - now.values.slope * self.free)
-        if np.all(np.isfinite(found)) and np.abs(found).max() < _MULTIPLIERS:
-            now.y = now.y + found
-            now.values = self.program.values(now.y)
-            self.measured(now)
+        if not (np.all(np.isfinite(found)) and np.abs(found).max() < _MULTIPLIERS):
+            return now
+        y = now.y + found
+        return self.measured(replace(now, y=y, values=self.program.values(y)))
 
     def right(self, now: Iterate, c: Array) -> Array:
         """Return the right-hand side of Newton's equations."""
@@ -514,7 +513,7 @@ def solve_program(work: Interior, now: Iterate, goal: StoppingRule,
     work : Interior
         Program and bounds.
     now : Iterate
-        The first iterate, from `Interior.begin` or `Interior.resume`; changed in place.
+        The first iterate, from `Interior.begin` or `Interior.resume`.
     goal : StoppingRule
         Tolerances and limits.
     watch : callable
@@ -530,33 +529,28 @@ def solve_program(work: Interior, now: Iterate, goal: StoppingRule,
     first = now.worst
     while True:
         if now.worst <= goal.feasible and now.misses(0.0) <= goal.optimal:
-            now.converged, now.status = True, 'converged'
-            return now
+            return replace(now, converged=True, status='converged')
         if now.iterations >= goal.most or watch(now.values.f, now.worst):
-            now.status = 'stopped'
-            return now
-        reduced = False
-        while now.mu > least and max(now.misses(now.mu), now.worst) <= _ENOUGH * now.mu:
-            now.mu, reduced = max(least, min(0.2 * now.mu, now.mu**1.5)), True
-        if reduced:
-            pairs = Filter(start)
-        promise = _advance(work, now, pairs)
-        if promise is None:
-            now.status = 'no step'
-            return now
-        now.iterations += 1
+            return replace(now, status='stopped')
+        mu = now.mu
+        while mu > least and max(now.misses(mu), now.worst) <= _ENOUGH * mu:
+            mu = max(least, min(0.2 * mu, mu**1.5))
+        if mu < now.mu:
+            now, pairs = replace(now, mu=mu), Filter(start)
+        step = _advance(work, now, pairs)
+        if step is None:
+            return replace(now, status='no step')
+        now, promise = step
         if goal.rough and any(now.iterations == steps and now.worst > max(part * first, _FAR)
                               for steps, part in _LATE[:1 + goal.spare]):
-            now.status = 'too slow'
-            return now
+            return replace(now, status='too slow')
         near = goal.rough * abs(now.values.f)
         if near and now.worst <= _ROUGH and promise <= near and now.mu * work.count <= near:
-            now.converged, now.status = True, 'good enough'
-            return now
+            return replace(now, converged=True, status='good enough')
 
 
-def _advance(work: Interior, now: Iterate, pairs: Filter) -> float | None:
-    """Take one step; return the predicted decrease of the barrier function, None if it failed."""
+def _advance(work: Interior, now: Iterate, pairs: Filter) -> tuple[Iterate, float] | None:
+    """Return the next iterate and the predicted decrease of the barrier function, or None."""
     found = work.direction(now)
     if found is None:
         return None
@@ -590,9 +584,9 @@ def _advance(work: Interior, now: Iterate, pairs: Filter) -> float | None:
         f, c = work.program.merit(trial)
     if not descends:
         pairs.add(*before)
-    now.values = there if f == there.f and part == longest else work.program.values(trial)
-    now.y, now.gap = trial, work.gaps(trial)
-    limit = now.mu / now.gap
-    now.z = np.clip(now.z + dual * dz, limit / _APART, limit * _APART)
-    work.measured(now)
-    return -slope
+    gap = work.gaps(trial)
+    limit = now.mu / gap
+    return work.measured(replace(
+        now, y=trial, gap=gap, z=np.clip(now.z + dual * dz, limit / _APART, limit * _APART),
+        values=(there if f == there.f and part == longest else work.program.values(trial)),
+        iterations=now.iterations + 1)), -slope

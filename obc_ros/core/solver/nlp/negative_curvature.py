@@ -48,17 +48,15 @@ def leave_saddle(work: Interior, end: Iterate, goal: StoppingRule,
         gone = -float((work.moves(way) / end.gap).min(initial=0.0))
         y = end.y + min(_AWAY, 0.9 / max(gone, 1e-300)) * way
         begun = work.begin(y, max(end.mu, _MU), _PUSH)
-        below = solve_program(work, replace(begun), goal, watch)
+        below = solve_program(work, begun, goal, watch)
         if below.status == 'too slow':   # repeat without the early end: a saddle is no solution
-            begun.iterations = below.iterations
-            below = solve_program(work, begun,
+            below = solve_program(work, replace(begun, iterations=below.iterations),
                                   replace(goal, most=goal.most + below.iterations, rough=0.0),
                                   watch)
-        below.iterations += end.iterations
+        below = replace(below, iterations=below.iterations + end.iterations)
         if not (below.converged
                 and below.values.f < end.values.f - _LESS * abs(end.values.f)):
-            end.iterations = below.iterations
-            break
+            return replace(end, iterations=below.iterations)
         end = below
     return end
 

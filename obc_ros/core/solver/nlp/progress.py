@@ -8,6 +8,7 @@ import time
 
 import casadi as ca
 import numpy as np
+from obc_ros.core.numerics.arrays import Array
 from obc_ros.core.ocp.problem import Problem
 from obc_ros.core.ocp.solution import MAX_INTERVALS, Report, Solution
 from obc_ros.core.solver.trace import Trace
@@ -211,7 +212,7 @@ class _Part(ProgressMonitor):
 
 class Watch(ca.Callback):
     """
-    The iteration callback of IPOPT; the attributes are set before each solve.
+    The iteration callback of IPOPT.
 
     Attributes
     ----------
@@ -231,6 +232,12 @@ class Watch(ca.Callback):
         self.lower = self.upper = np.zeros(rows)
         self.cost_scale = 1.0
         self.construct('watch', {})
+
+    def begin(self, monitor: ProgressMonitor, lower: Array, upper: Array,
+              cost_scale: float) -> None:
+        """Set the attributes, before each solve."""
+        self.monitor, self.cost_scale = monitor, cost_scale
+        self.lower, self.upper = lower, upper
 
     def get_n_in(self) -> int:
         """Return the number of inputs, the outputs of `nlpsol`."""

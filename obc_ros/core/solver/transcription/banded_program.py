@@ -3,7 +3,7 @@
 """A transcription of one phase as a banded program, with its unknowns in order of time."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -231,11 +231,9 @@ class Stages:
         else:
             now = work.begin(y, *(_NEAR if near else _FAR))
         if not near:
-            now.z[:] = 1.0
-            self._scale(now)
-            work.measured(now)
+            now = work.measured(self._scale(replace(now, z=np.ones_like(now.z))))
         if multipliers is None:
-            work.multipliers(now)
+            now = work.multipliers(now)
         if not goal.rough:
             # Near the solution the active set is known, and the active set method is exact.
             now = solve_program(work, now, _NEARLY, seen)
@@ -244,7 +242,7 @@ class Stages:
             if followed is not None:
                 return self._followed((lower, upper), *followed[:2],
                                       now.iterations + followed[2])
-            now.converged = False
+            now = replace(now, converged=False)
         end = solve_program(work, now, goal, seen)
         return self._found(work, leave_saddle(work, end, goal, seen))
 
@@ -257,12 +255,13 @@ class Stages:
             lam_g=y[self.at_rows] / self.factor, converged=True, status='followed',
             iterations=steps)
 
-    def _scale(self, now: Iterate) -> None:
+    def _scale(self, now: Iterate) -> Iterate:
         """Scale the cost down if its gradient is very large at a start without multipliers."""
         steepest = float(np.abs(now.values.cost_slope).max())
-        if np.isfinite(steepest) and steepest > _STEEPEST:
-            self.factor = _STEEPEST / steepest
-            now.values = self.values(now.y)
+        if not (np.isfinite(steepest) and steepest > _STEEPEST):
+            return now
+        self.factor = _STEEPEST / steepest
+        return replace(now, values=self.values(now.y))
 
     def _found(self, work: Interior, end: Iterate) -> Found:
         return Found(

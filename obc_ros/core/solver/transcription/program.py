@@ -477,8 +477,7 @@ class Transcription:
                 return self._outcome(problem, mesh, scales, found, (0.0, 0.0))
         rows = self._row_bounds(problem, mesh, scales, limits)
         solver, watch = self._solver('warm' if multipliers else 'near' if near else 'far')
-        watch.monitor, watch.cost_scale = monitor, scales.cost
-        watch.lower, watch.upper = rows
+        watch.begin(monitor, *rows, scales.cost)
         arguments = {
             'x0': start, 'p': self._constants(problem, mesh, scales, problem.final_time.value),
             'lbx': lower, 'ubx': upper, 'lbg': rows[0], 'ubg': rows[1]}
