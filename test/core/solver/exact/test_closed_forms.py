@@ -96,7 +96,7 @@ def test_exercise_2_9_is_the_limit_of_long_horizons():
 
 @settings(max_examples=60, deadline=None)
 @given(st.floats(-3, 3), positive, st.floats(-3, 3), st.floats(-3, 3), positive)
-def test_between_two_states(a, b, x0, xf, T):
+def test_paths_between_two_states_satisfy_pontryagin(a, b, x0, xf, T):
     t = np.linspace(0.5, 0.5 + T, 21)
     found = closed_forms.solve_scalar_between(a, b, x0, xf, t, t0=0.5, tf=0.5 + T)
     scale = 1 + abs(found.x).max() + abs(found.u).max()
@@ -108,6 +108,12 @@ def test_between_two_states(a, b, x0, xf, T):
     np.testing.assert_allclose(found.x, end, atol=1e-6 * scale)
     cost = quad(lambda s: (b * found.lam[0] * np.exp(-a * (s - 0.5)))**2 / 2, t[0], t[-1])[0]
     assert pytest.approx(cost, rel=1e-7, abs=1e-12) == found.J
+
+
+def test_a_subnormal_rate_is_as_good_as_zero():
+    for a in (5e-324, -5e-324, 1e-310):
+        found = closed_forms.solve_scalar_between(a, 1, 0, 1, [0, 0.25, 1], tf=1)
+        np.testing.assert_allclose(found.x, [0, 0.25, 1])
 
 
 def test_paths_over_long_times_stay_finite():
