@@ -104,16 +104,16 @@ def test_a_solution_reports_its_attempts():
     found = solve(problems.build('goddard'))
     tree = {each.number: each for each in found.attempts}
     top = [each for each in found.attempts if not each.parent]
-    assert [each.method for each in top][:4] == [
-        'exact method', 'coarse mesh', 'descent', 'multistart']
-    descent = top[2]
+    assert [each.method for each in top][:5] == [
+        'exact method', 'proof', 'coarse mesh', 'descent', 'multistart']
+    descent = top[3]
     assert descent.verdict is Verdict.CERTIFIED
     assert descent.cost == found.objective
     starts = [each for each in found.attempts if each.method == 'initial guess']
     assert starts[0].what == 'straight line'
     assert tree[starts[0].parent].method == 'coarse mesh'
     assert len(starts) == found.optimality.starts
-    assert 'starts' in top[3].why
+    assert 'starts' in top[4].why
 
 
 @pytest.mark.slow
